@@ -1,0 +1,565 @@
+"""A base-to-tip chain out of a URDF tree, and the chain at one configuration.
+
+*Chain link* i = 0…n is everything rigid between joint i and joint i+1 (1-based joints; 0 is the base side, n carries
+the tip). Its axes are those of joint i's URDF frame after it turned, for link 0 those of the base link. Arrays over
+joints are 0-based: ``axes[0]`` belongs to joint 1.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Final, final
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from precision_pin import se3
+from precision_pin.errors import Finding, InputError, UnknownNameError
+from precision_pin.parameters import Expression
+from precision_pin.pinocchio_model import PinocchioModel, joint_motion
+from precision_pin.urdf import Joint, Robot, read, rerooted
+
+__all__ = ["EARTH", "Chain", "Factors", "LinkFrame", "Load", "Place", "Posture"]
+
+Array = NDArray[np.float64]
+Factors = tuple[Expression, ...]
+"""Parameters whose product multiplies a number; none for a constant."""
+
+EARTH: Final = (0.0, 0.0, -9.81)
+"""Default gravity, base axes, m/s²."""
+
+_ORDER_FRAME, _ORDER_CUSTOM, _ORDER_END, _ORDER_SEAT = range(4)
+
+
+@final
+@dataclass(frozen=True)
+class Place:
+    """A point of the chain where a small rigid displacement ``E = Trans(d)·Exp(δ)`` is inserted.
+
+    Two places are the same if link, order and name are; contributions to one place add, places multiply in the
+    order of ``(link, order)``.
+
+    Attributes
+    ----------
+    link
+        Chain link that carries it.
+    order
+        Position among the link's places: frames along the link, then custom ones, the end, the seat.
+    name
+        For people.
+    frame
+        Its pose in the chain link's axes, ``(4, 4)``.
+    """
+
+    link: int
+    order: tuple[int, int]
+    name: str
+    frame: Array = field(compare=False, repr=False)
+
+    @classmethod
+    def custom(cls, link: int, rank: int, name: str, frame: Array) -> Place:
+        """Return a place of a source's own, before the link's end; ``rank`` orders those of one source."""
+        return cls(link, (_ORDER_CUSTOM, rank), name, frame)
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class LinkFrame:
+    """Where a URDF link stands on the chain.
+
+    Attributes
+    ----------
+    link
+        Chain link it belongs to; branches and locked joints included.
+    frame
+        Its pose in the chain link's axes, ``(4, 4)``.
+    path_rank
+        Its position among the URDF links on the way from base to tip within the chain link; ``None`` for a branch.
+    attachment
+        Where its weight enters the way, in the chain link's axes, ``(3,)``.
+    """
+
+    link: int
+    frame: Array
+    path_rank: int | None
+    attachment: Array
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Load:
+    """A weight on the chain.
+
+    Attributes
+    ----------
+    link
+        Chain link that carries it.
+    frame
+        The frame its moments are given in, in the chain link's axes, ``(4, 4)``.
+    attachment
+        Where it enters the chain link, in the chain link's axes, ``(3,)``.
+    along
+        Whether it is the link's own weight, taken as spread evenly along the link.
+    moments
+        Mass (kg) and first moment (kg·m) ``(4,)`` with the parameters that multiply them; these add.
+    """
+
+    link: int
+    frame: Array
+    attachment: Array
+    along: bool
+    moments: tuple[tuple[Array, Factors], ...]
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Chain:
+    """The moving joints and rigid links between a base and a tip.
+
+    Attributes
+    ----------
+    robot
+        The mechanism, rooted at the base.
+    base, tip
+        Link names.
+    gravity
+        Base axes, m/s², ``(3,)``.
+    joints
+        The chain's n joints, base to tip.
+    locked
+        Value of every joint that moves but is not among them.
+    placements
+        ``(n+1, 4, 4)``: from joint i's frame after it turned (base for i = 0) to joint i+1's origin frame before it
+        turns (the tip for i = n).
+    link_frames
+        Every URDF link.
+    loads
+        The weights of the URDF's links, and payloads.
+    """
+
+    robot: Robot
+    base: str
+    tip: str
+    gravity: Array
+    joints: tuple[Joint, ...]
+    locked: Mapping[str, float]
+    placements: Array
+    link_frames: Mapping[str, LinkFrame]
+    loads: tuple[Load, ...]
+    pinocchio: PinocchioModel = field(repr=False)
+
+    @classmethod
+    def from_urdf(
+        cls,
+        path: str | os.PathLike[str],
+        tip: str | None = None,
+        base: str | None = None,
+        gravity: Sequence[float] = EARTH,
+        locked: Mapping[str, float] | None = None,
+    ) -> Chain:
+        """Read a URDF strictly and cut the chain out of it.
+
+        Parameters
+        ----------
+        path
+            The URDF.
+        tip
+            The link that is the end-effector; the only leaf if left out.
+        base
+            The link that stands still; the root if left out. Any link may be the base.
+        gravity
+            In the base link's axes, m/s².
+        locked
+            Values (rad or m) at which joints stand still; joints off the chain that are not named stand at zero, or at
+            the limit nearest to it, and mimic joints follow. A joint on the chain may be locked too.
+
+        Raises
+        ------
+        UrdfError
+            The file cannot be used; carries every finding.
+        UnknownNameError
+            No such link or joint.
+        InputError
+            Several leaves and no tip, no moving joint on the chain, or a mimic joint on it.
+        """
+        return cls.from_robot(read(path), tip, base, gravity, locked)
+
+    @classmethod
+    def from_robot(
+        cls,
+        robot: Robot,
+        tip: str | None = None,
+        base: str | None = None,
+        gravity: Sequence[float] = EARTH,
+        locked: Mapping[str, float] | None = None,
+    ) -> Chain:
+        """Cut the chain out of a robot already read; see :meth:`from_urdf`."""
+        down = np.asarray(gravity, dtype=float)
+        if down.shape != (3,) or not np.isfinite(down).all():
+            raise InputError("gravity must be three finite numbers, in base axes")
+        if base is not None:
+            robot.link(base)
+        if tip is None:
+            if len(robot.leaves) != 1:
+                raise InputError(
+                    f"{robot.file} has {len(robot.leaves)} leaves; name the tip: {', '.join(sorted(robot.leaves))}"
+                )
+            tip = robot.leaves[0]
+        robot.link(tip)
+        rooted = rerooted(robot, base) if base is not None and base != robot.root else robot
+        way = rooted.path(rooted.root, tip)
+        joints = tuple(joint for joint in way if joint.kind != "fixed" and joint.name not in (locked or {}))
+        if not joints:
+            raise InputError(f"no joint moves between {rooted.root!r} and {tip!r}; choose another base or tip")
+        for joint in joints:
+            if joint.mimic is not None:
+                raise InputError(
+                    f"the joint {joint.name!r} on the chain mimics {joint.mimic.joint!r}; lock it to keep it still"
+                )
+        stilled = _locked_values(rooted, joints, locked or {})
+        frames, placements = _link_frames(rooted, tip, joints, stilled)
+        return cls(
+            robot=rooted,
+            base=rooted.root,
+            tip=tip,
+            gravity=down,
+            joints=joints,
+            locked=stilled,
+            placements=placements,
+            link_frames=frames,
+            loads=_own_loads(rooted, frames),
+            pinocchio=PinocchioModel.load(rooted, [joint.name for joint in joints], stilled, tuple(down)),
+        )
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """Names of the n joints, base to tip."""
+        return tuple(joint.name for joint in self.joints)
+
+    @cached_property
+    def axes(self) -> Array:
+        """Unit axis of each joint in its own frame, ``(n, 3)``."""
+        return np.array([joint.axis for joint in self.joints])
+
+    @cached_property
+    def prismatic(self) -> NDArray[np.bool_]:
+        """Which joints slide, ``(n,)``."""
+        return np.array([joint.kind == "prismatic" for joint in self.joints])
+
+    def joint_index(self, name: str) -> int:
+        """Return a joint's position, 0-based.
+
+        Raises
+        ------
+        UnknownNameError
+            The chain has no such joint.
+        """
+        if name not in self.joint_names:
+            raise UnknownNameError("joint on the chain", name, self.joint_names)
+        return self.joint_names.index(name)
+
+    def link_frame(self, name: str) -> LinkFrame:
+        """Return where a URDF link stands.
+
+        Raises
+        ------
+        UnknownNameError
+            The robot has no such link.
+        """
+        if name not in self.link_frames:
+            raise UnknownNameError("link", name, (link.name for link in self.robot.links))
+        return self.link_frames[name]
+
+    def end(self, link: int) -> Place:
+        """Return the place at a chain link's far end: joint i+1's origin frame before it turns, or the tip."""
+        name = f"end of link {link} ({self._far_end(link)})"
+        return Place(link, (_ORDER_END, 0), name, self.placements[link])
+
+    def seat(self, link: int) -> Place:
+        """Return the place where the next joint sits, after the link's end and in the same frame."""
+        name = f"seat of link {link} ({self._far_end(link)})"
+        return Place(link, (_ORDER_SEAT, 0), name, self.placements[link])
+
+    def frame_place(self, name: str) -> Place:
+        """Return the place at a URDF link's frame on the way from base to tip; the tip's is the last link's end.
+
+        Raises
+        ------
+        InputError
+            The link is on a branch: moving it does not move the tip.
+        """
+        where = self.link_frame(name)
+        if where.path_rank is None:
+            raise InputError(f"{name!r} is not on the way from {self.base!r} to {self.tip!r}: moving it moves nothing")
+        if name == self.tip:
+            return self.end(where.link)
+        return Place(where.link, (_ORDER_FRAME, where.path_rank), f"frame {name}", where.frame)
+
+    def axis_alignment(self, joint: int) -> Array:
+        """Return the smallest rotation that brings a joint's z onto its axis, ``(3, 3)``; for -z half a turn about x."""
+        axis = self.axes[joint]
+        normal = np.cross((0.0, 0.0, 1.0), axis)
+        sine = float(np.linalg.norm(normal))
+        if sine < 1e-15:
+            return np.diag([1.0, 1.0, 1.0]) if axis[2] > 0 else np.diag([1.0, -1.0, -1.0])
+        return se3.exp_rotation(normal / sine * np.arctan2(sine, axis[2]))
+
+    def configuration(self, q: ArrayLike | Mapping[str, float]) -> Array:
+        """Return joint values ``(n,)`` in chain order, given in that order or by name.
+
+        Raises
+        ------
+        InputError
+            Wrong count, missing joint, or a value that is not finite.
+        UnknownNameError
+            No such joint on the chain.
+        """
+        if isinstance(q, Mapping):
+            for name in q:
+                self.joint_index(name)
+            missing = [name for name in self.joint_names if name not in q]
+            if missing:
+                raise InputError(f"no value for the joints {', '.join(missing)}")
+            q = [float(q[name]) for name in self.joint_names]
+        values = np.asarray(q, dtype=float)
+        if values.shape != (len(self.joints),):
+            raise InputError(
+                f"{values.size} joint values for {len(self.joints)} joints; expected {', '.join(self.joint_names)}"
+            )
+        if not np.isfinite(values).all():
+            raise InputError("joint values must be finite")
+        return values
+
+    def at(self, q: ArrayLike | Mapping[str, float]) -> Posture:
+        """Return the chain at a configuration (rad and m, in chain order or by joint name)."""
+        values = self.configuration(q)
+        return Posture(self, values, self.pinocchio.joint_poses(values), self.loads)
+
+    def with_payload(self, mass: float, centre: Sequence[float] = (0.0, 0.0, 0.0), at: str | None = None) -> Chain:
+        """Return the chain with a payload.
+
+        Parameters
+        ----------
+        mass
+            kg.
+        centre
+            Its centre of mass in the frame it hangs on, m.
+        at
+            The URDF link it hangs on; the tip if left out.
+        """
+        where = self.link_frame(at or self.tip)
+        moments = ((mass * np.array([1.0, *centre]), ()),)
+        load = Load(where.link, where.frame, where.attachment, along=False, moments=moments)
+        model = self.pinocchio.with_mass(where.link - 1, where.frame, mass, centre)
+        return replace(self, loads=(*self.loads, load), pinocchio=model)
+
+    def _far_end(self, link: int) -> str:
+        return self.joints[link].name if link < len(self.joints) else self.tip
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Posture:
+    """A chain at one configuration, undisplaced.
+
+    Attributes
+    ----------
+    chain
+        The chain.
+    q
+        Joint values in chain order, ``(n,)``.
+    joint_poses
+        Each joint's frame after it turned, in the base, ``(n, 4, 4)``, by Pinocchio.
+    loads
+        The weights on the chain: its own, and those that sources add.
+    """
+
+    chain: Chain
+    q: Array
+    joint_poses: Array
+    loads: tuple[Load, ...]
+
+    @cached_property
+    def link_poses(self) -> Array:
+        """Axes of every chain link in the base, ``(n+1, 4, 4)``."""
+        return np.concatenate([np.eye(4)[None], self.joint_poses])
+
+    @cached_property
+    def pose(self) -> Array:
+        """Tip in the base, ``(4, 4)``."""
+        return self.link_poses[-1] @ self.chain.placements[-1]
+
+    @cached_property
+    def joint_axes(self) -> Array:
+        """Unit axis of every joint in base axes, ``(n, 3)``."""
+        return np.einsum("nij,nj->ni", self.joint_poses[:, :3, :3], self.chain.axes)
+
+    @cached_property
+    def joint_jacobian(self) -> Array:
+        """Derivative of the tip's pose to the joint values, base axes at the tip, ``(6, n)``."""
+        arms = self.pose[:3, 3] - self.joint_poses[:, :3, 3]
+        slide = self.chain.prismatic[:, None]
+        linear = np.where(slide, self.joint_axes, np.cross(self.joint_axes, arms))
+        return np.concatenate([linear, np.where(slide, 0.0, self.joint_axes)], axis=1).T
+
+    @cached_property
+    def load_torque(self) -> Array:
+        """Torque (N·m) or force (N) that the weight of robot and chain payload puts on the joints, ``(n,)``.
+
+        By Pinocchio, minus its generalised gravity (eq 23's τ). Payloads that sources add are not in it.
+        """
+        return self._statics[0]
+
+    @cached_property
+    def link_wrench(self) -> Array:
+        """Force and moment ``(n+1, 6)`` which everything beyond it puts on each chain link's far end, by Pinocchio.
+
+        At and in the axes of the link's end; zero for the last link, whose own loads count on the link.
+        """
+        wrenches = np.zeros((len(self.chain.joints) + 1, 6))
+        for i, wrench in enumerate(self._statics[1]):
+            end = self.link_poses[i] @ self.chain.placements[i]
+            turn = end[:3, :3].T @ self.joint_poses[i][:3, :3]
+            shift = end[:3, :3].T @ (self.joint_poses[i][:3, 3] - end[:3, 3])
+            force = turn @ wrench[:3]
+            wrenches[i] = np.concatenate([force, turn @ wrench[3:] + np.cross(shift, force)])
+        return wrenches
+
+    @cached_property
+    def findings(self) -> tuple[Finding, ...]:
+        """Warnings: joint values outside their limits."""
+        found = []
+        for joint, value in zip(self.chain.joints, self.q, strict=True):
+            limit = joint.limit
+            if limit is not None and joint.kind != "continuous" and not limit.lower <= value <= limit.upper:
+                message = (
+                    f"joint {joint.name} at {value:.6g} is outside its limits {limit.lower:.6g} to {limit.upper:.6g}"
+                )
+                found.append(Finding("warning", "W_JOINT_LIMIT", message, self.chain.robot.file, joint.line))
+        return tuple(found)
+
+    def with_loads(self, loads: Sequence[Load]) -> Posture:
+        """Return the posture with further weights."""
+        return replace(self, loads=(*self.loads, *loads)) if loads else self
+
+    def place_pose(self, place: Place) -> Array:
+        """Return a place's pose in the base, ``(4, 4)``."""
+        return self.link_poses[place.link] @ place.frame
+
+    def wrench_basis(self, load: Load, point: ArrayLike) -> Array:
+        """Return force and moment about a point per unit of a load's mass and first moments.
+
+        Parameters
+        ----------
+        load
+            The weight.
+        point
+            ``(3,)``, base axes, m.
+
+        Returns
+        -------
+        NDArray
+            ``(6, 4)``, base axes: ``F = m g``, ``M = (R s + m (o - point)) × g`` with s the first moment in the load's
+            frame (rotation R, origin o).
+        """
+        frame = self.link_poses[load.link] @ load.frame
+        weight = self.chain.gravity
+        basis = np.zeros((6, 4))
+        basis[:3, 0] = weight
+        basis[3:, 0] = np.cross(frame[:3, 3] - np.asarray(point, dtype=float), weight)
+        basis[3:, 1:] = np.cross(frame[:3, :3].T, weight).T
+        return basis
+
+    def wrench_on(self, loads: Sequence[Load], point: ArrayLike) -> dict[Factors, Array]:
+        """Return the wrench ``(6,)`` of loads about a point, base axes, by the parameters that multiply it."""
+        total: dict[Factors, Array] = {}
+        for load in loads:
+            basis = self.wrench_basis(load, point)
+            for moments, factors in load.moments:
+                total[factors] = total.get(factors, np.zeros(6)) + basis @ moments
+        return total
+
+    def torque_on(self, joint: int) -> dict[Factors, float]:
+        """Return what the loads put on a joint (0-based), N·m or N, by the parameters that multiply it."""
+        beyond = [load for load in self.loads if load.link > joint]
+        rows = slice(0, 3) if self.chain.prismatic[joint] else slice(3, 6)
+        wrenches = self.wrench_on(beyond, self.joint_poses[joint][:3, 3])
+        return {factors: float(self.joint_axes[joint] @ wrench[rows]) for factors, wrench in wrenches.items()}
+
+    @cached_property
+    def _statics(self) -> tuple[Array, Array]:
+        return self.chain.pinocchio.statics(self.q)
+
+
+def _locked_values(robot: Robot, joints: Sequence[Joint], locked: Mapping[str, float]) -> dict[str, float]:
+    """Return the value of every joint that moves but is not on the chain."""
+    on_chain = {joint.name for joint in joints}
+    still = {joint.name: joint for joint in robot.joints if joint.kind != "fixed" and joint.name not in on_chain}
+    for name, value in locked.items():
+        if name not in still:
+            raise UnknownNameError("joint to lock", name, still)
+        if not np.isfinite(value):
+            raise InputError(f"the joint {name!r} is locked at {value}, which is not finite")
+    values: dict[str, float] = {}
+
+    def value_of(name: str) -> float:
+        if name in on_chain:
+            return 0.0
+        if name not in values:
+            joint = still[name]
+            if name in locked:
+                values[name] = float(locked[name])
+            elif joint.mimic is not None:
+                values[name] = joint.mimic.multiplier * value_of(joint.mimic.joint) + joint.mimic.offset
+            elif joint.limit is not None and joint.kind != "continuous":
+                values[name] = float(np.clip(0.0, joint.limit.lower, joint.limit.upper))
+            else:
+                values[name] = 0.0
+        return values[name]
+
+    return {name: value_of(name) for name in still}
+
+
+def _link_frames(
+    robot: Robot, tip: str, joints: Sequence[Joint], locked: Mapping[str, float]
+) -> tuple[dict[str, LinkFrame], Array]:
+    """Return where every link stands, and the placements between the chain's joints."""
+    moving = {joint.name: k + 1 for k, joint in enumerate(joints)}
+    way = robot.path(robot.root, tip)
+    on_way = {robot.root, *(joint.child for joint in way)}
+    frames = {robot.root: LinkFrame(0, np.eye(4), 0, np.zeros(3))}
+    placements = np.tile(np.eye(4), (len(joints) + 1, 1, 1))
+    waiting = list(robot.child_joints(robot.root))
+    while waiting:
+        joint = waiting.pop()
+        parent = frames[joint.parent]
+        origin = parent.frame @ joint.origin
+        on_path = joint.child in on_way
+        if joint.name in moving:
+            placements[moving[joint.name] - 1] = origin
+            frames[joint.child] = LinkFrame(moving[joint.name], np.eye(4), 0, np.zeros(3))
+        else:
+            frame = origin
+            if joint.kind != "fixed":
+                frame = origin @ joint_motion(joint.axis, joint.kind == "prismatic", locked[joint.name])
+            rank = parent.path_rank + 1 if on_path and parent.path_rank is not None else None
+            leaves_way = parent.path_rank is not None and rank is None
+            attachment = origin[:3, 3] if leaves_way else frame[:3, 3] if on_path else parent.attachment
+            frames[joint.child] = LinkFrame(parent.link, frame, rank, attachment)
+        waiting.extend(robot.child_joints(joint.child))
+    placements[-1] = frames[tip].frame
+    return frames, placements
+
+
+def _own_loads(robot: Robot, frames: Mapping[str, LinkFrame]) -> tuple[Load, ...]:
+    loads = []
+    for link in robot.links:
+        if link.inertial is None or link.inertial.mass == 0:
+            continue
+        where = frames[link.name]
+        moments = link.inertial.mass * np.array([1.0, *link.inertial.com])
+        loads.append(Load(where.link, where.frame, where.attachment, where.path_rank is not None, ((moments, ()),)))
+    return tuple(loads)

@@ -1,0 +1,169 @@
+"""Every exception and warning of the package.
+
+The tree::
+
+    PrecisionPinError            base of all; never raised itself
+    ├── InputError               the user's input is wrong; carries findings
+    │   ├── UrdfError            a URDF cannot be used
+    │   ├── SheetError           a sheet cannot be used
+    │   ├── UnitError            a number with a wrong or missing unit
+    │   ├── UnknownNameError     a joint, link, frame, pose … that does not exist
+    │   └── OutputError          a result cannot be written where asked
+    └── InternalError            a check of our own failed: a bug here, not in the input
+
+    PrecisionPinWarning(UserWarning)   an assumption is being stretched
+
+A *finding* is one line about the input: ``file:line: error|warning CODE: what, and what is allowed``.
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+__all__ = [
+    "Finding",
+    "InputError",
+    "InternalError",
+    "OutputError",
+    "PrecisionPinError",
+    "PrecisionPinWarning",
+    "SheetError",
+    "UnitError",
+    "UnknownNameError",
+    "UrdfError",
+    "nearest",
+]
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One remark about an input.
+
+    Attributes
+    ----------
+    severity
+        ``"error"`` refuses the input, ``"warning"`` lets it pass.
+    code
+        Stable identifier such as ``E_AXIS_ZERO`` or ``W_UNITS``.
+    message
+        What is wrong and what is allowed, one line.
+    file, line
+        Where, if known; lines count from 1.
+    """
+
+    severity: Literal["error", "warning"]
+    code: str
+    message: str
+    file: str | None = None
+    line: int | None = None
+
+    def __str__(self) -> str:
+        where = self.file or "input"
+        if self.line is not None:
+            where += f":{self.line}"
+        return f"{where}: {self.severity} {self.code}: {self.message}"
+
+    def at(self, file: str | None, line: int | None) -> Finding:
+        """Return the same finding placed at a file and line, where it has none of its own."""
+        return replace(self, file=self.file or file, line=self.line if self.line is not None else line)
+
+
+class PrecisionPinError(Exception):
+    """Base of every exception the package raises on purpose."""
+
+
+class InputError(PrecisionPinError):
+    """The user's input is wrong.
+
+    Parameters
+    ----------
+    findings
+        A message, or every finding of severity error (warnings may be among them).
+    """
+
+    code = "E_INPUT"
+
+    def __init__(self, findings: str | Sequence[Finding]) -> None:
+        if isinstance(findings, str):
+            findings = (Finding("error", self.code, findings),)
+        self.findings: tuple[Finding, ...] = tuple(findings)
+        super().__init__("\n".join(str(finding) for finding in self.findings))
+
+
+class UrdfError(InputError):
+    """A URDF cannot be used."""
+
+    code = "E_URDF"
+
+
+class SheetError(InputError):
+    """A sheet cannot be used."""
+
+    code = "E_SHEET"
+
+
+class UnitError(InputError):
+    """A number with a wrong or missing unit."""
+
+    code = "E_UNIT"
+
+
+class UnknownNameError(InputError):
+    """A name that does not exist; the message gives the nearest valid ones.
+
+    Parameters
+    ----------
+    kind
+        What was looked for: ``"joint"``, ``"link"``, ….
+    name
+        The name that was given.
+    valid
+        The names that exist.
+    """
+
+    code = "E_NAME"
+
+    def __init__(self, kind: str, name: str, valid: Iterable[str]) -> None:
+        super().__init__(f"no {kind} named {name!r}; {nearest(name, valid)}")
+
+
+class OutputError(InputError):
+    """A result cannot be written where asked."""
+
+    code = "E_OUTPUT"
+
+
+class InternalError(PrecisionPinError):
+    """A check of our own failed: a bug in the package, not in the input."""
+
+
+class PrecisionPinWarning(UserWarning):
+    """An assumption is being stretched; the result says which."""
+
+
+def nearest(name: str, valid: Iterable[str], *, most: int = 12) -> str:
+    """Return ``"did you mean …?"`` or the list of valid names, for the end of a message.
+
+    Parameters
+    ----------
+    name
+        The name that was given.
+    valid
+        The names that exist.
+    most
+        The longest list to print in full.
+    """
+    names = sorted(set(valid))
+    if not names:
+        return "there are none"
+    close = difflib.get_close_matches(name, names, n=3, cutoff=0.6)
+    if not close:
+        folded = {candidate.casefold(): candidate for candidate in names}
+        close = [folded[name.casefold()]] if name.casefold() in folded else []
+    if close:
+        return "did you mean " + " or ".join(repr(candidate) for candidate in close) + "?"
+    shown = ", ".join(names[:most])
+    return f"valid: {shown}" + (f", … ({len(names)} in all)" if len(names) > most else "")

@@ -1,0 +1,273 @@
+"""Parameters: components of draws and formulas of them.
+
+An :class:`Expression` is written with ordinary arithmetic (``1 / stiffness``, ``diameter**4``); a
+:class:`Program` is a set of expressions turned into one list of operations, which every engine evaluates.
+"""
+
+from __future__ import annotations
+
+import math
+from abc import ABC
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import Final, final
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from precision_pin.errors import InputError, InternalError
+
+__all__ = ["Component", "Constant", "Expression", "Operation", "Operator", "Program", "Value", "cos", "sin", "sqrt"]
+
+Array = NDArray[np.float64]
+
+MOST_OPERATIONS: Final = 32
+"""The most operations one parameter may take."""
+
+
+class Operator(IntEnum):
+    """What an operation does; the numbers are part of the compiled kernel's interface."""
+
+    ADD = 0
+    SUBTRACT = 1
+    MULTIPLY = 2
+    DIVIDE = 3
+    POWER = 4
+    SQRT = 5
+    SIN = 6
+    COS = 7
+
+
+class Expression(ABC):
+    """A number that may be random: a component of a draw, a constant or an operation on such."""
+
+    def __add__(self, other: Expression | float) -> Expression:
+        return Operation(Operator.ADD, (self, _expression(other)))
+
+    def __radd__(self, other: float) -> Expression:
+        return _expression(other) + self
+
+    def __sub__(self, other: Expression | float) -> Expression:
+        return Operation(Operator.SUBTRACT, (self, _expression(other)))
+
+    def __rsub__(self, other: float) -> Expression:
+        return _expression(other) - self
+
+    def __mul__(self, other: Expression | float) -> Expression:
+        return Operation(Operator.MULTIPLY, (self, _expression(other)))
+
+    def __rmul__(self, other: float) -> Expression:
+        return _expression(other) * self
+
+    def __truediv__(self, other: Expression | float) -> Expression:
+        return Operation(Operator.DIVIDE, (self, _expression(other)))
+
+    def __rtruediv__(self, other: float) -> Expression:
+        return _expression(other) / self
+
+    def __pow__(self, exponent: float) -> Expression:
+        return Operation(Operator.POWER, (self, Constant(float(exponent))))
+
+    def __neg__(self) -> Expression:
+        return 0.0 - self
+
+
+@final
+@dataclass(frozen=True)
+class Component(Expression):
+    """One number of a draw, by its name: ``a1``, ``axis_install[joint2].A.x``."""
+
+    name: str
+
+
+@final
+@dataclass(frozen=True)
+class Constant(Expression):
+    """A fixed number inside a formula."""
+
+    value: float
+
+    def __post_init__(self) -> None:
+        if not math.isfinite(self.value):
+            raise InputError(f"a formula holds the number {self.value}")
+
+
+@final
+@dataclass(frozen=True)
+class Operation(Expression):
+    """An operator applied to one or two expressions; the exponent of a power is constant."""
+
+    operator: Operator
+    arguments: tuple[Expression, ...]
+
+
+Value = Expression | float
+"""What a source's setting becomes: a plain number, or an expression where it is random."""
+
+
+def sqrt(argument: Expression) -> Expression:
+    """Return the square root as an expression."""
+    return Operation(Operator.SQRT, (argument,))
+
+
+def sin(argument: Expression) -> Expression:
+    """Return the sine (rad) as an expression."""
+    return Operation(Operator.SIN, (argument,))
+
+
+def cos(argument: Expression) -> Expression:
+    """Return the cosine (rad) as an expression."""
+    return Operation(Operator.COS, (argument,))
+
+
+def _expression(value: Expression | float) -> Expression:
+    return value if isinstance(value, Expression) else Constant(float(value))
+
+
+@final
+@dataclass(frozen=True)
+class Program:
+    """Parameters as one list of operations over registers.
+
+    Registers hold the d components first, then the constants, then the result of each operation in turn.
+
+    Attributes
+    ----------
+    components
+        d, how many components there are.
+    constants
+        The constants' values.
+    operations
+        ``(operator, left register, right register)``; right is left for operators of one argument.
+    outputs
+        The register of each parameter.
+    """
+
+    components: int
+    constants: tuple[float, ...]
+    operations: tuple[tuple[Operator, int, int], ...]
+    outputs: tuple[int, ...]
+
+    @classmethod
+    def compile(cls, parameters: Sequence[Expression], component_index: Mapping[str, int]) -> Program:
+        """Return the program that computes the parameters; common parts are computed once.
+
+        Raises
+        ------
+        InputError
+            A parameter needs more than 32 operations, or names a component that does not exist.
+        """
+        distinct: dict[Expression, None] = {}
+        for parameter in parameters:
+            own: dict[Expression, None] = {}
+            _collect(parameter, own)
+            count = sum(isinstance(part, Operation) for part in own)
+            if count > MOST_OPERATIONS:
+                raise InputError(
+                    f"a parameter's formula takes {count} operations, at most {MOST_OPERATIONS} are allowed"
+                )
+            distinct.update(own)
+        constants = [part for part in distinct if isinstance(part, Constant)]
+        register: dict[Expression, int] = {part: len(component_index) + k for k, part in enumerate(constants)}
+        operations: list[tuple[Operator, int, int]] = []
+        for part in distinct:
+            if isinstance(part, Component):
+                if part.name not in component_index:
+                    raise InternalError(f"a term uses the component {part.name!r}, which no draw provides")
+                register[part] = component_index[part.name]
+        for part in distinct:
+            if isinstance(part, Operation):
+                inputs = [register[argument] for argument in part.arguments]
+                register[part] = len(component_index) + len(constants) + len(operations)
+                operations.append((part.operator, inputs[0], inputs[-1]))
+        return cls(
+            len(component_index),
+            tuple(part.value for part in constants),
+            tuple(operations),
+            tuple(register[parameter] for parameter in parameters),
+        )
+
+    def evaluate(self, x: ArrayLike) -> Array:
+        """Return the parameters ``(P, N)`` for component values ``(d, N)``."""
+        values = self._registers(np.asarray(x, dtype=float))
+        return np.array([values[k] for k in self.outputs]).reshape(len(self.outputs), -1)
+
+    def gradient(self, x: ArrayLike) -> Array:
+        """Return the derivatives ``(P, d)`` of the parameters at one point ``(d,)``."""
+        point = np.asarray(x, dtype=float)
+        values = self._registers(point[:, None])
+        slopes = [np.eye(self.components)[k] for k in range(self.components)]
+        slopes += [np.zeros(self.components) for _ in self.constants]
+        for step, (operator, left, right) in enumerate(self.operations):
+            a, b = float(values[left][0]), float(values[right][0])
+            result = float(values[self.components + len(self.constants) + step][0])
+            slopes.append(_slope(operator, a, b, result, slopes[left], slopes[right]))
+        return np.array([slopes[k] for k in self.outputs]).reshape(len(self.outputs), self.components)
+
+    def _registers(self, x: Array) -> list[Array]:
+        values = list(x) + [np.full(x.shape[1], constant) for constant in self.constants]
+        for operator, left, right in self.operations:
+            with np.errstate(divide="raise", invalid="raise", over="raise"):
+                try:
+                    values.append(_apply(operator, values[left], values[right]))
+                except FloatingPointError as error:
+                    raise InputError(
+                        f"a parameter's formula fails for some sample ({error} in {operator.name.lower()}); "
+                        "a divisor that may reach zero needs a law that keeps away from it"
+                    ) from error
+        return values
+
+
+def _collect(expression: Expression, found: dict[Expression, None]) -> None:
+    """Add an expression and its parts, arguments before what uses them."""
+    if expression in found:
+        return
+    if isinstance(expression, Operation):
+        for argument in expression.arguments:
+            _collect(argument, found)
+    found[expression] = None
+
+
+def _apply(operator: Operator, a: Array, b: Array) -> Array:
+    match operator:
+        case Operator.ADD:
+            return a + b
+        case Operator.SUBTRACT:
+            return a - b
+        case Operator.MULTIPLY:
+            return a * b
+        case Operator.DIVIDE:
+            return a / b
+        case Operator.POWER:
+            powered: Array = np.power(a, b)
+            return powered
+        case Operator.SQRT:
+            root: Array = np.sqrt(a)
+            return root
+        case Operator.SIN:
+            sine: Array = np.sin(a)
+            return sine
+        case Operator.COS:
+            cosine: Array = np.cos(a)
+            return cosine
+
+
+def _slope(operator: Operator, a: float, b: float, result: float, da: Array, db: Array) -> Array:
+    match operator:
+        case Operator.ADD:
+            return da + db
+        case Operator.SUBTRACT:
+            return da - db
+        case Operator.MULTIPLY:
+            return b * da + a * db
+        case Operator.DIVIDE:
+            return (da - result * db) / b
+        case Operator.POWER:
+            return b * a ** (b - 1) * da
+        case Operator.SQRT:
+            return da / (2 * result)
+        case Operator.SIN:
+            return math.cos(a) * da
+        case Operator.COS:
+            return -math.sin(a) * da

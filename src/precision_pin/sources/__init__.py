@@ -1,0 +1,35 @@
+"""Error sources, one file for each kind.
+
+A kind is a module here with one :class:`~precision_pin.terms.Source` in it; nothing else lists them. The sheet's schema
+and the documentation's catalogue derive from the classes.
+"""
+
+from __future__ import annotations
+
+import importlib
+import inspect
+import pkgutil
+from functools import cache
+
+from precision_pin.terms import Source
+
+__all__ = ["catalogue"]
+
+
+@cache
+def catalogue() -> dict[str, type[Source]]:
+    """Return every kind of source by its name in a sheet."""
+    kinds: dict[str, type[Source]] = {}
+    for module in pkgutil.iter_modules(__path__):
+        contents = vars(importlib.import_module(f"{__name__}.{module.name}"))
+        for value in contents.values():
+            if inspect.isclass(value) and issubclass(value, Source) and not inspect.isabstract(value):
+                kinds[value.kind()] = value
+    return dict(sorted(kinds.items()))
+
+
+def __getattr__(name: str) -> type[Source]:
+    for source in catalogue().values():
+        if source.__name__ == name:
+            return source
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -1,0 +1,83 @@
+"""Axis installation errors."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Annotated, final
+
+import numpy as np
+
+from precision_pin import units
+from precision_pin.chain import Posture
+from precision_pin.errors import InputError
+from precision_pin.laws import Disc
+from precision_pin.space import Draw, LabelledSpace, Scope
+from precision_pin.terms import Source, Term
+
+__all__ = ["AxisInstall"]
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class AxisInstall(Source):
+    """Installation error of a joint's axis: the real axis passes through two points off the nominal one.
+
+    In the joint's frame turned so that z is the axis, the real axis passes through A in the plane z = start and B in
+    the plane z = start + span, each uniform over the area of a disc about the nominal axis. With
+    ``AE = (x_B - x_A, y_B - y_A)`` and ``L = span`` the joint's seat is displaced by ``d = A - AE·start/L`` and
+    ``δ = (-AE_y, AE_x, 0)/L``. Source: eqs 18 and 19 of Wei, Jia and Chen (2015); eq 19 prints the angles before the
+    position. The span is not in the paper; the result is nearly proportional to 1/span.
+
+    Attributes
+    ----------
+    joint
+        Whose axis.
+    radius, diameter
+        Of the discs. One of the two.
+    span
+        Distance of the two planes (between the bearings).
+    start
+        Where on the axis, from the joint's origin, the first plane lies.
+
+    Raises
+    ------
+    InputError
+        Not exactly one of radius and diameter; a span that is not positive.
+    """
+
+    joint: str
+    radius: Annotated[float | None, units.LENGTH] = None
+    diameter: Annotated[float | None, units.LENGTH] = None
+    span: Annotated[float, units.LENGTH]
+    start: Annotated[float, units.LENGTH] = 0.0
+
+    def __post_init__(self) -> None:
+        if (self.radius is None) == (self.diameter is None):
+            raise InputError("axis_install needs either radius: or diameter:")
+        if not self.span > 0:
+            raise InputError(f"the span of axis_install must be positive, got {self.span} m")
+
+    @property
+    def subject(self) -> str:
+        """The joint."""
+        return self.joint
+
+    def own_draws(self, label: str) -> tuple[Draw, ...]:
+        """Return the two points A and B."""
+        radius = self.radius if self.radius is not None else (self.diameter or 0.0) / 2
+        return tuple(Draw(f"{label}.{point}", Disc(radius), Scope.UNIT) for point in ("A", "B"))
+
+    def terms(self, posture: Posture, space: LabelledSpace) -> Iterator[Term]:
+        """Yield a term for each coordinate of A and B."""
+        chain = posture.chain
+        joint = chain.joint_index(self.joint)
+        place = chain.seat(joint)
+        turn = chain.axis_alignment(joint)
+        axes = np.zeros((6, 6))
+        axes[:3, :3] = axes[3:, 3:] = turn
+        crossing = self.start / self.span
+        for point, share, sign in (("A", 1 + crossing, -1.0), ("B", -crossing, 1.0)):
+            slope = sign / self.span
+            yield Term.of(place, axes @ [share, 0, 0, 0, slope, 0], space.component(f"{point}.x"))
+            yield Term.of(place, axes @ [0, share, 0, -slope, 0, 0], space.component(f"{point}.y"))

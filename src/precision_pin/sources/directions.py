@@ -1,0 +1,37 @@
+"""Directions as a sheet spells them."""
+
+from __future__ import annotations
+
+import re
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from precision_pin.chain import Posture
+from precision_pin.errors import InputError
+
+__all__ = ["direction_of"]
+
+_DIRECTION: Final = re.compile(r"(-?)\s*(x|y|z|axis)\s+of\s+(.+)", re.DOTALL)
+_AXES: Final = {"x": 0, "y": 1, "z": 2}
+
+
+def direction_of(text: str, posture: Posture) -> NDArray[np.float64]:
+    """Return the unit vector, base axes, of ``[-]x|y|z|axis of JOINT``.
+
+    ``x``, ``y``, ``z`` are the axes of the joint's URDF frame after it turned.
+
+    Raises
+    ------
+    InputError
+        Spelled otherwise.
+    UnknownNameError
+        No such joint on the chain.
+    """
+    match = _DIRECTION.fullmatch(text.strip())
+    if match is None:
+        raise InputError(f"direction {text!r} is not understood; allowed: link, [-]x|y|z of JOINT, [-]axis of JOINT")
+    joint = posture.chain.joint_index(match[3].strip())
+    direction = posture.joint_axes[joint] if match[2] == "axis" else posture.joint_poses[joint][:3, _AXES[match[2]]]
+    return -direction if match[1] else direction

@@ -1,0 +1,72 @@
+"""Errors of any frame."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Annotated, final
+
+import numpy as np
+
+from precision_pin import units
+from precision_pin.chain import Place, Posture
+from precision_pin.errors import InputError
+from precision_pin.space import LabelledSpace, Setting
+from precision_pin.terms import Source, Term
+
+__all__ = ["Frame"]
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class Frame(Source):
+    """Six errors at any place: a shift and a small turn in the place's own axes.
+
+    The place's displacement is ``Trans(x, y, z)·Exp((rx, ry, rz))``; what other sources do to the same place adds.
+
+    Attributes
+    ----------
+    joint, link, frame
+        Which place, one of the three: the seat of a joint (its URDF origin frame before it turns), the end of the chain
+        link that a URDF link belongs to (the next joint's origin frame, or the tip), or the frame of a URDF link on the
+        way to the tip.
+    x, y, z
+        Shift.
+    rx, ry, rz
+        Rotation vector.
+    """
+
+    joint: str | None = None
+    link: str | None = None
+    frame: str | None = None
+    x: Annotated[Setting, units.LENGTH] = 0.0
+    y: Annotated[Setting, units.LENGTH] = 0.0
+    z: Annotated[Setting, units.LENGTH] = 0.0
+    rx: Annotated[Setting, units.ANGLE] = 0.0
+    ry: Annotated[Setting, units.ANGLE] = 0.0
+    rz: Annotated[Setting, units.ANGLE] = 0.0
+
+    def __post_init__(self) -> None:
+        if sum(name is not None for name in (self.joint, self.link, self.frame)) != 1:
+            raise InputError("frame needs one of joint:, link: and frame:")
+
+    @property
+    def subject(self) -> str:
+        """The joint, link or frame."""
+        return self.joint or self.link or self.frame or ""
+
+    def terms(self, posture: Posture, space: LabelledSpace) -> Iterator[Term]:
+        """Yield a term for each error that is not zero."""
+        place = self._place(posture)
+        for row, field in enumerate(("x", "y", "z", "rx", "ry", "rz")):
+            value = space.value(field, getattr(self, field))
+            if value != 0.0:
+                yield Term.of(place, np.eye(6)[row], value)
+
+    def _place(self, posture: Posture) -> Place:
+        chain = posture.chain
+        if self.joint is not None:
+            return chain.seat(chain.joint_index(self.joint))
+        if self.link is not None:
+            return chain.end(chain.link_frame(self.link).link)
+        return chain.frame_place(self.subject)

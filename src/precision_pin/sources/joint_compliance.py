@@ -1,0 +1,46 @@
+"""Joint flexibility."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Annotated, final
+
+from precision_pin import units
+from precision_pin.chain import Posture
+from precision_pin.space import LabelledSpace, Setting
+from precision_pin.terms import JointValue, Source, Term
+
+__all__ = ["JointCompliance"]
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class JointCompliance(Source):
+    """Flexibility of a joint: it turns (or slides) by its compliance times what the load puts on it.
+
+    ``dθ = C τ`` with τ the torque that the *load* puts on the joint. Source: eq 23 of Wei, Jia and Chen (2015), after
+    Spong. C is not in the paper.
+
+    Attributes
+    ----------
+    joint
+        Which joint.
+    compliance
+        C; for a prismatic joint a linear compliance.
+    """
+
+    joint: str
+    compliance: Annotated[Setting, units.PerJoint(units.ANGULAR_COMPLIANCE, units.LINEAR_COMPLIANCE)]
+
+    @property
+    def subject(self) -> str:
+        """The joint."""
+        return self.joint
+
+    def terms(self, posture: Posture, space: LabelledSpace) -> Iterator[Term]:
+        """Yield a term for each group of loads with the same random factors."""
+        joint = posture.chain.joint_index(self.joint)
+        compliance = space.value("compliance", self.compliance)
+        for factors, torque in posture.torque_on(joint).items():
+            yield Term.of(JointValue(joint), torque, *factors, compliance)

@@ -1,0 +1,44 @@
+"""Joint offsets."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Annotated, final
+
+from precision_pin import units
+from precision_pin.chain import Posture
+from precision_pin.space import LabelledSpace, Setting
+from precision_pin.terms import JointValue, Source, Term
+
+__all__ = ["JointOffset"]
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class JointOffset(Source):
+    """Error of a joint's value: encoder zero, homing, control.
+
+    ``Δθ`` (or Δd of a prismatic joint) adds to the joint's value. Source: Δθ of eqs 6 and 16 of Wei, Jia and Chen
+    (2015).
+
+    Attributes
+    ----------
+    joint
+        Which joint.
+    offset
+        The error of its value; an angle, for a prismatic joint a length.
+    """
+
+    joint: str
+    offset: Annotated[Setting, units.PerJoint(units.ANGLE, units.LENGTH)]
+
+    @property
+    def subject(self) -> str:
+        """The joint."""
+        return self.joint
+
+    def terms(self, posture: Posture, space: LabelledSpace) -> Iterator[Term]:
+        """Yield one term."""
+        joint = posture.chain.joint_index(self.joint)
+        yield Term.of(JointValue(joint), 1.0, space.value("offset", self.offset))

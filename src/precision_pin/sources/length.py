@@ -1,0 +1,82 @@
+"""Length errors."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Annotated, final
+
+import numpy as np
+
+from precision_pin import units
+from precision_pin.chain import Posture
+from precision_pin.errors import InputError
+from precision_pin.sources.directions import direction_of
+from precision_pin.space import LabelledSpace, Setting
+from precision_pin.terms import Source, Term
+
+__all__ = ["Length"]
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class Length(Source):
+    """Manufacturing error of a length: moves a joint's origin, or a frame, along a direction.
+
+    The displacement is ``direction × (sum of the parameters)`` at the end of the chain link that carries the joint's
+    origin or the frame. Lengths may share parameters: in the paper's Table 1 the length a₁ stands in y₁ and in z₄, so
+    one random a₁ moves both. Source: section 3.1 of Wei, Jia and Chen (2015), ``Δx, Δy, Δz`` of a link.
+
+    Attributes
+    ----------
+    joint, frame
+        What moves: a joint's origin, or a frame on the way to the tip. One of the two.
+    along
+        Direction: ``link`` (from the link's start to its end, the default), or ``[-]x|y|z of JOINT`` (axes of its frame
+        after it turned) or ``[-]axis of JOINT``.
+    parameters
+        Deviations from the nominal length; they add.
+
+    Raises
+    ------
+    InputError
+        Not exactly one of joint and frame; a link without length along itself.
+    """
+
+    joint: str | None = None
+    frame: str | None = None
+    along: str = "link"
+    parameters: Annotated[tuple[Setting, ...], units.LENGTH]
+
+    def __post_init__(self) -> None:
+        if (self.joint is None) == (self.frame is None):
+            raise InputError("length needs either joint: or frame:")
+        if not self.parameters:
+            raise InputError("length needs at least one of parameters:")
+
+    @property
+    def subject(self) -> str:
+        """The joint or frame."""
+        return self.joint or self.frame or ""
+
+    def terms(self, posture: Posture, space: LabelledSpace) -> Iterator[Term]:
+        """Yield one term for each parameter."""
+        chain = posture.chain
+        if self.joint is not None:
+            link = chain.joint_index(self.joint)
+        else:
+            assert self.frame is not None
+            link = chain.frame_place(self.frame).link
+        place = chain.end(link)
+        if self.along == "link":
+            way = place.frame[:3, 3]
+            reach = float(np.linalg.norm(way))
+            if reach == 0:
+                raise InputError(f"{self.label()}: the link has no length, name a direction with along:")
+            direction = posture.link_poses[link][:3, :3] @ way / reach
+        else:
+            direction = direction_of(self.along, posture)
+        twist = np.zeros(6)
+        twist[:3] = posture.place_pose(place)[:3, :3].T @ direction
+        for value in space.values("parameters", self.parameters):
+            yield Term.of(place, twist, value)

@@ -1,0 +1,82 @@
+"""Errors of MCPC parameters."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Annotated, final
+
+import numpy as np
+
+from precision_pin import mcpc, se3, units
+from precision_pin.chain import Place, Posture
+from precision_pin.errors import InputError
+from precision_pin.space import LabelledSpace, Setting
+from precision_pin.terms import Source, Term
+
+__all__ = ["Mcpc"]
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class Mcpc(Source):
+    """Errors of one link's MCPC parameters, exact at any size.
+
+    Places are inserted at the axes of Rot(x, α), Rot(y, β) and Rot(z, γ) and where the link is translated, so that the
+    displaced link is ``Rot(x, α+Δα) Rot(y, β+Δβ) [Rot(z, γ+Δγ)] Trans(x+Δx, y+Δy, [z+Δz])``. Source: eqs 1 and 2 of Wei,
+    Jia and Chen (2015). An error of θ is a ``joint_offset``.
+
+    Attributes
+    ----------
+    link
+        A URDF link of the chain link whose parameters err.
+    alpha, beta, gamma
+        Δα, Δβ, Δγ; Δγ of the last link only.
+    x, y, z
+        Δx, Δy, Δz; Δz of the last link only.
+
+    Raises
+    ------
+    InputError
+        Δγ or Δz on a link that is not the last.
+    """
+
+    link: str
+    alpha: Annotated[Setting, units.ANGLE] = 0.0
+    beta: Annotated[Setting, units.ANGLE] = 0.0
+    gamma: Annotated[Setting, units.ANGLE] = 0.0
+    x: Annotated[Setting, units.LENGTH] = 0.0
+    y: Annotated[Setting, units.LENGTH] = 0.0
+    z: Annotated[Setting, units.LENGTH] = 0.0
+
+    @property
+    def subject(self) -> str:
+        """The link."""
+        return self.link
+
+    def terms(self, posture: Posture, space: LabelledSpace) -> Iterator[Term]:
+        """Yield a term for each parameter that errs."""
+        chain = posture.chain
+        link = chain.link_frame(self.link).link
+        last = link == len(chain.joints)
+        if not last and (self.gamma != 0.0 or self.z != 0.0):
+            raise InputError(f"{self.label()}: gamma and z are parameters of the last link only")
+        nominal = mcpc.from_chain(chain)
+        start = nominal.frame_in_link[link]
+        after_alpha = start @ se3.pose(se3.rotation_about((1, 0, 0), nominal.alpha[link]), np.zeros(3))
+        after_beta = after_alpha @ se3.pose(se3.rotation_about((0, 1, 0), nominal.beta[link]), np.zeros(3))
+        turn = nominal.gamma if last else 0.0
+        after_gamma = after_beta @ se3.pose(se3.rotation_about((0, 0, 1), turn), np.zeros(3))
+        for rank, (field, row, frame) in enumerate(
+            (("alpha", 3, start), ("beta", 4, after_alpha), ("gamma", 5, after_beta))
+        ):
+            yield from _term(Place.custom(link, rank, f"MCPC {field} of {self.link}", frame), row, field, self, space)
+        place = Place.custom(link, 3, f"MCPC translation of {self.link}", after_gamma)
+        for row, field in enumerate(("x", "y", "z")):
+            yield from _term(place, row, field, self, space)
+
+
+def _term(place: Place, row: int, field: str, source: Mcpc, space: LabelledSpace) -> Iterator[Term]:
+    value = space.value(field, getattr(source, field))
+    if value != 0.0:
+        yield Term.of(place, np.eye(6)[row], value)

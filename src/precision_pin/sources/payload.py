@@ -1,0 +1,69 @@
+"""Payload."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Annotated, final
+
+import numpy as np
+
+from precision_pin import units
+from precision_pin.chain import Factors, Load, Posture
+from precision_pin.errors import InputError
+from precision_pin.parameters import Expression, Value
+from precision_pin.space import LabelledSpace, Setting
+from precision_pin.terms import Source, Term
+
+__all__ = ["Payload"]
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class Payload(Source):
+    """A weight that hangs on the arm. It displaces nothing itself: it loads the flexible joints and links.
+
+    Mass m and first moment m·c enter torques and link wrenches linearly, so a random mass or centre costs a product.
+
+    Attributes
+    ----------
+    at
+        The link it hangs on.
+    mass
+        Its mass.
+    com
+        Its centre of mass in that link's frame: three numbers, each of which may be random.
+    """
+
+    at: str
+    mass: Annotated[Setting, units.MASS]
+    com: Annotated[tuple[Setting, Setting, Setting], units.LENGTH] = (0.0, 0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        if len(self.com) != 3:
+            raise InputError(f"the com of a payload has {len(self.com)} numbers, expected 3")
+
+    @property
+    def subject(self) -> str:
+        """The link it hangs on."""
+        return self.at
+
+    def terms(self, posture: Posture, space: LabelledSpace) -> Iterator[Term]:
+        """Yield nothing."""
+        posture.chain.link_frame(self.at)
+        del space
+        return iter(())
+
+    def loads(self, posture: Posture, space: LabelledSpace) -> Iterator[Load]:
+        """Yield the weight."""
+        where = posture.chain.link_frame(self.at)
+        mass = space.value("mass", self.mass)
+        centre = space.values("com", self.com)
+        moments = [_moment(0, mass), *(_moment(k + 1, mass, value) for k, value in enumerate(centre))]
+        yield Load(where.link, where.frame, where.attachment, along=False, moments=tuple(moments))
+
+
+def _moment(row: int, *values: Value) -> tuple[np.ndarray[tuple[int], np.dtype[np.float64]], Factors]:
+    moments = np.zeros(4)
+    moments[row] = np.prod([value for value in values if not isinstance(value, Expression)])
+    return moments, tuple(value for value in values if isinstance(value, Expression))

@@ -1,0 +1,285 @@
+"""The space of random numbers: draws, their scopes, and where each number comes from.
+
+A sample is (unit, pose, visit). The column order of the space is the order of its draws; the random
+numbers themselves depend on names only, so that adding or reordering draws changes no other draw.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import Enum
+from functools import cached_property
+from typing import final
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.linalg import block_diag
+
+from precision_pin import philox
+from precision_pin.errors import InputError, UnknownNameError
+from precision_pin.laws import Fixed, Law
+from precision_pin.parameters import Component, Expression, Value
+
+__all__ = ["Draw", "LabelledSpace", "Scope", "Setting", "Space", "occasion"]
+
+Array = NDArray[np.float64]
+
+MOST_POSES = 2**20 - 1
+MOST_VISITS = 4095
+
+
+class Scope(Enum):
+    """How often a draw is made."""
+
+    UNIT = "unit"
+    """Once for each built robot."""
+    POSE = "pose"
+    """Once for each robot and pose."""
+    VISIT = "visit"
+    """Each time a robot comes to a pose."""
+
+
+def occasion(scope: Scope, pose: int = 0, visit: int = 0) -> int:
+    """Return the last counter word of a draw (0-based pose and visit).
+
+    Raises
+    ------
+    InputError
+        More than 2²⁰-1 poses or 4095 visits.
+    """
+    if not 0 <= pose < MOST_POSES or not 0 <= visit < MOST_VISITS:
+        raise InputError(f"pose {pose} or visit {visit} is out of range: below {MOST_POSES} and {MOST_VISITS}")
+    match scope:
+        case Scope.UNIT:
+            return 0
+        case Scope.POSE:
+            return (pose + 1) * 4096
+        case Scope.VISIT:
+            return (pose + 1) * 4096 + visit + 1
+
+
+@final
+@dataclass(frozen=True)
+class Draw:
+    """The unit of randomness: a law with a name and a scope.
+
+    Attributes
+    ----------
+    name
+        Names the stream of random numbers. Inside a source's setting it may be empty: the draw is then named
+        after the place where it stands, ``source[joint or link].field``.
+    law
+        What is drawn.
+    scope
+        How often.
+    """
+
+    name: str
+    law: Law
+    scope: Scope = Scope.UNIT
+
+    @property
+    def components(self) -> tuple[str, ...]:
+        """Names of the numbers drawn."""
+        return tuple(self.name + suffix for suffix in self.law.components)
+
+
+Setting = float | str | Law | Draw | Expression
+"""What a source's setting may be: a number (SI), a parameter's name, a law, a draw, or a formula."""
+
+
+@final
+@dataclass(frozen=True)
+class Space:
+    """Draws in column order.
+
+    Raises
+    ------
+    InputError
+        Two different draws, or a draw and a component of another, share a name.
+    """
+
+    draws: tuple[Draw, ...] = ()
+
+    def __post_init__(self) -> None:
+        names: set[str] = set()
+        for draw in self.draws:
+            for name in {draw.name, *draw.components}:
+                if name in names or not name:
+                    raise InputError(f"two random numbers are named {name!r}; every draw needs a name of its own")
+                names.add(name)
+
+    @cached_property
+    def components(self) -> tuple[str, ...]:
+        """Names of the d numbers, in column order."""
+        return tuple(name for draw in self.draws for name in draw.components)
+
+    @cached_property
+    def index(self) -> dict[str, int]:
+        """Column of each component."""
+        return {name: k for k, name in enumerate(self.components)}
+
+    @cached_property
+    def slices(self) -> tuple[slice, ...]:
+        """Columns of each draw."""
+        ends = np.cumsum([0, *(draw.law.size for draw in self.draws)])
+        return tuple(slice(int(a), int(b)) for a, b in zip(ends[:-1], ends[1:], strict=True))
+
+    @cached_property
+    def streams(self) -> tuple[int, ...]:
+        """32-bit stream of each component."""
+        streams = philox.streams_of(self.components)
+        return tuple(streams[name] for name in self.components)
+
+    @property
+    def size(self) -> int:
+        """The number of components, d."""
+        return len(self.components)
+
+    @cached_property
+    def mean(self) -> Array:
+        """Mean of the components, ``(d,)``."""
+        return np.concatenate([np.zeros(0), *(draw.law.mean_vector for draw in self.draws)])
+
+    @cached_property
+    def covariance(self) -> Array:
+        """Covariance of the components, ``(d, d)``."""
+        if not self.draws:
+            return np.zeros((0, 0))
+        matrix: Array = block_diag(*(draw.law.covariance for draw in self.draws))
+        return matrix
+
+    def including(self, draws: Sequence[Draw]) -> Space:
+        """Return the space with further draws; one that is there already, equal in all, is shared."""
+        known = {draw.name: draw for draw in self.draws}
+        for draw in draws:
+            if known.setdefault(draw.name, draw) != draw:
+                raise InputError(f"the draw {draw.name!r} is given twice with different laws or scopes")
+        return Space(tuple(known.values()))
+
+    def parameter(self, name: str) -> Component:
+        """Return the component of a name.
+
+        Raises
+        ------
+        UnknownNameError
+            There is no such component.
+        """
+        if name not in self.index:
+            raise UnknownNameError("parameter", name, self.components)
+        return Component(name)
+
+    def sample(self, seed: int, first: int, count: int, *, pose: int = 0, visit: int = 0) -> Array:
+        """Return the numbers of units ``first … first + count - 1``.
+
+        Parameters
+        ----------
+        seed
+            64-bit seed.
+        first, count
+            Which units.
+        pose, visit
+            Which pose and visit, 0-based.
+
+        Returns
+        -------
+        NDArray
+            ``(d, count)``, as ``equations.md`` section 8 of the design numbers them: see :mod:`precision_pin.philox`
+            for the uniforms; normal numbers are Box-Muller of a pair (cosine for the even unit, sine for the odd).
+        """
+        check_seed(seed)
+        first_pair, last_pair = first // 2, (first + count + 1) // 2
+        columns = slice(first - 2 * first_pair, first - 2 * first_pair + count)
+        x = np.empty((self.size, count))
+        for draw, rows in zip(self.draws, self.slices, strict=True):
+            word = occasion(draw.scope, pose, visit)
+            variates = np.empty((draw.law.size, count))
+            if isinstance(draw.law, Fixed):
+                variates[:] = 0.5
+            else:
+                for k, stream in enumerate(self.streams[rows]):
+                    pair = philox.uniforms(seed, stream, word, first_pair, last_pair - first_pair)
+                    if draw.law.variates == "normal":
+                        reach, turn = np.sqrt(-2 * np.log(pair[0])), 2 * np.pi * pair[1]
+                        pair = np.array([reach * np.cos(turn), reach * np.sin(turn)])
+                    variates[k] = pair.T.reshape(-1)[columns]
+            x[rows] = draw.law.sample(variates)
+        return x
+
+    def inverse(self, uniforms: ArrayLike) -> Array:
+        """Return the numbers ``(d, N)`` for given uniform numbers ``(d, N)``, every law by its inverse."""
+        u = np.asarray(uniforms, dtype=float)
+        x = np.empty_like(u)
+        for draw, rows in zip(self.draws, self.slices, strict=True):
+            x[rows] = draw.law.inverse(u[rows])
+        return x
+
+
+def check_seed(seed: int) -> None:
+    """Refuse a seed that is not a 64-bit number.
+
+    Raises
+    ------
+    InputError
+        The seed is not in 0 … 2⁶⁴-1.
+    """
+    if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or not 0 <= seed < 2**64:
+        raise InputError(f"the seed must be a whole number from 0 to 2^64 - 1, got {seed!r}")
+
+
+@final
+@dataclass(frozen=True)
+class LabelledSpace:
+    """The space as one source sees it: what its settings stand for.
+
+    Attributes
+    ----------
+    space
+        All draws of the model.
+    label
+        The source's label, ``kind[joint or link]``, before which its own draws are named.
+    """
+
+    space: Space
+    label: str
+
+    def value(self, field: str, setting: Setting) -> Value:
+        """Return a setting as a number or an expression.
+
+        Parameters
+        ----------
+        field
+            The setting's name; an unnamed law is the draw ``label.field``.
+        setting
+            A number, a parameter's name, a law, a draw or a formula.
+
+        Raises
+        ------
+        UnknownNameError
+            The name of a parameter that does not exist.
+        """
+        match setting:
+            case Expression():
+                return setting
+            case str():
+                return self.space.parameter(setting)
+            case Draw(name=name):
+                return self.space.parameter(name or f"{self.label}.{field}")
+            case Law():
+                return self.space.parameter(f"{self.label}.{field}")
+            case _:
+                return float(setting)
+
+    def values(self, field: str, settings: Sequence[Setting]) -> tuple[Value, ...]:
+        """Return several settings of one field; the second and later are named ``field[1]``, ``field[2]``, …."""
+        return tuple(self.value(indexed(field, k), setting) for k, setting in enumerate(settings))
+
+    def component(self, name: str) -> Component:
+        """Return a component of one of the source's own draws, ``label.name``."""
+        return self.space.parameter(f"{self.label}.{name}")
+
+
+def indexed(field: str, k: int) -> str:
+    """Return the name of the k-th of several values of a field; the first has none."""
+    return field if k == 0 else f"{field}[{k}]"

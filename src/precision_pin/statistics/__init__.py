@@ -1,0 +1,54 @@
+"""Constant-memory statistics of the pose error.
+
+The way of the data: a `Plan` says what to subtract and at which scale to bin; `start` makes an empty
+`State`; `observe` adds a block of errors ``(6, N)``; `merge` joins two states; `finish` turns a state into
+a `Summary`. The state's size does not depend on the number of samples, its counts do not depend on how the
+samples were cut into blocks, and its sums depend on that only by rounding.
+
+The eight quantities, always in this order: ``position.norm``, ``position.x``, ``.y``, ``.z`` (m),
+``attitude.norm``, ``attitude.x``, ``.y``, ``.z`` (rad), components in base axes.
+"""
+
+from precision_pin.statistics.accumulate import State, merge, observe, quantity_values, start
+from precision_pin.statistics.digits import format_supported, significant_digits
+from precision_pin.statistics.distribution import Distribution, Histogram
+from precision_pin.statistics.intervals import (
+    clopper_pearson,
+    quantile_coverage,
+    quantile_ranks,
+    tolerance_ranks,
+    upper_bound_rank,
+)
+from precision_pin.statistics.plan import COMPONENTS, NORMS, QUANTITIES, Plan, Specification
+from precision_pin.statistics.sketch import BINS, COLUMNS, sketch_columns, sketch_edges
+from precision_pin.statistics.summary import SpecificationResult, Summary, VectorDistribution, finish
+
+__all__ = [
+    "BINS",
+    "COLUMNS",
+    "COMPONENTS",
+    "NORMS",
+    "QUANTITIES",
+    "Distribution",
+    "Histogram",
+    "Plan",
+    "Specification",
+    "SpecificationResult",
+    "State",
+    "Summary",
+    "VectorDistribution",
+    "clopper_pearson",
+    "finish",
+    "format_supported",
+    "merge",
+    "observe",
+    "quantile_coverage",
+    "quantile_ranks",
+    "quantity_values",
+    "significant_digits",
+    "sketch_columns",
+    "sketch_edges",
+    "start",
+    "tolerance_ranks",
+    "upper_bound_rank",
+]

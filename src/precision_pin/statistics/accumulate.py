@@ -1,0 +1,182 @@
+"""The accumulators, and how blocks of errors enter them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final, final
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from precision_pin.errors import InternalError
+from precision_pin.statistics.plan import COMPONENTS, NORMS, QUANTITIES, Plan
+from precision_pin.statistics.sketch import COLUMNS, sketch_columns
+
+__all__ = ["State", "lane_sums", "merge", "observe", "quantity_values", "start"]
+
+Array = NDArray[np.float64]
+Counts = NDArray[np.int64]
+
+_LANES: Final = 16
+_TILE: Final = 1 << 14
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class State:
+    """Everything that is kept of the samples seen; its size does not depend on their number.
+
+    Attributes
+    ----------
+    count
+        Samples seen.
+    lowest, highest
+        ``(8,)`` smallest and largest value seen (+∞ and −∞ before the first).
+    sums
+        ``(8,)`` sums of value − centre.
+    products
+        ``(6, 6)`` sums of products of two components' (value − centre), symmetric.
+    norm_squares
+        ``(2,)`` sums of (norm − centre)², position and attitude.
+    sketch
+        ``(8, COLUMNS)`` counts, see `precision_pin.statistics.sketch`.
+    inside
+        ``(S,)`` samples inside each specification of the plan.
+    """
+
+    count: int
+    lowest: Array
+    highest: Array
+    sums: Array
+    products: Array
+    norm_squares: Array
+    sketch: Counts
+    inside: Counts
+
+
+def start(plan: Plan) -> State:
+    """Return the state before any sample."""
+    return State(
+        count=0,
+        lowest=np.full(8, np.inf),
+        highest=np.full(8, -np.inf),
+        sums=np.zeros(8),
+        products=np.zeros((6, 6)),
+        norm_squares=np.zeros(2),
+        sketch=np.zeros((8, COLUMNS), dtype=np.int64),
+        inside=np.zeros(len(plan.specifications), dtype=np.int64),
+    )
+
+
+def observe(plan: Plan, state: State, errors: ArrayLike) -> State:
+    """Return the state after a further block of errors.
+
+    Parameters
+    ----------
+    plan
+        The plan that the state was started with.
+    state
+        What was seen before; left as it is.
+    errors
+        ``(6, N)`` errors [d; δ], m and rad, base axes; N may be 0.
+
+    Raises
+    ------
+    InternalError
+        The block has another shape, or holds a value that is not finite.
+    """
+    block = np.asarray(errors, dtype=float)
+    if block.ndim != 2 or block.shape[0] != 6:
+        raise InternalError(f"a block of errors has shape (6, N), not {block.shape}")
+    for begin in range(0, block.shape[1], _TILE):
+        state = merge(state, _tally(plan, quantity_values(block[:, begin : begin + _TILE])))
+    return state
+
+
+def merge(first: State, second: State) -> State:
+    """Return the state of both sets of samples.
+
+    Counts, smallest and largest do not depend on order or grouping; the sums do, by rounding only, so
+    merge in the order of the blocks wherever identical bits matter.
+
+    Raises
+    ------
+    InternalError
+        The states count different numbers of specifications.
+    """
+    if first.inside.shape != second.inside.shape:
+        raise InternalError(f"states of {first.inside.size} and {second.inside.size} specifications")
+    return State(
+        count=first.count + second.count,
+        lowest=np.minimum(first.lowest, second.lowest),
+        highest=np.maximum(first.highest, second.highest),
+        sums=first.sums + second.sums,
+        products=first.products + second.products,
+        norm_squares=first.norm_squares + second.norm_squares,
+        sketch=first.sketch + second.sketch,
+        inside=first.inside + second.inside,
+    )
+
+
+def quantity_values(errors: Array) -> Array:
+    """Return the eight quantities of a block: ``(6, N)`` → ``(8, N)``, m and rad.
+
+    Raises
+    ------
+    InternalError
+        A quantity is not finite; the message names the first and its sample within the block.
+    """
+    values = np.empty((8, errors.shape[1]))
+    values[1:4] = errors[:3]
+    values[5:8] = errors[3:]
+    with np.errstate(over="ignore", invalid="ignore"):
+        values[0] = np.sqrt((errors[:3] * errors[:3]).sum(axis=0))
+        values[4] = np.sqrt((errors[3:] * errors[3:]).sum(axis=0))
+    if not np.isfinite(values).all():
+        row, sample = np.argwhere(~np.isfinite(values[list(COMPONENTS + NORMS)]))[0]
+        quantity = (COMPONENTS + NORMS)[row]
+        raise InternalError(f"sample {sample} of the block has {QUANTITIES[quantity]} = {values[quantity, sample]}")
+    return values
+
+
+def lane_sums(rows: Array) -> Array:
+    """Sum each row in sixteen fixed lanes: ``(k, N)`` → ``(k,)``.
+
+    Lane l takes samples l, l + 16, … in turn; the lanes are then folded in halves. The order of additions
+    is thereby fixed, whatever the processor's vector width.
+    """
+    count, length = rows.shape
+    padded = np.zeros((count, -(-length // _LANES) * _LANES))
+    padded[:, :length] = rows
+    lanes = padded.reshape(count, -1, _LANES).sum(axis=1)
+    while lanes.shape[1] > 1:
+        half = lanes.shape[1] // 2
+        lanes = lanes[:, :half] + lanes[:, half:]
+    sums: Array = lanes[:, 0]
+    return sums
+
+
+def _tally(plan: Plan, values: Array) -> State:
+    """Return the state of one tile of values ``(8, n)``, n ≥ 1."""
+    residuals = values - plan.centre[:, None]
+    components = residuals[list(COMPONENTS)]
+    norms = residuals[list(NORMS)]
+    products = np.empty((6, 6))
+    for row in range(6):
+        products[row, row:] = lane_sums(components[row] * components[row:])
+        products[row:, row] = products[row, row:]
+    columns = sketch_columns(residuals / plan.scale[:, None])
+    columns += COLUMNS * np.arange(8)[:, None]
+    return State(
+        count=values.shape[1],
+        lowest=values.min(axis=1),
+        highest=values.max(axis=1),
+        sums=lane_sums(residuals),
+        products=products,
+        norm_squares=lane_sums(norms * norms),
+        sketch=np.bincount(columns.ravel(), minlength=8 * COLUMNS).reshape(8, COLUMNS),
+        inside=np.array(
+            [np.count_nonzero(np.abs(values[spec.row]) <= spec.limit) for spec in plan.specifications],
+            dtype=np.int64,
+        ),
+    )

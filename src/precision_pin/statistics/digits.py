@@ -1,0 +1,61 @@
+"""How many digits of a printed number the sampling supports.
+
+The rule: the last digit printed is the first that is uncertain, at the smallest power of ten of which the
+half-width of the number's interval is five or less. The digit before it is then certain to half a unit, and
+rounding to it moves the number by less than the half-width: what is printed lies inside the interval.
+"""
+
+from __future__ import annotations
+
+import math
+
+__all__ = ["MOST_DIGITS", "format_supported", "significant_digits"]
+
+MOST_DIGITS = 6
+"""Digits printed of a number that is known exactly, such as the largest value seen."""
+
+
+def significant_digits(value: float, half_width: float, *, most: int = MOST_DIGITS) -> int:
+    """Return how many significant digits of a value its interval supports, from 0 to `most`.
+
+    Parameters
+    ----------
+    value
+        The number, in any unit.
+    half_width
+        Half the width of its interval, in the same unit; 0 for a number known exactly.
+    most
+        Never more digits than this.
+    """
+    if value == 0:
+        return most if half_width == 0 else 0
+    return max(0, _leading_place(value) - _last_place(value, half_width, most) + 1)
+
+
+def format_supported(value: float | None, half_width: float | None, *, most: int = MOST_DIGITS) -> str:
+    """Return the value with the digits that its interval supports; ``not resolved`` where it has none.
+
+    Parameters
+    ----------
+    value, half_width
+        As in `significant_digits`; None where the samples do not resolve the number or its interval.
+    most
+        Never more significant digits than this.
+    """
+    if value is None or half_width is None:
+        return "not resolved"
+    if value == 0 and half_width == 0:
+        return "0"
+    place = _last_place(value, half_width, most)
+    rounded = round(value, -place)
+    return f"{rounded + 0.0:.{max(0, -place)}f}"
+
+
+def _leading_place(value: float) -> int:
+    return math.floor(math.log10(abs(value)))
+
+
+def _last_place(value: float, half_width: float, most: int) -> int:
+    supported = math.ceil(math.log10(half_width / 5)) if half_width > 0 else -math.inf
+    shown = _leading_place(value) - most + 1 if value != 0 else -math.inf
+    return int(max(supported, shown))

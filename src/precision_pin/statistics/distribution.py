@@ -1,0 +1,363 @@
+"""The distribution of one quantity, as far as the samples resolve it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Final, final
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.special import ndtri
+
+from precision_pin.errors import InputError, UnknownNameError
+from precision_pin.statistics.digits import MOST_DIGITS, significant_digits
+from precision_pin.statistics.intervals import quantile_ranks, tolerance_ranks, upper_bound_rank
+from precision_pin.statistics.mode import Peak, smoothed_peak
+
+__all__ = ["COMPONENT_LEVELS", "NORM_LEVELS", "Distribution", "Histogram"]
+
+Array = NDArray[np.float64]
+
+NORM_LEVELS: Final = (0.5, 0.95, 0.99, 0.9973)
+"""Quantiles reported of a norm."""
+COMPONENT_LEVELS: Final = (0.00135, 0.01, 0.05, 0.5, 0.95, 0.99, 0.9973)
+"""Quantiles reported of a component."""
+
+_FEWEST_FOR_LIMIT_THEOREM: Final = 30
+"""Below this many samples no interval is given that rests on the central limit theorem."""
+_FEWEST_FOR_MODE: Final = 100
+_MOST_BARS: Final = 100
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Histogram:
+    """Bars to draw: ``(k + 1,)`` ascending edges (m or rad), ``(k,)`` densities (1/m or 1/rad)."""
+
+    edges: Array
+    density: Array
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Distribution:
+    """The sampled distribution of one quantity, m or rad.
+
+    Built by `precision_pin.statistics.finish`. Numbers that the samples do not resolve are None.
+
+    Attributes
+    ----------
+    quantity
+        Its name, such as ``position.norm``.
+    samples
+        How many.
+    confidence
+        Of every interval.
+    mean
+        Sample mean.
+    std
+        Sample standard deviation, divisor N − 1; None for a single sample.
+    min, max
+        Smallest and largest value *seen*; not bounds.
+    bin_lower, bin_upper
+        ``(k,)`` ends of the occupied bins of the sketch, cut at `min` and `max`.
+    bin_cumulative
+        ``(k,)`` samples up to and including each occupied bin.
+    """
+
+    quantity: str
+    samples: int
+    confidence: float
+    mean: float
+    std: float | None
+    min: float
+    max: float
+    bin_lower: Array = field(repr=False)
+    bin_upper: Array = field(repr=False)
+    bin_cumulative: NDArray[np.int64] = field(repr=False)
+
+    @property
+    def is_norm(self) -> bool:
+        """Whether the quantity is a norm, hence never below zero."""
+        return self.quantity.endswith(".norm")
+
+    @property
+    def levels(self) -> tuple[float, ...]:
+        """The probabilities whose quantiles are reported."""
+        return NORM_LEVELS if self.is_norm else COMPONENT_LEVELS
+
+    # quantiles ---------------------------------------------------------------------------------------
+
+    def quantile(self, p: float) -> float | None:
+        """Return the p-quantile; None where the samples do not resolve it (no interval exists).
+
+        The linear interpolation of order statistics at rank 1 + (N − 1) p (numpy's default), each order
+        statistic being placed inside its bin of the sketch by its rank in the bin. It differs from the
+        quantile of the samples themselves by at most one bin: 2⁻⁹ of its distance from the planned mean,
+        or 2⁻¹² of the planned spread where that is more.
+
+        Raises
+        ------
+        InputError
+            Unless 0 < p < 1.
+        """
+        return None if quantile_ranks(self.samples, _level(p), self.confidence) is None else self._quantile(p)
+
+    def quantile_interval(self, p: float) -> tuple[float, float] | None:
+        """Return the interval of the p-quantile, free of any assumption on the law; None if unresolved.
+
+        Its ends are order statistics (see `quantile_ranks`), moved outwards to the edges of their bins.
+
+        Raises
+        ------
+        InputError
+            Unless 0 < p < 1.
+        """
+        return self._between(quantile_ranks(self.samples, _level(p), self.confidence))
+
+    def quantile_upper_bound(self, p: float) -> float | None:
+        """Return the value below which the p-quantile lies with the stated confidence, one-sided.
+
+        With p = 0.9973: "at this confidence, at least 99.73 % of all units stay below". None where the
+        samples are fewer than Wilks' number.
+
+        Raises
+        ------
+        InputError
+            Unless 0 < p < 1.
+        """
+        rank = upper_bound_rank(self.samples, _level(p), self.confidence)
+        return None if rank is None else self._outward(rank)[1]
+
+    def tolerance_interval(self, content: float) -> tuple[float, float] | None:
+        """Return the interval that holds this share of all units with the stated confidence (Wilks).
+
+        Raises
+        ------
+        InputError
+            Unless 0 < content < 1.
+        """
+        return self._between(tolerance_ranks(self.samples, _level(content), self.confidence))
+
+    # probabilities -----------------------------------------------------------------------------------
+
+    def cdf(self, value: float) -> float:
+        """Return the share of samples at or below a value, interpolated inside its bin of the sketch."""
+        return float(self.cumulative(np.array([value]))[0])
+
+    def cumulative(self, values: ArrayLike) -> Array:
+        """Return `cdf` of an array of values."""
+        points = np.asarray(values, dtype=float)
+        # the interpolant stands at both ends of every occupied bin and is level between bins
+        ends = np.stack((self.bin_lower, self.bin_upper), axis=1).ravel()
+        counts = np.stack((self._before, self.bin_cumulative), axis=1).ravel()
+        inner = np.interp(points, ends, counts) / self.samples
+        return np.where(points >= self.max, 1.0, np.where(points < self.min, 0.0, inner))
+
+    def probability_inside(self, limit: float) -> float:
+        """Return the share of samples with |value| ≤ limit, interpolated inside the bins of the sketch.
+
+        A specification of the plan is counted exactly instead.
+        """
+        if limit < 0:
+            return 0.0
+        return self.cdf(limit) - (self.cdf(-limit) if self.min < -limit else 0.0)
+
+    def histogram(self, bars: int | None = None) -> Histogram | None:
+        """Return a histogram to draw, between `min` and `max`; None where all samples are the same.
+
+        Parameters
+        ----------
+        bars
+            How many; by default as Freedman and Diaconis (1981) advise, bar width 2·IQR·N^(−1/3), but at
+            least as many as Sturges (1926), 1 + log₂ N, and at most 100.
+        """
+        span = self.max - self.min
+        if span == 0:
+            return None
+        if bars is None:
+            fewest = 1 + math.ceil(math.log2(self.samples))
+            width = 2 * (self._quantile(0.75) - self._quantile(0.25)) * self.samples ** (-1 / 3)
+            advised = math.ceil(span / width) if width > span / _MOST_BARS else _MOST_BARS
+            bars = min(max(fewest, advised), _MOST_BARS)
+        edges = np.linspace(self.min, self.max, bars + 1)
+        shares = self.cumulative(edges)
+        shares[0] = 0.0
+        return Histogram(edges, np.diff(shares) / np.diff(edges))
+
+    # moments and mode --------------------------------------------------------------------------------
+
+    @property
+    def mode(self) -> float | None:
+        """Peak of the smoothed histogram; None where the samples do not resolve one, or are below 100."""
+        return None if self._peak is None else self._peak.value
+
+    @property
+    def mode_bandwidth(self) -> float | None:
+        """Standard deviation of the Gaussian that smooths the histogram for the mode."""
+        return None if self._peak is None else self._peak.bandwidth
+
+    def mean_interval(self) -> tuple[float, float] | None:
+        """Return mean ± z·std/√N, by the central limit theorem; None below 30 samples."""
+        if self.std is None or self.samples < _FEWEST_FOR_LIMIT_THEOREM:
+            return None
+        half = self._normal_factor * self.std / math.sqrt(self.samples)
+        return self.mean - half, self.mean + half
+
+    def std_interval(self) -> tuple[float, float] | None:
+        """Return std ± z·(its standard error), by the central limit theorem; None below 30 samples.
+
+        Var(s²) = (m₄ − s⁴ (N − 3)/(N − 1))/N holds for every law with a fourth central moment m₄
+        (Kendall and Stuart, vol. 1), and the standard error of s is that of s² over 2s. m₄ is taken from
+        the middles of the sketch's bins, to about a percent; no normal law is assumed.
+        """
+        if self.std is None or self.samples < _FEWEST_FOR_LIMIT_THEOREM:
+            return None
+        if self.std == 0:
+            return 0.0, 0.0
+        middles = (self.bin_lower + self.bin_upper) / 2
+        fourth = float(self._counts @ (middles - self.mean) ** 4) / self.samples
+        variance = fourth - self.std**4 * (self.samples - 3) / (self.samples - 1)
+        half = self._normal_factor * math.sqrt(max(variance, 0.0) / self.samples) / (2 * self.std)
+        return max(self.std - half, 0.0), self.std + half
+
+    def mode_interval(self) -> tuple[float, float] | None:
+        """Return the interval of the mode; None where it is not resolved.
+
+        Half its width is z·(standard error of the smoothed histogram's peak, Parzen 1962) plus an allowance
+        bandwidth²/(2·std) for what the smoothing shifts.
+        """
+        if self._peak is None:
+            return None
+        half = self._peak.half_width
+        return self._peak.value - half, self._peak.value + half
+
+    # how much of it to print -------------------------------------------------------------------------
+
+    def half_width(self, statistic: str | float) -> float | None:
+        """Return how far a statistic's interval reaches from it, on the farther side; None if unresolved.
+
+        Parameters
+        ----------
+        statistic
+            ``mean``, ``std``, ``mode``, ``min``, ``max`` (the last two are what was seen, hence 0), or the
+            probability of a quantile.
+
+        Raises
+        ------
+        UnknownNameError
+            There is no such statistic.
+        """
+        value, interval = self._value_and_interval(statistic)
+        return None if value is None or interval is None else max(value - interval[0], interval[1] - value)
+
+    def resolution(self, statistic: str | float) -> int | None:
+        """Return how many significant digits of a statistic the samples support; None if unresolved.
+
+        `statistic` and errors as in `half_width`; the rule is that of `significant_digits`, at most six.
+        """
+        value, _ = self._value_and_interval(statistic)
+        half_width = self.half_width(statistic)
+        if value is None or half_width is None:
+            return None
+        return significant_digits(value, half_width, most=MOST_DIGITS)
+
+    def to_dict(self) -> dict[str, object]:
+        """Return S of the ``precision-pin/analysis/1`` schema: plain floats, None where not resolved."""
+        intervals = {level: self.quantile_interval(level) for level in self.levels}
+        return {
+            "mean": self.mean,
+            "std": self.std,
+            "min": self.min,
+            "max": self.max,
+            "mode": self.mode,
+            "quantiles": {str(level): self.quantile(level) for level in self.levels},
+            "quantile_interval": {
+                str(level): None if interval is None else list(interval) for level, interval in intervals.items()
+            },
+        }
+
+    # inside ------------------------------------------------------------------------------------------
+
+    def _value_and_interval(self, statistic: str | float) -> tuple[float | None, tuple[float, float] | None]:
+        if not isinstance(statistic, str):
+            return self.quantile(statistic), self.quantile_interval(statistic)
+        match statistic:
+            case "mean":
+                return self.mean, self.mean_interval()
+            case "std":
+                return self.std, self.std_interval()
+            case "mode":
+                return self.mode, self.mode_interval()
+            case "min":
+                return self.min, (self.min, self.min)
+            case "max":
+                return self.max, (self.max, self.max)
+            case _:
+                raise UnknownNameError("statistic", statistic, ("mean", "std", "mode", "min", "max"))
+
+    @cached_property
+    def _before(self) -> NDArray[np.int64]:
+        """Samples before each occupied bin."""
+        return np.concatenate((np.zeros(1, dtype=np.int64), self.bin_cumulative[:-1]))
+
+    @property
+    def _counts(self) -> NDArray[np.int64]:
+        return self.bin_cumulative - self._before
+
+    @property
+    def _normal_factor(self) -> float:
+        return float(ndtri((1 + self.confidence) / 2))
+
+    def _bin(self, rank: int) -> int:
+        return int(np.searchsorted(self.bin_cumulative, rank, side="left"))
+
+    def _order_statistic(self, rank: int) -> float:
+        """Return the estimate of the rank-th smallest sample (from 1), inside the bin that holds it."""
+        if rank == 1:
+            return self.min
+        if rank == self.samples:
+            return self.max
+        index = self._bin(rank)
+        share = (rank - self._before[index] - 0.5) / (self.bin_cumulative[index] - self._before[index])
+        return float(self.bin_lower[index] + share * (self.bin_upper[index] - self.bin_lower[index]))
+
+    def _outward(self, rank: int) -> tuple[float, float]:
+        """Return numbers certainly not above and not below the rank-th smallest sample."""
+        index = self._bin(rank)
+        # value − centre was rounded when it was binned: one step of the last bit on each side
+        lower = float(np.nextafter(self.bin_lower[index], -np.inf))
+        upper = float(np.nextafter(self.bin_upper[index], np.inf))
+        return max(lower, self.min), min(upper, self.max)
+
+    def _between(self, ranks: tuple[int, int] | None) -> tuple[float, float] | None:
+        return None if ranks is None else (self._outward(ranks[0])[0], self._outward(ranks[1])[1])
+
+    def _quantile(self, p: float) -> float:
+        position = (self.samples - 1) * p
+        below = min(math.floor(position), self.samples - 1)
+        lower = self._order_statistic(below + 1)
+        upper = self._order_statistic(min(below + 2, self.samples))
+        return lower + (position - below) * (upper - lower)
+
+    @cached_property
+    def _peak(self) -> Peak | None:
+        if self.std is None or self.samples < _FEWEST_FOR_MODE:
+            return None
+        return smoothed_peak(
+            cumulative=self.cumulative,
+            samples=self.samples,
+            spread=self.std,
+            quartiles=(self._quantile(0.25), self._quantile(0.75)),
+            bulk=(self._quantile(0.005), self._quantile(0.995)),
+            normal_factor=self._normal_factor,
+            reflect_at_zero=self.is_norm,
+        )
+
+
+def _level(p: float) -> float:
+    if not 0 < p < 1:
+        raise InputError(f"quantile of probability {p!r}; it must lie above 0 and below 1")
+    return p

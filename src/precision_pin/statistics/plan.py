@@ -1,0 +1,170 @@
+"""What is to be counted: specifications, and the planned centre and spread of each quantity."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Final, final
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from precision_pin.errors import InputError, InternalError, UnknownNameError
+
+__all__ = ["COMPONENTS", "NORMS", "QUANTITIES", "Plan", "Specification"]
+
+Array = NDArray[np.float64]
+
+QUANTITIES: Final = (
+    "position.norm",
+    "position.x",
+    "position.y",
+    "position.z",
+    "attitude.norm",
+    "attitude.x",
+    "attitude.y",
+    "attitude.z",
+)
+"""The eight quantities, in the order of every array's rows."""
+
+NORMS: Final = (0, 4)
+"""Rows of the two norms, |d| and |δ|."""
+
+COMPONENTS: Final = (1, 2, 3, 5, 6, 7)
+"""Rows of the components, in the order of an error's six numbers [d; δ]."""
+
+_RELATIVE_SCALE_WITHOUT_SPREAD = 2.0**-10
+_SCALE_WITHOUT_SPREAD = 2.0**-30
+_SMALLEST_SCALE = 2.0**-40
+
+
+@final
+@dataclass(frozen=True)
+class Specification:
+    """A demand: |quantity| ≤ limit with at least the required probability.
+
+    Attributes
+    ----------
+    quantity
+        One of `QUANTITIES`.
+    limit
+        The largest absolute value allowed, m or rad; a value equal to the limit is inside.
+    required
+        The probability demanded, between 0 and 1 (both excluded: no sample can show 100 %).
+
+    Raises
+    ------
+    UnknownNameError
+        The quantity does not exist.
+    InputError
+        The limit is not a positive number, or the probability not between 0 and 1.
+    """
+
+    quantity: str
+    limit: float
+    required: float
+
+    def __post_init__(self) -> None:
+        if self.quantity not in QUANTITIES:
+            raise UnknownNameError("quantity", self.quantity, QUANTITIES)
+        if not (math.isfinite(self.limit) and self.limit > 0):
+            raise InputError(f"specification of {self.quantity}: limit {self.limit!r}; it must be above 0")
+        if not 0 < self.required < 1:
+            raise InputError(
+                f"specification of {self.quantity}: probability {self.required!r}; "
+                "it must lie above 0 % and below 100 %"
+            )
+
+    @property
+    def row(self) -> int:
+        """Row of the quantity in the arrays of eight."""
+        return QUANTITIES.index(self.quantity)
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """What is subtracted from each quantity, the scale at which it is binned, and what is counted.
+
+    Neither centre nor scale biases any result; they decide how finely the sketch resolves it and how much
+    the sums cancel. Planned mean and planned standard deviation are good choices.
+
+    Attributes
+    ----------
+    centre
+        ``(8,)`` planned means, m and rad; subtracted before anything is summed or binned.
+    scale
+        ``(8,)`` planned spreads, m and rad, each rounded to a power of two, so that dividing by it is
+        exact. A spread of zero is replaced by 2⁻¹⁰ of the largest of its four (position or attitude), or
+        by 2⁻³⁰ where all four are zero; none is below 2⁻⁴⁰.
+    specifications
+        What is counted exactly.
+
+    Raises
+    ------
+    InternalError
+        An array of another shape, a value that is not finite, or a negative spread.
+    """
+
+    centre: Array
+    scale: Array
+    specifications: tuple[Specification, ...] = ()
+
+    def __post_init__(self) -> None:
+        centre = np.array(self.centre, dtype=float)
+        spread = np.array(self.scale, dtype=float)
+        if centre.shape != (8,) or spread.shape != (8,):
+            raise InternalError(f"a plan has eight centres and scales, not {centre.shape} and {spread.shape}")
+        if not (np.isfinite(centre).all() and np.isfinite(spread).all() and (spread >= 0).all()):
+            raise InternalError("a plan's centres must be finite and its scales finite and not negative")
+        for four in (slice(0, 4), slice(4, 8)):
+            largest = spread[four].max()
+            substitute = largest * _RELATIVE_SCALE_WITHOUT_SPREAD if largest > 0 else _SCALE_WITHOUT_SPREAD
+            spread[four] = np.where(spread[four] > 0, spread[four], substitute)
+        scale = _power_of_two(np.maximum(spread, _SMALLEST_SCALE))
+        centre.flags.writeable = False
+        scale.flags.writeable = False
+        object.__setattr__(self, "centre", centre)
+        object.__setattr__(self, "scale", scale)
+        object.__setattr__(self, "specifications", tuple(self.specifications))
+
+    @classmethod
+    def from_moments(
+        cls, mean: ArrayLike, covariance: ArrayLike, specifications: tuple[Specification, ...] = ()
+    ) -> Plan:
+        """Plan from the linear model's mean and covariance.
+
+        Parameters
+        ----------
+        mean
+            ``(6,)`` expected error [d; δ], m and rad, base axes.
+        covariance
+            ``(6, 6)`` its covariance.
+        specifications
+            What is counted exactly.
+
+        Notes
+        -----
+        For a norm: E|d|² = |m|² + tr C, Var|d|² = 2 tr C² + 4 mᵀCm (that of a normal vector), hence
+        Var|d| ≈ Var|d|² / (4 E|d|²) and (E|d|)² ≈ E|d|² − Var|d|. This only places bins.
+        """
+        expected = np.asarray(mean, dtype=float)
+        spread = np.asarray(covariance, dtype=float)
+        centre = np.zeros(8)
+        scale = np.zeros(8)
+        for norm, part in zip(NORMS, (slice(0, 3), slice(3, 6)), strict=True):
+            m, c = expected[part], spread[part, part]
+            square = float(m @ m + np.trace(c))
+            variance = float(2 * np.trace(c @ c) + 4 * m @ c @ m) / (4 * square) if square > 0 else 0.0
+            centre[norm] = math.sqrt(max(square - variance, 0.0))
+            scale[norm] = math.sqrt(max(variance, 0.0))
+            centre[norm + 1 : norm + 4] = m
+            scale[norm + 1 : norm + 4] = np.sqrt(np.maximum(np.diagonal(c), 0.0))
+        return cls(centre, scale, specifications)
+
+
+def _power_of_two(values: Array) -> Array:
+    """Return the power of two nearest to each positive value on a logarithmic scale."""
+    mantissa, exponent = np.frexp(values)
+    rounded: Array = np.ldexp(1.0, exponent - (mantissa < math.sqrt(0.5)))
+    return rounded

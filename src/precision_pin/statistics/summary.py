@@ -1,0 +1,247 @@
+"""From accumulators to what is reported."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from precision_pin.errors import InputError, InternalError, UnknownNameError
+from precision_pin.statistics.accumulate import State
+from precision_pin.statistics.distribution import Distribution
+from precision_pin.statistics.intervals import clopper_pearson
+from precision_pin.statistics.plan import COMPONENTS, NORMS, QUANTITIES, Plan, Specification
+from precision_pin.statistics.sketch import sketch_edges
+
+__all__ = ["SpecificationResult", "Summary", "VectorDistribution", "finish"]
+
+Array = NDArray[np.float64]
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class VectorDistribution:
+    """The distributions of a three-vector's norm and components."""
+
+    norm: Distribution
+    x: Distribution
+    y: Distribution
+    z: Distribution
+
+    def to_dict(self) -> dict[str, object]:
+        """Return S of the norm and of each component, as in the ``precision-pin/analysis/1`` schema."""
+        return {name: getattr(self, name).to_dict() for name in ("norm", "x", "y", "z")}
+
+
+@final
+@dataclass(frozen=True)
+class SpecificationResult:
+    """How often a specification was kept.
+
+    Attributes
+    ----------
+    quantity, limit, required
+        The specification.
+    probability
+        Share of samples with |quantity| ≤ limit, counted exactly.
+    interval
+        Its Clopper-Pearson interval.
+    met
+        Whether the lower end of the interval reaches what is required.
+    """
+
+    quantity: str
+    limit: float
+    required: float
+    probability: float
+    interval: tuple[float, float]
+    met: bool
+
+    def to_dict(self) -> dict[str, object]:
+        """Return the entry of ``spec`` in the ``precision-pin/analysis/1`` schema."""
+        return {
+            "quantity": self.quantity,
+            "limit": self.limit,
+            "required": self.required,
+            "probability": self.probability,
+            "interval": list(self.interval),
+            "met": self.met,
+        }
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Summary:
+    """Everything the samples say about the pose error, base axes.
+
+    Attributes
+    ----------
+    samples
+        How many.
+    confidence
+        Of every interval.
+    position
+        |d|, dx, dy, dz in m.
+    attitude
+        |δ|, δx, δy, δz in rad.
+    mean
+        ``(6,)`` mean error [d; δ].
+    covariance
+        ``(6, 6)`` sample covariance, divisor N − 1; None for a single sample.
+    specifications
+        One result for each specification of the plan, in its order.
+    """
+
+    samples: int
+    confidence: float
+    position: VectorDistribution
+    attitude: VectorDistribution
+    mean: Array
+    covariance: Array | None
+    specifications: tuple[SpecificationResult, ...]
+
+    def distribution(self, quantity: str) -> Distribution:
+        """Return the distribution of a quantity by its name, such as ``position.x``.
+
+        Raises
+        ------
+        UnknownNameError
+            There is no such quantity.
+        """
+        if quantity not in QUANTITIES:
+            raise UnknownNameError("quantity", quantity, QUANTITIES)
+        vector, part = quantity.split(".")
+        found: Distribution = getattr(self.position if vector == "position" else self.attitude, part)
+        return found
+
+    def to_dict(self) -> dict[str, object]:
+        """Return the statistical part of the ``precision-pin/analysis/1`` schema, SI units."""
+        return {
+            "samples": self.samples,
+            "confidence": self.confidence,
+            "position": self.position.to_dict(),
+            "attitude": self.attitude.to_dict(),
+            "covariance": None if self.covariance is None else self.covariance.tolist(),
+            "spec": [result.to_dict() for result in self.specifications],
+        }
+
+
+def finish(plan: Plan, state: State, confidence: float = 0.95) -> Summary:
+    """Return what the accumulated samples say.
+
+    Parameters
+    ----------
+    plan
+        The plan that the state was started with.
+    state
+        At least one sample.
+    confidence
+        Of every interval, between 0 and 1.
+
+    Raises
+    ------
+    InputError
+        A confidence outside 0 to 1.
+    InternalError
+        No samples, or a state of another plan.
+    """
+    if not 0 < confidence < 1:
+        raise InputError(f"confidence {confidence!r}; it must lie above 0 and below 1")
+    if state.count < 1:
+        raise InternalError("no samples to summarise")
+    if state.inside.size != len(plan.specifications):
+        raise InternalError(f"a state of {state.inside.size} specifications for a plan of {len(plan.specifications)}")
+    means = np.clip(plan.centre + state.sums / state.count, state.lowest, state.highest)
+    covariance = _covariance(state)
+    deviations = None if covariance is None else _deviations(state, covariance)
+    edges = sketch_edges()
+    distributions = [
+        _distribution(plan, state, confidence, edges, row, means, deviations) for row in range(len(QUANTITIES))
+    ]
+    return Summary(
+        samples=state.count,
+        confidence=confidence,
+        position=VectorDistribution(*distributions[:4]),
+        attitude=VectorDistribution(*distributions[4:]),
+        mean=means[list(COMPONENTS)],
+        covariance=covariance,
+        specifications=tuple(
+            _specification_result(specification, int(inside), state.count, confidence)
+            for specification, inside in zip(plan.specifications, state.inside, strict=True)
+        ),
+    )
+
+
+def _covariance(state: State) -> Array | None:
+    """Return the sample covariance of the components; rows of constant components are exactly zero."""
+    if state.count < 2:
+        return None
+    components = list(COMPONENTS)
+    sums = state.sums[components]
+    covariance = (state.products - np.outer(sums, sums) / state.count) / (state.count - 1)
+    constant = state.lowest[components] == state.highest[components]
+    covariance[constant, :] = 0.0
+    covariance[:, constant] = 0.0
+    np.fill_diagonal(covariance, np.maximum(np.diagonal(covariance), 0.0))
+    return covariance
+
+
+def _deviations(state: State, covariance: Array) -> Array:
+    """Return the ``(8,)`` sample standard deviations."""
+    variances = np.zeros(8)
+    variances[list(COMPONENTS)] = np.diagonal(covariance)
+    norms = list(NORMS)
+    squares = state.norm_squares - state.sums[norms] ** 2 / state.count
+    constant = state.lowest[norms] == state.highest[norms]
+    variances[norms] = np.where(constant, 0.0, np.maximum(squares, 0.0) / (state.count - 1))
+    deviations: Array = np.sqrt(variances)
+    return deviations
+
+
+def _distribution(
+    plan: Plan,
+    state: State,
+    confidence: float,
+    edges: Array,
+    row: int,
+    means: Array,
+    deviations: Array | None,
+) -> Distribution:
+    counts = state.sketch[row]
+    if counts.sum() != state.count:
+        raise InternalError(f"the sketch of {QUANTITIES[row]} holds {counts.sum()} of {state.count} samples")
+    occupied = np.flatnonzero(counts)
+    lowest, highest = float(state.lowest[row]), float(state.highest[row])
+
+    def ends(columns: NDArray[np.intp]) -> Array:
+        cut: Array = np.clip(plan.centre[row] + plan.scale[row] * edges[columns], lowest, highest)
+        return cut
+
+    return Distribution(
+        quantity=QUANTITIES[row],
+        samples=state.count,
+        confidence=confidence,
+        mean=float(means[row]),
+        std=None if deviations is None else float(deviations[row]),
+        min=lowest,
+        max=highest,
+        bin_lower=ends(occupied),
+        bin_upper=ends(occupied + 1),
+        bin_cumulative=np.cumsum(counts[occupied]),
+    )
+
+
+def _specification_result(
+    specification: Specification, inside: int, samples: int, confidence: float
+) -> SpecificationResult:
+    interval = clopper_pearson(inside, samples, confidence)
+    return SpecificationResult(
+        quantity=specification.quantity,
+        limit=specification.limit,
+        required=specification.required,
+        probability=inside / samples,
+        interval=interval,
+        met=interval[0] >= specification.required,
+    )

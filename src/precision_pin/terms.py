@@ -1,0 +1,172 @@
+"""Terms, the one table that everything downstream reads, and the sources that write it.
+
+    term = (target, twist, factors)      displacement of target += twist × product of the factors
+
+A *target* is a joint value or a place; its twist a number or ``[d; δ]`` in the place's axes; up to three *factors* are
+parameters.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import re
+from abc import ABC, abstractmethod
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import ClassVar, final
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from precision_pin.chain import Factors, Load, Place, Posture
+from precision_pin.errors import InputError
+from precision_pin.laws import Law
+from precision_pin.parameters import Expression, Value
+from precision_pin.space import Draw, LabelledSpace, indexed
+
+__all__ = ["MOST_FACTORS", "JointValue", "Source", "Target", "Term", "labels", "own_draws"]
+
+Array = NDArray[np.float64]
+
+MOST_FACTORS = 3
+"""The most parameters one term may multiply."""
+
+
+@final
+@dataclass(frozen=True)
+class JointValue:
+    """The value of a joint (0-based on the chain) as a target: Δθ in rad or Δd in m."""
+
+    joint: int
+
+
+Target = JointValue | Place
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Term:
+    """A displacement: ``target += twist × product of factors``.
+
+    Attributes
+    ----------
+    target
+        A joint value or a place.
+    twist
+        ``(1,)`` for a joint value (rad or m), ``(6,)`` ``[d; δ]`` in a place's axes.
+    factors
+        At most three parameters.
+
+    Raises
+    ------
+    InputError
+        More than three factors, or a twist of the wrong size or not finite.
+    """
+
+    target: Target
+    twist: Array
+    factors: Factors = ()
+
+    def __post_init__(self) -> None:
+        size = 1 if isinstance(self.target, JointValue) else 6
+        if self.twist.shape != (size,) or not np.isfinite(self.twist).all():
+            raise InputError(f"a term on {self.target} needs a twist of {size} finite numbers, got {self.twist}")
+        if len(self.factors) > MOST_FACTORS:
+            raise InputError(
+                f"a term on {self.target} has {len(self.factors)} factors, at most {MOST_FACTORS} are allowed"
+            )
+
+    @classmethod
+    def of(cls, target: Target, twist: ArrayLike, *values: Value) -> Term:
+        """Return the term with numbers multiplied into the twist and expressions kept as factors."""
+        scaled = np.atleast_1d(np.asarray(twist, dtype=float))
+        factors: list[Expression] = []
+        for value in values:
+            if isinstance(value, Expression):
+                factors.append(value)
+            else:
+                scaled = scaled * value
+        return cls(target, scaled, tuple(factors))
+
+
+class Source(ABC):
+    """An error source: settings in, terms out.
+
+    A final, frozen data class whose fields are its settings; the docstring holds the physics with equation and
+    reference. It knows the posture and its own draws, nothing of what reads the terms.
+    """
+
+    title: ClassVar[str] = ""
+    """One line for tables; empty for the kind in words."""
+
+    @property
+    @abstractmethod
+    def subject(self) -> str:
+        """The joint, link or frame it is about, as in its label."""
+
+    @abstractmethod
+    def terms(self, posture: Posture, space: LabelledSpace) -> Iterator[Term]:
+        """Yield the terms at a posture.
+
+        Parameters
+        ----------
+        posture
+            The chain at its nominal configuration, with all loads on it.
+        space
+            What the settings stand for.
+        """
+
+    def loads(self, posture: Posture, space: LabelledSpace) -> Iterator[Load]:
+        """Yield the weights the source hangs on the chain; none by default."""
+        del posture, space
+        return iter(())
+
+    def own_draws(self, label: str) -> tuple[Draw, ...]:
+        """Return the draws the source makes itself, beside the laws in its settings; none by default."""
+        del label
+        return ()
+
+    @classmethod
+    def kind(cls) -> str:
+        """Return the kind's name in a sheet: the class name in lower case with underscores."""
+        return re.sub(r"(?<=[a-z])(?=[A-Z])", "_", cls.__name__).lower()
+
+    @final
+    def label(self) -> str:
+        """Return ``kind[subject]``, by which its unnamed draws are named."""
+        return f"{self.kind()}[{self.subject}]"
+
+    @final
+    def settings(self) -> dict[str, object]:
+        """Return the settings by field name."""
+        return {entry.name: getattr(self, entry.name) for entry in dataclasses.fields(self)}  # type: ignore[arg-type]
+
+    @final
+    def draws(self, label: str) -> tuple[Draw, ...]:
+        """Return every draw the source needs beyond the model's named ones: laws in its settings and its own."""
+        found: list[Draw] = []
+        for name, setting in self.settings().items():
+            for k, value in enumerate(setting if isinstance(setting, tuple) else (setting,)):
+                if isinstance(value, Law):
+                    found.append(Draw(f"{label}.{indexed(name, k)}", value))
+                elif isinstance(value, Draw):
+                    found.append(dataclasses.replace(value, name=value.name or f"{label}.{indexed(name, k)}"))
+        return (*found, *self.own_draws(label))
+
+
+def labels(sources: Sequence[Source]) -> tuple[str, ...]:
+    """Return every source's label; sources with one label are told apart by ``#2``, ``#3``, … in the order of their
+    settings, so that the order of the sources never matters.
+    """
+    result = [source.label() for source in sources]
+    for label in set(result):
+        alike = [k for k, other in enumerate(result) if other == label]
+        alike.sort(key=lambda k: repr(sources[k]))
+        for rank, k in enumerate(alike[1:], start=2):
+            result[k] = f"{label}#{rank}"
+    return tuple(result)
+
+
+def own_draws(sources: Sequence[Source], labels: Sequence[str]) -> list[Draw]:
+    """Return the draws of all sources, each named after its source's label."""
+    return [draw for source, label in zip(sources, labels, strict=True) for draw in source.draws(label)]

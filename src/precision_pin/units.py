@@ -1,0 +1,209 @@
+"""Numbers with units: text such as ``"0.05 mm"`` to SI.
+
+Every quantity has one list of the units it accepts; anything else is refused by name. A bare number is
+refused where a unit belongs: that is how millimetres become metres.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Final
+
+from precision_pin.errors import UnitError
+
+__all__ = [
+    "ACCELERATION",
+    "ANGLE",
+    "ANGULAR_COMPLIANCE",
+    "ANGULAR_STIFFNESS",
+    "AXIAL_RIGIDITY",
+    "BENDING_RIGIDITY",
+    "LENGTH",
+    "LINEAR_COMPLIANCE",
+    "LINEAR_STIFFNESS",
+    "MASS",
+    "QUANTITIES",
+    "PerJoint",
+    "RATIO",
+    "Quantity",
+    "parse",
+    "parse_vector",
+    "split",
+]
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """A physical quantity: its name, its SI unit and the factor of every accepted unit.
+
+    Attributes
+    ----------
+    name
+        As it stands in messages.
+    si
+        The SI unit, ``""`` for a pure number.
+    units
+        Accepted unit → factor to SI.
+    """
+
+    name: str
+    si: str
+    units: Mapping[str, float]
+
+    def __hash__(self) -> int:
+        return hash(self.name)
+
+
+def _quantity(name: str, si: str, units: dict[str, float]) -> Quantity:
+    return Quantity(name, si, MappingProxyType(units))
+
+
+_METRE: Final = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "µm": 1e-6, "nm": 1e-9, "in": 0.0254}
+_RADIAN: Final = {
+    "rad": 1.0,
+    "mrad": 1e-3,
+    "urad": 1e-6,
+    "µrad": 1e-6,
+    "deg": math.pi / 180,
+    "°": math.pi / 180,
+    "arcmin": math.pi / 10800,
+    "arcsec": math.pi / 648000,
+    "turn": 2 * math.pi,
+}
+_TORQUE: Final = {"N*m": 1.0, "N*mm": 1e-3, "kN*m": 1e3}
+_FORCE: Final = {"N": 1.0, "kN": 1e3}
+
+LENGTH: Final = _quantity("length", "m", _METRE)
+ANGLE: Final = _quantity("angle", "rad", _RADIAN)
+MASS: Final = _quantity("mass", "kg", {"kg": 1.0, "g": 1e-3, "t": 1e3, "lb": 0.45359237})
+ACCELERATION: Final = _quantity("acceleration", "m/s^2", {"m/s^2": 1.0, "mm/s^2": 1e-3})
+BENDING_RIGIDITY: Final = _quantity(
+    "bending or torsional rigidity", "N*m^2", {"N*m^2": 1.0, "kN*m^2": 1e3, "N*mm^2": 1e-6, "kN*mm^2": 1e-3}
+)
+AXIAL_RIGIDITY: Final = _quantity("axial rigidity", "N", {"N": 1.0, "kN": 1e3, "MN": 1e6})
+ANGULAR_STIFFNESS: Final = _quantity(
+    "angular stiffness",
+    "N*m/rad",
+    {f"{t}/{a}": f / _RADIAN[a] for t, f in _TORQUE.items() for a in ("rad", "mrad", "deg", "arcmin", "arcsec")},
+)
+ANGULAR_COMPLIANCE: Final = _quantity(
+    "angular compliance",
+    "rad/(N*m)",
+    {f"{a}/({t})": f / g for a, f in _RADIAN.items() for t, g in _TORQUE.items()},
+)
+LINEAR_STIFFNESS: Final = _quantity(
+    "linear stiffness",
+    "N/m",
+    {f"{t}/{a}": f / _METRE[a] for t, f in _FORCE.items() for a in ("m", "mm", "um", "µm")},
+)
+LINEAR_COMPLIANCE: Final = _quantity(
+    "linear compliance", "m/N", {f"{a}/{t}": f / g for a, f in _METRE.items() for t, g in _FORCE.items()}
+)
+RATIO: Final = _quantity("ratio", "", {"": 1.0, "%": 1e-2, "ppm": 1e-6})
+
+QUANTITIES: Final = (
+    LENGTH,
+    ANGLE,
+    MASS,
+    ACCELERATION,
+    BENDING_RIGIDITY,
+    AXIAL_RIGIDITY,
+    ANGULAR_STIFFNESS,
+    ANGULAR_COMPLIANCE,
+    LINEAR_STIFFNESS,
+    LINEAR_COMPLIANCE,
+    RATIO,
+)
+
+_NUMBER: Final = r"[+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d+)?"
+_TEXT: Final = re.compile(rf"\s*({_NUMBER}(?:[\s,]+{_NUMBER})*)\s*(\D.*)?", re.ASCII | re.DOTALL)
+_SPELLINGS: Final = (("·", "*"), ("⋅", "*"), ("**", "^"), ("²", "^2"), ("³", "^3"), ("μ", "µ"), ("Nm", "N*m"))
+
+
+def split(text: object) -> tuple[list[float], str]:
+    """Return the numbers and the unit (spelled as in the tables) of a text.
+
+    Raises
+    ------
+    UnitError
+        Not numbers followed by at most one unit, or a number that is not finite.
+    """
+    if isinstance(text, bool) or not isinstance(text, str | int | float):
+        raise UnitError(f"expected a number with a unit, got {text!r}")
+    match = _TEXT.fullmatch(str(text))
+    if match is None or "," in match[1]:
+        raise UnitError(f"expected a number with a unit such as '0.1 mm', got {str(text)!r}")
+    numbers = [float(number) for number in match[1].split()]
+    if not all(math.isfinite(number) for number in numbers):
+        raise UnitError(f"{str(text)!r} is not finite")
+    unit = (match[2] or "").strip()
+    for spelling, ours in _SPELLINGS:
+        unit = unit.replace(spelling, ours)
+    return numbers, re.sub(r"\s*([*/^()])\s*", r"\1", unit)
+
+
+def parse(text: object, *quantities: Quantity) -> float:
+    """Return one number in SI.
+
+    Parameters
+    ----------
+    text
+        Such as ``"0.05 mm"``; a plain number only where a quantity accepts no unit.
+    quantities
+        What may stand here; the unit decides which is meant.
+
+    Raises
+    ------
+    UnitError
+        Malformed number, a missing unit, or one that belongs to none of the quantities.
+    """
+    return parse_vector(text, *quantities, count=1)[0]
+
+
+def parse_vector(text: object, *quantities: Quantity, count: int | None = None) -> list[float]:
+    """Return numbers that share one unit, such as ``"-90 3 88 -91 deg"``, in SI.
+
+    Parameters
+    ----------
+    text
+        Numbers parted by blanks, then the unit.
+    quantities
+        What may stand here.
+    count
+        How many numbers there must be; any number of them if ``None``.
+
+    Raises
+    ------
+    UnitError
+        As :func:`parse`, or a wrong count.
+    """
+    numbers, unit = split(text)
+    if count is not None and len(numbers) != count:
+        raise UnitError(f"{str(text)!r} has {len(numbers)} numbers, expected {count}")
+    for quantity in quantities:
+        if unit in quantity.units:
+            factor = quantity.units[unit]
+            return [number * factor for number in numbers]
+    named = " or ".join(quantity.name for quantity in quantities)
+    allowed = ", ".join(dict.fromkeys(unit for quantity in quantities for unit in quantity.units))
+    if not unit:
+        raise UnitError(f"{str(text)!r} has no unit; a {named} needs one of: {allowed}")
+    raise UnitError(f"{unit!r} in {str(text)!r} is not a unit of {named}; allowed: {allowed}")
+
+
+@dataclass(frozen=True)
+class PerJoint:
+    """A quantity that depends on whether the source's joint turns or slides.
+
+    Attributes
+    ----------
+    revolute, prismatic
+        The quantity in either case.
+    """
+
+    revolute: Quantity
+    prismatic: Quantity

@@ -1,0 +1,81 @@
+"""Collecting findings while a file is read, and showing the file's own text in them safely."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from typing import Literal, final
+
+from precision_pin.errors import Finding, nearest
+
+__all__ = ["Findings", "hint", "shown"]
+
+MOST_FINDINGS = 1000
+MOST_NAMES = 6
+
+
+def shown(text: str, *, most: int = 80) -> str:
+    """Return text of the file quoted for a message: control characters escaped, cut to ``most``."""
+    return repr(text if len(text) <= most else text[:most] + "…")
+
+
+def hint(name: str, valid: Collection[str]) -> str:
+    """Return ``"; did you mean …?"``, or nothing where the search would be slow or pointless."""
+    if not valid or len(valid) > 500 or len(name) > 100 or any(len(candidate) > 100 for candidate in valid):
+        return ""
+    return "; " + nearest(name, valid)
+
+
+@final
+class Findings:
+    """Findings about one file, in the making.
+
+    Parameters
+    ----------
+    file
+        Name of the file, as it shall stand in the messages.
+    """
+
+    def __init__(self, file: str) -> None:
+        self._file = file
+        self._kept: list[Finding] = []
+        self._count: dict[str, int] = {"error": 0, "warning": 0}
+        self._groups: dict[tuple[str, str], tuple[int | None, list[str]]] = {}
+
+    @property
+    def errors(self) -> int:
+        """How many errors there are so far."""
+        return self._count["error"]
+
+    def error(self, code: str, message: str, line: int | None = None) -> None:
+        """Add an error."""
+        self._add("error", code, message, line)
+
+    def warning(self, code: str, message: str, line: int | None = None) -> None:
+        """Add a warning."""
+        self._add("warning", code, message, line)
+
+    def grouped_warning(self, code: str, message: str, name: str, line: int | None) -> None:
+        """Add ``name`` to the one warning of this code and message; it stands at the first line."""
+        names = self._groups.setdefault((code, message), (line, []))[1]
+        if not names or names[-1] != name:
+            names.append(name)
+
+    def result(self) -> tuple[Finding, ...]:
+        """Return all findings in the order of their lines."""
+        for (code, message), (line, names) in self._groups.items():
+            listed = ", ".join(names[:MOST_NAMES])
+            more = f" and {len(names) - MOST_NAMES} more" if len(names) > MOST_NAMES else ""
+            self.warning(code, f"{message} ({listed}{more})", line)
+        self._groups = {}
+        ordered = sorted(self._kept, key=lambda finding: finding.line or 0)
+        for severity, code in (("error", "E_MORE"), ("warning", "W_MORE")):
+            left_out = self._count[severity] - MOST_FINDINGS
+            if left_out > 0:
+                message = f"{left_out} more {severity}s are not listed"
+                ordered.append(Finding("error" if severity == "error" else "warning", code, message, self._file))
+        return tuple(ordered)
+
+    def _add(self, severity: Literal["error", "warning"], code: str, message: str, line: int | None) -> None:
+        self._count[severity] += 1
+        if self._count[severity] <= MOST_FINDINGS:
+            self._kept.append(Finding(severity, code, message, self._file, line))
