@@ -127,6 +127,7 @@ class UnknownNameError(InputError):
     code = "E_NAME"
 
     def __init__(self, kind: str, name: str, valid: Iterable[str]) -> None:
+        self.name = name
         super().__init__(f"no {kind} named {name!r}; {nearest(name, valid)}")
 
 

@@ -1,0 +1,349 @@
+"""Reading a sheet: text, then its shape, then the robot, then every source, with all findings at once."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path as FilePath
+from typing import Any, Final, final
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel, ValidationError
+
+from precision_pin import units
+from precision_pin.chain import EARTH, Chain
+from precision_pin.errors import Finding, InputError, SheetError, UnknownNameError, UrdfError, nearest
+from precision_pin.examples import resolve_robot
+from precision_pin.sheet.schema import Context, Document, source_model
+from precision_pin.sheet.settings import NAME, NamedParameter, parse_law
+from precision_pin.sheet.text import Path, Text, read_text
+from precision_pin.sources import catalogue
+from precision_pin.space import LabelledSpace, Space
+from precision_pin.terms import Source, labels, own_draws
+from precision_pin.urdf import Joint, Robot
+from precision_pin.urdf import read as read_urdf
+
+__all__ = ["Sheet", "read"]
+
+Array = NDArray[np.float64]
+
+GRAVITIES: Final = {"earth": EARTH, "moon": (0.0, 0.0, -1.62), "none": (0.0, 0.0, 0.0)}
+LARGEST_FILE: Final = 4 * 2**20
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Sheet:
+    """A sheet that was read without error.
+
+    Attributes
+    ----------
+    file
+        The sheet.
+    chain
+        The arm.
+    space
+        The named draws.
+    sources
+        Error sources.
+    poses
+        Named configurations, the first one the default.
+    statics
+        ``"nominal"``: loads at the undeflected pose.
+    findings
+        Warnings about sheet and URDF.
+    """
+
+    file: str
+    chain: Chain
+    space: Space
+    sources: tuple[Source, ...]
+    poses: Mapping[str, Array]
+    statics: str
+    findings: tuple[Finding, ...]
+
+
+@final
+@dataclass(frozen=True)
+class Overrides:
+    """What the command line says instead of the sheet; ``None`` leaves the sheet's word."""
+
+    robot: FilePath | None = None
+    tip: str | None = None
+    base: str | None = None
+
+
+class _Findings:
+    """Collects findings at the lines of a text."""
+
+    def __init__(self, text: Text, file: str) -> None:
+        self.text = text
+        self.file = file
+        self.found: list[Finding] = list(text.findings)
+
+    def error(self, path: Path, message: str, code: str = "E_SHEET") -> None:
+        self.found.append(Finding("error", code, message, self.file, self.text.line(path)))
+
+    def take(self, path: Path, error: InputError) -> None:
+        """Add an error met at a path; at the line of the name where the message is about one."""
+        if isinstance(error, UnknownNameError):
+            path = next((p for p in self._below(path) if self._value(p) == error.name), path)
+        self.found += [finding.at(self.file, self.text.line(path)) for finding in error.findings]
+
+    def refuse(self) -> None:
+        if any(finding.severity == "error" for finding in self.found):
+            raise SheetError(sorted(self.found, key=lambda finding: (finding.file or "", finding.line or 0)))
+
+    def _below(self, path: Path) -> list[Path]:
+        return [other for other in self.text.lines if other[: len(path)] == path]
+
+    def _value(self, path: Path) -> object:
+        value = self.text.data
+        for key in path:
+            value = value[key]
+        return value
+
+
+def read(path: str | os.PathLike[str], *, kinds: Iterable[type[Source]] = (), overrides: Overrides | None = None) -> Sheet:
+    """Read a sheet and the robot it names.
+
+    Parameters
+    ----------
+    path
+        The YAML sheet.
+    kinds
+        Source classes beyond those of the package.
+    overrides
+        Robot, tip and base in place of the sheet's.
+
+    Raises
+    ------
+    SheetError
+        Carries every finding, those of the URDF included.
+    """
+    file = os.fspath(path)
+    text = read_text(_contents(file), file)
+    findings = _Findings(text, file)
+    document = _document(text, findings)
+    if document is None:
+        findings.refuse()
+        raise SheetError("the sheet could not be read")
+    overrides = overrides or Overrides()
+    known = catalogue() | {kind.kind(): kind for kind in kinds}
+    named = _parameters(document, findings)
+    chain = _chain(document, findings, overrides, FilePath(file).parent)
+    slides = {} if chain is None else dict(zip(chain.joint_names, map(bool, chain.prismatic), strict=True))
+    sources = _sources(document, findings, known, Context(named, slides))
+    draws = dict.fromkeys(parameter.draw for parameter in named.values())
+    space = Space(tuple(draws))
+    if chain is None:
+        findings.refuse()
+        raise SheetError("the robot could not be read")
+    poses = _poses(document, findings, chain)
+    _try_terms(chain, space, sources, poses, findings)
+    findings.refuse()
+    warnings = tuple(finding for finding in (*chain.robot.findings, *findings.found) if finding.severity == "warning")
+    return Sheet(file, chain, space, tuple(sources.values()), poses, document.statics, warnings)
+
+
+def _contents(file: str) -> str:
+    try:
+        if not FilePath(file).is_file():
+            what = "is not a regular file" if FilePath(file).exists() else "does not exist"
+            raise SheetError([Finding("error", "E_FILE", f"the sheet {what}", file)])
+        if FilePath(file).stat().st_size > LARGEST_FILE:
+            raise SheetError([Finding("error", "E_FILE", f"the sheet is larger than {LARGEST_FILE >> 20} MiB", file)])
+        return FilePath(file).read_text(encoding="utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise SheetError([Finding("error", "E_FILE", f"the sheet is not UTF-8 text (byte {error.start})", file)]) from None
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or str(error)
+        raise SheetError([Finding("error", "E_FILE", f"the sheet cannot be read: {reason}", file)]) from None
+
+
+def _document(text: Text, findings: _Findings) -> Document | None:
+    if not isinstance(text.data, dict):
+        findings.error((), "a sheet begins with 'precision-pin: 1' and holds keys such as robot: and sources:")
+        return None
+    data = {key: value for key, value in text.data.items() if value != ""}
+    try:
+        return Document.model_validate(data)
+    except ValidationError as error:
+        _take_validation(error, (), findings, Document)
+        return None
+
+
+def _take_validation(error: ValidationError, path: Path, findings: _Findings, model: type[BaseModel]) -> None:
+    """Turn pydantic's errors into findings at their lines."""
+    valid = [field.alias or name for name, field in model.model_fields.items()]
+    seen: set[Path] = set()
+    for entry in error.errors():
+        where = tuple(key for key in entry["loc"] if not (isinstance(key, str) and ("[" in key or key in ("str", "dict"))))
+        key = ".".join(map(str, where))
+        if where in seen:
+            continue
+        seen.add(where)
+        if entry["type"] == "extra_forbidden":
+            findings.error((*path, *where), f"unknown key {where[-1]!r}: {nearest(str(where[-1]), valid)}", "E_UNKNOWN_KEY")
+        elif entry["type"] == "missing":
+            findings.error(path, f"the key {key!r} is missing", "E_MISSING_KEY")
+        else:
+            message = entry["msg"].removeprefix("Value error, ")
+            findings.error((*path, *where), f"{key}: {message[:1].lower()}{message[1:]}")
+
+
+def _parameters(document: Document, findings: _Findings) -> dict[str, NamedParameter]:
+    """Return the named parameters by each of their components' names."""
+    named: dict[str, NamedParameter] = {}
+    for name, law in document.parameters.items():
+        path: Path = ("parameters", name)
+        if not NAME.fullmatch(name):
+            findings.error(path, f"{name!r} cannot name a parameter: letters, digits and _ . - after a letter")
+            continue
+        try:
+            parameter = parse_law(name, law, units.QUANTITIES)
+        except InputError as error:
+            findings.take(path, error)
+            continue
+        for component in parameter.draw.components:
+            named[component] = parameter
+    return named
+
+
+def _chain(document: Document, findings: _Findings, overrides: Overrides, folder: FilePath) -> Chain | None:
+    try:
+        robot = read_urdf(overrides.robot or resolve_robot(document.robot, folder))
+    except UrdfError as error:
+        findings.found += error.findings
+        return None
+    except InputError as error:
+        findings.take(("robot",), error)
+        return None
+    gravity = _gravity(document, findings)
+    locked = _locked(document, findings, robot)
+    if gravity is None or locked is None:
+        return None
+    try:
+        return Chain.from_robot(robot, overrides.tip or document.tip, overrides.base or document.base, gravity, locked)
+    except InputError as error:
+        findings.take((), error)
+        return None
+
+
+def _gravity(document: Document, findings: _Findings) -> tuple[float, ...] | None:
+    if document.gravity in GRAVITIES:
+        return GRAVITIES[document.gravity]
+    try:
+        return tuple(units.parse_vector(document.gravity, units.ACCELERATION, count=3))
+    except InputError:
+        allowed = ", ".join(GRAVITIES)
+        message = f"gravity {document.gravity!r} is not understood: three numbers with m/s^2, or one of {allowed}"
+        findings.error(("gravity",), message)
+        return None
+
+
+def _joint_quantity(joint: Joint) -> units.Quantity:
+    return units.LENGTH if joint.kind == "prismatic" else units.ANGLE
+
+
+def _locked(document: Document, findings: _Findings, robot: Robot) -> dict[str, float] | None:
+    values: dict[str, float] = {}
+    for name, value in document.locked.items():
+        try:
+            values[name] = units.parse(value, _joint_quantity(robot.joint(name)))
+        except InputError as error:
+            findings.take(("locked", name), error)
+    return values if len(values) == len(document.locked) else None
+
+
+def _poses(document: Document, findings: _Findings, chain: Chain) -> dict[str, Array]:
+    poses: dict[str, Array] = {}
+    for name, value in document.poses.items():
+        try:
+            poses[name] = parse_pose(value, chain)
+        except InputError as error:
+            findings.take(("poses", name), error)
+    return poses
+
+
+def parse_pose(value: str | list[str] | Mapping[str, str], chain: Chain) -> Array:
+    """Return joint values in chain order from text: numbers with one unit, a list, or a mapping by joint.
+
+    Raises
+    ------
+    InputError
+        Wrong count, unit or joint.
+    """
+    quantities = [_joint_quantity(joint) for joint in chain.joints]
+    if isinstance(value, Mapping):
+        given = {name: units.parse(text, quantities[chain.joint_index(name)]) for name, text in value.items()}
+        return chain.configuration(given)
+    if isinstance(value, str):
+        if len(set(quantities)) > 1:
+            raise InputError("the chain has joints that turn and joints that slide: give each joint its own unit, by name")
+        return chain.configuration(units.parse_vector(value, quantities[0]))
+    if len(value) != len(quantities):
+        raise InputError(f"{len(value)} joint values for {len(quantities)} joints: {', '.join(chain.joint_names)}")
+    return chain.configuration([units.parse(text, quantity) for text, quantity in zip(value, quantities, strict=True)])
+
+
+def _sources(
+    document: Document, findings: _Findings, known: Mapping[str, type[Source]], context: Context
+) -> dict[int, Source]:
+    """Return the sources that could be read, by their position in the sheet."""
+    sources: dict[int, Source] = {}
+    for k, entry in enumerate(document.sources):
+        path: Path = ("sources", k)
+        if len(entry) != 1:
+            findings.error(path, f"a source is one kind with its settings, such as 'length: {{…}}'; this has {len(entry)} keys")
+            continue
+        name, settings = next(iter(entry.items()))
+        if name not in known:
+            findings.error((*path, name), f"unknown kind of source {name!r}: {nearest(name, known)}", "E_UNKNOWN_KEY")
+            continue
+        if not isinstance(settings, dict):
+            findings.error((*path, name), f"the settings of {name} are missing: {{key: value, …}}")
+            continue
+        model = source_model(known[name])
+        try:
+            valid = model.model_validate(settings, context=context)
+        except ValidationError as error:
+            _take_validation(error, (*path, name), findings, model)
+            continue
+        try:
+            sources[k] = known[name](**{field: getattr(valid, field) for field in model.model_fields})
+        except InputError as error:
+            findings.take((*path, name), error)
+    return sources
+
+
+def _try_terms(
+    chain: Chain, space: Space, sources: Mapping[int, Source], poses: Mapping[str, Array], findings: _Findings
+) -> None:
+    """Let every source make its terms at every pose, so that a wrong joint or link is found with its line."""
+    if any(finding.severity == "error" for finding in findings.found):
+        space = Space()
+    kept: dict[Path, Any] = {}
+    names = labels(list(sources.values()))
+    try:
+        extended = space.including(own_draws(list(sources.values()), names))
+    except InputError as error:
+        findings.take(("parameters",), error)
+        return
+    places = list(poses.values()) or [np.zeros(len(chain.joints))]
+    for (k, source), label in zip(sources.items(), names, strict=True):
+        view = LabelledSpace(extended, label)
+        path: Path = ("sources", k, source.kind())
+        for q in places:
+            posture = chain.at(q)
+            try:
+                loads = list(source.loads(posture, view))
+                for _ in source.terms(posture.with_loads(loads), view):
+                    pass
+            except InputError as error:
+                kept[path] = error
+                break
+    for path, error in kept.items():
+        findings.take(path, error)

@@ -1,0 +1,210 @@
+"""The sheet's schema, derived from the source classes: one pydantic model for each kind of source."""
+
+from __future__ import annotations
+
+import types
+import typing
+from collections.abc import Mapping
+from dataclasses import MISSING, dataclass, fields
+from functools import cache
+from typing import Annotated, Any, Literal, final
+
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationInfo, WithJsonSchema, create_model
+
+from precision_pin.errors import InputError
+from precision_pin.laws import Law
+from precision_pin.sheet.settings import LAW_KEYS, NamedParameter, parse_number, parse_setting
+from precision_pin.sources import catalogue
+from precision_pin.terms import Source
+from precision_pin.units import PerJoint, Quantity
+
+__all__ = ["Context", "Document", "json_schema", "source_model"]
+
+VERSION = "1"
+
+
+@final
+@dataclass(frozen=True)
+class Context:
+    """What validating a source's settings needs to know.
+
+    Attributes
+    ----------
+    named
+        The sheet's parameters, by the name of each of their numbers.
+    prismatic
+        Whether each joint of the chain slides, by name.
+    """
+
+    named: Mapping[str, NamedParameter]
+    prismatic: Mapping[str, bool]
+
+
+class Document(BaseModel):
+    """The top level of a sheet."""
+
+    model_config = ConfigDict(extra="forbid", populate_by_name=True, title="precision-pin sheet")
+
+    version: Literal["1"] = Field(alias="precision-pin", description="Version of the sheet's format.")
+    robot: str = Field(description="The URDF, relative to the sheet, or example:NAME.")
+    tip: str | None = Field(None, description="The link that is the end-effector; the only leaf if left out.")
+    base: str | None = Field(None, description="The link that stands still; the root if left out.")
+    gravity: str = Field("earth", description="Base axes, such as '0 0 -9.81 m/s^2'; or earth, moon, none.")
+    statics: Literal["nominal"] = Field("nominal", description="Loads at the undeflected pose, as in the paper.")
+    locked: dict[str, str] = Field(default_factory=dict, description="Joints that stand still at a value.")
+    poses: dict[str, str | list[str] | dict[str, str]] = Field(
+        default_factory=dict, description="Named joint values: in chain order with one unit, one by one, or by joint."
+    )
+    parameters: dict[str, dict[str, Any]] = Field(default_factory=dict, description="Named laws, to be shared by sources.")
+    sources: list[dict[str, Any]] = Field(default_factory=list, description="Error sources, each under its kind.")
+
+
+@cache
+def source_model(kind: type[Source]) -> type[BaseModel]:
+    """Return the pydantic model of a source's settings, whose fields are those of the class."""
+    hints = typing.get_type_hints(kind, include_extras=True)
+    entries: dict[str, Any] = {}
+    for entry in fields(kind):  # type: ignore[arg-type]
+        default = ... if entry.default is MISSING else entry.default
+        entries[entry.name] = (_field_type(hints[entry.name]), default)
+    name = "".join(part.capitalize() for part in kind.kind().split("_"))
+    config = ConfigDict(extra="forbid", arbitrary_types_allowed=True)
+    model: type[BaseModel] = create_model(name, __config__=config, __doc__=(kind.__doc__ or "").split("\n")[0], **entries)
+    return model
+
+
+def json_schema(kinds: Mapping[str, type[Source]] | None = None) -> dict[str, Any]:
+    """Return the JSON schema of a sheet."""
+    schema = Document.model_json_schema(by_alias=True)
+    definitions: dict[str, Any] = {"law": _law_schema()}
+    choices = []
+    for name, kind in (kinds or catalogue()).items():
+        definitions[name] = source_model(kind).model_json_schema()
+        choices.append(
+            {"type": "object", "properties": {name: {"$ref": f"#/$defs/{name}"}}, "required": [name], "maxProperties": 1}
+        )
+    schema["properties"]["sources"]["items"] = {"oneOf": choices}
+    schema["properties"]["parameters"]["additionalProperties"] = {"$ref": "#/$defs/law"}
+    schema["$defs"] = definitions
+    schema["$schema"] = "https://json-schema.org/draft/2020-12/schema"
+    return schema
+
+
+def _field_type(hint: Any) -> Any:
+    """Return the pydantic type of a setting: quantities and laws read from text, the rest as it stands."""
+    if typing.get_origin(hint) is not Annotated:
+        return hint
+    bare, *notes = typing.get_args(hint)
+    quantities = tuple(note for note in notes if isinstance(note, Quantity | PerJoint))
+    if not quantities:
+        return hint
+    if typing.get_origin(bare) is tuple:
+        return Annotated[tuple[Any, ...], BeforeValidator(_read_tuple(quantities)), WithJsonSchema(_list_schema(quantities))]
+    options = typing.get_args(bare) if typing.get_origin(bare) in (types.UnionType, typing.Union) else (bare,)
+    if Law in options:
+        return Annotated[Any, BeforeValidator(_read_setting(quantities)), WithJsonSchema(_setting_schema(quantities))]
+    return Annotated[Any, BeforeValidator(_read_number(quantities)), WithJsonSchema(_quantity_schema(quantities))]
+
+
+Notes = tuple[Quantity | PerJoint, ...]
+
+
+def _quantities(notes: Notes, info: ValidationInfo) -> tuple[Quantity, ...]:
+    """Return what a setting may be, for the joint that the source names."""
+    result: list[Quantity] = []
+    for note in notes:
+        if isinstance(note, Quantity):
+            result.append(note)
+        else:
+            slides = info.context.prismatic.get(info.data.get("joint", ""))
+            result += [note.revolute] if slides is False else [note.prismatic] if slides else [note.revolute, note.prismatic]
+    return tuple(result)
+
+
+def _read_number(notes: Notes) -> Any:
+    def read(value: object, info: ValidationInfo) -> float:
+        try:
+            return parse_number(value, _quantities(notes, info))
+        except InputError as error:
+            raise _reason(error) from None
+
+    return read
+
+
+def _read_setting(notes: Notes) -> Any:
+    def read(value: object, info: ValidationInfo) -> object:
+        try:
+            return parse_setting(value, _quantities(notes, info), info.context.named)
+        except InputError as error:
+            raise _reason(error) from None
+
+    return read
+
+
+def _read_tuple(notes: Notes) -> Any:
+    def read(value: object, info: ValidationInfo) -> tuple[object, ...]:
+        quantities = _quantities(notes, info)
+        try:
+            if isinstance(value, list):
+                return tuple(parse_setting(entry, quantities, info.context.named) for entry in value)
+            if isinstance(value, str) and len(value.split()) > 2:
+                return tuple(_vector(value, quantities))
+            return (parse_setting(value, quantities, info.context.named),)
+        except InputError as error:
+            raise _reason(error) from None
+
+    return read
+
+
+def _vector(value: str, quantities: tuple[Quantity, ...]) -> list[float]:
+    from precision_pin.units import parse_vector
+
+    return parse_vector(value, *quantities)
+
+
+def _reason(error: InputError) -> ValueError:
+    return ValueError("; ".join(finding.message for finding in error.findings))
+
+
+def _units(notes: Notes) -> str:
+    names = [
+        unit
+        for note in notes
+        for quantity in ((note,) if isinstance(note, Quantity) else (note.revolute, note.prismatic))
+        for unit in quantity.units
+    ]
+    return ", ".join(dict.fromkeys(names))
+
+
+def _quantity_schema(notes: Notes) -> dict[str, Any]:
+    return {"type": "string", "description": f"a number and one of: {_units(notes)}"}
+
+
+def _setting_schema(notes: Notes) -> dict[str, Any]:
+    text = {"type": "string", "description": f"a number and one of: {_units(notes)}; or a parameter's name"}
+    return {"anyOf": [text, {"$ref": "#/$defs/law"}]}
+
+
+def _list_schema(notes: Notes) -> dict[str, Any]:
+    return {"anyOf": [_setting_schema(notes), {"type": "array", "items": _setting_schema(notes)}]}
+
+
+def _law_schema() -> dict[str, Any]:
+    quantity = {"type": "string", "description": "a number with its unit"}
+    deviations = {"type": "object", "properties": {"std": {}}, "required": ["std"], "additionalProperties": False}
+    properties: dict[str, Any] = dict.fromkeys(LAW_KEYS, quantity)
+    properties["normal"] = {"anyOf": [quantity, deviations]}
+    properties["joint_normal"] = deviations
+    properties |= {
+        "mean": {"description": "default 0"},
+        "k": {"description": "normal: t has the standard deviation t/k; default 3"},
+        "truncated": {"description": "cut a normal law off at its half-width, mean ± k standard deviations"},
+        "correlation": {"description": "rows, of joint_normal"},
+        "scope": {"enum": ["unit", "pose", "visit"], "description": "default unit: once for each built robot"},
+    }
+    return {
+        "type": "object",
+        "properties": properties,
+        "additionalProperties": False,
+        "oneOf": [{"required": [key]} for key in LAW_KEYS],
+    }
