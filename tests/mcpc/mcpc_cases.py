@@ -31,7 +31,7 @@ def stand_in(placements, axes, prismatic=None) -> StandIn:
 
 
 def pose(xyz=(0, 0, 0), rpy=(0, 0, 0)) -> np.ndarray:
-    """A URDF <origin>."""
+    """Return a URDF <origin>."""
     matrix = np.eye(4)
     matrix[:3, :3] = Rotation.from_euler("xyz", rpy).as_matrix()
     matrix[:3, 3] = xyz
@@ -39,7 +39,7 @@ def pose(xyz=(0, 0, 0), rpy=(0, 0, 0)) -> np.ndarray:
 
 
 def paper_arm() -> StandIn:
-    """The chain of robots/4dof.urdf: the paper's arm (Table 1), all axes z, base at the foot of a_1."""
+    """Return the chain of robots/4dof.urdf: the paper's arm (Table 1), all axes z, base at the foot of a_1."""
     placements = [
         pose(),
         pose((0, 0, 0.085), (-np.pi / 2, 0, 0)),
@@ -61,7 +61,7 @@ def random_pose(generator, reach=1.0) -> np.ndarray:
 
 
 def random_chain(seed: int) -> StandIn:
-    """A chain in which the next axis lies at random slanted, parallel, antiparallel, crossing or coincident."""
+    """Return a chain whose next axis is slanted, parallel, antiparallel, crossing or coincident, at random."""
     generator = np.random.default_rng(seed)
     count = int(generator.integers(1, 8))
     axes = Rotation.random(count, random_state=generator).apply((0, 0, 1))
@@ -96,7 +96,7 @@ def random_values(chain, generator) -> np.ndarray:
 
 
 def random_mcpc(seed: int, joints: int) -> Mcpc:
-    """Parameters at random in every cell, β and the offsets included."""
+    """Return parameters at random in every cell, β and the offsets included."""
     generator = np.random.default_rng(seed)
     prismatic = generator.random(joints) < 0.4
     return Mcpc(
@@ -133,7 +133,7 @@ def trans(x, y, z) -> np.ndarray:
 
 
 def literal_links(mcpc: Mcpc, q, errors) -> list[np.ndarray]:
-    """T_0 … T_n of eqs 1 and 2 with parameter errors added; real or complex, errors in the order of eq 16."""
+    """Return T_0 … T_n of eqs 1 and 2 with parameter errors added; real or complex, in the order of eq 16."""
     n = len(mcpc.joint_names)
     joint = errors[:n]
     alpha = mcpc.alpha + errors[n : 2 * n + 1]
@@ -162,24 +162,24 @@ def literal_tip(mcpc: Mcpc, q, errors) -> np.ndarray:
 
 
 def six(matrix) -> np.ndarray:
-    """The ``[d; δ]`` of an error matrix laid out as in eq 5."""
+    """Return the ``[d; δ]`` of an error matrix laid out as in eq 5."""
     return np.array([*matrix[:3, 3], matrix[2, 1], matrix[0, 2], matrix[1, 0]])
 
 
 def hat(vector) -> np.ndarray:
-    """The error matrix of eq 5."""
+    """Return the error matrix of eq 5."""
     d, r = vector[:3], vector[3:]
     return np.array([[0, -r[2], r[1], d[0]], [r[2], 0, -r[0], d[1]], [-r[1], r[0], 0, d[2]], [0, 0, 0, 0]])
 
 
 def pose_error(actual, nominal) -> np.ndarray:
-    """d and δ in base axes at the tip, by scipy."""
+    """Return d and δ in base axes at the tip, by scipy."""
     turn = Rotation.from_matrix(actual[:3, :3] @ nominal[:3, :3].T).as_rotvec()
     return np.concatenate([actual[:3, 3] - nominal[:3, 3], turn])
 
 
 def displaced_tip(mcpc: Mcpc, q, displacements) -> np.ndarray:
-    """B·Q_0 V_0 E_0 ⋯ Q_n V_n E_n."""
+    """Return B·Q_0 V_0 E_0 ⋯ Q_n V_n E_n."""
     tip = rot("z", mcpc.base_turn)
     zero = np.zeros(5 * len(mcpc.joint_names) + 6)
     for link, displacement in zip(literal_links(mcpc, q, zero), displacements, strict=True):
@@ -191,7 +191,7 @@ def displaced_tip(mcpc: Mcpc, q, displacements) -> np.ndarray:
 
 
 def pinocchio_model(chain, placements=None) -> tuple[pin.Model, int]:
-    """A model of the chain with its tip as an operational frame."""
+    """Return a model of the chain with its tip as an operational frame."""
     placements = chain.placements if placements is None else placements
     model = pin.Model()
     parent = 0
@@ -233,7 +233,7 @@ def example_model(name: str) -> tuple[pin.Model, int]:
 
 
 def example_chain(model: pin.Model, frame: int) -> StandIn:
-    """The chain to a frame, out of what Pinocchio loaded; joints off the chain do not matter."""
+    """Return the chain to a frame, out of what Pinocchio loaded; joints off the chain do not matter."""
     tip = model.frames[frame]
     joints = [joint for joint in model.supports[tip.parentJoint] if joint]
     data = model.createData()
@@ -248,7 +248,7 @@ def example_chain(model: pin.Model, frame: int) -> StandIn:
 
 
 def example_tip(model: pin.Model, frame: int, chain: StandIn, q) -> np.ndarray:
-    """The frame's pose by Pinocchio at the chain's joint values, other joints neutral."""
+    """Return the frame's pose by Pinocchio at the chain's joint values, other joints neutral."""
     full = pin.neutral(model)
     for name, value in zip(chain.joint_names, q, strict=True):
         joint = model.joints[model.getJointId(name)]

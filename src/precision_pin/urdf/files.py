@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import stat
-from pathlib import Path
 
 from .findings import Findings, shown
 
@@ -46,8 +45,7 @@ def read_regular_file(path: str | os.PathLike[str], findings: Findings, *, most_
         return None
     except OSError as problem:
         # a loop of symbolic links, a name that is too long, a failing disk
-        missing = not Path(path).is_file() if len(os.fspath(path)) < 4096 else True
-        code = "E_FILE_MISSING" if missing else "E_FILE_PERM"
+        code = "E_FILE_PERM" if os.path.isfile(path) else "E_FILE_MISSING"
         findings.error(code, f"cannot be read: {problem.strerror}")
         return None
     if len(data) > most_bytes:

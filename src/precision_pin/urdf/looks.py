@@ -155,8 +155,8 @@ class Looks:
                 scale = (numbers[0], numbers[1], numbers[2])
                 if min(scale) <= 0:
                     what = "flattens" if 0 in scale else "mirrors"
-                    message = f"{owner}: mesh scale {node.get('scale')} {what} the mesh; positive numbers are usual"
-                    self._findings.warning("W_MESH_SCALE", message, node.line)
+                    message = f"mesh scale {shown(node.get('scale') or '')} {what} the mesh; positive is usual"
+                    self._findings.grouped_warning("W_MESH_SCALE", message, owner, node.line)
         return Mesh(filename, scale)
 
 

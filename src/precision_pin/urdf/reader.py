@@ -135,13 +135,13 @@ def _read_text(data: bytes, file: str, findings: Findings, limits: Limits, meshe
     check_mimics(joints, findings)
     for joint in joints:
         check_angles(joint, findings)
-    # a missing name or end would make half the tree look lost: say only what is known
-    complete = None not in read_links and None not in read_joints
+    # a joint without name or end, or a twin, would make half the tree look lost: say only what is known
+    complete = None not in read_links and len(joints) == len(read_joints)
     sound = check_tree(links, joints, findings) if complete else False
     robot = Robot(name or "", file, links, joints) if sound else None
     check_inertias(links, robot, findings)
     if robot is not None:
-        check_size(robot, limits, findings)
+        check_size(robot, node.line, limits, findings)
     return robot
 
 

@@ -99,14 +99,17 @@ def _circles(links: Sequence[Link], parents: dict[str, Joint]) -> list[list[str]
     return circles
 
 
-def check_size(robot: Robot, limits: Limits, findings: Findings) -> None:
-    """Check a sound tree: ``E_NO_DOF``, ``E_TOO_BIG``, ``W_BRANCHED``, and its reach (``W_UNITS``)."""
+def check_size(robot: Robot, line: int, limits: Limits, findings: Findings) -> None:
+    """Check a sound tree: ``E_NO_DOF``, ``E_TOO_BIG``, ``W_BRANCHED``, and its reach (``W_UNITS``).
+
+    ``line`` is where the robot begins.
+    """
     moving = len(robot.moving_joints)
     if moving == 0:
-        findings.error("E_NO_DOF", "no joint moves; an arm needs one that is not fixed", 1)
+        findings.error("E_NO_DOF", "no joint moves; an arm needs one that is not fixed", line)
     if moving > limits.moving_joints:
         message = f"{moving} moving joints; up to {limits.moving_joints} are allowed (the limits can be raised)"
-        findings.error("E_TOO_BIG", message, 1)
+        findings.error("E_TOO_BIG", message, line)
     depth = {robot.root: 1}
     reach = {robot.root: 0.0}
     longest: dict[str, Joint] = {}
@@ -121,7 +124,7 @@ def check_size(robot: Robot, limits: Limits, findings: Findings) -> None:
             f"{max(depth.values())} links from root to tip; up to {limits.links_in_depth} are allowed "
             "(the limits can be raised)"
         )
-        findings.error("E_TOO_BIG", message, 1)
+        findings.error("E_TOO_BIG", message, line)
     farthest = max(reach, key=lambda name: reach[name])
     # a single origin beyond the reach has had its own warning
     if reach[farthest] > LONGEST_REACH and all(_length(joint) <= LONGEST_REACH for joint in robot.joints):

@@ -1,0 +1,139 @@
+"""What an analysis of one pose found, with all that is needed to reproduce it."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from importlib import metadata
+from platform import python_version
+from typing import TYPE_CHECKING, Any, Final, final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from precision_pin.errors import InputError
+from precision_pin.statistics import Summary, VectorDistribution
+
+if TYPE_CHECKING:
+    import xarray
+
+__all__ = ["SCHEMA", "Analysis", "versions"]
+
+Array = NDArray[np.float64]
+
+SCHEMA: Final = "precision-pin/analysis/1"
+
+
+def versions() -> dict[str, str]:
+    """Return the versions that a result depends on."""
+    names = ("precision-pin", "pin", "numpy", "scipy", "numba")
+    return {"python": python_version(), **{name: metadata.version(name) for name in names}}
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Analysis:
+    """The distribution of the pose error at one pose.
+
+    Attributes
+    ----------
+    robot, base, tip
+        The URDF and the ends of the chain.
+    pose_name, q
+        The pose: its name, empty if it has none, and the value of each joint (rad, m).
+    seed, model, statics
+        How it was sampled: 64-bit seed, ``"exact"`` or ``"linear"``, ``"nominal"``.
+    scopes
+        How many random numbers are drawn once for each unit, pose and visit.
+    nominal
+        The error with every parameter at its mean, ``(6,)``.
+    summary
+        The statistics, base axes.
+    warnings
+        One line each.
+    errors
+        Every sample ``(6, N)``, if they were kept.
+    """
+
+    robot: str
+    base: str
+    tip: str
+    pose_name: str
+    q: Mapping[str, float]
+    seed: int
+    model: str
+    statics: str
+    scopes: Mapping[str, int]
+    nominal: Array
+    summary: Summary
+    warnings: tuple[str, ...] = ()
+    errors: Array | None = field(default=None, repr=False)
+
+    @property
+    def samples(self) -> int:
+        """How many samples were drawn."""
+        return self.summary.samples
+
+    @property
+    def position(self) -> VectorDistribution:
+        """Distributions of |d|, dx, dy, dz (m)."""
+        return self.summary.position
+
+    @property
+    def attitude(self) -> VectorDistribution:
+        """Distributions of |δ|, δx, δy, δz (rad)."""
+        return self.summary.attitude
+
+    @property
+    def covariance(self) -> Array | None:
+        """Sample covariance, ``(6, 6)``; ``None`` for one sample."""
+        return self.summary.covariance
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the result as the ``precision-pin/analysis/1`` schema has it, SI units."""
+        return {
+            "schema": SCHEMA,
+            "complete": True,
+            "robot": self.robot,
+            "base": self.base,
+            "tip": self.tip,
+            "axes": "base",
+            "pose": {"name": self.pose_name, "q": dict(self.q)},
+            "samples": self.samples,
+            "seed": self.seed,
+            "model": self.model,
+            "statics": self.statics,
+            "scopes": dict(self.scopes),
+            "confidence": self.summary.confidence,
+            "versions": versions(),
+            "warnings": list(self.warnings),
+            "nominal": {"position": self.nominal[:3].tolist(), "attitude": self.nominal[3:].tolist()},
+            **self.summary.to_dict(),
+        }
+
+    def to_json(self) -> str:
+        """Return :meth:`to_dict` as text; what the samples do not resolve is null."""
+        return json.dumps(self.to_dict(), indent=2, ensure_ascii=False, allow_nan=False)
+
+    def to_xarray(self) -> xarray.Dataset:
+        """Return the kept samples as a dataset: ``error`` over component and sample, m and rad.
+
+        Raises
+        ------
+        InputError
+            The samples were not kept, or xarray is not installed.
+        """
+        if self.errors is None:
+            raise InputError("the samples were not kept; run monte_carlo with keep_samples=True")
+        try:
+            import xarray
+        except ImportError:
+            raise InputError("xarray is not installed (pip install 'precision-pin[xarray]')") from None
+        components = ["dx", "dy", "dz", "rx", "ry", "rz"]
+        coordinates = {"component": components, "unit": ("component", ["m"] * 3 + ["rad"] * 3)}
+        described = {key: str(value) for key, value in self.to_dict().items() if key in _ATTRIBUTES}
+        return xarray.Dataset({"error": (("component", "sample"), self.errors)}, coordinates, described)
+
+
+_ATTRIBUTES: Final = ("schema", "robot", "base", "tip", "axes", "pose", "seed", "model", "statics", "versions")
