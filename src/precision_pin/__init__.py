@@ -1,1 +1,74 @@
-"""precision-pin."""
+"""Accuracy budgets for robot arms.
+
+From a URDF and a sheet of error sources to the probability distribution of the end-effector's pose error, after Wei,
+Jia and Chen (MATEC Web of Conferences 35, 02013, 2015). Names are imported when first used.
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any, Final
+
+if TYPE_CHECKING:
+    from precision_pin import mcpc as mcpc
+    from precision_pin import sources as sources
+    from precision_pin.chain import Chain as Chain
+    from precision_pin.chain import Posture as Posture
+    from precision_pin.errors import InputError as InputError
+    from precision_pin.errors import PrecisionPinError as PrecisionPinError
+    from precision_pin.laws import Circle as Circle
+    from precision_pin.laws import Disc as Disc
+    from precision_pin.laws import Fixed as Fixed
+    from precision_pin.laws import JointNormal as JointNormal
+    from precision_pin.laws import Normal as Normal
+    from precision_pin.laws import Triangular as Triangular
+    from precision_pin.laws import TruncatedNormal as TruncatedNormal
+    from precision_pin.laws import Uniform as Uniform
+    from precision_pin.model import ErrorModel as ErrorModel
+    from precision_pin.result import Analysis as Analysis
+    from precision_pin.run import monte_carlo as monte_carlo
+    from precision_pin.space import Draw as Draw
+    from precision_pin.space import Scope as Scope
+    from precision_pin.space import Space as Space
+    from precision_pin.specification import specification as specification
+    from precision_pin.terms import Source as Source
+    from precision_pin.terms import Term as Term
+
+_HOMES: Final = {
+    "Analysis": "result",
+    "Chain": "chain",
+    "Circle": "laws",
+    "Disc": "laws",
+    "Draw": "space",
+    "ErrorModel": "model",
+    "Fixed": "laws",
+    "InputError": "errors",
+    "JointNormal": "laws",
+    "Normal": "laws",
+    "Posture": "chain",
+    "PrecisionPinError": "errors",
+    "Scope": "space",
+    "Source": "terms",
+    "Space": "space",
+    "Term": "terms",
+    "Triangular": "laws",
+    "TruncatedNormal": "laws",
+    "Uniform": "laws",
+    "monte_carlo": "run",
+    "specification": "specification",
+}
+_ROOMS: Final = ("mcpc", "sources")
+
+__all__ = [*sorted(_HOMES), *_ROOMS]  # noqa: PLE0604 - names of the tables above
+
+
+def __getattr__(name: str) -> Any:
+    if name in _ROOMS:
+        return importlib.import_module(f"{__name__}.{name}")
+    if name in _HOMES:
+        return getattr(importlib.import_module(f"{__name__}.{_HOMES[name]}"), name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

@@ -81,9 +81,10 @@ def display_unit(*distributions: Distribution) -> DisplayUnit:
 @final
 @dataclass(frozen=True)
 class _Ruler:
-    """The horizontal axis: drawn = (value − origin) · unit.per_si."""
+    """The horizontal axis: drawn = (value − origin) · unit.per_si; numbers in labels are in `text_unit`."""
 
     unit: DisplayUnit
+    text_unit: DisplayUnit
     origin: float
     label: str
 
@@ -102,13 +103,13 @@ def _ruler(distribution: Distribution, unit: DisplayUnit) -> _Ruler:
     if span == 0 or span > _SMALLEST_RATIO * size:
         if 0 < span * unit.per_si < _SMALLEST_SPAN:
             unit = _unit_for(span, distribution.quantity)
-        return _Ruler(unit, 0.0, f"{symbol} [{unit.name}]")
+        return _Ruler(unit, unit, 0.0, f"{symbol} [{unit.name}]")
     place = math.floor(math.log10(span * unit.per_si))
     rounded = round(distribution.mean * unit.per_si, -place)
     fine = _unit_for(span, distribution.quantity)
     sign = "−" if rounded >= 0 else "+"
     offset = f"{abs(rounded):.{max(0, -place)}f}"
-    return _Ruler(fine, rounded / unit.per_si, f"{symbol} {sign} {offset} {unit.name} [{fine.name}]")
+    return _Ruler(fine, unit, rounded / unit.per_si, f"{symbol} {sign} {offset} {unit.name} [{fine.name}]")
 
 
 def draw_histogram(
@@ -129,7 +130,7 @@ def draw_histogram(
         axes.set_ylim(0, 1)
         axes.set_yticks([])
     axes.set_ylabel(f"density [1/{ruler.unit.name}]")
-    _mark(axes, distribution, unit, ruler, specifications)
+    _mark(axes, distribution, ruler, specifications)
 
 
 def draw_cumulative(
@@ -146,23 +147,22 @@ def draw_cumulative(
     )
     axes.set_ylim(0, 1.03)
     axes.set_ylabel("cumulative probability")
-    _mark(axes, distribution, unit, ruler, specifications)
+    _mark(axes, distribution, ruler, specifications)
 
 
 def _mark(
     axes: Axes,
     distribution: Distribution,
-    unit: DisplayUnit,
     ruler: _Ruler,
     specifications: Sequence[SpecificationResult],
 ) -> None:
     """Draw mean, quantiles with their intervals and limits as vertical lines, and set the axis."""
-    mean = _text(distribution.mean, distribution.half_width("mean"), unit)
+    mean = _text(distribution.mean, distribution.half_width("mean"), ruler.text_unit)
     axes.axvline(ruler(distribution.mean), color=BLACK, linestyle="-", label=f"mean: {mean}")
     marked = _MARKED_OF_NORM if distribution.is_norm else _MARKED_OF_COMPONENT
     for p, (colour, dashes) in zip(marked, _QUANTILE_LINES, strict=True):
         value, interval = distribution.quantile(p), distribution.quantile_interval(p)
-        label = f"{100 * p:g} % quantile: {_text(value, distribution.half_width(p), unit)}"
+        label = f"{100 * p:g} % quantile: {_text(value, distribution.half_width(p), ruler.text_unit)}"
         if value is None or interval is None:
             axes.plot([], [], color=colour, linestyle=dashes, label=label)
             continue
@@ -172,17 +172,16 @@ def _mark(
     shown = [low, high]
     for result in specifications:
         if result.quantity == distribution.quantity:
-            shown += _mark_limit(axes, distribution, unit, ruler, result)
+            shown += _mark_limit(axes, distribution, ruler, result)
     axes.set_xlim(ruler(min(shown)), ruler(max(shown)))
     axes.xaxis.set_major_locator(_ticks())
     axes.ticklabel_format(style="plain", useOffset=False)
     axes.set_xlabel(ruler.label)
 
 
-def _mark_limit(
-    axes: Axes, distribution: Distribution, unit: DisplayUnit, ruler: _Ruler, result: SpecificationResult
-) -> list[float]:
+def _mark_limit(axes: Axes, distribution: Distribution, ruler: _Ruler, result: SpecificationResult) -> list[float]:
     """Draw a limit where it is near the data, name it either way, and return what the axis has to show."""
+    unit = ruler.text_unit
     label = f"limit {result.limit * unit.per_si:.6g} {unit.name}"
     low, high = _range(distribution, ruler)
     reach = _FARTHEST_LIMIT * (high - low)
@@ -246,6 +245,7 @@ def _text(value: float | None, half_width: float | None, unit: DisplayUnit) -> s
 
 def moments_text(distribution: Distribution, unit: DisplayUnit) -> str:
     """Return mean and standard deviation in two lines, as far as they are resolved, for a panel's title."""
+    unit = _ruler(distribution, unit).text_unit
     mean = _text(distribution.mean, distribution.half_width("mean"), unit)
     std, half_width = distribution.std, distribution.half_width("std")
     small = std is not None and std * unit.per_si < 1e-3

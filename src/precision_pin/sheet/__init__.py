@@ -3,7 +3,7 @@
 Reading collects every finding with its line before it refuses.
 """
 
-from precision_pin.sheet.reader import Sheet, read
+from precision_pin.sheet.reader import Overrides, Sheet, parse_pose, read
 from precision_pin.sheet.schema import json_schema
 
-__all__ = ["Sheet", "json_schema", "read"]
+__all__ = ["Overrides", "Sheet", "json_schema", "parse_pose", "read"]

@@ -25,7 +25,7 @@ from precision_pin.terms import Source, labels, own_draws
 from precision_pin.urdf import Joint, Robot
 from precision_pin.urdf import read as read_urdf
 
-__all__ = ["Sheet", "read"]
+__all__ = ["Overrides", "Sheet", "parse_pose", "read"]
 
 Array = NDArray[np.float64]
 
@@ -73,6 +73,7 @@ class Overrides:
     robot: FilePath | None = None
     tip: str | None = None
     base: str | None = None
+    package_dirs: tuple[str, ...] = ()
 
 
 class _Findings:
@@ -214,7 +215,7 @@ def _parameters(document: Document, findings: _Findings) -> dict[str, NamedParam
 
 def _chain(document: Document, findings: _Findings, overrides: Overrides, folder: FilePath) -> Chain | None:
     try:
-        robot = read_urdf(overrides.robot or resolve_robot(document.robot, folder))
+        robot = read_urdf(overrides.robot or resolve_robot(document.robot, folder), package_dirs=overrides.package_dirs)
     except UrdfError as error:
         findings.found += error.findings
         return None

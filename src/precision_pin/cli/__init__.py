@@ -1,0 +1,99 @@
+"""The command ``precision-pin``. Each command is one file, imported only when it runs."""
+
+from __future__ import annotations
+
+import importlib
+import os
+import sys
+import traceback
+from typing import Final
+
+import click
+
+from precision_pin.errors import InputError, InternalError
+
+__all__ = ["main"]
+
+COMMANDS: Final = {
+    "analyze": "Sample the pose error of an arm at a pose: statistics, specifications, plots.",
+    "check": "Check a URDF, or a sheet and its URDF; list every finding.",
+    "init": "Write a commented sheet for a URDF, with starting tolerances.",
+    "mcpc": "Print the MCPC parameters of a chain.",
+    "view": "Write a page with the arm and the cloud of sampled end-effector positions in 3-D.",
+    "schema": "Print the JSON schema of the sheet.",
+    "doctor": "Print versions and paths.",
+}
+
+EXIT_SPEC, EXIT_INPUT, EXIT_INTERNAL, EXIT_INTERRUPTED = 1, 2, 3, 130
+
+
+class LateGroup(click.Group):
+    """A group that knows its commands by name and imports one only to run it."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        """Return the names, main command first."""
+        return list(COMMANDS)
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        """Import a command."""
+        if cmd_name not in COMMANDS:
+            return None
+        command: click.Command = importlib.import_module(f"precision_pin.cli.{cmd_name}").command
+        return command
+
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        """Name the nearest command where there is none of that name."""
+        name = args[0] if args else ""
+        if name not in COMMANDS and not name.startswith("-"):
+            from precision_pin.errors import nearest
+
+            ctx.fail(f"no command named {name!r}; {nearest(name, COMMANDS)}")
+        return super().resolve_command(ctx, args)
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """List the commands without importing them."""
+        with formatter.section("Commands"):
+            formatter.write_dl(list(COMMANDS.items()))
+
+
+@click.group(cls=LateGroup, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110})
+@click.version_option(package_name="precision-pin")
+def cli() -> None:
+    """Accuracy budgets for robot arms: from a URDF and a sheet of error sources to the distribution of the
+    end-effector's pose error.
+
+    `precision-pin analyze` alone runs the paper's case. Data goes to stdout, progress and messages to stderr.
+    Exit codes: 0 done, 1 a specification is not met, 2 usage or bad input, 3 internal error, 130 interrupted.
+    """  # noqa: D205
+
+
+def main() -> None:
+    """Run the command line and exit with the code of the contract."""
+    try:
+        code = cli.main(standalone_mode=False)
+        sys.stdout.flush()
+    except click.exceptions.Abort:
+        code = _say("interrupted", EXIT_INTERRUPTED)
+    except KeyboardInterrupt:
+        code = _say("interrupted", EXIT_INTERRUPTED)
+    except click.ClickException as error:
+        error.show()
+        code = EXIT_INPUT
+    except InputError as error:
+        code = _say(str(error), EXIT_INPUT)
+    except BrokenPipeError:
+        # whoever read our output has gone; say nothing more to it
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        code = EXIT_INPUT
+    except InternalError as error:
+        code = _say(f"internal error (a bug in precision-pin): {error}", EXIT_INTERNAL)
+    except Exception:  # noqa: BLE001 - the last resort: a bug is shown whole, with its exit code
+        code = _say(f"internal error (a bug in precision-pin):\n{traceback.format_exc()}", EXIT_INTERNAL)
+    sys.exit(code or 0)
+
+
+def _say(message: str, code: int) -> int:
+    click.echo(message, err=True)
+    return code

@@ -1,0 +1,101 @@
+"""``precision-pin analyze``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any, Literal
+
+import click
+
+from precision_pin.cli import EXIT_SPEC
+from precision_pin.cli.common import (
+    chain_options,
+    echo_findings,
+    find_inputs,
+    joint_values,
+    progress_bar,
+    require_writable,
+    write_text,
+)
+
+__all__ = ["command"]
+
+
+@click.command("analyze")
+@click.argument("inputs", nargs=-1, metavar="[ROBOT.urdf] [SHEET.yaml]")
+@click.option("--pose", metavar="NAME", help="One of the sheet's poses; the first if left out.")
+@click.option("--q", metavar="VALUES", help='Joint values: "-90 3 88 -91 deg", "0.1 m, 10 deg" or "joint1: 10 deg, …".')
+@chain_options
+@click.option("--samples", type=int, default=100_000, show_default=True, metavar="N", help="How many built robots.")
+@click.option("--seed", type=int, default=0, show_default=True, metavar="S", help="64-bit seed.")
+@click.option("--model", type=click.Choice(["exact", "linear"]), default="exact", show_default=True,
+              help="The displaced chain multiplied out, or superposition as in the paper.")
+@click.option("--spec", "specs", multiple=True, metavar='"0.5 mm @ 99.73 %"', help="A limit to keep; repeats.")
+@click.option("--json", "json_path", metavar="FILE", help="Write the result as JSON; - prints it alone.")
+@click.option("--out", metavar="DIR", help="Write plots (PNG and SVG) and the result there.")
+def command(
+    inputs: tuple[str, ...],
+    pose: str | None,
+    q: str | None,
+    tip: str | None,
+    base: str | None,
+    package_dirs: tuple[str, ...],
+    samples: int,
+    seed: int,
+    model: Literal["exact", "linear"],
+    specs: tuple[str, ...],
+    json_path: str | None,
+    out: str | None,
+) -> int:
+    """Sample the pose error of an arm at a pose.
+
+    Without arguments: the paper's arm and sheet, from inside the package. ROBOT may be example:NAME.
+    """
+    from precision_pin.model import ErrorModel
+    from precision_pin.outputs.text import analysis_table
+    from precision_pin.run import check_samples, monte_carlo
+    from precision_pin.sheet import Overrides, parse_pose, read
+    from precision_pin.space import check_seed
+    from precision_pin.specification import specification
+
+    if pose is not None and q is not None:
+        raise click.UsageError("--pose and --q exclude each other")
+    check_samples(samples)
+    check_seed(seed)
+    specifications = [specification(text) for text in specs]
+    for target, folder in ((json_path, False), (out, True)):
+        if target is not None and target != "-":
+            require_writable(Path(target), folder=folder)
+    found = find_inputs(inputs, sheet_needed=True)
+    assert found.sheet is not None
+    sheet = read(found.sheet, overrides=Overrides(found.robot, tip, base, package_dirs))
+    echo_findings(sheet.findings)
+    error_model = ErrorModel.from_sheet(sheet)
+    where: Any = pose if q is None else parse_pose(joint_values(q), sheet.chain)
+    with progress_bar(samples, "sampling") as progress:
+        analysis = monte_carlo(
+            error_model, where, samples=samples, seed=seed, model=model, specifications=specifications,
+            findings=sheet.findings, progress=progress,
+        )  # fmt: skip
+    for line in analysis.warnings[len(sheet.findings) :]:
+        click.echo(line, err=True)
+    if json_path == "-":
+        click.echo(analysis.to_json())
+    else:
+        click.echo(analysis_table(analysis))
+        if json_path is not None:
+            write_text(Path(json_path), analysis.to_json() + "\n")
+    if out is not None:
+        from precision_pin.outputs import plots
+
+        summary, folder_path = analysis.summary, Path(out)
+        write_text(folder_path / "analysis.json", analysis.to_json() + "\n")
+        for name, figure in (
+            ("position", plots.figure_position(summary, seed=seed)),
+            ("attitude", plots.figure_attitude(summary, seed=seed)),
+            ("components", plots.figure_components(summary, seed=seed)),
+        ):
+            plots.save(figure, folder_path / name)
+        click.echo(f"wrote {folder_path}/: analysis.json, position, attitude and components as PNG and SVG", err=True)
+    return 0 if all(result.met for result in analysis.summary.specifications) else EXIT_SPEC
+

@@ -1,0 +1,74 @@
+"""``precision-pin check``."""
+
+from __future__ import annotations
+
+import json
+
+import click
+
+from precision_pin.cli import EXIT_INPUT
+from precision_pin.cli.common import chain_options, find_inputs
+from precision_pin.errors import Finding, InputError
+
+__all__ = ["command"]
+
+
+@click.command("check")
+@click.argument("inputs", nargs=-1, metavar="[ROBOT.urdf] [SHEET.yaml]")
+@chain_options
+@click.option("--json", "as_json", is_flag=True, help="Print the findings as JSON.")
+def command(
+    inputs: tuple[str, ...], tip: str | None, base: str | None, package_dirs: tuple[str, ...], as_json: bool
+) -> int:
+    """Check a URDF, or a sheet and the URDF it names, and list every finding with file and line.
+
+    Exit code 2 if there is an error; warnings alone pass.
+    """
+    findings = sorted(_findings(inputs, tip, base, package_dirs), key=lambda finding: finding.severity != "error")
+    errors = [finding for finding in findings if finding.severity == "error"]
+    if as_json:
+        groups = {"errors": errors, "warnings": findings[len(errors) :]}
+        click.echo(json.dumps({name: list(map(_entry, group)) for name, group in groups.items()}, ensure_ascii=False))
+    else:
+        for finding in findings:
+            click.echo(str(finding))
+        if not errors:
+            click.echo(f"no errors, {len(findings)} warning{'' if len(findings) == 1 else 's'}", err=True)
+    return EXIT_INPUT if errors else 0
+
+
+def _findings(
+    inputs: tuple[str, ...], tip: str | None, base: str | None, package_dirs: tuple[str, ...]
+) -> tuple[Finding, ...]:
+    from precision_pin import urdf
+
+    try:
+        found = find_inputs(inputs, sheet_needed=False)
+    except InputError as error:
+        return error.findings
+    if found.sheet is None:
+        assert found.robot is not None
+        findings = urdf.check(found.robot, package_dirs=package_dirs)
+        if tip is None and base is None or any(finding.severity == "error" for finding in findings):
+            return findings
+        return findings + _chain_findings(found.robot, tip, base)
+    from precision_pin.sheet import Overrides, read
+
+    try:
+        return read(found.sheet, overrides=Overrides(found.robot, tip, base, package_dirs)).findings
+    except InputError as error:
+        return error.findings
+
+
+def _chain_findings(robot: object, tip: str | None, base: str | None) -> tuple[Finding, ...]:
+    from precision_pin.chain import Chain
+
+    try:
+        Chain.from_urdf(str(robot), tip, base)
+    except InputError as error:
+        return error.findings
+    return ()
+
+
+def _entry(finding: Finding) -> dict[str, object]:
+    return {"code": finding.code, "message": finding.message, "file": finding.file, "line": finding.line}

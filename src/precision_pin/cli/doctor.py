@@ -1,0 +1,29 @@
+"""``precision-pin doctor``."""
+
+from __future__ import annotations
+
+import os
+import platform
+
+import click
+
+__all__ = ["command"]
+
+
+@click.command("doctor")
+def command() -> None:
+    """Print the versions and paths that a result depends on; good to put into a bug report."""
+    import precision_pin
+    from precision_pin.examples import PAPER_SHEET, example_urdfs
+    from precision_pin.result import versions
+
+    lines = {
+        **versions(),
+        "system": f"{platform.system()} {platform.machine()}, {os.cpu_count()} cores",
+        "package": os.path.dirname(os.path.abspath(precision_pin.__file__)),
+        "paper's case": f"{PAPER_SHEET} ({'found' if PAPER_SHEET.is_file() else 'MISSING'})",
+        "example robots": f"{len(example_urdfs())} (example-robot-data)" if example_urdfs() else "not installed",
+    }
+    width = max(map(len, lines))
+    for name, value in lines.items():
+        click.echo(f"{name:<{width}}  {value}")

@@ -1,0 +1,43 @@
+"""``precision-pin mcpc``."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+
+import click
+
+from precision_pin.cli.common import chain_options, find_inputs
+
+__all__ = ["command"]
+
+
+@click.command("mcpc")
+@click.argument("inputs", nargs=-1, metavar="[ROBOT.urdf] [SHEET.yaml]")
+@chain_options
+@click.option("--json", "as_json", is_flag=True, help="Print the table as JSON, in rad and m.")
+def command(
+    inputs: tuple[str, ...], tip: str | None, base: str | None, package_dirs: tuple[str, ...], as_json: bool
+) -> None:
+    """Print the MCPC parameters of a chain, laid out as the paper's Table 1 (degrees and mm).
+
+    Without arguments: the paper's arm.
+    """
+    from precision_pin import mcpc
+    from precision_pin.chain import Chain
+    from precision_pin.outputs.text import mcpc_table
+
+    found = find_inputs(inputs, sheet_needed=False)
+    if found.sheet is not None:
+        from precision_pin.sheet import Overrides, read
+
+        chain = read(found.sheet, overrides=Overrides(found.robot, tip, base, package_dirs)).chain
+    else:
+        assert found.robot is not None
+        chain = Chain.from_urdf(found.robot, tip, base)
+    table = mcpc.from_chain(chain)
+    if as_json:
+        rows = [dataclasses.asdict(row) for row in table.table]
+        click.echo(json.dumps({"base": chain.base, "tip": chain.tip, "links": rows}, ensure_ascii=False))
+    else:
+        click.echo(mcpc_table(table))

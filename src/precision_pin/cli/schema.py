@@ -1,0 +1,17 @@
+"""``precision-pin schema``."""
+
+from __future__ import annotations
+
+import json
+
+import click
+
+__all__ = ["command"]
+
+
+@click.command("schema")
+def command() -> None:
+    """Print the JSON schema of the sheet, for editors and checkers."""
+    from precision_pin.sheet import json_schema
+
+    click.echo(json.dumps(json_schema(), indent=2, ensure_ascii=False))
