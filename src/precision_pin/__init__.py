@@ -59,7 +59,7 @@ _HOMES: Final = {
 }
 _ROOMS: Final = ("mcpc", "sources")
 
-__all__ = [*sorted(_HOMES), *_ROOMS]  # noqa: PLE0604 - names of the tables above
+__all__ = [*sorted(_HOMES), *_ROOMS]
 
 
 def __getattr__(name: str) -> Any:

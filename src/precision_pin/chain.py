@@ -59,6 +59,10 @@ class Place:
     name: str
     frame: Array = field(compare=False, repr=False)
 
+    def is_same(self, other: object) -> bool:
+        """Return whether another place at this point of the chain is this one, frame included."""
+        return isinstance(other, Place) and self == other and np.array_equal(self.frame, other.frame)
+
     @classmethod
     def custom(cls, link: int, rank: int, name: str, frame: Array) -> Place:
         """Return a place of a source's own, before the link's end; ``rank`` orders those of one source."""
@@ -299,7 +303,7 @@ class Chain:
         return Place(where.link, (_ORDER_FRAME, where.path_rank), f"frame {name}", where.frame)
 
     def axis_alignment(self, joint: int) -> Array:
-        """Return the smallest rotation that brings a joint's z onto its axis, ``(3, 3)``; for -z half a turn about x."""
+        """Return the smallest rotation that brings a joint's z onto its axis; for -z half a turn about x."""
         axis = self.axes[joint]
         normal = np.cross((0.0, 0.0, 1.0), axis)
         sine = float(np.linalg.norm(normal))
@@ -390,12 +394,14 @@ class Posture:
     @cached_property
     def pose(self) -> Array:
         """Tip in the base, ``(4, 4)``."""
-        return self.link_poses[-1] @ self.chain.placements[-1]
+        pose: Array = self.link_poses[-1] @ self.chain.placements[-1]
+        return pose
 
     @cached_property
     def joint_axes(self) -> Array:
         """Unit axis of every joint in base axes, ``(n, 3)``."""
-        return np.einsum("nij,nj->ni", self.joint_poses[:, :3, :3], self.chain.axes)
+        axes: Array = np.einsum("nij,nj->ni", self.joint_poses[:, :3, :3], self.chain.axes)
+        return axes
 
     @cached_property
     def joint_jacobian(self) -> Array:
@@ -447,7 +453,8 @@ class Posture:
 
     def place_pose(self, place: Place) -> Array:
         """Return a place's pose in the base, ``(4, 4)``."""
-        return self.link_poses[place.link] @ place.frame
+        pose: Array = self.link_poses[place.link] @ place.frame
+        return pose
 
     def wrench_basis(self, load: Load, point: ArrayLike) -> Array:
         """Return force and moment about a point per unit of a load's mass and first moments.

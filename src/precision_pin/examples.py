@@ -48,7 +48,9 @@ def resolve_robot(text: str, folder: str | os.PathLike[str] = ".") -> Path:
         return Path(folder) / text
     known = example_urdfs()
     if not known:
-        raise InputError(f"{text}: the package example-robot-data is not installed (pip install 'precision-pin[examples]')")
+        raise InputError(
+            f"{text}: the package example-robot-data is not installed (pip install 'precision-pin[examples]')"
+        )
     name = text.removeprefix(PREFIX)
     if name not in known:
         raise UnknownNameError("example robot", name, known)

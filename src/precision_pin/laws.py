@@ -217,7 +217,8 @@ class Triangular(_ScalarLaw):
     def sample(self, variates: Array) -> Array:
         """Return the inverse of the cumulative law, from the nearer end."""
         tail = np.minimum(variates, 1 - variates)
-        return self.mean + self.half_width * np.copysign(1 - np.sqrt(2 * tail), variates - 0.5)
+        deviation: Array = np.copysign(1 - np.sqrt(2 * tail), variates - 0.5)
+        return self.mean + self.half_width * deviation
 
     def _deviation_characteristic(self, frequency: Array) -> Array:
         value: Array = np.sinc(frequency * self.half_width / (2 * np.pi)) ** 2
@@ -295,7 +296,8 @@ class TruncatedNormal(_ScalarLaw):
         tail = np.minimum(variates, 1 - variates)
         cut = special.ndtr(-self.k)
         score = special.ndtri(cut + tail * math.erf(self.k / math.sqrt(2)))
-        return self.mean - np.copysign(self.std * np.minimum(-score, self.k), 0.5 - variates)
+        deviation: Array = np.copysign(np.minimum(-score, self.k), variates - 0.5)
+        return self.mean + self.std * deviation
 
     def _deviation_characteristic(self, frequency: Array) -> Array:
         s, k = self.std * frequency, self.k

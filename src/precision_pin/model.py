@@ -69,9 +69,8 @@ class TermTable:
         by_key: dict[tuple[int, int, int], Target] = {}
         for term in listed:
             known = by_key.setdefault(_chain_order(term.target), term.target)
-            if isinstance(known, Place) and isinstance(term.target, Place):
-                if known.name != term.target.name or not np.array_equal(known.frame, term.target.frame):
-                    raise InternalError(f"two different places at one point of the chain: {known}, {term.target}")
+            if isinstance(known, Place) and not known.is_same(term.target):
+                raise InternalError(f"two different places at one point of the chain: {known}, {term.target}")
         keys = sorted(by_key)
         parameters: dict[Expression, int] = {}
         for term in listed:
@@ -213,8 +212,8 @@ class PoseModel:
         if gap <= 0.1 * spread or gap <= 1e-9:
             return self.posture.findings
         message = (
-            f"with every parameter at its mean, superposition places the tip {gap * 1e3:.3g} mm away from the displaced "
-            f"chain, more than a tenth of the spread of {spread * 1e3:.3g} mm; the exact model has no such error"
+            f"with every parameter at its mean, superposition places the tip {gap * 1e3:.3g} mm away from the "
+            f"displaced chain, more than a tenth of the spread of {spread * 1e3:.3g} mm; the exact model has no such error"
         )
         return (*self.posture.findings, Finding("warning", "W_SUPERPOSITION", message))
 

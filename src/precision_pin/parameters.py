@@ -39,7 +39,7 @@ class Operator(IntEnum):
     COS = 7
 
 
-class Expression(ABC):
+class Expression(ABC):  # noqa: B024 - nothing to override: the engines read the tree
     """A number that may be random: a component of a draw, a constant or an operation on such."""
 
     def __add__(self, other: Expression | float) -> Expression:
@@ -264,7 +264,8 @@ def _slope(operator: Operator, a: float, b: float, result: float, da: Array, db:
         case Operator.DIVIDE:
             return (da - result * db) / b
         case Operator.POWER:
-            return b * a ** (b - 1) * da
+            factor: float = b * a ** (b - 1)
+            return factor * da
         case Operator.SQRT:
             return da / (2 * result)
         case Operator.SIN:

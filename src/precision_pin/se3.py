@@ -104,8 +104,7 @@ def left_jacobian(vector: ArrayLike) -> Array:
 
 def left_jacobian_inverse(vector: ArrayLike) -> Array:
     """Return J_l(δ)⁻¹ for one rotation vector ``(3,)`` of angle below 2π."""
-    inverse_matrix: Array = np.linalg.inv(left_jacobian(np.asarray(vector, dtype=float)))
-    return inverse_matrix
+    return np.asarray(np.linalg.inv(left_jacobian(vector)), dtype=float)
 
 
 def rotation_about(axis: ArrayLike, angle: ArrayLike) -> Array:

@@ -6,6 +6,7 @@ numbers themselves depend on names only, so that adding or reordering draws chan
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum
@@ -124,7 +125,7 @@ class Space:
     def slices(self) -> tuple[slice, ...]:
         """Columns of each draw."""
         ends = np.cumsum([0, *(draw.law.size for draw in self.draws)])
-        return tuple(slice(int(a), int(b)) for a, b in zip(ends[:-1], ends[1:], strict=True))
+        return tuple(slice(int(a), int(b)) for a, b in itertools.pairwise(ends))
 
     @cached_property
     def streams(self) -> tuple[int, ...]:

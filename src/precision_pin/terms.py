@@ -155,8 +155,10 @@ class Source(ABC):
 
 
 def labels(sources: Sequence[Source]) -> tuple[str, ...]:
-    """Return every source's label; sources with one label are told apart by ``#2``, ``#3``, … in the order of their
-    settings, so that the order of the sources never matters.
+    """Return every source's label.
+
+    Sources with one label are told apart by ``#2``, ``#3``, … in the order of their settings, so that the order of the
+    sources never matters.
     """
     result = [source.label() for source in sources]
     for label in set(result):

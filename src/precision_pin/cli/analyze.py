@@ -28,8 +28,13 @@ __all__ = ["command"]
 @chain_options
 @click.option("--samples", type=int, default=100_000, show_default=True, metavar="N", help="How many built robots.")
 @click.option("--seed", type=int, default=0, show_default=True, metavar="S", help="64-bit seed.")
-@click.option("--model", type=click.Choice(["exact", "linear"]), default="exact", show_default=True,
-              help="The displaced chain multiplied out, or superposition as in the paper.")
+@click.option(
+    "--model",
+    type=click.Choice(["exact", "linear"]),
+    default="exact",
+    show_default=True,
+    help="The displaced chain multiplied out, or superposition as in the paper.",
+)
 @click.option("--spec", "specs", multiple=True, metavar='"0.5 mm @ 99.73 %"', help="A limit to keep; repeats.")
 @click.option("--json", "json_path", metavar="FILE", help="Write the result as JSON; - prints it alone.")
 @click.option("--out", metavar="DIR", help="Write plots (PNG and SVG) and the result there.")
@@ -98,4 +103,3 @@ def command(
             plots.save(figure, folder_path / name)
         click.echo(f"wrote {folder_path}/: analysis.json, position, attitude and components as PNG and SVG", err=True)
     return 0 if all(result.met for result in analysis.summary.specifications) else EXIT_SPEC
-

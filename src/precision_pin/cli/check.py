@@ -49,7 +49,7 @@ def _findings(
     if found.sheet is None:
         assert found.robot is not None
         findings = urdf.check(found.robot, package_dirs=package_dirs)
-        if tip is None and base is None or any(finding.severity == "error" for finding in findings):
+        if (tip is None and base is None) or any(finding.severity == "error" for finding in findings):
             return findings
         return findings + _chain_findings(found.robot, tip, base)
     from precision_pin.sheet import Overrides, read

@@ -15,7 +15,16 @@ import click
 from precision_pin.errors import Finding, InputError, OutputError
 from precision_pin.examples import PAPER_SHEET, resolve_robot
 
-__all__ = ["Inputs", "chain_options", "echo_findings", "find_inputs", "joint_values", "progress_bar", "require_writable", "write_text"]
+__all__ = [
+    "Inputs",
+    "chain_options",
+    "echo_findings",
+    "find_inputs",
+    "joint_values",
+    "progress_bar",
+    "require_writable",
+    "write_text",
+]
 
 Command = TypeVar("Command", bound=Callable[..., Any])
 
@@ -32,7 +41,9 @@ class Inputs:
 def chain_options(command: Command) -> Command:
     """Add the options that cut a chain out of a robot."""
     for option in (
-        click.option("--package-dir", "package_dirs", multiple=True, metavar="DIR", help="Where ROS packages of meshes lie."),
+        click.option(
+            "--package-dir", "package_dirs", multiple=True, metavar="DIR", help="Where ROS packages of meshes lie."
+        ),
         click.option("--base", metavar="LINK", help="The link that stands still, in place of the sheet's or the root."),
         click.option("--tip", metavar="FRAME", help="The end-effector, in place of the sheet's or the only leaf."),
     ):
@@ -120,7 +131,11 @@ def progress_bar(total: int, what: str) -> Iterator[Callable[[int], None]]:
     from tqdm import tqdm
 
     with tqdm(total=total, desc=what, unit=" samples", unit_scale=True, delay=0.7, file=sys.stderr, leave=False) as bar:
-        yield bar.update
+
+        def advance(count: int) -> None:
+            bar.update(count)
+
+        yield advance
 
 
 def joint_values(text: str) -> str | list[str] | dict[str, str]:

@@ -138,7 +138,9 @@ def draw_cumulative(
 ) -> None:
     """Draw the cumulative distribution; lines are labelled for a legend."""
     ruler = _ruler(distribution, unit)
-    values = np.union1d(np.linspace(*_range(distribution, ruler), 600), [distribution.min, distribution.max])
+    low, high = _range(distribution, ruler)
+    reach = (1 + _FARTHEST_LIMIT) * (high - low)  # level to the axis's ends, wherever a limit puts them
+    values = np.union1d(np.linspace(low, high, 600), [low - reach, distribution.min, distribution.max, high + reach])
     axes.plot(
         (values - ruler.origin) * ruler.unit.per_si,
         distribution.cumulative(values),

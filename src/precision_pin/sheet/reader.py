@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path as FilePath
 from typing import Any, Final, final
 
@@ -107,7 +107,9 @@ class _Findings:
         return value
 
 
-def read(path: str | os.PathLike[str], *, kinds: Iterable[type[Source]] = (), overrides: Overrides | None = None) -> Sheet:
+def read(
+    path: str | os.PathLike[str], *, kinds: Iterable[type[Source]] = (), overrides: Overrides | None = None
+) -> Sheet:
     """Read a sheet and the robot it names.
 
     Parameters
@@ -158,7 +160,9 @@ def _contents(file: str) -> str:
             raise SheetError([Finding("error", "E_FILE", f"the sheet is larger than {LARGEST_FILE >> 20} MiB", file)])
         return FilePath(file).read_text(encoding="utf-8-sig")
     except UnicodeDecodeError as error:
-        raise SheetError([Finding("error", "E_FILE", f"the sheet is not UTF-8 text (byte {error.start})", file)]) from None
+        raise SheetError(
+            [Finding("error", "E_FILE", f"the sheet is not UTF-8 text (byte {error.start})", file)]
+        ) from None
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or str(error)
         raise SheetError([Finding("error", "E_FILE", f"the sheet cannot be read: {reason}", file)]) from None
@@ -181,13 +185,17 @@ def _take_validation(error: ValidationError, path: Path, findings: _Findings, mo
     valid = [field.alias or name for name, field in model.model_fields.items()]
     seen: set[Path] = set()
     for entry in error.errors():
-        where = tuple(key for key in entry["loc"] if not (isinstance(key, str) and ("[" in key or key in ("str", "dict"))))
+        where = tuple(
+            key for key in entry["loc"] if not (isinstance(key, str) and ("[" in key or key in ("str", "dict")))
+        )
         key = ".".join(map(str, where))
         if where in seen:
             continue
         seen.add(where)
         if entry["type"] == "extra_forbidden":
-            findings.error((*path, *where), f"unknown key {where[-1]!r}: {nearest(str(where[-1]), valid)}", "E_UNKNOWN_KEY")
+            findings.error(
+                (*path, *where), f"unknown key {where[-1]!r}: {nearest(str(where[-1]), valid)}", "E_UNKNOWN_KEY"
+            )
         elif entry["type"] == "missing":
             findings.error(path, f"the key {key!r} is missing", "E_MISSING_KEY")
         else:
@@ -283,7 +291,9 @@ def parse_pose(value: str | list[str] | Mapping[str, str], chain: Chain) -> Arra
         return chain.configuration(given)
     if isinstance(value, str):
         if len(set(quantities)) > 1:
-            raise InputError("the chain has joints that turn and joints that slide: give each joint its own unit, by name")
+            raise InputError(
+                "the chain has joints that turn and joints that slide: give each joint its own unit, by name"
+            )
         return chain.configuration(units.parse_vector(value, quantities[0]))
     if len(value) != len(quantities):
         raise InputError(f"{len(value)} joint values for {len(quantities)} joints: {', '.join(chain.joint_names)}")
@@ -298,7 +308,9 @@ def _sources(
     for k, entry in enumerate(document.sources):
         path: Path = ("sources", k)
         if len(entry) != 1:
-            findings.error(path, f"a source is one kind with its settings, such as 'length: {{…}}'; this has {len(entry)} keys")
+            findings.error(
+                path, f"a source is one kind with its settings, such as 'length: {{…}}'; this has {len(entry)} keys"
+            )
             continue
         name, settings = next(iter(entry.items()))
         if name not in known:
@@ -346,5 +358,5 @@ def _try_terms(
             except InputError as error:
                 kept[path] = error
                 break
-    for path, error in kept.items():
-        findings.take(path, error)
+    for where, reason in kept.items():
+        findings.take(where, reason)

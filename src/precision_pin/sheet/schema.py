@@ -16,7 +16,7 @@ from precision_pin.laws import Law
 from precision_pin.sheet.settings import LAW_KEYS, NamedParameter, parse_number, parse_setting
 from precision_pin.sources import catalogue
 from precision_pin.terms import Source
-from precision_pin.units import PerJoint, Quantity
+from precision_pin.units import PerJoint, Quantity, parse_vector
 
 __all__ = ["Context", "Document", "json_schema", "source_model"]
 
@@ -55,7 +55,9 @@ class Document(BaseModel):
     poses: dict[str, str | list[str] | dict[str, str]] = Field(
         default_factory=dict, description="Named joint values: in chain order with one unit, one by one, or by joint."
     )
-    parameters: dict[str, dict[str, Any]] = Field(default_factory=dict, description="Named laws, to be shared by sources.")
+    parameters: dict[str, dict[str, Any]] = Field(
+        default_factory=dict, description="Named laws, to be shared by sources."
+    )
     sources: list[dict[str, Any]] = Field(default_factory=list, description="Error sources, each under its kind.")
 
 
@@ -69,7 +71,9 @@ def source_model(kind: type[Source]) -> type[BaseModel]:
         entries[entry.name] = (_field_type(hints[entry.name]), default)
     name = "".join(part.capitalize() for part in kind.kind().split("_"))
     config = ConfigDict(extra="forbid", arbitrary_types_allowed=True)
-    model: type[BaseModel] = create_model(name, __config__=config, __doc__=(kind.__doc__ or "").split("\n")[0], **entries)
+    model: type[BaseModel] = create_model(
+        name, __config__=config, __doc__=(kind.__doc__ or "").split("\n")[0], **entries
+    )
     return model
 
 
@@ -81,7 +85,12 @@ def json_schema(kinds: Mapping[str, type[Source]] | None = None) -> dict[str, An
     for name, kind in (kinds or catalogue()).items():
         definitions[name] = source_model(kind).model_json_schema()
         choices.append(
-            {"type": "object", "properties": {name: {"$ref": f"#/$defs/{name}"}}, "required": [name], "maxProperties": 1}
+            {
+                "type": "object",
+                "properties": {name: {"$ref": f"#/$defs/{name}"}},
+                "required": [name],
+                "maxProperties": 1,
+            }
         )
     schema["properties"]["sources"]["items"] = {"oneOf": choices}
     schema["properties"]["parameters"]["additionalProperties"] = {"$ref": "#/$defs/law"}
@@ -99,7 +108,9 @@ def _field_type(hint: Any) -> Any:
     if not quantities:
         return hint
     if typing.get_origin(bare) is tuple:
-        return Annotated[tuple[Any, ...], BeforeValidator(_read_tuple(quantities)), WithJsonSchema(_list_schema(quantities))]
+        return Annotated[
+            tuple[Any, ...], BeforeValidator(_read_tuple(quantities)), WithJsonSchema(_list_schema(quantities))
+        ]
     options = typing.get_args(bare) if typing.get_origin(bare) in (types.UnionType, typing.Union) else (bare,)
     if Law in options:
         return Annotated[Any, BeforeValidator(_read_setting(quantities)), WithJsonSchema(_setting_schema(quantities))]
@@ -109,20 +120,26 @@ def _field_type(hint: Any) -> Any:
 Notes = tuple[Quantity | PerJoint, ...]
 
 
-def _quantities(notes: Notes, info: ValidationInfo) -> tuple[Quantity, ...]:
+def _context(info: ValidationInfo[Any]) -> Context:
+    assert isinstance(info.context, Context)
+    return info.context
+
+
+def _quantities(notes: Notes, info: ValidationInfo[Any]) -> tuple[Quantity, ...]:
     """Return what a setting may be, for the joint that the source names."""
     result: list[Quantity] = []
     for note in notes:
         if isinstance(note, Quantity):
             result.append(note)
         else:
-            slides = info.context.prismatic.get(info.data.get("joint", ""))
-            result += [note.revolute] if slides is False else [note.prismatic] if slides else [note.revolute, note.prismatic]
+            slides = _context(info).prismatic.get(info.data.get("joint", ""))
+            result += [note.revolute] if slides is not True else []
+            result += [note.prismatic] if slides is not False else []
     return tuple(result)
 
 
 def _read_number(notes: Notes) -> Any:
-    def read(value: object, info: ValidationInfo) -> float:
+    def read(value: object, info: ValidationInfo[Any]) -> float:
         try:
             return parse_number(value, _quantities(notes, info))
         except InputError as error:
@@ -132,9 +149,9 @@ def _read_number(notes: Notes) -> Any:
 
 
 def _read_setting(notes: Notes) -> Any:
-    def read(value: object, info: ValidationInfo) -> object:
+    def read(value: object, info: ValidationInfo[Any]) -> object:
         try:
-            return parse_setting(value, _quantities(notes, info), info.context.named)
+            return parse_setting(value, _quantities(notes, info), _context(info).named)
         except InputError as error:
             raise _reason(error) from None
 
@@ -142,24 +159,18 @@ def _read_setting(notes: Notes) -> Any:
 
 
 def _read_tuple(notes: Notes) -> Any:
-    def read(value: object, info: ValidationInfo) -> tuple[object, ...]:
+    def read(value: object, info: ValidationInfo[Any]) -> tuple[object, ...]:
         quantities = _quantities(notes, info)
         try:
             if isinstance(value, list):
-                return tuple(parse_setting(entry, quantities, info.context.named) for entry in value)
+                return tuple(parse_setting(entry, quantities, _context(info).named) for entry in value)
             if isinstance(value, str) and len(value.split()) > 2:
-                return tuple(_vector(value, quantities))
-            return (parse_setting(value, quantities, info.context.named),)
+                return tuple(parse_vector(value, *quantities))
+            return (parse_setting(value, quantities, _context(info).named),)
         except InputError as error:
             raise _reason(error) from None
 
     return read
-
-
-def _vector(value: str, quantities: tuple[Quantity, ...]) -> list[float]:
-    from precision_pin.units import parse_vector
-
-    return parse_vector(value, *quantities)
 
 
 def _reason(error: InputError) -> ValueError:

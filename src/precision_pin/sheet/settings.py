@@ -171,7 +171,9 @@ def _normal(reader: _Reader, value: object, options: Mapping[str, Any]) -> Law:
         raise InputError(f"k must be positive, got {options['k']}")
     if isinstance(value, Mapping):
         if set(value) != {"std"}:
-            raise InputError("normal takes a half-width (normal: 0.1 mm) or a standard deviation (normal: {std: 0.03 mm})")
+            raise InputError(
+                "normal takes a half-width (normal: 0.1 mm) or a standard deviation (normal: {std: 0.03 mm})"
+            )
         std = reader.half_width(value["std"])
     else:
         std = reader.half_width(value) / k

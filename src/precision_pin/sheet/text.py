@@ -62,7 +62,9 @@ def read_text(text: str, file: str) -> Text:
         root = YAML(typ="rt").compose(text)
     except MarkedYAMLError as error:
         line = error.problem_mark.line + 1 if error.problem_mark else None
-        raise SheetError([Finding("error", "E_YAML", f"not YAML: {error.problem or error.context}", file, line)]) from None
+        raise SheetError(
+            [Finding("error", "E_YAML", f"not YAML: {error.problem or error.context}", file, line)]
+        ) from None
     except (YAMLError, ValueError) as error:
         reason = str(error).splitlines()[0]
         raise SheetError([Finding("error", "E_YAML", f"not YAML: {reason}", file, 1)]) from None

@@ -36,8 +36,8 @@ class Beam(Source):
     acts at its projection. Euler-Bernoulli, small deflection: ``Δl = F_x l/EA + q_x l²/2EA``,
     ``w_y = F_y l³/3EI_z + M_z l²/2EI_z + q_y l⁴/8EI_z``, ``θ_z = F_y l²/2EI_z + M_z l/EI_z + q_y l³/6EI_z``, likewise
     with the other sign for w_z and θ_y, ``Δφ = M_x l/GI``. Source: section 3.2 and eq 21 of Wei, Jia and Chen (2015),
-    which prints θ_z before θ_y and gives EI and GI in N·m/rad; here EI and GI are rigidities in N·m², and stiffnesses of
-    the whole link in N·m/rad are settings of their own (``EI = k l``).
+    which prints θ_z before θ_y and gives EI and GI in N·m/rad; here EI and GI are rigidities in N·m², and stiffnesses
+    of the whole link in N·m/rad are settings of their own (``EI = k l``).
 
     Attributes
     ----------
@@ -172,7 +172,7 @@ def point_flexibility(length: float, reach: float) -> Array:
 
 
 def weight_flexibility(length: float) -> Array:
-    """Return the end's displacement for a total weight spread evenly along a cantilever; as :func:`point_flexibility`."""
+    """Return the end's displacement for a total weight spread along a cantilever; see :func:`point_flexibility`."""
     l = length  # noqa: E741
     result = np.zeros((6, 6))
     result[0, 0] = l / 2

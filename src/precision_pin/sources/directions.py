@@ -34,4 +34,4 @@ def direction_of(text: str, posture: Posture) -> NDArray[np.float64]:
         raise InputError(f"direction {text!r} is not understood; allowed: link, [-]x|y|z of JOINT, [-]axis of JOINT")
     joint = posture.chain.joint_index(match[3].strip())
     direction = posture.joint_axes[joint] if match[2] == "axis" else posture.joint_poses[joint][:3, _AXES[match[2]]]
-    return -direction if match[1] else direction
+    return np.asarray(-direction if match[1] else direction, dtype=float)

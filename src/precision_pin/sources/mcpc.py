@@ -23,8 +23,8 @@ class Mcpc(Source):
     """Errors of one link's MCPC parameters, exact at any size.
 
     Places are inserted at the axes of Rot(x, α), Rot(y, β) and Rot(z, γ) and where the link is translated, so that the
-    displaced link is ``Rot(x, α+Δα) Rot(y, β+Δβ) [Rot(z, γ+Δγ)] Trans(x+Δx, y+Δy, [z+Δz])``. Source: eqs 1 and 2 of Wei,
-    Jia and Chen (2015). An error of θ is a ``joint_offset``.
+    displaced link is ``Rot(x, α+Δα) Rot(y, β+Δβ) [Rot(z, γ+Δγ)] Trans(x+Δx, y+Δy, [z+Δz])``. Source: eqs 1 and 2 of
+    Wei, Jia and Chen (2015). An error of θ is a ``joint_offset``.
 
     Attributes
     ----------
