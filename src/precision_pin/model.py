@@ -99,6 +99,10 @@ class TermTable:
             result[k, :3, 3:] = se3.skew(frame[:3, 3] - self.pose[:3, 3]) @ rotation
         return result
 
+    def parameters(self, x: Array) -> Array:
+        """Return the parameters ``(P, N)`` for component values ``(d, N)``; P is zero where nothing is random."""
+        return self.program.evaluate(x) if self.program.outputs else np.zeros((0, x.shape[1]))
+
     def products(self, parameters: Array) -> Array:
         """Return each term's product of factors, ``(T, N)``, for parameters ``(P, N)``."""
         padded = np.concatenate([parameters, np.ones((1, parameters.shape[1]))])
@@ -139,7 +143,7 @@ class PoseModel:
         Σ J_target · twist · product of factors, with J at the undisplaced chain.
         """
         values = self._check(x)
-        moved = self.table.displacements(self.table.products(self.table.program.evaluate(values)))
+        moved = self.table.displacements(self.table.products(self.table.parameters(values)))
         result: Array = np.einsum("kij,kjn->in", self.table.sensitivities, moved)
         return result
 
@@ -154,7 +158,7 @@ class PoseModel:
             A target turns by π or more, where rotation vectors are no longer unique.
         """
         values = self._check(x)
-        moved = self.table.displacements(self.table.products(self.table.program.evaluate(values)))
+        moved = self.table.displacements(self.table.products(self.table.parameters(values)))
         motion = np.broadcast_to(np.eye(4)[:, :, None], (4, 4, values.shape[1]))
         for frame, displacement in zip(self.table.frames, moved, strict=True):
             if np.sqrt((displacement[3:] ** 2).sum(axis=0)).max(initial=0.0) >= np.pi:
@@ -175,7 +179,7 @@ class PoseModel:
         """
         mean = self.space.mean
         table = self.table
-        parameters = table.program.evaluate(mean[:, None])
+        parameters = table.parameters(mean[:, None])
         moved = table.displacements(table.products(parameters))[:, :, 0]
         error = self.exact(mean[:, None])[:, 0]
         slopes = self._displacement_slopes(parameters[:, 0])

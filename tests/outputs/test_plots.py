@@ -229,6 +229,7 @@ def test_a_panel_takes_a_smaller_unit_where_its_labels_would_grow_long() -> None
         "δy [µrad]",
         "δz [nrad]",
     ]
+    assert "limit 50 mrad (beyond this axis)" in legend_of(figure)
 
 
 def test_given_axes_are_drawn_on_and_keep_their_figure() -> None:

@@ -183,7 +183,8 @@ def _mark(
 
 def _mark_limit(axes: Axes, distribution: Distribution, ruler: _Ruler, result: SpecificationResult) -> list[float]:
     """Draw a limit where it is near the data, name it either way, and return what the axis has to show."""
-    unit = ruler.text_unit
+    readable = 1e-3 <= result.limit * ruler.text_unit.per_si < 1e5
+    unit = ruler.text_unit if readable else _unit_for(result.limit, result.quantity)
     label = f"limit {result.limit * unit.per_si:.6g} {unit.name}"
     low, high = _range(distribution, ruler)
     reach = _FARTHEST_LIMIT * (high - low)

@@ -1,0 +1,109 @@
+"""The structure: a module imports only modules of lower floors, and C++ has one door."""
+
+from __future__ import annotations
+
+import ast
+from pathlib import Path
+
+import pytest
+
+PACKAGE = Path(__file__).parent.parent / "src" / "precision_pin"
+
+FLOORS = (
+    "errors",
+    "units",
+    "se3",
+    "philox",
+    "laws",
+    "parameters",
+    "space",
+    "urdf",
+    "pinocchio_model",
+    "chain",
+    "mcpc",
+    "terms",
+    "sources",
+    "examples",
+    "sheet",
+    "model",
+    "kernel",
+    "statistics",
+    "specification",
+    "result",
+    "run",
+    "analyses",
+    "outputs",
+    "cli",
+    "__main__",
+)
+
+MODULES = sorted(path for path in PACKAGE.rglob("*.py") if "robots" not in path.parts)
+
+
+def room(path: Path) -> str:
+    relative = path.relative_to(PACKAGE)
+    return relative.parts[0] if len(relative.parts) > 1 else relative.stem
+
+
+def imported_modules(path: Path) -> set[str]:
+    """Every module a file imports, at any depth of the code, type-checking blocks included; full dotted names."""
+    package = ["precision_pin", *path.relative_to(PACKAGE).parts[:-1]]
+    names: set[str] = set()
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            names |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            home = package[: len(package) - node.level + 1] if node.level else []
+            module = ".".join([*home, *([node.module] if node.module else [])])
+            names.add(module)
+            if module == "precision_pin":
+                names |= {f"precision_pin.{alias.name}" for alias in node.names}
+    return names
+
+
+def test_every_module_has_a_floor() -> None:
+    rooms = {room(path) for path in MODULES} - {"__init__"}
+    assert rooms <= set(FLOORS)
+    assert set(FLOORS) - {"kernel", "__main__"} <= rooms | {"kernel"}
+
+
+@pytest.mark.parametrize("path", MODULES, ids=lambda path: str(path.relative_to(PACKAGE)))
+def test_imports_go_down_only(path: Path) -> None:
+    own = room(path)
+    if own == "__init__":
+        return  # the package's front door names every room, late
+    for name in imported_modules(path):
+        if name.startswith("precision_pin."):
+            other = name.split(".")[1]
+            assert other == own or FLOORS.index(other) < FLOORS.index(own), f"{own} imports {other}"
+
+
+def test_only_one_file_of_the_package_uses_pinocchio() -> None:
+    users = [path.name for path in MODULES if any(n.split(".")[0] == "pinocchio" for n in imported_modules(path))]
+    assert users == ["pinocchio_model.py"]
+
+
+@pytest.mark.parametrize("path", MODULES, ids=lambda path: str(path.relative_to(PACKAGE)))
+def test_sources_and_analyses_do_not_know_each_other(path: Path) -> None:
+    if room(path) not in ("analyses", "sources", "kernel", "statistics"):
+        return
+    others = {name.split(".")[1] for name in imported_modules(path) if name.startswith("precision_pin.")}
+    if room(path) == "sources":
+        assert not others & {"model", "run", "analyses", "statistics", "kernel", "sheet"}
+    else:
+        assert "sources" not in others
+
+
+def test_no_file_is_two_rooms() -> None:
+    lengths = {str(path.relative_to(PACKAGE)): len(path.read_text(encoding="utf-8").splitlines()) for path in MODULES}
+    assert {name: length for name, length in lengths.items() if length > 620} == {}
+
+
+def test_code_and_tests_name_no_place_outside_the_project() -> None:
+    root = PACKAGE.parent.parent
+    for folder in ("src", "tests", "scripts", "docs", "robots", "benchmarks", ".ci"):
+        for path in (root / folder).rglob("*"):
+            if path.suffix in (".py", ".md", ".yaml", ".urdf", "") and path.is_file() and path != Path(__file__):
+                text = path.read_text(encoding="utf-8", errors="replace")
+                assert "/wo" + "rk/" not in text, path
+                assert "../sha" + "red" not in text, path
