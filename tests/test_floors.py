@@ -28,7 +28,7 @@ FLOORS = (
     "model",
     "kernel",
     "statistics",
-    "specification",
+    "specifications",
     "result",
     "run",
     "analyses",

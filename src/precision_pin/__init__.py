@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from precision_pin.space import Draw as Draw
     from precision_pin.space import Scope as Scope
     from precision_pin.space import Space as Space
-    from precision_pin.specification import specification as specification
+    from precision_pin.specifications import specification as specification
     from precision_pin.terms import Source as Source
     from precision_pin.terms import Term as Term
 
@@ -55,7 +55,7 @@ _HOMES: Final = {
     "TruncatedNormal": "laws",
     "Uniform": "laws",
     "monte_carlo": "run",
-    "specification": "specification",
+    "specification": "specifications",
 }
 _ROOMS: Final = ("mcpc", "sources")
 

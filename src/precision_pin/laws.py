@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import ClassVar, Literal, final
+from typing import ClassVar, Final, Literal, final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -31,6 +31,9 @@ __all__ = [
 ]
 
 Array = NDArray[np.float64]
+
+SMALLEST_K: Final = 1e-3
+"""Smallest k of a truncated normal law; its samples are exact to 1e-16/k of its half-width."""
 
 
 class Law(ABC):
@@ -275,16 +278,17 @@ class TruncatedNormal(_ScalarLaw):
     def __post_init__(self) -> None:
         _check_size("the standard deviation of a truncated normal law", self.std)
         _check_finite("the mean of a truncated normal law", self.mean)
-        _check_size("k of a truncated normal law", self.k, zero=False)
+        if not SMALLEST_K <= self.k < math.inf:
+            raise InputError(
+                f"k of a truncated normal law must be finite and at least {SMALLEST_K}, got {self.k!r}; "
+                "cut off closer to its mean the law is uniform"
+            )
 
     @property
     def variance(self) -> float:
-        """σ² (1 - 2kφ(k) / (2Φ(k) - 1)); by its series where k is small (then nearly uniform)."""
-        k = self.k
-        if k < 0.05:
-            return (k * self.std) ** 2 / 3 * (1 - 2 * k**2 / 15)
-        density = math.exp(-k * k / 2) / math.sqrt(2 * math.pi)
-        return self.std**2 * (1 - 2 * k * density / math.erf(k / math.sqrt(2)))
+        """σ² (1 - 2kφ(k) / (2Φ(k) - 1)), as the ratio of the chi-square laws of 3 and 1 at k² (no cancellation)."""
+        square = self.k**2 / 2
+        return self.std**2 * float(special.gammainc(1.5, square) / special.gammainc(0.5, square))
 
     @property
     def reach(self) -> float:
@@ -421,6 +425,8 @@ class JointNormal(Law):
         slack = 1e-9 * np.outer(scale, scale)
         if (np.abs(covariance - covariance.T) > slack).any():
             raise InputError("the covariance of a joint normal law must be symmetric")
+        if (np.abs(covariance) > (1 + 1e-9) * np.outer(scale, scale)).any():
+            raise InputError("the covariance of a joint normal law holds a negative variance or a correlation above 1")
         unit = np.where(scale > 0, scale, 1.0)
         lowest = np.linalg.eigvalsh(covariance / np.outer(unit, unit)).min()
         if lowest < -1e-9:
@@ -466,7 +472,8 @@ class JointNormal(Law):
     def support(self, direction: ArrayLike) -> float:
         """Return infinity, or w·mean where the law does not vary along w."""
         w = np.asarray(direction, dtype=float)
-        return math.inf if np.abs(self.root.T @ w).max() > 0 else float(w @ self.mean_vector)
+        rounding = 1e-12 * float(np.abs(w) @ np.sqrt(np.diag(self.covariance)))
+        return math.inf if np.abs(self.root.T @ w).max() > rounding else float(w @ self.mean_vector)
 
     def characteristic(self, frequency: ArrayLike) -> NDArray[np.complex128]:
         """Return exp(i t·mean - tᵀΣt/2)."""

@@ -183,6 +183,11 @@ class Space:
         pose, visit
             Which pose and visit, 0-based.
 
+        Raises
+        ------
+        InputError
+            A seed, unit, pose or visit out of range.
+
         Returns
         -------
         NDArray
@@ -190,6 +195,9 @@ class Space:
             for the uniforms; normal numbers are Box-Muller of a pair (cosine for the even unit, sine for the odd).
         """
         check_seed(seed)
+        seed, first, count = int(seed), int(first), int(count)
+        if first < 0 or count < 0 or first + count > 2**64:
+            raise InputError(f"units {first} to {first + count} do not exist: from 0 to 2^64")
         first_pair, last_pair = first // 2, (first + count + 1) // 2
         columns = slice(first - 2 * first_pair, first - 2 * first_pair + count)
         x = np.empty((self.size, count))

@@ -186,8 +186,10 @@ def parse_vector(text: object, *quantities: Quantity, count: int | None = None) 
         raise UnitError(f"{str(text)!r} has {len(numbers)} numbers, expected {count}")
     for quantity in quantities:
         if unit in quantity.units:
-            factor = quantity.units[unit]
-            return [number * factor for number in numbers]
+            values = [number * quantity.units[unit] for number in numbers]
+            if not all(math.isfinite(value) for value in values):
+                raise UnitError(f"{str(text)!r} is too large")
+            return values
     named = " or ".join(quantity.name for quantity in quantities)
     allowed = ", ".join(dict.fromkeys(unit for quantity in quantities for unit in quantity.units))
     if not unit:

@@ -138,6 +138,8 @@ Z = (0, 0, 1)
         (cases.pose((0.3, 0.4, 0), (-np.pi, 0, 0)), {"offset": np.arctan2(4, 3), "alpha": np.pi, "x": 0.5, "y": 0}),
         # coincident
         (cases.pose((0, 0, 0.7)), {"offset": 0, "alpha": 0, "x": 0, "y": 0}),
+        # coincident but for 1e-10 m: the direction of so small a distance does not choose the turn
+        (cases.pose((6e-11, 8e-11, 0.7)), {"offset": 0, "alpha": 0, "x": 6e-11, "y": 8e-11}),
         # along +y: Rot(x, -90°) brings z there; the height 0.2 shows as y = -0.2
         (cases.pose((0, 0, 0.2), (-np.pi / 2, 0, 0)), {"offset": 0, "alpha": -np.pi / 2, "x": 0, "y": -0.2}),
         # along +x: after a turn of +90° that is the -y direction, hence α = +90°
@@ -178,6 +180,12 @@ def test_base_turns_where_link_0_is_nearly_singular(roll, turn):
     assert abs(np.cos(arm.beta[0])) > 0.1
     np.testing.assert_allclose(arm.forward_kinematics([0.7]), cases.pinocchio_tip(chain, [0.7]), rtol=0, atol=1e-15)
     np.testing.assert_allclose(arm.frame_in_link[0], cases.rot("z", turn), rtol=0, atol=1e-15)
+
+
+@pytest.mark.parametrize("yaw", [np.pi, -np.pi])
+def test_gamma_of_half_a_turn_is_positive(yaw):
+    arm = mcpc.from_chain(cases.stand_in([np.eye(4), cases.pose((0.1, 0, 0), (0, 0, yaw))], [Z]))
+    assert arm.gamma == pytest.approx(np.pi, rel=0, abs=1e-15)
 
 
 def test_chain_without_joints_keeps_six_parameters():
@@ -221,6 +229,14 @@ def test_to_placements_builds_the_perturbed_robot(seed):
         q = cases.random_values(chain, generator)
         got = cases.pinocchio_tip(chain, q, placements)
         np.testing.assert_allclose(got, cases.literal_tip(arm, q, errors), rtol=0, atol=1e-13)
+
+
+def test_joint_placements_turn_the_base():
+    arm = cases.random_mcpc(1, 3)
+    placements, axes = mcpc.joint_placements(arm)
+    q = [0.1, -0.2, 0.3]
+    got = cases.pinocchio_tip(cases.stand_in(placements, axes, arm.prismatic), q)
+    np.testing.assert_allclose(got, arm.forward_kinematics(q), rtol=0, atol=1e-15)
 
 
 def test_to_placements_touches_only_what_changed_and_moves_the_link_behind():

@@ -61,7 +61,7 @@ def command(
     from precision_pin.run import check_samples, monte_carlo
     from precision_pin.sheet import Overrides, parse_pose, read
     from precision_pin.space import check_seed
-    from precision_pin.specification import specification
+    from precision_pin.specifications import specification
 
     if pose is not None and q is not None:
         raise click.UsageError("--pose and --q exclude each other")

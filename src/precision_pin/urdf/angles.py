@@ -17,6 +17,7 @@ EIGHTH = math.pi / 4
 GOOD_ENOUGH = 1e-6
 WIDEST_SLIP = 2e-3
 MOST_DECIMALS = 5
+WIDEST = 4 * math.pi
 
 
 def _meant(angle: float) -> float | None:
@@ -25,6 +26,8 @@ def _meant(angle: float) -> float | None:
     A right angle counts as rounded where it is off by up to 2 mrad and written with up to five decimals:
     more decimals look measured. Odd multiples of 45° must be cut or rounded at their last decimal.
     """
+    if abs(angle) > WIDEST:
+        return None
     turns = round(angle / EIGHTH)
     exact = turns * EIGHTH
     slip = abs(angle - exact)

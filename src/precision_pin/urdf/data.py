@@ -46,7 +46,7 @@ class Limits:
     xml_depth
         Levels of nested elements.
     elements
-        XML elements in all.
+        XML elements and attributes in all.
     moving_joints
         Joints that are not fixed.
     links_in_depth
@@ -56,7 +56,7 @@ class Limits:
     file_bytes: int = 16 * 1024 * 1024
     text_length: int = 64 * 1024
     xml_depth: int = 64
-    elements: int = 200_000
+    elements: int = 250_000
     moving_joints: int = 128
     links_in_depth: int = 200
 

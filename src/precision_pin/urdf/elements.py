@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from .findings import Findings, hint, shown
+from .findings import Findings, shown
 from .xmltree import Node
 
 __all__ = ["check_attributes", "check_children", "read_name"]
@@ -50,8 +50,8 @@ def check_children(node: Node, owner: str, findings: Findings) -> None:
             seen.add(child.tag)
             check_attributes(child, owner, findings)
         elif child.tag not in often:
-            message = f"unknown element <{child.tag[:40]}> in <{node.tag}> is ignored"
-            message += hint(child.tag, once | often) if len(child.tag) > 3 else ""
+            valid = ", ".join(sorted(once | often))
+            message = f"unknown element <{child.tag[:40]}> in <{node.tag}> is ignored; valid: {valid}"
             findings.grouped_warning("W_UNKNOWN_ELEMENT", message, owner, child.line)
 
 

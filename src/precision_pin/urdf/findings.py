@@ -56,6 +56,9 @@ class Findings:
 
     def grouped_warning(self, code: str, message: str, name: str, line: int | None) -> None:
         """Add ``name`` to the one warning of this code and message; it stands at the first line."""
+        if len(self._groups) >= MOST_FINDINGS and (code, message) not in self._groups:
+            self._count["warning"] += 1
+            return
         names = self._groups.setdefault((code, message), (line, []))[1]
         if not names or names[-1] != name:
             names.append(name)

@@ -15,8 +15,9 @@ __all__ = ["Colour", "Looks"]
 
 Colour = tuple[float, float, float, float]
 
-# C's printf directives: parsers are known to log bad text as a format
-DIRECTIVE = re.compile(r"%[-+ #0]*(?:\d+|\*)?(?:\.(?:\d+|\*))?(?:hh|h|ll|l|q|j|z|t|L)?[diouxXeEfFgGaAcspn]")
+# C's printf directives: parsers are known to log bad text as a format. One class, then another that shares
+# no character with it: never quadratic
+DIRECTIVE = re.compile(r"%[-+ #0-9.*hlqjztL]*[diouxXeEfFgGaAcspn]")
 SHAPES = ("box", "cylinder", "sphere", "mesh")
 
 

@@ -143,7 +143,7 @@ class _Builder:
     def _start(self, tag: str, attributes: dict[str, str]) -> None:
         line = self._parser.CurrentLineNumber
         self._depth += 1
-        self._elements += 1
+        self._elements += 1 + len(attributes)
         self._within_limits(tag, attributes, line)
         self._note_xacro(tag, attributes, line)
         if self._opaque_depth is not None:
@@ -169,7 +169,7 @@ class _Builder:
             message = f"elements are nested more than {limits.xml_depth} deep"
             raise _Refused("E_XML_DEPTH", message, line)
         if self._elements > limits.elements:
-            message = f"more than {limits.elements} elements; the limits can be raised"
+            message = f"more than {limits.elements} elements and attributes; the limits can be raised"
             raise _Refused("E_TOO_BIG", message, line)
         if max(map(len, (tag, *attributes, *attributes.values()))) > limits.text_length:
             message = f"a name or attribute of <{tag[:40]}> is over {limits.text_length} characters"

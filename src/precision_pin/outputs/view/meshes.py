@@ -1,0 +1,182 @@
+"""Mesh files as coloured triangles: checked first, read in Python only, and thinned out to a page's size."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Final, final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from precision_pin.urdf import Mesh, locate_mesh
+from precision_pin.urdf.findings import Findings
+from precision_pin.urdf.meshes import MeshFiles
+
+from .scene import Colour
+
+__all__ = ["MOST_FACES", "MeshReader", "Surface", "UnreadableMeshError", "thinned"]
+
+Array = NDArray[np.float64]
+
+MOST_FACES: Final = 120_000
+"""The most triangles a page holds, about 2.5 MB."""
+
+# formats that may name further files: materials or buffers beside them
+_WITH_COMPANIONS: Final = (".obj", ".gltf")
+# corners closer than this share of the arm's length are one; the share grows until all surfaces fit
+_FINEST: Final = 1e-5
+_GROWTH: Final = 1.6
+_KEY_BITS: Final = 21
+
+
+class UnreadableMeshError(Exception):
+    """Carries why a mesh cannot be drawn."""
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Surface:
+    """Triangles of one colour.
+
+    Attributes
+    ----------
+    vertices
+        Corners ``(V, 3)``, m.
+    faces
+        Their indices ``(F, 3)``.
+    colour
+        The file's own colour, None where it has none.
+    """
+
+    vertices: Array
+    faces: NDArray[np.int64]
+    colour: Colour | None
+
+
+@final
+class MeshReader:
+    """Reads a robot's meshes, each file once.
+
+    Parameters
+    ----------
+    file
+        The URDF, beside which meshes and packages are looked for.
+    package_dirs
+        Further folders of packages.
+    """
+
+    def __init__(self, file: str, package_dirs: Sequence[Path]) -> None:
+        self._file = file
+        self._package_dirs = list(package_dirs)
+        self._known: dict[str, tuple[Surface, ...] | str] = {}
+
+    def surfaces(self, mesh: Mesh, owner: str) -> tuple[Surface, ...]:
+        """Return a mesh's triangles, scaled as the URDF says, one surface for each colour.
+
+        Raises
+        ------
+        UnreadableMeshError
+            Missing, outside the robot's folders, broken or of an unknown kind; says which.
+        """
+        if mesh.filename not in self._known:
+            try:
+                self._known[mesh.filename] = self._read(mesh.filename, owner)
+            except UnreadableMeshError as problem:
+                self._known[mesh.filename] = str(problem)
+        known = self._known[mesh.filename]
+        if isinstance(known, str):
+            raise UnreadableMeshError(known)
+        return tuple(replace(one, vertices=one.vertices * mesh.scale) for one in known)
+
+    def _read(self, filename: str, owner: str) -> tuple[Surface, ...]:
+        folder = Path(self._file).resolve().parent
+        findings = Findings(self._file)
+        MeshFiles(findings, folder, self._package_dirs, look_inside=True).check(filename, owner, 0)
+        for finding in findings.result():
+            raise UnreadableMeshError(finding.message)
+        path = locate_mesh(filename, folder, self._package_dirs)
+        if path is None:
+            raise UnreadableMeshError(f"{owner}: mesh {filename!r} is not found")
+        try:
+            surfaces = _load(path)
+        except Exception as problem:  # noqa: BLE001 - a broken file makes readers raise anything; the page goes on
+            reason = " ".join(str(problem).split()) or type(problem).__name__
+            raise UnreadableMeshError(f"{owner}: mesh {filename!r} cannot be read: {reason[:120]}") from None
+        if not surfaces:
+            raise UnreadableMeshError(f"{owner}: mesh {filename!r} holds no triangles")
+        return surfaces
+
+
+def thinned(surfaces: Sequence[Surface], length: float, most_faces: int = MOST_FACES) -> tuple[Surface, ...]:
+    """Return the surfaces with near corners joined, coarser until all have ``most_faces`` triangles or fewer.
+
+    Corners in one cell of a grid become their mean, triangles that shrink to a line go.
+
+    Parameters
+    ----------
+    surfaces
+        As read.
+    length
+        The arm's length, m: cells are at least a hundred-thousandth of it.
+    """
+    cell = _FINEST * length
+    result = tuple(_joined(one, cell) for one in surfaces)
+    while sum(len(one.faces) for one in result) > most_faces:
+        cell *= _GROWTH
+        result = tuple(_joined(one, cell) for one in surfaces)
+    return result
+
+
+def _joined(surface: Surface, cell: float) -> Surface:
+    lowest = surface.vertices.min(axis=0)
+    cell = max(cell, float(np.ptp(surface.vertices, axis=0).max()) / 2 ** (_KEY_BITS - 1))
+    grid = np.floor((surface.vertices - lowest) / cell).astype(np.int64)
+    keys = grid[:, 0] + (grid[:, 1] << _KEY_BITS) + (grid[:, 2] << 2 * _KEY_BITS)
+    _, renumbered, counts = np.unique(keys, return_inverse=True, return_counts=True)
+    means = [np.bincount(renumbered, weights=surface.vertices[:, axis]) / counts for axis in range(3)]
+    faces = renumbered[surface.faces]
+    first, second, third = faces.T
+    kept = faces[(first != second) & (second != third) & (third != first)]
+    ordered = np.sort(kept, axis=1)
+    _, unique = np.unique(ordered, axis=0, return_index=True)
+    return replace(surface, vertices=np.stack(means, axis=1), faces=kept[np.sort(unique)])
+
+
+def _load(path: Path) -> tuple[Surface, ...]:
+    import trimesh
+
+    kind = path.suffix.lower()
+    if kind in _WITH_COMPANIONS:
+        scene = trimesh.load_scene(path, process=False)
+    else:
+        with path.open("rb") as stream:
+            scene = trimesh.load_scene(stream, file_type=kind[1:], process=False)
+    by_colour: dict[Colour | None, list[tuple[Array, NDArray[np.int64]]]] = {}
+    for node in sorted(scene.graph.nodes_geometry):
+        transform, name = scene.graph[node]
+        geometry = scene.geometry[name]
+        if not isinstance(geometry, trimesh.Trimesh) or not len(geometry.faces):
+            continue
+        moved = np.asarray(geometry.vertices, dtype=float) @ transform[:3, :3].T + transform[:3, 3]
+        if not np.isfinite(moved).all():
+            raise UnreadableMeshError("it holds vertices that are not finite")
+        by_colour.setdefault(_own_colour(geometry), []).append((moved, np.asarray(geometry.faces, dtype=np.int64)))
+    return tuple(_merged(parts, colour) for colour, parts in by_colour.items())
+
+
+def _merged(parts: Sequence[tuple[Array, NDArray[np.int64]]], colour: Colour | None) -> Surface:
+    starts = np.cumsum([0, *(len(vertices) for vertices, _ in parts)])
+    faces = [indices + start for (_, indices), start in zip(parts, starts[:-1], strict=True)]
+    return Surface(np.concatenate([vertices for vertices, _ in parts]), np.concatenate(faces), colour)
+
+
+def _own_colour(geometry: Any) -> Colour | None:
+    visual = geometry.visual
+    if not visual.defined:
+        return None
+    source = visual.material if visual.kind == "texture" else visual
+    red, green, blue, opacity = (float(part) / 255 for part in source.main_color)
+    # an exporter's mistake that hides the part (opacity 0, COLLADA's two conventions) helps nobody
+    return (red, green, blue, opacity if opacity > 0 else 1.0)
