@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from abc import ABC
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import IntEnum
 from typing import Final, final
 
@@ -96,10 +96,33 @@ class Constant(Expression):
 @final
 @dataclass(frozen=True)
 class Operation(Expression):
-    """An operator applied to one or two expressions; the exponent of a power is constant."""
+    """An operator applied to one or two expressions; the exponent of a power is constant.
+
+    Attributes
+    ----------
+    operator, arguments
+        What is computed from what.
+    depth
+        How many operations stand above one another; parts that are shared count once for every way to them.
+    """
 
     operator: Operator
     arguments: tuple[Expression, ...]
+    depth: int = field(init=False, repr=False, compare=False)
+    _hash: int = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        below = [argument.depth for argument in self.arguments if isinstance(argument, Operation)]
+        object.__setattr__(self, "depth", 1 + max(below, default=0))
+        # kept, since parts are shared: hashing through them again takes time exponential in the depth
+        object.__setattr__(self, "_hash", hash((self.operator, self.arguments)))
+
+    def __hash__(self) -> int:
+        return self._hash
+
+    def __reduce__(self) -> tuple[type[Operation], tuple[Operator, tuple[Expression, ...]]]:
+        # hashes differ from process to process
+        return Operation, (self.operator, self.arguments)
 
 
 Value = Expression | float
@@ -160,6 +183,11 @@ class Program:
         """
         distinct: dict[Expression, None] = {}
         for parameter in parameters:
+            if isinstance(parameter, Operation) and parameter.depth > MOST_OPERATIONS:
+                raise InputError(
+                    f"a parameter's formula takes {parameter.depth} operations or more, "
+                    f"at most {MOST_OPERATIONS} are allowed"
+                )
             own: dict[Expression, None] = {}
             _collect(parameter, own)
             count = sum(isinstance(part, Operation) for part in own)
@@ -190,11 +218,18 @@ class Program:
 
     def evaluate(self, x: ArrayLike) -> Array:
         """Return the parameters ``(P, N)`` for component values ``(d, N)``."""
-        values = self._registers(np.asarray(x, dtype=float))
-        return np.array([values[k] for k in self.outputs]).reshape(len(self.outputs), -1)
+        points = np.asarray(x, dtype=float)
+        values = self._registers(points)
+        return np.array([values[k] for k in self.outputs]).reshape(len(self.outputs), points.shape[1])
 
     def gradient(self, x: ArrayLike) -> Array:
-        """Return the derivatives ``(P, d)`` of the parameters at one point ``(d,)``."""
+        """Return the derivatives ``(P, d)`` of the parameters at one point ``(d,)``.
+
+        Raises
+        ------
+        InputError
+            A formula has no value or no finite derivative there.
+        """
         point = np.asarray(x, dtype=float)
         values = self._registers(point[:, None])
         slopes = [np.eye(self.components)[k] for k in range(self.components)]
@@ -202,7 +237,13 @@ class Program:
         for step, (operator, left, right) in enumerate(self.operations):
             a, b = float(values[left][0]), float(values[right][0])
             result = float(values[self.components + len(self.constants) + step][0])
-            slopes.append(_slope(operator, a, b, result, slopes[left], slopes[right]))
+            try:
+                slopes.append(_slope(operator, a, b, result, slopes[left], slopes[right]))
+            except (ZeroDivisionError, OverflowError):
+                raise InputError(
+                    f"a parameter's formula has no finite derivative at its parameters' means "
+                    f"({operator.name.lower()} of {a:g})"
+                ) from None
         return np.array([slopes[k] for k in self.outputs]).reshape(len(self.outputs), self.components)
 
     def _registers(self, x: Array) -> list[Array]:
@@ -213,7 +254,7 @@ class Program:
                     values.append(_apply(operator, values[left], values[right]))
                 except FloatingPointError as error:
                     raise InputError(
-                        f"a parameter's formula fails for some sample ({error} in {operator.name.lower()}); "
+                        f"a parameter's formula fails for some sample ({error}); "
                         "a divisor that may reach zero needs a law that keeps away from it"
                     ) from error
         return values
@@ -254,6 +295,8 @@ def _apply(operator: Operator, a: Array, b: Array) -> Array:
 
 
 def _slope(operator: Operator, a: float, b: float, result: float, da: Array, db: Array) -> Array:
+    if not da.any() and not db.any():
+        return np.zeros_like(da)
     match operator:
         case Operator.ADD:
             return da + db
@@ -264,10 +307,10 @@ def _slope(operator: Operator, a: float, b: float, result: float, da: Array, db:
         case Operator.DIVIDE:
             return (da - result * db) / b
         case Operator.POWER:
-            factor: float = b * a ** (b - 1)
+            factor: float = b * a ** (b - 1) if b else 0.0
             return factor * da
         case Operator.SQRT:
-            return da / (2 * result)
+            return 1 / (2 * result) * da
         case Operator.SIN:
             return math.cos(a) * da
         case Operator.COS:

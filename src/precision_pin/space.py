@@ -7,6 +7,7 @@ numbers themselves depend on names only, so that adding or reordering draws chan
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum
@@ -18,7 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import block_diag
 
 from precision_pin import philox
-from precision_pin.errors import InputError, UnknownNameError
+from precision_pin.errors import InputError, InternalError, UnknownNameError
 from precision_pin.laws import Fixed, Law
 from precision_pin.parameters import Component, Expression, Value
 
@@ -28,6 +29,8 @@ Array = NDArray[np.float64]
 
 MOST_POSES = 2**20 - 1
 MOST_VISITS = 4095
+FARTHEST_NORMAL = 8.6
+"""No normal number drawn lies farther out, in standard deviations: the smallest uniform number is 2⁻⁵³."""
 
 
 class Scope(Enum):
@@ -279,6 +282,40 @@ class LabelledSpace:
                 return self.space.parameter(f"{self.label}.{field}")
             case _:
                 return float(setting)
+
+    def positive(self, field: str, setting: Setting, *, zero: bool = False) -> Value:
+        """Return a setting that must be positive (or zero, if allowed) in every sample; see :meth:`value`.
+
+        Raises
+        ------
+        InputError
+            The number, or the law's support, reaches below; a normal law must keep its mean 8.6 standard deviations
+            away, farther than any sample lies.
+        """
+        value = self.value(field, setting)
+        lowest = self._lowest(value)
+        if lowest < 0 or (lowest == 0 and not zero):
+            what = "negative" if zero else "zero or negative"
+            raise InputError(
+                f"{field} of {self.label} can become {what} (as low as {lowest:.6g}); narrow or truncate its law"
+            )
+        return value
+
+    def _lowest(self, value: Value) -> float:
+        """Return the lowest number that a setting takes in any sample; a formula is taken at its word."""
+        if not isinstance(value, Expression):
+            return value
+        if not isinstance(value, Component):
+            return math.inf
+        column = self.space.index[value.name]
+        for draw, rows in zip(self.space.draws, self.space.slices, strict=True):
+            if rows.start <= column < rows.stop:
+                direction = np.zeros(draw.law.size)
+                direction[column - rows.start] = -1.0
+                reach = draw.law.support(direction)
+                deviation = math.sqrt(draw.law.covariance[column - rows.start, column - rows.start])
+                return -reach if math.isfinite(reach) else float(self.space.mean[column]) - FARTHEST_NORMAL * deviation
+        raise InternalError(f"no draw holds the component {value.name!r}")
 
     def values(self, field: str, settings: Sequence[Setting]) -> tuple[Value, ...]:
         """Return several settings of one field; the second and later are named ``field[1]``, ``field[2]``, …."""

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import dataclasses
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+import precision_pin
 from mcpc import mcpc_cases as cases
 from precision_pin import mcpc
 from precision_pin.chain import Chain
@@ -15,9 +17,14 @@ from precision_pin.errors import InputError
 SEEDS = range(40)
 
 
-def test_table_1_of_the_paper():
+def shipped_arm():
+    return Chain.from_urdf(str(Path(precision_pin.__file__).parent / "robots" / "4dof.urdf"), tip="tool")
+
+
+@pytest.mark.parametrize("chain", [cases.paper_arm, shipped_arm])
+def test_table_1_of_the_paper(chain):
     """Table 1 with a_1 = 85, a_2 = 1970, a_4 = 1770, a_1+a_3+a_5 = 274 mm. a_0 is in none of its cells."""
-    arm = mcpc.from_chain(cases.paper_arm())
+    arm = mcpc.from_chain(chain())
     zero = [0.0] * 5
     for got, expected in (
         (arm.alpha, [0, -np.pi / 2, 0, 0, 0]),

@@ -8,43 +8,42 @@ import math
 import re
 import textwrap
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
-from typing import Final, final
+from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from precision_pin import laws
 from precision_pin.chain import Chain
+from precision_pin.outputs.starting import (
+    GIVE,
+    LEAST_SHARE,
+    SHORTEST,
+    TRIALS,
+    WIND_UP,
+    Survey,
+    general_tolerance,
+    reach,
+    round_125,
+)
 from precision_pin.sheet.settings import LAW_KEYS, OPTION_KEYS
 from precision_pin.sources import catalogue
 from precision_pin.urdf import Joint
 
-__all__ = ["general_tolerance", "quoted", "scaffold"]
+__all__ = ["quoted", "scaffold"]
 
 Array = NDArray[np.float64]
 Lines = list[str]
 
-TRIALS: Final = 64
-"""Poses that are tried to find a good first one and the load on every joint."""
-
 ANGLE_OFFSET: Final = "0.02 deg"
 SLIDE_OFFSET: Final = "0.05 mm"
 SEAT_RADIUS: Final = "0.02 mm"
-WIND_UP: Final = 2e-4
-"""Turn of a joint, rad, under the largest weight that it meets."""
-GIVE: Final = 2e-5
-"""Shift of a sliding joint, m, under the largest weight that it meets."""
-LEAST_SHARE: Final = 0.1
-"""Least load that a joint is sized for, as a share of the largest on the chain: wrists carry payloads, too."""
 COMPLIANCE_SPREAD: Final = 0.2
+RIGIDITY_SPREAD: Final = 0.1
 
-_ISO_2768_FINE: Final = ((6.0, 0.05), (30.0, 0.1), (120.0, 0.15), (400.0, 0.2), (1000.0, 0.3), (2000.0, 0.5))
-_ISO_2768_MEDIUM_LONGEST: Final = 2.0
-_SHORTEST: Final = 0.5e-3
-"""Below it ISO 2768-1 gives no general tolerance."""
 _ALUMINIUM: Final = (70e9, 26e9)
 """Moduli of elasticity and of shear, Pa."""
+
 _MANY: Final = 12
 _WIDTH: Final = 110
 _PLAIN: Final = re.compile(r"(?:\.{0,2}/)?[A-Za-z_][A-Za-z0-9_./-]*")
@@ -73,7 +72,7 @@ def scaffold(chain: Chain, robot_text: str, *, pose: Sequence[float] | None = No
     InputError
         A pose of the wrong size or not finite.
     """
-    survey = _Survey.of(chain)
+    survey = Survey.of(chain)
     start = None if pose is None else chain.configuration(pose)
     sections = (
         _head(chain, robot_text),
@@ -99,114 +98,6 @@ def quoted(text: str) -> str:
     if text.isprintable():
         return "'" + text.replace("'", "''") + "'"
     return '"' + _escaped(text.replace("\\", "\\\\").replace('"', '\\"')) + '"'
-
-
-def general_tolerance(length: float) -> tuple[float, str]:
-    """Return the permissible deviation ± (m) of a length (m) and its class, ISO 2768-1, table 1.
-
-    Class f (fine); above 2 m, where class f ends, class m (medium), whose ±2 mm for up to 4 m is used beyond, too.
-    """
-    for longest, deviation in _ISO_2768_FINE:
-        if length * 1e3 <= longest:
-            return deviation * 1e-3, "f"
-    return _ISO_2768_MEDIUM_LONGEST * 1e-3, "m"
-
-
-@final
-@dataclass(frozen=True, eq=False)
-class _Survey:
-    """What the trial poses tell about a chain.
-
-    Attributes
-    ----------
-    trials
-        Poses within the limits, ``(T, n)``, in ``units``.
-    units
-        Of each joint's values: deg or m; rad where the limits leave a joint no room, so that it stands on them exactly.
-    start, far
-        The trials that are best conditioned and, of the others, whose tip is farthest from the first joint.
-    loads
-        Largest torque or force of the weights on every joint, ``(n,)``, N·m or N.
-    loadable
-        Whether a weight beyond the joint can turn or slide it in some pose, ``(n,)``.
-    """
-
-    trials: Array
-    units: tuple[str, ...]
-    start: int
-    far: int
-    loads: Array
-    loadable: NDArray[np.bool_]
-
-    @classmethod
-    def of(cls, chain: Chain) -> _Survey:
-        ranges = [_middle(joint) for joint in chain.joints]
-        units = tuple(unit for _, _, unit in ranges)
-        trials = _trials(ranges)
-        reach = _reach(chain)
-        to_si = np.array([np.pi / 180 if unit == "deg" else 1.0 for unit in units])
-        columns = np.where(chain.prismatic, reach, 1.0)
-        rows = np.array([1 / reach] * 3 + [1.0] * 3)
-        weight = float(np.linalg.norm(chain.gravity))
-        down = chain.gravity / weight if weight else np.zeros(3)
-        conditions, distances, torques, shares = [], [], [], []
-        for values in trials:
-            posture = chain.at(values * to_si)
-            scaled = rows[:, None] * posture.joint_jacobian * columns
-            conditions.append(round(float(np.linalg.svd(scaled, compute_uv=False)[-1]), 6))
-            distances.append(round(float(np.linalg.norm(posture.pose[:3, 3] - posture.joint_poses[0][:3, 3])), 6))
-            torques.append(np.abs(posture.load_torque))
-            along = np.abs(posture.joint_axes @ down)
-            across = np.linalg.norm(np.cross(posture.joint_axes, down), axis=1)
-            shares.append(np.where(chain.prismatic, along, across))
-        start = int(np.argmax(conditions))
-        distances[start] = -1.0
-        far = int(np.argmax(distances))
-        return cls(trials, units, start, far, np.max(torques, axis=0), np.max(shares, axis=0) > 1e-3)
-
-
-def _trials(ranges: Sequence[tuple[float, float, str]]) -> Array:
-    """Return poses ``(T, n)`` over the joints' ranges: a Kronecker sequence, rounded where limits allow it.
-
-    Its steps are the powers of 1/x with x^(n+1) = x + 1 (Roberts 2018, R-sequence).
-    """
-    root = 2.0
-    for _ in range(64):
-        root = (1 + root) ** (1 / (len(ranges) + 1))
-    steps = root ** -np.arange(1, len(ranges) + 1)
-    fractions = (0.5 + np.outer(np.arange(1, TRIALS + 1), steps)) % 1.0
-    columns = []
-    for (centre, half, _), fraction in zip(ranges, fractions.T, strict=True):
-        values = centre + half * (2 * fraction - 1)
-        columns.append(np.round(values, _decimals(half)) + 0.0 if half else values)
-    return np.array(columns).T
-
-
-def _middle(joint: Joint) -> tuple[float, float, str]:
-    """Return centre, half-width and unit of a joint's usable range: at most ±60 deg or ±0.2 m about the middle."""
-    lower, upper = (-math.inf, math.inf) if joint.limit is None else (joint.limit.lower, joint.limit.upper)
-    if lower == upper:
-        return lower, 0.0, "m" if joint.kind == "prismatic" else "rad"
-    most, unit = 60.0, "deg"
-    if joint.kind == "prismatic":
-        most, unit = 0.2, "m"
-    else:
-        lower, upper = math.degrees(lower), math.degrees(upper)
-    if not math.isfinite(lower):
-        lower = min(-most, upper - 2 * most)
-    if not math.isfinite(upper):
-        upper = max(most, lower + 2 * most)
-    return (lower + upper) / 2, min(0.8 * (upper - lower) / 2, most), unit
-
-
-def _decimals(half: float) -> int:
-    """Return how many decimals keep a value within limits that are a quarter of ``half`` or more away from it."""
-    return max(0, math.ceil(-math.log10(half / 4)))
-
-
-def _reach(chain: Chain) -> float:
-    """Return the sum of the links' lengths, m; 1 m for a chain without any."""
-    return float(np.linalg.norm(chain.placements[:, :3, 3], axis=1).sum()) or 1.0
 
 
 def _head(chain: Chain, robot_text: str) -> Lines:
@@ -316,7 +207,7 @@ def _packed(entries: Iterable[str]) -> Lines:
     return lines
 
 
-def _poses(chain: Chain, survey: _Survey, start: Array | None) -> Lines:
+def _poses(chain: Chain, survey: Survey, start: Array | None) -> Lines:
     exact = ["m" if slides else "rad" for slides in chain.prismatic]
     lines = ["poses:", *_comment("Joint order: " + ", ".join(map(_escaped, chain.joint_names)), "  # ")]
     if start is None:
@@ -354,7 +245,7 @@ def _parameters() -> Lines:
 def _payload(chain: Chain) -> Lines:
     moved = {name for name, frame in chain.link_frames.items() if frame.link > 0}
     mass = sum(link.mass for link in chain.robot.links if link.name in moved)
-    example = f"{_round_125(0.05 * mass) if mass else 1.0:.3g} kg"
+    example = f"{round_125(0.05 * mass) if mass else 1.0:.3g} kg"
     return [
         "  # Payload: none yet. It loads the joints and links below; the tip's frame counts.",
         f"  # - payload: {{at: {quoted(chain.tip)}, mass: {example}, com: 0 0 0 mm}}",
@@ -381,7 +272,7 @@ def _joint_offsets(chain: Chain) -> Lines:
 
 
 def _axes(chain: Chain) -> Lines:
-    span = f"{min(max(_round_125(0.1 * _reach(chain)), 0.02), 0.1) * 1e3:.3g} mm"
+    span = f"{min(max(round_125(0.1 * reach(chain)), 0.02), 0.1) * 1e3:.3g} mm"
     text = (
         f"Axes: each passes within {SEAT_RADIUS} of its nominal place in two planes, the bearings'. A seat of 50 to 80 mm "
         "in grade IT6 has 0.019 mm (ISO 286-1). The span is a guess from the arm's size, a tenth of its links' lengths "
@@ -396,27 +287,23 @@ def _axes(chain: Chain) -> Lines:
     ]
 
 
-def _compliances(chain: Chain, survey: _Survey) -> Lines:
+def _compliances(chain: Chain, survey: Survey) -> Lines:
     text = (
         f"Joint flexibility: such that a joint turns by {WIND_UP * 1e3:g} mrad (slides by {GIVE * 1e3:g} mm) under the "
-        f"largest load that the URDF's masses put on it in {TRIALS} trial poses, at least {100 * LEAST_SHARE:g} % of the largest on "
-        f"any joint of its kind; rounded to 1, 2, 5; known to {100 * COMPLIANCE_SPREAD:g} %. Data sheets of the gears give it."
+        f"largest load that the URDF's masses put on it in {TRIALS} trial poses, at least {100 * LEAST_SHARE:g} % of the "
+        "largest on any joint that turns (slides) like it; rounded to 1, 2, 5; known to "
+        f"{100 * COMPLIANCE_SPREAD:g} %. Data sheets of the gears give it."
     )
     lines = _comment(text, "  # ")
-    for k, joint in enumerate(chain.joints):
+    for joint, load, loadable in zip(chain.joints, survey.design_loads, survey.loadable, strict=True):
         slides = joint.kind == "prismatic"
-        alike = (chain.prismatic == slides) & survey.loadable
-        largest = float(np.max(survey.loads[alike], initial=0.0))
-        if not survey.loadable[k]:
-            lines.append(
-                f"  # {_escaped(joint.name)}: no weight acts on it in any pose, so its flexibility shows no effect"
-            )
-        elif largest == 0.0:
+        if not loadable:
+            lines.append(f"  # {_escaped(joint.name)}: weight cannot move it in any pose")
+        elif load == 0.0:
             lines.append(f"  # {_compliance(joint, 1e-5)}    # no mass beyond it in the URDF")
         else:
-            load = max(float(survey.loads[k]), LEAST_SHARE * largest)
-            mean = _round_125((GIVE if slides else WIND_UP) / load)
-            lines.append(f"  {_compliance(joint, mean)}    # assumption; for {load:.3g} {'N' if slides else 'N*m'}")
+            mean = round_125((GIVE if slides else WIND_UP) / load)
+            lines.append(f"  {_compliance(joint, mean)}    # assumption; for {load:.4g} {'N' if slides else 'N*m'}")
     return lines
 
 
@@ -435,7 +322,7 @@ def _lengths(chain: Chain) -> Lines:
     for link, placement in enumerate(chain.placements):
         length = float(np.linalg.norm(placement[:3, 3]))
         between = f"{_near_end(chain, link)} to {_far_end(chain, link)}"
-        if length < _SHORTEST:
+        if length < SHORTEST:
             lines.append(f"  # {between}: {length * 1e3:.3g} mm, too short for a general tolerance")
             continue
         tolerance, grade = general_tolerance(length)
@@ -448,7 +335,7 @@ def _lengths(chain: Chain) -> Lines:
 
 
 def _beams(chain: Chain) -> Lines:
-    diameter = _round_125(_reach(chain) / 15)
+    diameter = round_125(reach(chain) / 15)
     wall = diameter / 16
     second_moment = math.pi / 8 * diameter**3 * wall
     bending, torsion = (
@@ -462,10 +349,10 @@ def _beams(chain: Chain) -> Lines:
     lines = _comment(text, "  # ")
     names = {frame.link: name for name, frame in chain.link_frames.items() if frame.path_rank == 0}
     for link, placement in enumerate(chain.placements):
-        if np.linalg.norm(placement[:3, 3]) < _SHORTEST:
+        if np.linalg.norm(placement[:3, 3]) < SHORTEST:
             continue
         laws_text = ", ".join(
-            f"{name}: {{uniform: {_short(0.1 * value)} N*m^2, mean: {_short(value)} N*m^2}}"
+            f"{name}: {{uniform: {_short(RIGIDITY_SPREAD * value)} N*m^2, mean: {_short(value)} N*m^2}}"
             for name, value in (("EI", bending), ("GI", torsion))
         )
         lines.append(f"  # - beam: {{link: {quoted(names[link])}, {laws_text}}}")
@@ -517,10 +404,3 @@ def _number(value: float) -> str:
 def _short(value: float) -> str:
     """Return a number to three digits, as 2e-5 rather than 2e-05."""
     return re.sub(r"e([+-])0*", lambda match: "e-" if match[1] == "-" else "e", f"{value:.3g}")
-
-
-def _round_125(value: float) -> float:
-    """Return a positive number rounded to 1, 2 or 5 times a power of ten, nearest by ratio."""
-    power = 10.0 ** math.floor(math.log10(value))
-    nearest = min((1.0, 2.0, 5.0, 10.0), key=lambda step: abs(math.log(value / power / step)))
-    return float(f"{nearest * power:.0e}")

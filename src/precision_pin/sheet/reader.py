@@ -336,14 +336,12 @@ def _try_terms(
     chain: Chain, space: Space, sources: Mapping[int, Source], poses: Mapping[str, Array], findings: _Findings
 ) -> None:
     """Let every source make its terms at every pose, so that a wrong joint or link is found with its line."""
-    if any(finding.severity == "error" for finding in findings.found):
-        space = Space()
     kept: dict[Path, Any] = {}
     names = labels(list(sources.values()))
     try:
         extended = space.including(own_draws(list(sources.values()), names))
     except InputError as error:
-        findings.take(("parameters",), error)
+        findings.take((), error)
         return
     places = list(poses.values()) or [np.zeros(len(chain.joints))]
     for (k, source), label in zip(sources.items(), names, strict=True):

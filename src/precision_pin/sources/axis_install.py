@@ -55,6 +55,8 @@ class AxisInstall(Source):
     def __post_init__(self) -> None:
         if (self.radius is None) == (self.diameter is None):
             raise InputError("axis_install needs either radius: or diameter:")
+        if not (self.radius or self.diameter or 0.0) >= 0:
+            raise InputError("the radius or diameter of axis_install must not be negative")
         if not self.span > 0:
             raise InputError(f"the span of axis_install must be positive, got {self.span} m")
 

@@ -123,7 +123,7 @@ class Beam(Source):
         ):
             setting = getattr(self, name)
             if setting is not None:
-                value = space.value(name, setting)
+                value = space.positive(name, setting)
                 yield (value if factor == 1.0 else value * factor), rows
 
     def _unit_displacement(

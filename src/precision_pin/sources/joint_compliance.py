@@ -41,6 +41,6 @@ class JointCompliance(Source):
     def terms(self, posture: Posture, space: LabelledSpace) -> Iterator[Term]:
         """Yield a term for each group of loads with the same random factors."""
         joint = posture.chain.joint_index(self.joint)
-        compliance = space.value("compliance", self.compliance)
+        compliance = space.positive("compliance", self.compliance, zero=True)
         for factors, torque in posture.torque_on(joint).items():
             yield Term.of(JointValue(joint), torque, *factors, compliance)

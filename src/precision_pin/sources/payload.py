@@ -57,7 +57,7 @@ class Payload(Source):
     def loads(self, posture: Posture, space: LabelledSpace) -> Iterator[Load]:
         """Yield the weight."""
         where = posture.chain.link_frame(self.at)
-        mass = space.value("mass", self.mass)
+        mass = space.positive("mass", self.mass, zero=True)
         centre = space.values("com", self.com)
         moments = [_moment(0, mass), *(_moment(k + 1, mass, value) for k, value in enumerate(centre))]
         yield Load(where.link, where.frame, where.attachment, along=False, moments=tuple(moments))

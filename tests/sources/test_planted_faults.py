@@ -1,0 +1,89 @@
+"""The checks of the sources notice a wrong sign and a wrong law planted in any of them."""
+
+from __future__ import annotations
+
+import pytest
+
+from precision_pin.sources import catalogue
+from support.mutants import Fault, original, planted
+from support.source_checks import CHECKS
+
+SIGNS = (
+    Fault("axis_install", "both angles reversed", "slope = sign / self.span", "slope = -sign / self.span"),
+    Fault("axis_install", "one angle reversed", "[0, share, 0, -slope, 0, 0]", "[0, share, 0, slope, 0, 0]"),
+    Fault("axis_install", "start counted the other way", "1 + crossing), -1.0)", "1 - crossing), -1.0)"),
+    Fault("axis_install", "B's share reversed", '("B", -crossing, 1.0)', '("B", crossing, 1.0)'),
+    Fault("beam", "θ_y of a force", "[0, 0, -(a**2) / 2, 0, a, 0]", "[0, 0, a**2 / 2, 0, a, 0]"),
+    Fault("beam", "θ_z of a force", "[0, a**2 / 2, 0, 0, 0, a]", "[0, -(a**2) / 2, 0, 0, 0, a]"),
+    Fault("beam", "w_z of a moment", "0, -a * (2 * l - a) / 2, 0]", "0, a * (2 * l - a) / 2, 0]"),
+    Fault("beam", "θ_y of the weight", "result[4, 2] = -(l**2) / 6", "result[4, 2] = l**2 / 6"),
+    Fault("beam", "θ_z of the weight", "result[5, 1] = l**2 / 6", "result[5, 1] = -(l**2) / 6"),
+    Fault("beam", "roll", "@ rotation_about((1, 0, 0), roll)", "@ rotation_about((1, 0, 0), -roll)"),
+    Fault("beam", "wrench turned the wrong way", "[:3, :3] @ axes).T)", "[:3, :3] @ axes))"),
+    Fault("directions", "a minus is ignored", "-direction if match[1] else", "direction if match[1] else", "length"),
+    Fault("frame", "every error reversed", "np.eye(6)[row]", "-np.eye(6)[row]"),
+    Fault("joint_compliance", "torque that holds the load", "JointValue(joint), torque,", "JointValue(joint), -torque,"),
+    Fault("joint_offset", "offset reversed", "JointValue(joint), 1.0,", "JointValue(joint), -1.0,"),
+    Fault("length", "direction turned the wrong way", "[:3, :3].T @ direction", "[:3, :3].T @ -direction"),
+    Fault("length", "frames turned the wrong way", "[:3, :3].T @ direction", "[:3, :3] @ direction"),
+    Fault("mcpc", "every error reversed", "np.eye(6)[row]", "-np.eye(6)[row]"),
+    Fault("mcpc", "β turned the wrong way", "nominal.beta[link])", "-nominal.beta[link] - 0.1)"),
+    Fault("mcpc", "γ turned the wrong way", "((0, 0, 1), turn)", "((0, 0, 1), -turn)"),
+    Fault("payload", "weight pulls up", "moments[row] = np.prod", "moments[row] = -np.prod"),
+)
+
+LAWS = (
+    Fault("axis_install", "circle for disc", "laws import Disc", "laws import Circle as Disc"),
+    Fault("axis_install", "diameter for radius", "(self.diameter or 0.0) / 2", "(self.diameter or 0.0)"),
+    Fault("axis_install", "axis left as z", "turn = chain.axis_alignment(joint)", "turn = np.eye(3)"),
+    Fault("axis_install", "A counts for nothing at the seat", '("A", 1 + crossing', '("A", crossing'),
+    Fault("beam", "stiffness for compliance", "flexibility = 1.0 / stiffness", "flexibility = 1.0 * stiffness"),
+    Fault("beam", "weight as a tip load", "l**3 / 8", "l**3 / 3"),
+    Fault("beam", "weight's turn", "result[5, 1] = l**2 / 6", "result[5, 1] = l**2 / 2"),
+    Fault("beam", "axial weight", "result[0, 0] = l / 2", "result[0, 0] = l"),
+    Fault("beam", "w_y of a force", "[0, a**2 * (3 * l - a) / 6, 0, 0", "[0, a**3 / 3, 0, 0"),
+    Fault("beam", "w_z of a force", "[0, 0, a**2 * (3 * l - a) / 6, 0", "[0, 0, a**3 / 3, 0"),
+    Fault("beam", "torsion over the whole length", "[0, 0, 0, a, 0, 0]", "[0, 0, 0, l, 0, 0]"),
+    Fault("beam", "loads beyond counted twice", "if load.link > link]", "if load.link >= link]"),
+    Fault("beam", "loads of the middle at the tip", "axes[:, 0] @ load.attachment, 0.0", "length, 0.0"),
+    Fault("beam", "projection not clipped", "0.0, length))", "0.0, 2 * length))"),
+    Fault("beam", "end stiffness without length", '("bending_stiffness", (1, 2, 4, 5), length)', '("bending_stiffness", (1, 2, 4, 5), 1.0)'),
+    Fault("beam", "torsional stiffness without length", '("torsion_stiffness", (3,), length)', '("torsion_stiffness", (3,), 1.0)'),
+    Fault("beam", "EI_y and EI_z swapped", '("EI_z", (1, 5), 1.0)', '("EI_z", (2, 4), 1.0)'),
+    Fault("beam", "EI bends one way only", '("EI", (1, 2, 4, 5), 1.0)', '("EI", (1, 5), 1.0)'),
+    Fault("beam", "left-handed axes", "np.cross(z, x), z]", "np.cross(x, z), z]"),
+    Fault("beam", "axis not made normal", "axis - x * (x @ axis)", "axis"),
+    Fault("beam", "next joint's axis not turned", "chain.placements[link][:3, :3] @ chain.axes[link]", "chain.axes[link]"),
+    Fault("directions", "axis of the next joint", "posture.joint_axes[joint]", "posture.joint_axes[joint - 1]", "length"),
+    Fault("directions", "base axes for a joint's", "joint_poses[joint][:3, _AXES", "joint_poses[0][:3, _AXES", "length"),
+    Fault("frame", "shift and turn swapped", '("x", "y", "z", "rx", "ry", "rz")', '("rx", "ry", "rz", "x", "y", "z")'),
+    Fault("frame", "another joint's seat", "chain.seat(chain.joint_index(self.joint))", "chain.seat(chain.joint_index(self.joint) + 1)"),
+    Fault("joint_compliance", "compliance squared", "*factors, compliance)", "*factors, compliance, compliance)"),
+    Fault("joint_compliance", "another joint's torque", "posture.torque_on(joint)", "posture.torque_on(joint - 1)"),
+    Fault("joint_offset", "half of it", "JointValue(joint), 1.0,", "JointValue(joint), 0.5,"),
+    Fault("length", "along the link's start", "place.frame[:3, 3]", "place.frame[:3, 0]"),
+    Fault("length", "the link before", "link = chain.joint_index(self.joint)", "link = chain.joint_index(self.joint) - 1"),
+    Fault("mcpc", "α and β swapped", '("alpha", 3, start), ("beta", 4, after_alpha)', '("alpha", 4, start), ("beta", 3, after_alpha)'),
+    Fault("mcpc", "shift in frame axes before they tilt", '{self.link}", after_gamma)', '{self.link}", start)'),
+    Fault("mcpc", "shift before γ", '{self.link}", after_gamma)', '{self.link}", after_beta)'),
+    Fault("payload", "first moment without mass", "_moment(k + 1, mass, value)", "_moment(k + 1, value)"),
+    Fault("payload", "centre axes off by one", "_moment(k + 1, mass, value)", "_moment(3 - k, mass, value)"),
+)
+
+
+def test_every_kind_has_a_check_and_a_fault_of_either_sort():
+    assert set(CHECKS) == set(catalogue())
+    for faults in (SIGNS, LAWS):
+        assert {fault.user or fault.module for fault in faults} == set(catalogue())
+
+
+@pytest.mark.parametrize("kind", CHECKS)
+def test_the_copies_that_faults_are_planted_in_pass(kind):
+    CHECKS[kind](original(kind))
+
+
+@pytest.mark.parametrize("fault", (*SIGNS, *LAWS), ids=lambda fault: f"{fault.module}: {fault.what}")
+def test_a_planted_fault_is_noticed(fault):
+    module = planted(fault)
+    with pytest.raises(AssertionError):
+        CHECKS[fault.user or fault.module](module)
