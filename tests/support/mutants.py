@@ -13,7 +13,7 @@ import precision_pin.sources
 
 @dataclass(frozen=True)
 class Fault:
-    """A change of text in a module of ``precision_pin.sources``.
+    """Return a change of text in a module of ``precision_pin.sources``.
 
     ``user`` names the module whose check must notice, where the fault sits in a helper it imports from.
     """
@@ -26,12 +26,12 @@ class Fault:
 
 
 def original(module: str) -> types.ModuleType:
-    """A fresh copy of a source module as it stands."""
+    """Return a fresh copy of a source module as it stands."""
     return _compiled(module, _text(module), "copy")
 
 
 def planted(fault: Fault) -> types.ModuleType:
-    """A copy of the module to check, with the fault in it."""
+    """Return a copy of the module to check, with the fault in it."""
     text = _text(fault.module)
     assert text.count(fault.old) == 1, f"{fault.module}: {fault.old!r} occurs {text.count(fault.old)} times, not once"
     changed = _compiled(fault.module, text.replace(fault.old, fault.new), "fault")

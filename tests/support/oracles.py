@@ -16,7 +16,7 @@ from support.plain_robot import inserted, motion
 
 
 def value_of(expression: Expression, values: Mapping[str, float]) -> float:
-    """A formula's value, term by term."""
+    """Return a formula's value, term by term."""
     if isinstance(expression, Component):
         return values[expression.name]
     if isinstance(expression, Constant):
@@ -37,7 +37,7 @@ def value_of(expression: Expression, values: Mapping[str, float]) -> float:
 
 
 def displacements(terms: tuple[Term, ...], values: Mapping[str, float]) -> dict[object, np.ndarray]:
-    """Sum of twist × factors for every target: joint errors ``(1,)``, places ``(6,)``."""
+    """Return the sum of twist × factors for every target: joint errors ``(1,)``, places ``(6,)``."""
     totals: dict[object, np.ndarray] = {}
     for term in terms:
         product = float(np.prod([value_of(factor, values) for factor in term.factors]))
@@ -46,7 +46,7 @@ def displacements(terms: tuple[Term, ...], values: Mapping[str, float]) -> dict[
 
 
 def displaced_pose(chain: Chain, q, totals: Mapping[object, np.ndarray]) -> np.ndarray:
-    """The tip, multiplied out link by link."""
+    """Return the tip, multiplied out link by link."""
     count = len(chain.joints)
     errors = np.zeros(count)
     places: dict[int, list[tuple[tuple[int, int], np.ndarray, np.ndarray]]] = defaultdict(list)
@@ -67,7 +67,7 @@ def displaced_pose(chain: Chain, q, totals: Mapping[object, np.ndarray]) -> np.n
 
 
 def virtual_joint_pose(chain: Chain, q, joint_errors, ends, seats) -> np.ndarray:
-    """The tip by Pinocchio: three virtual slides and a virtual ball joint at every link's end and seat.
+    """Return the tip by Pinocchio: three virtual slides and a virtual ball joint at every link's end and seat.
 
     ``ends`` and ``seats`` are ``(n+1, 6)``.
     """
@@ -78,9 +78,7 @@ def virtual_joint_pose(chain: Chain, q, joint_errors, ends, seats) -> np.ndarray
         if i:
             kind = pinocchio.JointModelPrismaticUnaligned if chain.prismatic[i - 1] else None
             kind = kind or pinocchio.JointModelRevoluteUnaligned
-            parent = model.addJoint(
-                parent, kind(np.array(chain.axes[i - 1])), pinocchio.SE3(placement), f"q{i}"
-            )
+            parent = model.addJoint(parent, kind(np.array(chain.axes[i - 1])), pinocchio.SE3(placement), f"q{i}")
             values.append(q[i - 1] + joint_errors[i - 1])
         placement = chain.placements[i]
         for name, error in (("end", ends[i]), ("seat", seats[i])):

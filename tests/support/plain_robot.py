@@ -22,7 +22,7 @@ GRAVITY = (0.0, 0.0, -9.81)
 
 
 def link(name: str, mass: float = 0.0, com=(0.0, 0.0, 0.0)) -> str:
-    """A link; its moments of inertia do not matter at rest."""
+    """Return a link; its moments of inertia do not matter at rest."""
     if not mass:
         return f'<link name="{name}"/>'
     inertia = f'<inertia ixx="{mass!r}" iyy="{mass!r}" izz="{mass!r}" ixy="0" ixz="0" iyz="0"/>'
@@ -32,7 +32,7 @@ def link(name: str, mass: float = 0.0, com=(0.0, 0.0, 0.0)) -> str:
 
 
 def joint(name, kind, parent, child, xyz=(0, 0, 0), rpy=(0, 0, 0), axis=(0, 0, 1), extra="") -> str:
-    """A joint; ``extra`` takes a <mimic> or <limit> of its own."""
+    """Return a joint; ``extra`` takes a <mimic> or <limit> of its own."""
     if kind in ("revolute", "prismatic") and "<limit" not in extra:
         extra += '<limit lower="-7" upper="7" effort="100" velocity="1"/>'
     turns = "" if kind == "fixed" else f'<axis xyz="{_text(axis)}"/>'
@@ -55,7 +55,7 @@ def unit(vector) -> np.ndarray:
 
 
 def random_arm(seed: int, joints: int = 7, prismatic: tuple[int, ...] = (), reach: float = 0.5) -> str:
-    """An arm with slanted axes, random origins, split links, a fixed branch and a locked finger.
+    """Return an arm with slanted axes, random origins, split links, a fixed branch and a locked finger.
 
     Links are ``base, link1 … linkN, tool``, joints ``joint1 … jointN``; link 2 is split by a fixed joint (``half2``),
     link 1 carries ``bracket``, the tool a ``finger`` on the joint ``finger_joint``.
@@ -103,7 +103,7 @@ def _text(numbers) -> str:
 
 
 def motion(axis, prismatic: bool, value: float) -> np.ndarray:
-    """What a joint does at a value."""
+    """Return what a joint does at a value."""
     matrix = np.eye(4)
     if prismatic:
         matrix[:3, 3] = np.asarray(axis) * value
@@ -113,7 +113,7 @@ def motion(axis, prismatic: bool, value: float) -> np.ndarray:
 
 
 def inserted(displacement) -> np.ndarray:
-    """E = Trans(d)·Exp(δ)."""
+    """Return E = Trans(d)·Exp(δ)."""
     matrix = np.eye(4)
     matrix[:3, :3] = Rotation.from_rotvec(displacement[3:]).as_matrix()
     matrix[:3, 3] = displacement[:3]
@@ -121,7 +121,7 @@ def inserted(displacement) -> np.ndarray:
 
 
 def pose_error(actual, nominal) -> np.ndarray:
-    """d = p' - p and δ = Log(R' Rᵀ), base axes at the tip."""
+    """Return d = p' - p and δ = Log(R' Rᵀ), base axes at the tip."""
     turn = Rotation.from_matrix(actual[:3, :3] @ nominal[:3, :3].T).as_rotvec()
     return np.concatenate([actual[:3, 3] - nominal[:3, 3], turn])
 
@@ -158,8 +158,9 @@ class PlainRobot:
         return cls(joints, masses, root)
 
     def poses(self, q: Mapping[str, float], base: str | None = None, displaced=None) -> dict[str, np.ndarray]:
-        """Pose of every link in ``base``; ``displaced`` maps a joint to E at its origin before it turns, or a link to
-        E at its frame, which carries everything beyond.
+        """Return the pose of every link in ``base``.
+
+        ``displaced`` maps a joint to E at its origin before it turns, or a link to E at its frame; E carries all beyond.
         """
         displaced = displaced or {}
         poses = {self.root: np.eye(4)}
@@ -176,7 +177,7 @@ class PlainRobot:
         return {name: back @ pose for name, pose in poses.items()}
 
     def centres(self, q, base=None) -> dict[str, tuple[float, np.ndarray]]:
-        """Mass and centre of mass of every link in ``base``."""
+        """Return mass and centre of mass of every link in ``base``."""
         poses = self.poses(q, base)
         return {
             name: (mass, poses[name][:3, :3] @ com + poses[name][:3, 3]) for name, (mass, com) in self.masses.items()
@@ -186,13 +187,13 @@ class PlainRobot:
         return -sum(mass * float(np.dot(gravity, centre)) for mass, centre in self.centres(q, base).values())
 
     def load_torque(self, names, q, gravity=GRAVITY, base=None) -> np.ndarray:
-        """-∂U/∂q. A turn enters as a + b cos q + c sin q, so the difference over ±π/2 is exact; a slide enters linearly."""
+        """Return -∂U/∂q. A turn enters as a + b cos q + c sin q, so the difference over ±π/2 is exact; a slide enters linearly."""
         return np.array(
             [-derivative(self, name, lambda values: self.potential(values, gravity, base), q) for name in names]
         )
 
     def beyond(self, name: str) -> set[str]:
-        """Links that a joint carries, seen from the root."""
+        """Return the links that a joint carries, seen from the root."""
         (start,) = (entry.child for entry in self.joints if entry.name == name)
         found = {start}
         while True:
@@ -203,7 +204,7 @@ class PlainRobot:
 
 
 def derivative(reading: PlainRobot, name: str, function, q: Mapping[str, float]):
-    """Exact derivative to a joint value of a function that is first-order trigonometric (turn) or linear (slide) in it."""
+    """Return the exact derivative to a joint value of a function that is first-order trigonometric (turn) or linear (slide) in it."""
     (kind,) = (entry.kind for entry in reading.joints if entry.name == name)
     step = 0.5 if kind == "prismatic" else np.pi / 2
     ahead, behind = (function({**q, name: q.get(name, 0.0) + sign * step}) for sign in (1, -1))
@@ -211,7 +212,7 @@ def derivative(reading: PlainRobot, name: str, function, q: Mapping[str, float])
 
 
 def geometric_jacobian(reading: PlainRobot, names, tip: str, q, base=None) -> np.ndarray:
-    """Derivative of the tip's pose to joint values, base axes at the tip, ``(6, n)``."""
+    """Return the derivative of the tip's pose to joint values, base axes at the tip, ``(6, n)``."""
     rotation = reading.poses(q, base)[tip][:3, :3]
     columns = []
     for name in names:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import time
 
 import pytest
 
@@ -84,6 +85,7 @@ ERRORS = [
     (ELBOW_ORIGIN, '<origin xyz="0.4 0"/>', "E_NUMBER", ["elbow", "2 numbers", "3 "], '"0.4 0"'),
     (ELBOW_ORIGIN, '<origin xyz="4e9 0 0"/>', "E_UNITS", ["elbow", "metres"], "4e9"),
     (ELBOW_ORIGIN, '<origin rpy="4e9 0 0"/>', "E_UNITS", ["elbow", "radians"], "4e9"),
+    (ELBOW_ORIGIN, '<origin rpy="1.7e308 0 0"/>', "E_UNITS", ["elbow", "radians"], "1.7e308"),
     (FORE_MASS, '<mass value="4e9"/>', "E_UNITS", ["fore", "kg"], "4e9"),
     # joints
     (ELBOW, ELBOW.replace("continuous", "hinge"), "E_JOINT_TYPE", ["elbow", "hinge", "revolute"], "hinge"),
@@ -341,3 +343,13 @@ def test_rods_and_rounded_plates_are_physical(arm, findings_of):
     # a rod along (1, 2, 2)/3: I = m l²/12 (1 - u uᵀ), written with five digits
     rod = '<inertia ixx="0.88889" ixy="-0.22222" ixz="-0.22222" iyy="0.55556" iyz="-0.44444" izz="0.55556"/>'
     assert findings_of(arm.replace(FORE_INERTIA, rod)) == ()
+
+
+@pytest.mark.parametrize("text", ["%" + "0" * 60_000, "%-" * 30_000, "1 " * 30_000, "1," * 30_000, "9" * 60_000])
+def test_long_nonsense_is_judged_quickly(arm, findings_of, text):
+    # quadratic work would take minutes here
+    started = time.perf_counter()
+    found = findings_of(arm.replace('radius="0.05"', f'radius="{text}"').replace('"2.5"', f'"{text}"'))
+    assert {one.code for one in found} & {"E_NUMBER", "E_NOT_FINITE"}
+    assert all(len(one.message) < 600 for one in found)
+    assert time.perf_counter() - started < 5

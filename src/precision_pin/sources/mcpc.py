@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Annotated, final
 
 import numpy as np
 
 from precision_pin import mcpc, se3, units
-from precision_pin.chain import Place, Posture
+from precision_pin.chain import Chain, Place, Posture
 from precision_pin.errors import InputError
 from precision_pin.space import LabelledSpace, Setting
 from precision_pin.terms import Source, Term
@@ -61,7 +62,7 @@ class Mcpc(Source):
         last = link == len(chain.joints)
         if not last and (self.gamma != 0.0 or self.z != 0.0):
             raise InputError(f"{self.label()}: gamma and z are parameters of the last link only")
-        nominal = mcpc.from_chain(chain)
+        nominal = _nominal(chain)
         start = nominal.frame_in_link[link]
         after_alpha = start @ se3.pose(se3.rotation_about((1, 0, 0), nominal.alpha[link]), np.zeros(3))
         after_beta = after_alpha @ se3.pose(se3.rotation_about((0, 1, 0), nominal.beta[link]), np.zeros(3))
@@ -74,6 +75,11 @@ class Mcpc(Source):
         place = Place.custom(link, 3, f"MCPC translation of {self.link}", after_gamma)
         for row, field in enumerate(("x", "y", "z")):
             yield from _term(place, row, field, self, space)
+
+
+@lru_cache(maxsize=8)
+def _nominal(chain: Chain) -> mcpc.Mcpc:
+    return mcpc.from_chain(chain)
 
 
 def _term(place: Place, row: int, field: str, source: Mcpc, space: LabelledSpace) -> Iterator[Term]:

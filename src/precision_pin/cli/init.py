@@ -1,0 +1,47 @@
+"""``precision-pin init``."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import click
+
+from precision_pin.cli.common import chain_options, require_writable, write_text
+from precision_pin.errors import OutputError
+
+__all__ = ["command"]
+
+
+@click.command("init")
+@click.argument("robot", metavar="ROBOT.urdf")
+@chain_options
+@click.option("--out", metavar="FILE", help="The sheet; ROBOT.errors.yaml in this folder if left out, - for stdout.")
+@click.option("--force", is_flag=True, help="Overwrite the sheet if it is there.")
+def command(
+    robot: str, tip: str | None, base: str | None, package_dirs: tuple[str, ...], out: str | None, force: bool
+) -> None:
+    """Write a commented sheet for a URDF: every joint and link of the chain, with starting tolerances to replace.
+
+    ROBOT may be example:NAME. The sheet runs as it is: precision-pin analyze SHEET.
+    """
+    from precision_pin.chain import Chain
+    from precision_pin.examples import PREFIX, resolve_robot
+    from precision_pin.outputs.scaffold import scaffold
+    from precision_pin.urdf import read
+
+    path = resolve_robot(robot)
+    target = Path(out) if out is not None else Path(f"{path.stem.removesuffix('_robot')}.errors.yaml")
+    to_stdout = out == "-"
+    if not to_stdout:
+        require_writable(target)
+        if target.exists() and not force:
+            raise OutputError(f"{target} exists; --force overwrites it, --out names another file")
+    chain = Chain.from_robot(read(path, package_dirs=package_dirs), tip, base)
+    named = robot if robot.startswith(PREFIX) else os.path.relpath(path, Path() if to_stdout else target.parent)
+    text = scaffold(chain, named)
+    if to_stdout:
+        click.echo(text, nl=False)
+        return
+    write_text(target, text)
+    click.echo(f"wrote {target}; now: precision-pin analyze {target}", err=True)

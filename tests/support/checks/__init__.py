@@ -1,0 +1,29 @@
+"""One check for every kind of source, against numbers worked by hand and against a second route.
+
+Each takes the module to check, so that the suite can show that it notices a planted fault. Failures are AssertionErrors.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from types import ModuleType
+
+from support.checks.axis_install import check_axis_install
+from support.checks.beam import check_beam
+from support.checks.frame import check_frame
+from support.checks.joint_compliance import check_joint_compliance
+from support.checks.joint_offset import check_joint_offset
+from support.checks.length import check_length
+from support.checks.mcpc import check_mcpc
+from support.checks.payload import check_payload
+
+CHECKS: dict[str, Callable[[ModuleType], None]] = {
+    "axis_install": check_axis_install,
+    "beam": check_beam,
+    "frame": check_frame,
+    "joint_compliance": check_joint_compliance,
+    "joint_offset": check_joint_offset,
+    "length": check_length,
+    "mcpc": check_mcpc,
+    "payload": check_payload,
+}

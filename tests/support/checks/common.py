@@ -1,0 +1,55 @@
+"""What the checks of the sources share."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from precision_pin.chain import Chain, Posture
+from precision_pin.model import ErrorModel
+from precision_pin.space import Draw, Space
+from precision_pin.terms import Source
+from support.oracles import displacements
+from support.plain_robot import (
+    chain_of,
+    joint,
+    link,
+    robot,
+)
+
+MM = 1e-3
+Q7 = (0.3, -0.7, 1.1, 0.4, -1.3, 0.8, 0.5)
+
+
+def evaluated(chain: Chain, q, sources: Sequence[Source], values=None, draws: Sequence[Draw] = ()):
+    """Return the displacement of every target, with components as given and the rest at their means."""
+    model = ErrorModel(chain, Space(tuple(draws)), sources)
+    at = model.at(q)
+    means = dict(zip(model.space.components, model.space.mean, strict=True))
+    assert set(values or {}) <= set(means), f"{set(values or {}) - set(means)} are no components: {sorted(means)}"
+    return at, displacements(at.terms, means | (values or {}))
+
+
+def in_base(posture: Posture, totals) -> np.ndarray:
+    """Return the displacement of the only place, turned into base axes."""
+    ((place, total),) = totals.items()
+    turn = posture.place_pose(place)[:3, :3]
+    return np.concatenate([turn @ total[:3], turn @ total[3:]])
+
+
+def same(actual, expected, tolerance=1e-12) -> None:
+    np.testing.assert_allclose(actual, expected, rtol=tolerance, atol=tolerance)
+
+
+def one_link(kind="revolute", axis=(0, 0, 1), length=1.0, gravity=(0.0, 0.0, -9.81), **mass) -> Chain:
+    return chain_of(
+        robot(
+            link("base"),
+            joint("hinge", kind, "base", "arm", (0, 0, 0), (0, 0, 0), axis),
+            link("arm", **mass),
+            joint("flange", "fixed", "arm", "tool", (length, 0, 0)),
+            link("tool"),
+        ),
+        gravity=gravity,
+    )
