@@ -7,7 +7,7 @@ import os
 from pathlib import Path
 from typing import Final
 
-from precision_pin.errors import InputError, UnknownNameError
+from precision_pin.errors import Finding, InputError, UnknownNameError, UrdfError
 
 __all__ = ["PAPER_SHEET", "example_urdfs", "resolve_robot"]
 
@@ -39,11 +39,15 @@ def resolve_robot(text: str, folder: str | os.PathLike[str] = ".") -> Path:
 
     Raises
     ------
+    UrdfError
+        The text is empty.
     InputError
         example-robot-data is not installed.
     UnknownNameError
         It has no such robot.
     """
+    if not text.strip():
+        raise UrdfError([Finding("error", "E_FILE_MISSING", "the path of the robot is empty")])
     if not text.startswith(PREFIX):
         return Path(folder) / text
     known = example_urdfs()

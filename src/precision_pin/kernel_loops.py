@@ -67,18 +67,16 @@ DRAW, LINEAR, EXACT = 0, 1, 2
 FORMULA, ANGLE, NOT_FINITE = 1, 2, 3
 """Why a run stopped."""
 
-# rows of the workspace's scratch part
-_E: Final = 0
-_Q: Final = 3
-_H: Final = 7
-_W: Final = 10
-_VALUES: Final = 11
-_RESIDUALS: Final = 19
-_LANES: Final = 27
-SCRATCH: Final = _LANES + -(-(SUMS + 16) * LANES // STRIDE)
+_U = np.uint64
+
+# rows of the workspace's scratch part: tip displacement, quaternion (w, x, y, z), one target's rotation (x, y, z, w)
+_E0, _E1, _E2, _Q0, _Q1, _Q2, _Q3, _H0, _H1, _H2, _HW = (_U(row * STRIDE) for row in range(11))
+_VALUES: Final = _U(11 * STRIDE)
+_RESIDUALS: Final = _U(19 * STRIDE)
+_LANES: Final = _U(27 * STRIDE)
+SCRATCH: Final = 27 + -(-(SUMS + 16) * LANES // STRIDE)
 """Rows before the first parameter."""
 
-_U = np.uint64
 _TILE = _U(TILE)
 _PAIRS = _U(TILE // 2)
 _STRIDE = _U(STRIDE)
@@ -93,7 +91,9 @@ _HALF_STEP = 2.0**-53
 _ROUND_TO_WHOLE = 1.5 * 2.0**52
 _BITS_OF_2_52 = _U(0x4330000000000000)
 _TURN = 2 * math.pi
-_HALF_TURN_SQUARED = (math.pi / 2) ** 2
+_QUARTER_TURN_SQUARED = (math.pi / 2) ** 2
+_C1, _C2, _C3, _C4, _C5, _C6, _C7, _C8, _C9, _C10, _C11 = ((-1) ** k / math.factorial(2 * k) for k in range(1, 12))
+_S1, _S2, _S3, _S4, _S5, _S6, _S7, _S8, _S9, _S10, _S11 = ((-1) ** k / math.factorial(2 * k + 1) for k in range(1, 12))
 _FEWEST_TAIL = math.exp(-25.0)
 
 _ADD, _SUBTRACT, _MULTIPLY, _DIVIDE, _POWER, _SQRT, _SIN, _COS = (int(operator) for operator in Operator)
@@ -294,8 +294,7 @@ def sine_and_cosine(t):  # type: ignore[no-untyped-def]
             + z
             * (
                 2.48015872894767294178e-05
-                + z
-                * (-2.75573143513906633035e-07 + z * (2.08757232129817482790e-09 + z * -1.13596475577881948265e-11))
+                + z * (-2.75573143513906633035e-07 + z * (2.08757232129817482790e-09 + z * -1.13596475577881948265e-11))
             )
         )
     )
@@ -366,7 +365,8 @@ def normal_score(p):  # type: ignore[no-untyped-def]
                     + r
                     * (
                         1.27045825245236838258e0
-                        + r * (2.41780725177450611770e-1 + r * (2.27238449892691845833e-2 + r * 7.74545014278341407640e-4))
+                        + r
+                        * (2.41780725177450611770e-1 + r * (2.27238449892691845833e-2 + r * 7.74545014278341407640e-4))
                     )
                 )
             )
@@ -632,10 +632,379 @@ def _gather(w, result, start, stop, rows, coefficients, fresh):  # type: ignore[
 
 @_contracted
 def _turn_narrow(w):  # type: ignore[no-untyped-def]
-    """Turn the half rotation vector h (rows _H) into the quaternion (row _W, rows _H): Taylor, |h| ≤ 0.125."""
+    """Turn the half rotation vector h into the quaternion of its rotation, in place: Taylor, for |h| ≤ 0.125."""
     for i in range(_TILE):
-        x, y, z = w[_H * STRIDE + i], w[(_H + 1) * STRIDE + i], w[(_H + 2) * STRIDE + i]
+        x, y, z = w[_H0 + i], w[_H1 + i], w[_H2 + i]
         s = x * x + y * y + z * z
-        cosine = 1.0 - s / 2 * (1.0 - s / 12 * (1.0 - s / 30 * (1.0 - s / 56)))
-        w[_H * STRIDE + i] = x
-        w[_W * STRIDE + i] = cosine
+        sinc = 1.0 + s * (-1 / 6 + s * (1 / 120 + s * (-1 / 5040 + s * (1 / 362880))))
+        w[_HW + i] = 1.0 + s * (-1 / 2 + s * (1 / 24 + s * (-1 / 720 + s * (1 / 40320 + s * (-1 / 3628800)))))
+        w[_H0 + i] = sinc * x
+        w[_H1 + i] = sinc * y
+        w[_H2 + i] = sinc * z
+
+
+@_contracted
+def _turn_wide(w):  # type: ignore[no-untyped-def]
+    """As `_turn_narrow`, for |h| ≤ π/2."""
+    for i in range(_TILE):
+        x, y, z = w[_H0 + i], w[_H1 + i], w[_H2 + i]
+        s = x * x + y * y + z * z
+        sinc = _S9 + s * (_S10 + s * _S11)
+        sinc = _S6 + s * (_S7 + s * (_S8 + s * sinc))
+        sinc = _S3 + s * (_S4 + s * (_S5 + s * sinc))
+        sinc = 1.0 + s * (_S1 + s * (_S2 + s * sinc))
+        cosine = _C9 + s * (_C10 + s * _C11)
+        cosine = _C6 + s * (_C7 + s * (_C8 + s * cosine))
+        cosine = _C3 + s * (_C4 + s * (_C5 + s * cosine))
+        w[_HW + i] = 1.0 + s * (_C1 + s * (_C2 + s * cosine))
+        w[_H0 + i] = sinc * x
+        w[_H1 + i] = sinc * y
+        w[_H2 + i] = sinc * z
+
+
+@_compiled
+def _too_far(w):  # type: ignore[no-untyped-def]
+    """Return how many half rotation vectors are π/2 long or more."""
+    count = 0
+    for i in range(_TILE):
+        x, y, z = w[_H0 + i], w[_H1 + i], w[_H2 + i]
+        count += 0 if x * x + y * y + z * z < _QUARTER_TURN_SQUARED else 1
+    return count
+
+
+@_contracted
+def _rotate(w, rx, ry, rz):  # type: ignore[no-untyped-def]
+    """Turn what lies beyond a target: e ← e + (Rot - 1)(r + e), q ← rotation · q."""
+    for i in range(_TILE):
+        a, x, y, z = w[_HW + i], w[_H0 + i], w[_H1 + i], w[_H2 + i]
+        px, py, pz = rx + w[_E0 + i], ry + w[_E1 + i], rz + w[_E2 + i]
+        # (Rot - 1) p = 2 v × (a p + v × p), with nothing that cancels
+        ux = a * px + (y * pz - z * py)
+        uy = a * py + (z * px - x * pz)
+        uz = a * pz + (x * py - y * px)
+        w[_E0 + i] += 2.0 * (y * uz - z * uy)
+        w[_E1 + i] += 2.0 * (z * ux - x * uz)
+        w[_E2 + i] += 2.0 * (x * uy - y * ux)
+        b, qx, qy, qz = w[_Q0 + i], w[_Q1 + i], w[_Q2 + i], w[_Q3 + i]
+        w[_Q0 + i] = a * b - x * qx - y * qy - z * qz
+        w[_Q1 + i] = a * qx + b * x + (y * qz - z * qy)
+        w[_Q2 + i] = a * qy + b * y + (z * qx - x * qz)
+        w[_Q3 + i] = a * qz + b * z + (x * qy - y * qx)
+
+
+@_contracted
+def _rotation_vector_narrow(w):  # type: ignore[no-untyped-def]
+    """Turn the quaternion into the rotation vector, in place: 4 atan(|v|/(1 + w)) v/|v|, up to 0.25 rad."""
+    for i in range(_TILE):
+        x, y, z = w[_Q1 + i], w[_Q2 + i], w[_Q3 + i]
+        g = 1.0 / (1.0 + w[_Q0 + i])
+        t = (x * x + y * y + z * z) * g * g
+        series = 1.0 + t * (-1 / 3 + t * (1 / 5 + t * (-1 / 7 + t * (1 / 9 + t * (-1 / 11 + t * (1 / 13))))))
+        scale = 4.0 * g * series
+        w[_Q1 + i] = scale * x
+        w[_Q2 + i] = scale * y
+        w[_Q3 + i] = scale * z
+
+
+@_contracted
+def _rotation_vector_wide(w):  # type: ignore[no-untyped-def]
+    """As `_rotation_vector_narrow`, up to π, with the angle halved once more; the angle is in [0, π]."""
+    for i in range(_TILE):
+        x, y, z, a = w[_Q1 + i], w[_Q2 + i], w[_Q3 + i], w[_Q0 + i]
+        sign = 1.0 if a >= 0.0 else -1.0
+        g = 1.0 / (1.0 + abs(a))
+        t = (x * x + y * y + z * z) * g * g
+        h = 1.0 / (1.0 + np.sqrt(1.0 + t))
+        t = t * h * h
+        series = 1 / 33 + t * (-1 / 35 + t * (1 / 37 + t * (-1 / 39 + t * (1 / 41))))
+        series = 1 / 25 + t * (-1 / 27 + t * (1 / 29 + t * (-1 / 31 + t * series)))
+        series = 1 / 17 + t * (-1 / 19 + t * (1 / 21 + t * (-1 / 23 + t * series)))
+        series = 1 / 9 + t * (-1 / 11 + t * (1 / 13 + t * (-1 / 15 + t * series)))
+        series = 1.0 + t * (-1 / 3 + t * (1 / 5 + t * (-1 / 7 + t * series)))
+        scale = sign * 8.0 * g * h * series
+        w[_Q1 + i] = scale * x
+        w[_Q2 + i] = scale * y
+        w[_Q3 + i] = scale * z
+
+
+@_compiled
+def _displace(w, motions, count, sampled):  # type: ignore[no-untyped-def]
+    """Compose all targets from the tip to the base; return the sample of which a target turns by π or more, or -1.
+
+    The tip's displacement e and the rotation q, not the pose, are carried along, so that nothing cancels.
+    """
+    for i in range(_TILE):
+        w[_E0 + i] = 0.0
+        w[_E1 + i] = 0.0
+        w[_E2 + i] = 0.0
+        w[_Q0 + i] = 1.0
+        w[_Q1 + i] = 0.0
+        w[_Q2 + i] = 0.0
+        w[_Q3 + i] = 0.0
+    starts, rows, coefficients = motions.starts, motions.rows, motions.coefficients
+    targets = motions.arms.shape[0]
+    for k in range(targets):
+        if starts[6 * k + 3] < starts[6 * k + 6]:
+            _gather(w, _H0, starts[6 * k + 3], starts[6 * k + 4], rows, coefficients, True)
+            _gather(w, _H1, starts[6 * k + 4], starts[6 * k + 5], rows, coefficients, True)
+            _gather(w, _H2, starts[6 * k + 5], starts[6 * k + 6], rows, coefficients, True)
+            if motions.wide[k]:
+                if _too_far(w):
+                    for i in range(_TILE):
+                        sample = _sample_at(i, sampled)
+                        x, y, z = w[_H0 + i], w[_H1 + i], w[_H2 + i]
+                        if sample < count and not x * x + y * y + z * z < _QUARTER_TURN_SQUARED:
+                            return sample
+                _turn_wide(w)
+            else:
+                _turn_narrow(w)
+            _rotate(w, motions.arms[k, 0], motions.arms[k, 1], motions.arms[k, 2])
+        _gather(w, _E0, starts[6 * k], starts[6 * k + 1], rows, coefficients, False)
+        _gather(w, _E1, starts[6 * k + 1], starts[6 * k + 2], rows, coefficients, False)
+        _gather(w, _E2, starts[6 * k + 2], starts[6 * k + 3], rows, coefficients, False)
+    if motions.wide[targets]:
+        _rotation_vector_wide(w)
+    else:
+        _rotation_vector_narrow(w)
+    return -1
+
+
+@_compiled
+def _superpose(w, superposition):  # type: ignore[no-untyped-def]
+    """Write the linear model's six numbers where `_displace` leaves them."""
+    starts, rows, coefficients = superposition.starts, superposition.rows, superposition.coefficients
+    _gather(w, _E0, starts[0], starts[1], rows, coefficients, True)
+    _gather(w, _E1, starts[1], starts[2], rows, coefficients, True)
+    _gather(w, _E2, starts[2], starts[3], rows, coefficients, True)
+    _gather(w, _Q1, starts[3], starts[4], rows, coefficients, True)
+    _gather(w, _Q2, starts[4], starts[5], rows, coefficients, True)
+    _gather(w, _Q3, starts[5], starts[6], rows, coefficients, True)
+
+
+# counting ------------------------------------------------------------------------------------------------------------
+
+
+@_compiled
+def _sample_at(position, sampled):  # type: ignore[no-untyped-def]
+    """Return which sample of the tile stands at a position of a row."""
+    place = np.int64(position)
+    if not sampled:
+        return place
+    return 2 * place if place < TILE // 2 else 2 * (place - TILE // 2) + 1
+
+
+@_compiled
+def _in_order(w, source, result, sampled):  # type: ignore[no-untyped-def]
+    """Copy a row with its samples in order."""
+    if sampled:
+        for i in range(_PAIRS):
+            w[result + _TWO * i] = w[source + i]
+            w[result + _TWO * i + _ONE] = w[source + _PAIRS + i]
+    else:
+        for i in range(_TILE):
+            w[result + i] = w[source + i]
+
+
+@_compiled
+def _values(w, sampled):  # type: ignore[no-untyped-def]
+    """Write the eight quantities in order; return how many samples are not finite."""
+    for part in range(_TWO):
+        norm = _VALUES + part * _U(4 * STRIDE)
+        for c in range(_U(3)):
+            source = part * _U(4 * STRIDE) + c * _STRIDE  # rows _E0, _E1, _E2 and _Q1, _Q2, _Q3
+            _in_order(w, source, norm + (c + _ONE) * _STRIDE, sampled)
+        for i in range(_TILE):
+            x, y, z = w[norm + _STRIDE + i], w[norm + _U(2 * STRIDE) + i], w[norm + _U(3 * STRIDE) + i]
+            w[norm + i] = np.sqrt(x * x + y * y + z * z)
+    failures = 0
+    for i in range(_TILE):
+        finite = w[_VALUES + i] < np.inf and w[_VALUES + _U(4 * STRIDE) + i] < np.inf
+        failures += 0 if finite else 1
+    return failures
+
+
+@_compiled
+def _pad(w, count):  # type: ignore[no-untyped-def]
+    """Let the samples beyond the last one equal the first: they change neither smallest nor largest."""
+    for q in range(_U(8)):
+        row = _VALUES + q * _STRIDE
+        for i in range(count, TILE):
+            w[row + _U(i)] = w[row]
+
+
+@_compiled
+def _count(w, count, counting, sketch, inside):  # type: ignore[no-untyped-def]
+    """Count the tile's values into the lanes, the sketch and the specifications."""
+    for q in range(_U(8)):
+        values, residuals = _VALUES + q * _STRIDE, _RESIDUALS + q * _STRIDE
+        lowest = _LANES + (_U(SUMS) + q) * _U(LANES)
+        highest = lowest + _U(8 * LANES)
+        for lane in range(_U(LANES)):
+            low, high = w[lowest + lane], w[highest + lane]
+            for c in range(_U(TILE // LANES)):
+                value = w[values + c * _U(LANES) + lane]
+                low = value if value < low else low
+                high = value if value > high else high
+            w[lowest + lane] = low
+            w[highest + lane] = high
+        centre, inverse_scale = counting.centre[q], counting.inverse_scale[q]
+        bins = w.view(np.uint64)
+        first = q * _U(2 * BINS)
+        for i in range(_TILE):
+            residual = w[values + i] - centre
+            w[residuals + i] = residual
+            scaled = residual * inverse_scale
+            shifted = _bits_of(abs(scaled)) >> _U(SHIFT)
+            magnitude = shifted - _U(OFFSET - 1) if shifted > _U(OFFSET - 1) else _ZERO
+            magnitude = magnitude if magnitude < _U(BINS - 1) else _U(BINS - 1)
+            bins[_E0 + i] = first + (_U(BINS - 1) - magnitude if scaled < 0.0 else _U(BINS) + magnitude)
+        for i in range(_U(count)):
+            sketch[bins[_E0 + i]] += np.uint32(1)
+        for i in range(count, TILE):
+            w[residuals + _U(i)] = 0.0
+        sums = _LANES + q * _U(LANES)
+        for lane in range(_U(LANES)):
+            total = w[sums + lane]
+            for c in range(_U(TILE // LANES)):
+                total += w[residuals + c * _U(LANES) + lane]
+            w[sums + lane] = total
+    sums = _LANES + _U(8 * LANES)
+    for p in range(_U(6)):
+        a = _RESIDUALS + (p + _ONE + p // _U(3)) * _STRIDE
+        for q in range(p, _U(6)):
+            _add_products(w, sums, a, _RESIDUALS + (q + _ONE + q // _U(3)) * _STRIDE)
+            sums += _U(LANES)
+    _add_products(w, sums, _RESIDUALS, _RESIDUALS)
+    _add_products(w, sums + _U(LANES), _RESIDUALS + _U(4 * STRIDE), _RESIDUALS + _U(4 * STRIDE))
+    for k in range(counting.limits.size):
+        row, limit = _VALUES + counting.limit_rows[k] * _STRIDE, counting.limits[k]
+        kept = 0
+        for i in range(_U(count)):
+            kept += 1 if abs(w[row + i]) <= limit else 0
+        inside[k] += kept
+
+
+@_compiled
+def _add_products(w, sums, a, b):  # type: ignore[no-untyped-def]
+    """Add the products of two rows into sixteen lanes."""
+    for lane in range(_U(LANES)):
+        total = w[sums + lane]
+        for c in range(_U(TILE // LANES)):
+            total += w[a + c * _U(LANES) + lane] * w[b + c * _U(LANES) + lane]
+        w[sums + lane] = total
+
+
+@_compiled
+def _fold(w, sums):  # type: ignore[no-untyped-def]
+    """Fold each sum's lanes in halves and empty them."""
+    for k in range(_U(SUMS)):
+        lanes = _LANES + k * _U(LANES)
+        half = LANES // 2
+        while half:
+            for lane in range(_U(half)):
+                w[lanes + lane] += w[lanes + _U(half) + lane]
+            half //= 2
+        sums[k] = w[lanes]
+        for lane in range(_U(LANES)):
+            w[lanes + lane] = 0.0
+
+
+@_cached
+def run(  # type: ignore[no-untyped-def]
+    w, draws, formulas, superposition, motions, stage, seed, words, first, count,
+    given, kept_components, kept_errors, counting, sums, lowest, highest, sketch, inside,
+):  # fmt: skip
+    """Work through samples tile by tile.
+
+    Parameters
+    ----------
+    w
+        Workspace, 64-byte aligned: `SCRATCH` rows, then those that the offsets name.
+    draws, formulas, superposition, motions
+        The layout.
+    stage
+        `DRAW`, `LINEAR` or `EXACT`.
+    seed, words
+        Key and, for each stream, the last counter word.
+    first, count
+        First unit, which is even, and how many samples.
+    given
+        ``(d, count)`` component values to use, or no columns: draw them.
+    kept_components, kept_errors
+        ``(d, count)`` and ``(6, count)`` to fill, or no columns.
+    counting, sums, lowest, highest, sketch, inside
+        What to subtract; ``(atoms, SUMS)`` partial sums, none: count nothing; ``(8,)``; ``(8,)``; ``(8 · COLUMNS,)``;
+        ``(S,)``, the last four to add to.
+
+    Returns
+    -------
+    tuple
+        Why the run stopped (0: it did not) and at which sample.
+    """
+    for row in range(draws.fixed_rows.size):
+        for i in range(_TILE):
+            w[draws.fixed_rows[row] + i] = draws.fixed_values[row]
+    counted = sums.shape[0] > 0
+    if counted:
+        for i in range(_U(SUMS * LANES)):
+            w[_LANES + i] = 0.0
+        for q in range(_U(8)):
+            for lane in range(_U(LANES)):
+                w[_LANES + (_U(SUMS) + q) * _U(LANES) + lane] = lowest[q]
+                w[_LANES + (_U(SUMS + 8) + q) * _U(LANES) + lane] = highest[q]
+    sampled = given.shape[1] == 0
+    components = given.shape[0]
+    tiles = (count + TILE - 1) // TILE
+    for tile in range(tiles):
+        begin = tile * TILE
+        size = min(TILE, count - begin)
+        if sampled:
+            uniforms(w, draws.stream_rows, draws.streams, words, seed, (first >> _ONE) + _U(tile) * _PAIRS)
+            apply_laws(w, draws)
+        else:
+            for k in range(components):
+                row = _U((SCRATCH + k) * STRIDE)
+                for i in range(size):
+                    w[row + _U(i)] = given[k, begin + i]
+                for i in range(size, TILE):
+                    w[row + _U(i)] = given[k, begin]
+        if kept_components.shape[1]:
+            for k in range(components):
+                _in_order(w, _U((SCRATCH + k) * STRIDE), _VALUES, sampled)
+                for i in range(size):
+                    kept_components[k, begin + i] = w[_VALUES + _U(i)]
+        if stage == DRAW:
+            continue
+        if _derive(w, formulas):
+            for i in range(_TILE):
+                sample = _sample_at(i, sampled)
+                for step in range(formulas.results.size):
+                    if sample < size and not abs(w[formulas.results[step] + i]) < np.inf:
+                        return FORMULA, begin + sample
+        if stage == LINEAR:
+            _superpose(w, superposition)
+        else:
+            sample = _displace(w, motions, size, sampled)
+            if sample >= 0:
+                return ANGLE, begin + sample
+        if _values(w, sampled):
+            for i in range(size):
+                if not (w[_VALUES + _U(i)] < np.inf and w[_VALUES + _U(4 * STRIDE + i)] < np.inf):
+                    return NOT_FINITE, begin + i
+        if kept_errors.shape[1]:
+            for c in range(6):
+                row = _VALUES + _U((c + 1 + c // 3) * STRIDE)
+                for i in range(size):
+                    kept_errors[c, begin + i] = w[row + _U(i)]
+        if counted:
+            if size < TILE:
+                _pad(w, size)
+            _count(w, size, counting, sketch, inside)
+            if (begin + TILE) % ATOM == 0 or tile == tiles - 1:
+                _fold(w, sums[begin // ATOM])
+    if counted:
+        for q in range(_U(8)):
+            for lane in range(_U(LANES)):
+                lowest[q] = min(lowest[q], w[_LANES + (_U(SUMS) + q) * _U(LANES) + lane])
+                highest[q] = max(highest[q], w[_LANES + (_U(SUMS + 8) + q) * _U(LANES) + lane])
+    return 0, 0

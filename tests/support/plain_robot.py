@@ -187,7 +187,7 @@ class PlainRobot:
         return -sum(mass * float(np.dot(gravity, centre)) for mass, centre in self.centres(q, base).values())
 
     def load_torque(self, names, q, gravity=GRAVITY, base=None) -> np.ndarray:
-        """Return -∂U/∂q. A turn enters as a + b cos q + c sin q, so the difference over ±π/2 is exact; a slide enters linearly."""
+        """Return -∂U/∂q, exact to rounding."""
         return np.array(
             [-derivative(self, name, lambda values: self.potential(values, gravity, base), q) for name in names]
         )
@@ -204,7 +204,10 @@ class PlainRobot:
 
 
 def derivative(reading: PlainRobot, name: str, function, q: Mapping[str, float]):
-    """Return the exact derivative to a joint value of a function that is first-order trigonometric (turn) or linear (slide) in it."""
+    """Return the derivative to a joint value, exact to rounding.
+
+    A turn enters poses and centres as a + b cos q + c sin q, so the difference over ±π/2 is exact; a slide linearly.
+    """
     (kind,) = (entry.kind for entry in reading.joints if entry.name == name)
     step = 0.5 if kind == "prismatic" else np.pi / 2
     ahead, behind = (function({**q, name: q.get(name, 0.0) + sign * step}) for sign in (1, -1))

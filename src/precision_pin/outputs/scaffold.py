@@ -61,7 +61,7 @@ def scaffold(chain: Chain, robot_text: str, *, pose: Sequence[float] | None = No
     Parameters
     ----------
     chain
-        The arm; its tip, base, gravity and locked joints go into the sheet.
+        The arm; its tip, base, gravity and locked joints go into the sheet, payloads do not.
     robot_text
         What stands after ``robot:``, a path relative to the sheet or ``example:NAME``.
     pose
@@ -247,7 +247,7 @@ def _payload(chain: Chain) -> Lines:
     mass = sum(link.mass for link in chain.robot.links if link.name in moved)
     example = f"{round_125(0.05 * mass) if mass else 1.0:.3g} kg"
     return [
-        "  # Payload: none yet. It loads the joints and links below; the tip's frame counts.",
+        "  # Payload: none yet. It loads the joints and links below; com: in the axes of the link that it hangs on.",
         f"  # - payload: {{at: {quoted(chain.tip)}, mass: {example}, com: 0 0 0 mm}}",
     ]
 

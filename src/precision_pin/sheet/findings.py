@@ -7,6 +7,7 @@ from typing import Any, Final, final
 from pydantic import BaseModel, ValidationError
 
 from precision_pin.errors import Finding, InputError, SheetError, UnknownNameError, nearest
+from precision_pin.sheet.schema import SettingReason
 from precision_pin.sheet.settings import SettingError
 from precision_pin.sheet.text import Path, Text
 

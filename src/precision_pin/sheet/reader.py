@@ -10,11 +10,11 @@ from typing import Any, Final, final
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ValidationError
+from pydantic import ValidationError
 
 from precision_pin import units
 from precision_pin.chain import EARTH, Chain
-from precision_pin.errors import Finding, InputError, SheetError, UnknownNameError, UrdfError, nearest
+from precision_pin.errors import Finding, InputError, SheetError, UrdfError, nearest
 from precision_pin.examples import resolve_robot
 from precision_pin.sheet.schema import Context, Document, source_model
 from precision_pin.sheet.settings import NAME, NamedParameter, parse_law
@@ -76,37 +76,6 @@ class Overrides:
     package_dirs: tuple[str, ...] = ()
 
 
-class _Findings:
-    """Collects findings at the lines of a text."""
-
-    def __init__(self, text: Text, file: str) -> None:
-        self.text = text
-        self.file = file
-        self.found: list[Finding] = list(text.findings)
-
-    def error(self, path: Path, message: str, code: str = "E_SHEET") -> None:
-        self.found.append(Finding("error", code, message, self.file, self.text.line(path)))
-
-    def take(self, path: Path, error: InputError) -> None:
-        """Add an error met at a path; at the line of the name where the message is about one."""
-        if isinstance(error, UnknownNameError):
-            path = next((p for p in self._below(path) if self._value(p) == error.name), path)
-        self.found += [finding.at(self.file, self.text.line(path)) for finding in error.findings]
-
-    def refuse(self) -> None:
-        if any(finding.severity == "error" for finding in self.found):
-            raise SheetError(sorted(self.found, key=lambda finding: (finding.file or "", finding.line or 0)))
-
-    def _below(self, path: Path) -> list[Path]:
-        return [other for other in self.text.lines if other[: len(path)] == path]
-
-    def _value(self, path: Path) -> object:
-        value = self.text.data
-        for key in path:
-            value = value[key]
-        return value
-
-
 def read(
     path: str | os.PathLike[str], *, kinds: Iterable[type[Source]] = (), overrides: Overrides | None = None
 ) -> Sheet:
@@ -128,7 +97,7 @@ def read(
     """
     file = os.fspath(path)
     text = read_text(_contents(file), file)
-    findings = _Findings(text, file)
+    findings = Findings(text, file)
     document = _document(text, findings)
     if document is None:
         findings.refuse()
@@ -168,7 +137,7 @@ def _contents(file: str) -> str:
         raise SheetError([Finding("error", "E_FILE", f"the sheet cannot be read: {reason}", file)]) from None
 
 
-def _document(text: Text, findings: _Findings) -> Document | None:
+def _document(text: Text, findings: Findings) -> Document | None:
     if not isinstance(text.data, dict):
         findings.error((), "a sheet begins with 'precision-pin: 1' and holds keys such as robot: and sources:")
         return None
@@ -180,48 +149,41 @@ def _document(text: Text, findings: _Findings) -> Document | None:
         return None
 
 
-def _take_validation(error: ValidationError, path: Path, findings: _Findings, model: type[BaseModel]) -> None:
-    """Turn pydantic's errors into findings at their lines."""
-    valid = [field.alias or name for name, field in model.model_fields.items()]
-    seen: set[Path] = set()
-    for entry in error.errors():
-        where = tuple(
-            key for key in entry["loc"] if not (isinstance(key, str) and ("[" in key or key in ("str", "dict")))
-        )
-        key = ".".join(map(str, where))
-        if where in seen:
-            continue
-        seen.add(where)
-        if entry["type"] == "extra_forbidden":
-            findings.error(
-                (*path, *where), f"unknown key {where[-1]!r}: {nearest(str(where[-1]), valid)}", "E_UNKNOWN_KEY"
-            )
-        elif entry["type"] == "missing":
-            findings.error(path, f"the key {key!r} is missing", "E_MISSING_KEY")
-        else:
-            message = entry["msg"].removeprefix("Value error, ")
-            findings.error((*path, *where), f"{key}: {message[:1].lower()}{message[1:]}")
+def _parameters(
+    document: Document, findings: Findings, quantities: tuple[units.Quantity, ...]
+) -> dict[str, NamedParameter]:
+    """Return the named parameters by each of their components' names.
 
-
-def _parameters(document: Document, findings: _Findings) -> dict[str, NamedParameter]:
-    """Return the named parameters by each of their components' names."""
+    One that could not be read is stood in for, so that what uses it is not reported too.
+    """
     named: dict[str, NamedParameter] = {}
+    owners: dict[str, str] = {}
     for name, law in document.parameters.items():
         path: Path = ("parameters", name)
         if not NAME.fullmatch(name):
             findings.error(path, f"{name!r} cannot name a parameter: letters, digits and _ . - after a letter")
             continue
         try:
-            parameter = parse_law(name, law, units.QUANTITIES)
+            if not isinstance(law, dict):
+                raise InputError("a law belongs here, such as {uniform: 0.1 mm}")
+            parameters = [parse_law(name, law, quantities)]
         except InputError as error:
             findings.take(path, error)
-            continue
-        for component in parameter.draw.components:
-            named[component] = parameter
+            suffixes = ("", ".x", ".y", *(f".{k}" for k in range(MOST_STAND_INS)))
+            parameters = [NamedParameter(Draw(name + suffix, Fixed(0.0)), quantities) for suffix in suffixes]
+            parameters = [parameter for parameter in parameters if parameter.draw.name not in owners]
+        for parameter in parameters:
+            names = {parameter.draw.name, *parameter.draw.components}
+            taken = next((other for other in sorted(names) if other in owners), None)
+            if taken is not None:
+                findings.error(path, f"the name {taken!r} is taken by the parameter {owners[taken]!r}")
+                continue
+            owners |= dict.fromkeys(names, name)
+            named |= dict.fromkeys(parameter.draw.components, parameter)
     return named
 
 
-def _chain(document: Document, findings: _Findings, overrides: Overrides, folder: FilePath) -> Chain | None:
+def _chain(document: Document, findings: Findings, overrides: Overrides, folder: FilePath) -> Chain | None:
     try:
         robot = read_urdf(overrides.robot or resolve_robot(document.robot, folder), package_dirs=overrides.package_dirs)
     except UrdfError as error:
@@ -241,7 +203,7 @@ def _chain(document: Document, findings: _Findings, overrides: Overrides, folder
         return None
 
 
-def _gravity(document: Document, findings: _Findings) -> tuple[float, ...] | None:
+def _gravity(document: Document, findings: Findings) -> tuple[float, ...] | None:
     if document.gravity in GRAVITIES:
         return GRAVITIES[document.gravity]
     try:
@@ -257,7 +219,7 @@ def _joint_quantity(joint: Joint) -> units.Quantity:
     return units.LENGTH if joint.kind == "prismatic" else units.ANGLE
 
 
-def _locked(document: Document, findings: _Findings, robot: Robot) -> dict[str, float] | None:
+def _locked(document: Document, findings: Findings, robot: Robot) -> dict[str, float] | None:
     values: dict[str, float] = {}
     for name, value in document.locked.items():
         try:
@@ -267,7 +229,7 @@ def _locked(document: Document, findings: _Findings, robot: Robot) -> dict[str, 
     return values if len(values) == len(document.locked) else None
 
 
-def _poses(document: Document, findings: _Findings, chain: Chain) -> dict[str, Array]:
+def _poses(document: Document, findings: Findings, chain: Chain) -> dict[str, Array]:
     poses: dict[str, Array] = {}
     for name, value in document.poses.items():
         try:
@@ -301,7 +263,7 @@ def parse_pose(value: str | list[str] | Mapping[str, str], chain: Chain) -> Arra
 
 
 def _sources(
-    document: Document, findings: _Findings, known: Mapping[str, type[Source]], context: Context
+    document: Document, findings: Findings, known: Mapping[str, type[Source]], context: Context
 ) -> dict[int, Source]:
     """Return the sources that could be read, by their position in the sheet."""
     sources: dict[int, Source] = {}
@@ -323,7 +285,7 @@ def _sources(
         try:
             valid = model.model_validate(settings, context=context)
         except ValidationError as error:
-            _take_validation(error, (*path, name), findings, model)
+            findings.take_validation(error, (*path, name), model)
             continue
         try:
             sources[k] = known[name](**{field: getattr(valid, field) for field in model.model_fields})
@@ -333,7 +295,7 @@ def _sources(
 
 
 def _try_terms(
-    chain: Chain, space: Space, sources: Mapping[int, Source], poses: Mapping[str, Array], findings: _Findings
+    chain: Chain, space: Space, sources: Mapping[int, Source], poses: Mapping[str, Array], findings: Findings
 ) -> None:
     """Let every source make its terms at every pose, so that a wrong joint or link is found with its line."""
     kept: dict[Path, Any] = {}

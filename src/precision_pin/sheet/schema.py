@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import types
 import typing
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import MISSING, dataclass, fields
 from functools import cache
 from typing import Annotated, Any, Literal, final
@@ -13,12 +13,13 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationIn
 
 from precision_pin.errors import InputError
 from precision_pin.laws import Law
-from precision_pin.sheet.settings import LAW_KEYS, NamedParameter, parse_number, parse_setting
+from precision_pin.sheet.settings import LAW_KEYS, NamedParameter, SettingError, parse_number, parse_setting
+from precision_pin.sheet.text import Path
 from precision_pin.sources import catalogue
 from precision_pin.terms import Source
 from precision_pin.units import PerJoint, Quantity, parse_vector
 
-__all__ = ["Context", "Document", "json_schema", "source_model"]
+__all__ = ["Context", "Document", "SettingReason", "json_schema", "source_model", "used_quantities"]
 
 VERSION = "1"
 
@@ -43,7 +44,7 @@ class Context:
 class Document(BaseModel):
     """The top level of a sheet."""
 
-    model_config = ConfigDict(extra="forbid", populate_by_name=True, title="precision-pin sheet")
+    model_config = ConfigDict(extra="forbid", title="precision-pin sheet")
 
     version: Literal["1"] = Field(alias="precision-pin", description="Version of the sheet's format.")
     robot: str = Field(description="The URDF, relative to the sheet, or example:NAME.")
@@ -55,10 +56,8 @@ class Document(BaseModel):
     poses: dict[str, str | list[str] | dict[str, str]] = Field(
         default_factory=dict, description="Named joint values: in chain order with one unit, one by one, or by joint."
     )
-    parameters: dict[str, dict[str, Any]] = Field(
-        default_factory=dict, description="Named laws, to be shared by sources."
-    )
-    sources: list[dict[str, Any]] = Field(default_factory=list, description="Error sources, each under its kind.")
+    parameters: dict[str, Any] = Field(default_factory=dict, description="Named laws, to be shared by sources.")
+    sources: list[Any] = Field(default_factory=list, description="Error sources, each under its kind.")
 
 
 @cache
@@ -92,6 +91,8 @@ def json_schema(kinds: Mapping[str, type[Source]] | None = None) -> dict[str, An
                 "maxProperties": 1,
             }
         )
+    # a YAML reader with types of its own takes the version for a number
+    schema["properties"]["precision-pin"] |= {"const": 1, "type": "integer"}
     schema["properties"]["sources"]["items"] = {"oneOf": choices}
     schema["properties"]["parameters"]["additionalProperties"] = {"$ref": "#/$defs/law"}
     schema["$defs"] = definitions
@@ -120,6 +121,22 @@ def _field_type(hint: Any) -> Any:
 Notes = tuple[Quantity | PerJoint, ...]
 
 
+def used_quantities(kinds: Iterable[type[Source]]) -> tuple[Quantity, ...]:
+    """Return every quantity that some setting of the kinds takes, so that a bare number fits none by accident."""
+    found: dict[Quantity, None] = {}
+    for kind in kinds:
+        for hint in typing.get_type_hints(kind, include_extras=True).values():
+            for note in typing.get_args(hint)[1:] if typing.get_origin(hint) is Annotated else ():
+                found |= dict.fromkeys(_either(note))
+    return tuple(found)
+
+
+def _either(note: object) -> tuple[Quantity, ...]:
+    if isinstance(note, PerJoint):
+        return (note.revolute, note.prismatic)
+    return (note,) if isinstance(note, Quantity) else ()
+
+
 def _context(info: ValidationInfo[Any]) -> Context:
     assert isinstance(info.context, Context)
     return info.context
@@ -143,7 +160,7 @@ def _read_number(notes: Notes) -> Any:
         try:
             return parse_number(value, _quantities(notes, info))
         except InputError as error:
-            raise _reason(error) from None
+            raise SettingReason(error) from None
 
     return read
 
@@ -153,9 +170,16 @@ def _read_setting(notes: Notes) -> Any:
         try:
             return parse_setting(value, _quantities(notes, info), _context(info).named)
         except InputError as error:
-            raise _reason(error) from None
+            raise SettingReason(error) from None
 
     return read
+
+
+def _read_entry(k: int, entry: object, quantities: tuple[Quantity, ...], context: Context) -> object:
+    try:
+        return parse_setting(entry, quantities, context.named)
+    except InputError as error:
+        raise SettingReason(error, (k,)) from None
 
 
 def _read_tuple(notes: Notes) -> Any:
@@ -163,27 +187,33 @@ def _read_tuple(notes: Notes) -> Any:
         quantities = _quantities(notes, info)
         try:
             if isinstance(value, list):
-                return tuple(parse_setting(entry, quantities, _context(info).named) for entry in value)
+                return tuple(_read_entry(k, entry, quantities, _context(info)) for k, entry in enumerate(value))
             if isinstance(value, str) and len(value.split()) > 2:
                 return tuple(parse_vector(value, *quantities))
             return (parse_setting(value, quantities, _context(info).named),)
         except InputError as error:
-            raise _reason(error) from None
+            raise SettingReason(error) from None
 
     return read
 
 
-def _reason(error: InputError) -> ValueError:
-    return ValueError("; ".join(finding.message for finding in error.findings))
+@final
+class SettingReason(ValueError):
+    """Carries an error through pydantic.
+
+    Attributes
+    ----------
+    below
+        Where it is, from the setting down.
+    """
+
+    def __init__(self, error: InputError, below: Path = ()) -> None:
+        super().__init__("; ".join(finding.message for finding in error.findings))
+        self.below = (*below, *(error.below if isinstance(error, SettingError) else ()))
 
 
 def _units(notes: Notes) -> str:
-    names = [
-        unit
-        for note in notes
-        for quantity in ((note,) if isinstance(note, Quantity) else (note.revolute, note.prismatic))
-        for unit in quantity.units
-    ]
+    names = [unit for note in notes for quantity in _either(note) for unit in quantity.units]
     return ", ".join(dict.fromkeys(names))
 
 

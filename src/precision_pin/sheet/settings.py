@@ -12,10 +12,11 @@ import numpy as np
 from precision_pin import units
 from precision_pin.errors import InputError, UnitError, UnknownNameError, nearest
 from precision_pin.laws import Circle, Disc, Fixed, JointNormal, Law, Normal, Triangular, TruncatedNormal, Uniform
+from precision_pin.sheet.text import Path
 from precision_pin.space import Draw, Scope, Setting
 from precision_pin.units import Quantity
 
-__all__ = ["LAW_KEYS", "OPTION_KEYS", "NamedParameter", "parse_law", "parse_number", "parse_setting"]
+__all__ = ["LAW_KEYS", "OPTION_KEYS", "NamedParameter", "SettingError", "parse_law", "parse_number", "parse_setting"]
 
 NAME: Final = re.compile(r"[^\W\d][\w.\[\]#-]*")
 LAW_KEYS: Final = ("fixed", "uniform", "normal", "triangular", "disc", "circle", "joint_normal")
@@ -29,6 +30,23 @@ _OPTIONS: Final = {
     "circle": ("scope",),
     "joint_normal": ("mean", "correlation", "scope"),
 }
+
+
+@final
+class SettingError(InputError):
+    """Something is wrong inside a setting.
+
+    Parameters
+    ----------
+    below
+        Where, from the setting down.
+    reason
+        A message, or the error met there.
+    """
+
+    def __init__(self, below: Path, reason: str | InputError) -> None:
+        super().__init__(reason if isinstance(reason, str) else reason.findings)
+        self.below = below
 
 
 @final
@@ -103,102 +121,153 @@ def parse_law(name: str, value: Mapping[str, Any], quantities: Sequence[Quantity
     Raises
     ------
     InputError
-        No law key or several, an unknown key, or a bad number.
+        No law key or several, an unknown key, or a bad number; a :class:`SettingError` where one key is at fault.
     """
     found = [key for key in value if key in LAW_KEYS]
     if len(found) != 1:
         given = f"has {', '.join(found)}" if found else "has none"
-        if not found and value:
-            given += f" ({nearest(next(iter(value)), LAW_KEYS)})"
+        unknown = next((key for key in value if key not in LAW_KEYS and key not in OPTION_KEYS), None)
+        if not found and unknown is not None:
+            given += f" ({unknown!r}: {nearest(unknown, LAW_KEYS)})"
         raise InputError(f"a law needs exactly one of {', '.join(LAW_KEYS)}; this one {given}")
     key = found[0]
     for other in value:
         if other != key and other not in _OPTIONS[key]:
-            raise InputError(f"{other!r} is no setting of the law {key}: {nearest(other, _OPTIONS[key])}")
-    scope = _scope(value.get("scope", Scope.UNIT.value))
-    reader = _Reader(tuple(quantities))
-    law = _LAWS[key](reader, value[key], value)
+            raise SettingError((other,), f"{other!r} is no setting of the law {key}: {nearest(other, _OPTIONS[key])}")
+    reader = _Reader(value, tuple(quantities))
+    scope = reader.scope()
+    law = _LAWS[key](reader)
     return NamedParameter(Draw(name, law, scope), reader.quantities)
 
 
+@final
 class _Reader:
-    """Reads numbers that must be of one quantity, narrowing which it can be."""
+    """Reads a law's settings, all numbers of one quantity, narrowing which it can be."""
 
-    def __init__(self, quantities: tuple[Quantity, ...]) -> None:
+    def __init__(self, settings: Mapping[str, Any], quantities: tuple[Quantity, ...]) -> None:
+        self.settings = settings
         self.quantities = quantities
 
-    def number(self, value: object) -> float:
+    def number(self, *where: str | int) -> float:
+        value: Any = self.settings
+        for key in where:
+            value = value[key]
         if isinstance(value, Mapping | list):
-            raise InputError("a number with a unit belongs here")
-        result = units.parse(value, *self.quantities)
+            raise SettingError(where, "a number with a unit belongs here")
+        try:
+            result = units.parse(value, *self.quantities)
+        except InputError as error:
+            raise SettingError(where, error) from None
         unit = units.split(value)[1]
         self.quantities = tuple(quantity for quantity in self.quantities if unit in quantity.units)
         return result
 
-    def half_width(self, value: object) -> float:
-        result = self.number(value)
+    def half_width(self, *where: str | int) -> float:
+        result = self.number(*where)
         if result < 0:
-            raise InputError(f"{value} is negative; a tolerance is a half-width of zero or more")
+            raise SettingError(where, "the half-width is negative; a tolerance is zero or more")
         return result
 
+    def mean(self) -> float:
+        return self.number("mean") if "mean" in self.settings else 0.0
 
-def _uniform(reader: _Reader, value: object, options: Mapping[str, Any]) -> Law:
-    return Uniform(reader.half_width(value), _mean(reader, options))
+    def k(self) -> float:
+        if "k" not in self.settings:
+            return 3.0
+        try:
+            k = units.parse(self.settings["k"], units.RATIO)
+        except InputError as error:
+            raise SettingError(("k",), error) from None
+        if not k > 0:
+            raise SettingError(("k",), f"k must be positive, got {self.settings['k']}")
+        return k
+
+    def truncated(self) -> bool:
+        value = str(self.settings.get("truncated", "false")).lower()
+        if value not in ("true", "false"):
+            raise SettingError(("truncated",), f"truncated must be true or false, got {self.settings['truncated']!r}")
+        return value == "true"
+
+    def scope(self) -> Scope:
+        value = self.settings.get("scope", Scope.UNIT.value)
+        try:
+            return Scope(value)
+        except ValueError:
+            allowed = ", ".join(scope.value for scope in Scope)
+            raise SettingError(("scope",), f"scope must be one of {allowed}, got {value!r}") from None
+
+    def correlation(self, size: int) -> Any:
+        rows = self.settings.get("correlation", np.eye(size).tolist())
+        if not isinstance(rows, list) or not all(isinstance(row, list) for row in rows):
+            raise SettingError(
+                ("correlation",), f"correlation must be {size} rows of {size} plain numbers: [[1, …], …]"
+            )
+        try:
+            matrix = np.array([[float(entry) for entry in row] for row in rows])
+        except (TypeError, ValueError):
+            raise SettingError(("correlation",), "correlation must be rows of plain numbers") from None
+        if matrix.shape != (size, size) or not (np.diag(matrix) == 1).all() or not (matrix == matrix.T).all():
+            raise SettingError(
+                ("correlation",),
+                f"correlation must be {size} rows of {size} numbers, symmetric, with 1 on the diagonal",
+            )
+        return matrix
 
 
-def _triangular(reader: _Reader, value: object, options: Mapping[str, Any]) -> Law:
-    return Triangular(reader.half_width(value), _mean(reader, options))
+def _uniform(reader: _Reader) -> Law:
+    return Uniform(reader.half_width("uniform"), reader.mean())
 
 
-def _fixed(reader: _Reader, value: object, options: Mapping[str, Any]) -> Law:
-    del options
-    return Fixed(reader.number(value))
+def _triangular(reader: _Reader) -> Law:
+    return Triangular(reader.half_width("triangular"), reader.mean())
 
 
-def _disc(reader: _Reader, value: object, options: Mapping[str, Any]) -> Law:
-    del options
-    return Disc(reader.half_width(value))
+def _fixed(reader: _Reader) -> Law:
+    return Fixed(reader.number("fixed"))
 
 
-def _circle(reader: _Reader, value: object, options: Mapping[str, Any]) -> Law:
-    del options
-    return Circle(reader.half_width(value))
+def _disc(reader: _Reader) -> Law:
+    return Disc(reader.half_width("disc"))
 
 
-def _normal(reader: _Reader, value: object, options: Mapping[str, Any]) -> Law:
-    k = units.parse(options.get("k", "3"), units.RATIO)
-    if not k > 0:
-        raise InputError(f"k must be positive, got {options['k']}")
+def _circle(reader: _Reader) -> Law:
+    return Circle(reader.half_width("circle"))
+
+
+def _normal(reader: _Reader) -> Law:
+    value, k = reader.settings["normal"], reader.k()
     if isinstance(value, Mapping):
         if set(value) != {"std"}:
-            raise InputError(
-                "normal takes a half-width (normal: 0.1 mm) or a standard deviation (normal: {std: 0.03 mm})"
+            raise SettingError(
+                ("normal",),
+                "normal takes a half-width (normal: 0.1 mm) or a standard deviation (normal: {std: 0.03 mm})",
             )
-        std = reader.half_width(value["std"])
+        std = reader.half_width("normal", "std")
     else:
-        std = reader.half_width(value) / k
-    mean = _mean(reader, options)
-    truncated = str(options.get("truncated", "false")).lower()
-    if truncated not in ("true", "false"):
-        raise InputError(f"truncated must be true or false, got {options['truncated']!r}")
-    return TruncatedNormal(std, mean, k) if truncated == "true" else Normal(std, mean)
+        std = reader.half_width("normal") / k
+    mean = reader.mean()
+    return TruncatedNormal(std, mean, k) if reader.truncated() else Normal(std, mean)
 
 
-def _joint_normal(reader: _Reader, value: object, options: Mapping[str, Any]) -> Law:
-    if not isinstance(value, Mapping) or set(value) != {"std"} or not isinstance(value["std"], list):
-        raise InputError("joint_normal takes the standard deviations: joint_normal: {std: [0.1 mm, 0.2 mm]}")
-    std = np.array([reader.half_width(entry) for entry in value["std"]])
-    correlation = options.get("correlation")
-    rows = correlation if isinstance(correlation, list) else np.eye(std.size).tolist()
-    try:
-        matrix = np.array([[float(entry) for entry in row] for row in rows])
-    except (TypeError, ValueError):
-        raise InputError("correlation must be rows of plain numbers") from None
-    if matrix.shape != (std.size, std.size) or not np.allclose(np.diag(matrix), 1):
-        raise InputError(f"correlation must be {std.size} rows of {std.size} numbers with 1 on the diagonal")
-    means = options.get("mean")
-    centre = tuple(reader.number(entry) for entry in means) if isinstance(means, list) else ()
-    covariance = matrix * np.outer(std, std)
+def _joint_normal(reader: _Reader) -> Law:
+    value = reader.settings["joint_normal"]
+    if (
+        not isinstance(value, Mapping)
+        or set(value) != {"std"}
+        or not isinstance(value["std"], list)
+        or not value["std"]
+    ):
+        raise SettingError(
+            ("joint_normal",), "joint_normal takes the standard deviations: joint_normal: {std: [0.1 mm, 0.2 mm]}"
+        )
+    std = np.array([reader.half_width("joint_normal", "std", k) for k in range(len(value["std"]))])
+    centre: tuple[float, ...] = ()
+    if "mean" in reader.settings:
+        means = reader.settings["mean"]
+        if not isinstance(means, list) or len(means) != std.size:
+            raise SettingError(("mean",), f"the mean of this joint_normal is a list of {std.size} numbers with units")
+        centre = tuple(reader.number("mean", k) for k in range(std.size))
+    covariance = reader.correlation(std.size) * np.outer(std, std)
     return JointNormal(tuple(map(tuple, covariance.tolist())), centre)
 
 
@@ -211,14 +280,3 @@ _LAWS: Final = {
     "circle": _circle,
     "joint_normal": _joint_normal,
 }
-
-
-def _mean(reader: _Reader, options: Mapping[str, Any]) -> float:
-    return reader.number(options["mean"]) if "mean" in options else 0.0
-
-
-def _scope(value: object) -> Scope:
-    try:
-        return Scope(value)
-    except ValueError:
-        raise InputError(f"scope must be one of {', '.join(scope.value for scope in Scope)}, got {value!r}") from None

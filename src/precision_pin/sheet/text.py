@@ -10,6 +10,7 @@ from typing import Any, Final, final
 
 from ruamel.yaml import YAML
 from ruamel.yaml.error import MarkedYAMLError, YAMLError
+from ruamel.yaml.events import CollectionEndEvent, CollectionStartEvent
 from ruamel.yaml.nodes import MappingNode
 
 from precision_pin.errors import Finding, SheetError
@@ -20,8 +21,7 @@ Path = tuple[str | int, ...]
 """Keys and positions from the top of a sheet."""
 
 MOST_LEVELS: Final = 12
-MOST_NODES: Final = 100_000
-_PLAIN_TAGS: Final = "tag:yaml.org,2002:"
+MOST_NODES: Final = 50_000
 
 
 @final
@@ -58,8 +58,10 @@ def read_text(text: str, file: str) -> Text:
     SheetError
         Not YAML, or too large or deep.
     """
+    findings: list[Finding] = []
     try:
-        root = YAML(typ="rt").compose(text)
+        findings += _look_ahead(text, file)
+        root = YAML(typ="safe", pure=True).compose(text)
     except MarkedYAMLError as error:
         line = error.problem_mark.line + 1 if error.problem_mark else None
         raise SheetError(
@@ -69,7 +71,6 @@ def read_text(text: str, file: str) -> Text:
         reason = str(error).splitlines()[0]
         raise SheetError([Finding("error", "E_YAML", f"not YAML: {reason}", file, 1)]) from None
     lines: dict[Path, int] = {}
-    findings: list[Finding] = []
     count = 0
 
     def convert(node: Any, path: Path) -> Any:
@@ -77,10 +78,8 @@ def read_text(text: str, file: str) -> Text:
         count += 1
         line = node.start_mark.line + 1
         if count > MOST_NODES or len(path) > MOST_LEVELS:
-            raise SheetError([Finding("error", "E_YAML", "the sheet is too large or too deep", file, line)])
+            raise _too_large(file, line)
         lines.setdefault(path, line)
-        if node.tag and not str(node.tag).startswith(_PLAIN_TAGS):
-            findings.append(Finding("error", "E_YAML", f"the tag {node.tag} is not allowed", file, line))
         if isinstance(node.value, str):
             return node.value
         if not isinstance(node, MappingNode):
@@ -105,3 +104,31 @@ def read_text(text: str, file: str) -> Text:
 
     data = convert(root, ()) if root is not None else None
     return Text(data, lines, tuple(findings))
+
+
+def _look_ahead(text: str, file: str) -> list[Finding]:
+    """Return findings about tags, from the stream of events.
+
+    Composing nests as deep as the text and knows no limit; this pass does not nest.
+
+    Raises
+    ------
+    SheetError
+        Too large or deep.
+    """
+    findings: list[Finding] = []
+    level = 0
+    for count, event in enumerate(YAML(typ="safe", pure=True).parse(text)):
+        line = event.start_mark.line + 1
+        level += isinstance(event, CollectionStartEvent) - isinstance(event, CollectionEndEvent)
+        if count > 2 * MOST_NODES or level > MOST_LEVELS:
+            raise _too_large(file, line)
+        if getattr(event, "tag", None) is not None:
+            message = f"the tag {event.tag} is not allowed; every value is plain text"
+            findings.append(Finding("error", "E_YAML", message, file, line))
+    return findings
+
+
+def _too_large(file: str, line: int) -> SheetError:
+    message = f"the sheet is too large or too deep: at most {MOST_NODES} entries, {MOST_LEVELS} levels"
+    return SheetError([Finding("error", "E_YAML", message, file, line)])

@@ -27,7 +27,7 @@ MOST_FACES: Final = 120_000
 _WITH_COMPANIONS: Final = (".obj", ".gltf")
 # corners closer than this share of the arm's length are one; the share grows until all surfaces fit
 _FINEST: Final = 1e-5
-_GROWTH: Final = 1.6
+_GROWTH: Final = 1.5
 _KEY_BITS: Final = 21
 
 
@@ -125,7 +125,7 @@ def thinned(surfaces: Sequence[Surface], length: float, most_faces: int = MOST_F
     result = tuple(_joined(one, cell) for one in surfaces)
     while sum(len(one.faces) for one in result) > most_faces:
         cell *= _GROWTH
-        result = tuple(_joined(one, cell) for one in surfaces)
+        result = tuple(_joined(one, cell) for one in result)
     return result
 
 
@@ -139,9 +139,7 @@ def _joined(surface: Surface, cell: float) -> Surface:
     faces = renumbered[surface.faces]
     first, second, third = faces.T
     kept = faces[(first != second) & (second != third) & (third != first)]
-    ordered = np.sort(kept, axis=1)
-    _, unique = np.unique(ordered, axis=0, return_index=True)
-    return replace(surface, vertices=np.stack(means, axis=1), faces=kept[np.sort(unique)])
+    return replace(surface, vertices=np.stack(means, axis=1), faces=kept)
 
 
 def _load(path: Path) -> tuple[Surface, ...]:

@@ -18,6 +18,13 @@
 
   viewer.set_property(["Background"], "top_color", [0.94, 0.95, 0.97]);
   viewer.set_property(["Background"], "bottom_color", [0.76, 0.79, 0.83]);
+  // light every arm alike, however long it is, and leave white parts their shading
+  viewer.set_property(["Lights"], "scale", [settings.length, settings.length, settings.length]);
+  for (const light of ["PointLightNegativeX", "PointLightPositiveX"]) {
+    viewer.set_property(["Lights", light, "<object>"], "distance", 0);
+    viewer.set_property(["Lights", light, "<object>"], "intensity", 0.33);
+  }
+  viewer.set_property(["Lights", "AmbientLight", "<object>"], "intensity", 0.45);
   const dots = node("cloud", "<object>").material;
   dots.sizeAttenuation = false;
   dots.size = 2.5;
@@ -60,7 +67,7 @@
     const radius = Math.max(sphere.radius, closest);
     const camera = viewer.camera;
     const half = Math.min(1, camera.aspect || 1) * Math.tan(camera.fov * Math.PI / 360);
-    const distance = 1.05 * radius / Math.sin(Math.atan(half));
+    const distance = radius / Math.sin(Math.atan(half));
     // the scene's z points up, the camera's y
     const direction = new THREE.Vector3(settings.from[0], settings.from[2], -settings.from[1]).normalize();
     camera.near = distance / 1000;

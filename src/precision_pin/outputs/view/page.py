@@ -34,7 +34,8 @@ Array = NDArray[np.float64]
 
 # Okabe and Ito (2008): vermilion, bluish green, blue stay apart for colour-blind readers
 _AXES: Final[tuple[Colour, ...]] = ((0.835, 0.369, 0.0, 1.0), (0.0, 0.620, 0.451, 1.0), (0.0, 0.447, 0.698, 1.0))
-_GRID: Final[Colour] = (0.42, 0.47, 0.52, 1.0)
+_GRID: Final[Colour] = (0.60, 0.64, 0.69, 1.0)
+_LINE: Final[Colour] = (0.1, 0.1, 0.1, 1.0)
 _MOST_FRAMES: Final = 5
 # shares of the arm's length
 _FRAME_LENGTH: Final = 0.06
@@ -109,6 +110,7 @@ def page(
     for number in range(frames.shape[1]):
         _draw_frame(scene, ("frames", f"frame{number}"), 0.7 * _FRAME_LENGTH * length, 0.018)
     scene.points(("cloud",), drawn[:3], scale(np.linalg.norm(drawn[:3], axis=0)).T)
+    scene.segments(("cloud", "mean"), np.stack([np.zeros(3), values[:3].mean(axis=1)], axis=1), _LINE)
     scene.place(("cloud",), se3.translation(posture.pose[:3, 3]))
 
     rows = [
@@ -126,6 +128,7 @@ def page(
         "tip": posture.pose[:3, 3].tolist(),
         "rotation": se3.pose(posture.pose[:3, :3], (0.0, 0.0, 0.0)).T.reshape(-1).tolist(),
         "from": _direction(posture).tolist(),
+        "length": length,
         "closest": _FRAME_LENGTH * length,
     }
     return _assembled(
@@ -136,6 +139,7 @@ def page(
         factor_text=f"{first_factor:,g}",
         example=_text(f"{first_factor:,g} mm long"),
         stops=", ".join(scale.stops),
+        unit=scale.unit[0],
         ticks="".join(f"<span>{_text(tick)}</span>" for tick in scale.ticks),
         frames=str(frames.shape[1]),
         grid=_text(f"{spacing:g} m" if spacing >= 1 else f"{1e3 * spacing:g} mm"),
@@ -214,7 +218,7 @@ def _direction(posture: Posture) -> Array:
 def _caption(posture: Posture, pose_name: str | None) -> list[tuple[str, str]]:
     chain = posture.chain
     values = [
-        f"{joint.name} {1e3 * value:.6g} mm" if joint.kind == "prismatic" else f"{joint.name} {np.degrees(value):.6g}°"
+        f"{joint.name} {1e3 * value:.5g} mm" if joint.kind == "prismatic" else f"{joint.name} {np.degrees(value):.5g}°"
         for joint, value in zip(chain.joints, posture.q, strict=True)
     ]
     rows = [("robot", chain.robot.name), ("from – to", f"{chain.base} – {chain.tip}")]

@@ -104,13 +104,18 @@ class ColourScale:
         return tuple(f"#{red:02x}{green:02x}{blue:02x}" for red, green, blue in colours)
 
     @property
+    def unit(self) -> tuple[str, float]:
+        """The unit of the labels, mm, or µm where all sizes are below 0.1 mm, and how many of it make a metre."""
+        return ("µm", 1e6) if self.largest < 1e-4 else ("mm", 1e3)
+
+    @property
     def ticks(self) -> tuple[str, ...]:
-        """Labels in mm, or µm below 0.1 mm, for equal distances from the smallest to the largest size."""
-        values = np.linspace(self.smallest, self.largest, 5 if self.largest > self.smallest else 1)
-        unit, per_metre = ("µm", 1e6) if self.largest < 1e-4 else ("mm", 1e3)
-        step = (self.largest - self.smallest) / 4 or self.largest
-        decimals = max(0, 1 - math.floor(math.log10(step * per_metre))) if step > 0 else 0
-        return tuple(f"{value * per_metre:.{min(decimals, 6)}f} {unit}" for value in values)
+        """Labels, without the unit, for equal distances from the smallest to the largest size; one if these are equal."""
+        per_metre = self.unit[1]
+        values = np.linspace(self.smallest, self.largest, 5 if self.largest > self.smallest else 1) * per_metre
+        step = (self.largest - self.smallest) * per_metre / 4 or self.largest * per_metre
+        decimals = min(6, max(0, 1 - math.floor(math.log10(step)))) if step > 0 else 0
+        return tuple(f"{value:.{decimals}f}" for value in values)
 
 
 def _viridis(shares: ArrayLike) -> Array:

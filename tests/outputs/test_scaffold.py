@@ -1,0 +1,416 @@
+"""Sheets drafted for arms: they run unedited, name everything, and their starting tolerances are what they claim."""
+
+from __future__ import annotations
+
+import functools
+import math
+import re
+import string
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from ruamel.yaml import YAML
+
+from precision_pin.chain import Chain
+from precision_pin.errors import InputError
+from precision_pin.examples import PAPER_SHEET, example_urdfs, resolve_robot
+from precision_pin.model import ErrorModel
+from precision_pin.outputs.scaffold import quoted, scaffold
+from precision_pin.outputs.starting import Survey, general_tolerance, round_125
+from precision_pin.sheet import read
+from precision_pin.sheet.settings import LAW_KEYS
+from precision_pin.sources import catalogue
+
+ARMS = {
+    "ur5": "tool0",
+    "ur10": "tool0",
+    "panda": "panda_hand_tcp",
+    "kinova": "j2s6s200_end_effector",
+    "xarm7": "link_eef",
+    "z1": "gripperMover",
+    "so101": "gripper_frame_link",
+    "talos_left_arm": "gripper_left_base_link",
+    "tiago": "arm_tool_link",
+    "pr2": "r_gripper_tool_frame",
+}
+PAPER_ARM = PAPER_SHEET.with_name("4dof.urdf")
+
+
+@functools.cache
+def chain_of(name: str) -> Chain:
+    if name == "paper":
+        return Chain.from_urdf(PAPER_ARM, "tool")
+    if not example_urdfs():
+        pytest.skip("example-robot-data is not installed")
+    return Chain.from_urdf(resolve_robot(f"example:{name}"), ARMS[name])
+
+
+@functools.cache
+def text_of(name: str) -> str:
+    return scaffold(chain_of(name), str(PAPER_ARM) if name == "paper" else f"example:{name}")
+
+
+def written(text: str, folder: Path) -> Path:
+    path = folder / "drafted.errors.yaml"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def toy(folder: Path, body: str, name: str = "toy.urdf") -> Path:
+    path = folder / name
+    path.write_text(f'<robot name="toy">{body}</robot>', encoding="utf-8")
+    return path
+
+
+def link(name: str, mass: float = 0.0, com: str = "0 0 0") -> str:
+    if not mass:
+        return f'<link name="{name}"/>'
+    inertia = '<inertia ixx="0.1" ixy="0" ixz="0" iyy="0.1" iyz="0" izz="0.1"/>'
+    return f'<link name="{name}"><inertial><origin xyz="{com}"/><mass value="{mass}"/>{inertia}</inertial></link>'
+
+
+def joint(
+    name: str,
+    parent: str,
+    child: str,
+    kind: str = "revolute",
+    axis: str = "0 0 1",
+    origin: str = "0 0 0",
+    limits: str | None = 'lower="-1" upper="1"',
+    extra: str = "",
+) -> str:
+    limit = "" if limits is None else f'<limit {limits} effort="10" velocity="1"/>'
+    return (
+        f'<joint name="{name}" type="{kind}"><origin xyz="{origin}"/><parent link="{parent}"/><child link="{child}"/>'
+        f'<axis xyz="{axis}"/>{limit}{extra}</joint>'
+    )
+
+
+def active(text: str, kind: str) -> list[str]:
+    return re.findall(rf"^  - {kind}: .*$", text, re.MULTILINE)
+
+
+@pytest.mark.parametrize("name", [*ARMS, "paper"])
+class TestAnyArm:
+    def test_it_runs_unedited(self, name: str, tmp_path: Path) -> None:
+        chain = chain_of(name)
+        path = written(text_of(name), tmp_path)
+        assert read(path).findings == chain.robot.findings
+        model = ErrorModel.load(path)
+        assert (model.chain.base, model.chain.tip) == (chain.base, chain.tip)
+        assert model.chain.joint_names == chain.joint_names
+        assert dict(model.chain.locked) == dict(chain.locked)
+        assert model.chain.gravity.tolist() == chain.gravity.tolist()
+        assert list(model.poses) == ["start", "far"]
+        draws = model.space.sample(0, 0, 200)
+        for pose in model.poses:
+            at = model.at(pose)
+            assert at.findings("exact") == ()
+            assert at.findings("linear") == ()
+            error = at.exact(draws)
+            assert np.isfinite(error).all()
+            assert 0.01e-3 < np.median(np.linalg.norm(error[:3], axis=0)) < 20e-3
+
+    def test_it_names_every_joint_and_link(self, name: str) -> None:
+        chain, text = chain_of(name), text_of(name)
+        way = chain.robot.path(chain.base, chain.tip)
+        for link_name in (chain.base, *(step.child for step in way)):
+            assert re.search(rf"^#   link   {re.escape(link_name)}: (no mass|[\d.e-]+ kg)$", text, re.MULTILINE)
+        for step in way:
+            assert re.search(rf"^#   joint  {re.escape(step.name)}: {step.kind}\b", text, re.MULTILINE)
+        for moving in chain.joint_names:
+            for kind in ("joint_offset", "axis_install"):
+                assert sum(f"joint: {moving}," in line for line in active(text, kind)) == 1
+        for still in chain.locked:
+            assert re.search(rf"(?<![\w-]){re.escape(still)}(?![\w-])", text)
+
+    def test_every_source_is_marked_as_an_assumption(self, name: str) -> None:
+        lines = [line for line in text_of(name).splitlines() if line.startswith("  - ")]
+        assert lines
+        assert all("    # assumption" in line for line in lines)
+
+    def test_the_text_is_stable(self, name: str) -> None:
+        assert scaffold(chain_of.__wrapped__(name), "arm.urdf") == scaffold(chain_of(name), "arm.urdf")
+
+    def test_the_first_pose_is_not_singular(self, name: str, tmp_path: Path) -> None:
+        model = ErrorModel.load(written(text_of(name), tmp_path))
+        values = np.linalg.svd(model.at("start").posture.joint_jacobian, compute_uv=False)
+        assert values[-1] > 0.02 * values[0]
+
+    def test_its_examples_work_once_uncommented(self, name: str, tmp_path: Path) -> None:
+        lines = text_of(name).splitlines()
+        uncommented = [
+            re.sub(r"^# (parameters:|  set_up:|  tool_mass:)", r"\1", re.sub(r"^(  )# - ", r"\1- ", line))
+            for line in lines
+        ]
+        assert sum(a != b for a, b in zip(lines, uncommented, strict=True)) >= 5
+        model = ErrorModel.load(written("\n".join(uncommented), tmp_path))
+        kinds = {source.kind() for source in model.sources}
+        assert {"payload", "beam"} <= kinds
+        assert {"set_up", "tool_mass"} <= set(model.space.components)
+        assert np.isfinite(model.at().exact(model.space.sample(0, 0, 10))).all()
+
+
+def test_every_kind_of_source_and_every_law_is_listed() -> None:
+    text = text_of("paper")
+    for kind in catalogue():
+        assert re.search(rf"^#   {kind} {{\w+(, \w+)*}}: \w", text, re.MULTILINE)
+    for law in LAW_KEYS:
+        assert re.search(rf"^#   {law}: \w", text, re.MULTILINE)
+
+
+@pytest.mark.parametrize(
+    ("length_mm", "deviation_mm", "grade"),
+    [
+        # ISO 2768-1:1989, table 1, class f; from 2000 mm on class m
+        (0.5, 0.05, "f"),
+        (3, 0.05, "f"),
+        (6, 0.05, "f"),
+        (6.01, 0.1, "f"),
+        (30, 0.1, "f"),
+        (30.1, 0.15, "f"),
+        (120, 0.15, "f"),
+        (121, 0.2, "f"),
+        (400, 0.2, "f"),
+        (401, 0.3, "f"),
+        (1000, 0.3, "f"),
+        (1001, 0.5, "f"),
+        (2000, 0.5, "f"),
+        (2001, 2.0, "m"),
+        (4000, 2.0, "m"),
+    ],
+)
+def test_general_tolerances(length_mm: float, deviation_mm: float, grade: str) -> None:
+    deviation, found = general_tolerance(length_mm * 1e-3)
+    assert deviation == pytest.approx(deviation_mm * 1e-3, rel=1e-12)
+    assert found == grade
+
+
+@pytest.mark.parametrize(
+    ("value", "rounded"),
+    # the limits between 1, 2, 5, 10 are their geometric means: 1.414…, 3.162…, 7.071…
+    [(1.41, 1), (1.42, 2), (3.16, 2), (3.17, 5), (7.07, 5), (7.08, 10), (2.04e-5, 2e-5), (99e6, 1e8), (1e-9, 1e-9)],
+)
+def test_rounding_to_1_2_5(value: float, rounded: float) -> None:
+    assert round_125(value) == rounded
+
+
+def test_the_paper_arm_has_its_lengths() -> None:
+    lines = active(text_of("paper"), "length")
+    # Table 1: a_1 = 85, a_2 = 1970, a_4 = 1770, a_1 + a_3 + a_5 = 274 mm
+    expected = [("joint2", 85, "0.15"), ("joint3", 1970, "0.5"), ("joint4", 1770, "0.5"), ("tool", 274, "0.2")]
+    assert len(lines) == len(expected)
+    for line, (name, length, deviation) in zip(lines, expected, strict=True):
+        assert f": {name}, parameters: {{uniform: {deviation} mm}}" in line
+        assert line.endswith(f", {length} mm")
+
+
+def test_a_pendulum_winds_up_by_a_fifth_of_a_milliradian(tmp_path: Path) -> None:
+    # 2 kg at 0.5 m: 9.81 N·m when level; 2e-4 rad / 9.81 N·m = 2.04e-5 rad/(N·m), rounded 2e-5
+    body = link("base") + link("arm", 2.0, "0.5 0 0") + joint("swing", "base", "arm", axis="0 1 0")
+    path = toy(tmp_path, body)
+    text = scaffold(Chain.from_urdf(path), path.name)
+    expected = "joint: swing, compliance: {uniform: 4e-6 rad/(N*m), mean: 2e-5 rad/(N*m)}"
+    assert [expected in line for line in active(text, "joint_compliance")] == [True]
+    at = ErrorModel.load(written(text, tmp_path)).at({"swing": 0.0})
+    # turns down about y; the tip is the joint's own link
+    np.testing.assert_allclose(at.tangent[0], [0, 0, 0, 0, 2e-5 * 9.81, 0], atol=1e-15)
+
+
+def test_a_vertical_slide(tmp_path: Path) -> None:
+    # 3 kg: 29.43 N; 2e-5 m / 29.43 N = 6.8e-7 m/N, rounded 5e-7
+    body = link("base") + link("car", 3.0) + joint("lift", "base", "car", "prismatic", limits='lower="0.1" upper="0.5"')
+    path = toy(tmp_path, body)
+    text = scaffold(Chain.from_urdf(path), path.name)
+    assert "  - joint_offset: {joint: lift, offset: {normal: 0.05 mm}}" in text
+    assert "joint: lift, compliance: {uniform: 1e-7 m/N, mean: 5e-7 m/N}" in text
+    assert "strain wave" not in text
+    model = ErrorModel.load(written(text, tmp_path))
+    for q in model.poses.values():
+        assert 0.1 <= q[0] <= 0.5
+    np.testing.assert_allclose(model.at().tangent[0], [0, 0, -5e-7 * 29.43, 0, 0, 0], atol=1e-18)
+    # offset: sigma = 0.05 mm / 3; compliance: 29.43 N × 1e-7 m/N / √3; axis discs do not act along the axis
+    sigma = math.hypot(0.05e-3 / 3, 29.43 * 1e-7 / math.sqrt(3))
+    assert math.sqrt(model.at().covariance[2, 2]) == pytest.approx(sigma, rel=1e-9)
+
+
+def test_a_wrist_is_sized_for_a_tenth_of_the_largest_load(tmp_path: Path) -> None:
+    # swing carries 10 kg at 1 m: 98.1 N·m; the wrist's own 0.01 kg at 0.01 m is far below 9.81: 2e-4/9.81 → 2e-5
+    body = link("base") + link("arm", 10.0, "1 0 0") + link("hand", 0.01, "0.01 0 0")
+    body += joint("swing", "base", "arm", axis="0 1 0") + joint("wrist", "arm", "hand", axis="0 1 0", origin="1 0 0")
+    path = toy(tmp_path, body)
+    lines = active(scaffold(Chain.from_urdf(path), path.name), "joint_compliance")
+    assert [re.search(r"mean: (\S+)", line)[1] for line in lines] == ["2e-6", "2e-5"]  # type: ignore[index]
+
+
+@pytest.mark.parametrize(
+    ("axis", "mass", "gravity", "said"),
+    [
+        ("0 0 1", 5.0, (0.0, 0.0, -9.81), "  # turn: weight cannot move it in any pose"),
+        ("0 1 0", 5.0, (0.0, 0.0, 0.0), "  # turn: weight cannot move it in any pose"),
+        ("0 1 0", 0.0, (0.0, 0.0, -9.81), "no mass beyond it in the URDF"),
+    ],
+)
+def test_joints_that_no_weight_can_move_get_no_compliance(
+    axis: str, mass: float, gravity: tuple[float, ...], said: str, tmp_path: Path
+) -> None:
+    body = link("base") + link("table", mass, "0.3 0 0") + joint("turn", "base", "table", axis=axis)
+    path = toy(tmp_path, body)
+    text = scaffold(Chain.from_urdf(path, gravity=gravity), path.name)
+    assert said in text
+    assert not active(text, "joint_compliance")
+    assert ErrorModel.load(written(text, tmp_path)).at().posture.load_torque.tolist() == [0.0]
+
+
+@pytest.mark.parametrize(
+    "limits",
+    [
+        'lower="-6.28" upper="6.28"',
+        'lower="1.9" upper="2.1"',
+        'lower="0.3" upper="0.3"',
+        'lower="0.123456" upper="0.1234561"',
+        'lower="-3" upper="-2.9999"',
+        'lower="-INF" upper="0.5"',
+        'lower="4" upper="INF"',
+        'lower="-1e300" upper="1e300"',
+    ],
+)
+@pytest.mark.parametrize("kind", ["revolute", "prismatic"])
+def test_poses_stay_within_odd_limits(limits: str, kind: str, tmp_path: Path) -> None:
+    body = link("base") + link("a", 1.0) + link("b", 1.0, "0.2 0 0")
+    body += joint("first", "base", "a", kind, "0 1 0", limits=limits)
+    body += joint("second", "a", "b", axis="0 1 0", origin="0.3 0 0")
+    path = toy(tmp_path, body)
+    model = ErrorModel.load(written(scaffold(Chain.from_urdf(path), path.name), tmp_path))
+    assert list(model.poses) == ["start", "far"]
+    for pose in model.poses:
+        assert model.at(pose).findings("exact") == ()
+
+
+def test_turning_and_sliding_joints_get_their_own_units(tmp_path: Path) -> None:
+    text = text_of("tiago")
+    assert re.search(r"^    torso_lift_joint: [\d.]+ m$", text, re.MULTILINE)
+    assert re.search(r"^    arm_1_joint: -?\d+ deg$", text, re.MULTILINE)
+    assert "joint: torso_lift_joint, offset: {normal: 0.05 mm}" in text
+
+
+def test_locked_joints_mimics_and_another_base(tmp_path: Path) -> None:
+    body = link("root") + link("a", 1.0) + link("b", 1.0) + link("f1", 0.1) + link("f2", 0.1) + link("f3", 0.1)
+    body += joint("j1", "root", "a", axis="0 1 0", origin="0 0 0.1")
+    body += joint("j2", "a", "b", axis="0 1 0", origin="0.3 0 0")
+    body += joint("grip", "b", "f1", "prismatic", limits='lower="0.01" upper="0.04"', origin="0.2 0 0")
+    follow = '<mimic joint="grip" multiplier="-1" offset="0.002"/>'
+    body += joint("twin", "b", "f2", "prismatic", limits='lower="-0.04" upper="0.04"', extra=follow)
+    body += joint("odd", "b", "f3", "prismatic", limits='lower="-0.04" upper="0.04"', extra=follow)
+    path = toy(tmp_path, body)
+    chain = Chain.from_urdf(path, "root", "b", gravity=(1.5, 0, -9.7), locked={"j2": 0.1, "odd": 1 / 3})
+    assert chain.joint_names == ("j1",)
+    text = scaffold(chain, path.name)
+    assert "They follow others (mimic): twin" in text
+    assert "  grip: 0.01 m    # prismatic, 0.01 to 0.04 m" in text
+    assert "\nbase: b " in text
+    again = ErrorModel.load(written(text, tmp_path)).chain
+    assert dict(again.locked) == dict(chain.locked)
+    assert again.joint_names == ("j1",)
+    assert again.gravity.tolist() == [1.5, 0, -9.7]
+    np.testing.assert_array_equal(again.placements, chain.placements)
+
+
+def test_many_locked_joints_stay_compact() -> None:
+    text = text_of("tiago")
+    block = text[text.index("locked: {") : text.index("poses:")]
+    assert block.count("\n") < 20
+    assert all(len(line) <= 120 for line in block.splitlines())
+
+
+def test_a_pose_of_ones_own(tmp_path: Path) -> None:
+    chain = chain_of("paper")
+    values = [0.1, -1 / 3, 1e-7, -2.0]
+    text = scaffold(chain, str(PAPER_ARM), pose=values)
+    assert ErrorModel.load(written(text, tmp_path)).poses["start"].tolist() == values
+    with pytest.raises(InputError, match="3 joint values for 4 joints"):
+        scaffold(chain, "arm.urdf", pose=values[:3])
+
+
+ODD_NAMES = [
+    "a: b",
+    "# c",
+    "d #e",
+    "- f",
+    "on",
+    "null",
+    "12",
+    "1e-3",
+    "0x1F",
+    "~",
+    "...",
+    "---",
+    "Grün",
+    "手首",
+    "it's",
+    "&quot;x&quot;",
+    "a, b",
+    "{x}",
+    "[y]",
+    "*z",
+    "&amp;w",
+    "!v",
+    "%u",
+    "@t",
+    "s:",
+    "example:r",
+    "back\\slash",
+    "🤖",
+]
+
+
+@pytest.mark.parametrize("name", ODD_NAMES)
+def test_odd_names_survive(name: str, tmp_path: Path) -> None:
+    body = link("base") + link(f"{name}1", 1.0, "0.1 0 0") + link(name, 1.0, "0.1 0 0") + link(f"{name}3")
+    body += joint(name, "base", f"{name}1", axis="0 1 0")
+    body += joint(f"{name}2", f"{name}1", name, "prismatic", origin="0.2 0 0")
+    body += joint(f"{name}3", name, f"{name}3", origin="0.2 0 0")
+    path = toy(tmp_path, body, "an arm #1: it's.urdf")
+    chain = Chain.from_urdf(path, chain_tip := name.replace("&quot;", '"').replace("&amp;", "&"))
+    text = scaffold(chain, path.name)
+    model = ErrorModel.load(written(text, tmp_path))
+    assert model.chain.tip == chain_tip
+    assert model.chain.joint_names == chain.joint_names
+    assert dict(model.chain.locked) == dict(chain.locked)
+    assert np.isfinite(model.at().exact(model.space.sample(0, 0, 5))).all()
+
+
+def loaded(text: str, version: str) -> object:
+    yaml = YAML(typ="safe", pure=True)
+    yaml.version = version  # type: ignore[assignment]
+    return yaml.load(text)
+
+
+NAMES = st.text(st.characters(exclude_categories=["Cs"]), max_size=30) | st.text(string.printable, max_size=12)
+
+
+@pytest.mark.parametrize("version", ["1.1", "1.2"])
+@given(name=NAMES)
+def test_quoting_survives_any_name(version: str, name: str) -> None:
+    word = quoted(name)
+    assert "\n" not in word
+    assert loaded(f"tip: {word}    # note\n", version) == {"tip": name}
+    assert loaded(f"- length: {{joint: {word}, at: {word}}}\n", version) == [{"length": {"joint": name, "at": name}}]
+    assert loaded(f"{word}: 1 m\n", version) == {name: "1 m"}
+
+
+def test_trial_poses_differ_and_the_start_is_the_best_conditioned() -> None:
+    survey = Survey.of(chain_of("ur5"))
+    assert len({tuple(row) for row in survey.trials.tolist()}) == len(survey.trials)
+    postures = [chain_of("ur5").at(np.radians(row)) for row in survey.trials]
+    conditions = [np.linalg.svd(posture.joint_jacobian, compute_uv=False)[-1] for posture in postures]
+    # the survey weighs lengths by the reach, here they stand in metres: still among the best tenth
+    assert sorted(conditions)[-6] <= conditions[survey.start]
+    assert survey.start != survey.far
+    shoulder = postures[0].joint_poses[0][:3, 3]
+    distances = [np.linalg.norm(posture.pose[:3, 3] - shoulder) for posture in postures]
+    distances[survey.start] = 0.0
+    assert np.argmax(distances) == survey.far

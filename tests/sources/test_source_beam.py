@@ -1,0 +1,159 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy import integrate
+
+from precision_pin.chain import Load
+from precision_pin.errors import InputError
+from precision_pin.laws import Uniform
+from precision_pin.model import ErrorModel
+from precision_pin.parameters import Component
+from precision_pin.sources import beam
+from precision_pin.sources.beam import Beam, point_flexibility, weight_flexibility
+from precision_pin.space import Draw, LabelledSpace, Space
+from support.checks.beam import check_beam
+from support.checks.common import evaluated, one_link
+from support.plain_robot import chain_of, joint, link, robot
+
+L, EI_Y, EI_Z, GI, EA = 1.7, 900.0, 2500.0, 700.0, 3e5
+
+
+def test_reference_table_axes_integrals_and_settings():
+    check_beam(beam)
+
+
+def test_against_a_frame_of_200_elements():
+    # loads at the tip, at mid-span (off the axis too), behind each other, self-weight along all three axes; the masses
+    # are given as loads, so that the wrenches are known by hand
+    gravity = np.array([3.0, -4.0, -8.0])
+    chain = one_link(length=L, gravity=tuple(gravity))
+    points = [(0.85, 2.0, (0.0, 0.0, 0.0)), (0.34, 1.2, (0.1, -0.2, 0.3)), (1.7, 4.0, (0.2, 0.1, -0.1))]
+    loads = [Load(1, np.eye(4), np.zeros(3), True, ((np.array([3.0, 1.0, 0, 0]), ()),))]
+    for reach, mass, arm in points:
+        frame = np.eye(4)
+        frame[0, 3] = reach
+        loads.append(Load(1, frame, frame[:3, 3], False, ((mass * np.array([1.0, *arm]), ()),)))
+    source = Beam(link="arm", EI_y=EI_Y, EI_z=EI_Z, GI=GI, EA=EA)
+    posture = chain.at([0.0]).with_loads(loads)
+    total = sum(term.twist for term in source.terms(posture, LabelledSpace(Space(), source.label())))
+
+    elements = 200
+    step = L / elements
+    stiffness, force = np.zeros((6 * (elements + 1),) * 2), np.zeros(6 * (elements + 1))
+    element = _element(step)
+    weight = 3.0 * gravity / L
+    for k in range(elements):
+        rows = slice(6 * k, 6 * k + 12)
+        stiffness[rows, rows] += element
+        force[rows] += _consistent(weight, step)
+    for reach, mass, arm in points:
+        node = round(reach / step)
+        assert node * step == pytest.approx(reach, abs=1e-12)
+        force[6 * node : 6 * node + 3] += mass * gravity
+        force[6 * node + 3 : 6 * node + 6] += np.cross(arm, mass * gravity)
+    solution = np.linalg.solve(stiffness[6:, 6:], force[6:])
+    # cubic elements are exact at their nodes; 200 of them cost about six digits of conditioning
+    np.testing.assert_allclose(total, solution[-6:], rtol=2e-7, atol=1e-10)
+
+
+def _element(h):
+    """Stiffness of a straight element with twelve degrees of freedom, x along it (any textbook)."""
+    k = np.zeros((12, 12))
+    for i, value in ((0, EA / h), (3, GI / h)):
+        k[i, i] = k[i + 6, i + 6] = value
+        k[i, i + 6] = k[i + 6, i] = -value
+    for w, t, rigidity, sign in ((1, 5, EI_Z, 1), (2, 4, EI_Y, -1)):
+        rows = [w, t, w + 6, t + 6]
+        k[np.ix_(rows, rows)] += (rigidity / h**3) * np.array(
+            [
+                [12, sign * 6 * h, -12, sign * 6 * h],
+                [sign * 6 * h, 4 * h * h, -sign * 6 * h, 2 * h * h],
+                [-12, -sign * 6 * h, 12, -sign * 6 * h],
+                [sign * 6 * h, 2 * h * h, -sign * 6 * h, 4 * h * h],
+            ]
+        )
+    return k
+
+
+def _consistent(q, h):
+    f = np.zeros(12)
+    f[:3] = f[6:9] = q * h / 2
+    f[5], f[11] = q[1] * h * h / 12, -q[1] * h * h / 12
+    f[4], f[10] = -q[2] * h * h / 12, q[2] * h * h / 12
+    return f
+
+
+@pytest.mark.parametrize("reach", [0.0, 0.6, 1.7])
+def test_point_loads_against_the_differential_equation(reach):
+    """EI w'' = M(x) integrated twice by quadrature, for a force and a moment at ``reach``."""
+
+    def bend(moment):
+        slope = integrate.quad(moment, 0, reach)[0]
+        return integrate.quad(lambda x: (L - x) * moment(x), 0, reach)[0], slope
+
+    f_w, f_slope = bend(lambda x: reach - x)
+    m_w, m_slope = bend(lambda x: 1.0)
+    table = point_flexibility(L, reach)
+    np.testing.assert_allclose([table[1, 1], table[5, 1], table[1, 5], table[5, 5]], [f_w, f_slope, m_w, m_slope])
+    np.testing.assert_allclose([table[2, 2], table[4, 2], table[2, 4], table[4, 4]], [f_w, -f_slope, -m_w, m_slope])
+    q_w = integrate.quad(lambda x: (L - x) * (L - x) ** 2 / 2, 0, L)[0] / L
+    q_slope = integrate.quad(lambda x: (L - x) ** 2 / 2, 0, L)[0] / L
+    spread = weight_flexibility(L)
+    np.testing.assert_allclose([spread[1, 1], spread[2, 2], spread[5, 1], spread[4, 2]], [q_w, q_w, q_slope, -q_slope])
+
+
+def test_tip_flexibility_is_symmetric_by_maxwell_and_betti():
+    table = point_flexibility(L, L)
+    np.testing.assert_array_equal(table, table.T)
+    assert (np.linalg.eigvalsh(table) > 0).all()
+
+
+def test_a_round_section_given_by_its_diameter():
+    """EI = E π d⁴/64 and GI = 2 G I as formulas of random numbers."""
+    chain = one_link(length=L, gravity=(0.0, -5.0, -9.0), mass=2.0, com=(0.8, 0, 0)).with_payload(3.0, (0, 0.2, 0.1))
+    modulus, diameter = Component("E"), Component("d")
+    second_moment = diameter**4 * (np.pi / 64)
+    source = Beam(link="arm", EI=modulus * second_moment, GI=0.8 * (modulus * second_moment))
+    draws = [Draw("E", Uniform(1e10, mean=7e10)), Draw("d", Uniform(1e-3, mean=0.03))]
+    e, d = 7.3e10, 0.0295
+    _, totals = evaluated(chain, [0.1], [source], {"E": e, "d": d}, draws)
+    second = np.pi * d**4 / 64
+    _, plain = evaluated(chain, [0.1], [Beam(link="arm", EI=e * second, GI=0.8 * e * second)])
+    np.testing.assert_allclose(*totals.values(), *plain.values(), rtol=1e-12)
+
+
+def test_a_link_without_length_cannot_bend():
+    chain = chain_of(
+        robot(
+            link("base"),
+            joint("one", "revolute", "base", "hub"),
+            link("hub"),
+            joint("two", "revolute", "hub", "arm", axis=(0, 1, 0)),
+            link("arm"),
+            joint("flange", "fixed", "arm", "tool", (1, 0, 0)),
+            link("tool"),
+        )
+    )
+    with pytest.raises(InputError, match=r"chain link 1 \(end of link 1 \(two\)\) has no length, so it cannot bend"):
+        ErrorModel(chain, Space(), [Beam(link="hub", EI=1.0)]).at([0, 0])
+    with pytest.raises(InputError, match="chain link 0"):
+        ErrorModel(chain, Space(), [Beam(link="base", EI=1.0)]).at([0, 0])
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({}, "needs a stiffness"),
+        ({"EI": 1.0, "EI_y": 1.0, "EI_z": 1.0}, "one of EI"),
+        ({"EI": 1.0, "bending_stiffness": 1.0}, "one of EI"),
+        ({"EI_y": 1.0}, "both of EI_y"),
+        ({"GI": 1.0, "torsion_stiffness": 1.0}, "one of GI"),
+        ({"EI": 0.0}, "EI of a beam must be positive"),
+        ({"GI": -3.0}, "GI of a beam must be positive"),
+        ({"EA": float("nan")}, "EA of a beam must be positive"),
+    ],
+)
+def test_bad_settings_are_refused(settings, message):
+    with pytest.raises(InputError, match=message):
+        Beam(link="arm", **settings)

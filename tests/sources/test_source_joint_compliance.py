@@ -1,0 +1,27 @@
+from __future__ import annotations
+
+import pytest
+
+from precision_pin.errors import InputError
+from precision_pin.model import ErrorModel
+from precision_pin.sources import joint_compliance
+from precision_pin.sources.joint_compliance import JointCompliance
+from precision_pin.space import Space
+from support.checks.common import one_link
+from support.checks.joint_compliance import check_joint_compliance
+
+
+def test_by_hand_and_by_the_slope_of_the_potential_energy():
+    check_joint_compliance(joint_compliance)
+
+
+def test_a_vertical_axis_feels_no_weight():
+    chain = one_link(mass=2.0, com=(0.4, 0.3, 0.1))
+    (term,) = ErrorModel(chain, Space(), [JointCompliance(joint="hinge", compliance=1e-4)]).at([0.7]).terms
+    assert abs(term.twist[0]) < 1e-19
+
+
+@pytest.mark.parametrize("value", [-1e-6, float("nan"), float("inf")])
+def test_a_negative_or_infinite_compliance_is_refused(value):
+    with pytest.raises(InputError, match="compliance"):
+        JointCompliance(joint="hinge", compliance=value)
