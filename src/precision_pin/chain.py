@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 from precision_pin import se3
 from precision_pin.errors import Finding, InputError, UnknownNameError
 from precision_pin.parameters import Expression
-from precision_pin.pinocchio_model import PinocchioModel, joint_motion
+from precision_pin.pinocchio_model import PinocchioModel
 from precision_pin.urdf import Joint, Robot, read, rerooted
 
 __all__ = ["EARTH", "Chain", "Factors", "LinkFrame", "Load", "Place", "Posture"]
@@ -201,7 +201,7 @@ class Chain:
         locked: Mapping[str, float] | None = None,
     ) -> Chain:
         """Cut the chain out of a robot already read; see :meth:`from_urdf`."""
-        down = np.asarray(gravity, dtype=float)
+        down = _numbers("gravity", gravity)
         if down.shape != (3,) or not np.isfinite(down).all():
             raise InputError("gravity must be three finite numbers, in base axes")
         if base is not None:
@@ -317,7 +317,7 @@ class Chain:
         Raises
         ------
         InputError
-            Wrong count, missing joint, or a value that is not finite.
+            Wrong count, missing joint, or a value that is no finite number.
         UnknownNameError
             No such joint on the chain.
         """
@@ -327,8 +327,8 @@ class Chain:
             missing = [name for name in self.joint_names if name not in q]
             if missing:
                 raise InputError(f"no value for the joints {', '.join(missing)}")
-            q = [float(q[name]) for name in self.joint_names]
-        values = np.asarray(q, dtype=float)
+            q = [q[name] for name in self.joint_names]
+        values = _numbers("joint values", q)
         if values.shape != (len(self.joints),):
             raise InputError(
                 f"{values.size} joint values for {len(self.joints)} joints; expected {', '.join(self.joint_names)}"
@@ -353,11 +353,23 @@ class Chain:
             Its centre of mass in the frame it hangs on, m.
         at
             The URDF link it hangs on; the tip if left out.
+
+        Raises
+        ------
+        InputError
+            The mass is negative, or a number is missing or not finite.
+        UnknownNameError
+            The robot has no such link.
         """
         where = self.link_frame(at or self.tip)
-        moments = ((mass * np.array([1.0, *centre]), ()),)
+        lever = _numbers("the centre of a payload", centre)
+        if not 0 <= mass < np.inf:
+            raise InputError(f"the mass of a payload must be zero or more and finite, got {mass} kg")
+        if lever.shape != (3,) or not np.isfinite(lever).all():
+            raise InputError(f"the centre of a payload must be three finite numbers, got {centre}")
+        moments = ((mass * np.array([1.0, *lever]), ()),)
         load = Load(where.link, where.frame, where.attachment, along=False, moments=moments)
-        model = self.pinocchio.with_mass(where.link - 1, where.frame, mass, centre)
+        model = self.pinocchio.with_mass(where.link - 1, where.frame, mass, lever)
         return replace(self, loads=(*self.loads, load), pinocchio=model)
 
     def _far_end(self, link: int) -> str:
@@ -501,6 +513,13 @@ class Posture:
         return self.chain.pinocchio.statics(self.q)
 
 
+def _numbers(what: str, values: object) -> Array:
+    try:
+        return np.asarray(values, dtype=float)
+    except (TypeError, ValueError):
+        raise InputError(f"{what} must be numbers, got {values!r}") from None
+
+
 def _locked_values(robot: Robot, joints: Sequence[Joint], locked: Mapping[str, float]) -> dict[str, float]:
     """Return the value of every joint that moves but is not on the chain."""
     on_chain = {joint.name for joint in joints}
@@ -549,9 +568,7 @@ def _link_frames(
             placements[moving[joint.name] - 1] = origin
             frames[joint.child] = LinkFrame(moving[joint.name], np.eye(4), 0, np.zeros(3))
         else:
-            frame = origin
-            if joint.kind != "fixed":
-                frame = origin @ joint_motion(joint.axis, joint.kind == "prismatic", locked[joint.name])
+            frame = origin @ joint.motion(locked[joint.name]) if joint.moves else origin
             rank = parent.path_rank + 1 if on_path and parent.path_rank is not None else None
             leaves_way = parent.path_rank is not None and rank is None
             attachment = origin[:3, 3] if leaves_way else frame[:3, 3] if on_path else parent.attachment

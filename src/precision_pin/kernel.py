@@ -70,9 +70,7 @@ def compile_table(pose_model: PoseModel) -> CompiledTable:
     return lay_out(pose_model.table, pose_model.space)
 
 
-def sample(
-    layout: CompiledTable, seed: int, first: int, count: int, *, pose: int = 0, visit: int = 0
-) -> Array:
+def sample(layout: CompiledTable, seed: int, first: int, count: int, *, pose: int = 0, visit: int = 0) -> Array:
     """Return the components ``(d, count)`` of units ``first … first + count - 1``.
 
     As :meth:`precision_pin.space.Space.sample`, which gives the same bits where a law needs only ``+ - × ÷`` and the
@@ -83,21 +81,14 @@ def sample(
     InputError
         A wrong seed, unit, pose or visit.
     """
-    begin, length = _even_range(first, count)
-    kept = np.empty((layout.space.size, length))
-    _run(layout, DRAW, seed, begin, length, components=kept, pose=pose, visit=visit)
-    return kept[:, first - begin : first - begin + count]
+    skip = _check_units(first, count)
+    kept = np.empty((layout.space.size, skip + count))
+    _run(layout, DRAW, _Units(seed, first - skip, skip, skip + count, pose, visit), components=kept)
+    return kept[:, skip:]
 
 
 def errors(
-    layout: CompiledTable,
-    model: Model,
-    seed: int,
-    first: int,
-    count: int,
-    *,
-    pose: int = 0,
-    visit: int = 0,
+    layout: CompiledTable, model: Model, seed: int, first: int, count: int, *, pose: int = 0, visit: int = 0
 ) -> Array:
     """Return the errors ``(6, count)``, ``[d; δ]`` in m and rad, base axes, of units ``first … first + count - 1``.
 
@@ -119,18 +110,12 @@ def errors(
     Raises
     ------
     InputError
-        A wrong seed, unit, pose, visit or model; a formula that fails, or a target that turns by π or more, for one
-        of the units.
+        A wrong seed, unit, pose, visit or model; or, for one of the units, a formula that fails, a target that turns
+        by π or more, an error that is not finite.
     """
-    begin, length = _even_range(first, count)
-    kept = np.empty((6, length))
-    # a unit that was not asked for, the one before, must not be the reason to refuse
-    skip = first - begin
-    try:
-        _run(layout, _stage(model), seed, begin, length, errors=kept, pose=pose, visit=visit)
-    except _SampleError as failure:
-        if failure.sample >= skip:
-            raise
+    skip = _check_units(first, count)
+    kept = np.empty((6, skip + count))
+    _run(layout, _stage(model), _Units(seed, first - skip, skip, skip + count, pose, visit), errors=kept)
     return kept[:, skip:]
 
 
@@ -140,9 +125,303 @@ def errors_at(layout: CompiledTable, model: Model, x: ArrayLike) -> Array:
     Raises
     ------
     InputError
-        x has another shape, a formula fails, or a target turns by π or more.
+        x has another shape; or as in `errors`.
     """
     values = np.ascontiguousarray(x, dtype=float)
     if values.ndim != 2 or values.shape[0] != layout.space.size:
         raise InputError(f"x has shape {values.shape}, expected ({layout.space.size}, N): rows as in model.space")
-    return values
+    kept = np.empty((6, values.shape[1]))
+    motions = layout.motions
+    inside = (values >= layout.lowest[:, None]) & (values <= layout.highest[:, None])
+    if not inside.all():
+        # the short series were chosen for what the laws can give
+        wide = np.ones_like(motions.wide)
+        wide.flags.writeable = False
+        motions = motions._replace(wide=wide)
+    units = _Units(0, 0, 0, values.shape[1], 0, 0)
+    _run(layout, _stage(model), units, given=values, errors=kept, motions=motions)
+    return kept
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Blocks:
+    """What consecutive blocks gave.
+
+    Attributes
+    ----------
+    count
+        Samples.
+    lowest, highest
+        ``(8,)`` smallest and largest value of each quantity.
+    sums
+        ``(blocks, 31)`` sums of each block by itself: of (value - centre) of the eight quantities, of the products of
+        two components' (value - centre) (upper triangle of 6 × 6, by rows), of the squares of the two norms'.
+    sketch
+        ``(8, COLUMNS)`` counts, see :mod:`precision_pin.statistics.sketch`.
+    inside
+        ``(S,)`` samples inside each specification.
+    errors
+        ``(6, count)`` the errors themselves where they were to be kept.
+    """
+
+    count: int
+    lowest: Array
+    highest: Array
+    sums: Array
+    sketch: NDArray[np.uint32]
+    inside: NDArray[np.int64]
+    errors: Array | None
+
+    def added_to(self, state: State) -> State:
+        """Return the state after these blocks too; added in block order, the bits never depend on the grouping."""
+        sums, products, norm_squares = state.sums, state.products, state.norm_squares
+        for row in self.sums:
+            sums = sums + row[:8]
+            triangle = np.zeros((6, 6))
+            triangle[_UPPER] = row[8:29]
+            triangle.T[_UPPER] = row[8:29]
+            products = products + triangle
+            norm_squares = norm_squares + row[29:]
+        return State(
+            count=state.count + self.count,
+            lowest=np.minimum(state.lowest, self.lowest),
+            highest=np.maximum(state.highest, self.highest),
+            sums=sums,
+            products=products,
+            norm_squares=norm_squares,
+            sketch=state.sketch + self.sketch,
+            inside=state.inside + self.inside,
+        )
+
+
+def observe_blocks(
+    layout: CompiledTable,
+    plan: Plan,
+    model: Model,
+    seed: int,
+    first_block: int,
+    blocks: int,
+    *,
+    samples: int | None = None,
+    keep_errors: bool = False,
+    pose: int = 0,
+    visit: int = 0,
+) -> Blocks:
+    """Return what blocks ``first_block … first_block + blocks - 1`` give; other threads run meanwhile.
+
+    Parameters
+    ----------
+    layout, model, seed, pose, visit
+        As in `errors`.
+    plan
+        What is subtracted, binned and counted.
+    first_block, blocks
+        Which blocks of `BLOCK` units.
+    samples
+        The number of units of the whole run, at which its last block ends.
+    keep_errors
+        Return the errors as well.
+
+    Raises
+    ------
+    InputError
+        As `errors`.
+    """
+    first = first_block * BLOCK
+    end = first + blocks * BLOCK
+    count = (end if samples is None else min(end, samples)) - first
+    if first_block < 0 or not 0 < blocks <= _MOST_BLOCKS_IN_A_CALL or count <= 0:
+        raise InputError(
+            f"blocks {first_block} to {first_block + blocks - 1} of {samples} samples: from block 0, "
+            f"1 to {_MOST_BLOCKS_IN_A_CALL} blocks in a call, none beyond the last sample"
+        )
+    result = Blocks(
+        count=count,
+        lowest=np.full(8, np.inf),
+        highest=np.full(8, -np.inf),
+        sums=np.zeros((-(-count // BLOCK), SUMS)),
+        sketch=np.zeros((8, COLUMNS), dtype=np.uint32),
+        inside=np.zeros(len(plan.specifications), dtype=np.int64),
+        errors=np.empty((6, count)) if keep_errors else None,
+    )
+    _run(
+        layout,
+        _stage(model),
+        _Units(seed, first, 0, count, pose, visit),
+        errors=_NOTHING if result.errors is None else result.errors,
+        plan=plan,
+        into=result,
+    )
+    return result
+
+
+def accumulate(
+    layout: CompiledTable,
+    plan: Plan,
+    model: Model,
+    seed: int,
+    first_block: int,
+    blocks: int,
+    *,
+    samples: int | None = None,
+    state: State | None = None,
+    pose: int = 0,
+    visit: int = 0,
+) -> State:
+    """Return the statistics after blocks ``first_block … first_block + blocks - 1``, added to ``state``.
+
+    Parameters and errors as in `observe_blocks`, which threads use; then ``accumulate`` is `Blocks.added_to` of each
+    in turn. Going on from the state of the blocks before gives the same bits as one call for all.
+    """
+    found = observe_blocks(
+        layout, plan, model, seed, first_block, blocks, samples=samples, pose=pose, visit=visit
+    )
+    return found.added_to(start(plan) if state is None else state)
+
+
+def is_compiled() -> bool:
+    """Return whether the sampler is compiled, in this process or in numba's cache, as far as can be told."""
+    function = kernel_loops.run
+    if numba.config.DISABLE_JIT or _ready.cache_info().currsize:
+        return True
+    try:
+        # numba shows no public way to ask; the index is empty where it is of another version or source
+        keys = function._cache._cache_file._load_index()  # type: ignore[attr-defined]
+        return any(numba.core.registry.cpu_target.target_context.codegen().magic_tuple() in key for key in keys)
+    except (AttributeError, *_CACHE_TROUBLES):
+        return False
+
+
+def warm_up() -> None:
+    """Compile the sampler or load it from numba's cache; whatever samples does so by itself."""
+    with _lock:
+        _ready()
+
+
+# inside --------------------------------------------------------------------------------------------------------------
+
+_UPPER: Final = np.triu_indices(6)
+_lock: Final = threading.Lock()
+_CACHE_TROUBLES: Final = (
+    pickle.UnpicklingError, OSError, EOFError, ValueError, TypeError, LookupError, ImportError, RuntimeError,
+)  # fmt: skip
+"""What reading a damaged cache or writing to a full or closed disk raises (AttributeError beside)."""
+
+
+@final
+@dataclass(frozen=True)
+class _Units:
+    """Which units: the first, how many nobody asked for, how many with them; for which pose and visit."""
+
+    seed: int
+    first: int
+    skip: int
+    count: int
+    pose: int
+    visit: int
+
+
+def _check_units(first: int, count: int) -> int:
+    """Return how many units to begin earlier, so as to begin with an even one."""
+    if first < 0 or count < 0 or first + count > 2**64:
+        raise InputError(f"units {first} to {first + count - 1}: units are numbered from 0")
+    return first % 2
+
+
+def _stage(model: Model) -> int:
+    if model not in _STAGES:
+        raise InputError(f"model must be exact or linear, got {model!r}")
+    return _STAGES[model]
+
+
+def _run(
+    layout: CompiledTable,
+    stage: int,
+    units: _Units,
+    *,
+    given: Array | None = None,
+    components: Array = _NOTHING,
+    errors: Array = _NOTHING,
+    motions: Motions | None = None,
+    plan: Plan | None = None,
+    into: Blocks | None = None,
+) -> None:
+    """Run the compiled loops over samples and raise what stopped them."""
+    check_seed(units.seed)
+    words = layout.words(units.pose, units.visit)
+    if not units.count:
+        return
+    centre, scale = (np.zeros(8), np.ones(8)) if plan is None else (plan.centre, plan.scale)
+    specifications = () if plan is None else plan.specifications
+    counting = Counting(
+        centre=np.array(centre),
+        inverse_scale=1 / scale,
+        limit_rows=np.array([specification.row for specification in specifications], dtype=np.uint64),
+        limits=np.array([specification.limit for specification in specifications], dtype=float),
+    )
+    arguments = (
+        _workspace(layout.rows),
+        layout.draws,
+        layout.formulas,
+        layout.superposition,
+        layout.motions if motions is None else motions,
+        stage,
+        np.uint64(units.seed),
+        words,
+        np.uint64(units.first),
+        units.skip,
+        units.count,
+        np.zeros((layout.space.size, 0)) if given is None else given,
+        components,
+        errors,
+        counting,
+        np.zeros((0, SUMS)) if into is None else into.sums,
+        np.zeros(8) if into is None else into.lowest,
+        np.zeros(8) if into is None else into.highest,
+        np.zeros(0, dtype=np.uint32) if into is None else into.sketch.reshape(-1),
+        np.zeros(0, dtype=np.int64) if into is None else into.inside,
+    )
+    reason, where = _call(arguments)
+    if reason:
+        raise InputError(f"sample {units.first + where}: {_REASONS[reason]}")
+
+
+_REASONS: Final = {
+    FORMULA: "a parameter's formula fails; a divisor that may reach zero needs a law that keeps away from it",
+    ANGLE: "an error turns a place by half a turn or more; the tolerances or loads are far too large",
+    NOT_FINITE: "the error is not a finite number; the tolerances or loads are far too large",
+}
+
+
+def _workspace(rows: int) -> Array:
+    """Return room for rows, on a 64-byte boundary."""
+    room = np.zeros(rows * STRIDE + 8)
+    begin = -room.ctypes.data // 8 % 8
+    return room[begin : begin + rows * STRIDE]
+
+
+def _call(arguments: tuple[Any, ...]) -> tuple[int, int]:
+    """Call the compiled function; a cache that cannot be used is deleted, then done without.
+
+    Troubles with the cache come before anything is computed, so that a second call is safe.
+    """
+    if numba.config.DISABLE_JIT:
+        with np.errstate(all="ignore"):
+            return _checked(kernel_loops.run(*arguments))
+    for remedy in (_delete_cache, kernel_loops.do_without_cache):
+        try:
+            return _checked(kernel_loops.run(*arguments))
+        except _CACHE_TROUBLES:
+            remedy()
+    return _checked(kernel_loops.run(*arguments))
+
+
+def _checked(result: tuple[int, int]) -> tuple[int, int]:
+    return int(result[0]), int(result[1])
+
+
+def _delete_cache() -> None:
+    statistics: Any = kernel_loops.run.stats  # type: ignore[attr-defined]
+    for path in Path(statistics.cache_path).glob("kernel_loops.run-*"):
+        path.unlink(missing_ok=True)

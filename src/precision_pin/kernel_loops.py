@@ -728,7 +728,7 @@ def _rotation_vector_wide(w):  # type: ignore[no-untyped-def]
 
 
 @_compiled
-def _displace(w, motions, count, sampled):  # type: ignore[no-untyped-def]
+def _displace(w, motions, skipped, count, sampled):  # type: ignore[no-untyped-def]
     """Compose all targets from the tip to the base; return the sample of which a target turns by π or more, or -1.
 
     The tip's displacement e and the rotation q, not the pose, are carried along, so that nothing cancels.
@@ -753,7 +753,7 @@ def _displace(w, motions, count, sampled):  # type: ignore[no-untyped-def]
                     for i in range(_TILE):
                         sample = _sample_at(i, sampled)
                         x, y, z = w[_H0 + i], w[_H1 + i], w[_H2 + i]
-                        if sample < count and not x * x + y * y + z * z < _QUARTER_TURN_SQUARED:
+                        if skipped <= sample < count and not x * x + y * y + z * z < _QUARTER_TURN_SQUARED:
                             return sample
                 _turn_wide(w)
             else:
@@ -911,7 +911,7 @@ def _fold(w, sums):  # type: ignore[no-untyped-def]
 
 @_cached
 def run(  # type: ignore[no-untyped-def]
-    w, draws, formulas, superposition, motions, stage, seed, words, first, count,
+    w, draws, formulas, superposition, motions, stage, seed, words, first, skip, count,
     given, kept_components, kept_errors, counting, sums, lowest, highest, sketch, inside,
 ):  # fmt: skip
     """Work through samples tile by tile.
@@ -926,8 +926,9 @@ def run(  # type: ignore[no-untyped-def]
         `DRAW`, `LINEAR` or `EXACT`.
     seed, words
         Key and, for each stream, the last counter word.
-    first, count
-        First unit, which is even, and how many samples.
+    first, skip, count
+        First unit, which is even, how many samples at the beginning nobody asked for (they may fail), and how many
+        samples with them.
     given
         ``(d, count)`` component values to use, or no columns: draw them.
     kept_components, kept_errors
@@ -958,6 +959,7 @@ def run(  # type: ignore[no-untyped-def]
     for tile in range(tiles):
         begin = tile * TILE
         size = min(TILE, count - begin)
+        skipped = skip if tile == 0 else 0
         if sampled:
             uniforms(w, draws.stream_rows, draws.streams, words, seed, (first >> _ONE) + _U(tile) * _PAIRS)
             apply_laws(w, draws)
@@ -979,16 +981,16 @@ def run(  # type: ignore[no-untyped-def]
             for i in range(_TILE):
                 sample = _sample_at(i, sampled)
                 for step in range(formulas.results.size):
-                    if sample < size and not abs(w[formulas.results[step] + i]) < np.inf:
+                    if skipped <= sample < size and not abs(w[formulas.results[step] + i]) < np.inf:
                         return FORMULA, begin + sample
         if stage == LINEAR:
             _superpose(w, superposition)
         else:
-            sample = _displace(w, motions, size, sampled)
+            sample = _displace(w, motions, skipped, size, sampled)
             if sample >= 0:
                 return ANGLE, begin + sample
         if _values(w, sampled):
-            for i in range(size):
+            for i in range(skipped, size):
                 if not (w[_VALUES + _U(i)] < np.inf and w[_VALUES + _U(4 * STRIDE + i)] < np.inf):
                     return NOT_FINITE, begin + i
         if kept_errors.shape[1]:

@@ -66,7 +66,7 @@ class TermTable:
     def build(cls, posture: Posture, space: Space, terms: Iterable[Term]) -> TermTable:
         """Return the table of terms at a posture, in chain order."""
         listed = list(terms)
-        by_key: dict[tuple[int, int, int], Target] = {}
+        by_key: dict[tuple[int, int, int, str], Target] = {}
         for term in listed:
             known = by_key.setdefault(_chain_order(term.target), term.target)
             if isinstance(known, Place) and not known.is_same(term.target):
@@ -98,10 +98,6 @@ class TermTable:
             result[k, :3, :3] = result[k, 3:, 3:] = rotation
             result[k, :3, 3:] = se3.skew(frame[:3, 3] - self.pose[:3, 3]) @ rotation
         return result
-
-    def parameters(self, x: Array) -> Array:
-        """Return the parameters ``(P, N)`` for component values ``(d, N)``; P is zero where nothing is random."""
-        return self.program.evaluate(x) if self.program.outputs else np.zeros((0, x.shape[1]))
 
     def products(self, parameters: Array) -> Array:
         """Return each term's product of factors, ``(T, N)``, for parameters ``(P, N)``."""
@@ -143,7 +139,7 @@ class PoseModel:
         Σ J_target · twist · product of factors, with J at the undisplaced chain.
         """
         values = self._check(x)
-        moved = self.table.displacements(self.table.products(self.table.parameters(values)))
+        moved = self.table.displacements(self.table.products(self.table.program.evaluate(values)))
         result: Array = np.einsum("kij,kjn->in", self.table.sensitivities, moved)
         return result
 
@@ -158,7 +154,7 @@ class PoseModel:
             A target turns by π or more, where rotation vectors are no longer unique.
         """
         values = self._check(x)
-        moved = self.table.displacements(self.table.products(self.table.parameters(values)))
+        moved = self.table.displacements(self.table.products(self.table.program.evaluate(values)))
         motion = np.broadcast_to(np.eye(4)[:, :, None], (4, 4, values.shape[1]))
         for frame, displacement in zip(self.table.frames, moved, strict=True):
             if np.sqrt((displacement[3:] ** 2).sum(axis=0)).max(initial=0.0) >= np.pi:
@@ -179,7 +175,7 @@ class PoseModel:
         """
         mean = self.space.mean
         table = self.table
-        parameters = table.parameters(mean[:, None])
+        parameters = table.program.evaluate(mean[:, None])
         moved = table.displacements(table.products(parameters))[:, :, 0]
         error = self.exact(mean[:, None])[:, 0]
         slopes = self._displacement_slopes(parameters[:, 0])
@@ -323,6 +319,10 @@ class ErrorModel:
             return self.poses[q]
         return self.chain.configuration(q)
 
+    def pose_name(self, q: object) -> str:
+        """Return the name of the pose that :meth:`configuration` makes of ``q``, empty where it has none."""
+        return q if isinstance(q, str) else next(iter(self.poses), "") if q is None else ""
+
     def at(self, q: ArrayLike | Mapping[str, float] | str | None = None) -> PoseModel:
         """Return the model at a pose; ``q`` as in :meth:`configuration`."""
         posture = self.chain.at(self.configuration(q))
@@ -333,11 +333,14 @@ class ErrorModel:
         return PoseModel(posture, self.space, TermTable.build(posture, self.space, terms), terms)
 
 
-def _chain_order(target: Target) -> tuple[int, int, int]:
-    """Return where a target stands on the chain: a joint before all places of the link it moves."""
+def _chain_order(target: Target) -> tuple[int, int, int, str]:
+    """Return where a target stands on the chain: a joint before all places of the link it moves.
+
+    Places of different sources may have one rank; their names then tell them apart and order them.
+    """
     if isinstance(target, JointValue):
-        return (target.joint + 1, -1, 0)
-    return (target.link, *target.order)
+        return (target.joint + 1, -1, 0, "")
+    return (target.link, *target.order, target.name)
 
 
 def _frame(target: Target, posture: Posture) -> Array:

@@ -11,48 +11,17 @@ from typing import Any, final
 
 import numpy as np
 import pinocchio
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from precision_pin import se3
 from precision_pin.errors import InternalError
 from precision_pin.urdf import Robot, canonical
 
-__all__ = ["PinocchioModel", "joint_motion", "link_poses"]
+__all__ = ["PinocchioModel"]
 
 Array = NDArray[np.float64]
 
 AGREEMENT = 1e-9
 """Largest difference allowed between Pinocchio and our own reading, relative to the robot's reach and mass."""
-
-
-def joint_motion(axis: Sequence[float], prismatic: bool, value: float) -> Array:
-    """Return Q(q) of a joint: a turn (rad) about its axis or a shift (m) along it, ``(4, 4)``."""
-    unit = np.asarray(axis, dtype=float)
-    if prismatic:
-        return se3.translation(unit * value)
-    return se3.pose(se3.rotation_about(unit, value), np.zeros(3))
-
-
-def link_poses(robot: Robot, values: Mapping[str, float]) -> dict[str, Array]:
-    """Return the pose of every link in the root link, by our own reading of the URDF.
-
-    Parameters
-    ----------
-    robot
-        The mechanism.
-    values
-        Value of every joint that moves (rad or m); 0 where missing.
-    """
-    poses = {robot.root: np.eye(4)}
-    waiting = list(robot.child_joints(robot.root))
-    while waiting:
-        joint = waiting.pop()
-        transform = poses[joint.parent] @ joint.origin
-        if joint.kind != "fixed":
-            transform = transform @ joint_motion(joint.axis, joint.kind == "prismatic", values.get(joint.name, 0.0))
-        poses[joint.child] = transform
-        waiting.extend(robot.child_joints(joint.child))
-    return poses
 
 
 @final
@@ -103,7 +72,7 @@ class PinocchioModel:
         model.gravity.linear = np.asarray(gravity, dtype=float)
         return cls(model, tuple(int(model.getJointId(name)) for name in joints))
 
-    def with_mass(self, joint: int, placement: Array, mass: float, centre: Sequence[float]) -> PinocchioModel:
+    def with_mass(self, joint: int, placement: Array, mass: float, centre: ArrayLike) -> PinocchioModel:
         """Return the model with a point mass added to a body.
 
         Parameters
@@ -155,7 +124,7 @@ def _verify(model: Any, robot: Robot) -> None:
     if sorted(model.names) != sorted(["universe", *(joint.name for joint in moving)]):
         raise InternalError(f"{robot.file}: Pinocchio loaded the joints {sorted(model.names)[:8]} …")
     values = {joint.name: 0.3 + 0.1 * (k % 7) for k, joint in enumerate(moving)}
-    ours = link_poses(robot, values)
+    ours = robot.link_poses(values)
     reach = 1.0 + max(float(np.abs(pose[:3, 3]).max()) for pose in ours.values())
     q = pinocchio.neutral(model)
     for name, value in values.items():

@@ -98,7 +98,7 @@ def monte_carlo(
         robot=os.path.basename(chain.robot.file),
         base=chain.base,
         tip=chain.tip,
-        pose_name=_pose_name(error_model, q),
+        pose_name=error_model.pose_name(q),
         q=dict(zip(chain.joint_names, map(float, at.posture.q), strict=True)),
         seed=int(seed),
         model=model,
@@ -126,9 +126,3 @@ def check_samples(samples: int) -> None:
 def _errors(at: PoseModel, model: str, seed: int, first: int, count: int) -> Array:
     x = at.space.sample(seed, first, count)
     return at.linear(x) if model == "linear" else at.exact(x)
-
-
-def _pose_name(error_model: ErrorModel, q: object) -> str:
-    if isinstance(q, str):
-        return q
-    return next(iter(error_model.poses)) if q is None else ""

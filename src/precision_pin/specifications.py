@@ -7,7 +7,7 @@ from typing import Final
 
 from precision_pin import units
 from precision_pin.errors import InputError, UnitError, UnknownNameError
-from precision_pin.statistics import Specification
+from precision_pin.statistics import QUANTITIES, Specification
 
 __all__ = ["DEFAULT_PROBABILITY", "specification"]
 
@@ -23,8 +23,8 @@ _NAMES: Final = {
     "rx": "attitude.x",
     "ry": "attitude.y",
     "rz": "attitude.z",
-}
-_FORM: Final = re.compile(r"\s*([A-Za-z_.]+)?\s*([^@]+?)\s*(?:@\s*(.+?)\s*)?", re.DOTALL)
+} | {name: name for name in QUANTITIES}
+_FORM: Final = re.compile(r"\s*([A-Za-z_][A-Za-z_.]*)?\s*([^@]+?)\s*(?:@\s*(.+?)\s*)?", re.DOTALL)
 
 
 def specification(text: str) -> Specification:
@@ -34,8 +34,8 @@ def specification(text: str) -> Specification:
     ----------
     text
         ``[QUANTITY] LIMIT [@ PROBABILITY]``. The quantity is position (the default of a length), attitude (the default
-        of an angle), or a component x, y, z, rx, ry, rz; the limit a length or an angle; the probability 95 % if left
-        out.
+        of an angle), a component x, y, z, rx, ry, rz, or a name as in the JSON such as ``position.x``; the limit a
+        length or an angle; the probability 95 % if left out.
 
     Raises
     ------

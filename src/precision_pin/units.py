@@ -119,6 +119,9 @@ QUANTITIES: Final = (
     RATIO,
 )
 
+MOST_NAMED: Final = 3
+"""The most quantities that a message names with all their units."""
+
 _NUMBER: Final = r"[+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d+)?"
 _TEXT: Final = re.compile(rf"\s*({_NUMBER}(?:[\s,]+{_NUMBER})*)\s*(\D.*)?", re.ASCII | re.DOTALL)
 _SPELLINGS: Final = (("·", "*"), ("⋅", "*"), ("**", "^"), ("²", "^2"), ("³", "^3"), ("μ", "µ"), ("Nm", "N*m"))
@@ -192,6 +195,9 @@ def parse_vector(text: object, *quantities: Quantity, count: int | None = None) 
             return values
     named = " or ".join(quantity.name for quantity in quantities)
     allowed = ", ".join(dict.fromkeys(unit for quantity in quantities for unit in quantity.units))
+    if len(quantities) > MOST_NAMED:
+        named = "quantity"
+        allowed = ", ".join(quantity.si for quantity in quantities if quantity.si) + ", and multiples of these"
     if not unit:
         raise UnitError(f"{str(text)!r} has no unit; a {named} needs one of: {allowed}")
     raise UnitError(f"{unit!r} in {str(text)!r} is not a unit of {named}; allowed: {allowed}")

@@ -92,8 +92,8 @@ LAWS = (
         '("alpha", 3, start), ("beta", 4, after_alpha)',
         '("alpha", 4, start), ("beta", 3, after_alpha)',
     ),
-    Fault("mcpc", "shift in frame axes before they tilt", '{self.link}", after_gamma)', '{self.link}", start)'),
-    Fault("mcpc", "shift before γ", '{self.link}", after_gamma)', '{self.link}", after_beta)'),
+    Fault("mcpc", "shift in frame axes before they tilt", 'of link {link}", after_gamma)', 'of link {link}", start)'),
+    Fault("mcpc", "shift before γ", 'of link {link}", after_gamma)', 'of link {link}", after_beta)'),
     Fault("payload", "first moment without mass", "_moment(k + 1, mass, value)", "_moment(k + 1, value)"),
     Fault("payload", "centre axes off by one", "_moment(k + 1, mass, value)", "_moment(3 - k, mass, value)"),
 )

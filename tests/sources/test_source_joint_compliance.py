@@ -3,6 +3,7 @@ from __future__ import annotations
 import pytest
 
 from precision_pin.errors import InputError
+from precision_pin.laws import Normal, Uniform
 from precision_pin.model import ErrorModel
 from precision_pin.sources import joint_compliance
 from precision_pin.sources.joint_compliance import JointCompliance
@@ -21,7 +22,17 @@ def test_a_vertical_axis_feels_no_weight():
     assert abs(term.twist[0]) < 1e-19
 
 
-@pytest.mark.parametrize("value", [-1e-6, float("nan"), float("inf")])
-def test_a_negative_or_infinite_compliance_is_refused(value):
-    with pytest.raises(InputError, match="compliance"):
-        JointCompliance(joint="hinge", compliance=value)
+@pytest.mark.parametrize(
+    ("value", "message"),
+    [
+        (-1e-6, r"compliance of joint_compliance\[hinge\] can become negative"),
+        (Uniform(2e-5, mean=1e-5), r"compliance of joint_compliance\[hinge\] can become negative \(as low as -1e-05"),
+        (Normal(2e-6, mean=1e-5), r"compliance of joint_compliance\[hinge\] can become negative"),
+        (float("nan"), "finite"),
+        (float("inf"), "finite"),
+    ],
+)
+def test_a_negative_or_infinite_compliance_is_refused(value, message):
+    chain = one_link(axis=(0, 1, 0), mass=2.0, com=(0.4, 0.3, 0.1))
+    with pytest.raises(InputError, match=message):
+        ErrorModel(chain, Space(), [JointCompliance(joint="hinge", compliance=value)]).at([0.7])

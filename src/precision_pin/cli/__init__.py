@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import importlib
-import os
+import io
 import sys
 import traceback
 from typing import Final
@@ -52,6 +52,13 @@ class LateGroup(click.Group):
             ctx.fail(f"no command named {name!r}; {nearest(name, COMMANDS)}")
         return super().resolve_command(ctx, args)
 
+    def invoke(self, ctx: click.Context) -> object:
+        """Run the command; Ctrl-C ends it."""
+        try:
+            return super().invoke(ctx)
+        except KeyboardInterrupt:
+            raise _InterruptedError from None
+
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """List the commands without importing them."""
         with formatter.section("Commands"):
@@ -71,27 +78,38 @@ def cli() -> None:
 
 def main() -> None:
     """Run the command line and exit with the code of the contract."""
+    for stream in (sys.stdout, sys.stderr):
+        # names may hold what a terminal cannot show; that is no reason to stop
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
     try:
         code = cli.main(standalone_mode=False)
-        sys.stdout.flush()
-    except click.exceptions.Abort:
+    except (_InterruptedError, click.exceptions.Abort, KeyboardInterrupt):
         code = _say("interrupted", EXIT_INTERRUPTED)
-    except KeyboardInterrupt:
-        code = _say("interrupted", EXIT_INTERRUPTED)
-    except click.ClickException as error:
+    except click.exceptions.NoArgsIsHelpError as error:
         error.show()
         code = EXIT_INPUT
+    except click.ClickException as error:
+        code = _say(_usage_line(error), EXIT_INPUT)
     except InputError as error:
         code = _say(str(error), EXIT_INPUT)
-    except BrokenPipeError:
-        # whoever read our output has gone; say nothing more to it
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        code = EXIT_INPUT
     except InternalError as error:
         code = _say(f"internal error (a bug in precision-pin): {error}", EXIT_INTERNAL)
     except Exception:  # noqa: BLE001 - the last resort: a bug is shown whole, with its exit code
         code = _say(f"internal error (a bug in precision-pin):\n{traceback.format_exc()}", EXIT_INTERNAL)
     sys.exit(code or 0)
+
+
+class _InterruptedError(Exception):
+    """Ctrl-C, kept from click, which would print an empty line for it."""
+
+
+def _usage_line(error: click.ClickException) -> str:
+    """Return a wrong command line's message as one line, with where help is."""
+    message = " ".join(error.format_message().split()).rstrip(".")
+    context = getattr(error, "ctx", None)
+    path = "precision-pin" if context is None else context.command_path
+    return f"{path}: error E_USAGE: {message}; see {path} --help"
 
 
 def _say(message: str, code: int) -> int:

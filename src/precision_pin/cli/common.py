@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import os
 import sys
+import tempfile
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar, final
@@ -18,11 +19,13 @@ from precision_pin.examples import PAPER_SHEET, resolve_robot
 __all__ = [
     "Inputs",
     "chain_options",
+    "echo_data",
     "echo_findings",
     "find_inputs",
     "joint_values",
     "progress_bar",
     "require_writable",
+    "whole_folder",
     "write_text",
 ]
 
@@ -71,6 +74,8 @@ def find_inputs(arguments: Sequence[str], *, sheet_needed: bool) -> Inputs:
     assert robot is not None
     if not sheet_needed:
         return Inputs(robot, None)
+    if not os.path.isfile(robot):
+        raise InputError([Finding("error", "E_FILE", "the robot is not there, or is no file", str(robot))])
     beside = robot.with_suffix(".errors.yaml")
     if beside.is_file():
         return Inputs(robot, beside)
@@ -80,6 +85,23 @@ def find_inputs(arguments: Sequence[str], *, sheet_needed: bool) -> Inputs:
     )
 
 
+def echo_data(text: str) -> None:
+    """Print data on stdout; that its reader has gone, as ``head`` does, is no error.
+
+    Raises
+    ------
+    OutputError
+        It cannot be written.
+    """
+    try:
+        click.echo(text)
+    except OSError as error:
+        # what is left in the buffer must not be tried again when the interpreter ends
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        if not isinstance(error, BrokenPipeError):
+            raise OutputError(f"cannot write to the standard output: {error.strerror}") from None
+
+
 def echo_findings(findings: Sequence[Finding]) -> None:
     """Print findings to stderr, one line each."""
     for finding in findings:
@@ -87,42 +109,101 @@ def echo_findings(findings: Sequence[Finding]) -> None:
 
 
 def require_writable(path: Path, *, folder: bool = False) -> None:
-    """Refuse a place to write to before any work is done.
+    """Refuse a place to write to before any work is done; makes nothing.
 
     Raises
     ------
     OutputError
         It is a directory where a file is meant (or the reverse), or cannot be written to.
     """
-    if folder:
-        try:
-            path.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise OutputError(f"cannot write to the folder {path}: {error.strerror}") from None
-    elif path.is_dir():
+    target = _real(path)
+    if not folder and os.path.isdir(target):
         raise OutputError(f"cannot write {path}: it is a folder")
-    home = path if folder else path.parent
-    if not home.is_dir():
-        raise OutputError(f"cannot write {path}: the folder {home} does not exist")
-    if not os.access(home, os.W_OK):
+    if folder and os.path.lexists(target) and not os.path.isdir(target):
+        raise OutputError(f"cannot write to the folder {path}: it is a file")
+    if not folder and os.path.exists(target) and not os.path.isfile(target):
+        return  # a device or a pipe
+    home = target if folder else target.parent
+    while folder and not os.path.lexists(home):
+        home = home.parent
+    if not os.path.isdir(home):
+        what = "is not a folder" if os.path.lexists(home) else "does not exist"
+        raise OutputError(f"cannot write {path}: {home} {what}")
+    if not os.access(home, os.W_OK | os.X_OK):
         raise OutputError(f"cannot write {path}: the folder {home} is not writable")
 
 
 def write_text(path: Path, text: str) -> None:
-    """Write a file whole or not at all.
+    """Write a file whole or not at all; through a link, and straight into a device or a pipe.
 
     Raises
     ------
     OutputError
         It cannot be written.
     """
-    part = path.with_name(f".{path.name}.{os.getpid()}.part")
+    target = _real(path)
     try:
-        part.write_text(text, encoding="utf-8")
-        part.replace(path)
+        if os.path.exists(target) and not os.path.isfile(target):
+            target.write_text(text, encoding="utf-8")
+            return
+        # the name is short whatever the target's is
+        with tempfile.NamedTemporaryFile(
+            "w", encoding="utf-8", dir=target.parent, prefix=".precision-pin-", suffix=".part", delete=False
+        ) as part:
+            try:
+                part.write(text)
+                part.close()
+                os.chmod(part.name, 0o666 & ~_file_mask())
+                os.replace(part.name, target)
+            except BaseException:
+                with suppress(OSError):
+                    os.unlink(part.name)
+                raise
+    except (OSError, ValueError) as error:
+        raise OutputError(f"cannot write {path}: {getattr(error, 'strerror', None) or error}") from None
+
+
+@contextmanager
+def whole_folder(path: Path) -> Iterator[Path]:
+    """Yield a folder for files that appear in ``path`` together once all of them are written, or not at all.
+
+    Raises
+    ------
+    OutputError
+        They cannot be written.
+    """
+    target = _real(path)
+    missing = [folder for folder in (target, *target.parents) if not os.path.lexists(folder)]
+    done = False
+    try:
+        target.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryDirectory(dir=target, prefix=".precision-pin-", suffix=".part") as stage:
+            yield Path(stage)
+            for file in sorted(Path(stage).iterdir()):
+                if (target / file.name).is_dir():
+                    raise OutputError(f"cannot write {path / file.name}: it is a folder")
+            for file in sorted(Path(stage).iterdir()):
+                file.replace(target / file.name)
+        done = True
     except OSError as error:
-        part.unlink(missing_ok=True)
-        raise OutputError(f"cannot write {path}: {error.strerror}") from None
+        raise OutputError(f"cannot write to the folder {path}: {error.strerror or error}") from None
+    finally:
+        if not done:
+            with suppress(OSError):
+                for folder in missing:
+                    folder.rmdir()
+
+
+def _real(path: Path) -> Path:
+    if not str(path):
+        raise OutputError("the name of a file or folder to write to is empty")
+    return Path(os.path.realpath(path))
+
+
+def _file_mask() -> int:
+    mask = os.umask(0)
+    os.umask(mask)
+    return mask
 
 
 @contextmanager
@@ -139,8 +220,23 @@ def progress_bar(total: int, what: str) -> Iterator[Callable[[int], None]]:
 
 
 def joint_values(text: str) -> str | list[str] | dict[str, str]:
-    """Return ``--q`` as a sheet would have it: one text, ``a, b, c`` or ``joint1: a, joint2: b``."""
-    if ":" in text:
-        pairs = [entry.partition(":") for entry in text.split(",")]
-        return {name.strip(): value.strip() for name, _, value in pairs}
-    return [entry.strip() for entry in text.split(",")] if "," in text else text
+    """Return ``--q`` as a sheet would have it: one text, ``a, b, c`` or ``joint1: a, joint2: b``.
+
+    Raises
+    ------
+    InputError
+        A joint stands twice, or an entry has no joint's name where others have.
+    """
+    entries = [entry.strip() for entry in text.split(",")]
+    if ":" not in text:
+        return entries if len(entries) > 1 else text
+    values: dict[str, str] = {}
+    for entry in entries:
+        # a name may itself hold a colon, a value never does
+        name, colon, value = (part.strip() for part in entry.rpartition(":"))
+        if not colon:
+            raise InputError(f"--q: {entry!r} names no joint; write 'joint: value' for each, or values in chain order")
+        if name in values:
+            raise InputError(f"--q: the joint {name!r} stands twice")
+        values[name] = value
+    return values

@@ -78,7 +78,8 @@ class Findings:
         """Return pydantic's location as a path: without the names of types, which it puts between the keys."""
         value = self._value(path)
         for key in location:
-            if (isinstance(value, dict) and key in value) or (isinstance(value, list) and key in range(len(value))):
+            known = value if isinstance(value, dict) else range(len(value)) if isinstance(value, list) else ()
+            if key in known:
                 path, value = (*path, key), value[key]
         return path
 

@@ -16,12 +16,14 @@ from precision_pin import units
 from precision_pin.chain import EARTH, Chain
 from precision_pin.errors import Finding, InputError, SheetError, UrdfError, nearest
 from precision_pin.examples import resolve_robot
-from precision_pin.sheet.schema import Context, Document, source_model
-from precision_pin.sheet.settings import NAME, NamedParameter, parse_law
+from precision_pin.laws import Fixed
+from precision_pin.sheet.findings import Findings
+from precision_pin.sheet.schema import Context, Document, source_model, used_quantities
+from precision_pin.sheet.settings import NAME, NamedParameter, SettingError, parse_law
 from precision_pin.sheet.text import Path, Text, read_text
 from precision_pin.sources import catalogue
-from precision_pin.space import LabelledSpace, Space
-from precision_pin.terms import Source, labels, own_draws
+from precision_pin.space import Draw, LabelledSpace, Space
+from precision_pin.terms import Source, labels
 from precision_pin.urdf import Joint, Robot
 from precision_pin.urdf import read as read_urdf
 
@@ -30,7 +32,8 @@ __all__ = ["Overrides", "Sheet", "parse_pose", "read"]
 Array = NDArray[np.float64]
 
 GRAVITIES: Final = {"earth": EARTH, "moon": (0.0, 0.0, -1.62), "none": (0.0, 0.0, 0.0)}
-LARGEST_FILE: Final = 4 * 2**20
+LARGEST_FILE: Final = 2**20
+_ANY_COMPONENT: Final = ("", ".x", ".y", *(f".{k}" for k in range(6)))
 
 
 @final
@@ -98,18 +101,15 @@ def read(
     file = os.fspath(path)
     text = read_text(_contents(file), file)
     findings = Findings(text, file)
-    document = _document(text, findings)
-    if document is None:
-        findings.refuse()
-        raise SheetError("the sheet could not be read")
+    document, wrong = _document(text, findings)
     overrides = overrides or Overrides()
     known = catalogue() | {kind.kind(): kind for kind in kinds}
-    named = _parameters(document, findings)
-    chain = _chain(document, findings, overrides, FilePath(file).parent)
+    named = _parameters(document, findings, used_quantities(known.values()))
+    arm_is_known = not wrong & {"robot", "tip", "base", "locked"}
+    chain = _chain(document, findings, overrides, FilePath(file).parent) if arm_is_known else None
     slides = {} if chain is None else dict(zip(chain.joint_names, map(bool, chain.prismatic), strict=True))
     sources = _sources(document, findings, known, Context(named, slides))
-    draws = dict.fromkeys(parameter.draw for parameter in named.values())
-    space = Space(tuple(draws))
+    space = Space(tuple(dict.fromkeys(parameter.draw for parameter in named.values())))
     if chain is None:
         findings.refuse()
         raise SheetError("the robot could not be read")
@@ -137,16 +137,31 @@ def _contents(file: str) -> str:
         raise SheetError([Finding("error", "E_FILE", f"the sheet cannot be read: {reason}", file)]) from None
 
 
-def _document(text: Text, findings: Findings) -> Document | None:
+def _document(text: Text, findings: Findings) -> tuple[Document, set[str]]:
+    """Return the sheet's contents, and which keys at the top are wrong; these are left out, so that reading goes on.
+
+    Raises
+    ------
+    SheetError
+        The sheet does not consist of keys with values.
+    """
     if not isinstance(text.data, dict):
         findings.error((), "a sheet begins with 'precision-pin: 1' and holds keys such as robot: and sources:")
-        return None
-    data = {key: value for key, value in text.data.items() if value != ""}
+        findings.refuse()
+    data: dict[str, Any] = {key: value for key, value in text.data.items() if value != ""}
     try:
-        return Document.model_validate(data)
+        return Document.model_validate(data), set()
     except ValidationError as error:
-        _take_validation(error, (), findings, Document)
-        return None
+        findings.take_validation(error, (), Document)
+        wrong = [findings.walk((), entry["loc"]) or entry["loc"] for entry in error.errors()]
+    needed = {"precision-pin": "1", "robot": ""}
+    for where in wrong:
+        top = str(where[0])
+        if top in ("poses", "locked") and len(where) > 1:
+            data[top] = {key: value for key, value in data[top].items() if key != where[1]}
+        else:
+            data.pop(top, None)
+    return Document.model_validate(needed | data), {str(where[0]) for where in wrong}
 
 
 def _parameters(
@@ -158,6 +173,7 @@ def _parameters(
     """
     named: dict[str, NamedParameter] = {}
     owners: dict[str, str] = {}
+    unread: list[str] = []
     for name, law in document.parameters.items():
         path: Path = ("parameters", name)
         if not NAME.fullmatch(name):
@@ -166,21 +182,20 @@ def _parameters(
         try:
             if not isinstance(law, dict):
                 raise InputError("a law belongs here, such as {uniform: 0.1 mm}")
-            parameters = [parse_law(name, law, quantities)]
+            parameter = parse_law(name, law, quantities)
         except InputError as error:
             findings.take(path, error)
-            suffixes = ("", ".x", ".y", *(f".{k}" for k in range(MOST_STAND_INS)))
-            parameters = [NamedParameter(Draw(name + suffix, Fixed(0.0)), quantities) for suffix in suffixes]
-            parameters = [parameter for parameter in parameters if parameter.draw.name not in owners]
-        for parameter in parameters:
-            names = {parameter.draw.name, *parameter.draw.components}
-            taken = next((other for other in sorted(names) if other in owners), None)
-            if taken is not None:
-                findings.error(path, f"the name {taken!r} is taken by the parameter {owners[taken]!r}")
-                continue
-            owners |= dict.fromkeys(names, name)
-            named |= dict.fromkeys(parameter.draw.components, parameter)
-    return named
+            unread += [name + suffix for suffix in _ANY_COMPONENT]
+            continue
+        names = {name, *parameter.draw.components}
+        taken = next((other for other in sorted(names) if other in owners), None)
+        if taken is not None:
+            findings.error(path, f"the name {taken!r} is taken by the parameter {owners[taken]!r}")
+            continue
+        owners |= dict.fromkeys(names, name)
+        named |= dict.fromkeys(parameter.draw.components, parameter)
+    stand_ins = {name: NamedParameter(Draw(name, Fixed(0.0)), quantities) for name in unread if name not in owners}
+    return named | stand_ins
 
 
 def _chain(document: Document, findings: Findings, overrides: Overrides, folder: FilePath) -> Chain | None:
@@ -194,7 +209,7 @@ def _chain(document: Document, findings: Findings, overrides: Overrides, folder:
         return None
     gravity = _gravity(document, findings)
     locked = _locked(document, findings, robot)
-    if gravity is None or locked is None:
+    if locked is None:
         return None
     try:
         return Chain.from_robot(robot, overrides.tip or document.tip, overrides.base or document.base, gravity, locked)
@@ -203,7 +218,7 @@ def _chain(document: Document, findings: Findings, overrides: Overrides, folder:
         return None
 
 
-def _gravity(document: Document, findings: Findings) -> tuple[float, ...] | None:
+def _gravity(document: Document, findings: Findings) -> tuple[float, ...]:
     if document.gravity in GRAVITIES:
         return GRAVITIES[document.gravity]
     try:
@@ -212,7 +227,7 @@ def _gravity(document: Document, findings: Findings) -> tuple[float, ...] | None
         allowed = ", ".join(GRAVITIES)
         message = f"gravity {document.gravity!r} is not understood: three numbers with m/s^2, or one of {allowed}"
         findings.error(("gravity",), message)
-        return None
+        return EARTH
 
 
 def _joint_quantity(joint: Joint) -> units.Quantity:
@@ -249,8 +264,8 @@ def parse_pose(value: str | list[str] | Mapping[str, str], chain: Chain) -> Arra
     """
     quantities = [_joint_quantity(joint) for joint in chain.joints]
     if isinstance(value, Mapping):
-        given = {name: units.parse(text, quantities[chain.joint_index(name)]) for name, text in value.items()}
-        return chain.configuration(given)
+        named = {name: _parse_at(name, text, quantities[chain.joint_index(name)]) for name, text in value.items()}
+        return chain.configuration(named)
     if isinstance(value, str):
         if len(set(quantities)) > 1:
             raise InputError(
@@ -259,7 +274,14 @@ def parse_pose(value: str | list[str] | Mapping[str, str], chain: Chain) -> Arra
         return chain.configuration(units.parse_vector(value, quantities[0]))
     if len(value) != len(quantities):
         raise InputError(f"{len(value)} joint values for {len(quantities)} joints: {', '.join(chain.joint_names)}")
-    return chain.configuration([units.parse(text, quantity) for text, quantity in zip(value, quantities, strict=True)])
+    return chain.configuration([_parse_at(k, text, quantities[k]) for k, text in enumerate(value)])
+
+
+def _parse_at(where: str | int, text: str, quantity: units.Quantity) -> float:
+    try:
+        return units.parse(text, quantity)
+    except InputError as error:
+        raise SettingError((where,), error) from None
 
 
 def _sources(
@@ -269,10 +291,9 @@ def _sources(
     sources: dict[int, Source] = {}
     for k, entry in enumerate(document.sources):
         path: Path = ("sources", k)
-        if len(entry) != 1:
-            findings.error(
-                path, f"a source is one kind with its settings, such as 'length: {{…}}'; this has {len(entry)} keys"
-            )
+        if not isinstance(entry, dict) or len(entry) != 1:
+            this = f"this has {len(entry)} keys" if isinstance(entry, dict) else f"this is {str(entry)[:40]!r}"
+            findings.error(path, f"a source is one kind with its settings, such as 'length: {{…}}'; {this}")
             continue
         name, settings = next(iter(entry.items()))
         if name not in known:
@@ -298,25 +319,23 @@ def _try_terms(
     chain: Chain, space: Space, sources: Mapping[int, Source], poses: Mapping[str, Array], findings: Findings
 ) -> None:
     """Let every source make its terms at every pose, so that a wrong joint or link is found with its line."""
-    kept: dict[Path, Any] = {}
     names = labels(list(sources.values()))
-    try:
-        extended = space.including(own_draws(list(sources.values()), names))
-    except InputError as error:
-        findings.take((), error)
-        return
-    places = list(poses.values()) or [np.zeros(len(chain.joints))]
+    extended = space
+    usable: list[tuple[Path, Source, str]] = []
     for (k, source), label in zip(sources.items(), names, strict=True):
-        view = LabelledSpace(extended, label)
         path: Path = ("sources", k, source.kind())
-        for q in places:
-            posture = chain.at(q)
-            try:
+        try:
+            extended = extended.including(source.draws(label))
+            usable.append((path, source, label))
+        except InputError as error:
+            findings.take(path, error)
+    places = list(poses.values()) or [np.zeros(len(chain.joints))]
+    for path, source, label in usable:
+        view = LabelledSpace(extended, label)
+        try:
+            for posture in map(chain.at, places):
                 loads = list(source.loads(posture, view))
                 for _ in source.terms(posture.with_loads(loads), view):
                     pass
-            except InputError as error:
-                kept[path] = error
-                break
-    for where, reason in kept.items():
-        findings.take(where, reason)
+        except InputError as error:
+            findings.take(path, error)

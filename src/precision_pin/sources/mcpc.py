@@ -71,8 +71,8 @@ class Mcpc(Source):
         for rank, (field, row, frame) in enumerate(
             (("alpha", 3, start), ("beta", 4, after_alpha), ("gamma", 5, after_beta))
         ):
-            yield from _term(Place.custom(link, rank, f"MCPC {field} of {self.link}", frame), row, field, self, space)
-        place = Place.custom(link, 3, f"MCPC translation of {self.link}", after_gamma)
+            yield from _term(Place.custom(link, rank, f"MCPC {field} of link {link}", frame), row, field, self, space)
+        place = Place.custom(link, 3, f"MCPC translation of link {link}", after_gamma)
         for row, field in enumerate(("x", "y", "z")):
             yield from _term(place, row, field, self, space)
 

@@ -203,7 +203,7 @@ def _mimic(node: Node, kind: str | None, name: str | None, owner: str, findings:
         return None
     message = (
         f"{owner} mimics {shown(joint)} ({factors[0]:g} × value + {factors[1]:g}); "
-        "the coupling is noted, not enforced: the joint has a value of its own"
+        "off the chain it follows, on the chain it must be locked"
     )
     findings.warning("W_MIMIC", message, element.line)
     return Mimic(joint, factors[0], factors[1])

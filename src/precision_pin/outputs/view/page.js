@@ -102,6 +102,11 @@
     viewer.set_dirty();
   }
 
+  // the grid lies at the foot of the arm, or under a hanging one
+  viewer.scene.updateMatrixWorld(true);
+  const lowest = Math.min(0, new THREE.Box3().setFromObject(node("arm")).min.y);
+  viewer.set_transform(["meshcat", "grid"], new THREE.Matrix4().makeTranslation(0, 0, lowest).toArray());
+
   viewer.camera.fov = 40;
   slider.addEventListener("input", () => setFactor(10 ** Number(slider.value)));
   document.getElementById("look-arm").addEventListener("click", () => look("arm"));
