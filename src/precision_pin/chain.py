@@ -209,7 +209,7 @@ class Chain:
         if tip is None:
             if len(robot.leaves) != 1:
                 raise InputError(
-                    f"{robot.file} has {len(robot.leaves)} leaves; name the tip: {', '.join(sorted(robot.leaves))}"
+                    f"{robot.file} has {len(robot.leaves)} leaves; name one as the tip: {', '.join(sorted(robot.leaves))}"
                 )
             tip = robot.leaves[0]
         robot.link(tip)

@@ -13,22 +13,35 @@ blocks were spread over calls, threads or machines of one type, and the bits of
 from __future__ import annotations
 
 import pickle
-import threading
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
-from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Literal, final
 
 import numba
 import numpy as np
+from numba.core.registry import cpu_target
 from numpy.typing import ArrayLike, NDArray
 
 from precision_pin import kernel_loops
 from precision_pin.errors import InputError
 from precision_pin.kernel_layout import CompiledTable, lay_out
-from precision_pin.kernel_loops import ANGLE, ATOM, DRAW, EXACT, FORMULA, LINEAR, STRIDE, SUMS, Counting, Motions
-from precision_pin.space import check_seed
+from precision_pin.kernel_loops import (
+    ANGLE,
+    ATOM,
+    DRAW,
+    EXACT,
+    FORMULA,
+    LINEAR,
+    NOT_FINITE,
+    STRIDE,
+    SUMS,
+    Counting,
+    Motions,
+)
+from precision_pin.parameters import Program
+from precision_pin.space import Space, check_seed
 from precision_pin.statistics import COLUMNS, Plan, State, start
 
 if TYPE_CHECKING:
@@ -274,35 +287,43 @@ def accumulate(
     Parameters and errors as in `observe_blocks`, which threads use; then ``accumulate`` is `Blocks.added_to` of each
     in turn. Going on from the state of the blocks before gives the same bits as one call for all.
     """
-    found = observe_blocks(
-        layout, plan, model, seed, first_block, blocks, samples=samples, pose=pose, visit=visit
-    )
+    found = observe_blocks(layout, plan, model, seed, first_block, blocks, samples=samples, pose=pose, visit=visit)
     return found.added_to(start(plan) if state is None else state)
 
 
 def is_compiled() -> bool:
     """Return whether the sampler is compiled, in this process or in numba's cache, as far as can be told."""
-    function = kernel_loops.run
-    if numba.config.DISABLE_JIT or _ready.cache_info().currsize:
+    function: Any = kernel_loops.run
+    if numba.config.DISABLE_JIT or function.signatures or kernel_loops.run_uncached.cache_info().currsize:
         return True
     try:
-        # numba shows no public way to ask; the index is empty where it is of another version or source
-        keys = function._cache._cache_file._load_index()  # type: ignore[attr-defined]
-        return any(numba.core.registry.cpu_target.target_context.codegen().magic_tuple() in key for key in keys)
+        # numba has no public way to ask; the index reads as empty if it is of another version or source
+        keys = function._cache._cache_file._load_index()
+        processor = cpu_target.target_context.codegen().magic_tuple()
+        return any(processor in key for key in keys)
     except (AttributeError, *_CACHE_TROUBLES):
         return False
 
 
 def warm_up() -> None:
-    """Compile the sampler or load it from numba's cache; whatever samples does so by itself."""
-    with _lock:
-        _ready()
+    """Compile the sampler, or load it from numba's cache; whatever samples first does so by itself."""
+    from precision_pin.model import TermTable
+
+    nothing = TermTable(
+        pose=np.eye(4),
+        targets=(),
+        frames=np.zeros((0, 4, 4)),
+        program=Program(0, (), (), ()),
+        target=np.zeros(0, dtype=np.intp),
+        twists=np.zeros((0, 6)),
+        factors=np.zeros((0, 3), dtype=np.intp),
+    )
+    _run(lay_out(nothing, Space()), EXACT, _Units(0, 0, 0, 1, 0, 0))
 
 
 # inside --------------------------------------------------------------------------------------------------------------
 
 _UPPER: Final = np.triu_indices(6)
-_lock: Final = threading.Lock()
 _CACHE_TROUBLES: Final = (
     pickle.UnpicklingError, OSError, EOFError, ValueError, TypeError, LookupError, ImportError, RuntimeError,
 )  # fmt: skip
@@ -333,6 +354,20 @@ def _stage(model: Model) -> int:
     if model not in _STAGES:
         raise InputError(f"model must be exact or linear, got {model!r}")
     return _STAGES[model]
+
+
+_REASONS: Final = {
+    FORMULA: "a parameter's formula fails; a divisor that may reach zero needs a law that keeps away from it",
+    ANGLE: "an error turns a place by half a turn or more; the tolerances or loads are far too large",
+    NOT_FINITE: "the error is not a finite number; the tolerances or loads are far too large",
+}
+
+
+def _workspace(rows: int) -> Array:
+    """Return room for rows, on a 64-byte boundary."""
+    room = np.zeros(rows * STRIDE + 8)
+    begin = -room.ctypes.data // 8 % 8
+    return room[begin : begin + rows * STRIDE]
 
 
 def _run(
@@ -394,13 +429,6 @@ _REASONS: Final = {
 }
 
 
-def _workspace(rows: int) -> Array:
-    """Return room for rows, on a 64-byte boundary."""
-    room = np.zeros(rows * STRIDE + 8)
-    begin = -room.ctypes.data // 8 % 8
-    return room[begin : begin + rows * STRIDE]
-
-
 def _call(arguments: tuple[Any, ...]) -> tuple[int, int]:
     """Call the compiled function; a cache that cannot be used is deleted, then done without.
 
@@ -408,20 +436,23 @@ def _call(arguments: tuple[Any, ...]) -> tuple[int, int]:
     """
     if numba.config.DISABLE_JIT:
         with np.errstate(all="ignore"):
-            return _checked(kernel_loops.run(*arguments))
-    for remedy in (_delete_cache, kernel_loops.do_without_cache):
-        try:
-            return _checked(kernel_loops.run(*arguments))
-        except _CACHE_TROUBLES:
-            remedy()
-    return _checked(kernel_loops.run(*arguments))
+            return _run_result(kernel_loops.run, arguments)
+    if not kernel_loops.run_uncached.cache_info().currsize:
+        for remedy in (_delete_cache, kernel_loops.run_uncached):
+            try:
+                return _run_result(kernel_loops.run, arguments)
+            except _CACHE_TROUBLES:
+                remedy()
+    return _run_result(kernel_loops.run_uncached(), arguments)
 
 
-def _checked(result: tuple[int, int]) -> tuple[int, int]:
-    return int(result[0]), int(result[1])
+def _run_result(function: Callable[..., tuple[int, int]], arguments: tuple[Any, ...]) -> tuple[int, int]:
+    reason, where = function(*arguments)
+    return int(reason), int(where)
 
 
 def _delete_cache() -> None:
     statistics: Any = kernel_loops.run.stats  # type: ignore[attr-defined]
     for path in Path(statistics.cache_path).glob("kernel_loops.run-*"):
-        path.unlink(missing_ok=True)
+        with suppress(OSError):
+            path.unlink()

@@ -16,6 +16,7 @@ library, and so gives the same bits on every machine; exceptions are powers, sin
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Callable
 from typing import Any, Final, NamedTuple, TypeVar
@@ -46,6 +47,7 @@ __all__ = [
     "Motions",
     "Superposition",
     "run",
+    "run_uncached",
 ]
 
 Array = NDArray[np.float64]
@@ -1010,3 +1012,9 @@ def run(  # type: ignore[no-untyped-def]
                 lowest[q] = min(lowest[q], w[_LANES + (_U(SUMS) + q) * _U(LANES) + lane])
                 highest[q] = max(highest[q], w[_LANES + (_U(SUMS + 8) + q) * _U(LANES) + lane])
     return 0, 0
+
+
+@functools.cache
+def run_uncached() -> Callable[..., tuple[int, int]]:
+    """Return `run` compiled for this process only, where no cache can be used."""
+    return _compiled(run.py_func)  # type: ignore[attr-defined]

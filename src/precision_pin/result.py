@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from precision_pin.errors import InputError
-from precision_pin.statistics import Summary, VectorDistribution
+from precision_pin.statistics import QUANTITIES, Summary, VectorDistribution
 
 if TYPE_CHECKING:
     import xarray
@@ -28,7 +28,14 @@ SCHEMA: Final = "precision-pin/analysis/1"
 def versions() -> dict[str, str]:
     """Return the versions that a result depends on."""
     names = ("precision-pin", "pin", "numpy", "scipy", "numba")
-    return {"python": python_version(), **{name: metadata.version(name) for name in names}}
+    return {"python": python_version(), **{name: _version(name) for name in names}}
+
+
+def _version(name: str) -> str:
+    try:
+        return metadata.version(name)
+    except metadata.PackageNotFoundError:  # conda's pinocchio, or a checkout on the path: installed, but not by pip
+        return "unknown"
 
 
 @final
@@ -50,6 +57,8 @@ class Analysis:
         The error with every parameter at its mean, ``(6,)``.
     summary
         The statistics, base axes.
+    sliding_joints
+        Which joints of ``q`` slide: their values are in m, the others' in rad.
     warnings
         One line each.
     errors
@@ -67,6 +76,7 @@ class Analysis:
     scopes: Mapping[str, int]
     nominal: Array
     summary: Summary
+    sliding_joints: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
     errors: Array | None = field(default=None, repr=False)
 
@@ -117,23 +127,76 @@ class Analysis:
         return json.dumps(self.to_dict(), indent=2, ensure_ascii=False, allow_nan=False)
 
     def to_xarray(self) -> xarray.Dataset:
-        """Return the kept samples as a dataset: ``error`` over component and sample, m and rad.
+        """Return the result as a dataset, m and rad, not-a-number where the samples do not resolve a number.
+
+        ``mean``, ``std``, ``min``, ``max``, ``mode`` over ``quantity`` (position.norm … attitude.z); ``quantile`` over
+        quantity and ``probability``, ``quantile_interval`` with ``end`` (lower, upper) besides; ``nominal`` over
+        ``component`` (dx … rz), ``covariance`` over component and ``component_2``; ``error`` over component and
+        ``sample`` if the samples were kept. Attributes say how it was sampled.
 
         Raises
         ------
         InputError
-            The samples were not kept, or xarray is not installed.
+            xarray is not installed.
         """
-        if self.errors is None:
-            raise InputError("the samples were not kept; run monte_carlo with keep_samples=True")
         try:
             import xarray
         except ImportError:
             raise InputError("xarray is not installed (pip install 'precision-pin[xarray]')") from None
-        components = ["dx", "dy", "dz", "rx", "ry", "rz"]
-        coordinates = {"component": components, "unit": ("component", ["m"] * 3 + ["rad"] * 3)}
+        distributions = [self.summary.distribution(name) for name in QUANTITIES]
+        levels = sorted({level for distribution in distributions for level in distribution.levels})
+        statistics = ("mean", "std", "min", "max", "mode")
+        variables: dict[str, Any] = {
+            name: ("quantity", [_number(getattr(distribution, name)) for distribution in distributions])
+            for name in statistics
+        }
+        variables |= {
+            "quantile": (
+                ("quantity", "probability"),
+                [[_number(distribution.quantile(level)) for level in levels] for distribution in distributions],
+            ),
+            "quantile_interval": (
+                ("quantity", "probability", "end"),
+                [
+                    [distribution.quantile_interval(level) or (np.nan, np.nan) for level in levels]
+                    for distribution in distributions
+                ],
+            ),
+            "nominal": ("component", self.nominal),
+            "covariance": (
+                ("component", "component_2"),
+                np.full((6, 6), np.nan) if self.covariance is None else self.covariance,
+            ),
+        }
+        if self.errors is not None:
+            variables["error"] = (("component", "sample"), self.errors)
+        coordinates: dict[str, Any] = {
+            "quantity": list(QUANTITIES),
+            "probability": levels,
+            "end": ["lower", "upper"],
+            "component": list(_COMPONENTS),
+            "component_2": list(_COMPONENTS),
+        }
         described = {key: str(value) for key, value in self.to_dict().items() if key in _ATTRIBUTES}
-        return xarray.Dataset({"error": (("component", "sample"), self.errors)}, coordinates, described)
+        return xarray.Dataset(variables, coordinates, described)
 
 
-_ATTRIBUTES: Final = ("schema", "robot", "base", "tip", "axes", "pose", "seed", "model", "statics", "versions")
+def _number(value: float | None) -> float:
+    return np.nan if value is None else value
+
+
+_COMPONENTS: Final = ("dx", "dy", "dz", "rx", "ry", "rz")
+_ATTRIBUTES: Final = (
+    "schema",
+    "robot",
+    "base",
+    "tip",
+    "axes",
+    "pose",
+    "samples",
+    "seed",
+    "model",
+    "statics",
+    "confidence",
+    "versions",
+)

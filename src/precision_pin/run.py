@@ -105,6 +105,7 @@ def monte_carlo(
         statics="nominal",
         scopes={scope.value: sum(draw.law.size for draw in at.space.draws if draw.scope is scope) for scope in Scope},
         nominal=error,
+        sliding_joints=tuple(joint.name for joint in chain.joints if joint.kind == "prismatic"),
         summary=finish(plan, state, confidence),
         warnings=tuple(str(finding) for finding in warnings),
         errors=kept,

@@ -3,20 +3,30 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Literal
 
 import click
 
 from precision_pin.cli import EXIT_SPEC
 from precision_pin.cli.common import (
     chain_options,
+    echo_data,
     echo_findings,
     find_inputs,
     joint_values,
     progress_bar,
     require_writable,
+    whole_folder,
     write_text,
 )
+from precision_pin.errors import Finding, InputError
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from precision_pin.chain import Chain
+    from precision_pin.result import Analysis
 
 __all__ = ["command"]
 
@@ -59,7 +69,7 @@ def command(
     from precision_pin.model import ErrorModel
     from precision_pin.outputs.text import analysis_table
     from precision_pin.run import check_samples, monte_carlo
-    from precision_pin.sheet import Overrides, parse_pose, read
+    from precision_pin.sheet import Overrides, read
     from precision_pin.space import check_seed
     from precision_pin.specifications import specification
 
@@ -68,15 +78,20 @@ def command(
     check_samples(samples)
     check_seed(seed)
     specifications = [specification(text) for text in specs]
-    for target, folder in ((json_path, False), (out, True)):
-        if target is not None and target != "-":
-            require_writable(Path(target), folder=folder)
+    if json_path is not None and json_path != "-":
+        require_writable(Path(json_path))
+    if out is not None:
+        if not out:
+            raise click.UsageError("--out names no folder")
+        require_writable(Path(out), folder=True)
     found = find_inputs(inputs, sheet_needed=True)
     assert found.sheet is not None
     sheet = read(found.sheet, overrides=Overrides(found.robot, tip, base, package_dirs))
     echo_findings(sheet.findings)
     error_model = ErrorModel.from_sheet(sheet)
-    where: Any = pose if q is None else parse_pose(joint_values(q), sheet.chain)
+    if pose is None and q is None and not sheet.poses:
+        raise InputError([Finding("error", "E_POSE", "the sheet has no poses; give joint values with --q", sheet.file)])
+    where = pose if q is None else _configuration(q, sheet.chain)
     with progress_bar(samples, "sampling") as progress:
         analysis = monte_carlo(
             error_model, where, samples=samples, seed=seed, model=model, specifications=specifications,
@@ -84,22 +99,34 @@ def command(
         )  # fmt: skip
     for line in analysis.warnings[len(sheet.findings) :]:
         click.echo(line, err=True)
-    if json_path == "-":
-        click.echo(analysis.to_json())
-    else:
-        click.echo(analysis_table(analysis))
-        if json_path is not None:
-            write_text(Path(json_path), analysis.to_json() + "\n")
+    echo_data(analysis.to_json() if json_path == "-" else analysis_table(analysis))
+    if json_path is not None and json_path != "-":
+        write_text(Path(json_path), analysis.to_json() + "\n")
     if out is not None:
-        from precision_pin.outputs import plots
+        _write_folder(analysis, Path(out))
+        click.echo(f"wrote {out}: analysis.json, position, attitude and components as PNG and SVG", err=True)
+    return 0 if all(result.met for result in analysis.summary.specifications) else EXIT_SPEC
 
-        summary, folder_path = analysis.summary, Path(out)
-        write_text(folder_path / "analysis.json", analysis.to_json() + "\n")
+
+def _configuration(text: str, chain: Chain) -> NDArray[np.float64]:
+    from precision_pin.sheet import parse_pose
+
+    try:
+        return parse_pose(joint_values(text), chain)
+    except InputError as error:
+        messages = (finding.message.removeprefix("--q: ") for finding in error.findings)
+        raise InputError([Finding("error", "E_POSE", f"--q: {message}") for message in messages]) from None
+
+
+def _write_folder(analysis: Analysis, folder: Path) -> None:
+    from precision_pin.outputs import plots
+
+    summary, seed = analysis.summary, analysis.seed
+    with whole_folder(folder) as stage:
+        write_text(stage / "analysis.json", analysis.to_json() + "\n")
         for name, figure in (
             ("position", plots.figure_position(summary, seed=seed)),
             ("attitude", plots.figure_attitude(summary, seed=seed)),
             ("components", plots.figure_components(summary, seed=seed)),
         ):
-            plots.save(figure, folder_path / name)
-        click.echo(f"wrote {folder_path}/: analysis.json, position, attitude and components as PNG and SVG", err=True)
-    return 0 if all(result.met for result in analysis.summary.specifications) else EXIT_SPEC
+            plots.save(figure, stage / name)

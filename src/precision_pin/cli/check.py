@@ -7,7 +7,7 @@ import json
 import click
 
 from precision_pin.cli import EXIT_INPUT
-from precision_pin.cli.common import chain_options, find_inputs
+from precision_pin.cli.common import chain_options, echo_data, find_inputs
 from precision_pin.errors import Finding, InputError
 
 __all__ = ["command"]
@@ -28,10 +28,10 @@ def command(
     errors = [finding for finding in findings if finding.severity == "error"]
     if as_json:
         groups = {"errors": errors, "warnings": findings[len(errors) :]}
-        click.echo(json.dumps({name: list(map(_entry, group)) for name, group in groups.items()}, ensure_ascii=False))
+        echo_data(json.dumps({name: list(map(_entry, group)) for name, group in groups.items()}, ensure_ascii=False))
     else:
-        for finding in findings:
-            click.echo(str(finding))
+        if findings:
+            echo_data("\n".join(map(str, findings)))
         if not errors:
             click.echo(f"no errors, {len(findings)} warning{'' if len(findings) == 1 else 's'}", err=True)
     return EXIT_INPUT if errors else 0

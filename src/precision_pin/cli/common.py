@@ -116,13 +116,15 @@ def require_writable(path: Path, *, folder: bool = False) -> None:
     OutputError
         It is a directory where a file is meant (or the reverse), or cannot be written to.
     """
-    target = _real(path)
+    target = Path(os.path.realpath(path))
     if not folder and os.path.isdir(target):
         raise OutputError(f"cannot write {path}: it is a folder")
     if folder and os.path.lexists(target) and not os.path.isdir(target):
         raise OutputError(f"cannot write to the folder {path}: it is a file")
     if not folder and os.path.exists(target) and not os.path.isfile(target):
         return  # a device or a pipe
+    if not folder and os.path.isfile(target) and not os.access(target, os.W_OK):
+        raise OutputError(f"cannot write {path}: the file is read-only")
     home = target if folder else target.parent
     while folder and not os.path.lexists(home):
         home = home.parent
@@ -141,26 +143,20 @@ def write_text(path: Path, text: str) -> None:
     OutputError
         It cannot be written.
     """
-    target = _real(path)
+    target = Path(os.path.realpath(path))
+    straight = os.path.exists(target) and not os.path.isfile(target)
+    part = target if straight else target.with_name(f".precision-pin-{os.getpid()}.part")
     try:
-        if os.path.exists(target) and not os.path.isfile(target):
-            target.write_text(text, encoding="utf-8")
-            return
-        # the name is short whatever the target's is
-        with tempfile.NamedTemporaryFile(
-            "w", encoding="utf-8", dir=target.parent, prefix=".precision-pin-", suffix=".part", delete=False
-        ) as part:
-            try:
-                part.write(text)
-                part.close()
-                os.chmod(part.name, 0o666 & ~_file_mask())
-                os.replace(part.name, target)
-            except BaseException:
-                with suppress(OSError):
-                    os.unlink(part.name)
-                raise
-    except (OSError, ValueError) as error:
-        raise OutputError(f"cannot write {path}: {getattr(error, 'strerror', None) or error}") from None
+        # surrogates, which stand for bytes of a file's name that are not UTF-8, become what JSON has for them
+        part.write_text(text, encoding="utf-8", errors="backslashreplace")
+        if not straight:
+            part.replace(target)
+    except OSError as error:
+        raise OutputError(f"cannot write {path}: {error.strerror or error}") from None
+    finally:
+        if not straight:
+            with suppress(OSError):
+                part.unlink(missing_ok=True)
 
 
 @contextmanager
@@ -172,7 +168,7 @@ def whole_folder(path: Path) -> Iterator[Path]:
     OutputError
         They cannot be written.
     """
-    target = _real(path)
+    target = Path(os.path.realpath(path))
     missing = [folder for folder in (target, *target.parents) if not os.path.lexists(folder)]
     done = False
     try:
@@ -194,24 +190,14 @@ def whole_folder(path: Path) -> Iterator[Path]:
                     folder.rmdir()
 
 
-def _real(path: Path) -> Path:
-    if not str(path):
-        raise OutputError("the name of a file or folder to write to is empty")
-    return Path(os.path.realpath(path))
-
-
-def _file_mask() -> int:
-    mask = os.umask(0)
-    os.umask(mask)
-    return mask
-
-
 @contextmanager
 def progress_bar(total: int, what: str) -> Iterator[Callable[[int], None]]:
-    """Show progress with an estimate on stderr once a second has passed; yields what takes the steps."""
+    """Show progress with an estimate on a terminal once a second has passed; yields what takes the steps."""
     from tqdm import tqdm
 
-    with tqdm(total=total, desc=what, unit=" samples", unit_scale=True, delay=0.7, file=sys.stderr, leave=False) as bar:
+    with tqdm(
+        total=total, desc=what, unit=" samples", unit_scale=True, delay=0.7, file=sys.stderr, leave=False, disable=None
+    ) as bar:
 
         def advance(count: int) -> None:
             bar.update(count)

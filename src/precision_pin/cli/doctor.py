@@ -7,6 +7,8 @@ import platform
 
 import click
 
+from precision_pin.cli.common import echo_data
+
 __all__ = ["command"]
 
 
@@ -25,5 +27,4 @@ def command() -> None:
         "example robots": f"{len(example_urdfs())} (example-robot-data)" if example_urdfs() else "not installed",
     }
     width = max(map(len, lines))
-    for name, value in lines.items():
-        click.echo(f"{name:<{width}}  {value}")
+    echo_data("\n".join(f"{name:<{width}}  {value}" for name, value in lines.items()))

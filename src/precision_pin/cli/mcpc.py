@@ -7,7 +7,7 @@ import json
 
 import click
 
-from precision_pin.cli.common import chain_options, find_inputs
+from precision_pin.cli.common import chain_options, echo_data, echo_findings, find_inputs
 
 __all__ = ["command"]
 
@@ -23,7 +23,7 @@ def command(
 
     Without arguments: the paper's arm.
     """
-    from precision_pin import mcpc
+    from precision_pin import mcpc, urdf
     from precision_pin.chain import Chain
     from precision_pin.outputs.text import mcpc_table
 
@@ -31,13 +31,16 @@ def command(
     if found.sheet is not None:
         from precision_pin.sheet import Overrides, read
 
-        chain = read(found.sheet, overrides=Overrides(found.robot, tip, base, package_dirs)).chain
+        sheet = read(found.sheet, overrides=Overrides(found.robot, tip, base, package_dirs))
+        chain, warnings = sheet.chain, sheet.findings
     else:
         assert found.robot is not None
-        chain = Chain.from_urdf(found.robot, tip, base)
+        robot = urdf.read(found.robot, package_dirs=package_dirs)
+        chain, warnings = Chain.from_robot(robot, tip, base), robot.findings
+    echo_findings(warnings)
     table = mcpc.from_chain(chain)
     if as_json:
         rows = [dataclasses.asdict(row) for row in table.table]
-        click.echo(json.dumps({"base": chain.base, "tip": chain.tip, "links": rows}, ensure_ascii=False))
+        echo_data(json.dumps({"base": chain.base, "tip": chain.tip, "links": rows}, ensure_ascii=False))
     else:
-        click.echo(mcpc_table(table))
+        echo_data(mcpc_table(table))

@@ -6,6 +6,8 @@ import json
 
 import click
 
+from precision_pin.cli.common import echo_data
+
 __all__ = ["command"]
 
 
@@ -14,4 +16,4 @@ def command() -> None:
     """Print the JSON schema of the sheet, for editors and checkers."""
     from precision_pin.sheet import json_schema
 
-    click.echo(json.dumps(json_schema(), indent=2, ensure_ascii=False))
+    echo_data(json.dumps(json_schema(), indent=2, ensure_ascii=False))

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import unicodedata
+from decimal import ROUND_CEILING, ROUND_FLOOR, ROUND_HALF_EVEN, Decimal
 
 from precision_pin.errors import Finding
 from precision_pin.mcpc import Mcpc
@@ -30,15 +32,18 @@ def analysis_table(analysis: Analysis) -> str:
         "min and max are the smallest and largest seen, not bounds; - is not resolved by this many samples",
         f"mode: peak of the histogram smoothed by {_bandwidths(analysis)}",
         "error with every parameter at its mean: "
-        f"d = ({', '.join(f'{1e3 * value:.4g}' for value in analysis.nominal[:3])}) mm, "
-        f"δ = ({', '.join(f'{1e3 * value:.4g}' for value in analysis.nominal[3:])}) mrad",
+        f"d = ({', '.join(map(_thousandfold, analysis.nominal[:3]))}) mm, "
+        f"δ = ({', '.join(map(_thousandfold, analysis.nominal[3:]))}) mrad",
     ]
     lines += [_verdict(result) for result in analysis.summary.specifications]
     return "\n".join(lines)
 
 
 def _pose(analysis: Analysis) -> str:
-    values = ", ".join(f"{name} {math.degrees(value):.6g}°" for name, value in analysis.q.items())
+    values = ", ".join(
+        f"{name} {_plain(value)} m" if name in analysis.sliding_joints else f"{name} {_plain(math.degrees(value))}°"
+        for name, value in analysis.q.items()
+    )
     return f"{analysis.pose_name!r} ({values})" if analysis.pose_name else f"({values})"
 
 
@@ -74,11 +79,17 @@ def _bandwidths(analysis: Analysis) -> str:
 
 def _verdict(result: SpecificationResult) -> str:
     unit = "mm" if result.quantity.startswith("position") else "mrad"
-    low, high = result.interval
+    low, high = (Decimal(end) * 100 for end in result.interval)
+    required = f"{100 * result.required:.10g}"
+    # two digits of the interval's width and as many as the demand has, the ends rounded outwards: what is printed
+    # then never contradicts the verdict
+    decimals = max(1 - (high - low).adjusted(), len(required.partition(".")[2]), 0)
+    place = Decimal(1).scaleb(-decimals)
+    inside = (Decimal(result.probability) * 100).quantize(place, ROUND_HALF_EVEN)
     return (
-        f"spec {result.quantity} within {1e3 * result.limit:.6g} {unit} for {100 * result.required:.6g} %: "
-        f"{'MET' if result.met else 'NOT MET'} - {100 * result.probability:.4f} % inside, "
-        f"interval {100 * low:.4f} to {100 * high:.4f} %"
+        f"spec {result.quantity} within {1e3 * result.limit:.6g} {unit} for {required} %: "
+        f"{'MET' if result.met else 'NOT MET'} - {inside} % inside, "
+        f"interval {low.quantize(place, ROUND_FLOOR)} to {high.quantize(place, ROUND_CEILING)} %"
     )
 
 
@@ -99,16 +110,27 @@ def findings_text(findings: tuple[Finding, ...]) -> str:
     return "\n".join(str(finding) for finding in findings)
 
 
+def _thousandfold(value: float) -> str:
+    return f"{1e3 * value + 0.0:.4g}"
+
+
 def _plain(value: float) -> str:
     return f"{round(value, 9) + 0.0:.9g}"
 
 
 def _aligned(rows: list[list[str]]) -> list[str]:
-    widths = [max(len(row[k]) for row in rows) for k in range(len(rows[0]))]
-    return [
-        "  ".join(
-            cell.ljust(width) if k < 2 else cell.rjust(width)
-            for k, (cell, width) in enumerate(zip(row, widths, strict=True))
-        ).rstrip()
-        for row in rows
-    ]
+    widths = [max(_columns(row[k]) for row in rows) for k in range(len(rows[0]))]
+    lines = []
+    for row in rows:
+        blanks = [" " * (width - _columns(cell)) for cell, width in zip(row, widths, strict=True)]
+        cells = [
+            cell + blank if k < 2 else blank + cell for k, (cell, blank) in enumerate(zip(row, blanks, strict=True))
+        ]
+        lines.append("  ".join(cells).rstrip())
+    return lines
+
+
+def _columns(text: str) -> int:
+    """Return how many columns of a terminal a text fills; letters of East Asia fill two, accents none."""
+    wide = sum(unicodedata.east_asian_width(character) in "WF" for character in text)
+    return len(text) + wide - sum(unicodedata.combining(character) != 0 for character in text)

@@ -116,7 +116,9 @@ def read(
     poses = _poses(document, findings, chain)
     _try_terms(chain, space, sources, poses, findings)
     findings.refuse()
-    warnings = tuple(finding for finding in (*chain.robot.findings, *findings.found) if finding.severity == "warning")
+    found = (*chain.robot.findings, *findings.found)
+    # which of several leaves is meant is settled by now
+    warnings = tuple(finding for finding in found if finding.severity == "warning" and finding.code != "W_BRANCHED")
     return Sheet(file, chain, space, tuple(sources.values()), poses, document.statics, warnings)
 
 

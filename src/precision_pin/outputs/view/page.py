@@ -233,8 +233,8 @@ def _counted(drawn: int, samples: int) -> str:
 
 def _text(text: str) -> str:
     """Return text for HTML: nothing in it is markup, and what cannot be shown or encoded is replaced."""
-    visible = "".join(character if character.isprintable() else "\N{REPLACEMENT CHARACTER}" for character in text)
-    return html.escape(visible, quote=True)
+    visible = (one if one.isprintable() else " " if one.isspace() else "\N{REPLACEMENT CHARACTER}" for one in text)
+    return html.escape("".join(visible), quote=True)
 
 
 def _list(notes: Sequence[str]) -> str:

@@ -89,7 +89,9 @@ class ColourScale:
     def of(cls, sizes: ArrayLike) -> ColourScale:
         """Return the scale from the smallest to the largest of ``(N,)`` sizes, m."""
         values = np.asarray(sizes, dtype=float)
-        return cls(float(values.min()), float(values.max()))
+        smallest, largest = float(values.min()), float(values.max())
+        # what differs by rounding only has one size
+        return cls(smallest if largest - smallest > 1e-9 * largest else largest, largest)
 
     def __call__(self, sizes: ArrayLike) -> Array:
         """Return the colours ``(N, 3)``, each from 0 to 1, of ``(N,)`` sizes, m."""
@@ -113,7 +115,7 @@ class ColourScale:
         """Labels, without the unit, for equal distances from the smallest to the largest size; one if these are equal."""
         per_metre = self.unit[1]
         values = np.linspace(self.smallest, self.largest, 5 if self.largest > self.smallest else 1) * per_metre
-        step = (self.largest - self.smallest) * per_metre / 4 or self.largest * per_metre
+        step = (self.largest - self.smallest) * per_metre / 4 or self.largest * per_metre / 10
         decimals = min(6, max(0, 1 - math.floor(math.log10(step)))) if step > 0 else 0
         return tuple(f"{value:.{decimals}f}" for value in values)
 

@@ -1,0 +1,215 @@
+"""The tables of the pages that are made from the code.
+
+A page holds each between ``<!-- table: NAME -->`` and ``<!-- end -->``. ``python docs/generate.py`` rewrites them all;
+a test fails when one is out of step.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import importlib
+import inspect
+import re
+import types
+import typing
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from pathlib import Path
+from typing import Annotated, Any, Final
+
+import click
+
+from precision_pin import units
+from precision_pin.cli import COMMANDS
+from precision_pin.errors import InputError
+from precision_pin.laws import Law
+from precision_pin.sheet.schema import Document
+from precision_pin.sheet.settings import LAW_KEYS, OPTION_KEYS, parse_law
+from precision_pin.sources import catalogue
+from precision_pin.space import Scope
+from precision_pin.terms import Source
+from precision_pin.units import PerJoint, Quantity
+
+PAGES: Final = Path(__file__).parent
+MARKED: Final = re.compile(r"(?<=<!-- table: )(.+?)( -->\n).*?(?=<!-- end -->)", re.DOTALL)
+
+LAWS: Final[dict[str, tuple[dict[str, Any], str]]] = {
+    "fixed": ({"fixed": "85 mm"}, "a number that does not vary, but has a name and a derivative"),
+    "uniform": ({"uniform": "0.05 mm"}, "anywhere within mean ± t alike; σ = t/√3"),
+    "normal": ({"normal": "0.06 mm"}, "t is k standard deviations, σ = t/k; `normal: {std: 0.02 mm}` gives σ itself"),
+    "triangular": ({"triangular": "0.05 mm"}, "a symmetric triangle on mean ± t; σ = t/√6"),
+    "disc": ({"disc": "0.1 mm"}, "two numbers `.x`, `.y`: a point uniform over the area of a disc of radius t"),
+    "circle": ({"circle": "0.1 mm"}, "two numbers `.x`, `.y`: a point uniform on a circle of radius t"),
+    "joint_normal": (
+        {"joint_normal": {"std": ["0.1 mm", "0.2 mm"]}},
+        "several numbers `.0`, `.1`, …, jointly normal; `std` their standard deviations",
+    ),
+}
+OPTIONS: Final[dict[str, Any]] = {
+    "mean": "1 mm",
+    "k": "2",
+    "truncated": "true",
+    "correlation": [["1", "0.5"], ["0.5", "1"]],
+    "scope": "pose",
+}
+
+
+def table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """Return a Markdown table."""
+    lines = [header, ["---"] * len(header), *rows]
+    return "".join("| " + " | ".join(cell.replace("|", "\\|") for cell in line) + " |\n" for line in lines)
+
+
+def keys() -> str:
+    """Return the top-level keys of a sheet."""
+    rows = []
+    for name, field in Document.model_fields.items():
+        default = field.get_default(call_default_factory=True)
+        shown = "needed" if field.is_required() else f"`{default}`" if isinstance(default, str) else "none"
+        rows.append((f"`{field.alias or name}`", shown, field.description or ""))
+    return table(("key", "default", "meaning"), rows)
+
+
+def laws() -> str:
+    """Return the laws with the options each takes, found by trying."""
+    rows = []
+    for key in LAW_KEYS:
+        example, meaning = LAWS[key]
+        options = [option for option in OPTION_KEYS if _takes(key, example, option)]
+        rows.append((f"`{key}`", f"`{_flow(example)}`", meaning, ", ".join(f"`{option}`" for option in options)))
+    return table(("law", "example", "meaning", "options"), rows)
+
+
+def _takes(key: str, example: dict[str, Any], option: str) -> bool:
+    value = OPTIONS[option]
+    if key == "joint_normal" and option == "mean":
+        value = [value, value]
+    try:
+        parse_law("x", example | {option: value}, (units.LENGTH,))
+    except InputError as error:
+        if f"{option!r} is no setting" in str(error):
+            return False
+        raise
+    return True
+
+
+def _flow(value: Any) -> str:
+    if isinstance(value, dict):
+        return "{" + ", ".join(f"{key}: {_flow(entry)}" for key, entry in value.items()) + "}"
+    return "[" + ", ".join(map(_flow, value)) + "]" if isinstance(value, list) else str(value)
+
+
+def scopes() -> str:
+    """Return the scopes with the documentation that stands under each in the class."""
+    text = inspect.getsource(Scope)
+    notes = re.findall(r'(\w+) = "\w+"\n\s+"""(.+?)\.?"""', text)
+    return table(("scope", "drawn"), [(f"`{Scope[name].value}`", note.lower()) for name, note in notes])
+
+
+def quantities() -> str:
+    """Return the accepted units of every quantity."""
+    rows = []
+    for quantity in units.QUANTITIES:
+        accepted = ", ".join(f"`{unit}`" if unit else "(plain number)" for unit in quantity.units)
+        rows.append((quantity.name, quantity.si or "-", accepted))
+    return table(("quantity", "inside", "accepted units"), rows)
+
+
+def settings(kind: type[Source]) -> str:
+    """Return the settings of a kind of source."""
+    hints = typing.get_type_hints(kind, include_extras=True)
+    notes = dict(_attributes(kind))
+    rows = []
+    for field in dataclasses.fields(kind):  # type: ignore[arg-type]
+        takes, random = _takes_what(hints[field.name])
+        note = notes.get(field.name)
+        alike = (key for key, other in notes.items() if (other is note if note else f"`{field.name}`" in other))
+        first = next(alike)
+        meaning = notes[first] if first == field.name else f"see `{first}`"
+        rows.append((f"`{field.name}`", takes, "yes" if random else "no", _default(field.default), meaning))
+    return table(("setting", "takes", "may be random", "default", "meaning"), rows)
+
+
+def _attributes(kind: type[Source]) -> Iterator[tuple[str, str]]:
+    """Yield the entries of a docstring's section Attributes."""
+    text = inspect.getdoc(kind) or ""
+    section = re.search(r"Attributes\n-+\n(.*?)(?:\n\n\S|\Z)", text, re.DOTALL)
+    assert section is not None, f"{kind.__name__} has no section Attributes"
+    for names, meaning in re.findall(r"^(\S.*)\n((?:    .*\n?)+)", section[1], re.MULTILINE):
+        line = " ".join(meaning.replace("``", "`").split())
+        for name in names.split(", "):
+            yield name, line
+
+
+def _takes_what(hint: Any) -> tuple[str, bool]:
+    bare, *notes = typing.get_args(hint) if typing.get_origin(hint) is Annotated else (hint,)
+    several = typing.get_origin(bare) is tuple
+    inner = typing.get_args(bare)[0] if several else bare
+    options = typing.get_args(inner) if isinstance(inner, types.UnionType) else (inner,)
+    names = [_quantity_names(note) for note in notes if isinstance(note, Quantity | PerJoint)]
+    count = "" if not several else "one or several of " if Ellipsis in typing.get_args(bare) else "three of "
+    return count + (names[0] if names else "text"), Law in options
+
+
+def _quantity_names(note: Quantity | PerJoint) -> str:
+    if isinstance(note, Quantity):
+        return note.name
+    return f"{note.revolute.name}; {note.prismatic.name} where the joint slides"
+
+
+def _default(value: Any) -> str:
+    if value is dataclasses.MISSING:
+        return "needed"
+    if value is None:
+        return "none"
+    if isinstance(value, tuple):
+        return " ".join(f"{entry:g}" for entry in value)
+    return f"`{value}`" if isinstance(value, str) else f"{value:g}"
+
+
+def commands() -> str:
+    """Return the list of commands."""
+    return table(("command", "what it does"), [(f"[`{name}`](#{name})", text) for name, text in COMMANDS.items()])
+
+
+def parameters(name: str) -> str:
+    """Return the arguments and options of a command."""
+    command: click.Command = importlib.import_module(f"precision_pin.cli.{name}").command
+    rows = []
+    for parameter in command.params:
+        if isinstance(parameter, click.Option):
+            metavar = "" if parameter.is_flag else f" {parameter.metavar or _choices(parameter)}"
+            default = f"`{parameter.default}`" if parameter.show_default else "needed" if parameter.required else "-"
+            rows.append((f"`{', '.join(parameter.opts)}{metavar}`", default, parameter.help or ""))
+        else:
+            many = "optional" if parameter.nargs == -1 or not parameter.required else "needed"
+            rows.append((f"`{parameter.metavar}`", many, "argument"))
+    return table(("option", "default", "meaning"), rows) if rows else "No options.\n"
+
+
+def _choices(option: click.Option) -> str:
+    return "|".join(option.type.choices) if isinstance(option.type, click.Choice) else option.type.name
+
+
+TABLES: Final[dict[str, dict[str, Callable[[], str]]]] = {
+    "sheet.md": {"keys": keys, "laws": laws, "scopes": scopes, "units": quantities},
+    "sources.md": {name: lambda kind=kind: settings(kind) for name, kind in catalogue().items()},
+    "command-line.md": {"commands": commands} | {name: lambda name=name: parameters(name) for name in COMMANDS},
+}
+"""Every generated table by page and name."""
+
+
+def spliced(page: str, text: str) -> str:
+    """Return a page's text with its tables as the code has them."""
+    made = TABLES[page]
+    return MARKED.sub(lambda match: f"{match[1]}{match[2]}{made[match[1]]()}", text)
+
+
+def main() -> None:
+    """Rewrite the tables of every page."""
+    for page in TABLES:
+        path = PAGES / page
+        path.write_text(spliced(page, path.read_text(encoding="utf-8")), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

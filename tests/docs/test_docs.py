@@ -1,0 +1,313 @@
+"""README and docs: every block runs, every link leads somewhere, every table is in step with the code.
+
+In a page's ``python`` blocks, which share one namespace, ``# → text`` behind a line is what that line prints. In a
+``console`` block every ``$`` line is a ``precision-pin`` command, ``# exit N`` behind it its exit code if not 0, and the
+lines below it, if any, what it prints (``...`` for anything). A ``yaml`` block with ``# file: NAME`` at its top is
+that file; any other is part of a sheet of the paper's arm. Everything runs in a copy of ``robots/``, page by page.
+"""
+
+from __future__ import annotations
+
+import ast
+import contextlib
+import doctest
+import importlib
+import importlib.util
+import io
+import itertools
+import json
+import re
+import shlex
+import shutil
+import sys
+import types
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+from precision_pin import cli
+from precision_pin.errors import InputError
+from precision_pin.model import ErrorModel
+from precision_pin.sheet.schema import Document
+from precision_pin.sources import catalogue
+
+ROOT = Path(__file__).parents[2]
+DOCS = ROOT / "docs"
+PAGES = {path.relative_to(ROOT).as_posix(): path for path in (ROOT / "README.md", *sorted(DOCS.glob("*.md")))}
+LANGUAGES = {"python", "console", "yaml", "text"}
+HEAD = {"precision-pin": "1", "robot": "4dof.urdf", "tip": "tool"}
+SAME = doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE
+
+
+def _generate() -> types.ModuleType:
+    spec = importlib.util.spec_from_file_location("docs_generate", DOCS / "generate.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+generate = _generate()
+
+
+@dataclass(frozen=True)
+class Block:
+    """A fenced block: its language, its text and the line of its first line."""
+
+    language: str
+    text: str
+    line: int
+
+
+def blocks(page: str) -> Iterator[Block]:
+    text = PAGES[page].read_text(encoding="utf-8")
+    for match in re.finditer(r"^```(\w*)\n(.*?)^```$", text, re.DOTALL | re.MULTILINE):
+        yield Block(match[1], match[2], text[: match.start(2)].count("\n") + 1)
+
+
+# --- blocks ---
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch) -> Path:
+    for path in (ROOT / "robots").iterdir():
+        shutil.copy(path, tmp_path)
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_every_block_runs(page, folder, monkeypatch):
+    module = types.ModuleType(f"page_{re.sub(r'[^a-z]', '_', page)}")
+    monkeypatch.setitem(sys.modules, module.__name__, module)
+    for block in blocks(page):
+        where = f"{page}:{block.line}"
+        match block.language:
+            case "python":
+                run_python(block, where, module)
+            case "console":
+                run_console(block, where, monkeypatch)
+            case "yaml":
+                read_yaml(block, where, folder)
+
+
+def run_python(block: Block, where: str, module: types.ModuleType) -> None:
+    printed = io.StringIO()
+    # blank lines before it, so that a failure names the line of the page
+    code = compile("\n" * (block.line - 1) + block.text, str(PAGES[where.rpartition(":")[0]]), "exec")
+    with contextlib.redirect_stdout(printed):
+        exec(code, module.__dict__)
+    expected = re.findall(r"# → (.+)$", block.text, re.MULTILINE)
+    assert printed.getvalue().splitlines() == expected, where
+
+
+def run_console(block: Block, where: str, monkeypatch) -> None:
+    assert block.text.startswith("$ "), where
+    for entry in re.split(r"^\$ ", block.text, flags=re.MULTILINE)[1:]:
+        line, _, shown = entry.partition("\n")
+        words = shlex.split(line, comments=True)
+        assert words[0] == "precision-pin", f"{where}: only precision-pin may stand behind $"
+        stated = re.search(r"# exit (\d+)", line)
+        code, printed = command_line(words, monkeypatch)
+        assert code == (int(stated[1]) if stated else 0), f"{where}: {line}\n{printed}"
+        if shown.strip():
+            checker, example = doctest.OutputChecker(), doctest.Example("", shown)
+            difference = checker.output_difference(example, printed, SAME)
+            assert checker.check_output(shown, printed, SAME), f"{where}: {line}\n{difference}"
+
+
+def command_line(words: list[str], monkeypatch) -> tuple[int, str]:
+    """Return the exit code, and what stdout and then stderr show."""
+    out, err = io.StringIO(), io.StringIO()
+    monkeypatch.setattr(sys, "argv", words)
+    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err), pytest.raises(SystemExit) as end:
+        cli.main()
+    messages = [line for line in err.getvalue().splitlines() if "\r" not in line]
+    return int(end.value.code or 0), out.getvalue() + "\n".join(messages) + "\n"
+
+
+def read_yaml(block: Block, where: str, folder: Path) -> None:
+    named = re.match(r"# file: (\S+)\n", block.text)
+    if named:
+        (folder / named[1]).write_text(block.text, encoding="utf-8")
+        return
+    given = set(re.findall(r"^([\w-]+):", block.text, re.MULTILINE))
+    assert given, f"{where}: a fragment of a sheet begins with a top-level key"
+    head = "".join(f"{key}: {value}\n" for key, value in HEAD.items() if key not in given)
+    fragment = folder / "fragment.errors.yaml"
+    fragment.write_text(head + block.text, encoding="utf-8")
+    try:
+        ErrorModel.load(fragment)
+    except InputError as error:
+        pytest.fail(f"{where}: {error}")
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_every_block_names_its_language(page):
+    assert {block.language for block in blocks(page)} <= LANGUAGES
+
+
+def test_the_runner_notices_what_is_wrong(folder, monkeypatch):
+    page = next(iter(PAGES))
+    module = types.ModuleType("page")
+    with pytest.raises(AssertionError):
+        run_python(Block("python", "print(1 + 1)  # → 3\n", 1), f"{page}:1", module)
+    for text in ("$ precision-pin nonsense\n", "$ precision-pin check  # exit 2\n", "$ precision-pin check\nbad\n"):
+        with pytest.raises(AssertionError):
+            run_console(Block("console", text, 1), page, monkeypatch)
+    with pytest.raises(pytest.fail.Exception):
+        read_yaml(Block("yaml", "sources:\n  - lenght: {joint: joint1}\n", 1), page, folder)
+
+
+# --- links ---
+
+
+def prose(page: str) -> str:
+    """A page without its blocks and code."""
+    text = re.sub(r"^```.*?^```$", "", PAGES[page].read_text(encoding="utf-8"), flags=re.DOTALL | re.MULTILINE)
+    return re.sub(r"`[^`\n]+`", lambda code: re.sub(r"[^\w -]", "", code[0]), text)
+
+
+def anchors(path: Path) -> set[str]:
+    headings = re.findall(r"^#+ (.+)$", path.read_text(encoding="utf-8"), re.MULTILINE)
+    return {re.sub(r"[^\w -]", "", heading.lower()).replace(" ", "-") for heading in headings}
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_links_and_pictures_lead_somewhere(page):
+    for target in re.findall(r"\]\(([^)\s]+)\)", prose(page)):
+        if target.startswith(("https://", "http://")):
+            continue
+        name, _, anchor = target.partition("#")
+        path = (PAGES[page].parent / name) if name else PAGES[page]
+        assert path.exists(), f"{page}: {target}"
+        assert not anchor or anchor in anchors(path), f"{page}: {target}"
+
+
+def test_the_index_names_every_page():
+    text = (DOCS / "index.md").read_text(encoding="utf-8")
+    assert all(f"({path.name})" in text for path in DOCS.glob("*.md") if path.name != "index.md")
+
+
+def test_the_readme_stays_short_and_says_how_to_set_up():
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    assert len(text.splitlines()) <= 95
+    set_up = [line for line in text.splitlines() if line.startswith("    python3 -m venv .venv && ")]
+    assert [line.rpartition(" && ")[2] for line in set_up] == [
+        ".venv/bin/precision-pin analyze",
+        ".venv/bin/python -m pytest",
+    ]
+
+
+# --- tables ---
+
+
+@pytest.mark.parametrize("page", generate.TABLES)
+def test_generated_tables_are_in_step(page):
+    text = (DOCS / page).read_text(encoding="utf-8")
+    assert set(re.findall(r"<!-- table: (.+?) -->", text)) == set(generate.TABLES[page])
+    assert text == generate.spliced(page, text), "run: python docs/generate.py"
+
+
+def rows(page: str, first_column: str) -> list[list[str]]:
+    """The rows of the page's table whose first column has this heading."""
+    text = (DOCS / page).read_text(encoding="utf-8")
+    found = re.search(rf"^\| {re.escape(first_column)} \|.*\n\| ---.*\n((?:\|.*\n)+)", text, re.MULTILINE)
+    assert found is not None, f"{page} has no table {first_column!r}"
+    return [[cell.strip() for cell in line.strip("|").split("|")] for line in found[1].splitlines()]
+
+
+def resolve(dotted: str) -> object:
+    """What a dotted name inside the package stands for."""
+    parts = dotted.split(".")
+    for count in range(len(parts), 0, -1):
+        name = ".".join(["precision_pin", *parts[:count]])
+        with contextlib.suppress(ModuleNotFoundError):
+            value: object = importlib.import_module(name)
+            for part in parts[count:]:
+                value = getattr(value, part)
+            return value
+    raise AssertionError(f"{dotted} does not exist")
+
+
+def defined(test: str) -> bool:
+    file, _, name = test.partition("::")
+    tree = ast.parse((ROOT / "tests" / file).read_text(encoding="utf-8"))
+    return name in {node.name for node in ast.walk(tree) if isinstance(node, ast.FunctionDef)}
+
+
+def test_every_equation_has_a_function_and_a_test():
+    equations: list[int] = []
+    for numbers, _, functions, tests in rows("model.md", "eq"):
+        first, _, last = numbers.partition("-")
+        equations += range(int(first), int(last or first) + 1)
+        names = re.findall(r"`([\w.]+)`", functions)
+        assert names, numbers
+        for name in names:
+            resolve(name)
+        places = re.findall(r"`([\w/.]+::\w+)`", tests)
+        assert places, numbers
+        assert [place for place in places if not defined(place)] == [], numbers
+    assert equations == list(range(1, 24))
+
+
+def test_every_number_of_the_errata_is_computed_on_the_page():
+    shown = set(itertools.chain.from_iterable(re.findall(r"[\d.]*\d", cells[2]) for cells in rows("errata.md", "no.")))
+    printed = [re.findall(r"# → (.+)$", block.text, re.MULTILINE) for block in blocks("docs/errata.md")]
+    computed = set(re.findall(r"[\d.]*\d", " ".join(itertools.chain.from_iterable(printed))))
+    assert shown
+    assert shown <= computed, shown - computed
+
+
+def test_every_source_has_a_section():
+    text = (DOCS / "sources.md").read_text(encoding="utf-8")
+    assert set(re.findall(r"^## `(\w+)`", text, re.MULTILINE)) == set(catalogue())
+
+
+def test_every_command_has_a_section_and_every_exit_code_a_row():
+    text = (DOCS / "command-line.md").read_text(encoding="utf-8")
+    assert set(cli.COMMANDS) <= set(re.findall(r"^## `(\w+)`", text, re.MULTILINE))
+    codes = {int(cells[0]) for cells in rows("command-line.md", "exit code")}
+    assert codes == {0, cli.EXIT_SPEC, cli.EXIT_INPUT, cli.EXIT_INTERNAL, cli.EXIT_INTERRUPTED}
+
+
+def test_the_keys_of_the_result_are_those_of_the_page(folder, monkeypatch):
+    words = ["precision-pin", "analyze", "--samples", "500", "--spec", "45 mm", "--json", "result.json"]
+    assert command_line(words, monkeypatch)[0] == 0
+    result = json.loads((folder / "result.json").read_text(encoding="utf-8"))
+    listed = {re.sub(r"`", "", cells[0]) for cells in rows("command-line.md", "key")}
+    assert set(paths(result)) == listed
+
+
+def paths(value: object, path: str = "") -> Iterator[str]:
+    """Dotted keys; S for a distribution's, and one name for keys that are names or levels."""
+    if path in ("versions", "pose.q", "scopes"):
+        yield path
+    elif isinstance(value, dict) and set(value) >= {"mean", "quantiles"}:
+        yield path
+        yield from (f"S.{key}" for key in value)
+    elif isinstance(value, dict):
+        for key, entry in value.items():
+            yield from paths(entry, f"{path}.{key}" if path else key)
+    elif isinstance(value, list) and value and isinstance(value[0], dict):
+        yield from paths(value[0], f"{path}[]")
+    else:
+        yield path
+
+
+def test_codes_of_findings_exist():
+    source = "".join(path.read_text(encoding="utf-8") for path in (ROOT / "src" / "precision_pin").rglob("*.py"))
+    for cells in rows("sheet.md", "code"):
+        for code in re.findall(r"[EW]_\w+", cells[0]):
+            assert f'"{code}"' in source, code
+
+
+def test_top_level_keys_of_every_sheet_in_the_docs_are_known():
+    known = {field.alias or name for name, field in Document.model_fields.items()}
+    for page in PAGES:
+        for block in blocks(page):
+            if block.language == "yaml":
+                assert set(re.findall(r"^([\w-]+):", block.text, re.MULTILINE)) <= known, f"{page}:{block.line}"

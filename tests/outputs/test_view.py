@@ -1,0 +1,417 @@
+from __future__ import annotations
+
+import base64
+import hashlib
+import re
+import runpy
+import stat
+import sys
+from html import escape
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+
+from outputs.view_cases import (
+    HOSTILE,
+    Tags,
+    arm_text,
+    array_of,
+    commands_of,
+    data_block,
+    geometry_of,
+    made_up_errors,
+    material_of,
+    nodes_of,
+    pose_model,
+    pose_of,
+    simple_page,
+    visual,
+)
+from precision_pin.errors import InputError, OutputError
+from precision_pin.examples import PAPER_SHEET, example_urdfs
+from precision_pin.model import ErrorModel
+from precision_pin.outputs.view import DEFAULT_POINTS, MOST_POINTS, write_page
+from precision_pin.urdf import read
+
+BOX = visual('<box size="0.1 0.2 0.3"/>', '<origin xyz="0.01 0.02 0.03" rpy="0.1 0.2 0.3"/>', "1 0 0 0.5")
+ROLLER = visual('<cylinder radius="0.05" length="0.4"/>', '<origin xyz="0.25 0 0" rpy="0 1.2 0"/>', "0 0.4 1 1")
+BALL = visual('<sphere radius="0.07"/>', '<origin xyz="0 0 -0.1"/>')
+SCRIPTS = Path(__file__).parents[2] / "scripts"
+
+
+@pytest.fixture(scope="module")
+def paper():
+    model = ErrorModel.load(PAPER_SHEET)
+    at = model.at()
+    errors = at.exact(model.space.sample(3, 0, 400))
+    return at, errors, simple_page(at, errors, pose_name="paper", caption=[("spec", "2 mm @ 99 %")])
+
+
+def test_the_page_is_one_file_that_asks_for_nothing(paper):
+    text = paper[2]
+    parsed = Tags(text)
+    kinds = {tag for tag, _ in parsed.tags}
+    assert not kinds & {"link", "img", "iframe", "object", "embed", "base", "form", "video", "audio", "source"}
+    for tag, attributes in parsed.tags:
+        assert not {"src", "href", "srcset", "action", "data", "poster"} & attributes.keys(), tag
+        assert not [name for name in attributes if name.startswith("on")], tag
+    own = text.replace(max((code for _, code in parsed.scripts), key=len), "")
+    assert len(own) < len(text) / 2
+    assert not re.search(r"https?:|wss?:|url\(|@import|fetch\(|XMLHttpRequest|import\(", own)
+
+
+def test_the_policy_lets_exactly_our_two_scripts_run(paper):
+    parsed = Tags(paper[2])
+    policy = next(attributes["content"] for tag, attributes in parsed.tags if tag == "meta" and "content" in attributes)
+    running = [code for attributes, code in parsed.scripts if "type" not in attributes]
+    hashes = [base64.b64encode(hashlib.sha256(code.encode()).digest()).decode() for code in running]
+    assert len(running) == 2
+    assert re.findall(r"'sha256-([^']+)'", policy) == hashes
+    assert policy.startswith("default-src 'none'; script-src 'sha256-")
+    assert "unsafe-eval" not in policy
+    assert "unsafe-inline" not in policy.split("style-src")[0]
+
+
+def test_equal_input_gives_equal_bytes(paper):
+    at, errors, text = paper
+    assert simple_page(at, errors, pose_name="paper", caption=[("spec", "2 mm @ 99 %")]) == text
+    other = errors.copy()
+    other[0, 7] *= 1.001
+    assert simple_page(at, other, pose_name="paper", caption=[("spec", "2 mm @ 99 %")]) != text
+
+
+def test_the_caption_says_what_is_shown(paper):
+    words = " ".join(" ".join(Tags(paper[2]).words).split())
+    for expected in (
+        "robot paper_4dof",
+        "from – to base – tool",
+        "pose paper",
+        "joints joint1 -90°, joint2 3°, joint3 88°, joint4 -91°",
+        "samples N = 400",
+        "seed 1",
+        "model exact",
+        "spec 2 mm @ 99 %",
+        "Position error |d|, mm",
+        "squares of 500 mm",
+    ):
+        assert expected in words, expected
+
+
+def test_cloud_is_at_the_nominal_tip_and_holds_the_errors_in_metres(paper):
+    at, errors, text = paper
+    nodes = nodes_of(text)
+    cloud = nodes["/meshcat/cloud"]
+    positions = array_of(geometry_of(cloud)["data"]["attributes"]["position"])
+    assert cloud.object["object"]["type"] == "Points"
+    np.testing.assert_array_equal(positions, errors[:3].T.astype(np.float32))
+    np.testing.assert_allclose(pose_of(nodes, "/meshcat/cloud")[:3, 3], at.posture.pose[:3, 3], atol=1e-15)
+    mean = array_of(geometry_of(nodes["/meshcat/cloud/mean"])["data"]["attributes"]["position"])
+    np.testing.assert_allclose(mean, [[0, 0, 0], errors[:3].mean(axis=1)], rtol=1e-6, atol=1e-12)
+
+
+def test_cloud_colours_run_from_light_small_to_dark_large(paper):
+    _, errors, text = paper
+    colours = array_of(geometry_of(nodes_of(text)["/meshcat/cloud"])["data"]["attributes"]["color"])
+    sizes = np.linalg.norm(errors[:3], axis=0)
+    # viridis, published by matplotlib: its dark end is #440154, lightness grows along it
+    np.testing.assert_allclose(colours[sizes.argmax()], [0x44 / 255, 0x01 / 255, 0x54 / 255], atol=0.003)
+    luminance = colours @ [0.2126, 0.7152, 0.0722]
+    order = np.argsort(sizes)
+    assert (np.diff(luminance[order]) <= 1e-6).all()
+    bar = re.search(r"linear-gradient\(to right, ([^)]*)\)", text)[1].split(", ")
+    assert bar[-1] == "#440154"
+    ticks = [float(tick) for tick in re.findall(r"<span>([\d.]+)</span>", text)]
+    np.testing.assert_allclose(ticks, np.linspace(1e3 * sizes.min(), 1e3 * sizes.max(), 5), atol=0.05)
+
+
+def test_nominal_frame_and_settings_for_the_sampled_frames(paper):
+    at, errors, text = paper
+    nodes, settings = nodes_of(text), data_block(text, "settings")
+    np.testing.assert_allclose(pose_of(nodes, "/meshcat/tip"), at.posture.pose, atol=1e-15)
+    for column, name in enumerate("xyz"):
+        rod = pose_of(nodes, f"/meshcat/tip/{name}")
+        # a cylinder lies along its own y; it starts at the tip
+        along, length = rod[:3, 1], geometry_of(nodes[f"/meshcat/tip/{name}"])["height"]
+        np.testing.assert_allclose(along, at.posture.pose[:3, column], atol=1e-12)
+        np.testing.assert_allclose(rod[:3, 3] - along * length / 2, at.posture.pose[:3, 3], atol=1e-12)
+        assert f"/meshcat/frames/frame4/{name}" in nodes
+    np.testing.assert_array_equal(settings["frames"], errors[:, :5].T)
+    np.testing.assert_array_equal(settings["tip"], at.posture.pose[:3, 3])
+    assert nodes["/Grid"].properties == nodes["/Axes"].properties == {"visible": False}
+
+
+def test_shapes_stand_where_the_urdf_says(tmp_path):
+    at = pose_model(tmp_path, arm_text((BOX, ROLLER, BALL)))
+    nodes = nodes_of(simple_page(at))
+    links = read(tmp_path / "arm.urdf").link_poses({"turn": 0.4, "bend": -0.7})
+    turn_y_to_z = np.array([[1, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1.0]])
+
+    def expected(link, xyz, rpy):
+        cr, sr, cp, sp, cy, sy = (f(a) for a in rpy for f in (np.cos, np.sin))
+        rotation = np.array(
+            [
+                [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
+                [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
+                [-sp, cp * sr, cp * cr],
+            ]
+        )
+        pose = np.eye(4)
+        pose[:3, :3], pose[:3, 3] = rotation, xyz
+        return links[link] @ pose
+
+    box = nodes["/meshcat/arm/link0/shape0"]
+    assert [geometry_of(box)[edge] for edge in ("width", "height", "depth")] == [0.1, 0.2, 0.3]
+    assert (material_of(box)["color"], material_of(box)["opacity"]) == (0xFF0000, 0.5)
+    assert material_of(box)["transparent"]
+    np.testing.assert_allclose(
+        pose_of(nodes, "/meshcat/arm/link0/shape0"), expected("base", (0.01, 0.02, 0.03), (0.1, 0.2, 0.3)), atol=1e-12
+    )
+    roller = nodes["/meshcat/arm/link1/shape0"]
+    assert (geometry_of(roller)["radiusTop"], geometry_of(roller)["radiusBottom"]) == (0.05, 0.05)
+    assert geometry_of(roller)["height"] == 0.4
+    assert material_of(roller)["color"] == 0x0066FF
+    np.testing.assert_allclose(
+        pose_of(nodes, "/meshcat/arm/link1/shape0"),
+        expected("upper", (0.25, 0, 0), (0, 1.2, 0)) @ turn_y_to_z,
+        atol=1e-12,
+    )
+    assert geometry_of(nodes["/meshcat/arm/link2/shape0"])["radius"] == 0.07
+    np.testing.assert_allclose(
+        pose_of(nodes, "/meshcat/arm/link2/shape0"), expected("fore", (0, 0, -0.1), (0, 0, 0)), atol=1e-12
+    )
+    assert not [path for path in nodes if "rod" in path or "drum" in path]
+
+
+def ends_of_rod(nodes, path):
+    pose, height = pose_of(nodes, path), geometry_of(nodes[path])["height"]
+    return pose[:3, 3] - pose[:3, 1] * height / 2, pose[:3, 3] + pose[:3, 1] * height / 2
+
+
+def test_an_arm_without_shapes_is_drawn_as_cylinders_along_its_links(tmp_path):
+    nodes = nodes_of(simple_page(pose_model(tmp_path, arm_text())))
+    links = read(tmp_path / "arm.urdf").link_poses({"turn": 0.4, "bend": -0.7})
+    corners = [links[name][:3, 3] for name in ("base", "upper", "fore", "tool")]
+    for number in range(3):
+        start, end = ends_of_rod(nodes, f"/meshcat/arm/chain{number}/rod")
+        np.testing.assert_allclose([start, end], corners[number : number + 2], atol=1e-12)
+    drum = pose_of(nodes, "/meshcat/arm/joint1/drum")
+    np.testing.assert_allclose(drum[:3, 3], corners[2], atol=1e-12)
+    np.testing.assert_allclose(drum[:3, 1], links["fore"][:3, 1], atol=1e-12)
+
+
+def test_a_bare_sliding_joint_is_a_box(tmp_path):
+    text = arm_text().replace('name="bend" type="revolute"', 'name="bend" type="prismatic"')
+    assert "/meshcat/arm/joint1/slide" in nodes_of(simple_page(pose_model(tmp_path, text)))
+
+
+def mesh_visual(filename, scale=""):
+    return visual(f'<mesh filename="{filename}" {scale}/>', '<origin xyz="0 0 0.1"/>', "0.2 0.4 0.6 1")
+
+
+@pytest.mark.parametrize("kind", ["stl", "obj", "ply", "glb"])
+def test_meshes_stand_where_the_urdf_says(tmp_path, kind):
+    block = trimesh.creation.box((0.1, 0.2, 0.4))
+    block.apply_translation((0.3, 0, 0))
+    (tmp_path / f"block.{kind}").write_bytes(trimesh.exchange.export.export_mesh(block, None, file_type=kind)) if (
+        kind != "obj"
+    ) else (tmp_path / "block.obj").write_text(trimesh.exchange.obj.export_obj(block))
+    at = pose_model(tmp_path, arm_text((mesh_visual(f"block.{kind}", 'scale="2 1 0.5"'), ROLLER, BALL)))
+    text = simple_page(at)
+    nodes = nodes_of(text)
+    part = nodes["/meshcat/arm/link0/shape0/part0"]
+    data = geometry_of(part)["data"]
+    vertices, faces = array_of(data["attributes"]["position"]), array_of(data["index"])
+    assert (vertices.shape, faces.shape) == ((8, 3), (12, 3))
+    placed = vertices @ pose_of(nodes, "/meshcat/arm/link0/shape0/part0")[:3, :3].T
+    placed += pose_of(nodes, "/meshcat/arm/link0/shape0/part0")[:3, 3]
+    np.testing.assert_allclose(placed.min(axis=0), [0.5, -0.1, 0.0], atol=1e-6)
+    np.testing.assert_allclose(placed.max(axis=0), [0.7, 0.1, 0.2], atol=1e-6)
+    volume = np.einsum("fi,fi->f", placed[faces[:, 0]], np.cross(placed[faces[:, 1]], placed[faces[:, 2]])).sum() / 6
+    assert volume == pytest.approx(0.2 * 0.2 * 0.2, rel=1e-6)
+    assert material_of(part)["color"] == 0x336699
+    assert "Notes" not in text
+
+
+def test_a_meshs_own_colours_come_before_the_urdfs(tmp_path):
+    blocks = [trimesh.creation.box((0.1, 0.1, 0.1)) for _ in range(2)]
+    for block, colour, shift in zip(blocks, ([255, 0, 0, 255], [0, 0, 255, 255]), (0, 1), strict=True):
+        block.visual.face_colors = colour
+        block.apply_translation((shift, 0, 0))
+    (tmp_path / "two.glb").write_bytes(trimesh.Scene(blocks).export(file_type="glb"))
+    nodes = nodes_of(simple_page(pose_model(tmp_path, arm_text((mesh_visual("two.glb"), ROLLER, BALL)))))
+    parts = [node for path, node in nodes.items() if path.startswith("/meshcat/arm/link0/shape0/part")]
+    assert {material_of(part)["color"] for part in parts} == {0xFF0000, 0x0000FF}
+
+
+def test_package_names_are_looked_up_in_the_given_folders(tmp_path):
+    package = tmp_path / "elsewhere" / "parts"
+    package.mkdir(parents=True)
+    (tmp_path / "robot").mkdir()
+    (package / "block.stl").write_bytes(trimesh.creation.box().export(file_type="stl"))
+    at = pose_model(tmp_path / "robot", arm_text((mesh_visual("package://parts/block.stl"), ROLLER, BALL)))
+    assert "is not found" in simple_page(at)
+    found = simple_page(at, package_dirs=[package.parent])
+    assert "Notes" not in found
+    assert "/meshcat/arm/link0/shape0/part0" in nodes_of(found)
+
+
+@pytest.mark.parametrize(
+    ("filename", "content", "reason"),
+    [
+        ("lost.stl", None, "does not exist"),
+        ("short.stl", b"solid", "too short"),
+        ("odd.blend", b"BLENDER", "unknown kind"),
+        ("huge.stl", b"\0" * 80 + b"\xff\xff\xff\x7f" + b"\0" * 50, "claims"),
+        ("bad.dae", b"<COLLADA><unclosed>", "XML"),
+        ("empty.dae", b"<COLLADA/>", "empty.dae"),
+        ("bad.obj", b"v 0 0 0\nf 1 2 9\n", "indices"),
+        ("http://example.org/part.stl", None, "not fetched"),
+        ("/etc/hostname.stl", None, "outside"),
+    ],
+)
+def test_an_unreadable_mesh_becomes_a_cylinder_and_a_note(tmp_path, filename, content, reason):
+    if content is not None:
+        (tmp_path / filename).write_bytes(content)
+    text = simple_page(pose_model(tmp_path, arm_text((BOX, mesh_visual(filename), BALL))))
+    note = re.search(r"<ul class='notes'>(.*?)</ul>", text)[1]
+    assert reason in note
+    assert "drawn as a plain cylinder" in note
+    nodes = nodes_of(text)
+    links = read(tmp_path / "arm.urdf").link_poses({"turn": 0.4, "bend": -0.7})
+    start, end = ends_of_rod(nodes, "/meshcat/arm/link1/rod0")
+    np.testing.assert_allclose([start, end], [links["upper"][:3, 3], links["fore"][:3, 3]], atol=1e-12)
+
+
+def test_nothing_of_the_input_becomes_markup(tmp_path):
+    hostile = escape(HOSTILE)
+    text = arm_text((BOX, mesh_visual(f"{hostile}.stl"), BALL), name=hostile)
+    for name in ("turn", "bend", "base"):
+        text = text.replace(f'"{name}"', f'"{name}{hostile}"')
+    at = pose_model(tmp_path, text)
+    shown = simple_page(at, title=HOSTILE, model_name=HOSTILE, pose_name=HOSTILE, caption=[(HOSTILE, HOSTILE)])
+    assert HOSTILE not in shown
+    parsed = Tags(shown)
+    assert "img" not in {tag for tag, _ in parsed.tags}
+    assert len(parsed.scripts) == 4
+    assert " ".join(parsed.words).count(HOSTILE) >= 7
+    paths = {command["path"] for command in commands_of(shown)}
+    assert all(re.fullmatch(r"[/A-Za-z0-9]+", path) for path in paths)
+
+
+def test_text_that_cannot_be_shown_is_replaced(paper):
+    at, errors, _ = paper
+    text = simple_page(at, errors, title="a\u202eb\x00c\ud800d\ne\N{NO-BREAK SPACE}f")
+    assert "<h1>a\ufffdb\ufffdc\ufffdd e f</h1>" in text
+    text.encode("utf-8")
+
+
+def test_the_cloud_is_capped(tmp_path):
+    at = pose_model(tmp_path, arm_text())
+    errors = made_up_errors(MOST_POINTS + 1)
+    text = simple_page(at, errors)
+    assert (
+        len(array_of(geometry_of(nodes_of(text)["/meshcat/cloud"])["data"]["attributes"]["position"])) == DEFAULT_POINTS
+    )
+    assert "N = 100,001, of which the first 20,000 are drawn" in text
+    assert len(text) < 2e6
+    most = simple_page(at, errors, points=MOST_POINTS)
+    assert len(array_of(geometry_of(nodes_of(most)["/meshcat/cloud"])["data"]["attributes"]["position"])) == MOST_POINTS
+    assert len(most) < 5e6
+
+
+@pytest.mark.parametrize(
+    ("errors", "settings", "message"),
+    [
+        (np.zeros((5, 3)), {}, "expected (6, N)"),
+        (np.zeros(6), {}, "expected (6, N)"),
+        (np.zeros((6, 0)), {}, "N of 1 or more"),
+        (np.full((6, 2), np.nan), {}, "finite"),
+        (np.zeros((6, 2)), {"factor": 0}, "positive number, got 0"),
+        (np.zeros((6, 2)), {"factor": -2.0}, "positive number"),
+        (np.zeros((6, 2)), {"factor": float("inf")}, "positive number"),
+        (np.zeros((6, 2)), {"points": MOST_POINTS + 1}, "1 to 100,000 points, got 100001"),
+        (np.zeros((6, 2)), {"points": 0}, "1 to 100,000 points"),
+        (np.zeros((6, 2)), {"points": True}, "1 to 100,000 points"),
+    ],
+)
+def test_bad_arguments_are_refused_in_one_line(paper, errors, settings, message):
+    with pytest.raises(InputError, match=re.escape(message)) as caught:
+        simple_page(paper[0], errors, **settings)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("errors", [np.zeros((6, 1)), np.zeros((6, 9)), np.full((6, 1), 1e-5), np.full((6, 4), 1e-5)])
+def test_errors_without_spread_make_a_page(paper, errors):
+    text = simple_page(paper[0], errors)
+    ticks = re.findall(r"<span>([\d.]+)</span>", text)
+    assert len(ticks) == 1
+    expected = 1e6 * np.sqrt(3) * errors[0, 0]
+    assert float(ticks[0]) == pytest.approx(expected, abs=0.1)
+    assert "Position error |d|, µm" in text
+
+
+def test_a_given_factor_is_where_the_slider_starts(paper):
+    settings = data_block(simple_page(paper[0], paper[1], factor=37.5), "settings")
+    assert (settings["factor"], settings["smallest"], settings["largest"]) == (37.5, 1.0, 375.0)
+    settings = data_block(simple_page(paper[0], paper[1], factor=0.5), "settings")
+    assert (settings["factor"], settings["smallest"], settings["largest"]) == (0.5, 0.5, 10.0)
+
+
+@pytest.mark.skipif(not example_urdfs(), reason="example-robot-data is not installed")
+@pytest.mark.parametrize(("name", "tip"), [("ur5", "tool0"), ("so101", "gripper_frame_link")])
+def test_real_arms_make_pages_under_6_mb(name, tip):
+    from precision_pin.chain import Chain
+    from precision_pin.space import Space
+
+    chain = Chain.from_urdf(example_urdfs()[name], tip=tip)
+    at = ErrorModel(chain, Space(), []).at(np.full(len(chain.joints), 0.3))
+    text = simple_page(at, made_up_errors(DEFAULT_POINTS))
+    assert len(text) < 6e6
+    assert "drawn as a plain" not in text
+    nodes = nodes_of(text)
+    meshes = sum(len(link.visuals) for link in chain.robot.links)
+    assert len({path.rpartition("/")[0] for path in nodes if "/part" in path}) == meshes
+
+
+def test_writing_replaces_the_file_at_once(tmp_path):
+    target = tmp_path / "page.html"
+    target.write_text("old")
+    write_page(target, "größer")
+    assert target.read_text("utf-8") == "größer"
+    assert [path.name for path in tmp_path.iterdir()] == ["page.html"]
+    assert stat.S_IMODE(target.stat().st_mode) & 0o400
+    write_page(str(target), "again")
+    assert target.read_text() == "again"
+
+
+@pytest.mark.parametrize("where", ["no/such/folder/page.html", ".", "file.txt/page.html", "a\0b.html"])
+def test_writing_where_it_cannot_be_done_says_so_in_one_line(tmp_path, monkeypatch, where):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "file.txt").write_text("kept")
+    with pytest.raises(OutputError, match="cannot write") as caught:
+        write_page(where, "text")
+    assert "\n" not in str(caught.value)
+    assert [path.name for path in tmp_path.iterdir()] == ["file.txt"]
+
+
+def test_a_failed_write_leaves_the_old_page(tmp_path, monkeypatch):
+    target = tmp_path / "page.html"
+    target.write_text("old")
+
+    def fail(*_: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(Path, "replace", fail)
+    with pytest.raises(OutputError, match="No space left on device"):
+        write_page(target, "new")
+    assert target.read_text() == "old"
+    assert [path.name for path in tmp_path.iterdir()] == ["page.html"]
+
+
+def test_the_script_writes_its_pages(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(sys, "argv", ["view_poses.py", str(tmp_path)])
+    runpy.run_path(str(SCRIPTS / "view_poses.py"), run_name="__main__")
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["view_folded.html", "view_paper.html"]
+    assert capsys.readouterr().out.count("half of the units") == 2

@@ -1,0 +1,100 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from outputs.view_cases import arm_text, pose_model
+from precision_pin.outputs.view.meshes import Surface, thinned
+from precision_pin.outputs.view.scales import ColourScale, arm_length, default_factor, round_number
+
+
+def test_arm_length_is_the_way_over_the_joints(tmp_path):
+    assert arm_length(pose_model(tmp_path, arm_text()).posture) == pytest.approx(0.2 + 0.5 + 0.3, rel=1e-14)
+
+
+@pytest.mark.parametrize(
+    ("value", "rounded"),
+    [(1, 1), (1.4, 1), (1.5, 2), (3.1, 2), (3.2, 5), (7, 5), (7.2, 10), (140, 100), (0.034, 0.05), (99, 100)],
+)
+def test_round_numbers_are_the_nearest_in_proportion(value, rounded):
+    assert round_number(value) == rounded
+
+
+@given(st.floats(1e-6, 1e6))
+def test_round_numbers_are_1_2_5_and_near(value):
+    rounded = round_number(value)
+    assert f"{rounded:e}"[0] in "125"
+    assert float(f"{rounded:.0e}") == rounded
+    assert abs(np.log(rounded / value)) <= np.log(2.5) / 2 * (1 + 1e-12)
+
+
+def square(half: float, at: tuple[float, float, float] = (0, 0, 0)) -> np.ndarray:
+    """Four points, standard deviation half along x, a tenth of it along y."""
+    x, y = half * np.array([1, 1, -1, -1]), half / 10 * np.array([1, -1, 1, -1])
+    return np.array([x, y, np.zeros(4)]) + np.array(at)[:, None]
+
+
+def test_default_factor_makes_the_cloud_7_percent_of_the_arm():
+    # four standard deviations are 4 mm, 7 % of 2 m are 140 mm: 35, which rounds to 50
+    assert default_factor(square(1e-3), 2.0) == 50
+    # 70 mm: 17.5 rounds to 20
+    assert default_factor(square(1e-3), 1.0) == 20
+
+
+def test_default_factor_heeds_the_mean():
+    # the mean is 30 mm away: 300 mm are 30 % of the arm of 1 m
+    assert default_factor(square(1e-5, (0, 0, 0.03)), 1.0) == 10
+    assert default_factor(square(1e-3, (0, 0, 0.001)), 1.0) == 20
+
+
+def test_default_factor_never_shrinks_and_stands_zeros():
+    assert default_factor(square(0.5), 1.0) == 1
+    assert default_factor(np.zeros((3, 5)), 1.0) == 1
+    assert default_factor(np.full((3, 1), 0.01 / np.sqrt(3)), 1.0) == pytest.approx(20, rel=0.6)
+
+
+@given(st.floats(1e-9, 1e-3), st.floats(0.1, 10))
+def test_default_factor_keeps_the_spread_between_4_and_11_percent(deviation, length):
+    factor = default_factor(square(deviation), length)
+    if factor > 1:
+        assert 0.044 <= 4 * deviation * factor / length <= 0.111
+
+
+def test_ticks_have_units_and_enough_digits():
+    assert ColourScale(0.0, 1e-3).unit == ("mm", 1e3)
+    assert ColourScale(0.0, 1e-3).ticks == ("0.00", "0.25", "0.50", "0.75", "1.00")
+    assert ColourScale(30e-3, 30.004e-3).ticks == ("30.0000", "30.0010", "30.0020", "30.0030", "30.0040")
+    assert ColourScale(0.0, 8e-6).unit == ("µm", 1e6)
+    assert ColourScale(0.0, 8e-6).ticks == ("0.0", "2.0", "4.0", "6.0", "8.0")
+    assert ColourScale(0.4, 0.8).ticks == ("400", "500", "600", "700", "800")
+    assert ColourScale(0.0, 0.0).ticks == ("0",)
+    assert ColourScale.of([0.02, 0.02 + 1e-16]).ticks == ("20.0",)
+
+
+def test_thinning_keeps_the_shape():
+    import trimesh
+
+    ball = trimesh.creation.icosphere(subdivisions=6, radius=0.5)
+    whole = Surface(np.asarray(ball.vertices), np.asarray(ball.faces), None)
+    (reduced,) = thinned([whole], 1.0, most_faces=5000)
+    assert 500 < len(reduced.faces) <= 5000
+    assert reduced.faces.max() < len(reduced.vertices)
+    radii = np.linalg.norm(reduced.vertices, axis=1)
+    assert radii.min() > 0.48
+    assert radii.max() <= 0.5 + 1e-12
+    corners = reduced.vertices[reduced.faces]
+    volume = np.einsum("fi,fi->f", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])).sum() / 6
+    assert volume == pytest.approx(4 / 3 * np.pi * 0.125, rel=0.02)
+
+
+def test_small_meshes_are_only_freed_of_doubled_corners():
+    import trimesh
+
+    block = trimesh.creation.box((0.1, 0.2, 0.3))
+    soup = Surface(np.asarray(block.triangles).reshape(-1, 3), np.arange(36).reshape(12, 3), (1, 0, 0, 1))
+    (joined,) = thinned([soup], 1.0)
+    assert (len(joined.vertices), len(joined.faces), joined.colour) == (8, 12, (1, 0, 0, 1))
+    found = {tuple(np.round(corner, 12)) for corner in joined.vertices}
+    assert found == {tuple(np.round(corner, 12)) for corner in block.vertices}

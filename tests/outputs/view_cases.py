@@ -1,0 +1,139 @@
+"""Arms and readers for the tests of the 3-D page."""
+
+from __future__ import annotations
+
+import base64
+import json
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from html.parser import HTMLParser
+from pathlib import Path
+
+import numpy as np
+import umsgpack
+
+from precision_pin.chain import Chain
+from precision_pin.model import ErrorModel, PoseModel
+from precision_pin.outputs.view import page
+from precision_pin.space import Space
+
+HOSTILE = "</script><img src=x onerror=alert(1)>"
+TYPES = {0x12: np.uint8, 0x15: np.int32, 0x16: np.uint32, 0x17: np.float32}
+
+
+def arm_text(visuals: Sequence[str] = ("", "", ""), name: str = "two links") -> str:
+    """Return a URDF: base, a joint about z 0.2 m up, upper link of 0.5 m, a joint about y, forearm of 0.3 m to tool."""
+    base, upper, fore = visuals
+    return f"""<?xml version="1.0"?>
+<robot name="{name}">
+  <link name="base">{base}</link>
+  <link name="upper">{upper}</link>
+  <link name="fore">{fore}</link>
+  <link name="tool"/>
+  <joint name="turn" type="revolute">
+    <origin xyz="0 0 0.2"/><parent link="base"/><child link="upper"/><axis xyz="0 0 1"/>
+    <limit lower="-3" upper="3" effort="1" velocity="1"/>
+  </joint>
+  <joint name="bend" type="revolute">
+    <origin xyz="0.5 0 0" rpy="0.3 0 0"/><parent link="upper"/><child link="fore"/><axis xyz="0 1 0"/>
+    <limit lower="-3" upper="3" effort="1" velocity="1"/>
+  </joint>
+  <joint name="flange" type="fixed"><origin xyz="0.3 0 0"/><parent link="fore"/><child link="tool"/></joint>
+</robot>
+"""
+
+
+def visual(geometry: str, origin: str = "", colour: str = "") -> str:
+    material = f'<material name=""><color rgba="{colour}"/></material>' if colour else ""
+    return f"<visual>{origin}<geometry>{geometry}</geometry>{material}</visual>"
+
+
+def pose_model(folder: Path, text: str, q: Sequence[float] = (0.4, -0.7)) -> PoseModel:
+    path = folder / "arm.urdf"
+    path.write_text(text, "utf-8")
+    return ErrorModel(Chain.from_urdf(path, tip="tool"), Space(), []).at(q)
+
+
+def made_up_errors(count: int, seed: int = 0, size: float = 1e-4) -> np.ndarray:
+    return np.random.default_rng(seed).normal(size=(6, count)) * size
+
+
+def simple_page(model: PoseModel, errors: np.ndarray | None = None, **settings: object) -> str:
+    values = made_up_errors(50) if errors is None else errors
+    return page(model, values, **{"title": "a test", "seed": 1, "model_name": "exact", **settings})  # type: ignore[arg-type]
+
+
+@dataclass
+class Node:
+    """What the commands put at one path: an object as three.js has it, and a local transform."""
+
+    object: dict | None = None
+    transform: np.ndarray | None = None
+    properties: dict | None = None
+
+
+def data_block(text: str, name: str) -> object:
+    return json.loads(re.search(rf'<script type="application/json" id="{name}">(.*?)</script>', text, re.DOTALL)[1])
+
+
+def commands_of(text: str) -> list[dict]:
+    return [umsgpack.unpackb(base64.b64decode(packed)) for packed in data_block(text, "scene")]
+
+
+def nodes_of(text: str) -> dict[str, Node]:
+    nodes: dict[str, Node] = {}
+    for command in commands_of(text):
+        node = nodes.setdefault(command["path"], Node())
+        if command["type"] == "set_object":
+            node.object = command["object"]
+        elif command["type"] == "set_transform":
+            node.transform = np.array(command["matrix"]).reshape(4, 4).T
+        else:
+            node.properties = {command["property"]: command["value"]}
+    return nodes
+
+
+def pose_of(nodes: dict[str, Node], path: str) -> np.ndarray:
+    """Return a node's pose in the base: the product of the transforms on the way to it."""
+    pose = np.eye(4)
+    parts = path.strip("/").split("/")
+    for end in range(1, len(parts) + 1):
+        node = nodes.get("/" + "/".join(parts[:end]))
+        if node is not None and node.transform is not None:
+            pose = pose @ node.transform
+    return pose
+
+
+def array_of(attribute: dict) -> np.ndarray:
+    values = np.frombuffer(attribute["array"].data, TYPES[attribute["array"].type])
+    return values.reshape(-1, attribute["itemSize"])
+
+
+def geometry_of(node: Node) -> dict:
+    return node.object["geometries"][0]
+
+
+def material_of(node: Node) -> dict:
+    return node.object["materials"][0]
+
+
+class Tags(HTMLParser):
+    """Every start tag with its attributes, and the text outside scripts and styles."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.tags: list[tuple[str, dict[str, str | None]]] = []
+        self.scripts: list[tuple[dict[str, str | None], str]] = []
+        self.words: list[str] = []
+        self.feed(text)
+
+    def handle_starttag(self, tag: str, attributes: list[tuple[str, str | None]]) -> None:
+        self.tags.append((tag, dict(attributes)))
+
+    def handle_data(self, data: str) -> None:
+        last = self.tags[-1] if self.tags else ("", {})
+        if self.cdata_elem == "script":
+            self.scripts.append((last[1], data))
+        elif self.cdata_elem is None:
+            self.words.append(data)

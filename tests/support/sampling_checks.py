@@ -1,0 +1,214 @@
+"""Checks of a sampler against the laws it claims to draw from; works on any engine.
+
+A sampler is a function ``(seed, first, count) -> x (d, count)``. Statistical checks hold for each component alone at
+error probability `ALPHA`; expected distributions come from scipy.stats and closed forms, not from the package. What a
+check can see with N draws: a scale wrong by a share s where 2 s √(N / (κ - 1)) is well above 4.9 (κ the kurtosis), a
+mean wrong by a share b of σ where b √N is. 0.2 % of σ therefore takes about 1.6e7 draws (z = 8), not 1e6 (z = 2).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+
+from precision_pin.laws import Circle, Disc, Fixed, JointNormal, Law, Normal, Triangular, TruncatedNormal, Uniform
+from precision_pin.space import Space
+from support import philox_reference
+
+Array = NDArray[np.float64]
+Sampler = Callable[[int, int, int], Array]
+
+ALPHA = 1e-6
+BLOCK = 2**18
+TAILS = (1e-3, 1e-4, 3e-5)
+MOST_DUPLICATES = 8
+"""Among 1e6 numbers of 52 random bits 1e-4 are expected; rounding adds a few for a cosine."""
+
+
+@dataclass(frozen=True)
+class Marginal:
+    """Distribution of one component: anything of scipy.stats with cdf and ppf, and its moments."""
+
+    name: str
+    law: Any
+    mean: float
+    std: float
+    kurtosis: float
+
+
+def marginals(space: Space) -> Iterator[Marginal]:
+    """Yield the expected distribution of each component, by row."""
+    for draw in space.draws:
+        for k, name in enumerate(draw.components):
+            yield _marginal(name, draw.law, k)
+
+
+def _marginal(name: str, law: Law, k: int) -> Marginal:
+    match law:
+        case Fixed(mean=mean):
+            return Marginal(name, None, mean, 0.0, 0.0)
+        case Uniform(half_width=t, mean=mean):
+            return Marginal(name, stats.uniform(mean - t, 2 * t), mean, t / math.sqrt(3), 1.8)
+        case Triangular(half_width=t, mean=mean):
+            return Marginal(name, stats.triang(0.5, mean - t, 2 * t), mean, t / math.sqrt(6), 2.4)
+        case Normal(std=std, mean=mean):
+            return Marginal(name, stats.norm(mean, std), mean, std, 3.0)
+        case TruncatedNormal(std=std, mean=mean, k=cut):
+            frozen = stats.truncnorm(-cut, cut, mean, std)
+            return Marginal(name, frozen, mean, float(frozen.std()), float(frozen.stats("k")) + 3)
+        case Disc(radius=r):
+            # a coordinate of a point in a disc follows Wigner's semicircle
+            return Marginal(name, stats.semicircular(0, r), 0.0, r / 2, 2.0)
+        case Circle(radius=r):
+            return Marginal(name, stats.arcsine(-r, 2 * r), 0.0, r / math.sqrt(2), 1.5)
+        case JointNormal(matrix=matrix, centre=centre):
+            mean = centre[k] if centre else 0.0
+            std = math.sqrt(matrix[k][k])
+            return Marginal(name, stats.norm(mean, std), mean, std, 3.0)
+    raise AssertionError(law)
+
+
+def exact_failures(sampler: Sampler, space: Space, *, seed: int, units: range, tolerance: float = 1e-12) -> list[str]:
+    """Compare units with the plain Python reference, to ``tolerance`` of each component's size: sees any fault in them."""
+    sampled = sampler(seed, units.start, len(units))
+    failures = []
+    for column, number in enumerate(units):
+        expected = philox_reference.unit(space, seed, number)
+        for row, marginal in enumerate(marginals(space)):
+            size = abs(marginal.mean) + marginal.std
+            if not abs(sampled[row, column] - expected[row]) <= tolerance * size:
+                failures.append(f"{marginal.name}: unit {number} is {sampled[row, column]}, expected {expected[row]}")
+    return failures
+
+
+def sampling_failures(
+    sampler: Sampler, space: Space, *, seed: int = 20150713, count: int = 1_000_000, moment_count: int | None = None
+) -> list[str]:
+    """Return what is wrong with a sampler, one line each; empty if nothing was found.
+
+    ``count`` units are kept for the distribution; ``moment_count`` (as many if left out) go through the moments.
+    """
+    x = np.concatenate([block for _, block in _blocks(sampler, seed, count)], axis=1)
+    if x.shape != (space.size, count) or not np.isfinite(x).all():
+        return [f"shape {x.shape}, expected {(space.size, count)}, or numbers that are not finite"]
+    failures = _moment_failures(sampler, space, seed, moment_count or count)
+    for row, marginal in enumerate(marginals(space)):
+        failures += _marginal_failures(marginal, x[row])
+    failures += _dependence_failures(space, x)
+    for draw, rows in zip(space.draws, space.slices, strict=True):
+        failures += _joint_failures(draw.name, draw.law, x[rows])
+    return failures + _replay_failures(sampler, seed, x)
+
+
+def _blocks(sampler: Sampler, seed: int, count: int) -> Iterator[tuple[int, Array]]:
+    for first in range(0, count, BLOCK):
+        yield first, sampler(seed, first, min(BLOCK, count - first))
+
+
+def _moment_failures(sampler: Sampler, space: Space, seed: int, count: int) -> list[str]:
+    """Mean and variance against the known ones, by z-test."""
+    expected = list(marginals(space))
+    mean = np.array([marginal.mean for marginal in expected])[:, None]
+    first, second = np.zeros(space.size), np.zeros(space.size)
+    for _, block in _blocks(sampler, seed, count):
+        deviation = block - mean
+        first += deviation.sum(axis=1)
+        second += (deviation * deviation).sum(axis=1)
+    limit = stats.norm.isf(ALPHA / 2)
+    failures = []
+    for marginal, total, squares in zip(expected, first, second, strict=True):
+        if marginal.std == 0:
+            continue
+        bias = total / count / marginal.std
+        if abs(bias) * math.sqrt(count) > limit:
+            failures.append(f"{marginal.name}: the mean is off by {bias:.2%} of sigma")
+        excess = squares / count / marginal.std**2 - 1
+        if abs(excess) * math.sqrt(count / (marginal.kurtosis - 1)) > limit:
+            failures.append(f"{marginal.name}: the variance is off by {excess:.2%}")
+    return failures
+
+
+def _marginal_failures(marginal: Marginal, x: Array) -> list[str]:
+    """Kolmogorov's test, counts in the tails, equal numbers."""
+    if marginal.law is None:
+        return [] if (x == marginal.mean).all() else [f"{marginal.name}: a fixed number varies"]
+    ordered = np.sort(x)
+    failures = kolmogorov_failures(marginal.name, marginal.law.cdf(ordered))
+    for tail in TAILS:
+        for side, seen in (
+            ("lower", np.searchsorted(ordered, marginal.law.ppf(tail))),
+            ("upper", x.size - np.searchsorted(ordered, marginal.law.isf(tail), side="right")),
+        ):
+            chance = 2 * min(stats.binom.cdf(seen, x.size, tail), stats.binom.sf(seen - 1, x.size, tail))
+            if chance < ALPHA:
+                failures.append(f"{marginal.name}: {seen} in the {side} tail of {tail}, expected {tail * x.size:.0f}")
+    duplicates = int((np.diff(ordered) == 0).sum())
+    if duplicates > MOST_DUPLICATES:
+        failures.append(f"{marginal.name}: {duplicates} numbers come twice")
+    return failures
+
+
+def kolmogorov_failures(name: str, probabilities: Array) -> list[str]:
+    """Kolmogorov's test of ordered probabilities, which should be uniform."""
+    count = probabilities.size
+    steps = np.arange(count + 1) / count
+    distance = max((steps[1:] - probabilities).max(), (probabilities - steps[:-1]).max())
+    # Massart's bound on the tail of Kolmogorov's statistic: never more often than ALPHA
+    limit = math.sqrt(math.log(2 / ALPHA) / (2 * count))
+    return [f"{name}: Kolmogorov distance {distance:.5f}, limit {limit:.5f}"] if distance > limit else []
+
+
+def _dependence_failures(space: Space, x: Array) -> list[str]:
+    """Correlation of every pair of components, and of every component with its neighbours in the sequence."""
+    expected = list(marginals(space))
+    rows = [row for row, marginal in enumerate(expected) if marginal.std > 0]
+    scores = np.array([(x[row] - expected[row].mean) / expected[row].std for row in rows])
+    known = np.array([[space.covariance[i, j] / (expected[i].std * expected[j].std) for j in rows] for i in rows])
+    limit = stats.norm.isf(ALPHA / 2)
+    failures = []
+    count = x.shape[1]
+    seen = scores @ scores.T / count
+    for i, row in enumerate(rows):
+        for j in range(i):
+            # the largest standard deviation that a product of two normal scores can have is √2
+            if abs(seen[i, j] - known[i, j]) * math.sqrt(count / 2) > limit:
+                names = f"{expected[row].name} and {expected[rows[j]].name}"
+                failures.append(f"{names}: correlation {seen[i, j]:.4f}, expected {known[i, j]:.4f}")
+        for lag in (1, 2, 256, 1024):
+            correlation = float(scores[i, lag:] @ scores[i, :-lag]) / (count - lag)
+            if abs(correlation) * math.sqrt(count - lag) > limit:
+                failures.append(f"{expected[row].name}: correlation {correlation:.4f} with the unit {lag} before")
+    return failures
+
+
+def _joint_failures(name: str, law: Law, x: Array) -> list[str]:
+    match law:
+        case Disc(radius=radius):
+            return kolmogorov_failures(f"{name}: area", np.sort((x**2).sum(axis=0) / radius**2))
+        case Circle(radius=radius):
+            off = np.abs(np.hypot(*x) - radius).max()
+            return [f"{name}: {off} off the circle"] if off > 1e-15 * radius * 4 else []
+        case JointNormal(matrix=matrix):
+            deviation = x - law.mean_vector[:, None]
+            square = (deviation * np.linalg.solve(np.array(matrix), deviation)).sum(axis=0)
+            return kolmogorov_failures(f"{name}: Mahalanobis distance", stats.chi2(len(matrix)).cdf(np.sort(square)))
+    return []
+
+
+def _replay_failures(sampler: Sampler, seed: int, x: Array) -> list[str]:
+    """Any slice of units, drawn alone, is what it was in the whole; another seed is something else."""
+    failures = []
+    for first, count in ((0, 1), (1, 1), (1, 2), (255, 3), (4097, 700), (BLOCK - 1, 2)):
+        if first + count <= x.shape[1] and not np.array_equal(sampler(seed, first, count), x[:, first : first + count]):
+            failures.append(f"units {first} to {first + count - 1} drawn alone differ")
+    other = sampler(seed + 1, 0, 1000)
+    alike = [row for row in range(x.shape[0]) if np.ptp(x[row]) > 0 and (other[row] == x[row, :1000]).any()]
+    if alike:
+        failures.append(f"the next seed repeats numbers in rows {alike}")
+    return failures
