@@ -150,7 +150,9 @@ def hinge(gravity=(0.0, 0.0, -9.81), axis=(0, 0, 1), reach=2.0) -> Chain:
 def seat_displacement(start: float, points: dict[str, float]) -> np.ndarray:
     source = AxisInstall(joint="hinge", radius=0.1 * MM, span=100 * MM, start=start)
     at = ErrorModel(hinge(), Space(), [source]).at([0.0])
-    (total,) = displacements(at.terms, {f"axis_install[hinge].{name}": value for name, value in points.items()}).values()
+    (total,) = displacements(
+        at.terms, {f"axis_install[hinge].{name}": value for name, value in points.items()}
+    ).values()
     return total
 
 

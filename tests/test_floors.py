@@ -25,6 +25,8 @@ FLOORS = (
     "sources",
     "examples",
     "sheet",
+    "table",
+    "equilibrium",
     "model",
     "statistics",
     "kernel_loops",

@@ -59,6 +59,11 @@ class Place:
     name: str
     frame: Array = field(compare=False, repr=False)
 
+    @property
+    def is_seat(self) -> bool:
+        """Whether it is where the next joint sits, after the link's end."""
+        return self.order[0] == _ORDER_SEAT
+
     def is_same(self, other: object) -> bool:
         """Return whether another place at this point of the chain is this one, frame included."""
         return isinstance(other, Place) and self == other and np.array_equal(self.frame, other.frame)
@@ -178,7 +183,8 @@ class Chain:
             In the base link's axes, m/s².
         locked
             Values (rad or m) at which joints stand still; joints off the chain that are not named stand at zero, or at
-            the limit nearest to it, and mimic joints follow. A joint on the chain may be locked too.
+            the limit nearest to it. Mimic joints follow a joint off the chain; one that mimics a joint on the chain
+            stands where that joint's zero puts it. A joint on the chain may be locked too.
 
         Raises
         ------
@@ -391,17 +397,31 @@ class Posture:
         Each joint's frame after it turned, in the base, ``(n, 4, 4)``, by Pinocchio.
     loads
         The weights on the chain: its own, and those that sources add.
+    deflection
+        Where the chain links and their far ends stand under load, ``(2, n+1, 4, 4)``, base; ``None`` where loads are
+        taken on the undisplaced arm. It moves the loads, not the places.
     """
 
     chain: Chain
     q: Array
     joint_poses: Array
     loads: tuple[Load, ...]
+    deflection: Array | None = None
 
     @cached_property
     def link_poses(self) -> Array:
         """Axes of every chain link in the base, ``(n+1, 4, 4)``."""
         return np.concatenate([np.eye(4)[None], self.joint_poses])
+
+    @cached_property
+    def loaded_link_poses(self) -> Array:
+        """Axes of every chain link in the base as loads see them, ``(n+1, 4, 4)``."""
+        return self.link_poses if self.deflection is None else self.deflection[0]
+
+    @cached_property
+    def loaded_ends(self) -> Array:
+        """Far end of every chain link in the base as loads see it, ``(n+1, 4, 4)``."""
+        return self.link_poses @ self.chain.placements if self.deflection is None else self.deflection[1]
 
     @cached_property
     def pose(self) -> Array:
@@ -448,8 +468,20 @@ class Posture:
 
     @cached_property
     def findings(self) -> tuple[Finding, ...]:
-        """Warnings: joint values outside their limits."""
+        """Warnings: joint values outside their limits, and mimic joints that stand still though they would follow."""
         found = []
+        values = dict(zip(self.chain.joint_names, self.q, strict=True)) | dict(self.chain.locked)
+        for joint in self.chain.robot.joints:
+            mimic = joint.mimic
+            if mimic is None or mimic.joint not in self.chain.joint_names:
+                continue
+            due = mimic.multiplier * values[mimic.joint] + mimic.offset
+            if abs(due - values[joint.name]) > 1e-9:
+                message = (
+                    f"joint {joint.name} mimics {mimic.joint}, so it would stand at {due:.6g} here, but is kept at "
+                    f"{values[joint.name]:.6g}, and the weight beyond it too; lock it where it matters"
+                )
+                found.append(Finding("warning", "W_MIMIC", message, self.chain.robot.file, joint.line))
         for joint, value in zip(self.chain.joints, self.q, strict=True):
             limit = joint.limit
             if limit is not None and joint.kind != "continuous" and not limit.lower <= value <= limit.upper:
@@ -484,7 +516,7 @@ class Posture:
             ``(6, 4)``, base axes: ``F = m g``, ``M = (R s + m (o - point)) × g`` with s the first moment in the load's
             frame (rotation R, origin o).
         """
-        frame = self.link_poses[load.link] @ load.frame
+        frame = self.loaded_link_poses[load.link] @ load.frame
         weight = self.chain.gravity
         basis = np.zeros((6, 4))
         basis[:3, 0] = weight
@@ -505,8 +537,10 @@ class Posture:
         """Return what the loads put on a joint (0-based), N·m or N, by the parameters that multiply it."""
         beyond = [load for load in self.loads if load.link > joint]
         rows = slice(0, 3) if self.chain.prismatic[joint] else slice(3, 6)
-        wrenches = self.wrench_on(beyond, self.joint_poses[joint][:3, 3])
-        return {factors: float(self.joint_axes[joint] @ wrench[rows]) for factors, wrench in wrenches.items()}
+        frame = self.loaded_link_poses[joint + 1]
+        axis = frame[:3, :3] @ self.chain.axes[joint]
+        wrenches = self.wrench_on(beyond, frame[:3, 3])
+        return {factors: float(axis @ wrench[rows]) for factors, wrench in wrenches.items()}
 
     @cached_property
     def _statics(self) -> tuple[Array, Array]:

@@ -19,7 +19,7 @@ A *finding* is one line about the input: ``file:line: error|warning CODE: what, 
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -91,6 +91,17 @@ class InputError(PrecisionPinError):
             findings = (Finding("error", self.code, findings),)
         self.findings: tuple[Finding, ...] = tuple(findings)
         super().__init__("\n".join(str(finding) for finding in self.findings))
+
+    def __reduce__(self) -> tuple[Callable[..., InputError], tuple[type[InputError], dict[str, object]]]:
+        # exceptions are rebuilt from their text by default, which loses the findings on the way to another process
+        return _restored, (type(self), vars(self))
+
+
+def _restored(kind: type[InputError], state: dict[str, object]) -> InputError:
+    error = kind.__new__(kind)
+    vars(error).update(state)
+    Exception.__init__(error, "\n".join(str(finding) for finding in error.findings))
+    return error
 
 
 class UrdfError(InputError):

@@ -8,6 +8,10 @@ Units come in *blocks* of `BLOCK`, part of the format: each block has sums of it
 the seed and the block's number only. Added up in block order (`Blocks.added_to`) they give the same bits however the
 blocks were spread over calls, threads or machines of one type, and the bits of
 :func:`precision_pin.statistics.observe`.
+
+The compiled code is kept in numba's cache on disk. Known troubles with it: a file cut short (a full disk, a killed
+process), a directory that cannot be written, a disk that fills while the code is saved. None of them may keep a
+sample from being drawn.
 """
 
 from __future__ import annotations
@@ -19,7 +23,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Literal, final
 
-import numba
 import numpy as np
 from numba.core.registry import cpu_target
 from numpy.typing import ArrayLike, NDArray
@@ -33,12 +36,14 @@ from precision_pin.kernel_loops import (
     DRAW,
     EXACT,
     FORMULA,
+    INTERPRETED,
     LINEAR,
     NOT_FINITE,
     STRIDE,
     SUMS,
     Counting,
     Motions,
+    run_uncached,
 )
 from precision_pin.parameters import Program
 from precision_pin.space import Space, check_seed
@@ -141,6 +146,8 @@ def errors_at(layout: CompiledTable, model: Model, x: ArrayLike) -> Array:
         x has another shape; or as in `errors`.
     """
     values = np.ascontiguousarray(x, dtype=float)
+    if not np.isfinite(values).all():
+        raise InputError("x holds a value that is not a finite number")
     if values.ndim != 2 or values.shape[0] != layout.space.size:
         raise InputError(f"x has shape {values.shape}, expected ({layout.space.size}, N): rows as in model.space")
     kept = np.empty((6, values.shape[1]))
@@ -292,16 +299,16 @@ def accumulate(
 
 
 def is_compiled() -> bool:
-    """Return whether the sampler is compiled, in this process or in numba's cache, as far as can be told."""
+    """Return whether the loops are compiled, in this process or in numba's cache, as far as can be told."""
     function: Any = kernel_loops.run
-    if numba.config.DISABLE_JIT or function.signatures or kernel_loops.run_uncached.cache_info().currsize:
+    if INTERPRETED or function.signatures or run_uncached.cache_info().currsize:
         return True
     try:
         # numba has no public way to ask; the index reads as empty if it is of another version or source
         keys = function._cache._cache_file._load_index()
         processor = cpu_target.target_context.codegen().magic_tuple()
         return any(processor in key for key in keys)
-    except (AttributeError, *_CACHE_TROUBLES):
+    except _TROUBLES:
         return False
 
 
@@ -324,10 +331,6 @@ def warm_up() -> None:
 # inside --------------------------------------------------------------------------------------------------------------
 
 _UPPER: Final = np.triu_indices(6)
-_CACHE_TROUBLES: Final = (
-    pickle.UnpicklingError, OSError, EOFError, ValueError, TypeError, LookupError, ImportError, RuntimeError,
-)  # fmt: skip
-"""What reading a damaged cache or writing to a full or closed disk raises (AttributeError beside)."""
 
 
 @final
@@ -422,37 +425,47 @@ def _run(
         raise InputError(f"sample {units.first + where}: {_REASONS[reason]}")
 
 
-_REASONS: Final = {
-    FORMULA: "a parameter's formula fails; a divisor that may reach zero needs a law that keeps away from it",
-    ANGLE: "an error turns a place by half a turn or more; the tolerances or loads are far too large",
-    NOT_FINITE: "the error is not a finite number; the tolerances or loads are far too large",
-}
+_TROUBLES: Final = (
+    pickle.UnpicklingError,
+    OSError,
+    EOFError,
+    ValueError,
+    TypeError,
+    LookupError,
+    ImportError,
+    AttributeError,
+    RuntimeError,
+)
+"""What unpickling a damaged file, or reading or writing one, raises."""
 
 
 def _call(arguments: tuple[Any, ...]) -> tuple[int, int]:
-    """Call the compiled function; a cache that cannot be used is deleted, then done without.
+    """Return what :func:`precision_pin.kernel_loops.run` returns, compiling or loading it at the first call.
 
-    Troubles with the cache come before anything is computed, so that a second call is safe.
+    A cache that cannot be used is deleted; if that does not help, the loops are compiled for this process alone.
+    All of this happens before anything is computed, so that calling again is safe.
     """
-    if numba.config.DISABLE_JIT:
+    if INTERPRETED:
         with np.errstate(all="ignore"):
-            return _run_result(kernel_loops.run, arguments)
-    if not kernel_loops.run_uncached.cache_info().currsize:
-        for remedy in (_delete_cache, kernel_loops.run_uncached):
-            try:
-                return _run_result(kernel_loops.run, arguments)
-            except _CACHE_TROUBLES:
-                remedy()
-    return _run_result(kernel_loops.run_uncached(), arguments)
+            return _result(kernel_loops.run, arguments)
+    for remedy in (_delete_cache, run_uncached):
+        if run_uncached.cache_info().currsize:
+            break
+        try:
+            return _result(kernel_loops.run, arguments)
+        except _TROUBLES:
+            remedy()
+    return _result(run_uncached(), arguments)
 
 
-def _run_result(function: Callable[..., tuple[int, int]], arguments: tuple[Any, ...]) -> tuple[int, int]:
+def _result(function: Callable[..., tuple[int, int]], arguments: tuple[Any, ...]) -> tuple[int, int]:
     reason, where = function(*arguments)
     return int(reason), int(where)
 
 
 def _delete_cache() -> None:
-    statistics: Any = kernel_loops.run.stats  # type: ignore[attr-defined]
-    for path in Path(statistics.cache_path).glob("kernel_loops.run-*"):
-        with suppress(OSError):
-            path.unlink()
+    function: Any = kernel_loops.run
+    if function.stats.cache_path is not None:
+        for path in Path(function.stats.cache_path).glob("kernel_loops.run-*"):
+            with suppress(OSError):
+                path.unlink()

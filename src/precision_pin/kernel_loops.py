@@ -19,15 +19,12 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Callable
-from typing import Any, Final, NamedTuple, TypeVar
+from typing import Any, Final, NamedTuple, TypeVar, cast
 
 import numba
 import numpy as np
 from numba.extending import intrinsic
 from numpy.typing import NDArray
-
-from precision_pin.parameters import Operator
-from precision_pin.statistics.sketch import BINS, OFFSET, SHIFT
 
 __all__ = [
     "ANGLE",
@@ -35,6 +32,7 @@ __all__ = [
     "DRAW",
     "EXACT",
     "FORMULA",
+    "INTERPRETED",
     "LINEAR",
     "NOT_FINITE",
     "SCRATCH",
@@ -52,10 +50,12 @@ __all__ = [
 
 Array = NDArray[np.float64]
 Offsets = NDArray[np.uint64]
+Scalar = Any
+"""A number inside compiled code: an offset (np.uint64), an index or a double."""
 Compiled = TypeVar("Compiled", bound=Callable[..., Any])
 
 TILE: Final = 256
-"""Samples worked on together; even."""
+"""Samples worked on together."""
 STRIDE: Final = TILE + 8
 """Doubles from one row to the next; not a power of two, so that rows do not fall on the same cache lines."""
 ATOM: Final = 1 << 14
@@ -81,9 +81,10 @@ SCRATCH: Final = 27 + -(-(SUMS + 16) * LANES // STRIDE)
 
 _TILE = _U(TILE)
 _PAIRS = _U(TILE // 2)
+_QUARTER = _U(TILE // 4)
 _STRIDE = _U(STRIDE)
-_ZERO, _ONE, _TWO, _TWELVE, _TWENTY, _HALF_WORD, _MANTISSA, _SIGN_FROM_TWO = (
-    _U(k) for k in (0, 1, 2, 12, 20, 32, 52, 62)
+_ZERO, _ONE, _TWO, _THREE, _FOUR, _SIX, _TWELVE, _HALF_WORD, _MANTISSA, _SIGN_FROM_TWO = (
+    _U(k) for k in (0, 1, 2, 3, 4, 6, 12, 32, 52, 62)
 )
 _MULTIPLIER_0, _MULTIPLIER_1 = _U(0xD2511F53), _U(0xCD9E8D57)
 _WEYL_0, _WEYL_1 = _U(0x9E3779B9), _U(0xBB67AE85)
@@ -94,11 +95,54 @@ _ROUND_TO_WHOLE = 1.5 * 2.0**52
 _BITS_OF_2_52 = _U(0x4330000000000000)
 _TURN = 2 * math.pi
 _QUARTER_TURN_SQUARED = (math.pi / 2) ** 2
-_C1, _C2, _C3, _C4, _C5, _C6, _C7, _C8, _C9, _C10, _C11 = ((-1) ** k / math.factorial(2 * k) for k in range(1, 12))
-_S1, _S2, _S3, _S4, _S5, _S6, _S7, _S8, _S9, _S10, _S11 = ((-1) ** k / math.factorial(2 * k + 1) for k in range(1, 12))
-_FEWEST_TAIL = math.exp(-25.0)
+_FAR_TAIL = math.exp(-25.0)
 
-_ADD, _SUBTRACT, _MULTIPLY, _DIVIDE, _POWER, _SQRT, _SIN, _COS = (int(operator) for operator in Operator)
+# polynomials, highest power first
+_LOG_EVEN = (1.531383769920937332e-01, 2.222219843214978396e-01, 3.999999999940941908e-01, 0.0)
+_LOG_ODD = (1.479819860511658591e-01, 1.818357216161805012e-01, 2.857142874366239149e-01, 6.666666666666735130e-01)
+_SINE = (
+    1.58969099521155010221e-10, -2.50507602534068634195e-08, 2.75573137070700676789e-06,
+    -1.98412698298579493134e-04, 8.33333333332248946124e-03,
+)  # fmt: skip
+_COSINE = (
+    -1.13596475577881948265e-11, 2.08757232129817482790e-09, -2.75573143513906633035e-07,
+    2.48015872894767294178e-05, -1.38888888888741095749e-03, 4.16666666666666019037e-02,
+)  # fmt: skip
+_CENTRE = (
+    2.5090809287301226727e3, 3.3430575583588128105e4, 6.7265770927008700853e4, 4.5921953931549871457e4,
+    1.3731693765509461125e4, 1.9715909503065514427e3, 1.3314166789178437745e2, 3.3871328727963666080e0,
+)  # fmt: skip
+_CENTRE_BELOW = (
+    5.2264952788528545610e3, 2.8729085735721942674e4, 3.9307895800092710610e4, 2.1213794301586595867e4,
+    5.3941960214247511077e3, 6.8718700749205790830e2, 4.2313330701600911252e1, 1.0,
+)  # fmt: skip
+_TAIL = (
+    7.74545014278341407640e-4, 2.27238449892691845833e-2, 2.41780725177450611770e-1, 1.27045825245236838258e0,
+    3.64784832476320460504e0, 5.76949722146069140550e0, 4.63033784615654529590e0, 1.42343711074968357734e0,
+)  # fmt: skip
+_TAIL_BELOW = (
+    1.05075007164441684324e-9, 5.47593808499534494600e-4, 1.51986665636164571966e-2, 1.48103976427480074590e-1,
+    6.89767334985100004550e-1, 1.67638483018380384940e0, 2.05319162663775882187e0, 1.0,
+)  # fmt: skip
+_FAR = (
+    2.01033439929228813265e-7, 2.71155556874348757815e-5, 1.24266094738807843860e-3, 2.65321895265761230930e-2,
+    2.96560571828504891230e-1, 1.78482653991729133580e0, 5.46378491116411436990e0, 6.65790464350110377720e0,
+)  # fmt: skip
+_FAR_BELOW = (
+    2.04426310338993978564e-15, 1.42151175831644588870e-7, 1.84631831751005468180e-5, 7.86869131145613259100e-4,
+    1.48753612908506148525e-2, 1.36929880922735805310e-1, 5.99832206555887937690e-1, 1.0,
+)  # fmt: skip
+# Taylor series of cos √s, sin √s/√s and atan √t/√t
+_SHORT_COSINE = tuple((-1) ** k / math.factorial(2 * k) for k in range(5, -1, -1))
+_SHORT_SINC = tuple((-1) ** k / math.factorial(2 * k + 1) for k in range(4, -1, -1))
+_LONG_COSINE = tuple((-1) ** k / math.factorial(2 * k) for k in range(11, -1, -1))
+_LONG_SINC = tuple((-1) ** k / math.factorial(2 * k + 1) for k in range(11, -1, -1))
+_SHORT_ARC = tuple((-1) ** k / (2 * k + 1) for k in range(6, -1, -1))
+_LONG_ARC = tuple((-1) ** k / (2 * k + 1) for k in range(20, -1, -1))
+
+# numbers of other files are repeated here, not imported: numba would not see them change; a test compares them
+_ADD, _SUBTRACT, _MULTIPLY, _DIVIDE, _POWER, _SQRT, _SIN, _COS = range(8)  # precision_pin.parameters.Operator
+_SHIFT, _OFFSET, _BINS = 43, 1011 << 9, 10_241  # precision_pin.statistics.sketch
 
 
 class Draws(NamedTuple):
@@ -175,26 +219,27 @@ class Counting(NamedTuple):
 
 def _compiled(function: Compiled) -> Compiled:
     """Compile with plain IEEE arithmetic; a division by zero gives infinity, as in numpy."""
-    compiled: Compiled = numba.njit(error_model="numpy", nogil=True)(function)
-    return compiled
+    return cast("Compiled", numba.njit(error_model="numpy", nogil=True)(function))
 
 
 def _contracted(function: Compiled) -> Compiled:
     """Compile allowing fused multiply-add, and no other liberty: infinities and NaN stay what they are."""
-    compiled: Compiled = numba.njit(error_model="numpy", nogil=True, fastmath={"contract"})(function)
-    return compiled
+    return cast("Compiled", numba.njit(error_model="numpy", nogil=True, fastmath={"contract"})(function))
 
 
 def _cached(function: Compiled) -> Compiled:
     """Compile the outermost function, kept on disk; without a disk to keep it on, compiled in every process."""
     try:
-        compiled: Compiled = numba.njit(error_model="numpy", nogil=True, cache=True)(function)
+        return cast("Compiled", numba.njit(error_model="numpy", nogil=True, cache=True)(function))
     except RuntimeError:  # neither the package nor the home can be written: numba refuses to cache
         return _compiled(function)
-    return compiled
 
 
-if numba.config.DISABLE_JIT:
+_configuration: Any = numba.config
+INTERPRETED: Final = bool(_configuration.DISABLE_JIT)
+"""Whether NUMBA_DISABLE_JIT=1 makes all this plain Python: a second or more a tile, for coverage and debugging."""
+
+if INTERPRETED:
 
     def _float_of(bits: Any) -> Any:
         return _U(bits).view(np.float64)
@@ -204,7 +249,7 @@ if numba.config.DISABLE_JIT:
 
 else:
 
-    @intrinsic  # type: ignore[untyped-decorator]
+    @intrinsic
     def _float_of(context: Any, bits: Any) -> Any:
         """Return the double of 64 bits."""
         del context, bits
@@ -214,7 +259,7 @@ else:
 
         return numba.float64(numba.uint64), generate
 
-    @intrinsic  # type: ignore[untyped-decorator]
+    @intrinsic
     def _bits_of(context: Any, value: Any) -> Any:
         """Return the 64 bits of a double."""
         del context, value
@@ -229,30 +274,47 @@ else:
 
 
 @_compiled
-def uniforms(w, rows, streams, words, seed, first_pair):  # type: ignore[no-untyped-def]
-    """Fill rows with uniform numbers, as `precision_pin.philox.uniforms`: even units first, then odd ones."""
-    bits = w.view(np.uint64)
-    for k in range(rows.size):
-        row, stream, word = rows[k], streams[k], words[k]
-        for i in range(_PAIRS):
-            pair = first_pair + i
-            c0, c1, c2, c3 = pair, pair >> _HALF_WORD, stream, word
-            key_0, key_1 = seed & _LOW, seed >> _HALF_WORD
-            # only the low halves of the words count; the high ones hold what the multiplication left
-            for _ in range(10):
-                first = _MULTIPLIER_0 * (c0 & _LOW)
-                second = _MULTIPLIER_1 * (c2 & _LOW)
-                c0, c1, c2, c3 = (second >> _HALF_WORD) ^ c1 ^ key_0, second, (first >> _HALF_WORD) ^ c3 ^ key_1, first
-                key_0 = (key_0 + _WEYL_0) & _LOW
-                key_1 = (key_1 + _WEYL_1) & _LOW
-            bits[row + i] = (((c0 & _LOW) | (c1 << _HALF_WORD)) >> _TWELVE) | _BITS_OF_ONE
-            bits[row + _PAIRS + i] = (((c2 & _LOW) | (c3 << _HALF_WORD)) >> _TWELVE) | _BITS_OF_ONE
-        for i in range(_TILE):
-            w[row + i] = (w[row + i] - 1.0) + _HALF_STEP
+def _uniform(low: Scalar, high: Scalar) -> Scalar:
+    """Return (2j + 1)/2⁵³, j the top 52 of the bits in the low halves of two words; every step is exact."""
+    return (_float_of((((low & _LOW) | (high << _HALF_WORD)) >> _TWELVE) | _BITS_OF_ONE) - 1.0) + _HALF_STEP
 
 
 @_compiled
-def logarithm(x):  # type: ignore[no-untyped-def]
+def uniforms(w: Array, rows: Offsets, streams: Offsets, words: Offsets, seed: Scalar, first_pair: Scalar) -> None:
+    """Fill rows with uniform numbers, as `precision_pin.philox.uniforms`: even units first, then odd ones."""
+    for k in range(rows.size):
+        row, stream, word = rows[k], streams[k], words[k]
+        for i in range(_QUARTER):
+            # two pairs a turn: the chains of multiplications overlap
+            pair = first_pair + i
+            other = pair + _QUARTER
+            c0, c1, c2, c3 = pair, pair >> _HALF_WORD, stream, word
+            d0, d1, d2, d3 = other, other >> _HALF_WORD, stream, word
+            key_0, key_1 = seed & _LOW, seed >> _HALF_WORD
+            # only the low halves of the words count; the high ones hold what the multiplication left
+            for _ in range(10):
+                a, b = _MULTIPLIER_0 * (c0 & _LOW), _MULTIPLIER_1 * (c2 & _LOW)
+                c0, c1, c2, c3 = (b >> _HALF_WORD) ^ c1 ^ key_0, b, (a >> _HALF_WORD) ^ c3 ^ key_1, a
+                a, b = _MULTIPLIER_0 * (d0 & _LOW), _MULTIPLIER_1 * (d2 & _LOW)
+                d0, d1, d2, d3 = (b >> _HALF_WORD) ^ d1 ^ key_0, b, (a >> _HALF_WORD) ^ d3 ^ key_1, a
+                key_0 = (key_0 + _WEYL_0) & _LOW
+                key_1 = (key_1 + _WEYL_1) & _LOW
+            w[row + i] = _uniform(c0, c1)
+            w[row + _QUARTER + i] = _uniform(d0, d1)
+            w[row + _PAIRS + i] = _uniform(c2, c3)
+            w[row + _PAIRS + _QUARTER + i] = _uniform(d2, d3)
+
+
+@_compiled
+def _polynomial(z: Scalar, coefficients: Any) -> Scalar:
+    value = coefficients[0]
+    for k in range(1, len(coefficients)):
+        value = value * z + coefficients[k]
+    return value
+
+
+@_compiled
+def logarithm(x: Scalar) -> Scalar:
     """Return log x of a normal number, within 1 ulp; the method and coefficients of fdlibm's e_log.c."""
     shifted = _bits_of(x) + _U(0x00095F6200000000)
     exponent = _float_of((shifted >> _MANTISSA) | _BITS_OF_2_52) - (2.0**52 + 1023.0)
@@ -261,17 +323,13 @@ def logarithm(x):  # type: ignore[no-untyped-def]
     s = f / (2.0 + f)
     z = s * s
     v = z * z
-    even = v * (3.999999999940941908e-01 + v * (2.222219843214978396e-01 + v * 1.531383769920937332e-01))
-    odd = z * (
-        6.666666666666735130e-01
-        + v * (2.857142874366239149e-01 + v * (1.818357216161805012e-01 + v * 1.479819860511658591e-01))
-    )
-    tail = s * (half_square + (even + odd)) + exponent * 1.90821492927058770002e-10
+    series = _polynomial(v, _LOG_EVEN) + z * _polynomial(v, _LOG_ODD)
+    tail = s * (half_square + series) + exponent * 1.90821492927058770002e-10
     return tail - half_square + f + exponent * 6.93147180369123816490e-01
 
 
 @_compiled
-def sine_and_cosine(t):  # type: ignore[no-untyped-def]
+def sine_and_cosine(t: Scalar) -> tuple[Scalar, Scalar]:
     """Return sin t and cos t for 0 ≤ t ≤ 2π, within 1 ulp; coefficients of fdlibm's k_sin.c and k_cos.c."""
     rounded = t * (2 / math.pi) + _ROUND_TO_WHOLE
     quarter = _bits_of(rounded)
@@ -282,27 +340,11 @@ def sine_and_cosine(t):  # type: ignore[no-untyped-def]
     r = coarse - fine
     rest = ((coarse - r) - fine) - k * 2.02226624879595063154e-21
     z = r * r
-    p = 8.33333333332248946124e-03 + z * (
-        -1.98412698298579493134e-04
-        + z * (2.75573137070700676789e-06 + z * (-2.50507602534068634195e-08 + z * 1.58969099521155010221e-10))
-    )
     v = z * r
-    s = r - ((z * (0.5 * rest - v * p) - rest) - v * -1.66666666666666324348e-01)
-    p = z * (
-        4.16666666666666019037e-02
-        + z
-        * (
-            -1.38888888888741095749e-03
-            + z
-            * (
-                2.48015872894767294178e-05
-                + z * (-2.75573143513906633035e-07 + z * (2.08757232129817482790e-09 + z * -1.13596475577881948265e-11))
-            )
-        )
-    )
+    s = r - ((z * (0.5 * rest - v * _polynomial(z, _SINE)) - rest) - v * -1.66666666666666324348e-01)
     half = 0.5 * z
     u = 1.0 - half
-    c = u + (((1.0 - u) - half) + (z * p - r * rest))
+    c = u + (((1.0 - u) - half) + (z * (z * _polynomial(z, _COSINE)) - r * rest))
     swap = (quarter & _ONE) != _ZERO
     sine = c if swap else s
     cosine = s if swap else c
@@ -312,129 +354,26 @@ def sine_and_cosine(t):  # type: ignore[no-untyped-def]
 
 
 @_compiled
-def normal_score(p):  # type: ignore[no-untyped-def]
+def normal_score(p: Scalar) -> Scalar:
     """Return Φ⁻¹(p) for e⁻²⁵ ≤ p ≤ 0.575: algorithm AS 241 (Wichura, Applied Statistics 37, 1988), PPND16."""
     q = p - 0.5
     r = 0.180625 - q * q
-    numerator = q * (
-        3.3871328727963666080e0
-        + r
-        * (
-            1.3314166789178437745e2
-            + r
-            * (
-                1.9715909503065514427e3
-                + r
-                * (
-                    1.3731693765509461125e4
-                    + r
-                    * (
-                        4.5921953931549871457e4
-                        + r * (6.7265770927008700853e4 + r * (3.3430575583588128105e4 + r * 2.5090809287301226727e3))
-                    )
-                )
-            )
-        )
-    )
-    denominator = 1.0 + r * (
-        4.2313330701600911252e1
-        + r
-        * (
-            6.8718700749205790830e2
-            + r
-            * (
-                5.3941960214247511077e3
-                + r
-                * (
-                    2.1213794301586595867e4
-                    + r * (3.9307895800092710610e4 + r * (2.8729085735721942674e4 + r * 5.2264952788528545610e3))
-                )
-            )
-        )
-    )
-    r = np.sqrt(-logarithm(p)) - 1.6
-    tail_numerator = -(
-        1.42343711074968357734e0
-        + r
-        * (
-            4.63033784615654529590e0
-            + r
-            * (
-                5.76949722146069140550e0
-                + r
-                * (
-                    3.64784832476320460504e0
-                    + r
-                    * (
-                        1.27045825245236838258e0
-                        + r
-                        * (2.41780725177450611770e-1 + r * (2.27238449892691845833e-2 + r * 7.74545014278341407640e-4))
-                    )
-                )
-            )
-        )
-    )
-    tail_denominator = 1.0 + r * (
-        2.05319162663775882187e0
-        + r
-        * (
-            1.67638483018380384940e0
-            + r
-            * (
-                6.89767334985100004550e-1
-                + r
-                * (
-                    1.48103976427480074590e-1
-                    + r * (1.51986665636164571966e-2 + r * (5.47593808499534494600e-4 + r * 1.05075007164441684324e-9))
-                )
-            )
-        )
-    )
+    t = np.sqrt(-logarithm(p)) - 1.6
     central = q >= -0.425
-    return (numerator if central else tail_numerator) / (denominator if central else tail_denominator)
+    above = q * _polynomial(r, _CENTRE) if central else -_polynomial(t, _TAIL)
+    below = _polynomial(r, _CENTRE_BELOW) if central else _polynomial(t, _TAIL_BELOW)
+    return above / below
 
 
 @_compiled
-def far_normal_score(p):  # type: ignore[no-untyped-def]
+def far_normal_score(p: Scalar) -> Scalar:
     """Return Φ⁻¹(p) for p < e⁻²⁵, by the same algorithm."""
     r = np.sqrt(-logarithm(p)) - 5.0
-    numerator = 6.65790464350110377720e0 + r * (
-        5.46378491116411436990e0
-        + r
-        * (
-            1.78482653991729133580e0
-            + r
-            * (
-                2.96560571828504891230e-1
-                + r
-                * (
-                    2.65321895265761230930e-2
-                    + r * (1.24266094738807843860e-3 + r * (2.71155556874348757815e-5 + r * 2.01033439929228813265e-7))
-                )
-            )
-        )
-    )
-    denominator = 1.0 + r * (
-        5.99832206555887937690e-1
-        + r
-        * (
-            1.36929880922735805310e-1
-            + r
-            * (
-                1.48753612908506148525e-2
-                + r
-                * (
-                    7.86869131145613259100e-4
-                    + r * (1.84631831751005468180e-5 + r * (1.42151175831644588870e-7 + r * 2.04426310338993978564e-15))
-                )
-            )
-        )
-    )
-    return -numerator / denominator
+    return -_polynomial(r, _FAR) / _polynomial(r, _FAR_BELOW)
 
 
 @_compiled
-def normals(w, row):  # type: ignore[no-untyped-def]
+def normals(w: Array, row: Scalar) -> None:
     """Turn a row of uniform numbers into standard normal ones: Box-Muller of each pair (even unit, odd unit)."""
     for i in range(_PAIRS):
         reach = np.sqrt(-2.0 * logarithm(w[row + i]))
@@ -444,14 +383,14 @@ def normals(w, row):  # type: ignore[no-untyped-def]
 
 
 @_compiled
-def uniform_law(w, row, mean, half_width):  # type: ignore[no-untyped-def]
+def uniform_law(w: Array, row: Scalar, mean: Scalar, half_width: Scalar) -> None:
     """Turn uniform numbers into `precision_pin.laws.Uniform`."""
     for i in range(_TILE):
         w[row + i] = mean + half_width * (2.0 * w[row + i] - 1.0)
 
 
 @_compiled
-def triangular_law(w, row, mean, half_width):  # type: ignore[no-untyped-def]
+def triangular_law(w: Array, row: Scalar, mean: Scalar, half_width: Scalar) -> None:
     """Turn uniform numbers into `precision_pin.laws.Triangular`."""
     for i in range(_TILE):
         u = w[row + i]
@@ -461,18 +400,18 @@ def triangular_law(w, row, mean, half_width):  # type: ignore[no-untyped-def]
 
 
 @_compiled
-def truncated_law(w, row, mean, std, k, cut, share):  # type: ignore[no-untyped-def]
+def truncated_law(w: Array, row: Scalar, mean: Scalar, std: Scalar, k: Scalar, cut: Scalar, share: Scalar) -> None:
     """Turn uniform numbers into `precision_pin.laws.TruncatedNormal`."""
     far = 0
     for i in range(_TILE):
         u = w[row + i]
         p = cut + (u if u < 0.5 else 1.0 - u) * share
-        far += 1 if p < _FEWEST_TAIL else 0
+        far += 1 if p < _FAR_TAIL else 0
     if far:  # about once in 10¹¹ numbers, so that the others do not pay for it
         for i in range(_TILE):
             u = w[row + i]
             p = cut + (u if u < 0.5 else 1.0 - u) * share
-            score = far_normal_score(p) if p < _FEWEST_TAIL else normal_score(p)
+            score = far_normal_score(p) if p < _FAR_TAIL else normal_score(p)
             size = std * (-score if -score < k else k)
             w[row + i] = mean + (size if u > 0.5 else -size)
     else:
@@ -484,7 +423,7 @@ def truncated_law(w, row, mean, std, k, cut, share):  # type: ignore[no-untyped-
 
 
 @_compiled
-def disc_law(w, row, radius):  # type: ignore[no-untyped-def]
+def disc_law(w: Array, row: Scalar, radius: Scalar) -> None:
     """Turn two rows of uniform numbers into `precision_pin.laws.Disc`."""
     for i in range(_TILE):
         reach = radius * np.sqrt(w[row + i])
@@ -494,7 +433,7 @@ def disc_law(w, row, radius):  # type: ignore[no-untyped-def]
 
 
 @_compiled
-def circle_law(w, row, radius):  # type: ignore[no-untyped-def]
+def circle_law(w: Array, row: Scalar, radius: Scalar) -> None:
     """Turn the second of two rows of uniform numbers into `precision_pin.laws.Circle`."""
     for i in range(_TILE):
         sine, cosine = sine_and_cosine(_TURN * w[row + _STRIDE + i])
@@ -503,7 +442,7 @@ def circle_law(w, row, radius):  # type: ignore[no-untyped-def]
 
 
 @_compiled
-def joint_law(w, row, size, root):  # type: ignore[no-untyped-def]
+def joint_law(w: Array, row: Scalar, size: Scalar, root: Array) -> None:
     """Turn rows of standard normal numbers into `precision_pin.laws.JointNormal`, the last row first."""
     for back in range(size):
         k = size - _ONE - _U(back)
@@ -522,7 +461,7 @@ def joint_law(w, row, size, root):  # type: ignore[no-untyped-def]
 
 
 @_compiled
-def apply_laws(w, draws):  # type: ignore[no-untyped-def]
+def apply_laws(w: Array, draws: Draws) -> None:
     """Turn the rows of uniform numbers into the components of the space."""
     for k in range(draws.uniform_rows.size):
         uniform_law(w, draws.uniform_rows[k], draws.uniform[k, 0], draws.uniform[k, 1])
@@ -552,7 +491,7 @@ def apply_laws(w, draws):  # type: ignore[no-untyped-def]
 
 
 @_compiled
-def _derive(w, formulas):  # type: ignore[no-untyped-def]
+def _derive(w: Array, formulas: Formulas) -> Scalar:
     """Evaluate the operations and products; return how many results are not finite."""
     failures = 0
     for step in range(formulas.operators.size):
@@ -595,77 +534,66 @@ def _derive(w, formulas):  # type: ignore[no-untyped-def]
 
 
 @_contracted
-def _gather(w, result, start, stop, rows, coefficients, fresh):  # type: ignore[no-untyped-def]
-    """Add up ``coefficient × row`` into a row, from zero if it is fresh."""
+def _gather(w: Array, result: Scalar, start: Scalar, stop: Scalar, rows: Offsets, coefficients: Array) -> None:
+    """Add ``coefficient × row`` to a row for entries ``start … stop - 1``, four at a time."""
     k = start
-    if fresh:
-        if start == stop:
-            for i in range(_TILE):
-                w[result + i] = 0.0
-        elif stop - start >= _U(4):
-            a, b, c, d = rows[k], rows[k + _U(1)], rows[k + _U(2)], rows[k + _U(3)]
-            p, q = coefficients[k], coefficients[k + _U(1)]
-            r, s = coefficients[k + _U(2)], coefficients[k + _U(3)]
-            for i in range(_TILE):
-                w[result + i] = p * w[a + i] + q * w[b + i] + r * w[c + i] + s * w[d + i]
-            k += _U(4)
-        else:
-            a, p = rows[k], coefficients[k]
-            for i in range(_TILE):
-                w[result + i] = p * w[a + i]
-            k += _U(1)
-    while stop - k >= _U(4):
-        a, b, c, d = rows[k], rows[k + _U(1)], rows[k + _U(2)], rows[k + _U(3)]
-        p, q = coefficients[k], coefficients[k + _U(1)]
-        r, s = coefficients[k + _U(2)], coefficients[k + _U(3)]
+    while stop - k >= _FOUR:
+        a, b, c, d = rows[k], rows[k + _ONE], rows[k + _TWO], rows[k + _THREE]
+        p, q, r, s = coefficients[k], coefficients[k + _ONE], coefficients[k + _TWO], coefficients[k + _THREE]
         for i in range(_TILE):
             w[result + i] += p * w[a + i] + q * w[b + i] + r * w[c + i] + s * w[d + i]
-        k += _U(4)
-    if stop - k >= _U(2):
-        a, b, p, q = rows[k], rows[k + _U(1)], coefficients[k], coefficients[k + _U(1)]
-        for i in range(_TILE):
-            w[result + i] += p * w[a + i] + q * w[b + i]
-        k += _U(2)
-    if k < stop:
+        k += _FOUR
+    while k < stop:
         a, p = rows[k], coefficients[k]
         for i in range(_TILE):
             w[result + i] += p * w[a + i]
+        k += _ONE
+
+
+@_compiled
+def _sum_up(w: Array, first: Scalar, number: Scalar, starts: Offsets, rows: Offsets, coefficients: Array) -> None:
+    """Add three sums of entries, the first of a number, to the three rows from an offset on."""
+    for c in range(_THREE):
+        k = number + c
+        _gather(w, first + c * _STRIDE, starts[k], starts[k + _ONE], rows, coefficients)
 
 
 @_contracted
-def _turn_narrow(w):  # type: ignore[no-untyped-def]
-    """Turn the half rotation vector h into the quaternion of its rotation, in place: Taylor, for |h| ≤ 0.125."""
+def _series(z: Scalar, coefficients: Any) -> Scalar:
+    value = coefficients[0]
+    for k in range(1, len(coefficients)):
+        value = value * z + coefficients[k]
+    return value
+
+
+@_contracted
+def _turn_narrow(w: Array) -> None:
+    """Turn the half rotation vector h into the quaternion of its rotation, in place, for |h| ≤ 0.125."""
     for i in range(_TILE):
         x, y, z = w[_H0 + i], w[_H1 + i], w[_H2 + i]
         s = x * x + y * y + z * z
-        sinc = 1.0 + s * (-1 / 6 + s * (1 / 120 + s * (-1 / 5040 + s * (1 / 362880))))
-        w[_HW + i] = 1.0 + s * (-1 / 2 + s * (1 / 24 + s * (-1 / 720 + s * (1 / 40320 + s * (-1 / 3628800)))))
+        sinc = _series(s, _SHORT_SINC)
+        w[_HW + i] = _series(s, _SHORT_COSINE)
         w[_H0 + i] = sinc * x
         w[_H1 + i] = sinc * y
         w[_H2 + i] = sinc * z
 
 
 @_contracted
-def _turn_wide(w):  # type: ignore[no-untyped-def]
+def _turn_wide(w: Array) -> None:
     """As `_turn_narrow`, for |h| ≤ π/2."""
     for i in range(_TILE):
         x, y, z = w[_H0 + i], w[_H1 + i], w[_H2 + i]
         s = x * x + y * y + z * z
-        sinc = _S9 + s * (_S10 + s * _S11)
-        sinc = _S6 + s * (_S7 + s * (_S8 + s * sinc))
-        sinc = _S3 + s * (_S4 + s * (_S5 + s * sinc))
-        sinc = 1.0 + s * (_S1 + s * (_S2 + s * sinc))
-        cosine = _C9 + s * (_C10 + s * _C11)
-        cosine = _C6 + s * (_C7 + s * (_C8 + s * cosine))
-        cosine = _C3 + s * (_C4 + s * (_C5 + s * cosine))
-        w[_HW + i] = 1.0 + s * (_C1 + s * (_C2 + s * cosine))
+        sinc = _series(s, _LONG_SINC)
+        w[_HW + i] = _series(s, _LONG_COSINE)
         w[_H0 + i] = sinc * x
         w[_H1 + i] = sinc * y
         w[_H2 + i] = sinc * z
 
 
 @_compiled
-def _too_far(w):  # type: ignore[no-untyped-def]
+def _too_far(w: Array) -> Scalar:
     """Return how many half rotation vectors are π/2 long or more."""
     count = 0
     for i in range(_TILE):
@@ -675,7 +603,7 @@ def _too_far(w):  # type: ignore[no-untyped-def]
 
 
 @_contracted
-def _rotate(w, rx, ry, rz):  # type: ignore[no-untyped-def]
+def _rotate(w: Array, rx: Scalar, ry: Scalar, rz: Scalar) -> None:
     """Turn what lies beyond a target: e ← e + (Rot - 1)(r + e), q ← rotation · q."""
     for i in range(_TILE):
         a, x, y, z = w[_HW + i], w[_H0 + i], w[_H1 + i], w[_H2 + i]
@@ -695,21 +623,20 @@ def _rotate(w, rx, ry, rz):  # type: ignore[no-untyped-def]
 
 
 @_contracted
-def _rotation_vector_narrow(w):  # type: ignore[no-untyped-def]
+def _rotation_vector_narrow(w: Array) -> None:
     """Turn the quaternion into the rotation vector, in place: 4 atan(|v|/(1 + w)) v/|v|, up to 0.25 rad."""
     for i in range(_TILE):
         x, y, z = w[_Q1 + i], w[_Q2 + i], w[_Q3 + i]
         g = 1.0 / (1.0 + w[_Q0 + i])
         t = (x * x + y * y + z * z) * g * g
-        series = 1.0 + t * (-1 / 3 + t * (1 / 5 + t * (-1 / 7 + t * (1 / 9 + t * (-1 / 11 + t * (1 / 13))))))
-        scale = 4.0 * g * series
+        scale = 4.0 * g * _series(t, _SHORT_ARC)
         w[_Q1 + i] = scale * x
         w[_Q2 + i] = scale * y
         w[_Q3 + i] = scale * z
 
 
 @_contracted
-def _rotation_vector_wide(w):  # type: ignore[no-untyped-def]
+def _rotation_vector_wide(w: Array) -> None:
     """As `_rotation_vector_narrow`, up to π, with the angle halved once more; the angle is in [0, π]."""
     for i in range(_TILE):
         x, y, z, a = w[_Q1 + i], w[_Q2 + i], w[_Q3 + i], w[_Q0 + i]
@@ -718,23 +645,15 @@ def _rotation_vector_wide(w):  # type: ignore[no-untyped-def]
         t = (x * x + y * y + z * z) * g * g
         h = 1.0 / (1.0 + np.sqrt(1.0 + t))
         t = t * h * h
-        series = 1 / 33 + t * (-1 / 35 + t * (1 / 37 + t * (-1 / 39 + t * (1 / 41))))
-        series = 1 / 25 + t * (-1 / 27 + t * (1 / 29 + t * (-1 / 31 + t * series)))
-        series = 1 / 17 + t * (-1 / 19 + t * (1 / 21 + t * (-1 / 23 + t * series)))
-        series = 1 / 9 + t * (-1 / 11 + t * (1 / 13 + t * (-1 / 15 + t * series)))
-        series = 1.0 + t * (-1 / 3 + t * (1 / 5 + t * (-1 / 7 + t * series)))
-        scale = sign * 8.0 * g * h * series
+        scale = sign * 8.0 * g * h * _series(t, _LONG_ARC)
         w[_Q1 + i] = scale * x
         w[_Q2 + i] = scale * y
         w[_Q3 + i] = scale * z
 
 
 @_compiled
-def _displace(w, motions, skipped, count, sampled):  # type: ignore[no-untyped-def]
-    """Compose all targets from the tip to the base; return the sample of which a target turns by π or more, or -1.
-
-    The tip's displacement e and the rotation q, not the pose, are carried along, so that nothing cancels.
-    """
+def _at_rest(w: Array) -> None:
+    """Let no sample be displaced yet."""
     for i in range(_TILE):
         w[_E0 + i] = 0.0
         w[_E1 + i] = 0.0
@@ -743,13 +662,24 @@ def _displace(w, motions, skipped, count, sampled):  # type: ignore[no-untyped-d
         w[_Q1 + i] = 0.0
         w[_Q2 + i] = 0.0
         w[_Q3 + i] = 0.0
+
+
+@_compiled
+def _displace(w: Array, motions: Motions, skipped: Scalar, count: Scalar, sampled: bool) -> Scalar:
+    """Compose all targets from the tip to the base; return the sample of which a target turns by π or more, or -1.
+
+    The tip's displacement e and the rotation q, not the pose, are carried along, so that nothing cancels.
+    """
+    _at_rest(w)
     starts, rows, coefficients = motions.starts, motions.rows, motions.coefficients
     targets = motions.arms.shape[0]
-    for k in range(targets):
-        if starts[6 * k + 3] < starts[6 * k + 6]:
-            _gather(w, _H0, starts[6 * k + 3], starts[6 * k + 4], rows, coefficients, True)
-            _gather(w, _H1, starts[6 * k + 4], starts[6 * k + 5], rows, coefficients, True)
-            _gather(w, _H2, starts[6 * k + 5], starts[6 * k + 6], rows, coefficients, True)
+    for k in range(_U(targets)):
+        if starts[_SIX * k + _THREE] < starts[_SIX * k + _SIX]:
+            for i in range(_TILE):
+                w[_H0 + i] = 0.0
+                w[_H1 + i] = 0.0
+                w[_H2 + i] = 0.0
+            _sum_up(w, _H0, _SIX * k + _THREE, starts, rows, coefficients)
             if motions.wide[k]:
                 if _too_far(w):
                     for i in range(_TILE):
@@ -761,9 +691,7 @@ def _displace(w, motions, skipped, count, sampled):  # type: ignore[no-untyped-d
             else:
                 _turn_narrow(w)
             _rotate(w, motions.arms[k, 0], motions.arms[k, 1], motions.arms[k, 2])
-        _gather(w, _E0, starts[6 * k], starts[6 * k + 1], rows, coefficients, False)
-        _gather(w, _E1, starts[6 * k + 1], starts[6 * k + 2], rows, coefficients, False)
-        _gather(w, _E2, starts[6 * k + 2], starts[6 * k + 3], rows, coefficients, False)
+        _sum_up(w, _E0, _SIX * k, starts, rows, coefficients)
     if motions.wide[targets]:
         _rotation_vector_wide(w)
     else:
@@ -772,22 +700,19 @@ def _displace(w, motions, skipped, count, sampled):  # type: ignore[no-untyped-d
 
 
 @_compiled
-def _superpose(w, superposition):  # type: ignore[no-untyped-def]
+def _superpose(w: Array, superposition: Superposition) -> None:
     """Write the linear model's six numbers where `_displace` leaves them."""
+    _at_rest(w)
     starts, rows, coefficients = superposition.starts, superposition.rows, superposition.coefficients
-    _gather(w, _E0, starts[0], starts[1], rows, coefficients, True)
-    _gather(w, _E1, starts[1], starts[2], rows, coefficients, True)
-    _gather(w, _E2, starts[2], starts[3], rows, coefficients, True)
-    _gather(w, _Q1, starts[3], starts[4], rows, coefficients, True)
-    _gather(w, _Q2, starts[4], starts[5], rows, coefficients, True)
-    _gather(w, _Q3, starts[5], starts[6], rows, coefficients, True)
+    _sum_up(w, _E0, _ZERO, starts, rows, coefficients)
+    _sum_up(w, _Q1, _THREE, starts, rows, coefficients)
 
 
 # counting ------------------------------------------------------------------------------------------------------------
 
 
 @_compiled
-def _sample_at(position, sampled):  # type: ignore[no-untyped-def]
+def _sample_at(position: Scalar, sampled: bool) -> Scalar:
     """Return which sample of the tile stands at a position of a row."""
     place = np.int64(position)
     if not sampled:
@@ -796,7 +721,7 @@ def _sample_at(position, sampled):  # type: ignore[no-untyped-def]
 
 
 @_compiled
-def _in_order(w, source, result, sampled):  # type: ignore[no-untyped-def]
+def _in_order(w: Array, source: Scalar, result: Scalar, sampled: bool) -> None:
     """Copy a row with its samples in order."""
     if sampled:
         for i in range(_PAIRS):
@@ -808,7 +733,7 @@ def _in_order(w, source, result, sampled):  # type: ignore[no-untyped-def]
 
 
 @_compiled
-def _values(w, sampled):  # type: ignore[no-untyped-def]
+def _values(w: Array, sampled: bool) -> Scalar:
     """Write the eight quantities in order; return how many samples are not finite."""
     for part in range(_TWO):
         norm = _VALUES + part * _U(4 * STRIDE)
@@ -826,7 +751,7 @@ def _values(w, sampled):  # type: ignore[no-untyped-def]
 
 
 @_compiled
-def _pad(w, count):  # type: ignore[no-untyped-def]
+def _pad(w: Array, count: Scalar) -> None:
     """Let the samples beyond the last one equal the first: they change neither smallest nor largest."""
     for q in range(_U(8)):
         row = _VALUES + q * _STRIDE
@@ -835,7 +760,9 @@ def _pad(w, count):  # type: ignore[no-untyped-def]
 
 
 @_compiled
-def _count(w, count, counting, sketch, inside):  # type: ignore[no-untyped-def]
+def _count(
+    w: Array, bins: Offsets, count: Scalar, counting: Counting, sketch: NDArray[np.uint32], inside: NDArray[np.int64]
+) -> None:
     """Count the tile's values into the lanes, the sketch and the specifications."""
     for q in range(_U(8)):
         values, residuals = _VALUES + q * _STRIDE, _RESIDUALS + q * _STRIDE
@@ -850,18 +777,17 @@ def _count(w, count, counting, sketch, inside):  # type: ignore[no-untyped-def]
             w[lowest + lane] = low
             w[highest + lane] = high
         centre, inverse_scale = counting.centre[q], counting.inverse_scale[q]
-        bins = w.view(np.uint64)
-        first = q * _U(2 * BINS)
+        first = q * _U(2 * _BINS)
         for i in range(_TILE):
             residual = w[values + i] - centre
             w[residuals + i] = residual
             scaled = residual * inverse_scale
-            shifted = _bits_of(abs(scaled)) >> _U(SHIFT)
-            magnitude = shifted - _U(OFFSET - 1) if shifted > _U(OFFSET - 1) else _ZERO
-            magnitude = magnitude if magnitude < _U(BINS - 1) else _U(BINS - 1)
-            bins[_E0 + i] = first + (_U(BINS - 1) - magnitude if scaled < 0.0 else _U(BINS) + magnitude)
+            shifted = _bits_of(abs(scaled)) >> _U(_SHIFT)
+            magnitude = shifted - _U(_OFFSET - 1) if shifted > _U(_OFFSET - 1) else _ZERO
+            magnitude = magnitude if magnitude < _U(_BINS - 1) else _U(_BINS - 1)
+            bins[i] = first + (_U(_BINS - 1) - magnitude if scaled < 0.0 else _U(_BINS) + magnitude)
         for i in range(_U(count)):
-            sketch[bins[_E0 + i]] += np.uint32(1)
+            sketch[bins[i]] += np.uint32(1)
         for i in range(count, TILE):
             w[residuals + _U(i)] = 0.0
         sums = _LANES + q * _U(LANES)
@@ -887,7 +813,7 @@ def _count(w, count, counting, sketch, inside):  # type: ignore[no-untyped-def]
 
 
 @_compiled
-def _add_products(w, sums, a, b):  # type: ignore[no-untyped-def]
+def _add_products(w: Array, sums: Scalar, a: Scalar, b: Scalar) -> None:
     """Add the products of two rows into sixteen lanes."""
     for lane in range(_U(LANES)):
         total = w[sums + lane]
@@ -897,7 +823,7 @@ def _add_products(w, sums, a, b):  # type: ignore[no-untyped-def]
 
 
 @_compiled
-def _fold(w, sums):  # type: ignore[no-untyped-def]
+def _fold(w: Array, sums: Array) -> None:
     """Fold each sum's lanes in halves and empty them."""
     for k in range(_U(SUMS)):
         lanes = _LANES + k * _U(LANES)
@@ -912,10 +838,28 @@ def _fold(w, sums):  # type: ignore[no-untyped-def]
 
 
 @_cached
-def run(  # type: ignore[no-untyped-def]
-    w, draws, formulas, superposition, motions, stage, seed, words, first, skip, count,
-    given, kept_components, kept_errors, counting, sums, lowest, highest, sketch, inside,
-):  # fmt: skip
+def run(
+    w: Array,
+    draws: Draws,
+    formulas: Formulas,
+    superposition: Superposition,
+    motions: Motions,
+    stage: Scalar,
+    seed: Scalar,
+    words: Offsets,
+    first: Scalar,
+    skip: Scalar,
+    count: Scalar,
+    given: Array,
+    kept_components: Array,
+    kept_errors: Array,
+    counting: Counting,
+    sums: Array,
+    lowest: Array,
+    highest: Array,
+    sketch: NDArray[np.uint32],
+    inside: NDArray[np.int64],
+) -> tuple[Scalar, Scalar]:
     """Work through samples tile by tile.
 
     Parameters
@@ -948,6 +892,7 @@ def run(  # type: ignore[no-untyped-def]
         for i in range(_TILE):
             w[draws.fixed_rows[row] + i] = draws.fixed_values[row]
     counted = sums.shape[0] > 0
+    bins = np.empty(TILE, np.uint64)
     if counted:
         for i in range(_U(SUMS * LANES)):
             w[_LANES + i] = 0.0
@@ -960,18 +905,18 @@ def run(  # type: ignore[no-untyped-def]
     tiles = (count + TILE - 1) // TILE
     for tile in range(tiles):
         begin = tile * TILE
-        size = min(TILE, count - begin)
+        size = TILE if count - begin > TILE else count - begin
         skipped = skip if tile == 0 else 0
         if sampled:
             uniforms(w, draws.stream_rows, draws.streams, words, seed, (first >> _ONE) + _U(tile) * _PAIRS)
             apply_laws(w, draws)
         else:
             for k in range(components):
-                row = _U((SCRATCH + k) * STRIDE)
+                offset = _U((SCRATCH + k) * STRIDE)
                 for i in range(size):
-                    w[row + _U(i)] = given[k, begin + i]
+                    w[offset + _U(i)] = given[k, begin + i]
                 for i in range(size, TILE):
-                    w[row + _U(i)] = given[k, begin]
+                    w[offset + _U(i)] = given[k, begin]
         if kept_components.shape[1]:
             for k in range(components):
                 _in_order(w, _U((SCRATCH + k) * STRIDE), _VALUES, sampled)
@@ -997,24 +942,27 @@ def run(  # type: ignore[no-untyped-def]
                     return NOT_FINITE, begin + i
         if kept_errors.shape[1]:
             for c in range(6):
-                row = _VALUES + _U((c + 1 + c // 3) * STRIDE)
+                offset = _VALUES + _U((c + 1 + c // 3) * STRIDE)
                 for i in range(size):
-                    kept_errors[c, begin + i] = w[row + _U(i)]
+                    kept_errors[c, begin + i] = w[offset + _U(i)]
         if counted:
             if size < TILE:
                 _pad(w, size)
-            _count(w, size, counting, sketch, inside)
+            _count(w, bins, size, counting, sketch, inside)
             if (begin + TILE) % ATOM == 0 or tile == tiles - 1:
                 _fold(w, sums[begin // ATOM])
     if counted:
         for q in range(_U(8)):
             for lane in range(_U(LANES)):
-                lowest[q] = min(lowest[q], w[_LANES + (_U(SUMS) + q) * _U(LANES) + lane])
-                highest[q] = max(highest[q], w[_LANES + (_U(SUMS + 8) + q) * _U(LANES) + lane])
+                low = w[_LANES + (_U(SUMS) + q) * _U(LANES) + lane]
+                high = w[_LANES + (_U(SUMS + 8) + q) * _U(LANES) + lane]
+                lowest[q] = low if low < lowest[q] else lowest[q]
+                highest[q] = high if high > highest[q] else highest[q]
     return 0, 0
 
 
 @functools.cache
 def run_uncached() -> Callable[..., tuple[int, int]]:
     """Return `run` compiled for this process only, where no cache can be used."""
-    return _compiled(run.py_func)  # type: ignore[attr-defined]
+    compiled: Any = run
+    return cast("Callable[..., tuple[int, int]]", _compiled(compiled.py_func))

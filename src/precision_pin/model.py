@@ -10,107 +10,24 @@ import os
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import final
+from typing import Literal, final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from precision_pin import se3
-from precision_pin.chain import Chain, Place, Posture
-from precision_pin.errors import Finding, InputError, InternalError, UnknownNameError
-from precision_pin.parameters import Expression, Program
+from precision_pin.chain import Chain, Posture
+from precision_pin.equilibrium import settle
+from precision_pin.errors import Finding, InputError, UnknownNameError
 from precision_pin.sheet import Sheet
 from precision_pin.sheet import read as read_sheet
 from precision_pin.space import LabelledSpace, Space
-from precision_pin.terms import MOST_FACTORS, JointValue, Source, Target, Term, labels, own_draws
+from precision_pin.table import TermTable
+from precision_pin.terms import Source, Term, labels, own_draws
 
 __all__ = ["ErrorModel", "PoseModel", "TermTable"]
 
 Array = NDArray[np.float64]
-
-
-@final
-@dataclass(frozen=True, eq=False)
-class TermTable:
-    """What every engine and analysis reads: displacements of targets as products of parameters.
-
-    A joint value is a target like any other: its pivot is the joint's frame after it turned, its twist along the axis.
-
-    Attributes
-    ----------
-    pose
-        Nominal tip in the base, ``(4, 4)``.
-    targets
-        K targets in chain order.
-    frames
-        Pose of every target in the base, ``(K, 4, 4)``.
-    program
-        Computes the P parameters from the d components.
-    target
-        Target of each of the T terms, ``(T,)``.
-    twists
-        ``[d; δ]`` in the target's axes, ``(T, 6)``.
-    factors
-        Up to three parameters that multiply it, ``(T, 3)``, -1 for none.
-    """
-
-    pose: Array
-    targets: tuple[Target, ...]
-    frames: Array
-    program: Program
-    target: NDArray[np.intp]
-    twists: Array
-    factors: NDArray[np.intp]
-
-    @classmethod
-    def build(cls, posture: Posture, space: Space, terms: Iterable[Term]) -> TermTable:
-        """Return the table of terms at a posture, in chain order."""
-        listed = list(terms)
-        by_key: dict[tuple[int, int, int, str], Target] = {}
-        for term in listed:
-            known = by_key.setdefault(_chain_order(term.target), term.target)
-            if isinstance(known, Place) and not known.is_same(term.target):
-                raise InternalError(f"two different places at one point of the chain: {known}, {term.target}")
-        keys = sorted(by_key)
-        parameters: dict[Expression, int] = {}
-        for term in listed:
-            for factor in term.factors:
-                parameters.setdefault(factor, len(parameters))
-        factors = np.full((len(listed), MOST_FACTORS), -1, dtype=np.intp)
-        for row, term in enumerate(listed):
-            factors[row, : len(term.factors)] = [parameters[factor] for factor in term.factors]
-        return cls(
-            pose=posture.pose,
-            targets=tuple(by_key[key] for key in keys),
-            frames=np.array([_frame(by_key[key], posture) for key in keys]).reshape(-1, 4, 4),
-            program=Program.compile(list(parameters), space.index),
-            target=np.array([keys.index(_chain_order(term.target)) for term in listed], dtype=np.intp),
-            twists=np.array([_twist(term, posture) for term in listed]).reshape(-1, 6),
-            factors=factors,
-        )
-
-    @cached_property
-    def sensitivities(self) -> Array:
-        """Derivative of the tip's error to each target's displacement, undisplaced chain, ``(K, 6, 6)``."""
-        result = np.zeros((len(self.targets), 6, 6))
-        for k, frame in enumerate(self.frames):
-            rotation = frame[:3, :3]
-            result[k, :3, :3] = result[k, 3:, 3:] = rotation
-            result[k, :3, 3:] = se3.skew(frame[:3, 3] - self.pose[:3, 3]) @ rotation
-        return result
-
-    def products(self, parameters: Array) -> Array:
-        """Return each term's product of factors, ``(T, N)``, for parameters ``(P, N)``."""
-        padded = np.concatenate([parameters, np.ones((1, parameters.shape[1]))])
-        result: Array = np.prod(padded[self.factors], axis=1)
-        return result
-
-    def displacements(self, products: Array) -> Array:
-        """Return every target's displacement, ``(K, 6, N)``, for products ``(T, N)``."""
-        result = np.zeros((len(self.targets), 6, products.shape[1]))
-        for k, twist, product in zip(self.target, self.twists, products, strict=True):
-            result[k] += twist[:, None] * product
-        return result
 
 
 @final
@@ -178,7 +95,7 @@ class PoseModel:
         parameters = table.program.evaluate(mean[:, None])
         moved = table.displacements(table.products(parameters))[:, :, 0]
         error = self.exact(mean[:, None])[:, 0]
-        slopes = self._displacement_slopes(parameters[:, 0])
+        slopes = table.displacement_slopes(mean)
         spatial = np.zeros((6, self.space.size))
         motion = np.eye(4)
         for frame, displacement, slope in zip(table.frames, moved, slopes, strict=True):
@@ -217,20 +134,6 @@ class PoseModel:
         )
         return (*self.posture.findings, Finding("warning", "W_SUPERPOSITION", message))
 
-    def _displacement_slopes(self, parameters: Array) -> Array:
-        """Return the derivatives ``(K, 6, d)`` of the targets' displacements to the components, at their means."""
-        table = self.table
-        gradient = np.concatenate([table.program.gradient(self.space.mean), np.zeros((1, self.space.size))])
-        padded = np.append(parameters, 1.0)
-        result = np.zeros((len(table.targets), 6, self.space.size))
-        for k, twist, factors in zip(table.target, table.twists, table.factors, strict=True):
-            slope = np.zeros(self.space.size)
-            for position in range(MOST_FACTORS):
-                others = np.delete(factors, position)
-                slope += gradient[factors[position]] * padded[others].prod()
-            result[k] += np.outer(twist, slope)
-        return result
-
     def _check(self, x: ArrayLike) -> Array:
         values = np.asarray(x, dtype=float)
         if values.ndim != 2 or values.shape[0] != self.space.size:
@@ -252,10 +155,12 @@ class ErrorModel:
         Error sources, in any order. Laws that stand in their settings become draws of the model.
     poses
         Named configurations, the first one the default.
+    statics
+        ``"nominal"``: loads at the undeflected pose, as in the paper. ``"equilibrium"``: on the arm at rest under them.
 
     Attributes
     ----------
-    chain, sources, poses
+    chain, sources, poses, statics
         As given.
     labels
         Each source's label.
@@ -269,7 +174,11 @@ class ErrorModel:
         space: Space,
         sources: Sequence[Source],
         poses: Mapping[str, ArrayLike | Mapping[str, float]] | None = None,
+        statics: Literal["nominal", "equilibrium"] = "nominal",
     ) -> None:
+        if statics not in ("nominal", "equilibrium"):
+            raise InputError(f"statics must be nominal or equilibrium, got {statics!r}")
+        self.statics = statics
         self.chain = chain
         self.sources = tuple(sources)
         self.labels = labels(self.sources)
@@ -297,7 +206,7 @@ class ErrorModel:
     @classmethod
     def from_sheet(cls, sheet: Sheet) -> ErrorModel:
         """Return the model of a sheet already read."""
-        return cls(sheet.chain, sheet.space, sheet.sources, sheet.poses)
+        return cls(sheet.chain, sheet.space, sheet.sources, sheet.poses, sheet.statics)
 
     def configuration(self, q: ArrayLike | Mapping[str, float] | str | None = None) -> Array:
         """Return joint values in chain order, given so, by joint name, by a pose's name, or as the first pose.
@@ -325,35 +234,41 @@ class ErrorModel:
 
     def at(self, q: ArrayLike | Mapping[str, float] | str | None = None) -> PoseModel:
         """Return the model at a pose; ``q`` as in :meth:`configuration`."""
-        posture = self.chain.at(self.configuration(q))
-        views = [LabelledSpace(self.space, label) for label in self.labels]
-        pairs = list(zip(self.sources, views, strict=True))
-        posture = posture.with_loads([load for source, view in pairs for load in source.loads(posture, view)])
-        terms = tuple(term for source, view in pairs for term in source.terms(posture, view))
+        bare = self.chain.at(self.configuration(q))
+        posture = bare.with_loads([load for source, view in self._pairs for load in source.loads(bare, view)])
+        if self.statics == "nominal":
+            terms = self._make_terms(posture)
+        else:
+            terms = settle(posture, self.space, self._make_terms).linearised(self.space, self._make_terms)
         return PoseModel(posture, self.space, TermTable.build(posture, self.space, terms), terms)
 
+    def statics_findings(self, at: PoseModel) -> tuple[Finding, ...]:
+        """Return a warning where loads at the undeflected pose put the tip elsewhere than the arm at rest under them.
 
-def _chain_order(target: Target) -> tuple[int, int, int, str]:
-    """Return where a target stands on the chain: a joint before all places of the link it moves.
+        It is given where the two differ by more than a tenth of the spread that the tolerances cause.
+        """
+        if self.statics != "nominal" or not any(term.loaded for term in at.terms):
+            return ()
+        spread = float(np.sqrt(np.trace(at.covariance[:3, :3])))
+        try:
+            settled = settle(at.posture, self.space, self._make_terms)
+        except InputError as error:
+            return (Finding("warning", "W_STATICS", f"{error.findings[0].message}; nominal statics hide it"),)
+        rest = PoseModel(at.posture, self.space, TermTable.build(at.posture, self.space, settled.terms), settled.terms)
+        gap = float(np.linalg.norm((rest.exact(self.space.mean[:, None])[:, 0] - at.tangent[0])[:3]))
+        if gap <= 0.1 * spread or gap <= 1e-9:
+            return ()
+        message = (
+            f"loads at the undeflected pose (statics: nominal) put the tip {gap * 1e3:.3g} mm away from where the arm "
+            f"comes to rest, more than a tenth of the spread of {spread * 1e3:.3g} mm; statics: equilibrium follows it"
+        )
+        return (Finding("warning", "W_STATICS", message),)
 
-    Places of different sources may have one rank; their names then tell them apart and order them.
-    """
-    if isinstance(target, JointValue):
-        return (target.joint + 1, -1, 0, "")
-    return (target.link, *target.order, target.name)
+    @property
+    def _pairs(self) -> list[tuple[Source, LabelledSpace]]:
+        return [
+            (source, LabelledSpace(self.space, label)) for source, label in zip(self.sources, self.labels, strict=True)
+        ]
 
-
-def _frame(target: Target, posture: Posture) -> Array:
-    if isinstance(target, JointValue):
-        pose: Array = posture.joint_poses[target.joint]
-        return pose
-    return posture.place_pose(target)
-
-
-def _twist(term: Term, posture: Posture) -> Array:
-    if not isinstance(term.target, JointValue):
-        return term.twist
-    twist = np.zeros(6)
-    rows = slice(0, 3) if posture.chain.prismatic[term.target.joint] else slice(3, 6)
-    twist[rows] = posture.chain.axes[term.target.joint] * term.twist[0]
-    return twist
+    def _make_terms(self, posture: Posture) -> tuple[Term, ...]:
+        return tuple(term for source, view in self._pairs for term in source.terms(posture, view))

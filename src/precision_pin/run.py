@@ -93,7 +93,7 @@ def monte_carlo(
         if progress is not None:
             progress(count)
     chain = error_model.chain
-    warnings = (*findings, *at.findings(model))
+    warnings = (*findings, *at.findings(model), *error_model.statics_findings(at))
     return Analysis(
         robot=os.path.basename(chain.robot.file),
         base=chain.base,
@@ -102,7 +102,7 @@ def monte_carlo(
         q=dict(zip(chain.joint_names, map(float, at.posture.q), strict=True)),
         seed=int(seed),
         model=model,
-        statics="nominal",
+        statics=error_model.statics,
         scopes={scope.value: sum(draw.law.size for draw in at.space.draws if draw.scope is scope) for scope in Scope},
         nominal=error,
         sliding_joints=tuple(joint.name for joint in chain.joints if joint.kind == "prismatic"),

@@ -56,6 +56,8 @@ class Term:
         ``(1,)`` for a joint value (rad or m), ``(6,)`` ``[d; δ]`` in a place's axes.
     factors
         At most three parameters.
+    loaded
+        Whether a load causes it, so that it depends on where the loads hang.
 
     Raises
     ------
@@ -66,6 +68,7 @@ class Term:
     target: Target
     twist: Array
     factors: Factors = ()
+    loaded: bool = False
 
     def __post_init__(self) -> None:
         size = 1 if isinstance(self.target, JointValue) else 6
@@ -77,7 +80,7 @@ class Term:
             )
 
     @classmethod
-    def of(cls, target: Target, twist: ArrayLike, *values: Value) -> Term:
+    def of(cls, target: Target, twist: ArrayLike, *values: Value, loaded: bool = False) -> Term:
         """Return the term with numbers multiplied into the twist and expressions kept as factors."""
         scaled = np.atleast_1d(np.asarray(twist, dtype=float))
         factors: list[Expression] = []
@@ -86,7 +89,7 @@ class Term:
                 factors.append(value)
             else:
                 scaled = scaled * value
-        return cls(target, scaled, tuple(factors))
+        return cls(target, scaled, tuple(factors), loaded)
 
 
 class Source(ABC):

@@ -80,7 +80,7 @@ Run = Callable[..., Outcome]
 
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """The working folder: the paper's files, a gantry with a sheet, an arm with two leaves."""
+    """Make the working folder: the paper's files, a gantry with a sheet, an arm with two leaves."""
     for file in PAPER_SHEET.parent.iterdir():
         shutil.copy(file, tmp_path)
     (tmp_path / "gantry.urdf").write_text(GANTRY, encoding="utf-8")
@@ -116,7 +116,7 @@ def listing(folder: Path) -> dict[str, bytes | None]:
 
 @pytest.fixture
 def contents(folder: Path) -> Callable[[], dict[str, bytes | None]]:
-    """What the working folder holds now."""
+    """Return what reads what the working folder holds now."""
     return lambda: listing(folder)
 
 
@@ -129,7 +129,7 @@ def new_files(folder: Path) -> Callable[[], set[str]]:
 
 @pytest.fixture
 def executable() -> str:
-    """The installed command."""
+    """Return the path of the installed command."""
     path = Path(sys.executable).parent / "precision-pin"
     assert os.access(path, os.X_OK), f"{path} is missing: pip install -e ."
     return str(path)

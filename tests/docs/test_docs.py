@@ -166,7 +166,7 @@ def test_the_runner_notices_what_is_wrong(folder, monkeypatch):
 
 
 def prose(page: str) -> str:
-    """A page without its blocks and code."""
+    """Return a page without its blocks and code."""
     text = re.sub(r"^```.*?^```$", "", PAGES[page].read_text(encoding="utf-8"), flags=re.DOTALL | re.MULTILINE)
     return re.sub(r"`[^`\n]+`", lambda code: re.sub(r"[^\w -]", "", code[0]), text)
 
@@ -213,7 +213,7 @@ def test_generated_tables_are_in_step(page):
 
 
 def rows(page: str, first_column: str) -> list[list[str]]:
-    """The rows of the page's table whose first column has this heading."""
+    """Return the rows of the table whose first column has this heading."""
     text = (DOCS / page).read_text(encoding="utf-8")
     found = re.search(rf"^\| {re.escape(first_column)} \|.*\n\| ---.*\n((?:\|.*\n)+)", text, re.MULTILINE)
     assert found is not None, f"{page} has no table {first_column!r}"
@@ -221,7 +221,7 @@ def rows(page: str, first_column: str) -> list[list[str]]:
 
 
 def resolve(dotted: str) -> object:
-    """What a dotted name inside the package stands for."""
+    """Return what a dotted name inside the package stands for."""
     parts = dotted.split(".")
     for count in range(len(parts), 0, -1):
         name = ".".join(["precision_pin", *parts[:count]])

@@ -4,7 +4,6 @@ import base64
 import hashlib
 import re
 import runpy
-import stat
 import sys
 from html import escape
 from pathlib import Path
@@ -29,10 +28,10 @@ from outputs.view_cases import (
     simple_page,
     visual,
 )
-from precision_pin.errors import InputError, OutputError
+from precision_pin.errors import InputError
 from precision_pin.examples import PAPER_SHEET, example_urdfs
 from precision_pin.model import ErrorModel
-from precision_pin.outputs.view import DEFAULT_POINTS, MOST_POINTS, write_page
+from precision_pin.outputs.view import DEFAULT_POINTS, MOST_POINTS
 from precision_pin.urdf import read
 
 BOX = visual('<box size="0.1 0.2 0.3"/>', '<origin xyz="0.01 0.02 0.03" rpy="0.1 0.2 0.3"/>', "1 0 0 0.5")
@@ -373,41 +372,6 @@ def test_real_arms_make_pages_under_6_mb(name, tip):
     nodes = nodes_of(text)
     meshes = sum(len(link.visuals) for link in chain.robot.links)
     assert len({path.rpartition("/")[0] for path in nodes if "/part" in path}) == meshes
-
-
-def test_writing_replaces_the_file_at_once(tmp_path):
-    target = tmp_path / "page.html"
-    target.write_text("old")
-    write_page(target, "größer")
-    assert target.read_text("utf-8") == "größer"
-    assert [path.name for path in tmp_path.iterdir()] == ["page.html"]
-    assert stat.S_IMODE(target.stat().st_mode) & 0o400
-    write_page(str(target), "again")
-    assert target.read_text() == "again"
-
-
-@pytest.mark.parametrize("where", ["no/such/folder/page.html", ".", "file.txt/page.html", "a\0b.html"])
-def test_writing_where_it_cannot_be_done_says_so_in_one_line(tmp_path, monkeypatch, where):
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "file.txt").write_text("kept")
-    with pytest.raises(OutputError, match="cannot write") as caught:
-        write_page(where, "text")
-    assert "\n" not in str(caught.value)
-    assert [path.name for path in tmp_path.iterdir()] == ["file.txt"]
-
-
-def test_a_failed_write_leaves_the_old_page(tmp_path, monkeypatch):
-    target = tmp_path / "page.html"
-    target.write_text("old")
-
-    def fail(*_: object) -> None:
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr(Path, "replace", fail)
-    with pytest.raises(OutputError, match="No space left on device"):
-        write_page(target, "new")
-    assert target.read_text() == "old"
-    assert [path.name for path in tmp_path.iterdir()] == ["page.html"]
 
 
 def test_the_script_writes_its_pages(tmp_path, monkeypatch, capsys):

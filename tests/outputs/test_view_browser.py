@@ -22,7 +22,7 @@ from precision_pin.model import ErrorModel
 from precision_pin.space import Space
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
-FLAGS = [
+FLAGS = (
     "--headless",
     "--no-sandbox",
     "--disable-gpu",
@@ -37,7 +37,7 @@ FLAGS = [
     "--virtual-time-budget=8000",
     "--window-size=1280,800",
     "--enable-logging=stderr",
-]
+)
 # what the browser asks for on its own behalf
 OWN_HOSTS = re.compile(r"https?://[a-z0-9.-]*\.(google|googleapis|gvt1|gstatic)\.com/")
 

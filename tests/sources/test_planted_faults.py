@@ -81,7 +81,12 @@ LAWS = (
         "chain.seat(chain.joint_index(self.joint))",
         "chain.seat(chain.joint_index(self.joint) + 1)",
     ),
-    Fault("joint_compliance", "compliance squared", "*factors, compliance)", "*factors, compliance, compliance)"),
+    Fault(
+        "joint_compliance",
+        "compliance squared",
+        "torque, *factors, compliance",
+        "torque, *factors, compliance, compliance",
+    ),
     Fault("joint_compliance", "another joint's torque", "posture.torque_on(joint)", "posture.torque_on(joint - 1)"),
     Fault("joint_offset", "half of it", "JointValue(joint), 1.0,", "JointValue(joint), 0.5,"),
     Fault("length", "along the link's start", "place.frame[:3, 3]", "place.frame[:3, 0]"),

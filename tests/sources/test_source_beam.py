@@ -12,9 +12,9 @@ from precision_pin.parameters import Component
 from precision_pin.sources import beam
 from precision_pin.sources.beam import Beam, point_flexibility, weight_flexibility
 from precision_pin.space import Draw, LabelledSpace, Space
-from support.checks.beam import check_beam
-from support.checks.common import evaluated, one_link
-from support.plain_robot import chain_of, joint, link, robot
+from support.checks.beam import beam_loads, check_beam, integrals
+from support.checks.common import Q7, evaluated, in_base, one_link
+from support.plain_robot import PlainRobot, chain_of, joint, link, random_arm, robot
 
 L, EI_Y, EI_Z, GI, EA = 1.7, 900.0, 2500.0, 700.0, 3e5
 
@@ -121,6 +121,31 @@ def test_a_round_section_given_by_its_diameter():
     second = np.pi * d**4 / 64
     _, plain = evaluated(chain, [0.1], [Beam(link="arm", EI=e * second, GI=0.8 * e * second)])
     np.testing.assert_allclose(*totals.values(), *plain.values(), rtol=1e-12)
+
+
+@pytest.mark.parametrize("number", [2, 5])
+def test_seen_from_the_tool_the_same_link_bends_the_other_way_round(number):
+    """A chain from the tool to the base: the link is clamped at its outer joint and carries the rest of the arm."""
+    text = random_arm(19)
+    reading = PlainRobot.parse(text)
+    gravity = (2.0, -3.0, -8.0)
+    chain = chain_of(text, base="tool", tip="base", gravity=gravity)
+    q = dict(zip((f"joint{k}" for k in range(1, 8)), Q7, strict=True))
+    poses = reading.poses(q, "tool")
+    (outer,) = (entry for entry in reading.joints if entry.name == f"joint{number + 1}")
+    start = (poses[outer.parent] @ outer.origin)[:3, 3]
+    end = poses[f"link{number}"][:3, 3]
+    length = float(np.linalg.norm(end - start))
+    x = (end - start) / length
+    beyond = reading.beyond(f"joint{number}", "tool")
+    here = reading.beyond(outer.name, "tool") - beyond
+    names = dict.fromkeys(here, None) | dict.fromkeys(beyond, length)
+    loads, weight = beam_loads(reading, names, "tool", q, gravity, start, x, length)
+    axes = np.linalg.svd(x[None])[2].T  # any axes normal to x do for equal rigidities
+    axes[:, 0] = x
+    at, totals = evaluated(chain, q, [Beam(link=f"link{number}", EI=3000.0, GI=800.0, EA=2e5)])
+    expected = integrals(loads, weight, length, axes, (800.0, 3000.0, 3000.0, 2e5))
+    np.testing.assert_allclose(in_base(at.posture, totals), expected, atol=1e-13)
 
 
 def test_a_link_without_length_cannot_bend():

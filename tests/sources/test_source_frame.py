@@ -11,7 +11,7 @@ from precision_pin.sources.frame import Frame
 from precision_pin.space import Space
 from support.checks.common import Q7, one_link
 from support.checks.frame import check_frame
-from support.plain_robot import chain_of, random_arm
+from support.plain_robot import chain_of, inserted, pose_error, random_arm
 
 
 def test_six_large_errors_at_every_kind_of_place():
@@ -23,6 +23,13 @@ def test_at_the_tool_by_hand():
     source = Frame(frame="tool", x=1e-3, y=2e-3, rz=5e-3)
     at = ErrorModel(one_link(), Space(), [source]).at([np.pi / 2])
     np.testing.assert_allclose(at.linear(np.zeros((0, 1)))[:, 0], [-2e-3, 1e-3, 0, 0, 0, 5e-3], atol=1e-18)
+
+
+def test_at_the_base_it_is_the_mounting():
+    chain = chain_of(random_arm(12), tip="tool")
+    at = ErrorModel(chain, Space(), [Frame(frame="base", x=0.1, rx=0.2, rz=0.5)]).at(Q7)
+    moved = inserted([0.1, 0, 0, 0.2, 0, 0.5]) @ at.posture.pose
+    np.testing.assert_allclose(at.exact(np.zeros((0, 1)))[:, 0], pose_error(moved, at.posture.pose), atol=1e-14)
 
 
 def test_every_law_becomes_a_draw_named_after_its_field():

@@ -59,7 +59,9 @@ def quantile(law: Law, u: float) -> float:
         case Triangular(half_width=t, mean=mean):
             return float(stats.triang.ppf(u, 0.5, mean - t, 2 * t))
         case TruncatedNormal(std=std, mean=mean, k=k):
-            return float(stats.truncnorm.ppf(u, -k, k, mean, std))
+            # scipy loses digits in the upper tail only
+            lower = float(stats.truncnorm.ppf(min(u, 1 - u), -k, k, 0.0, std))
+            return mean + (lower if u <= 0.5 else -lower)
     raise AssertionError(law)
 
 

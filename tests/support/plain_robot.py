@@ -192,14 +192,17 @@ class PlainRobot:
             [-derivative(self, name, lambda values: self.potential(values, gravity, base), q) for name in names]
         )
 
-    def beyond(self, name: str) -> set[str]:
-        """Return the links that a joint carries, seen from the root."""
-        (start,) = (entry.child for entry in self.joints if entry.name == name)
-        found = {start}
+    def beyond(self, name: str, base: str | None = None) -> set[str]:
+        """Return the links that a joint carries, seen from ``base``."""
+        found = {base or self.root}
         while True:
-            more = {entry.child for entry in self.joints if entry.parent in found} - found
+            more = set()
+            for entry in self.joints:
+                ends = {entry.parent, entry.child}
+                if entry.name != name and ends & found:
+                    more |= ends - found
             if not more:
-                return found
+                return {self.root, *(entry.child for entry in self.joints)} - found
             found |= more
 
 
@@ -232,7 +235,7 @@ def _plain_joint(node) -> PlainJoint:
         rpy = np.array(placed.get("rpy", "0 0 0").split(), dtype=float)
         origin[:3, :3] = Rotation.from_euler("xyz", rpy).as_matrix()
         origin[:3, 3] = np.array(placed.get("xyz", "0 0 0").split(), dtype=float)
-    axis = node.find("axis")
+    axis = None if node.get("type") == "fixed" else node.find("axis")
     direction = np.array([1.0, 0, 0]) if axis is None else unit(np.array(axis.get("xyz").split(), dtype=float))
     return PlainJoint(
         node.get("name"),

@@ -143,7 +143,7 @@ def _marginal_failures(marginal: Marginal, x: Array) -> list[str]:
     for tail in TAILS:
         for side, seen in (
             ("lower", np.searchsorted(ordered, marginal.law.ppf(tail))),
-            ("upper", x.size - np.searchsorted(ordered, marginal.law.isf(tail), side="right")),
+            ("upper", x.size - np.searchsorted(ordered, 2 * marginal.mean - marginal.law.ppf(tail), side="right")),
         ):
             chance = 2 * min(stats.binom.cdf(seen, x.size, tail), stats.binom.sf(seen - 1, x.size, tail))
             if chance < ALPHA:

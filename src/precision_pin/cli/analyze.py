@@ -10,22 +10,17 @@ import click
 from precision_pin.cli import EXIT_SPEC
 from precision_pin.cli.common import (
     chain_options,
+    chosen_pose,
     echo_data,
     echo_findings,
     find_inputs,
-    joint_values,
     progress_bar,
     require_writable,
     whole_folder,
     write_text,
 )
-from precision_pin.errors import Finding, InputError
 
 if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
-    from precision_pin.chain import Chain
     from precision_pin.result import Analysis
 
 __all__ = ["command"]
@@ -73,8 +68,6 @@ def command(
     from precision_pin.space import check_seed
     from precision_pin.specifications import specification
 
-    if pose is not None and q is not None:
-        raise click.UsageError("--pose and --q exclude each other")
     check_samples(samples)
     check_seed(seed)
     specifications = [specification(text) for text in specs]
@@ -89,9 +82,7 @@ def command(
     sheet = read(found.sheet, overrides=Overrides(found.robot, tip, base, package_dirs))
     echo_findings(sheet.findings)
     error_model = ErrorModel.from_sheet(sheet)
-    if pose is None and q is None and not sheet.poses:
-        raise InputError([Finding("error", "E_POSE", "the sheet has no poses; give joint values with --q", sheet.file)])
-    where = pose if q is None else _configuration(q, sheet.chain)
+    where = chosen_pose(sheet, pose, q)
     with progress_bar(samples, "sampling") as progress:
         analysis = monte_carlo(
             error_model, where, samples=samples, seed=seed, model=model, specifications=specifications,
@@ -106,16 +97,6 @@ def command(
         _write_folder(analysis, Path(out))
         click.echo(f"wrote {out}: analysis.json, position, attitude and components as PNG and SVG", err=True)
     return 0 if all(result.met for result in analysis.summary.specifications) else EXIT_SPEC
-
-
-def _configuration(text: str, chain: Chain) -> NDArray[np.float64]:
-    from precision_pin.sheet import parse_pose
-
-    try:
-        return parse_pose(joint_values(text), chain)
-    except InputError as error:
-        messages = (finding.message.removeprefix("--q: ") for finding in error.findings)
-        raise InputError([Finding("error", "E_POSE", f"--q: {message}") for message in messages]) from None
 
 
 def _write_folder(analysis: Analysis, folder: Path) -> None:

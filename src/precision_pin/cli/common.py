@@ -9,20 +9,26 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TypeVar, final
+from typing import TYPE_CHECKING, Any, TypeVar, final
 
 import click
 
 from precision_pin.errors import Finding, InputError, OutputError
 from precision_pin.examples import PAPER_SHEET, resolve_robot
 
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from precision_pin.sheet import Sheet
+
 __all__ = [
     "Inputs",
     "chain_options",
+    "chosen_pose",
     "echo_data",
     "echo_findings",
     "find_inputs",
-    "joint_values",
     "progress_bar",
     "require_writable",
     "whole_folder",
@@ -205,14 +211,31 @@ def progress_bar(total: int, what: str) -> Iterator[Callable[[int], None]]:
         yield advance
 
 
-def joint_values(text: str) -> str | list[str] | dict[str, str]:
-    """Return ``--q`` as a sheet would have it: one text, ``a, b, c`` or ``joint1: a, joint2: b``.
+def chosen_pose(sheet: Sheet, pose: str | None, q: str | None) -> str | NDArray[np.float64] | None:
+    """Return which pose ``--pose`` or ``--q`` asks for: a name, joint values ``(n,)``, or None for the sheet's first.
 
     Raises
     ------
     InputError
-        A joint stands twice, or an entry has no joint's name where others have.
+        Wrong joint values, or nothing to choose from.
     """
+    from precision_pin.sheet import parse_pose
+
+    if pose is not None and q is not None:
+        raise InputError([Finding("error", "E_USAGE", "--pose and --q exclude each other")])
+    if q is None:
+        if pose is None and not sheet.poses:
+            message = "the sheet has no poses; give joint values with --q"
+            raise InputError([Finding("error", "E_POSE", message, sheet.file)])
+        return pose
+    try:
+        return parse_pose(_joint_values(q), sheet.chain)
+    except InputError as error:
+        raise InputError([Finding("error", "E_POSE", f"--q: {found.message}") for found in error.findings]) from None
+
+
+def _joint_values(text: str) -> str | list[str] | dict[str, str]:
+    """Return ``--q`` as a sheet would have it: one text, ``a, b, c`` or ``joint1: a, joint2: b``."""
     entries = [entry.strip() for entry in text.split(",")]
     if ":" not in text:
         return entries if len(entries) > 1 else text
@@ -221,8 +244,8 @@ def joint_values(text: str) -> str | list[str] | dict[str, str]:
         # a name may itself hold a colon, a value never does
         name, colon, value = (part.strip() for part in entry.rpartition(":"))
         if not colon:
-            raise InputError(f"--q: {entry!r} names no joint; write 'joint: value' for each, or values in chain order")
+            raise InputError(f"{entry!r} names no joint; write 'joint: value' for each, or values in chain order")
         if name in values:
-            raise InputError(f"--q: the joint {name!r} stands twice")
+            raise InputError(f"the joint {name!r} stands twice")
         values[name] = value
     return values

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import click
 
-from precision_pin.cli.common import chain_options, require_writable, write_text
+from precision_pin.cli.common import chain_options, echo_data, require_writable, write_text
 from precision_pin.errors import OutputError
 
 __all__ = ["command"]
@@ -41,7 +41,7 @@ def command(
     named = robot if robot.startswith(PREFIX) else os.path.relpath(path, Path() if to_stdout else target.parent)
     text = scaffold(chain, named)
     if to_stdout:
-        click.echo(text, nl=False)
+        echo_data(text.removesuffix("\n"))
         return
     write_text(target, text)
     click.echo(f"wrote {target}; now: precision-pin analyze {target}", err=True)

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 import click
 
 from precision_pin.cli.common import (
     chain_options,
+    chosen_pose,
     echo_findings,
     find_inputs,
-    joint_values,
     require_writable,
 )
 from precision_pin.errors import InputError
@@ -57,11 +57,9 @@ def command(
     from precision_pin.model import ErrorModel
     from precision_pin.outputs.view import page, write_page
     from precision_pin.run import check_samples
-    from precision_pin.sheet import Overrides, parse_pose, read
+    from precision_pin.sheet import Overrides, read
     from precision_pin.space import check_seed
 
-    if pose is not None and q is not None:
-        raise click.UsageError("--pose and --q exclude each other")
     check_samples(samples)
     check_seed(seed)
     if samples > MOST_SHOWN:
@@ -73,9 +71,9 @@ def command(
     sheet = read(found.sheet, overrides=Overrides(found.robot, tip, base, package_dirs))
     echo_findings(sheet.findings)
     error_model = ErrorModel.from_sheet(sheet)
-    where: Any = pose if q is None else parse_pose(joint_values(q), sheet.chain)
+    where = chosen_pose(sheet, pose, q)
     at = error_model.at(where)
-    echo_findings(at.findings(model))
+    echo_findings((*at.findings(model), *error_model.statics_findings(at)))
     x = at.space.sample(seed, 0, samples)
     errors = at.linear(x) if model == "linear" else at.exact(x)
     html = page(

@@ -6,7 +6,7 @@ import os
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path as FilePath
-from typing import Any, Final, final
+from typing import Any, Final, Literal, final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -54,7 +54,7 @@ class Sheet:
     poses
         Named configurations, the first one the default.
     statics
-        ``"nominal"``: loads at the undeflected pose.
+        ``"nominal"``: loads at the undeflected pose; ``"equilibrium"``: on the arm at rest under them.
     findings
         Warnings about sheet and URDF.
     """
@@ -64,7 +64,7 @@ class Sheet:
     space: Space
     sources: tuple[Source, ...]
     poses: Mapping[str, Array]
-    statics: str
+    statics: Literal["nominal", "equilibrium"]
     findings: tuple[Finding, ...]
 
 

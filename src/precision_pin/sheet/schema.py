@@ -51,7 +51,9 @@ class Document(BaseModel):
     tip: str | None = Field(None, description="The link that is the end-effector; the only leaf if left out.")
     base: str | None = Field(None, description="The link that stands still; the root if left out.")
     gravity: str = Field("earth", description="Base axes, such as '0 0 -9.81 m/s^2'; or earth, moon, none.")
-    statics: Literal["nominal"] = Field("nominal", description="Loads at the undeflected pose, as in the paper.")
+    statics: Literal["nominal", "equilibrium"] = Field(
+        "nominal", description="Loads at the undeflected pose, as in the paper; or on the arm at rest under them."
+    )
     locked: dict[str, str] = Field(default_factory=dict, description="Joints that stand still at a value.")
     poses: dict[str, str | list[str] | dict[str, str]] = Field(
         default_factory=dict, description="Named joint values: in chain order with one unit, one by one, or by joint."

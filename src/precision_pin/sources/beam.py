@@ -104,11 +104,11 @@ class Beam(Source):
         axes = beam_axes(chain, link, self.roll)
         length = float(np.linalg.norm(place.frame[:3, 3]))
         turn = _both(place.frame[:3, :3].T @ axes)
-        to_beam = _both((posture.link_poses[link][:3, :3] @ axes).T)
+        to_beam = _both((posture.loaded_link_poses[link][:3, :3] @ axes).T)
         for stiffness, rows in self._stiffnesses(space, length):
             flexibility = 1.0 / stiffness
             for factors, displacement in self._unit_displacement(posture, link, length, axes, to_beam, rows).items():
-                yield Term.of(place, turn @ displacement, *factors, flexibility)
+                yield Term.of(place, turn @ displacement, *factors, flexibility, loaded=True)
 
     def _stiffnesses(self, space: LabelledSpace, length: float) -> Iterator[tuple[Value, tuple[int, ...]]]:
         """Yield each stiffness with the displacement rows it governs: Δl, w_y, w_z, Δφ, θ_y, θ_z."""
@@ -130,23 +130,24 @@ class Beam(Source):
         self, posture: Posture, link: int, length: float, axes: Array, to_beam: Array, rows: tuple[int, ...]
     ) -> dict[Factors, Array]:
         """Return the end's displacement, beam axes, for a stiffness of one, by the parameters that multiply it."""
-        base = posture.link_poses[link]
+        base = posture.loaded_link_poses[link]
         total: dict[Factors, Array] = {}
 
-        def add(loads: list[Load], reach: float, flexibility: Array) -> None:
-            point = base[:3, :3] @ (axes[:, 0] * reach) + base[:3, 3]
+        def add(loads: list[Load], point: Array, flexibility: Array) -> None:
             for factors, wrench in posture.wrench_on(loads, point).items():
                 displacement = np.zeros(6)
                 displacement[list(rows)] = (flexibility @ to_beam @ wrench)[list(rows)]
                 total[factors] = total.get(factors, np.zeros(6)) + displacement
 
-        add([load for load in posture.loads if load.link > link], length, point_flexibility(length, length))
+        end = posture.loaded_ends[link][:3, 3]
+        add([load for load in posture.loads if load.link > link], end, point_flexibility(length, length))
         own = [load for load in posture.loads if load.link == link]
-        add([load for load in own if load.along], length, weight_flexibility(length))
+        add([load for load in own if load.along], end, weight_flexibility(length))
         for load in own:
             if not load.along:
                 reach = float(np.clip(axes[:, 0] @ load.attachment, 0.0, length))
-                add([load], reach, point_flexibility(length, reach))
+                point = base[:3, :3] @ (axes[:, 0] * reach) + base[:3, 3]
+                add([load], point, point_flexibility(length, reach))
         return total
 
 

@@ -43,4 +43,4 @@ class JointCompliance(Source):
         joint = posture.chain.joint_index(self.joint)
         compliance = space.positive("compliance", self.compliance, zero=True)
         for factors, torque in posture.torque_on(joint).items():
-            yield Term.of(JointValue(joint), torque, *factors, compliance)
+            yield Term.of(JointValue(joint), torque, *factors, compliance, loaded=True)

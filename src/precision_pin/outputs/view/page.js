@@ -2,9 +2,10 @@
 (function () {
   const settings = JSON.parse(document.getElementById("settings").textContent);
   const problem = document.getElementById("problem");
+  const pane = document.getElementById("pane");
   let viewer;
   try {
-    viewer = new MeshCat.Viewer(document.getElementById("pane"));
+    viewer = new MeshCat.Viewer(pane);
   } catch (error) {
     problem.textContent = "The 3-D view cannot be drawn: this browser has no WebGL.";
     problem.hidden = false;
@@ -107,6 +108,12 @@
   const lowest = Math.min(0, new THREE.Box3().setFromObject(node("arm")).min.y);
   viewer.set_transform(["meshcat", "grid"], new THREE.Matrix4().makeTranslation(0, 0, lowest).toArray());
 
+  // the viewer takes the window's height at each of these moments; the pane's comes after it
+  const fit = () => viewer.set_3d_pane_size(pane.clientWidth, pane.clientHeight);
+  window.addEventListener("load", fit);
+  window.addEventListener("resize", fit);
+  requestAnimationFrame(fit);
+
   viewer.camera.fov = 40;
   slider.addEventListener("input", () => setFactor(10 ** Number(slider.value)));
   document.getElementById("look-arm").addEventListener("click", () => look("arm"));
@@ -120,7 +127,7 @@
   // page.html#factor=500&look=tip opens so
   const wanted = new URLSearchParams(location.hash.slice(1));
   const asked = Number(wanted.get("factor"));
-  viewer.set_3d_pane_size();
+  fit();
   setFactor(asked > 0 ? asked : settings.factor);
   look(wanted.get("look") === "tip" ? "tip" : "arm");
   window.precisionPin = { viewer, setFactor, look };

@@ -10,7 +10,6 @@ import json
 import math
 import os
 import string
-import tempfile
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from pathlib import Path
@@ -159,15 +158,10 @@ def write_page(path: str | os.PathLike[str], text: str) -> None:
     target = Path(path)
     temporary: Path | None = None
     try:
-        with tempfile.NamedTemporaryFile(
-            "wb", dir=target.parent, prefix=f".{target.name[:64]}.", delete=False
-        ) as stream:
-            temporary = Path(stream.name)
+        temporary = target.with_name(f".page.{os.getpid()}.part")
+        temporary.unlink(missing_ok=True)
+        with temporary.open("xb") as stream:
             stream.write(text.encode("utf-8"))
-        # a temporary file is readable by its owner only; a page is a file like any other
-        mask = os.umask(0)
-        os.umask(mask)
-        temporary.chmod(0o666 & ~mask)
         temporary.replace(target)
     except (OSError, ValueError) as problem:
         reason = getattr(problem, "strerror", None) or str(problem)
@@ -176,7 +170,7 @@ def write_page(path: str | os.PathLike[str], text: str) -> None:
         ) from None
     finally:
         if temporary is not None:
-            with suppress(OSError):
+            with suppress(OSError, ValueError):
                 temporary.unlink(missing_ok=True)
 
 

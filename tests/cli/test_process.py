@@ -1,0 +1,197 @@
+"""The installed command as a process: what it imports, signals, pipes, streams."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+HEAVY = (
+    "numpy",
+    "scipy",
+    "pinocchio",
+    "matplotlib",
+    "numba",
+    "meshcat",
+    "pydantic",
+    "ruamel",
+    "xarray",
+    "tqdm",
+    "yourdfpy",
+)
+
+
+def imported(*arguments: str) -> set[str]:
+    """Return the top-level modules that a command line has imported when it ends."""
+    code = (
+        "import sys\n"
+        f"sys.argv = ['precision-pin', *{list(arguments)!r}]\n"
+        "from precision_pin.cli import main\n"
+        "try:\n    main()\nexcept SystemExit:\n    pass\n"
+        "print(*{name.split('.')[0] for name in sys.modules}, file=sys.stderr)\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=True)
+    return set(done.stderr.split())
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [("--help",), ("--version",), ("analyze", "--help"), ("check", "--help"), ("init", "--help"), ("nosuch",)],
+)
+def test_help_imports_nothing_heavy(arguments):
+    assert imported(*arguments) & set(HEAVY) == set()
+
+
+def test_tables_need_no_matplotlib_and_mcpc_no_compiler():
+    assert imported("mcpc") & {"matplotlib", "numba", "meshcat", "xarray", "yourdfpy"} == set()
+    assert imported("check") & {"matplotlib", "numba", "meshcat", "xarray", "yourdfpy"} == set()
+    assert (
+        imported("analyze", "--samples", "10", "--json", "-") & {"matplotlib", "meshcat", "xarray", "yourdfpy"} == set()
+    )
+
+
+@pytest.mark.parametrize("command", [("precision-pin",), ("-m", "precision_pin")])
+def test_installed_and_as_a_module(command, executable):
+    line = [executable] if command == ("precision-pin",) else [sys.executable, *command]
+    done = subprocess.run([*line, "mcpc", "--json"], capture_output=True, text=True, timeout=60)
+    assert done.returncode == 0
+    assert done.stderr == ""
+    assert json.loads(done.stdout)["tip"] == "tool"
+
+
+def test_exit_codes_and_streams(executable, folder):
+    def outcome(*arguments: str) -> tuple[int, str, str]:
+        done = subprocess.run(
+            [executable, "analyze", "--samples", "100", *arguments],
+            cwd=folder,
+            capture_output=True,
+            text=True,
+            timeout=60,
+        )
+        return done.returncode, done.stdout, done.stderr
+
+    code, out, err = outcome("--json", "-", "--spec", "1 nm", "--q", "0 0 0 200 deg")
+    assert code == 1
+    assert json.loads(out)["spec"][0]["met"] is False
+    assert err.count("\n") == 1
+    assert "W_JOINT_LIMIT" in err
+    code, out, err = outcome("--pose", "nosuch")
+    assert (code, out) == (2, "")
+    assert err.count("\n") == 1
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("after", [0.5, 3.0])
+def test_ctrl_c_in_a_long_run(executable, folder, new_files, after):
+    arguments = ["analyze", "--samples", "100000000000", "--json", "result.json", "--out", "plots"]
+    process = subprocess.Popen(
+        [executable, *arguments], cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+    try:
+        time.sleep(after)
+        assert process.poll() is None
+        process.send_signal(signal.SIGINT)
+        begun = time.monotonic()
+        out, err = process.communicate(timeout=30)
+        taken = time.monotonic() - begun
+    finally:
+        process.kill()
+    assert (process.returncode, out, err) == (130, "", "interrupted\n")
+    assert taken < 3
+    assert new_files() == set()
+
+
+def closed_pipe() -> int:
+    """Return a pipe to write to that nobody reads, as after ``| head`` has left."""
+    reading, writing = os.pipe()
+    os.close(reading)
+    return writing
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code"),
+    [
+        (("analyze", "--samples", "100"), 0),
+        (("analyze", "--samples", "100", "--json", "-", "--spec", "1 nm"), 1),
+        (("schema",), 0),
+        (("mcpc",), 0),
+        (("check", "forked.urdf"), 0),
+        (("doctor",), 0),
+    ],
+)
+def test_a_reader_that_has_gone_is_no_error(executable, folder, arguments, code):
+    writing = closed_pipe()
+    try:
+        done = subprocess.run(
+            [executable, *arguments], cwd=folder, stdout=writing, stderr=subprocess.PIPE, text=True, timeout=60
+        )
+    finally:
+        os.close(writing)
+    assert "Traceback" not in done.stderr
+    assert "Errno" not in done.stderr
+    assert "Exception" not in done.stderr
+    assert done.returncode == code
+
+
+def test_files_are_written_although_the_reader_has_gone(executable, folder):
+    writing = closed_pipe()
+    arguments = ["analyze", "--samples", "100", "--json", "result.json"]
+    done = subprocess.run([executable, *arguments], cwd=folder, stdout=writing, stderr=subprocess.PIPE, timeout=60)
+    os.close(writing)
+    assert done.returncode == 0
+    assert json.loads((folder / "result.json").read_text("utf-8"))["samples"] == 100
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="Linux has a device that is always full")
+@pytest.mark.parametrize(
+    "arguments", [("mcpc",), ("analyze", "--samples", "100"), ("schema",), ("init", "4dof.urdf", "--out", "-")]
+)
+def test_a_stdout_that_is_full(executable, folder, arguments):
+    with open("/dev/full", "w") as device:
+        done = subprocess.run(
+            [executable, *arguments], cwd=folder, stdout=device, stderr=subprocess.PIPE, text=True, timeout=60
+        )
+    assert done.returncode == 2
+    assert done.stderr.splitlines() == [
+        "input: error E_OUTPUT: cannot write to the standard output: No space left on device"
+    ]
+
+
+def test_an_output_that_cannot_show_greek(executable, folder):
+    environment = os.environ | {"PYTHONIOENCODING": "latin-1"}
+    for arguments in (("mcpc",), ("analyze", "gantry.urdf", "--samples", "100"), ("init", "gantry.urdf", "--out", "-")):
+        done = subprocess.run([executable, *arguments], cwd=folder, env=environment, capture_output=True, timeout=60)
+        assert done.returncode == 0, done.stderr
+        assert b"\\u" in done.stdout
+
+
+def test_a_file_whose_name_is_not_utf8(executable, folder):
+    if sys.platform != "linux":
+        pytest.skip("such names exist on Linux only")
+    name = b"arm\xff.urdf"
+    (folder / "gantry.urdf").rename(os.fsdecode(bytes(folder) + b"/" + name))
+    arguments = [executable.encode(), b"analyze", name, b"gantry.errors.yaml", b"--samples", b"10"]
+    printed = subprocess.run([*arguments, b"--json", b"-"], cwd=folder, capture_output=True, timeout=60)
+    assert printed.returncode == 0, printed.stderr
+    assert json.loads(printed.stdout)["robot"] == "arm\udcff.urdf"
+    written = subprocess.run([*arguments, b"--json", b"result.json"], cwd=folder, capture_output=True, timeout=60)
+    assert written.returncode == 0, written.stderr
+    assert (folder / "result.json").read_bytes() == printed.stdout
+
+
+def test_without_a_stdout(executable, folder):
+    done = subprocess.run(
+        ["sh", "-c", 'exec "$0" analyze --samples 100 >&-', executable],
+        cwd=folder,
+        stderr=subprocess.PIPE,
+        text=True,
+        timeout=60,
+    )
+    assert done.returncode == 0
+    assert done.stderr == ""

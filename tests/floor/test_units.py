@@ -1,0 +1,162 @@
+"""Numbers with units: every unit against pint, and what is refused."""
+
+import math
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+
+from precision_pin import units
+from precision_pin.errors import InputError, UnitError
+
+EVERY_UNIT = [(quantity, unit) for quantity in units.QUANTITIES for unit in quantity.units]
+
+
+@pytest.fixture(scope="module")
+def registry() -> Iterator[object]:
+    pint = pytest.importorskip("pint")
+    return pint.UnitRegistry()
+
+
+@pytest.mark.parametrize(("quantity", "unit"), EVERY_UNIT, ids=lambda value: getattr(value, "name", value))
+def test_factor_is_that_of_pint(quantity: units.Quantity, unit: str, registry) -> None:
+    expected = registry.Quantity(1.0, unit).to(quantity.si).magnitude
+    assert units.parse(f"1 {unit}", quantity) == pytest.approx(expected, rel=4e-16)
+    assert units.parse(f"-2.5e-3{unit}", quantity) == pytest.approx(-2.5e-3 * expected, rel=1e-15)
+
+
+@pytest.mark.parametrize("quantity", units.QUANTITIES, ids=lambda quantity: quantity.name)
+def test_si_unit_is_accepted_and_is_one(quantity: units.Quantity) -> None:
+    assert quantity.units[quantity.si] == 1.0
+
+
+def test_no_unit_belongs_to_two_quantities() -> None:
+    listed = [unit for _, unit in EVERY_UNIT]
+    assert len(listed) == len(set(listed))
+
+
+def test_every_spelling_of_a_listed_unit_reads_back() -> None:
+    for quantity, unit in EVERY_UNIT:
+        numbers, read = units.split(f"1 {unit}")
+        assert (numbers, read) == ([1.0], unit), quantity.name
+
+
+@pytest.mark.parametrize(
+    ("text", "quantity", "expected"),
+    [
+        ("0.05 mm", units.LENGTH, 5e-5),
+        ("1 in", units.LENGTH, 0.0254),
+        ("50 µm", units.LENGTH, 5e-5),
+        ("50 μm", units.LENGTH, 5e-5),
+        ("50um", units.LENGTH, 5e-5),
+        ("  1e-4\tm ", units.LENGTH, 1e-4),
+        ("+.5 mm", units.LENGTH, 5e-4),
+        ("5. mm", units.LENGTH, 5e-3),
+        ("1\u00a0mm", units.LENGTH, 1e-3),
+        ("180 deg", units.ANGLE, math.pi),
+        ("180°", units.ANGLE, math.pi),
+        ("60 arcmin", units.ANGLE, math.pi / 180),
+        ("3600 arcsec", units.ANGLE, math.pi / 180),
+        ("0.5 turn", units.ANGLE, math.pi),
+        ("8000 N*m^2", units.BENDING_RIGIDITY, 8000),
+        ("8000 N m^2".replace(" m", "·m"), units.BENDING_RIGIDITY, 8000),
+        ("8 kN·m²", units.BENDING_RIGIDITY, 8000),
+        ("8 kN * m ^ 2", units.BENDING_RIGIDITY, 8000),
+        ("8000 N*m**2", units.BENDING_RIGIDITY, 8000),
+        ("3 Nm/rad", units.ANGULAR_STIFFNESS, 3),
+        ("1 kN*m/deg", units.ANGULAR_STIFFNESS, 1000 * 180 / math.pi),
+        ("1 arcmin/(N*m)", units.ANGULAR_COMPLIANCE, math.pi / 10800),
+        ("1 µrad/(Nm)", units.ANGULAR_COMPLIANCE, 1e-6),
+        ("2 N/µm", units.LINEAR_STIFFNESS, 2e6),
+        ("2 um/N", units.LINEAR_COMPLIANCE, 2e-6),
+        ("0.5", units.RATIO, 0.5),
+        ("50 %", units.RATIO, 0.5),
+        ("5 ppm", units.RATIO, 5e-6),
+        (0.25, units.RATIO, 0.25),
+        (np.float64(0.25), units.RATIO, 0.25),
+        (3, units.RATIO, 3.0),
+    ],
+)
+def test_parse(text: object, quantity: units.Quantity, expected: float) -> None:
+    assert units.parse(text, quantity) == pytest.approx(expected, rel=4e-16)
+
+
+MALFORMED = """mm|nan mm|inf mm|-inf|1e400 mm|1,5 mm|1, 5 mm|0,05 mm|,5 mm|1.2.3 mm|1e mm|--1 mm|+-1 mm|1 - 2 mm|1 ± 0.1 mm
+0x10 mm|1_000 mm|1'000 mm|١ mm|½ mm|1/2 mm|(1) mm|1 2 mm|1 mm 2|1 mm mm|1 mm,|1 mM|1 MM|1 Mm|1 metre|3 "|1 m m|1 e3 mm
+0.05 mm # x| |"""
+
+
+@pytest.mark.parametrize("text", [*MALFORMED.replace("\n", "|").split("|"), True, None, [1], {"mm": 1}, b"1 mm"])
+def test_malformed_length_is_refused_in_one_line(text: object) -> None:
+    with pytest.raises(UnitError) as caught:
+        units.parse(text, units.LENGTH)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("text", ["0.05", "5", "-1e-3", 0.05, 5])
+@pytest.mark.parametrize(
+    "quantity", [quantity for quantity in units.QUANTITIES if quantity is not units.RATIO], ids=lambda q: q.name
+)
+def test_bare_number_is_refused_and_the_units_are_listed(text: object, quantity: units.Quantity) -> None:
+    with pytest.raises(UnitError, match="has no unit") as caught:
+        units.parse(text, quantity)
+    assert all(unit in str(caught.value) for unit in quantity.units)
+
+
+def test_every_unit_of_another_quantity_is_refused() -> None:
+    for quantity in units.QUANTITIES:
+        for other, unit in EVERY_UNIT:
+            if other is not quantity:
+                with pytest.raises(UnitError):
+                    units.parse(f"1 {unit}", quantity)
+
+
+@pytest.mark.parametrize(
+    ("text", "quantity"),
+    [("1e308 kN/um", units.LINEAR_STIFFNESS), ("1e308 kN*m^2", units.BENDING_RIGIDITY), ("-1e308 t", units.MASS)],
+)
+def test_number_that_overflows_in_si_is_refused(text: str, quantity: units.Quantity) -> None:
+    with pytest.raises(UnitError, match="too large"):
+        units.parse(text, quantity)
+
+
+def test_unit_decides_between_quantities() -> None:
+    either = (units.ANGULAR_COMPLIANCE, units.LINEAR_COMPLIANCE)
+    assert units.parse("1 mrad/(N*m)", *either) == 1e-3
+    assert units.parse("1 um/N", *either) == 1e-6
+    with pytest.raises(UnitError, match="angular compliance or linear compliance"):
+        units.parse("1 mm", *either)
+
+
+def test_vector() -> None:
+    degree = math.pi / 180
+    assert units.parse_vector("-90 3 88 -91 deg", units.ANGLE) == [-90 * degree, 3 * degree, 88 * degree, -91 * degree]
+    assert units.parse_vector("0 0 -9.81 m/s^2", units.ACCELERATION, count=3) == [0, 0, -9.81]
+    assert units.parse_vector("1 2", units.RATIO) == [1, 2]
+
+
+@pytest.mark.parametrize(
+    "text", ["1 2 mm", "1 2 3 4 mm", "1,2,3 mm", "1, 2, 3 mm", "1 mm 2 mm 3 mm", "1 2 nan mm", "1 2 3"]
+)
+def test_bad_vector_of_three_is_refused(text: str) -> None:
+    with pytest.raises(UnitError):
+        units.parse_vector(text, units.LENGTH, count=3)
+
+
+def test_quantities_are_hashable_and_distinct() -> None:
+    assert len(set(units.QUANTITIES)) == len(units.QUANTITIES)
+    per_joint = units.PerJoint(units.ANGLE, units.LENGTH)
+    assert per_joint == units.PerJoint(units.ANGLE, units.LENGTH)
+    assert (per_joint.revolute, per_joint.prismatic) == (units.ANGLE, units.LENGTH)
+    assert {per_joint: 1}[units.PerJoint(units.ANGLE, units.LENGTH)] == 1
+
+
+def test_unit_tables_cannot_be_changed() -> None:
+    with pytest.raises(TypeError):
+        units.LENGTH.units["furlong"] = 201.168  # type: ignore[index]
+
+
+def test_unit_error_is_an_input_error_with_its_code() -> None:
+    with pytest.raises(InputError) as caught:
+        units.parse("1", units.LENGTH)
+    assert [finding.code for finding in caught.value.findings] == ["E_UNIT"]

@@ -1,0 +1,207 @@
+"""The two first-order models: tangent at the means (deflected arm), superposition at the undisplaced chain."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from precision_pin.chain import Chain
+from precision_pin.examples import PAPER_SHEET
+from precision_pin.laws import Normal, Triangular, Uniform
+from precision_pin.model import ErrorModel
+from precision_pin.sources.beam import Beam
+from precision_pin.sources.joint_compliance import JointCompliance
+from precision_pin.sources.joint_offset import JointOffset
+from precision_pin.sources.payload import Payload
+from precision_pin.space import Space
+from support.checks.common import one_link
+from support.sheets import PAPER_Q, SEVEN_Q, everything, geometry, loads, named, seven_joint_arm, spread_out
+
+HALVINGS = (1.0, 0.5, 0.25, 0.125)
+
+
+def paper_model() -> ErrorModel:
+    return ErrorModel.load(PAPER_SHEET)
+
+
+def paper_model_with_random_masses() -> ErrorModel:
+    """Return the paper's arm with random payload, stiffness and compliance beside its tolerances."""
+    model = paper_model()
+    loaded = [
+        Payload(at="tool", mass=Uniform(0.2, mean=1.0), com=(Normal(0.02), Uniform(0.03), Normal(0.02))),
+        Beam(link="link2", EI=Uniform(800.0, mean=8000.0), GI=Normal(200.0, mean=4000.0), EA=1e7),
+        Beam(link="link3", EI=Uniform(800.0, mean=8000.0), GI=Normal(50.0, mean=1000.0)),
+    ]
+    rest = [source for source in model.sources if source.kind() not in ("payload", "beam")]
+    return ErrorModel(model.chain, named(model), [*rest, *loaded])
+
+
+def slope_of(remainders) -> float:
+    return float(np.polyfit(np.log2(HALVINGS), np.log2(remainders), 1)[0])
+
+
+CASES = {
+    "paper": (paper_model, PAPER_Q, 1.0),
+    "paper, random masses": (paper_model_with_random_masses, PAPER_Q, 1.0),
+    "seven joints": (lambda: everything(seven_joint_arm()), SEVEN_Q, 1.0),
+    "seven joints that turn": (lambda: everything(seven_joint_arm(prismatic=())), SEVEN_Q, 1.0),
+}
+
+
+@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_the_tangent_leaves_a_remainder_of_second_order(case, seed):
+    """|exact(x̄ + sΔ) - e0 - sJΔ| goes as s² with gravity on, on the deflected arm."""
+    build, q, deviations = CASES[case]
+    model = build()
+    at = model.at(q)
+    error, jacobian = at.tangent
+    np.testing.assert_array_equal(error, at.exact(model.space.mean[:, None])[:, 0])
+    delta = spread_out(model, seed, deviations)
+    remainders = []
+    for s in HALVINGS:
+        exact = at.exact((model.space.mean + s * delta)[:, None])[:, 0]
+        remainders.append(np.linalg.norm(exact - error - s * jacobian @ delta))
+    assert slope_of(remainders) == pytest.approx(2.0, abs=0.05)
+    assert remainders[-1] > 1e-11  # well above rounding, so that the slope means something
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("name", ["paper", "seven"])
+def test_superposition_is_of_second_order_without_gravity_and_with_zero_means(name, seed):
+    if name == "paper":
+        loaded = paper_model()
+        chain = Chain.from_urdf(PAPER_SHEET.parent / "4dof.urdf", gravity=(0, 0, 0))
+        sources = [source for source in loaded.sources if source.kind() in ("length", "axis_install")]
+        model, q = ErrorModel(chain, named(loaded), sources), PAPER_Q
+    else:
+        chain = seven_joint_arm(gravity=(0, 0, 0))
+        model, q = ErrorModel(chain, Space(), geometry(chain)), SEVEN_Q
+    np.testing.assert_array_equal(model.space.mean, 0)
+    at = model.at(q)
+    delta = spread_out(model, seed)
+    remainders = [np.linalg.norm(at.exact(s * delta[:, None]) - at.linear(s * delta[:, None])) for s in HALVINGS]
+    assert slope_of(remainders) == pytest.approx(2.0, abs=0.05)
+    np.testing.assert_allclose(at.jacobian, at.linear(np.eye(model.space.size)), rtol=1e-12, atol=1e-13)
+
+
+def test_under_gravity_the_two_differ_and_the_tangent_is_right():
+    """The slope of exact to the payload, at a deflection of a few centimetres: superposition misses it."""
+    model = paper_model_with_random_masses()
+    at = model.at(PAPER_Q)
+    column = model.space.index["payload[tool].mass"]
+    numbers = np.tile(model.space.mean[:, None], 2)
+    numbers[column] += [0.5e-3, -0.5e-3]
+    exact, linear = (np.diff(engine(numbers), axis=1)[:, 0] / -1e-3 for engine in (at.exact, at.linear))
+    np.testing.assert_allclose(at.jacobian[:, column], exact, rtol=1e-6)
+    assert np.linalg.norm(at.jacobian[:3, column] - linear[:3]) > 1e-3 * np.linalg.norm(linear[:3])
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_the_tangent_against_finite_differences(case):
+    """Fourth-order differences over a tenth of a deviation or so, every column to 1e-7 of its size."""
+    build, q, _ = CASES[case]
+    model = build()
+    at = model.at(q)
+    check_columns(model, at)
+
+
+def check_columns(model: ErrorModel, at) -> None:
+    mean = model.space.mean
+    steps = np.maximum(np.abs(mean) * 1e-3, 1e-4)
+    points = np.repeat(mean[:, None], 4 * model.space.size, axis=1)
+    for k, step in enumerate(steps):
+        points[k, 4 * k : 4 * k + 4] += step * np.array([-2, -1, 1, 2])
+    values = at.exact(points).reshape(6, -1, 4)
+    slopes = values @ np.array([1, -8, 8, -1]) / 12 / steps
+    for k, name in enumerate(model.space.components):
+        size = np.abs(slopes[:, k]).max()
+        np.testing.assert_allclose(at.jacobian[:, k], slopes[:, k], rtol=0, atol=max(1e-7 * size, 1e-12), err_msg=name)
+
+
+def test_products_of_three_factors_and_derived_parameters_have_their_slopes():
+    chain = seven_joint_arm(prismatic=())
+    space, sources = loads()
+    model = ErrorModel(chain, space, sources)
+    at = model.at(SEVEN_Q)
+    assert max(len(term.factors) for term in at.terms) == 3
+    assert len(at.table.program.operations) > 5
+    check_columns(model, at)
+    # at a parameter whose mean is zero, whose products have no other slope
+    zero = model.space.index["payload[tool]#2.com[1]"]
+    assert model.space.mean[zero] == 0
+    assert np.abs(at.jacobian[:, zero]).max() > 1e-5
+
+
+def test_the_covariance_is_that_of_the_tangent():
+    model = everything(seven_joint_arm())
+    at = model.at(SEVEN_Q)
+    draws = np.linalg.cholesky(model.space.covariance + 1e-40 * np.eye(model.space.size))
+    np.testing.assert_allclose(at.covariance, at.jacobian @ model.space.covariance @ at.jacobian.T, rtol=1e-14)
+    spread = at.jacobian @ draws
+    np.testing.assert_allclose(at.covariance, spread @ spread.T, rtol=1e-9)
+
+
+def test_twice_the_error_twice_the_linear_model_bit_for_bit():
+    """No products and zero means: a power of two passes through every sum."""
+    chain = seven_joint_arm()
+    model = ErrorModel(chain, Space(), geometry(chain))
+    at = model.at(SEVEN_Q)
+    x = model.space.sample(1, 0, 200)
+    np.testing.assert_array_equal(at.linear(2 * x), 2 * at.linear(x))
+    np.testing.assert_array_equal(at.linear(-x), -at.linear(x))
+    assert not np.array_equal(at.exact(2 * x), 2 * at.exact(x))
+
+
+def test_zero_tolerance_zero_spread():
+    chain = seven_joint_arm()
+    model = ErrorModel(chain, Space(), geometry(chain, scale=0.0))
+    at = model.at(SEVEN_Q)
+    assert model.space.size > 20
+    x = model.space.sample(1, 0, 50)
+    np.testing.assert_array_equal(x, 0)
+    np.testing.assert_array_equal(at.linear(x), 0)
+    np.testing.assert_allclose(at.exact(x), 0, atol=1e-14)
+    assert np.ptp(at.exact(x), axis=1).max() == 0
+    np.testing.assert_array_equal(at.covariance, 0)
+    loaded = [
+        Payload(at="tool", mass=Uniform(0.0, mean=2.0)),
+        Beam(link="link2", EI=Triangular(0.0, mean=800.0)),
+        JointCompliance(joint="joint1", compliance=Normal(0.0, mean=1e-4)),
+        JointOffset(joint="joint5", offset=Uniform(0.0, mean=1e-3)),
+    ]
+    model = ErrorModel(chain, Space(), loaded)
+    at = model.at(SEVEN_Q)
+    errors = at.exact(model.space.sample(1, 0, 50))
+    assert np.ptp(errors, axis=1).max() == 0
+    assert np.abs(errors).max() > 1e-4
+    np.testing.assert_array_equal(at.covariance, 0)
+
+
+def test_without_gravity_no_load_displaces_anything():
+    chain = seven_joint_arm(gravity=(0, 0, 0))
+    space, laden = loads()
+    at = ErrorModel(chain, space, laden).at(SEVEN_Q)
+    x = at.space.sample(1, 0, 10)
+    np.testing.assert_array_equal(at.linear(x), 0)
+    np.testing.assert_allclose(at.exact(x), 0, atol=1e-14)
+    np.testing.assert_array_equal(at.jacobian, 0)
+    # beside other sources they change nothing either
+    rest = geometry(chain)
+    alone = ErrorModel(chain, space, rest).at(SEVEN_Q)
+    both = ErrorModel(chain, space, [*rest, *laden]).at(SEVEN_Q)
+    x = both.space.sample(1, 0, 10)
+    rows = [both.space.index[name] for name in alone.space.components]
+    np.testing.assert_allclose(both.exact(x), alone.exact(x[rows]), atol=1e-14)
+
+
+@pytest.mark.parametrize(("half_width", "warned"), [(0.080, True), (0.093, False)])
+def test_superposition_stretched_is_warned_about(half_width, warned):
+    """A fixed turn of 0.1 rad at 1 m: superposition is 5.0 mm off; a tenth of the spread is t/√3/10 and a bit."""
+    chain = one_link()
+    sources = [JointOffset(joint="hinge", offset=Uniform(half_width, mean=0.1))]
+    at = ErrorModel(chain, Space(), sources).at([0.0])
+    gap = np.hypot(np.cos(0.1) - 1, np.sin(0.1) - 0.1)
+    assert bool(gap > 0.1 * half_width / np.sqrt(3)) is warned
+    assert ([finding.code for finding in at.findings("linear")] == ["W_SUPERPOSITION"]) is warned
+    assert at.findings("exact") == ()
