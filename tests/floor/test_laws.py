@@ -112,7 +112,8 @@ def test_characteristic_functions_take_any_shape() -> None:
     t = np.linspace(-3, 3, 24).reshape(1, 4, 6)
     for law, _ in SCALAR:
         assert law.characteristic(t).shape == (4, 6)
-        assert complex(law.characteristic(np.array([0.0]))) == pytest.approx(1, abs=1e-15)
+        # 1e-16 over k = 0.1 of the narrowest truncated normal
+        assert complex(law.characteristic(np.array([0.0]))) == pytest.approx(1, abs=3e-15)
     assert Disc(1.0).characteristic(np.zeros((2, 4, 6))).shape == (4, 6)
     assert JointNormal(((1.0, 0.0), (0.0, 1.0))).characteristic(np.zeros((2, 5))).shape == (5,)
 

@@ -14,7 +14,7 @@ EVERY_UNIT = [(quantity, unit) for quantity in units.QUANTITIES for unit in quan
 
 @pytest.fixture(scope="module")
 def registry() -> Iterator[object]:
-    pint = pytest.importorskip("pint")
+    import pint
     return pint.UnitRegistry()
 
 

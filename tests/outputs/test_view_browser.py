@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import html
 import json
+import os
 import re
 import shutil
 import subprocess
@@ -43,7 +44,9 @@ OWN_HOSTS = re.compile(r"https?://[a-z0-9.-]*\.(google|googleapis|gvt1|gstatic)\
 
 pytestmark = [
     pytest.mark.slow,
-    pytest.mark.skipif(CHROMIUM is None, reason="Chromium is not installed"),
+    pytest.mark.skipif(
+        CHROMIUM is None and not os.environ.get("CI"), reason="Chromium is not installed; CI installs it"
+    ),
 ]
 
 

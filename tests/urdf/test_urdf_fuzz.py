@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import pytest
+import pinocchio as pin
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from precision_pin.errors import Finding, UrdfError
 from precision_pin.urdf import Robot, canonical, parse
-
-pin = pytest.importorskip("pinocchio")
 
 TEXTS = [
     b"nan", b"inf", b"-1", b"1e400", b"0", b"", b" ", b"1,5", b"%s%n", b"\0", b"\xff", b"&", b"<", b">", b'"', b"'",

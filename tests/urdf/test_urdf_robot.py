@@ -7,13 +7,12 @@ from dataclasses import replace
 from xml.etree import ElementTree
 
 import numpy as np
+import pinocchio as pin
 import pytest
 
 from precision_pin import se3
 from precision_pin.errors import InputError, UnknownNameError
 from precision_pin.urdf import Inertial, canonical, parse, rerooted, rpy_of, snapped
-
-pin = pytest.importorskip("pinocchio")
 
 BRANCH = (
     '<link name="hook"><inertial><origin xyz="0.1 0.2 0.3" rpy="0.4 -0.5 0.6"/><mass value="0.7"/>'

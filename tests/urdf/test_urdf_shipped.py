@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
+import pinocchio as pin
 import pytest
 
 from precision_pin.errors import UrdfError
 from precision_pin.urdf import canonical, read, rerooted
-
-pin = pytest.importorskip("pinocchio")
-pytest.importorskip("yourdfpy")
 
 ARMS = {
     "ur5": "ur_description/urdf/ur5_robot.urdf",
