@@ -19,6 +19,7 @@ FLOORS = (
     "space",
     "urdf",
     "pinocchio_model",
+    "places",
     "chain",
     "mcpc",
     "terms",

@@ -73,15 +73,23 @@ def monte_carlo(
     Raises
     ------
     InputError
-        A wrong number of samples, seed, model or pose.
+        A wrong number of samples, seed, model, confidence or pose, or errors too large to compute with.
     """
     check_samples(samples)
     check_seed(seed)
     if model not in ("exact", "linear"):
         raise InputError(f"model must be exact or linear, got {model!r}")
-    at = error_model.at(q)
-    error, _ = at.tangent
-    plan = Plan.from_moments(error, at.covariance, tuple(specifications))
+    if not 0 < confidence < 1:
+        raise InputError(f"confidence {confidence!r}; it must lie above 0 and below 1")
+    try:
+        with np.errstate(over="raise"):
+            at = error_model.at(q)
+            error, _ = at.tangent
+            plan = Plan.from_moments(error, at.covariance, tuple(specifications))
+    except (OverflowError, FloatingPointError):
+        raise InputError(
+            "the errors at this pose are beyond any number; the tolerances or loads are far too large"
+        ) from None
     state = start(plan)
     kept = np.empty((6, samples)) if keep_samples else None
     for first in range(0, samples, BLOCK):

@@ -184,3 +184,29 @@ def test_a_pipe_is_refused_and_not_waited_for(run, folder, name):
     outcome = run("check", name)
     assert outcome.code == 2
     assert "error E_FILE" in outcome.out
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ("a1: {uniform: 0.05 mm}", "a1: {uniform: 1e300 m}"),
+        ("a1: {uniform: 0.05 mm}", "a1: {normal: 1 m, k: 1e-300}"),
+        ("a1: {uniform: 0.05 mm}", "a1: {normal: 1 m, k: 1e-100}"),
+        ("mass: 1 kg", "mass: 1e300 kg"),
+        ("-9.81 m/s^2", "-1e305 m/s^2"),
+        ("link2, EI: 8000", "link2, EI: 1e-300"),
+        ("{joint: joint1, radius: 0.1 mm", "{joint: joint1, radius: 1e300 mm"),
+        ("{joint: joint1, radius: 0.1 mm, span: 100", "{joint: joint1, radius: 0.1 mm, span: 1e-300"),
+        ("{joint: joint1, radius: 0.1 mm", "{joint: joint1, radius: 20 m"),
+    ],
+)
+def test_numbers_beyond_all_reason(run, folder, contents, old, new):
+    text = (folder / PAPER).read_text()
+    assert text.count(old) == 1
+    (folder / "absurd.yaml").write_text(text.replace(old, new))
+    before = contents()
+    outcome = run("analyze", "absurd.yaml", "--samples", "500", "--out", "plots")
+    assert (outcome.code, outcome.out) == (2, "")
+    assert re.search("far too large|must lie|positive|beyond", outcome.err)
+    assert all(LINE.fullmatch(line) for line in outcome.err_lines)
+    assert contents() == before

@@ -97,7 +97,9 @@ def test_every_block_runs(page, folder, monkeypatch):
 def run_python(block: Block, where: str, module: types.ModuleType) -> None:
     printed = io.StringIO()
     # blank lines before it, so that a failure names the line of the page
-    code = compile("\n" * (block.line - 1) + block.text, str(PAGES[where.rpartition(":")[0]]), "exec", dont_inherit=True)
+    code = compile(
+        "\n" * (block.line - 1) + block.text, str(PAGES[where.rpartition(":")[0]]), "exec", dont_inherit=True
+    )
     with contextlib.redirect_stdout(printed):
         exec(code, module.__dict__)
     expected = re.findall(r"# → (.+)$", block.text, re.MULTILINE)

@@ -90,9 +90,13 @@ def test_a_scope_repeats_its_numbers_exactly_where_it_should(scope: Scope) -> No
 
 
 def test_logarithm_sine_and_cosine_are_within_two_units_in_the_last_place() -> None:
-    u = np.concatenate([np.random.default_rng(1).random(20_000), 2.0 ** -np.arange(1, 54), 1 - 2.0 ** -np.arange(2, 54)])
+    u = np.concatenate(
+        [np.random.default_rng(1).random(20_000), 2.0 ** -np.arange(1, 54), 1 - 2.0 ** -np.arange(2, 54)]
+    )
     assert ulps(np.array([loops.logarithm(x) for x in u]), np.log(u)) <= 2
-    quarters = np.concatenate([k * math.pi / 2 * (1 + s * 2.0 ** -np.arange(8, 54)) for k in (1, 2, 3) for s in (1, -1)])
+    quarters = np.concatenate(
+        [k * math.pi / 2 * (1 + s * 2.0 ** -np.arange(8, 54)) for k in (1, 2, 3) for s in (1, -1)]
+    )
     turns = np.concatenate([2 * math.pi * u, quarters])
     sine, cosine = np.transpose([loops.sine_and_cosine(t) for t in turns])
     assert ulps(sine, np.sin(turns)) <= 2

@@ -9,7 +9,7 @@ mean wrong by a share b of σ where b √N is. 0.2 % of σ therefore takes about
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -94,10 +94,11 @@ def sampling_failures(
 
     ``count`` units are kept for the distribution; ``moment_count`` (as many if left out) go through the moments.
     """
-    x = np.concatenate([block for _, block in _blocks(sampler, seed, count)], axis=1)
+    x = np.concatenate(list(_blocks(sampler, seed, count)), axis=1)
     if x.shape != (space.size, count) or not np.isfinite(x).all():
         return [f"shape {x.shape}, expected {(space.size, count)}, or numbers that are not finite"]
-    failures = _moment_failures(sampler, space, seed, moment_count or count)
+    blocks = [x] if moment_count is None else _blocks(sampler, seed, moment_count)
+    failures = _moment_failures(blocks, space)
     for row, marginal in enumerate(marginals(space)):
         failures += _marginal_failures(marginal, x[row])
     failures += _dependence_failures(space, x)
@@ -106,17 +107,18 @@ def sampling_failures(
     return failures + _replay_failures(sampler, seed, x)
 
 
-def _blocks(sampler: Sampler, seed: int, count: int) -> Iterator[tuple[int, Array]]:
+def _blocks(sampler: Sampler, seed: int, count: int) -> Iterator[Array]:
     for first in range(0, count, BLOCK):
-        yield first, sampler(seed, first, min(BLOCK, count - first))
+        yield sampler(seed, first, min(BLOCK, count - first))
 
 
-def _moment_failures(sampler: Sampler, space: Space, seed: int, count: int) -> list[str]:
+def _moment_failures(blocks: Iterable[Array], space: Space) -> list[str]:
     """Mean and variance against the known ones, by z-test."""
     expected = list(marginals(space))
     mean = np.array([marginal.mean for marginal in expected])[:, None]
-    first, second = np.zeros(space.size), np.zeros(space.size)
-    for _, block in _blocks(sampler, seed, count):
+    first, second, count = np.zeros(space.size), np.zeros(space.size), 0
+    for block in blocks:
+        count += block.shape[1]
         deviation = block - mean
         first += deviation.sum(axis=1)
         second += (deviation * deviation).sum(axis=1)
