@@ -318,6 +318,8 @@ class Posture:
     deflection
         Where the chain links and their far ends stand under load, ``(2, n+1, 4, 4)``, base; ``None`` where loads are
         taken on the undisplaced arm. It moves the loads, not the places.
+    tilts
+        What sources add to gravity: vectors ``(3,)``, base axes, m/s², with the parameters that multiply them.
     """
 
     chain: Chain
@@ -325,6 +327,7 @@ class Posture:
     joint_poses: Array
     loads: tuple[Load, ...]
     deflection: Array | None = None
+    tilts: tuple[tuple[Array, Factors], ...] = ()
 
     @cached_property
     def link_poses(self) -> Array:
@@ -413,6 +416,10 @@ class Posture:
         """Return the posture with further weights."""
         return replace(self, loads=(*self.loads, *loads)) if loads else self
 
+    def with_tilts(self, tilts: Sequence[tuple[Array, Factors]]) -> Posture:
+        """Return the posture with further parts of gravity."""
+        return replace(self, tilts=(*self.tilts, *tilts)) if tilts else self
+
     def place_pose(self, place: Place) -> Array:
         """Return a place's pose in the base, ``(4, 4)``."""
         pose: Array = self.link_poses[place.link] @ place.frame
@@ -432,23 +439,19 @@ class Posture:
         -------
         NDArray
             ``(6, 4)``, base axes: ``F = m g``, ``M = (R s + m (o - point)) × g`` with s the first moment in the load's
-            frame (rotation R, origin o).
+            frame (rotation R, origin o), g the chain's gravity.
         """
-        frame = self.loaded_link_poses[load.link] @ load.frame
-        weight = self.chain.gravity
-        basis = np.zeros((6, 4))
-        basis[:3, 0] = weight
-        basis[3:, 0] = np.cross(frame[:3, 3] - np.asarray(point, dtype=float), weight)
-        basis[3:, 1:] = np.cross(frame[:3, :3].T, weight).T
-        return basis
+        return self._wrench_basis(load, point, self.chain.gravity)
 
     def wrench_on(self, loads: Sequence[Load], point: ArrayLike) -> dict[Factors, Array]:
         """Return the wrench ``(6,)`` of loads about a point, base axes, by the parameters that multiply it."""
         total: dict[Factors, Array] = {}
         for load in loads:
-            basis = self.wrench_basis(load, point)
-            for moments, factors in load.moments:
-                total[factors] = total.get(factors, np.zeros(6)) + basis @ moments
+            for weight, tilting in ((self.chain.gravity, ()), *self.tilts):
+                basis = self._wrench_basis(load, point, weight)
+                for moments, factors in load.moments:
+                    key = (*factors, *tilting)
+                    total[key] = total.get(key, np.zeros(6)) + basis @ moments
         return total
 
     def torque_on(self, joint: int) -> dict[Factors, float]:
@@ -459,6 +462,14 @@ class Posture:
         axis = frame[:3, :3] @ self.chain.axes[joint]
         wrenches = self.wrench_on(beyond, frame[:3, 3])
         return {factors: float(axis @ wrench[rows]) for factors, wrench in wrenches.items()}
+
+    def _wrench_basis(self, load: Load, point: ArrayLike, weight: Array) -> Array:
+        frame = self.loaded_link_poses[load.link] @ load.frame
+        basis = np.zeros((6, 4))
+        basis[:3, 0] = weight
+        basis[3:, 0] = np.cross(frame[:3, 3] - np.asarray(point, dtype=float), weight)
+        basis[3:, 1:] = np.cross(frame[:3, :3].T, weight).T
+        return basis
 
     @cached_property
     def _statics(self) -> tuple[Array, Array]:

@@ -236,6 +236,7 @@ class ErrorModel:
         """Return the model at a pose; ``q`` as in :meth:`configuration`."""
         bare = self.chain.at(self.configuration(q))
         posture = bare.with_loads([load for source, view in self._pairs for load in source.loads(bare, view)])
+        posture = posture.with_tilts([tilt for source, view in self._pairs for tilt in source.gravity(bare, view)])
         if self.statics == "nominal":
             terms = self._make_terms(posture)
         else:

@@ -7,28 +7,31 @@ bits whatever the number of threads.
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections import deque
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Final, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from precision_pin import kernel
 from precision_pin.errors import Finding, InputError
-from precision_pin.model import ErrorModel, PoseModel
+from precision_pin.model import ErrorModel
 from precision_pin.result import Analysis
 from precision_pin.space import Scope, check_seed
-from precision_pin.statistics import Plan, Specification, finish, merge, observe, start
+from precision_pin.statistics import Plan, Specification, finish, start
 
-__all__ = ["BLOCK", "MOST_SAMPLES", "Progress", "monte_carlo"]
+__all__ = ["MOST_SAMPLES", "Progress", "monte_carlo"]
 
 Array = NDArray[np.float64]
 Progress = Callable[[int], None]
 """Told how many samples have been added since it was last called."""
 
-BLOCK: Final = 16_384
-"""Units in a block: part of what makes results reproducible."""
-
 MOST_SAMPLES: Final = 10**12
+
+BLOCKS_IN_A_TASK: Final = 16
+"""The most blocks that a thread takes at a time."""
 
 
 def monte_carlo(
@@ -43,6 +46,7 @@ def monte_carlo(
     keep_samples: bool = False,
     confidence: float = 0.95,
     findings: Sequence[Finding] = (),
+    threads: int | None = None,
     progress: Progress | None = None,
 ) -> Analysis:
     """Sample the pose error at one pose (section 4 of Wei, Jia and Chen, 2015).
@@ -67,8 +71,10 @@ def monte_carlo(
         Of every interval.
     findings
         Warnings to carry along, such as those of the sheet.
+    threads
+        How many threads sample; all cores if left out. The result has the same bits whatever their number.
     progress
-        Called after every block.
+        Called after every few blocks.
 
     Raises
     ------
@@ -90,16 +96,21 @@ def monte_carlo(
         raise InputError(
             "the errors at this pose are beyond any number; the tolerances or loads are far too large"
         ) from None
+    table = kernel.compile_table(at)
     state = start(plan)
     kept = np.empty((6, samples)) if keep_samples else None
-    for first in range(0, samples, BLOCK):
-        count = min(BLOCK, samples - first)
-        errors = _errors(at, model, seed, first, count)
-        state = merge(state, observe(plan, start(plan), errors))
-        if kept is not None:
-            kept[:, first : first + count] = errors
+
+    def observe(blocks: range) -> kernel.Blocks:
+        return kernel.observe_blocks(
+            table, plan, model, seed, blocks.start, len(blocks), samples=samples, keep_errors=keep_samples
+        )
+
+    for found in in_order(observe, tasks_of(samples), threads or available_cores()):
+        if kept is not None and found.errors is not None:
+            kept[:, state.count : state.count + found.count] = found.errors
+        state = found.added_to(state)
         if progress is not None:
-            progress(count)
+            progress(found.count)
     chain = error_model.chain
     warnings = (*findings, *at.findings(model), *error_model.statics_findings(at))
     return Analysis(
@@ -132,6 +143,29 @@ def check_samples(samples: int) -> None:
         raise InputError(f"the number of samples must be a whole number from 1 to {MOST_SAMPLES:.0e}, got {samples!r}")
 
 
-def _errors(at: PoseModel, model: str, seed: int, first: int, count: int) -> Array:
-    x = at.space.sample(seed, first, count)
-    return at.linear(x) if model == "linear" else at.exact(x)
+def tasks_of(samples: int) -> list[range]:
+    """Return which blocks each task takes: enough to keep a core busy, never so many that progress stalls."""
+    blocks = -(-samples // kernel.BLOCK)
+    size = min(BLOCKS_IN_A_TASK, max(1, blocks // 8))
+    return [range(first, min(first + size, blocks)) for first in range(0, blocks, size)]
+
+
+def available_cores() -> int:
+    """Return how many cores this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def in_order(observe: Callable[[range], kernel.Blocks], tasks: Sequence[range], threads: int) -> Iterator[kernel.Blocks]:
+    """Yield what every task gives, in the order of the tasks, with twice as many under way as there are threads."""
+    with ThreadPoolExecutor(max_workers=max(1, min(threads, len(tasks)))) as pool:
+        waiting: deque[Future[kernel.Blocks]] = deque()
+        try:
+            for task in tasks:
+                if len(waiting) >= 2 * threads:
+                    yield waiting.popleft().result()
+                waiting.append(pool.submit(observe, task))
+            while waiting:
+                yield waiting.popleft().result()
+        finally:
+            # a caller that stops early (Ctrl-C) waits for the tasks under way only
+            pool.shutdown(wait=True, cancel_futures=True)

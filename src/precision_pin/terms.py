@@ -81,7 +81,10 @@ class Term:
 
     @classmethod
     def of(cls, target: Target, twist: ArrayLike, *values: Value, loaded: bool = False) -> Term:
-        """Return the term with numbers multiplied into the twist and expressions kept as factors."""
+        """Return the term with numbers multiplied into the twist and expressions kept as factors.
+
+        More than three factors: the first ones become one formula, their product.
+        """
         scaled = np.atleast_1d(np.asarray(twist, dtype=float))
         factors: list[Expression] = []
         for value in values:
@@ -89,6 +92,8 @@ class Term:
                 factors.append(value)
             else:
                 scaled = scaled * value
+        while len(factors) > MOST_FACTORS:
+            factors[:2] = [factors[0] * factors[1]]
         return cls(target, scaled, tuple(factors), loaded)
 
 
@@ -121,6 +126,14 @@ class Source(ABC):
 
     def loads(self, posture: Posture, space: LabelledSpace) -> Iterator[Load]:
         """Yield the weights the source hangs on the chain; none by default."""
+        del posture, space
+        return iter(())
+
+    def gravity(self, posture: Posture, space: LabelledSpace) -> Iterator[tuple[Array, Factors]]:
+        """Yield what the source adds to gravity: vectors ``(3,)``, base axes, m/s², with the parameters that multiply them.
+
+        None by default.
+        """
         del posture, space
         return iter(())
 

@@ -120,6 +120,8 @@ def test_a_continuous_joint_comes_round():
     chain = chain_of(text)
     np.testing.assert_allclose(chain.at([0.4 + 6 * np.pi]).pose, chain.at([0.4]).pose, atol=1e-14)
     assert chain.at([100.0]).findings == ()
+    limited = text.replace("</joint>", '<limit lower="-1" upper="1" effort="1" velocity="1"/></joint>', 1)
+    assert chain_of(limited).at([100.0]).findings == ()
 
 
 def test_axes_need_not_be_of_unit_length():

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import shutil
 import sys
 from collections.abc import Callable
@@ -58,6 +59,9 @@ FORKED = """<robot name="forked">
 """
 
 
+ASSUMPTION = re.compile(r": warning W_(STATICS|SUPERPOSITION): ")
+
+
 @dataclass(frozen=True)
 class Outcome:
     """What a command did."""
@@ -73,6 +77,11 @@ class Outcome:
     @property
     def err_lines(self) -> list[str]:
         return self.err.splitlines()
+
+    @property
+    def said(self) -> list[str]:
+        """What stands on stderr besides warnings about assumptions of the case."""
+        return [line for line in self.err_lines if not ASSUMPTION.search(line)]
 
 
 Run = Callable[..., Outcome]

@@ -30,8 +30,13 @@ import pytest
 from precision_pin import cli
 from precision_pin.errors import InputError
 from precision_pin.model import ErrorModel
+from precision_pin.parameters import MOST_OPERATIONS
+from precision_pin.run import BLOCK
+from precision_pin.sheet.reader import LARGEST_FILE
 from precision_pin.sheet.schema import Document
+from precision_pin.sheet.text import MOST_LEVELS, MOST_NODES
 from precision_pin.sources import catalogue
+from precision_pin.space import FARTHEST_NORMAL, MOST_POSES, MOST_VISITS
 
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
@@ -305,6 +310,17 @@ def test_codes_of_findings_exist():
     for cells in rows("sheet.md", "code"):
         for code in re.findall(r"[EW]_\w+", cells[0]):
             assert f'"{code}"' in source, code
+
+
+def test_limits_in_the_prose_are_those_of_the_code():
+    for page, stated in (
+        ("sheet.md", f"{LARGEST_FILE >> 20} MiB, {MOST_NODES:,} entries, {MOST_LEVELS} levels"),
+        ("sheet.md", f"its mean is {FARTHEST_NORMAL} standard deviations"),
+        ("model.md", f"at most {MOST_OPERATIONS} of + − × ÷"),
+        ("reproducibility.md", f"at most {MOST_POSES:,} poses and {MOST_VISITS:,} visits"),
+        ("reproducibility.md", f"blocks of {BLOCK:,} units"),
+    ):
+        assert stated in " ".join((DOCS / page).read_text(encoding="utf-8").split()), f"{page}: {stated}"
 
 
 def test_top_level_keys_of_every_sheet_in_the_docs_are_known():

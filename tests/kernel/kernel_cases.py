@@ -79,11 +79,11 @@ def random_table(seed: int, *, targets: int, terms: int, shift: float, turn: flo
     return pose_model(EVERY_LAW, table)
 
 
-def plain_table(space: Space, frames: Any, twists: Any, *, tip: Any = np.eye(4)) -> PoseModel:
-    """Return target k displaced by ``twists[k]`` times component k, ``(K, 6)``."""
+def plain_table(space: Space, frames: Any, twists: Any, *, tip: Any = None) -> PoseModel:
+    """Return target k displaced by ``twists[k]`` times component k, ``(K, 6)``; the tip at the base if left out."""
     count = len(twists)
     table = TermTable(
-        pose=np.asarray(tip, dtype=float),
+        pose=np.eye(4) if tip is None else tip,
         targets=(None,) * count,
         frames=np.asarray(frames, dtype=float),
         program=Program.compile([Component(name) for name in space.components], space.index),

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import itertools
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import fields
 
 import numpy as np
 import pytest
-from kernel.kernel_cases import EVERY_LAW, plain_table, random_table
 
+from kernel.kernel_cases import EVERY_LAW, plain_table, random_table
 from precision_pin import kernel
 from precision_pin.errors import InputError
 from precision_pin.kernel import BLOCK
@@ -58,7 +59,7 @@ def test_any_cut_into_calls_and_any_number_of_threads_give_the_same_bits() -> No
     samples, blocks = 9 * BLOCK + 1234, 10
     whole = kernel.accumulate(LAYOUT, PLAN, "exact", 5, 0, blocks, samples=samples)
     for cuts in ([0, 10], [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10], [0, 4, 5, 10], [0, 9, 10]):
-        pieces = [(a, b - a) for a, b in zip(cuts[:-1], cuts[1:], strict=True)]
+        pieces = [(a, b - a) for a, b in itertools.pairwise(cuts)]
         one_by_one = start(PLAN)
         for first, count in pieces:
             one_by_one = kernel.accumulate(LAYOUT, PLAN, "exact", 5, first, count, samples=samples, state=one_by_one)

@@ -6,9 +6,9 @@ import math
 
 import numpy as np
 import pytest
-from kernel.kernel_cases import COVARIANCE, EVERY_LAW, plain_table
 from scipy import special, stats
 
+from kernel.kernel_cases import COVARIANCE, EVERY_LAW, plain_table
 from precision_pin import kernel
 from precision_pin import kernel_loops as loops
 from precision_pin.errors import InputError

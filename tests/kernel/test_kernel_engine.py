@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from kernel.kernel_cases import EVERY_LAW, plain_table, pose_model, random_frame, random_table
 from scipy.linalg import expm, logm
 
+from kernel.kernel_cases import EVERY_LAW, plain_table, pose_model, random_frame, random_table
 from precision_pin import kernel
 from precision_pin.errors import InputError
 from precision_pin.laws import Fixed, Normal, Uniform

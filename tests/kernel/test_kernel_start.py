@@ -10,9 +10,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from kernel.kernel_cases import EVERY_LAW, random_table
 
 import precision_pin
+from kernel.kernel_cases import EVERY_LAW, random_table
 from precision_pin import kernel, kernel_loops
 
 PACKAGE = Path(precision_pin.__file__).parent
@@ -35,7 +35,8 @@ print(before, np.abs(errors - at.exact(at.space.sample(1, 0, 20))).max() < 1e-12
 
 def run(source: Path, *, cache: Path | None, **environment: str) -> list[str]:
     """Run the program on a copy of the package; return what it printed: compiled before, right, the errors' bits."""
-    settings = {**os.environ, "PYTHONPATH": f"{source}{os.pathsep}{TESTS}", **environment}
+    # hardly optimised: the cache is what is tried, and compiling takes most of the time
+    settings = {"NUMBA_OPT": "1", **os.environ, "PYTHONPATH": f"{source}{os.pathsep}{TESTS}", **environment}
     settings.pop("NUMBA_CACHE_DIR", None)
     if cache is not None:
         settings["NUMBA_CACHE_DIR"] = str(cache)
@@ -74,15 +75,10 @@ def test_a_cache_is_used_and_a_damaged_one_replaced(tmp_path: Path) -> None:
     first = run(source, cache=cache)
     assert first[:2] == ["False", "True"]
     assert run(source, cache=cache) == ["True", *first[1:]]
-    (index,) = cache.rglob("kernel_loops.run-*.nbi")
-    (data,) = cache.rglob("kernel_loops.run-*.nbc")
-    data.write_bytes(data.read_bytes()[:1000])
-    assert run(source, cache=cache)[1:] == first[1:]
-    assert run(source, cache=cache) == ["True", *first[1:]]
-    index.write_bytes(index.read_bytes()[:20])
-    assert run(source, cache=cache)[1:] == first[1:]
-    index.write_bytes(b"")
-    assert run(source, cache=cache)[1:] == first[1:]
+    for name in ("*.nbc", "*.nbi"):
+        (file,) = cache.rglob(f"kernel_loops.run-{name}")
+        file.write_bytes(file.read_bytes()[:20])
+        assert run(source, cache=cache)[1:] == first[1:]
     assert run(source, cache=cache) == ["True", *first[1:]]
 
 

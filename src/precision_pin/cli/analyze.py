@@ -61,6 +61,7 @@ def command(
 
     Without arguments: the paper's arm and sheet, from inside the package. ROBOT may be example:NAME.
     """
+    from precision_pin import kernel
     from precision_pin.model import ErrorModel
     from precision_pin.outputs.text import analysis_table
     from precision_pin.run import check_samples, monte_carlo
@@ -83,6 +84,9 @@ def command(
     echo_findings(sheet.findings)
     error_model = ErrorModel.from_sheet(sheet)
     where = chosen_pose(sheet, pose, q)
+    if not kernel.is_compiled():
+        click.echo("compiling the sampler, once on this machine: about 10 s", err=True)
+        kernel.warm_up()
     with progress_bar(samples, "sampling") as progress:
         analysis = monte_carlo(
             error_model, where, samples=samples, seed=seed, model=model, specifications=specifications,

@@ -336,8 +336,8 @@ def _try_terms(
         view = LabelledSpace(extended, label)
         try:
             for posture in map(chain.at, places):
-                loads = list(source.loads(posture, view))
-                for _ in source.terms(posture.with_loads(loads), view):
+                loads, tilts = list(source.loads(posture, view)), list(source.gravity(posture, view))
+                for _ in source.terms(posture.with_loads(loads).with_tilts(tilts), view):
                     pass
         except InputError as error:
             findings.take(path, error)

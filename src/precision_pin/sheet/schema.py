@@ -7,7 +7,7 @@ import typing
 from collections.abc import Iterable, Mapping
 from dataclasses import MISSING, dataclass, fields
 from functools import cache
-from typing import Annotated, Any, Literal, final
+from typing import Annotated, Any, Final, Literal, final
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationInfo, WithJsonSchema, create_model
 
@@ -22,6 +22,7 @@ from precision_pin.units import PerJoint, Quantity, parse_vector
 __all__ = ["Context", "Document", "SettingReason", "json_schema", "source_model", "used_quantities"]
 
 VERSION = "1"
+_LAW: Final = {"title": "law"}
 
 
 @final
@@ -84,7 +85,7 @@ def json_schema(kinds: Mapping[str, type[Source]] | None = None) -> dict[str, An
     definitions: dict[str, Any] = {"law": _law_schema()}
     choices = []
     for name, kind in (kinds or catalogue()).items():
-        definitions[name] = source_model(kind).model_json_schema()
+        definitions[name] = _with_references(source_model(kind).model_json_schema())
         choices.append(
             {
                 "type": "object",
@@ -225,7 +226,14 @@ def _quantity_schema(notes: Notes) -> dict[str, Any]:
 
 def _setting_schema(notes: Notes) -> dict[str, Any]:
     text = {"type": "string", "description": f"a number and one of: {_units(notes)}; or a parameter's name"}
-    return {"anyOf": [text, {"$ref": "#/$defs/law"}]}
+    return {"anyOf": [text, _LAW]}
+
+
+def _with_references(schema: Any) -> Any:
+    """Return a schema with references where laws may stand; pydantic refuses references to what it does not know."""
+    if isinstance(schema, dict):
+        return {"$ref": "#/$defs/law"} if schema == _LAW else {key: _with_references(schema[key]) for key in schema}
+    return [_with_references(entry) for entry in schema] if isinstance(schema, list) else schema
 
 
 def _list_schema(notes: Notes) -> dict[str, Any]:
