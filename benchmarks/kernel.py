@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from precision_pin import kernel, se3
+from precision_pin import kernel, kernel_loops, se3
 from precision_pin.laws import Normal, Uniform
 from precision_pin.model import ErrorModel, PoseModel, TermTable
 from precision_pin.parameters import Component, Program
@@ -87,7 +87,9 @@ def compare(name: str, at: PoseModel, blocks: int) -> None:
     samples = blocks * count
     # numpy makes one block, which is its best size; the sampler many, as in use
     plain_draw = nanoseconds(lambda: at.space.sample(0, 0, count), count)
-    draw = nanoseconds(lambda: kernel.sample(layout, 0, 0, samples), samples)
+    # drawing alone, kept nowhere, has no public name: nobody needs it but this
+    units = kernel._Units(0, 0, 0, samples, 0, 0)
+    draw = nanoseconds(lambda: kernel._run(layout, kernel_loops.DRAW, units), samples)
     print(f"\n{name}: {at.space.size} parameters, {layout.targets} places and joints, ns per sample")
     print(f"{'':10}{'numpy':>10}{'compiled':>10}{'times':>8}{'of drawing':>12}{'agreement':>12}")
     print(f"{'drawing':10}{plain_draw:10.1f}{draw:10.1f}{plain_draw / draw:8.1f}{1:12.2f}")

@@ -13,6 +13,7 @@ import re
 import types
 import typing
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Final
 
@@ -192,8 +193,8 @@ def _choices(option: click.Option) -> str:
 
 TABLES: Final[dict[str, dict[str, Callable[[], str]]]] = {
     "sheet.md": {"keys": keys, "laws": laws, "scopes": scopes, "units": quantities},
-    "sources.md": {name: lambda kind=kind: settings(kind) for name, kind in catalogue().items()},
-    "command-line.md": {"commands": commands} | {name: lambda name=name: parameters(name) for name in COMMANDS},
+    "sources.md": {name: partial(settings, kind) for name, kind in catalogue().items()},
+    "command-line.md": {"commands": commands} | {name: partial(parameters, name) for name in COMMANDS},
 }
 """Every generated table by page and name."""
 

@@ -72,6 +72,7 @@ Model = Literal["exact", "linear"]
 BLOCK: Final = ATOM
 """Units in a block, 16,384."""
 
+_MOST_UNITS: Final = 2**63
 _MOST_BLOCKS_IN_A_CALL: Final = 2**32 // BLOCK - 1
 _NOTHING: Final = np.zeros((0, 0))
 _STAGES: Final = {"linear": LINEAR, "exact": EXACT}
@@ -145,7 +146,7 @@ def errors_at(layout: CompiledTable, model: Model, x: ArrayLike) -> Array:
     InputError
         x has another shape; or as in `errors`.
     """
-    values = np.ascontiguousarray(x, dtype=float)
+    values = np.array(x, dtype=float, order="C")  # a copy: a read-only array would be another type to numba
     if not np.isfinite(values).all():
         raise InputError("x holds a value that is not a finite number")
     if values.ndim != 2 or values.shape[0] != layout.space.size:
@@ -248,9 +249,9 @@ def observe_blocks(
     InputError
         As `errors`.
     """
-    first = first_block * BLOCK
-    end = first + blocks * BLOCK
-    count = (end if samples is None else min(end, samples)) - first
+    first = int(first_block) * BLOCK
+    end = min(first + int(blocks) * BLOCK, _MOST_UNITS)
+    count = (end if samples is None else min(end, int(samples))) - first
     if first_block < 0 or not 0 < blocks <= _MOST_BLOCKS_IN_A_CALL or count <= 0:
         raise InputError(
             f"blocks {first_block} to {first_block + blocks - 1} of {samples} samples: from block 0, "
@@ -348,9 +349,12 @@ class _Units:
 
 def _check_units(first: int, count: int) -> int:
     """Return how many units to begin earlier, so as to begin with an even one."""
-    if first < 0 or count < 0 or first + count > 2**64:
-        raise InputError(f"units {first} to {first + count - 1}: units are numbered from 0")
-    return first % 2
+    whole = isinstance(first, int | np.integer) and isinstance(count, int | np.integer)
+    if not whole or first < 0 or count < 0 or first + count > _MOST_UNITS:
+        raise InputError(
+            f"{count!r} units from {first!r} on: both whole numbers, units are numbered from 0 to 2^63 - 1"
+        )
+    return int(first) % 2
 
 
 def _stage(model: Model) -> int:
@@ -408,8 +412,8 @@ def _run(
         np.uint64(units.seed),
         words,
         np.uint64(units.first),
-        units.skip,
-        units.count,
+        int(units.skip),
+        int(units.count),
         np.zeros((layout.space.size, 0)) if given is None else given,
         components,
         errors,

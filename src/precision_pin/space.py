@@ -281,7 +281,10 @@ class LabelledSpace:
             case Law():
                 return self.space.parameter(f"{self.label}.{field}")
             case _:
-                return float(setting)
+                number = float(setting)
+                if not math.isfinite(number):
+                    raise InputError(f"{field} of {self.label} is {number}, which is not finite")
+                return number
 
     def positive(self, field: str, setting: Setting, *, zero: bool = False) -> Value:
         """Return a setting that must be positive (or zero, if allowed) in every sample; see :meth:`value`.

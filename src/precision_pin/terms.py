@@ -11,7 +11,7 @@ from __future__ import annotations
 import dataclasses
 import re
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import ClassVar, final
 
@@ -21,10 +21,10 @@ from numpy.typing import ArrayLike, NDArray
 from precision_pin.chain import Factors, Load, Place, Posture
 from precision_pin.errors import InputError
 from precision_pin.laws import Law
-from precision_pin.parameters import Expression, Value
-from precision_pin.space import Draw, LabelledSpace, indexed
+from precision_pin.parameters import Expression, Program, Value
+from precision_pin.space import Draw, LabelledSpace, Space, indexed
 
-__all__ = ["MOST_FACTORS", "JointValue", "Source", "Target", "Term", "labels", "own_draws"]
+__all__ = ["MOST_FACTORS", "JointValue", "Source", "Target", "Term", "at_means", "labels", "own_draws"]
 
 Array = NDArray[np.float64]
 
@@ -137,7 +137,12 @@ class Source(ABC):
         del posture, space
         return iter(())
 
-    def own_draws(self, label: str) -> tuple[Draw, ...]:
+    def _rank(source: Source) -> tuple[str, str]:
+    names = {field: value for field, value in source.settings().items() if isinstance(value, str)}
+    return repr(names), repr(source)
+
+
+def own_draws(self, label: str) -> tuple[Draw, ...]:
         """Return the draws the source makes itself, beside the laws in its settings; none by default."""
         del label
         return ()
@@ -173,18 +178,52 @@ class Source(ABC):
 def labels(sources: Sequence[Source]) -> tuple[str, ...]:
     """Return every source's label.
 
-    Sources with one label are told apart by ``#2``, ``#3``, … in the order of their settings, so that the order of the
-    sources never matters.
+    Sources with one label are told apart by ``#2``, ``#3``, … in the order of their settings (names and directions before
+    numbers and laws), so that neither the order of the sources nor, as a rule, another tolerance changes a label.
     """
     result = [source.label() for source in sources]
     for label in set(result):
         alike = [k for k, other in enumerate(result) if other == label]
-        alike.sort(key=lambda k: repr(sources[k]))
+        alike.sort(key=lambda k: _rank(sources[k]))
         for rank, k in enumerate(alike[1:], start=2):
             result[k] = f"{label}#{rank}"
     return tuple(result)
 
 
+def _rank(source: Source) -> tuple[str, str]:
+    names = {field: value for field, value in source.settings().items() if isinstance(value, str)}
+    return repr(names), repr(source)
+
+
 def own_draws(sources: Sequence[Source], labels: Sequence[str]) -> list[Draw]:
     """Return the draws of all sources, each named after its source's label."""
     return [draw for source, label in zip(sources, labels, strict=True) for draw in source.draws(label)]
+
+
+def at_means(values: Mapping[Factors, ArrayLike], space: Space) -> Array:
+    """Return the sum of values × product of their factors with every component at its mean; zero for no values.
+
+    Parameters
+    ----------
+    values
+        Numbers, all of one shape, by the parameters that multiply them: a wrench of
+        :meth:`~precision_pin.chain.Posture.wrench_on`, a torque of :meth:`~precision_pin.chain.Posture.torque_on`.
+    space
+        All draws.
+
+    Raises
+    ------
+    InputError
+        A formula has no value at the means.
+
+    Returns
+    -------
+    NDArray
+        Of the values' shape. A product's mean too where its factors do not depend on one another and none is a formula.
+    """
+    mean = space.mean[:, None]
+    total: Array = np.zeros(())
+    for factors, value in values.items():
+        share = Program.compile(factors, space.index).evaluate(mean).prod()
+        total = total + np.asarray(value, dtype=float) * share
+    return total

@@ -22,12 +22,19 @@ __all__ = [
     "ANGULAR_STIFFNESS",
     "AXIAL_RIGIDITY",
     "BENDING_RIGIDITY",
+    "FORCE",
     "LENGTH",
     "LINEAR_COMPLIANCE",
     "LINEAR_STIFFNESS",
     "MASS",
     "QUANTITIES",
     "RATIO",
+    "RELATIVE_LENGTH",
+    "TEMPERATURE_DIFFERENCE",
+    "TEMPERATURE_GRADIENT",
+    "THERMAL_EXPANSION",
+    "TORQUE",
+    "PerEntry",
     "PerJoint",
     "Quantity",
     "parse",
@@ -84,7 +91,9 @@ ACCELERATION: Final = _quantity("acceleration", "m/s^2", {"m/s^2": 1.0, "mm/s^2"
 BENDING_RIGIDITY: Final = _quantity(
     "bending or torsional rigidity", "N*m^2", {"N*m^2": 1.0, "kN*m^2": 1e3, "N*mm^2": 1e-6, "kN*mm^2": 1e-3}
 )
-AXIAL_RIGIDITY: Final = _quantity("axial rigidity", "N", {"N": 1.0, "kN": 1e3, "MN": 1e6})
+FORCE: Final = _quantity("force or axial rigidity", "N", {**_FORCE, "MN": 1e6})
+AXIAL_RIGIDITY: Final = FORCE
+TORQUE: Final = _quantity("torque", "N*m", _TORQUE)
 ANGULAR_STIFFNESS: Final = _quantity(
     "angular stiffness",
     "N*m/rad",
@@ -103,6 +112,22 @@ LINEAR_STIFFNESS: Final = _quantity(
 LINEAR_COMPLIANCE: Final = _quantity(
     "linear compliance", "m/N", {f"{a}/{t}": f / g for a, f in _METRE.items() for t, g in _FORCE.items()}
 )
+# degC is a difference here, one kelvin: never a temperature above freezing
+_KELVIN: Final = ("K", "degC")
+TEMPERATURE_DIFFERENCE: Final = _quantity("temperature difference", "K", {"K": 1.0, "mK": 1e-3, "degC": 1.0})
+TEMPERATURE_GRADIENT: Final = _quantity(
+    "temperature gradient", "K/m", {f"{k}/{a}": 1 / _METRE[a] for k in _KELVIN for a in ("m", "cm", "mm")}
+)
+THERMAL_EXPANSION: Final = _quantity(
+    "thermal expansion",
+    "1/K",
+    {
+        f"{a}{k}{b}": f
+        for k in _KELVIN
+        for a, b, f in (("1/", "", 1.0), ("ppm/", "", 1e-6), ("um/(m*", ")", 1e-6), ("µm/(m*", ")", 1e-6))
+    },
+)
+RELATIVE_LENGTH: Final = _quantity("relative length", "m/m", {f"{a}/m": _METRE[a] for a in ("m", "mm", "um", "µm")})
 RATIO: Final = _quantity("ratio", "", {"": 1.0, "%": 1e-2, "ppm": 1e-6})
 
 QUANTITIES: Final = (
@@ -110,12 +135,17 @@ QUANTITIES: Final = (
     ANGLE,
     MASS,
     ACCELERATION,
+    FORCE,
+    TORQUE,
     BENDING_RIGIDITY,
-    AXIAL_RIGIDITY,
     ANGULAR_STIFFNESS,
     ANGULAR_COMPLIANCE,
     LINEAR_STIFFNESS,
     LINEAR_COMPLIANCE,
+    TEMPERATURE_DIFFERENCE,
+    TEMPERATURE_GRADIENT,
+    THERMAL_EXPANSION,
+    RELATIVE_LENGTH,
     RATIO,
 )
 
@@ -140,10 +170,12 @@ def split(text: object) -> tuple[list[float], str]:
     match = _TEXT.fullmatch(str(text))
     if match is None or "," in match[1]:
         raise UnitError(f"expected a number with a unit such as '0.1 mm', got {str(text)!r}")
-    numbers = [float(number) for number in match[1].split()]
+    written, unit = match[1].split(), (match[2] or "").strip()
+    if unit.startswith("/") and len(written) > 1 and written[-1] == "1":
+        unit = written.pop() + unit  # 12e-6 1/K
+    numbers = [float(number) for number in written]
     if not all(math.isfinite(number) for number in numbers):
         raise UnitError(f"{str(text)!r} is not finite")
-    unit = (match[2] or "").strip()
     for spelling, ours in _SPELLINGS:
         unit = unit.replace(spelling, ours)
     return numbers, re.sub(r"\s*([*/^()])\s*", r"\1", unit)
@@ -215,3 +247,16 @@ class PerJoint:
 
     revolute: Quantity
     prismatic: Quantity
+
+
+@dataclass(frozen=True)
+class PerEntry:
+    """Quantities of a list's entries, one by one.
+
+    Attributes
+    ----------
+    quantities
+        As many as the list has entries.
+    """
+
+    quantities: tuple[Quantity, ...]

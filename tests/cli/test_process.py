@@ -115,8 +115,7 @@ def closed_pipe() -> int:
 @pytest.mark.parametrize(
     ("arguments", "code"),
     [
-        (("analyze", "--samples", "100"), 0),
-        (("analyze", "--samples", "100", "--json", "-", "--spec", "1 nm"), 1),
+        (("analyze", "--samples", "100", "--json", "result.json", "--spec", "1 nm"), 1),
         (("schema",), 0),
         (("check", "forked.urdf"), 0),
     ],
@@ -133,15 +132,8 @@ def test_a_reader_that_has_gone_is_no_error(executable, folder, arguments, code)
     assert "Errno" not in done.stderr
     assert "Exception" not in done.stderr
     assert done.returncode == code
-
-
-def test_files_are_written_although_the_reader_has_gone(executable, folder):
-    writing = closed_pipe()
-    arguments = ["analyze", "--samples", "100", "--json", "result.json"]
-    done = subprocess.run([executable, *arguments], cwd=folder, stdout=writing, stderr=subprocess.PIPE, timeout=60)
-    os.close(writing)
-    assert done.returncode == 0
-    assert json.loads((folder / "result.json").read_text("utf-8"))["samples"] == 100
+    if arguments[0] == "analyze":  # what was asked for besides is written
+        assert json.loads((folder / "result.json").read_text("utf-8"))["samples"] == 100
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="Linux has a device that is always full")
@@ -159,10 +151,9 @@ def test_a_stdout_that_is_full(executable, folder, arguments):
 
 def test_an_output_that_cannot_show_greek(executable, folder):
     environment = os.environ | {"PYTHONIOENCODING": "latin-1"}
-    for arguments in (("mcpc",), ("analyze", "gantry.urdf", "--samples", "100")):
-        done = subprocess.run([executable, *arguments], cwd=folder, env=environment, capture_output=True, timeout=60)
-        assert done.returncode == 0, done.stderr
-        assert b"\\u" in done.stdout
+    done = subprocess.run([executable, "mcpc"], cwd=folder, env=environment, capture_output=True, timeout=60)
+    assert done.returncode == 0, done.stderr
+    assert "offset °  \\u03b1 °".encode("latin-1") in done.stdout
 
 
 def test_a_file_whose_name_is_not_utf8(executable, folder):
@@ -171,21 +162,19 @@ def test_a_file_whose_name_is_not_utf8(executable, folder):
     name = b"arm\xff.urdf"
     (folder / "gantry.urdf").rename(os.fsdecode(bytes(folder) + b"/" + name))
     arguments = [executable.encode(), b"analyze", name, b"gantry.errors.yaml", b"--samples", b"10"]
-    printed = subprocess.run([*arguments, b"--json", b"-"], cwd=folder, capture_output=True, timeout=60)
-    assert printed.returncode == 0, printed.stderr
-    assert json.loads(printed.stdout)["robot"] == "arm\udcff.urdf"
-    written = subprocess.run([*arguments, b"--json", b"result.json"], cwd=folder, capture_output=True, timeout=60)
-    assert written.returncode == 0, written.stderr
-    assert (folder / "result.json").read_bytes() == printed.stdout
+    done = subprocess.run([*arguments, b"--json", b"result.json"], cwd=folder, capture_output=True, timeout=60)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.startswith(b"arm\\udcff.urdf: ")
+    assert json.loads((folder / "result.json").read_text("utf-8"))["robot"] == "arm\udcff.urdf"
 
 
 def test_without_a_stdout(executable, folder):
     done = subprocess.run(
-        ["sh", "-c", 'exec "$0" analyze --samples 100 >&-', executable],
+        ["sh", "-c", 'exec "$0" mcpc >&-', executable],
         cwd=folder,
         stderr=subprocess.PIPE,
         text=True,
         timeout=60,
     )
     assert done.returncode == 0
-    assert all(" warning W_" in line for line in done.stderr.splitlines())
+    assert done.stderr == ""

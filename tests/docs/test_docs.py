@@ -29,9 +29,9 @@ import pytest
 
 from precision_pin import cli
 from precision_pin.errors import InputError
+from precision_pin.kernel import BLOCK
 from precision_pin.model import ErrorModel
 from precision_pin.parameters import MOST_OPERATIONS
-from precision_pin.run import BLOCK
 from precision_pin.sheet.reader import LARGEST_FILE
 from precision_pin.sheet.schema import Document
 from precision_pin.sheet.text import MOST_LEVELS, MOST_NODES

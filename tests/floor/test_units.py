@@ -20,9 +20,11 @@ def registry() -> Iterator[object]:
 
 @pytest.mark.parametrize(("quantity", "unit"), EVERY_UNIT, ids=lambda value: getattr(value, "name", value))
 def test_factor_is_that_of_pint(quantity: units.Quantity, unit: str, registry) -> None:
-    expected = registry.Quantity(1.0, unit).to(quantity.si).magnitude
+    # a difference of temperatures: for pint a degC of its own
+    expected = registry.Quantity(1.0, unit.replace("degC", "delta_degC")).to(quantity.si).magnitude
     assert units.parse(f"1 {unit}", quantity) == pytest.approx(expected, rel=4e-16)
-    assert units.parse(f"-2.5e-3{unit}", quantity) == pytest.approx(-2.5e-3 * expected, rel=1e-15)
+    glued = f"-2.5e-3{' ' if unit.startswith('1') else ''}{unit}"
+    assert units.parse(glued, quantity) == pytest.approx(-2.5e-3 * expected, rel=1e-15)
 
 
 @pytest.mark.parametrize("quantity", units.QUANTITIES, ids=lambda quantity: quantity.name)
@@ -69,6 +71,12 @@ def test_every_spelling_of_a_listed_unit_reads_back() -> None:
         ("1 µrad/(Nm)", units.ANGULAR_COMPLIANCE, 1e-6),
         ("2 N/µm", units.LINEAR_STIFFNESS, 2e6),
         ("2 um/N", units.LINEAR_COMPLIANCE, 2e-6),
+        ("12e-6 1/K", units.THERMAL_EXPANSION, 12e-6),
+        ("12e-6 1 / degC", units.THERMAL_EXPANSION, 12e-6),
+        ("23 µm/(m·K)", units.THERMAL_EXPANSION, 23e-6),
+        ("5 degC", units.TEMPERATURE_DIFFERENCE, 5),
+        ("2 K/mm", units.TEMPERATURE_GRADIENT, 2000),
+        ("23 um/m", units.RELATIVE_LENGTH, 23e-6),
         ("0.5", units.RATIO, 0.5),
         ("50 %", units.RATIO, 0.5),
         ("5 ppm", units.RATIO, 5e-6),
@@ -101,6 +109,12 @@ def test_bare_number_is_refused_and_the_units_are_listed(text: object, quantity:
     with pytest.raises(UnitError, match="has no unit") as caught:
         units.parse(text, quantity)
     assert all(unit in str(caught.value) for unit in quantity.units)
+
+
+@pytest.mark.parametrize("text", ["12e-61/K", "12e-6 /K", "1 2 1/K", "12e-6 2/K", "12e-6 1.0/K", "12e-6 1 1/K", "1/K"])
+def test_the_one_of_a_reciprocal_is_no_number(text: str) -> None:
+    with pytest.raises(UnitError):
+        units.parse(text, units.THERMAL_EXPANSION)
 
 
 def test_every_unit_of_another_quantity_is_refused() -> None:

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from precision_pin.laws import Circle, Disc, Fixed, JointNormal, Normal, Triangular, TruncatedNormal, Uniform
+from precision_pin.laws import Circle, Disc, Fixed, JointNormal, Law, Normal, Triangular, TruncatedNormal, Uniform
 from precision_pin.model import PoseModel, TermTable
 from precision_pin.parameters import Component, Expression, Program, cos, sin, sqrt
 from precision_pin.space import Draw, Scope, Space
@@ -90,6 +90,21 @@ def plain_table(space: Space, frames: Any, twists: Any, *, tip: Any = None) -> P
         target=np.arange(count),
         twists=np.asarray(twists, dtype=float),
         factors=np.array([[k, -1, -1] for k in range(count)]),
+    )
+    return pose_model(space, table)
+
+
+def single_formula(formula: Expression, law: Law | None = None, scale: float = 1e-3) -> PoseModel:
+    """Return one target shifted along z by a formula of the draw ``a``, standard normal if no law is given."""
+    space = Space((Draw("a", law or Normal(1.0)),))
+    table = TermTable(
+        pose=np.eye(4),
+        targets=(None,),
+        frames=np.eye(4)[None],
+        program=Program.compile([formula], space.index),
+        target=np.array([0]),
+        twists=np.array([[0, 0, scale, 0, 0, 0.0]]),
+        factors=np.array([[0, -1, -1]]),
     )
     return pose_model(space, table)
 

@@ -9,11 +9,12 @@ from dataclasses import fields
 import numpy as np
 import pytest
 
-from kernel.kernel_cases import EVERY_LAW, plain_table, random_table
+from kernel.kernel_cases import EVERY_LAW, plain_table, random_table, single_formula
 from precision_pin import kernel
 from precision_pin.errors import InputError
 from precision_pin.kernel import BLOCK
-from precision_pin.laws import Fixed
+from precision_pin.laws import Fixed, Uniform
+from precision_pin.parameters import Component, sqrt
 from precision_pin.space import Draw, Space
 from precision_pin.statistics import Plan, Specification, State, finish, merge, observe, start
 
@@ -102,9 +103,13 @@ def test_seeds_units_poses_and_visits_differ() -> None:
         assert (first != other).any(axis=0).all()
 
 
-def test_a_last_block_that_would_fail_later_does_not_fail_now() -> None:
-    at = random_table(8, targets=6, terms=25, shift=1e-3, turn=1e-3)
-    assert kernel.accumulate(kernel.compile_table(at), PLAN, "exact", 0, 0, 1, samples=3).count == 3
+def test_units_beyond_the_last_one_do_not_fail_the_run() -> None:
+    at = single_formula(sqrt(Component("a")), Uniform(1.0, 0.99))
+    layout = kernel.compile_table(at)
+    bad = int(np.flatnonzero(at.space.sample(0, 0, 10_000)[0] < 0)[0])
+    assert kernel.accumulate(layout, PLAN, "exact", 0, 0, 1, samples=bad).count == bad
+    with pytest.raises(InputError, match=f"sample {bad}: "):
+        kernel.accumulate(layout, PLAN, "exact", 0, 0, 1, samples=bad + 1)
 
 
 def test_a_constant_error_is_counted_without_spread() -> None:

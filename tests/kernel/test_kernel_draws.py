@@ -192,8 +192,11 @@ def test_what_is_not_a_seed_or_a_unit_is_refused() -> None:
     for seed in (-1, 2**64, 1.5):
         with pytest.raises(InputError, match="seed"):
             kernel.sample(LAYOUT, seed, 0, 5)
-    with pytest.raises(InputError, match="units are numbered from 0"):
-        kernel.sample(LAYOUT, 0, -1, 5)
+    for first, count in ((-1, 5), (0, -1), (2**63 - 4, 5), (1.0, 5)):
+        with pytest.raises(InputError, match="units are numbered from 0"):
+            kernel.sample(LAYOUT, 0, first, count)
+    last = kernel.sample(LAYOUT, 0, 2**63 - 5, 5)
+    np.testing.assert_allclose(last, EVERY_LAW.sample(0, 2**63 - 5, 5), rtol=0, atol=2e-15)
     with pytest.raises(InputError, match="pose"):
         kernel.sample(LAYOUT, 0, 0, 5, pose=2**20)
     assert kernel.sample(LAYOUT, 0, 0, 0).shape == (EVERY_LAW.size, 0)

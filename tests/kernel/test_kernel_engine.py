@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from scipy.linalg import expm, logm
 
-from kernel.kernel_cases import EVERY_LAW, plain_table, pose_model, random_frame, random_table
+from kernel.kernel_cases import EVERY_LAW, plain_table, random_frame, random_table, single_formula
 from precision_pin import kernel
 from precision_pin.errors import InputError
 from precision_pin.laws import Fixed, Normal, Uniform
-from precision_pin.model import ErrorModel, PoseModel, TermTable
-from precision_pin.parameters import Component, Expression, Program, sqrt
+from precision_pin.model import ErrorModel
+from precision_pin.parameters import Component, sqrt
 from precision_pin.space import Draw, Space
 
 SHEET = Path(__file__).parents[2] / "robots" / "4dof.errors.yaml"
@@ -144,20 +144,6 @@ def test_nothing_random_and_nothing_at_all() -> None:
         assert not kernel.errors(layout, model, 0, 3, 7).any()
         assert kernel.errors_at(layout, model, np.zeros((0, 4))).shape == (6, 4)
         assert kernel.errors_at(layout, model, np.zeros((0, 0))).shape == (6, 0)
-
-
-def single_formula(formula: Expression, law=None, scale: float = 1e-3) -> PoseModel:
-    space = Space((Draw("a", law or Normal(1.0)),))
-    table = TermTable(
-        pose=np.eye(4),
-        targets=(None,),
-        frames=np.eye(4)[None],
-        program=Program.compile([formula], space.index),
-        target=np.array([0]),
-        twists=np.array([[0, 0, scale, 0, 0, 0.0]]),
-        factors=np.array([[0, -1, -1]]),
-    )
-    return pose_model(space, table)
 
 
 @pytest.mark.parametrize(

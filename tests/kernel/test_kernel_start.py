@@ -14,6 +14,7 @@ import pytest
 import precision_pin
 from kernel.kernel_cases import EVERY_LAW, random_table
 from precision_pin import kernel, kernel_loops
+from precision_pin.statistics import Plan, Specification
 
 PACKAGE = Path(precision_pin.__file__).parent
 TESTS = Path(__file__).parents[1]
@@ -63,6 +64,13 @@ def test_one_compilation_serves_every_table() -> None:
         kernel.errors(layout, "exact", 0, 0, 5)
         kernel.errors_at(layout, "linear", np.ones((EVERY_LAW.size, 2)))
         kernel.sample(layout, 0, 1, 5)
+        # what numpy hands about must not be another type to numba
+        fixed = np.ones((EVERY_LAW.size, 2), dtype=np.float32, order="F")
+        fixed.flags.writeable = False
+        kernel.errors_at(layout, "exact", fixed)
+        kernel.errors(layout, "exact", np.uint64(3), np.uint64(5), np.int32(7))
+        plan = Plan(np.zeros(8), np.ones(8), (Specification("position.x", 1.0, 0.5),))
+        kernel.accumulate(layout, plan, "exact", np.int64(1), np.int64(0), np.uint8(1), samples=np.int32(20))
     kernel.warm_up()
     if not kernel_loops.INTERPRETED:
         assert len(kernel_loops.run.signatures) == 1

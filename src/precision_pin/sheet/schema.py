@@ -17,7 +17,7 @@ from precision_pin.sheet.settings import LAW_KEYS, NamedParameter, SettingError,
 from precision_pin.sheet.text import Path
 from precision_pin.sources import catalogue
 from precision_pin.terms import Source
-from precision_pin.units import PerJoint, Quantity, parse_vector
+from precision_pin.units import PerEntry, PerJoint, Quantity, parse_vector
 
 __all__ = ["Context", "Document", "SettingReason", "json_schema", "source_model", "used_quantities"]
 
@@ -108,28 +108,37 @@ def _field_type(hint: Any) -> Any:
     if typing.get_origin(hint) is not Annotated:
         return hint
     bare, *notes = typing.get_args(hint)
-    quantities = tuple(note for note in notes if isinstance(note, Quantity | PerJoint))
+    quantities = tuple(note for note in notes if isinstance(note, Quantity | PerJoint | PerEntry))
     if not quantities:
         return hint
-    if typing.get_origin(bare) is tuple:
-        return Annotated[
-            tuple[Any, ...], BeforeValidator(_read_tuple(quantities)), WithJsonSchema(_list_schema(quantities))
-        ]
     options = typing.get_args(bare) if typing.get_origin(bare) in (types.UnionType, typing.Union) else (bare,)
+    for option in options:
+        if typing.get_origin(option) is tuple:
+            if not _holds_law(option):
+                levels = 2 if typing.get_origin(typing.get_args(option)[0]) is tuple else 1
+                read, schema = _read_numbers(quantities, levels), _numbers_schema(quantities, levels)
+                return Annotated[Any, BeforeValidator(read), WithJsonSchema(schema)]
+            return Annotated[
+                tuple[Any, ...], BeforeValidator(_read_tuple(quantities)), WithJsonSchema(_list_schema(quantities))
+            ]
     if Law in options:
         return Annotated[Any, BeforeValidator(_read_setting(quantities)), WithJsonSchema(_setting_schema(quantities))]
     return Annotated[Any, BeforeValidator(_read_number(quantities)), WithJsonSchema(_quantity_schema(quantities))]
 
 
-Notes = tuple[Quantity | PerJoint, ...]
+def _holds_law(hint: Any) -> bool:
+    return hint is Law or any(_holds_law(part) for part in typing.get_args(hint))
+
+
+Notes = tuple[Quantity | PerJoint | PerEntry, ...]
 
 
 def used_quantities(kinds: Iterable[type[Source]]) -> tuple[Quantity, ...]:
-    """Return every quantity that some setting of the kinds takes, so that a bare number fits none by accident."""
+    """Return every quantity that some random setting of the kinds takes, so that a bare number fits none by accident."""
     found: dict[Quantity, None] = {}
     for kind in kinds:
         for hint in typing.get_type_hints(kind, include_extras=True).values():
-            for note in typing.get_args(hint)[1:] if typing.get_origin(hint) is Annotated else ():
+            for note in typing.get_args(hint)[1:] if _holds_law(hint) else ():
                 found |= dict.fromkeys(_either(note))
     return tuple(found)
 
@@ -137,6 +146,8 @@ def used_quantities(kinds: Iterable[type[Source]]) -> tuple[Quantity, ...]:
 def _either(note: object) -> tuple[Quantity, ...]:
     if isinstance(note, PerJoint):
         return (note.revolute, note.prismatic)
+    if isinstance(note, PerEntry):
+        return tuple(dict.fromkeys(note.quantities))
     return (note,) if isinstance(note, Quantity) else ()
 
 
@@ -149,8 +160,8 @@ def _quantities(notes: Notes, info: ValidationInfo[Any]) -> tuple[Quantity, ...]
     """Return what a setting may be, for the joint that the source names."""
     result: list[Quantity] = []
     for note in notes:
-        if isinstance(note, Quantity):
-            result.append(note)
+        if not isinstance(note, PerJoint):
+            result += _either(note)
         else:
             slides = _context(info).prismatic.get(info.data.get("joint", ""))
             result += [note.revolute] if slides is not True else []
@@ -200,6 +211,37 @@ def _read_tuple(notes: Notes) -> Any:
     return read
 
 
+def _read_numbers(notes: Notes, levels: int) -> Any:
+    """Return the reader of a list of plain quantities, or of rows of such (``levels`` 2)."""
+
+    def read(value: object, info: ValidationInfo[Any]) -> tuple[object, ...]:
+        return _numbers(value, notes, levels, info, ())
+
+    return read
+
+
+def _numbers(value: object, notes: Notes, levels: int, info: ValidationInfo[Any], below: Path) -> tuple[object, ...]:
+    per_entry = next((note.quantities for note in notes if isinstance(note, PerEntry)), None)
+    try:
+        if not isinstance(value, list):
+            if levels > 1 or per_entry is not None:
+                raise InputError("rows of numbers belong here" if levels > 1 else "a list of numbers belongs here")
+            return tuple(parse_vector(value, *_quantities(notes, info)))
+        if per_entry is not None and len(value) != len(per_entry):
+            raise InputError(f"{len(value)} numbers, expected {len(per_entry)}")
+    except InputError as error:
+        raise SettingReason(error, below) from None
+    if levels > 1:
+        return tuple(_numbers(row, notes, levels - 1, info, (*below, k)) for k, row in enumerate(value))
+    result = []
+    for k, entry in enumerate(value):
+        try:
+            result.append(parse_number(entry, (per_entry[k],) if per_entry else _quantities(notes, info)))
+        except InputError as error:
+            raise SettingReason(error, (*below, k)) from None
+    return tuple(result)
+
+
 @final
 class SettingReason(ValueError):
     """Carries an error through pydantic.
@@ -221,7 +263,9 @@ def _units(notes: Notes) -> str:
 
 
 def _quantity_schema(notes: Notes) -> dict[str, Any]:
-    return {"type": "string", "description": f"a number and one of: {_units(notes)}"}
+    bare = any("" in quantity.units for note in notes for quantity in _either(note))
+    kind = ["string", "number"] if bare else "string"
+    return {"type": kind, "description": f"a number and one of: {_units(notes)}"}
 
 
 def _setting_schema(notes: Notes) -> dict[str, Any]:
@@ -238,6 +282,14 @@ def _with_references(schema: Any) -> Any:
 
 def _list_schema(notes: Notes) -> dict[str, Any]:
     return {"anyOf": [_setting_schema(notes), {"type": "array", "items": _setting_schema(notes)}]}
+
+
+def _numbers_schema(notes: Notes, levels: int) -> dict[str, Any]:
+    lists: dict[str, Any] = {"type": "array", "items": _quantity_schema(notes)}
+    if levels > 1:
+        return {"type": "array", "items": lists}
+    per_entry = any(isinstance(note, PerEntry) for note in notes)
+    return lists if per_entry else {"anyOf": [_quantity_schema(notes), lists]}
 
 
 def _law_schema() -> dict[str, Any]:

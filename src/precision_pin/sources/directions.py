@@ -18,9 +18,9 @@ _AXES: Final = {"x": 0, "y": 1, "z": 2}
 
 
 def direction_of(text: str, posture: Posture) -> NDArray[np.float64]:
-    """Return the unit vector, base axes, of ``[-]x|y|z|axis of JOINT``.
+    """Return the unit vector, base axes, of ``[-]x|y|z|axis of JOINT`` or ``[-]x|y|z of BASE``.
 
-    ``x``, ``y``, ``z`` are the axes of the joint's URDF frame after it turned.
+    ``x``, ``y``, ``z`` are the axes of the joint's URDF frame after it turned, or of the chain's base link.
 
     Raises
     ------
@@ -32,6 +32,9 @@ def direction_of(text: str, posture: Posture) -> NDArray[np.float64]:
     match = _DIRECTION.fullmatch(text.strip())
     if match is None:
         raise InputError(f"direction {text!r} is not understood; allowed: link, [-]x|y|z of JOINT, [-]axis of JOINT")
-    joint = posture.chain.joint_index(match[3].strip())
+    name = match[3].strip()
+    if name == posture.chain.base and name not in posture.chain.joint_names and match[2] != "axis":
+        return np.eye(3)[_AXES[match[2]]] * (-1.0 if match[1] else 1.0)
+    joint = posture.chain.joint_index(name)
     direction = posture.joint_axes[joint] if match[2] == "axis" else posture.joint_poses[joint][:3, _AXES[match[2]]]
     return np.asarray(-direction if match[1] else direction, dtype=float)

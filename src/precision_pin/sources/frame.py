@@ -9,8 +9,8 @@ from typing import Annotated, final
 import numpy as np
 
 from precision_pin import units
-from precision_pin.chain import Place, Posture
-from precision_pin.errors import InputError
+from precision_pin.chain import Posture
+from precision_pin.sources.chosen_place import check_choice, chosen_place
 from precision_pin.space import LabelledSpace, Setting
 from precision_pin.terms import Source, Term
 
@@ -47,8 +47,7 @@ class Frame(Source):
     rz: Annotated[Setting, units.ANGLE] = 0.0
 
     def __post_init__(self) -> None:
-        if sum(name is not None for name in (self.joint, self.link, self.frame)) != 1:
-            raise InputError("frame needs one of joint:, link: and frame:")
+        check_choice("frame", self.joint, self.link, self.frame)
 
     @property
     def subject(self) -> str:
@@ -57,16 +56,8 @@ class Frame(Source):
 
     def terms(self, posture: Posture, space: LabelledSpace) -> Iterator[Term]:
         """Yield a term for each error that is not zero."""
-        place = self._place(posture)
+        place = chosen_place(posture.chain, self.joint, self.link, self.frame)
         for row, field in enumerate(("x", "y", "z", "rx", "ry", "rz")):
             value = space.value(field, getattr(self, field))
             if value != 0.0:
                 yield Term.of(place, np.eye(6)[row], value)
-
-    def _place(self, posture: Posture) -> Place:
-        chain = posture.chain
-        if self.joint is not None:
-            return chain.seat(chain.joint_index(self.joint))
-        if self.link is not None:
-            return chain.end(chain.link_frame(self.link).link)
-        return chain.frame_place(self.subject)

@@ -9,7 +9,10 @@ from collections.abc import Callable
 from types import ModuleType
 
 from support.checks.axis_install import check_axis_install
+from support.checks.backlash import check_backlash
 from support.checks.beam import check_beam
+from support.checks.bearing_stiffness import check_bearing_stiffness
+from support.checks.clearance import check_clearance
 from support.checks.frame import check_frame
 from support.checks.joint_compliance import check_joint_compliance
 from support.checks.joint_offset import check_joint_offset
@@ -19,7 +22,10 @@ from support.checks.payload import check_payload
 
 CHECKS: dict[str, Callable[[ModuleType], None]] = {
     "axis_install": check_axis_install,
+    "backlash": check_backlash,
     "beam": check_beam,
+    "bearing_stiffness": check_bearing_stiffness,
+    "clearance": check_clearance,
     "frame": check_frame,
     "joint_compliance": check_joint_compliance,
     "joint_offset": check_joint_offset,

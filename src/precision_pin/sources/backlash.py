@@ -1,0 +1,78 @@
+"""Backlash of a joint's drive."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Annotated, Literal, final
+
+import numpy as np
+
+from precision_pin import units
+from precision_pin.chain import Posture
+from precision_pin.errors import InputError
+from precision_pin.laws import Uniform
+from precision_pin.space import Draw, LabelledSpace, Scope, Setting
+from precision_pin.terms import JointValue, Source, Term, at_means
+
+__all__ = ["Backlash"]
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class Backlash(Source):
+    """Backlash of a joint's drive: the load lays the joint on one flank, half the backlash off the middle of the gap.
+
+    ``Δθ = sign(τ) b/2`` with τ the torque that the load puts on the joint, all parameters at their means, as in eq 23
+    of Wei, Jia and Chen (2015). Where ``|τ|`` is below the band, friction holds the joint where it came to rest:
+    ``Δθ = u b/2`` with u uniform on -1 to 1. The side follows from the mean load, so it needs no random number and does
+    not turn over with a load that scatters; the deviation does not grow with the load, so it is no deflection:
+    equilibrium statics decides the side on the deflected arm.
+
+    Attributes
+    ----------
+    joint
+        Which joint.
+    backlash
+        b, the whole gap from flank to flank, at the joint; for a prismatic joint a length.
+    band
+        Torque (where the joint slides: force) below which the side is random: about the friction of the joint.
+    scope
+        How often a random side is drawn: once for each ``unit``, at each ``pose`` or at each ``visit``.
+
+    Raises
+    ------
+    InputError
+        A band that is not positive, or a scope that is none of the three.
+    """
+
+    joint: str
+    backlash: Annotated[Setting, units.PerJoint(units.ANGLE, units.LENGTH)]
+    band: Annotated[float, units.PerJoint(units.TORQUE, units.FORCE)]
+    scope: Literal["unit", "pose", "visit"] = "visit"
+
+    def __post_init__(self) -> None:
+        if not 0 < self.band < np.inf:
+            raise InputError(f"the band of backlash must be positive, got {self.band}")
+        allowed = [scope.value for scope in Scope]
+        if self.scope not in allowed:
+            raise InputError(f"scope of backlash must be one of {', '.join(allowed)}, got {self.scope!r}")
+
+    @property
+    def subject(self) -> str:
+        """The joint."""
+        return self.joint
+
+    def own_draws(self, label: str) -> tuple[Draw, ...]:
+        """Return where in the gap the joint stands when the load does not say: -1 to 1."""
+        return (Draw(f"{label}.side", Uniform(1.0), Scope(self.scope)),)
+
+    def terms(self, posture: Posture, space: LabelledSpace) -> Iterator[Term]:
+        """Yield one term."""
+        joint = posture.chain.joint_index(self.joint)
+        gap = space.positive("backlash", self.backlash, zero=True)
+        torque = float(at_means(posture.torque_on(joint), space.space))
+        if abs(torque) >= self.band:
+            yield Term.of(JointValue(joint), np.sign(torque) / 2, gap)
+        else:
+            yield Term.of(JointValue(joint), 0.5, gap, space.component("side"))

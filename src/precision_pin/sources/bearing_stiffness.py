@@ -1,0 +1,104 @@
+"""Flexibility of a joint's bearing."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Annotated, Final, final
+
+import numpy as np
+
+from precision_pin import units
+from precision_pin.chain import Posture
+from precision_pin.errors import InputError
+from precision_pin.parameters import Value
+from precision_pin.sources.seats import PadsOn, height_above_seat, seat_axes, seat_wrench, wrench_at
+from precision_pin.space import LabelledSpace, Setting
+from precision_pin.terms import Source, Term
+
+__all__ = ["BearingStiffness"]
+
+_ROWS: Final = {"radial": (0, 1), "axial": (2,), "tilt": (3, 4), "roll": (5,)}
+"""Components of the wrench, and of the displacement, that each stiffness joins."""
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class BearingStiffness(Source):
+    """Flexibility of a joint's bearing: the seat gives under the wrench of everything beyond the joint.
+
+    With z on the joint's axis and F, M about the bearing's centre, which is displaced by ``d = (F_x/k_r, F_y/k_r,
+    F_z/k_a)`` and turned by ``δ = (M_x/k_t, M_y/k_t, 0)``. About its own axis the joint is free (along it, where it
+    slides): what acts there the drive carries, see ``joint_compliance``. Linear, without play, radial force and tilt
+    uncoupled at the centre. Of two bearings of radial stiffness k a span L apart, the centre half way:
+    ``k_r = 2k``, ``k_t = k L²/2``. Source: the bushing of multibody mechanics with uncoupled springs; ISO/TS 16281 for
+    how the stiffness of a rolling bearing follows from its inside.
+
+    Attributes
+    ----------
+    joint
+        Whose bearing.
+    radial
+        k_r, normal to the axis; rigid if left out, as is each of the others.
+    axial
+        k_a, along the axis. Not of a joint that slides.
+    tilt
+        k_t, about every axis normal to the joint's: the moment stiffness of a data sheet.
+    roll
+        Where the joint slides: about its axis, ``δ_z = M_z/k``.
+    centre
+        Where on the axis, from the joint's origin, the bearing's centre lies.
+    pads_on
+        Where the joint slides: the link that the bearing is fixed to, ``child`` (a carriage, which travels along its
+        rail; ``centre`` counts from the joint's frame after it moved) or ``parent`` (fixed guides).
+
+    Raises
+    ------
+    InputError
+        No stiffness at all, or pads on neither link.
+    """
+
+    joint: str
+    radial: Annotated[Setting | None, units.LINEAR_STIFFNESS] = None
+    axial: Annotated[Setting | None, units.LINEAR_STIFFNESS] = None
+    tilt: Annotated[Setting | None, units.ANGULAR_STIFFNESS] = None
+    roll: Annotated[Setting | None, units.ANGULAR_STIFFNESS] = None
+    centre: Annotated[float, units.LENGTH] = 0.0
+    pads_on: PadsOn = "child"
+
+    def __post_init__(self) -> None:
+        if all(getattr(self, name) is None for name in _ROWS):
+            raise InputError("bearing_stiffness needs a stiffness: radial:, axial:, tilt: or roll:")
+        if self.pads_on not in ("child", "parent"):
+            raise InputError(f"pads_on of bearing_stiffness must be one of child, parent, got {self.pads_on!r}")
+
+    @property
+    def subject(self) -> str:
+        """The joint."""
+        return self.joint
+
+    def terms(self, posture: Posture, space: LabelledSpace) -> Iterator[Term]:
+        """Yield a term for each stiffness and each group of loads with the same random factors."""
+        chain = posture.chain
+        joint = chain.joint_index(self.joint)
+        slides = bool(chain.prismatic[joint])
+        free = "axial" if slides else "roll"
+        if getattr(self, free) is not None:
+            way = "slides along" if slides else "turns about"
+            raise InputError(
+                f"{free}: of {self.label()}: the joint {way} its axis; joint_compliance is the flexibility of its drive"
+            )
+        place = chain.seat(joint)
+        to_place = seat_axes(chain, joint)
+        to_centre = wrench_at(height_above_seat(posture, joint, self.centre, self.pads_on))
+        wrenches = seat_wrench(posture, joint)
+        for name, rows in _ROWS.items():
+            setting = getattr(self, name)
+            if setting is None:
+                continue
+            flexibility: Value = 1.0 / space.positive(name, setting)
+            carried = np.zeros((6, 6))
+            carried[rows, rows] = 1.0
+            for factors, wrench in wrenches.items():
+                displacement = to_centre.T @ carried @ to_centre @ wrench
+                yield Term.of(place, to_place @ displacement, *factors, flexibility, loaded=True)

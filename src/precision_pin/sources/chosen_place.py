@@ -1,0 +1,37 @@
+"""The place that a source's ``joint``, ``link`` or ``frame`` chooses."""
+
+from __future__ import annotations
+
+from precision_pin.chain import Chain, Place
+from precision_pin.errors import InputError
+
+__all__ = ["check_choice", "chosen_place"]
+
+
+def check_choice(kind: str, joint: str | None, link: str | None, frame: str | None) -> None:
+    """Refuse anything but one of the three.
+
+    Raises
+    ------
+    InputError
+        None or several are given.
+    """
+    if sum(name is not None for name in (joint, link, frame)) != 1:
+        raise InputError(f"{kind} needs one of joint:, link: and frame:")
+
+
+def chosen_place(chain: Chain, joint: str | None, link: str | None, frame: str | None) -> Place:
+    """Return the seat of a joint, the end of the chain link that a URDF link belongs to, or a URDF link's own frame.
+
+    Raises
+    ------
+    UnknownNameError
+        No such joint or link.
+    InputError
+        The frame is not on the way to the tip.
+    """
+    if joint is not None:
+        return chain.seat(chain.joint_index(joint))
+    if link is not None:
+        return chain.end(chain.link_frame(link).link)
+    return chain.frame_place(frame or "")

@@ -1,0 +1,160 @@
+"""Clearance of a joint's bearings."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Annotated, Literal, final
+
+import numpy as np
+
+from precision_pin import units
+from precision_pin.chain import Posture
+from precision_pin.errors import InputError
+from precision_pin.laws import Circle, Disc, Uniform
+from precision_pin.parameters import Value
+from precision_pin.sources.seats import PadsOn, height_above_seat, seat_axes, seat_wrench, shift_of_point
+from precision_pin.space import Draw, LabelledSpace, Scope, Setting, indexed
+from precision_pin.terms import Source, Term, at_means
+
+__all__ = ["Clearance"]
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class Clearance(Source):
+    """Clearance of a joint's two bearings: each journal lies off centre by half the diametral clearance.
+
+    The bearings stand on the axis at A, ``z = start``, and B, ``z = start + span``. With ``direction: load`` a journal
+    lies where its load presses it, along the line of the bearing's reaction. The loads are the statics of a beam on two
+    supports: with F and M of everything beyond the joint, all parameters at their means, about the joint's origin,
+    ``P_B = ((M_y, -M_x) - z_A (F_x, F_y)) / span`` and ``P_A = (F_x, F_y) - P_B``. Where a load is below the band, and
+    with ``direction: random``, the journal lies in a random direction: always in contact, on a circle (Ting, Zhu and
+    Watkins, Mechanism and Machine Theory 35, 2000), or anywhere in the disc (Zhu and Ting, ASME DETC 1998). The axis
+    runs through both journals, which displaces the seat as in eqs 18 and 19 of Wei, Jia and Chen (2015). Axial play
+    shifts the seat by half of it to the side of the axial force; where that is below the band, and with
+    ``direction: random``, by anything up to that half, all alike.
+
+    The direction is that of the mean load and does not turn with a load that scatters. The shift does not grow with the
+    load, so it is no deflection: equilibrium statics turns it with the deflected arm, but takes no derivative of it.
+
+    A joint that slides runs on two pads with the same lateral play in every direction; its play along the axis is
+    ``backlash``, and nothing here turns it about the axis.
+
+    Attributes
+    ----------
+    joint
+        Whose bearings.
+    diametral
+        Total radial play, from one side to the opposite one: bore minus journal. One for both bearings, or two: of A
+        and of B.
+    span
+        Distance of the bearings.
+    start
+        Where on the axis, from the joint's origin, bearing A stands.
+    axial
+        Total axial play, from one end to the other. Not of a joint that slides.
+    direction
+        Of the shifts: ``load`` or ``random``.
+    band
+        Load of a bearing below which its direction is random; belongs to ``direction: load``.
+    law
+        Of a random direction: ``circle`` (in contact) or ``disc``.
+    scope
+        How often a random direction is drawn: once for each ``unit``, at each ``pose`` or at each ``visit``.
+    pads_on
+        Where the joint slides: the link that the pads are fixed to, ``child`` (a carriage, which travels along its
+        rail; ``start`` counts from the joint's frame after it moved) or ``parent`` (fixed guides).
+
+    Raises
+    ------
+    InputError
+        Not one or two diametral clearances, a span or band that is not positive, a band without need or missing, or a
+        word that is none of those above.
+    """
+
+    joint: str
+    diametral: Annotated[tuple[Setting, ...], units.LENGTH]
+    span: Annotated[float, units.LENGTH]
+    start: Annotated[float, units.LENGTH] = 0.0
+    axial: Annotated[Setting, units.LENGTH] = 0.0
+    direction: Literal["load", "random"] = "load"
+    band: Annotated[float | None, units.FORCE] = None
+    law: Literal["circle", "disc"] = "circle"
+    scope: Literal["unit", "pose", "visit"] = "visit"
+    pads_on: PadsOn = "child"
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.diametral, tuple) or len(self.diametral) not in (1, 2):
+            raise InputError("clearance needs one or two diametral: clearances, of both bearings or of A and of B")
+        if not 0 < self.span < np.inf:
+            raise InputError(f"the span of clearance must be positive, got {self.span} m")
+        for name, allowed in (
+            ("direction", ("load", "random")),
+            ("law", ("circle", "disc")),
+            ("scope", tuple(scope.value for scope in Scope)),
+            ("pads_on", ("child", "parent")),
+        ):
+            if getattr(self, name) not in allowed:
+                raise InputError(
+                    f"{name} of clearance must be one of {', '.join(allowed)}, got {getattr(self, name)!r}"
+                )
+        if self.direction == "load" and self.band is None:
+            raise InputError("clearance with direction: load needs band:, the load below which a direction is random")
+        if self.direction == "random" and self.band is not None:
+            raise InputError("band: of clearance belongs to direction: load")
+        if self.band is not None and not 0 < self.band < np.inf:
+            raise InputError(f"the band of clearance must be positive, got {self.band} N")
+
+    @property
+    def subject(self) -> str:
+        """The joint."""
+        return self.joint
+
+    def own_draws(self, label: str) -> tuple[Draw, ...]:
+        """Return the random directions of A and B, of unit radius, and the axial side, -1 to 1."""
+        scope = Scope(self.scope)
+        unit = Circle(1.0) if self.law == "circle" else Disc(1.0)
+        draws = [Draw(f"{label}.{name}", unit, scope) for name in ("A", "B")]
+        if self.axial != 0.0:
+            draws.append(Draw(f"{label}.side", Uniform(1.0), scope))
+        return tuple(draws)
+
+    def terms(self, posture: Posture, space: LabelledSpace) -> Iterator[Term]:
+        """Yield a term for each journal that its load places, two for each other one, and one for the axial play."""
+        chain = posture.chain
+        joint = chain.joint_index(self.joint)
+        if chain.prismatic[joint] and self.axial != 0.0:
+            raise InputError(f"{self.joint} slides: its play along the axis is backlash, not axial play of clearance")
+        place = chain.seat(joint)
+        to_place = seat_axes(chain, joint)
+        load = np.zeros(6) + at_means(seat_wrench(posture, joint), space.space)
+        near = height_above_seat(posture, joint, self.start, self.pads_on)
+        far = near + self.span
+        size_a, *others = [
+            space.positive(indexed("diametral", k), size, zero=True) for k, size in enumerate(self.diametral)
+        ]
+        size_b = others[0] if others else size_a
+        for name, height, other, size in (("A", near, far, size_a), ("B", far, near, size_b)):
+            shift = shift_of_point(height, other)
+            push = shift.T @ load
+            if self._is_decided(push):
+                yield Term.of(place, to_place @ shift @ push / np.linalg.norm(push), *_halved(size))
+            else:
+                for column, axis in zip(shift.T, "xy", strict=True):
+                    yield Term.of(place, to_place @ column, *_halved(size), space.component(f"{name}.{axis}"))
+        if self.axial != 0.0:
+            along = to_place[:, 2]
+            size = space.positive("axial", self.axial, zero=True)
+            if self._is_decided(load[2:3]):
+                yield Term.of(place, along * np.sign(load[2]), *_halved(size))
+            else:
+                yield Term.of(place, along, *_halved(size), space.component("side"))
+
+    def _is_decided(self, force: np.ndarray[tuple[int], np.dtype[np.float64]]) -> bool:
+        """Return whether a load says where the play is taken up."""
+        return self.band is not None and float(np.linalg.norm(force)) >= self.band
+
+
+def _halved(play: Value) -> tuple[Value, float]:
+    return play, 0.5

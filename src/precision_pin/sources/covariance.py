@@ -1,0 +1,107 @@
+"""Measured covariance."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Annotated, Final, Literal, final
+
+import numpy as np
+
+from precision_pin import units
+from precision_pin.chain import Posture
+from precision_pin.errors import InputError
+from precision_pin.laws import JointNormal
+from precision_pin.sources.chosen_place import check_choice, chosen_place
+from precision_pin.space import Draw, LabelledSpace, Scope
+from precision_pin.terms import Source, Term
+
+__all__ = ["Covariance"]
+
+_SIX: Final = units.PerEntry((units.LENGTH,) * 3 + (units.ANGLE,) * 3)
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class Covariance(Source):
+    """Six jointly normal errors of any place, as a calibration or a tracker gives them: mean and 6×6 covariance.
+
+    The place's displacement is ``Trans(x, y, z)·Exp((rx, ry, rz))`` with (x, y, z, rx, ry, rz) normal in the place's own
+    axes; what other sources do to the same place adds. With standard deviations s and correlation C the covariance is
+    ``s_i C_ij s_j``. Source: section 9.4 of JCGM 102:2011 (GUM supplement 2) on drawing from a joint normal law.
+
+    Attributes
+    ----------
+    joint, link, frame
+        Which place, one of the three: the seat of a joint (its URDF origin frame before it turns), the end of the chain
+        link that a URDF link belongs to (the next joint's origin frame, or the tip), or the frame of a URDF link on the
+        way to the tip.
+    std
+        Standard deviations of x, y, z, rx, ry, rz.
+    correlation
+        Of the six, with ``std``: rows of plain numbers, symmetric, with 1 on the diagonal. Left out: independent.
+    matrix
+        Instead of ``std`` and ``correlation``: the covariance itself, rows of plain numbers in m², m·rad and rad².
+    mean
+        Mean of the six; zero if left out.
+    scope
+        How often it is drawn: ``unit``, ``pose`` or ``visit``.
+
+    Raises
+    ------
+    InputError
+        Not one place, not one of std and matrix, or no covariance: not 6×6, not symmetric, a negative eigenvalue.
+    """
+
+    joint: str | None = None
+    link: str | None = None
+    frame: str | None = None
+    std: Annotated[tuple[float, ...] | None, _SIX] = None
+    correlation: Annotated[tuple[tuple[float, ...], ...] | None, units.RATIO] = None
+    matrix: Annotated[tuple[tuple[float, ...], ...] | None, units.RATIO] = None
+    mean: Annotated[tuple[float, ...] | None, _SIX] = None
+    scope: Literal["unit", "pose", "visit"] = "unit"
+
+    def __post_init__(self) -> None:
+        check_choice("covariance", self.joint, self.link, self.frame)
+        if (self.std is None) == (self.matrix is None):
+            raise InputError("covariance needs either std: or matrix:")
+        if self.matrix is not None and self.correlation is not None:
+            raise InputError("correlation: of covariance belongs to std:, not to matrix:")
+        for name in ("std", "mean"):
+            entries = getattr(self, name)
+            if entries is not None and len(entries) != 6:
+                raise InputError(f"{name}: of covariance has {len(entries)} numbers, expected 6: x, y, z, rx, ry, rz")
+        for name in ("correlation", "matrix"):
+            rows = getattr(self, name)
+            if rows is not None and (len(rows) != 6 or any(len(row) != 6 for row in rows)):
+                raise InputError(f"{name}: of covariance must be 6 rows of 6 numbers: x, y, z, rx, ry, rz")
+        if self.std is not None and not min(self.std) >= 0:
+            raise InputError("a standard deviation of covariance is negative")
+        if self.correlation is not None and any(self.correlation[k][k] != 1 for k in range(6)):
+            raise InputError("correlation: of covariance must have 1 on its diagonal")
+        if self.scope not in (scope.value for scope in Scope):
+            raise InputError(f"scope: of covariance must be unit, pose or visit, got {self.scope!r}")
+        self._law()
+
+    @property
+    def subject(self) -> str:
+        """The joint, link or frame."""
+        return self.joint or self.link or self.frame or ""
+
+    def own_draws(self, label: str) -> tuple[Draw, ...]:
+        """Return the six errors as one draw."""
+        return (Draw(f"{label}.error", self._law(), Scope(self.scope)),)
+
+    def terms(self, posture: Posture, space: LabelledSpace) -> Iterator[Term]:
+        """Yield a term for each of the six errors."""
+        place = chosen_place(posture.chain, self.joint, self.link, self.frame)
+        for row in range(6):
+            yield Term.of(place, np.eye(6)[row], space.component(f"error.{row}"))
+
+    def _law(self) -> JointNormal:
+        matrix = self.matrix
+        if self.std is not None:
+            correlation = np.eye(6) if self.correlation is None else np.array(self.correlation)
+            matrix = tuple(map(tuple, (correlation * np.outer(self.std, self.std)).tolist()))
+        return JointNormal(matrix or (), self.mean or ())

@@ -1,0 +1,61 @@
+"""Levelling: the direction of gravity."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Annotated, final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from precision_pin import units
+from precision_pin.chain import Factors, Posture
+from precision_pin.parameters import Expression
+from precision_pin.space import LabelledSpace, Setting
+from precision_pin.terms import Source, Term
+
+__all__ = ["Levelling"]
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class Levelling(Source):
+    """A base that does not stand level, so that gravity pulls from another direction than drawn.
+
+    The base is turned out of level by the small rotation vector r = (rx, ry, rz), so that in its own axes gravity turns
+    the other way: ``g' = g - r × g``. Every flexible source feels the weights under it; nothing else moves: what the
+    tilt itself does to the tip's place in the world is a ``mounting`` at the base, which may share the parameters. First
+    order in r: what is left out of ``Exp(-r) g`` is below |r|²/2 of the weight. Source: the Euler-Rodrigues formula.
+
+    Attributes
+    ----------
+    rx, ry, rz
+        How far the base is turned out of level about its own x, y and z. About the direction of gravity it does nothing.
+    """
+
+    rx: Annotated[Setting, units.ANGLE] = 0.0
+    ry: Annotated[Setting, units.ANGLE] = 0.0
+    rz: Annotated[Setting, units.ANGLE] = 0.0
+
+    @property
+    def subject(self) -> str:
+        """The base."""
+        return "base"
+
+    def terms(self, posture: Posture, space: LabelledSpace) -> Iterator[Term]:
+        """Yield nothing."""
+        del posture, space
+        return iter(())
+
+    def gravity(
+        self, posture: Posture, space: LabelledSpace
+    ) -> Iterator[tuple[np.ndarray[tuple[int], np.dtype[np.float64]], Factors]]:
+        """Yield ``-e × g`` for each axis e about which the base is turned."""
+        for axis, field in zip(np.eye(3), ("rx", "ry", "rz"), strict=True):
+            tilt = space.value(field, getattr(self, field))
+            change: NDArray[np.float64] = -np.cross(axis, posture.chain.gravity)
+            if isinstance(tilt, Expression):
+                yield change, (tilt,)
+            elif tilt != 0.0:
+                yield change * tilt, ()

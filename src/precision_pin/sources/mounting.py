@@ -1,0 +1,85 @@
+"""Mounting of the robot and of its tool."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Annotated, Literal, final
+
+import numpy as np
+
+from precision_pin import units
+from precision_pin.chain import Chain, Place, Posture
+from precision_pin.errors import InputError
+from precision_pin.space import LabelledSpace, Setting
+from precision_pin.terms import Source, Term
+
+__all__ = ["Mounting"]
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class Mounting(Source):
+    """How the robot stands in its cell, or the tool on its flange: a shift and a small turn.
+
+    At the base the whole arm moves with its base link's frame: the displacement comes before everything else, and the
+    error at the tip is that of the tip in the cell. At the tool, the tip moves; with ``flange`` the tool turns about
+    that link's frame, so that a tilt also moves the tip by tilt × length of the tool. The displacement is
+    ``Trans(x, y, z)·Exp((rx, ry, rz))`` in the axes of the frame that is mounted. The direction of gravity stays fixed
+    in base axes: that a base stands out of level is a ``levelling``, which may share the parameters. Source: Δx … Δγ of
+    the base and of the last link in eqs 1 and 2 of Wei, Jia and Chen (2015).
+
+    Attributes
+    ----------
+    at
+        ``base`` (base to world) or ``tool`` (flange to tool).
+    flange
+        Belongs to ``at: tool``: the URDF link that the tool is screwed to, whose frame the tool turns about, on the way
+        to the tip and beyond the last joint. Left out, the tip's own frame.
+    x, y, z
+        Shift.
+    rx, ry, rz
+        Rotation vector.
+
+    Raises
+    ------
+    InputError
+        ``at`` is neither, or a flange where none belongs or that does not carry the tool.
+    """
+
+    at: Literal["base", "tool"]
+    flange: str | None = None
+    x: Annotated[Setting, units.LENGTH] = 0.0
+    y: Annotated[Setting, units.LENGTH] = 0.0
+    z: Annotated[Setting, units.LENGTH] = 0.0
+    rx: Annotated[Setting, units.ANGLE] = 0.0
+    ry: Annotated[Setting, units.ANGLE] = 0.0
+    rz: Annotated[Setting, units.ANGLE] = 0.0
+
+    def __post_init__(self) -> None:
+        if self.at not in ("base", "tool"):
+            raise InputError(f"at: of mounting must be base or tool, got {self.at!r}")
+        if self.at == "base" and self.flange is not None:
+            raise InputError("flange: of mounting belongs to at: tool")
+
+    @property
+    def subject(self) -> str:
+        """What is mounted: base or tool."""
+        return self.at
+
+    def terms(self, posture: Posture, space: LabelledSpace) -> Iterator[Term]:
+        """Yield a term for each error that is not zero."""
+        place = self._place(posture.chain)
+        for row, field in enumerate(("x", "y", "z", "rx", "ry", "rz")):
+            value = space.value(field, getattr(self, field))
+            if value != 0.0:
+                yield Term.of(place, np.eye(6)[row], value)
+
+    def _place(self, chain: Chain) -> Place:
+        if self.at == "base":
+            return chain.frame_place(chain.base)
+        place = chain.frame_place(self.flange or chain.tip)
+        if place.link != len(chain.joints):
+            last = chain.joint_names[-1]
+            raise InputError(f"{self.label()}: {self.flange!r} is no flange of the tool, it is not beyond {last!r}")
+        return place

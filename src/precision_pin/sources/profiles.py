@@ -1,0 +1,311 @@
+"""The sections of a beam as a sheet gives them: by rigidities, or by shape, dimensions and material."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from abc import ABC
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Annotated, Final, Literal, final
+
+import numpy as np
+
+from precision_pin import sections, units
+from precision_pin.errors import InputError, UnknownNameError
+from precision_pin.parameters import Component, Value
+from precision_pin.sections import MATERIALS, Section
+from precision_pin.space import FARTHEST_NORMAL, LabelledSpace, Setting
+
+__all__ = ["AXIAL", "BENDING", "BENDING_Y", "BENDING_Z", "TORSION", "Profile", "Segment", "Stretch", "stretches"]
+
+AXIAL: Final = (0,)
+BENDING: Final = (1, 2, 4, 5)
+BENDING_Y: Final = (2, 4)
+BENDING_Z: Final = (1, 5)
+TORSION: Final = (3,)
+"""Rows of the displacement Δl, w_y, w_z, Δφ, θ_y, θ_z that a rigidity governs."""
+
+SHAPES: Final = MappingProxyType(
+    {
+        "tube": ("outer_diameter", "wall"),
+        "rod": ("diameter",),
+        "box": ("width", "height", "wall"),
+        "general": ("area", "I_y", "I_z", "J"),
+    }
+)
+"""Dimensions of every section."""
+DIMENSIONS: Final = tuple(dict.fromkeys(name for names in SHAPES.values() for name in names))
+MATERIAL: Final = ("material", "E", "G", "poisson_ratio", "density")
+RIGIDITIES: Final = ("EI", "EI_y", "EI_z", "GI", "EA")
+LENGTHS_AGREE: Final = 1e-6
+"""Part of the link by which its segments may miss its length."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Profile(ABC):  # noqa: B024 - nothing to override: the settings that beams and segments share
+    """Section of a beam, from its material and dimensions or as rigidities.
+
+    Every number may be random. See :class:`~precision_pin.sources.beam.Beam` for the settings.
+    """
+
+    section: Literal["tube", "rod", "box", "general"] | None = None
+    material: str | None = None
+    E: Annotated[Setting | None, units.PRESSURE] = None
+    G: Annotated[Setting | None, units.PRESSURE] = None
+    poisson_ratio: Annotated[float | None, units.RATIO] = None
+    density: Annotated[Setting | None, units.DENSITY] = None
+    outer_diameter: Annotated[Setting | None, units.LENGTH] = None
+    diameter: Annotated[Setting | None, units.LENGTH] = None
+    width: Annotated[Setting | None, units.LENGTH] = None
+    height: Annotated[Setting | None, units.LENGTH] = None
+    wall: Annotated[Setting | None, units.LENGTH] = None
+    area: Annotated[Setting | None, units.AREA] = None
+    I_y: Annotated[Setting | None, units.SECOND_MOMENT] = None
+    I_z: Annotated[Setting | None, units.SECOND_MOMENT] = None
+    J: Annotated[Setting | None, units.SECOND_MOMENT] = None
+    EI: Annotated[Setting | None, units.BENDING_RIGIDITY] = None
+    EI_y: Annotated[Setting | None, units.BENDING_RIGIDITY] = None
+    EI_z: Annotated[Setting | None, units.BENDING_RIGIDITY] = None
+    GI: Annotated[Setting | None, units.BENDING_RIGIDITY] = None
+    EA: Annotated[Setting | None, units.AXIAL_RIGIDITY] = None
+
+    def given(self, *names: str) -> tuple[str, ...]:
+        """Return which of the settings are given."""
+        return tuple(name for name in names if getattr(self, name) is not None)
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class Segment(Profile):
+    """Part of a beam with a section of its own.
+
+    Attributes
+    ----------
+    length, fraction
+        How long it is: a length, or its part of the link. One segment may have neither: it takes what is left.
+    """
+
+    length: Annotated[float | None, units.LENGTH] = None
+    fraction: Annotated[float | None, units.RATIO] = None
+
+    def __post_init__(self) -> None:
+        if self.length is not None and self.fraction is not None:
+            raise InputError("a segment needs one of length: and fraction:")
+        for name in self.given("length", "fraction"):
+            if not getattr(self, name) > 0:
+                raise InputError(f"the {name} of a segment must be positive, got {getattr(self, name)}")
+
+
+@final
+@dataclass(frozen=True)
+class Stretch:
+    """A part of a beam with one section, and where its settings stand.
+
+    Attributes
+    ----------
+    profile
+        Its settings, those of the beam that hold for it included.
+    prefix
+        Before the names of its own settings.
+    shared
+        Settings that it has from the beam.
+    """
+
+    profile: Profile
+    prefix: str = ""
+    shared: tuple[str, ...] = ()
+
+    def check(self) -> None:
+        """Refuse settings that are missing or contradict each other.
+
+        Raises
+        ------
+        InputError
+            Names the settings.
+        """
+        profile, where = self.profile, self.prefix.rstrip(".") or "beam"
+        for name in profile.given("E", "G", "density", *DIMENSIONS, *RIGIDITIES):
+            value = getattr(profile, name)
+            if isinstance(value, float | int) and not 0 < value < math.inf:
+                raise InputError(f"{name} of a {where} must be positive, got {value}")
+        if profile.section is None:
+            self._check_rigidities(where)
+        else:
+            self._check_section(where)
+
+    def stiffnesses(self, space: LabelledSpace) -> Iterator[tuple[Value, tuple[int, ...]]]:
+        """Yield each rigidity with the displacement rows it governs.
+
+        Raises
+        ------
+        InputError
+            A setting can become zero or negative in some sample, or a wall thicker than half its section.
+        """
+        read = self._reader(space)
+        if self.profile.section is None:
+            for name, rows in (
+                ("EI", BENDING),
+                ("EI_z", BENDING_Z),
+                ("EI_y", BENDING_Y),
+                ("GI", TORSION),
+                ("EA", AXIAL),
+            ):
+                if self.profile.given(name):
+                    yield read(name), rows
+            return
+        shape = self._shape(space, read)
+        modulus, shear = self._moduli(read)
+        if shape.I_y == shape.I_z:
+            yield modulus * shape.I_z, BENDING
+        else:
+            yield modulus * shape.I_z, BENDING_Z
+            yield modulus * shape.I_y, BENDING_Y
+        yield shear * shape.J, TORSION
+        yield modulus * shape.area, AXIAL
+
+    def mass_per_length(self, space: LabelledSpace) -> Value:
+        """Return density × area, kg/m."""
+        read = self._reader(space)
+        density = read("density") if self.profile.given("density") else MATERIALS[self.profile.material or ""].density
+        return density * self._shape(space, read).area
+
+    def _reader(self, space: LabelledSpace) -> Callable[[str], Value]:
+        def read(name: str) -> Value:
+            field = name if name in self.shared else self.prefix + name
+            return space.positive(field, getattr(self.profile, name))
+
+        return read
+
+    def _shape(self, space: LabelledSpace, read: Callable[[str], Value]) -> Section:
+        assert self.profile.section is not None
+        dimensions = {name: read(name) for name in SHAPES[self.profile.section]}
+        wall = dimensions.get("wall")
+        if wall is not None:
+            for name in ("outer_diameter", "width", "height"):
+                if name in dimensions and 2 * _extreme(space, wall, 1) > _extreme(space, dimensions[name], -1):
+                    raise InputError(
+                        f"{self.prefix}wall of {space.label} can become thicker than half its {name}; "
+                        "narrow or truncate their laws"
+                    )
+        make: Callable[..., Section] = Section if self.profile.section == "general" else getattr(
+            sections, self.profile.section
+        )
+        return make(**dimensions)
+
+    def _moduli(self, read: Callable[[str], Value]) -> tuple[Value, Value]:
+        """Return E and G."""
+        profile = self.profile
+        material = MATERIALS.get(profile.material or "")
+        modulus = read("E") if profile.E is not None or material is None else material.E
+        if profile.poisson_ratio is not None:
+            return modulus, modulus * (0.5 / (1 + profile.poisson_ratio))
+        return modulus, read("G") if profile.G is not None or material is None else material.G
+
+    def _check_rigidities(self, where: str) -> None:
+        profile = self.profile
+        lost = [name for name in profile.given(*DIMENSIONS, *MATERIAL) if name not in self.shared]
+        if lost:
+            raise InputError(f"{where}: {', '.join(lost)} need section:, one of {', '.join(SHAPES)}")
+        if profile.EI is not None and profile.given("EI_y", "EI_z"):
+            raise InputError(f"{where} needs one of EI: and EI_y: with EI_z:")
+        if len(profile.given("EI_y", "EI_z")) == 1:
+            raise InputError(f"{where} needs both of EI_y: and EI_z:")
+
+    def _check_section(self, where: str) -> None:
+        profile = self.profile
+        if profile.section not in SHAPES:
+            raise UnknownNameError("section", str(profile.section), SHAPES)
+        if profile.material is not None and profile.material not in MATERIALS:
+            raise UnknownNameError("material", profile.material, MATERIALS)
+        if profile.given(*RIGIDITIES):
+            raise InputError(f"{where} needs either section: or rigidities, not {profile.given(*RIGIDITIES)[0]}: too")
+        needed = SHAPES[profile.section]
+        missing = [name for name in needed if name not in profile.given(*needed)]
+        extra = [name for name in profile.given(*DIMENSIONS) if name not in needed]
+        if missing or extra:
+            what = f"misses {', '.join(missing)}" if missing else f"does not take {', '.join(extra)}"
+            raise InputError(f"{where}: the section {profile.section} {what}; it takes {', '.join(needed)}")
+        if profile.G is not None and profile.poisson_ratio is not None:
+            raise InputError(f"{where} needs one of G: and poisson_ratio:")
+        if profile.poisson_ratio is not None and not -1 < profile.poisson_ratio <= 0.5:
+            raise InputError(f"the poisson_ratio of a {where} must lie above -1, up to 0.5, got {profile.poisson_ratio}")
+        if profile.material is None and (profile.E is None or not profile.given("G", "poisson_ratio")):
+            raise InputError(
+                f"{where}: a section needs material:, one of {', '.join(MATERIALS)}, or E: with G: or poisson_ratio:"
+            )
+
+
+def stretches(beam: Profile, segments: tuple[Segment, ...]) -> tuple[Stretch, ...]:
+    """Return the parts of a beam: itself, or its segments with what they have from it.
+
+    A segment that names no material (nor any of its constants) has the beam's, one that names neither section nor
+    rigidities the beam's section.
+
+    Raises
+    ------
+    InputError
+        The beam has dimensions or rigidities beside its segments.
+    """
+    if not segments:
+        return (Stretch(beam),)
+    outside = beam.given(*DIMENSIONS, *RIGIDITIES)
+    if outside:
+        raise InputError(f"beam has segments:, so {', '.join(outside)} must stand in these")
+    result = []
+    for k, segment in enumerate(segments):
+        shared: list[str] = []
+        if not segment.given("section", *RIGIDITIES):
+            shared += beam.given("section")
+        if not segment.given(*MATERIAL, *RIGIDITIES):
+            shared += beam.given(*MATERIAL)
+        merged = dataclasses.replace(segment, **{name: getattr(beam, name) for name in shared})
+        result.append(Stretch(merged, f"segments[{k}].", tuple(shared)))
+    return tuple(result)
+
+
+def ends(segments: tuple[Segment, ...], length: float) -> tuple[float, ...]:
+    """Return where the parts of a beam of this length end, from its start, m.
+
+    Raises
+    ------
+    InputError
+        The segments are not as long as the link.
+    """
+    if not segments:
+        return (length,)
+    parts = [segment.length or (segment.fraction or 0.0) * length for segment in segments]
+    rest = [k for k, part in enumerate(parts) if part == 0.0]
+    missing = length - math.fsum(parts)
+    if len(rest) > 1:
+        raise InputError("only one of a beam's segments may have neither length: nor fraction:")
+    if rest and missing > LENGTHS_AGREE * length:
+        parts[rest[0]] = missing
+    elif rest or abs(missing) > LENGTHS_AGREE * length:
+        raise InputError(
+            f"the beam's segments are {math.fsum(parts):.6g} m long in all"
+            f"{', one without length: not counted' if rest else ''}; the link has {length:.6g} m"
+        )
+    return (*np.cumsum(parts)[:-1].tolist(), length)
+
+
+def _extreme(space: LabelledSpace, value: Value, sign: int) -> float:
+    """Return the highest (sign 1) or lowest (-1) number a value takes in any sample; a formula is taken at its word."""
+    if isinstance(value, float | int):
+        return float(value)
+    if not isinstance(value, Component):
+        return -sign * math.inf
+    column = space.space.index[value.name]
+    (law, first), *_ = (
+        (draw.law, rows.start)
+        for draw, rows in zip(space.space.draws, space.space.slices, strict=True)
+        if rows.start <= column < rows.stop
+    )
+    direction = np.zeros(law.size)
+    direction[column - first] = sign
+    reach = law.support(direction)
+    if math.isfinite(reach):
+        return sign * reach
+    deviation = math.sqrt(law.covariance[column - first, column - first])
+    return float(space.space.mean[column]) + sign * FARTHEST_NORMAL * deviation

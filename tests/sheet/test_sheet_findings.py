@@ -1,0 +1,289 @@
+"""Every mistake is found, at its line, with what is allowed; and all of them at once."""
+
+import pytest
+
+from precision_pin.errors import Finding
+
+from .conftest import Load, Refuse
+
+SHEET = """\
+precision-pin: 1
+robot: 4dof.urdf
+tip: tool
+gravity: 0 0 -9.81 m/s^2
+statics: nominal
+locked: {}
+poses:
+  paper: -90 3 88 -91 deg
+  block:
+    joint1: 0 deg
+    joint2: 10 deg
+    joint3: 90 deg
+    joint4: 0 deg
+parameters:
+  a1: {uniform: 0.05 mm}
+  mass:
+    normal: 0.06 kg
+    mean: 1 kg
+    scope: visit
+  pair: {disc: 0.1 mm}
+sources:
+  - payload: {at: tool, mass: mass, com: 0 0 0 mm}
+  - length: {joint: joint2, along: z of joint1, parameters: [a1]}
+  - axis_install:
+      joint: joint2
+      radius: 0.1 mm
+      span: 100 mm
+  - beam: {link: link2, EI: 8000 N*m^2, GI: 4000 N*m^2}
+  - joint_compliance:
+      joint: joint2
+      compliance:
+        uniform: 1e-6 rad/(N*m)
+        mean: 1e-5 rad/(N*m)
+  - frame: {joint: joint3, x: pair.x, y: pair.y}
+"""
+
+
+def line_of(text: str, part: str) -> int:
+    (number,) = [k for k, line in enumerate(text.splitlines(), start=1) if part in line]
+    return number
+
+
+def test_the_sheet_itself_is_right(load: Load) -> None:
+    assert load(SHEET).findings == ()
+
+
+# what is replaced, by what, the code, what the message says; the line is that of the replacement's last line
+MISTAKES = [
+    # keys that do not exist, at every level
+    ("statics: nominal", "static: nominal", "E_UNKNOWN_KEY", "did you mean 'statics'"),
+    ("statics: nominal", "colour: red", "E_UNKNOWN_KEY", "valid: base, gravity"),
+    ("statics: nominal", "version: 1", "E_UNKNOWN_KEY", "'version'"),
+    ("  - beam:", "  - beem:", "E_UNKNOWN_KEY", "did you mean 'beam'"),
+    ("EI: 8000 N*m^2, GI", "EI: 8000 N*m^2, G", "E_UNKNOWN_KEY", "did you mean 'GI'"),
+    ("      span: 100 mm", "      span: 100 mm\n      strat: 3 mm", "E_UNKNOWN_KEY", "did you mean 'start'"),
+    ("    mean: 1 kg", "    men: 1 kg", "E_INPUT", "did you mean 'mean'"),
+    ("{uniform: 0.05 mm}", "{unifrom: 0.05 mm}", "E_INPUT", "did you mean 'uniform'"),
+    ("        mean: 1e-5", "        sigma: 1e-5", "E_SHEET", "'sigma' is no setting of the law uniform"),
+    # options that another law has
+    ("{uniform: 0.05 mm}", "{uniform: 0.05 mm, k: 2}", "E_INPUT", "'k' is no setting of the law uniform"),
+    ("{uniform: 0.05 mm}", "{uniform: 0.05 mm, truncated: true}", "E_INPUT", "'truncated'"),
+    ("{disc: 0.1 mm}", "{disc: 0.1 mm, mean: 1 mm}", "E_INPUT", "'mean'"),
+    # keys that stand twice
+    ("statics: nominal", "statics: nominal\ntip: link4", "E_DUPLICATE_KEY", "'tip' stands twice, first in line 3"),
+    ("statics: nominal", "statics: nominal\nstatics: nominal", "E_DUPLICATE_KEY", "stands twice"),
+    ("    joint4: 0 deg", "    joint4: 0 deg\n    joint1: 1 deg", "E_DUPLICATE_KEY", "first in line 10"),
+    ("EI: 8000 N*m^2", "EI: 8000 N*m^2, EI: 1 N*m^2", "E_DUPLICATE_KEY", "'EI'"),
+    ("{uniform: 0.05 mm}", "{uniform: 0.05 mm, uniform: 1 mm}", "E_DUPLICATE_KEY", "'uniform'"),
+    ("      span: 100 mm", "      span: 100 mm\n      span: 1 mm", "E_DUPLICATE_KEY", "'span'"),
+    # keys that are missing
+    ("{at: tool, mass: mass, com", "{at: tool, com", "E_MISSING_KEY", "'mass' is missing"),
+    # units
+    ("{uniform: 0.05 mm}", "{uniform: 0.05}", "E_UNIT", "has no unit"),
+    ("    mean: 1 kg", "    mean: 1", "E_UNIT", "has no unit"),
+    ("    mean: 1 kg", "    mean: 1 mm", "E_UNIT", "not a unit of mass"),
+    ("      span: 100 mm", "      span: 100", "E_SHEET", "span: '100' has no unit; a length needs one of: m, cm, mm"),
+    ("      span: 100 mm", "      span: 100 deg", "E_SHEET", "'deg' in '100 deg' is not a unit of length"),
+    ("      span: 100 mm", "      span: 100,0 mm", "E_SHEET", "'100,0 mm'"),
+    ("EI: 8000 N*m^2", "EI: 8000 N*m/rad", "E_SHEET", "not a unit of bending"),
+    ("        mean: 1e-5 rad/(N*m)", "        mean: 1e-5", "E_SHEET", "has no unit"),
+    ("        uniform: 1e-6 rad/(N*m)", "        uniform: 1e-6 um/N", "E_SHEET", "angular compliance"),
+    ("com: 0 0 0 mm", "com: 0 0 0", "E_SHEET", "has no unit"),
+    ("com: 0 0 0 mm", "com: 0 0 mm", "E_INPUT", "expected 3"),
+    # sizes
+    ("{uniform: 0.05 mm}", "{uniform: -0.05 mm}", "E_INPUT", "negative"),
+    ("    normal: 0.06 kg", "    normal: -0.06 kg", "E_INPUT", "negative"),
+    ("    normal: 0.06 kg", "    normal: {std: -0.02 kg}", "E_INPUT", "negative"),
+    ("        uniform: 1e-6", "        uniform: -1e-6", "E_SHEET", "negative"),
+    ("{disc: 0.1 mm}", "{disc: -0.1 mm}", "E_INPUT", "negative"),
+    ("      span: 100 mm", "      span: 0 mm", None, "positive"),
+    # laws
+    ("{uniform: 0.05 mm}", "{uniform: 0.05 mm, normal: 0.05 mm}", "E_INPUT", "exactly one of"),
+    ("{uniform: 0.05 mm}", "{mean: 0.05 mm}", "E_INPUT", "exactly one of"),
+    ("{uniform: 0.05 mm}", "{}", "E_INPUT", "exactly one of"),
+    ("{uniform: 0.05 mm}", "0.05 mm", "E_INPUT", "a law belongs here"),
+    ("{uniform: 0.05 mm}", "[0.05 mm]", "E_INPUT", "a law belongs here"),
+    ("{uniform: 0.05 mm}", "{uniform: [0.05 mm]}", "E_INPUT", "a number with a unit"),
+    ("{uniform: 0.05 mm}", "{uniform: {std: 1 mm}}", "E_INPUT", "a number with a unit"),
+    ("    scope: visit", "    scope: day", "E_INPUT", "unit, pose, visit"),
+    ("    scope: visit", "    k: 0", "E_INPUT", "k must be positive"),
+    ("    scope: visit", "    k: -2", "E_INPUT", "k must be positive"),
+    ("    scope: visit", "    k: 2 mm", "E_UNIT", "ratio"),
+    ("    scope: visit", "    k: 1e-9\n    truncated: true", None, "k of a truncated normal"),
+    ("    scope: visit", "    truncated: yes", "E_INPUT", "true or false"),
+    ("    normal: 0.06 kg", "    normal: {sigma: 0.02 kg}", "E_INPUT", "{std:"),
+    ("{disc: 0.1 mm}", "{joint_normal: 1 mm}", "E_INPUT", "standard deviations"),
+    ("{disc: 0.1 mm}", "{joint_normal: {std: []}}", "E_INPUT", "standard deviations"),
+    ("{disc: 0.1 mm}", "{joint_normal: {std: [1 mm, 1 deg]}}", "E_UNIT", "not a unit of length"),
+    ("{disc: 0.1 mm}", "{joint_normal: {std: [1 mm, 1 mm]}, mean: 1 mm}", "E_INPUT", "list of 2"),
+    ("{disc: 0.1 mm}", "{joint_normal: {std: [1 mm, 1 mm]}, mean: [1 mm]}", "E_INPUT", "list of 2"),
+    ("{disc: 0.1 mm}", "{joint_normal: {std: [1 mm, 1 mm]}, correlation: 0.5}", "E_INPUT", "2 rows of 2"),
+    ("{disc: 0.1 mm}", "{joint_normal: {std: [1 mm, 1 mm]}, correlation: [10, 01]}", "E_INPUT", "2 rows of 2"),
+    ("{disc: 0.1 mm}", "{joint_normal: {std: [1 mm, 1 mm]}, correlation: [[1, 0.5], [0.4, 1]]}", "E_INPUT", "symm"),
+    ("{disc: 0.1 mm}", "{joint_normal: {std: [1 mm, 1 mm]}, correlation: [[1, 2], [2, 1]]}", "E_INPUT", "above 1"),
+    ("{disc: 0.1 mm}", "{joint_normal: {std: [1 mm, 1 mm]}, correlation: [[1, x], [x, 1]]}", "E_INPUT", "numbers"),
+    ("{disc: 0.1 mm}", "{joint_normal: {std: [1 mm, 1 mm]}, correlation: [[1, nan], [nan, 1]]}", "E_INPUT", ""),
+    # names
+    ("tip: tool", "tip: tol", "E_NAME", "did you mean 'tool'"),
+    ("tip: tool", "base: bas", "E_NAME", "did you mean 'base'"),
+    ("joint: joint2, along", "joint: jont2, along", "E_NAME", "did you mean 'joint2'"),
+    ("along: z of joint1", "along: z of joint9", "E_NAME", "did you mean"),
+    ("along: z of joint1", "along: up", "E_INPUT", "[-]x|y|z of JOINT"),
+    ("link: link2", "link: lnik2", "E_NAME", "did you mean 'link2'"),
+    ("{at: tool", "{at: gripper", "E_NAME", "valid: base, link1"),
+    ("joint: joint2, along: z of joint1", "frame: toool, along: z of joint1", "E_NAME", "did you mean 'tool'"),
+    ("parameters: [a1]", "parameters: [a2]", "E_SHEET", "no parameter named 'a2'; valid: a1, mass, pair.x"),
+    ("parameters: [a1]", "parameters: a2", "E_SHEET", "no parameter named 'a2'"),
+    ("x: pair.x", "x: pair", "E_SHEET", "'pair.x'"),
+    ("mass: mass", "mass: a1", "E_SHEET", "'a1' is a length, but a mass belongs here"),
+    ("parameters: [a1]", "parameters: [mass]", "E_SHEET", "'mass' is a mass, but a length belongs here"),
+    ("locked: {}", "locked: {finger: 0.04 m}", "E_NAME", "no joint named 'finger'"),
+    ("locked: {}", "locked: {joint1: 0.04 m}", "E_UNIT", "not a unit of angle"),
+    ("locked: {}", "locked: {joint1: 0.04}", "E_UNIT", "has no unit"),
+    ("  a1: {", "  a 1: {uniform: 1 mm}\n  1a: {uniform: 1 mm}\n  a1: {", None, ""),
+    ("  pair: {disc: 0.1 mm}", "  pair: {disc: 0.1 mm}\n  pair.x: {uniform: 1 mm}", "E_SHEET", "taken by the parameter 'pair'"),
+    # poses
+    ("paper: -90 3 88 -91 deg", "paper: -90 3 88 deg", "E_INPUT", "3 joint values for 4 joints"),
+    ("paper: -90 3 88 -91 deg", "paper: -90 3 88 -91 0 deg", "E_INPUT", "5 joint values for 4 joints"),
+    ("paper: -90 3 88 -91 deg", "paper: -90 3 88 -91", "E_UNIT", "has no unit"),
+    ("paper: -90 3 88 -91 deg", "paper: -90 3 88 -91 mm", "E_UNIT", "not a unit of angle"),
+    ("paper: -90 3 88 -91 deg", "paper: [0 deg, 0 deg]", "E_INPUT", "2 joint values for 4 joints"),
+    ("paper: -90 3 88 -91 deg", "paper: [0 deg, 0 deg, 0, 0 deg]", "E_UNIT", "has no unit"),
+    ("paper: -90 3 88 -91 deg", "paper: {joint1: 0 deg}", "E_INPUT", "no value for the joints joint2, joint3, joint4"),
+    ("paper: -90 3 88 -91 deg", "paper: nan 0 0 0 deg", "E_UNIT", ""),
+    ("paper: -90 3 88 -91 deg", "paper: [[1], 2, 3, 4]", "E_SHEET", "joint values in chain order"),
+    ("    joint3: 90 deg", "    jonit3: 90 deg", "E_NAME", "did you mean 'joint3'"),
+    ("    joint3: 90 deg", "    joint3: 90 mm", "E_UNIT", "not a unit of angle"),
+    # gravity and the rest of the top
+    ("gravity: 0 0 -9.81 m/s^2", "gravity: 0 0 -9.81", "E_SHEET", "earth, moon, none"),
+    ("gravity: 0 0 -9.81 m/s^2", "gravity: 0 -9.81 m/s^2", "E_SHEET", "three numbers"),
+    ("gravity: 0 0 -9.81 m/s^2", "gravity: mars", "E_SHEET", "earth, moon, none"),
+    ("gravity: 0 0 -9.81 m/s^2", "gravity: [0, 0, -9.81]", "E_SHEET", "one value"),
+    ("statics: nominal", "statics: dynamic", "E_SHEET", "'nominal'"),
+    ("precision-pin: 1", "precision-pin: 2", "E_SHEET", "'1'"),
+    ("precision-pin: 1", "precision-pin: 1.0", "E_SHEET", "'1'"),
+    # sources
+    ("  - frame: {joint: joint3, x: pair.x, y: pair.y}", "  - frame", "E_SHEET", "one kind with its settings"),
+    ("  - frame: {joint: joint3, x: pair.x, y: pair.y}", "  - frame:", "E_SHEET", "settings of frame are missing"),
+    ("  - frame: {joint: joint3, x: pair.x, y: pair.y}", "  - frame: [1]", "E_SHEET", "settings of frame are missing"),
+    ("  - frame: {joint: joint3, x: pair.x, y: pair.y}", "  - {}", "E_SHEET", "0 keys"),
+    ("  - frame: {joint: joint3, x: pair.x, y: pair.y}", "  - {beam: {}, frame: {}}", "E_SHEET", "2 keys"),
+    ("joint: joint3, x: pair.x", "joint: joint3, link: link2, x: pair.x", "E_INPUT", "one of joint"),
+    ("      radius: 0.1 mm", "      radius: -0.1 mm", None, "negative"),
+    ("      radius: 0.1 mm", "      radius: 0.1 mm\n      diameter: 0.2 mm", None, "either radius: or diameter:"),
+    ("      radius: 0.1 mm", "      radius: {uniform: 0.1 mm}", "E_SHEET", "a plain quantity belongs here, not a law"),
+    ("EI: 8000 N*m^2", "EI: 0 N*m^2", "E_INPUT", "must be positive"),
+    ("EI: 8000 N*m^2", "EI: {disc: 1 N*m^2}", "E_SHEET", "under parameters:"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("old", "new", "code", "message"), MISTAKES, ids=[f"{row[1][:50]!r}" for row in MISTAKES])
+def test_one_mistake_gives_one_finding_at_its_line(
+    refuse: Refuse, old: str, new: str, code: str | None, message: str
+) -> None:
+    assert SHEET.count(old) == 1
+    text = SHEET.replace(old, new)
+    before = SHEET[: SHEET.index(old)].count("\n")
+    last = before + new.count("\n") + 1
+    found = refuse(text)
+    if code is None:
+        # what is wrong is several lines, or settings that do not fit together: the line of the source
+        assert all(before - 2 <= (finding.line or 0) <= last for finding in found), found
+    else:
+        assert [(finding.code, finding.line) for finding in found] == [(code, last)], found
+    assert message in found[-1].message
+
+
+def test_mistakes_of_several_lines_keep_their_line(refuse: Refuse) -> None:
+    # line 29 begins the source; the law's settings stand two and three lines below
+    text = SHEET.replace("uniform: 1e-6 rad", "uniform: -1e-6 rad")
+    (finding,) = refuse(text)
+    assert finding.line == line_of(text, "uniform: -1e-6") == SHEET.splitlines().index("      compliance:") + 2
+
+
+EIGHT = """\
+precision-pin: 1
+robot: 4dof.urdf
+tips: tool
+gravity: 9.81
+poses:
+  paper: -90 3 88 deg
+parameters:
+  a1: {uniform: -0.05 mm}
+  a1: {uniform: 0.05 mm}
+  mass: {normal: 0.06, mean: 1 kg}
+sources:
+  - payload: {at: tol, mass: mass, com: 0 0 0 mm}
+  - length: {joint: joint2, along: z of joint1, parameters: [a1]}
+  - axis_install: {joint: joint2, radius: 0.1, span: 100 mm}
+"""
+
+
+def test_eight_mistakes_give_eight_findings_in_the_order_of_their_lines(refuse: Refuse) -> None:
+    found = refuse(EIGHT)
+    # line 13 uses a1, which is wrong in line 8, and is not blamed for it
+    assert [finding.line for finding in found] == [3, 4, 6, 8, 9, 10, 12, 14]
+    assert [finding.code for finding in found] == [
+        "E_UNKNOWN_KEY", "E_SHEET", "E_INPUT", "E_INPUT", "E_DUPLICATE_KEY", "E_UNIT", "E_NAME", "E_SHEET",
+    ]  # fmt: skip
+
+
+def test_two_mistakes_in_one_source_are_both_found(refuse: Refuse) -> None:
+    found = refuse(
+        SHEET.replace("      radius: 0.1 mm", "      radius: 0.1").replace("      span: 100 mm", "      spam: 1")
+    )
+    assert sorted((finding.code, finding.line) for finding in found) == [
+        ("E_MISSING_KEY", 24),
+        ("E_SHEET", 26),
+        ("E_UNKNOWN_KEY", 27),
+    ]
+
+
+def test_without_a_robot_the_rest_is_still_read(refuse: Refuse) -> None:
+    text = SHEET.replace("robot: 4dof.urdf\n", "").replace("{uniform: 0.05 mm}", "{uniform: 0.05}")
+    text = text.replace("radius: 0.1 mm", "radius: 0.1")
+    codes = [(finding.code, finding.line) for finding in refuse(text)]
+    assert codes == [("E_MISSING_KEY", 1), ("E_UNIT", 14), ("E_SHEET", 25)]
+
+
+def test_a_wrong_chain_does_not_hide_wrong_settings(refuse: Refuse) -> None:
+    text = SHEET.replace("tip: tool", "tip: tol").replace("radius: 0.1 mm", "radius: 0.1")
+    assert [finding.line for finding in refuse(text)] == [3, 26]
+
+
+@pytest.mark.parametrize(
+    ("section", "line", "message"),
+    [
+        ("poses: [1, 2]", 3, "keys with values"),
+        ("poses: 12", 3, "keys with values"),
+        ("parameters: [1]", 3, "keys with values"),
+        ("sources: {beam: {}}", 3, "a list belongs here"),
+        ("sources: beam", 3, "a list belongs here"),
+        ("locked: [joint1]", 3, "keys with values"),
+        ("locked: {joint1: [0 deg]}", 3, "one value"),
+        ("tip: [tool]", 3, "one value"),
+        ("robot: [4dof.urdf]", 3, "stands twice"),
+        ("poses:\n  str: [[1], 2]", 4, "joint values"),
+        ("poses:\n  dict: {joint1: [1]}", 4, "joint values"),
+        ("poses:\n  good: 0 0 0 0 rad\n  p:\n    joint1: {a: 1 deg}", 5, "joint values"),
+    ],
+)
+def test_wrong_shapes(refuse: Refuse, section: str, line: int, message: str) -> None:
+    found = refuse(f"precision-pin: 1\nrobot: 4dof.urdf\n{section}\n")
+    assert [finding.line for finding in found] == [line], found
+    assert message in found[0].message
+
+
+def test_an_unknown_joint_in_one_of_many_sources_is_at_that_source(refuse: Refuse) -> None:
+    lines = [f"  - joint_offset: {{joint: joint{k}, offset: {{uniform: 1 mrad}}}}\n" for k in (1, 2, 7, 3, 8)]
+    found = refuse("precision-pin: 1\nrobot: 4dof.urdf\nsources:\n" + "".join(lines))
+    assert [(finding.code, finding.line) for finding in found] == [("E_NAME", 6), ("E_NAME", 8)]
+
+
+def test_findings_print_as_the_contract_says(refuse: Refuse) -> None:
+    (finding,) = refuse(SHEET.replace("statics: nominal", "static: nominal"))
+    assert isinstance(finding, Finding)
+    where, severity, rest = str(finding).split(" ", 2)
+    assert where.endswith("sheet.yaml:5:")
+    assert severity == "error"
+    assert rest == "E_UNKNOWN_KEY: unknown key 'static': did you mean 'statics'?"

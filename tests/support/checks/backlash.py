@@ -1,0 +1,45 @@
+"""Backlash, by hand and by the slope of the potential energy."""
+
+from __future__ import annotations
+
+from types import ModuleType
+
+import numpy as np
+
+from precision_pin.laws import Uniform
+from precision_pin.space import Scope
+from precision_pin.terms import JointValue
+from support.checks.common import MM, Q7, evaluated, one_link, same
+from support.plain_robot import PlainRobot, chain_of, random_arm
+
+
+def check_backlash(module: ModuleType) -> None:
+    # 2 kg at 0.4 m on a hinge about y: 7.848 N·m about +y, on the other side of the hinge about -y
+    chain = one_link(axis=(0, 1, 0), mass=2.0, com=(0.4, 0, 0))
+    for q, side in ((0.0, 1), (1.0, 1), (2.0, -1), (np.pi, -1)):
+        at, totals = evaluated(chain, [q], [module.Backlash(joint="hinge", backlash=3e-4, band=3.0)])
+        same(totals[JointValue(0)], [side * 1.5e-4], 1e-19)
+        # either way the tip goes down
+        assert at.exact(at.space.mean[:, None])[2, 0] < 0
+    # a vertical slide stands on its lower flank
+    chain = one_link("prismatic", mass=2.0, com=(0.4, 0, 0))
+    _, totals = evaluated(chain, [0.3], [module.Backlash(joint="hinge", backlash=0.02 * MM, band=19.6)])
+    same(totals[JointValue(0)], [-0.01 * MM], 1e-19)
+    # within the band it stands anywhere in the gap, whose size may be random too
+    source = module.Backlash(joint="hinge", backlash=Uniform(0.01 * MM, mean=0.02 * MM), band=19.63, scope="pose")
+    assert [(draw.law, draw.scope) for draw in source.own_draws("b")] == [(Uniform(1.0), Scope.POSE)]
+    values = {"backlash[hinge].side": 0.6, "backlash[hinge].backlash": 0.028 * MM}
+    at, totals = evaluated(chain, [0.3], [source], values)
+    same(totals[JointValue(0)], [0.0084 * MM], 1e-19)
+    assert not any(term.loaded for term in at.terms)
+    # any arm: against the slope of the potential energy
+    text = random_arm(14, prismatic=(5,))
+    chain = chain_of(text, tip="tool", gravity=(1.0, -2.0, -9.0))
+    reading = PlainRobot.parse(text)
+    torque = reading.load_torque(chain.joint_names, dict(zip(chain.joint_names, Q7, strict=True)), (1.0, -2.0, -9.0))
+    assert len({*np.sign(torque)}) == 2
+    for k, name in enumerate(chain.joint_names):
+        for share, decided in ((0.999, True), (1.001, False)):
+            source = module.Backlash(joint=name, backlash=1e-3, band=share * abs(torque[k]))
+            _, totals = evaluated(chain, Q7, [source])
+            same(totals[JointValue(k)], [np.sign(torque[k]) * 5e-4 if decided else 0.0], 1e-18)

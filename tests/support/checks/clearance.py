@@ -1,0 +1,126 @@
+"""Clearance, by statics worked by hand and by the balance of forces on any arm."""
+
+from __future__ import annotations
+
+from types import ModuleType
+
+import numpy as np
+
+from precision_pin.laws import Circle, Disc
+from precision_pin.model import ErrorModel
+from precision_pin.sources.axis_install import AxisInstall
+from precision_pin.space import Scope, Space
+from support.checks.common import MM, Q7, evaluated, in_base, one_link, same
+from support.plain_robot import PlainRobot, chain_of, random_arm
+
+GRAVITY = (1.0, -2.0, -9.0)
+
+
+def check_clearance(module: ModuleType) -> None:
+    _check_upright_hinge(module)
+    _check_hanging_beam(module)
+    _check_random_directions(module)
+    _check_any_arm(module)
+
+
+def _check_upright_hinge(module: ModuleType) -> None:
+    # 2 kg at 0.4 m on an upright hinge, bearings at z = 0 and 100 mm: the weight tips the shaft about +y with 7.848 N·m,
+    # so the upper journal is pressed to the load's side with 78.48 N and the lower one away from it
+    chain = one_link(mass=2.0, com=(0.4, 0, 0))
+    for q in (0.0, 0.7):
+        ahead = np.array([np.cos(q), np.sin(q), 0])
+        tipping = np.array([-np.sin(q), np.cos(q), 0])
+        source = module.Clearance(joint="hinge", diametral=(0.02 * MM, 0.06 * MM), axial=0.1 * MM, span=0.1, band=1.0)
+        at, totals = evaluated(chain, [q], [source])
+        shift = -0.01 * MM * ahead + (0, 0, -0.05 * MM)
+        same(totals[chain.seat(0)], [*shift, *(0.04 * MM / 0.1 * tipping)], 1e-15)
+        assert at.exact(at.space.mean[:, None])[2, 0] < -0.4 * MM
+        # 30 mm below the bearings the axis lies off by the line through both journals
+        source = module.Clearance(joint="hinge", diametral=(0.02 * MM, 0.06 * MM), start=0.03, span=0.1, band=1.0)
+        _, totals = evaluated(chain, [q], [source])
+        same(totals[chain.seat(0)], [*(-0.022 * MM * ahead), *(0.4 * MM * tipping)], 1e-15)
+
+
+def _check_hanging_beam(module: ModuleType) -> None:
+    # a lying hinge with the weight over the bearings' middle: 9.81 N on either, both go down, nothing tips
+    chain = one_link(axis=(0, 1, 0), mass=2.0, com=(0.4, 0.05, 0))
+    source = module.Clearance(joint="hinge", diametral=(0.02 * MM,), span=0.1, band=9.8)
+    at, totals = evaluated(chain, [0.0], [source])
+    same(in_base(at.posture, totals), [0, 0, -0.01 * MM, 0, 0, 0], 1e-15)
+    # just below the band: both journals anywhere
+    source = module.Clearance(joint="hinge", diametral=(0.02 * MM,), span=0.1, band=9.82)
+    _, totals = evaluated(chain, [0.0], [source])
+    same(totals[chain.seat(0)], np.zeros(6), 1e-18)
+    # half-way out the far bearing carries nothing of it: 2/3 and 1/3 of 19.62 N with the weight at a third of the span
+    chain = one_link(axis=(0, 1, 0), mass=2.0, com=(0.4, 0.02, 0))
+    source = module.Clearance(joint="hinge", diametral=(0.02 * MM,), span=0.06, band=6.6)
+    values = {f"clearance[hinge].B.{axis}": value for axis, value in (("x", 0.6), ("y", -0.8))}
+    at, totals = evaluated(chain, [0.0], [source], values)
+    # aligned axes here: z on y by a quarter turn about -x, so (x, y, z) of the seat are (x, -z, y) of the base
+    a, b = np.array([0, 0, -0.01 * MM]), 0.01 * MM * np.array([0.6, 0, 0.8])
+    same(in_base(at.posture, totals), [*a, *(np.cross((0, 1, 0), b - a) / 0.06)], 1e-15)
+
+
+def _check_random_directions(module: ModuleType) -> None:
+    chain = one_link(mass=2.0, com=(0.4, 0, 0))
+    for law, expected in (("circle", Circle(1.0)), ("disc", Disc(1.0))):
+        source = module.Clearance(joint="hinge", diametral=(1.0,), span=0.1, direction="random", law=law, scope="pose")
+        assert [(draw.law, draw.scope) for draw in source.own_draws("c")] == [(expected, Scope.POSE)] * 2
+    # anywhere in the disc: installation errors of half the diameter
+    values = {"A.x": 0.6, "A.y": -0.3, "B.x": -0.2, "B.y": 0.8, "side": -0.7}
+    settings = {"joint": "hinge", "span": 0.08, "start": -0.03}
+    source = module.Clearance(diametral=(0.2 * MM,), direction="random", law="disc", axial=0.3 * MM, **settings)
+    _, totals = evaluated(chain, [0.7], [source], {f"clearance[hinge].{key}": value for key, value in values.items()})
+    installed = AxisInstall(diameter=0.2 * MM, **settings)
+    scaled = {f"axis_install[hinge].{key}": 0.1 * MM * value for key, value in values.items() if key != "side"}
+    _, expected = evaluated(chain, [0.7], [installed], scaled)
+    same(totals[chain.seat(0)], expected[chain.seat(0)] + [0, 0, -0.7 * 0.15 * MM, 0, 0, 0], 1e-16)
+    # of the same spread
+    at = ErrorModel(chain, Space(), [module.Clearance(diametral=(0.2 * MM,), direction="random", law="disc", **settings)])
+    np.testing.assert_allclose(
+        at.at([0.7]).covariance, ErrorModel(chain, Space(), [installed]).at([0.7]).covariance, rtol=1e-12, atol=1e-24
+    )
+
+
+def _check_any_arm(module: ModuleType) -> None:
+    """Forces on the bearings from the balance of the arm beyond; the axis through the journals from its definition."""
+    text = random_arm(31, prismatic=(3, 6))
+    chain = chain_of(text, tip="tool", gravity=GRAVITY)
+    reading = PlainRobot.parse(text)
+    q = dict(zip(chain.joint_names, Q7, strict=True))
+    for number, name in enumerate(chain.joint_names):
+        for pads_on in ("child", "parent"):
+            slides = bool(chain.prismatic[number])
+            seat, axis, force, moment = free_body(reading, name, q, GRAVITY)
+            travel = q[name] if slides and pads_on == "child" else 0.0
+            sizes, start, span, axial = (0.07 * MM, 0.03 * MM), -0.02, 0.11, 0.0 if slides else 0.04 * MM
+            heights = (start + travel, start + travel + span)
+            across = np.linalg.svd(axis[None])[2][1:]
+            # two forces across the axis that carry what acts across it
+            balance = np.block([[across @ across.T] * 2, [across @ np.cross(h * axis, across).T for h in heights]])
+            pressed = np.linalg.solve(balance, np.concatenate([across @ force, across @ moment])).reshape(2, 2)
+            shifts = [size / 2 * push / np.linalg.norm(push) for size, push in zip(sizes, pressed, strict=True)]
+            # the small motion across the axis that brings both points of it there
+            motion = np.block([[np.eye(2), across @ np.cross(across, h * axis).T] for h in heights])
+            found = np.linalg.solve(motion, np.concatenate(shifts))
+            shift = across.T @ found[:2] + axis * np.sign(axis @ force) * axial / 2
+            source = module.Clearance(
+                joint=name, diametral=sizes, span=span, start=start, axial=axial, band=1e-3, pads_on=pads_on
+            )
+            at, totals = evaluated(chain, Q7, [source])
+            assert not any(term.factors or term.loaded for term in at.terms)
+            same(seat[:3, :3].T @ at.posture.place_pose(chain.seat(number))[:3, :3], np.eye(3))
+            same(in_base(at.posture, totals) / MM, np.concatenate([shift, across.T @ found[2:]]) / MM, 1e-11)
+
+
+def free_body(reading: PlainRobot, name: str, q, gravity):
+    """Return a joint's seat, its axis, and the force and moment about the seat's origin of all beyond it, base axes."""
+    (entry,) = (entry for entry in reading.joints if entry.name == name)
+    seat = reading.poses(q)[entry.parent] @ entry.origin
+    force, moment = np.zeros(3), np.zeros(3)
+    for link in reading.beyond(name):
+        if link in reading.masses:
+            mass, centre = reading.centres(q)[link]
+            force += mass * np.array(gravity)
+            moment += np.cross(centre - seat[:3, 3], mass * np.array(gravity))
+    return seat, seat[:3, :3] @ entry.axis, force, moment
