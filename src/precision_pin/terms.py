@@ -137,12 +137,7 @@ class Source(ABC):
         del posture, space
         return iter(())
 
-    def _rank(source: Source) -> tuple[str, str]:
-    names = {field: value for field, value in source.settings().items() if isinstance(value, str)}
-    return repr(names), repr(source)
-
-
-def own_draws(self, label: str) -> tuple[Draw, ...]:
+    def own_draws(self, label: str) -> tuple[Draw, ...]:
         """Return the draws the source makes itself, beside the laws in its settings; none by default."""
         del label
         return ()

@@ -248,9 +248,7 @@ def edited(data: st.DataObject, text: str) -> str:
     return text
 
 
-@settings(
-    max_examples=80, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.function_scoped_fixture]
-)
+@settings(max_examples=80, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(st.data())
 def test_an_edited_sheet_is_read_or_refused_but_never_crashes(write: Write, data: st.DataObject) -> None:
     text = edited(data, CONTRACT)
@@ -270,9 +268,7 @@ KINDS = ["payload", "length", "axis_install", "beam", "joint_compliance", "frame
 sources = st.lists(st.dictionaries(st.sampled_from(KINDS), values, min_size=1, max_size=2), max_size=3)
 
 
-@settings(
-    max_examples=80, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.function_scoped_fixture]
-)
+@settings(max_examples=80, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(st.dictionaries(st.sampled_from(TOPS), values, max_size=4), st.none() | sources)
 def test_any_structure_is_read_or_refused_but_never_crashes(
     write: Write, top: dict[str, object], listed: object
