@@ -21,10 +21,11 @@ import numpy as np
 
 from precision_pin import kernel, kernel_loops, se3
 from precision_pin.laws import Normal, Uniform
-from precision_pin.model import ErrorModel, PoseModel, TermTable
+from precision_pin.model import ErrorModel, PoseModel
 from precision_pin.parameters import Component, Program
 from precision_pin.space import Draw, Space
 from precision_pin.statistics import Plan, observe, start
+from precision_pin.table import TermTable
 
 SHEET = Path(__file__).parents[1] / "robots" / "4dof.errors.yaml"
 TURNS = 7

@@ -15,7 +15,7 @@ import typing
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any, Final
+from typing import Annotated, Any, Final, Literal
 
 import click
 
@@ -28,10 +28,13 @@ from precision_pin.sheet.settings import LAW_KEYS, OPTION_KEYS, parse_law
 from precision_pin.sources import catalogue
 from precision_pin.space import Scope
 from precision_pin.terms import Source
-from precision_pin.units import PerJoint, Quantity
+from precision_pin.units import PerEntry, PerJoint, Quantity
 
 PAGES: Final = Path(__file__).parent
 MARKED: Final = re.compile(r"(?<=<!-- table: )(.+?)( -->\n).*?(?=<!-- end -->)", re.DOTALL)
+
+UNIONS: Final = (types.UnionType, typing.Union)
+WORDS: Final = {str: "text", int: "whole number", bool: "true or false"}
 
 LAWS: Final[dict[str, tuple[dict[str, Any], str]]] = {
     "fixed": ({"fixed": "85 mm"}, "a number that does not vary, but has a name and a derivative"),
@@ -116,18 +119,22 @@ def quantities() -> str:
 
 
 def settings(kind: type[Source]) -> str:
-    """Return the settings of a kind of source."""
+    """Return the settings of a kind of source, in the order of its docstring."""
     hints = typing.get_type_hints(kind, include_extras=True)
+    defaults = {field.name: field.default for field in dataclasses.fields(kind)}  # type: ignore[arg-type]
     notes = dict(_attributes(kind))
+    firsts = {name: next(key for key, note in notes.items() if _is_about(name, key, note, notes)) for name in defaults}
     rows = []
-    for field in dataclasses.fields(kind):  # type: ignore[arg-type]
-        takes, random = _takes_what(hints[field.name])
-        note = notes.get(field.name)
-        alike = (key for key, other in notes.items() if (other is note if note else f"`{field.name}`" in other))
-        first = next(alike)
-        meaning = notes[first] if first == field.name else f"see `{first}`"
-        rows.append((f"`{field.name}`", takes, "yes" if random else "no", _default(field.default), meaning))
+    for name in sorted(defaults, key=lambda name: list(notes).index(firsts[name])):
+        takes, random = _takes_what(hints[name])
+        meaning = notes[name] if firsts[name] == name else f"see `{firsts[name]}`"
+        rows.append((f"`{name}`", takes, "yes" if random else "no", _default(defaults[name]), meaning))
     return table(("setting", "takes", "may be random", "default", "meaning"), rows)
+
+
+def _is_about(name: str, key: str, note: str, notes: dict[str, str]) -> bool:
+    """Return whether an entry of a docstring is about a setting: lists it, or mentions one that has no entry."""
+    return note is notes[name] if name in notes else f"`{name}`" in note
 
 
 def _attributes(kind: type[Source]) -> Iterator[tuple[str, str]]:
@@ -142,27 +149,46 @@ def _attributes(kind: type[Source]) -> Iterator[tuple[str, str]]:
 
 
 def _takes_what(hint: Any) -> tuple[str, bool]:
+    """Return what a setting takes, in words, and whether it may be random."""
     bare, *notes = typing.get_args(hint) if typing.get_origin(hint) is Annotated else (hint,)
-    several = typing.get_origin(bare) is tuple
-    inner = typing.get_args(bare)[0] if several else bare
-    options = typing.get_args(inner) if isinstance(inner, types.UnionType) else (inner,)
-    names = [_quantity_names(note) for note in notes if isinstance(note, Quantity | PerJoint)]
-    count = "" if not several else "one or several of " if Ellipsis in typing.get_args(bare) else "three of "
-    return count + (names[0] if names else "text"), Law in options
+    named = [_quantity_names(note) for note in notes if isinstance(note, Quantity | PerJoint | PerEntry)]
+    options = list(_options(bare))
+    several = [option for option in options if typing.get_origin(option) is tuple]
+    if several:
+        entries = typing.get_args(several[0])
+        inner = list(_options(entries[0]))
+        if not named:
+            return "list", False
+        return f"{'one or several' if Ellipsis in entries else str(len(entries))}: {named[0]}", Law in inner
+    choices = [
+        choice for option in options if typing.get_origin(option) is Literal for choice in typing.get_args(option)
+    ]
+    if choices:
+        return ", ".join(f"`{choice}`" for choice in choices), False
+    return named[0] if named else WORDS[options[0]], Law in options
 
 
-def _quantity_names(note: Quantity | PerJoint) -> str:
+def _options(hint: Any) -> Iterator[Any]:
+    """Yield what a union allows, ``None`` left out."""
+    for option in typing.get_args(hint) if typing.get_origin(hint) in UNIONS else (hint,):
+        if option is not types.NoneType:
+            yield option
+
+
+def _quantity_names(note: Quantity | PerJoint | PerEntry) -> str:
     if isinstance(note, Quantity):
         return note.name
+    if isinstance(note, PerEntry):
+        return ", ".join(dict.fromkeys(quantity.name for quantity in note.quantities))
     return f"{note.revolute.name}; {note.prismatic.name} where the joint slides"
 
 
 def _default(value: Any) -> str:
     if value is dataclasses.MISSING:
         return "needed"
-    if value is None:
+    if value is None or value == ():
         return "none"
-    if isinstance(value, tuple):
+    if isinstance(value, tuple) and value:
         return " ".join(f"{entry:g}" for entry in value)
     return f"`{value}`" if isinstance(value, str) else f"{value:g}"
 

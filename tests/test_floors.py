@@ -16,6 +16,7 @@ FLOORS = (
     "philox",
     "laws",
     "parameters",
+    "sections",
     "space",
     "urdf",
     "pinocchio_model",

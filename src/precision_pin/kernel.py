@@ -315,7 +315,7 @@ def is_compiled() -> bool:
 
 def warm_up() -> None:
     """Compile the sampler, or load it from numba's cache; whatever samples first does so by itself."""
-    from precision_pin.model import TermTable
+    from precision_pin.table import TermTable
 
     nothing = TermTable(
         pose=np.eye(4),

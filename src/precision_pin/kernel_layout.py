@@ -18,7 +18,7 @@ from precision_pin.parameters import Operator
 from precision_pin.space import Space, occasion
 
 if TYPE_CHECKING:
-    from precision_pin.model import TermTable
+    from precision_pin.table import TermTable
 
 __all__ = ["FURTHEST_NORMAL", "CompiledTable", "lay_out"]
 

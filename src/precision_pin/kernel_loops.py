@@ -237,7 +237,7 @@ def _cached(function: Compiled) -> Compiled:
 
 _configuration: Any = numba.config
 INTERPRETED: Final = bool(_configuration.DISABLE_JIT)
-"""Whether NUMBA_DISABLE_JIT=1 makes all this plain Python, about a second a tile: for coverage and debugging."""
+"""Whether NUMBA_DISABLE_JIT=1 makes all this plain Python, some hundredths of a second a tile: for coverage."""
 
 if INTERPRETED:
 

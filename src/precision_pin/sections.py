@@ -39,7 +39,9 @@ class Material:
 MATERIALS: Final = MappingProxyType(
     {
         "steel": Material(210e9, 81e9, 7850.0, "EN 1993-1-1, 3.2.6; EN 1991-1-1, table A.4"),
-        "stainless_steel": Material(200e9, 77e9, 7900.0, "EN 1993-1-4, 2.1.3 (G from a Poisson's ratio of 0.3); 1.4301"),
+        "stainless_steel": Material(
+            200e9, 77e9, 7900.0, "EN 1993-1-4, 2.1.3 (G from a Poisson's ratio of 0.3); 1.4301"
+        ),
         "aluminium": Material(70e9, 27e9, 2700.0, "EN 1999-1-1, 3.2.5"),
         "titanium": Material(113.8e9, 44e9, 4430.0, "Ti-6Al-4V, annealed: ASM, Materials Properties Handbook"),
     }

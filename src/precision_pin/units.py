@@ -20,16 +20,20 @@ __all__ = [
     "ANGLE",
     "ANGULAR_COMPLIANCE",
     "ANGULAR_STIFFNESS",
+    "AREA",
     "AXIAL_RIGIDITY",
     "BENDING_RIGIDITY",
+    "DENSITY",
     "FORCE",
     "LENGTH",
     "LINEAR_COMPLIANCE",
     "LINEAR_STIFFNESS",
     "MASS",
+    "PRESSURE",
     "QUANTITIES",
     "RATIO",
     "RELATIVE_LENGTH",
+    "SECOND_MOMENT",
     "TEMPERATURE_DIFFERENCE",
     "TEMPERATURE_GRADIENT",
     "THERMAL_EXPANSION",
@@ -128,6 +132,12 @@ THERMAL_EXPANSION: Final = _quantity(
     },
 )
 RELATIVE_LENGTH: Final = _quantity("relative length", "m/m", {f"{a}/m": _METRE[a] for a in ("m", "mm", "um", "µm")})
+PRESSURE: Final = _quantity(
+    "modulus of elasticity", "Pa", {"Pa": 1.0, "kPa": 1e3, "MPa": 1e6, "GPa": 1e9, "N/m^2": 1.0, "N/mm^2": 1e6}
+)
+AREA: Final = _quantity("area", "m^2", {"m^2": 1.0, "cm^2": 1e-4, "mm^2": 1e-6})
+SECOND_MOMENT: Final = _quantity("second moment of area", "m^4", {"m^4": 1.0, "cm^4": 1e-8, "mm^4": 1e-12})
+DENSITY: Final = _quantity("density", "kg/m^3", {"kg/m^3": 1.0, "g/cm^3": 1e3})
 RATIO: Final = _quantity("ratio", "", {"": 1.0, "%": 1e-2, "ppm": 1e-6})
 
 QUANTITIES: Final = (
@@ -154,7 +164,16 @@ MOST_NAMED: Final = 3
 
 _NUMBER: Final = r"[+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d+)?"
 _TEXT: Final = re.compile(rf"\s*({_NUMBER}(?:[\s,]+{_NUMBER})*)\s*(\D.*)?", re.ASCII | re.DOTALL)
-_SPELLINGS: Final = (("·", "*"), ("⋅", "*"), ("**", "^"), ("²", "^2"), ("³", "^3"), ("μ", "µ"), ("Nm", "N*m"))
+_SPELLINGS: Final = (
+    ("·", "*"),
+    ("⋅", "*"),
+    ("**", "^"),
+    ("²", "^2"),
+    ("³", "^3"),
+    ("⁴", "^4"),
+    ("μ", "µ"),
+    ("Nm", "N*m"),
+)
 
 
 def split(text: object) -> tuple[list[float], str]:

@@ -13,6 +13,7 @@ SIGNS = (
     Fault("axis_install", "one angle reversed", "[0, share, 0, -slope, 0, 0]", "[0, share, 0, slope, 0, 0]"),
     Fault("axis_install", "start counted the other way", '("A", 1 + crossing', '("A", 1 - crossing'),
     Fault("axis_install", "B's share reversed", '("B", -crossing, 1.0)', '("B", crossing, 1.0)'),
+    Fault("backlash", "against the load", "np.sign(torque) / 2", "-np.sign(torque) / 2"),
     Fault("beam", "θ_y of a force", "[0, 0, -(a**2) / 2, 0, a, 0]", "[0, 0, a**2 / 2, 0, a, 0]"),
     Fault("beam", "θ_z of a force", "[0, a**2 / 2, 0, 0, 0, a]", "[0, -(a**2) / 2, 0, 0, 0, a]"),
     Fault("beam", "w_z of a moment", "0, -a * (2 * l - a) / 2, 0]", "0, a * (2 * l - a) / 2, 0]"),
@@ -20,6 +21,9 @@ SIGNS = (
     Fault("beam", "θ_z of the weight", "result[5, 1] = l**2 / 6", "result[5, 1] = -(l**2) / 6"),
     Fault("beam", "roll", "@ rotation_about((1, 0, 0), roll)", "@ rotation_about((1, 0, 0), -roll)"),
     Fault("beam", "wrench turned the wrong way", "[:3, :3] @ axes).T)", "[:3, :3] @ axes))"),
+    Fault("bearing_stiffness", "against the load", "Value = 1.0 / space", "Value = -1.0 / space"),
+    Fault("clearance", "against the load", "push = shift.T @ load", "push = -shift.T @ load"),
+    Fault("clearance", "against the axial load", "along * np.sign(load[2])", "along * -np.sign(load[2])"),
     Fault("directions", "a minus is ignored", "-direction if match[1] else", "direction if match[1] else", "length"),
     Fault("frame", "every error reversed", "np.eye(6)[row]", "-np.eye(6)[row]"),
     Fault(
@@ -32,6 +36,10 @@ SIGNS = (
     Fault("mcpc", "β turned the wrong way", "nominal.beta[link])", "-nominal.beta[link] - 0.1)"),
     Fault("mcpc", "γ turned the wrong way", "((0, 0, 1), turn)", "((0, 0, 1), -turn)"),
     Fault("payload", "weight pulls up", "moments[row] = np.prod", "moments[row] = -np.prod"),
+    Fault("seats", "tilt reversed", "[0, -slope], [slope, 0]", "[0, slope], [-slope, 0]", "clearance"),
+    Fault("seats", "a carriage travels back", "height + float(posture.q", "height - float(posture.q", "clearance"),
+    Fault("seats", "the other bearing's share", "other / (other - height)", "other / (height - other)", "clearance"),
+    Fault("seats", "moment arm reversed", "= height, -height", "= -height, height", "bearing_stiffness"),
 )
 
 LAWS = (
@@ -39,6 +47,11 @@ LAWS = (
     Fault("axis_install", "diameter for radius", "(self.diameter or 0.0) / 2", "(self.diameter or 0.0)"),
     Fault("axis_install", "axis left as z", "turn = chain.axis_alignment(joint)", "turn = np.eye(3)"),
     Fault("axis_install", "A counts for nothing at the seat", '("A", 1 + crossing', '("A", crossing'),
+    Fault("backlash", "the whole gap", "np.sign(torque) / 2", "np.sign(torque)"),
+    Fault("backlash", "the whole gap at random", "0.5, gap, space", "1.0, gap, space"),
+    Fault("backlash", "triangular for uniform", "laws import Uniform", "laws import Triangular as Uniform"),
+    Fault("backlash", "no band", "if abs(torque) >= self.band", "if abs(torque) >= 0.0"),
+    Fault("backlash", "another joint's torque", "posture.torque_on(joint)", "posture.torque_on(joint - 1)"),
     Fault("beam", "stiffness for compliance", "flexibility = 1.0 / stiffness", "flexibility = 1.0 * stiffness"),
     Fault("beam", "weight as a tip load", "l**3 / 8", "l**3 / 3"),
     Fault("beam", "weight's turn", "result[5, 1] = l**2 / 6", "result[5, 1] = l**2 / 2"),
@@ -47,8 +60,8 @@ LAWS = (
     Fault("beam", "w_z of a force", "[0, 0, a**2 * (3 * l - a) / 6, 0", "[0, 0, a**3 / 3, 0"),
     Fault("beam", "torsion over the whole length", "[0, 0, 0, a, 0, 0]", "[0, 0, 0, l, 0, 0]"),
     Fault("beam", "loads beyond counted twice", "if load.link > link]", "if load.link >= link]"),
-    Fault("beam", "loads of the middle at the tip", "axes[:, 0] @ load.attachment, 0.0", "length, 0.0"),
-    Fault("beam", "projection not clipped", "0.0, length))", "0.0, 2 * length))"),
+    Fault("beam", "loads of the middle at the tip", "axes[:, 0] @ load.attachment", "length"),
+    Fault("beam", "lever beyond the end lost", "_lever(self.stop - reach).T", "np.eye(6)"),
     Fault(
         "beam",
         "end stiffness without length",
@@ -68,6 +81,18 @@ LAWS = (
     Fault(
         "beam", "next joint's axis not turned", "chain.placements[link][:3, :3] @ chain.axes[link]", "chain.axes[link]"
     ),
+    Fault("bearing_stiffness", "stiffness for compliance", "Value = 1.0 / space", "Value = 1.0 * space"),
+    Fault("bearing_stiffness", "carries the free axis", '"tilt": (3, 4)', '"tilt": (3, 4, 5)'),
+    Fault("bearing_stiffness", "radial for axial", '"radial": (0, 1)', '"radial": (0, 1, 2)'),
+    Fault("bearing_stiffness", "shift at the centre", "to_centre.T @ carried", "carried"),
+    Fault("bearing_stiffness", "moment about the origin", "@ to_centre @ wrench", "@ wrench"),
+    Fault("bearing_stiffness", "axis left as z", "to_place = seat_axes(chain, joint)", "to_place = np.eye(6)"),
+    Fault("clearance", "the whole clearance", "return play, 0.5", "return play, 1.0"),
+    Fault("clearance", "disc for circle", 'self.law == "circle"', 'self.law != "circle"'),
+    Fault("clearance", "A's clearance for B", "others[0] if others else size_a", "size_a"),
+    Fault("clearance", "no band", ">= self.band", ">= 0.0"),
+    Fault("clearance", "axis left as z", "to_place = seat_axes(chain, joint)", "to_place = np.eye(6)"),
+    Fault("clearance", "one direction for both", 'component(f"{name}.{axis}")', 'component(f"A.{axis}")'),
     Fault(
         "directions", "axis of the next joint", "posture.joint_axes[joint]", "posture.joint_axes[joint - 1]", "length"
     ),
@@ -101,6 +126,15 @@ LAWS = (
     Fault("mcpc", "shift before γ", 'of link {link}", after_gamma)', 'of link {link}", after_beta)'),
     Fault("payload", "first moment without mass", "_moment(k + 1, mass, value)", "_moment(k + 1, value)"),
     Fault("payload", "centre axes off by one", "_moment(k + 1, mass, value)", "_moment(3 - k, mass, value)"),
+    Fault("seats", "the link before counts", "load.link > joint", "load.link >= joint", "bearing_stiffness"),
+    Fault("seats", "the next link left out", "load.link > joint", "load.link > joint + 1", "clearance"),
+    Fault(
+        "seats", "loads not turned to the axis", "posture.chain.axis_alignment(joint)).T", "np.eye(3)).T", "clearance"
+    ),
+    Fault(
+        "seats", "loads turned the wrong way", "axis_alignment(joint)).T", "axis_alignment(joint))", "bearing_stiffness"
+    ),
+    Fault("seats", "fixed guides travel", 'pads_on == "child"', 'pads_on == "parent"', "bearing_stiffness"),
 )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import typing
 from typing import Any, Final, final
 
 from pydantic import BaseModel, ValidationError
@@ -16,6 +17,8 @@ __all__ = ["Findings"]
 _SHAPES: Final = {
     "dict_type": "keys with values belong here, {key: value}",
     "list_type": "a list belongs here, one entry after each '-'",
+    "tuple_type": "a list belongs here, one entry after each '-'",
+    "model_type": "keys with values belong here, {key: value}",
     "string_type": "one value belongs here",
 }
 _POSE: Final = "joint values in chain order with one unit, a list of values, or keys with values by joint belong here"
@@ -54,7 +57,6 @@ class Findings:
 
     def take_validation(self, error: ValidationError, path: Path, model: type[BaseModel]) -> None:
         """Add pydantic's errors about what stands at a path."""
-        valid = [field.alias or name for name, field in model.model_fields.items()]
         seen: set[Path] = set()
         for entry in error.errors():
             where = self.walk(path, entry["loc"])
@@ -62,10 +64,11 @@ class Findings:
             where = where[:2] if is_pose else where
             key = ".".join(map(str, where[len(path) :])) or str(entry["loc"][-1])
             if entry["type"] == "missing":
-                self.error(path, f"the key {key!r} is missing", "E_MISSING_KEY")
+                self.error(where, f"the key {str(entry['loc'][-1])!r} is missing", "E_MISSING_KEY")
             elif where in seen:
                 continue
             elif entry["type"] == "extra_forbidden":
+                valid = _keys(model, entry["loc"][:-1])
                 self.error(where, f"unknown key {where[-1]!r}: {nearest(str(where[-1]), valid)}", "E_UNKNOWN_KEY")
             else:
                 message = _POSE if is_pose else _SHAPES.get(entry["type"], entry["msg"].removeprefix("Value error, "))
@@ -99,3 +102,12 @@ class Findings:
         for key in path:
             value = value[key]
         return value
+
+
+def _keys(model: type[BaseModel], location: Path) -> list[str]:
+    """Return the keys that are allowed at pydantic's location below a model."""
+    for key in location:
+        if key in model.model_fields:
+            inner = typing.get_args(model.model_fields[str(key)].annotation)
+            model = next((entry for entry in inner if isinstance(entry, type) and issubclass(entry, BaseModel)), model)
+    return [field.alias or name for name, field in model.model_fields.items()]

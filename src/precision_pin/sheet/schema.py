@@ -5,11 +5,20 @@ from __future__ import annotations
 import types
 import typing
 from collections.abc import Iterable, Mapping
-from dataclasses import MISSING, dataclass, fields
+from dataclasses import MISSING, dataclass, fields, is_dataclass
 from functools import cache
 from typing import Annotated, Any, Final, Literal, final
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationInfo, WithJsonSchema, create_model
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    ValidationInfo,
+    WithJsonSchema,
+    create_model,
+)
 
 from precision_pin.errors import InputError
 from precision_pin.laws import Law
@@ -19,7 +28,7 @@ from precision_pin.sources import catalogue
 from precision_pin.terms import Source
 from precision_pin.units import PerEntry, PerJoint, Quantity, parse_vector
 
-__all__ = ["Context", "Document", "SettingReason", "json_schema", "source_model", "used_quantities"]
+__all__ = ["Context", "Document", "SettingReason", "json_schema", "part_of", "source_model", "used_quantities"]
 
 VERSION = "1"
 _LAW: Final = {"title": "law"}
@@ -64,17 +73,16 @@ class Document(BaseModel):
 
 
 @cache
-def source_model(kind: type[Source]) -> type[BaseModel]:
-    """Return the pydantic model of a source's settings, whose fields are those of the class."""
+def source_model(kind: type) -> type[BaseModel]:
+    """Return the pydantic model of a source's settings (or of a part of them), whose fields are those of the class."""
     hints = typing.get_type_hints(kind, include_extras=True)
     entries: dict[str, Any] = {}
-    for entry in fields(kind):  # type: ignore[arg-type]
+    for entry in fields(kind):
         default = ... if entry.default is MISSING else entry.default
         entries[entry.name] = (_field_type(hints[entry.name]), default)
-    name = "".join(part.capitalize() for part in kind.kind().split("_"))
     config = ConfigDict(extra="forbid", arbitrary_types_allowed=True)
     model: type[BaseModel] = create_model(
-        name, __config__=config, __doc__=(kind.__doc__ or "").split("\n")[0], **entries
+        kind.__name__, __config__=config, __doc__=(kind.__doc__ or "").split("\n")[0], **entries
     )
     return model
 
@@ -85,7 +93,9 @@ def json_schema(kinds: Mapping[str, type[Source]] | None = None) -> dict[str, An
     definitions: dict[str, Any] = {"law": _law_schema()}
     choices = []
     for name, kind in (kinds or catalogue()).items():
-        definitions[name] = _with_references(source_model(kind).model_json_schema())
+        definition = _with_references(source_model(kind).model_json_schema())
+        definitions |= definition.pop("$defs", {})
+        definitions[name] = definition
         choices.append(
             {
                 "type": "object",
@@ -105,6 +115,9 @@ def json_schema(kinds: Mapping[str, type[Source]] | None = None) -> dict[str, An
 
 def _field_type(hint: Any) -> Any:
     """Return the pydantic type of a setting: quantities and laws read from text, the rest as it stands."""
+    part = part_of(hint)
+    if part is not None:
+        return tuple[Annotated[source_model(part), AfterValidator(_make(part))], ...]
     if typing.get_origin(hint) is not Annotated:
         return hint
     bare, *notes = typing.get_args(hint)
@@ -126,6 +139,22 @@ def _field_type(hint: Any) -> Any:
     return Annotated[Any, BeforeValidator(_read_number(quantities)), WithJsonSchema(_quantity_schema(quantities))]
 
 
+def part_of(hint: Any) -> type | None:
+    """Return the data class whose instances, in a list, a setting holds; ``None`` for any other setting."""
+    entry = next(iter(typing.get_args(hint)), None) if typing.get_origin(hint) is tuple else None
+    return entry if isinstance(entry, type) and is_dataclass(entry) else None
+
+
+def _make(part: type) -> Any:
+    def make(valid: BaseModel) -> object:
+        try:
+            return part(**{name: getattr(valid, name) for name in type(valid).model_fields})
+        except InputError as error:
+            raise SettingReason(error) from None
+
+    return make
+
+
 def _holds_law(hint: Any) -> bool:
     return hint is Law or any(_holds_law(part) for part in typing.get_args(hint))
 
@@ -133,11 +162,14 @@ def _holds_law(hint: Any) -> bool:
 Notes = tuple[Quantity | PerJoint | PerEntry, ...]
 
 
-def used_quantities(kinds: Iterable[type[Source]]) -> tuple[Quantity, ...]:
+def used_quantities(kinds: Iterable[type]) -> tuple[Quantity, ...]:
     """Return every quantity that some random setting of the kinds takes, so that a bare number fits none by accident."""
     found: dict[Quantity, None] = {}
     for kind in kinds:
         for hint in typing.get_type_hints(kind, include_extras=True).values():
+            part = part_of(hint)
+            if part is not None:
+                found |= dict.fromkeys(used_quantities([part]))
             for note in typing.get_args(hint)[1:] if _holds_law(hint) else ():
                 found |= dict.fromkeys(_either(note))
     return tuple(found)

@@ -27,7 +27,8 @@ class Backlash(Source):
     of Wei, Jia and Chen (2015). Where ``|τ|`` is below the band, friction holds the joint where it came to rest:
     ``Δθ = u b/2`` with u uniform on -1 to 1. The side follows from the mean load, so it needs no random number and does
     not turn over with a load that scatters; the deviation does not grow with the load, so it is no deflection:
-    equilibrium statics decides the side on the deflected arm.
+    equilibrium statics decides the side on the deflected arm. There the band must be wider than what crossing the gap
+    changes of the torque: an arm that comes to rest between the flanks has no side.
 
     Attributes
     ----------

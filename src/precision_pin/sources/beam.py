@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import dataclasses
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Annotated, Final, final
+from typing import Annotated, Final, Literal, final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from precision_pin import units
 from precision_pin.chain import Chain, Factors, Load, Posture
-from precision_pin.errors import InputError
-from precision_pin.parameters import Value
+from precision_pin.errors import InputError, UnknownNameError
+from precision_pin.laws import Law
+from precision_pin.parameters import Expression, Value
 from precision_pin.se3 import rotation_about
-from precision_pin.space import LabelledSpace, Setting
+from precision_pin.sources.profiles import Profile, Segment, Stretch, ends, stretches
+from precision_pin.space import Draw, LabelledSpace, Setting
 from precision_pin.terms import Source, Term
 
 __all__ = ["Beam", "beam_axes", "point_flexibility", "weight_flexibility"]
@@ -25,76 +28,135 @@ _PARALLEL: Final = 1e-9
 """Sine of the angle below which an axis counts as parallel to the beam."""
 
 
+@dataclass(frozen=True, kw_only=True)
+class OnLink(Source):
+    """A source about one link."""
+
+    link: str
+
+    @property
+    def subject(self) -> str:
+        """The link."""
+        return self.link
+
+
 @final
 @dataclass(frozen=True, kw_only=True)
-class Beam(Source):
+class Beam(Profile, OnLink):
     """Flexibility of a link: a cantilever from its joint's origin to the next joint's (or the tip).
 
     x runs along it; z is its joint's axis made normal to x (where parallel: the next joint's axis, then the link's y);
-    y = z × x; then both turned by ``roll`` about x. The tip carries what hangs beyond the link; the masses of the URDF
-    links on the way are spread evenly along it; what else hangs on the link (payloads, fixed branches, locked joints)
-    acts at its projection. Euler-Bernoulli, small deflection: ``Δl = F_x l/EA + q_x l²/2EA``,
-    ``w_y = F_y l³/3EI_z + M_z l²/2EI_z + q_y l⁴/8EI_z``, ``θ_z = F_y l²/2EI_z + M_z l/EI_z + q_y l³/6EI_z``, likewise
-    with the other sign for w_z and θ_y, ``Δφ = M_x l/GI``. Source: section 3.2 and eq 21 of Wei, Jia and Chen (2015),
-    which prints θ_z before θ_y and gives EI and GI in N·m/rad; here EI and GI are rigidities in N·m², and stiffnesses
-    of the whole link in N·m/rad are settings of their own (``EI = k l``).
+    y = z × x; then both turned by ``roll`` about x. The tip carries what hangs beyond the link; what else hangs on the
+    link (payloads, fixed branches, locked joints) acts at its projection. Euler-Bernoulli, small deflection:
+    ``Δl = F_x l/EA + q_x l²/2EA``, ``w_y = F_y l³/3EI_z + M_z l²/2EI_z + q_y l⁴/8EI_z``,
+    ``θ_z = F_y l²/2EI_z + M_z l/EI_z + q_y l³/6EI_z``, likewise with the other sign for w_z and θ_y, ``Δφ = M_x l/GI``;
+    with ``segments`` each bends so under what acts beyond its start and carries the rest along. Source: section 3.2 and
+    eq 21 of Wei, Jia and Chen (2015), which prints θ_z before θ_y and gives EI and GI in N·m/rad; here EI and GI are
+    rigidities in N·m², and stiffnesses of the whole link in N·m/rad are settings of their own (``EI = k l``). Sections:
+    :mod:`precision_pin.sections`.
 
     Attributes
     ----------
     link
         A URDF link of the chain link that bends.
+    section
+        Shape of the section, in place of rigidities: ``tube``, ``rod`` (solid), ``box`` (rectangular tube) or
+        ``general``.
+    material
+        ``steel``, ``stainless_steel``, ``aluminium`` or ``titanium``: gives E, G and density.
+    E, G
+        Modulus of elasticity, shear modulus: instead of the material's.
+    poisson_ratio
+        Instead of G: ``G = E/(2 (1 + ν))``.
+    density
+        Instead of the material's, for ``self_weight: section``.
+    outer_diameter
+        Of a tube.
+    diameter
+        Of a rod.
+    width, height
+        Of a box, outside: along z (the joint's axis) and along y.
+    wall
+        Thickness, of a tube or box.
+    area
+        Of a general section.
+    I_y, I_z
+        Second moments of area of a general section about y and z.
+    J
+        Torsion constant of a general section.
     EI
         Bending rigidity about every axis normal to x; or ``EI_y`` and ``EI_z`` about y and z.
     GI
         Torsional rigidity.
     EA
         Axial rigidity; rigid if left out, as is each of the others.
+    segments
+        Parts with sections of their own, from the joint on: each with ``length`` or ``fraction`` (one may have neither)
+        and any of the settings above.
     bending_stiffness, torsion_stiffness
         Instead of EI and GI: moment at the end for one radian there.
+    axial_stiffness
+        Instead of EA: force at the end for one metre there.
     roll
         Of the section about x.
+    self_weight
+        ``uniform``: the masses of the URDF links on the way spread evenly; ``centre``: each at the projection of its
+        centre of mass, with the moment of the offset; ``section``: density × area in place of these masses.
 
     Raises
     ------
     InputError
-        No stiffness at all, one given twice, or a link without length.
+        No stiffness at all, one given twice, settings that do not make a section, a link without length, segments of
+        another length, or two sources that give a link its weight by section.
     """
 
-    link: str
-    EI: Annotated[Setting | None, units.BENDING_RIGIDITY] = None
-    EI_y: Annotated[Setting | None, units.BENDING_RIGIDITY] = None
-    EI_z: Annotated[Setting | None, units.BENDING_RIGIDITY] = None
-    GI: Annotated[Setting | None, units.BENDING_RIGIDITY] = None
-    EA: Annotated[Setting | None, units.AXIAL_RIGIDITY] = None
+    segments: tuple[Segment, ...] = ()
     bending_stiffness: Annotated[Setting | None, units.ANGULAR_STIFFNESS] = None
     torsion_stiffness: Annotated[Setting | None, units.ANGULAR_STIFFNESS] = None
+    axial_stiffness: Annotated[Setting | None, units.LINEAR_STIFFNESS] = None
     roll: Annotated[float, units.ANGLE] = 0.0
+    self_weight: Literal["uniform", "centre", "section"] = "uniform"
 
     def __post_init__(self) -> None:
-        bending = (
-            self.EI is not None,
-            self.EI_y is not None or self.EI_z is not None,
-            self.bending_stiffness is not None,
-        )
-        if sum(bending) > 1:
+        at_end = self.given("bending_stiffness", "torsion_stiffness", "axial_stiffness")
+        if at_end and (self.section is not None or self.segments):
+            raise InputError(f"beam needs either section: or segments:, or {at_end[0]}:")
+        if self.bending_stiffness is not None and self.given("EI", "EI_y", "EI_z"):
             raise InputError("beam needs one of EI:, EI_y: with EI_z:, and bending_stiffness:")
-        if (self.EI_y is None) != (self.EI_z is None):
-            raise InputError("beam needs both of EI_y: and EI_z:")
-        if self.GI is not None and self.torsion_stiffness is not None:
-            raise InputError("beam needs one of GI: and torsion_stiffness:")
-        if not any(bending) and self.GI is None and self.EA is None and self.torsion_stiffness is None:
-            raise InputError(
-                "beam needs a stiffness: EI:, EI_y: with EI_z:, GI:, EA:, bending_stiffness:, torsion_stiffness:"
-            )
-        for name in ("EI", "EI_y", "EI_z", "GI", "EA", "bending_stiffness", "torsion_stiffness"):
+        for rigidity, stiffness in (("GI", "torsion_stiffness"), ("EA", "axial_stiffness")):
+            if len(self.given(rigidity, stiffness)) > 1:
+                raise InputError(f"beam needs one of {rigidity}: and {stiffness}:")
+        for name in at_end:
             value = getattr(self, name)
             if isinstance(value, float | int) and not value > 0:
                 raise InputError(f"{name} of a beam must be positive, got {value}")
+        if self.self_weight not in ("uniform", "centre", "section"):
+            raise UnknownNameError("self_weight", self.self_weight, ("uniform", "centre", "section"))
+        for part in stretches(self, self.segments):
+            part.check(may_be_rigid=bool(at_end), weighs=self.self_weight == "section")
 
-    @property
-    def subject(self) -> str:
-        """The link."""
-        return self.link
+    def own_draws(self, label: str) -> tuple[Draw, ...]:
+        """Return the draws for the laws in segments."""
+        found = []
+        for k, segment in enumerate(self.segments):
+            for entry in dataclasses.fields(segment):
+                name, value = f"{label}.segments[{k}].{entry.name}", getattr(segment, entry.name)
+                if isinstance(value, Law):
+                    found.append(Draw(name, value))
+                elif isinstance(value, Draw):
+                    found.append(dataclasses.replace(value, name=value.name or name))
+        return tuple(found)
+
+    def loads(self, posture: Posture, space: LabelledSpace) -> Iterator[Load]:
+        """Yield, where the section gives the weight, what takes the URDF's masses away and what comes instead."""
+        if self.self_weight != "section":
+            return
+        chain = posture.chain
+        link = chain.link_frame(self.link).link
+        for load in _along(chain.loads, link):
+            yield dataclasses.replace(load, moments=tuple((-moment, factors) for moment, factors in load.moments))
+        for _, _, load in self._weights(chain, space, link):
+            yield load
 
     def terms(self, posture: Posture, space: LabelledSpace) -> Iterator[Term]:
         """Yield a term for each stiffness and each group of loads with the same random factors."""
@@ -104,14 +166,30 @@ class Beam(Source):
         axes = beam_axes(chain, link, self.roll)
         length = float(np.linalg.norm(place.frame[:3, 3]))
         turn = _both(place.frame[:3, :3].T @ axes)
-        to_beam = _both((posture.loaded_link_poses[link][:3, :3] @ axes).T)
-        for stiffness, rows in self._stiffnesses(space, length):
-            flexibility = 1.0 / stiffness
-            for factors, displacement in self._unit_displacement(posture, link, length, axes, to_beam, rows).items():
-                yield Term.of(place, turn @ displacement, *factors, flexibility, loaded=True)
+        pushes = list(self._pushes(posture, space, link, length, axes))
+        for start, stop, part in self._parts(length):
+            for stiffness, rows in self._stiffnesses(part, space, length):
+                flexibility = 1.0 / stiffness
+                total: dict[Factors, Array] = {}
+                for push in pushes:
+                    if push.stop > start:
+                        displacement = push.displacement(start, stop, length, rows)
+                        total[push.factors] = total.get(push.factors, np.zeros(6)) + displacement
+                for factors, displacement in total.items():
+                    yield Term.of(place, turn @ displacement, *factors, flexibility, loaded=True)
 
-    def _stiffnesses(self, space: LabelledSpace, length: float) -> Iterator[tuple[Value, tuple[int, ...]]]:
-        """Yield each stiffness with the displacement rows it governs: Δl, w_y, w_z, Δφ, θ_y, θ_z."""
+    def _parts(self, length: float) -> Iterator[tuple[float, float, Stretch]]:
+        """Yield start, end (m along the beam) and settings of every part."""
+        cuts = (0.0, *ends(self.segments, length))
+        return zip(cuts[:-1], cuts[1:], stretches(self, self.segments), strict=True)
+
+    def _stiffnesses(
+        self, part: Stretch, space: LabelledSpace, length: float
+    ) -> Iterator[tuple[Value, tuple[int, ...]]]:
+        """Yield each stiffness of a part with the displacement rows it governs: Δl, w_y, w_z, Δφ, θ_y, θ_z."""
+        values = part.rigidities(space)
+        for name in self.given("bending_stiffness", "torsion_stiffness", "axial_stiffness"):
+            values[name] = space.positive(name, getattr(self, name))
         for name, rows, factor in (
             ("EI", (1, 2, 4, 5), 1.0),
             ("EI_z", (1, 5), 1.0),
@@ -120,35 +198,111 @@ class Beam(Source):
             ("GI", (3,), 1.0),
             ("torsion_stiffness", (3,), length),
             ("EA", (0,), 1.0),
+            ("axial_stiffness", (0,), length),
         ):
-            setting = getattr(self, name)
-            if setting is not None:
-                value = space.positive(name, setting)
-                yield (value if factor == 1.0 else value * factor), rows
+            if name in values:
+                yield (values[name] if factor == 1.0 else values[name] * factor), rows
 
-    def _unit_displacement(
-        self, posture: Posture, link: int, length: float, axes: Array, to_beam: Array, rows: tuple[int, ...]
-    ) -> dict[Factors, Array]:
-        """Return the end's displacement, beam axes, for a stiffness of one, by the parameters that multiply it."""
-        base = posture.loaded_link_poses[link]
-        total: dict[Factors, Array] = {}
+    def _weights(self, chain: Chain, space: LabelledSpace, link: int) -> Iterator[tuple[float, float, Load]]:
+        """Yield start, end and weight of every part, by its section."""
+        axes = beam_axes(chain, link)
+        for start, stop, part in self._parts(float(np.linalg.norm(chain.placements[link][:3, 3]))):
+            centre = axes[:, 0] * ((start + stop) / 2)
+            mass = part.mass_per_length(space) * (stop - start)
+            factors, scale = ((mass,), 1.0) if isinstance(mass, Expression) else ((), mass)
+            moments = ((scale * np.array([1.0, *centre]), factors),)
+            yield start, stop, Load(link, np.eye(4), centre, along=True, moments=moments)
 
-        def add(loads: list[Load], point: Array, flexibility: Array) -> None:
+    def _pushes(self, posture: Posture, space: LabelledSpace, link: int, length: float, axes: Array) -> Iterator[_Push]:
+        """Yield what loads the beam."""
+        chain, base = posture.chain, posture.loaded_link_poses[link]
+        to_beam = _both((base[:3, :3] @ axes).T)
+
+        def pushes(loads: Sequence[Load], point: Array, start: float, stop: float) -> Iterator[_Push]:
             for factors, wrench in posture.wrench_on(loads, point).items():
-                displacement = np.zeros(6)
-                displacement[list(rows)] = (flexibility @ to_beam @ wrench)[list(rows)]
-                total[factors] = total.get(factors, np.zeros(6)) + displacement
+                yield _Push(start, stop, to_beam @ wrench, factors)
+
+        def at_projection(load: Load) -> Iterator[_Push]:
+            reach = float(axes[:, 0] @ load.attachment)
+            yield from pushes([load], base[:3, :3] @ (axes[:, 0] * reach) + base[:3, 3], reach, reach)
 
         end = posture.loaded_ends[link][:3, 3]
-        add([load for load in posture.loads if load.link > link], end, point_flexibility(length, length))
-        own = [load for load in posture.loads if load.link == link]
-        add([load for load in own if load.along], end, weight_flexibility(length))
-        for load in own:
-            if not load.along:
-                reach = float(np.clip(axes[:, 0] @ load.attachment, 0.0, length))
-                point = base[:3, :3] @ (axes[:, 0] * reach) + base[:3, 3]
-                add([load], point, point_flexibility(length, reach))
-        return total
+        yield from pushes([load for load in posture.loads if load.link > link], end, length, length)
+        along = _along(posture.loads, link)
+        match self.self_weight:
+            case "uniform":
+                yield from pushes(along, end, 0.0, length)
+            case "centre":
+                for load in along:
+                    yield from at_projection(dataclasses.replace(load, attachment=_centre(load)))
+            case "section":
+                weights = list(self._weights(chain, space, link))
+                if len(along) != 2 * len(_along(chain.loads, link)) + len(weights):
+                    raise InputError(f"two beams give the link of {self.link!r} its weight by section")
+                for start, stop, load in weights:
+                    yield from pushes([load], end, start, stop)
+        for load in posture.loads:
+            if load.link == link and not load.along:
+                yield from at_projection(load)
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class _Push:
+    """A load on a beam: at one point, or spread evenly between two.
+
+    Attributes
+    ----------
+    start, stop
+        Between where it acts, m along the beam.
+    wrench
+        ``[F; M]``, beam axes: at the point; of a spread load its weight.
+    factors
+        Parameters that multiply it.
+    """
+
+    start: float
+    stop: float
+    wrench: Array
+    factors: Factors
+
+    def displacement(self, start: float, stop: float, length: float, rows: tuple[int, ...]) -> Array:
+        """Return how it displaces the beam's end by bending one part, of unit stiffness in the rows given."""
+        bent = np.zeros((6, 6))
+        spread = self.stop - self.start
+        if spread == 0.0:
+            # a point of the part feels what acts beyond it as at its end
+            reach = min(self.stop, stop)
+            bent = point_flexibility(stop - start, reach - start) @ _lever(self.stop - reach).T
+        else:
+            if self.start <= start:
+                bent = weight_flexibility(stop - start) * ((stop - start) / spread)
+            beyond = self.stop - max(self.start, stop)
+            if beyond > 0.0:
+                middle = self.stop - beyond / 2
+                force = np.diag([1.0, 1.0, 1.0, 0.0, 0.0, 0.0]) * (beyond / spread)
+                bent = bent + point_flexibility(stop - start, stop - start) @ _lever(middle - stop).T @ force
+        displacement = np.zeros(6)
+        displacement[list(rows)] = (bent @ self.wrench)[list(rows)]
+        return _lever(length - stop) @ displacement
+
+
+def _lever(reach: float) -> Array:
+    """Return what a displacement becomes ``reach`` (m) further along x; transposed, what a wrench becomes before it."""
+    result = np.eye(6)
+    result[1, 5], result[2, 4] = reach, -reach
+    return result
+
+
+def _along(loads: Iterable[Load], link: int) -> list[Load]:
+    return [load for load in loads if load.link == link and load.along]
+
+
+def _centre(load: Load) -> Array:
+    """Return the centre of mass of one of a link's own loads, in the chain link's axes, ``(3,)``."""
+    moments = load.moments[0][0]
+    centre: Array = load.frame[:3, :3] @ (moments[1:] / moments[0]) + load.frame[:3, 3]
+    return centre
 
 
 def point_flexibility(length: float, reach: float) -> Array:

@@ -28,7 +28,7 @@ class Covariance(Source):
 
     The place's displacement is ``Trans(x, y, z)·Exp((rx, ry, rz))`` with (x, y, z, rx, ry, rz) normal in the place's own
     axes; what other sources do to the same place adds. With standard deviations s and correlation C the covariance is
-    ``s_i C_ij s_j``. Source: section 9.4 of JCGM 102:2011 (GUM supplement 2) on drawing from a joint normal law.
+    ``s_i C_ij s_j``. Source: JCGM 101:2008 (GUM supplement 1), 6.4.8.
 
     Attributes
     ----------

@@ -34,7 +34,8 @@ def direction_of(text: str, posture: Posture) -> NDArray[np.float64]:
         raise InputError(f"direction {text!r} is not understood; allowed: link, [-]x|y|z of JOINT, [-]axis of JOINT")
     name = match[3].strip()
     if name == posture.chain.base and name not in posture.chain.joint_names and match[2] != "axis":
-        return np.eye(3)[_AXES[match[2]]] * (-1.0 if match[1] else 1.0)
+        along = np.eye(3)[_AXES[match[2]]]
+        return np.asarray(-along if match[1] else along, dtype=float)
     joint = posture.chain.joint_index(name)
     direction = posture.joint_axes[joint] if match[2] == "axis" else posture.joint_poses[joint][:3, _AXES[match[2]]]
     return np.asarray(-direction if match[1] else direction, dtype=float)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from abc import ABC
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Annotated, Final, Literal, final
@@ -18,14 +18,7 @@ from precision_pin.parameters import Component, Value
 from precision_pin.sections import MATERIALS, Section
 from precision_pin.space import FARTHEST_NORMAL, LabelledSpace, Setting
 
-__all__ = ["AXIAL", "BENDING", "BENDING_Y", "BENDING_Z", "TORSION", "Profile", "Segment", "Stretch", "stretches"]
-
-AXIAL: Final = (0,)
-BENDING: Final = (1, 2, 4, 5)
-BENDING_Y: Final = (2, 4)
-BENDING_Z: Final = (1, 5)
-TORSION: Final = (3,)
-"""Rows of the displacement Δl, w_y, w_z, Δφ, θ_y, θ_z that a rigidity governs."""
+__all__ = ["Profile", "Segment", "Stretch", "ends", "stretches"]
 
 SHAPES: Final = MappingProxyType(
     {
@@ -39,6 +32,8 @@ SHAPES: Final = MappingProxyType(
 DIMENSIONS: Final = tuple(dict.fromkeys(name for names in SHAPES.values() for name in names))
 MATERIAL: Final = ("material", "E", "G", "poisson_ratio", "density")
 RIGIDITIES: Final = ("EI", "EI_y", "EI_z", "GI", "EA")
+SEGMENT_STIFFNESSES: Final = "section:, EI:, EI_y: with EI_z:, GI:, EA:"
+STIFFNESSES: Final = f"{SEGMENT_STIFFNESSES}, bending_stiffness:, torsion_stiffness:, axial_stiffness:, segments:"
 LENGTHS_AGREE: Final = 1e-6
 """Part of the link by which its segments may miss its length."""
 
@@ -117,8 +112,15 @@ class Stretch:
     prefix: str = ""
     shared: tuple[str, ...] = ()
 
-    def check(self) -> None:
+    def check(self, *, may_be_rigid: bool = False, weighs: bool = False) -> None:
         """Refuse settings that are missing or contradict each other.
+
+        Parameters
+        ----------
+        may_be_rigid
+            Whether it may go without any stiffness.
+        weighs
+            Whether the section gives the weight.
 
         Raises
         ------
@@ -130,13 +132,19 @@ class Stretch:
             value = getattr(profile, name)
             if isinstance(value, float | int) and not 0 < value < math.inf:
                 raise InputError(f"{name} of a {where} must be positive, got {value}")
-        if profile.section is None:
-            self._check_rigidities(where)
-        else:
+        if profile.section is not None:
             self._check_section(where)
+        elif not profile.given(*RIGIDITIES) and not may_be_rigid:
+            raise InputError(f"{where} needs a stiffness: {STIFFNESSES if where == 'beam' else SEGMENT_STIFFNESSES}")
+        else:
+            self._check_rigidities(where)
+        if weighs and (profile.section is None or not profile.given("material", "density")):
+            raise InputError(f"{where}: self_weight: section needs section: with density: or material:")
+        if profile.density is not None and not weighs:
+            raise InputError(f"{where}: density: counts only with self_weight: section")
 
-    def stiffnesses(self, space: LabelledSpace) -> Iterator[tuple[Value, tuple[int, ...]]]:
-        """Yield each rigidity with the displacement rows it governs.
+    def rigidities(self, space: LabelledSpace) -> dict[str, Value]:
+        """Return the rigidities by name; those that are missing are infinite.
 
         Raises
         ------
@@ -145,25 +153,13 @@ class Stretch:
         """
         read = self._reader(space)
         if self.profile.section is None:
-            for name, rows in (
-                ("EI", BENDING),
-                ("EI_z", BENDING_Z),
-                ("EI_y", BENDING_Y),
-                ("GI", TORSION),
-                ("EA", AXIAL),
-            ):
-                if self.profile.given(name):
-                    yield read(name), rows
-            return
+            return {name: read(name) for name in self.profile.given(*RIGIDITIES)}
         shape = self._shape(space, read)
         modulus, shear = self._moduli(read)
+        rest = {"GI": shear * shape.J, "EA": modulus * shape.area}
         if shape.I_y == shape.I_z:
-            yield modulus * shape.I_z, BENDING
-        else:
-            yield modulus * shape.I_z, BENDING_Z
-            yield modulus * shape.I_y, BENDING_Y
-        yield shear * shape.J, TORSION
-        yield modulus * shape.area, AXIAL
+            return {"EI": modulus * shape.I_y} | rest
+        return {"EI_y": modulus * shape.I_y, "EI_z": modulus * shape.I_z} | rest
 
     def mass_per_length(self, space: LabelledSpace) -> Value:
         """Return density × area, kg/m."""
@@ -189,8 +185,8 @@ class Stretch:
                         f"{self.prefix}wall of {space.label} can become thicker than half its {name}; "
                         "narrow or truncate their laws"
                     )
-        make: Callable[..., Section] = Section if self.profile.section == "general" else getattr(
-            sections, self.profile.section
+        make: Callable[..., Section] = (
+            Section if self.profile.section == "general" else getattr(sections, self.profile.section)
         )
         return make(**dimensions)
 
@@ -215,7 +211,7 @@ class Stretch:
 
     def _check_section(self, where: str) -> None:
         profile = self.profile
-        if profile.section not in SHAPES:
+        if profile.section is None or profile.section not in SHAPES:
             raise UnknownNameError("section", str(profile.section), SHAPES)
         if profile.material is not None and profile.material not in MATERIALS:
             raise UnknownNameError("material", profile.material, MATERIALS)
@@ -230,7 +226,9 @@ class Stretch:
         if profile.G is not None and profile.poisson_ratio is not None:
             raise InputError(f"{where} needs one of G: and poisson_ratio:")
         if profile.poisson_ratio is not None and not -1 < profile.poisson_ratio <= 0.5:
-            raise InputError(f"the poisson_ratio of a {where} must lie above -1, up to 0.5, got {profile.poisson_ratio}")
+            raise InputError(
+                f"the poisson_ratio of a {where} must lie above -1, up to 0.5, got {profile.poisson_ratio}"
+            )
         if profile.material is None and (profile.E is None or not profile.given("G", "poisson_ratio")):
             raise InputError(
                 f"{where}: a section needs material:, one of {', '.join(MATERIALS)}, or E: with G: or poisson_ratio:"

@@ -51,7 +51,7 @@ def _check_hanging_beam(module: ModuleType) -> None:
     source = module.Clearance(joint="hinge", diametral=(0.02 * MM,), span=0.1, band=9.82)
     _, totals = evaluated(chain, [0.0], [source])
     same(totals[chain.seat(0)], np.zeros(6), 1e-18)
-    # half-way out the far bearing carries nothing of it: 2/3 and 1/3 of 19.62 N with the weight at a third of the span
+    # at a third of the span A carries 13.08 N and goes down, B carries 6.54 N, below the band, and lies anywhere
     chain = one_link(axis=(0, 1, 0), mass=2.0, com=(0.4, 0.02, 0))
     source = module.Clearance(joint="hinge", diametral=(0.02 * MM,), span=0.06, band=6.6)
     values = {f"clearance[hinge].B.{axis}": value for axis, value in (("x", 0.6), ("y", -0.8))}
@@ -76,14 +76,16 @@ def _check_random_directions(module: ModuleType) -> None:
     _, expected = evaluated(chain, [0.7], [installed], scaled)
     same(totals[chain.seat(0)], expected[chain.seat(0)] + [0, 0, -0.7 * 0.15 * MM, 0, 0, 0], 1e-16)
     # of the same spread
-    at = ErrorModel(chain, Space(), [module.Clearance(diametral=(0.2 * MM,), direction="random", law="disc", **settings)])
+    at = ErrorModel(
+        chain, Space(), [module.Clearance(diametral=(0.2 * MM,), direction="random", law="disc", **settings)]
+    )
     np.testing.assert_allclose(
         at.at([0.7]).covariance, ErrorModel(chain, Space(), [installed]).at([0.7]).covariance, rtol=1e-12, atol=1e-24
     )
 
 
 def _check_any_arm(module: ModuleType) -> None:
-    """Forces on the bearings from the balance of the arm beyond; the axis through the journals from its definition."""
+    """Balance the arm beyond the joint on its bearings; lay the axis through the journals by definition."""
     text = random_arm(31, prismatic=(3, 6))
     chain = chain_of(text, tip="tool", gravity=GRAVITY)
     reading = PlainRobot.parse(text)

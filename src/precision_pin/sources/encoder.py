@@ -1,0 +1,162 @@
+"""Encoders."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Annotated, Literal, final
+
+from precision_pin import units
+from precision_pin.chain import Posture
+from precision_pin.errors import InputError
+from precision_pin.laws import Uniform
+from precision_pin.sources.periodic import periodic_terms, phase_draw
+from precision_pin.space import Draw, LabelledSpace, Scope, Setting
+from precision_pin.terms import JointValue, Source, Term
+
+__all__ = ["Encoder"]
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class Encoder(Source):
+    """Errors of a joint's encoder: resolution, zero, eccentricity or another periodic error, scale.
+
+    A controller holds the reading, so an error of the reading is one of the joint's value. Resolution: uniform, ± half a
+    step (JCGM 100:2008, F.2.2.1). Periodic: ``amplitude · sin(order · θ + φ)`` with θ the angle of the encoder's shaft
+    and φ a phase that is random, uniform on the turn, but the same at every pose of one built robot. A disc that sits
+    eccentric by e, read at radius r, gives the once-per-turn error of amplitude e/r, ±412 e/D arcsec for e in µm and the
+    diameter D in mm (Heidenhain, Angle Encoders without Integral Bearing). The mean of two heads opposite each other
+    keeps the even orders and has no odd ones, eccentricity among them. On the motor's side θ turns ``ratio`` times as
+    fast as the joint, and an error of the shaft counts 1/ratio at the joint. At a joint that slides, the linear encoder
+    has ``sin(2π · order · d / period + φ)`` and a scale that is too long or too short: ``scale · d``.
+
+    Attributes
+    ----------
+    joint
+        Which joint.
+    resolution
+        One step of the encoder's shaft, or of a linear encoder.
+    scope
+        Of the resolution's error: ``pose`` (a pose lies at one place within its step) or ``visit``.
+    offset
+        Zero error of the joint's value.
+    amplitude
+        Of the periodic error, at the encoder's shaft; half of peak to peak.
+    eccentricity, radius
+        Instead of amplitude: how far the disc sits off its shaft's axis, and the mean radius of its graduation.
+    order
+        Periods of the periodic error in a turn of the encoder's shaft, or in ``period``.
+    heads
+        Reading heads, 1 or 2 opposite each other.
+    ratio
+        Turns of the encoder's shaft for one turn of the joint: 1 on the joint's side, the gear ratio on the motor's.
+    period
+        Length in which the periodic error of a linear encoder repeats itself.
+    scale
+        Error of a linear encoder's pitch, relative to the travel from the joint's zero.
+
+    Raises
+    ------
+    InputError
+        No error at all, half of a pair, a step, radius, ratio or period out of range, or what belongs to the other kind
+        of joint.
+    """
+
+    joint: str
+    resolution: Annotated[float | None, units.PerJoint(units.ANGLE, units.LENGTH)] = None
+    scope: Literal["pose", "visit"] = "pose"
+    offset: Annotated[Setting | None, units.PerJoint(units.ANGLE, units.LENGTH)] = None
+    amplitude: Annotated[Setting | None, units.PerJoint(units.ANGLE, units.LENGTH)] = None
+    eccentricity: Annotated[Setting | None, units.LENGTH] = None
+    radius: Annotated[float | None, units.LENGTH] = None
+    order: int = 1
+    heads: int = 1
+    ratio: Annotated[float, units.RATIO] = 1.0
+    period: Annotated[float | None, units.LENGTH] = None
+    scale: Annotated[Setting | None, units.RELATIVE_LENGTH] = None
+
+    def __post_init__(self) -> None:
+        errors = (self.resolution, self.offset, self.amplitude, self.eccentricity, self.scale)
+        if all(setting is None for setting in errors):
+            raise InputError("encoder needs one of resolution:, offset:, amplitude:, eccentricity: and scale:")
+        if self.amplitude is not None and self.eccentricity is not None:
+            raise InputError("encoder needs one of amplitude: and eccentricity:")
+        if (self.eccentricity is None) != (self.radius is None):
+            raise InputError("encoder needs both of eccentricity: and radius:")
+        if self.resolution is not None and not 0 <= self.resolution < math.inf:
+            raise InputError(f"the resolution of encoder must be zero or more, got {self.resolution}")
+        for name in ("radius", "ratio", "period"):
+            value = getattr(self, name)
+            if value is not None and not 0 < value < math.inf:
+                raise InputError(f"the {name} of encoder must be positive, got {value}")
+        if self.order < 1:
+            raise InputError(f"the order of encoder must be 1 or more, got {self.order}")
+        if self.eccentricity is not None and self.order != 1:
+            raise InputError("eccentricity: of encoder is a once-per-turn error; give others by amplitude: and order:")
+        if self.heads not in (1, 2):
+            raise InputError(f"heads: of encoder must be 1 or 2, got {self.heads}")
+        if self.scope not in ("pose", "visit"):
+            raise InputError(f"scope: of encoder must be pose or visit, got {self.scope!r}")
+
+    @property
+    def subject(self) -> str:
+        """The joint."""
+        return self.joint
+
+    def own_draws(self, label: str) -> tuple[Draw, ...]:
+        """Return the place within a step and the phase."""
+        draws = []
+        if self.resolution is not None:
+            step = self.resolution / self.ratio
+            draws.append(Draw(f"{label}.quantisation", Uniform(step / 2), Scope(self.scope)))
+        if self._is_periodic:
+            draws.append(phase_draw(f"{label}.phase"))
+        return tuple(draws)
+
+    def terms(self, posture: Posture, space: LabelledSpace) -> Iterator[Term]:
+        """Yield a term for each error, two for the periodic one."""
+        joint = posture.chain.joint_index(self.joint)
+        slides = bool(posture.chain.prismatic[joint])
+        self._check_kind(slides)
+        target, value = JointValue(joint), float(posture.q[joint])
+        if self.resolution is not None:
+            yield Term.of(target, 1.0, space.component("quantisation"))
+        if self.offset is not None:
+            yield Term.of(target, 1.0, space.value("offset", self.offset))
+        if self.scale is not None:
+            yield Term.of(target, value, space.value("scale", self.scale))
+        if self._is_periodic:
+            if self.amplitude is not None:
+                amplitude = space.value("amplitude", self.amplitude)
+            else:
+                assert self.eccentricity is not None
+                assert self.radius is not None
+                amplitude = space.value("eccentricity", self.eccentricity) / self.radius
+            turn = 2 * math.pi * value / self.period if self.period is not None else self.ratio * value
+            yield from periodic_terms(joint, self.order * turn, amplitude / self.ratio, space, "phase")
+
+    @property
+    def _is_periodic(self) -> bool:
+        """Whether there is a periodic error that the heads do not cancel."""
+        given = self.amplitude is not None or self.eccentricity is not None
+        return given and (self.heads == 1 or self.order % 2 == 0)
+
+    def _check_kind(self, slides: bool) -> None:
+        """Refuse settings of the other kind of joint.
+
+        Raises
+        ------
+        InputError
+            There are some, or a linear encoder's period is missing.
+        """
+        if not slides:
+            for name in ("period", "scale"):
+                if getattr(self, name) is not None:
+                    raise InputError(f"{self.label()}: {name}: belongs to a joint that slides")
+            return
+        if self.eccentricity is not None or self.heads != 1 or self.ratio != 1:
+            raise InputError(f"{self.label()}: eccentricity:, heads: and ratio: belong to a joint that turns")
+        if (self.amplitude is None) != (self.period is None):
+            raise InputError(f"{self.label()}: a linear encoder needs both of amplitude: and period:")

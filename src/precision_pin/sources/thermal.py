@@ -1,0 +1,102 @@
+"""Thermal growth and bending."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Annotated, final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from precision_pin import units
+from precision_pin.chain import Posture
+from precision_pin.errors import InputError
+from precision_pin.sources.directions import direction_of
+from precision_pin.space import LabelledSpace, Setting
+from precision_pin.terms import Source, Term
+
+__all__ = ["Thermal"]
+
+Array = NDArray[np.float64]
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class Thermal(Source):
+    """Links that are warmer than when they were measured, evenly or on one side.
+
+    With p from a link's start (its joint's origin) to its end (the next joint's, or the tip) and l = |p|, an even change
+    ΔT moves the end by ``α ΔT p``. A gradient g across the link, G = g × its direction made normal to p, makes it an
+    arc: the warm side grows, the link bends away from it with curvature α|G|, its end turns by ``-α p × G`` and moves by
+    ``-α G l²/2``. Source: Boley and Weiner, Theory of Thermal Stresses (1960), free beams: a temperature linear over the
+    section strains and bends them without stress. Bodies at rest; travel of a joint that slides does not grow, which is
+    its encoder's affair.
+
+    Attributes
+    ----------
+    link
+        A URDF link of the chain link that is warmer; all links of the arm with the same random numbers if left out.
+    expansion
+        Coefficient of linear expansion α.
+    temperature_change
+        ΔT, the link's mean temperature less that at which it was measured (20 °C by ISO 1).
+    gradient
+        g, change of temperature over distance across the link.
+    across
+        Direction in which it gets warmer, ``[-]x|y|z of JOINT`` (axes of its frame after it turned) or of the chain's
+        base link, or ``[-]axis of JOINT``; only its part normal to the link counts. Belongs to gradient.
+
+    Raises
+    ------
+    InputError
+        Neither a change nor a gradient, a gradient without direction or the reverse, or a link without length.
+    """
+
+    link: str | None = None
+    expansion: Annotated[Setting, units.THERMAL_EXPANSION]
+    temperature_change: Annotated[Setting | None, units.TEMPERATURE_DIFFERENCE] = None
+    gradient: Annotated[Setting | None, units.TEMPERATURE_GRADIENT] = None
+    across: str | None = None
+
+    def __post_init__(self) -> None:
+        if self.temperature_change is None and self.gradient is None:
+            raise InputError("thermal needs temperature_change: or gradient:, or both")
+        if (self.gradient is None) != (self.across is None):
+            raise InputError("thermal needs both of gradient: and across:")
+
+    @property
+    def subject(self) -> str:
+        """The link, or arm for all of them."""
+        return self.link or "arm"
+
+    def terms(self, posture: Posture, space: LabelledSpace) -> Iterator[Term]:
+        """Yield a term for growth and one for bending, for each link that has a length."""
+        chain = posture.chain
+        expansion = space.value("expansion", self.expansion)
+        links = range(len(chain.joints) + 1) if self.link is None else (chain.link_frame(self.link).link,)
+        for link in links:
+            place = chain.end(link)
+            turn = place.frame[:3, :3].T
+            way = place.frame[:3, 3]
+            if not way.any():
+                if self.link is not None:
+                    raise InputError(f"{self.label()}: the link has no length, so it cannot grow or bend")
+                continue
+            if self.temperature_change is not None:
+                change = space.value("temperature_change", self.temperature_change)
+                yield Term.of(place, np.concatenate([turn @ way, np.zeros(3)]), expansion, change)
+            if self.gradient is not None:
+                gradient = space.value("gradient", self.gradient)
+                bending = _bending(way, posture.link_poses[link][:3, :3].T @ self._direction(posture))
+                yield Term.of(place, np.concatenate([turn @ bending[:3], turn @ bending[3:]]), expansion, gradient)
+
+    def _direction(self, posture: Posture) -> Array:
+        assert self.across is not None
+        return direction_of(self.across, posture)
+
+
+def _bending(way: Array, warmer: Array) -> Array:
+    """Return the end's shift and turn ``(6,)`` for a gradient of one towards ``warmer`` and an expansion of one."""
+    normal = warmer - way * (way @ warmer) / (way @ way)
+    return np.concatenate([-normal * (way @ way) / 2, -np.cross(way, normal)])

@@ -1,0 +1,100 @@
+"""Transmissions: gears and screws."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Annotated, final
+
+from precision_pin import units
+from precision_pin.chain import Posture
+from precision_pin.errors import InputError
+from precision_pin.sources.periodic import periodic_terms, phase_draw
+from precision_pin.space import Draw, LabelledSpace, Setting, indexed
+from precision_pin.terms import JointValue, Source, Term
+
+__all__ = ["Transmission"]
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class Transmission(Source):
+    """Errors of a joint's gear or screw: kinematic error, wind-up under load, lead error.
+
+    The motor is where it should be, the joint is not. Kinematic error: a sum of ``amplitude · sin(2π order q/period +
+    φ)``, q the joint's value; a gear wheel's runout has order 1, its teeth their number, the wave generator of a strain
+    wave gear twice the gear ratio (Tuttle and Seering, IEEE Transactions on Robotics and Automation 12, 1996). Each φ is
+    random, uniform on the turn, but the same at every pose of one built robot. Wind-up: ``τ/k`` with τ the torque (or
+    force) that the load puts on the joint, as eq 23 of Wei, Jia and Chen (2015) with C = 1/k. Lead error of a screw or
+    rack: ``lead_error · d``, e and v of ISO 3408-3.
+
+    Attributes
+    ----------
+    joint
+        Which joint.
+    amplitude
+        Of the kinematic error, half of peak to peak, one or several; angles, for a joint that slides lengths.
+    order
+        How often each repeats itself in ``period``.
+    period
+        A full turn of the joint if left out; for a joint that slides needed with amplitude: the lead of its screw.
+    stiffness
+        k of the wind-up, all of the drive train at the joint; of a joint that slides a linear one.
+    lead_error
+        Of a joint that slides, relative to the travel from the joint's zero.
+
+    Raises
+    ------
+    InputError
+        No error at all, not one order for each amplitude, an order or period that is not positive, a stiffness that may
+        reach zero, or what belongs to the other kind of joint.
+    """
+
+    joint: str
+    amplitude: Annotated[tuple[Setting, ...], units.PerJoint(units.ANGLE, units.LENGTH)] = ()
+    order: Annotated[tuple[float, ...], units.RATIO] = ()
+    period: Annotated[float | None, units.PerJoint(units.ANGLE, units.LENGTH)] = None
+    stiffness: Annotated[Setting | None, units.PerJoint(units.ANGULAR_STIFFNESS, units.LINEAR_STIFFNESS)] = None
+    lead_error: Annotated[Setting | None, units.RELATIVE_LENGTH] = None
+
+    def __post_init__(self) -> None:
+        if not self.amplitude and self.stiffness is None and self.lead_error is None:
+            raise InputError("transmission needs one of amplitude:, stiffness: and lead_error:")
+        if len(self.amplitude) != len(self.order):
+            given = f"{len(self.amplitude)} and {len(self.order)}"
+            raise InputError(f"transmission needs one order: for each amplitude:, got {given}")
+        if not all(0 < order < math.inf for order in self.order):
+            raise InputError("an order of transmission must be positive")
+        if self.period is not None and not 0 < self.period < math.inf:
+            raise InputError(f"the period of transmission must be positive, got {self.period}")
+        if self.period is not None and not self.amplitude:
+            raise InputError("period: of transmission belongs to amplitude:")
+
+    @property
+    def subject(self) -> str:
+        """The joint."""
+        return self.joint
+
+    def own_draws(self, label: str) -> tuple[Draw, ...]:
+        """Return a phase for each amplitude."""
+        return tuple(phase_draw(f"{label}.{indexed('phase', k)}") for k in range(len(self.amplitude)))
+
+    def terms(self, posture: Posture, space: LabelledSpace) -> Iterator[Term]:
+        """Yield two terms for each amplitude, one for the lead, and one for each group of loads with the same factors."""
+        joint = posture.chain.joint_index(self.joint)
+        slides = bool(posture.chain.prismatic[joint])
+        if slides and self.amplitude and self.period is None:
+            raise InputError(f"{self.label()}: a joint that slides needs period: with amplitude:")
+        if not slides and self.lead_error is not None:
+            raise InputError(f"{self.label()}: lead_error: belongs to a joint that slides")
+        value = float(posture.q[joint])
+        turn = 2 * math.pi * value / self.period if self.period is not None else value
+        for k, amplitude in enumerate(space.values("amplitude", self.amplitude)):
+            yield from periodic_terms(joint, self.order[k] * turn, amplitude, space, indexed("phase", k))
+        if self.lead_error is not None:
+            yield Term.of(JointValue(joint), value, space.value("lead_error", self.lead_error))
+        if self.stiffness is not None:
+            flexibility = 1.0 / space.positive("stiffness", self.stiffness)
+            for factors, torque in posture.torque_on(joint).items():
+                yield Term.of(JointValue(joint), torque, *factors, flexibility, loaded=True)
