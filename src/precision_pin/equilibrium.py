@@ -17,11 +17,11 @@ from numpy.typing import NDArray
 
 from precision_pin import se3
 from precision_pin.chain import Place, Posture
-from precision_pin.errors import InputError
+from precision_pin.errors import InputError, InternalError
 from precision_pin.parameters import Component
 from precision_pin.space import Space
 from precision_pin.table import TermTable
-from precision_pin.terms import Target, Term
+from precision_pin.terms import JointValue, Target, Term
 
 __all__ = ["Settled", "settle"]
 
@@ -32,8 +32,8 @@ MakeTerms = Callable[[Posture], Sequence[Term]]
 MOST_ROUNDS: Final = 100
 SETTLED: Final = 1e-13
 """Change of the displacements (m, rad) below which the arm is at rest."""
-STEP: Final = 1e-6
-"""Step (m, rad) of the central differences of G."""
+STEP: Final = 1e-7
+"""Step (m, rad) of the differences of G: the smaller its curvature's error, the larger that of rounding, both 1e-9."""
 
 
 @final
@@ -47,42 +47,50 @@ class Settled:
         The posture with its loads on the deflected arm.
     terms
         The terms there.
+    table
+        Their table.
     displacements
-        v*, by target.
+        v*, of the table's targets, ``(K, 6)``.
     """
 
     posture: Posture
     terms: tuple[Term, ...]
-    displacements: dict[Target, Array]
+    table: TermTable
+    displacements: Array
 
     def linearised(self, space: Space, make_terms: MakeTerms) -> tuple[Term, ...]:
-        """Return the terms with those that loads cause replaced by v* and its first-order dependence on parameters."""
-        table = TermTable.build(self.posture, space, self.terms)
+        """Return the terms with those that loads cause replaced by v* and its first-order dependence on parameters.
+
+        Raises
+        ------
+        InputError
+            The arm buckles: a push would move it on.
+        """
         loaded = TermTable.build(self.posture, space, [term for term in self.terms if term.loaded])
         if not loaded.targets:
             return self.terms
-        rows = [table.targets.index(target) for target in loaded.targets]
-        size = len(table.targets) * 6
-        feedback = np.zeros((size, size))
-        direct = np.zeros((size, space.size))
-        slopes = loaded.displacement_slopes(space.mean)
-        for row, slope in zip(rows, slopes, strict=True):
-            direct[6 * row : 6 * row + 6] = slope
-        settled = np.array([self.displacements[target] for target in table.targets])
-        for column in range(size):
-            step = np.zeros_like(settled)
-            step.flat[column] = STEP
-            ahead, behind = (
-                _loaded_displacements(self.posture, table, settled + sign * step, space, make_terms) for sign in (1, -1)
+        values = _at_means(loaded, space)
+        rows = [self.table.targets.index(target) for target in loaded.targets]
+        ways = _ways(loaded.targets, self.posture)
+        feedback = np.zeros((len(ways), len(ways)))
+        for column, way in enumerate(ways):
+            moved = self.displacements.copy()
+            moved[rows] += STEP * way
+            posture = replace(self.posture, deflection=deflected(self.posture, self.table, moved))
+            table = TermTable.build(posture, space, [term for term in make_terms(posture) if term.loaded])
+            if table.targets != loaded.targets:
+                raise InternalError("a source's terms come and go with the deflection of the arm")
+            feedback[:, column] = np.einsum("mki,ki->m", ways, _at_means(table, space) - values) / STEP
+        if np.linalg.eigvals(feedback).real.max() >= 1.0:
+            raise InputError(
+                "the arm buckles under its loads: it has no stable rest, so equilibrium statics has no answer"
             )
-            feedback[:, column] = (ahead - behind).reshape(-1) / (2 * STEP)
-        response = np.linalg.solve(np.eye(size) - feedback, direct).reshape(len(table.targets), 6, space.size)
-        values = loaded.displacements(loaded.products(loaded.program.evaluate(space.mean[:, None])))[:, :, 0]
+        direct = np.einsum("mki,kid->md", ways, loaded.displacement_slopes(space.mean))
+        response = np.einsum("mki,md->kid", ways, np.linalg.solve(np.eye(len(ways)) - feedback, direct))
         kept = [term for term in self.terms if not term.loaded]
-        for target, row, value in zip(loaded.targets, rows, values, strict=True):
-            constant = value - response[row] @ space.mean
-            kept.append(_term(target, constant, self.posture))
-            for name, slope in zip(space.components, response[row].T, strict=True):
+        for target, value, slopes in zip(loaded.targets, values, response, strict=True):
+            kept.append(_term(target, value - slopes @ space.mean, self.posture))
+            for name, slope in zip(space.components, slopes.T, strict=True):
                 if np.any(slope):
                     kept.append(_term(target, slope, self.posture, Component(name)))
         return tuple(kept)
@@ -106,15 +114,16 @@ def settle(posture: Posture, space: Space, make_terms: MakeTerms) -> Settled:
         The arm does not come to rest: it is too soft for superposition on the deflected arm.
     """
     current = posture
-    previous: Array | None = None
+    previous = np.zeros((0, 6))
     for _ in range(MOST_ROUNDS):
         terms = tuple(make_terms(current))
         table = TermTable.build(current, space, terms)
-        displacements = table.displacements(table.products(table.program.evaluate(space.mean[:, None])))[:, :, 0]
+        displacements = _at_means(table, space)
         if np.abs(displacements).max(initial=0.0) >= 1.0:
             break
-        if previous is not None and np.abs(displacements - previous).max(initial=0.0) < SETTLED:
-            return Settled(current, terms, dict(zip(table.targets, displacements, strict=True)))
+        same = previous.shape == displacements.shape
+        if same and np.abs(displacements - previous).max(initial=0.0) < SETTLED:
+            return Settled(current, terms, table, displacements)
         previous = displacements
         current = replace(posture, deflection=deflected(posture, table, displacements))
     raise InputError("the arm does not come to rest under its loads: it is too soft for equilibrium statics")
@@ -146,17 +155,25 @@ def deflected(posture: Posture, table: TermTable, displacements: Array) -> Array
     return np.array([poses, ends])
 
 
-def _loaded_displacements(
-    posture: Posture, table: TermTable, displacements: Array, space: Space, make_terms: MakeTerms
-) -> Array:
-    """Return G's loaded part ``(K, 6)`` at the means, with the loads on the arm displaced by ``(K, 6)``."""
-    moved = replace(posture, deflection=deflected(posture, table, displacements))
-    loaded = TermTable.build(moved, space, [term for term in make_terms(moved) if term.loaded])
-    values = loaded.displacements(loaded.products(loaded.program.evaluate(space.mean[:, None])))[:, :, 0]
-    result = np.zeros_like(displacements)
-    for target, value in zip(loaded.targets, values, strict=True):
-        result[table.targets.index(target)] = value
-    return result
+def _at_means(table: TermTable, space: Space) -> Array:
+    """Return the targets' displacements ``(K, 6)`` with every parameter at its mean."""
+    return table.displacements(table.products(table.program.evaluate(space.mean[:, None])))[:, :, 0]
+
+
+def _ways(targets: Sequence[Target], posture: Posture) -> Array:
+    """Return the ways in which targets can move, ``(M, K, 6)``: one for a joint value, six for a place."""
+    ways = []
+    for k, target in enumerate(targets):
+        own = np.eye(6)
+        if isinstance(target, JointValue):
+            axis = posture.chain.axes[target.joint]
+            own = np.concatenate([axis, np.zeros(3)] if posture.chain.prismatic[target.joint] else [np.zeros(3), axis])[
+                None
+            ]
+        for way in own:
+            ways.append(np.zeros((len(targets), 6)))
+            ways[-1][k] = way
+    return np.array(ways)
 
 
 def _term(target: Target, displacement: Array, posture: Posture, *factors: Component) -> Term:

@@ -61,7 +61,7 @@ class Finding:
     line: int | None = None
 
     def __str__(self) -> str:
-        where = self.file or "input"
+        where = self.file or "precision-pin"
         if self.line is not None:
             where += f":{self.line}"
         return f"{where}: {self.severity} {self.code}: {self.message}"

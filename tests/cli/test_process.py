@@ -145,7 +145,7 @@ def test_a_stdout_that_is_full(executable, folder, arguments):
         )
     assert done.returncode == 2
     assert [line for line in done.stderr.splitlines() if " warning W_" not in line] == [
-        "input: error E_OUTPUT: cannot write to the standard output: No space left on device"
+        "precision-pin: error E_OUTPUT: cannot write to the standard output: No space left on device"
     ]
 
 

@@ -13,7 +13,7 @@ from precision_pin.errors import Finding, InputError, SheetError, UnitError, Unk
     [
         (Finding("error", "E_X", "no good", "a.yaml", 3), "a.yaml:3: error E_X: no good"),
         (Finding("warning", "W_X", "odd", "a.yaml"), "a.yaml: warning W_X: odd"),
-        (Finding("error", "E_X", "no good"), "input: error E_X: no good"),
+        (Finding("error", "E_X", "no good"), "precision-pin: error E_X: no good"),
         (Finding("error", "E_X", "no good", line=1), "input:1: error E_X: no good"),
     ],
 )
@@ -86,5 +86,5 @@ def test_a_long_list_of_names_is_cut_and_counted() -> None:
 
 def test_unknown_name_says_what_was_looked_for() -> None:
     error = UnknownNameError("pose", "papr", {"paper": 1, "folded": 2})
-    assert str(error) == "input: error E_NAME: no pose named 'papr'; did you mean 'paper'?"
+    assert str(error) == "precision-pin: error E_NAME: no pose named 'papr'; did you mean 'paper'?"
     assert error.name == "papr"

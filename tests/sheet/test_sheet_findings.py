@@ -60,7 +60,7 @@ MISTAKES = [
     ("statics: nominal", "colour: red", "E_UNKNOWN_KEY", "valid: base, gravity"),
     ("statics: nominal", "version: 1", "E_UNKNOWN_KEY", "'version'"),
     ("  - beam:", "  - beem:", "E_UNKNOWN_KEY", "did you mean 'beam'"),
-    ("EI: 8000 N*m^2, GI", "EI: 8000 N*m^2, G", "E_UNKNOWN_KEY", "did you mean 'GI'"),
+    ("EI: 8000 N*m^2, GI", "EI: 8000 N*m^2, GIp", "E_UNKNOWN_KEY", "did you mean 'GI'"),
     ("      span: 100 mm", "      span: 100 mm\n      strat: 3 mm", "E_UNKNOWN_KEY", "did you mean 'start'"),
     ("    mean: 1 kg", "    men: 1 kg", "E_INPUT", "did you mean 'mean'"),
     ("{uniform: 0.05 mm}", "{unifrom: 0.05 mm}", "E_INPUT", "did you mean 'uniform'"),

@@ -69,7 +69,7 @@ def test_good_sheets_pass(text: str) -> None:
         ("{uniform: 0.05 mm}\n  tool", "{unifrom: 0.05 mm}\n  tool"),
         ("{uniform: 0.05 mm}\n  tool", "{uniform: 0.05 mm, normal: 1 mm}\n  tool"),
         ("scope: visit", "scope: day"),
-        ("- beam: {link: link2, EI", "- beam: {link: link2, E"),
+        ("- beam: {link: link2, EI", "- beam: {link: link2, EIx"),
         ("- beam: {link: link2, ", "- beam: {"),
         ("- beam:", "- beem:"),
         ("span: 100 mm", "span: 100"),

@@ -40,6 +40,27 @@ SIGNS = (
     Fault("seats", "a carriage travels back", "height + float(posture.q", "height - float(posture.q", "clearance"),
     Fault("seats", "the other bearing's share", "other / (other - height)", "other / (height - other)", "clearance"),
     Fault("seats", "moment arm reversed", "= height, -height", "= -height, height", "bearing_stiffness"),
+    Fault("covariance", "every error reversed", "np.eye(6)[row]", "-np.eye(6)[row]"),
+    Fault(
+        "encoder",
+        "zero reversed",
+        'Term.of(target, 1.0, space.value("offset"',
+        'Term.of(target, -1.0, space.value("offset"',
+    ),
+    Fault(
+        "encoder",
+        "scale reversed",
+        'Term.of(target, value, space.value("scale"',
+        'Term.of(target, -value, space.value("scale"',
+    ),
+    Fault("levelling", "gravity turned with the base", "= -np.cross(axis", "= np.cross(axis"),
+    Fault("mounting", "every error reversed", "np.eye(6)[row]", "-np.eye(6)[row]"),
+    Fault("periodic", "phase counted the other way", "math.cos(angle)", "-math.cos(angle)", "encoder"),
+    Fault("thermal", "links shrink", "turn @ way, np", "turn @ -way, np"),
+    Fault("thermal", "bent to the warm side", "[-normal *", "[normal *"),
+    Fault("thermal", "turned to the warm side", "-np.cross(way", "np.cross(way"),
+    Fault("transmission", "torque that holds the load", "JointValue(joint), torque,", "JointValue(joint), -torque,"),
+    Fault("transmission", "lead reversed", "Term.of(JointValue(joint), value", "Term.of(JointValue(joint), -value"),
 )
 
 LAWS = (
@@ -101,12 +122,6 @@ LAWS = (
     ),
     Fault("frame", "shift and turn swapped", '("x", "y", "z", "rx", "ry", "rz")', '("rx", "ry", "rz", "x", "y", "z")'),
     Fault(
-        "frame",
-        "another joint's seat",
-        "chain.seat(chain.joint_index(self.joint))",
-        "chain.seat(chain.joint_index(self.joint) + 1)",
-    ),
-    Fault(
         "joint_compliance",
         "compliance squared",
         "torque, *factors, compliance",
@@ -135,6 +150,56 @@ LAWS = (
         "seats", "loads turned the wrong way", "axis_alignment(joint)).T", "axis_alignment(joint))", "bearing_stiffness"
     ),
     Fault("seats", "fixed guides travel", 'pads_on == "child"', 'pads_on == "parent"', "bearing_stiffness"),
+    Fault(
+        "chosen_place", "another joint's seat", "chain.joint_index(joint))", "chain.joint_index(joint) + 1)", "frame"
+    ),
+    Fault(
+        "chosen_place",
+        "another link's end",
+        "chain.link_frame(link).link)",
+        "chain.link_frame(link).link - 1)",
+        "covariance",
+    ),
+    Fault(
+        "covariance",
+        "variances of deviations squared",
+        "np.outer(self.std, self.std)",
+        "np.outer(self.std, self.std) ** 2",
+    ),
+    Fault(
+        "covariance",
+        "correlation ignored",
+        "np.eye(6) if self.correlation is None else np.array(self.correlation)",
+        "np.eye(6)",
+    ),
+    Fault("covariance", "mean ignored", "self.mean or ()", "()"),
+    Fault("encoder", "a whole step either way", "Uniform(step / 2)", "Uniform(step)"),
+    Fault("encoder", "step not geared down", "self.resolution / self.ratio", "self.resolution"),
+    Fault("encoder", "error not geared down", "amplitude / self.ratio, space", "amplitude, space"),
+    Fault("encoder", "shaft as slow as the joint", "self.ratio * value", "value"),
+    Fault("encoder", "order left out", "self.order * turn", "turn"),
+    Fault("encoder", "two heads cancel the even orders", "self.order % 2 == 0", "self.order % 2 == 1"),
+    Fault("encoder", "diameter for radius", "/ self.radius", "/ (2 * self.radius)"),
+    Fault("levelling", "tilts about other axes", 'zip(np.eye(3), ("rx"', 'zip(np.eye(3)[[1, 0, 2]], ("rx"'),
+    Fault(
+        "mounting", "shift and turn swapped", '("x", "y", "z", "rx", "ry", "rz")', '("rx", "ry", "rz", "x", "y", "z")'
+    ),
+    Fault("mounting", "the base's own end", "chain.frame_place(chain.base)", "chain.end(0)"),
+    Fault("mounting", "flange ignored", "self.flange or chain.tip)", "chain.tip)"),
+    Fault("periodic", "a disc of phases", "laws import Circle", "laws import Disc as Circle", "transmission"),
+    Fault("thermal", "shift of a moment at the end", "(way @ way) / 2", "(way @ way) / 3"),
+    Fault(
+        "thermal",
+        "gradient along the link bends",
+        "normal = warmer - way * (way @ warmer) / (way @ way)",
+        "normal = warmer",
+    ),
+    Fault("thermal", "base axes for the link's", "[:3, :3].T @ self._direction", "[:3, :3] @ self._direction"),
+    Fault("thermal", "turned twice", "place.frame[:3, :3].T\n", "place.frame[:3, :3]\n"),
+    Fault("transmission", "stiffness for compliance", "flexibility = 1.0 / ", "flexibility = 1.0 * "),
+    Fault("transmission", "orders left out", "self.order[k] * turn", "turn"),
+    Fault("transmission", "one turn for a period", "2 * math.pi * value / self.period if", "value if"),
+    Fault("transmission", "one phase for all", 'space, indexed("phase", k))', 'space, "phase")'),
 )
 
 

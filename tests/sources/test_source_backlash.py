@@ -141,7 +141,11 @@ def test_from_a_sheet_in_every_model(tmp_path):
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ("band: 300 N*mm", "band: 300 N", "band: 'N' in '300 N' is not a unit of torque; allowed: N[*]m, N[*]mm, kN[*]m"),
+        (
+            "band: 300 N*mm",
+            "band: 300 N",
+            "band: 'N' in '300 N' is not a unit of torque; allowed: N[*]m, N[*]mm, kN[*]m",
+        ),
         ("band: 0.1 kN", "band: 1 N*m", "is not a unit of force"),
         ("20 um", "20 arcsec", "backlash: 'arcsec' in '20 arcsec' is not a unit of length"),
         ("20 um", "-20 um", r"backlash of backlash\[slide\] can become negative"),

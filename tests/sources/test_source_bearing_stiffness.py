@@ -5,7 +5,7 @@ import pytest
 from scipy import optimize
 
 from precision_pin import examples
-from precision_pin.chain import Chain
+from precision_pin.chain import Chain, Load
 from precision_pin.errors import InputError, SheetError, UnknownNameError
 from precision_pin.laws import Normal, TruncatedNormal, Uniform
 from precision_pin.model import ErrorModel
@@ -13,7 +13,7 @@ from precision_pin.parameters import Component
 from precision_pin.sources import bearing_stiffness
 from precision_pin.sources.bearing_stiffness import BearingStiffness
 from precision_pin.sources.payload import Payload
-from precision_pin.space import Draw, Space
+from precision_pin.space import Draw, LabelledSpace, Space
 from support.checks.bearing_stiffness import check_bearing_stiffness
 from support.checks.common import Q7, evaluated, in_base, one_link
 from support.plain_robot import chain_of, joint, link, random_arm, robot
@@ -38,30 +38,24 @@ def test_r4_under_the_wrench_of_the_reference_case():
     np.testing.assert_allclose(totals[chain.seat(2)], expected, atol=5e-12)
 
 
-def test_a_load_does_work_alike_on_every_other():
-    """Maxwell and Betti: the flexibility at the seat, off the centre too, is symmetric and never negative."""
-    chain = one_link(axis=(0, 0, 1), gravity=(0.0, 0.0, 0.0))
+def test_loads_do_work_on_one_another_alike():
+    """Maxwell and Betti: the flexibility of the seat, off the bearing's centre too, is symmetric and never negative."""
     source = BearingStiffness(joint="hinge", radial=3e6, axial=5e6, tilt=2e4, centre=-0.13)
     columns = []
     for row in range(6):
-        # forces are masses, moments first moments without mass, under a gravity that suits
+        # a mass of 1 kg makes a force, a first moment of 1 kg·m without mass a moment, s × g
+        gravity, moments = np.zeros(3), np.zeros(4)
         weight, arm = {3: (2, 1), 4: (0, 2), 5: (1, 0)}.get(row, (row, None))
-        gravity = np.zeros(3)
         gravity[weight] = 1.0
+        moments[0 if arm is None else 1 + arm] = 1.0
         chain = one_link(gravity=tuple(gravity))
-        mass = 1.0 if arm is None else 0.0
-        payload = [Payload(at="arm", mass=1.0)] if mass else _couple(arm)
-        _, totals = evaluated(chain, [0.0], [*payload, source])
-        columns.append(totals[chain.seat(0)])
+        load = Load(1, np.eye(4), np.zeros(3), along=False, moments=((moments, ()),))
+        terms = source.terms(chain.at([0.0]).with_loads([load]), LabelledSpace(Space(), source.label()))
+        columns.append(sum(term.twist for term in terms))
     table = np.array(columns).T
-    np.testing.assert_allclose(table, table.T, atol=1e-18)
-    assert np.linalg.eigvalsh(table).min() > -1e-20
-    assert np.linalg.matrix_rank(table) == 5
-
-
-def _couple(arm: int) -> list[Payload]:
-    """Return a unit couple: 1 kg at 2 m against 1 kg at 1 m less the force of 2 kg, by difference of two models."""
-    raise NotImplementedError(arm)
+    np.testing.assert_allclose(table, table.T, atol=1e-20)
+    np.testing.assert_allclose(np.sort(np.linalg.eigvalsh(table))[0], 0, atol=1e-20)
+    assert np.linalg.matrix_rank(table, tol=1e-12) == 5
 
 
 def test_equilibrium_of_an_arm_on_a_tilting_bearing():
@@ -90,7 +84,7 @@ def test_products_of_random_loads_and_stiffnesses():
 def test_gravity_off_leaves_nothing():
     chain = chain_of(random_arm(32), tip="tool", gravity=(0.0, 0.0, 0.0))
     sources = [BearingStiffness(joint=name, radial=1e6, axial=1e6, tilt=1e3) for name in chain.joint_names]
-    np.testing.assert_array_equal(ErrorModel(chain, Space(), sources).at(Q7).exact(NOTHING), np.zeros((6, 1)))
+    np.testing.assert_array_equal(ErrorModel(chain, Space(), sources).at(Q7).linear(NOTHING), np.zeros((6, 1)))
 
 
 def test_stiffnesses_left_out_are_rigid_and_the_rest_adds():
@@ -114,7 +108,8 @@ poses:
 parameters:
   k: {{normal: 10 N/um, mean: 80 N/um, truncated: true}}
 sources:
-  - bearing_stiffness: {{joint: turn, radial: k, axial: 120 kN/mm, tilt: {{uniform: 5 N*m/arcmin, mean: 30 N*m/arcmin}}, centre: -20 mm}}
+  - bearing_stiffness: {{joint: turn, radial: k, axial: 120 kN/mm, centre: -20 mm,
+      tilt: {{uniform: 5 N*m/arcmin, mean: 30 N*m/arcmin}}}}
   - bearing_stiffness: {{joint: slide, radial: 50 N/um, tilt: 2e4 N*m/rad, roll: 9 N*m/mrad, pads_on: parent}}
 """
 
@@ -159,13 +154,17 @@ def test_from_a_sheet_in_every_model(tmp_path):
     np.testing.assert_allclose(
         error[:, None] + jacobian @ (x - model.space.mean[:, None]), at.exact(x), atol=0.03 * np.abs(error).max()
     )
-    np.testing.assert_array_equal(sheet(tmp_path, "none").at("here").exact(x), np.zeros((6, 200)))
+    np.testing.assert_array_equal(sheet(tmp_path, "none").at("here").linear(x), np.zeros((6, 200)))
 
 
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ("axial: 120 kN/mm", "axial: 120 N*m/rad", "axial: 'N[*]m/rad' in '120 N[*]m/rad' is not a unit of linear stiff"),
+        (
+            "axial: 120 kN/mm",
+            "axial: 120 N*m/rad",
+            "axial: 'N[*]m/rad' in '120 N[*]m/rad' is not a unit of linear stiff",
+        ),
         ("axial: 120 kN/mm", "axial: 0 N/m", r"axial of bearing_stiffness\[turn\] can become zero or negative"),
         ("radial: k", "radial: q", "no parameter named 'q'"),
         ("radial: 50 N/um", "axial: 50 N/um", "axial: of .* the joint slides along its axis; joint_compliance"),
@@ -178,7 +177,7 @@ def test_bad_settings_of_a_sheet_give_one_line(tmp_path, old, new, message):
     with pytest.raises(SheetError, match=message) as caught:
         sheet(tmp_path, old=old, new=new)
     (finding,) = caught.value.findings
-    assert finding.line in (9, 10)
+    assert 9 <= finding.line <= 11
 
 
 def test_bad_settings_are_refused():

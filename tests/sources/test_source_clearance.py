@@ -19,8 +19,6 @@ from support.checks.common import MM, evaluated, one_link
 from support.plain_robot import chain_of, joint, link, robot
 from support.sheets import PAPER_Q
 
-NOTHING = np.zeros((0, 1))
-
 
 def test_by_hand_and_by_the_balance_of_forces():
     check_clearance(clearance)
@@ -40,8 +38,8 @@ def test_r4_which_side_each_bearing_is_pushed():
     on_a, on_b = np.array([6.123123, 116.836171]), np.array([-3.196653, -60.995803])
     a, b = 0.01 * MM * on_a / np.linalg.norm(on_a), 0.01 * MM * on_b / np.linalg.norm(on_b)
     tilt = (b - a) / 0.08
-    # link 2's x, y, z are those of joint 3's frame before it turns; printed to six decimals of 61 N
-    np.testing.assert_allclose(totals[chain.seat(2)], [*(a + b) / 2, 0, -tilt[1], tilt[0], 0], rtol=2e-7, atol=1e-12)
+    # link 2's x, y, z are those of joint 3's frame before it turns; six decimals of F and M make 7e-6 of 61 N on B
+    np.testing.assert_allclose(totals[chain.seat(2)], [*(a + b) / 2, 0, -tilt[1], tilt[0], 0], atol=3e-11)
     # no force along the axis: its play is taken up at random
     _, totals = evaluated(
         chain,
@@ -97,9 +95,8 @@ def test_journals_stay_in_contact_on_a_circle():
     source = Clearance(joint="hinge", diametral=(0.02 * MM,), span=0.1, direction="random")
     at = ErrorModel(chain, Space(), [source]).at([0.0])
     x = at.space.sample(3, 0, 200)
-    shift = at.linear(x) - [[0.0]] * 6
-    # undo the tip's lever: z of the tip is -δ_y times 1 m, so the axis through the seat is what is left
-    np.testing.assert_allclose(np.hypot(*shift[:2]), 0.01 * MM, rtol=1e-12)
+    # A is at the seat, and a tilt moves the tip, 1 m out along x, in z only
+    np.testing.assert_allclose(np.hypot(*at.linear(x)[:2]), 0.01 * MM, rtol=1e-12)
     assert all(draw.scope is Scope.VISIT for draw in at.space.draws)
 
 
@@ -135,11 +132,14 @@ def test_in_equilibrium_the_load_hangs_straight_down_in_the_clearance():
 def test_the_tangent_is_the_slope_of_the_displaced_chain():
     chain = one_link(mass=2.0, com=(0.4, 0.1, 0.05), axis=(0.6, 0, 0.8))
     source = Clearance(
-        joint="hinge", diametral=(Uniform(0.1 * MM, mean=0.3 * MM), Uniform(0.1 * MM, mean=0.2 * MM)), span=0.1, band=80.0
+        joint="hinge",
+        diametral=(Uniform(0.1 * MM, mean=0.3 * MM), Uniform(0.1 * MM, mean=0.2 * MM)),
+        span=0.1,
+        band=70.0,
     )
     at = ErrorModel(chain, Space(), [source]).at([0.3])
     factors = {factor.name for term in at.terms for factor in term.factors}
-    assert len(factors) == 4  # one journal decided, one not
+    assert {name.rpartition("].")[2] for name in factors} == {"A.x", "A.y", "diametral", "diametral[1]"}  # B is decided
     for k in range(at.space.size):
         step = np.zeros(at.space.size)
         step[k] = 1e-3 if ".A." in at.space.components[k] or ".B." in at.space.components[k] else 1e-6
@@ -156,8 +156,10 @@ poses:
 parameters:
   seat: {{triangular: 4 um, mean: 15 um}}
 sources:
-  - clearance: {{joint: turn, diametral: [seat, {{uniform: 0.005 mm, mean: 0.01 mm}}], axial: 8 um, start: -40 mm, span: 8 cm, band: 2 N}}
-  - clearance: {{joint: slide, diametral: 0.03 mm, span: 60 mm, direction: random, law: disc, scope: unit, pads_on: parent}}
+  - clearance: {{joint: turn, diametral: [seat, {{uniform: 5 um, mean: 0.01 mm}}], axial: 8 um, start: -40 mm, span: 8 cm,
+      band: 2 N}}
+  - clearance: {{joint: slide, diametral: 0.03 mm, span: 60 mm, direction: random, law: disc, scope: unit,
+      pads_on: parent}}
 """
 
 
@@ -203,7 +205,7 @@ def test_from_a_sheet_in_every_model(tmp_path):
     ("old", "new", "message"),
     [
         ("band: 2 N", "band: 2 N*m", "band: 'N[*]m' in '2 N[*]m' is not a unit of force"),
-        (", band: 2 N", "", "needs band:, the load below which a direction is random"),
+        (",\n      band: 2 N", "", "needs band:, the load below which a direction is random"),
         ("band: 2 N", "band: 0 N", "the band of clearance must be positive, got 0.0 N"),
         ("span: 8 cm", "span: 0 mm", "the span of clearance must be positive, got 0.0 m"),
         ("law: disc", "law: square", "law: input should be 'circle' or 'disc'"),
@@ -221,7 +223,7 @@ def test_bad_settings_of_a_sheet_give_one_line(tmp_path, old, new, message):
     with pytest.raises(SheetError, match=message) as caught:
         sheet(tmp_path, old=old, new=new)
     (finding,) = caught.value.findings
-    assert finding.line in (9, 10)
+    assert 9 <= finding.line <= 12
 
 
 @pytest.mark.parametrize(

@@ -108,6 +108,12 @@ def _keys(model: type[BaseModel], location: Path) -> list[str]:
     """Return the keys that are allowed at pydantic's location below a model."""
     for key in location:
         if key in model.model_fields:
-            inner = typing.get_args(model.model_fields[str(key)].annotation)
-            model = next((entry for entry in inner if isinstance(entry, type) and issubclass(entry, BaseModel)), model)
+            model = _inner(model.model_fields[str(key)].annotation) or model
     return [field.alias or name for name, field in model.model_fields.items()]
+
+
+def _inner(hint: object) -> type[BaseModel] | None:
+    """Return the model that a type is made of."""
+    if isinstance(hint, type) and issubclass(hint, BaseModel):
+        return hint
+    return next(filter(None, map(_inner, typing.get_args(hint))), None)

@@ -117,7 +117,7 @@ def _field_type(hint: Any) -> Any:
     """Return the pydantic type of a setting: quantities and laws read from text, the rest as it stands."""
     part = part_of(hint)
     if part is not None:
-        return tuple[Annotated[source_model(part), AfterValidator(_make(part))], ...]
+        return tuple[Annotated[source_model(part), AfterValidator(_make(part))], ...]  # type: ignore[misc]
     if typing.get_origin(hint) is not Annotated:
         return hint
     bare, *notes = typing.get_args(hint)

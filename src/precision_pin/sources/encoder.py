@@ -91,8 +91,8 @@ class Encoder(Source):
             value = getattr(self, name)
             if value is not None and not 0 < value < math.inf:
                 raise InputError(f"the {name} of encoder must be positive, got {value}")
-        if self.order < 1:
-            raise InputError(f"the order of encoder must be 1 or more, got {self.order}")
+        if self.order != int(self.order) or self.order < 1:
+            raise InputError(f"the order of encoder must be 1, 2, 3, …, got {self.order}")
         if self.eccentricity is not None and self.order != 1:
             raise InputError("eccentricity: of encoder is a once-per-turn error; give others by amplitude: and order:")
         if self.heads not in (1, 2):

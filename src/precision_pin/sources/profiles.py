@@ -281,10 +281,8 @@ def ends(segments: tuple[Segment, ...], length: float) -> tuple[float, ...]:
     if rest and missing > LENGTHS_AGREE * length:
         parts[rest[0]] = missing
     elif rest or abs(missing) > LENGTHS_AGREE * length:
-        raise InputError(
-            f"the beam's segments are {math.fsum(parts):.6g} m long in all"
-            f"{', one without length: not counted' if rest else ''}; the link has {length:.6g} m"
-        )
+        left = ", which leaves nothing for the one without length:" if rest else ""
+        raise InputError(f"the beam's segments are {math.fsum(parts):.6g} m long in all, its link {length:.6g} m{left}")
     return (*np.cumsum(parts)[:-1].tolist(), length)
 
 

@@ -27,7 +27,7 @@ class Transmission(Source):
     wave gear twice the gear ratio (Tuttle and Seering, IEEE Transactions on Robotics and Automation 12, 1996). Each φ is
     random, uniform on the turn, but the same at every pose of one built robot. Wind-up: ``τ/k`` with τ the torque (or
     force) that the load puts on the joint, as eq 23 of Wei, Jia and Chen (2015) with C = 1/k. Lead error of a screw or
-    rack: ``lead_error · d``, e and v of ISO 3408-3.
+    rack: ``lead_error · d``, the deviation of the specified travel in ISO 3408-3.
 
     Attributes
     ----------
