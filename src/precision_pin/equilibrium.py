@@ -72,15 +72,20 @@ class Settled:
         values = _at_means(loaded, space)
         rows = [self.table.targets.index(target) for target in loaded.targets]
         ways = _ways(loaded.targets, self.posture)
-        feedback = np.zeros((len(ways), len(ways)))
-        for column, way in enumerate(ways):
+
+        def reaction(step: Array) -> Array:
             moved = self.displacements.copy()
-            moved[rows] += STEP * way
+            moved[rows] += step
             posture = replace(self.posture, deflection=deflected(self.posture, self.table, moved))
             table = TermTable.build(posture, space, [term for term in make_terms(posture) if term.loaded])
             if table.targets != loaded.targets:
                 raise InternalError("a source's terms come and go with the deflection of the arm")
-            feedback[:, column] = np.einsum("mki,ki->m", ways, _at_means(table, space) - values) / STEP
+            return _at_means(table, space)
+
+        # from v* itself: the loads of ``values`` hang on the arm of the round before
+        settled = reaction(np.zeros_like(values))
+        changes = np.array([reaction(STEP * way) - settled for way in ways]) / STEP
+        feedback = np.einsum("mki,nki->mn", ways, changes)
         if np.linalg.eigvals(feedback).real.max() >= 1.0:
             raise InputError(
                 "the arm buckles under its loads: it has no stable rest, so equilibrium statics has no answer"

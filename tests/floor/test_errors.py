@@ -14,7 +14,7 @@ from precision_pin.errors import Finding, InputError, SheetError, UnitError, Unk
         (Finding("error", "E_X", "no good", "a.yaml", 3), "a.yaml:3: error E_X: no good"),
         (Finding("warning", "W_X", "odd", "a.yaml"), "a.yaml: warning W_X: odd"),
         (Finding("error", "E_X", "no good"), "precision-pin: error E_X: no good"),
-        (Finding("error", "E_X", "no good", line=1), "input:1: error E_X: no good"),
+        (Finding("error", "E_X", "no good", line=1), "precision-pin:1: error E_X: no good"),
     ],
 )
 def test_a_finding_prints_as_the_contract_says(finding: Finding, text: str) -> None:

@@ -13,6 +13,9 @@ from precision_pin.statistics import Distribution, SpecificationResult, format_s
 
 __all__ = ["analysis_table", "findings_text", "mcpc_table"]
 
+ROUNDING = 1e-14
+"""Errors (m, rad) below this are rounding."""
+
 _COLUMNS = ("mean", "std", "min", "max", "mode", 0.5, 0.95, 0.99, 0.9973)
 
 
@@ -112,6 +115,11 @@ def findings_text(findings: tuple[Finding, ...]) -> str:
 
 def _thousandfold(value: float) -> str:
     return f"{1e3 * value + 0.0:.4g}"
+
+
+def _milli(value: float) -> str:
+    """Return a thousandfold, what is only rounding as zero."""
+    return f"{1e3 * value if abs(value) > ROUNDING else 0.0:.4g}"
 
 
 def _plain(value: float) -> str:

@@ -46,8 +46,8 @@ class Clearance(Source):
     joint
         Whose bearings.
     diametral
-        Total radial play, from one side to the opposite one: bore minus journal. One for both bearings, or two: of A
-        and of B.
+        Total radial play, from one side to the opposite one: bore minus journal. One, the same in both bearings, or
+        two: of A and of B.
     span
         Distance of the bearings.
     start
