@@ -159,6 +159,11 @@ def _takes_what(hint: Any) -> tuple[str, bool]:
         inner = list(_options(entries[0]))
         if not named:
             return "list", False
+        if typing.get_origin(inner[0]) is tuple:
+            return f"rows of: {named[0]}", False
+        fixed = [len(note.quantities) for note in notes if isinstance(note, PerEntry)]
+        if fixed:
+            return f"{fixed[0]}: {named[0]}", False
         return f"{'one or several' if Ellipsis in entries else str(len(entries))}: {named[0]}", Law in inner
     choices = [
         choice for option in options if typing.get_origin(option) is Literal for choice in typing.get_args(option)

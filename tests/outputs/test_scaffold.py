@@ -156,7 +156,7 @@ class TestAnyArm:
 
 
 def test_every_kind_of_source_and_every_law_is_listed() -> None:
-    text = text_of("paper")
+    text = re.sub(r"\n#\s{6,}", " ", text_of("paper"))  # a long line goes on, indented
     for kind in catalogue():
         assert re.search(rf"^#   {kind} {{\w+(, \w+)*}}: \w", text, re.MULTILINE)
     for law in LAW_KEYS:

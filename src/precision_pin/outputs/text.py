@@ -114,11 +114,6 @@ def findings_text(findings: tuple[Finding, ...]) -> str:
 
 
 def _thousandfold(value: float) -> str:
-    return f"{1e3 * value + 0.0:.4g}"
-
-
-def _milli(value: float) -> str:
-    """Return a thousandfold, what is only rounding as zero."""
     return f"{1e3 * value if abs(value) > ROUNDING else 0.0:.4g}"
 
 

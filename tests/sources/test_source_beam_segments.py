@@ -1,0 +1,334 @@
+"""Beams in segments, and self-weight in its three ways, against finite elements and closed forms."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy import integrate
+from scipy.spatial.transform import Rotation
+
+from precision_pin.chain import Load
+from precision_pin.errors import InputError
+from precision_pin.laws import Uniform
+from precision_pin.model import ErrorModel
+from precision_pin.parameters import Component
+from precision_pin.sources.beam import Beam
+from precision_pin.sources.joint_compliance import JointCompliance
+from precision_pin.sources.profiles import Segment
+from precision_pin.space import Draw, LabelledSpace, Space
+from support.beam_elements import Piece, cantilever
+from support.checks.common import evaluated, one_link
+from support.plain_robot import chain_of, joint, link, robot
+
+L = 1.7
+GRAVITY = np.array([3.0, -4.0, -8.0])
+ZERO = np.zeros(3)
+
+# where each step ends, then its rigidities in the order of Piece
+STEPS = (
+    (0.5, (700.0, 900.0, 2500.0, 3e5)),
+    (1.1, (400.0, 600.0, 600.0, 2e5)),
+    (1.7, (100.0, 90.0, 250.0, 1e5)),
+)
+SEGMENTS = (
+    Segment(length=0.5, GI=700.0, EI_y=900.0, EI_z=2500.0, EA=3e5),
+    Segment(GI=400.0, EI=600.0, EA=2e5),
+    Segment(fraction=0.6 / 1.7, GI=100.0, EI_y=90.0, EI_z=250.0, EA=1e5),
+)
+
+
+def terms_of(source: Beam, chain, loads=()) -> np.ndarray:
+    """Return the sum of a beam's terms without random numbers."""
+    posture = chain.at([0.0]).with_loads([*loads, *source.loads(chain.at([0.0]), _space(source))])
+    return sum((term.twist for term in source.terms(posture, _space(source))), np.zeros(6))
+
+
+def _space(source: Beam) -> LabelledSpace:
+    return LabelledSpace(Space(), source.label())
+
+
+def point_load(reach: float, mass: float, arm) -> Load:
+    frame = np.eye(4)
+    frame[0, 3] = reach
+    return Load(1, frame, frame[:3, 3], False, ((mass * np.array([1.0, *arm]), ()),))
+
+
+# before, at and after the steps, at the tip, beyond it (a bracket), and behind the clamp
+POINTS = ((0.2, 1.1, (0.1, 0.0, 0.2)), (0.5, 2.0, ZERO), (0.8, 1.2, (0.1, -0.2, 0.3)), (1.7, 4.0, (0.2, 0.1, -0.1)))
+
+
+@pytest.mark.parametrize("roll", [0.0, 0.7])
+def test_steps_against_finite_elements(roll):
+    """Loads before, at and behind the steps and at the tip, and weight along, in all three directions."""
+    chain = one_link(length=L, gravity=tuple(GRAVITY), mass=3.0, com=(0.4, 0.1, 0.2))
+    loads = [point_load(*point) for point in POINTS]
+    total = terms_of(Beam(link="arm", segments=SEGMENTS, roll=roll), chain, loads)
+    axes = Rotation.from_euler("x", roll).as_matrix()
+    weight = axes.T @ GRAVITY * 3.0 / L
+    pieces = [Piece(end, rigidities, weight) for end, rigidities in STEPS]
+    points = [(reach, axes.T @ (mass * GRAVITY), axes.T @ np.cross(arm, mass * GRAVITY)) for reach, mass, arm in POINTS]
+    end = cantilever(pieces, points)
+    expected = np.concatenate([axes @ end[:3], axes @ end[3:]])
+    np.testing.assert_allclose(total, expected, rtol=1e-7, atol=1e-9 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize("reach", [1.9, -0.3])
+def test_a_load_on_a_bracket_beyond_the_link_acts_through_its_end(reach):
+    chain = one_link(length=L, gravity=tuple(GRAVITY))
+    total = terms_of(Beam(link="arm", segments=SEGMENTS), chain, [point_load(reach, 2.0, (0.1, 0.2, 0.3))])
+    pieces = [Piece(end, rigidities, ZERO) for end, rigidities in STEPS]
+    arm = np.array([reach - L + 0.1, 0.2, 0.3])
+    expected = cantilever(pieces, [(L, 2.0 * GRAVITY, np.cross(arm, 2.0 * GRAVITY))]) if reach > 0 else np.zeros(6)
+    np.testing.assert_allclose(total, expected, rtol=1e-7, atol=1e-15)
+
+
+def test_equal_segments_are_one_beam():
+    chain = one_link(length=L, gravity=tuple(GRAVITY), mass=3.0, com=(0.4, 0.1, 0.2))
+    loads = [point_load(*point) for point in POINTS]
+    whole = {"GI": 700.0, "EI_y": 900.0, "EI_z": 2500.0, "EA": 3e5}
+    parts = tuple(Segment(fraction=share, **whole) for share in (0.13, 0.3, 0.07, 0.5))
+    one, many = (terms_of(Beam(link="arm", **given), chain, loads) for given in (whole, {"segments": parts}))
+    np.testing.assert_allclose(many, one, rtol=1e-13)
+
+
+def test_a_taper_by_many_steps_converges_to_its_integral():
+    """A tube whose diameter goes from 80 to 40 mm: w = ∫ F (l - s)²/EI ds, θ = ∫ F (l - s)/EI ds; error as 1/n²."""
+
+    def inertia(s):
+        diameter = 0.08 - 0.04 * s / L
+        return np.pi / 64 * (diameter**4 - (diameter - 0.006) ** 4)
+
+    force = 2.0 * 9.81
+    exact = [integrate.quad(lambda s, p=power: force * (L - s) ** p / (7e10 * inertia(s)), 0, L)[0] for power in (2, 1)]
+    chain = one_link(length=L, gravity=(0.0, 9.81, 0.0)).with_payload(2.0)
+    gaps = []
+    for count in (10, 20, 40):
+        middles = (np.arange(count) + 0.5) / count
+        segments = tuple(Segment(fraction=1 / count, outer_diameter=0.08 - 0.04 * m, wall=0.003) for m in middles)
+        total = terms_of(Beam(link="arm", section="tube", material="aluminium", segments=segments), chain)
+        np.testing.assert_allclose(total[[1, 5]], exact, rtol=0.2 / count)
+        gaps.append(abs(total[1] / exact[0] - 1))
+    assert gaps[0] / gaps[1] == pytest.approx(4, abs=0.1)
+    assert gaps[1] / gaps[2] == pytest.approx(4, abs=0.1)
+
+
+# --- self-weight ---
+
+
+def on_the_way(gravity=GRAVITY):
+    """Return a beam of three URDF links in a row, arm, fore and tool, with a motor bolted to its side."""
+    turned = Rotation.from_euler("xyz", (0.3, 0.2, -0.4))
+    back = turned.inv()
+    return chain_of(
+        robot(
+            link("base"),
+            joint("hinge", "revolute", "base", "arm", axis=(0, 0, 1)),
+            link("arm", 2.0, (0.4, 0.1, -0.05)),
+            joint("weld", "fixed", "arm", "fore", (0.8, 0, 0), (0.3, 0.2, -0.4)),
+            link("fore", 1.5, (0.3, -0.1, 0.2)),
+            joint("bolt", "fixed", "arm", "motor", (0.6, 0.05, 0)),
+            link("motor", 0.7, (0.1, 0.0, 0.1)),
+            joint("flange", "fixed", "fore", "tool", back.apply([0.9, 0, 0]), back.as_euler("xyz")),
+            link("tool", 0.4, (0.05, 0, 0.1)),
+        ),
+        tip="tool",
+        gravity=tuple(gravity),
+    )
+
+
+CENTRES = (
+    (2.0, np.array([0.4, 0.1, -0.05])),
+    (1.5, np.array([0.8, 0, 0]) + Rotation.from_euler("xyz", (0.3, 0.2, -0.4)).apply([0.3, -0.1, 0.2])),
+    (0.4, np.array([L + 0.05, 0, 0.1])),
+)
+MOTOR = (0.6, 0.7 * GRAVITY, np.cross([0.1, 0.05, 0.1], 0.7 * GRAVITY))
+
+
+@pytest.mark.parametrize("segmented", [False, True])
+def test_weight_at_the_centres_of_mass_against_finite_elements(segmented):
+    """Each URDF link at the projection of its centre, with the moment of what it lies off the axis."""
+    steps = STEPS if segmented else ((L, STEPS[0][1]),)
+    settings = {"segments": SEGMENTS} if segmented else {"GI": 700.0, "EI_y": 900.0, "EI_z": 2500.0, "EA": 3e5}
+    total = terms_of(Beam(link="arm", self_weight="centre", **settings), on_the_way())
+    points = [MOTOR]
+    for mass, centre in CENTRES:
+        reach = min(centre[0], L)
+        points.append((reach, mass * GRAVITY, np.cross(centre - [reach, 0, 0], mass * GRAVITY)))
+    expected = cantilever([Piece(end, rigidities, ZERO) for end, rigidities in steps], points)
+    np.testing.assert_allclose(total, expected, rtol=1e-7, atol=1e-9 * np.abs(expected).max())
+
+
+def test_uniform_weight_takes_all_links_on_the_way():
+    total = terms_of(Beam(link="arm", segments=SEGMENTS), on_the_way())
+    weight = (2.0 + 1.5 + 0.4) * GRAVITY / L
+    expected = cantilever([Piece(end, rigidities, weight) for end, rigidities in STEPS], [MOTOR])
+    np.testing.assert_allclose(total, expected, rtol=1e-7, atol=1e-9 * np.abs(expected).max())
+
+
+TUBES = ((0.6, 0.06, 0.003), (1.1, 0.05, 0.002))
+
+
+def tubes(**settings) -> Beam:
+    parts = tuple(Segment(length=length, outer_diameter=outer, wall=wall) for length, outer, wall in TUBES)
+    return Beam(link="arm", section="tube", material="aluminium", self_weight="section", segments=parts, **settings)
+
+
+def tube_pieces() -> list[Piece]:
+    pieces, end = [], 0.0
+    for length, outer, wall in TUBES:
+        end += length
+        inner = outer - 2 * wall
+        second, area = np.pi / 64 * (outer**4 - inner**4), np.pi / 4 * (outer**2 - inner**2)
+        rigidities = (27e9 * 2 * second, 70e9 * second, 70e9 * second, 70e9 * area)
+        pieces.append(Piece(L if end > 1.6 else end, rigidities, 2700 * area * GRAVITY))
+    return pieces
+
+
+def test_weight_by_section_takes_the_place_of_the_masses_on_the_way():
+    """The motor is no part of the way: it stays."""
+    expected = cantilever(tube_pieces(), [MOTOR])
+    np.testing.assert_allclose(terms_of(tubes(), on_the_way()), expected, rtol=1e-7, atol=1e-9 * np.abs(expected).max())
+
+
+def test_weight_by_section_loads_the_joints_and_links_before_it_too():
+    """Torque by hand: each tube at its middle, and the motor; the URDF's own masses are gone."""
+    chain = on_the_way()
+    source = tubes()
+    _, totals = evaluated(chain, [0.0], [source, JointCompliance(joint="hinge", compliance=1e-5)])
+    middles = (0.3, 1.15)
+    heavy = [np.linalg.norm(piece.weight) / np.linalg.norm(GRAVITY) for piece in tube_pieces()]
+    weights = [mass * length for mass, (length, *_) in zip(heavy, TUBES, strict=True)]
+    torque = sum(mass * middle * GRAVITY[1] for mass, middle in zip(weights, middles, strict=True))
+    torque += 0.7 * (0.7 * GRAVITY[1] - 0.05 * GRAVITY[0])
+    turn = next(total for target, total in totals.items() if total.shape == (1,))
+    assert turn[0] == pytest.approx(1e-5 * torque, rel=1e-13)
+
+
+def test_a_density_given_is_used_instead_of_the_materials():
+    light = one_link(length=L, gravity=tuple(GRAVITY))
+    tube = {"section": "tube", "outer_diameter": 0.06, "wall": 0.003, "self_weight": "section"}
+    one = terms_of(Beam(link="arm", material="aluminium", **tube), light)
+    two = terms_of(Beam(link="arm", material="aluminium", density=5400.0, **tube), light)
+    np.testing.assert_allclose(two, 2 * one, rtol=1e-14)
+
+
+def test_two_beams_that_give_one_link_its_weight_are_refused():
+    chain = on_the_way()
+    other = Beam(link="tool", section="rod", diameter=0.05, material="steel", self_weight="section", roll=0.1)
+    with pytest.raises(InputError, match="two beams give the link of 'arm' its weight by section"):
+        ErrorModel(chain, Space(), [tubes(), other]).at([0.0])
+
+
+def test_gravity_off_leaves_nothing_of_any_weight():
+    chain = on_the_way(ZERO)
+    for weight in ("uniform", "centre", "section"):
+        source = Beam(link="arm", section="rod", diameter=0.05, material="steel", self_weight=weight)
+        np.testing.assert_array_equal(terms_of(source, chain), np.zeros(6))
+
+
+# --- lengths and names ---
+
+
+def test_segments_of_another_length_than_the_link_are_refused():
+    chain = one_link(length=L, gravity=tuple(GRAVITY), mass=1.0)
+    for segments, message in (
+        ((Segment(length=0.5, EI=1.0), Segment(length=1.0, EI=1.0)), "are 1.5 m long in all, its link 1.7 m"),
+        ((Segment(length=1.7, EI=1.0), Segment(EI=1.0)), "leaves nothing for the one without length:"),
+        ((Segment(EI=1.0), Segment(EI=1.0)), "only one of a beam's segments"),
+        ((Segment(fraction=0.6, EI=1.0), Segment(fraction=0.6, EI=1.0)), "are 2.04 m long"),
+    ):
+        with pytest.raises(InputError, match=message):
+            terms_of(Beam(link="arm", segments=segments), chain)
+
+
+@pytest.mark.parametrize("settings", [{"length": 1.0, "fraction": 0.2}, {"length": 0.0}, {"fraction": -0.1}])
+def test_a_segment_of_no_length_is_refused(settings):
+    with pytest.raises(InputError, match=r"one of length: and fraction:|must be positive"):
+        Segment(EI=1.0, **settings)
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"EI": 5.0}, "beam has segments:, so EI must stand in these"),
+        ({"wall": 0.002}, "so wall must stand in these"),
+        ({"axial_stiffness": 5.0}, "either section: or segments:, or axial_stiffness:"),
+    ],
+)
+def test_a_beam_in_segments_has_no_dimensions_of_its_own(settings, message):
+    with pytest.raises(InputError, match=message):
+        Beam(link="arm", segments=SEGMENTS, **settings)
+
+
+def test_what_segments_have_from_the_beam():
+    """Section and material where a segment names none; a material of its own takes nothing from the beam's."""
+    chain = one_link(length=L, gravity=tuple(GRAVITY)).with_payload(1.0)
+    size = {"outer_diameter": 0.06, "wall": 0.003}
+    shared = Beam(
+        link="arm",
+        section="tube",
+        E=7e10,
+        poisson_ratio=0.3,
+        segments=(
+            Segment(length=0.5, **size),
+            Segment(length=0.4, material="steel", **size),
+            Segment(length=0.3, section="rod", diameter=0.03),
+            Segment(EI=900.0, GI=700.0),
+        ),
+    )
+    spelled = Beam(
+        link="arm",
+        segments=(
+            Segment(length=0.5, section="tube", E=7e10, poisson_ratio=0.3, **size),
+            Segment(length=0.4, section="tube", material="steel", **size),
+            Segment(length=0.3, section="rod", diameter=0.03, E=7e10, poisson_ratio=0.3),
+            Segment(EI=900.0, GI=700.0),
+        ),
+    )
+    np.testing.assert_array_equal(terms_of(shared, chain), terms_of(spelled, chain))
+
+
+def test_random_numbers_in_segments_have_names_and_those_of_the_beam_are_shared():
+    chain = one_link(length=L, gravity=tuple(GRAVITY)).with_payload(1.0)
+    law = Uniform(1e9, mean=7e10)
+    source = Beam(
+        link="arm",
+        section="tube",
+        E=law,
+        G=2.7e10,
+        segments=(
+            Segment(length=0.5, outer_diameter=0.06, wall=Uniform(1e-4, mean=0.003)),
+            Segment(outer_diameter=Draw("", Uniform(1e-4, mean=0.05)), wall="sheet"),
+        ),
+    )
+    model = ErrorModel(chain, Space((Draw("sheet", Uniform(1e-4, mean=0.002)),)), [source])
+    assert model.space.components == (
+        "sheet",
+        "beam[arm].E",
+        "beam[arm].segments[0].wall",
+        "beam[arm].segments[1].outer_diameter",
+    )
+    values = {"sheet": 0.0021, "E": 6.9e10, "segments[0].wall": 0.00305, "segments[1].outer_diameter": 0.0501}
+    x = np.array([values["sheet"], *(values[name.partition("].")[2]] for name in model.space.components[1:])])
+    fixed = Beam(
+        link="arm",
+        section="tube",
+        E=6.9e10,
+        G=2.7e10,
+        segments=(
+            Segment(length=0.5, outer_diameter=0.06, wall=0.00305),
+            Segment(outer_diameter=0.0501, wall=0.0021),
+        ),
+    )
+    expected = ErrorModel(chain, Space(), [fixed]).at([0.0]).exact(np.zeros((0, 1)))
+    np.testing.assert_allclose(model.at([0.0]).exact(x[:, None]), expected, rtol=1e-12, atol=1e-18)
+
+
+def test_a_formula_in_a_segment():
+    chain = one_link(length=L, gravity=tuple(GRAVITY)).with_payload(1.0)
+    factor = Component("factor")
+    parts = tuple(Segment(fraction=0.5, EI=900.0 * share * factor) for share in (2.0, 1.0))
+    space = Space((Draw("factor", Uniform(0.1, mean=1.0)),))
+    at = ErrorModel(chain, space, [Beam(link="arm", segments=parts)]).at([0.0])
+    one, two = at.linear([[1.0, 1.25]]).T
+    np.testing.assert_allclose(one, 1.25 * two, rtol=1e-14)
