@@ -15,6 +15,7 @@ EVERY_UNIT = [(quantity, unit) for quantity in units.QUANTITIES for unit in quan
 @pytest.fixture(scope="module")
 def registry() -> Iterator[object]:
     import pint
+
     return pint.UnitRegistry()
 
 

@@ -10,6 +10,7 @@ from typing import Final
 
 import click
 
+from precision_pin.cli.interrupts import heeding_interrupts
 from precision_pin.errors import InputError, InternalError
 
 __all__ = ["main"]
@@ -83,7 +84,8 @@ def main() -> None:
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")
     try:
-        code = cli.main(prog_name="precision-pin", standalone_mode=False)
+        with heeding_interrupts():
+            code = cli.main(prog_name="precision-pin", standalone_mode=False)
     except (_InterruptedError, click.exceptions.Abort, KeyboardInterrupt):
         code = _say("interrupted", EXIT_INTERRUPTED)
     except click.exceptions.NoArgsIsHelpError as error:

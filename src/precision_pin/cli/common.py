@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, TypeVar, final
 
 import click
 
+from precision_pin.cli.interrupts import raise_if_interrupted
 from precision_pin.errors import Finding, InputError, OutputError
 from precision_pin.examples import PAPER_SHEET, resolve_robot
 
@@ -206,6 +207,7 @@ def progress_bar(total: int, what: str) -> Iterator[Callable[[int], None]]:
     ) as bar:
 
         def advance(count: int) -> None:
+            raise_if_interrupted()
             bar.update(count)
 
         yield advance

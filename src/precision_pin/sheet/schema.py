@@ -290,7 +290,7 @@ class SettingReason(ValueError):
 
 
 def _units(notes: Notes) -> str:
-    names = [unit for note in notes for quantity in _either(note) for unit in quantity.units]
+    names = [unit or "nothing" for note in notes for quantity in _either(note) for unit in quantity.units]
     return ", ".join(dict.fromkeys(names))
 
 

@@ -1,0 +1,234 @@
+"""Laws of one number that are symmetric about their mean."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import ClassVar, Final, Literal, final
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy import special
+
+from precision_pin.errors import InputError
+from precision_pin.laws.law import Array, Law, check_finite, check_size
+
+__all__ = ["Arcsine", "Fixed", "Normal", "Triangular", "TruncatedNormal", "Uniform"]
+
+SMALLEST_K: Final = 1e-3
+"""Smallest k of a truncated normal law; its samples are exact to 1e-16/k of its half-width."""
+
+
+class _ScalarLaw(Law):
+    """Of one number: symmetric about its mean."""
+
+    mean: float
+
+    @property
+    @abstractmethod
+    def variance(self) -> float:
+        """Variance."""
+
+    @property
+    @abstractmethod
+    def reach(self) -> float:
+        """Largest deviation from the mean, infinite if unbounded."""
+
+    @abstractmethod
+    def _deviation_characteristic(self, frequency: Array) -> Array:
+        """Return E exp(i t (x - mean)), which is real by symmetry."""
+
+    @property
+    def mean_vector(self) -> Array:
+        """Mean, ``(1,)``."""
+        return np.array([self.mean])
+
+    @property
+    def covariance(self) -> Array:
+        """Variance as ``(1, 1)``."""
+        return np.array([[self.variance]])
+
+    def support(self, direction: ArrayLike) -> float:
+        """Return h(w) = w·mean + |w|·reach."""
+        w = float(np.asarray(direction, dtype=float)[0])
+        return w * self.mean + (abs(w) * self.reach if w else 0.0)
+
+    def characteristic(self, frequency: ArrayLike) -> NDArray[np.complex128]:
+        """Return E exp(i t x), t ``(1, …)``."""
+        t = np.asarray(frequency, dtype=float)[0]
+        value: NDArray[np.complex128] = np.exp(1j * t * self.mean) * self._deviation_characteristic(t)
+        return value
+
+
+@final
+@dataclass(frozen=True)
+class Fixed(_ScalarLaw):
+    """A number that does not vary, kept as a parameter so that derivatives to it exist."""
+
+    mean: float
+
+    def __post_init__(self) -> None:
+        check_finite("the value of a fixed law", self.mean)
+
+    @property
+    def variance(self) -> float:
+        """Zero."""
+        return 0.0
+
+    @property
+    def reach(self) -> float:
+        """Zero."""
+        return 0.0
+
+    def sample(self, variates: Array) -> Array:
+        """Return the value throughout."""
+        return np.full_like(variates, self.mean)
+
+    def _deviation_characteristic(self, frequency: Array) -> Array:
+        return np.ones_like(frequency)
+
+
+@final
+@dataclass(frozen=True)
+class Uniform(_ScalarLaw):
+    """Uniform on mean ± half_width."""
+
+    half_width: float
+    mean: float = 0.0
+
+    def __post_init__(self) -> None:
+        check_size("the half-width of a uniform law", self.half_width)
+        check_finite("the mean of a uniform law", self.mean)
+
+    @property
+    def variance(self) -> float:
+        """t²/3."""
+        return self.half_width**2 / 3
+
+    @property
+    def reach(self) -> float:
+        """The half-width."""
+        return self.half_width
+
+    def sample(self, variates: Array) -> Array:
+        """Return mean + t (2u - 1)."""
+        return self.mean + self.half_width * (2 * variates - 1)
+
+    def _deviation_characteristic(self, frequency: Array) -> Array:
+        value: Array = np.sinc(frequency * self.half_width / np.pi)
+        return value
+
+
+@final
+@dataclass(frozen=True)
+class Triangular(_ScalarLaw):
+    """Symmetric triangle on mean ± half_width."""
+
+    half_width: float
+    mean: float = 0.0
+
+    def __post_init__(self) -> None:
+        check_size("the half-width of a triangular law", self.half_width)
+        check_finite("the mean of a triangular law", self.mean)
+
+    @property
+    def variance(self) -> float:
+        """t²/6."""
+        return self.half_width**2 / 6
+
+    @property
+    def reach(self) -> float:
+        """The half-width."""
+        return self.half_width
+
+    def sample(self, variates: Array) -> Array:
+        """Return the inverse of the cumulative law, from the nearer end."""
+        tail = np.minimum(variates, 1 - variates)
+        deviation: Array = np.copysign(1 - np.sqrt(2 * tail), variates - 0.5)
+        return self.mean + self.half_width * deviation
+
+    def _deviation_characteristic(self, frequency: Array) -> Array:
+        value: Array = np.sinc(frequency * self.half_width / (2 * np.pi)) ** 2
+        return value
+
+
+@final
+@dataclass(frozen=True)
+class Normal(_ScalarLaw):
+    """Normal of standard deviation ``std``."""
+
+    variates: ClassVar[Literal["uniform", "normal"]] = "normal"
+    std: float
+    mean: float = 0.0
+
+    def __post_init__(self) -> None:
+        check_size("the standard deviation of a normal law", self.std)
+        check_finite("the mean of a normal law", self.mean)
+
+    @classmethod
+    def from_half_width(cls, half_width: float, mean: float = 0.0, *, k: float = 3.0) -> Normal:
+        """Return the law whose half-width is k standard deviations."""
+        check_size("k", k, zero=False)
+        return cls(half_width / k, mean)
+
+    @property
+    def variance(self) -> float:
+        """σ²."""
+        return self.std**2
+
+    @property
+    def reach(self) -> float:
+        """Infinite, unless σ is zero."""
+        return math.inf if self.std else 0.0
+
+    def sample(self, variates: Array) -> Array:
+        """Return mean + σ z."""
+        return self.mean + self.std * variates
+
+    def _deviation_characteristic(self, frequency: Array) -> Array:
+        value: Array = np.exp(-((self.std * frequency) ** 2) / 2)
+        return value
+
+
+@final
+@dataclass(frozen=True)
+class TruncatedNormal(_ScalarLaw):
+    """Normal of standard deviation ``std`` before truncation, cut off at mean ± k·std."""
+
+    std: float
+    mean: float = 0.0
+    k: float = 3.0
+
+    def __post_init__(self) -> None:
+        check_size("the standard deviation of a truncated normal law", self.std)
+        check_finite("the mean of a truncated normal law", self.mean)
+        if not SMALLEST_K <= self.k < math.inf:
+            raise InputError(
+                f"k of a truncated normal law must be finite and at least {SMALLEST_K}, got {self.k!r}; "
+                "cut off closer to its mean the law is uniform"
+            )
+
+    @property
+    def variance(self) -> float:
+        """σ² (1 - 2kφ(k) / (2Φ(k) - 1)), as the ratio of the chi-square laws of 3 and 1 at k² (no cancellation)."""
+        square = self.k**2 / 2
+        return self.std**2 * float(special.gammainc(1.5, square) / special.gammainc(0.5, square))
+
+    @property
+    def reach(self) -> float:
+        """k·σ."""
+        return self.k * self.std
+
+    def sample(self, variates: Array) -> Array:
+        """Return the inverse of the cumulative law, from the nearer end (so that it is symmetric)."""
+        tail = np.minimum(variates, 1 - variates)
+        cut = special.ndtr(-self.k)
+        score = special.ndtri(cut + tail * math.erf(self.k / math.sqrt(2)))
+        deviation: Array = np.copysign(np.minimum(-score, self.k), variates - 0.5)
+        return self.mean + self.std * deviation
+
+    def _deviation_characteristic(self, frequency: Array) -> Array:
+        s, k = self.std * frequency, self.k
+        faddeeva = special.wofz((1j * k - s) / math.sqrt(2))
+        value: Array = np.exp(-(s**2) / 2) - (np.exp(-(k**2) / 2 - 1j * k * s) * faddeeva).real
+        return value / math.erf(k / math.sqrt(2))
