@@ -16,21 +16,21 @@ from typing import final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy import special
 from scipy.linalg import block_diag
 
 from precision_pin import philox
-from precision_pin.errors import InputError, InternalError, UnknownNameError
-from precision_pin.laws import Fixed, Law
+from precision_pin.correlation import Correlation, covariance_of
+from precision_pin.errors import InputError, UnknownNameError
+from precision_pin.laws import FARTHEST_NORMAL, Fixed, Law
 from precision_pin.parameters import Component, Expression, Value
 
-__all__ = ["Draw", "LabelledSpace", "Scope", "Setting", "Space", "occasion"]
+__all__ = ["FARTHEST_NORMAL", "Draw", "LabelledSpace", "Scope", "Setting", "Space", "occasion"]
 
 Array = NDArray[np.float64]
 
 MOST_POSES = 2**20 - 1
 MOST_VISITS = 4095
-FARTHEST_NORMAL = 8.6
-"""No normal number drawn lies farther out, in standard deviations: the smallest uniform number is 2⁻⁵³."""
 
 
 class Scope(Enum):
@@ -96,15 +96,25 @@ Setting = float | str | Law | Draw | Expression
 @final
 @dataclass(frozen=True)
 class Space:
-    """Draws in column order.
+    """Draws in column order, and which of them are correlated.
+
+    Attributes
+    ----------
+    draws
+        In column order.
+    correlations
+        Each of several draws of one number and one scope; a draw belongs to one at most. The numbers depend on the names
+        only: neither other draws nor the order of anything changes them.
 
     Raises
     ------
     InputError
-        Two different draws, or a draw and a component of another, share a name.
+        Two different draws, or a draw and a component of another, share a name. A correlation of what is no draw here,
+        or of draws that are fixed, of several numbers, of different scopes, or correlated already.
     """
 
     draws: tuple[Draw, ...] = ()
+    correlations: tuple[Correlation, ...] = ()
 
     def __post_init__(self) -> None:
         names: set[str] = set()
@@ -113,6 +123,33 @@ class Space:
                 if name in names or not name:
                     raise InputError(f"two random numbers are named {name!r}; every draw needs a name of its own")
                 names.add(name)
+        self._check_correlations()
+
+    def _check_correlations(self) -> None:
+        known = {draw.name: draw for draw in self.draws}
+        taken: set[str] = set()
+        for correlation in self.correlations:
+            for name in correlation.names:
+                if name not in known:
+                    owner = next((draw.name for draw in self.draws if name in draw.components), None)
+                    if owner is not None:
+                        raise InputError(
+                            f"{name!r} is one of several numbers of {owner!r}, which a correlation cannot take"
+                        )
+                    raise UnknownNameError("parameter", name, (draw.name for draw in self.draws if draw.law.size == 1))
+                draw, first = known[name], known[correlation.names[0]]
+                if draw.law.size != 1:
+                    raise InputError(f"{name!r} draws {draw.law.size} numbers; a correlation is between single ones")
+                if isinstance(draw.law, Fixed):
+                    raise InputError(f"{name!r} is fixed, it cannot be correlated")
+                if draw.scope is not first.scope:
+                    raise InputError(
+                        f"{first.name!r} is drawn for each {first.scope.value}, {name!r} for each {draw.scope.value}; "
+                        "what is correlated has one scope"
+                    )
+                if name in taken:
+                    raise InputError(f"{name!r} stands in two correlations; put all that belongs together into one")
+                taken.add(name)
 
     @cached_property
     def components(self) -> tuple[str, ...]:
@@ -152,7 +189,29 @@ class Space:
         if not self.draws:
             return np.zeros((0, 0))
         matrix: Array = block_diag(*(draw.law.covariance for draw in self.draws))
+        laws = {draw.name: draw.law for draw in self.draws}
+        for correlation in self.correlations:
+            for (i, a), (j, b) in itertools.combinations(enumerate(correlation.names), 2):
+                value = covariance_of(laws[a], laws[b], correlation.matrix[i][j])
+                matrix[self.index[a], self.index[b]] = matrix[self.index[b], self.index[a]] = value
         return matrix
+
+    @cached_property
+    def pearson(self) -> Array:
+        """Pearson correlation of the components, ``(d, d)``: what follows from laws and correlations.
+
+        1 on the diagonal; 0 where one of two does not vary.
+        """
+        std = np.sqrt(np.diag(self.covariance))
+        unit = np.where(std > 0, std, 1.0)
+        matrix: Array = self.covariance / np.outer(unit, unit)
+        np.fill_diagonal(matrix, 1.0)
+        return matrix
+
+    @cached_property
+    def intervals(self) -> tuple[tuple[float, float], ...]:
+        """What each component stays between in every sample; see :meth:`precision_pin.laws.Law.interval`."""
+        return tuple(draw.law.interval(k) for draw in self.draws for k in range(draw.law.size))
 
     def including(self, draws: Sequence[Draw]) -> Space:
         """Return the space with further draws; one that is there already, equal in all, is shared."""
@@ -160,7 +219,7 @@ class Space:
         for draw in draws:
             if known.setdefault(draw.name, draw) != draw:
                 raise InputError(f"the draw {draw.name!r} is given twice with different laws or scopes")
-        return Space(tuple(known.values()))
+        return Space(tuple(known.values()), self.correlations)
 
     def parameter(self, name: str) -> Component:
         """Return the component of a name.
@@ -201,22 +260,19 @@ class Space:
         seed, first, count = int(seed), int(first), int(count)
         if first < 0 or count < 0 or first + count > 2**64:
             raise InputError(f"units {first} to {first + count} do not exist: from 0 to 2^64")
-        first_pair, last_pair = first // 2, (first + count + 1) // 2
-        columns = slice(first - 2 * first_pair, first - 2 * first_pair + count)
+        units = _Units(seed, first, count)
         x = np.empty((self.size, count))
         for draw, rows in zip(self.draws, self.slices, strict=True):
-            word = occasion(draw.scope, pose, visit)
-            variates = np.empty((draw.law.size, count))
             if isinstance(draw.law, Fixed):
-                variates[:] = 0.5
-            else:
-                for k, stream in enumerate(self.streams[rows]):
-                    pair = philox.uniforms(seed, stream, word, first_pair, last_pair - first_pair)
-                    if draw.law.variates == "normal":
-                        reach, turn = np.sqrt(-2 * np.log(pair[0])), 2 * np.pi * pair[1]
-                        pair = np.array([reach * np.cos(turn), reach * np.sin(turn)])
-                    variates[k] = pair.T.reshape(-1)[columns]
-            x[rows] = draw.law.sample(variates)
+                x[rows] = draw.law.mean
+            elif draw.name not in self._correlated:
+                word = occasion(draw.scope, pose, visit)
+                make = units.normals if draw.law.variates == "normal" else units.uniforms
+                x[rows] = draw.law.sample(np.array([make(stream, word) for stream in self.streams[rows]]))
+        for correlation in self.correlations:
+            columns = [self.index[name] for name in correlation.names]
+            word = occasion(self._correlated[correlation.names[0]].scope, pose, visit)
+            self._take(correlation, np.array([units.normals(self.streams[column], word) for column in columns]), x)
         return x
 
     def inverse(self, uniforms: ArrayLike) -> Array:
@@ -225,7 +281,48 @@ class Space:
         x = np.empty_like(u)
         for draw, rows in zip(self.draws, self.slices, strict=True):
             x[rows] = draw.law.inverse(u[rows])
+        for correlation in self.correlations:
+            self._take(correlation, special.ndtri(u[[self.index[name] for name in correlation.names]]), x)
         return x
+
+    @cached_property
+    def _correlated(self) -> dict[str, Draw]:
+        names = {name for correlation in self.correlations for name in correlation.names}
+        return {draw.name: draw for draw in self.draws if draw.name in names}
+
+    def _take(self, correlation: Correlation, normals: Array, x: Array) -> None:
+        """Set the rows of correlated draws in ``x`` from independent normal numbers."""
+        for name, scores in zip(correlation.names, correlation.mix(normals), strict=True):
+            x[self.index[name]] = self._correlated[name].law.at_scores(scores[None])[0]
+
+
+@final
+@dataclass(frozen=True)
+class _Units:
+    """The random numbers of units ``first … first + count - 1``."""
+
+    seed: int
+    first: int
+    count: int
+
+    def uniforms(self, stream: int, word: int) -> Array:
+        """Return uniform numbers ``(count,)``."""
+        return self._in_order(self._pairs(stream, word))
+
+    def normals(self, stream: int, word: int) -> Array:
+        """Return normal numbers ``(count,)``."""
+        pairs = self._pairs(stream, word)
+        reach, turn = np.sqrt(-2 * np.log(pairs[0])), 2 * np.pi * pairs[1]
+        return self._in_order(np.array([reach * np.cos(turn), reach * np.sin(turn)]))
+
+    def _pairs(self, stream: int, word: int) -> Array:
+        first = self.first // 2
+        return philox.uniforms(self.seed, stream, word, first, (self.first + self.count + 1) // 2 - first)
+
+    def _in_order(self, pairs: Array) -> Array:
+        skipped = self.first % 2
+        ordered: Array = pairs.T.reshape(-1)[skipped : skipped + self.count]
+        return ordered
 
 
 def check_seed(seed: int) -> None:
@@ -310,15 +407,7 @@ class LabelledSpace:
             return value
         if not isinstance(value, Component):
             return math.inf
-        column = self.space.index[value.name]
-        for draw, rows in zip(self.space.draws, self.space.slices, strict=True):
-            if rows.start <= column < rows.stop:
-                direction = np.zeros(draw.law.size)
-                direction[column - rows.start] = -1.0
-                reach = draw.law.support(direction)
-                deviation = math.sqrt(draw.law.covariance[column - rows.start, column - rows.start])
-                return -reach if math.isfinite(reach) else float(self.space.mean[column]) - FARTHEST_NORMAL * deviation
-        raise InternalError(f"no draw holds the component {value.name!r}")
+        return self.space.intervals[self.space.index[value.name]][0]
 
     def values(self, field: str, settings: Sequence[Setting]) -> tuple[Value, ...]:
         """Return several settings of one field; the second and later are named ``field[1]``, ``field[2]``, …."""

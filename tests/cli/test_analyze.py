@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
+import signal
+import sys
 
 import pytest
 
@@ -227,3 +230,21 @@ def test_ctrl_c_ends_with_one_line(run, monkeypatch, new_files):
     outcome = run("analyze", "--samples", "10", "--out", "plots", "--json", "result.json")
     assert (outcome.code, outcome.out, outcome.err) == (130, "", "interrupted\n")
     assert new_files() == set()
+
+
+def test_a_ctrl_c_that_a_library_has_swallowed_ends_the_run_all_the_same(run, monkeypatch, new_files):
+    from precision_pin.model import ErrorModel
+
+    real = ErrorModel.from_sheet
+
+    def swallowing(sheet: object) -> object:
+        with contextlib.suppress(KeyboardInterrupt):
+            signal.raise_signal(signal.SIGINT)
+        return real(sheet)
+
+    monkeypatch.setattr(ErrorModel, "from_sheet", swallowing)
+    handler, hook = signal.getsignal(signal.SIGINT), sys.unraisablehook
+    outcome = run("analyze", "--samples", "10", "--json", "result.json")
+    assert (outcome.code, outcome.out, outcome.err) == (130, "", "interrupted\n")
+    assert new_files() == set()
+    assert (signal.getsignal(signal.SIGINT), sys.unraisablehook) == (handler, hook)

@@ -38,12 +38,14 @@ def heeding_interrupts() -> Iterator[None]:
         yield
         return
     print_lost = sys.unraisablehook
+    handler = _Handler()
 
     def quiet(lost: sys.UnraisableHookArgs) -> None:
-        if not issubclass(lost.exc_type, KeyboardInterrupt):
+        # the interrupt itself, or what it left half-done in a library
+        if not handler.came:
             print_lost(lost)
 
-    signal.signal(signal.SIGINT, _Handler())
+    signal.signal(signal.SIGINT, handler)
     sys.unraisablehook = quiet
     try:
         yield

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import ClassVar, Final, Literal, final
+from functools import cached_property
+from typing import ClassVar, Literal, final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import special
 
 from precision_pin.errors import InputError
-from precision_pin.laws.law import Array, Law, check_finite, check_size
+from precision_pin.laws.law import FARTHEST_NORMAL, Array, Law, check_size, in_chunks
 
 __all__ = ["Circle", "Disc", "JointNormal", "Rows"]
 
@@ -181,9 +182,90 @@ class JointNormal(Law):
         rounding = 1e-12 * float(np.abs(w) @ np.sqrt(np.diag(self.covariance)))
         return math.inf if np.abs(self.root.T @ w).max() > rounding else float(w @ self.mean_vector)
 
+    def interval(self, number: int, farthest: float = FARTHEST_NORMAL) -> tuple[float, float]:
+        """Return the number's mean ± farthest·σ."""
+        mean, reach = float(self.mean_vector[number]), farthest * math.sqrt(self.matrix[number][number])
+        return mean - reach, mean + reach
+
     def characteristic(self, frequency: ArrayLike) -> NDArray[np.complex128]:
         """Return exp(i t·mean - tᵀΣt/2)."""
         t = np.asarray(frequency, dtype=float)
         quadratic = np.einsum("i...,ij,j...->...", t, self.covariance, t)
         value: NDArray[np.complex128] = np.exp(1j * np.einsum("i,i...->...", self.mean_vector, t) - quadratic / 2)
         return value
+
+
+@final
+@dataclass(frozen=True)
+class Rows(Law):
+    """Several numbers that were measured together: the rows of a table, each as likely as any other.
+
+    Parameters
+    ----------
+    table
+        The rows, each of as many numbers.
+    names
+        Of the columns; numbered from 0 if left out.
+
+    Raises
+    ------
+    InputError
+        No rows, rows of different lengths, a number that is not finite, or names that do not fit.
+    """
+
+    table: tuple[tuple[float, ...], ...]
+    names: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        if not self.table or not self.table[0]:
+            raise InputError("a law of rows needs at least one row of at least one number")
+        for k, row in enumerate(self.table):
+            if len(row) != len(self.table[0]):
+                raise InputError(f"row {k + 1} of a law of rows has {len(row)} numbers, the first {len(self.table[0])}")
+        if not np.isfinite(self.array).all():
+            raise InputError("a law of rows holds a number that is not finite")
+        if self.names and (len(self.names) != self.size or len(set(self.names)) != self.size or not all(self.names)):
+            raise InputError(f"a law of rows of {self.size} numbers needs as many different names, got {self.names}")
+
+    @cached_property
+    def array(self) -> Array:
+        """The rows, ``(rows, size)``."""
+        return np.array(self.table, dtype=float)
+
+    @property
+    def size(self) -> int:
+        """How many columns."""
+        return len(self.table[0])
+
+    @property
+    def components(self) -> tuple[str, ...]:
+        """The names, or numbers from 0."""
+        return tuple(f".{name}" for name in self.names or range(self.size))
+
+    @property
+    def mean_vector(self) -> Array:
+        """Mean of the rows, ``(size,)``."""
+        mean: Array = self.array.mean(axis=0)
+        return mean
+
+    @property
+    def covariance(self) -> Array:
+        """Covariance ``(size, size)`` of the rows as all there is: divided by their number, not by one less."""
+        centred = self.array - self.mean_vector
+        value: Array = centred.T @ centred / len(self.table)
+        return value
+
+    def sample(self, variates: Array) -> Array:
+        """Return row ⌊u₀ n⌋ of n; the other uniform numbers are not used."""
+        chosen = np.floor(variates[0] * len(self.table)).astype(np.intp)
+        value: Array = self.array[chosen].T
+        return value
+
+    def support(self, direction: ArrayLike) -> float:
+        """Return the largest w·x of the rows."""
+        return float((self.array @ np.asarray(direction, dtype=float)).max())
+
+    def characteristic(self, frequency: ArrayLike) -> NDArray[np.complex128]:
+        """Return the mean of exp(i t·x) over the rows."""
+        t = np.asarray(frequency, dtype=float)
+        return in_chunks(lambda part: np.exp(1j * (self.array @ part)).mean(axis=0), t, len(self.table))

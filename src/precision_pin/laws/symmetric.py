@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from abc import abstractmethod
 from dataclasses import dataclass
 from typing import ClassVar, Final, Literal, final
 
@@ -11,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import special
 
 from precision_pin.errors import InputError
-from precision_pin.laws.law import Array, Law, check_finite, check_size
+from precision_pin.laws.law import FARTHEST_NORMAL, Array, Law, check_finite, check_size
 
 __all__ = ["Arcsine", "Fixed", "Normal", "Triangular", "TruncatedNormal", "Uniform"]
 
@@ -141,6 +142,11 @@ class Triangular(_ScalarLaw):
         """The half-width."""
         return self.half_width
 
+    @property
+    def breaks(self) -> tuple[float, ...]:
+        """One half: the density bends there."""
+        return (0.5,)
+
     def sample(self, variates: Array) -> Array:
         """Return the inverse of the cumulative law, from the nearer end."""
         tail = np.minimum(variates, 1 - variates)
@@ -180,6 +186,11 @@ class Normal(_ScalarLaw):
     def reach(self) -> float:
         """Infinite, unless σ is zero."""
         return math.inf if self.std else 0.0
+
+    def interval(self, number: int, farthest: float = FARTHEST_NORMAL) -> tuple[float, float]:
+        """Return mean ± farthest·σ."""
+        del number
+        return self.mean - farthest * self.std, self.mean + farthest * self.std
 
     def sample(self, variates: Array) -> Array:
         """Return mean + σ z."""
@@ -232,3 +243,34 @@ class TruncatedNormal(_ScalarLaw):
         faddeeva = special.wofz((1j * k - s) / math.sqrt(2))
         value: Array = np.exp(-(s**2) / 2) - (np.exp(-(k**2) / 2 - 1j * k * s) * faddeeva).real
         return value / math.erf(k / math.sqrt(2))
+
+
+@final
+@dataclass(frozen=True)
+class Arcsine(_ScalarLaw):
+    """Arcsine (U-shaped) on mean ± half_width: a sine wave met at a random moment (JCGM 101:2008, 6.4.6)."""
+
+    half_width: float
+    mean: float = 0.0
+
+    def __post_init__(self) -> None:
+        check_size("the half-width of an arcsine law", self.half_width)
+        check_finite("the mean of an arcsine law", self.mean)
+
+    @property
+    def variance(self) -> float:
+        """t²/2."""
+        return self.half_width**2 / 2
+
+    @property
+    def reach(self) -> float:
+        """The half-width."""
+        return self.half_width
+
+    def sample(self, variates: Array) -> Array:
+        """Return mean + t sin(π(u - 1/2))."""
+        return self.mean + self.half_width * np.sin(np.pi * (variates - 0.5))
+
+    def _deviation_characteristic(self, frequency: Array) -> Array:
+        value: Array = special.j0(frequency * self.half_width)
+        return value

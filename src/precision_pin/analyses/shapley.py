@@ -1,0 +1,120 @@
+"""Shapley values: what is worked out together, shared fairly.
+
+Source: Shapley, A value for n-person games (1953); as shares of a variance: Owen, SIAM/ASA Journal on Uncertainty
+Quantification 2 (2014); for correlated inputs: Song, Nelson and Staum, ibid. 4 (2016), Owen and Prieur, ibid. 5 (2017).
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable, Sequence
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from precision_pin.errors import InputError
+
+__all__ = ["MOST_PLAYERS", "effects", "explained", "values"]
+
+Array = NDArray[np.float64]
+
+MOST_PLAYERS: Final = 12
+"""The most players among whom a game is shared: every one of the 2^n coalitions is worked out."""
+
+DEPENDENT: Final = 1e-12
+"""Eigenvalues of a correlation matrix below this belong to numbers that follow from the others."""
+
+
+def values(players: int, worth: Callable[[tuple[int, ...]], Array]) -> Array:
+    """Return each player's Shapley value, exact, from all coalitions.
+
+    φ_i = Σ over S without i of |S|! (n - |S| - 1)! / n! · (v(S ∪ i) - v(S)).
+
+    Parameters
+    ----------
+    players
+        n, how many there are.
+    worth
+        v of a coalition (ascending players), numbers of any one shape, for the empty one too.
+
+    Raises
+    ------
+    InputError
+        More than twelve players.
+
+    Returns
+    -------
+    NDArray
+        ``(n, …)``; adds up to v(everybody) - v(nobody).
+    """
+    if players > MOST_PLAYERS:
+        raise InputError(f"{players} players of a Shapley value; at most {MOST_PLAYERS}")
+    everybody = range(players)
+    known = {
+        coalition: worth(coalition)
+        for size in range(players + 1)
+        for coalition in itertools.combinations(everybody, size)
+    }
+    result = np.zeros((players, *np.shape(known[()])))
+    for coalition, alone in known.items():
+        if len(coalition) == players:
+            continue
+        weight = 1 / (players * math.comb(players - 1, len(coalition)))
+        for player in set(everybody) - set(coalition):
+            result[player] += weight * (known[tuple(sorted((*coalition, player)))] - alone)
+    return result
+
+
+def explained(slopes: Array, covariance: Array, known: Sequence[int]) -> Array:
+    """Return what knowing some inputs explains of the variance of linear outputs.
+
+    v(S) = w Σ_·S Σ_SS⁺ Σ_S· wᵀ, the variance of the best linear prediction from them: Var(E[y | x_S]) for normal inputs.
+
+    Parameters
+    ----------
+    slopes
+        ``(m, d)`` derivatives of the outputs to the inputs.
+    covariance
+        ``(d, d)`` of the inputs; may be singular.
+    known
+        Columns of the inputs that are known.
+
+    Returns
+    -------
+    NDArray
+        ``(m,)``.
+    """
+    rows = [k for k in known if covariance[k, k] > 0]
+    if not rows:
+        return np.zeros(slopes.shape[0])
+    scale = np.sqrt(np.diag(covariance)[rows])
+    cross = slopes @ covariance[:, rows] / scale
+    correlation = covariance[np.ix_(rows, rows)] / np.outer(scale, scale)
+    inverse = np.linalg.pinv(correlation, rcond=DEPENDENT, hermitian=True)
+    result: Array = np.einsum("ij,jk,ik->i", cross, inverse, cross)
+    return result
+
+
+def effects(slopes: Array, covariance: Array, groups: Sequence[Sequence[int]]) -> Array:
+    """Return the Shapley effects ``(groups, m)`` of groups of inputs on the variances of linear outputs.
+
+    They add up to what all groups together explain; without correlation between groups they are the variance shares.
+
+    Parameters
+    ----------
+    slopes, covariance
+        As in :func:`explained`.
+    groups
+        Columns of each group.
+
+    Raises
+    ------
+    InputError
+        More than twelve groups.
+    """
+    return values(
+        len(groups),
+        lambda coalition: explained(slopes, covariance, [k for member in coalition for k in groups[member]]),
+    )

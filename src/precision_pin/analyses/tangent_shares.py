@@ -1,0 +1,201 @@
+"""Who causes how much of the variance and reach of the first-order model: by draw, source and place, in closed form."""
+
+from __future__ import annotations
+
+import math
+import typing
+from collections.abc import Iterable
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from precision_pin import se3
+from precision_pin.analyses import shapley
+from precision_pin.chain import Chain
+from precision_pin.laws import Law
+from precision_pin.model import ErrorModel, PoseModel
+from precision_pin.parameters import Component, Expression, Operation
+from precision_pin.space import Draw, Space
+from precision_pin.terms import JointValue, Source, Target
+
+__all__ = [
+    "by_component",
+    "by_draw",
+    "by_place",
+    "correlated_groups",
+    "owners",
+    "place_name",
+    "reaches",
+    "tangent_by_target",
+]
+
+Array = NDArray[np.float64]
+
+UNCORRELATED: Final = 1e-12
+"""Correlations up to this are rounding."""
+
+
+def correlated_groups(space: Space) -> tuple[tuple[int, ...], ...]:
+    """Return the draws, by number, in groups that are independent of one another, in column order."""
+    scale = np.sqrt(np.diag(space.covariance))
+    linked = np.abs(space.covariance) > UNCORRELATED * np.outer(scale, scale)
+    group_of = list(range(len(space.draws)))
+    for k, rows in enumerate(space.slices):
+        for other in range(k):
+            if linked[rows, space.slices[other]].any():
+                old, new = group_of[k], group_of[other]
+                group_of = [new if group == old else group for group in group_of]
+    return tuple(
+        tuple(k for k, group in enumerate(group_of) if group == first)
+        for first in sorted(set(group_of), key=group_of.index)
+    )
+
+
+def by_draw(at: PoseModel) -> Array:
+    """Return each draw's part of the variances of the tangent model, ``(draws, 6)``.
+
+    ``J_g Σ_g J_gᵀ``; where draws are correlated, their Shapley effects. Of more than twelve draws correlated with one
+    another, not-a-number.
+    """
+    result = np.full((len(at.space.draws), 6), np.nan)
+    for group in correlated_groups(at.space):
+        columns = [_columns(at.space, [k]) for k in group]
+        if len(group) <= shapley.MOST_PLAYERS:
+            result[list(group)] = shapley.effects(at.jacobian, at.space.covariance, columns)
+    return result
+
+
+def by_component(at: PoseModel, draw: int) -> Array | None:
+    """Return the parts of one draw's components, ``(size, 6)``: Shapley effects where they are correlated.
+
+    None for a single number, for a draw that is correlated with others, and for more than twelve correlated numbers.
+    """
+    columns = _columns(at.space, [draw])
+    if len(columns) == 1 or next(group for group in correlated_groups(at.space) if draw in group) != (draw,):
+        return None
+    covariance = at.space.covariance[np.ix_(columns, columns)]
+    jacobian = at.jacobian[:, columns]
+    if np.array_equal(covariance, np.diag(np.diag(covariance))):
+        plain: Array = (jacobian**2 * np.diag(covariance)).T
+        return plain
+    if len(columns) > shapley.MOST_PLAYERS:
+        return None
+    return shapley.effects(jacobian, covariance, [[k] for k in range(len(columns))])
+
+
+def reaches(at: PoseModel, bound_at: float) -> Array:
+    """Return how far each draw moves every component from its mean at the most, first order, ``(draws, 6)``, m and rad.
+
+    Half of the way from lowest to highest, ``(h(w) + h(-w))/2`` with w the draw's part of a row of J; k standard
+    deviations where the law is unbounded.
+    """
+    result = np.zeros((len(at.space.draws), 6))
+    for row, (draw, columns) in enumerate(zip(at.space.draws, at.space.slices, strict=True)):
+        for component, slopes in enumerate(at.jacobian[:, columns]):
+            reach = (draw.law.support(slopes) + draw.law.support(-slopes)) / 2
+            if not math.isfinite(reach):
+                reach = bound_at * math.sqrt(max(float(slopes @ draw.law.covariance @ slopes), 0.0))
+            result[row, component] = reach
+    return result
+
+
+def tangent_by_target(at: PoseModel) -> Array:
+    """Return what each target adds to the Jacobian of :attr:`PoseModel.tangent`, ``(K, 6, d)``; the sum is J."""
+    table, mean = at.table, at.space.mean
+    error, _ = at.tangent
+    moved = table.displacements(table.products(table.program.evaluate(mean[:, None])))[:, :, 0]
+    tip = table.pose[:3, 3] + error[:3]
+    turn = se3.left_jacobian_inverse(error[3:])
+    result = np.zeros((len(table.targets), 6, at.space.size))
+    motion = np.eye(4)
+    for k, slope in enumerate(table.displacement_slopes(mean)):
+        turning = se3.left_jacobian(moved[k, 3:]) @ slope[3:]
+        twist = np.concatenate([slope[:3] + se3.skew(moved[k, :3]) @ turning, turning])
+        frame = table.frames[k]
+        spatial = se3.adjoint(motion @ frame) @ twist
+        result[k] = np.concatenate([spatial[:3] - se3.skew(tip) @ spatial[3:], turn @ spatial[3:]])
+        motion = motion @ frame @ se3.displacement(moved[k]) @ se3.inverse(frame)
+    return result
+
+
+def by_place(at: PoseModel, chain: Chain) -> dict[str, Array]:
+    """Return each joint's and chain link's part of the variances, ``(6,)`` by name, base to tip.
+
+    The error is a sum over places, ``e = Σ e_p``; the part of one is ``Cov(e_p, e)``, the Shapley value of the game
+    v(S) = Var(Σ_S e_p). It is negative where a place undoes what others do with the same draws.
+    """
+    parts: dict[str, Array] = {}
+    for target, jacobian in zip(at.table.targets, tangent_by_target(at), strict=True):
+        name = place_name(target, chain)
+        parts[name] = parts.get(name, 0.0) + np.einsum("ij,jk,ik->i", jacobian, at.space.covariance, at.jacobian)
+    return parts
+
+
+def place_name(target: Target, chain: Chain) -> str:
+    """Return the joint whose value or seat a target is, or the chain link that carries it."""
+    joints = chain.joint_names
+    if isinstance(target, JointValue):
+        return joints[target.joint]
+    if target.is_seat:
+        return joints[target.link]
+    start = joints[target.link - 1] if target.link else chain.base
+    end = joints[target.link] if target.link < len(joints) else chain.tip
+    return f"link from {start} to {end}"
+
+
+def owners(error_model: ErrorModel) -> tuple[tuple[str, ...], ...]:
+    """Return for each draw the labels of the sources whose settings hold or name it, in the order of the sources."""
+    draw_of = {name: draw.name for draw in error_model.space.draws for name in draw.components}
+    found: dict[str, list[str]] = {draw.name: [] for draw in error_model.space.draws}
+    for source, label in zip(error_model.sources, error_model.labels, strict=True):
+        named = {draw_of[name] for name in _named(source) if name in draw_of}
+        for name in named | {draw.name for draw in source.draws(label)}:
+            found[name].append(label)
+    return tuple(tuple(found[draw.name]) for draw in error_model.space.draws)
+
+
+def _columns(space: Space, draws: Iterable[int]) -> list[int]:
+    return [column for k in draws for column in range(space.slices[k].start, space.slices[k].stop)]
+
+
+def _named(source: Source) -> set[str]:
+    """Return the parameters that a source's settings name; names of joints and links are in settings that take no law."""
+    hints = typing.get_type_hints(type(source))
+    names: set[str] = set()
+    for field, setting in source.settings().items():
+        if _takes_law(hints[field]):
+            names |= _names_in(setting)
+    return names
+
+
+def _takes_law(hint: Any) -> bool:
+    return hint is Law or any(_takes_law(part) for part in typing.get_args(hint))
+
+
+def _names_in(setting: object) -> set[str]:
+    match setting:
+        case str():
+            return {setting}
+        case Draw():
+            return set(setting.components)
+        case Component():
+            return {setting.name}
+        case Operation() as formula:
+            return _components_of(formula)
+        case tuple():
+            return {name for entry in setting for name in _names_in(entry)}
+        case _:
+            return set()
+
+
+def _components_of(formula: Operation) -> set[str]:
+    """Return what a formula names; parts that are shared are looked at once."""
+    seen: set[Expression] = set()
+    waiting: list[Expression] = [formula]
+    while waiting:
+        part = waiting.pop()
+        if part not in seen:
+            seen.add(part)
+            waiting += part.arguments if isinstance(part, Operation) else ()
+    return {part.name for part in seen if isinstance(part, Component)}
