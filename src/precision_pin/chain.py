@@ -406,9 +406,9 @@ class Posture:
         for joint, value in zip(self.chain.joints, self.q, strict=True):
             limit = joint.limit
             if limit is not None and joint.kind != "continuous" and not limit.lower <= value <= limit.upper:
-                message = (
-                    f"joint {joint.name} at {value:.6g} is outside its limits {limit.lower:.6g} to {limit.upper:.6g}"
-                )
+                scale, unit = (1.0, "m") if joint.kind == "prismatic" else (180 / np.pi, "deg")
+                stands, low, high = (f"{scale * x:.6g}" for x in (value, limit.lower, limit.upper))
+                message = f"joint {joint.name} at {stands} {unit} is outside its limits {low} to {high} {unit}"
                 found.append(Finding("warning", "W_JOINT_LIMIT", message, self.chain.robot.file, joint.line))
         return tuple(found)
 

@@ -8,12 +8,13 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Iterable
-from typing import Final
+from dataclasses import dataclass
+from typing import Final, final
 
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["philox4x32", "stream_of", "streams_of", "uniforms"]
+__all__ = ["Units", "philox4x32", "stream_of", "streams_of", "uniforms"]
 
 _MULTIPLIERS: Final = (np.uint64(0xD2511F53), np.uint64(0xCD9E8D57))
 _WEYL: Final = (0x9E3779B9, 0xBB67AE85)
@@ -104,3 +105,32 @@ def uniforms(seed: int, stream: int, occasion: int, first_pair: int, pairs: int)
     whole = (bits >> np.uint64(12)).astype(np.float64)
     result: NDArray[np.float64] = (2 * whole + 1) * 2.0**-53
     return result
+
+
+@final
+@dataclass(frozen=True)
+class Units:
+    """The random numbers of units ``first … first + count - 1``, for a 64-bit seed."""
+
+    seed: int
+    first: int
+    count: int
+
+    def uniforms(self, stream: int, word: int) -> NDArray[np.float64]:
+        """Return uniform numbers ``(count,)``."""
+        return self._in_order(self._pairs(stream, word))
+
+    def normals(self, stream: int, word: int) -> NDArray[np.float64]:
+        """Return normal numbers ``(count,)``: Box-Muller of each pair, cosine for the even unit, sine for the odd one."""
+        pairs = self._pairs(stream, word)
+        reach, turn = np.sqrt(-2 * np.log(pairs[0])), 2 * np.pi * pairs[1]
+        return self._in_order(np.array([reach * np.cos(turn), reach * np.sin(turn)]))
+
+    def _pairs(self, stream: int, word: int) -> NDArray[np.float64]:
+        first = self.first // 2
+        return uniforms(self.seed, stream, word, first, (self.first + self.count + 1) // 2 - first)
+
+    def _in_order(self, pairs: NDArray[np.float64]) -> NDArray[np.float64]:
+        skipped = self.first % 2
+        ordered: NDArray[np.float64] = pairs.T.reshape(-1)[skipped : skipped + self.count]
+        return ordered

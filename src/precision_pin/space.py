@@ -260,7 +260,7 @@ class Space:
         seed, first, count = int(seed), int(first), int(count)
         if first < 0 or count < 0 or first + count > 2**64:
             raise InputError(f"units {first} to {first + count} do not exist: from 0 to 2^64")
-        units = _Units(seed, first, count)
+        units = philox.Units(seed, first, count)
         x = np.empty((self.size, count))
         for draw, rows in zip(self.draws, self.slices, strict=True):
             if isinstance(draw.law, Fixed):
@@ -294,35 +294,6 @@ class Space:
         """Set the rows of correlated draws in ``x`` from independent normal numbers."""
         for name, scores in zip(correlation.names, correlation.mix(normals), strict=True):
             x[self.index[name]] = self._correlated[name].law.at_scores(scores[None])[0]
-
-
-@final
-@dataclass(frozen=True)
-class _Units:
-    """The random numbers of units ``first … first + count - 1``."""
-
-    seed: int
-    first: int
-    count: int
-
-    def uniforms(self, stream: int, word: int) -> Array:
-        """Return uniform numbers ``(count,)``."""
-        return self._in_order(self._pairs(stream, word))
-
-    def normals(self, stream: int, word: int) -> Array:
-        """Return normal numbers ``(count,)``."""
-        pairs = self._pairs(stream, word)
-        reach, turn = np.sqrt(-2 * np.log(pairs[0])), 2 * np.pi * pairs[1]
-        return self._in_order(np.array([reach * np.cos(turn), reach * np.sin(turn)]))
-
-    def _pairs(self, stream: int, word: int) -> Array:
-        first = self.first // 2
-        return philox.uniforms(self.seed, stream, word, first, (self.first + self.count + 1) // 2 - first)
-
-    def _in_order(self, pairs: Array) -> Array:
-        skipped = self.first % 2
-        ordered: Array = pairs.T.reshape(-1)[skipped : skipped + self.count]
-        return ordered
 
 
 def check_seed(seed: int) -> None:

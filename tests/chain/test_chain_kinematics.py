@@ -256,7 +256,7 @@ def test_values_outside_the_limits_are_warned_about():
     assert chain.at([1.9]).findings == ()
     (finding,) = chain.at([2.1]).findings
     assert (finding.severity, finding.code) == ("warning", "W_JOINT_LIMIT")
-    assert "joint j at 2.1 is outside its limits -1 to 2" in finding.message
+    assert "joint j at 120.321 deg is outside its limits -57.2958 to 114.592 deg" in finding.message
 
 
 def test_mimic_joints():

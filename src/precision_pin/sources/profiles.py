@@ -16,7 +16,7 @@ from precision_pin import sections, units
 from precision_pin.errors import InputError, UnknownNameError
 from precision_pin.parameters import Component, Value
 from precision_pin.sections import MATERIALS, Section
-from precision_pin.space import FARTHEST_NORMAL, LabelledSpace, Setting
+from precision_pin.space import LabelledSpace, Setting
 
 __all__ = ["Profile", "Segment", "Stretch", "ends", "stretches"]
 
@@ -292,16 +292,5 @@ def _extreme(space: LabelledSpace, value: Value, sign: int) -> float:
         return float(value)
     if not isinstance(value, Component):
         return -sign * math.inf
-    column = space.space.index[value.name]
-    (law, first), *_ = (
-        (draw.law, rows.start)
-        for draw, rows in zip(space.space.draws, space.space.slices, strict=True)
-        if rows.start <= column < rows.stop
-    )
-    direction = np.zeros(law.size)
-    direction[column - first] = sign
-    reach = law.support(direction)
-    if math.isfinite(reach):
-        return sign * reach
-    deviation = math.sqrt(law.covariance[column - first, column - first])
-    return float(space.space.mean[column]) + sign * FARTHEST_NORMAL * deviation
+    low, high = space.space.intervals[space.space.index[value.name]]
+    return high if sign > 0 else low
