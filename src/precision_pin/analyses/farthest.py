@@ -166,7 +166,8 @@ def _ascend(touch: Callable[[Array], Array], directions: Array) -> Array:
 
     |z| never falls: the farthest point along z/|z| is no nearer than z.
     """
-    best, place = 0.0, directions[0]
+    best = 0.0
+    place: Array = directions[0]
     for _ in range(_ASCENTS):
         points = touch(directions)
         sizes = np.linalg.norm(points, axis=1)
@@ -184,7 +185,7 @@ def _sphere() -> Array:
     golden = (1 + math.sqrt(5)) / 2
     corners = np.array([[0, a, b * golden] for a in (-1, 1) for b in (-1, 1)])
     corners = np.concatenate([np.roll(corners, k, axis=1) for k in range(3)]) / math.hypot(1, golden)
-    triangles = corners[ConvexHull(corners).simplices]
+    triangles: Array = corners[ConvexHull(corners).simplices]
     for _ in range(2):
         triangles, _ = _quartered(triangles, np.zeros(triangles.shape[:2]), lambda places: np.zeros(len(places)))
     return triangles

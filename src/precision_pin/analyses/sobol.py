@@ -16,7 +16,16 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
-__all__ = ["REPLICATES", "Estimates", "Indices", "jackknife", "quantiles", "scrambled_points", "sobol_indices"]
+__all__ = [
+    "REPLICATES",
+    "Estimates",
+    "Indices",
+    "jackknife",
+    "quantile_changes",
+    "quantiles",
+    "scrambled_points",
+    "sobol_indices",
+]
 
 Array = NDArray[np.float64]
 
@@ -108,15 +117,41 @@ def jackknife(statistic: Callable[[NDArray[np.bool_]], Array], confidence: float
 
 
 def quantiles(samples: Array, probability: float, confidence: float) -> Estimates:
-    """Return a quantile of every row of ``(rows, REPLICATES · points)`` with its interval."""
-    split = samples.reshape(samples.shape[0], REPLICATES, -1)
+    """Return a quantile of every row of ``(rows, REPLICATES · n)`` with its interval."""
+    return jackknife(lambda used: _quantile(samples, probability, used), confidence)
+
+
+def quantile_changes(
+    samples: Array, before: Array, probability: float, confidence: float
+) -> tuple[Estimates, Estimates]:
+    """Return a quantile of every row, and how much it is above that of ``before``, which has the same random numbers.
+
+    Parameters
+    ----------
+    samples, before
+        ``(rows, REPLICATES · n)``.
+    probability
+        Which quantile.
+    confidence
+        Of the intervals.
+    """
+    rows = samples.shape[0]
 
     def statistic(used: NDArray[np.bool_]) -> Array:
-        kept = split[:, used].reshape(samples.shape[0], -1)
-        result: Array = np.quantile(kept, probability, axis=1, method="hazen")
-        return result
+        new = _quantile(samples, probability, used)
+        return np.concatenate([new, new - _quantile(before, probability, used)])
 
-    return jackknife(statistic, confidence)
+    both = jackknife(statistic, confidence)
+    return (
+        Estimates(both.value[:rows], both.half_width[:rows]),
+        Estimates(both.value[rows:], both.half_width[rows:]),
+    )
+
+
+def _quantile(samples: Array, probability: float, used: NDArray[np.bool_]) -> Array:
+    kept = _split(samples)[:, used].reshape(samples.shape[0], -1)
+    result: Array = np.quantile(kept, probability, axis=1, method="hazen")
+    return result
 
 
 def sobol_indices(

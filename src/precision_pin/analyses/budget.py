@@ -1,0 +1,382 @@
+"""The error budget: who causes how much of the spread of the pose error, and what a tighter tolerance would change.
+
+Closed form on the tangent model beside Sobol indices of the exact model; the two agree as far as the model is linear.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from typing import Final
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from precision_pin import kernel
+from precision_pin.analyses import sobol
+from precision_pin.analyses.budget_result import (
+    VECTORS,
+    BudgetResult,
+    DrawShare,
+    Estimate,
+    Group,
+    Halved,
+    PlaceShare,
+    PoseBudget,
+    Shares,
+    SourceShare,
+    Sums,
+)
+from precision_pin.analyses.tangent_shares import (
+    by_component,
+    by_draw,
+    by_place,
+    correlated_groups,
+    owners,
+    reaches,
+)
+from precision_pin.errors import InputError
+from precision_pin.model import ErrorModel, PoseModel
+from precision_pin.space import check_seed
+from precision_pin.statistics import COMPONENTS as COMPONENT_ROWS
+from precision_pin.statistics import NORMS as NORM_ROWS
+from precision_pin.statistics import QUANTITIES, quantity_values
+
+__all__ = ["budget"]
+
+Array = NDArray[np.float64]
+Pose = ArrayLike | Mapping[str, float] | str
+
+ROUNDING: Final = 1e-14
+"""Spreads (m, rad) up to this are rounding."""
+
+MARKED: Final = 0.95
+"""Probability of the quantile that a halved tolerance is judged by."""
+
+NONLINEAR: Final = 0.01
+"""Closed form and sampling differ where their shares do by more than this, intervals aside."""
+
+COMPONENTS: Final = tuple(QUANTITIES[row] for row in COMPONENT_ROWS)
+NORMS: Final = tuple(QUANTITIES[row] for row in NORM_ROWS)
+
+_SAMPLED: Final = (*VECTORS, *QUANTITIES)
+_TOGETHER: Final = np.array(
+    [[float(quantity in COMPONENTS and quantity.startswith(vector)) for quantity in QUANTITIES] for vector in VECTORS]
+    + [[float(quantity == other) for other in QUANTITIES] for quantity in QUANTITIES]
+)
+
+
+def budget(
+    error_model: ErrorModel,
+    poses: Pose | Sequence[Pose] | None = None,
+    /,
+    *,
+    seed: int = 0,
+    samples: int = 16_384,
+    confidence: float = 0.95,
+    bound_at: float = 3.0,
+) -> BudgetResult:
+    """Return the error budget at one or several poses.
+
+    Parameters
+    ----------
+    error_model
+        Chain, draws and sources.
+    poses
+        The first pose if left out; a pose's name, joint values in chain order or by name; or a list of such.
+    seed
+        64-bit seed of the sampled indices and quantiles.
+    samples
+        Points of each of the two sets that pick-freeze starts from: 16 independent scrambles of a power of two. The exact
+        model is evaluated about ``samples · (2 + 2 · draws)`` times.
+    confidence
+        Of every interval, each by itself.
+    bound_at
+        How many standard deviations unbounded laws reach in the share of the worst case.
+
+    Raises
+    ------
+    InputError
+        A wrong pose, seed, number of samples, confidence or bound; errors too large to compute with.
+    """
+    check_seed(seed)
+    check_points(samples)
+    if not 0 < confidence < 1:
+        raise InputError(f"confidence {confidence!r}; it must lie above 0 and below 1")
+    if not 0 < bound_at < np.inf:
+        raise InputError(f"bound_at {bound_at!r}; it must be positive and finite, in standard deviations")
+    chain = error_model.chain
+    return BudgetResult(
+        robot=os.path.basename(chain.robot.file),
+        base=chain.base,
+        tip=chain.tip,
+        seed=int(seed),
+        statics=error_model.statics,
+        samples=int(samples),
+        confidence=confidence,
+        bound_at=bound_at,
+        marked=MARKED,
+        poses=tuple(_at_pose(error_model, pose, seed, samples, confidence, bound_at) for pose in _listed(poses)),
+    )
+
+
+def check_points(samples: int) -> None:
+    """Refuse a number of points that is not 16 times a power of two from 64 to 2²⁰.
+
+    Raises
+    ------
+    InputError
+        It is not.
+    """
+    allowed = [sobol.REPLICATES << k for k in range(6, 21)]
+    if isinstance(samples, bool) or samples not in allowed:
+        raise InputError(
+            f"the number of samples must be {sobol.REPLICATES} times a power of two from 64 to 2^20 "
+            f"({allowed[0]}, {allowed[1]}, … {allowed[-1]}), got {samples!r}"
+        )
+
+
+def _listed(poses: Pose | Sequence[Pose] | None) -> list[Pose | None]:
+    """Return poses one by one: numbers in a row are one pose, anything else in a row is several."""
+    if poses is None or isinstance(poses, str | Mapping):
+        return [poses]
+    rows = list(poses) if isinstance(poses, Sequence | np.ndarray) else [poses]
+    if not rows:
+        raise InputError("no poses; leave them out for the first pose of the model")
+    several = any(isinstance(row, str | Mapping | Sequence | np.ndarray) and np.ndim(row) != 0 for row in rows)
+    several = several or any(isinstance(row, str | Mapping) for row in rows)
+    return list(rows) if several else [poses]  # type: ignore[list-item]
+
+
+def _at_pose(
+    error_model: ErrorModel, pose: Pose | None, seed: int, samples: int, confidence: float, bound_at: float
+) -> PoseBudget:
+    try:
+        with np.errstate(over="raise"):
+            at = error_model.at(pose)
+            variances = np.diag(at.covariance).copy()
+    except (OverflowError, FloatingPointError):
+        raise InputError(
+            "the errors at this pose are beyond any number; the tolerances or loads are far too large"
+        ) from None
+    groups = correlated_groups(at.space)
+    shares = by_draw(at)
+    sampled = _Sampled(at, groups, seed, samples, confidence)
+    names = [draw.name for draw in at.space.draws]
+    halved = sampled.halved()
+    reach = reaches(at, bound_at)
+    return PoseBudget(
+        pose_name=error_model.pose_name(pose),
+        q=dict(zip(error_model.chain.joint_names, map(float, at.posture.q), strict=True)),
+        sliding_joints=tuple(joint.name for joint in error_model.chain.joints if joint.kind == "prismatic"),
+        nominal=tuple(map(float, at.tangent[0])),
+        std=_deviations(variances),
+        quantile=dict(zip(NORMS, sampled.quantiles, strict=True)),
+        reach=dict(zip(COMPONENTS, map(float, reach.sum(axis=0)), strict=True)),
+        draws=tuple(
+            DrawShare(
+                name=name,
+                scope=at.space.draws[k].scope.value,
+                unbounded=not np.isfinite(
+                    [at.space.draws[k].law.support(w) for w in at.jacobian[:, at.space.slices[k]]]
+                ).all(),
+                share=_shares(shares[k], variances),
+                components=_component_shares(at, k, variances),
+                reach=dict(zip(COMPONENTS, map(float, reach[k]), strict=True)),
+                worst_case=_worst(reach[k], reach.sum(axis=0)),
+                halved=halved[k],
+            )
+            for k, name in enumerate(names)
+        ),
+        groups=sampled.groups(shares, variances),
+        sources=_sources(error_model, shares, variances),
+        places=tuple(
+            PlaceShare(name, _shares(part, variances)) for name, part in by_place(at, error_model.chain).items()
+        ),
+        sums=sampled.sums(shares, variances),
+        warnings=tuple(str(finding) for finding in (*at.findings("exact"), *error_model.statics_findings(at))),
+    )
+
+
+class _Sampled:
+    """What the exact model gives at one pose."""
+
+    def __init__(
+        self, at: PoseModel, groups: Sequence[tuple[int, ...]], seed: int, samples: int, confidence: float
+    ) -> None:
+        self.at, self.confidence, self.group_draws = at, confidence, groups
+        self.layout = kernel.compile_table(at)
+        size, slices = at.space.size, at.space.slices
+        self.random = [bool(np.diag(at.space.covariance)[rows].any()) for rows in slices]
+        points = sobol.scrambled_points(2 * size, seed, samples // sobol.REPLICATES) if size else np.zeros((0, samples))
+        self.points = points[:size]
+        # groups that do not vary need no sampling: their indices are zero
+        self.sampled = [k for k, group in enumerate(groups) if any(self.random[draw] for draw in group)]
+        self.indices = sobol.sobol_indices(
+            lambda uniforms: quantity_values(self._errors(at.space.inverse(uniforms))),
+            self.points,
+            points[size:],
+            [np.concatenate([np.arange(size)[slices[draw]] for draw in groups[k]]) for k in self.sampled],
+            outputs=_TOGETHER,
+            smallest=ROUNDING**2,
+            confidence=confidence,
+        )
+        self.x = at.space.inverse(self.points)
+        self.norms = self._norms(self.x)
+        self.quantiles = _estimates(sobol.quantiles(self.norms, MARKED, confidence))
+
+    def _errors(self, x: Array) -> Array:
+        return kernel.errors_at(self.layout, "exact", x)
+
+    def _norms(self, x: Array) -> Array:
+        return quantity_values(self._errors(x))[list(NORM_ROWS)]
+
+    def halved(self) -> list[Halved]:
+        """Return what halving every draw's deviation from its mean gives, one draw at a time, same numbers otherwise."""
+        return [self._halved(k) for k in range(len(self.random))]
+
+    def _halved(self, draw: int) -> Halved:
+        rows = self.at.space.slices[draw]
+        factors = np.ones(self.at.space.size)
+        factors[rows] = 0.5
+        covariance = self.at.space.covariance * np.outer(factors, factors)
+        variances = np.einsum("ij,jk,ik->i", self.at.jacobian, covariance, self.at.jacobian)
+        if not self.random[draw]:
+            none = Estimate(0.0, (0.0, 0.0))
+            return Halved(
+                _deviations(variances), dict(zip(NORMS, self.quantiles, strict=True)), dict.fromkeys(NORMS, none)
+            )
+        x = self.x.copy()
+        mean = self.at.space.mean[rows, None]
+        x[rows] = mean + (x[rows] - mean) / 2
+        values, changes = sobol.quantile_changes(self._norms(x), self.norms, MARKED, self.confidence)
+        return Halved(
+            _deviations(variances),
+            dict(zip(NORMS, _estimates(values), strict=True)),
+            dict(zip(NORMS, _estimates(changes), strict=True)),
+        )
+
+    def groups(self, shares: Array, variances: Array) -> tuple[Group, ...]:
+        """Return the indices of every group beside the closed form."""
+        names = [draw.name for draw in self.at.space.draws]
+        nothing = Estimate(0.0, (0.0, 0.0))
+        none = {quantity: nothing if spread else None for quantity, spread in self._spreads().items()}
+        result = []
+        for k, group in enumerate(self.group_draws):
+            closed = _shares(_together(self.at, group, shares), variances)
+            first = self._row(self.indices.first, k) if k in self.sampled else none
+            total = self._row(self.indices.total, k) if k in self.sampled else none
+            result.append(
+                Group(
+                    draws=tuple(names[draw] for draw in group),
+                    share=closed,
+                    first=first,
+                    total=total,
+                    nonlinear=tuple(
+                        quantity for quantity in closed if _differs(closed[quantity], first[quantity], total[quantity])
+                    ),
+                )
+            )
+        return tuple(result)
+
+    def sums(self, shares: Array, variances: Array) -> dict[str, Sums]:
+        """Return the sum checks of every quantity."""
+        parts = [_together(self.at, group, shares) for group in self.group_draws]
+        closed = _shares(np.sum(parts, axis=0) if parts else np.zeros(6), variances)
+        deviations = _deviations(variances)
+        first = _named(self.indices.first_sum)
+        variance = _named(self.indices.variance)
+        result = {}
+        for quantity in _SAMPLED:
+            spread = variance[quantity]
+            assert spread is not None
+            result[quantity] = Sums(closed.get(quantity), first[quantity], deviations.get(quantity), spread)
+        return result
+
+    def _row(self, estimates: sobol.Estimates, group: int) -> dict[str, Estimate | None]:
+        k = self.sampled.index(group)
+        return _named(sobol.Estimates(estimates.value[k], estimates.half_width[k]))
+
+    def _spreads(self) -> dict[str, bool]:
+        return dict(zip(_SAMPLED, (self.indices.variance.value > ROUNDING**2).tolist(), strict=True))
+
+
+def _together(at: PoseModel, group: tuple[int, ...], shares: Array) -> Array:
+    """Return a group's part of the variances, ``(6,)``; worked out whole where it was too large to be shared."""
+    part: Array = shares[list(group)].sum(axis=0)
+    if np.isfinite(part).all():
+        return part
+    columns = np.concatenate([np.arange(at.space.size)[at.space.slices[draw]] for draw in group])
+    jacobian = at.jacobian[:, columns]
+    whole: Array = np.einsum("ij,jk,ik->i", jacobian, at.space.covariance[np.ix_(columns, columns)], jacobian)
+    return whole
+
+
+def _differs(closed: float | None, first: Estimate | None, total: Estimate | None) -> bool:
+    if first is None or total is None:
+        return False
+    shares = 0.0 if closed is None else closed
+    return any(abs(index.value - shares) > NONLINEAR + index.half_width for index in (first, total))
+
+
+def _shares(parts: Array, variances: Array) -> Shares:
+    """Return parts of the six variances as shares, of the components and of both vectors; None where nothing varies."""
+    values: list[tuple[str, float, float]] = [
+        (vector, float(parts[rows].sum()), float(variances[rows].sum()))
+        for vector, rows in zip(VECTORS, (slice(0, 3), slice(3, 6)), strict=True)
+    ]
+    values += zip(COMPONENTS, map(float, parts), map(float, variances), strict=True)
+    return {name: part / whole if whole > ROUNDING**2 and np.isfinite(part) else None for name, part, whole in values}
+
+
+def _component_shares(at: PoseModel, draw: int, variances: Array) -> dict[str, Shares]:
+    parts = by_component(at, draw)
+    if parts is None:
+        return {}
+    names = at.space.draws[draw].components
+    return {name: _shares(part, variances) for name, part in zip(names, parts, strict=True)}
+
+
+def _worst(part: Array, whole: Array) -> Shares:
+    return {
+        name: float(one / every) if every > ROUNDING else None
+        for name, one, every in zip(COMPONENTS, part, whole, strict=True)
+    }
+
+
+def _deviations(variances: Array) -> dict[str, float]:
+    """Return standard deviations of the components, and of the vectors the root of the sum of their squares."""
+    squares = dict(zip(VECTORS, (variances[:3].sum(), variances[3:].sum()), strict=True))
+    squares |= dict(zip(COMPONENTS, variances, strict=True))
+    return {name: float(np.sqrt(max(square, 0.0))) for name, square in squares.items()}
+
+
+def _sources(error_model: ErrorModel, shares: Array, variances: Array) -> tuple[SourceShare, ...]:
+    """Return one line for each source with draws of its own and one for each draw that several sources share."""
+    lines: dict[tuple[str, ...], list[int]] = {}
+    for k, labels in enumerate(owners(error_model)):
+        name = error_model.space.draws[k].name
+        key = labels if len(labels) == 1 else (*labels, name)
+        lines.setdefault(key, []).append(k)
+    return tuple(
+        SourceShare(
+            sources=key if len(key) == 1 else key[:-1],
+            draws=tuple(error_model.space.draws[k].name for k in rows),
+            share=_shares(shares[rows].sum(axis=0), variances),
+        )
+        for key, rows in lines.items()
+    )
+
+
+def _named(estimates: sobol.Estimates) -> dict[str, Estimate | None]:
+    return {
+        name: None if np.isnan(estimate.value) else estimate
+        for name, estimate in zip(_SAMPLED, _estimates(estimates), strict=True)
+    }
+
+
+def _estimates(estimates: sobol.Estimates) -> list[Estimate]:
+    return [
+        Estimate(float(value), (float(value - half), float(value + half)))
+        for value, half in zip(estimates.value, estimates.half_width, strict=True)
+    ]

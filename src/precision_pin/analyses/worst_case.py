@@ -1,0 +1,508 @@
+"""The worst case: how large the pose error can become if every draw does its worst at once.
+
+The first-order model e = e0 + J (x - x̄) over the supports of the draws is bounded from above, certified; the exact model
+is searched from below. Reads the term table and the tangent only.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Final, final
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from precision_pin import kernel
+from precision_pin.analyses.farthest import Farthest, farthest, quadratic_bound
+from precision_pin.analyses.supports import Supports
+from precision_pin.errors import Finding, InputError
+from precision_pin.model import ErrorModel, PoseModel
+from precision_pin.result import versions
+from precision_pin.run import Progress, monte_carlo
+from precision_pin.statistics import Distribution
+
+__all__ = [
+    "SCHEMA",
+    "ComponentBound",
+    "Contribution",
+    "ExactMaximum",
+    "NormBound",
+    "PoseWorstCase",
+    "WorstCaseResult",
+    "worst_case",
+]
+
+Array = NDArray[np.float64]
+Pose = ArrayLike | Mapping[str, float] | str | None
+
+SCHEMA: Final = "precision-pin/worst-case/1"
+SEEN_LEVEL: Final = 0.9973
+"""Which quantile of the samples stands beside the bound."""
+
+MOST_KEPT: Final = 1_000_000
+"""Up to so many samples the largest one is among the starting points of the search of the exact model."""
+
+_COMPONENTS: Final = tuple(f"{vector}.{axis}" for vector in ("position", "attitude") for axis in "xyz")
+_NORMS: Final = {"position.norm": slice(0, 3), "attitude.norm": slice(3, 6)}
+_EXCHANGES: Final = 100
+_STEP: Final = 1e-4
+_GAIN: Final = 1e-12
+
+
+@final
+@dataclass(frozen=True)
+class Contribution:
+    """What a draw adds to the worst first-order error of a norm (m or rad); zero or more if its mean is central."""
+
+    draw: str
+    value: float
+
+
+@final
+@dataclass(frozen=True)
+class ComponentBound:
+    """Ends between which a component of the first-order model lies (m or rad), and the smallest and largest seen."""
+
+    quantity: str
+    low: float
+    high: float
+    seen: tuple[float, float]
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class ExactMaximum:
+    """The largest error of the exact model that a local search found: a lower bound of the largest there is.
+
+    Attributes
+    ----------
+    norm, error
+        |d| or |δ| (m, rad) and the whole error ``(6,)``.
+    parameters
+        Where: values of all components, SI.
+    starts
+        From how many points the search went.
+    """
+
+    norm: float
+    error: Array
+    parameters: Mapping[str, float]
+    starts: int
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class NormBound:
+    """The worst case of |d| or |δ|.
+
+    Attributes
+    ----------
+    quantity
+        ``"position.norm"`` or ``"attitude.norm"``.
+    first_order
+        The largest norm of the first-order model and the direction of that error.
+    nominal
+        What the error at the means adds, u·e0 along that direction u (m, rad).
+    contributions
+        What each draw adds, h(Jᵀu), largest first; with ``nominal`` they add up to the worst case.
+    parameters
+        Values of the components that attain it, SI.
+    exact_error
+        The exact model's error there, ``(6,)``.
+    exact_norm
+        Its norm.
+    found
+        The largest error of the exact model found.
+    seen
+        The distribution of the samples; its ``max`` is the largest seen.
+    """
+
+    quantity: str
+    first_order: Farthest
+    nominal: float
+    contributions: tuple[Contribution, ...]
+    parameters: Mapping[str, float]
+    exact_error: Array
+    exact_norm: float
+    found: ExactMaximum
+    seen: Distribution
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the numbers, SI."""
+        bound = self.first_order
+        interval = self.seen.quantile_interval(SEEN_LEVEL)
+        return {
+            "first_order": {
+                "lower": bound.lower,
+                "upper": bound.upper,
+                "certified": bound.certified,
+                "cells": bound.cells,
+                "direction": bound.direction.tolist(),
+                "nominal": self.nominal,
+                "contributions": {entry.draw: entry.value for entry in self.contributions},
+                "parameters": dict(self.parameters),
+            },
+            "exact_there": {"norm": self.exact_norm, "error": self.exact_error.tolist()},
+            "exact_found": {
+                "norm": self.found.norm,
+                "error": self.found.error.tolist(),
+                "parameters": dict(self.found.parameters),
+                "starts": self.found.starts,
+            },
+            "seen": {
+                "max": self.seen.max,
+                "quantile": {str(SEEN_LEVEL): self.seen.quantile(SEEN_LEVEL)},
+                "quantile_interval": {str(SEEN_LEVEL): None if interval is None else list(interval)},
+            },
+        }
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class PoseWorstCase:
+    """The worst case at one pose.
+
+    Attributes
+    ----------
+    pose_name, q, sliding_joints
+        The pose, as in :class:`precision_pin.result.Analysis`.
+    error_at_means
+        e0, ``(6,)``.
+    components
+        The six components of the error.
+    position, attitude
+        |d| and |δ|.
+    """
+
+    pose_name: str
+    q: Mapping[str, float]
+    sliding_joints: tuple[str, ...]
+    error_at_means: Array
+    components: tuple[ComponentBound, ...]
+    position: NormBound
+    attitude: NormBound
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the numbers, SI."""
+        return {
+            "pose": {"name": self.pose_name, "q": dict(self.q)},
+            "nominal": {"position": self.error_at_means[:3].tolist(), "attitude": self.error_at_means[3:].tolist()},
+            "components": {
+                entry.quantity: {"first_order": [entry.low, entry.high], "seen": list(entry.seen)}
+                for entry in self.components
+            },
+            "position": self.position.to_dict(),
+            "attitude": self.attitude.to_dict(),
+        }
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class WorstCaseResult:
+    """The worst case at one pose or several, with all that is needed to reproduce it.
+
+    Attributes
+    ----------
+    robot, base, tip, statics
+        Of the error model.
+    seed, samples, confidence
+        Of what is shown beside the bounds.
+    k
+        Where unbounded laws are cut, standard deviations.
+    cut
+        The draws whose laws were cut.
+    draws
+        How many draws there are.
+    poses
+        One entry for each pose.
+    warnings
+        One line each.
+    """
+
+    robot: str
+    base: str
+    tip: str
+    statics: str
+    seed: int
+    samples: int
+    confidence: float
+    k: float
+    cut: tuple[str, ...]
+    draws: int
+    poses: tuple[PoseWorstCase, ...]
+    warnings: tuple[str, ...] = ()
+
+    @property
+    def assumptions(self) -> tuple[str, ...]:
+        """What the numbers rest on, one sentence each."""
+        cut = (
+            f"unbounded laws are cut at k = {self.k:g} standard deviations, beyond which samples may lie: "
+            f"{', '.join(self.cut)}"
+            if self.cut
+            else "every law is bounded"
+        )
+        return (
+            "the bound is that of the first-order model about the means; the exact model may go beyond it",
+            "the exact maximum is the largest that a local search found, a lower bound of the largest there is",
+            cut,
+        )
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the result as the ``precision-pin/worst-case/1`` schema has it, SI units."""
+        return {
+            "schema": SCHEMA,
+            "complete": True,
+            "robot": self.robot,
+            "base": self.base,
+            "tip": self.tip,
+            "axes": "base",
+            "samples": self.samples,
+            "seed": self.seed,
+            "model": "exact",
+            "statics": self.statics,
+            "confidence": self.confidence,
+            "k": self.k,
+            "cut": list(self.cut),
+            "assumptions": list(self.assumptions),
+            "versions": versions(),
+            "warnings": list(self.warnings),
+            "poses": [pose.to_dict() for pose in self.poses],
+        }
+
+    def to_json(self) -> str:
+        """Return :meth:`to_dict` as text; what the samples do not resolve is null."""
+        return json.dumps(self.to_dict(), indent=2, ensure_ascii=False, allow_nan=False)
+
+
+def worst_case(
+    error_model: ErrorModel,
+    poses: Pose | Sequence[Pose] = None,
+    *,
+    seed: int = 0,
+    samples: int = 100_000,
+    k: float = 3.0,
+    confidence: float = 0.95,
+    findings: Sequence[Finding] = (),
+    progress: Progress | None = None,
+) -> WorstCaseResult:
+    """Bound the error of the first-order model over the supports of the draws, and search the exact model.
+
+    A component i lies within e0ᵢ ± h(± Jᵀeᵢ), h the sum of the draws' support functions. The norm is at most the largest
+    u·e0 + h(Jᵀu) over unit vectors u, found globally by branch and bound; see :mod:`precision_pin.analyses.farthest`.
+
+    Parameters
+    ----------
+    error_model
+        Chain, draws and sources.
+    poses
+        A pose (a name, joint values, or None for the model's first) or a list of such.
+    seed, samples, confidence
+        Of the samples of the exact model that are shown beside the bounds.
+    k
+        Where unbounded laws are cut, standard deviations.
+    findings
+        Warnings to carry along, such as those of the sheet.
+    progress
+        Told how many samples have been added since it was last called.
+
+    Raises
+    ------
+    InputError
+        A wrong pose, seed, k or number of samples, an unbounded law that cannot be cut, or errors too large to compute.
+    """
+    supports = Supports.of(error_model.space, k)
+    chosen = _listed(poses)
+    results, warnings = [], [str(finding) for finding in findings]
+    for q in chosen:
+        result, found = _at_pose(error_model, q, supports, seed, samples, confidence, progress)
+        results.append(result)
+        warnings += [line for line in found if line not in warnings]
+    chain = error_model.chain
+    return WorstCaseResult(
+        robot=os.path.basename(chain.robot.file),
+        base=chain.base,
+        tip=chain.tip,
+        statics=error_model.statics,
+        seed=int(seed),
+        samples=int(samples),
+        confidence=confidence,
+        k=float(k),
+        cut=supports.cut,
+        draws=len(error_model.space.draws),
+        poses=tuple(results),
+        warnings=tuple(warnings),
+    )
+
+
+def _listed(poses: Pose | Sequence[Pose]) -> list[Pose]:
+    if isinstance(poses, list | tuple) and any(not isinstance(entry, int | float | np.number) for entry in poses):
+        return list(poses)
+    if isinstance(poses, np.ndarray) and poses.ndim == 2:
+        return list(poses)
+    if isinstance(poses, list | tuple | np.ndarray) and len(poses) == 0:
+        raise InputError("no poses are given; name at least one, or leave poses out for the model's first")
+    return [poses]  # type: ignore[list-item]
+
+
+def _at_pose(
+    error_model: ErrorModel,
+    q: Pose,
+    supports: Supports,
+    seed: int,
+    samples: int,
+    confidence: float,
+    progress: Progress | None,
+) -> tuple[PoseWorstCase, tuple[str, ...]]:
+    analysis = monte_carlo(
+        error_model, q, samples=samples, seed=seed, confidence=confidence, keep_samples=samples <= MOST_KEPT,
+        progress=progress,
+    )  # fmt: skip
+    at = error_model.at(q)
+    error, jacobian = at.tangent
+    reach_up = supports.heights(jacobian).sum(axis=0)
+    reach_down = supports.heights(-jacobian).sum(axis=0)
+    components = []
+    for row, quantity in enumerate(_COMPONENTS):
+        seen = analysis.summary.distribution(quantity)
+        low, high = float(error[row] - reach_down[row]), float(error[row] + reach_up[row])
+        components.append(ComponentBound(quantity, low, high, (seen.min, seen.max)))
+    layout = kernel.compile_table(at)
+    norms = []
+    for quantity, rows in _NORMS.items():
+        sampled = None
+        if analysis.errors is not None:
+            largest = int(np.linalg.norm(analysis.errors[rows], axis=0).argmax())
+            sampled = at.space.sample(seed, largest, 1)[:, 0]
+        norms.append(_bound(at, layout, supports, rows, quantity, analysis.summary.distribution(quantity), sampled))
+    result = PoseWorstCase(
+        pose_name=analysis.pose_name,
+        q=analysis.q,
+        sliding_joints=analysis.sliding_joints,
+        error_at_means=error,
+        components=tuple(components),
+        position=norms[0],
+        attitude=norms[1],
+    )
+    return result, analysis.warnings
+
+
+def _bound(
+    at: PoseModel,
+    layout: kernel.CompiledTable,
+    supports: Supports,
+    rows: slice,
+    quantity: str,
+    seen: Distribution,
+    sampled: Array | None,
+) -> NormBound:
+    error, jacobian = at.tangent[0][rows], at.tangent[1][rows]
+    bound = farthest_error(error, jacobian, supports)
+    weights = bound.direction @ jacobian
+    shares = supports.heights(weights[None])[:, 0]
+    x = at.space.mean + supports.points(weights[None])[0]
+    exact = kernel.errors_at(layout, "exact", x[:, None])[:, 0]
+    directions = np.concatenate([bound.direction[None], -bound.direction[None], np.eye(3), -np.eye(3)])
+    starts = at.space.mean + supports.points(directions @ jacobian)
+    if sampled is not None:
+        inside = sampled if not supports.cut else _toward(layout, supports, rows, sampled[None], at.space.mean)[0]
+        starts = np.concatenate([starts, inside[None]])
+    place, size = _climbed(layout, supports, rows, starts, at.space.mean)
+    named = sorted(zip((draw.name for draw in at.space.draws), shares, strict=True), key=lambda pair: -pair[1])
+    return NormBound(
+        quantity=quantity,
+        first_order=bound,
+        nominal=float(bound.direction @ error),
+        contributions=tuple(Contribution(name, float(value)) for name, value in named),
+        parameters=dict(zip(at.space.components, map(float, x), strict=True)),
+        exact_error=exact,
+        exact_norm=float(np.linalg.norm(exact[rows])),
+        found=ExactMaximum(
+            norm=size,
+            error=kernel.errors_at(layout, "exact", place[:, None])[:, 0],
+            parameters=dict(zip(at.space.components, map(float, place), strict=True)),
+            starts=len(starts),
+        ),
+        seen=seen,
+    )
+
+
+def farthest_error(error: Array, jacobian: Array, supports: Supports) -> Farthest:
+    """Return the largest norm of e0 + J (x - x̄) over the supports.
+
+    Parameters
+    ----------
+    error, jacobian
+        e0 ``(3,)`` and J ``(3, d)``.
+    supports
+        What the d components can take.
+    """
+
+    def heights(directions: Array) -> Array:
+        value: Array = directions @ error + supports.heights(directions @ jacobian).sum(axis=0)
+        return value
+
+    def touch(directions: Array) -> Array:
+        value: Array = error + supports.points(directions @ jacobian) @ jacobian.T
+        return value
+
+    def bound(direction: Array) -> float:
+        centre, roots = error.copy(), []
+        for body, columns in zip(supports.bodies, supports.space.slices, strict=True):
+            if body.roots is None:
+                return np.inf
+            centre += jacobian[:, columns] @ body.centre
+            roots += [jacobian[:, columns] @ root for root in body.roots]
+        return quadratic_bound(centre, roots, direction)
+
+    return farthest(heights, touch, bound)
+
+
+def _climbed(
+    layout: kernel.CompiledTable, supports: Supports, rows: slice, starts: Array, mean: Array
+) -> tuple[Array, float]:
+    """Return the best point ``(d,)`` and |error| there that climbing the exact model from ``(S, d)`` leads to.
+
+    Each step takes the draws to their support points along the gradient (Frank and Wolfe with a whole step): all of them,
+    or, where that does not help, the one that helps most. Every point lies in the supports, whatever their form.
+    """
+    places, sizes = starts.copy(), _sizes(layout, rows, starts)
+    slices = supports.space.slices
+    for _ in range(_EXCHANGES if slices else 0):
+        aims = _toward(layout, supports, rows, places, mean)
+        reached = _sizes(layout, rows, aims)
+        better = reached > sizes * (1 + _GAIN)
+        places[better], sizes[better] = aims[better], reached[better]
+        improved = bool(better.any())
+        for start in np.flatnonzero(~better):
+            single = np.repeat(places[start][None], len(slices), axis=0)
+            for draw, columns in enumerate(slices):
+                single[draw, columns] = aims[start, columns]
+            tried = _sizes(layout, rows, single)
+            best = int(tried.argmax())
+            if tried[best] > sizes[start] * (1 + _GAIN):
+                places[start], sizes[start], improved = single[best], tried[best], True
+        if not improved:
+            break
+    best = int(sizes.argmax())
+    return places[best], float(sizes[best])
+
+
+def _toward(layout: kernel.CompiledTable, supports: Supports, rows: slice, places: Array, mean: Array) -> Array:
+    """Return the points of the supports ``(S, d)`` farthest along the gradient of |error| at points ``(S, d)``."""
+    low, high = (mean + end for end in supports.ends)
+    # inside the supports: beyond them a formula or a stiffness may have no value
+    inside = np.clip(places, low, high)
+    step = np.diag(_STEP * (high - low))
+    upper, lower = np.minimum(inside[:, None] + step, high), np.maximum(inside[:, None] - step, low)
+    sizes = _sizes(layout, rows, np.concatenate([upper, lower]).reshape(-1, mean.size)).reshape(2, len(places), -1)
+    width = np.einsum("skk->sk", upper - lower)
+    slopes = np.divide(sizes[0] - sizes[1], width, out=np.zeros_like(width), where=width > 0)
+    return mean + supports.points(slopes)
+
+
+def _sizes(layout: kernel.CompiledTable, rows: slice, places: Array) -> Array:
+    value: Array = np.linalg.norm(kernel.errors_at(layout, "exact", places.T)[rows], axis=0)
+    return value
