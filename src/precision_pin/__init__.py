@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, Final
 if TYPE_CHECKING:
     from precision_pin import mcpc as mcpc
     from precision_pin import sources as sources
+    from precision_pin.analyses.budget import budget as budget
     from precision_pin.chain import Chain as Chain
     from precision_pin.chain import Posture as Posture
     from precision_pin.errors import InputError as InputError
@@ -54,6 +55,7 @@ _HOMES: Final = {
     "Triangular": "laws",
     "TruncatedNormal": "laws",
     "Uniform": "laws",
+    "budget": "analyses.budget",
     "monte_carlo": "run",
     "specification": "specifications",
 }

@@ -9,10 +9,12 @@ from typing import Final
 
 from precision_pin.errors import Finding, InputError, UnknownNameError, UrdfError
 
-__all__ = ["PAPER_SHEET", "example_urdfs", "resolve_robot"]
+__all__ = ["PAPER_SHEET", "example_urdfs", "resolve_robot", "shipped_sheet", "shipped_sheets"]
 
 PREFIX: Final = "example:"
-PAPER_SHEET: Final = Path(__file__).parent / "robots" / "4dof.errors.yaml"
+ROBOTS: Final = Path(__file__).parent / "robots"
+SUFFIX: Final = ".errors.yaml"
+PAPER_SHEET: Final = ROBOTS / f"4dof{SUFFIX}"
 """The sheet of the paper's arm, beside its URDF."""
 
 
@@ -59,3 +61,13 @@ def resolve_robot(text: str, folder: str | os.PathLike[str] = ".") -> Path:
     if name not in known:
         raise UnknownNameError("example robot", name, known)
     return known[name]
+
+
+def shipped_sheets() -> dict[str, Path]:
+    """Return the sheets that come with this package by the short name of their robot (``4dof``, ``ur5``, …)."""
+    return {path.name.removesuffix(SUFFIX): path for path in sorted(ROBOTS.glob(f"*{SUFFIX}"))}
+
+
+def shipped_sheet(text: str) -> Path | None:
+    """Return the sheet that comes with this package for a robot given as ``example:NAME``, None if there is none."""
+    return shipped_sheets().get(text.removeprefix(PREFIX)) if text.startswith(PREFIX) else None

@@ -13,7 +13,23 @@ from scipy import special
 
 from precision_pin.errors import InputError
 from precision_pin.kernel_loops import SCRATCH, STRIDE, Draws, Formulas, Motions, Superposition
-from precision_pin.laws import Circle, Disc, Fixed, JointNormal, Law, Normal, Triangular, TruncatedNormal, Uniform
+from precision_pin.laws import (
+    FARTHEST_NORMAL,
+    Arcsine,
+    Circle,
+    Disc,
+    Empirical,
+    Fixed,
+    JointNormal,
+    Law,
+    Lognormal,
+    Normal,
+    Rows,
+    Triangular,
+    TruncatedNormal,
+    TwoPoint,
+    Uniform,
+)
 from precision_pin.parameters import Operator
 from precision_pin.space import Space, occasion
 
@@ -112,7 +128,12 @@ class _Rows:
     """Rows handed out one after another, each with an interval its numbers stay in; components come first."""
 
     def __init__(self, space: Space) -> None:
-        self.intervals: list[Interval] = [bound for draw in space.draws for bound in _law_intervals(draw.law)]
+        mixed = {name for correlation in space.correlations for name in correlation.names}
+        self.intervals: list[Interval] = [
+            bound
+            for draw in space.draws
+            for bound in _law_intervals(draw.law, FARTHEST_NORMAL if draw.name in mixed else FURTHEST_NORMAL)
+        ]
         self.constants: dict[float, int] = {}
 
     def add(self, interval: Interval) -> int:
@@ -155,6 +176,8 @@ def _drawn(law: Law, columns: slice) -> range:
             return range(0)
         case Circle():
             return range(columns.start + 1, columns.stop)
+        case Rows():
+            return range(columns.start, columns.start + 1)
         case _:
             return range(columns.start, columns.stop)
 
@@ -168,18 +191,24 @@ def _lay_out_draws(space: Space, rows: _Rows) -> Draws:
 
     fixed = {columns.start: law.mean for law, columns in placed if isinstance(law, Fixed)}
     fixed |= {row: value for value, row in rows.constants.items()}
-    joint = [law for law, _ in placed if isinstance(law, JointNormal)]
-    largest = max((law.size for law in joint), default=1)
-    roots = np.zeros((len(joint), largest + 1, largest))
-    for k, law in enumerate(joint):
-        roots[k, 0, : law.size] = law.mean_vector
-        roots[k, 1 : law.size + 1, : law.size] = law.root
-    roots.flags.writeable = False
+    roots, sizes = _lay_out_joint([law for law, _ in placed if isinstance(law, JointNormal)])
+    groups = [[space.index[correlation.names[k]] for k in correlation.order] for correlation in space.correlations]
+    mixed = {component for group in groups for component in group}
+    fed = {columns.start for law, columns in placed if isinstance(law, Normal | Lognormal)}
+    lines, line_starts = _stacked([law.segments for law, _ in placed if isinstance(law, Empirical)], 4)
+    tables = [law for law, _ in placed if isinstance(law, Rows)]
+    numbers, number_starts = _stacked([law.array.reshape(-1, 1) for law in tables], 1)
+    shapes = [(law.size, len(law.table), start) for law, start in zip(tables, number_starts[:-1], strict=True)]
     return Draws(
         fixed_rows=_offsets(list(fixed)),
         fixed_values=_frozen(list(fixed.values())),
         stream_rows=_offsets(drawn),
         streams=_frozen_offsets([space.streams[component] for component in drawn]),
+        score_rows=_offsets(sorted(fed | mixed)),
+        group_starts=_frozen_offsets(np.cumsum([0, *map(len, groups)])),
+        group_rows=_offsets([component for group in groups for component in group]),
+        group_roots=_padded([correlation.root for correlation in space.correlations]),
+        cumulated_rows=_offsets(sorted(mixed - fed)),
         uniform_rows=of(Uniform),
         uniform=_frozen([(law.mean, law.half_width) for law, _ in placed if isinstance(law, Uniform)], -1, 2),
         triangular_rows=of(Triangular),
@@ -202,21 +231,77 @@ def _lay_out_draws(space: Space, rows: _Rows) -> Draws:
         circle=_frozen([law.radius for law, _ in placed if isinstance(law, Circle)]),
         joint_rows=of(JointNormal),
         joint_roots=roots,
-        joint_sizes=_frozen_offsets([law.size for law in joint]),
+        joint_sizes=sizes,
+        lognormal_rows=of(Lognormal),
+        lognormal=_frozen(
+            [(law.mean, law.log_std, law.log_std**2 / 2) for law, _ in placed if isinstance(law, Lognormal)], -1, 3
+        ),
+        arcsine_rows=of(Arcsine),
+        arcsine=_frozen([(law.mean, law.half_width) for law, _ in placed if isinstance(law, Arcsine)], -1, 2),
+        two_point_rows=of(TwoPoint),
+        two_point=_frozen(
+            [(law.centre, law.half_width, law.threshold) for law, _ in placed if isinstance(law, TwoPoint)], -1, 3
+        ),
+        empirical_rows=of(Empirical),
+        empirical_starts=line_starts,
+        empirical=lines,
+        table_rows=of(Rows),
+        table_shapes=_frozen_offsets(np.array(shapes, dtype=np.uint64).reshape(-1, 3)),
+        table=_frozen(numbers),
     )
 
 
-def _law_intervals(law: Law) -> list[Interval]:
-    """Return what each number of a law stays between, drawn with numbers of 53 bits."""
+def _lay_out_joint(laws: Sequence[JointNormal]) -> tuple[Array, NDArray[np.uint64]]:
+    largest = max((law.size for law in laws), default=1)
+    roots = np.zeros((len(laws), largest + 1, largest))
+    for k, law in enumerate(laws):
+        roots[k, 0, : law.size] = law.mean_vector
+        roots[k, 1 : law.size + 1, : law.size] = law.root
+    return _frozen(roots, *roots.shape), _frozen_offsets([law.size for law in laws])
+
+
+def _padded(matrices: Sequence[Array]) -> Array:
+    """Return square matrices as one array, padded to the largest by zeros."""
+    largest = max(map(len, matrices), default=1)
+    padded = np.zeros((len(matrices), largest, largest))
+    for k, matrix in enumerate(matrices):
+        padded[k, : len(matrix), : len(matrix)] = matrix
+    return _frozen(padded, *padded.shape)
+
+
+def _stacked(parts: Sequence[Array], columns: int) -> tuple[Array, NDArray[np.uint64]]:
+    """Return matrices on top of one another, and at which row each begins, with the end of the last."""
+    stacked = np.concatenate([np.zeros((0, columns)), *parts])
+    return _frozen(stacked, *stacked.shape), _frozen_offsets(np.cumsum([0, *map(len, parts)]))
+
+
+def _law_intervals(law: Law, farthest: float) -> list[Interval]:
+    """Return what each number of a law stays between, drawn with normal numbers up to ``farthest``.
+
+    Raises
+    ------
+    InputError
+        The compiled sampler does not know the law.
+    """
     match law:
-        case Normal():
-            reach = law.std * FURTHEST_NORMAL
-            return [(law.mean - reach, law.mean + reach)]
         case JointNormal():
             reaches = np.abs(law.root).sum(axis=1) * FURTHEST_NORMAL
             return [(m - r, m + r) for m, r in zip(law.mean_vector.tolist(), reaches.tolist(), strict=True)]
-        case Fixed() | Uniform() | Triangular() | TruncatedNormal() | Disc() | Circle():
-            return [(-law.support(-direction), law.support(direction)) for direction in np.eye(law.size)]
+        case (
+            Fixed()
+            | Uniform()
+            | Triangular()
+            | Normal()
+            | TruncatedNormal()
+            | Disc()
+            | Circle()
+            | Lognormal()
+            | Arcsine()
+            | TwoPoint()
+            | Empirical()
+            | Rows()
+        ):
+            return [law.interval(k, farthest) for k in range(law.size)]
         case _:
             raise InputError(f"the compiled sampler does not know the law {type(law).__name__}")
 

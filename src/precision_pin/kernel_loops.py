@@ -96,6 +96,8 @@ _BITS_OF_2_52 = _U(0x4330000000000000)
 _TURN = 2 * math.pi
 _QUARTER_TURN_SQUARED = (math.pi / 2) ** 2
 _FAR_TAIL = math.exp(-25.0)
+_HIGH_HALF = _U(0xFFFFFFFFF8000000)
+_BIAS = _U(1023)
 
 # polynomials, highest power first
 _LOG_EVEN = (1.531383769920937332e-01, 2.222219843214978396e-01, 3.999999999940941908e-01, 0.0)
@@ -132,6 +134,21 @@ _FAR_BELOW = (
     2.04426310338993978564e-15, 1.42151175831644588870e-7, 1.84631831751005468180e-5, 7.86869131145613259100e-4,
     1.48753612908506148525e-2, 1.36929880922735805310e-1, 5.99832206555887937690e-1, 1.0,
 )  # fmt: skip
+_EXPONENTIAL = (
+    4.13813679705723846039e-08, -1.65339022054652515390e-06, 6.61375632143793436117e-05,
+    -2.77777777770155933842e-03, 1.66666666666666019037e-01,
+)  # fmt: skip
+# Φ(-z) exp(z²/2), 0 ≤ z ≤ 8.65, within 2.6e-18 of itself: interpolated at Chebyshev nodes of (z - 2.5)/(z + 2.5)
+_MILLS = (
+    0.398942277294474654756, 12.6671510236808289922, 191.785311942068851348, 1807.15013551905889277,
+    11648.2058378305628335, 53256.6653173253926117, 173206.594692038836659, 389109.250073612829344,
+    555453.844886661102395, 397174.710960185426643,
+)  # fmt: skip
+_MILLS_BELOW = (
+    1.0, 31.7518382136494508159, 481.734516006812416409, 4561.60461497557840297, 29676.4737803928290264,
+    137960.744566166715363, 462414.16719060097007, 1100069.97552553588879, 1773118.43149761954608,
+    1744706.82940626728931, 794349.421920370853286,
+)  # fmt: skip
 # Taylor series of cos √s, sin √s/√s and atan √t/√t
 _SHORT_COSINE = tuple((-1) ** k / math.factorial(2 * k) for k in range(5, -1, -1))
 _SHORT_SINC = tuple((-1) ** k / math.factorial(2 * k + 1) for k in range(4, -1, -1))
@@ -143,6 +160,7 @@ _LONG_ARC = tuple((-1) ** k / (2 * k + 1) for k in range(20, -1, -1))
 # numbers of other files are repeated here, not imported: numba would not see them change; a test compares them
 _ADD, _SUBTRACT, _MULTIPLY, _DIVIDE, _POWER, _SQRT, _SIN, _COS = range(8)  # precision_pin.parameters.Operator
 _SHIFT, _OFFSET, _BINS = 43, 1011 << 9, 10_241  # precision_pin.statistics.sketch
+_FARTHEST = 8.6  # precision_pin.laws.FARTHEST_NORMAL
 
 
 class Draws(NamedTuple):
@@ -152,6 +170,15 @@ class Draws(NamedTuple):
     fixed_values: Array
     stream_rows: Offsets
     streams: Offsets
+    score_rows: Offsets
+    """Which become standard normal numbers, but for the rows of joint normal laws."""
+    group_starts: Offsets
+    """Correlated rows: those of group g are ``group_rows[starts[g] … starts[g + 1]]``."""
+    group_rows: Offsets
+    group_roots: Array
+    """``(groups, m, m)`` root of the scores' correlation, padded to the largest m by zeros."""
+    cumulated_rows: Offsets
+    """Which become uniform numbers again."""
     uniform_rows: Offsets
     uniform: Array
     """``(k, 2)`` mean, half-width."""
@@ -174,6 +201,24 @@ class Draws(NamedTuple):
     joint_roots: Array
     """``(k, m + 1, m)`` the mean, then the root of the covariance, padded to the largest m by zeros."""
     joint_sizes: Offsets
+    lognormal_rows: Offsets
+    lognormal: Array
+    """``(k, 3)`` mean, σ of the logarithm, σ²/2."""
+    arcsine_rows: Offsets
+    arcsine: Array
+    """``(k, 2)`` mean, half-width."""
+    two_point_rows: Offsets
+    two_point: Array
+    """``(k, 3)`` centre, half-width, threshold."""
+    empirical_rows: Offsets
+    empirical_starts: Offsets
+    """The lines of law k are ``empirical[starts[k] … starts[k + 1]]``."""
+    empirical: Array
+    """``(lines, 4)`` probability and value at which each begins, slope, value at its end."""
+    table_rows: Offsets
+    table_shapes: Offsets
+    """``(k, 3)`` numbers in a row, rows, position of the first number in ``table``."""
+    table: Array
 
 
 class Formulas(NamedTuple):
@@ -373,6 +418,31 @@ def far_normal_score(p: Scalar) -> Scalar:
 
 
 @_compiled
+def exponential(x: Scalar) -> Scalar:
+    """Return exp x for |x| < 700, within 1 ulp; the method and coefficients of fdlibm's e_exp.c."""
+    rounded = x * 1.44269504088896338700e00 + _ROUND_TO_WHOLE
+    k = rounded - _ROUND_TO_WHOLE
+    high = x - k * 6.93147180369123816490e-01
+    low = k * 1.90821492927058770002e-10
+    r = high - low
+    z = r * r
+    c = r - z * _polynomial(z, _EXPONENTIAL)
+    return (1.0 - ((low - r * c / (2.0 - c)) - high)) * _float_of((_bits_of(rounded) + _BIAS) << _MANTISSA)
+
+
+@_compiled
+def cumulative(z: Scalar) -> Scalar:
+    """Return Φ(z) for |z| ≤ 8.65, the lower tail within a few ulp, as `precision_pin.laws.law.cumulative`."""
+    a = abs(z)
+    # the square of the high half is exact
+    high = _float_of(_bits_of(a) & _HIGH_HALF)
+    rest = 0.5 * (a - high) * (a + high)
+    power = exponential(-0.5 * high * high) * (1.0 - rest * (1.0 - 0.5 * rest))
+    tail = _polynomial(a, _MILLS) / _polynomial(a, _MILLS_BELOW) * power
+    return 1.0 - tail if z > 0.0 else tail
+
+
+@_compiled
 def normals(w: Array, row: Scalar) -> None:
     """Turn a row of uniform numbers into standard normal ones: Box-Muller of each pair (even unit, odd unit)."""
     for i in range(_PAIRS):
@@ -380,6 +450,81 @@ def normals(w: Array, row: Scalar) -> None:
         sine, cosine = sine_and_cosine(_TURN * w[row + _PAIRS + i])
         w[row + i] = reach * cosine
         w[row + _PAIRS + i] = reach * sine
+
+
+@_compiled
+def correlate(w: Array, rows: Offsets, root: Array) -> None:
+    """Mix rows of standard normal numbers, the last row first, as `precision_pin.correlation.Correlation.mix`."""
+    for back in range(rows.size):
+        k = rows.size - 1 - back
+        target = rows[k]
+        for i in range(_TILE):
+            w[target + i] = root[k, k] * w[target + i]
+        for j in range(k):
+            other, factor = rows[j], root[k, j]
+            for i in range(_TILE):
+                w[target + i] += factor * w[other + i]
+        for i in range(_TILE):
+            score = w[target + i]
+            score = score if score > -_FARTHEST else -_FARTHEST
+            w[target + i] = score if score < _FARTHEST else _FARTHEST
+
+
+@_compiled
+def uniforms_again(w: Array, row: Scalar) -> None:
+    """Turn a row of standard normal numbers into uniform ones."""
+    for i in range(_TILE):
+        w[row + i] = cumulative(w[row + i])
+
+
+@_compiled
+def lognormal_law(w: Array, row: Scalar, mean: Scalar, sigma: Scalar, half_square: Scalar) -> None:
+    """Turn standard normal numbers into `precision_pin.laws.Lognormal`."""
+    for i in range(_TILE):
+        w[row + i] = mean * exponential(sigma * w[row + i] - half_square)
+
+
+@_compiled
+def arcsine_law(w: Array, row: Scalar, mean: Scalar, half_width: Scalar) -> None:
+    """Turn uniform numbers into `precision_pin.laws.Arcsine`."""
+    for i in range(_TILE):
+        u = w[row + i] - 0.5
+        size = sine_and_cosine(0.5 * _TURN * abs(u))[0]
+        w[row + i] = mean + half_width * (size if u > 0.0 else -size)
+
+
+@_compiled
+def two_point_law(w: Array, row: Scalar, centre: Scalar, half_width: Scalar, threshold: Scalar) -> None:
+    """Turn uniform numbers into `precision_pin.laws.TwoPoint`."""
+    for i in range(_TILE):
+        w[row + i] = centre + (half_width if w[row + i] > threshold else -half_width)
+
+
+@_compiled
+def empirical_law(w: Array, row: Scalar, lines: Array, first: Scalar, last: Scalar) -> None:
+    """Turn uniform numbers into `precision_pin.laws.Empirical`, by bisection of the lines ``first … last - 1``."""
+    for i in range(_TILE):
+        u = w[row + i]
+        low, high = first, last
+        while high - low > _ONE:
+            middle = (low + high) >> _ONE
+            if lines[middle, 0] <= u:
+                low = middle
+            else:
+                high = middle
+        value = lines[low, 1] + lines[low, 2] * (u - lines[low, 0])
+        end = lines[low, 3]
+        w[row + i] = value if value < end else end
+
+
+@_compiled
+def table_law(w: Array, row: Scalar, size: Scalar, count: Scalar, first: Scalar, table: Array) -> None:
+    """Turn the first of ``size`` rows of uniform numbers into `precision_pin.laws.Rows`."""
+    for i in range(_TILE):
+        # below count: the product of count and a uniform number rounds to less
+        begin = first + size * _U(w[row + i] * np.float64(count))
+        for k in range(size):
+            w[row + _U(k) * _STRIDE + i] = table[begin + _U(k)]
 
 
 @_compiled
@@ -463,13 +608,18 @@ def joint_law(w: Array, row: Scalar, size: Scalar, root: Array) -> None:
 @_compiled
 def apply_laws(w: Array, draws: Draws) -> None:
     """Turn the rows of uniform numbers into the components of the space."""
+    for k in range(draws.score_rows.size):
+        normals(w, draws.score_rows[k])
+    for k in range(draws.group_starts.size - 1):
+        correlate(w, draws.group_rows[draws.group_starts[k] : draws.group_starts[k + 1]], draws.group_roots[k])
+    for k in range(draws.cumulated_rows.size):
+        uniforms_again(w, draws.cumulated_rows[k])
     for k in range(draws.uniform_rows.size):
         uniform_law(w, draws.uniform_rows[k], draws.uniform[k, 0], draws.uniform[k, 1])
     for k in range(draws.triangular_rows.size):
         triangular_law(w, draws.triangular_rows[k], draws.triangular[k, 0], draws.triangular[k, 1])
     for k in range(draws.normal_rows.size):
         row = draws.normal_rows[k]
-        normals(w, row)
         mean, std = draws.normal[k, 0], draws.normal[k, 1]
         for i in range(_TILE):
             w[row + i] = mean + std * w[row + i]
@@ -485,6 +635,20 @@ def apply_laws(w: Array, draws: Draws) -> None:
         for j in range(size):
             normals(w, row + _U(j) * _STRIDE)
         joint_law(w, row, size, draws.joint_roots[k])
+    for k in range(draws.lognormal_rows.size):
+        law = draws.lognormal[k]
+        lognormal_law(w, draws.lognormal_rows[k], law[0], law[1], law[2])
+    for k in range(draws.arcsine_rows.size):
+        arcsine_law(w, draws.arcsine_rows[k], draws.arcsine[k, 0], draws.arcsine[k, 1])
+    for k in range(draws.two_point_rows.size):
+        law = draws.two_point[k]
+        two_point_law(w, draws.two_point_rows[k], law[0], law[1], law[2])
+    for k in range(draws.empirical_rows.size):
+        first, last = draws.empirical_starts[k], draws.empirical_starts[k + 1]
+        empirical_law(w, draws.empirical_rows[k], draws.empirical, first, last)
+    for k in range(draws.table_rows.size):
+        shape = draws.table_shapes[k]
+        table_law(w, draws.table_rows[k], shape[0], shape[1], shape[2], draws.table)
 
 
 # derived parameters and products -------------------------------------------------------------------------------------

@@ -69,9 +69,9 @@ def test_an_example_robot_with_a_sheet(run, folder):
 
 
 def test_a_robot_without_a_sheet_says_how_to_get_one(run, new_files):
-    outcome = run("analyze", "example:ur5")
+    outcome = run("analyze", "example:ur10")
     assert outcome.code == 2
-    assert "precision-pin init example:ur5" in outcome.err
+    assert "precision-pin init example:ur10" in outcome.err
     assert len(outcome.err_lines) == 1
     assert new_files() == set()
 

@@ -88,7 +88,7 @@ def budget(
         64-bit seed of the sampled indices and quantiles.
     samples
         Points of each of the two sets that pick-freeze starts from: 16 independent scrambles of a power of two. The exact
-        model is evaluated about ``samples · (2 + 2 · draws)`` times.
+        model is evaluated about ``samples · (2 + 3 · draws)`` times.
     confidence
         Of every interval, each by itself.
     bound_at
@@ -143,8 +143,7 @@ def _listed(poses: Pose | Sequence[Pose] | None) -> list[Pose | None]:
     rows = list(poses) if isinstance(poses, Sequence | np.ndarray) else [poses]
     if not rows:
         raise InputError("no poses; leave them out for the first pose of the model")
-    several = any(isinstance(row, str | Mapping | Sequence | np.ndarray) and np.ndim(row) != 0 for row in rows)
-    several = several or any(isinstance(row, str | Mapping) for row in rows)
+    several = any(isinstance(row, str | Mapping | Sequence | np.ndarray) for row in rows)
     return list(rows) if several else [poses]  # type: ignore[list-item]
 
 

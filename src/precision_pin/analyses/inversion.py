@@ -217,12 +217,12 @@ class ConvolvedLaw(NumberLaw):
     @property
     def error(self) -> float:
         """Of the double exponential rule, found on sums with a closed form."""
-        return 1e-12
+        return 1e-11
 
     def cumulative(self, x: Array) -> Array:
         """Return the integral of F₁."""
         value = self._integral(self.kept.cumulative, x)
-        inside = (x > self.low) & (x < self.high)
+        inside = (x >= self.low) & (x < self.high)
         return np.where(inside, np.clip(value, 0, 1), np.where(x >= self.high, 1.0, 0.0))
 
     def density(self, x: Array) -> Array:

@@ -1,7 +1,8 @@
 """Sobol indices of any function by pick-freeze, on scrambled Sobol points with replicates for intervals.
 
-First order: Saltelli et al., Computer Physics Communications 181 (2010), table 2 (b); total: Jansen (1999), ibid. (f).
-Of several outputs together: numerators and variances added up first (Gamboa, Janon, Klein and Lagnoux, 2014). Intervals:
+First order: Azzini, Mara and Rosati, Environmental Modelling & Software 144 (2021) 105167, whose noise vanishes with the
+interactions' and the input's own part; total: Jansen, Computer Physics Communications 117 (1999), from both mixtures; both
+are Saltelli's scheme of two sets of points and their mixtures (ibid. 181, 2010). Of several outputs together: numerators and variances added up first (Gamboa, Janon, Klein and Lagnoux, 2014). Intervals:
 the points are independent scrambles (Owen, 1995) of one net; the estimates are smooth functions of the replicates' means,
 and their jackknife over the replicates gives a standard error with Student's law.
 """
@@ -166,8 +167,8 @@ def sobol_indices(
 ) -> Indices:
     """Return first-order and total Sobol indices of groups of inputs.
 
-    With A and B two independent sets of points and A_B,g the points A with the inputs of group g from B:
-    ``S_g V = E[(f(B) - m)(f(A_B,g) - f(A))]``, ``T_g V = E[(f(A) - f(A_B,g))²]/2``.
+    With A and B two independent sets of points, A' the points A with the inputs of group g from B, and B' the points B
+    with those of A: ``S_g V = E[(f(A') - f(A)) (f(B) - f(B'))]/2``, ``T_g V = E[(f(A') - f(A))² + (f(B') - f(B))²]/4``.
 
     Parameters
     ----------
@@ -191,11 +192,10 @@ def sobol_indices(
     shape = (len(groups), together.shape[0], REPLICATES)
     firsts, totals = np.zeros(shape), np.zeros(shape)
     for k, rows in enumerate(groups):
-        mixed = points.copy()
-        mixed[np.asarray(rows)] = other_points[np.asarray(rows)]
-        change = _split(function(mixed)) - at_a
-        firsts[k] = together @ ((at_b - middle) * change).mean(axis=2)
-        totals[k] = together @ (change**2).mean(axis=2) / 2
+        change = _split(function(_mixed(points, other_points, rows))) - at_a
+        change_back = at_b - _split(function(_mixed(other_points, points, rows)))
+        firsts[k] = together @ (change * change_back).mean(axis=2) / 2
+        totals[k] = together @ (change**2 + change_back**2).mean(axis=2) / 4
 
     def share(numerators: Array) -> Estimates:
         def statistic(used: NDArray[np.bool_]) -> Array:
@@ -212,6 +212,13 @@ def sobol_indices(
         first_sum=share(firsts.sum(axis=0)),
         variance=jackknife(lambda used: variances[:, used].mean(axis=1), confidence),
     )
+
+
+def _mixed(points: Array, other_points: Array, rows: Sequence[int] | NDArray[np.intp]) -> Array:
+    """Return points with some of their inputs from other points."""
+    result = points.copy()
+    result[np.asarray(rows)] = other_points[np.asarray(rows)]
+    return result
 
 
 def _split(values: Array) -> Array:

@@ -6,11 +6,9 @@ is searched from below. Reads the term table and the tangent only.
 
 from __future__ import annotations
 
-import json
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any, Final, final
+from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -18,29 +16,23 @@ from numpy.typing import ArrayLike, NDArray
 from precision_pin import kernel
 from precision_pin.analyses.farthest import Farthest, farthest, quadratic_bound
 from precision_pin.analyses.supports import Supports
+from precision_pin.analyses.worst_case_result import (
+    ComponentBound,
+    Contribution,
+    ExactMaximum,
+    NormBound,
+    PoseWorstCase,
+    WorstCaseResult,
+)
 from precision_pin.errors import Finding, InputError
 from precision_pin.model import ErrorModel, PoseModel
-from precision_pin.result import versions
 from precision_pin.run import Progress, monte_carlo
 from precision_pin.statistics import Distribution
 
-__all__ = [
-    "SCHEMA",
-    "ComponentBound",
-    "Contribution",
-    "ExactMaximum",
-    "NormBound",
-    "PoseWorstCase",
-    "WorstCaseResult",
-    "worst_case",
-]
+__all__ = ["farthest_error", "worst_case"]
 
 Array = NDArray[np.float64]
 Pose = ArrayLike | Mapping[str, float] | str | None
-
-SCHEMA: Final = "precision-pin/worst-case/1"
-SEEN_LEVEL: Final = 0.9973
-"""Which quantile of the samples stands beside the bound."""
 
 MOST_KEPT: Final = 1_000_000
 """Up to so many samples the largest one is among the starting points of the search of the exact model."""
@@ -50,231 +42,6 @@ _NORMS: Final = {"position.norm": slice(0, 3), "attitude.norm": slice(3, 6)}
 _EXCHANGES: Final = 100
 _STEP: Final = 1e-4
 _GAIN: Final = 1e-12
-
-
-@final
-@dataclass(frozen=True)
-class Contribution:
-    """What a draw adds to the worst first-order error of a norm (m or rad); zero or more if its mean is central."""
-
-    draw: str
-    value: float
-
-
-@final
-@dataclass(frozen=True)
-class ComponentBound:
-    """Ends between which a component of the first-order model lies (m or rad), and the smallest and largest seen."""
-
-    quantity: str
-    low: float
-    high: float
-    seen: tuple[float, float]
-
-
-@final
-@dataclass(frozen=True, eq=False)
-class ExactMaximum:
-    """The largest error of the exact model that a local search found: a lower bound of the largest there is.
-
-    Attributes
-    ----------
-    norm, error
-        |d| or |δ| (m, rad) and the whole error ``(6,)``.
-    parameters
-        Where: values of all components, SI.
-    starts
-        From how many points the search went.
-    """
-
-    norm: float
-    error: Array
-    parameters: Mapping[str, float]
-    starts: int
-
-
-@final
-@dataclass(frozen=True, eq=False)
-class NormBound:
-    """The worst case of |d| or |δ|.
-
-    Attributes
-    ----------
-    quantity
-        ``"position.norm"`` or ``"attitude.norm"``.
-    first_order
-        The largest norm of the first-order model and the direction of that error.
-    nominal
-        What the error at the means adds, u·e0 along that direction u (m, rad).
-    contributions
-        What each draw adds, h(Jᵀu), largest first; with ``nominal`` they add up to the worst case.
-    parameters
-        Values of the components that attain it, SI.
-    exact_error
-        The exact model's error there, ``(6,)``.
-    exact_norm
-        Its norm.
-    found
-        The largest error of the exact model found.
-    seen
-        The distribution of the samples; its ``max`` is the largest seen.
-    """
-
-    quantity: str
-    first_order: Farthest
-    nominal: float
-    contributions: tuple[Contribution, ...]
-    parameters: Mapping[str, float]
-    exact_error: Array
-    exact_norm: float
-    found: ExactMaximum
-    seen: Distribution
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return the numbers, SI."""
-        bound = self.first_order
-        interval = self.seen.quantile_interval(SEEN_LEVEL)
-        return {
-            "first_order": {
-                "lower": bound.lower,
-                "upper": bound.upper,
-                "certified": bound.certified,
-                "cells": bound.cells,
-                "direction": bound.direction.tolist(),
-                "nominal": self.nominal,
-                "contributions": {entry.draw: entry.value for entry in self.contributions},
-                "parameters": dict(self.parameters),
-            },
-            "exact_there": {"norm": self.exact_norm, "error": self.exact_error.tolist()},
-            "exact_found": {
-                "norm": self.found.norm,
-                "error": self.found.error.tolist(),
-                "parameters": dict(self.found.parameters),
-                "starts": self.found.starts,
-            },
-            "seen": {
-                "max": self.seen.max,
-                "quantile": {str(SEEN_LEVEL): self.seen.quantile(SEEN_LEVEL)},
-                "quantile_interval": {str(SEEN_LEVEL): None if interval is None else list(interval)},
-            },
-        }
-
-
-@final
-@dataclass(frozen=True, eq=False)
-class PoseWorstCase:
-    """The worst case at one pose.
-
-    Attributes
-    ----------
-    pose_name, q, sliding_joints
-        The pose, as in :class:`precision_pin.result.Analysis`.
-    error_at_means
-        e0, ``(6,)``.
-    components
-        The six components of the error.
-    position, attitude
-        |d| and |δ|.
-    """
-
-    pose_name: str
-    q: Mapping[str, float]
-    sliding_joints: tuple[str, ...]
-    error_at_means: Array
-    components: tuple[ComponentBound, ...]
-    position: NormBound
-    attitude: NormBound
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return the numbers, SI."""
-        return {
-            "pose": {"name": self.pose_name, "q": dict(self.q)},
-            "nominal": {"position": self.error_at_means[:3].tolist(), "attitude": self.error_at_means[3:].tolist()},
-            "components": {
-                entry.quantity: {"first_order": [entry.low, entry.high], "seen": list(entry.seen)}
-                for entry in self.components
-            },
-            "position": self.position.to_dict(),
-            "attitude": self.attitude.to_dict(),
-        }
-
-
-@final
-@dataclass(frozen=True, eq=False)
-class WorstCaseResult:
-    """The worst case at one pose or several, with all that is needed to reproduce it.
-
-    Attributes
-    ----------
-    robot, base, tip, statics
-        Of the error model.
-    seed, samples, confidence
-        Of what is shown beside the bounds.
-    k
-        Where unbounded laws are cut, standard deviations.
-    cut
-        The draws whose laws were cut.
-    draws
-        How many draws there are.
-    poses
-        One entry for each pose.
-    warnings
-        One line each.
-    """
-
-    robot: str
-    base: str
-    tip: str
-    statics: str
-    seed: int
-    samples: int
-    confidence: float
-    k: float
-    cut: tuple[str, ...]
-    draws: int
-    poses: tuple[PoseWorstCase, ...]
-    warnings: tuple[str, ...] = ()
-
-    @property
-    def assumptions(self) -> tuple[str, ...]:
-        """What the numbers rest on, one sentence each."""
-        cut = (
-            f"unbounded laws are cut at k = {self.k:g} standard deviations, beyond which samples may lie: "
-            f"{', '.join(self.cut)}"
-            if self.cut
-            else "every law is bounded"
-        )
-        return (
-            "the bound is that of the first-order model about the means; the exact model may go beyond it",
-            "the exact maximum is the largest that a local search found, a lower bound of the largest there is",
-            cut,
-        )
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return the result as the ``precision-pin/worst-case/1`` schema has it, SI units."""
-        return {
-            "schema": SCHEMA,
-            "complete": True,
-            "robot": self.robot,
-            "base": self.base,
-            "tip": self.tip,
-            "axes": "base",
-            "samples": self.samples,
-            "seed": self.seed,
-            "model": "exact",
-            "statics": self.statics,
-            "confidence": self.confidence,
-            "k": self.k,
-            "cut": list(self.cut),
-            "assumptions": list(self.assumptions),
-            "versions": versions(),
-            "warnings": list(self.warnings),
-            "poses": [pose.to_dict() for pose in self.poses],
-        }
-
-    def to_json(self) -> str:
-        """Return :meth:`to_dict` as text; what the samples do not resolve is null."""
-        return json.dumps(self.to_dict(), indent=2, ensure_ascii=False, allow_nan=False)
 
 
 def worst_case(

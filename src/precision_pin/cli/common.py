@@ -15,7 +15,7 @@ import click
 
 from precision_pin.cli.interrupts import raise_if_interrupted
 from precision_pin.errors import Finding, InputError, OutputError
-from precision_pin.examples import PAPER_SHEET, resolve_robot
+from precision_pin.examples import PAPER_SHEET, resolve_robot, shipped_sheet
 
 if TYPE_CHECKING:
     import numpy as np
@@ -64,6 +64,9 @@ def chain_options(command: Command) -> Command:
 def find_inputs(arguments: Sequence[str], *, sheet_needed: bool) -> Inputs:
     """Return which of the arguments is the robot and which the sheet; with none, the paper's.
 
+    A robot alone goes with the sheet beside it, or, as ``example:NAME``, with the one that comes with this package, which
+    is then named on stderr.
+
     Raises
     ------
     InputError
@@ -86,6 +89,10 @@ def find_inputs(arguments: Sequence[str], *, sheet_needed: bool) -> Inputs:
     beside = robot.with_suffix(".errors.yaml")
     if beside.is_file():
         return Inputs(robot, beside)
+    shipped = shipped_sheet(robots[0])
+    if shipped is not None:
+        click.echo(f"{robots[0]}: with the sheet that comes with precision-pin, {shipped}", err=True)
+        return Inputs(robot, shipped)
     raise InputError(
         f"no sheet of error sources for {robots[0]}; write one with: precision-pin init {robots[0]} "
         f"(or name it; {beside.name} beside the robot is found by itself)"
