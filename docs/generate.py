@@ -205,7 +205,7 @@ def commands() -> str:
 
 def parameters(name: str) -> str:
     """Return the arguments and options of a command."""
-    command: click.Command = importlib.import_module(f"precision_pin.cli.{name}").command
+    command: click.Command = importlib.import_module(f"precision_pin.cli.{name.replace('-', '_')}").command
     rows = []
     for parameter in command.params:
         if isinstance(parameter, click.Option):

@@ -13,6 +13,8 @@ if TYPE_CHECKING:
     from precision_pin import mcpc as mcpc
     from precision_pin import sources as sources
     from precision_pin.analyses.budget import budget as budget
+    from precision_pin.analyses.exact_law import exact_law as exact_law
+    from precision_pin.analyses.worst_case import worst_case as worst_case
     from precision_pin.chain import Chain as Chain
     from precision_pin.chain import Posture as Posture
     from precision_pin.errors import InputError as InputError
@@ -56,8 +58,10 @@ _HOMES: Final = {
     "TruncatedNormal": "laws",
     "Uniform": "laws",
     "budget": "analyses.budget",
+    "exact_law": "analyses.exact_law",
     "monte_carlo": "run",
     "specification": "specifications",
+    "worst_case": "analyses.worst_case",
 }
 _ROOMS: Final = ("mcpc", "sources")
 

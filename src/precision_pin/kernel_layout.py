@@ -8,41 +8,28 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final, final
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
-from scipy import special
+from numpy.typing import NDArray
 
-from precision_pin.errors import InputError
-from precision_pin.kernel_loops import SCRATCH, STRIDE, Draws, Formulas, Motions, Superposition
-from precision_pin.laws import (
-    FARTHEST_NORMAL,
-    Arcsine,
-    Circle,
-    Disc,
-    Empirical,
-    Fixed,
-    JointNormal,
-    Law,
-    Lognormal,
-    Normal,
-    Rows,
-    Triangular,
-    TruncatedNormal,
-    TwoPoint,
-    Uniform,
+from precision_pin.kernel_draws import (
+    Interval,
+    drawn,
+    frozen,
+    frozen_offsets,
+    intervals,
+    lay_out_draws,
+    offset,
+    offsets,
 )
+from precision_pin.kernel_loops import SCRATCH, Draws, Formulas, Motions, Superposition
 from precision_pin.parameters import Operator
 from precision_pin.space import Space, occasion
 
 if TYPE_CHECKING:
     from precision_pin.table import TermTable
 
-__all__ = ["FURTHEST_NORMAL", "CompiledTable", "lay_out"]
+__all__ = ["CompiledTable", "lay_out"]
 
 Array = NDArray[np.float64]
-Interval = tuple[float, float]
-
-FURTHEST_NORMAL: Final = math.sqrt(-2 * math.log(2.0**-53)) * (1 + 1e-12)
-"""No normal number drawn is further from zero: Box-Muller of the smallest uniform number, 8.57."""
 
 NARROW: Final = 0.25 * (1 - 1e-9)
 """Angles up to this (rad) are served by the short series."""
@@ -89,7 +76,7 @@ class CompiledTable:
             [
                 occasion(draw.scope, pose, visit)
                 for draw, columns in zip(self.space.draws, self.space.slices, strict=True)
-                for _ in _drawn(draw.law, columns)
+                for _ in drawn(draw.law, columns)
             ],
             dtype=np.uint64,
         )
@@ -113,12 +100,12 @@ def lay_out(table: TermTable, space: Space) -> CompiledTable:
         space=space,
         targets=len(table.targets),
         rows=SCRATCH + len(rows.intervals),
-        draws=_lay_out_draws(space, rows),
+        draws=lay_out_draws(space, rows.constants),
         formulas=products.appended_to(formulas),
         superposition=superposition,
         motions=motions,
-        lowest=_frozen([low for low, _ in rows.intervals[: space.size]]),
-        highest=_frozen([high for _, high in rows.intervals[: space.size]]),
+        lowest=frozen([low for low, _ in rows.intervals[: space.size]]),
+        highest=frozen([high for _, high in rows.intervals[: space.size]]),
         largest_angle=largest_angle,
     )
 
@@ -128,12 +115,7 @@ class _Rows:
     """Rows handed out one after another, each with an interval its numbers stay in; components come first."""
 
     def __init__(self, space: Space) -> None:
-        mixed = {name for correlation in space.correlations for name in correlation.names}
-        self.intervals: list[Interval] = [
-            bound
-            for draw in space.draws
-            for bound in _law_intervals(draw.law, FARTHEST_NORMAL if draw.name in mixed else FURTHEST_NORMAL)
-        ]
+        self.intervals = intervals(space)
         self.constants: dict[float, int] = {}
 
     def add(self, interval: Interval) -> int:
@@ -144,166 +126,6 @@ class _Rows:
         if value not in self.constants:
             self.constants[value] = self.add((value, value))
         return self.constants[value]
-
-
-def _offset(row: int) -> int:
-    return (SCRATCH + row) * STRIDE
-
-
-def _offsets(rows: Sequence[int]) -> NDArray[np.uint64]:
-    return _frozen_offsets([_offset(row) for row in rows])
-
-
-def _frozen_offsets(values: ArrayLike) -> NDArray[np.uint64]:
-    array = np.ascontiguousarray(values, dtype=np.uint64)
-    array.flags.writeable = False
-    return array
-
-
-def _frozen(values: ArrayLike, *shape: int) -> Array:
-    array = np.array(values, dtype=float).reshape(shape or -1)
-    array.flags.writeable = False
-    return array
-
-
-# draws ---------------------------------------------------------------------------------------------------------------
-
-
-def _drawn(law: Law, columns: slice) -> range:
-    """Return the components of a law for which random numbers are made."""
-    match law:
-        case Fixed():
-            return range(0)
-        case Circle():
-            return range(columns.start + 1, columns.stop)
-        case Rows():
-            return range(columns.start, columns.start + 1)
-        case _:
-            return range(columns.start, columns.stop)
-
-
-def _lay_out_draws(space: Space, rows: _Rows) -> Draws:
-    placed = list(zip((draw.law for draw in space.draws), space.slices, strict=True))
-    drawn = [component for law, columns in placed for component in _drawn(law, columns)]
-
-    def of(kind: type[Law]) -> NDArray[np.uint64]:
-        return _offsets([columns.start for law, columns in placed if isinstance(law, kind)])
-
-    fixed = {columns.start: law.mean for law, columns in placed if isinstance(law, Fixed)}
-    fixed |= {row: value for value, row in rows.constants.items()}
-    roots, sizes = _lay_out_joint([law for law, _ in placed if isinstance(law, JointNormal)])
-    groups = [[space.index[correlation.names[k]] for k in correlation.order] for correlation in space.correlations]
-    mixed = {component for group in groups for component in group}
-    fed = {columns.start for law, columns in placed if isinstance(law, Normal | Lognormal)}
-    lines, line_starts = _stacked([law.segments for law, _ in placed if isinstance(law, Empirical)], 4)
-    tables = [law for law, _ in placed if isinstance(law, Rows)]
-    numbers, number_starts = _stacked([law.array.reshape(-1, 1) for law in tables], 1)
-    shapes = [(law.size, len(law.table), start) for law, start in zip(tables, number_starts[:-1], strict=True)]
-    return Draws(
-        fixed_rows=_offsets(list(fixed)),
-        fixed_values=_frozen(list(fixed.values())),
-        stream_rows=_offsets(drawn),
-        streams=_frozen_offsets([space.streams[component] for component in drawn]),
-        score_rows=_offsets(sorted(fed | mixed)),
-        group_starts=_frozen_offsets(np.cumsum([0, *map(len, groups)])),
-        group_rows=_offsets([component for group in groups for component in group]),
-        group_roots=_padded([correlation.root for correlation in space.correlations]),
-        cumulated_rows=_offsets(sorted(mixed - fed)),
-        uniform_rows=of(Uniform),
-        uniform=_frozen([(law.mean, law.half_width) for law, _ in placed if isinstance(law, Uniform)], -1, 2),
-        triangular_rows=of(Triangular),
-        triangular=_frozen([(law.mean, law.half_width) for law, _ in placed if isinstance(law, Triangular)], -1, 2),
-        normal_rows=of(Normal),
-        normal=_frozen([(law.mean, law.std) for law, _ in placed if isinstance(law, Normal)], -1, 2),
-        truncated_rows=of(TruncatedNormal),
-        truncated=_frozen(
-            [
-                (law.mean, law.std, law.k, special.ndtr(-law.k), math.erf(law.k / math.sqrt(2)))
-                for law, _ in placed
-                if isinstance(law, TruncatedNormal)
-            ],
-            -1,
-            5,
-        ),
-        disc_rows=of(Disc),
-        disc=_frozen([law.radius for law, _ in placed if isinstance(law, Disc)]),
-        circle_rows=of(Circle),
-        circle=_frozen([law.radius for law, _ in placed if isinstance(law, Circle)]),
-        joint_rows=of(JointNormal),
-        joint_roots=roots,
-        joint_sizes=sizes,
-        lognormal_rows=of(Lognormal),
-        lognormal=_frozen(
-            [(law.mean, law.log_std, law.log_std**2 / 2) for law, _ in placed if isinstance(law, Lognormal)], -1, 3
-        ),
-        arcsine_rows=of(Arcsine),
-        arcsine=_frozen([(law.mean, law.half_width) for law, _ in placed if isinstance(law, Arcsine)], -1, 2),
-        two_point_rows=of(TwoPoint),
-        two_point=_frozen(
-            [(law.centre, law.half_width, law.threshold) for law, _ in placed if isinstance(law, TwoPoint)], -1, 3
-        ),
-        empirical_rows=of(Empirical),
-        empirical_starts=line_starts,
-        empirical=lines,
-        table_rows=of(Rows),
-        table_shapes=_frozen_offsets(np.array(shapes, dtype=np.uint64).reshape(-1, 3)),
-        table=_frozen(numbers),
-    )
-
-
-def _lay_out_joint(laws: Sequence[JointNormal]) -> tuple[Array, NDArray[np.uint64]]:
-    largest = max((law.size for law in laws), default=1)
-    roots = np.zeros((len(laws), largest + 1, largest))
-    for k, law in enumerate(laws):
-        roots[k, 0, : law.size] = law.mean_vector
-        roots[k, 1 : law.size + 1, : law.size] = law.root
-    return _frozen(roots, *roots.shape), _frozen_offsets([law.size for law in laws])
-
-
-def _padded(matrices: Sequence[Array]) -> Array:
-    """Return square matrices as one array, padded to the largest by zeros."""
-    largest = max(map(len, matrices), default=1)
-    padded = np.zeros((len(matrices), largest, largest))
-    for k, matrix in enumerate(matrices):
-        padded[k, : len(matrix), : len(matrix)] = matrix
-    return _frozen(padded, *padded.shape)
-
-
-def _stacked(parts: Sequence[Array], columns: int) -> tuple[Array, NDArray[np.uint64]]:
-    """Return matrices on top of one another, and at which row each begins, with the end of the last."""
-    stacked = np.concatenate([np.zeros((0, columns)), *parts])
-    return _frozen(stacked, *stacked.shape), _frozen_offsets(np.cumsum([0, *map(len, parts)]))
-
-
-def _law_intervals(law: Law, farthest: float) -> list[Interval]:
-    """Return what each number of a law stays between, drawn with normal numbers up to ``farthest``.
-
-    Raises
-    ------
-    InputError
-        The compiled sampler does not know the law.
-    """
-    match law:
-        case JointNormal():
-            reaches = np.abs(law.root).sum(axis=1) * FURTHEST_NORMAL
-            return [(m - r, m + r) for m, r in zip(law.mean_vector.tolist(), reaches.tolist(), strict=True)]
-        case (
-            Fixed()
-            | Uniform()
-            | Triangular()
-            | Normal()
-            | TruncatedNormal()
-            | Disc()
-            | Circle()
-            | Lognormal()
-            | Arcsine()
-            | TwoPoint()
-            | Empirical()
-            | Rows()
-        ):
-            return [law.interval(k, farthest) for k in range(law.size)]
-        case _:
-            raise InputError(f"the compiled sampler does not know the law {type(law).__name__}")
 
 
 # derived parameters and products -------------------------------------------------------------------------------------
@@ -368,13 +190,13 @@ class _Products:
         operators.flags.writeable = False
         return Formulas(
             operators=operators,
-            left=_offsets([step[1] for step in steps]),
-            right=_offsets([step[2] for step in steps]),
-            results=_offsets([step[3] for step in steps]),
-            product_factors=_frozen_offsets(
-                np.array([(_offset(a), _offset(b)) for a, b in self._factors], dtype=np.uint64).reshape(-1, 2)
+            left=offsets([step[1] for step in steps]),
+            right=offsets([step[2] for step in steps]),
+            results=offsets([step[3] for step in steps]),
+            product_factors=frozen_offsets(
+                np.array([(offset(a), offset(b)) for a, b in self._factors], dtype=np.uint64).reshape(-1, 2)
             ),
-            products=_offsets(self._results),
+            products=offsets(self._results),
         )
 
 
@@ -418,7 +240,7 @@ def _entries(sums: Sequence[dict[int, float]]) -> tuple[NDArray[np.uint64], NDAr
     kept = [[(row, value) for row, value in entries.items() if value != 0.0] for entries in sums]
     starts = np.cumsum([0, *map(len, kept)])
     flat = [entry for entries in kept for entry in entries]
-    return _frozen_offsets(starts), _offsets([row for row, _ in flat]), _frozen([value for _, value in flat])
+    return frozen_offsets(starts), offsets([row for row, _ in flat]), frozen([value for _, value in flat])
 
 
 def _without_dust(vector: Array) -> Array:

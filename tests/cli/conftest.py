@@ -90,7 +90,7 @@ Run = Callable[..., Outcome]
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Make the working folder: the paper's files, a gantry with a sheet, an arm with two leaves."""
-    for file in PAPER_SHEET.parent.iterdir():
+    for file in PAPER_SHEET.parent.glob("4dof.*"):
         shutil.copy(file, tmp_path)
     (tmp_path / "gantry.urdf").write_text(GANTRY, encoding="utf-8")
     (tmp_path / "gantry.errors.yaml").write_text(GANTRY_SHEET, encoding="utf-8")

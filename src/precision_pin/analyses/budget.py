@@ -5,12 +5,11 @@ Closed form on the tangent model beside Sobol indices of the exact model; the tw
 
 from __future__ import annotations
 
-import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from precision_pin import kernel
 from precision_pin.analyses import sobol
@@ -27,6 +26,7 @@ from precision_pin.analyses.budget_result import (
     SourceShare,
     Sums,
 )
+from precision_pin.analyses.heading import Heading, Pose, PoseHeading, listed_poses
 from precision_pin.analyses.tangent_shares import (
     by_component,
     by_draw,
@@ -35,17 +35,16 @@ from precision_pin.analyses.tangent_shares import (
     owners,
     reaches,
 )
-from precision_pin.errors import InputError
+from precision_pin.errors import InputError, UnknownNameError
 from precision_pin.model import ErrorModel, PoseModel
 from precision_pin.space import check_seed
 from precision_pin.statistics import COMPONENTS as COMPONENT_ROWS
 from precision_pin.statistics import NORMS as NORM_ROWS
 from precision_pin.statistics import QUANTITIES, quantity_values
 
-__all__ = ["budget"]
+__all__ = ["budget", "check_points", "check_quantities"]
 
 Array = NDArray[np.float64]
-Pose = ArrayLike | Mapping[str, float] | str
 
 ROUNDING: Final = 1e-14
 """Spreads (m, rad) up to this are rounding."""
@@ -68,7 +67,7 @@ _TOGETHER: Final = np.array(
 
 def budget(
     error_model: ErrorModel,
-    poses: Pose | Sequence[Pose] | None = None,
+    poses: Pose | Sequence[Pose] = None,
     /,
     *,
     seed: int = 0,
@@ -105,18 +104,13 @@ def budget(
         raise InputError(f"confidence {confidence!r}; it must lie above 0 and below 1")
     if not 0 < bound_at < np.inf:
         raise InputError(f"bound_at {bound_at!r}; it must be positive and finite, in standard deviations")
-    chain = error_model.chain
     return BudgetResult(
-        robot=os.path.basename(chain.robot.file),
-        base=chain.base,
-        tip=chain.tip,
-        seed=int(seed),
-        statics=error_model.statics,
+        heading=Heading.of(error_model, seed),
         samples=int(samples),
         confidence=confidence,
         bound_at=bound_at,
         marked=MARKED,
-        poses=tuple(_at_pose(error_model, pose, seed, samples, confidence, bound_at) for pose in _listed(poses)),
+        poses=tuple(_at_pose(error_model, pose, seed, samples, confidence, bound_at) for pose in listed_poses(poses)),
     )
 
 
@@ -136,19 +130,21 @@ def check_points(samples: int) -> None:
         )
 
 
-def _listed(poses: Pose | Sequence[Pose] | None) -> list[Pose | None]:
-    """Return poses one by one: numbers in a row are one pose, anything else in a row is several."""
-    if poses is None or isinstance(poses, str | Mapping):
-        return [poses]
-    rows = list(poses) if isinstance(poses, Sequence | np.ndarray) else [poses]
-    if not rows:
-        raise InputError("no poses; leave them out for the first pose of the model")
-    several = any(isinstance(row, str | Mapping | Sequence | np.ndarray) for row in rows)
-    return list(rows) if several else [poses]  # type: ignore[list-item]
+def check_quantities(quantities: Sequence[str]) -> None:
+    """Refuse the name of a quantity that a budget does not have.
+
+    Raises
+    ------
+    UnknownNameError
+        It is none of position, attitude, their norms and components.
+    """
+    for quantity in quantities:
+        if quantity not in _SAMPLED:
+            raise UnknownNameError("quantity", quantity, _SAMPLED)
 
 
 def _at_pose(
-    error_model: ErrorModel, pose: Pose | None, seed: int, samples: int, confidence: float, bound_at: float
+    error_model: ErrorModel, pose: Pose, seed: int, samples: int, confidence: float, bound_at: float
 ) -> PoseBudget:
     try:
         with np.errstate(over="raise"):
@@ -165,9 +161,7 @@ def _at_pose(
     halved = sampled.halved()
     reach = reaches(at, bound_at)
     return PoseBudget(
-        pose_name=error_model.pose_name(pose),
-        q=dict(zip(error_model.chain.joint_names, map(float, at.posture.q), strict=True)),
-        sliding_joints=tuple(joint.name for joint in error_model.chain.joints if joint.kind == "prismatic"),
+        pose=PoseHeading.of(error_model, pose, at),
         nominal=tuple(map(float, at.tangent[0])),
         std=_deviations(variances),
         quantile=dict(zip(NORMS, sampled.quantiles, strict=True)),

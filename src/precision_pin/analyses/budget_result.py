@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Final, final
 
-from precision_pin.result import versions
+from precision_pin.analyses.heading import Heading, PoseHeading
 
 __all__ = [
     "SCHEMA",
@@ -184,8 +184,8 @@ class PoseBudget:
 
     Attributes
     ----------
-    pose_name, q, sliding_joints
-        The pose: its name, empty if it has none; the value of each joint (rad, m); which of them slide.
+    pose
+        Which.
     nominal
         Error with every parameter at its mean, ``[d; δ]``.
     std
@@ -202,9 +202,7 @@ class PoseBudget:
         One line each.
     """
 
-    pose_name: str
-    q: Mapping[str, float]
-    sliding_joints: tuple[str, ...]
+    pose: PoseHeading
     nominal: tuple[float, ...]
     std: Mapping[str, float]
     quantile: Mapping[str, Estimate]
@@ -232,20 +230,16 @@ class BudgetResult:
 
     Attributes
     ----------
-    robot, base, tip
-        The URDF and the ends of the chain.
-    seed, statics, samples, confidence, bound_at, marked
-        How it was computed: 64-bit seed, ``"nominal"`` or ``"equilibrium"``, points in each set, of every interval,
-        standard deviations that unbounded laws reach, probability of the quantiles.
+    heading
+        Of what, with which seed.
+    samples, confidence, bound_at, marked
+        How it was computed: points in each set, confidence of every interval, standard deviations that unbounded laws
+        reach, probability of the quantiles.
     poses
         One budget each.
     """
 
-    robot: str
-    base: str
-    tip: str
-    seed: int
-    statics: str
+    heading: Heading
     samples: int
     confidence: float
     bound_at: float
@@ -254,15 +248,14 @@ class BudgetResult:
 
     def to_dict(self) -> dict[str, Any]:
         """Return the result as the ``precision-pin/budget/1`` schema has it, SI units, base axes."""
-        found = dataclasses.asdict(self)
-        poses = found.pop("poses")
         return {
-            "schema": SCHEMA,
-            **found,
-            "axes": "base",
-            "versions": versions(),
+            **self.heading.to_dict(SCHEMA),
+            "samples": self.samples,
+            "confidence": self.confidence,
+            "bound_at": self.bound_at,
+            "marked": self.marked,
             "assumptions": list(ASSUMPTIONS),
-            "poses": [{"pose": {"name": one.pop("pose_name"), "q": one.pop("q")}, **one} for one in poses],
+            "poses": [dataclasses.asdict(one) | {"pose": one.pose.to_dict()} for one in self.poses],
         }
 
     def to_json(self) -> str:

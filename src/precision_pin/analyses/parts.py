@@ -197,7 +197,7 @@ class _TruncatedPart(_SymmetricPart):
         return self.k * self._scaled(z)
 
     def envelope(self, frequency: Array) -> Array:
-        """The normal law's, and for its two tails their probability 2Φ(-k) or their total variation over ω, 4φ(k)/ω.
+        """Return the normal law's, and for the tails the less of their probability and total variation over ω, 4φ(k)/ω.
 
         All over P(|z| < k). Also at most the total variation of the whole density over ω (k small).
         """
@@ -365,10 +365,12 @@ class Lines(Part):
 
     @property
     def breaks(self) -> tuple[float, ...]:
+        """0, 1 and the probabilities at which pieces meet."""
         return (0.0, *np.cumsum(self.shares)[:-1].tolist(), 1.0)
 
     @property
     def kinks(self) -> tuple[float, ...]:
+        """Where pieces begin and stop."""
         return tuple(np.unique(np.concatenate([self.begins, self.stops])).tolist())
 
     @property
@@ -377,6 +379,7 @@ class Lines(Part):
         return bool((self.begins == self.stops).any())
 
     def cumulative(self, z: Array) -> Array:
+        """Return P(number ≤ z)."""
         ahead = z[..., None] - self.begins
         length = self.stops - self.begins
         passed = np.where(length > 0, np.clip(ahead / np.where(length > 0, length, 1.0), 0, 1), ahead >= 0)
@@ -384,6 +387,7 @@ class Lines(Part):
         return value
 
     def density(self, z: Array) -> Array:
+        """Return the density; not-a-number where any value has a probability of its own."""
         if self.has_jumps:
             return np.full_like(z, np.nan)
         inside = (z[..., None] >= self.begins) & (z[..., None] < self.stops)
@@ -391,6 +395,7 @@ class Lines(Part):
         return value
 
     def position(self, s: Array) -> Array:
+        """Return the quantile at s."""
         firsts = np.array(self.breaks[:-1])
         k = np.clip(np.searchsorted(firsts, s, side="right") - 1, 0, firsts.size - 1)
         along = np.clip((s - firsts[k]) / self.shares[k], 0, 1)
@@ -398,9 +403,11 @@ class Lines(Part):
         return value
 
     def weight(self, s: Array) -> Array:
+        """Return 1."""
         return np.ones_like(s)
 
     def parameter(self, z: Array) -> Array:
+        """Return the cumulative probability."""
         return self.cumulative(z)
 
     def envelope(self, frequency: Array) -> Array:

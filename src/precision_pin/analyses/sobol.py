@@ -1,10 +1,11 @@
 """Sobol indices of any function by pick-freeze, on scrambled Sobol points with replicates for intervals.
 
-First order: Azzini, Mara and Rosati, Environmental Modelling & Software 144 (2021) 105167, whose noise vanishes with the
-interactions' and the input's own part; total: Jansen, Computer Physics Communications 117 (1999), from both mixtures; both
-are Saltelli's scheme of two sets of points and their mixtures (ibid. 181, 2010). Of several outputs together: numerators and variances added up first (Gamboa, Janon, Klein and Lagnoux, 2014). Intervals:
-the points are independent scrambles (Owen, 1995) of one net; the estimates are smooth functions of the replicates' means,
-and their jackknife over the replicates gives a standard error with Student's law.
+First order: Azzini, Mara and Rosati, Environmental Modelling & Software 144 (2021) 105167, whose noise shrinks with the
+index itself; total: Jansen, Computer Physics Communications 117 (1999). Both from two sets of points and their mixtures
+as in Saltelli et al., ibid. 181 (2010). Of several outputs together: numerators and variances added up first (Gamboa,
+Janon, Klein and Lagnoux, 2014). Intervals: the points are independent scrambles (Owen, 1995) of one net; the estimates
+are smooth functions of the replicates' means, and their jackknife over the replicates gives a standard error with
+Student's law.
 """
 
 from __future__ import annotations

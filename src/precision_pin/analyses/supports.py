@@ -53,7 +53,7 @@ class Body(ABC):
 @final
 @dataclass(frozen=True, eq=False)
 class _Box(Body):
-    """Every number between two ends of its own, ``low`` and ``high`` ``(m,)``."""
+    """Every number between two ends, ``low`` and ``high`` ``(m,)``."""
 
     low: Array
     high: Array
@@ -184,12 +184,12 @@ class Supports:
         """Return the supports, laws that are not bounded cut at k standard deviations.
 
         A normal law is cut at mean ± kσ, a joint normal law at the ellipsoid (x - mean)ᵀ Σ⁻¹ (x - mean) = k², any other
-        law fed with normal numbers at what ± k of them give.
+        law of one number at the quantiles that a normal law has at ± k of its standard deviations.
 
         Raises
         ------
         InputError
-            k is not positive and finite, or a law of unknown form is not bounded.
+            k is not positive and finite, or a law of several numbers is not bounded and of unknown form.
         """
         if not (isinstance(k, int | float | np.number) and math.isfinite(k) and k > 0):
             raise InputError(f"k, where unbounded laws are cut, must be positive and finite, got {k!r}")
@@ -237,11 +237,12 @@ def _body(name: str, law: Law, k: float) -> Body:
             return _Ellipsoid(k * law.root)
         case Rows():
             return _Points(np.unique(law.array, axis=0) - law.mean_vector)
-    if law.size > 1 and _is_bounded(law):
+    bounded = _is_bounded(law)
+    if law.size > 1:
+        if not bounded:
+            raise InputError(f"the law of {name} is not bounded, and where to cut it is not known; truncate it")
         return _Described(law)
-    ends = np.array([law.interval(number, k) for number in range(law.size)])
-    if not np.isfinite(ends).all():
-        raise InputError(f"the law of {name} is not bounded, and where to cut it is not known; truncate it")
-    middle = law.inverse(np.full((law.size, 1), 0.5))[:, 0]
+    ends = np.array(_ends(law, 0)) if bounded else law.at_scores(np.array([[-k, k]]))[0]
+    middle = law.inverse(np.full((1, 1), 0.5))[0]
     mean = law.mean_vector
-    return _Box(ends[:, 0] - mean, ends[:, 1] - mean, middle - mean)
+    return _Box(ends[:1] - mean, ends[1:] - mean, middle - mean)

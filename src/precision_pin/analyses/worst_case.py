@@ -6,15 +6,15 @@ is searched from below. Reads the term table and the tangent only.
 
 from __future__ import annotations
 
-import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from precision_pin import kernel
 from precision_pin.analyses.farthest import Farthest, farthest, quadratic_bound
+from precision_pin.analyses.heading import Heading, Pose, PoseHeading, listed_poses
 from precision_pin.analyses.supports import Supports
 from precision_pin.analyses.worst_case_result import (
     ComponentBound,
@@ -24,7 +24,7 @@ from precision_pin.analyses.worst_case_result import (
     PoseWorstCase,
     WorstCaseResult,
 )
-from precision_pin.errors import Finding, InputError
+from precision_pin.errors import Finding
 from precision_pin.model import ErrorModel, PoseModel
 from precision_pin.run import Progress, monte_carlo
 from precision_pin.statistics import Distribution
@@ -32,7 +32,6 @@ from precision_pin.statistics import Distribution
 __all__ = ["farthest_error", "worst_case"]
 
 Array = NDArray[np.float64]
-Pose = ArrayLike | Mapping[str, float] | str | None
 
 MOST_KEPT: Final = 1_000_000
 """Up to so many samples the largest one is among the starting points of the search of the exact model."""
@@ -47,6 +46,7 @@ _GAIN: Final = 1e-12
 def worst_case(
     error_model: ErrorModel,
     poses: Pose | Sequence[Pose] = None,
+    /,
     *,
     seed: int = 0,
     samples: int = 100_000,
@@ -81,19 +81,14 @@ def worst_case(
         A wrong pose, seed, k or number of samples, an unbounded law that cannot be cut, or errors too large to compute.
     """
     supports = Supports.of(error_model.space, k)
-    chosen = _listed(poses)
+    chosen = listed_poses(poses)
     results, warnings = [], [str(finding) for finding in findings]
     for q in chosen:
         result, found = _at_pose(error_model, q, supports, seed, samples, confidence, progress)
         results.append(result)
         warnings += [line for line in found if line not in warnings]
-    chain = error_model.chain
     return WorstCaseResult(
-        robot=os.path.basename(chain.robot.file),
-        base=chain.base,
-        tip=chain.tip,
-        statics=error_model.statics,
-        seed=int(seed),
+        heading=Heading.of(error_model, seed),
         samples=int(samples),
         confidence=confidence,
         k=float(k),
@@ -102,16 +97,6 @@ def worst_case(
         poses=tuple(results),
         warnings=tuple(warnings),
     )
-
-
-def _listed(poses: Pose | Sequence[Pose]) -> list[Pose]:
-    if isinstance(poses, list | tuple) and any(not isinstance(entry, int | float | np.number) for entry in poses):
-        return list(poses)
-    if isinstance(poses, np.ndarray) and poses.ndim == 2:
-        return list(poses)
-    if isinstance(poses, list | tuple | np.ndarray) and len(poses) == 0:
-        raise InputError("no poses are given; name at least one, or leave poses out for the model's first")
-    return [poses]  # type: ignore[list-item]
 
 
 def _at_pose(
@@ -145,9 +130,7 @@ def _at_pose(
             sampled = at.space.sample(seed, largest, 1)[:, 0]
         norms.append(_bound(at, layout, supports, rows, quantity, analysis.summary.distribution(quantity), sampled))
     result = PoseWorstCase(
-        pose_name=analysis.pose_name,
-        q=analysis.q,
-        sliding_joints=analysis.sliding_joints,
+        heading=PoseHeading.of(error_model, q, at),
         error_at_means=error,
         components=tuple(components),
         position=norms[0],

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from precision_pin.analyses.farthest import Farthest
-from precision_pin.result import versions
+from precision_pin.analyses.heading import Heading, PoseHeading
 from precision_pin.statistics import Distribution
 
 __all__ = [
@@ -147,8 +147,8 @@ class PoseWorstCase:
 
     Attributes
     ----------
-    pose_name, q, sliding_joints
-        The pose, as in :class:`precision_pin.result.Analysis`.
+    heading
+        The pose.
     error_at_means
         e0, ``(6,)``.
     components
@@ -157,9 +157,7 @@ class PoseWorstCase:
         |d| and |δ|.
     """
 
-    pose_name: str
-    q: Mapping[str, float]
-    sliding_joints: tuple[str, ...]
+    heading: PoseHeading
     error_at_means: Array
     components: tuple[ComponentBound, ...]
     position: NormBound
@@ -168,7 +166,7 @@ class PoseWorstCase:
     def to_dict(self) -> dict[str, Any]:
         """Return the numbers, SI."""
         return {
-            "pose": {"name": self.pose_name, "q": dict(self.q)},
+            "pose": self.heading.to_dict(),
             "nominal": {"position": self.error_at_means[:3].tolist(), "attitude": self.error_at_means[3:].tolist()},
             "components": {
                 entry.quantity: {"first_order": [entry.low, entry.high], "seen": list(entry.seen)}
@@ -186,9 +184,9 @@ class WorstCaseResult:
 
     Attributes
     ----------
-    robot, base, tip, statics
-        Of the error model.
-    seed, samples, confidence
+    heading
+        Robot, base, tip, statics and seed.
+    samples, confidence
         Of what is shown beside the bounds.
     k
         Where unbounded laws are cut, standard deviations.
@@ -202,11 +200,7 @@ class WorstCaseResult:
         One line each.
     """
 
-    robot: str
-    base: str
-    tip: str
-    statics: str
-    seed: int
+    heading: Heading
     samples: int
     confidence: float
     k: float
@@ -233,21 +227,13 @@ class WorstCaseResult:
     def to_dict(self) -> dict[str, Any]:
         """Return the result as the ``precision-pin/worst-case/1`` schema has it, SI units."""
         return {
-            "schema": SCHEMA,
-            "complete": True,
-            "robot": self.robot,
-            "base": self.base,
-            "tip": self.tip,
-            "axes": "base",
+            **self.heading.to_dict(SCHEMA),
             "samples": self.samples,
-            "seed": self.seed,
             "model": "exact",
-            "statics": self.statics,
             "confidence": self.confidence,
             "k": self.k,
             "cut": list(self.cut),
             "assumptions": list(self.assumptions),
-            "versions": versions(),
             "warnings": list(self.warnings),
             "poses": [pose.to_dict() for pose in self.poses],
         }

@@ -17,9 +17,12 @@ __all__ = ["main"]
 
 COMMANDS: Final = {
     "analyze": "Sample the pose error of an arm at a pose: statistics, specifications, plots.",
+    "budget": "Share of each draw, source and joint in the spread of the error; what a halved tolerance would give.",
     "check": "Check a URDF, or a sheet and its URDF; list every finding.",
     "init": "Write a commented sheet for a URDF, with starting tolerances.",
     "mcpc": "Print the MCPC parameters of a chain.",
+    "worst-case": "Bound the pose error if every tolerance does its worst at once.",
+    "exact-law": "Compute the law of every component of the first-order error, tails included, without sampling.",
     "view": "Write a page with the arm and the cloud of sampled end-effector positions in 3-D.",
     "schema": "Print the JSON schema of the sheet.",
     "doctor": "Print versions and paths.",
@@ -39,7 +42,7 @@ class LateGroup(click.Group):
         """Import a command."""
         if cmd_name not in COMMANDS:
             return None
-        command: click.Command = importlib.import_module(f"precision_pin.cli.{cmd_name}").command
+        command: click.Command = importlib.import_module(f"precision_pin.cli.{cmd_name.replace('-', '_')}").command
         return command
 
     def resolve_command(

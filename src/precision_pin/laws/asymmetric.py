@@ -96,10 +96,10 @@ class Lognormal(Law):
             return w * self.mean
         return math.inf if w > 0 else 0.0
 
-    def interval(self, number: int, farthest: float = FARTHEST_NORMAL) -> tuple[float, float]:
-        """Return m exp(± farthest·σ - σ²/2)."""
+    def interval(self, number: int) -> tuple[float, float]:
+        """Return m exp(± 8.6 σ - σ²/2)."""
         del number
-        low, high = self.sample(np.array([-farthest, farthest]))
+        low, high = self.sample(np.array([-FARTHEST_NORMAL, FARTHEST_NORMAL]))
         return float(low), float(high)
 
     def characteristic(self, frequency: ArrayLike) -> NDArray[np.complex128]:

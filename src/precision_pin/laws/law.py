@@ -66,12 +66,11 @@ class Law(ABC):
     def characteristic(self, frequency: ArrayLike) -> NDArray[np.complex128]:
         """Return E exp(i t·x) for t ``(size, …)``."""
 
-    def interval(self, number: int, farthest: float = FARTHEST_NORMAL) -> tuple[float, float]:
+    def interval(self, number: int) -> tuple[float, float]:
         """Return what a number of the law (0-based) stays between in every sample.
 
-        Its support; of a law fed with normal numbers, what numbers up to ``farthest`` standard deviations out give.
+        Its support; of a law fed with normal numbers, what numbers up to 8.6 standard deviations out give.
         """
-        del farthest
         direction = np.zeros(self.size)
         direction[number] = 1.0
         return -self.support(-direction), self.support(direction)

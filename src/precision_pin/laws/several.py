@@ -182,9 +182,9 @@ class JointNormal(Law):
         rounding = 1e-12 * float(np.abs(w) @ np.sqrt(np.diag(self.covariance)))
         return math.inf if np.abs(self.root.T @ w).max() > rounding else float(w @ self.mean_vector)
 
-    def interval(self, number: int, farthest: float = FARTHEST_NORMAL) -> tuple[float, float]:
-        """Return the number's mean ± farthest·σ."""
-        mean, reach = float(self.mean_vector[number]), farthest * math.sqrt(self.matrix[number][number])
+    def interval(self, number: int) -> tuple[float, float]:
+        """Return the number's mean ± 8.6 σ."""
+        mean, reach = float(self.mean_vector[number]), FARTHEST_NORMAL * math.sqrt(self.matrix[number][number])
         return mean - reach, mean + reach
 
     def characteristic(self, frequency: ArrayLike) -> NDArray[np.complex128]:

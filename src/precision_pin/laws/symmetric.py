@@ -187,10 +187,10 @@ class Normal(_ScalarLaw):
         """Infinite, unless σ is zero."""
         return math.inf if self.std else 0.0
 
-    def interval(self, number: int, farthest: float = FARTHEST_NORMAL) -> tuple[float, float]:
-        """Return mean ± farthest·σ."""
+    def interval(self, number: int) -> tuple[float, float]:
+        """Return mean ± 8.6 σ."""
         del number
-        return self.mean - farthest * self.std, self.mean + farthest * self.std
+        return self.mean - FARTHEST_NORMAL * self.std, self.mean + FARTHEST_NORMAL * self.std
 
     def sample(self, variates: Array) -> Array:
         """Return mean + σ z."""

@@ -1,0 +1,464 @@
+"""The exact law of the first-order model: no sampling, the tails included.
+
+A component of the tangent model ``e0 + J (x - mean)`` is a sum of independent numbers, one for each draw; its law follows
+from their characteristic functions (:mod:`precision_pin.analyses.inversion`).
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Final, final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from precision_pin.analyses.heading import Heading, Pose, PoseHeading, listed_poses
+from precision_pin.analyses.inversion import (
+    MOST_PIECES,
+    ConvolvedLaw,
+    NormalLaw,
+    NumberLaw,
+    SeriesLaw,
+    SingleLaw,
+    certified_series,
+)
+from precision_pin.analyses.normal_norm import NormalNorm
+from precision_pin.analyses.parts import Part, part_of
+from precision_pin.errors import InputError
+from precision_pin.laws import Fixed, JointNormal, Law, Normal
+from precision_pin.model import ErrorModel, PoseModel
+from precision_pin.space import Space, check_seed
+from precision_pin.statistics import QUANTITIES
+
+__all__ = ["Agreement", "ExactLaw", "ExactLawResult", "PoseLaws", "exact_law"]
+
+Array = NDArray[np.float64]
+
+SCHEMA: Final = "precision-pin/exact-law/1"
+LEVELS: Final = (0.00135, 0.01, 0.05, 0.5, 0.95, 0.99, 0.9973, 0.99865)
+LARGEST_ERROR: Final = 1e-6
+"""A law whose cumulative probabilities cannot be certified to this is not given."""
+
+ROUNDING: Final = 1e-14
+"""Spreads (m, rad) up to this are rounding."""
+
+MOST_SAMPLES: Final = 10_000_000
+
+_NEGLIGIBLE: Final = 1e-12
+_CURVE: Final = 241
+_BINS: Final = 60
+_EFFORT: Final = 2e7
+_NORMS: Final = {"position.norm": slice(0, 3), "attitude.norm": slice(3, 6)}
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Agreement:
+    """How far samples of the tangent model lie from the exact law.
+
+    Attributes
+    ----------
+    samples
+        How many.
+    distance
+        Kolmogorov distance: the largest difference of the two cumulative laws, rounded up by at most ``slack``.
+    band
+        What it stays below with the confidence stated: √(ln(2/α)/2N) (Dvoretzky, Kiefer and Wolfowitz 1956; Massart 1990).
+    confidence
+        1 - α.
+    slack
+        By how much the distance may be too large.
+    edges, counts
+        Histogram of the samples.
+    """
+
+    samples: int
+    distance: float
+    band: float
+    confidence: float
+    slack: float
+    edges: Array
+    counts: NDArray[np.intp]
+
+    @property
+    def agrees(self) -> bool:
+        """Whether the distance is within the band."""
+        return self.distance - self.slack <= self.band
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class ExactLaw:
+    """The law of one quantity.
+
+    Attributes
+    ----------
+    quantity
+        ``position.x`` … ``attitude.z`` or a norm; m or rad, base axes.
+    law
+        Gives ``cumulative``, ``density`` and ``quantile``; ``None`` where there is none.
+    reason
+        Why there is none.
+    mean, std
+        Of the quantity; of a norm that is not available, ``None``.
+    contributors
+        How many draws matter; normal ones count as one.
+    error
+        Bound of the error of every cumulative probability.
+    quantiles, quantile_errors
+        At :data:`LEVELS`, and the bound of the error of each (infinite where the density is zero or unknown).
+    agreement
+        With samples of the tangent model.
+    """
+
+    quantity: str
+    law: NumberLaw | NormalNorm | None
+    reason: str = ""
+    mean: float | None = None
+    std: float | None = None
+    contributors: int = 0
+    error: float = 0.0
+    quantiles: tuple[float, ...] = ()
+    quantile_errors: tuple[float, ...] = ()
+    agreement: Agreement | None = None
+
+    @property
+    def curve(self) -> tuple[Array, Array, Array]:
+        """Values from 4.5 standard deviations below the mean to as many above, density and cumulative law there."""
+        if self.law is None or self.mean is None or self.std is None:
+            return np.zeros(0), np.zeros(0), np.zeros(0)
+        low = max(self.mean - 4.5 * self.std, self.law.low)
+        high = min(self.mean + 4.5 * self.std, self.law.high)
+        x = np.linspace(low, high, _CURVE)
+        return x, self.law.density(x), self.law.cumulative(x)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the law as the JSON has it, SI units; null for what is not known."""
+        result: dict[str, Any] = {
+            "mean": self.mean,
+            "std": self.std,
+            "contributors": self.contributors,
+            "method": None if self.law is None else self.law.method,
+            "not_available": self.reason or None,
+        }
+        if self.law is None or self.agreement is None:
+            return result
+        x, density, cumulative = self.curve
+        return result | {
+            "support": [self.law.low, self.law.high],
+            "cumulative_error": self.error,
+            "quantiles": {f"{p:g}": value for p, value in zip(LEVELS, self.quantiles, strict=True)},
+            "quantile_error": {f"{p:g}": _finite(e) for p, e in zip(LEVELS, self.quantile_errors, strict=True)},
+            "agreement": {
+                "samples": self.agreement.samples,
+                "distance": self.agreement.distance,
+                "band": self.agreement.band,
+                "confidence": self.agreement.confidence,
+                "agrees": self.agreement.agrees,
+            },
+            "curve": {
+                "value": x.tolist(),
+                "density": [_finite(value) for value in density.tolist()],
+                "cumulative": cumulative.tolist(),
+            },
+        }
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class PoseLaws:
+    """The laws at one pose.
+
+    Attributes
+    ----------
+    pose
+        Which.
+    laws
+        The eight quantities by name.
+    """
+
+    pose: PoseHeading
+    laws: dict[str, ExactLaw]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the pose and its laws."""
+        return {"pose": self.pose.to_dict(), "laws": {name: law.to_dict() for name, law in self.laws.items()}}
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class ExactLawResult:
+    """Exact laws at one or several poses.
+
+    Attributes
+    ----------
+    heading
+        Of what.
+    samples, confidence
+        Of the agreement.
+    poses
+        One entry for each.
+    """
+
+    heading: Heading
+    samples: int
+    confidence: float
+    poses: tuple[PoseLaws, ...]
+
+    @property
+    def agrees(self) -> bool:
+        """Whether every law agrees with its samples."""
+        laws = [law for pose in self.poses for law in pose.laws.values()]
+        return all(law.agreement.agrees for law in laws if law.agreement is not None)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the result as the ``precision-pin/exact-law/1`` schema has it, SI units."""
+        return self.heading.to_dict(SCHEMA) | {
+            "model": "tangent",
+            "samples": self.samples,
+            "confidence": self.confidence,
+            "assumptions": list(ASSUMPTIONS),
+            "poses": [pose.to_dict() for pose in self.poses],
+        }
+
+    def to_json(self) -> str:
+        """Return :meth:`to_dict` as text."""
+        return json.dumps(self.to_dict(), indent=2, ensure_ascii=False, allow_nan=False)
+
+
+ASSUMPTIONS: Final = (
+    "first-order (tangent) model at the means of the draws",
+    "the norm is available where all draws that matter are normal",
+)
+
+
+def exact_law(
+    error_model: ErrorModel,
+    poses: Pose | Sequence[Pose] = None,
+    /,
+    *,
+    seed: int = 0,
+    samples: int = 100_000,
+    confidence: float = 0.999,
+) -> ExactLawResult:
+    """Return the law of every component of the first-order model, and of the norms where all draws are normal.
+
+    Parameters
+    ----------
+    error_model
+        Chain, draws and sources.
+    poses
+        A pose (a name, joint values, or None for the model's first) or a list of such.
+    seed, samples, confidence
+        Of the samples of the tangent model that the laws are compared with.
+
+    Raises
+    ------
+    InputError
+        A wrong pose, seed, number of samples or confidence; draws that are correlated and not normal.
+    """
+    check_seed(seed)
+    if isinstance(samples, bool) or not isinstance(samples, int | np.integer) or not 100 <= samples <= MOST_SAMPLES:
+        raise InputError(f"the number of samples must be a whole number from 100 to {MOST_SAMPLES:,}, got {samples!r}")
+    if not 0 < confidence < 1:
+        raise InputError(f"confidence {confidence!r}; it must lie above 0 and below 1")
+    _refuse_copulas(error_model.space)
+    deviations = error_model.space.sample(seed, 0, int(samples)) - error_model.space.mean[:, None]
+    found = []
+    for pose in listed_poses(poses):
+        at = error_model.at(pose)
+        error, jacobian = at.tangent
+        sampled = error[:, None] + jacobian @ deviations
+        laws = {name: _norm(at, name, sampled, confidence) for name in _NORMS}
+        for row, name in enumerate(name for name in QUANTITIES if name not in _NORMS):
+            laws[name] = _component(at.space, name, float(error[row]), jacobian[row], sampled[row], confidence)
+        found.append(PoseLaws(PoseHeading.of(error_model, pose, at), {name: laws[name] for name in QUANTITIES}))
+    return ExactLawResult(Heading.of(error_model, seed), int(samples), float(confidence), tuple(found))
+
+
+def _refuse_copulas(space: Space) -> None:
+    laws = {draw.name: draw.law for draw in space.draws}
+    for correlation in space.correlations:
+        for name in correlation.names:
+            if not isinstance(laws[name], Normal):
+                raise InputError(
+                    f"{name!r} is correlated ({', '.join(correlation.names)}) and not normal: its sums have no exact law "
+                    "here; use analyze, or make all draws of the correlation normal"
+                )
+
+
+def _is_normal(law: Law) -> bool:
+    return isinstance(law, Normal | JointNormal | Fixed)
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class _Share:
+    """A draw that is not normal, along the weights of a component."""
+
+    law: Law
+    weights: Array
+    std: float
+    part: Part | None
+
+    def characteristic(self, frequency: Array) -> NDArray[np.complex128]:
+        """Return E exp(i ω w·(x - mean))."""
+        turn = np.exp(-1j * frequency * float(self.weights @ self.law.mean_vector))
+        value: NDArray[np.complex128] = self.law.characteristic(self.weights[:, None] * frequency) * turn
+        return value
+
+    @property
+    def ends(self) -> tuple[float, float]:
+        """Between which it lies."""
+        if self.part is not None:
+            return self.part.ends
+        middle = float(self.weights @ self.law.mean_vector)
+        return -self.law.support(-self.weights) - middle, self.law.support(self.weights) - middle
+
+    def envelope(self, frequency: Array) -> Array:
+        """Return a bound of the characteristic function; 1 for a law of which no more is known."""
+        return np.ones_like(frequency) if self.part is None else self.part.envelope(frequency)
+
+
+def _component(space: Space, quantity: str, mean: float, weights: Array, sampled: Array, confidence: float) -> ExactLaw:
+    normal = np.zeros(space.size, dtype=bool)
+    shares = []
+    for draw, columns in zip(space.draws, space.slices, strict=True):
+        if _is_normal(draw.law):
+            normal[columns] = True
+            continue
+        direction = weights[columns]
+        std = math.sqrt(max(float(direction @ draw.law.covariance @ direction), 0.0))
+        if std > 0:
+            shares.append(_Share(draw.law, direction, std, part_of(draw.law, direction)))
+    bell = np.where(normal, weights, 0.0)
+    bell_std = math.sqrt(max(float(bell @ space.covariance @ bell), 0.0))
+    total = math.hypot(bell_std, *(share.std for share in shares))
+    if total <= ROUNDING:
+        return ExactLaw(quantity, None, "does not vary at first order", mean=mean, std=0.0)
+    kept = [share for share in shares if share.std > _NEGLIGIBLE * total]
+    left_out = sum(share.std for share in shares if share.std <= _NEGLIGIBLE * total)
+    if bell_std <= _NEGLIGIBLE * total:
+        left_out, bell_std = left_out + bell_std, 0.0
+    contributors = len(kept) + (bell_std > 0)
+    law = _law_of(mean, kept, bell_std)
+    # a left-out number moves the cumulative law by no more than the density times itself, a few standard deviations
+    error = math.inf if isinstance(law, str) else law.error + 10 * left_out / total
+    if isinstance(law, str) or error > LARGEST_ERROR:
+        reason = law if isinstance(law, str) else _UNCERTIFIED
+        return ExactLaw(quantity, None, reason, mean=mean, std=total, contributors=contributors)
+    return _with_samples(quantity, law, mean, total, contributors, error, sampled, confidence)
+
+
+_UNCERTIFIED: Final = "not certified: too few of its draws have a density (values with a probability of their own)"
+
+
+def _law_of(mean: float, shares: Sequence[_Share], bell_std: float) -> NumberLaw | str:
+    """Return the law of a sum, or why there is none."""
+    if not shares:
+        return NormalLaw(mean, bell_std)
+    parts = [share.part for share in shares if share.part is not None]
+    if not bell_std and len(parts) == len(shares) <= 2:
+        if len(parts) == 1:
+            return SingleLaw(mean, parts[0])
+        pair = ConvolvedLaw.of(mean, *parts)
+        if pair.pieces <= MOST_PIECES:
+            return pair
+    low, high = (sum(share.ends[side] for share in shares) for side in (0, 1))
+    if not math.isfinite(low) or not math.isfinite(high):
+        return "a law defined outside precision-pin has no bounds"
+
+    def characteristic(frequency: Array) -> NDArray[np.complex128]:
+        value = np.exp(-((bell_std * frequency) ** 2) / 2).astype(complex)
+        for share in shares:
+            value = value * share.characteristic(frequency)
+        return value
+
+    return certified_series(mean, (low, high), bell_std, [share.envelope for share in shares], characteristic)
+
+
+def _norm(at: PoseModel, quantity: str, sampled: Array, confidence: float) -> ExactLaw:
+    rows = _NORMS[quantity]
+    error, jacobian = at.tangent
+    covariance = at.covariance[rows, rows]
+    total = math.sqrt(max(float(np.trace(covariance)), 0.0))
+    if total <= ROUNDING:
+        size = float(np.linalg.norm(error[rows]))
+        return ExactLaw(quantity, None, "does not vary at first order", mean=size, std=0.0)
+    others = [
+        draw.name
+        for draw, columns in zip(at.space.draws, at.space.slices, strict=True)
+        if not _is_normal(draw.law)
+        and float(np.trace(jacobian[rows, columns] @ draw.law.covariance @ jacobian[rows, columns].T))
+        > (_NEGLIGIBLE * total) ** 2
+    ]
+    if others:
+        named = ", ".join(others[:2]) + (f" and {len(others) - 2} more" if len(others) > 2 else "")
+        return ExactLaw(quantity, None, f"not available: only of normal draws, and these are not: {named}")
+    law = NormalNorm(error[rows], covariance)
+    mean, std = law.moments
+    sizes = np.linalg.norm(sampled[rows], axis=0)
+    return _with_samples(quantity, law, mean, std, 1, law.error, sizes, confidence)
+
+
+def _with_samples(
+    quantity: str,
+    law: NumberLaw | NormalNorm,
+    mean: float,
+    std: float,
+    contributors: int,
+    error: float,
+    sampled: Array,
+    confidence: float,
+) -> ExactLaw:
+    quantiles = tuple(law.quantile(p) for p in LEVELS)
+    densities = law.density(np.array(quantiles))
+    return ExactLaw(
+        quantity,
+        law,
+        mean=mean,
+        std=std,
+        contributors=contributors,
+        error=error,
+        quantiles=quantiles,
+        quantile_errors=tuple(error / value if value > 0 else math.inf for value in densities.tolist()),
+        agreement=agreement_of(law, np.sort(sampled), confidence, std),
+    )
+
+
+def agreement_of(law: NumberLaw | NormalNorm, rising: Array, confidence: float, std: float) -> Agreement:
+    """Return how far sorted samples ``(N,)`` lie from a law of this standard deviation.
+
+    Every m-th sample is looked at, m as the time that the law takes demands; between two, both cumulative laws rise, so
+    that the distance grows by m/N at most.
+    """
+    match law:
+        case SeriesLaw():
+            cost = 100 + law.terms / 4
+        case ConvolvedLaw():
+            cost = 105.0 * law.pieces
+        case NormalNorm():
+            cost = 2e5
+        case _:
+            cost = 100.0
+    count = rising.size
+    step = max(1, math.ceil(2 * count * cost / _EFFORT))
+    looked = np.unique(np.append(np.arange(0, count, step), count - 1))
+    x = rising[looked]
+    # a value with a probability of its own is sampled with rounding, and must be found on both sides of it
+    shift = 1e-9 * std
+    above, below = law.cumulative(x + shift), law.cumulative(x - shift)
+    up_to = np.searchsorted(rising, x, side="right") / count
+    before = np.searchsorted(rising, x, side="left") / count
+    slack = (step - 1) / count
+    distance = float(max((up_to - above).max(), (below - before).max(), 0.0)) + slack
+    counts, edges = np.histogram(rising, bins=_BINS)
+    band = math.sqrt(math.log(2 / (1 - confidence)) / (2 * count))
+    return Agreement(count, distance, band, confidence, slack, edges, counts)
+
+
+def _finite(value: float) -> float | None:
+    return value if math.isfinite(value) else None

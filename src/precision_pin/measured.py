@@ -1,0 +1,161 @@
+"""Measured numbers in CSV files, with their units in the header.
+
+    x [mm], rx [mrad]
+    0.012, -0.3
+    0.008, 0.1
+
+The first row names the columns, each with its unit in brackets (none for a plain number). Columns are parted by commas,
+numbers have a point. Blank lines and lines that begin with ``#`` do not count.
+"""
+
+from __future__ import annotations
+
+import csv
+import math
+import os
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final, final
+
+from precision_pin import units
+from precision_pin.errors import InputError, UnitError, UnknownNameError
+from precision_pin.units import Quantity
+
+__all__ = ["LARGEST_FILE", "Measured", "read"]
+
+LARGEST_FILE: Final = 16 * 2**20
+
+_HEADING: Final = re.compile(r"([^\[\]]*?)\s*(?:\[([^\[\]]*)\])?")
+_NUMBER: Final = re.compile(r"[+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d+)?", re.ASCII)
+
+
+@final
+@dataclass(frozen=True)
+class Measured:
+    """What a file holds.
+
+    Attributes
+    ----------
+    file
+        Its name, for messages.
+    names
+        Of the columns.
+    units
+        Of the columns, as written; empty for a plain number.
+    rows
+        The numbers as they stand in the file, not in SI.
+    """
+
+    file: str
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    rows: tuple[tuple[float, ...], ...]
+
+    def unit(self, name: str) -> str:
+        """Return a column's unit as written.
+
+        Raises
+        ------
+        UnknownNameError
+            There is no such column.
+        """
+        if name not in self.names:
+            raise UnknownNameError(f"column in {self.file}", name, self.names)
+        return self.units[self.names.index(name)]
+
+    def column(self, name: str, *quantities: Quantity) -> tuple[float, ...]:
+        """Return a column's numbers in SI.
+
+        Raises
+        ------
+        InputError
+            There is no such column, it has no unit or one of another quantity, or a number is too large.
+        """
+        unit = self.unit(name)
+        wanted = " or ".join(quantity.name for quantity in quantities)
+        if not unit and not any("" in quantity.units for quantity in quantities):
+            si = quantities[0].si
+            raise UnitError(
+                f"{self.file}: the column {name!r} has no unit; write that of a {wanted} behind its name: {name} [{si}]"
+            )
+        try:
+            factor = units.parse(f"1 {unit}", *quantities)
+        except UnitError:
+            allowed = ", ".join(dict.fromkeys(unit for quantity in quantities for unit in quantity.units if unit))
+            raise UnitError(
+                f"{self.file}: {unit!r} of the column {name!r} is not a unit of {wanted}; allowed: {allowed}"
+            ) from None
+        position = self.names.index(name)
+        values = tuple(row[position] * factor for row in self.rows)
+        if not all(map(math.isfinite, values)):
+            raise InputError(f"{self.file}: the column {name!r} holds a number that is too large")
+        return values
+
+
+def read(path: str | os.PathLike[str]) -> Measured:
+    """Read a file.
+
+    Raises
+    ------
+    InputError
+        It is not there, cannot be read or is larger than 16 MiB; or, with its line: no header, a column without a name
+        or two of one name, a row of another length, what is not a number.
+    """
+    file = os.fspath(path)
+    header: list[tuple[str, str]] = []
+    rows: list[tuple[float, ...]] = []
+    lines = [
+        (number, line) for number, line in enumerate(_text(file).splitlines(), start=1) if not _is_comment(line)
+    ]
+    for number, line in lines:
+        where = f"{file}, line {number}"
+        cells = [cell.strip() for cell in next(csv.reader([line]))]
+        if not header:
+            header = _header(cells, where)
+            continue
+        if len(cells) != len(header):
+            raise InputError(f"{where}: {len(cells)} cells, but the header has {len(header)}")
+        rows.append(tuple(_number(cell, where) for cell in cells))
+    if not rows:
+        raise InputError(f"{file} holds no rows of numbers; a header such as 'x [mm], y [mm]' and rows belong there")
+    return Measured(file, tuple(name for name, _ in header), tuple(unit for _, unit in header), tuple(rows))
+
+
+def _text(file: str) -> str:
+    path = Path(file)
+    try:
+        if not path.is_file():
+            raise InputError(f"{file} {'is not a regular file' if path.exists() else 'does not exist'}")
+        if path.stat().st_size > LARGEST_FILE:
+            raise InputError(f"{file} is larger than {LARGEST_FILE >> 20} MiB")
+        return path.read_text(encoding="utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise InputError(f"{file} is not UTF-8 text (byte {error.start})") from None
+    except (OSError, ValueError) as error:
+        raise InputError(f"{file} cannot be read: {getattr(error, 'strerror', None) or error}") from None
+
+
+def _is_comment(line: str) -> bool:
+    return not line.strip() or line.lstrip().startswith("#")
+
+
+def _header(cells: list[str], where: str) -> list[tuple[str, str]]:
+    header: list[tuple[str, str]] = []
+    for cell in cells:
+        match = _HEADING.fullmatch(cell)
+        if match is None or not match[1]:
+            hint = "; columns are parted by commas" if ";" in cell or "\t" in cell else ""
+            raise InputError(f"{where}: {cell!r} does not name a column such as 'x [mm]'{hint}")
+        if match[1] in (name for name, _ in header):
+            raise InputError(f"{where}: two columns are named {match[1]!r}")
+        header.append((match[1], (match[2] or "").strip()))
+    if all(_NUMBER.fullmatch(name) for name, _ in header):
+        raise InputError(f"{where}: the first row names the columns and their units, such as 'x [mm], y [mm]'")
+    return header
+
+
+def _number(cell: str, where: str) -> float:
+    if _NUMBER.fullmatch(cell) is None or not math.isfinite(float(cell)):
+        raise InputError(f"{where}: {cell!r} is not a number such as 0.012 or 1.2e-2")
+    return float(cell)

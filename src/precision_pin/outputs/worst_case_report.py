@@ -1,0 +1,244 @@
+"""The worst case as text for a terminal and as a picture."""
+
+from __future__ import annotations
+
+import math
+import textwrap
+from collections.abc import Sequence
+from typing import Final
+
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+
+from precision_pin.analyses.heading import PoseHeading
+from precision_pin.analyses.worst_case_result import SEEN_LEVEL, NormBound, PoseWorstCase, WorstCaseResult
+from precision_pin.outputs.drawing import (
+    BLACK,
+    BLUE,
+    GREEN,
+    PURPLE,
+    SKY,
+    VERMILION,
+    DisplayUnit,
+    display_unit,
+)
+from precision_pin.outputs.plots import DOUBLE_COLUMN, MILLIMETRES_PER_INCH, _figure, _style
+from precision_pin.outputs.text import ROUNDING, _aligned, _plain
+from precision_pin.statistics import format_supported
+
+__all__ = ["figure", "table"]
+
+LISTED: Final = 8
+"""How many draws are named, the largest contributions first; the rest stands in one line."""
+
+_LONGEST_NAME: Final = 44
+_BAR: Final = 4.6
+_CAPTION_CHARACTERS: Final = 105
+_LINE: Final = 3.6
+_SYMBOLS: Final = {"position": ("|d|", "d", "mm"), "attitude": ("|δ|", "δ", "mrad")}
+
+
+def table(result: WorstCaseResult) -> str:
+    """Return the bounds, what the exact model reaches, what was seen, and who contributes; mm and mrad."""
+    cut = f"cut at {result.k:g} standard deviations: {', '.join(result.cut)}" if result.cut else "every law is bounded"
+    heading = result.heading
+    parts = []
+    for pose in result.poses:
+        lines = [
+            f"{heading.robot}: {heading.base} to {heading.tip}, pose {_pose(pose.heading)}",
+            f"worst case of {result.draws} draws, {cut}",
+            f"beside it {result.samples:,} samples, seed {heading.seed}, exact model, statics {heading.statics}; "
+            "errors in base axes",
+            "",
+            *_aligned(_norm_rows(pose)),
+            "",
+            *_aligned(_component_rows(pose)),
+        ]
+        for bound in (pose.position, pose.attitude):
+            lines += ["", *_contributions(bound)]
+        parts.append("\n".join(lines))
+    parts.append(
+        "first order: largest error of the tangent model, a bound; there: the exact model at the same parameters;\n"
+        "found: the largest error of the exact model found, not a bound; seen: among the samples, not a bound"
+    )
+    return "\n\n".join(parts)
+
+
+def figure(result: WorstCaseResult, which: int = 0) -> Figure:
+    """Return how the draws add up to the worst case of |d| (above) and |δ| at one of the poses, 174 mm wide.
+
+    Each bar begins where the one above it ends: the error at the means, the largest contributions, the rest. Lines mark
+    the first-order bound, the largest exact error found, the largest seen and the 99.73 % quantile of the samples.
+
+    Parameters
+    ----------
+    result
+        What is drawn.
+    which
+        Which of its poses, 0-based.
+    """
+    pose, heading = result.poses[which], result.heading
+    named = f" at pose {pose.heading.name}" if pose.heading.name else ""
+    caption = [
+        *textwrap.wrap(f"worst case of {heading.robot}, {heading.base} to {heading.tip}{named}", _CAPTION_CHARACTERS),
+        f"N = {result.samples:,}, seed {heading.seed}, exact model, statics {heading.statics}",
+    ]
+    if result.cut:
+        caption.append(f"unbounded laws cut at {result.k:g} standard deviations: {len(result.cut)} of {result.draws}")
+    with _style():
+        drawn = _figure(DOUBLE_COLUMN)
+        bounds = (pose.position, pose.attitude)
+        bars = [_bars(bound) for bound in bounds]
+        panels = drawn.subplots(2, 1, height_ratios=[max(len(entries), 4) for entries in bars])
+        for axes, bound, entries in zip(panels, bounds, bars, strict=True):
+            _draw(axes, bound, entries)
+        handles, labels = panels[0].get_legend_handles_labels()
+        drawn.legend(
+            handles, labels, loc="outside lower center", ncols=2, frameon=False, title="\n".join(caption),
+            handlelength=2.6,
+        )  # fmt: skip
+        height = 34 + _BAR * sum(max(len(entries), 4) for entries in bars) + _LINE * (len(caption) + 2)
+        drawn.set_size_inches(DOUBLE_COLUMN / MILLIMETRES_PER_INCH, height / MILLIMETRES_PER_INCH)
+    return drawn
+
+
+# text ---------------------------------------------------------------------------------------
+
+
+def _pose(pose: PoseHeading) -> str:
+    values = ", ".join(
+        f"{name} {_plain(value)} m" if name in pose.sliding_joints else f"{name} {_plain(math.degrees(value))}°"
+        for name, value in pose.q.items()
+    )
+    return f"{pose.name!r} ({values})" if pose.name else f"({values})"
+
+
+def _symbols(quantity: str) -> tuple[str, str, str]:
+    return _SYMBOLS[quantity.partition(".")[0]]
+
+
+def _norm_rows(pose: PoseWorstCase) -> list[list[str]]:
+    rows = [["", "", "first order", "there", "found", "largest seen", f"{100 * SEEN_LEVEL:g} % seen"]]
+    for bound in (pose.position, pose.attitude):
+        symbol, _, unit = _symbols(bound.quantity)
+        quantile, half_width = bound.seen.quantile(SEEN_LEVEL), bound.seen.half_width(SEEN_LEVEL)
+        resolved = quantile is not None and half_width is not None
+        rows.append(
+            [
+                symbol,
+                unit,
+                *(_milli(value) for value in (bound.first_order.upper, bound.exact_norm, bound.found.norm)),
+                _milli(bound.seen.max),
+                format_supported(1e3 * quantile, 1e3 * half_width, most=5) if resolved else "-",  # type: ignore[operator]
+            ]
+        )
+    return rows
+
+
+def _component_rows(pose: PoseWorstCase) -> list[list[str]]:
+    rows = [["", "", "lowest, first order", "highest", "smallest seen", "largest seen"]]
+    for entry in pose.components:
+        _, symbol, unit = _symbols(entry.quantity)
+        ends = (entry.low, entry.high, *entry.seen)
+        rows.append([f"{symbol}{entry.quantity[-1]}", unit, *map(_milli, ends)])
+    return rows
+
+
+def _contributions(bound: NormBound) -> list[str]:
+    """Return how the draws add up, and at which values; whether the bound is certified stands in the heading."""
+    symbol, _, unit = _symbols(bound.quantity)
+    found = bound.first_order
+    if found.certified:
+        width = 0.0 if found.upper == 0 else found.upper / found.lower - 1
+        proof = "in closed form" if found.cells == 0 else f"with {found.cells:,} spherical triangles"
+        how = f"global within {max(width, 1e-12):.0e}, {proof}"
+    else:
+        how = (
+            f"NOT resolved to 1e-9 with {found.cells:,} spherical triangles: the largest first-order error lies between "
+            f"{1e3 * found.lower:.9g} and {1e3 * found.upper:.9g} {unit}"
+        )
+    rows = [
+        [f"  {name}", unit, _milli(value), _values(bound, name)] for name, value in _listed(bound, "error at the means")
+    ]
+    return [f"what makes up {symbol} ({how}):", *_aligned(rows)]
+
+
+def _listed(bound: NormBound, nominal: str) -> list[tuple[str, float]]:
+    """Return the error at the means, the largest contributions and what the others add together."""
+    entries = [entry for entry in bound.contributions if abs(entry.value) > ROUNDING]
+    few = len(entries) <= LISTED + 1
+    named, rest = (entries, []) if few else (entries[:LISTED], entries[LISTED:])
+    listed = [(nominal, bound.nominal), *((entry.draw, entry.value) for entry in named)]
+    if rest:
+        listed.append((f"{len(rest)} others", sum(entry.value for entry in rest)))
+    return listed
+
+
+def _values(bound: NormBound, name: str) -> str:
+    """Return the values of a draw's components in the worst case, SI."""
+    values = [
+        value
+        for component, value in bound.parameters.items()
+        if component == name or component.rpartition(".")[0] == name
+    ]
+    if not values or name not in {entry.draw for entry in bound.contributions}:
+        return ""
+    return "at " + ", ".join(f"{value:.6g}" for value in values) + " (SI)"
+
+
+def _milli(value: float) -> str:
+    return f"{1e3 * value:.6g}" if abs(value) > ROUNDING else "0"
+
+
+# picture ------------------------------------------------------------------------------------
+
+
+def _bars(bound: NormBound) -> list[tuple[str, float]]:
+    return [(_shortened(name), value) for name, value in _listed(bound, "error at the means")]
+
+
+def _draw(axes: Axes, bound: NormBound, entries: Sequence[tuple[str, float]]) -> None:
+    symbol, _, _ = _symbols(bound.quantity)
+    unit = display_unit(bound.seen)
+    begin = 0.0
+    for row, (_, value) in enumerate(entries):
+        colour = BLUE if row == 0 else SKY
+        axes.barh(row, value * unit.per_si, left=begin * unit.per_si, height=0.7, color=colour, linewidth=0)
+        begin += value
+    axes.set_yticks(range(len(entries)), [name for name, _ in entries])
+    axes.set_ylim(max(len(entries), 4) - 0.4, -0.6)
+    axes.tick_params(axis="y", length=0)
+    for value, colour, dashes, width, label in _lines(bound, unit):
+        axes.axvline(value, color=colour, linestyle=dashes, linewidth=width, label=label)
+    axes.axvline(0, color=BLACK, linewidth=0.6)
+    axes.xaxis.set_major_locator(MaxNLocator(nbins=7, steps=[1, 2, 5, 10]))
+    axes.ticklabel_format(axis="x", style="plain", useOffset=False)
+    axes.margins(x=0.03)
+    axes.set_xlabel(f"{symbol} [{unit.name}]")
+    axes.set_title(
+        f"{symbol}: bound {bound.first_order.upper * unit.per_si:.5g}, exact model at least "
+        f"{bound.found.norm * unit.per_si:.5g}, largest seen {bound.seen.max * unit.per_si:.5g} {unit.name}",
+        fontsize=7.5,
+    )
+
+
+def _lines(bound: NormBound, unit: DisplayUnit) -> list[tuple[float, str, object, float, str]]:
+    quantile = bound.seen.quantile(SEEN_LEVEL)
+    lines: list[tuple[float, str, object, float, str]] = [
+        (bound.first_order.upper, VERMILION, "-", 1.6, "bound of the first-order model"),
+        (bound.found.norm, BLACK, (0, (1.2, 1.2)), 1.0, "largest error of the exact model found"),
+        (bound.seen.max, GREEN, (0, (4, 1.5)), 1.0, "largest seen among the samples"),
+    ]
+    if quantile is not None:
+        lines.append(
+            (quantile, PURPLE, (0, (6, 1.5, 1.2, 1.5)), 1.0, f"{100 * SEEN_LEVEL:g} % quantile of the samples")
+        )
+    return [(value * unit.per_si, colour, dashes, width, label) for value, colour, dashes, width, label in lines]
+
+
+def _shortened(name: str) -> str:
+    if len(name) <= _LONGEST_NAME:
+        return name
+    half = (_LONGEST_NAME - 1) // 2
+    return f"{name[:half]}…{name[-half:]}"

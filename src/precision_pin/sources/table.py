@@ -1,0 +1,87 @@
+"""Measured rows."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Final, Literal, final
+
+import numpy as np
+
+from precision_pin import measured, units
+from precision_pin.chain import Posture
+from precision_pin.errors import InputError, nearest
+from precision_pin.laws import Rows
+from precision_pin.sources.chosen_place import check_choice, chosen_place
+from precision_pin.space import Draw, LabelledSpace, Scope
+from precision_pin.terms import Source, Term
+
+__all__ = ["Table"]
+
+_COLUMNS: Final = dict.fromkeys(("x", "y", "z"), units.LENGTH) | dict.fromkeys(("rx", "ry", "rz"), units.ANGLE)
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class Table(Source):
+    """Errors of any place as they were measured together: each sample takes one row of a table, every row alike likely.
+
+    The place's displacement is ``Trans(x, y, z)·Exp((rx, ry, rz))`` in the place's own axes, a column that is missing
+    counts as zero; what other sources do to the same place adds. No law is fitted, nothing lies between the rows (the
+    bootstrap: Efron and Tibshirani, An Introduction to the Bootstrap, 1993, chapter 6).
+
+    Attributes
+    ----------
+    joint, link, frame
+        Which place, one of the three: the seat of a joint (its URDF origin frame before it turns), the end of the chain
+        link that a URDF link belongs to (the next joint's origin frame, or the tip), or the frame of a URDF link on the
+        way to the tip.
+    file
+        A CSV file with columns among x, y, z, rx, ry, rz, the unit behind each name: ``x [mm], rx [mrad]``.
+    scope
+        How often it is drawn: ``unit``, ``pose`` or ``visit``.
+
+    Raises
+    ------
+    InputError
+        Not one place; a file that cannot be read, is no table of numbers, or has another column or unit.
+    """
+
+    joint: str | None = None
+    link: str | None = None
+    frame: str | None = None
+    file: Path
+    scope: Literal["unit", "pose", "visit"] = "unit"
+
+    def __post_init__(self) -> None:
+        check_choice("table", self.joint, self.link, self.frame)
+        if self.scope not in (scope.value for scope in Scope):
+            raise InputError(f"scope: of table must be unit, pose or visit, got {self.scope!r}")
+        _ = self._law  # the file is read once, and now
+
+    @property
+    def subject(self) -> str:
+        """The joint, link or frame."""
+        return self.joint or self.link or self.frame or ""
+
+    def own_draws(self, label: str) -> tuple[Draw, ...]:
+        """Return the columns as one draw."""
+        return (Draw(f"{label}.row", self._law, Scope(self.scope)),)
+
+    def terms(self, posture: Posture, space: LabelledSpace) -> Iterator[Term]:
+        """Yield a term for each column."""
+        place = chosen_place(posture.chain, self.joint, self.link, self.frame)
+        for row, name in enumerate(_COLUMNS):
+            if name in self._law.names:
+                yield Term.of(place, np.eye(6)[row], space.component(f"row.{name}"))
+
+    @cached_property
+    def _law(self) -> Rows:
+        table = measured.read(self.file)
+        for name in table.names:
+            if name not in _COLUMNS:
+                raise InputError(f"{table.file}: unknown column {name!r}: {nearest(name, _COLUMNS)}")
+        columns = [table.column(name, _COLUMNS[name]) for name in table.names]
+        return Rows(tuple(zip(*columns, strict=True)), table.names)
