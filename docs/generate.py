@@ -34,24 +34,43 @@ PAGES: Final = Path(__file__).parent
 MARKED: Final = re.compile(r"(?<=<!-- table: )(.+?)( -->\n).*?(?=<!-- end -->)", re.DOTALL)
 
 UNIONS: Final = (types.UnionType, typing.Union)
-WORDS: Final = {str: "text", int: "whole number", bool: "true or false"}
+WORDS: Final = {str: "text", int: "whole number", bool: "true or false", Path: "file"}
 
 LAWS: Final[dict[str, tuple[dict[str, Any], str]]] = {
     "fixed": ({"fixed": "85 mm"}, "a number that does not vary, but has a name and a derivative"),
     "uniform": ({"uniform": "0.05 mm"}, "anywhere within mean ± t alike; σ = t/√3"),
     "normal": ({"normal": "0.06 mm"}, "t is k standard deviations, σ = t/k; `normal: {std: 0.02 mm}` gives σ itself"),
     "triangular": ({"triangular": "0.05 mm"}, "a symmetric triangle on mean ± t; σ = t/√6"),
+    "lognormal": (
+        {"lognormal": {"std": "0.1 mm"}, "mean": "1 mm"},
+        "never negative; `std` and `mean` are those of the number itself, not of its logarithm; `mean` is needed",
+    ),
+    "arcsine": ({"arcsine": "0.05 mm"}, "a sine wave of amplitude t met at a random moment; σ = t/√2"),
+    "two_point": (
+        {"two_point": "0.05 mm"},
+        "centre - t or centre + t, nothing between; `probability` of the upper one, 0.5 unless given; `centre` 0",
+    ),
+    "empirical": (
+        {"empirical": {"samples": "0.11 0.13 0.12 mm"}},
+        "what was measured: `samples`, or `quantiles`; in the sheet or from a file",
+    ),
     "disc": ({"disc": "0.1 mm"}, "two numbers `.x`, `.y`: a point uniform over the area of a disc of radius t"),
     "circle": ({"circle": "0.1 mm"}, "two numbers `.x`, `.y`: a point uniform on a circle of radius t"),
     "joint_normal": (
         {"joint_normal": {"std": ["0.1 mm", "0.2 mm"]}},
         "several numbers `.0`, `.1`, …, jointly normal; `std` their standard deviations",
     ),
+    "rows": (
+        {"rows": [["0.1 mm", "0.2 mm"], ["0 mm", "-0.1 mm"]]},
+        "several numbers `.0`, `.1`, … that were measured together: one of the rows, each alike likely",
+    ),
 }
 OPTIONS: Final[dict[str, Any]] = {
     "mean": "1 mm",
     "k": "2",
     "truncated": "true",
+    "centre": "1 mm",
+    "probability": "0.3",
     "correlation": [["1", "0.5"], ["0.5", "1"]],
     "scope": "pose",
 }

@@ -12,6 +12,7 @@ PACKAGE = Path(__file__).parent.parent / "src" / "precision_pin"
 FLOORS = (
     "errors",
     "units",
+    "measured",
     "se3",
     "philox",
     "laws",

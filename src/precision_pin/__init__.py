@@ -17,15 +17,21 @@ if TYPE_CHECKING:
     from precision_pin.analyses.worst_case import worst_case as worst_case
     from precision_pin.chain import Chain as Chain
     from precision_pin.chain import Posture as Posture
+    from precision_pin.correlation import Correlation as Correlation
     from precision_pin.errors import InputError as InputError
     from precision_pin.errors import PrecisionPinError as PrecisionPinError
+    from precision_pin.laws import Arcsine as Arcsine
     from precision_pin.laws import Circle as Circle
     from precision_pin.laws import Disc as Disc
+    from precision_pin.laws import Empirical as Empirical
     from precision_pin.laws import Fixed as Fixed
     from precision_pin.laws import JointNormal as JointNormal
+    from precision_pin.laws import Lognormal as Lognormal
     from precision_pin.laws import Normal as Normal
+    from precision_pin.laws import Rows as Rows
     from precision_pin.laws import Triangular as Triangular
     from precision_pin.laws import TruncatedNormal as TruncatedNormal
+    from precision_pin.laws import TwoPoint as TwoPoint
     from precision_pin.laws import Uniform as Uniform
     from precision_pin.model import ErrorModel as ErrorModel
     from precision_pin.result import Analysis as Analysis
@@ -39,23 +45,29 @@ if TYPE_CHECKING:
 
 _HOMES: Final = {
     "Analysis": "result",
+    "Arcsine": "laws",
     "Chain": "chain",
     "Circle": "laws",
+    "Correlation": "correlation",
     "Disc": "laws",
     "Draw": "space",
+    "Empirical": "laws",
     "ErrorModel": "model",
     "Fixed": "laws",
     "InputError": "errors",
     "JointNormal": "laws",
+    "Lognormal": "laws",
     "Normal": "laws",
     "Posture": "chain",
     "PrecisionPinError": "errors",
+    "Rows": "laws",
     "Scope": "space",
     "Source": "terms",
     "Space": "space",
     "Term": "terms",
     "Triangular": "laws",
     "TruncatedNormal": "laws",
+    "TwoPoint": "laws",
     "Uniform": "laws",
     "budget": "analyses.budget",
     "exact_law": "analyses.exact_law",

@@ -105,9 +105,7 @@ def read(path: str | os.PathLike[str]) -> Measured:
     file = os.fspath(path)
     header: list[tuple[str, str]] = []
     rows: list[tuple[float, ...]] = []
-    lines = [
-        (number, line) for number, line in enumerate(_text(file).splitlines(), start=1) if not _is_comment(line)
-    ]
+    lines = [(number, line) for number, line in enumerate(_text(file).splitlines(), start=1) if not _is_comment(line)]
     for number, line in lines:
         where = f"{file}, line {number}"
         cells = [cell.strip() for cell in next(csv.reader([line]))]

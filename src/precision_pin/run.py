@@ -155,7 +155,9 @@ def available_cores() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def in_order(observe: Callable[[range], kernel.Blocks], tasks: Sequence[range], threads: int) -> Iterator[kernel.Blocks]:
+def in_order(
+    observe: Callable[[range], kernel.Blocks], tasks: Sequence[range], threads: int
+) -> Iterator[kernel.Blocks]:
     """Yield what every task gives, in the order of the tasks, with twice as many under way as there are threads."""
     with ThreadPoolExecutor(max_workers=max(1, min(threads, len(tasks)))) as pool:
         waiting: deque[Future[kernel.Blocks]] = deque()

@@ -3,7 +3,7 @@
 In a page's ``python`` blocks, which share one namespace, ``# → text`` behind a line is what that line prints. In a
 ``console`` block every ``$`` line is a ``precision-pin`` command, ``# exit N`` behind it its exit code if not 0, and the
 lines below it, if any, what it prints (``...`` for anything). A ``yaml`` block with ``# file: NAME`` at its top is
-that file; any other is part of a sheet of the paper's arm. Everything runs in a folder with the paper's arm and sheet, page by page.
+that file; any other is part of a sheet of the paper's arm. Every page runs in a folder with the paper's arm and sheet.
 """
 
 from __future__ import annotations

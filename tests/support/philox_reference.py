@@ -7,13 +7,29 @@ occasions) is that of the design's section on random numbers. Laws are inverted 
 from __future__ import annotations
 
 import hashlib
+import itertools
 import math
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from precision_pin.laws import Circle, Disc, Fixed, JointNormal, Law, Normal, Triangular, TruncatedNormal, Uniform
+from precision_pin.laws import (
+    Arcsine,
+    Circle,
+    Disc,
+    Empirical,
+    Fixed,
+    JointNormal,
+    Law,
+    Lognormal,
+    Normal,
+    Rows,
+    Triangular,
+    TruncatedNormal,
+    TwoPoint,
+    Uniform,
+)
 from precision_pin.space import Scope, Space
 
 Array = NDArray[np.float64]
@@ -62,21 +78,49 @@ def quantile(law: Law, u: float) -> float:
             # scipy loses digits in the upper tail only
             lower = float(stats.truncnorm.ppf(min(u, 1 - u), -k, k, 0.0, std))
             return mean + (lower if u <= 0.5 else -lower)
+        case Arcsine(half_width=t, mean=mean):
+            lower = float(stats.arcsine.ppf(min(u, 1 - u), -t, 2 * t))
+            return mean + (lower if u <= 0.5 else -lower)
+        case TwoPoint(half_width=t, centre=centre, probability=probability):
+            return centre - t if u <= 1 - probability else centre + t
+        case Empirical(quantiles=table):
+            for (p, x), (q, y) in itertools.pairwise(table):
+                if p <= u < q:
+                    return x + (y - x) * (u - p) / (q - p)
+            return table[-1][1]
     raise AssertionError(law)
 
 
 def unit(space: Space, seed: int, number: int, pose: int = 0, visit: int = 0) -> Array:
-    """Numbers ``(d,)`` of one unit."""
+    """Numbers ``(d,)`` of one unit; correlated ones by a Gaussian copula, made in alphabetical order."""
     values: list[float] = []
+    scores: dict[str, float] = {}
+    for correlation in space.correlations:
+        order = sorted(correlation.names)
+        places = [correlation.names.index(name) for name in order]
+        root = np.linalg.cholesky(np.array(correlation.matrix)[np.ix_(places, places)])
+        word = occasion(next(draw.scope for draw in space.draws if draw.name == order[0]), pose, visit)
+        pairs = [pair_of_uniforms(seed, stream(name), word, number // 2) for name in order]
+        turn = math.sin if number % 2 else math.cos
+        normals = [math.sqrt(-2 * math.log(even)) * turn(2 * math.pi * odd) for even, odd in pairs]
+        scores |= dict(zip(order, (root @ np.array(normals)).tolist(), strict=True))
     for draw in space.draws:
         word = occasion(draw.scope, pose, visit)
         pairs = [pair_of_uniforms(seed, stream(name), word, number // 2) for name in draw.components]
         own = [pair[number % 2] for pair in pairs]
         turn = math.sin if number % 2 else math.cos
         normals = [math.sqrt(-2 * math.log(even)) * turn(2 * math.pi * odd) for even, odd in pairs]
+        if draw.name in scores:
+            normals = [scores[draw.name]]
+            own = [stats.norm.cdf(normals[0])]
         match draw.law:
             case Normal(std=std, mean=mean):
                 values.append(mean + std * normals[0])
+            case Lognormal(std=std, mean=mean):
+                sigma = math.sqrt(math.log(1 + (std / mean) ** 2))
+                values.append(mean * math.exp(sigma * normals[0]) / math.exp(sigma**2 / 2))
+            case Rows(table=rows):
+                values += rows[int(own[0] * len(rows))]
             case JointNormal():
                 root = np.linalg.cholesky(np.array(draw.law.matrix))
                 values += list(draw.law.mean_vector + root @ np.array(normals))

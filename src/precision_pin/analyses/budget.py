@@ -115,17 +115,17 @@ def budget(
 
 
 def check_points(samples: int) -> None:
-    """Refuse a number of points that is not 16 times a power of two from 64 to 2²⁰.
+    """Refuse a number of points that is not 16 times a power of two from 64 to 2¹⁴.
 
     Raises
     ------
     InputError
         It is not.
     """
-    allowed = [sobol.REPLICATES << k for k in range(6, 21)]
+    allowed = [sobol.REPLICATES << k for k in range(6, 15)]
     if isinstance(samples, bool) or samples not in allowed:
         raise InputError(
-            f"the number of samples must be {sobol.REPLICATES} times a power of two from 64 to 2^20 "
+            f"the number of samples must be {sobol.REPLICATES} times a power of two from 64 to 2^14 "
             f"({allowed[0]}, {allowed[1]}, … {allowed[-1]}), got {samples!r}"
         )
 

@@ -108,9 +108,9 @@ def farthest(
         cells += len(corners)
         bounds = values.max(axis=1) / _plane_distance(corners)
         still = bounds > best * (1 + TOLERANCE - 2 * _ROUNDING)
-        dropped = max(dropped, bounds[~still].max(initial=0.0))
+        dropped = max(dropped, float(bounds[~still].max(initial=0.0)))
         if not still.any() or cells + 4 * still.sum() > most_cells:
-            upper = max(dropped, bounds[still].max(initial=0.0))
+            upper = max(dropped, float(bounds[still].max(initial=0.0)))
             return Farthest(direction, best, min(upper, ceiling) * (1 + _ROUNDING), cells)
         corners, values = _quartered(corners[still], values[still], search)
         if values.max() > best:

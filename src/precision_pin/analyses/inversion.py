@@ -358,7 +358,8 @@ class _Bounds:
 
     @cached_property
     def _octaves(self) -> Array:
-        return 2.0 ** np.arange(160)
+        powers: Array = np.exp2(np.arange(160, dtype=float))
+        return powers
 
     def truncations(self, terms: int) -> tuple[float, float]:
         """Return the bounds of the errors of F and f; the sums over octaves (2^j K, 2^(j+1) K]."""
@@ -408,7 +409,7 @@ def certified_series(
             terms *= 2
         if bounds.truncations(terms)[0] <= aim:
             break
-    omega = np.arange(terms + 1) * (np.pi / half_length)
+    omega = np.arange(terms + 1, dtype=float) * (np.pi / half_length)
     coefficients = characteristic(omega) * np.exp(-1j * omega * middle)
     truncation, density_truncation = bounds.truncations(terms)
     return SeriesLaw(mean, middle, half_length, coefficients, truncation, density_truncation)

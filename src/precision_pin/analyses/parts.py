@@ -206,7 +206,8 @@ class _TruncatedPart(_SymmetricPart):
         tails = np.minimum(2 * special.ndtr(-self.k), 4 * height / omega)
         cut = (np.exp(-(omega**2) / 2) + tails) / self._inner
         whole = 2 / (math.sqrt(2 * math.pi) * self._inner * omega)
-        return np.minimum(np.minimum(cut, whole), 1.0)
+        bound: Array = np.minimum(np.minimum(cut, whole), 1.0)
+        return bound
 
 
 @final

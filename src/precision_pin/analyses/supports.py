@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from precision_pin.errors import InputError
-from precision_pin.laws import Circle, Disc, JointNormal, Law, Rows
+from precision_pin.laws import Circle, Disc, JointNormal, Law, Normal, Rows
 from precision_pin.space import Space
 
 __all__ = ["Body", "Supports"]
@@ -169,13 +169,19 @@ class Supports:
     ----------
     space
         The draws.
+    names
+        What is bounded together: a draw, or normal draws that are correlated, joined by commas.
+    columns
+        The components of each.
     bodies
-        One for each draw.
+        What each can take.
     cut
         Names of the draws whose law is not bounded and was cut.
     """
 
     space: Space
+    names: tuple[str, ...]
+    columns: tuple[NDArray[np.intp], ...]
     bodies: tuple[Body, ...]
     cut: tuple[str, ...]
 
@@ -184,7 +190,9 @@ class Supports:
         """Return the supports, laws that are not bounded cut at k standard deviations.
 
         A normal law is cut at mean ± kσ, a joint normal law at the ellipsoid (x - mean)ᵀ Σ⁻¹ (x - mean) = k², any other
-        law of one number at the quantiles that a normal law has at ± k of its standard deviations.
+        law of one number at the quantiles that a normal law has at ± k of its standard deviations. Normal laws that are
+        correlated are one joint normal law. Other correlated draws each keep their own set: a copula with correlations
+        between -1 and 1 excludes no combination.
 
         Raises
         ------
@@ -193,19 +201,32 @@ class Supports:
         """
         if not (isinstance(k, int | float | np.number) and math.isfinite(k) and k > 0):
             raise InputError(f"k, where unbounded laws are cut, must be positive and finite, got {k!r}")
-        bodies = tuple(_body(draw.name, draw.law, float(k)) for draw in space.draws)
         cut = tuple(draw.name for draw in space.draws if not _is_bounded(draw.law))
-        return cls(space, bodies, cut)
+        groups = _normal_groups(space)
+        grouped = {name for group in groups for name in group}
+        names, columns, bodies = [], [], []
+        for draw, rows in zip(space.draws, space.slices, strict=True):
+            if draw.name not in grouped:
+                names.append(draw.name)
+                columns.append(np.arange(rows.start, rows.stop))
+                bodies.append(_body(draw.name, draw.law, float(k)))
+        for group in groups:
+            chosen = np.array([space.index[name] for name in group])
+            matrix = space.covariance[np.ix_(chosen, chosen)]
+            names.append(", ".join(group))
+            columns.append(chosen)
+            bodies.append(_Ellipsoid(k * JointNormal(tuple(map(tuple, matrix.tolist()))).root))
+        return cls(space, tuple(names), tuple(columns), tuple(bodies), cut)
 
     def heights(self, weights: Array) -> Array:
-        """Return h of every draw, ``(draws, N)``, for weights ``(N, d)`` of the components."""
-        parts = [body.heights(weights[:, rows]) for body, rows in zip(self.bodies, self.space.slices, strict=True)]
+        """Return h of every body, ``(bodies, N)``, for weights ``(N, d)`` of the components."""
+        parts = [body.heights(weights[:, rows]) for body, rows in zip(self.bodies, self.columns, strict=True)]
         return np.array(parts).reshape(-1, len(weights))
 
     def points(self, weights: Array) -> Array:
         """Return the support points, deviations ``(N, d)``, for weights ``(N, d)``."""
         result = np.empty(weights.shape)
-        for body, rows in zip(self.bodies, self.space.slices, strict=True):
+        for body, rows in zip(self.bodies, self.columns, strict=True):
             result[:, rows] = body.points(weights[:, rows])
         return result
 
@@ -213,10 +234,19 @@ class Supports:
     def ends(self) -> tuple[Array, Array]:
         """Lowest and highest deviation of every component, ``(d,)`` each."""
         low, high = np.empty(self.space.size), np.empty(self.space.size)
-        for body, rows in zip(self.bodies, self.space.slices, strict=True):
-            axes = np.eye(rows.stop - rows.start)
+        for body, rows in zip(self.bodies, self.columns, strict=True):
+            axes = np.eye(rows.size)
             low[rows], high[rows] = -body.heights(-axes), body.heights(axes)
         return low, high
+
+
+def _normal_groups(space: Space) -> list[tuple[str, ...]]:
+    laws = {draw.name: draw.law for draw in space.draws}
+    return [
+        correlation.names
+        for correlation in space.correlations
+        if all(isinstance(laws[name], Normal) for name in correlation.names)
+    ]
 
 
 def _ends(law: Law, number: int) -> tuple[float, float]:

@@ -160,12 +160,15 @@ def _bound(
         inside = sampled if not supports.cut else _toward(layout, supports, rows, sampled[None], at.space.mean)[0]
         starts = np.concatenate([starts, inside[None]])
     place, size = _climbed(layout, supports, rows, starts, at.space.mean)
-    named = sorted(zip((draw.name for draw in at.space.draws), shares, strict=True), key=lambda pair: -pair[1])
+    contributions = [
+        Contribution(name, tuple(at.space.components[column] for column in columns), float(share))
+        for name, columns, share in zip(supports.names, supports.columns, shares, strict=True)
+    ]
     return NormBound(
         quantity=quantity,
         first_order=bound,
         nominal=float(bound.direction @ error),
-        contributions=tuple(Contribution(name, float(value)) for name, value in named),
+        contributions=tuple(sorted(contributions, key=lambda entry: -entry.value)),
         parameters=dict(zip(at.space.components, map(float, x), strict=True)),
         exact_error=exact,
         exact_norm=float(np.linalg.norm(exact[rows])),
@@ -200,7 +203,7 @@ def farthest_error(error: Array, jacobian: Array, supports: Supports) -> Farthes
 
     def bound(direction: Array) -> float:
         centre, roots = error.copy(), []
-        for body, columns in zip(supports.bodies, supports.space.slices, strict=True):
+        for body, columns in zip(supports.bodies, supports.columns, strict=True):
             if body.roots is None:
                 return np.inf
             centre += jacobian[:, columns] @ body.centre
@@ -219,17 +222,17 @@ def _climbed(
     or, where that does not help, the one that helps most. Every point lies in the supports, whatever their form.
     """
     places, sizes = starts.copy(), _sizes(layout, rows, starts)
-    slices = supports.space.slices
-    for _ in range(_EXCHANGES if slices else 0):
+    groups = supports.columns
+    for _ in range(_EXCHANGES if groups else 0):
         aims = _toward(layout, supports, rows, places, mean)
         reached = _sizes(layout, rows, aims)
         better = reached > sizes * (1 + _GAIN)
         places[better], sizes[better] = aims[better], reached[better]
         improved = bool(better.any())
         for start in np.flatnonzero(~better):
-            single = np.repeat(places[start][None], len(slices), axis=0)
-            for draw, columns in enumerate(slices):
-                single[draw, columns] = aims[start, columns]
+            single = np.repeat(places[start][None], len(groups), axis=0)
+            for group, columns in enumerate(groups):
+                single[group, columns] = aims[start, columns]
             tried = _sizes(layout, rows, single)
             best = int(tried.argmax())
             if tried[best] > sizes[start] * (1 + _GAIN):

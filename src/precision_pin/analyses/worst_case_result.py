@@ -31,13 +31,29 @@ SCHEMA: Final = "precision-pin/worst-case/1"
 SEEN_LEVEL: Final = 0.9973
 """Which quantile of the samples stands beside the bound."""
 
+BENT: Final = 1e-3
+"""Up to this share of the bound the exact model may go beyond it before that is said."""
+
+_ROUNDING: Final = 1e-14
+
 
 @final
 @dataclass(frozen=True)
 class Contribution:
-    """What a draw adds to the worst first-order error of a norm (m or rad); zero or more if its mean is central."""
+    """What a draw adds to the worst first-order error of a norm.
+
+    Attributes
+    ----------
+    draw
+        Its name; those of normal draws that are correlated are joined by commas.
+    components
+        Names of its numbers.
+    value
+        m or rad; zero or more if its mean is one of the values it can take, or between them.
+    """
 
     draw: str
+    components: tuple[str, ...]
     value: float
 
 
@@ -110,6 +126,11 @@ class NormBound:
     found: ExactMaximum
     seen: Distribution
 
+    @property
+    def exceeded(self) -> bool:
+        """Whether the exact model goes beyond the bound of its first order by more than a thousandth of it."""
+        return self.found.norm > self.first_order.upper * (1 + BENT) + _ROUNDING
+
     def to_dict(self) -> dict[str, Any]:
         """Return the numbers, SI."""
         bound = self.first_order
@@ -131,6 +152,7 @@ class NormBound:
                 "error": self.found.error.tolist(),
                 "parameters": dict(self.found.parameters),
                 "starts": self.found.starts,
+                "exceeds_first_order": self.exceeded,
             },
             "seen": {
                 "max": self.seen.max,

@@ -51,16 +51,13 @@ def table(result: BudgetResult, quantities: Sequence[str] = VECTORS) -> str:
     check_quantities(quantities)
     lines = []
     for pose in result.poses:
-        lines += [
-            f"{result.heading.robot}: {result.heading.base} to {result.heading.tip}, pose {_pose(pose.pose)}",
-            *_block_heads(result),
-        ]
+        lines += _heads(result, pose)
         for quantity in quantities:
             lines += ["", _headline(result, pose, quantity), *_aligned(_draw_rows(pose, quantity))]
         shown = list(dict.fromkeys(quantity for quantity in quantities if not quantity.endswith(".norm"))) or [*VECTORS]
         lines += ["", *_aligned(_share_rows("source", shown, ((_source(s), s.share) for s in pose.sources)))]
         lines += ["", *_aligned(_share_rows("joint or link", shown, ((p.name, p.share) for p in pose.places)))]
-        lines += ["", *_notes(pose, quantities), ""]
+        lines += ["", *_notes(result, pose, quantities), ""]
     return "\n".join(lines).rstrip()
 
 
@@ -108,9 +105,11 @@ def _pose(pose: PoseHeading) -> str:
     return f"{pose.name!r} ({values})" if pose.name else f"({values})"
 
 
-def _block_heads(result: BudgetResult) -> list[str]:
+def _heads(result: BudgetResult, pose: PoseBudget) -> list[str]:
+    of = result.heading
     return [
-        f"exact model at {result.samples:,} points a set, seed {result.heading.seed}, statics {result.heading.statics}; base axes; "
+        f"{of.robot}: {of.base} to {of.tip}, pose {_pose(pose.pose)}",
+        f"exact model at {result.samples:,} points a set, seed {of.seed}, statics {of.statics}; base axes; "
         f"± half of an interval at {100 * result.confidence:g} % confidence",
         "share: of the variance, closed form, first order; S1, ST: first-order and total Sobol index; "
         "halved: this tolerance alone",
@@ -200,14 +199,14 @@ def _source(line: SourceShare) -> str:
     return f"{line.draws[0]}: {', '.join(line.sources) if line.sources else 'no source'}"
 
 
-def _notes(pose: PoseBudget, quantities: Sequence[str]) -> list[str]:
+def _notes(result: BudgetResult, pose: PoseBudget, quantities: Sequence[str]) -> list[str]:
     notes = [
         "a draw that several sources name is a line of its own; a joint's or link's share is its covariance with the whole"
     ]
     if any(quantity in group.nonlinear for group in pose.groups for quantity in quantities):
         notes.append("*: share and index are more than one percentage point apart; the exact model is not linear here")
     if any(draw.unbounded for draw in pose.draws) and set(quantities) - {*VECTORS, "position.norm", "attitude.norm"}:
-        notes.append("worst case: unbounded laws are cut off at the stated number of standard deviations")
+        notes.append(f"worst case: unbounded laws are cut off at {result.bound_at:g} standard deviations")
     return notes
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import textwrap
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -72,7 +72,7 @@ def figure(result: ExactLawResult, which: int = 0) -> Figure:
         drawn = _figure(DOUBLE_COLUMN)
         panels = drawn.subplots(2, 3)
         components = [law for law in entry.laws.values() if not law.quantity.endswith("norm")]
-        labelled: dict[str, object] = {}
+        labelled: dict[str, Any] = {}
         for axes, law in zip(panels.flat, components, strict=True):
             _draw(axes, law)
             for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):

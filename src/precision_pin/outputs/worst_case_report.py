@@ -57,6 +57,7 @@ def table(result: WorstCaseResult) -> str:
         ]
         for bound in (pose.position, pose.attitude):
             lines += ["", *_contributions(bound)]
+        lines += _exceeded(pose)
         parts.append("\n".join(lines))
     parts.append(
         "first order: largest error of the tangent model, a bound; there: the exact model at the same parameters;\n"
@@ -164,6 +165,18 @@ def _contributions(bound: NormBound) -> list[str]:
     return [f"what makes up {symbol} ({how}):", *_aligned(rows)]
 
 
+def _exceeded(pose: PoseWorstCase) -> list[str]:
+    lines = []
+    for bound in (pose.position, pose.attitude):
+        if bound.exceeded:
+            symbol, _, unit = _symbols(bound.quantity)
+            lines.append(
+                f"the exact model goes beyond the first-order bound of {symbol} by "
+                f"{1e3 * (bound.found.norm - bound.first_order.upper):.3g} {unit}: it bends over tolerances this large"
+            )
+    return ["", *lines] if lines else []
+
+
 def _listed(bound: NormBound, nominal: str) -> list[tuple[str, float]]:
     """Return the error at the means, the largest contributions and what the others add together."""
     entries = [entry for entry in bound.contributions if abs(entry.value) > ROUNDING]
@@ -177,14 +190,10 @@ def _listed(bound: NormBound, nominal: str) -> list[tuple[str, float]]:
 
 def _values(bound: NormBound, name: str) -> str:
     """Return the values of a draw's components in the worst case, SI."""
-    values = [
-        value
-        for component, value in bound.parameters.items()
-        if component == name or component.rpartition(".")[0] == name
-    ]
-    if not values or name not in {entry.draw for entry in bound.contributions}:
-        return ""
-    return "at " + ", ".join(f"{value:.6g}" for value in values) + " (SI)"
+    for entry in bound.contributions:
+        if entry.draw == name:
+            return "at " + ", ".join(f"{bound.parameters[component]:.6g}" for component in entry.components) + " (SI)"
+    return ""
 
 
 def _milli(value: float) -> str:

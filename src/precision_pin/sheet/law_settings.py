@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path as FilePath
 from typing import Any, Final, final
@@ -277,9 +276,8 @@ def _empirical(reader: LawReader) -> Law:
         if table is not None:
             values = _column(reader, table, where, "p")
             shares = LawReader({}, (units.RATIO,), reader.folder).column(table, "p", where)
-        else:
-            shares, values = _pairs(reader, where)
-        return Empirical(tuple(zip(shares, values, strict=True)))
+            return Empirical(tuple(zip(shares, values, strict=True)))
+        return Empirical(_pairs(reader, where))
     except SettingError:
         raise
     except InputError as error:
@@ -295,7 +293,7 @@ def _column(reader: LawReader, table: measured.Measured, where: Path, *others: s
     return reader.column(table, rest[0] if name is None else str(name), where)
 
 
-def _pairs(reader: LawReader, where: Path) -> tuple[list[float], list[float]]:
+def _pairs(reader: LawReader, where: Path) -> tuple[tuple[float, float], ...]:
     rows = reader.value(*where)
     if not isinstance(rows, list) or not all(isinstance(row, list) and len(row) == 2 for row in rows):
         raise SettingError(where, "quantiles are pairs of a probability and a value: [[0, -0.1 mm], [1, 0.2 mm]]")
@@ -305,7 +303,7 @@ def _pairs(reader: LawReader, where: Path) -> tuple[list[float], list[float]]:
             shares.append(units.parse(row[0], units.RATIO))
         except InputError as error:
             raise SettingError((*where, k), error) from None
-    return shares, [reader.number(*where, k, 1) for k in range(len(rows))]
+    return tuple((share, reader.number(*where, k, 1)) for k, share in enumerate(shares))
 
 
 def _rows(reader: LawReader) -> Law:

@@ -17,6 +17,7 @@ from precision_pin.chain import EARTH, Chain
 from precision_pin.errors import Finding, InputError, SheetError, UrdfError, nearest
 from precision_pin.examples import resolve_robot
 from precision_pin.laws import Fixed
+from precision_pin.sheet.correlations import correlated_space
 from precision_pin.sheet.findings import Findings
 from precision_pin.sheet.schema import Context, Document, source_model, used_quantities
 from precision_pin.sheet.settings import NAME, NamedParameter, SettingError, parse_law
@@ -104,12 +105,14 @@ def read(
     document, wrong = _document(text, findings)
     overrides = overrides or Overrides()
     known = catalogue() | {kind.kind(): kind for kind in kinds}
-    named = _parameters(document, findings, used_quantities(known.values()))
+    folder = FilePath(file).parent
+    named, unread = _parameters(document, findings, used_quantities(known.values()), folder)
     arm_is_known = not wrong & {"robot", "tip", "base", "locked"}
-    chain = _chain(document, findings, overrides, FilePath(file).parent) if arm_is_known else None
+    chain = _chain(document, findings, overrides, folder) if arm_is_known else None
     slides = {} if chain is None else dict(zip(chain.joint_names, map(bool, chain.prismatic), strict=True))
-    sources = _sources(document, findings, known, Context(named, slides))
-    space = Space(tuple(dict.fromkeys(parameter.draw for parameter in named.values())))
+    sources = _sources(document, findings, known, Context(named, slides, folder))
+    draws = tuple(dict.fromkeys(parameter.draw for parameter in named.values()))
+    space = correlated_space(draws, document.correlations, findings, unread)
     if chain is None:
         findings.refuse()
         raise SheetError("the robot could not be read")
@@ -167,9 +170,9 @@ def _document(text: Text, findings: Findings) -> tuple[Document, set[str]]:
 
 
 def _parameters(
-    document: Document, findings: Findings, quantities: tuple[units.Quantity, ...]
-) -> dict[str, NamedParameter]:
-    """Return the named parameters by each of their components' names.
+    document: Document, findings: Findings, quantities: tuple[units.Quantity, ...], folder: FilePath
+) -> tuple[dict[str, NamedParameter], tuple[str, ...]]:
+    """Return the named parameters by each of their components' names, and the names of those that could not be read.
 
     One that could not be read is stood in for, so that what uses it is not reported too.
     """
@@ -184,7 +187,7 @@ def _parameters(
         try:
             if not isinstance(law, dict):
                 raise InputError("a law belongs here, such as {uniform: 0.1 mm}")
-            parameter = parse_law(name, law, quantities)
+            parameter = parse_law(name, law, quantities, folder)
         except InputError as error:
             findings.take(path, error)
             unread += [name + suffix for suffix in _ANY_COMPONENT]
@@ -197,7 +200,7 @@ def _parameters(
         owners |= dict.fromkeys(names, name)
         named |= dict.fromkeys(parameter.draw.components, parameter)
     stand_ins = {name: NamedParameter(Draw(name, Fixed(0.0)), quantities) for name in unread if name not in owners}
-    return named | stand_ins
+    return named | stand_ins, tuple(stand_ins)
 
 
 def _chain(document: Document, findings: Findings, overrides: Overrides, folder: FilePath) -> Chain | None:

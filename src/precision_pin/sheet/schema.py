@@ -7,6 +7,7 @@ import typing
 from collections.abc import Iterable, Mapping
 from dataclasses import MISSING, dataclass, fields, is_dataclass
 from functools import cache
+from pathlib import Path as FilePath
 from typing import Annotated, Any, Final, Literal, final
 
 from pydantic import (
@@ -45,10 +46,13 @@ class Context:
         The sheet's parameters, by the name of each of their numbers.
     prismatic
         Whether each joint of the chain slides, by name.
+    folder
+        Of the sheet, which files are relative to.
     """
 
     named: Mapping[str, NamedParameter]
     prismatic: Mapping[str, bool]
+    folder: FilePath
 
 
 class Document(BaseModel):
@@ -69,6 +73,9 @@ class Document(BaseModel):
         default_factory=dict, description="Named joint values: in chain order with one unit, one by one, or by joint."
     )
     parameters: dict[str, Any] = Field(default_factory=dict, description="Named laws, to be shared by sources.")
+    correlations: list[Any] = Field(
+        default_factory=list, description="Which parameters are correlated, as normal scores are."
+    )
     sources: list[Any] = Field(default_factory=list, description="Error sources, each under its kind.")
 
 
@@ -108,6 +115,7 @@ def json_schema(kinds: Mapping[str, type[Source]] | None = None) -> dict[str, An
     schema["properties"]["precision-pin"] |= {"const": 1, "type": "integer"}
     schema["properties"]["sources"]["items"] = {"oneOf": choices}
     schema["properties"]["parameters"]["additionalProperties"] = {"$ref": "#/$defs/law"}
+    schema["properties"]["correlations"]["items"] = _correlation_schema()
     schema["$defs"] = definitions
     schema["$schema"] = "https://json-schema.org/draft/2020-12/schema"
     return schema
@@ -118,6 +126,9 @@ def _field_type(hint: Any) -> Any:
     part = part_of(hint)
     if part is not None:
         return tuple[Annotated[source_model(part), AfterValidator(_make(part))], ...]  # type: ignore[misc]
+    if hint is FilePath:
+        schema = {"type": "string", "description": "a file, relative to the sheet"}
+        return Annotated[Any, BeforeValidator(_read_file), WithJsonSchema(schema)]
     if typing.get_origin(hint) is not Annotated:
         return hint
     bare, *notes = typing.get_args(hint)
@@ -211,10 +222,20 @@ def _read_number(notes: Notes) -> Any:
     return read
 
 
+def _read_file(value: object, info: ValidationInfo[Any]) -> FilePath:
+    if not isinstance(value, str) or not value:
+        raise ValueError("the name of a file belongs here")
+    return _context(info).folder / value
+
+
+def _setting(value: object, quantities: tuple[Quantity, ...], context: Context) -> object:
+    return parse_setting(value, quantities, context.named, context.folder)
+
+
 def _read_setting(notes: Notes) -> Any:
     def read(value: object, info: ValidationInfo[Any]) -> object:
         try:
-            return parse_setting(value, _quantities(notes, info), _context(info).named)
+            return _setting(value, _quantities(notes, info), _context(info))
         except InputError as error:
             raise SettingReason(error) from None
 
@@ -223,7 +244,7 @@ def _read_setting(notes: Notes) -> Any:
 
 def _read_entry(k: int, entry: object, quantities: tuple[Quantity, ...], context: Context) -> object:
     try:
-        return parse_setting(entry, quantities, context.named)
+        return _setting(entry, quantities, context)
     except InputError as error:
         raise SettingReason(error, (k,)) from None
 
@@ -236,7 +257,7 @@ def _read_tuple(notes: Notes) -> Any:
                 return tuple(_read_entry(k, entry, quantities, _context(info)) for k, entry in enumerate(value))
             if isinstance(value, str) and len(value.split()) > 2:
                 return tuple(parse_vector(value, *quantities))
-            return (parse_setting(value, quantities, _context(info).named),)
+            return (_setting(value, quantities, _context(info)),)
         except InputError as error:
             raise SettingReason(error) from None
 
@@ -327,13 +348,31 @@ def _numbers_schema(notes: Notes, levels: int) -> dict[str, Any]:
 def _law_schema() -> dict[str, Any]:
     quantity = {"type": "string", "description": "a number with its unit"}
     deviations = {"type": "object", "properties": {"std": {}}, "required": ["std"], "additionalProperties": False}
+    file = {
+        "type": "object",
+        "properties": {"file": {"type": "string"}, "column": {"type": "string"}},
+        "required": ["file"],
+        "additionalProperties": False,
+    }
+    entries = {"anyOf": [{"type": "string"}, {"type": "array"}, file]}
     properties: dict[str, Any] = dict.fromkeys(LAW_KEYS, quantity)
     properties["normal"] = {"anyOf": [quantity, deviations]}
-    properties["joint_normal"] = deviations
+    properties["lognormal"] = properties["joint_normal"] = deviations
+    properties["empirical"] = {
+        "type": "object",
+        "properties": {"samples": entries, "quantiles": {"anyOf": [{"type": "array"}, file]}},
+        "minProperties": 1,
+        "maxProperties": 1,
+        "additionalProperties": False,
+    }
+    files = file | {"properties": {"file": {"type": "string"}, "columns": {"type": "array"}}}
+    properties["rows"] = {"anyOf": [{"type": "array", "minItems": 1}, files]}
     properties |= {
-        "mean": {"description": "default 0"},
+        "mean": {"description": "default 0; lognormal: needed"},
         "k": {"description": "normal: t has the standard deviation t/k; default 3"},
         "truncated": {"description": "cut a normal law off at its half-width, mean ± k standard deviations"},
+        "centre": {"description": "two_point: halfway between the two, default 0"},
+        "probability": {"description": "two_point: of the upper one, default 0.5"},
         "correlation": {"description": "rows, of joint_normal"},
         "scope": {"enum": ["unit", "pose", "visit"], "description": "default unit: once for each built robot"},
     }
@@ -342,4 +381,19 @@ def _law_schema() -> dict[str, Any]:
         "properties": properties,
         "additionalProperties": False,
         "oneOf": [{"required": [key]} for key in LAW_KEYS],
+    }
+
+
+def _correlation_schema() -> dict[str, Any]:
+    number = {"type": ["string", "number"]}
+    return {
+        "type": "object",
+        "properties": {
+            "parameters": {"type": "array", "items": {"type": "string"}, "minItems": 2},
+            "correlation": number | {"description": "of two: that of their normal scores"},
+            "matrix": {"type": "array", "items": {"type": "array", "items": number}},
+        },
+        "required": ["parameters"],
+        "additionalProperties": False,
+        "oneOf": [{"required": ["correlation"]}, {"required": ["matrix"]}],
     }

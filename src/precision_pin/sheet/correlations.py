@@ -1,0 +1,80 @@
+"""The sheet's correlations: which parameters depend on one another."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from precision_pin import units
+from precision_pin.correlation import Correlation
+from precision_pin.errors import InputError
+from precision_pin.sheet.findings import Findings
+from precision_pin.sheet.settings import SettingError
+from precision_pin.sheet.text import Path
+from precision_pin.space import Draw, Space
+
+__all__ = ["correlated_space"]
+
+
+def correlated_space(
+    draws: Sequence[Draw], entries: Sequence[object], findings: Findings, unread: Sequence[str]
+) -> Space:
+    """Return the space of the sheet's draws with its correlations; what is wrong with these becomes findings.
+
+    Parameters
+    ----------
+    draws
+        The sheet's parameters.
+    entries
+        What stands under ``correlations``.
+    findings
+        Where to collect.
+    unread
+        Names of parameters that could not be read: a correlation that holds one is left out.
+    """
+    space = Space(tuple(draws))
+    for k, entry in enumerate(entries):
+        path: Path = ("correlations", k)
+        try:
+            correlation = _correlation(entry)
+            if not set(correlation.names) & set(unread):
+                space = Space(space.draws, (*space.correlations, correlation))
+        except InputError as error:
+            findings.take(path, error)
+    return space
+
+
+def _correlation(entry: object) -> Correlation:
+    if not isinstance(entry, Mapping) or not set(entry) <= {"parameters", "correlation", "matrix"}:
+        raise InputError(
+            "a correlation is {parameters: [a1, a2], correlation: 0.5}, or of several "
+            "{parameters: [a1, a2, a3], matrix: [[1, 0.5, 0], [0.5, 1, 0], [0, 0, 1]]}"
+        )
+    names = entry.get("parameters")
+    if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
+        raise SettingError(("parameters",), "the names of two or more parameters belong here: [a1, a2]")
+    if ("correlation" in entry) == ("matrix" in entry):
+        raise InputError("a correlation needs either correlation: (of two) or matrix:")
+    if "correlation" in entry:
+        if len(names) != 2:
+            raise SettingError(
+                ("parameters",), f"correlation: belongs to two parameters, these are {len(names)}; use matrix:"
+            )
+        return Correlation.pair(names[0], names[1], _number(entry["correlation"], ("correlation",)))
+    rows = entry["matrix"]
+    if not isinstance(rows, list) or not all(isinstance(row, list) for row in rows):
+        raise SettingError(("matrix",), "rows of plain numbers belong here: [[1, 0.5], [0.5, 1]]")
+    numbers = [[_number(cell, ("matrix", i, j)) for j, cell in enumerate(row)] for i, row in enumerate(rows)]
+    try:
+        return Correlation(tuple(names), tuple(map(tuple, numbers)))
+    except InputError as error:
+        raise SettingError(("matrix",), error) from None
+
+
+def _number(value: Any, where: Path) -> float:
+    if isinstance(value, Mapping | list):
+        raise SettingError(where, "a plain number belongs here")
+    try:
+        return units.parse(value, units.RATIO)
+    except InputError as error:
+        raise SettingError(where, error) from None

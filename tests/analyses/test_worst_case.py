@@ -1,0 +1,421 @@
+"""The worst case: published numbers, corners by brute force, closed forms, and the exact model beside it."""
+
+from __future__ import annotations
+
+import itertools
+import json
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+from scipy import stats
+
+import precision_pin as pp
+from precision_pin.analyses.supports import Supports
+from precision_pin.analyses.worst_case import farthest_error
+from precision_pin.chain import Chain
+from precision_pin.correlation import Correlation
+from precision_pin.errors import InputError
+from precision_pin.examples import PAPER_SHEET
+from precision_pin.laws import (
+    Circle,
+    Disc,
+    Fixed,
+    JointNormal,
+    Law,
+    Lognormal,
+    Normal,
+    Rows,
+    Triangular,
+    TruncatedNormal,
+    TwoPoint,
+    Uniform,
+)
+from precision_pin.model import ErrorModel
+from precision_pin.outputs.worst_case_report import table
+from precision_pin.sources.joint_offset import JointOffset
+from precision_pin.sources.length import Length
+from precision_pin.space import Draw, Space
+from support.sheets import PAPER_Q, SEVEN_Q, everything, named, seven_joint_arm
+
+TURNED = ((0.0, 0.0, 0.0), (0.0, 0.6, 0.0))
+
+
+def parts_of_the_paper(*kinds: str) -> ErrorModel:
+    """Return the paper's arm without gravity, with the sources of some kinds only."""
+    loaded = ErrorModel.load(PAPER_SHEET)
+    chain = Chain.from_urdf(PAPER_SHEET.parent / "4dof.urdf", gravity=(0, 0, 0))
+    return ErrorModel(chain, named(loaded), [source for source in loaded.sources if source.kind() in kinds])
+
+
+def space_of(*laws: Law) -> Space:
+    return Space(tuple(Draw(f"x{k}", law) for k, law in enumerate(laws)))
+
+
+def corners(low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    return np.array(list(itertools.product(*zip(low, high, strict=True)))).T
+
+
+# --- published and by hand ---
+
+
+def test_lengths_of_the_paper_reach_half_a_millimetre():
+    model = parts_of_the_paper("length")
+    pose = pp.worst_case(model, PAPER_Q, samples=1000).poses[0]
+    reach = np.array([entry.high for entry in pose.components[:3]])
+    np.testing.assert_allclose(reach * 1e3, [0.15, 0.25402, 0.363046], rtol=0, atol=5e-7)
+    np.testing.assert_allclose([entry.low for entry in pose.components[:3]], -reach, rtol=0, atol=1e-15)
+    assert round(pose.position.first_order.lower * 1e3, 6) == 0.463111
+    # every corner of the six limits, with the slopes of the paper's equations
+    limits = np.array([0.05, 0.05, 0.25, 0.05, 0.25, 0.05]) * 1e-3
+    turn = np.radians(3), np.radians(-91) + np.radians(90)  # link 2 leans 3°, link 3 hangs 1° off
+    slopes = np.array(
+        [
+            [0, -1, 0, -1, 0, -1],
+            [0, 0, -np.cos(turn[0]), 0, -np.sin(turn[1]), 0],
+            [1, 1, -np.sin(turn[0]), 0, -np.cos(turn[1]), 0],
+        ]
+    )
+    every = np.linalg.norm(slopes @ corners(-limits, limits), axis=0)
+    assert pose.position.first_order.lower == pytest.approx(every.max(), rel=1e-9)
+    assert pose.position.first_order.certified
+    assert pose.attitude.first_order.upper < 1e-15
+    assert not pose.attitude.exceeded
+
+
+def test_four_installed_axes_turn_the_tool_by_eight_milliradians():
+    pose = pp.worst_case(parts_of_the_paper("axis_install"), PAPER_Q, samples=1000).poses[0]
+    bound = pose.attitude.first_order
+    assert bound.lower == pytest.approx(8e-3, rel=1e-9)
+    assert 8e-3 * (1 - 1e-12) <= bound.upper <= 8e-3 * (1 + 1e-9)
+    # two points of radius 0.1 mm on every axis, 100 mm apart: 1 mrad each, all along the one common normal
+    shares = [entry.value for entry in pose.attitude.contributions]
+    np.testing.assert_allclose(shares[:8], 1e-3, rtol=1e-9)
+    assert max(shares[8:]) == 0.0
+
+
+def test_without_tolerances_the_worst_case_is_the_error_that_is_there():
+    chain = Chain.from_urdf(PAPER_SHEET.parent / "4dof.urdf", gravity=(0, 0, 0))
+    for law in (Fixed(2e-3), Uniform(0.0, mean=2e-3)):
+        model = ErrorModel(chain, Space(), [JointOffset(joint="joint1", offset=law)])
+        pose = pp.worst_case(model, PAPER_Q, samples=100).poses[0]
+        error = model.at(PAPER_Q).exact(np.array([[2e-3]]))[:, 0]
+        for bound, part in ((pose.position, error[:3]), (pose.attitude, error[3:])):
+            size = np.linalg.norm(part)
+            assert bound.first_order.lower == pytest.approx(size, rel=1e-14)
+            assert bound.first_order.upper == pytest.approx(size, rel=1e-9)
+            assert bound.exact_norm == bound.found.norm == pytest.approx(size, rel=1e-14)
+        for entry, value in zip(pose.components, error, strict=True):
+            assert entry.low == entry.high == value
+
+
+# --- supports ---
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_boxes_reach_their_farthest_corner(seed):
+    generator = np.random.default_rng(seed)
+    t = generator.uniform(0.1, 2, 8)
+    space = space_of(
+        Uniform(t[0]), Uniform(t[1], mean=5.0), Triangular(t[2]), TruncatedNormal(t[3], k=2.0), TwoPoint(t[4]),
+        Uniform(t[5], mean=-1.0), Fixed(3.0), Rows(((-t[6],), (2 * t[6],))),
+    )  # fmt: skip
+    error, jacobian = generator.normal(size=3), generator.normal(size=(3, space.size))
+    low = np.array([-t[0], -t[1], -t[2], -2 * t[3], -t[4], -t[5], 0.0, -1.5 * t[6]])
+    high = np.array([t[0], t[1], t[2], 2 * t[3], t[4], t[5], 0.0, 1.5 * t[6]])
+    expected = np.linalg.norm(error[:, None] + jacobian @ corners(low, high), axis=0).max()
+    supports = Supports.of(space, 3.0)
+    assert supports.cut == ()
+    found = farthest_error(error, jacobian, supports)
+    assert found.lower == pytest.approx(expected, rel=1e-12)
+    assert expected <= found.upper <= expected * (1 + 1e-9)
+
+
+def test_a_joint_normal_law_reaches_k_times_its_largest_singular_value():
+    matrix = np.array([[4.0, 1.0, 0.5], [1.0, 3.0, -0.2], [0.5, -0.2, 2.0]])
+    jacobian = np.random.default_rng(1).normal(size=(3, 3))
+    space = space_of(JointNormal(tuple(map(tuple, matrix)), (1.0, 2.0, 3.0)))
+    for k in (1.0, 3.0, 4.5):
+        supports = Supports.of(space, k)
+        expected = k * np.sqrt(np.linalg.eigvalsh(jacobian @ matrix @ jacobian.T).max())
+        found = farthest_error(np.zeros(3), jacobian, supports)
+        assert found.lower == pytest.approx(expected, rel=1e-12)
+        assert found.certified
+        assert supports.cut == ("x0",)
+        point = supports.points((found.direction @ jacobian)[None])[0]
+        assert point @ np.linalg.inv(matrix) @ point == pytest.approx(k**2, rel=1e-12)
+
+
+def test_correlated_normal_draws_are_one_joint_normal_law_and_others_keep_their_boxes():
+    correlation = Correlation(("b", "a"), ((1.0, -0.8), (-0.8, 1.0)))
+    uniforms = Correlation.pair("c", "d", 0.9)
+    draws = (Draw("a", Normal(2.0)), Draw("c", Uniform(1.0)), Draw("b", Normal(0.5, mean=7.0)), Draw("d", Uniform(2.0)))
+    supports = Supports.of(Space(draws, (correlation, uniforms)), 3.0)
+    assert supports.cut == ("a", "b")
+    assert supports.names == ("c", "d", "b, a")
+    jacobian = np.random.default_rng(6).normal(size=(3, 4))
+    matrix = np.array([[4.0, -0.8], [-0.8, 0.25]])  # of a and b
+    turn = np.linspace(0, 2 * np.pi, 20_001)
+    rim = 3 * np.linalg.cholesky(matrix) @ np.array([np.cos(turn), np.sin(turn)])
+    boxes = corners(np.array([-1.0, -2.0]), np.array([1.0, 2.0]))
+    errors = (jacobian[:, [0, 2]] @ rim)[:, :, None] + (jacobian[:, [1, 3]] @ boxes)[:, None]
+    found = farthest_error(np.zeros(3), jacobian, supports)
+    assert found.lower == pytest.approx(np.linalg.norm(errors, axis=0).max(), rel=1e-7)
+    assert found.certified
+    point = supports.points((found.direction @ jacobian)[None])[0]
+    assert point[[0, 2]] @ np.linalg.inv(matrix) @ point[[0, 2]] == pytest.approx(9.0, rel=1e-12)
+    chain = Chain.from_urdf(PAPER_SHEET.parent / "4dof.urdf", gravity=(0, 0, 0))
+    space = Space((Draw("u", Normal(1e-4)), Draw("v", Normal(1e-4))), (Correlation.pair("u", "v", -0.5),))
+    lengths = Length(joint="joint3", along="x of joint2", parameters=("u", "v"))
+    result = pp.worst_case(ErrorModel(chain, space, [lengths]), PAPER_Q, samples=500)
+    bound = result.poses[0].position  # the sum of two has the variance 2 (1 - 0.5) σ²
+    assert bound.first_order.lower == pytest.approx(3e-4, rel=1e-12)
+    assert [entry.draw for entry in bound.contributions] == ["u, v"]
+    assert "at 0.00015, 0.00015 (SI)" in table(result) or "at -0.00015, -0.00015 (SI)" in table(result)
+
+
+def test_unbounded_laws_of_one_number_are_cut_where_a_normal_law_would_be():
+    space = space_of(Normal(0.5, mean=2.0), Lognormal(0.3, mean=1.0), Uniform(1.0))
+    for k in (1.0, 3.0):
+        supports = Supports.of(space, k)
+        assert supports.cut == ("x0", "x1")
+        low, high = supports.ends
+        shape = np.sqrt(np.log1p(0.09))
+        law = stats.lognorm(shape, scale=np.exp(-(shape**2) / 2))
+        np.testing.assert_allclose(high, [0.5 * k, law.isf(stats.norm.sf(k)) - 1, 1.0], rtol=1e-12)
+        np.testing.assert_allclose(low, [-0.5 * k, law.ppf(stats.norm.cdf(-k)) - 1, -1.0], rtol=1e-12)
+
+
+def test_discs_and_circles_reach_alike_and_the_circle_is_met_on_its_rim():
+    generator = np.random.default_rng(2)
+    error, jacobian = generator.normal(size=3), generator.normal(size=(3, 2))
+    turn = np.linspace(0, 2 * np.pi, 200_001)
+    expected = np.linalg.norm(error[:, None] + jacobian @ (0.7 * np.array([np.cos(turn), np.sin(turn)])), axis=0).max()
+    for law in (Disc(0.7), Circle(0.7)):
+        supports = Supports.of(space_of(law), 3.0)
+        found = farthest_error(error, jacobian, supports)
+        assert found.lower == pytest.approx(expected, rel=1e-9)
+        assert found.certified
+        for direction in (found.direction, np.zeros(3)):
+            point = supports.points((direction @ jacobian)[None])[0]
+            assert np.hypot(*point) == pytest.approx(0.7, rel=1e-14)
+
+
+def test_rows_reach_as_far_as_a_row():
+    generator = np.random.default_rng(3)
+    rows, others = generator.normal(size=(40, 3)), generator.normal(size=(30, 2))
+    space = space_of(Rows(tuple(map(tuple, rows))), Rows(tuple(map(tuple, others))))
+    error, jacobian = generator.normal(size=3), generator.normal(size=(3, 5))
+    first = (rows - rows.mean(axis=0)) @ jacobian[:, :3].T
+    second = (others - others.mean(axis=0)) @ jacobian[:, 3:].T
+    expected = np.linalg.norm(error + first[:, None] + second[None], axis=2).max()
+    supports = Supports.of(space, 3.0)
+    found = farthest_error(error, jacobian, supports)
+    assert found.lower == pytest.approx(expected, rel=1e-12)
+    assert expected <= found.upper <= expected * (1 + 1e-9)
+    point = space.mean + supports.points((found.direction @ jacobian)[None])[0]
+    assert np.abs(rows - point[:3]).sum(axis=1).min() < 1e-14
+    assert np.abs(others - point[3:]).sum(axis=1).min() < 1e-14
+
+
+@dataclass(frozen=True)
+class Ball(Law):
+    """Points of a ball: known to the package by its support function only."""
+
+    radius: float
+    reach: float = 1.0
+
+    @property
+    def size(self):
+        return 3
+
+    @property
+    def components(self):
+        return (".x", ".y", ".z")
+
+    def sample(self, variates):
+        height, turn = 2 * variates[1] - 1, 2 * np.pi * variates[2]
+        flat = np.sqrt(1 - height**2)
+        shell = self.radius * np.cbrt(variates[0])
+        return shell * np.array([flat * np.cos(turn), flat * np.sin(turn), height])
+
+    @property
+    def mean_vector(self):
+        return np.zeros(3)
+
+    @property
+    def covariance(self):
+        return np.eye(3) * self.radius**2 / 5
+
+    def support(self, direction):
+        return self.reach * self.radius * float(np.linalg.norm(direction))
+
+    def characteristic(self, frequency):
+        raise NotImplementedError
+
+
+def test_a_law_of_another_package_counts_by_its_support_function():
+    generator = np.random.default_rng(5)
+    error, jacobian = generator.normal(size=3), generator.normal(size=(3, 4))
+    supports = Supports.of(space_of(Ball(0.3), Uniform(0.2)), 3.0)
+    found = farthest_error(error, jacobian, supports)
+    same = Supports.of(space_of(JointNormal(tuple(map(tuple, np.eye(3) * 0.01))), Uniform(0.2)), 3.0)
+    assert found.lower == pytest.approx(farthest_error(error, jacobian, same).lower, rel=1e-9)
+    assert found.certified
+    point = supports.points((found.direction @ jacobian)[None])[0]
+    assert np.linalg.norm(point[:3]) == pytest.approx(0.3, rel=1e-7)
+
+
+def test_what_cannot_be_cut_is_refused():
+    with pytest.raises(InputError, match="the law of x0 is not bounded"):
+        Supports.of(space_of(Ball(0.3, reach=np.inf)), 3.0)
+    for k in (0.0, -1.0, np.nan, np.inf):
+        with pytest.raises(InputError, match="k, where unbounded laws are cut"):
+            pp.worst_case(ErrorModel.load(PAPER_SHEET), k=k)
+
+
+# --- arms ---
+
+
+def check_pose(model: ErrorModel, result, q, *, bounded: bool):
+    """Compare a result with the tangent, with random points of the supports and with the exact model."""
+    at, pose = model.at(q), result.poses[0]
+    error, jacobian = at.tangent
+    for bound, rows in ((pose.position, slice(0, 3)), (pose.attitude, slice(3, 6))):
+        assert bound.first_order.certified
+        x = np.array([bound.parameters[name] for name in at.space.components])
+        reached = error + jacobian @ (x - at.space.mean)
+        assert np.linalg.norm(reached[rows]) == pytest.approx(bound.first_order.lower, rel=1e-9)
+        np.testing.assert_allclose(
+            reached[rows],
+            bound.first_order.lower * bound.first_order.direction,
+            rtol=0,
+            atol=1e-5 * np.abs(reached).max(),
+        )
+        total = bound.nominal + sum(entry.value for entry in bound.contributions)
+        assert total == pytest.approx(bound.first_order.lower, rel=1e-12)
+        np.testing.assert_allclose(at.exact(x[:, None])[:, 0], bound.exact_error, rtol=0, atol=1e-14)
+        best = np.array([bound.found.parameters[name] for name in at.space.components])
+        np.testing.assert_allclose(at.exact(best[:, None])[:, 0], bound.found.error, rtol=0, atol=1e-14)
+        assert np.linalg.norm(bound.found.error[rows]) == pytest.approx(bound.found.norm, rel=1e-13)
+        assert bound.found.norm >= bound.exact_norm
+        if bounded:
+            assert bound.found.norm >= bound.seen.max
+    x = model.space.sample(3, 0, 20_000)
+    first_order = error[:, None] + jacobian @ (x - model.space.mean[:, None])
+    if bounded:
+        for row, entry in enumerate(pose.components):
+            assert entry.low <= first_order[row].min() < first_order[row].max() <= entry.high
+        assert np.linalg.norm(first_order[:3], axis=0).max() < pose.position.first_order.upper
+        assert np.linalg.norm(first_order[3:], axis=0).max() < pose.attitude.first_order.upper
+
+
+def test_the_papers_arm():
+    model = ErrorModel.load(PAPER_SHEET)
+    result = pp.worst_case(model, samples=20_000, seed=4)
+    assert result.cut == ()
+    check_pose(model, result, "paper", bounded=True)
+    assert not result.poses[0].position.exceeded
+    assert "goes beyond" not in table(result)
+    position = result.poses[0].position
+    # all laws are boxes and discs: each support point is an end or lies on the rim
+    for draw, columns in zip(model.space.draws, model.space.slices, strict=True):
+        value = np.array([position.parameters[name] for name in model.space.components[columns]])
+        if isinstance(draw.law, Disc):
+            assert np.hypot(*value) == pytest.approx(draw.law.radius, rel=1e-12)
+        else:
+            deviation = abs(value[0] - draw.law.mean)
+            # joint 1 carries no torque about its axis: its compliance does nothing, and may be anything
+            assert deviation == pytest.approx(draw.law.half_width, rel=1e-9) or "joint1" in draw.name
+
+
+def test_a_seven_joint_arm_with_correlated_and_shared_draws():
+    model = everything(seven_joint_arm())
+    result = pp.worst_case(model, SEVEN_Q, samples=20_000, k=4.0)
+    assert {"diameter", "centre"} <= set(result.cut)
+    assert "modulus" not in result.cut
+    check_pose(model, result, SEVEN_Q, bounded=False)
+    position = result.poses[0].position
+    # the shared rigidity stands in two beams, but once among the contributions and with one value
+    assert [entry.draw for entry in position.contributions].count("modulus") == 1
+    centre = np.array([position.parameters[name] for name in ("centre.0", "centre.1")]) - (0.05, -0.02)
+    matrix = np.array([[1e-4, 3e-5], [3e-5, 2e-4]])
+    assert centre @ np.linalg.inv(matrix) @ centre == pytest.approx(16.0, rel=1e-9)
+    # this arm sags by 127 mm: the exact model goes farther than its tangent, and the result says so
+    assert position.exceeded
+    assert result.poses[0].to_dict()["position"]["exact_found"]["exceeds_first_order"] is True
+    assert "goes beyond the first-order bound of |d|" in table(result)
+    wider = pp.worst_case(model, SEVEN_Q, samples=1000, k=5.0).poses[0].position
+    assert wider.first_order.lower > position.first_order.upper
+
+
+def test_draws_that_share_a_parameter_cannot_do_their_worst_apart():
+    """A length that stands in two places against each other: its worst cases cancel."""
+    chain = Chain.from_urdf(PAPER_SHEET.parent / "4dof.urdf", gravity=(0, 0, 0))
+    space = Space((Draw("a", Uniform(1e-3)),))
+    sources = [
+        Length(joint="joint3", along="x of joint2", parameters=("a",)),
+        Length(joint="joint3", along="-x of joint2", parameters=("a",)),
+    ]
+    pose = pp.worst_case(ErrorModel(chain, space, sources), PAPER_Q, samples=100).poses[0]
+    assert pose.position.first_order.upper < 1e-15
+    apart = ErrorModel(chain, Space((*space.draws, Draw("b", Uniform(1e-3)))), [
+        sources[0], Length(joint="joint3", along="-x of joint2", parameters=("b",)),
+    ])  # fmt: skip
+    assert pp.worst_case(apart, PAPER_Q, samples=100).poses[0].position.first_order.lower == pytest.approx(2e-3)
+
+
+def test_where_the_model_bends_the_exact_maximum_is_found_beside_the_bound():
+    """Two joints with offsets as large as 0.5 rad: the exact model by hand on a dense grid."""
+    urdf = PAPER_SHEET.parent / "4dof.urdf"
+    chain = Chain.from_urdf(urdf, gravity=(0, 0, 0))
+    offsets = [JointOffset(joint="joint2", offset=Uniform(0.5)), JointOffset(joint="joint3", offset=Uniform(0.4))]
+    model = ErrorModel(chain, Space(), offsets)
+    bound = pp.worst_case(model, PAPER_Q, samples=2000).poses[0].position
+    nominal = chain.at(PAPER_Q).pose[:3, 3]
+    grid = [
+        np.linalg.norm(chain.at(np.add(PAPER_Q, (0, a, b, 0))).pose[:3, 3] - nominal)
+        for a in np.linspace(-0.5, 0.5, 21)
+        for b in np.linspace(-0.4, 0.4, 21)
+    ]
+    assert bound.found.norm == pytest.approx(max(grid), rel=1e-9)
+    assert bound.found.norm != pytest.approx(bound.first_order.lower, rel=1e-3)
+    assert bound.found.norm >= bound.seen.max
+
+
+# --- result and command ---
+
+
+def test_poses_one_by_one_or_together():
+    model = ErrorModel.load(PAPER_SHEET)
+    folded = {"joint1": 0.0, "joint2": 0.1, "joint3": 1.5, "joint4": 0.0}
+    together = pp.worst_case(model, ["paper", folded, PAPER_Q], samples=500, seed=9)
+    assert [pose.heading.name for pose in together.poses] == ["paper", "", ""]
+    alone = pp.worst_case(model, folded, samples=500, seed=9)
+    assert alone.poses[0].to_dict() == together.poses[1].to_dict()
+    assert together.poses[0].position.first_order.lower == pytest.approx(
+        together.poses[2].position.first_order.lower, rel=1e-9
+    )
+    for wrong in ("papper", [], ["paper", "no"]):
+        with pytest.raises(InputError):
+            pp.worst_case(model, wrong, samples=100)
+
+
+def test_the_json_holds_what_reproduces_it():
+    model = ErrorModel.load(PAPER_SHEET)
+    result = pp.worst_case(model, samples=3000, seed=5)
+    data = json.loads(result.to_json())
+    assert data["schema"] == "precision-pin/worst-case/1"
+    assert (data["seed"], data["samples"], data["k"], data["statics"]) == (5, 3000, 3.0, "nominal")
+    assert (data["robot"], data["base"], data["tip"], data["axes"]) == ("4dof.urdf", "base", "tool", "base")
+    assert len(data["assumptions"]) == 3
+    assert "numpy" in data["versions"]
+    pose = data["poses"][0]
+    assert pose["pose"]["name"] == "paper"
+    assert list(pose["components"]) == [f"{part}.{axis}" for part in ("position", "attitude") for axis in "xyz"]
+    sampled = pp.monte_carlo(model, samples=3000, seed=5).position.norm
+    assert pose["position"]["seen"]["max"] == sampled.max
+    low, high = pose["position"]["seen"]["quantile_interval"]["0.9973"]
+    assert low <= pose["position"]["seen"]["quantile"]["0.9973"] <= high
+    few = json.loads(pp.worst_case(model, samples=50).to_json())["poses"][0]["position"]["seen"]
+    assert few["quantile_interval"]["0.9973"] is None
