@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from precision_pin import sources as sources
     from precision_pin.analyses.budget import budget as budget
     from precision_pin.analyses.exact_law import exact_law as exact_law
+    from precision_pin.analyses.reliability import reliability as reliability
     from precision_pin.analyses.worst_case import worst_case as worst_case
     from precision_pin.chain import Chain as Chain
     from precision_pin.chain import Posture as Posture
@@ -72,6 +73,7 @@ _HOMES: Final = {
     "budget": "analyses.budget",
     "exact_law": "analyses.exact_law",
     "monte_carlo": "run",
+    "reliability": "analyses.reliability",
     "specification": "specifications",
     "worst_case": "analyses.worst_case",
 }

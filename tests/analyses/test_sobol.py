@@ -94,6 +94,17 @@ def test_quantiles_of_known_laws():
     np.testing.assert_allclose(plain.value, 0.95, rtol=1e-3)
 
 
+def test_intervals_of_quantiles_cover_as_often_as_stated():
+    """The 95 % quantile of the sum of two uniform numbers is 2 - √0.1; halved, with the same numbers, half of it."""
+    truth = 2 - math.sqrt(0.1)
+    hits = np.zeros(2)
+    for seed in range(60):
+        total = sobol.scrambled_points(2, seed, 128).sum(axis=0, keepdims=True)
+        value, change = sobol.quantile_changes(total, total / 2, 0.95, 0.95)
+        hits += [covers(value, truth)[0], covers(change, truth / 2)[0]]
+    assert hits.min() >= binom.ppf(1e-4, 60, 0.95)
+
+
 def test_jackknife_of_a_mean_is_students_interval():
     numbers = np.random.default_rng(4).normal(size=sobol.REPLICATES)
     found = sobol.jackknife(lambda used: numbers[used].mean(), 0.95)

@@ -27,6 +27,7 @@ FARTHEST: Final = 8.2
 
 _STEP: Final = 1e-4
 _MOST_STEPS: Final = 100
+_MOST_BEYOND: Final = 12
 _HALVINGS: Final = 12
 _TOLERANCE: Final = 1e-7
 _APART: Final = 1e-2
@@ -124,6 +125,7 @@ def form(margin: Margin, size: int, starts: Sequence[Array]) -> Form:
 def _search(margin: Margin, u: Array, scale: float) -> Array | None:
     """Return the point that one search ends at, or None if it does not settle within 8.2."""
     value, gradient = _with_gradient(margin, u)
+    beyond = 0
     for _ in range(_MOST_STEPS):
         square = float(gradient @ gradient)
         if square <= (1e-12 * scale) ** 2:
@@ -131,6 +133,11 @@ def _search(margin: Margin, u: Array, scale: float) -> Array | None:
         aim = (gradient @ u - value) / square * gradient
         if float(np.linalg.norm(aim)) > FARTHEST:
             aim *= FARTHEST / float(np.linalg.norm(aim))
+            beyond += 1
+            if beyond > _MOST_BEYOND:
+                return None
+        else:
+            beyond = 0
         direction = aim - u
         if abs(value) <= _TOLERANCE * scale and float(np.linalg.norm(direction)) <= _TOLERANCE * 10:
             return u

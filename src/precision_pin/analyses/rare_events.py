@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from scipy import special
 
 from precision_pin.analyses.design_points import DesignPoint, Margin
+from precision_pin.statistics import clopper_pearson
 
 __all__ = ["Estimate", "importance_sampling", "subset_simulation"]
 
@@ -152,10 +153,15 @@ def subset_simulation(margin: Margin, size: int, *, seed: int, samples: int, con
     note = "" if enough else f"not resolved: coefficient of variation {variation:.2g}"
     if not probability:
         note = f"not resolved: no failure down to a probability of {_SHARE ** (_MOST_LEVELS - 1):.0e}"
+    interval = (max(0.0, probability - reach), min(1.0, probability + reach))
+    if not error:
+        # all replicates alike: without a failure nothing is known, with failures only they were counted
+        count = REPLICATES * samples
+        interval = clopper_pearson(round(probability * count), count, confidence) if probability else (0.0, 1.0)
     return Estimate(
         "subset simulation",
         probability,
-        (max(0.0, probability - reach), min(1.0, probability + reach)),
+        interval,
         variation,
         evaluations,
         enough,

@@ -23,6 +23,7 @@ COMMANDS: Final = {
     "mcpc": "Print the MCPC parameters of a chain.",
     "worst-case": "Bound the pose error if every tolerance does its worst at once.",
     "exact-law": "Compute the law of every component of the first-order error, tails included, without sampling.",
+    "reliability": "Probability that a limit is exceeded, by several methods, down to one in ten million and below.",
     "view": "Write a page with the arm and the cloud of sampled end-effector positions in 3-D.",
     "schema": "Print the JSON schema of the sheet.",
     "doctor": "Print versions and paths.",

@@ -1,0 +1,187 @@
+"""Reliability as text for a terminal and as a picture."""
+
+from __future__ import annotations
+
+import math
+import textwrap
+from typing import Final
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from precision_pin.analyses.rare_events import Estimate
+from precision_pin.analyses.reliability_result import ReliabilityResult, SpecificationReliability
+from precision_pin.outputs.drawing import BLUE, GREEN, SKY, VERMILION
+from precision_pin.outputs.exact_law_report import pose_text, symbol_of
+from precision_pin.outputs.plots import DOUBLE_COLUMN, MILLIMETRES_PER_INCH, _figure, _style
+from precision_pin.outputs.text import _aligned
+
+__all__ = ["figure", "table"]
+
+LISTED: Final = 6
+_CAPTION_CHARACTERS: Final = 105
+_LONGEST_NAME: Final = 38
+_PANEL: Final = 34.0
+_LINE: Final = 3.6
+
+
+def table(result: ReliabilityResult) -> str:
+    """Return, for every specification, the verdict, what each method gave, the design point, and disagreements."""
+    heading = result.heading
+    blocks = []
+    for entry in result.poses:
+        lines = [
+            f"{heading.robot}: {heading.base} to {heading.tip}, pose {pose_text(entry.pose)}",
+            f"exact model, statics {heading.statics}, seed {heading.seed}; intervals at {100 * result.confidence:g} % "
+            "confidence, base axes",
+        ]
+        for specification in entry.specifications:
+            lines += ["", *_specification_lines(specification)]
+        blocks.append("\n".join(lines))
+    return "\n\n".join(blocks)
+
+
+def figure(result: ReliabilityResult, which: int = 0) -> Figure:
+    """Return each specification's probabilities of failure by method, and the importance factors, 174 mm wide.
+
+    Parameters
+    ----------
+    result
+        What is drawn.
+    which
+        Which of its poses, 0-based.
+    """
+    entry, heading = result.poses[which], result.heading
+    named = f" at pose {entry.pose.name}" if entry.pose.name else ""
+    caption = [
+        *textwrap.wrap(f"reliability of {heading.robot}, {heading.base} to {heading.tip}{named}", _CAPTION_CHARACTERS),
+        f"seed {heading.seed}, exact model, statics {heading.statics}; bars: intervals at {100 * result.confidence:g} % "
+        "confidence",
+    ]
+    with _style():
+        drawn = _figure(DOUBLE_COLUMN)
+        rows = len(entry.specifications)
+        panels = drawn.subplots(rows, 2, squeeze=False)
+        for (left, right), specification in zip(panels, entry.specifications, strict=True):
+            _draw_methods(left, specification)
+            _draw_importance(right, specification)
+        drawn.suptitle("\n".join(caption))
+        height = _PANEL * rows + _LINE * (len(caption) + 1)
+        drawn.set_size_inches(DOUBLE_COLUMN / MILLIMETRES_PER_INCH, height / MILLIMETRES_PER_INCH)
+    return drawn
+
+
+# text ---------------------------------------------------------------------------------------
+
+
+def _specification_lines(entry: SpecificationReliability) -> list[str]:
+    rows = [["", "P(failure)", "interval", "c.o.v.", "evaluations", ""]]
+    for estimate in entry.estimates:
+        varies = f"{100 * estimate.variation:.2g} %" if math.isfinite(estimate.variation) else "-"
+        low, high = estimate.interval
+        rows.append(
+            [
+                f"  {estimate.method}",
+                f"{estimate.probability:.3g}",
+                f"{low:.3g} to {high:.3g}",
+                varies,
+                f"{estimate.evaluations:,}",
+                estimate.note,
+            ]
+        )
+    return [
+        _verdict(entry),
+        *_aligned(rows),
+        *_form_lines(entry),
+        *(f"  DISAGREE: {line}" for line in entry.disagreements),
+    ]
+
+
+def _verdict(entry: SpecificationReliability) -> str:
+    specification = entry.specification
+    _, unit = symbol_of(specification.quantity)
+    low, high = entry.best.interval
+    if entry.resolved:
+        said = f"P(failure) {entry.best.probability:.3g} ({low:.3g} to {high:.3g}, {entry.best.method})"
+    else:
+        said = (
+            f"P(failure) NOT RESOLVED, below {high:.3g}"
+            if low == 0
+            else f"P(failure) NOT RESOLVED, {low:.3g} to {high:.3g}"
+        )
+    return (
+        f"{specification.quantity} within {1e3 * specification.limit:.6g} {unit} for "
+        f"{100 * specification.required:.10g} %: {'MET' if entry.met else 'NOT MET'} - {said}"
+    )
+
+
+def _form_lines(entry: SpecificationReliability) -> list[str]:
+    found = entry.form
+    if not entry.failures or found.range is None:
+        return [f"  FORM  no design point within 8.2 standard deviations, from {found.starts} starts"]
+    first = entry.failures[0]
+    shares = ", ".join(f"{name} {100 * share:.1f} %" for name, share in list(first.importance.items())[:LISTED])
+    count = len(found.points)
+    together = "" if count == 1 else f"; all together at most {found.range[1]:.3g}"
+    return [
+        f"  FORM  β {first.beta:.6g}, Φ(-β) {first.probability:.3g}; {count} distinct design "
+        f"point{'' if count == 1 else 's'} from {found.starts} starts{together}",
+        f"  importance  {shares}",
+        f"  error at the design point  d = ({_three(first.error[:3])}) mm, δ = ({_three(first.error[3:])}) mrad",
+    ]
+
+
+def _three(vector: NDArray[np.float64]) -> str:
+    return ", ".join(f"{1e3 * value:.4g}" for value in vector.tolist())
+
+
+# picture ------------------------------------------------------------------------------------
+
+
+def _draw_methods(axes: Axes, entry: SpecificationReliability) -> None:
+    symbol, unit = symbol_of(entry.specification.quantity)
+    shown: list[Estimate] = [
+        estimate for estimate in entry.estimates if estimate.interval[1] < 1 or estimate.probability
+    ]
+    for row, estimate in enumerate(shown):
+        colour = BLUE if estimate.resolved else SKY
+        low, high = max(estimate.interval[0], 1e-16), max(estimate.interval[1], 1e-16)
+        axes.plot([low, high], [row, row], color=colour, linewidth=2.4, solid_capstyle="butt")
+        if estimate.probability:
+            axes.plot([estimate.probability], [row], "o", color=colour, markersize=4)
+    names = [estimate.method for estimate in shown]
+    if entry.form.range is not None:
+        axes.plot(entry.form.range, [len(shown)] * 2, color=VERMILION, linewidth=2.4)
+        axes.plot([entry.form.range[0]], [len(shown)], "s", color=VERMILION, markersize=4)
+        names.append("FORM")
+    axes.axvline(1 - entry.specification.required, color=GREEN, linestyle=(0, (6, 1.5, 1.2, 1.5)))
+    axes.set_xscale("log")
+    axes.set_yticks(range(len(names)), names)
+    axes.set_ylim(max(len(names), 3) - 0.4, -0.6)
+    axes.set_xlabel("probability of failure (line: allowed)")
+    axes.set_title(
+        f"{symbol} within {1e3 * entry.specification.limit:.6g} {unit}: {'met' if entry.met else 'not met'}",
+        fontsize=7.5,
+    )
+
+
+def _draw_importance(axes: Axes, entry: SpecificationReliability) -> None:
+    axes.set_xlabel("importance at the first design point [%]")
+    if not entry.failures:
+        axes.text(0.03, 0.8, "no design point found", transform=axes.transAxes)
+        axes.set_yticks([])
+        axes.set_xticks([])
+        return
+    shares = list(entry.failures[0].importance.items())[:LISTED]
+    axes.barh(range(len(shares)), [100 * share for _, share in shares], height=0.7, color=SKY, linewidth=0)
+    axes.set_yticks(range(len(shares)), [_shortened(name) for name, _ in shares])
+    axes.set_ylim(max(len(shares), 3) - 0.4, -0.6)
+    axes.tick_params(axis="y", length=0)
+    axes.set_title(f"β = {entry.failures[0].beta:.4g}", fontsize=7.5)
+
+
+def _shortened(name: str) -> str:
+    half = (_LONGEST_NAME - 1) // 2
+    return name if len(name) <= _LONGEST_NAME else f"{name[:half]}…{name[-half:]}"
