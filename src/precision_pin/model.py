@@ -90,24 +90,27 @@ class PoseModel:
 
         Under gravity it is taken on the deflected arm, and differs from :meth:`linear`.
         """
-        mean = self.space.mean
-        table = self.table
-        parameters = table.program.evaluate(mean[:, None])
-        moved = table.displacements(table.products(parameters))[:, :, 0]
+        return self.exact(self.space.mean[:, None])[:, 0], self.jacobian_parts.sum(axis=0)
+
+    @cached_property
+    def jacobian_parts(self) -> Array:
+        """What each target adds to the Jacobian of :attr:`tangent`, ``(K, 6, d)``; their sum is J."""
+        table, mean = self.table, self.space.mean
         error = self.exact(mean[:, None])[:, 0]
-        slopes = table.displacement_slopes(mean)
-        spatial = np.zeros((6, self.space.size))
+        moved = table.displacements(table.products(table.program.evaluate(mean[:, None])))[:, :, 0]
+        tip = table.pose[:3, 3] + error[:3]
+        turn = se3.left_jacobian_inverse(error[3:])
+        parts = np.zeros((len(table.targets), 6, self.space.size))
         motion = np.eye(4)
-        for frame, displacement, slope in zip(table.frames, moved, slopes, strict=True):
+        entries = zip(table.frames, moved, table.displacement_slopes(mean), strict=True)
+        for part, (frame, displacement, slope) in zip(parts, entries, strict=True):
             turning = se3.left_jacobian(displacement[3:]) @ slope[3:]
             twist = np.concatenate([slope[:3] + se3.skew(displacement[:3]) @ turning, turning])
-            spatial += se3.adjoint(motion @ frame) @ twist
+            spatial = se3.adjoint(motion @ frame) @ twist
+            part[:3] = spatial[:3] - se3.skew(tip) @ spatial[3:]
+            part[3:] = turn @ spatial[3:]
             motion = motion @ frame @ se3.displacement(displacement) @ se3.inverse(frame)
-        tip = table.pose[:3, 3] + error[:3]
-        jacobian = np.concatenate(
-            [spatial[:3] - se3.skew(tip) @ spatial[3:], se3.left_jacobian_inverse(error[3:]) @ spatial[3:]]
-        )
-        return error, jacobian
+        return parts
 
     @property
     def jacobian(self) -> Array:

@@ -11,7 +11,7 @@ import pytest
 import precision_pin as pp
 from precision_pin import kernel
 from precision_pin.analyses.budget_result import VECTORS
-from precision_pin.analyses.tangent_shares import by_draw, correlated_groups, owners, tangent_by_target
+from precision_pin.analyses.tangent_shares import by_draw, correlated_groups, owners
 from precision_pin.correlation import Correlation
 from precision_pin.errors import InputError, UnknownNameError
 from precision_pin.examples import PAPER_SHEET
@@ -208,7 +208,7 @@ def seven() -> ErrorModel:
 
 def test_parts_of_the_targets_add_up_to_the_tangent(seven):
     at = seven.at(SEVEN_Q)
-    parts = tangent_by_target(at)
+    parts = at.jacobian_parts
     np.testing.assert_allclose(parts.sum(axis=0), at.jacobian, rtol=0, atol=1e-12 * np.abs(at.jacobian).max())
 
 

@@ -1,4 +1,4 @@
-"""Reliability: how probable is it that the error stays inside a limit, down to probabilities that sampling cannot see?
+"""The probability that the error stays inside a limit, down to where plain sampling sees nothing.
 
 Plain sampling, FORM, importance sampling and subset simulation answer the same question on the exact model; where they
 contradict each other, the result says so.
@@ -49,9 +49,8 @@ ENOUGH_VARIATION: Final = 0.1
 LISTED: Final = 3
 """How many design points are told in full."""
 
-_NORM_STARTS: Final = (
-    np.array([n for n in np.ndindex(3, 3, 3) if n != (1, 1, 1)], dtype=float).T - 1.0
-)  # the 26 directions to faces, edges and corners of a cube
+_NORM_STARTS: Final = np.array([n for n in np.ndindex(3, 3, 3) if n != (1, 1, 1)], dtype=float).T - 1.0
+"""The 26 directions to faces, edges and corners of a cube."""
 
 
 def reliability(
@@ -157,7 +156,7 @@ def _starts(at: PoseModel, specification: Specification) -> list[Array]:
     spread = np.sqrt(np.diag(at.space.covariance))
     ways = (at.jacobian[rows] * spread).T @ directions
     lengths = np.linalg.norm(ways, axis=0)
-    return [2 * way / length for way, length in zip(ways.T, lengths, strict=True) if length > 0]
+    return [2 * way / length for way, length in zip(ways.T, lengths.tolist(), strict=True) if length > 0]
 
 
 def _of_specification(

@@ -10,7 +10,6 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from precision_pin import se3
 from precision_pin.analyses import shapley
 from precision_pin.chain import Chain
 from precision_pin.laws import Law
@@ -27,7 +26,6 @@ __all__ = [
     "owners",
     "place_name",
     "reaches",
-    "tangent_by_target",
 ]
 
 Array = NDArray[np.float64]
@@ -100,25 +98,6 @@ def reaches(at: PoseModel, bound_at: float) -> Array:
     return result
 
 
-def tangent_by_target(at: PoseModel) -> Array:
-    """Return what each target adds to the Jacobian of :attr:`PoseModel.tangent`, ``(K, 6, d)``; the sum is J."""
-    table, mean = at.table, at.space.mean
-    error, _ = at.tangent
-    moved = table.displacements(table.products(table.program.evaluate(mean[:, None])))[:, :, 0]
-    tip = table.pose[:3, 3] + error[:3]
-    turn = se3.left_jacobian_inverse(error[3:])
-    result = np.zeros((len(table.targets), 6, at.space.size))
-    motion = np.eye(4)
-    for k, slope in enumerate(table.displacement_slopes(mean)):
-        turning = se3.left_jacobian(moved[k, 3:]) @ slope[3:]
-        twist = np.concatenate([slope[:3] + se3.skew(moved[k, :3]) @ turning, turning])
-        frame = table.frames[k]
-        spatial = se3.adjoint(motion @ frame) @ twist
-        result[k] = np.concatenate([spatial[:3] - se3.skew(tip) @ spatial[3:], turn @ spatial[3:]])
-        motion = motion @ frame @ se3.displacement(moved[k]) @ se3.inverse(frame)
-    return result
-
-
 def by_place(at: PoseModel, chain: Chain) -> dict[str, Array]:
     """Return each joint's and chain link's part of the variances, ``(6,)`` by name, base to tip.
 
@@ -126,7 +105,7 @@ def by_place(at: PoseModel, chain: Chain) -> dict[str, Array]:
     v(S) = Var(Σ_S e_p). It is negative where a place undoes what others do with the same draws.
     """
     parts: dict[str, Array] = {}
-    for target, jacobian in zip(at.table.targets, tangent_by_target(at), strict=True):
+    for target, jacobian in zip(at.table.targets, at.jacobian_parts, strict=True):
         name = place_name(target, chain)
         parts[name] = parts.get(name, 0.0) + np.einsum("ij,jk,ik->i", jacobian, at.space.covariance, at.jacobian)
     return parts

@@ -9,6 +9,7 @@ from typing import Final
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
 from numpy.typing import NDArray
 
 from precision_pin.analyses.rare_events import Estimate
@@ -145,9 +146,13 @@ def _draw_methods(axes: Axes, entry: SpecificationReliability) -> None:
     shown: list[Estimate] = [
         estimate for estimate in entry.estimates if estimate.interval[1] < 1 or estimate.probability
     ]
+    positive = [value for estimate in shown for value in (*estimate.interval, estimate.probability) if value > 0]
+    positive += [*(entry.form.range or ()), 1 - entry.specification.required]
+    lowest = 10.0 ** math.floor(math.log10(max(min(positive), 1e-15)) - 0.3)
+    highest = 10.0 ** math.ceil(math.log10(max(positive)))
     for row, estimate in enumerate(shown):
         colour = BLUE if estimate.resolved else SKY
-        low, high = max(estimate.interval[0], 1e-16), max(estimate.interval[1], 1e-16)
+        low, high = (max(end, lowest) for end in estimate.interval)
         axes.plot([low, high], [row, row], color=colour, linewidth=2.4, solid_capstyle="butt")
         if estimate.probability:
             axes.plot([estimate.probability], [row], "o", color=colour, markersize=4)
@@ -158,6 +163,12 @@ def _draw_methods(axes: Axes, entry: SpecificationReliability) -> None:
         names.append("FORM")
     axes.axvline(1 - entry.specification.required, color=GREEN, linestyle=(0, (6, 1.5, 1.2, 1.5)))
     axes.set_xscale("log")
+    axes.set_xlim(lowest, highest)
+    decades = round(math.log10(highest / lowest))
+    ticks = [highest * 10.0**-k for k in range(0, decades + 1, max(1, math.ceil(decades / 5)))]
+    axes.xaxis.set_major_locator(FixedLocator(ticks))
+    axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:.0e}" if value < 1e-3 else f"{value:g}"))
+    axes.xaxis.set_minor_locator(NullLocator())
     axes.set_yticks(range(len(names)), names)
     axes.set_ylim(max(len(names), 3) - 0.4, -0.6)
     axes.set_xlabel("probability of failure (line: allowed)")
@@ -168,7 +179,7 @@ def _draw_methods(axes: Axes, entry: SpecificationReliability) -> None:
 
 
 def _draw_importance(axes: Axes, entry: SpecificationReliability) -> None:
-    axes.set_xlabel("importance at the first design point [%]")
+    axes.set_xlabel("importance at the design point [%]")
     if not entry.failures:
         axes.text(0.03, 0.8, "no design point found", transform=axes.transAxes)
         axes.set_yticks([])
