@@ -52,8 +52,9 @@ class Correlation:
     ------
     InputError
         Fewer than two names, one that stands twice, a matrix of another size, not symmetric, without 1 on its diagonal,
-        or not positive definite. The pair named then is the one whose entry C_ij v_i v_j pulls the smallest eigenvalue
-        down most, v its eigenvector.
+        or not positive definite. The pair named then is the one whose entry, changed alone and by the least, would make
+        it so; where no single entry can, the one whose C_ij v_i v_j pulls the smallest eigenvalue down most, v its
+        eigenvector.
     """
 
     names: tuple[str, ...]
@@ -86,15 +87,29 @@ class Correlation:
         for k, name in enumerate(self.names):
             if self.matrix[k][k] != 1:
                 raise InputError(f"the correlation of {name!r} with itself is {self.matrix[k][k]:g}, it must be 1")
-        values, vectors = np.linalg.eigh(np.array(self.matrix))
-        if values[0] < LEAST_EIGENVALUE:
-            pull = np.triu(np.array(self.matrix) * np.outer(vectors[:, 0], vectors[:, 0]), 1)
-            i, j = divmod(int(np.argmin(pull)), size)
-            raise InputError(
-                f"the correlation matrix of {', '.join(self.names)} is not positive definite (smallest eigenvalue "
-                f"{values[0]:.3g}, at least {LEAST_EIGENVALUE:g} is needed): the {self.matrix[i][j]:g} of "
-                f"{self.names[i]!r} and {self.names[j]!r} contradicts the others most"
-            )
+        self._check_definite(np.array(self.matrix))
+
+    def _check_definite(self, matrix: Array) -> None:
+        values, vectors = np.linalg.eigh(matrix)
+        if values[0] >= LEAST_EIGENVALUE:
+            return
+        repairs = []
+        for i, j in itertools.combinations(range(len(matrix)), 2):
+            allowed = _allowed(matrix, i, j)
+            if allowed is not None and not allowed[0] < matrix[i, j] < allowed[1]:
+                change = min(abs(matrix[i, j] - end) for end in allowed)
+                repairs.append(
+                    (change, i, j, f"does not go with the others, which leave {allowed[0]:.3g} to {allowed[1]:.3g}")
+                )
+        if not repairs:
+            pull = np.triu(matrix * np.outer(vectors[:, 0], vectors[:, 0]), 1)
+            repairs.append((0.0, *divmod(int(np.argmin(pull)), len(matrix)), "contradicts the others most"))
+        _, i, j, reason = min(repairs)
+        raise InputError(
+            f"the correlation matrix of {', '.join(self.names)} is not positive definite (smallest eigenvalue "
+            f"{values[0]:.3g}, at least {LEAST_EIGENVALUE:g} is needed): "
+            f"the {matrix[i, j]:g} of {self.names[i]!r} and {self.names[j]!r} {reason}"
+        )
 
     @classmethod
     def pair(cls, first: str, second: str, correlation: float) -> Correlation:
@@ -133,6 +148,24 @@ class Correlation:
                 total = total + self.root[k, j] * normals[other]
             scores[target] = np.clip(total, -FARTHEST_NORMAL, FARTHEST_NORMAL)
         return scores
+
+
+def _allowed(matrix: Array, i: int, j: int) -> tuple[float, float] | None:
+    """Return between what an entry must lie for the matrix to be positive definite; ``None`` if no number is right.
+
+    The partial correlation of the two, given all others, lies between -1 and 1.
+    """
+    others = [k for k in range(len(matrix)) if k not in (i, j)]
+    pair = matrix[np.ix_(others, (i, j))]
+    rest = matrix[np.ix_(others, others)]
+    if others and np.linalg.eigvalsh(rest)[0] <= 0:
+        return None
+    explained = pair.T @ np.linalg.solve(rest, pair)
+    left = 1 - np.diag(explained)
+    if (left <= 0).any():
+        return None
+    reach = math.sqrt(float(left.prod()))
+    return float(explained[0, 1]) - reach, float(explained[0, 1]) + reach
 
 
 @lru_cache(maxsize=1024)

@@ -206,7 +206,9 @@ def test_root_and_mix_are_the_cholesky_root_in_alphabetical_order() -> None:
     mixed = correlation.mix(np.eye(3))
     np.testing.assert_allclose(mixed @ mixed.T, matrix, rtol=0, atol=1e-15)
     np.testing.assert_array_equal(mixed[1], [0, 1, 0])
-    np.testing.assert_array_equal(correlation.mix(np.full((3, 2), 8.5))[[0, 1]], [[8.6, 8.6], [8.5, 8.5]])
+    # the sum of far numbers is no farther out than one of them can be
+    far = correlation.mix(np.array([[8.5], [8.5], [-8.5]]))[:, 0]
+    np.testing.assert_allclose(far, [8.6, 8.5, 8.5 * (0.3 - math.sqrt(0.91))], rtol=1e-15)
 
 
 @pytest.mark.parametrize(
@@ -226,12 +228,13 @@ def test_root_and_mix_are_the_cholesky_root_in_alphabetical_order() -> None:
         (
             ("a", "b", "c"),
             [[1, 0.9, 0], [0.9, 1, -0.5], [0, -0.5, 1]],
-            r"not positive definite \(smallest eigenvalue -0.0296.*: the 0.9 of 'a' and 'b' contradicts",
+            # c alone leaves ±√(1 - 0.25) to a and b
+            r"eigenvalue -0.0296.*: the 0.9 of 'a' and 'b' does not go with the others, which leave -0.866 to 0.866$",
         ),
         (
             ("a", "b", "c", "d"),
             [[1, 0.1, 0.9, 0.9], [0.1, 1, 0.1, 0.1], [0.9, 0.1, 1, -0.6], [0.9, 0.1, -0.6, 1]],
-            r"not positive definite",
+            "the 0.9 of 'a' and 'c' does not go with the others",
         ),
         (("a", "b"), [[1, 1 - 1e-7], [1 - 1e-7, 1]], "smallest eigenvalue 1e-07, at least 1e-06"),
     ],
@@ -257,8 +260,28 @@ def test_one_wrong_entry_in_a_large_matrix_is_the_pair_that_is_named() -> None:
     for i, j in pairs:
         wrong = matrix.copy()
         wrong[i, j] = wrong[j, i] = -matrix[i, j]  # a slipped sign
-        with pytest.raises(InputError, match=f"of '{names[i]}' and '{names[j]}' contradicts"):
+        with pytest.raises(InputError, match=f"of '{names[i]}' and '{names[j]}' does not go with"):
             Correlation(names, tuple(map(tuple, wrong.tolist())))
+
+
+def test_where_no_single_entry_is_to_blame_the_one_that_pulls_most_is_named() -> None:
+    matrix = np.full((5, 5), -0.5) + 1.5 * np.eye(5)
+    matrix[1, 3] = matrix[3, 1] = -0.6
+    with pytest.raises(InputError, match=r"the -0\.6 of 'b' and 'd' contradicts the others most"):
+        Correlation(tuple("abcde"), tuple(map(tuple, matrix.tolist())))
+
+
+def test_the_range_that_the_others_leave_is_where_the_determinant_changes_sign() -> None:
+    others = [[1, 0.2, 0.9, 0.3], [0.2, 1, 0.1, -0.5], [0.9, 0.1, 1, 0.0], [0.3, -0.5, 0.0, 1]]
+    ends = np.roots(np.polyfit([-1, 0, 1], [np.linalg.det(entry(2, 3, x)(np.array(others))) for x in (-1, 0, 1)], 2))
+    low, high = sorted(ends)
+    for x in (low - 1e-6, high + 1e-6):
+        with pytest.raises(InputError, match="not positive definite"):
+            Correlation(tuple("abcd"), tuple(map(tuple, entry(2, 3, x)(np.array(others)).tolist())))
+    with pytest.raises(
+        InputError, match=f"the 0.95 of 'c' and 'd' does not go with the others, which leave {low:.3g} to {high:.3g}"
+    ):
+        Correlation(tuple("abcd"), tuple(map(tuple, entry(2, 3, 0.95)(np.array(others)).tolist())))
 
 
 def test_the_least_eigenvalue_is_the_limit() -> None:

@@ -29,7 +29,7 @@ from precision_pin.analyses.reliability_result import (
     SpecificationReliability,
 )
 from precision_pin.errors import Finding, InputError
-from precision_pin.laws import Circle, Disc
+from precision_pin.laws import Disc
 from precision_pin.model import ErrorModel, PoseModel
 from precision_pin.run import Progress, monte_carlo
 from precision_pin.space import Space
@@ -112,26 +112,21 @@ def from_normals(space: Space, normals: Array) -> Array:
     """Return component values ``(d, N)`` of independent standard normal numbers ``(d, N)``; the law stays what it is.
 
     A number is F⁻¹(Φ(u)), of correlated draws after mixing. A disc's point lies in the direction of its two numbers, at
-    r √(1 - exp(-|u|²/2)), a circle's on the rim: smoother than polar coordinates one by one, which tear at an angle.
-    Beyond ±8.2, numbers are taken there.
+    r √(1 - exp(-|u|²/2)): smoother than polar coordinates one by one, which tear at an angle. Beyond ±8.2, numbers are
+    taken there.
     """
     u = np.clip(np.asarray(normals, dtype=float), -FARTHEST, FARTHEST)
-    x = np.empty_like(u)
+    x: Array = np.empty_like(u)
     scores = u.copy()
     for correlation in space.correlations:
         rows = [space.index[name] for name in correlation.names]
         scores[rows] = np.clip(correlation.mix(u[rows]), -FARTHEST, FARTHEST)
     for draw, columns in zip(space.draws, space.slices, strict=True):
         match draw.law:
-            case Disc(radius=radius) | Circle(radius=radius):
-                pair = normals[columns]
-                length = np.hypot(*pair)
-                unit = np.divide(pair, length, out=np.zeros_like(pair), where=length > 0)
-                if isinstance(draw.law, Disc):
-                    x[columns] = radius * np.sqrt(-np.expm1(-(length**2) / 2)) * unit
-                else:
-                    unit[0, length == 0] = 1.0
-                    x[columns] = radius * unit
+            case Disc(radius=radius):
+                length = np.hypot(*normals[columns])
+                unit = np.divide(normals[columns], length, out=np.zeros_like(x[columns]), where=length > 0)
+                x[columns] = radius * np.sqrt(-np.expm1(-(length**2) / 2)) * unit
             case law:
                 x[columns] = law.at_scores(scores[columns])
     return x

@@ -22,7 +22,7 @@ Array = NDArray[np.float64]
 SCHEMA: Final = "precision-pin/reliability/1"
 ASSUMPTIONS: Final = (
     "exact model: the displaced chain multiplied out",
-    "FORM and importance sampling in independent standard normal numbers; discs and circles without polar angles",
+    "FORM and importance sampling in independent standard normal numbers; discs without polar angles",
 )
 
 

@@ -20,10 +20,9 @@ from precision_pin.analyses.budget_result import (
     PoseBudget,
     SourceShare,
 )
-from precision_pin.analyses.heading import PoseHeading
 from precision_pin.outputs.drawing import BLACK, BLUE, SKY
-from precision_pin.outputs.plots import DOUBLE_COLUMN, MILLIMETRES_PER_INCH, _figure, _style
-from precision_pin.outputs.text import _aligned, _plain
+from precision_pin.outputs.plots import DOUBLE_COLUMN, MILLIMETRES_PER_INCH, new_figure, style
+from precision_pin.outputs.text import aligned, pose_text
 
 __all__ = ["figure", "table"]
 
@@ -53,10 +52,10 @@ def table(result: BudgetResult, quantities: Sequence[str] = VECTORS) -> str:
     for pose in result.poses:
         lines += _heads(result, pose)
         for quantity in quantities:
-            lines += ["", _headline(result, pose, quantity), *_aligned(_draw_rows(pose, quantity))]
+            lines += ["", _headline(result, pose, quantity), *aligned(_draw_rows(pose, quantity))]
         shown = list(dict.fromkeys(quantity for quantity in quantities if not quantity.endswith(".norm"))) or [*VECTORS]
-        lines += ["", *_aligned(_share_rows("source", shown, ((_source(s), s.share) for s in pose.sources)))]
-        lines += ["", *_aligned(_share_rows("joint or link", shown, ((p.name, p.share) for p in pose.places)))]
+        lines += ["", *aligned(_share_rows("source", shown, ((_source(s), s.share) for s in pose.sources)))]
+        lines += ["", *aligned(_share_rows("joint or link", shown, ((p.name, p.share) for p in pose.places)))]
         lines += ["", *_notes(result, pose, quantities), ""]
     return "\n".join(lines).rstrip()
 
@@ -75,8 +74,8 @@ def figure(result: BudgetResult, pose: int = 0) -> Figure:
     """
     found = result.poses[pose]
     bars = max(1, min(MOST_BARS, len(found.groups)))
-    with _style():
-        made = _figure(DOUBLE_COLUMN)
+    with style():
+        made = new_figure(DOUBLE_COLUMN)
         panels = made.subplots(2, 1)
         for axes, vector in zip(panels, VECTORS, strict=True):
             _bars(axes, found, vector)
@@ -97,18 +96,10 @@ def figure(result: BudgetResult, pose: int = 0) -> Figure:
 # text --------------------------------------------------------------------------------------------
 
 
-def _pose(pose: PoseHeading) -> str:
-    values = ", ".join(
-        f"{name} {_plain(value)} m" if name in pose.sliding_joints else f"{name} {_plain(math.degrees(value))}°"
-        for name, value in pose.q.items()
-    )
-    return f"{pose.name!r} ({values})" if pose.name else f"({values})"
-
-
 def _heads(result: BudgetResult, pose: PoseBudget) -> list[str]:
     of = result.heading
     return [
-        f"{of.robot}: {of.base} to {of.tip}, pose {_pose(pose.pose)}",
+        f"{of.robot}: {of.base} to {of.tip}, pose {pose_text(pose.pose.name, pose.pose.q, pose.pose.sliding_joints)}",
         f"exact model at {result.samples:,} points a set, seed {of.seed}, statics {of.statics}; base axes; "
         f"± half of an interval at {100 * result.confidence:g} % confidence",
         "share: of the variance, closed form, first order; S1, ST: first-order and total Sobol index; "

@@ -14,8 +14,8 @@ from matplotlib.ticker import MaxNLocator
 from precision_pin.analyses.exact_law import LEVELS, ExactLaw, ExactLawResult, PoseLaws
 from precision_pin.analyses.heading import PoseHeading
 from precision_pin.outputs.drawing import BLUE, SKY, VERMILION
-from precision_pin.outputs.plots import DOUBLE_COLUMN, MILLIMETRES_PER_INCH, _figure, _style
-from precision_pin.outputs.text import ROUNDING, _aligned, _plain
+from precision_pin.outputs.plots import DOUBLE_COLUMN, MILLIMETRES_PER_INCH, new_figure, style
+from precision_pin.outputs.text import ROUNDING, aligned, plain
 
 __all__ = ["figure", "pose_text", "symbol_of", "table"]
 
@@ -35,9 +35,9 @@ def table(result: ExactLawResult) -> str:
                     f"{heading.robot}: {heading.base} to {heading.tip}, pose {pose_text(entry.pose)}",
                     f"exact law of the first-order model, statics {heading.statics}; errors in base axes",
                     "",
-                    *_aligned(_quantile_rows(entry)),
+                    *aligned(_quantile_rows(entry)),
                     "",
-                    *_aligned(_method_rows(entry)),
+                    *aligned(_method_rows(entry)),
                     *_missing(entry),
                 ]
             )
@@ -68,8 +68,8 @@ def figure(result: ExactLawResult, which: int = 0) -> Figure:
         ),
         f"N = {result.samples:,}, seed {heading.seed}, first-order model, statics {heading.statics}",
     ]
-    with _style():
-        drawn = _figure(DOUBLE_COLUMN)
+    with style():
+        drawn = new_figure(DOUBLE_COLUMN)
         panels = drawn.subplots(2, 3)
         components = [law for law in entry.laws.values() if not law.quantity.endswith("norm")]
         labelled: dict[str, Any] = {}
@@ -89,7 +89,7 @@ def figure(result: ExactLawResult, which: int = 0) -> Figure:
 def pose_text(pose: PoseHeading) -> str:
     """Return a pose with its joint values, in degrees and m."""
     values = ", ".join(
-        f"{name} {_plain(value)} m" if name in pose.sliding_joints else f"{name} {_plain(math.degrees(value))}°"
+        f"{name} {plain(value)} m" if name in pose.sliding_joints else f"{name} {plain(math.degrees(value))}°"
         for name, value in pose.q.items()
     )
     return f"{pose.name!r} ({values})" if pose.name else f"({values})"

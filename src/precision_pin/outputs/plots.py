@@ -32,6 +32,8 @@ from precision_pin.outputs.drawing import (
 from precision_pin.statistics import Distribution, SpecificationResult, Summary
 
 __all__ = [
+    "DOUBLE_COLUMN",
+    "MILLIMETRES_PER_INCH",
     "DisplayUnit",
     "cumulative",
     "display_unit",
@@ -39,7 +41,9 @@ __all__ = [
     "figure_components",
     "figure_position",
     "histogram",
+    "new_figure",
     "save",
+    "style",
 ]
 
 MILLIMETRES_PER_INCH: Final = 25.4
@@ -168,8 +172,8 @@ def figure_components(
     position_unit, attitude_unit
         Of the values; chosen from them if None. An axis takes a smaller one where they span far less.
     """
-    with _style():
-        figure = _figure(DOUBLE_COLUMN)
+    with style():
+        figure = new_figure(DOUBLE_COLUMN)
         grid = figure.subplots(2, 3)
         rows = ((summary.position, position_unit), (summary.attitude, attitude_unit))
         entries: dict[str, Any] = {}
@@ -200,7 +204,7 @@ def save(figure: Figure, path_without_suffix: str | os.PathLike[str]) -> tuple[P
     temporaries = [target.with_name(f".{target.name}.{os.getpid()}.part") for target in targets]
     metadata = ({"Software": None}, {"Date": None, "Creator": "precision-pin"})
     try:
-        with _style():
+        with style():
             for target, temporary, entries in zip(targets, temporaries, metadata, strict=True):
                 figure.savefig(temporary, dpi=DOTS_PER_INCH, format=target.suffix[1:], metadata=entries)
         for target, temporary in zip(targets, temporaries, strict=True):
@@ -219,12 +223,14 @@ def save(figure: Figure, path_without_suffix: str | os.PathLike[str]) -> tuple[P
 
 
 @contextmanager
-def _style() -> Iterator[None]:
+def style() -> Iterator[None]:
+    """Draw in the package's style within this context."""
     with mpl.rc_context(_STYLE):
         yield
 
 
-def _figure(width: float) -> Figure:
+def new_figure(width: float) -> Figure:
+    """Return an empty figure of a width in mm."""
     figure = Figure(figsize=(width / MILLIMETRES_PER_INCH, 1.0), layout=ConstrainedLayoutEngine(w_pad=0.06, h_pad=0.05))
     FigureCanvasAgg(figure)
     return figure
@@ -233,8 +239,8 @@ def _figure(width: float) -> Figure:
 def _figure_of_norm(
     summary: Summary, norm: Distribution, title: str, seed: int | None, unit: DisplayUnit | None
 ) -> Figure:
-    with _style():
-        figure = _figure(SINGLE_COLUMN)
+    with style():
+        figure = new_figure(SINGLE_COLUMN)
         upper, lower = figure.subplots(2, 1, sharex=True)
         draw_histogram(upper, norm, unit or display_unit(norm), summary.specifications)
         draw_cumulative(lower, norm, unit or display_unit(norm), summary.specifications)
@@ -253,8 +259,8 @@ def _alone_or_on(
     seed: int | None,
     specifications: Sequence[SpecificationResult],
 ) -> Axes:
-    with _style():
-        own = axes if axes is not None else _figure(SINGLE_COLUMN).subplots()
+    with style():
+        own = axes if axes is not None else new_figure(SINGLE_COLUMN).subplots()
         draw(own, distribution, unit or display_unit(distribution), specifications)
         if axes is not None:
             own.set_title(title)

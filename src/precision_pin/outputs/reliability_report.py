@@ -16,8 +16,8 @@ from precision_pin.analyses.rare_events import Estimate
 from precision_pin.analyses.reliability_result import ReliabilityResult, SpecificationReliability
 from precision_pin.outputs.drawing import BLUE, GREEN, SKY, VERMILION
 from precision_pin.outputs.exact_law_report import pose_text, symbol_of
-from precision_pin.outputs.plots import DOUBLE_COLUMN, MILLIMETRES_PER_INCH, _figure, _style
-from precision_pin.outputs.text import _aligned
+from precision_pin.outputs.plots import DOUBLE_COLUMN, MILLIMETRES_PER_INCH, new_figure, style
+from precision_pin.outputs.text import aligned
 
 __all__ = ["figure", "table"]
 
@@ -61,8 +61,8 @@ def figure(result: ReliabilityResult, which: int = 0) -> Figure:
         f"seed {heading.seed}, exact model, statics {heading.statics}; bars: intervals at {100 * result.confidence:g} % "
         "confidence",
     ]
-    with _style():
-        drawn = _figure(DOUBLE_COLUMN)
+    with style():
+        drawn = new_figure(DOUBLE_COLUMN)
         rows = len(entry.specifications)
         panels = drawn.subplots(rows, 2, squeeze=False)
         for (left, right), specification in zip(panels, entry.specifications, strict=True):
@@ -94,7 +94,7 @@ def _specification_lines(entry: SpecificationReliability) -> list[str]:
         )
     return [
         _verdict(entry),
-        *_aligned(rows),
+        *aligned(rows),
         *_form_lines(entry),
         *(f"  DISAGREE: {line}" for line in entry.disagreements),
     ]

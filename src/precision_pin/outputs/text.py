@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import unicodedata
+from collections.abc import Collection, Mapping
 from decimal import ROUND_CEILING, ROUND_FLOOR, ROUND_HALF_EVEN, Decimal
 
 from precision_pin.errors import Finding
@@ -11,7 +12,7 @@ from precision_pin.mcpc import Mcpc
 from precision_pin.result import Analysis
 from precision_pin.statistics import Distribution, SpecificationResult, format_supported
 
-__all__ = ["analysis_table", "findings_text", "mcpc_table"]
+__all__ = ["ROUNDING", "aligned", "analysis_table", "findings_text", "mcpc_table", "plain", "pose_text"]
 
 ROUNDING = 1e-14
 """Errors (m, rad) below this are rounding."""
@@ -24,13 +25,14 @@ def analysis_table(analysis: Analysis) -> str:
 
     Only the digits that the sampling supports are printed; min and max are the smallest and largest seen.
     """
+    pose = pose_text(analysis.pose_name, analysis.q, analysis.sliding_joints)
     lines = [
-        f"{analysis.robot}: {analysis.base} to {analysis.tip}, pose {_pose(analysis)}",
+        f"{analysis.robot}: {analysis.base} to {analysis.tip}, pose {pose}",
         f"{analysis.samples:,} samples, seed {analysis.seed}, {analysis.model} model, statics {analysis.statics}; "
         "errors in base axes, intervals and digits at "
         f"{analysis.summary.confidence:.0%} confidence",
         "",
-        *_aligned([_header(), *_rows(analysis)]),
+        *aligned([_header(), *_rows(analysis)]),
         "",
         "min and max are the smallest and largest seen, not bounds; - is not resolved by this many samples",
         f"mode: peak of the histogram smoothed by {_bandwidths(analysis)}",
@@ -42,12 +44,13 @@ def analysis_table(analysis: Analysis) -> str:
     return "\n".join(lines)
 
 
-def _pose(analysis: Analysis) -> str:
+def pose_text(name: str, q: Mapping[str, float], sliding_joints: Collection[str]) -> str:
+    """Return a pose's name and joint values, in degrees and m."""
     values = ", ".join(
-        f"{name} {_plain(value)} m" if name in analysis.sliding_joints else f"{name} {_plain(math.degrees(value))}°"
-        for name, value in analysis.q.items()
+        f"{joint} {plain(value)} m" if joint in sliding_joints else f"{joint} {plain(math.degrees(value))}°"
+        for joint, value in q.items()
     )
-    return f"{analysis.pose_name!r} ({values})" if analysis.pose_name else f"({values})"
+    return f"{name!r} ({values})" if name else f"({values})"
 
 
 def _header() -> list[str]:
@@ -100,12 +103,12 @@ def mcpc_table(mcpc: Mcpc) -> str:
     """Return the MCPC parameters as the paper's Table 1 lays them out, in degrees and mm."""
     rows = [["i", "joint", "offset °", "α °", "β °", "γ °", "x mm", "y mm", "z mm"]]
     for row in mcpc.table:
-        gamma = "" if row.gamma is None else _plain(math.degrees(row.gamma))
-        z = "" if row.z is None else _plain(1e3 * row.z)
-        turns = [_plain(math.degrees(value)) for value in (row.turn, row.alpha, row.beta)]
+        gamma = "" if row.gamma is None else plain(math.degrees(row.gamma))
+        z = "" if row.z is None else plain(1e3 * row.z)
+        turns = [plain(math.degrees(value)) for value in (row.turn, row.alpha, row.beta)]
         joint = "base" if row.joint is None else f"{row.joint} (slides)" if row.prismatic else row.joint
-        rows.append([str(row.link), joint, *turns, gamma, _plain(1e3 * row.x), _plain(1e3 * row.y), z])
-    return "\n".join(_aligned(rows))
+        rows.append([str(row.link), joint, *turns, gamma, plain(1e3 * row.x), plain(1e3 * row.y), z])
+    return "\n".join(aligned(rows))
 
 
 def findings_text(findings: tuple[Finding, ...]) -> str:
@@ -117,11 +120,13 @@ def _thousandfold(value: float) -> str:
     return f"{1e3 * value if abs(value) > ROUNDING else 0.0:.4g}"
 
 
-def _plain(value: float) -> str:
+def plain(value: float) -> str:
+    """Return a number in full but for rounding."""
     return f"{round(value, 9) + 0.0:.9g}"
 
 
-def _aligned(rows: list[list[str]]) -> list[str]:
+def aligned(rows: list[list[str]]) -> list[str]:
+    """Return rows of cells as lines, the first two columns to the left."""
     widths = [max(_columns(row[k]) for row in rows) for k in range(len(rows[0]))]
     lines = []
     for row in rows:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import textwrap
 from collections.abc import Sequence
 from typing import Final
@@ -11,7 +10,6 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from precision_pin.analyses.heading import PoseHeading
 from precision_pin.analyses.worst_case_result import SEEN_LEVEL, NormBound, PoseWorstCase, WorstCaseResult
 from precision_pin.outputs.drawing import (
     BLACK,
@@ -23,8 +21,8 @@ from precision_pin.outputs.drawing import (
     DisplayUnit,
     display_unit,
 )
-from precision_pin.outputs.plots import DOUBLE_COLUMN, MILLIMETRES_PER_INCH, _figure, _style
-from precision_pin.outputs.text import ROUNDING, _aligned, _plain
+from precision_pin.outputs.plots import DOUBLE_COLUMN, MILLIMETRES_PER_INCH, new_figure, style
+from precision_pin.outputs.text import ROUNDING, aligned, pose_text
 from precision_pin.statistics import format_supported
 
 __all__ = ["figure", "table"]
@@ -45,15 +43,16 @@ def table(result: WorstCaseResult) -> str:
     heading = result.heading
     parts = []
     for pose in result.poses:
+        stands = pose_text(pose.heading.name, pose.heading.q, pose.heading.sliding_joints)
         lines = [
-            f"{heading.robot}: {heading.base} to {heading.tip}, pose {_pose(pose.heading)}",
+            f"{heading.robot}: {heading.base} to {heading.tip}, pose {stands}",
             f"worst case of {result.draws} draws, {cut}",
             f"beside it {result.samples:,} samples, seed {heading.seed}, exact model, statics {heading.statics}; "
             "errors in base axes",
             "",
-            *_aligned(_norm_rows(pose)),
+            *aligned(_norm_rows(pose)),
             "",
-            *_aligned(_component_rows(pose)),
+            *aligned(_component_rows(pose)),
         ]
         for bound in (pose.position, pose.attitude):
             lines += ["", *_contributions(bound)]
@@ -87,8 +86,8 @@ def figure(result: WorstCaseResult, which: int = 0) -> Figure:
     ]
     if result.cut:
         caption.append(f"unbounded laws cut at {result.k:g} standard deviations: {len(result.cut)} of {result.draws}")
-    with _style():
-        drawn = _figure(DOUBLE_COLUMN)
+    with style():
+        drawn = new_figure(DOUBLE_COLUMN)
         bounds = (pose.position, pose.attitude)
         bars = [_bars(bound) for bound in bounds]
         panels = drawn.subplots(2, 1, height_ratios=[max(len(entries), 4) for entries in bars])
@@ -105,14 +104,6 @@ def figure(result: WorstCaseResult, which: int = 0) -> Figure:
 
 
 # text ---------------------------------------------------------------------------------------
-
-
-def _pose(pose: PoseHeading) -> str:
-    values = ", ".join(
-        f"{name} {_plain(value)} m" if name in pose.sliding_joints else f"{name} {_plain(math.degrees(value))}°"
-        for name, value in pose.q.items()
-    )
-    return f"{pose.name!r} ({values})" if pose.name else f"({values})"
 
 
 def _symbols(quantity: str) -> tuple[str, str, str]:
@@ -162,7 +153,7 @@ def _contributions(bound: NormBound) -> list[str]:
     rows = [
         [f"  {name}", unit, _milli(value), _values(bound, name)] for name, value in _listed(bound, "error at the means")
     ]
-    return [f"what makes up {symbol} ({how}):", *_aligned(rows)]
+    return [f"what makes up {symbol} ({how}):", *aligned(rows)]
 
 
 def _exceeded(pose: PoseWorstCase) -> list[str]:
