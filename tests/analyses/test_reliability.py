@@ -226,6 +226,20 @@ def test_disc_from_normals_is_uniform_over_its_area():
     assert stats.kstest(np.arctan2(x[1], x[0]) / (2 * np.pi) + 0.5, "uniform").pvalue > 1e-6
 
 
+def test_a_circle_and_a_normal_number():
+    """With x = r cos θ + σ z: P(|x| > L) = 2 · mean over θ of Φ((r cos θ - L)/σ)."""
+    space = Space((Draw("c", laws.Circle(1e-3)), Draw("z", laws.Normal(1e-3))))
+    model = slides([(1, 0, 0), (0, 1, 0), (1, 0, 0)], ["c.x", "c.y", "z"], space)
+    demand = Specification("position.x", 5.5e-3, 0.99)
+    found = reliability(model, [demand], samples=5000, confidence=0.999).poses[0].specifications[0]
+    theta = np.linspace(0, 2 * np.pi, 4000, endpoint=False)
+    exact = 2 * stats.norm.cdf(np.cos(theta) - 5.5).mean()
+    assert found.form.points
+    rare = [estimate for estimate in found.estimates if estimate.resolved]
+    assert rare
+    assert all(entry.interval[0] <= exact <= entry.interval[1] for entry in rare)
+
+
 def test_correlated_draws_from_normals_and_in_the_importance():
     both = Correlation.pair("a", "b", 0.8)
     space = Space((Draw("a", laws.Normal(1e-3)), Draw("b", laws.Normal(1e-3))), (both,))

@@ -26,7 +26,7 @@ FARTHEST: Final = 8.2
 """Standard normal numbers are searched up to this distance: a probability of 1e-16."""
 
 _STEP: Final = 1e-4
-_MOST_STEPS: Final = 100
+_MOST_STEPS: Final = 200
 _MOST_BEYOND: Final = 12
 _HALVINGS: Final = 12
 _TOLERANCE: Final = 1e-7
@@ -141,7 +141,7 @@ def _search(margin: Margin, u: Array, scale: float) -> Array | None:
         direction = aim - u
         if abs(value) <= _TOLERANCE * scale and float(np.linalg.norm(direction)) <= _TOLERANCE * 10:
             return u
-        penalty = 2 * float(np.linalg.norm(u)) / math.sqrt(square) + 10 * float(aim @ aim) / (2 * scale)
+        penalty = 2 * max(float(np.linalg.norm(u)), float(np.linalg.norm(aim)), 1.0) / math.sqrt(square)
         merit = float(u @ u) / 2 + penalty * abs(value)
         lengths = 0.5 ** np.arange(_HALVINGS)
         tried = u[:, None] + direction[:, None] * lengths

@@ -29,7 +29,8 @@ from precision_pin.analyses.reliability_result import (
     SpecificationReliability,
 )
 from precision_pin.errors import Finding, InputError
-from precision_pin.laws import Disc
+from precision_pin.laws import Circle, Disc
+from precision_pin.laws.law import cumulative
 from precision_pin.model import ErrorModel, PoseModel
 from precision_pin.run import Progress, monte_carlo
 from precision_pin.space import Space
@@ -51,6 +52,9 @@ LISTED: Final = 3
 
 _NORM_STARTS: Final = np.array([n for n in np.ndindex(3, 3, 3) if n != (1, 1, 1)], dtype=float).T - 1.0
 """The 26 directions to faces, edges and corners of a cube."""
+
+_REPEATS: Final = 4
+_ASIDE: Final = 0.3
 
 
 def reliability(
@@ -112,8 +116,8 @@ def from_normals(space: Space, normals: Array) -> Array:
     """Return component values ``(d, N)`` of independent standard normal numbers ``(d, N)``; the law stays what it is.
 
     A number is F⁻¹(Φ(u)), of correlated draws after mixing. A disc's point lies in the direction of its two numbers, at
-    r √(1 - exp(-|u|²/2)): smoother than polar coordinates one by one, which tear at an angle. Beyond ±8.2, numbers are
-    taken there.
+    r √(1 - exp(-|u|²/2)): smoother than polar coordinates one by one, which tear at an angle. A circle's angle is
+    4πΦ(u₁), so that every angle is met within 0.7 of the middle. Beyond ±8.2, numbers are taken there.
     """
     u = np.clip(np.asarray(normals, dtype=float), -FARTHEST, FARTHEST)
     x: Array = np.empty_like(u)
@@ -127,6 +131,9 @@ def from_normals(space: Space, normals: Array) -> Array:
                 length = np.hypot(*normals[columns])
                 unit = np.divide(normals[columns], length, out=np.zeros_like(x[columns]), where=length > 0)
                 x[columns] = radius * np.sqrt(-np.expm1(-(length**2) / 2)) * unit
+            case Circle(radius=radius):
+                turn = 4 * np.pi * cumulative(scores[columns][1])
+                x[columns] = radius * np.array([np.cos(turn), np.sin(turn)])
             case law:
                 x[columns] = law.at_scores(scores[columns])
     return x
@@ -147,11 +154,16 @@ def _starts(at: PoseModel, specification: Specification) -> list[Array]:
     """Return where the search begins: the tangent's steepest ways out, from all sides, two standard deviations away."""
     rows = slice(0, 3) if specification.quantity.startswith("position") else slice(3, 6)
     part = specification.quantity.rpartition(".")[2]
-    directions = _NORM_STARTS if part == "norm" else np.eye(3)[:, ["xyz".index(part)]] * [[1.0, -1.0]]
+    directions = (
+        _NORM_STARTS if part == "norm" else np.tile(np.eye(3)[:, ["xyz".index(part)]] * [[1.0, -1.0]], _REPEATS)
+    )
     spread = np.sqrt(np.diag(at.space.covariance))
     ways = (at.jacobian[rows] * spread).T @ directions
     lengths = np.linalg.norm(ways, axis=0)
-    return [2 * way / length for way, length in zip(ways.T, lengths.tolist(), strict=True) if length > 0]
+    # a little aside of the middle, where a gradient may vanish by symmetry
+    aside = _ASIDE * np.random.Generator(np.random.Philox(0)).standard_normal(ways.shape)
+    out = 2 * np.divide(ways, lengths, out=np.zeros_like(ways), where=lengths > 0)
+    return list((out + aside).T)
 
 
 def _of_specification(

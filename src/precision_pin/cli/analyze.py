@@ -11,6 +11,7 @@ from precision_pin.cli import EXIT_SPEC
 from precision_pin.cli.common import (
     chain_options,
     chosen_pose,
+    compile_sampler,
     echo_data,
     echo_findings,
     find_inputs,
@@ -61,7 +62,6 @@ def command(
 
     Without arguments: the paper's arm and sheet, from inside the package. ROBOT may be example:NAME.
     """
-    from precision_pin import kernel
     from precision_pin.model import ErrorModel
     from precision_pin.outputs.text import analysis_table
     from precision_pin.run import check_samples, monte_carlo
@@ -84,9 +84,7 @@ def command(
     echo_findings(sheet.findings)
     error_model = ErrorModel.from_sheet(sheet)
     where = chosen_pose(sheet, pose, q)
-    if not kernel.is_compiled():
-        click.echo("compiling the sampler, once on this machine: about 10 s", err=True)
-        kernel.warm_up()
+    compile_sampler()
     with progress_bar(samples, "sampling") as progress:
         analysis = monte_carlo(
             error_model, where, samples=samples, seed=seed, model=model, specifications=specifications,

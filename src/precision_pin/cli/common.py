@@ -27,6 +27,7 @@ __all__ = [
     "Inputs",
     "chain_options",
     "chosen_pose",
+    "compile_sampler",
     "echo_data",
     "echo_findings",
     "find_inputs",
@@ -202,6 +203,15 @@ def whole_folder(path: Path) -> Iterator[Path]:
             with suppress(OSError):
                 for folder in missing:
                     folder.rmdir()
+
+
+def compile_sampler() -> None:
+    """Compile the sampler where that was never done on this machine, and say so."""
+    from precision_pin import kernel
+
+    if not kernel.is_compiled():
+        click.echo("compiling the sampler, once on this machine: about 10 s", err=True)
+        kernel.warm_up()
 
 
 @contextmanager

@@ -2,87 +2,26 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Unpack
 
 import click
 
-from precision_pin.cli.common import (
-    chain_options,
-    chosen_pose,
-    echo_data,
-    echo_findings,
-    find_inputs,
-    require_writable,
-    whole_folder,
-    write_text,
-)
-
-if TYPE_CHECKING:
-    from precision_pin.analyses.exact_law import ExactLawResult
+from precision_pin.cli.question import Shared, answer, ask, question_options
 
 __all__ = ["command"]
 
 
 @click.command("exact-law")
-@click.argument("inputs", nargs=-1, metavar="[ROBOT.urdf] [SHEET.yaml]")
-@click.option("--pose", "pose_names", multiple=True, metavar="NAME", help="One of the sheet's poses; repeats.")
-@click.option("--q", metavar="VALUES", help='Joint values: "-90 3 88 -91 deg", "0.1 m, 10 deg" or "joint1: 10 deg, …".')
-@chain_options
+@question_options
 @click.option("--samples", type=int, default=100_000, show_default=True, metavar="N", help="Samples to compare with.")
-@click.option("--seed", type=int, default=0, show_default=True, metavar="S", help="64-bit seed.")
-@click.option("--json", "json_path", metavar="FILE", help="Write the result as JSON; - prints it alone.")
-@click.option("--out", metavar="DIR", help="Write a plot of each pose (PNG and SVG) and the result there.")
-def command(
-    inputs: tuple[str, ...],
-    pose_names: tuple[str, ...],
-    q: str | None,
-    tip: str | None,
-    base: str | None,
-    package_dirs: tuple[str, ...],
-    samples: int,
-    seed: int,
-    json_path: str | None,
-    out: str | None,
-) -> int:
+def command(samples: int, **shared: Unpack[Shared]) -> None:
     """Compute the law of every component of the first-order error, tails included, without sampling.
 
     Without arguments: the paper's arm and sheet, from inside the package. ROBOT may be example:NAME.
     """
     from precision_pin.analyses.exact_law import exact_law
-    from precision_pin.model import ErrorModel
-    from precision_pin.outputs.exact_law_report import table
-    from precision_pin.sheet import Overrides, read
-    from precision_pin.space import check_seed
+    from precision_pin.outputs.exact_law_report import figure, table
 
-    check_seed(seed)
-    if json_path is not None and json_path != "-":
-        require_writable(Path(json_path))
-    if out is not None:
-        if not out:
-            raise click.UsageError("--out names no folder")
-        require_writable(Path(out), folder=True)
-    found = find_inputs(inputs, sheet_needed=True)
-    assert found.sheet is not None
-    sheet = read(found.sheet, overrides=Overrides(found.robot, tip, base, package_dirs))
-    echo_findings(sheet.findings)
-    poses = [chosen_pose(sheet, name, q) for name in pose_names or (None,)]
-    result = exact_law(ErrorModel.from_sheet(sheet), poses, seed=seed, samples=samples)
-    echo_data(result.to_json() if json_path == "-" else table(result))
-    if json_path is not None and json_path != "-":
-        write_text(Path(json_path), result.to_json() + "\n")
-    if out is not None:
-        _write_folder(result, Path(out))
-        click.echo(f"wrote {out}: exact-law.json, and the densities as PNG and SVG", err=True)
-    return 0
-
-
-def _write_folder(result: ExactLawResult, folder: Path) -> None:
-    from precision_pin.outputs import plots
-    from precision_pin.outputs.exact_law_report import figure
-
-    with whole_folder(folder) as stage:
-        write_text(stage / "exact-law.json", result.to_json() + "\n")
-        for which in range(len(result.poses)):
-            name = "exact-law" if len(result.poses) == 1 else f"exact-law-{which + 1}"
-            plots.save(figure(result, which), stage / name)
+    question = ask(shared)
+    result = exact_law(question.model, question.poses, seed=shared["seed"], samples=samples)
+    answer(shared, result, "exact-law", lambda: table(result), lambda pose: figure(result, pose))

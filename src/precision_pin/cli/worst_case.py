@@ -2,102 +2,42 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Unpack
 
 import click
 
-from precision_pin.cli.common import (
-    chain_options,
-    chosen_pose,
-    echo_data,
-    echo_findings,
-    find_inputs,
-    progress_bar,
-    require_writable,
-    whole_folder,
-    write_text,
-)
-
-if TYPE_CHECKING:
-    from precision_pin.analyses.worst_case_result import WorstCaseResult
+from precision_pin.cli.common import compile_sampler, progress_bar
+from precision_pin.cli.question import Shared, answer, ask, question_options
 
 __all__ = ["command"]
 
 
 @click.command("worst-case")
-@click.argument("inputs", nargs=-1, metavar="[ROBOT.urdf] [SHEET.yaml]")
-@click.option("--pose", "pose_names", multiple=True, metavar="NAME", help="One of the sheet's poses; repeats.")
-@click.option("--q", metavar="VALUES", help='Joint values: "-90 3 88 -91 deg", "0.1 m, 10 deg" or "joint1: 10 deg, …".')
-@chain_options
+@question_options
 @click.option("--k", type=float, default=3.0, show_default=True, help="Cut unbounded laws at k standard deviations.")
 @click.option("--samples", type=int, default=100_000, show_default=True, metavar="N", help="Samples shown beside it.")
-@click.option("--seed", type=int, default=0, show_default=True, metavar="S", help="64-bit seed.")
-@click.option("--json", "json_path", metavar="FILE", help="Write the result as JSON; - prints it alone.")
-@click.option("--out", metavar="DIR", help="Write a plot of each pose (PNG and SVG) and the result there.")
-def command(
-    inputs: tuple[str, ...],
-    pose_names: tuple[str, ...],
-    q: str | None,
-    tip: str | None,
-    base: str | None,
-    package_dirs: tuple[str, ...],
-    k: float,
-    samples: int,
-    seed: int,
-    json_path: str | None,
-    out: str | None,
-) -> int:
+def command(k: float, samples: int, **shared: Unpack[Shared]) -> None:
     """Bound the pose error if every tolerance does its worst at once.
 
     Without arguments: the paper's arm and sheet, from inside the package. ROBOT may be example:NAME.
     """
-    from precision_pin import kernel
     from precision_pin.analyses.worst_case import worst_case
-    from precision_pin.model import ErrorModel
-    from precision_pin.outputs.worst_case_report import table
+    from precision_pin.outputs.worst_case_report import figure, table
     from precision_pin.run import check_samples
-    from precision_pin.sheet import Overrides, read
-    from precision_pin.space import check_seed
 
     check_samples(samples)
-    check_seed(seed)
-    if json_path is not None and json_path != "-":
-        require_writable(Path(json_path))
-    if out is not None:
-        if not out:
-            raise click.UsageError("--out names no folder")
-        require_writable(Path(out), folder=True)
-    found = find_inputs(inputs, sheet_needed=True)
-    assert found.sheet is not None
-    sheet = read(found.sheet, overrides=Overrides(found.robot, tip, base, package_dirs))
-    echo_findings(sheet.findings)
-    error_model = ErrorModel.from_sheet(sheet)
-    poses = [chosen_pose(sheet, name, q) for name in pose_names or (None,)]
-    if not kernel.is_compiled():
-        click.echo("compiling the sampler, once on this machine: about 10 s", err=True)
-        kernel.warm_up()
-    with progress_bar(samples * len(poses), "sampling") as progress:
+    question = ask(shared)
+    known = question.sheet.findings
+    compile_sampler()
+    with progress_bar(samples * len(question.poses), "sampling") as progress:
         result = worst_case(
-            error_model, poses, seed=seed, samples=samples, k=k, findings=sheet.findings, progress=progress
+            question.model,
+            question.poses,
+            seed=shared["seed"],
+            samples=samples,
+            k=k,
+            findings=known,
+            progress=progress,
         )
-    for line in result.warnings[len(sheet.findings) :]:
-        click.echo(line, err=True)
-    echo_data(result.to_json() if json_path == "-" else table(result))
-    if json_path is not None and json_path != "-":
-        write_text(Path(json_path), result.to_json() + "\n")
-    if out is not None:
-        _write_folder(result, Path(out))
-        click.echo(f"wrote {out}: worst-case.json, and the contributions as PNG and SVG", err=True)
-    return 0
-
-
-def _write_folder(result: WorstCaseResult, folder: Path) -> None:
-    from precision_pin.outputs import plots
-    from precision_pin.outputs.worst_case_report import figure
-
-    with whole_folder(folder) as stage:
-        write_text(stage / "worst-case.json", result.to_json() + "\n")
-        for which in range(len(result.poses)):
-            name = "worst-case" if len(result.poses) == 1 else f"worst-case-{which + 1}"
-            plots.save(figure(result, which), stage / name)
+    new = result.warnings[len(known) :]
+    answer(shared, result, "worst-case", lambda: table(result), lambda pose: figure(result, pose), new)

@@ -1,0 +1,171 @@
+"""What the analysis commands share: their options, the model and poses they ask about, and how they answer."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Protocol, TypedDict, TypeVar, final
+
+import click
+
+from precision_pin.cli.common import (
+    chain_options,
+    chosen_pose,
+    echo_data,
+    echo_findings,
+    find_inputs,
+    require_writable,
+    whole_folder,
+    write_text,
+)
+from precision_pin.errors import Finding, InputError
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from precision_pin.model import ErrorModel
+    from precision_pin.sheet import Sheet
+
+__all__ = ["Question", "Result", "Shared", "answer", "ask", "question_options"]
+
+Command = TypeVar("Command", bound=Callable[..., Any])
+
+
+class Shared(TypedDict):
+    """The options that every analysis command takes."""
+
+    inputs: tuple[str, ...]
+    pose_names: tuple[str, ...]
+    q: str | None
+    tip: str | None
+    base: str | None
+    package_dirs: tuple[str, ...]
+    seed: int
+    json_path: str | None
+    out: str | None
+
+
+class Result(Protocol):
+    """What an analysis returns."""
+
+    @property
+    def poses(self) -> tuple[Any, ...]:
+        """One entry for each pose."""
+
+    def to_json(self) -> str:
+        """Return the result as text."""
+
+
+@final
+@dataclass(frozen=True)
+class Question:
+    """What is asked about.
+
+    Attributes
+    ----------
+    sheet
+        As read; its findings are printed already.
+    model
+        The sheet's error model.
+    poses
+        The poses asked for, each as :meth:`ErrorModel.at` takes it.
+    """
+
+    sheet: Sheet
+    model: ErrorModel
+    poses: list[Any]
+
+
+def question_options(command: Command) -> Command:
+    """Add the options of :class:`Shared`."""
+    for option in (
+        click.option("--out", metavar="DIR", help="Write plots (PNG and SVG) and the result there."),
+        click.option("--json", "json_path", metavar="FILE", help="Write the result as JSON; - prints it alone."),
+        click.option("--seed", type=int, default=0, show_default=True, metavar="S", help="64-bit seed."),
+        chain_options,
+        click.option("--q", metavar="VALUES", help="Joint values, as for analyze."),
+        click.option("--pose", "pose_names", multiple=True, metavar="NAME", help="One of the sheet's poses; repeats."),
+        click.argument("inputs", nargs=-1, metavar="[ROBOT.urdf] [SHEET.yaml]"),
+    ):
+        command = option(command)
+    return command
+
+
+def ask(shared: Shared) -> Question:
+    """Return what the options ask about, refusing before any work what could not be written at its end.
+
+    Raises
+    ------
+    InputError
+        Any input is wrong.
+    """
+    from precision_pin.model import ErrorModel
+    from precision_pin.sheet import Overrides, read
+    from precision_pin.space import check_seed
+
+    check_seed(shared["seed"])
+    if shared["pose_names"] and shared["q"] is not None:
+        raise InputError([Finding("error", "E_USAGE", "--pose and --q exclude each other")])
+    if shared["json_path"] not in (None, "-"):
+        require_writable(Path(shared["json_path"]))
+    if shared["out"] is not None:
+        if not shared["out"]:
+            raise click.UsageError("--out names no folder")
+        require_writable(Path(shared["out"]), folder=True)
+    found = find_inputs(shared["inputs"], sheet_needed=True)
+    assert found.sheet is not None
+    overrides = Overrides(found.robot, shared["tip"], shared["base"], shared["package_dirs"])
+    sheet = read(found.sheet, overrides=overrides)
+    echo_findings(sheet.findings)
+    poses = [chosen_pose(sheet, name, shared["q"]) for name in shared["pose_names"] or (None,)]
+    return Question(sheet, ErrorModel.from_sheet(sheet), poses)
+
+
+def answer(
+    shared: Shared,
+    result: Result,
+    name: str,
+    text: Callable[[], str],
+    figure: Callable[[int], Figure],
+    warnings: Iterable[str] = (),
+) -> None:
+    """Print a result and write the files asked for: ``NAME.json`` and a figure for each pose.
+
+    Parameters
+    ----------
+    shared
+        The options.
+    result
+        What was found.
+    name
+        Of the analysis, and so of its files.
+    text
+        Makes the table.
+    figure
+        Draws the figure of a pose, by its number.
+    warnings
+        Printed to stderr.
+
+    Raises
+    ------
+    OutputError
+        Something cannot be written.
+    """
+    for line in warnings:
+        click.echo(line, err=True)
+    json_path, out = shared["json_path"], shared["out"]
+    echo_data(result.to_json() if json_path == "-" else text())
+    if json_path is not None and json_path != "-":
+        write_text(Path(json_path), result.to_json() + "\n")
+    if out is None:
+        return
+    from precision_pin.outputs import plots
+
+    several = len(result.poses) > 1
+    files = [f"{name}-{k + 1}" if several else name for k in range(len(result.poses))]
+    with whole_folder(Path(out)) as stage:
+        write_text(stage / f"{name}.json", result.to_json() + "\n")
+        for k, file in enumerate(files):
+            plots.save(figure(k), stage / file)
+    click.echo(f"wrote {out}: {name}.json, {', '.join(files)} as PNG and SVG", err=True)
