@@ -95,7 +95,8 @@ def test_a_tail_of_one_in_ten_million(size):
     found = form(margin, size, [np.zeros(size)])
     assert found.probability == pytest.approx(1e-7, rel=1e-6)
     shifted = importance_sampling(margin, size, found.points, seed=1, samples=20_000, confidence=0.999)
-    subset = subset_simulation(margin, size, seed=1, samples=2000, confidence=0.999)
+    subset, failures = subset_simulation(margin, size, seed=1, samples=2000, confidence=0.999)
+    assert (margin(failures) < 0).all()
     for estimate, largest in ((shifted, 0.03), (subset, 0.3)):
         assert estimate.resolved
         assert estimate.interval[0] <= 1e-7 <= estimate.interval[1]
@@ -113,7 +114,7 @@ def test_failure_on_all_sides_at_one_in_ten_million():
     assert len(found.points) == 20  # every direction is one: nothing is lumped together, and FORM is far off
     assert found.points[0].beta == pytest.approx(radius, rel=1e-6)
     assert found.points[0].probability < 1e-7 / 5
-    subset = subset_simulation(margin, 3, seed=2, samples=2000, confidence=0.999)
+    subset, _ = subset_simulation(margin, 3, seed=2, samples=2000, confidence=0.999)
     assert subset.interval[0] <= 1e-7 <= subset.interval[1]
     shifted = importance_sampling(margin, 3, found.points, seed=2, samples=20_000, confidence=0.999)
     assert shifted.interval[0] <= 1e-7 <= shifted.interval[1]
@@ -127,7 +128,7 @@ def test_coverage_of_the_intervals():
         return TAIL - u[0]
 
     points = form(margin, 4, [np.zeros(4)]).points
-    subset = [subset_simulation(margin, 4, seed=s, samples=2000, confidence=0.95).interval for s in range(60)]
+    subset = [subset_simulation(margin, 4, seed=s, samples=2000, confidence=0.95)[0].interval for s in range(60)]
     shifted = [
         importance_sampling(margin, 4, points, seed=s, samples=5000, confidence=0.95).interval for s in range(60)
     ]
@@ -164,7 +165,7 @@ def test_the_norm_of_an_isotropic_cloud():
     model = slides([(1, 0, 0), (0, 1, 0), (0, 0, 1)], [laws.Normal(sigma)] * 3)
     demand = Specification("position.norm", 3.762480 * sigma, 0.99)
     found = reliability(model, [demand], confidence=0.999).poses[0].specifications[0]
-    assert len(found.form.points) == found.form.starts == 26
+    assert len(found.form.points) == found.form.starts >= 26
     for estimate in found.estimates:
         assert estimate.interval[0] <= 0.0027 <= estimate.interval[1]
     assert found.met

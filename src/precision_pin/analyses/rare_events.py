@@ -29,6 +29,7 @@ _KEPT: Final = 0.8
 _PLAIN: Final = 0.1
 _MOST_CENTRES: Final = 32
 _AT_ONCE: Final = 8192
+_TOLD: Final = 2
 
 
 @final
@@ -127,8 +128,10 @@ def importance_sampling(
     )
 
 
-def subset_simulation(margin: Margin, size: int, *, seed: int, samples: int, confidence: float) -> Estimate:
-    """Return the probability of failure as a product of conditional ones of 0.1 (Au and Beck, 2001).
+def subset_simulation(
+    margin: Margin, size: int, *, seed: int, samples: int, confidence: float
+) -> tuple[Estimate, Array]:
+    """Return the probability of failure as a product of conditional ones of 0.1 (Au and Beck, 2001), and failures.
 
     Each level's samples are moved by u ← 0.8 u + 0.6 z, refused where they leave the level (Papaioannou, Betz, Zwirglmaier
     and Straub, 2015). Twelve replicates by themselves give the mean, its coefficient of variation and, by Student's t, its
@@ -140,11 +143,18 @@ def subset_simulation(margin: Margin, size: int, *, seed: int, samples: int, con
         The limit state and how many numbers it takes.
     seed, samples, confidence
         Of the sampling; ``samples`` in each level of each replicate, a multiple of 10.
+
+    Returns
+    -------
+    tuple
+        The estimate, and failures ``(d, F)``, a few of each replicate, wherever they lie.
     """
-    found, evaluations = np.zeros(REPLICATES), 0
+    found, evaluations, failures = np.zeros(REPLICATES), 0, []
     for replicate, child in enumerate(np.random.SeedSequence(seed).spawn(REPLICATES)):
-        found[replicate], used = _one_subset(margin, size, np.random.Generator(np.random.Philox(child)), samples)
+        generator = np.random.Generator(np.random.Philox(child))
+        found[replicate], used, failed = _one_subset(margin, size, generator, samples)
         evaluations += used
+        failures.append(failed[:, generator.permutation(failed.shape[1])[:_TOLD]])
     probability = float(found.mean())
     error = float(found.std(ddof=1)) / math.sqrt(REPLICATES)
     variation = error / probability if probability else math.inf
@@ -158,19 +168,12 @@ def subset_simulation(margin: Margin, size: int, *, seed: int, samples: int, con
         # all replicates alike: without a failure nothing is known, with failures only they were counted
         count = REPLICATES * samples
         interval = clopper_pearson(round(probability * count), count, confidence) if probability else (0.0, 1.0)
-    return Estimate(
-        "subset simulation",
-        probability,
-        interval,
-        variation,
-        evaluations,
-        enough,
-        note,
-    )
+    estimate = Estimate("subset simulation", probability, interval, variation, evaluations, enough, note)
+    return estimate, np.concatenate(failures, axis=1)
 
 
-def _one_subset(margin: Margin, size: int, generator: np.random.Generator, samples: int) -> tuple[float, int]:
-    """Return one replicate's probability and how often it evaluated the margin."""
+def _one_subset(margin: Margin, size: int, generator: np.random.Generator, samples: int) -> tuple[float, int, Array]:
+    """Return one replicate's probability, how often it evaluated the margin, and its failures ``(d, F)``."""
     u = generator.standard_normal((size, samples))
     values = margin(u)
     seeds = max(1, round(_SHARE * samples))
@@ -179,10 +182,10 @@ def _one_subset(margin: Margin, size: int, generator: np.random.Generator, sampl
         order = np.argsort(values, kind="stable")
         level = float(values[order[seeds - 1]])
         if level < 0:
-            return reached * float((values < 0).mean()), evaluations
+            return reached * float((values < 0).mean()), evaluations, u[:, values < 0]
         at_most = values <= level
         if at_most.all():
-            return 0.0, evaluations  # nothing leads further: the margin is flat here
+            return 0.0, evaluations, u[:, :0]  # nothing leads further: the margin is flat here
         share = float(at_most.mean())
         chosen = generator.permutation(np.flatnonzero(at_most))[:seeds]
         state, margins = u[:, chosen], values[chosen]
@@ -198,4 +201,4 @@ def _one_subset(margin: Margin, size: int, generator: np.random.Generator, sampl
         u, values = np.concatenate(moved, axis=1)[:, :samples], np.concatenate(kept)[:samples]
         reached *= share
     failed = float((values < 0).mean())
-    return reached * failed, evaluations
+    return reached * failed, evaluations, u[:, values < 0]

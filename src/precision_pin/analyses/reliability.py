@@ -178,18 +178,20 @@ def _of_specification(
     margin = _margin(at, layout, specification)
     inside = round(counted.probability * samples)
     plain = plain_estimate(samples - inside, samples, confidence)
-    searched = form(margin, at.space.size, _starts(at, specification))
-    estimates = [plain]
+    estimates, starts = [plain], _starts(at, specification)
     if at.space.size:
-        if searched.points:
-            estimates.append(
-                importance_sampling(
-                    margin, at.space.size, searched.points, seed=seed, samples=IMPORTANCE_SAMPLES, confidence=confidence
-                )
-            )
-        estimates.append(
-            subset_simulation(margin, at.space.size, seed=seed, samples=SUBSET_SAMPLES, confidence=confidence)
+        subset, failures = subset_simulation(
+            margin, at.space.size, seed=seed, samples=SUBSET_SAMPLES, confidence=confidence
         )
+        # failures lie wherever there are any, and lead to design points that no symmetry tells of
+        starts += list(failures.T)
+        estimates.append(subset)
+    searched = form(margin, at.space.size, starts)
+    if searched.points:
+        shifted = importance_sampling(
+            margin, at.space.size, searched.points, seed=seed, samples=IMPORTANCE_SAMPLES, confidence=confidence
+        )
+        estimates.insert(1, shifted)
     contradictions = disagreements(estimates, searched)
     best, resolved = chosen(estimates)
     return SpecificationReliability(
@@ -223,18 +225,18 @@ def chosen(estimates: Sequence[Estimate]) -> tuple[Estimate, bool]:
     if plain.variation <= ENOUGH_VARIATION:
         return plain, True
     candidates = [estimate for estimate in estimates if estimate.resolved]
-    if not candidates or any(not _overlap(a, b) for a in (plain, *candidates) for b in candidates):
+    if not candidates or any(not _agree(a, b) for a in (plain, *candidates) for b in candidates):
         return plain, False
     return min(candidates, key=lambda estimate: estimate.variation), True
 
 
 def disagreements(estimates: Sequence[Estimate], searched: Form) -> tuple[str, ...]:
-    """Return which resolved estimates have intervals apart, and where FORM lies outside plain sampling's or the best."""
+    """Return which resolved estimates contradict each other, and where FORM lies outside plain sampling's or the best."""
     lines = []
     checked = [estimate for estimate in estimates if estimate.resolved or estimate.method == "sampling"]
     for k, one in enumerate(checked):
         for other in checked[k + 1 :]:
-            if not _overlap(one, other):
+            if not _agree(one, other):
                 lines.append(
                     f"{one.method} ({_range(one.interval)}) and {other.method} ({_range(other.interval)}) disagree"
                 )
@@ -250,7 +252,14 @@ def disagreements(estimates: Sequence[Estimate], searched: Form) -> tuple[str, .
     return tuple(lines)
 
 
-def _overlap(one: Estimate, other: Estimate) -> bool:
+def _agree(one: Estimate, other: Estimate) -> bool:
+    """Return whether two estimates differ by at most three standard errors of their difference.
+
+    Where one has none, because no failure was met, their intervals must overlap.
+    """
+    if one.probability and other.probability:
+        error = math.hypot(one.probability * one.variation, other.probability * other.variation)
+        return abs(one.probability - other.probability) <= 3 * error
     return one.interval[0] <= other.interval[1] and other.interval[0] <= one.interval[1]
 
 
