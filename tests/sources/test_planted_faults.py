@@ -56,6 +56,7 @@ SIGNS = (
     Fault("levelling", "gravity turned with the base", "= -np.cross(axis", "= np.cross(axis"),
     Fault("mounting", "every error reversed", "np.eye(6)[row]", "-np.eye(6)[row]"),
     Fault("periodic", "phase counted the other way", "math.cos(angle)", "-math.cos(angle)", "encoder"),
+    Fault("table", "every error reversed", "np.eye(6)[row]", "-np.eye(6)[row]"),
     Fault("thermal", "links shrink", "turn @ way, np", "turn @ -way, np"),
     Fault("thermal", "bent to the warm side", "[-normal *", "[normal *"),
     Fault("thermal", "turned to the warm side", "-np.cross(way", "np.cross(way"),
@@ -187,6 +188,9 @@ LAWS = (
     Fault("mounting", "the base's own end", "chain.frame_place(chain.base)", "chain.end(0)"),
     Fault("mounting", "flange ignored", "self.flange or chain.tip)", "chain.tip)"),
     Fault("periodic", "a disc of phases", "laws import Circle", "laws import Disc as Circle", "transmission"),
+    Fault("table", "shift and turn swapped", "np.eye(6)[row]", "np.eye(6)[(row + 3) % 6]"),
+    Fault("table", "columns in another order", "(zip(*columns, strict=True))", "(zip(*columns[::-1], strict=True))"),
+    Fault("table", "columns torn apart", "*columns, strict", "columns[0], *(c[::-1] for c in columns[1:]), strict"),
     Fault("thermal", "shift of a moment at the end", "(way @ way) / 2", "(way @ way) / 3"),
     Fault(
         "thermal",

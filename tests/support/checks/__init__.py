@@ -23,6 +23,7 @@ from support.checks.levelling import check_levelling
 from support.checks.mcpc import check_mcpc
 from support.checks.mounting import check_mounting
 from support.checks.payload import check_payload
+from support.checks.table import check_table
 from support.checks.thermal import check_thermal
 from support.checks.transmission import check_transmission
 
@@ -42,6 +43,7 @@ CHECKS: dict[str, Callable[[ModuleType], None]] = {
     "mcpc": check_mcpc,
     "mounting": check_mounting,
     "payload": check_payload,
+    "table": check_table,
     "thermal": check_thermal,
     "transmission": check_transmission,
 }

@@ -1,0 +1,53 @@
+"""Measured rows, by hand and against the displaced URDF."""
+
+from __future__ import annotations
+
+import tempfile
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+
+from precision_pin.model import ErrorModel
+from precision_pin.space import Scope, Space
+from support.checks.common import Q7, evaluated, one_link, same
+from support.plain_robot import PlainRobot, chain_of, inserted, pose_error, random_arm
+
+PLANE = "y [mm], rz [mrad]\n1, 2\n-1, 0\n# a remark\n\n3, 1\n-3, -3\n"
+ALL = "rz [deg],x [mm],ry [mrad],z [m],y [um],rx [rad]\n10,30,-400,0.02,-50000,0.3\n"
+
+
+def check_table(module: ModuleType) -> None:
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        (folder / "plane.csv").write_text(PLANE, encoding="utf-8")
+        (folder / "all.csv").write_text(ALL, encoding="utf-8")
+        # at the hinge with the tip 1 m along x: y of the tip is y + 1 m · rz, row by row
+        source = module.Table(joint="hinge", file=folder / "plane.csv")
+        (draw,) = source.draws("table[hinge]")
+        assert draw.components == ("table[hinge].row.y", "table[hinge].row.rz")
+        assert draw.scope is Scope.UNIT
+        same(draw.law.mean_vector, [0, 0], 1e-18)
+        same(draw.law.covariance, [[5e-6, 3.5e-6], [3.5e-6, 3.5e-6]], 1e-17)
+        model = ErrorModel(one_link(), Space(), [source])
+        tips = model.at([0.0]).linear(model.space.sample(1, 0, 200))
+        rows = np.unique(np.round(tips[[1, 5]] * 1e3, 9), axis=1)
+        same(rows, [[-6, -1, 3, 4], [-3, 0, 2, 1]], 1e-9)
+        same(tips[[0, 2, 3, 4]], 0.0, 1e-18)
+        # every column, every place, any size
+        text = random_arm(12, prismatic=(4,))
+        reading = PlainRobot.parse(text)
+        chain = chain_of(text, tip="tool")
+        q7 = dict(zip(chain.joint_names, Q7, strict=True))
+        nominal = reading.poses(q7)["tool"]
+        six = np.array([0.03, -0.05, 0.02, 0.3, -0.4, np.radians(10)])
+        for where, place in (
+            ({"joint": "joint4"}, ("joint", "joint4")),
+            ({"link": "half2"}, ("joint", "joint3")),
+            ({"frame": "half2"}, ("link", "half2")),
+            ({"frame": "tool"}, ("link", "tool")),
+        ):
+            at, _ = evaluated(chain, q7, [module.Table(**where, file=folder / "all.csv")])
+            moved = reading.poses(q7, displaced={place: inserted(six)})["tool"]
+            same(at.space.mean, six[[5, 0, 4, 2, 1, 3]], 1e-15)
+            same(at.exact(at.space.sample(3, 0, 1))[:, 0], pose_error(moved, nominal), 1e-13)
