@@ -29,7 +29,7 @@ def panda() -> pp.ErrorModel:
 
 @pytest.fixture(scope="module")
 def covariance(panda: pp.ErrorModel) -> np.ndarray:
-    """Closed form with Pinocchio's kind of Jacobian: the joints' columns, and the direction of both lengths."""
+    """Return the closed form: the joints' columns of the kinematic Jacobian, and the direction of both lengths."""
     posture = panda.chain.at(Q)
     poses = posture.link_poses
     cut = np.zeros(6)
