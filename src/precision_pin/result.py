@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from importlib import metadata
 from platform import python_version
 from typing import TYPE_CHECKING, Any, Final, final
@@ -13,12 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from precision_pin.errors import InputError
+from precision_pin.space import Space
 from precision_pin.statistics import QUANTITIES, Summary, VectorDistribution
 
 if TYPE_CHECKING:
     import xarray
 
-__all__ = ["SCHEMA", "Analysis", "versions"]
+__all__ = ["SCHEMA", "Analysis", "Correlated", "versions"]
 
 Array = NDArray[np.float64]
 
@@ -36,6 +37,36 @@ def _version(name: str) -> str:
         return metadata.version(name)
     except metadata.PackageNotFoundError:  # conda's pinocchio, or a checkout on the path: installed, but not by pip
         return "unknown"
+
+
+@final
+@dataclass(frozen=True)
+class Correlated:
+    """Parameters that are correlated.
+
+    Attributes
+    ----------
+    parameters
+        Their names.
+    scores
+        Correlation of their normal scores, as given, row by row.
+    pearson
+        Correlation of the parameters themselves, which follows from it and their laws.
+    """
+
+    parameters: tuple[str, ...]
+    scores: tuple[tuple[float, ...], ...]
+    pearson: tuple[tuple[float, ...], ...]
+
+    @classmethod
+    def all_of(cls, space: Space) -> tuple[Correlated, ...]:
+        """Return every correlation of a space."""
+        found = []
+        for correlation in space.correlations:
+            columns = [space.index[name] for name in correlation.names]
+            pearson = space.pearson[np.ix_(columns, columns)]
+            found.append(cls(correlation.names, correlation.matrix, tuple(map(tuple, pearson.tolist()))))
+        return tuple(found)
 
 
 @final
@@ -59,6 +90,8 @@ class Analysis:
         The statistics, base axes.
     sliding_joints
         Which joints of ``q`` slide: their values are in m, the others' in rad.
+    correlations
+        The space's correlations, with what follows from them.
     warnings
         One line each.
     errors
@@ -77,6 +110,7 @@ class Analysis:
     nominal: Array
     summary: Summary
     sliding_joints: tuple[str, ...] = ()
+    correlations: tuple[Correlated, ...] = ()
     warnings: tuple[str, ...] = ()
     errors: Array | None = field(default=None, repr=False)
 
@@ -120,6 +154,7 @@ class Analysis:
             "warnings": list(self.warnings),
             "nominal": {"position": self.nominal[:3].tolist(), "attitude": self.nominal[3:].tolist()},
             **self.summary.to_dict(),
+            **({"correlations": [asdict(group) for group in self.correlations]} if self.correlations else {}),
         }
 
     def to_json(self) -> str:

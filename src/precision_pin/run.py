@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from precision_pin import kernel
 from precision_pin.errors import Finding, InputError
 from precision_pin.model import ErrorModel
-from precision_pin.result import Analysis
+from precision_pin.result import Analysis, Correlated
 from precision_pin.space import Scope, check_seed
 from precision_pin.statistics import Plan, Specification, finish, start
 
@@ -125,6 +125,7 @@ def monte_carlo(
         scopes={scope.value: sum(draw.law.size for draw in at.space.draws if draw.scope is scope) for scope in Scope},
         nominal=error,
         sliding_joints=tuple(joint.name for joint in chain.joints if joint.kind == "prismatic"),
+        correlations=Correlated.all_of(at.space),
         summary=finish(plan, state, confidence),
         warnings=tuple(str(finding) for finding in warnings),
         errors=kept,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import unicodedata
 from collections.abc import Collection, Mapping
@@ -9,7 +10,7 @@ from decimal import ROUND_CEILING, ROUND_FLOOR, ROUND_HALF_EVEN, Decimal
 
 from precision_pin.errors import Finding
 from precision_pin.mcpc import Mcpc
-from precision_pin.result import Analysis
+from precision_pin.result import Analysis, Correlated
 from precision_pin.statistics import Distribution, SpecificationResult, format_supported
 
 __all__ = ["ROUNDING", "aligned", "analysis_table", "findings_text", "mcpc_table", "plain", "pose_text"]
@@ -40,6 +41,7 @@ def analysis_table(analysis: Analysis) -> str:
         f"d = ({', '.join(map(_thousandfold, analysis.nominal[:3]))}) mm, "
         f"δ = ({', '.join(map(_thousandfold, analysis.nominal[3:]))}) mrad",
     ]
+    lines += [line for group in analysis.correlations for line in _pairs(group)]
     lines += [_verdict(result) for result in analysis.summary.specifications]
     return "\n".join(lines)
 
@@ -75,6 +77,15 @@ def _cell(distribution: Distribution, column: str | float) -> str:
     if value is None or half_width is None:
         return "-"
     return format_supported(1e3 * value, 1e3 * half_width, most=5)
+
+
+def _pairs(group: Correlated) -> list[str]:
+    """Return a line for each pair of correlated parameters."""
+    return [
+        f"correlation of {group.parameters[i]} and {group.parameters[j]}: {group.scores[i][j]:.4g} of the normal scores, "
+        f"{group.pearson[i][j]:.4g} of the numbers (Pearson)"
+        for i, j in itertools.combinations(range(len(group.parameters)), 2)
+    ]
 
 
 def _bandwidths(analysis: Analysis) -> str:
