@@ -13,7 +13,7 @@ import re
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import ClassVar, final
+from typing import final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -103,9 +103,6 @@ class Source(ABC):
     A final, frozen data class whose fields are its settings; the docstring holds the physics with equation and
     reference. It knows the posture and its own draws, nothing of what reads the terms.
     """
-
-    title: ClassVar[str] = ""
-    """One line for tables; empty for the kind in words."""
 
     @property
     @abstractmethod

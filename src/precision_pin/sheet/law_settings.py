@@ -226,8 +226,12 @@ def _normal(reader: LawReader) -> Law:
         std = reader.half_width("normal", "std")
     else:
         std = reader.half_width("normal") / k
-    mean = reader.mean()
-    return TruncatedNormal(std, mean, k) if reader.truncated() else Normal(std, mean)
+    mean, truncated = reader.mean(), reader.truncated()
+    if isinstance(value, Mapping) and "k" in reader.settings and not truncated:
+        raise SettingError(
+            ("k",), "k does nothing here: {std: …} is the standard deviation itself, and nothing is cut off"
+        )
+    return TruncatedNormal(std, mean, k) if truncated else Normal(std, mean)
 
 
 def _lognormal(reader: LawReader) -> Law:
