@@ -253,7 +253,7 @@ class Space:
         Returns
         -------
         NDArray
-            ``(d, count)``, as ``equations.md`` section 8 of the design numbers them: see :mod:`precision_pin.philox`
+            ``(d, count)``, numbered as docs/reproducibility.md says: see :mod:`precision_pin.philox`
             for the uniforms; normal numbers are Box-Muller of a pair (cosine for the even unit, sine for the odd).
         """
         check_seed(seed)

@@ -1,4 +1,4 @@
-"""From chains to MCPC parameters and back (equations.md section 5; the paper's eqs 1-3 and Table 1)."""
+"""From chains to MCPC parameters and back (the paper's eqs 1-3 and Table 1)."""
 
 from __future__ import annotations
 
