@@ -70,12 +70,12 @@ def _rows(analysis: Analysis) -> list[list[str]]:
 
 
 def _cell(distribution: Distribution, column: str | float) -> str:
-    if max(abs(distribution.min), abs(distribution.max)) < ROUNDING:
-        return "0"
     value = distribution.quantile(column) if isinstance(column, float) else getattr(distribution, column)
     half_width = distribution.half_width(column)
     if value is None or half_width is None:
         return "-"
+    if max(abs(distribution.min), abs(distribution.max)) < ROUNDING:
+        return "0"
     return format_supported(1e3 * value, 1e3 * half_width, most=5)
 
 
