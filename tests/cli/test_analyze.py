@@ -214,7 +214,7 @@ def test_an_internal_error_is_shown_whole_with_its_code(run, monkeypatch):
     def broken(*arguments: object, **settings: object) -> object:
         raise RuntimeError("planted")
 
-    monkeypatch.setattr("precision_pin.cli.analyze.find_inputs", broken)
+    monkeypatch.setattr("precision_pin.cli.analyze.read_sheet", broken)
     outcome = run("analyze")
     assert outcome.code == 3
     assert "a bug in precision-pin" in outcome.err

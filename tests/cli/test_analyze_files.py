@@ -87,7 +87,7 @@ UNWRITABLE = [
 def test_what_cannot_be_written_is_refused_before_any_work(run, folder, contents, monkeypatch, target, message):
     (folder / "plots").mkdir()
     before = contents()
-    monkeypatch.setattr("precision_pin.cli.analyze.find_inputs", lambda *a, **k: pytest.fail("work was begun"))
+    monkeypatch.setattr("precision_pin.cli.analyze.read_sheet", lambda *a, **k: pytest.fail("work was begun"))
     outcome = run(*QUICK, *target)
     assert (outcome.code, outcome.out) == (2, "")
     assert message in outcome.err

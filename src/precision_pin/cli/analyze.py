@@ -13,9 +13,8 @@ from precision_pin.cli.common import (
     chosen_pose,
     compile_sampler,
     echo_data,
-    echo_findings,
-    find_inputs,
     progress_bar,
+    read_sheet,
     require_writable,
     whole_folder,
     write_text,
@@ -65,7 +64,6 @@ def command(
     from precision_pin.model import ErrorModel
     from precision_pin.outputs.text import analysis_table
     from precision_pin.run import check_samples, monte_carlo
-    from precision_pin.sheet import Overrides, read
     from precision_pin.space import check_seed
     from precision_pin.specifications import specification
 
@@ -78,10 +76,7 @@ def command(
         if not out:
             raise click.UsageError("--out names no folder")
         require_writable(Path(out), folder=True)
-    found = find_inputs(inputs, sheet_needed=True)
-    assert found.sheet is not None
-    sheet = read(found.sheet, overrides=Overrides(found.robot, tip, base, package_dirs))
-    echo_findings(sheet.findings)
+    sheet = read_sheet(inputs, tip, base, package_dirs)
     error_model = ErrorModel.from_sheet(sheet)
     where = chosen_pose(sheet, pose, q)
     compile_sampler()

@@ -32,6 +32,7 @@ __all__ = [
     "echo_findings",
     "find_inputs",
     "progress_bar",
+    "read_sheet",
     "require_writable",
     "whole_folder",
     "write_text",
@@ -98,6 +99,23 @@ def find_inputs(arguments: Sequence[str], *, sheet_needed: bool) -> Inputs:
         f"no sheet of error sources for {robots[0]}; write one with: precision-pin init {robots[0]} "
         f"(or name it; {beside.name} beside the robot is found by itself)"
     )
+
+
+def read_sheet(arguments: Sequence[str], tip: str | None, base: str | None, package_dirs: tuple[str, ...]) -> Sheet:
+    """Read the sheet and robot of a command line and print what there is to warn of.
+
+    Raises
+    ------
+    InputError
+        Anything in them is wrong.
+    """
+    from precision_pin.sheet import Overrides, read
+
+    found = find_inputs(arguments, sheet_needed=True)
+    assert found.sheet is not None
+    sheet = read(found.sheet, overrides=Overrides(found.robot, tip, base, package_dirs))
+    echo_findings(sheet.findings)
+    return sheet
 
 
 def echo_data(text: str) -> None:

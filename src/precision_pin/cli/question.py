@@ -13,8 +13,7 @@ from precision_pin.cli.common import (
     chain_options,
     chosen_pose,
     echo_data,
-    echo_findings,
-    find_inputs,
+    read_sheet,
     require_writable,
     whole_folder,
     write_text,
@@ -101,7 +100,6 @@ def ask(shared: Shared) -> Question:
         Any input is wrong.
     """
     from precision_pin.model import ErrorModel
-    from precision_pin.sheet import Overrides, read
     from precision_pin.space import check_seed
 
     check_seed(shared["seed"])
@@ -113,11 +111,7 @@ def ask(shared: Shared) -> Question:
         if not shared["out"]:
             raise click.UsageError("--out names no folder")
         require_writable(Path(shared["out"]), folder=True)
-    found = find_inputs(shared["inputs"], sheet_needed=True)
-    assert found.sheet is not None
-    overrides = Overrides(found.robot, shared["tip"], shared["base"], shared["package_dirs"])
-    sheet = read(found.sheet, overrides=overrides)
-    echo_findings(sheet.findings)
+    sheet = read_sheet(shared["inputs"], shared["tip"], shared["base"], shared["package_dirs"])
     poses = [chosen_pose(sheet, name, shared["q"]) for name in shared["pose_names"] or (None,)]
     return Question(sheet, ErrorModel.from_sheet(sheet), poses)
 

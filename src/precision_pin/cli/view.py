@@ -11,7 +11,7 @@ from precision_pin.cli.common import (
     chain_options,
     chosen_pose,
     echo_findings,
-    find_inputs,
+    read_sheet,
     require_writable,
 )
 from precision_pin.errors import InputError
@@ -57,7 +57,6 @@ def command(
     from precision_pin.model import ErrorModel
     from precision_pin.outputs.view import page, write_page
     from precision_pin.run import check_samples
-    from precision_pin.sheet import Overrides, read
     from precision_pin.space import check_seed
 
     check_samples(samples)
@@ -66,10 +65,7 @@ def command(
         raise InputError(f"--samples {samples} is more than a page can show; at most {MOST_SHOWN}")
     target = Path(out)
     require_writable(target)
-    found = find_inputs(inputs, sheet_needed=True)
-    assert found.sheet is not None
-    sheet = read(found.sheet, overrides=Overrides(found.robot, tip, base, package_dirs))
-    echo_findings(sheet.findings)
+    sheet = read_sheet(inputs, tip, base, package_dirs)
     error_model = ErrorModel.from_sheet(sheet)
     where = chosen_pose(sheet, pose, q)
     at = error_model.at(where)
