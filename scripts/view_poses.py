@@ -21,6 +21,7 @@ SAMPLES = 5_000
 
 def main(folder: Path) -> None:
     """Write the pages into a folder."""
+    folder.mkdir(parents=True, exist_ok=True)
     model = ErrorModel.load(PAPER_SHEET)
     poses = {"paper": model.configuration("paper"), "folded": np.radians([-60.0, -40.0, 110.0, -70.0])}
     for pose, (name, q) in enumerate(poses.items()):
