@@ -90,13 +90,18 @@ class PoseModel:
 
         Under gravity it is taken on the deflected arm, and differs from :meth:`linear`.
         """
-        return self.exact(self.space.mean[:, None])[:, 0], self.jacobian_parts.sum(axis=0)
+        return self.error_at_means, self.jacobian_parts.sum(axis=0)
+
+    @cached_property
+    def error_at_means(self) -> Array:
+        """The error of :meth:`exact` with every component at its mean, ``(6,)``."""
+        return self.exact(self.space.mean[:, None])[:, 0]
 
     @cached_property
     def jacobian_parts(self) -> Array:
         """What each target adds to the Jacobian of :attr:`tangent`, ``(K, 6, d)``; their sum is J."""
         table, mean = self.table, self.space.mean
-        error = self.exact(mean[:, None])[:, 0]
+        error = self.error_at_means
         moved = table.displacements(table.products(table.program.evaluate(mean[:, None])))[:, :, 0]
         tip = table.pose[:3, 3] + error[:3]
         turn = se3.left_jacobian_inverse(error[3:])
@@ -126,8 +131,8 @@ class PoseModel:
         """Return the warnings about this pose: limits and, for ``model`` "linear", superposition stretched."""
         if model != "linear" or not self.space.size:
             return self.posture.findings
-        mean = self.space.mean[:, None]
-        gap = float(np.linalg.norm((self.linear(mean) - self.exact(mean))[:3]))
+        superposed = self.linear(self.space.mean[:, None])[:, 0]
+        gap = float(np.linalg.norm((superposed - self.error_at_means)[:3]))
         spread = float(np.sqrt(np.trace(self.covariance[:3, :3])))
         if gap <= 0.1 * spread or gap <= 1e-9:
             return self.posture.findings
@@ -259,7 +264,7 @@ class ErrorModel:
         except InputError as error:
             return (Finding("warning", "W_STATICS", f"{error.findings[0].message}; nominal statics hide it"),)
         rest = PoseModel(at.posture, self.space, TermTable.build(at.posture, self.space, settled.terms), settled.terms)
-        gap = float(np.linalg.norm((rest.exact(self.space.mean[:, None])[:, 0] - at.tangent[0])[:3]))
+        gap = float(np.linalg.norm((rest.error_at_means - at.error_at_means)[:3]))
         if gap <= 0.1 * spread or gap <= 1e-9:
             return ()
         message = (

@@ -12,12 +12,11 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from precision_pin.analyses.exact_law import LEVELS, ExactLaw, ExactLawResult, PoseLaws
-from precision_pin.analyses.heading import PoseHeading
 from precision_pin.outputs.drawing import BLUE, SKY, VERMILION
 from precision_pin.outputs.plots import DOUBLE_COLUMN, MILLIMETRES_PER_INCH, new_figure, style
-from precision_pin.outputs.text import ROUNDING, aligned, plain
+from precision_pin.outputs.text import ROUNDING, aligned, pose_text
 
-__all__ = ["figure", "pose_text", "symbol_of", "table"]
+__all__ = ["figure", "symbol_of", "table"]
 
 _SHOWN: Final = (0.00135, 0.05, 0.5, 0.95, 0.9973, 0.99865)
 _CAPTION_CHARACTERS: Final = 105
@@ -29,10 +28,11 @@ def table(result: ExactLawResult) -> str:
     heading = result.heading
     blocks = []
     for entry in result.poses:
+        stands = pose_text(entry.pose.name, entry.pose.q, entry.pose.sliding_joints)
         blocks.append(
             "\n".join(
                 [
-                    f"{heading.robot}: {heading.base} to {heading.tip}, pose {pose_text(entry.pose)}",
+                    f"{heading.robot}: {heading.base} to {heading.tip}, pose {stands}",
                     f"exact law of the first-order model, statics {heading.statics}; errors in base axes",
                     "",
                     *aligned(_quantile_rows(entry)),
@@ -84,15 +84,6 @@ def figure(result: ExactLawResult, which: int = 0) -> Figure:
         height = 100 + _LINE * (len(caption) + 1)
         drawn.set_size_inches(DOUBLE_COLUMN / MILLIMETRES_PER_INCH, height / MILLIMETRES_PER_INCH)
     return drawn
-
-
-def pose_text(pose: PoseHeading) -> str:
-    """Return a pose with its joint values, in degrees and m."""
-    values = ", ".join(
-        f"{name} {plain(value)} m" if name in pose.sliding_joints else f"{name} {plain(math.degrees(value))}°"
-        for name, value in pose.q.items()
-    )
-    return f"{pose.name!r} ({values})" if pose.name else f"({values})"
 
 
 def symbol_of(quantity: str) -> tuple[str, str]:

@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 from precision_pin.analyses.rare_events import Estimate
 from precision_pin.analyses.reliability_result import ReliabilityResult, SpecificationReliability
 from precision_pin.outputs.drawing import BLUE, GREEN, SKY, VERMILION
-from precision_pin.outputs.exact_law_report import pose_text, symbol_of
+from precision_pin.outputs.exact_law_report import symbol_of
 from precision_pin.outputs.plots import DOUBLE_COLUMN, MILLIMETRES_PER_INCH, new_figure, style
-from precision_pin.outputs.text import aligned
+from precision_pin.outputs.text import aligned, pose_text
 
 __all__ = ["figure", "table"]
 
@@ -33,8 +33,9 @@ def table(result: ReliabilityResult) -> str:
     heading = result.heading
     blocks = []
     for entry in result.poses:
+        stands = pose_text(entry.pose.name, entry.pose.q, entry.pose.sliding_joints)
         lines = [
-            f"{heading.robot}: {heading.base} to {heading.tip}, pose {pose_text(entry.pose)}",
+            f"{heading.robot}: {heading.base} to {heading.tip}, pose {stands}",
             f"exact model, statics {heading.statics}, seed {heading.seed}; intervals at {100 * result.confidence:g} % "
             "confidence, base axes",
         ]

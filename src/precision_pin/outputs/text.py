@@ -8,12 +8,11 @@ import unicodedata
 from collections.abc import Collection, Mapping
 from decimal import ROUND_CEILING, ROUND_FLOOR, ROUND_HALF_EVEN, Decimal
 
-from precision_pin.errors import Finding
 from precision_pin.mcpc import Mcpc
 from precision_pin.result import Analysis, Correlated
 from precision_pin.statistics import Distribution, SpecificationResult, format_supported
 
-__all__ = ["ROUNDING", "aligned", "analysis_table", "findings_text", "mcpc_table", "plain", "pose_text"]
+__all__ = ["ROUNDING", "aligned", "analysis_table", "mcpc_table", "plain", "pose_text"]
 
 ROUNDING = 1e-14
 """Errors (m, rad) below this are rounding."""
@@ -122,11 +121,6 @@ def mcpc_table(mcpc: Mcpc) -> str:
         joint = "base" if row.joint is None else f"{row.joint} (slides)" if row.prismatic else row.joint
         rows.append([str(row.link), joint, *turns, gamma, plain(1e3 * row.x), plain(1e3 * row.y), z])
     return "\n".join(aligned(rows))
-
-
-def findings_text(findings: tuple[Finding, ...]) -> str:
-    """Return findings, one line each."""
-    return "\n".join(str(finding) for finding in findings)
 
 
 def _thousandfold(value: float) -> str:
