@@ -25,6 +25,8 @@ COMMANDS: Final = {
     "exact-law": "Compute the law of every component of the first-order error, tails included, without sampling.",
     "reliability": "Probability that a limit is exceeded, by several methods, down to one in ten million and below.",
     "view": "Write a page with the arm and the cloud of sampled end-effector positions in 3-D.",
+    "report": "Write everything about a pose into one page: verdict, distributions, causes, bounds, 3-D view.",
+    "export": "Write robots as they may be built, each sampled, as URDF files.",
     "schema": "Print the JSON schema of the sheet.",
     "doctor": "Print versions and paths.",
 }

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import base64
 import hashlib
-import html
 import importlib.resources
 import json
 import math
@@ -21,6 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 from precision_pin import se3
 from precision_pin.chain import Posture
 from precision_pin.errors import InputError, InternalError, OutputError
+from precision_pin.markup import escaped
 from precision_pin.model import PoseModel
 
 from .arm import draw_arm
@@ -133,16 +133,16 @@ def page(
     return _assembled(
         scene.commands,
         settings,
-        title=_text(title),
-        label=_text(f"{title}: the arm, its end-effector frame and {drawn.shape[1]:,} sampled positions"),
+        title=escaped(title),
+        label=escaped(f"{title}: the arm, its end-effector frame and {drawn.shape[1]:,} sampled positions"),
         factor_text=f"{first_factor:,g}",
-        example=_text(f"{first_factor:,g} mm long"),
+        example=escaped(f"{first_factor:,g} mm long"),
         stops=", ".join(scale.stops),
         unit=scale.unit[0],
-        ticks="".join(f"<span>{_text(tick)}</span>" for tick in scale.ticks),
+        ticks="".join(f"<span>{escaped(tick)}</span>" for tick in scale.ticks),
         frames=str(frames.shape[1]),
-        grid=_text(f"{spacing:g} m" if spacing >= 1 else f"{1e3 * spacing:g} mm"),
-        rows="\n".join(f"<tr><th scope='row'>{_text(name)}</th><td>{_text(text)}</td></tr>" for name, text in rows),
+        grid=escaped(f"{spacing:g} m" if spacing >= 1 else f"{1e3 * spacing:g} mm"),
+        rows="\n".join(f"<tr><th scope='row'>{escaped(name)}</th><td>{escaped(text)}</td></tr>" for name, text in rows),
         notes=_list(notes),
     )
 
@@ -225,16 +225,10 @@ def _counted(drawn: int, samples: int) -> str:
     return f"N = {samples:,}" if drawn == samples else f"N = {samples:,}, of which the first {drawn:,} are drawn"
 
 
-def _text(text: str) -> str:
-    """Return text for HTML: nothing in it is markup, and what cannot be shown or encoded is replaced."""
-    visible = (one if one.isprintable() else " " if one.isspace() else "\N{REPLACEMENT CHARACTER}" for one in text)
-    return html.escape("".join(visible), quote=True)
-
-
 def _list(notes: Sequence[str]) -> str:
     if not notes:
         return ""
-    return "<h2>Notes</h2>\n<ul class='notes'>" + "".join(f"<li>{_text(note)}</li>" for note in notes) + "</ul>"
+    return "<h2>Notes</h2>\n<ul class='notes'>" + "".join(f"<li>{escaped(note)}</li>" for note in notes) + "</ul>"
 
 
 def _assembled(commands: Sequence[bytes], settings: dict[str, object], **fields: str) -> str:
@@ -256,7 +250,7 @@ def _assembled(commands: Sequence[bytes], settings: dict[str, object], **fields:
 
 
 def _asset(name: str) -> str:
-    return importlib.resources.files(__package__).joinpath(name).read_text("utf-8")
+    return importlib.resources.files(__package__).joinpath(name).readescaped("utf-8")
 
 
 def _script(code: str) -> str:
