@@ -250,7 +250,7 @@ def _assembled(commands: Sequence[bytes], settings: dict[str, object], **fields:
 
 
 def _asset(name: str) -> str:
-    return importlib.resources.files(__package__).joinpath(name).readescaped("utf-8")
+    return importlib.resources.files(__package__).joinpath(name).read_text("utf-8")
 
 
 def _script(code: str) -> str:
