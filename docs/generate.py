@@ -23,7 +23,7 @@ from precision_pin import units
 from precision_pin.cli import COMMANDS
 from precision_pin.errors import InputError
 from precision_pin.laws import Law
-from precision_pin.sheet.schema import Document
+from precision_pin.sheet.schema import Document, json_schema, used_quantities
 from precision_pin.sheet.settings import LAW_KEYS, OPTION_KEYS, parse_law
 from precision_pin.sources import catalogue
 from precision_pin.space import Scope
@@ -65,6 +65,11 @@ LAWS: Final[dict[str, tuple[dict[str, Any], str]]] = {
         "several numbers `.0`, `.1`, … that were measured together: one of the rows, each alike likely",
     ),
 }
+CORRELATIONS: Final = {
+    "parameters": "the names, two or more",
+    "correlation": "of two parameters: that of their normal scores",
+    "matrix": "of any number: the correlations of their normal scores, row by row",
+}
 OPTIONS: Final[dict[str, Any]] = {
     "mean": "1 mm",
     "k": "2",
@@ -88,8 +93,29 @@ def keys() -> str:
     for name, field in Document.model_fields.items():
         default = field.get_default(call_default_factory=True)
         shown = "needed" if field.is_required() else f"`{default}`" if isinstance(default, str) else "none"
-        rows.append((f"`{field.alias or name}`", shown, field.description or ""))
-    return table(("key", "default", "meaning"), rows)
+        rows.append((f"`{field.alias or name}`", _shape(field.annotation), shown, field.description or ""))
+    return table(("key", "takes", "default", "meaning"), rows)
+
+
+def _shape(hint: Any) -> str:
+    """Return in words what a top-level key takes."""
+    bare = next(_options(hint))
+    match typing.get_origin(bare) or bare:
+        case typing.Literal:
+            return " or ".join(f"`{choice}`" for choice in typing.get_args(bare))
+        case built_in:
+            return {str: "text", dict: "names with values", list: "list"}[built_in]
+
+
+def correlations() -> str:
+    """Return the keys of an entry of ``correlations``."""
+    schema = json_schema()["properties"]["correlations"]["items"]
+    either = [choice["required"][0] for choice in schema["oneOf"]]
+    rows = []
+    for name in schema["properties"]:
+        needed = "needed" if name in schema["required"] else f"one of {', '.join(f'`{key}`' for key in either)}"
+        rows.append((f"`{name}`", needed, CORRELATIONS[name]))
+    return table(("key", "needed", "meaning"), rows)
 
 
 def laws() -> str:
@@ -100,6 +126,18 @@ def laws() -> str:
         options = [option for option in OPTION_KEYS if _takes(key, example, option)]
         rows.append((f"`{key}`", f"`{_flow(example)}`", meaning, ", ".join(f"`{option}`" for option in options)))
     return table(("law", "example", "meaning", "options"), rows)
+
+
+def options() -> str:
+    """Return the further keys of a law, as the schema has them, with the laws that take each."""
+    schema = json_schema()["$defs"]["law"]["properties"]
+    rows = []
+    for option in OPTION_KEYS:
+        takers = [f"`{key}`" for key in LAW_KEYS if _takes(key, LAWS[key][0], option)]
+        choices = "".join(f"`{choice}`, " for choice in schema[option].get("enum", ()))
+        shown = "all" if len(takers) == len(LAW_KEYS) else ", ".join(takers)
+        rows.append((f"`{option}`", shown, choices + schema[option]["description"]))
+    return table(("key", "of the laws", "meaning"), rows)
 
 
 def _takes(key: str, example: dict[str, Any], option: str) -> bool:
@@ -131,7 +169,7 @@ def scopes() -> str:
 def quantities() -> str:
     """Return the accepted units of every quantity."""
     rows = []
-    for quantity in units.QUANTITIES:
+    for quantity in dict.fromkeys((*units.QUANTITIES, *used_quantities(catalogue().values()))):
         accepted = ", ".join(f"`{unit}`" if unit else "(plain number)" for unit in quantity.units)
         rows.append((quantity.name, quantity.si or "-", accepted))
     return table(("quantity", "inside", "accepted units"), rows)
@@ -242,7 +280,14 @@ def _choices(option: click.Option) -> str:
 
 
 TABLES: Final[dict[str, dict[str, Callable[[], str]]]] = {
-    "sheet.md": {"keys": keys, "laws": laws, "scopes": scopes, "units": quantities},
+    "sheet.md": {
+        "keys": keys,
+        "laws": laws,
+        "correlations": correlations,
+        "options": options,
+        "scopes": scopes,
+        "units": quantities,
+    },
     "sources.md": {name: partial(settings, kind) for name, kind in catalogue().items()},
     "command-line.md": {"commands": commands} | {name: partial(parameters, name) for name in COMMANDS},
 }

@@ -13,7 +13,7 @@ import numpy as np
 
 from precision_pin.examples import PAPER_SHEET
 from precision_pin.model import ErrorModel
-from precision_pin.outputs.view import page, write_page
+from precision_pin.outputs.view import Shown, page, write_page
 
 SEED = 1
 SAMPLES = 5_000
@@ -27,7 +27,9 @@ def main(folder: Path) -> None:
     for pose, (name, q) in enumerate(poses.items()):
         at = model.at(q)
         errors = at.exact(model.space.sample(SEED, 0, SAMPLES, pose=pose))
-        text = page(at, errors, title=f"The paper's arm, pose “{name}”", seed=SEED, model_name="exact", pose_name=name)
+        text = page(
+            [Shown(at, errors, name, pose)], title=f"The paper's arm, pose “{name}”", seed=SEED, model_name="exact"
+        )
         path = folder / f"view_{name}.html"
         write_page(path, text)
         median = 1e3 * np.median(np.linalg.norm(errors[:3], axis=0))

@@ -12,6 +12,7 @@ PACKAGE = Path(__file__).parent.parent / "src" / "precision_pin"
 FLOORS = (
     "errors",
     "markup",
+    "progress_bar",
     "units",
     "measured",
     "se3",
@@ -22,6 +23,7 @@ FLOORS = (
     "sections",
     "space",
     "urdf",
+    "joint_table",
     "pinocchio_model",
     "places",
     "chain",
@@ -39,6 +41,7 @@ FLOORS = (
     "kernel_layout",
     "kernel",
     "specifications",
+    "tabular",
     "result",
     "run",
     "analyses",

@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     from precision_pin.laws import TwoPoint as TwoPoint
     from precision_pin.laws import Uniform as Uniform
     from precision_pin.model import ErrorModel as ErrorModel
+    from precision_pin.progress_bar import progress as progress
     from precision_pin.result import Analysis as Analysis
     from precision_pin.run import monte_carlo as monte_carlo
     from precision_pin.space import Draw as Draw
@@ -73,6 +74,7 @@ _HOMES: Final = {
     "budget": "analyses.budget",
     "exact_law": "analyses.exact_law",
     "monte_carlo": "run",
+    "progress": "progress_bar",
     "reliability": "analyses.reliability",
     "specification": "specifications",
     "worst_case": "analyses.worst_case",

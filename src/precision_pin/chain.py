@@ -16,8 +16,9 @@ from typing import Final, final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from precision_pin import se3
 from precision_pin.errors import Finding, InputError, UnknownNameError
+from precision_pin.joint_table import joint_table, spaced
+from precision_pin.markup import rendered
 from precision_pin.pinocchio_model import PinocchioModel
 from precision_pin.places import (
     ORDER_END,
@@ -31,14 +32,21 @@ from precision_pin.places import (
     locked_values,
     own_loads,
 )
+from precision_pin.postures import ChainConstants, Postures, alignment
 from precision_pin.urdf import Joint, Robot, read, rerooted
 
 __all__ = ["EARTH", "Chain", "Factors", "LinkFrame", "Load", "Place", "Posture"]
 
 Array = NDArray[np.float64]
 
+_Weight = tuple[list[float], list[tuple[Factors, float, float, float, float]]]
+"""A load in the base: its frame's origin, and of its moments the factors, mass and first moment in base axes."""
+_NOTHING: Final = (0.0, 0.0, 0.0, 0.0)
+
 EARTH: Final = (0.0, 0.0, -9.81)
 """Default gravity, base axes, m/s²."""
+
+_NAMED: Final = 8
 
 
 @final
@@ -203,13 +211,11 @@ class Chain:
 
     def end(self, link: int) -> Place:
         """Return the place at a chain link's far end: joint i+1's origin frame before it turns, or the tip."""
-        name = f"end of link {link} ({self._far_end(link)})"
-        return Place(link, (ORDER_END, 0), name, self.placements[link])
+        return self._places[link][0]
 
     def seat(self, link: int) -> Place:
         """Return the place where the next joint sits, after the link's end and in the same frame."""
-        name = f"seat of link {link} ({self._far_end(link)})"
-        return Place(link, (ORDER_SEAT, 0), name, self.placements[link])
+        return self._places[link][1]
 
     def frame_place(self, name: str) -> Place:
         """Return the place at a URDF link's frame on the way from base to tip; the tip's is the last link's end.
@@ -228,12 +234,7 @@ class Chain:
 
     def axis_alignment(self, joint: int) -> Array:
         """Return the smallest rotation that brings a joint's z onto its axis; for -z half a turn about x."""
-        axis = self.axes[joint]
-        normal = np.cross((0.0, 0.0, 1.0), axis)
-        sine = float(np.linalg.norm(normal))
-        if sine < 1e-15:
-            return np.diag([1.0, 1.0, 1.0]) if axis[2] > 0 else np.diag([1.0, -1.0, -1.0])
-        return se3.exp_rotation(normal / sine * np.arctan2(sine, axis[2]))
+        return self._alignments[joint].copy()
 
     def configuration(self, q: ArrayLike | Mapping[str, float]) -> Array:
         """Return joint values ``(n,)`` in chain order, given in that order or by name.
@@ -246,12 +247,7 @@ class Chain:
             No such joint on the chain.
         """
         if isinstance(q, Mapping):
-            for name in q:
-                self.joint_index(name)
-            missing = [name for name in self.joint_names if name not in q]
-            if missing:
-                raise InputError(f"no value for the joints {', '.join(missing)}")
-            q = [q[name] for name in self.joint_names]
+            q = [q[name] for name in self._in_order(q)]
         values = _numbers("joint values", q)
         if values.shape != (len(self.joints),):
             raise InputError(
@@ -265,6 +261,37 @@ class Chain:
         """Return the chain at a configuration (rad and m, in chain order or by joint name)."""
         values = self.configuration(q)
         return Posture(self, values, self.pinocchio.joint_poses(values), self.loads)
+
+    def at_many(self, q: ArrayLike | Mapping[str, ArrayLike]) -> Postures:
+        """Return the chain at P configurations at once.
+
+        Parameters
+        ----------
+        q
+            ``(n, P)``, rad and m, in chain order; or for every joint's name its P values, or one for all.
+
+        Raises
+        ------
+        InputError
+            Another shape, a missing joint, or a value that is no finite number.
+        UnknownNameError
+            No such joint on the chain.
+        """
+        if isinstance(q, Mapping):
+            rows = [np.atleast_1d(_numbers(f"values of {name}", q[name])) for name in self._in_order(q)]
+            if len({row.shape for row in rows if row.size != 1}) > 1 or any(row.ndim != 1 for row in rows):
+                raise InputError("the joints have different numbers of values; each needs one, or one for each pose")
+            q = np.array(np.broadcast_arrays(*rows))
+        values = np.array(_numbers("joint values", q), order="C")
+        if values.ndim != 2 or len(values) != len(self.joints):
+            turned = "; poses are columns, so transpose it" if values.shape[1:] == (len(self.joints),) else ""
+            raise InputError(
+                f"joint values of shape {values.shape} for many poses, expected ({len(self.joints)}, P): "
+                f"a row for each of {', '.join(self.joint_names)}{turned}"
+            )
+        if not np.isfinite(values).all():
+            raise InputError("joint values must be finite")
+        return Postures(values, self._constants)
 
     def with_payload(self, mass: float, centre: Sequence[float] = (0.0, 0.0, 0.0), at: str | None = None) -> Chain:
         """Return the chain with a payload.
@@ -296,8 +323,52 @@ class Chain:
         model = self.pinocchio.with_mass(where.link - 1, where.frame, mass, lever)
         return replace(self, loads=(*self.loads, load), pinocchio=model)
 
-    def _far_end(self, link: int) -> str:
-        return self.joints[link].name if link < len(self.joints) else self.tip
+    def __repr__(self) -> str:
+        joints = ", ".join(map(repr, self.joint_names[:_NAMED])) + (", …" if len(self.joints) > _NAMED else "")
+        file = os.path.basename(self.robot.file)
+        return f"<Chain of {file!r}, {self.base!r} to {self.tip!r}: joints {joints}>"
+
+    def _repr_html_(self) -> str:
+        """Return what a notebook shows: the joints with their limits, and where each stands behind the one before."""
+        still = ", ".join(f"{name} {value:.6g}" for name, value in self.locked.items())
+        return rendered(
+            f"{os.path.basename(self.robot.file)}: {self.base} to {self.tip}, {len(self.joints)} joints",
+            [joint_table(self.joints, self.placements, self.tip)],
+            [
+                "x y z, roll pitch yaw: where a joint's frame stands in the one before it, that one not turned",
+                f"gravity {spaced(self.gravity)} m/s², base axes",
+                *([f"locked (rad, m): {still}"] if still else []),
+            ],
+        )
+
+    @cached_property
+    def _places(self) -> tuple[tuple[Place, Place], ...]:
+        """End and seat of every chain link."""
+        far = enumerate(zip((*self.joint_names, self.tip), self.placements, strict=True))
+        return tuple(
+            (
+                Place(link, (ORDER_END, 0), f"end of link {link} ({name})", frame),
+                Place(link, (ORDER_SEAT, 0), f"seat of link {link} ({name})", frame),
+            )
+            for link, (name, frame) in far
+        )
+
+    @cached_property
+    def _alignments(self) -> tuple[Array, ...]:
+        return tuple(alignment(axis) for axis in self.axes)
+
+    @cached_property
+    def _constants(self) -> ChainConstants:
+        return ChainConstants.of(self.placements, self.axes, self.prismatic, self._alignments, self.gravity, self.loads)
+
+    def _in_order(self, q: Mapping[str, object]) -> tuple[str, ...]:
+        """Return the joints' names, each of which ``q`` has a value for."""
+        for name in q:
+            self.joint_index(name)
+        missing = [name for name in self.joint_names if name not in q]
+        if missing:
+            raise InputError(f"no value for the joints {', '.join(missing)}")
+        return self.joint_names
 
 
 @final
@@ -312,7 +383,8 @@ class Posture:
     q
         Joint values in chain order, ``(n,)``.
     joint_poses
-        Each joint's frame after it turned, in the base, ``(n, 4, 4)``, by Pinocchio.
+        Each joint's frame after it turned, in the base, ``(n, 4, 4)``, by Pinocchio; by compiled loops where the
+        posture is one of many.
     loads
         The weights on the chain: its own, and those that sources add.
     deflection
@@ -412,6 +484,10 @@ class Posture:
                 found.append(Finding("warning", "W_JOINT_LIMIT", message, self.chain.robot.file, joint.line))
         return tuple(found)
 
+    def __repr__(self) -> str:
+        chain, values = self.chain, spaced(self.q)
+        return f"<Posture of {os.path.basename(chain.robot.file)!r}, {chain.base!r} to {chain.tip!r}, at {values}>"
+
     def with_loads(self, loads: Sequence[Load]) -> Posture:
         """Return the posture with further weights."""
         return replace(self, loads=(*self.loads, *loads)) if loads else self
@@ -441,17 +517,37 @@ class Posture:
             ``(6, 4)``, base axes: ``F = m g``, ``M = (R s + m (o - point)) × g`` with s the first moment in the load's
             frame (rotation R, origin o), g the chain's gravity.
         """
-        return self._wrench_basis(load, point, self.chain.gravity)
+        frame, weight = self.loaded_link_poses[load.link] @ load.frame, self.chain.gravity
+        basis = np.zeros((6, 4))
+        basis[:3, 0] = weight
+        basis[3:, 0] = np.cross(frame[:3, 3] - np.asarray(point, dtype=float), weight)
+        basis[3:, 1:] = np.cross(frame[:3, :3].T, weight).T
+        return basis
 
     def wrench_on(self, loads: Sequence[Load], point: ArrayLike) -> dict[Factors, Array]:
         """Return the wrench ``(6,)`` of loads about a point, base axes, by the parameters that multiply it."""
-        total: dict[Factors, Array] = {}
+        x, y, z = np.asarray(point, dtype=float).tolist()
+        # mass and first moment about the point, by the part of gravity that pulls at them and by their factors
+        sums: dict[tuple[int, Factors], tuple[float, float, float, float]] = {}
         for load in loads:
-            for weight, tilting in ((self.chain.gravity, ()), *self.tilts):
-                basis = self._wrench_basis(load, point, weight)
-                for moments, factors in load.moments:
-                    key = (*factors, *tilting)
-                    total[key] = total.get(key, np.zeros(6)) + basis @ moments
+            (o_x, o_y, o_z), pieces = self._weights.get(load) or self._weigh([load])[load]
+            for part in range(1 + len(self.tilts)):
+                for factors, mass, s_x, s_y, s_z in pieces:
+                    m, h_x, h_y, h_z = sums.get((part, factors), _NOTHING)
+                    sums[part, factors] = (
+                        m + mass,
+                        h_x + (s_x + mass * (o_x - x)),
+                        h_y + (s_y + mass * (o_y - y)),
+                        h_z + (s_z + mass * (o_z - z)),
+                    )
+        pulls = [(self.chain.gravity.tolist(), ()), *((tilt.tolist(), factors) for tilt, factors in self.tilts)]
+        total: dict[Factors, Array] = {}
+        for (part, factors), (m, h_x, h_y, h_z) in sums.items():
+            (g_x, g_y, g_z), tilting = pulls[part]
+            moment = (h_y * g_z - h_z * g_y, h_z * g_x - h_x * g_z, h_x * g_y - h_y * g_x)
+            wrench = np.array((m * g_x, m * g_y, m * g_z, *moment))
+            key = (*factors, *tilting)
+            total[key] = total[key] + wrench if key in total else wrench
         return total
 
     def torque_on(self, joint: int) -> dict[Factors, float]:
@@ -463,13 +559,23 @@ class Posture:
         wrenches = self.wrench_on(beyond, frame[:3, 3])
         return {factors: float(axis @ wrench[rows]) for factors, wrench in wrenches.items()}
 
-    def _wrench_basis(self, load: Load, point: ArrayLike, weight: Array) -> Array:
-        frame = self.loaded_link_poses[load.link] @ load.frame
-        basis = np.zeros((6, 4))
-        basis[:3, 0] = weight
-        basis[3:, 0] = np.cross(frame[:3, 3] - np.asarray(point, dtype=float), weight)
-        basis[3:, 1:] = np.cross(frame[:3, :3].T, weight).T
-        return basis
+    @cached_property
+    def _weights(self) -> dict[Load, _Weight]:
+        return self._weigh(self.loads)
+
+    def _weigh(self, loads: Sequence[Load]) -> dict[Load, _Weight]:
+        """Return loads as they stand, in numbers of Python: for sums of three they are quicker than arrays."""
+        if not loads:
+            return {}
+        frames = self.loaded_link_poses[[load.link for load in loads]] @ np.array([load.frame for load in loads])
+        owners = [k for k, load in enumerate(loads) for _ in load.moments]
+        moments = np.array([moments for load in loads for moments, _ in load.moments]).reshape(-1, 4)
+        turned = (frames[owners, :3, :3] @ moments[:, 1:, None])[:, :, 0]
+        rows = iter(np.column_stack([moments[:, 0], turned]).tolist())
+        return {
+            load: (origin, [(factors, *next(rows)) for _, factors in load.moments])
+            for load, origin in zip(loads, frames[:, :3, 3].tolist(), strict=True)
+        }
 
     @cached_property
     def _statics(self) -> tuple[Array, Array]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final, final
 
@@ -235,12 +235,14 @@ def _applied(operator: Operator, a: Interval, b: Interval) -> Interval:
 # displacements -------------------------------------------------------------------------------------------------------
 
 
-def _entries(sums: Sequence[dict[int, float]]) -> tuple[NDArray[np.uint64], NDArray[np.uint64], Array]:
-    """Return starts, row offsets and coefficients of sums of ``coefficient × row``."""
-    kept = [[(row, value) for row, value in entries.items() if value != 0.0] for entries in sums]
-    starts = np.cumsum([0, *map(len, kept)])
-    flat = [entry for entries in kept for entry in entries]
-    return frozen_offsets(starts), offsets([row for row, _ in flat]), frozen([value for _, value in flat])
+def _entries(vectors: Mapping[int, Array]) -> tuple[list[int], list[Array]]:
+    """Return rows and coefficients ``(3,)`` of a sum, filled up to what the loops take at a time."""
+    kept = [(row, vector) for row, vector in vectors.items() if vector.any()]
+    rows, coefficients = [row for row, _ in kept], [vector for _, vector in kept]
+    while len(rows) % 4 not in (0, 3):
+        rows.append(rows[0])
+        coefficients.append(np.zeros(3))
+    return rows, coefficients
 
 
 def _without_dust(vector: Array) -> Array:
@@ -248,43 +250,57 @@ def _without_dust(vector: Array) -> Array:
     return np.where(np.abs(vector) > _NEGLIGIBLE * np.abs(vector).max(), vector, 0.0)
 
 
-def _lay_out_superposition(table: TermTable, columns: Sequence[int]) -> Superposition:
+def _summed(columns: Iterable[tuple[int, Array]]) -> dict[int, Array]:
+    """Return the twist ``(6,)`` that goes with each row."""
     moved: dict[int, Array] = {}
-    for target, twist, column in zip(table.target, table.twists, columns, strict=True):
-        moved[column] = moved.get(column, np.zeros(6)) + table.sensitivities[target] @ twist
-    sums: list[dict[int, float]] = [{} for _ in range(6)]
-    for column, vector in moved.items():
-        for c, value in enumerate(np.concatenate([_without_dust(vector[:3]), _without_dust(vector[3:])])):
-            sums[c][column] = float(value)
-    return Superposition(*_entries(sums))
+    for column, twist in columns:
+        moved[column] = moved.get(column, np.zeros(6)) + twist
+    return moved
+
+
+def _lay_out_superposition(table: TermTable, columns: Sequence[int]) -> Superposition:
+    moved = _summed(
+        (column, table.sensitivities[target] @ twist)
+        for target, twist, column in zip(table.target, table.twists, columns, strict=True)
+    )
+    shift_rows, shifts = _entries({column: _without_dust(vector[:3]) for column, vector in moved.items()})
+    turn_rows, turns = _entries({column: _without_dust(vector[3:]) for column, vector in moved.items()})
+    return Superposition(offsets(shift_rows), frozen(shifts, -1, 3), offsets(turn_rows), frozen(turns, -1, 3))
 
 
 def _lay_out_motions(table: TermTable, columns: Sequence[int], rows: _Rows) -> tuple[Motions, float]:
     """Return the targets tip first, and the bound on the sum of their turns."""
     count = len(table.targets)
-    moved: list[dict[int, Array]] = [{} for _ in range(count)]
-    for target, twist, column in zip(table.target, table.twists, columns, strict=True):
-        moved[target][column] = moved[target].get(column, np.zeros(6)) + twist
-    sums: list[dict[int, float]] = []
+    shifts: list[tuple[list[int], list[Array]]] = []
+    turns: list[tuple[list[int], list[Array]]] = []
     arms = np.zeros((count, 3))
     wide = np.zeros(count + 1, dtype=np.int64)
     total = 0.0
     for place, k in enumerate(reversed(range(count))):
         rotation = table.frames[k, :3, :3]
         arms[place] = table.pose[:3, 3] - table.frames[k, :3, 3]
-        own: list[dict[int, float]] = [{} for _ in range(6)]
+        moved = _summed(
+            (column, twist)
+            for target, twist, column in zip(table.target, table.twists, columns, strict=True)
+            if target == k
+        )
+        turning = {column: _without_dust(rotation @ twist[3:]) for column, twist in moved.items()}
+        shifts.append(_entries({column: _without_dust(rotation @ twist[:3]) for column, twist in moved.items()}))
+        turns.append(_entries({column: turn / 2 for column, turn in turning.items()}))
         reach = np.zeros(3)
-        for column, twist in moved[k].items():
-            shift, turn = _without_dust(rotation @ twist[:3]), _without_dust(rotation @ twist[3:])
+        for column, turn in turning.items():
             furthest = max(map(abs, rows.intervals[column]))
             reach += np.abs(turn) * furthest if turn.any() else 0.0
-            for c in range(3):
-                own[c][column] = float(shift[c])
-                own[3 + c][column] = float(turn[c] / 2)
-        sums.extend(own)
         angle = float(np.linalg.norm(np.nan_to_num(reach, nan=math.inf)))
         wide[place] = angle > NARROW
         total += angle
     wide[count] = total > NARROW
     arms.flags.writeable = wide.flags.writeable = False
-    return Motions(*_entries(sums), arms, wide), total
+    return Motions(*_stacked(shifts), *_stacked(turns), arms, wide), total
+
+
+def _stacked(sums: Sequence[tuple[list[int], list[Array]]]) -> tuple[NDArray[np.uint64], NDArray[np.uint64], Array]:
+    """Return where the entries of each sum start, all row offsets and all coefficients ``(entries, 3)``."""
+    starts = np.cumsum([0, *(len(rows) for rows, _ in sums)])
+    rows = [row for rows, _ in sums for row in rows]
+    return frozen_offsets(starts), offsets(rows), frozen([vector for _, vectors in sums for vector in vectors], -1, 3)

@@ -9,7 +9,7 @@ doubles apart and are named by the offset of their first element, an unsigned in
 for negative indices, which keeps LLVM from vectorising). Sampled tiles hold the even units first, then the odd ones,
 as Philox and Box-Muller give them; they are put in order only where a result leaves the tile.
 
-Floating-point contraction (fused multiply-add) is allowed in `_gather`, `_turn_*` and `_logarithm` only. All else,
+Floating-point contraction (fused multiply-add) is allowed in `_mix`, `_turn_*` and `_logarithm` only. All else,
 the random numbers and the sums included, is plain IEEE arithmetic in a written order, with no call of a mathematical
 library, and so gives the same bits on every machine; exceptions are powers, sines and cosines in derived formulas.
 """
@@ -76,15 +76,20 @@ _E0, _E1, _E2, _Q0, _Q1, _Q2, _Q3, _H0, _H1, _H2, _HW = (_U(row * STRIDE) for ro
 _VALUES: Final = _U(11 * STRIDE)
 _RESIDUALS: Final = _U(19 * STRIDE)
 _LANES: Final = _U(27 * STRIDE)
+_R0, _R1, _R2, _R3, _R4, _R5, _R6, _R7 = (_RESIDUALS + _U(q * STRIDE) for q in range(8))
+(
+    _P0, _P1, _P2, _P3, _P4, _P5, _P6, _P7, _P8, _P9, _P10, _P11, _P12, _P13, _P14, _P15, _P16, _P17, _P18, _P19, _P20,
+    _P21, _P22,
+) = (_LANES + _U((8 + k) * LANES) for k in range(23))  # fmt: skip
 SCRATCH: Final = 27 + -(-(SUMS + 16) * LANES // STRIDE)
 """Rows before the first parameter."""
 
 _TILE = _U(TILE)
 _PAIRS = _U(TILE // 2)
-_QUARTER = _U(TILE // 4)
+_EIGHTH = _U(TILE // 8)
 _STRIDE = _U(STRIDE)
-_ZERO, _ONE, _TWO, _THREE, _FOUR, _SIX, _TWELVE, _HALF_WORD, _MANTISSA, _SIGN_FROM_TWO = (
-    _U(k) for k in (0, 1, 2, 3, 4, 6, 12, 32, 52, 62)
+_ZERO, _ONE, _TWO, _THREE, _FOUR, _TWELVE, _HALF_WORD, _MANTISSA, _SIGN_FROM_TWO = (
+    _U(k) for k in (0, 1, 2, 3, 4, 12, 32, 52, 62)
 )
 _MULTIPLIER_0, _MULTIPLIER_1 = _U(0xD2511F53), _U(0xCD9E8D57)
 _WEYL_0, _WEYL_1 = _U(0x9E3779B9), _U(0xBB67AE85)
@@ -93,22 +98,25 @@ _BITS_OF_ONE = _U(0x3FF0000000000000)
 _HALF_STEP = 2.0**-53
 _ROUND_TO_WHOLE = 1.5 * 2.0**52
 _BITS_OF_2_52 = _U(0x4330000000000000)
-_TURN = 2 * math.pi
 _QUARTER_TURN_SQUARED = (math.pi / 2) ** 2
 _FAR_TAIL = math.exp(-25.0)
 _HIGH_HALF = _U(0xFFFFFFFFF8000000)
 _BIAS = _U(1023)
 
 # polynomials, highest power first
-_LOG_EVEN = (1.531383769920937332e-01, 2.222219843214978396e-01, 3.999999999940941908e-01, 0.0)
-_LOG_ODD = (1.479819860511658591e-01, 1.818357216161805012e-01, 2.857142874366239149e-01, 6.666666666666735130e-01)
+# (2 artanh(√z)/√z - 2)/z up to z = 0.0295, sin(2π√z)/√z and cos(2π√z) up to z = 1/64, within 5e-18 of their values:
+# interpolated at Chebyshev nodes
+_ARTANH = (
+    0.1461645239982644, 0.15331721380921012, 0.18182889131869306, 0.2222221113470439, 0.2857142862597604,
+    0.39999999999899505, 0.666666666666667,
+)  # fmt: skip
 _SINE = (
-    1.58969099521155010221e-10, -2.50507602534068634195e-08, 2.75573137070700676789e-06,
-    -1.98412698298579493134e-04, 8.33333333332248946124e-03,
+    3.7808689593022566, -15.093804209987113, 42.058685020160894, -76.70585970427454, 81.60524927594804,
+    -41.341702240399634, 6.283185307179586,
 )  # fmt: skip
 _COSINE = (
-    -1.13596475577881948265e-11, 2.08757232129817482790e-09, -2.75573143513906633035e-07,
-    2.48015872894767294178e-05, -1.38888888888741095749e-03, 4.16666666666666019037e-02,
+    -1.6990343940660484, 7.9032069115696775, -26.426253275854723, 60.24464135270201, -85.4568172066438,
+    64.93939402266824, -19.739208802178716, 1.0,
 )  # fmt: skip
 _CENTRE = (
     2.5090809287301226727e3, 3.3430575583588128105e4, 6.7265770927008700853e4, 4.5921953931549871457e4,
@@ -234,19 +242,29 @@ class Formulas(NamedTuple):
 
 
 class Superposition(NamedTuple):
-    """Six sums ``coefficient × row``: the entries of number c are ``starts[c] … starts[c + 1]``."""
+    """The linear model's two vectors as sums ``coefficients × row``, see `Motions`."""
 
-    starts: Offsets
-    rows: Offsets
-    coefficients: Array
+    shift_rows: Offsets
+    shifts: Array
+    turn_rows: Offsets
+    turns: Array
 
 
 class Motions(NamedTuple):
-    """The targets, tip first. Sums 6k … 6k+2 are target k's d, 6k+3 … 6k+5 half its δ, both in base axes."""
+    """The targets, tip first: of each two vectors in base axes, d and half its δ, as sums ``coefficients × row``.
 
-    starts: Offsets
-    rows: Offsets
-    coefficients: Array
+    Those of target k are entries ``starts[k] … starts[k + 1] - 1``, filled up with coefficients of zero until three
+    or none are left after passes of four.
+    """
+
+    shift_starts: Offsets
+    shift_rows: Offsets
+    shifts: Array
+    """``(entries, 3)``."""
+    turn_starts: Offsets
+    turn_rows: Offsets
+    turns: Array
+    """``(entries, 3)``."""
     arms: Array
     """``(K, 3)`` from each pivot to the undisplaced tip, base axes."""
     wide: NDArray[np.int64]
@@ -325,29 +343,36 @@ def _uniform(low: Scalar, high: Scalar) -> Scalar:
 
 
 @_compiled
+def _round(c: Any, key_0: Scalar, key_1: Scalar) -> Any:
+    """Return the four words after a round; only their low halves count, the high ones hold what is left over."""
+    a, b = _MULTIPLIER_0 * (c[0] & _LOW), _MULTIPLIER_1 * (c[2] & _LOW)
+    return (b >> _HALF_WORD) ^ c[1] ^ key_0, b, (a >> _HALF_WORD) ^ c[3] ^ key_1, a
+
+
+@_compiled
 def uniforms(w: Array, rows: Offsets, streams: Offsets, words: Offsets, seed: Scalar, first_pair: Scalar) -> None:
     """Fill rows with uniform numbers, as `precision_pin.philox.uniforms`: even units first, then odd ones."""
     for k in range(rows.size):
         row, stream, word = rows[k], streams[k], words[k]
-        for i in range(_QUARTER):
-            # two pairs a turn: the chains of multiplications overlap
-            pair = first_pair + i
-            other = pair + _QUARTER
-            c0, c1, c2, c3 = pair, pair >> _HALF_WORD, stream, word
-            d0, d1, d2, d3 = other, other >> _HALF_WORD, stream, word
-            key_0, key_1 = seed & _LOW, seed >> _HALF_WORD
-            # only the low halves of the words count; the high ones hold what the multiplication left
-            for _ in range(10):
-                a, b = _MULTIPLIER_0 * (c0 & _LOW), _MULTIPLIER_1 * (c2 & _LOW)
-                c0, c1, c2, c3 = (b >> _HALF_WORD) ^ c1 ^ key_0, b, (a >> _HALF_WORD) ^ c3 ^ key_1, a
-                a, b = _MULTIPLIER_0 * (d0 & _LOW), _MULTIPLIER_1 * (d2 & _LOW)
-                d0, d1, d2, d3 = (b >> _HALF_WORD) ^ d1 ^ key_0, b, (a >> _HALF_WORD) ^ d3 ^ key_1, a
-                key_0 = (key_0 + _WEYL_0) & _LOW
-                key_1 = (key_1 + _WEYL_1) & _LOW
-            w[row + i] = _uniform(c0, c1)
-            w[row + _QUARTER + i] = _uniform(d0, d1)
-            w[row + _PAIRS + i] = _uniform(c2, c3)
-            w[row + _PAIRS + _QUARTER + i] = _uniform(d2, d3)
+        for i in range(_EIGHTH):
+            # four pairs a turn, so that their chains of multiplications overlap
+            p, q = first_pair + i, first_pair + _EIGHTH + i
+            r, s = p + _TWO * _EIGHTH, q + _TWO * _EIGHTH
+            a, b = (p, p >> _HALF_WORD, stream, word), (q, q >> _HALF_WORD, stream, word)
+            c, d = (r, r >> _HALF_WORD, stream, word), (s, s >> _HALF_WORD, stream, word)
+            x, y = seed & _LOW, seed >> _HALF_WORD
+            # ten rounds; a loop of more than five is not unrolled, and then nothing is vectorised
+            for _ in range(5):
+                a, b, c, d = _round(a, x, y), _round(b, x, y), _round(c, x, y), _round(d, x, y)
+                x, y = (x + _WEYL_0) & _LOW, (y + _WEYL_1) & _LOW
+            for _ in range(5):
+                a, b, c, d = _round(a, x, y), _round(b, x, y), _round(c, x, y), _round(d, x, y)
+                x, y = (x + _WEYL_0) & _LOW, (y + _WEYL_1) & _LOW
+            even, odd = row + i, row + _PAIRS + i
+            w[even], w[odd] = _uniform(a[0], a[1]), _uniform(a[2], a[3])
+            w[even + _EIGHTH], w[odd + _EIGHTH] = _uniform(b[0], b[1]), _uniform(b[2], b[3])
+            w[even + _TWO * _EIGHTH], w[odd + _TWO * _EIGHTH] = _uniform(c[0], c[1]), _uniform(c[2], c[3])
+            w[even + _THREE * _EIGHTH], w[odd + _THREE * _EIGHTH] = _uniform(d[0], d[1]), _uniform(d[2], d[3])
 
 
 @_compiled
@@ -358,38 +383,33 @@ def _polynomial(z: Scalar, coefficients: Any) -> Scalar:
     return value
 
 
-@_compiled
+@_contracted
+def _series(z: Scalar, coefficients: Any) -> Scalar:
+    value = coefficients[0]
+    for k in range(1, len(coefficients)):
+        value = value * z + coefficients[k]
+    return value
+
+
+@_contracted
 def logarithm(x: Scalar) -> Scalar:
-    """Return log x of a normal number, within 1 ulp; the method and coefficients of fdlibm's e_log.c."""
+    """Return log x of a normal number, within 2 ulp: 2 artanh(f / (2 + f)) of x = 2ᵉ (1 + f)."""
     shifted = _bits_of(x) + _U(0x00095F6200000000)
     exponent = _float_of((shifted >> _MANTISSA) | _BITS_OF_2_52) - (2.0**52 + 1023.0)
     f = _float_of((shifted & _U(0x000FFFFFFFFFFFFF)) + _U(0x3FE6A09E00000000)) - 1.0
-    half_square = 0.5 * f * f
     s = f / (2.0 + f)
     z = s * s
-    v = z * z
-    series = _polynomial(v, _LOG_EVEN) + z * _polynomial(v, _LOG_ODD)
-    tail = s * (half_square + series) + exponent * 1.90821492927058770002e-10
-    return tail - half_square + f + exponent * 6.93147180369123816490e-01
+    return exponent * 0.6931471805599453 + (2.0 * s + s * z * _series(z, _ARTANH))
 
 
-@_compiled
-def sine_and_cosine(t: Scalar) -> tuple[Scalar, Scalar]:
-    """Return sin t and cos t for 0 ≤ t ≤ 2π, within 1 ulp; coefficients of fdlibm's k_sin.c and k_cos.c."""
-    rounded = t * (2 / math.pi) + _ROUND_TO_WHOLE
+@_contracted
+def turned(u: Scalar) -> tuple[Scalar, Scalar]:
+    """Return sin 2πu and cos 2πu for 0 ≤ u ≤ 1, within 2 ulp; polynomials of Chebyshev interpolation on 1/8 of a turn."""
+    rounded = 4.0 * u + _ROUND_TO_WHOLE
     quarter = _bits_of(rounded)
-    k = rounded - _ROUND_TO_WHOLE
-    # t - k·π/2 with π/2 in three parts of which k times the first two is exact; the rest stays apart
-    coarse = t - k * 1.57079632673412561417e00
-    fine = k * 6.07710050630396597660e-11
-    r = coarse - fine
-    rest = ((coarse - r) - fine) - k * 2.02226624879595063154e-21
+    r = u - 0.25 * (rounded - _ROUND_TO_WHOLE)  # exact
     z = r * r
-    v = z * r
-    s = r - ((z * (0.5 * rest - v * _polynomial(z, _SINE)) - rest) - v * -1.66666666666666324348e-01)
-    half = 0.5 * z
-    u = 1.0 - half
-    c = u + (((1.0 - u) - half) + (z * (z * _polynomial(z, _COSINE)) - r * rest))
+    s, c = r * _series(z, _SINE), _series(z, _COSINE)
     swap = (quarter & _ONE) != _ZERO
     sine = c if swap else s
     cosine = s if swap else c
@@ -442,12 +462,12 @@ def cumulative(z: Scalar) -> Scalar:
     return 1.0 - tail if z > 0.0 else tail
 
 
-@_compiled
+@_contracted
 def normals(w: Array, row: Scalar) -> None:
     """Turn a row of uniform numbers into standard normal ones: Box-Muller of each pair (even unit, odd unit)."""
     for i in range(_PAIRS):
         reach = np.sqrt(-2.0 * logarithm(w[row + i]))
-        sine, cosine = sine_and_cosine(_TURN * w[row + _PAIRS + i])
+        sine, cosine = turned(w[row + _PAIRS + i])
         w[row + i] = reach * cosine
         w[row + _PAIRS + i] = reach * sine
 
@@ -489,7 +509,7 @@ def arcsine_law(w: Array, row: Scalar, mean: Scalar, half_width: Scalar) -> None
     """Turn uniform numbers into `precision_pin.laws.Arcsine`."""
     for i in range(_TILE):
         u = w[row + i] - 0.5
-        size = sine_and_cosine(0.5 * _TURN * abs(u))[0]
+        size = turned(0.5 * abs(u))[0]
         w[row + i] = mean + half_width * (size if u > 0.0 else -size)
 
 
@@ -572,7 +592,7 @@ def disc_law(w: Array, row: Scalar, radius: Scalar) -> None:
     """Turn two rows of uniform numbers into `precision_pin.laws.Disc`."""
     for i in range(_TILE):
         reach = radius * np.sqrt(w[row + i])
-        sine, cosine = sine_and_cosine(_TURN * w[row + _STRIDE + i])
+        sine, cosine = turned(w[row + _STRIDE + i])
         w[row + i] = reach * cosine
         w[row + _STRIDE + i] = reach * sine
 
@@ -581,7 +601,7 @@ def disc_law(w: Array, row: Scalar, radius: Scalar) -> None:
 def circle_law(w: Array, row: Scalar, radius: Scalar) -> None:
     """Turn the second of two rows of uniform numbers into `precision_pin.laws.Circle`."""
     for i in range(_TILE):
-        sine, cosine = sine_and_cosine(_TURN * w[row + _STRIDE + i])
+        sine, cosine = turned(w[row + _STRIDE + i])
         w[row + i] = radius * cosine
         w[row + _STRIDE + i] = radius * sine
 
@@ -698,36 +718,32 @@ def _derive(w: Array, formulas: Formulas) -> Scalar:
 
 
 @_contracted
-def _gather(w: Array, result: Scalar, start: Scalar, stop: Scalar, rows: Offsets, coefficients: Array) -> None:
-    """Add ``coefficient × row`` to a row for entries ``start … stop - 1``, four at a time."""
+def _mix(w: Array, result: Scalar, start: Scalar, stop: Scalar, rows: Offsets, vectors: Array) -> None:
+    """Add ``vector × row`` to the three rows from an offset on, for entries ``start … stop - 1``."""
+    one, two, three = result, result + _STRIDE, result + _U(2 * STRIDE)
     k = start
     while stop - k >= _FOUR:
         a, b, c, d = rows[k], rows[k + _ONE], rows[k + _TWO], rows[k + _THREE]
-        p, q, r, s = coefficients[k], coefficients[k + _ONE], coefficients[k + _TWO], coefficients[k + _THREE]
+        ax, ay, az = vectors[k, 0], vectors[k, 1], vectors[k, 2]
+        bx, by, bz = vectors[k + _ONE, 0], vectors[k + _ONE, 1], vectors[k + _ONE, 2]
+        cx, cy, cz = vectors[k + _TWO, 0], vectors[k + _TWO, 1], vectors[k + _TWO, 2]
+        dx, dy, dz = vectors[k + _THREE, 0], vectors[k + _THREE, 1], vectors[k + _THREE, 2]
         for i in range(_TILE):
-            w[result + i] += p * w[a + i] + q * w[b + i] + r * w[c + i] + s * w[d + i]
+            p, q, r, s = w[a + i], w[b + i], w[c + i], w[d + i]
+            w[one + i] += ax * p + bx * q + cx * r + dx * s
+            w[two + i] += ay * p + by * q + cy * r + dy * s
+            w[three + i] += az * p + bz * q + cz * r + dz * s
         k += _FOUR
-    while k < stop:
-        a, p = rows[k], coefficients[k]
+    if k < stop:
+        a, b, c = rows[k], rows[k + _ONE], rows[k + _TWO]
+        ax, ay, az = vectors[k, 0], vectors[k, 1], vectors[k, 2]
+        bx, by, bz = vectors[k + _ONE, 0], vectors[k + _ONE, 1], vectors[k + _ONE, 2]
+        cx, cy, cz = vectors[k + _TWO, 0], vectors[k + _TWO, 1], vectors[k + _TWO, 2]
         for i in range(_TILE):
-            w[result + i] += p * w[a + i]
-        k += _ONE
-
-
-@_compiled
-def _sum_up(w: Array, first: Scalar, number: Scalar, starts: Offsets, rows: Offsets, coefficients: Array) -> None:
-    """Add three sums of entries, the first of a number, to the three rows from an offset on."""
-    for c in range(_THREE):
-        k = number + c
-        _gather(w, first + c * _STRIDE, starts[k], starts[k + _ONE], rows, coefficients)
-
-
-@_contracted
-def _series(z: Scalar, coefficients: Any) -> Scalar:
-    value = coefficients[0]
-    for k in range(1, len(coefficients)):
-        value = value * z + coefficients[k]
-    return value
+            p, q, r = w[a + i], w[b + i], w[c + i]
+            w[one + i] += ax * p + bx * q + cx * r
+            w[two + i] += ay * p + by * q + cy * r
+            w[three + i] += az * p + bz * q + cz * r
 
 
 @_contracted
@@ -787,6 +803,36 @@ def _rotate(w: Array, rx: Scalar, ry: Scalar, rz: Scalar) -> None:
 
 
 @_contracted
+def _turn_by_three(w: Array, first: Scalar, rows: Offsets, vectors: Array, rx: Scalar, ry: Scalar, rz: Scalar) -> None:
+    """Do at once what `_mix` of three entries, `_turn_narrow` and `_rotate` do."""
+    a, b, c = rows[first], rows[first + _ONE], rows[first + _TWO]
+    ax, ay, az = vectors[first, 0], vectors[first, 1], vectors[first, 2]
+    bx, by, bz = vectors[first + _ONE, 0], vectors[first + _ONE, 1], vectors[first + _ONE, 2]
+    cx, cy, cz = vectors[first + _TWO, 0], vectors[first + _TWO, 1], vectors[first + _TWO, 2]
+    for i in range(_TILE):
+        p, q, r = w[a + i], w[b + i], w[c + i]
+        x = ax * p + bx * q + cx * r
+        y = ay * p + by * q + cy * r
+        z = az * p + bz * q + cz * r
+        s = x * x + y * y + z * z
+        sinc = _series(s, _SHORT_SINC)
+        t = _series(s, _SHORT_COSINE)
+        x, y, z = sinc * x, sinc * y, sinc * z
+        px, py, pz = rx + w[_E0 + i], ry + w[_E1 + i], rz + w[_E2 + i]
+        ux = t * px + (y * pz - z * py)
+        uy = t * py + (z * px - x * pz)
+        uz = t * pz + (x * py - y * px)
+        w[_E0 + i] += 2.0 * (y * uz - z * uy)
+        w[_E1 + i] += 2.0 * (z * ux - x * uz)
+        w[_E2 + i] += 2.0 * (x * uy - y * ux)
+        q0, qx, qy, qz = w[_Q0 + i], w[_Q1 + i], w[_Q2 + i], w[_Q3 + i]
+        w[_Q0 + i] = t * q0 - x * qx - y * qy - z * qz
+        w[_Q1 + i] = t * qx + q0 * x + (y * qz - z * qy)
+        w[_Q2 + i] = t * qy + q0 * y + (z * qx - x * qz)
+        w[_Q3 + i] = t * qz + q0 * z + (x * qy - y * qx)
+
+
+@_contracted
 def _rotation_vector_narrow(w: Array) -> None:
     """Turn the quaternion into the rotation vector, in place: 4 atan(|v|/(1 + w)) v/|v|, up to 0.25 rad."""
     for i in range(_TILE):
@@ -835,15 +881,18 @@ def _displace(w: Array, motions: Motions, skipped: Scalar, count: Scalar, sample
     The tip's displacement e and the rotation q, not the pose, are carried along, so that nothing cancels.
     """
     _at_rest(w)
-    starts, rows, coefficients = motions.starts, motions.rows, motions.coefficients
     targets = motions.arms.shape[0]
     for k in range(_U(targets)):
-        if starts[_SIX * k + _THREE] < starts[_SIX * k + _SIX]:
+        first, last = motions.turn_starts[k], motions.turn_starts[k + _ONE]
+        rx, ry, rz = motions.arms[k, 0], motions.arms[k, 1], motions.arms[k, 2]
+        if last - first == _THREE and not motions.wide[k]:
+            _turn_by_three(w, first, motions.turn_rows, motions.turns, rx, ry, rz)
+        elif first < last:
             for i in range(_TILE):
                 w[_H0 + i] = 0.0
                 w[_H1 + i] = 0.0
                 w[_H2 + i] = 0.0
-            _sum_up(w, _H0, _SIX * k + _THREE, starts, rows, coefficients)
+            _mix(w, _H0, first, last, motions.turn_rows, motions.turns)
             if motions.wide[k]:
                 if _too_far(w):
                     for i in range(_TILE):
@@ -854,8 +903,8 @@ def _displace(w: Array, motions: Motions, skipped: Scalar, count: Scalar, sample
                 _turn_wide(w)
             else:
                 _turn_narrow(w)
-            _rotate(w, motions.arms[k, 0], motions.arms[k, 1], motions.arms[k, 2])
-        _sum_up(w, _E0, _SIX * k, starts, rows, coefficients)
+            _rotate(w, rx, ry, rz)
+        _mix(w, _E0, motions.shift_starts[k], motions.shift_starts[k + _ONE], motions.shift_rows, motions.shifts)
     if motions.wide[targets]:
         _rotation_vector_wide(w)
     else:
@@ -867,9 +916,8 @@ def _displace(w: Array, motions: Motions, skipped: Scalar, count: Scalar, sample
 def _superpose(w: Array, superposition: Superposition) -> None:
     """Write the linear model's six numbers where `_displace` leaves them."""
     _at_rest(w)
-    starts, rows, coefficients = superposition.starts, superposition.rows, superposition.coefficients
-    _sum_up(w, _E0, _ZERO, starts, rows, coefficients)
-    _sum_up(w, _Q1, _THREE, starts, rows, coefficients)
+    _mix(w, _E0, _ZERO, _U(superposition.shift_rows.size), superposition.shift_rows, superposition.shifts)
+    _mix(w, _Q1, _ZERO, _U(superposition.turn_rows.size), superposition.turn_rows, superposition.turns)
 
 
 # counting ------------------------------------------------------------------------------------------------------------
@@ -924,12 +972,10 @@ def _pad(w: Array, count: Scalar) -> None:
 
 
 @_compiled
-def _count(
-    w: Array, bins: Offsets, count: Scalar, counting: Counting, sketch: NDArray[np.uint32], inside: NDArray[np.int64]
-) -> None:
-    """Count the tile's values into the lanes, the sketch and the specifications."""
+def _widen(w: Array) -> None:
+    """Let the lanes' smallest and largest values take in the tile's."""
     for q in range(_U(8)):
-        values, residuals = _VALUES + q * _STRIDE, _RESIDUALS + q * _STRIDE
+        values = _VALUES + q * _STRIDE
         lowest = _LANES + (_U(SUMS) + q) * _U(LANES)
         highest = lowest + _U(8 * LANES)
         for lane in range(_U(LANES)):
@@ -940,34 +986,49 @@ def _count(
                 high = value if value > high else high
             w[lowest + lane] = low
             w[highest + lane] = high
-        centre, inverse_scale = counting.centre[q], counting.inverse_scale[q]
-        first = q * _U(2 * _BINS)
-        for i in range(_TILE):
-            residual = w[values + i] - centre
-            w[residuals + i] = residual
-            scaled = residual * inverse_scale
-            shifted = _bits_of(abs(scaled)) >> _U(_SHIFT)
-            magnitude = shifted - _U(_OFFSET - 1) if shifted > _U(_OFFSET - 1) else _ZERO
-            magnitude = magnitude if magnitude < _U(_BINS - 1) else _U(_BINS - 1)
-            bins[i] = first + (_U(_BINS - 1) - magnitude if scaled < 0.0 else _U(_BINS) + magnitude)
-        for i in range(_U(count)):
-            sketch[bins[i]] += np.uint32(1)
-        for i in range(count, TILE):
-            w[residuals + _U(i)] = 0.0
-        sums = _LANES + q * _U(LANES)
+
+
+@_compiled
+def _bin(w: Array, bins: Offsets, q: Scalar, centre: Scalar, inverse_scale: Scalar) -> None:
+    """Write a quantity's residuals, and in which bin of the sketch each falls."""
+    values, residuals = _VALUES + q * _STRIDE, _RESIDUALS + q * _STRIDE
+    first = q * _U(2 * _BINS)
+    for i in range(_TILE):
+        residual = w[values + i] - centre
+        w[residuals + i] = residual
+        scaled = residual * inverse_scale
+        shifted = _bits_of(abs(scaled)) >> _U(_SHIFT)
+        magnitude = shifted - _U(_OFFSET - 1) if shifted > _U(_OFFSET - 1) else _ZERO
+        magnitude = magnitude if magnitude < _U(_BINS - 1) else _U(_BINS - 1)
+        bins[i] = first + (_U(_BINS - 1) - magnitude if scaled < 0.0 else _U(_BINS) + magnitude)
+
+
+@_compiled
+def _add_residuals(w: Array) -> None:
+    """Add the residuals into their lanes."""
+    for q in range(_U(8)):
+        sums, residuals = _LANES + q * _U(LANES), _RESIDUALS + q * _STRIDE
         for lane in range(_U(LANES)):
             total = w[sums + lane]
             for c in range(_U(TILE // LANES)):
                 total += w[residuals + c * _U(LANES) + lane]
             w[sums + lane] = total
-    sums = _LANES + _U(8 * LANES)
-    for p in range(_U(6)):
-        a = _RESIDUALS + (p + _ONE + p // _U(3)) * _STRIDE
-        for q in range(p, _U(6)):
-            _add_products(w, sums, a, _RESIDUALS + (q + _ONE + q // _U(3)) * _STRIDE)
-            sums += _U(LANES)
-    _add_products(w, sums, _RESIDUALS, _RESIDUALS)
-    _add_products(w, sums + _U(LANES), _RESIDUALS + _U(4 * STRIDE), _RESIDUALS + _U(4 * STRIDE))
+
+
+@_compiled
+def _count(
+    w: Array, bins: Offsets, count: Scalar, counting: Counting, sketch: NDArray[np.uint32], inside: NDArray[np.int64]
+) -> None:
+    """Count the tile's values into the lanes, the sketch and the specifications."""
+    _widen(w)
+    for q in range(_U(8)):
+        _bin(w, bins, q, counting.centre[q], counting.inverse_scale[q])
+        for i in range(_U(count)):
+            sketch[bins[i]] += np.uint32(1)
+        for i in range(count, TILE):
+            w[_RESIDUALS + q * _STRIDE + _U(i)] = 0.0
+    _add_residuals(w)
+    _add_products(w)
     for k in range(counting.limits.size):
         row, limit = _VALUES + counting.limit_rows[k] * _STRIDE, counting.limits[k]
         kept = 0
@@ -977,13 +1038,49 @@ def _count(
 
 
 @_compiled
-def _add_products(w: Array, sums: Scalar, a: Scalar, b: Scalar) -> None:
-    """Add the products of two rows into sixteen lanes."""
-    for lane in range(_U(LANES)):
-        total = w[sums + lane]
-        for c in range(_U(TILE // LANES)):
-            total += w[a + c * _U(LANES) + lane] * w[b + c * _U(LANES) + lane]
-        w[sums + lane] = total
+def _add_products(w: Array) -> None:
+    """Add the products of the residuals' rows into their lanes: of two components each, then of each norm."""
+    for begin in range(_ZERO, _TILE, _U(4 * LANES)):
+        for lane in range(_U(LANES)):
+            xx, xy, xz, xa, xb, xc = (
+                w[_P0 + lane],
+                w[_P1 + lane],
+                w[_P2 + lane],
+                w[_P3 + lane],
+                w[_P4 + lane],
+                w[_P5 + lane],
+            )
+            yy, yz, ya, yb, yc = w[_P6 + lane], w[_P7 + lane], w[_P8 + lane], w[_P9 + lane], w[_P10 + lane]
+            zz, za, zb, zc = w[_P11 + lane], w[_P12 + lane], w[_P13 + lane], w[_P14 + lane]
+            aa, ab, ac = w[_P15 + lane], w[_P16 + lane], w[_P17 + lane]
+            bb, bc = w[_P18 + lane], w[_P19 + lane]
+            cc = w[_P20 + lane]
+            dd, tt = w[_P21 + lane], w[_P22 + lane]
+            for turn in range(_FOUR):
+                i = begin + turn * _U(LANES) + lane
+                d, x, y, z = w[_R0 + i], w[_R1 + i], w[_R2 + i], w[_R3 + i]
+                t, a, b, c = w[_R4 + i], w[_R5 + i], w[_R6 + i], w[_R7 + i]
+                xx, xy, xz, xa, xb, xc = xx + x * x, xy + x * y, xz + x * z, xa + x * a, xb + x * b, xc + x * c
+                yy, yz, ya, yb, yc = yy + y * y, yz + y * z, ya + y * a, yb + y * b, yc + y * c
+                zz, za, zb, zc = zz + z * z, za + z * a, zb + z * b, zc + z * c
+                aa, ab, ac = aa + a * a, ab + a * b, ac + a * c
+                bb, bc = bb + b * b, bc + b * c
+                cc = cc + c * c
+                dd, tt = dd + d * d, tt + t * t
+            w[_P0 + lane], w[_P1 + lane], w[_P2 + lane], w[_P3 + lane], w[_P4 + lane], w[_P5 + lane] = (
+                xx,
+                xy,
+                xz,
+                xa,
+                xb,
+                xc,
+            )
+            w[_P6 + lane], w[_P7 + lane], w[_P8 + lane], w[_P9 + lane], w[_P10 + lane] = yy, yz, ya, yb, yc
+            w[_P11 + lane], w[_P12 + lane], w[_P13 + lane], w[_P14 + lane] = zz, za, zb, zc
+            w[_P15 + lane], w[_P16 + lane], w[_P17 + lane] = aa, ab, ac
+            w[_P18 + lane], w[_P19 + lane] = bb, bc
+            w[_P20 + lane] = cc
+            w[_P21 + lane], w[_P22 + lane] = dd, tt
 
 
 @_compiled

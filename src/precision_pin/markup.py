@@ -1,13 +1,81 @@
-"""Text that goes into HTML: whatever a URDF or a sheet calls its parts, nothing of it is markup."""
+"""Text and tables that go into HTML: whatever a URDF or a sheet calls its parts, nothing of it is markup."""
 
 from __future__ import annotations
 
 import html
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final, final
 
-__all__ = ["escaped"]
+__all__ = ["MOST_ROWS", "Table", "escaped", "rendered"]
+
+MOST_ROWS: Final = 20
+"""Rows shown of a table; a line below says how many more there are."""
+
+_LONGEST: Final = 80
+_LEFT: Final = ' style="text-align: left"'
+_RIGHT: Final = ' style="text-align: right; white-space: nowrap"'
 
 
 def escaped(text: str) -> str:
     """Return text for HTML, in elements or quoted attributes; what cannot be shown or encoded is replaced."""
     visible = (one if one.isprintable() else " " if one.isspace() else "\N{REPLACEMENT CHARACTER}" for one in text)
     return html.escape("".join(visible), quote=True)
+
+
+@final
+@dataclass(frozen=True)
+class Table:
+    """A table of plain text, which becomes HTML in :func:`rendered` only.
+
+    Attributes
+    ----------
+    columns
+        What stands above each column.
+    rows
+        One text for each column.
+    heading
+        A line above the table, none if empty.
+    words
+        How many columns, from the left, hold words; they are set to the left, the numbers behind them to the right.
+    """
+
+    columns: Sequence[str]
+    rows: Sequence[Sequence[str]]
+    heading: str = ""
+    words: int = 1
+
+
+def rendered(title: str, tables: Sequence[Table], notes: Sequence[str] = ()) -> str:
+    """Return HTML for a notebook: a title, tables cut after 20 rows, and a line for each note.
+
+    There are no colours in it, so that it is read on light and dark pages alike, and no script.
+
+    Parameters
+    ----------
+    title, tables, notes
+        Plain text; every name in them is escaped here.
+    """
+    parts = [f"<p><strong>{escaped(title)}</strong></p>"]
+    for table in tables:
+        parts += [f"<p>{escaped(table.heading)}</p>"] if table.heading else []
+        parts.append('<div style="overflow-x: auto"><table>')
+        parts.append(f"<thead>{_row(table.columns, table.words, 'th')}</thead>")
+        parts.append("<tbody>")
+        parts += [_row([_shortened(cell) for cell in row], table.words, "td") for row in table.rows[:MOST_ROWS]]
+        parts.append("</tbody></table></div>")
+        if len(table.rows) > MOST_ROWS:
+            parts.append(f"<p>… and {len(table.rows) - MOST_ROWS:,} more</p>")
+    parts += [f"<p><small>{escaped(note)}</small></p>" for note in notes]
+    return "<div>\n" + "\n".join(parts) + "\n</div>"
+
+
+def _row(cells: Sequence[str], words: int, tag: str) -> str:
+    inside = "".join(
+        f"<{tag}{_LEFT if column < words else _RIGHT}>{escaped(cell)}</{tag}>" for column, cell in enumerate(cells)
+    )
+    return f"<tr>{inside}</tr>"
+
+
+def _shortened(cell: str) -> str:
+    return cell if len(cell) <= _LONGEST else f"{cell[: _LONGEST - 1]}…"

@@ -6,28 +6,38 @@ The engines here are the oracle of the compiled kernel. Errors are ``[d; δ]`` o
 
 from __future__ import annotations
 
+import itertools
 import os
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Literal, final
+from typing import Final, Literal, TypeVar, cast, final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from precision_pin import se3
-from precision_pin.chain import Chain, Posture
+from precision_pin.chain import Chain, Factors, Load, Posture
 from precision_pin.equilibrium import settle
 from precision_pin.errors import Finding, InputError, UnknownNameError
+from precision_pin.markup import Table, rendered
 from precision_pin.sheet import Sheet
 from precision_pin.sheet import read as read_sheet
-from precision_pin.space import LabelledSpace, Space
-from precision_pin.table import TermTable
+from precision_pin.space import Draw, LabelledSpace, Space
+from precision_pin.table import TableLayout, TermTable
 from precision_pin.terms import Source, Term, labels, own_draws
+from precision_pin.urdf import Joint
 
 __all__ = ["ErrorModel", "PoseModel", "TermTable"]
 
 Array = NDArray[np.float64]
+Said = TypeVar("Said")
+
+_AT_ONCE: Final = 4096
+"""Poses whose joints are placed together."""
+
+_COMPONENTS: Final = ("dx", "dy", "dz", "δx", "δy", "δz")
+_UNITS: Final = (*["mm"] * 3, *["mrad"] * 3)
 
 
 @final
@@ -142,6 +152,26 @@ class PoseModel:
         )
         return (*self.posture.findings, Finding("warning", "W_SUPERPOSITION", message))
 
+    def __repr__(self) -> str:
+        return f"<PoseModel of {self.posture!r}: terms {len(self.terms)}, random numbers {self.space.size}>"
+
+    def _repr_html_(self) -> str:
+        """Return what a notebook shows: error at the means and first-order spread, mm and mrad."""
+        chain = self.posture.chain
+        title = f"{os.path.basename(chain.robot.file)}: {chain.base} to {chain.tip}, first order at one pose"
+        pose = ", ".join(map(_joint_value, chain.joints, self.posture.q))
+        counts = f"{len(self.terms)} terms, {len(self.space.draws)} draws of {self.space.size} numbers"
+        try:
+            spread = np.sqrt(np.diag(self.covariance))
+        except InputError as error:
+            return rendered(title, [], [pose, counts, error.findings[0].message])
+        rows = [
+            [name, unit, f"{1e3 * mean:.6g}", f"{1e3 * std:.6g}"]
+            for name, unit, mean, std in zip(_COMPONENTS, _UNITS, self.error_at_means, spread, strict=True)
+        ]
+        columns = ("", "unit", "error at the means", "standard deviation")
+        return rendered(title, [Table(columns, rows, words=2)], [f"{pose}; base axes", counts])
+
     def _check(self, x: ArrayLike) -> Array:
         values = np.asarray(x, dtype=float)
         if values.ndim != 2 or values.shape[0] != self.space.size:
@@ -192,6 +222,7 @@ class ErrorModel:
         self.labels = labels(self.sources)
         self.space = space.including(own_draws(self.sources, self.labels))
         self.poses = {name: chain.configuration(q) for name, q in (poses or {}).items()}
+        self._layout: TableLayout | None = None
 
     @classmethod
     def load(cls, path: str | os.PathLike[str], kinds: Iterable[type[Source]] = ()) -> ErrorModel:
@@ -242,14 +273,27 @@ class ErrorModel:
 
     def at(self, q: ArrayLike | Mapping[str, float] | str | None = None) -> PoseModel:
         """Return the model at a pose; ``q`` as in :meth:`configuration`."""
-        bare = self.chain.at(self.configuration(q))
-        posture = bare.with_loads([load for source, view in self._pairs for load in source.loads(bare, view)])
-        posture = posture.with_tilts([tilt for source, view in self._pairs for tilt in source.gravity(bare, view)])
-        if self.statics == "nominal":
-            terms = self._make_terms(posture)
-        else:
-            terms = settle(posture, self.space, self._make_terms).linearised(self.space, self._make_terms)
-        return PoseModel(posture, self.space, TermTable.build(posture, self.space, terms), terms)
+        return self._at(self.chain.at(self.configuration(q)))
+
+    def at_many(self, q: ArrayLike | Mapping[str, ArrayLike]) -> Iterator[PoseModel]:
+        """Return the model at P poses, made one after another as they are asked for.
+
+        As :meth:`at` gives them, to rounding; the joints' poses are computed for many at once.
+
+        Parameters
+        ----------
+        q
+            ``(n, P)``, or P values for every joint's name, as in :meth:`precision_pin.chain.Chain.at_many`.
+
+        Raises
+        ------
+        InputError
+            Wrong joint values, at once; what :meth:`at` refuses, when its turn comes.
+        UnknownNameError
+            No such joint on the chain.
+        """
+        values = self.chain.at_many(q).q
+        return (self._at(bare) for first in range(0, values.shape[1], _AT_ONCE) for bare in self._bare(values, first))
 
     def statics_findings(self, at: PoseModel) -> tuple[Finding, ...]:
         """Return a warning where loads at the undeflected pose put the tip elsewhere than the arm at rest under them.
@@ -273,11 +317,116 @@ class ErrorModel:
         )
         return (Finding("warning", "W_STATICS", message),)
 
-    @property
-    def _pairs(self) -> list[tuple[Source, LabelledSpace]]:
-        return [
-            (source, LabelledSpace(self.space, label)) for source, label in zip(self.sources, self.labels, strict=True)
-        ]
+    def __repr__(self) -> str:
+        counts = f"sources {len(self.sources)}, draws {len(self.space.draws)}, poses {len(self.poses)}"
+        return f"<ErrorModel of {self.chain!r}: {counts}>"
+
+    def _repr_html_(self) -> str:
+        """Return what a notebook shows: sources with their settings, draws with laws and scopes, poses."""
+        chain = self.chain
+        sources = [[label, _settings(source)] for label, source in zip(self.labels, self.sources, strict=True)]
+        draws = [[draw.name, repr(draw.law), draw.scope.value] for draw in self.space.draws]
+        poses = [[name, ", ".join(map(_joint_value, chain.joints, q))] for name, q in self.poses.items()]
+        tables = (
+            Table(("source", "settings (SI)"), sources, f"Sources: {len(sources)}", words=2),
+            Table(("draw", "law (SI)", "drawn for each"), draws, f"Draws: {len(draws)}", words=3),
+            Table(("pose", "joint values"), poses, f"Poses: {len(poses)}", words=2),
+        )
+        return rendered(
+            f"Error model of {os.path.basename(chain.robot.file)}: {chain.base} to {chain.tip}",
+            [table for table in tables if table.rows],
+            [
+                *(f"correlated: {', '.join(group.names)}" for group in self.space.correlations),
+                f"statics {self.statics}",
+            ],
+        )
+
+    def _bare(self, values: Array, first: int) -> Iterator[Posture]:
+        """Yield the postures, with the chain's own loads, of `_AT_ONCE` configurations out of ``(n, P)``."""
+        many = self.chain.at_many(values[:, first : first + _AT_ONCE])
+        poses = np.ascontiguousarray(np.moveaxis(many.joint_poses, -1, 0))
+        for k in range(len(many)):
+            yield Posture(self.chain, many.q[:, k].copy(), poses[k], self.chain.loads)
+
+    def _at(self, bare: Posture) -> PoseModel:
+        """Return the model at a posture with the chain's own loads."""
+        posture = bare.with_loads([load for asked in self._asked for load in asked.loads(bare)])
+        posture = posture.with_tilts([tilt for asked in self._asked for tilt in asked.gravity(bare)])
+        if self.statics == "nominal":
+            terms = self._make_terms(posture)
+        else:
+            terms = settle(posture, self.space, self._make_terms).linearised(self.space, self._make_terms)
+        layout = self._layout
+        if layout is None or not layout.fits(terms):
+            layout = self._layout = TableLayout.of(terms, self.space)
+        return PoseModel(posture, self.space, layout.at(posture, terms), terms)
+
+    @cached_property
+    def _asked(self) -> tuple[_Asked, ...]:
+        pairs = zip(self.sources, self.labels, strict=True)
+        return tuple(_Asked(source, LabelledSpace(self.space, label), self.chain) for source, label in pairs)
 
     def _make_terms(self, posture: Posture) -> tuple[Term, ...]:
-        return tuple(term for source, view in self._pairs for term in source.terms(posture, view))
+        return tuple(itertools.chain.from_iterable(asked.terms(posture) for asked in self._asked))
+
+
+class _NeedsPosture(Exception):
+    """A source reads of a posture what is not the same at all of them."""
+
+
+@final
+class _AnyPosture:
+    """Stands for a posture of which only the chain is known."""
+
+    def __init__(self, chain: Chain) -> None:
+        self.chain = chain
+
+    def __getattr__(self, name: str) -> object:
+        raise _NeedsPosture(name)
+
+
+@final
+class _Asked:
+    """A source, asked once only for what it says the same of every posture.
+
+    Whether it does is seen by asking it about a posture that tells no more than its chain. A source sees nothing else that
+    changes, and it makes the same of the same: it is frozen.
+    """
+
+    def __init__(self, source: Source, view: LabelledSpace, chain: Chain) -> None:
+        self._source, self._view = source, view
+        self._loads = self._of_any(source.loads, chain)
+        self._gravity = self._of_any(source.gravity, chain)
+        self._terms = self._of_any(source.terms, chain)
+
+    def loads(self, posture: Posture) -> Iterable[Load]:
+        return self._source.loads(posture, self._view) if self._loads is None else self._loads
+
+    def gravity(self, posture: Posture) -> Iterable[tuple[Array, Factors]]:
+        return self._source.gravity(posture, self._view) if self._gravity is None else self._gravity
+
+    def terms(self, posture: Posture) -> Iterable[Term]:
+        return self._source.terms(posture, self._view) if self._terms is None else self._terms
+
+    def _of_any(self, ask: Callable[[Posture, LabelledSpace], Iterator[Said]], chain: Chain) -> tuple[Said, ...] | None:
+        try:
+            return tuple(ask(cast("Posture", _AnyPosture(chain)), self._view))
+        except Exception:  # noqa: BLE001 - besides _NeedsPosture, what is wrong with it comes up again at a posture
+            return None
+
+
+def _joint_value(joint: Joint, value: float) -> str:
+    if joint.kind == "prismatic":
+        return f"{joint.name} {1e3 * value:.6g} mm"
+    return f"{joint.name} {np.degrees(value):.6g}°"
+
+
+def _settings(source: Source) -> str:
+    """Return a source's settings without those that are left out; a draw by its name, or its law if it has none."""
+    texts = []
+    for name, value in source.settings().items():
+        if isinstance(value, Draw):
+            texts.append(f"{name}={value.name or value.law!r}")
+        elif value is not None and value != ():
+            texts.append(f"{name}={value!r}")
+    return ", ".join(texts)

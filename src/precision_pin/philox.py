@@ -14,7 +14,7 @@ from typing import Final, final
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Units", "philox4x32", "stream_of", "streams_of", "uniforms"]
+__all__ = ["Units", "direction", "philox4x32", "stream_of", "streams_of", "uniforms"]
 
 _MULTIPLIERS: Final = (np.uint64(0xD2511F53), np.uint64(0xCD9E8D57))
 _WEYL: Final = (0x9E3779B9, 0xBB67AE85)
@@ -107,6 +107,18 @@ def uniforms(seed: int, stream: int, occasion: int, first_pair: int, pairs: int)
     return result
 
 
+def direction(turns: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return cos 2πu and sin 2πu ``(2, N)`` for numbers u of turns, 0 to 1; quarters are taken off before any rounding."""
+    quarters = np.rint(4 * turns)
+    angle = 2 * np.pi * (turns - quarters / 4)
+    cosine, sine = np.cos(angle), np.sin(angle)
+    which = quarters.astype(int) % 4
+    result: NDArray[np.float64] = np.array(
+        [np.choose(which, [cosine, -sine, -cosine, sine]), np.choose(which, [sine, cosine, -sine, -cosine])]
+    )
+    return result
+
+
 @final
 @dataclass(frozen=True)
 class Units:
@@ -123,8 +135,7 @@ class Units:
     def normals(self, stream: int, word: int) -> NDArray[np.float64]:
         """Return normal numbers ``(count,)``: Box-Muller of each pair, cosine for the even unit, sine for the odd one."""
         pairs = self._pairs(stream, word)
-        reach, turn = np.sqrt(-2 * np.log(pairs[0])), 2 * np.pi * pairs[1]
-        return self._in_order(np.array([reach * np.cos(turn), reach * np.sin(turn)]))
+        return self._in_order(np.sqrt(-2 * np.log(pairs[0])) * direction(pairs[1]))
 
     def _pairs(self, stream: int, word: int) -> NDArray[np.float64]:
         first = self.first // 2

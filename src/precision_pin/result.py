@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from importlib import metadata
 from platform import python_version
@@ -13,10 +13,26 @@ import numpy as np
 from numpy.typing import NDArray
 
 from precision_pin.errors import InputError
+from precision_pin.markup import Table, rendered
 from precision_pin.space import Space
-from precision_pin.statistics import QUANTITIES, Summary, VectorDistribution
+from precision_pin.statistics import QUANTITIES, Distribution, Summary, VectorDistribution
+from precision_pin.tabular import (
+    ROUNDING,
+    UNITS,
+    data_frame,
+    described,
+    interval_columns,
+    joint_text,
+    milli,
+    number,
+    optional,
+    plus_minus,
+    symbol,
+    unit,
+)
 
 if TYPE_CHECKING:
+    import pandas  # type: ignore[import-untyped]
     import xarray
 
 __all__ = ["SCHEMA", "Analysis", "Correlated", "versions"]
@@ -161,6 +177,37 @@ class Analysis:
         """Return :meth:`to_dict` as text; what the samples do not resolve is null."""
         return json.dumps(self.to_dict(), indent=2, ensure_ascii=False, allow_nan=False)
 
+    def to_pandas(self) -> pandas.DataFrame:
+        """Return the statistics as a data frame, m and rad, not-a-number where the samples do not resolve a number.
+
+        A row for each quantity (position.norm … attitude.z). Columns ``mean``, ``std``, ``mode`` and ``quantile_0.95``, …
+        each with ``…_lower`` and ``…_upper``, the ends of its interval; ``min`` and ``max``. ``attrs`` say how it was
+        sampled.
+
+        Raises
+        ------
+        InputError
+            pandas is not installed.
+        """
+        levels = sorted({level for name in QUANTITIES for level in self.summary.distribution(name).levels})
+        rows = [((name,), _columns(self.summary.distribution(name), levels)) for name in QUANTITIES]
+        return data_frame(["quantity"], rows, {**self._attributes(), "warnings": list(self.warnings)})
+
+    def samples_to_pandas(self) -> pandas.DataFrame:
+        """Return every sampled error as a data frame: a row for each built robot, dx, dy, dz in m and rx, ry, rz in rad.
+
+        Raises
+        ------
+        InputError
+            The samples were not kept, or pandas is not installed.
+        """
+        if self.errors is None:
+            raise InputError("the samples were not kept; sample with keep_samples=True")
+        frame = optional("pandas").DataFrame(self.errors.T.copy(), columns=list(_COMPONENTS))
+        frame.index.name = "sample"
+        frame.attrs = {**self._attributes(), "units": dict(UNITS)}
+        return frame
+
     def to_xarray(self) -> xarray.Dataset:
         """Return the result as a dataset, m and rad, not-a-number where the samples do not resolve a number.
 
@@ -174,21 +221,17 @@ class Analysis:
         InputError
             xarray is not installed.
         """
-        try:
-            import xarray
-        except ImportError:
-            raise InputError("xarray is not installed (pip install 'precision-pin[xarray]')") from None
         distributions = [self.summary.distribution(name) for name in QUANTITIES]
         levels = sorted({level for distribution in distributions for level in distribution.levels})
         statistics = ("mean", "std", "min", "max", "mode")
         variables: dict[str, Any] = {
-            name: ("quantity", [_number(getattr(distribution, name)) for distribution in distributions])
+            name: ("quantity", [number(getattr(distribution, name)) for distribution in distributions])
             for name in statistics
         }
         variables |= {
             "quantile": (
                 ("quantity", "probability"),
-                [[_number(distribution.quantile(level)) for level in levels] for distribution in distributions],
+                [[number(distribution.quantile(level)) for level in levels] for distribution in distributions],
             ),
             "quantile_interval": (
                 ("quantity", "probability", "end"),
@@ -212,12 +255,82 @@ class Analysis:
             "component": list(_COMPONENTS),
             "component_2": list(_COMPONENTS),
         }
-        described = {key: str(value) for key, value in self.to_dict().items() if key in _ATTRIBUTES}
-        return xarray.Dataset(variables, coordinates, described)
+        made: xarray.Dataset = optional("xarray").Dataset(variables, coordinates, described(self._attributes()))
+        return made
+
+    def __repr__(self) -> str:
+        norm = self.position.norm
+        quantile = norm.quantile(0.95)
+        within = "" if quantile is None else f", |d| within {1e3 * quantile:.4g} mm for 95 %"
+        return (
+            f"<Analysis of {self.robot!r}, {self.base!r} to {self.tip!r}, pose {self.pose_name!r}: "
+            f"{self.samples:,} samples, seed {self.seed}, {self.model} model{within}>"
+        )
+
+    def _repr_html_(self) -> str:
+        """Return what a notebook shows: mm and mrad, the half-width of each interval behind ±."""
+        pose = repr(self.pose_name) if self.pose_name else "without a name"
+        statistics = Table(
+            ("", "unit", "mean", "std", "50 %", "95 %", "99.73 %", "smallest seen", "largest seen"),
+            [_cells(self.summary.distribution(name)) for name in QUANTITIES],
+            words=2,
+        )
+        specifications = Table(
+            ("specification", "limit", "required", "inside", "interval", ""),
+            [
+                (
+                    spec.quantity,
+                    f"{milli(spec.limit)} {unit(spec.quantity)}",
+                    f"{100 * spec.required:.10g} %",
+                    f"{100 * spec.probability:.6g} %",
+                    f"{100 * spec.interval[0]:.6g} to {100 * spec.interval[1]:.6g} %",
+                    "met" if spec.met else "NOT MET",
+                )
+                for spec in self.summary.specifications
+            ],
+        )
+        return rendered(
+            f"Pose error of {self.robot}: {self.base} to {self.tip}, pose {pose}",
+            [statistics, *([specifications] if specifications.rows else [])],
+            [
+                f"{joint_text(self.q, self.sliding_joints)}; base axes",
+                f"{self.samples:,} samples, seed {self.seed}, {self.model} model, statics {self.statics}; "
+                f"± half of an interval at {100 * self.summary.confidence:g} % confidence, - not resolved",
+                *self.warnings,
+            ],
+        )
+
+    def _attributes(self) -> dict[str, Any]:
+        return {key: value for key, value in self.to_dict().items() if key in _ATTRIBUTES}
 
 
-def _number(value: float | None) -> float:
-    return np.nan if value is None else value
+def _columns(distribution: Distribution, levels: Sequence[float]) -> dict[str, float]:
+    """Return a row of :meth:`Analysis.to_pandas`."""
+    row = interval_columns("mean", distribution.mean, distribution.mean_interval())
+    row |= interval_columns("std", distribution.std, distribution.std_interval())
+    row |= {"min": distribution.min, "max": distribution.max}
+    row |= interval_columns("mode", distribution.mode, distribution.mode_interval())
+    for level in levels:
+        # a norm's lower quantiles are not reported, there as in the JSON
+        shown = level in distribution.levels
+        quantile = distribution.quantile(level) if shown else None
+        row |= interval_columns(f"quantile_{level}", quantile, distribution.quantile_interval(level) if shown else None)
+    return row
+
+
+def _cells(distribution: Distribution) -> list[str]:
+    """Return a row of the table in a notebook."""
+    vanishes = max(abs(distribution.min), abs(distribution.max)) < ROUNDING
+    cells = []
+    for statistic in ("mean", "std", 0.5, 0.95, 0.9973):
+        value = distribution.quantile(statistic) if isinstance(statistic, float) else getattr(distribution, statistic)
+        half_width = distribution.half_width(statistic)
+        if value is None or half_width is None:
+            cells.append("-")
+        else:
+            cells.append("0" if vanishes else plus_minus(1e3 * value, 1e3 * half_width))
+    name = distribution.quantity
+    return [symbol(name), unit(name), *cells, milli(distribution.min), milli(distribution.max)]
 
 
 _COMPONENTS: Final = ("dx", "dy", "dz", "rx", "ry", "rz")

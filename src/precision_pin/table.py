@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import final
+from typing import Final, final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 from precision_pin import se3
 from precision_pin.chain import Place, Posture
 from precision_pin.errors import InternalError
-from precision_pin.parameters import Expression, Program
+from precision_pin.parameters import Expression, Operation, Program
 from precision_pin.space import Space
 from precision_pin.terms import MOST_FACTORS, JointValue, Target, Term
 
-__all__ = ["TermTable"]
+__all__ = ["TableLayout", "TermTable"]
 
 Array = NDArray[np.float64]
 
@@ -58,29 +58,8 @@ class TermTable:
     @classmethod
     def build(cls, posture: Posture, space: Space, terms: Iterable[Term]) -> TermTable:
         """Return the table of terms at a posture, in chain order."""
-        listed = list(terms)
-        by_key: dict[tuple[int, int, int, str], Target] = {}
-        for term in listed:
-            known = by_key.setdefault(_chain_order(term.target), term.target)
-            if isinstance(known, Place) and not known.is_same(term.target):
-                raise InternalError(f"two different places at one point of the chain: {known}, {term.target}")
-        keys = sorted(by_key)
-        parameters: dict[Expression, int] = {}
-        for term in listed:
-            for factor in term.factors:
-                parameters.setdefault(factor, len(parameters))
-        factors = np.full((len(listed), MOST_FACTORS), -1, dtype=np.intp)
-        for row, term in enumerate(listed):
-            factors[row, : len(term.factors)] = [parameters[factor] for factor in term.factors]
-        return cls(
-            pose=posture.pose,
-            targets=tuple(by_key[key] for key in keys),
-            frames=np.array([_frame(by_key[key], posture) for key in keys]).reshape(-1, 4, 4),
-            program=Program.compile(list(parameters), space.index),
-            target=np.array([keys.index(_chain_order(term.target)) for term in listed], dtype=np.intp),
-            twists=np.array([_twist(term, posture) for term in listed]).reshape(-1, 6),
-            factors=factors,
-        )
+        listed = tuple(terms)
+        return TableLayout.of(listed, space).at(posture, listed)
 
     @cached_property
     def sensitivities(self) -> Array:
@@ -118,7 +97,110 @@ class TermTable:
         return result
 
 
-def _chain_order(target: Target) -> tuple[int, int, int, str]:
+@final
+@dataclass(frozen=True, eq=False)
+class TableLayout:
+    """What tables have in common that differ in their twists and frames only: those of one model at different poses.
+
+    Attributes
+    ----------
+    terms
+        Some such table's terms.
+    targets, program, target, factors
+        As in :class:`TermTable`.
+    links, places
+        The chain link that carries each target, and the target's pose in its axes, ``(K,)`` and ``(K, 4, 4)``.
+    at_joints, joints
+        The terms on joint values, and their joints.
+    comparable
+        Whether another table's formulas can be compared with these: not where they are very deep, since comparing goes
+        through a shared part once for every way to it.
+    """
+
+    terms: tuple[Term, ...]
+    targets: tuple[Target, ...]
+    program: Program
+    target: NDArray[np.intp]
+    factors: NDArray[np.intp]
+    links: NDArray[np.intp]
+    places: Array
+    at_joints: NDArray[np.intp]
+    joints: NDArray[np.intp]
+    comparable: bool
+
+    @classmethod
+    def of(cls, terms: tuple[Term, ...], space: Space) -> TableLayout:
+        """Return the layout of terms."""
+        by_key: dict[_Order, Target] = {}
+        keys = [_chain_order(term.target) for term in terms]
+        for key, term in zip(keys, terms, strict=True):
+            known = by_key.setdefault(key, term.target)
+            if not _is_same(known, term.target):
+                raise InternalError(f"two different places at one point of the chain: {known}, {term.target}")
+        ordered = sorted(by_key)
+        numbers = {key: k for k, key in enumerate(ordered)}
+        targets = tuple(by_key[key] for key in ordered)
+        parameters: dict[Expression, int] = {}
+        factors = np.full((len(terms), MOST_FACTORS), -1, dtype=np.intp)
+        for row, term in enumerate(terms):
+            for column, factor in enumerate(term.factors):
+                factors[row, column] = parameters.setdefault(factor, len(parameters))
+        on_joints = [(row, term.target.joint) for row, term in enumerate(terms) if isinstance(term.target, JointValue)]
+        return cls(
+            terms=terms,
+            targets=targets,
+            program=Program.compile(list(parameters), space.index),
+            target=np.array([numbers[key] for key in keys], dtype=np.intp),
+            factors=factors,
+            links=np.array([key[0] for key in ordered], dtype=np.intp),
+            places=np.array([target.frame if isinstance(target, Place) else np.eye(4) for target in targets]).reshape(
+                -1, 4, 4
+            ),
+            at_joints=np.array([row for row, _ in on_joints], dtype=np.intp),
+            joints=np.array([joint for _, joint in on_joints], dtype=np.intp),
+            comparable=all(_depth(parameter) <= _DEEPEST_COMPARED for parameter in parameters),
+        )
+
+    def fits(self, terms: tuple[Term, ...]) -> bool:
+        """Return whether terms have these targets and factors, in this order."""
+        if not self.comparable or len(terms) != len(self.terms):
+            return False
+        for known, term in zip(self.terms, terms, strict=True):
+            if known is not term and not (known.factors == term.factors and _is_same(known.target, term.target)):
+                return False
+        return True
+
+    def at(self, posture: Posture, terms: tuple[Term, ...]) -> TermTable:
+        """Return the table at a posture of terms that :meth:`fits`."""
+        chain = posture.chain
+        twists = np.zeros((len(terms), 6))
+        on_places = np.ones(len(terms), dtype=bool)
+        on_places[self.at_joints] = False
+        if on_places.any():
+            twists[on_places] = [term.twist for term in terms if term.twist.size == 6]
+        if len(self.joints):
+            values = np.array([terms[row].twist[0] for row in self.at_joints])
+            slides = chain.prismatic[self.joints, None]
+            along = chain.axes[self.joints] * values[:, None]
+            twists[self.at_joints] = np.concatenate(
+                [np.where(slides, along, 0.0), np.where(slides, 0.0, along)], axis=1
+            )
+        return TermTable(
+            pose=posture.pose,
+            targets=self.targets,
+            frames=posture.link_poses[self.links] @ self.places,
+            program=self.program,
+            target=self.target,
+            twists=twists,
+            factors=self.factors,
+        )
+
+
+_Order = tuple[int, int, int, str]
+_DEEPEST_COMPARED: Final = 12
+
+
+def _chain_order(target: Target) -> _Order:
     """Return where a target stands on the chain: a joint before all places of the link it moves.
 
     Places of different sources may have one rank; their names then tell them apart and order them.
@@ -128,17 +210,10 @@ def _chain_order(target: Target) -> tuple[int, int, int, str]:
     return (target.link, *target.order, target.name)
 
 
-def _frame(target: Target, posture: Posture) -> Array:
-    if isinstance(target, JointValue):
-        pose: Array = posture.joint_poses[target.joint]
-        return pose
-    return posture.place_pose(target)
+def _is_same(one: Target, other: Target) -> bool:
+    """Return whether two targets are one, a place's frame included."""
+    return one is other or (one.is_same(other) if isinstance(one, Place) else one == other)
 
 
-def _twist(term: Term, posture: Posture) -> Array:
-    if not isinstance(term.target, JointValue):
-        return term.twist
-    twist = np.zeros(6)
-    rows = slice(0, 3) if posture.chain.prismatic[term.target.joint] else slice(3, 6)
-    twist[rows] = posture.chain.axes[term.target.joint] * term.twist[0]
-    return twist
+def _depth(expression: Expression) -> int:
+    return expression.depth if isinstance(expression, Operation) else 0

@@ -3,7 +3,8 @@
 In a page's ``python`` blocks, which share one namespace, ``# → text`` behind a line is what that line prints. In a
 ``console`` block every ``$`` line is a ``precision-pin`` command, ``# exit N`` behind it its exit code if not 0, and the
 lines below it, if any, what it prints (``...`` for anything). A ``yaml`` block with ``# file: NAME`` at its top is
-that file; any other is part of a sheet of the paper's arm. Every page runs in a folder with the paper's arm and sheet.
+that file; any other is part of a sheet of the paper's arm. An ``xml`` block is the file that its first line names. Every
+page runs in a folder with the paper's arm and sheet.
 """
 
 from __future__ import annotations
@@ -41,7 +42,7 @@ from precision_pin.space import FARTHEST_NORMAL, MOST_POSES, MOST_VISITS
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
 PAGES = {path.relative_to(ROOT).as_posix(): path for path in (ROOT / "README.md", *sorted(DOCS.glob("*.md")))}
-LANGUAGES = {"python", "console", "yaml", "text"}
+LANGUAGES = {"python", "console", "yaml", "xml", "text"}
 HEAD = {"precision-pin": "1", "robot": "4dof.urdf", "tip": "tool"}
 SAME = doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE
 
@@ -97,6 +98,10 @@ def test_every_block_runs(page, folder, monkeypatch):
                 run_console(block, where, monkeypatch)
             case "yaml":
                 read_yaml(block, where, folder)
+            case "xml":
+                named = re.match(r"<!-- file: (\S+) -->\n", block.text)
+                assert named, f"{where}: the first line names the file"
+                (folder / named[1]).write_text(block.text, encoding="utf-8")
 
 
 def run_python(block: Block, where: str, module: types.ModuleType) -> None:
@@ -196,7 +201,13 @@ def test_links_and_pictures_lead_somewhere(page):
 
 def test_the_index_names_every_page():
     text = (DOCS / "index.md").read_text(encoding="utf-8")
-    assert all(f"({path.name})" in text for path in DOCS.glob("*.md") if path.name != "index.md")
+    pages = [path for path in (*DOCS.glob("*.md"), *DOCS.glob("*.ipynb")) if path.name != "index.md"]
+    assert [path.name for path in pages if f"({path.name})" not in text] == []
+
+
+def test_the_start_says_how_to_set_up_as_the_readme_does():
+    line = next(line for line in (DOCS / "start.md").read_text(encoding="utf-8").splitlines() if " -m venv " in line)
+    assert line in (ROOT / "README.md").read_text(encoding="utf-8").splitlines()
 
 
 def test_the_readme_stays_short_and_says_how_to_set_up():
@@ -246,19 +257,31 @@ def defined(test: str) -> bool:
     return name in {node.name for node in ast.walk(tree) if isinstance(node, ast.FunctionDef)}
 
 
-def test_every_equation_has_a_function_and_a_test():
-    equations: list[int] = []
-    for numbers, _, functions, tests in rows("model.md", "eq"):
-        first, _, last = numbers.partition("-")
-        equations += range(int(first), int(last or first) + 1)
+@pytest.mark.parametrize("column", ["eq", "no."])
+def test_every_equation_has_a_function_and_a_test(column):
+    for number, _, functions, tests in rows("equations.md", column):
         names = re.findall(r"`([\w.]+)`", functions)
-        assert names, numbers
+        assert names, number
         for name in names:
             resolve(name)
         places = re.findall(r"`([\w/.]+::\w+)`", tests)
-        assert places, numbers
-        assert [place for place in places if not defined(place)] == [], numbers
-    assert equations == list(range(1, 24))
+        assert places, number
+        assert [place for place in places if not defined(place)] == [], number
+
+
+def test_no_equation_is_missing():
+    of_the_paper: list[int] = []
+    for numbers, *_ in rows("equations.md", "eq"):
+        first, _, last = numbers.partition("-")
+        of_the_paper += range(int(first), int(last or first) + 1)
+    assert of_the_paper == list(range(1, 24))
+    shown: list[str] = []
+    for path in DOCS.glob("*.md"):
+        shown += re.findall(r"\\tag\{(\w+)\}", path.read_text(encoding="utf-8"))
+    assert {tag for tag in shown if tag.isdecimal()} <= set(map(str, of_the_paper))
+    assert sorted(tag for tag in shown if not tag.isdecimal()) == sorted(
+        cells[0] for cells in rows("equations.md", "no.")
+    )
 
 
 def test_every_number_of_the_errata_is_computed_on_the_page():
@@ -267,6 +290,17 @@ def test_every_number_of_the_errata_is_computed_on_the_page():
     computed = set(re.findall(r"[\d.]*\d", " ".join(itertools.chain.from_iterable(printed))))
     assert shown
     assert shown <= computed, shown - computed
+
+
+def test_every_erratum_has_a_number_and_a_section_that_computes():
+    text = (DOCS / "errata.md").read_text(encoding="utf-8")
+    sections = re.split(r"^## (\d+)\. .+$", text, flags=re.MULTILINE)
+    listed = [cells[0] for cells in rows("errata.md", "no.")]
+    assert sections[1::2] == listed
+    for number, section in zip(listed, sections[2::2], strict=True):
+        assert re.search(r"# → .*\d", section), f"erratum {number} computes nothing"
+    for number, _, evidence, _ in rows("errata.md", "no."):
+        assert re.search(r"\d", evidence), f"erratum {number} has no number"
 
 
 def test_every_source_has_a_section():

@@ -183,7 +183,8 @@ def test_plane_characteristic_functions_are_bessel_functions() -> None:
 
 def test_plane_samples_by_complex_numbers() -> None:
     u = np.random.default_rng(4).uniform(size=(2, 1000))
-    spin = np.exp(2j * np.pi * u[1])
+    quarters = np.rint(4 * u[1]).astype(int)  # taken off first: 2πu rounds by more than what is asked here
+    spin = np.array([1, 1j, -1, -1j])[quarters % 4] * np.exp(2j * np.pi * (u[1] - quarters / 4))
     disc, circle = 0.3 * np.sqrt(u[0]) * spin, 0.3 * spin
     np.testing.assert_allclose(Disc(0.3).sample(u), [disc.real, disc.imag], rtol=0, atol=1e-16)
     np.testing.assert_allclose(Circle(0.3).sample(u), [circle.real, circle.imag], rtol=0, atol=1e-16)

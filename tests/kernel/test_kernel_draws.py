@@ -89,18 +89,26 @@ def test_a_scope_repeats_its_numbers_exactly_where_it_should(scope: Scope) -> No
     assert (same_unit, same_pose) == (scope is Scope.UNIT, scope is not Scope.VISIT)
 
 
-def test_logarithm_sine_and_cosine_are_within_two_units_in_the_last_place() -> None:
+def test_logarithm_turned_are_within_two_units_in_the_last_place() -> None:
     u = np.concatenate(
         [np.random.default_rng(1).random(20_000), 2.0 ** -np.arange(1, 54), 1 - 2.0 ** -np.arange(2, 54)]
     )
     assert ulps(np.array([loops.logarithm(x) for x in u]), np.log(u)) <= 2
-    quarters = np.concatenate(
-        [k * math.pi / 2 * (1 + s * 2.0 ** -np.arange(8, 54)) for k in (1, 2, 3) for s in (1, -1)]
-    )
-    turns = np.concatenate([2 * math.pi * u, quarters])
-    sine, cosine = np.transpose([loops.sine_and_cosine(t) for t in turns])
-    assert ulps(sine, np.sin(turns)) <= 2
-    assert ulps(cosine, np.cos(turns)) <= 2
+    quarters = np.concatenate([k / 4 * (1 + s * 2.0 ** -np.arange(8, 52)) for k in (1, 2, 3) for s in (1, -1)])
+    eighths = np.concatenate([k / 8 * (1 + s * 2.0 ** -np.arange(8, 52)) for k in (1, 3, 5, 7) for s in (1, -1)])
+    turns = np.concatenate([u, quarters, eighths, [0.0, 0.25, 0.5, 0.75, 1.0]])
+    sine, cosine = np.transpose([loops.turned(t) for t in turns])
+    # the fractions of a turn beyond the nearest eighth are exact, and small enough for numpy's own rounding of 2πr
+    eighth = np.rint(8 * turns)
+    rest = 2 * math.pi * (turns - eighth / 8)
+    known = np.exp(0.25j * math.pi * eighth)
+    known.real[np.isin(eighth % 8, [2, 6])] = known.imag[np.isin(eighth % 8, [0, 4])] = 0
+    expected = known * (np.cos(rest) + 1j * np.sin(rest))
+    exact = np.isin(eighth % 8, [0, 2, 4, 6])
+    np.testing.assert_allclose(sine, expected.imag, rtol=0, atol=6e-16)
+    np.testing.assert_allclose(cosine, expected.real, rtol=0, atol=6e-16)
+    assert ulps(sine[exact & (sine != 0)], expected.imag[exact & (sine != 0)]) <= 2
+    assert ulps(cosine[exact & (cosine != 0)], expected.real[exact & (cosine != 0)]) <= 2
 
 
 def test_normal_scores_equal_scipy_far_into_the_tail() -> None:

@@ -19,10 +19,13 @@ from outputs.view_cases import (
     array_of,
     commands_of,
     data_block,
+    floats,
     geometry_of,
     made_up_errors,
     material_of,
+    matrix,
     nodes_of,
+    pages,
     pose_model,
     pose_of,
     simple_page,
@@ -31,7 +34,7 @@ from outputs.view_cases import (
 from precision_pin.errors import InputError
 from precision_pin.examples import PAPER_SHEET, example_urdfs
 from precision_pin.model import ErrorModel
-from precision_pin.outputs.view import DEFAULT_POINTS, MOST_POINTS
+from precision_pin.outputs.view import DEFAULT_POINTS, MOST_POINTS, MOST_POSES, Shown, script_hashes
 from precision_pin.urdf import read
 
 BOX = visual('<box size="0.1 0.2 0.3"/>', '<origin xyz="0.01 0.02 0.03" rpy="0.1 0.2 0.3"/>', "1 0 0 0.5")
@@ -45,7 +48,7 @@ def paper():
     model = ErrorModel.load(PAPER_SHEET)
     at = model.at()
     errors = at.exact(model.space.sample(3, 0, 400))
-    return at, errors, simple_page(at, errors, pose_name="paper", caption=[("spec", "2 mm @ 99 %")])
+    return at, errors, simple_page(at, errors, name="paper", caption=[("spec", "2 mm @ 99 %")])
 
 
 def test_the_page_is_one_file_that_asks_for_nothing(paper):
@@ -68,6 +71,7 @@ def test_the_policy_lets_exactly_our_two_scripts_run(paper):
     hashes = [base64.b64encode(hashlib.sha256(code.encode()).digest()).decode() for code in running]
     assert len(running) == 2
     assert re.findall(r"'sha256-([^']+)'", policy) == hashes
+    assert script_hashes() == tuple(f"'sha256-{one}'" for one in hashes)
     assert policy.startswith("default-src 'none'; script-src 'sha256-")
     assert "unsafe-eval" not in policy
     assert "unsafe-inline" not in policy.split("style-src")[0]
@@ -75,10 +79,10 @@ def test_the_policy_lets_exactly_our_two_scripts_run(paper):
 
 def test_equal_input_gives_equal_bytes(paper):
     at, errors, text = paper
-    assert simple_page(at, errors, pose_name="paper", caption=[("spec", "2 mm @ 99 %")]) == text
+    assert simple_page(at, errors, name="paper", caption=[("spec", "2 mm @ 99 %")]) == text
     other = errors.copy()
     other[0, 7] *= 1.001
-    assert simple_page(at, other, pose_name="paper", caption=[("spec", "2 mm @ 99 %")]) != text
+    assert simple_page(at, other, name="paper", caption=[("spec", "2 mm @ 99 %")]) != text
 
 
 def test_the_caption_says_what_is_shown(paper):
@@ -91,54 +95,42 @@ def test_the_caption_says_what_is_shown(paper):
         "samples N = 400",
         "seed 1",
         "model exact",
+        "factor 20",
         "spec 2 mm @ 99 %",
         "Position error |d|, mm",
         "squares of 500 mm",
+        "end effector of 400 sampled units",
+        "MCPC frames 0 to 5",
     ):
         assert expected in words, expected
 
 
-def test_cloud_is_at_the_nominal_tip_and_holds_the_errors_in_metres(paper):
+def test_cloud_mean_frames_and_tip_are_the_errors_in_metres(paper):
     at, errors, text = paper
+    (pose,) = data_block(text, "settings")["poses"]
+    points = floats(pose["points"]).reshape(-1, 3)
+    np.testing.assert_array_equal(points, errors[:3].T.astype(np.float32))
+    np.testing.assert_allclose(pose["mean"], errors[:3].mean(axis=1), rtol=1e-14)
+    np.testing.assert_array_equal(pose["frames"], errors[:, :5].T)
+    np.testing.assert_array_equal(matrix(pose["tip"]), at.posture.pose)
+    np.testing.assert_array_equal([matrix(link) for link in pose["links"]], at.posture.link_poses)
     nodes = nodes_of(text)
-    cloud = nodes["/meshcat/cloud"]
-    positions = array_of(geometry_of(cloud)["data"]["attributes"]["position"])
-    assert cloud.object["object"]["type"] == "Points"
-    np.testing.assert_array_equal(positions, errors[:3].T.astype(np.float32))
-    np.testing.assert_allclose(pose_of(nodes, "/meshcat/cloud")[:3, 3], at.posture.pose[:3, 3], atol=1e-15)
-    mean = array_of(geometry_of(nodes["/meshcat/cloud/mean"])["data"]["attributes"]["position"])
-    np.testing.assert_allclose(mean, [[0, 0, 0], errors[:3].mean(axis=1)], rtol=1e-6, atol=1e-12)
-
-
-def test_cloud_colours_run_from_light_small_to_dark_large(paper):
-    _, errors, text = paper
-    colours = array_of(geometry_of(nodes_of(text)["/meshcat/cloud"])["data"]["attributes"]["color"])
-    sizes = np.linalg.norm(errors[:3], axis=0)
-    # viridis, published by matplotlib: its dark end is #440154, lightness grows along it
-    np.testing.assert_allclose(colours[sizes.argmax()], [0x44 / 255, 0x01 / 255, 0x54 / 255], atol=0.003)
-    luminance = colours @ [0.2126, 0.7152, 0.0722]
-    order = np.argsort(sizes)
-    assert (np.diff(luminance[order]) <= 1e-6).all()
-    bar = re.search(r"linear-gradient\(to right, ([^)]*)\)", text)[1].split(", ")
-    assert bar[-1] == "#440154"
-    ticks = [float(tick) for tick in re.findall(r"<span>([\d.]+)</span>", text)]
-    np.testing.assert_allclose(ticks, np.linspace(1e3 * sizes.min(), 1e3 * sizes.max(), 5), atol=0.05)
-
-
-def test_nominal_frame_and_settings_for_the_sampled_frames(paper):
-    at, errors, text = paper
-    nodes, settings = nodes_of(text), data_block(text, "settings")
-    np.testing.assert_allclose(pose_of(nodes, "/meshcat/tip"), at.posture.pose, atol=1e-15)
-    for column, name in enumerate("xyz"):
-        rod = pose_of(nodes, f"/meshcat/tip/{name}")
-        # a cylinder lies along its own y; it starts at the tip
-        along, length = rod[:3, 1], geometry_of(nodes[f"/meshcat/tip/{name}"])["height"]
-        np.testing.assert_allclose(along, at.posture.pose[:3, column], atol=1e-12)
-        np.testing.assert_allclose(rod[:3, 3] - along * length / 2, at.posture.pose[:3, 3], atol=1e-12)
-        assert f"/meshcat/frames/frame4/{name}" in nodes
-    np.testing.assert_array_equal(settings["frames"], errors[:, :5].T)
-    np.testing.assert_array_equal(settings["tip"], at.posture.pose[:3, 3])
     assert nodes["/Grid"].properties == nodes["/Axes"].properties == {"visible": False}
+
+
+def test_the_bar_has_the_colours_of_viridis_and_ticks_in_mm(paper):
+    _, errors, text = paper
+    sizes = 1e3 * np.linalg.norm(errors[:3], axis=0)
+    bar = re.search(r"style=\"background: linear-gradient\(to right, ([^)]*)\)", text)[1].split(", ")
+    settings = data_block(text, "settings")
+    assert bar == settings["stops"]
+    # viridis, published by matplotlib: its dark end is #440154, lightness grows along it
+    assert bar[-1] == "#440154"
+    levels = np.array([[int(stop[k : k + 2], 16) for k in (1, 3, 5)] for stop in bar])
+    assert (np.diff(levels @ [0.2126, 0.7152, 0.0722]) < 0).all()
+    np.testing.assert_allclose(settings["colours"], [1e-3 * sizes.min(), 1e-3 * sizes.max()], rtol=1e-14)
+    ticks = [float(tick) for tick in re.findall(r"<span>([\d.]+)</span>", text)]
+    np.testing.assert_allclose(ticks, np.linspace(sizes.min(), sizes.max(), 5), atol=0.05)
 
 
 def test_shapes_stand_where_the_urdf_says(tmp_path):
@@ -289,7 +281,7 @@ def test_nothing_of_the_input_becomes_markup(tmp_path):
     for name in ("turn", "bend", "base"):
         text = text.replace(f'"{name}"', f'"{name}{hostile}"')
     at = pose_model(tmp_path, text)
-    shown = simple_page(at, title=HOSTILE, model_name=HOSTILE, pose_name=HOSTILE, caption=[(HOSTILE, HOSTILE)])
+    shown = simple_page(at, title=HOSTILE, model_name=HOSTILE, name=HOSTILE, caption=[(HOSTILE, HOSTILE)])
     assert HOSTILE not in shown
     parsed = Tags(shown)
     assert "img" not in {tag for tag, _ in parsed.tags}
@@ -306,18 +298,35 @@ def test_text_that_cannot_be_shown_is_replaced(paper):
     text.encode("utf-8")
 
 
-def test_the_cloud_is_capped(tmp_path):
+def drawn_points(text):
+    return [len(floats(pose["points"])) // 3 for pose in data_block(text, "settings")["poses"]]
+
+
+def test_the_cloud_is_capped_and_the_page_stays_small(tmp_path):
     at = pose_model(tmp_path, arm_text())
     errors = made_up_errors(MOST_POINTS + 1)
     text = simple_page(at, errors)
-    assert (
-        len(array_of(geometry_of(nodes_of(text)["/meshcat/cloud"])["data"]["attributes"]["position"])) == DEFAULT_POINTS
-    )
+    assert drawn_points(text) == [DEFAULT_POINTS]
     assert "N = 100,001, of which the first 20,000 are drawn" in text
-    assert len(text) < 2e6
     most = simple_page(at, errors, points=MOST_POINTS)
-    assert len(array_of(geometry_of(nodes_of(most)["/meshcat/cloud"])["data"]["attributes"]["position"])) == MOST_POINTS
-    assert len(most) < 5e6
+    assert drawn_points(most) == [MOST_POINTS]
+    # 12 bytes a point, in base64
+    assert len(most) - len(text) == pytest.approx(80_000 * 16, abs=10)
+    assert len(most) < 3e6
+
+
+def test_all_poses_share_the_points(tmp_path):
+    at = pose_model(tmp_path, arm_text())
+    errors = made_up_errors(30_000)
+    assert drawn_points(pages([Shown(at, errors)] * 4)) == [DEFAULT_POINTS] * 4
+    assert drawn_points(pages([Shown(at, errors)] * 10)) == [10_000] * 10
+
+
+def test_two_hundred_poses_make_a_page_of_a_few_megabytes():
+    model = ErrorModel.load(PAPER_SHEET)
+    at = model.at()
+    errors = at.exact(model.space.sample(1, 0, 2000))
+    assert len(pages([Shown(at, errors)] * MOST_POSES)) < 6e6
 
 
 @pytest.mark.parametrize(
@@ -341,6 +350,21 @@ def test_bad_arguments_are_refused_in_one_line(paper, errors, settings, message)
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.parametrize(
+    ("poses", "message"),
+    [
+        (lambda at, other: [], "1 to 200 poses, got 0"),
+        (lambda at, other: [Shown(at, np.zeros((6, 2)))] * 201, "1 to 200 poses, got 201"),
+        (lambda at, other: [Shown(at, np.zeros((6, 2))), Shown(other, np.zeros((6, 2)))], "of one chain"),
+        (lambda at, other: [Shown(at, np.zeros((6, 2))), Shown(at, np.zeros((6, 3)))], "equally many samples"),
+    ],
+)
+def test_poses_that_cannot_stand_in_one_page_are_refused(paper, tmp_path, poses, message):
+    other = pose_model(tmp_path, arm_text())
+    with pytest.raises(InputError, match=re.escape(message)):
+        pages(poses(paper[0], other))
+
+
 @pytest.mark.parametrize("errors", [np.zeros((6, 1)), np.zeros((6, 9)), np.full((6, 1), 1e-5), np.full((6, 4), 1e-5)])
 def test_errors_without_spread_make_a_page(paper, errors):
     text = simple_page(paper[0], errors)
@@ -360,13 +384,13 @@ def test_a_given_factor_is_where_the_slider_starts(paper):
 
 @pytest.mark.skipif(not example_urdfs(), reason="example-robot-data is not installed")
 @pytest.mark.parametrize(("name", "tip"), [("ur5", "tool0"), ("so101", "gripper_frame_link")])
-def test_real_arms_make_pages_under_6_mb(name, tip):
+def test_real_arms_with_every_point_make_pages_under_6_mb(name, tip):
     from precision_pin.chain import Chain
     from precision_pin.space import Space
 
     chain = Chain.from_urdf(example_urdfs()[name], tip=tip)
     at = ErrorModel(chain, Space(), []).at(np.full(len(chain.joints), 0.3))
-    text = simple_page(at, made_up_errors(DEFAULT_POINTS))
+    text = simple_page(at, made_up_errors(MOST_POINTS), points=MOST_POINTS)
     assert len(text) < 6e6
     assert "drawn as a plain" not in text
     nodes = nodes_of(text)

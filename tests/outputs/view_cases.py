@@ -13,9 +13,10 @@ from pathlib import Path
 import numpy as np
 import umsgpack
 
+from precision_pin import se3
 from precision_pin.chain import Chain
 from precision_pin.model import ErrorModel, PoseModel
-from precision_pin.outputs.view import page
+from precision_pin.outputs.view import Shown, page
 from precision_pin.space import Space
 
 HOSTILE = "</script><img src=x onerror=alert(1)>"
@@ -59,9 +60,51 @@ def made_up_errors(count: int, seed: int = 0, size: float = 1e-4) -> np.ndarray:
     return np.random.default_rng(seed).normal(size=(6, count)) * size
 
 
-def simple_page(model: PoseModel, errors: np.ndarray | None = None, **settings: object) -> str:
+def simple_page(model: PoseModel, errors: np.ndarray | None = None, name: str | None = None, **settings: object) -> str:
     values = made_up_errors(50) if errors is None else errors
-    return page(model, values, **{"title": "a test", "seed": 1, "model_name": "exact", **settings})  # type: ignore[arg-type]
+    return pages([Shown(model, values, name)], **settings)
+
+
+def pages(shown: Sequence[Shown], **settings: object) -> str:
+    return page(shown, **{"title": "a test", "seed": 1, "model_name": "exact", **settings})  # type: ignore[arg-type]
+
+
+def floats(text: str) -> np.ndarray:
+    """Return numbers that a page packs as base64 of float32."""
+    return np.frombuffer(base64.b64decode(text), "<f4").astype(float)
+
+
+def matrix(numbers: Sequence[float]) -> np.ndarray:
+    """Return a matrix that a page keeps by columns, as three.js does."""
+    return np.array(numbers, dtype=float).reshape(4, 4).T
+
+
+def enlarged(displacement: np.ndarray, factor: float) -> np.ndarray:
+    """Return ``(4, 4)`` of a displacement ``[d; δ]`` times the factor, turned by 90° at most."""
+    angle = factor * np.linalg.norm(displacement[3:])
+    turn = factor * displacement[3:] * min(1.0, np.pi / 2 / angle if angle else 1.0)
+    return se3.displacement(np.concatenate([factor * displacement[:3], turn]))
+
+
+def composed(frames: Sequence[np.ndarray], displacements: np.ndarray, factor: float) -> list[np.ndarray]:
+    """Return how the first 0, 1, … of the targets together move what lies beyond them, ``(4, 4)`` in the base."""
+    motions = [np.eye(4)]
+    for frame, moved in zip(frames, displacements, strict=True):
+        motions.append(motions[-1] @ frame @ enlarged(moved, factor) @ np.linalg.inv(frame))
+    return motions
+
+
+def likeness(
+    settings: dict, number: int, displacements: np.ndarray, factor: float
+) -> tuple[dict[str, np.ndarray], np.ndarray]:
+    """Return the poses of the arm's parts by name, and of the tip, as a page's script is to put them."""
+    pose = settings["poses"][number]
+    motions = composed([matrix(numbers) for numbers in floats(pose["targets"]).reshape(-1, 16)], displacements, factor)
+    parts = {
+        part["name"]: motions[before] @ matrix(pose["links"][part["link"]]) @ matrix(part["frame"])
+        for part, before in zip(settings["parts"], pose["before"], strict=True)
+    }
+    return parts, motions[-1] @ matrix(pose["tip"])
 
 
 @dataclass

@@ -4,11 +4,28 @@ from __future__ import annotations
 
 import dataclasses
 import json
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any, Final, final
+from typing import TYPE_CHECKING, Any, Final, Literal, final
 
 from precision_pin.analyses.heading import Heading, PoseHeading
+from precision_pin.errors import UnknownNameError
+from precision_pin.markup import Table, rendered
+from precision_pin.statistics import QUANTITIES
+from precision_pin.tabular import (
+    MOST_POSES,
+    data_frame,
+    dataset,
+    interval_columns,
+    joint_text,
+    number,
+    plus_minus,
+    pose_labels,
+)
+
+if TYPE_CHECKING:
+    import pandas  # type: ignore[import-untyped]
+    import xarray
 
 __all__ = [
     "SCHEMA",
@@ -214,6 +231,11 @@ class PoseBudget:
     sums: Mapping[str, Sums]
     warnings: tuple[str, ...]
 
+    @property
+    def ranked(self) -> tuple[DrawShare, ...]:
+        """The draws, the largest share of position first; equal ones, to rounding, as they stand."""
+        return tuple(sorted(self.draws, key=lambda draw: -round(draw.share.get("position") or 0.0, 9)))
+
     def draw(self, name: str) -> DrawShare:
         """Return a draw's line."""
         return next(line for line in self.draws if line.name == name)
@@ -261,3 +283,151 @@ class BudgetResult:
     def to_json(self) -> str:
         """Return :meth:`to_dict` as text; what does not vary or is not resolved is null."""
         return json.dumps(self.to_dict(), indent=2, ensure_ascii=False, allow_nan=False)
+
+    def to_pandas(self, lines: Literal["draws", "sources", "places"] = "draws") -> pandas.DataFrame:
+        """Return shares as a data frame: a row for each pose, line and quantity, not-a-number for what there is not.
+
+        Quantities are position, attitude, position.norm … attitude.z. Columns of draws: ``share``; ``first`` and ``total``
+        (Sobol indices, of draws that are correlated with no other) with ``…_lower`` and ``…_upper``; ``reach`` (m, rad)
+        and ``worst_case``; ``halved_std`` (m, rad); of norms ``halved_quantile`` and ``halved_change`` (m, rad) with their
+        intervals. Sources and places (joints and links) have a ``share``. ``attrs`` say how it was computed.
+
+        Parameters
+        ----------
+        lines
+            Of what: ``"draws"``, ``"sources"`` or ``"places"``.
+
+        Raises
+        ------
+        UnknownNameError
+            Of anything else.
+        InputError
+            pandas is not installed.
+        """
+        if lines not in ("draws", "sources", "places"):
+            raise UnknownNameError("table of a budget", lines, ("draws", "sources", "places"))
+        labels = pose_labels([pose.pose.name for pose in self.poses])
+        found = {"draws": _draw_rows, "sources": _source_rows, "places": _place_rows}[lines]
+        rows = [
+            ((label, *key), columns)
+            for label, pose in zip(labels, self.poses, strict=True)
+            for key, columns in found(pose)
+        ]
+        attributes = {
+            **self.heading.to_dict(SCHEMA),
+            "samples": self.samples,
+            "confidence": self.confidence,
+            "bound_at": self.bound_at,
+            "marked": self.marked,
+            "assumptions": list(ASSUMPTIONS),
+            "warnings": [line for pose in self.poses for line in pose.warnings],
+            "poses": {label: dict(pose.pose.q) for label, pose in zip(labels, self.poses, strict=True)},
+        }
+        return data_frame(["pose", lines.removesuffix("s"), "quantity"], rows, attributes)
+
+    def to_xarray(self) -> xarray.Dataset:
+        """Return the shares of the draws as a dataset over pose, draw and quantity, variables as :meth:`to_pandas` has them.
+
+        Raises
+        ------
+        InputError
+            xarray is not installed.
+        """
+        return dataset(self.to_pandas())
+
+    def __repr__(self) -> str:
+        of = self.heading
+        return (
+            f"<BudgetResult of {of.robot!r}, {of.base!r} to {of.tip!r}: poses {len(self.poses)}, draws "
+            f"{len(self.poses[0].draws)}, {self.samples:,} points, seed {of.seed}>"
+        )
+
+    def _repr_html_(self) -> str:
+        """Return what a notebook shows: shares in per cent, largest first, the half-width of each interval behind ±."""
+        of = self.heading
+        columns = (
+            *("draw", "per", "d: share [%]", "S1 [%]", "ST [%]", "δ: share [%]", "ST [%]"),
+            f"halved: {100 * self.marked:g} % of |d| [mm]",
+        )
+        tables = [
+            Table(columns, [_cells(pose, draw) for draw in pose.ranked], _pose_heading(pose, self.marked), words=2)
+            for pose in self.poses[:MOST_POSES]
+        ]
+        hidden = len(self.poses) - len(tables)
+        return rendered(
+            f"Error budget of {of.robot}: {of.base} to {of.tip}",
+            tables,
+            [
+                *([f"… and {hidden:,} more poses"] if hidden else []),
+                "share: of the variance, closed form, first order; S1, ST: first-order and total index of the exact model, "
+                "%; halved: what halving this tolerance alone changes",
+                f"{self.samples:,} points a set, seed {of.seed}, statics {of.statics}; ± half of an interval at "
+                f"{100 * self.confidence:g} % confidence",
+                *dict.fromkeys(line for pose in self.poses for line in pose.warnings),
+            ],
+        )
+
+
+_Rows = Iterator[tuple[tuple[str, str], dict[str, float]]]
+
+
+def _draw_rows(pose: PoseBudget) -> _Rows:
+    for draw in pose.draws:
+        group = pose.group(draw.name)
+        for quantity in (*VECTORS, *QUANTITIES):
+            alone = len(group.draws) == 1
+            row = {"share": number(draw.share.get(quantity))}
+            row |= _estimated("first", group.first.get(quantity) if alone else None)
+            row |= _estimated("total", group.total.get(quantity) if alone else None)
+            row["reach"] = number(draw.reach.get(quantity))
+            row["worst_case"] = number(draw.worst_case.get(quantity))
+            row["halved_std"] = number(draw.halved.std.get(quantity))
+            row |= _estimated("halved_quantile", draw.halved.quantile.get(quantity))
+            row |= _estimated("halved_change", draw.halved.change.get(quantity))
+            yield (draw.name, quantity), row
+
+
+def _source_rows(pose: PoseBudget) -> _Rows:
+    for line in pose.sources:
+        # a draw that several sources name is a line of its own
+        name = line.sources[0] if len(line.sources) == 1 else line.draws[0]
+        for quantity, share in line.share.items():
+            yield (name, quantity), {"share": number(share)}
+
+
+def _place_rows(pose: PoseBudget) -> _Rows:
+    for line in pose.places:
+        for quantity, share in line.share.items():
+            yield (line.name, quantity), {"share": number(share)}
+
+
+def _estimated(name: str, estimate: Estimate | None) -> dict[str, float]:
+    return interval_columns(name, estimate and estimate.value, estimate and estimate.interval)
+
+
+def _cells(pose: PoseBudget, draw: DrawShare) -> list[str]:
+    """Return a row of the table in a notebook."""
+    group = pose.group(draw.name)
+    alone = len(group.draws) == 1
+
+    def index(sampled: Mapping[str, Estimate | None], vector: str) -> str:
+        return _scaled(sampled[vector] if alone else None, 100)
+
+    shares = {vector: draw.share.get(vector) for vector in VECTORS}
+    position, attitude = ("-" if share is None else f"{100 * share + 0.0:.2f}" for share in shares.values())
+    indices = [index(group.first, "position"), index(group.total, "position")]
+    halved = _scaled(draw.halved.change["position.norm"], 1e3)
+    return [draw.name, draw.scope, position, *indices, attitude, index(group.total, "attitude"), halved]
+
+
+def _scaled(estimate: Estimate | None, factor: float) -> str:
+    return "-" if estimate is None else plus_minus(factor * estimate.value, factor * estimate.half_width, decimals=3)
+
+
+def _pose_heading(pose: PoseBudget, marked: float) -> str:
+    quantiles = "; ".join(
+        f"{100 * marked:g} % of {symbol} within {_scaled(pose.quantile[f'{vector}.norm'], 1e3)} {unit}"
+        for vector, symbol, unit in zip(VECTORS, ("|d|", "|δ|"), ("mm", "mrad"), strict=True)
+    )
+    name = f"pose {pose.pose.name!r}: " if pose.pose.name else ""
+    return f"{name}{joint_text(pose.pose.q, pose.pose.sliding_joints)}; {quantiles}"

@@ -6,15 +6,15 @@ from their characteristic functions (:mod:`precision_pin.analyses.inversion`).
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Final, final
+from typing import Final, final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from precision_pin.analyses.exact_law_result import LEVELS, Agreement, ExactLaw, ExactLawResult, PoseLaws
 from precision_pin.analyses.heading import Heading, Pose, PoseHeading, listed_poses
 from precision_pin.analyses.inversion import (
     MOST_PIECES,
@@ -33,12 +33,10 @@ from precision_pin.model import ErrorModel, PoseModel
 from precision_pin.space import Space, check_seed
 from precision_pin.statistics import QUANTITIES
 
-__all__ = ["Agreement", "ExactLaw", "ExactLawResult", "PoseLaws", "exact_law"]
+__all__ = ["LEVELS", "Agreement", "ExactLaw", "ExactLawResult", "PoseLaws", "exact_law"]
 
 Array = NDArray[np.float64]
 
-SCHEMA: Final = "precision-pin/exact-law/1"
-LEVELS: Final = (0.00135, 0.01, 0.05, 0.5, 0.95, 0.99, 0.9973, 0.99865)
 LARGEST_ERROR: Final = 1e-6
 """A law whose cumulative probabilities cannot be certified to this is not given."""
 
@@ -48,191 +46,9 @@ ROUNDING: Final = 1e-14
 MOST_SAMPLES: Final = 10_000_000
 
 _NEGLIGIBLE: Final = 1e-12
-_CURVE: Final = 241
 _BINS: Final = 60
 _EFFORT: Final = 2e7
 _NORMS: Final = {"position.norm": slice(0, 3), "attitude.norm": slice(3, 6)}
-
-
-@final
-@dataclass(frozen=True, eq=False)
-class Agreement:
-    """How far samples of the tangent model lie from the exact law.
-
-    Attributes
-    ----------
-    samples
-        How many.
-    distance
-        Kolmogorov distance: the largest difference of the two cumulative laws, rounded up by at most ``slack``.
-    band
-        What it stays below with the confidence stated: √(ln(2/α)/2N) (Dvoretzky, Kiefer and Wolfowitz 1956; Massart 1990).
-    confidence
-        1 - α.
-    slack
-        By how much the distance may be too large.
-    edges, counts
-        Histogram of the samples.
-    """
-
-    samples: int
-    distance: float
-    band: float
-    confidence: float
-    slack: float
-    edges: Array
-    counts: NDArray[np.intp]
-
-    @property
-    def agrees(self) -> bool:
-        """Whether the distance is within the band."""
-        return self.distance - self.slack <= self.band
-
-
-@final
-@dataclass(frozen=True, eq=False)
-class ExactLaw:
-    """The law of one quantity.
-
-    Attributes
-    ----------
-    quantity
-        ``position.x`` … ``attitude.z`` or a norm; m or rad, base axes.
-    law
-        Gives ``cumulative``, ``density`` and ``quantile``; ``None`` where there is none.
-    reason
-        Why there is none.
-    mean, std
-        Of the quantity; of a norm that is not available, ``None``.
-    contributors
-        How many draws matter; normal ones count as one.
-    error
-        Bound of the error of every cumulative probability.
-    quantiles, quantile_errors
-        At :data:`LEVELS`, and the bound of the error of each (infinite where the density is zero or unknown).
-    agreement
-        With samples of the tangent model.
-    """
-
-    quantity: str
-    law: NumberLaw | NormalNorm | None
-    reason: str = ""
-    mean: float | None = None
-    std: float | None = None
-    contributors: int = 0
-    error: float = 0.0
-    quantiles: tuple[float, ...] = ()
-    quantile_errors: tuple[float, ...] = ()
-    agreement: Agreement | None = None
-
-    @property
-    def curve(self) -> tuple[Array, Array, Array]:
-        """Values from 4.5 standard deviations below the mean to as many above, density and cumulative law there."""
-        if self.law is None or self.mean is None or self.std is None:
-            return np.zeros(0), np.zeros(0), np.zeros(0)
-        low = max(self.mean - 4.5 * self.std, self.law.low)
-        high = min(self.mean + 4.5 * self.std, self.law.high)
-        x = np.linspace(low, high, _CURVE)
-        return x, self.law.density(x), self.law.cumulative(x)
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return the law as the JSON has it, SI units; null for what is not known."""
-        result: dict[str, Any] = {
-            "mean": self.mean,
-            "std": self.std,
-            "contributors": self.contributors,
-            "method": None if self.law is None else self.law.method,
-            "not_available": self.reason or None,
-        }
-        if self.law is None or self.agreement is None:
-            return result
-        x, density, cumulative = self.curve
-        return result | {
-            "support": [self.law.low, self.law.high],
-            "cumulative_error": self.error,
-            "quantiles": {f"{p:g}": value for p, value in zip(LEVELS, self.quantiles, strict=True)},
-            "quantile_error": {f"{p:g}": _finite(e) for p, e in zip(LEVELS, self.quantile_errors, strict=True)},
-            "agreement": {
-                "samples": self.agreement.samples,
-                "distance": self.agreement.distance,
-                "band": self.agreement.band,
-                "confidence": self.agreement.confidence,
-                "agrees": self.agreement.agrees,
-            },
-            "curve": {
-                "value": x.tolist(),
-                "density": [_finite(value) for value in density.tolist()],
-                "cumulative": cumulative.tolist(),
-            },
-        }
-
-
-@final
-@dataclass(frozen=True, eq=False)
-class PoseLaws:
-    """The laws at one pose.
-
-    Attributes
-    ----------
-    pose
-        Which.
-    laws
-        The eight quantities by name.
-    """
-
-    pose: PoseHeading
-    laws: dict[str, ExactLaw]
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return the pose and its laws."""
-        return {"pose": self.pose.to_dict(), "laws": {name: law.to_dict() for name, law in self.laws.items()}}
-
-
-@final
-@dataclass(frozen=True, eq=False)
-class ExactLawResult:
-    """Exact laws at one or several poses.
-
-    Attributes
-    ----------
-    heading
-        Of what.
-    samples, confidence
-        Of the agreement.
-    poses
-        One entry for each.
-    """
-
-    heading: Heading
-    samples: int
-    confidence: float
-    poses: tuple[PoseLaws, ...]
-
-    @property
-    def agrees(self) -> bool:
-        """Whether every law agrees with its samples."""
-        laws = [law for pose in self.poses for law in pose.laws.values()]
-        return all(law.agreement.agrees for law in laws if law.agreement is not None)
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return the result as the ``precision-pin/exact-law/1`` schema has it, SI units."""
-        return self.heading.to_dict(SCHEMA) | {
-            "model": "tangent",
-            "samples": self.samples,
-            "confidence": self.confidence,
-            "assumptions": list(ASSUMPTIONS),
-            "poses": [pose.to_dict() for pose in self.poses],
-        }
-
-    def to_json(self) -> str:
-        """Return :meth:`to_dict` as text."""
-        return json.dumps(self.to_dict(), indent=2, ensure_ascii=False, allow_nan=False)
-
-
-ASSUMPTIONS: Final = (
-    "first-order (tangent) model at the means of the draws",
-    "the norm is available where all draws that matter are normal",
-)
 
 
 def exact_law(
@@ -458,7 +274,3 @@ def agreement_of(law: NumberLaw | NormalNorm, rising: Array, confidence: float, 
     counts, edges = np.histogram(rising, bins=_BINS)
     band = math.sqrt(math.log(2 / (1 - confidence)) / (2 * count))
     return Agreement(count, distance, band, confidence, slack, edges, counts)
-
-
-def _finite(value: float) -> float | None:
-    return value if math.isfinite(value) else None

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Final, final
+from typing import TYPE_CHECKING, Any, Final, Literal, final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +13,13 @@ from numpy.typing import NDArray
 from precision_pin.analyses.design_points import Form
 from precision_pin.analyses.heading import Heading, PoseHeading
 from precision_pin.analyses.rare_events import Estimate
+from precision_pin.errors import UnknownNameError
+from precision_pin.markup import Table, rendered
 from precision_pin.statistics import Specification
+from precision_pin.tabular import MOST_POSES, data_frame, interval_columns, joint_text, number, pose_labels, unit
+
+if TYPE_CHECKING:
+    import pandas  # type: ignore[import-untyped]
 
 __all__ = ["LikelyFailure", "PoseReliability", "ReliabilityResult", "SpecificationReliability"]
 
@@ -189,3 +195,119 @@ class ReliabilityResult:
     def to_json(self) -> str:
         """Return :meth:`to_dict` as text."""
         return json.dumps(self.to_dict(), indent=2, ensure_ascii=False, allow_nan=False)
+
+    def to_pandas(self, lines: Literal["specifications", "methods"] = "specifications") -> pandas.DataFrame:
+        """Return the specifications as a data frame, m and rad: a row for each at every pose.
+
+        Columns ``quantity``, ``limit``, ``required``; ``probability`` (of keeping the limit) and ``failure`` (of exceeding
+        it) with ``…_lower`` and ``…_upper``; ``met``, ``resolved``, ``method``; ``form`` and ``beta``, what the nearest
+        design point gives. Of methods: a row for each method besides, with its ``failure``, ``variation``,
+        ``evaluations`` and ``resolved``. ``attrs`` say how it was computed.
+
+        Parameters
+        ----------
+        lines
+            Of what: ``"specifications"`` or ``"methods"``.
+
+        Raises
+        ------
+        UnknownNameError
+            Of anything else.
+        InputError
+            pandas is not installed.
+        """
+        if lines not in ("specifications", "methods"):
+            raise UnknownNameError("table of a reliability analysis", lines, ("specifications", "methods"))
+        labels = pose_labels([pose.pose.name for pose in self.poses])
+        entries = [
+            ((label, _demand(entry.specification)), entry)
+            for label, pose in zip(labels, self.poses, strict=True)
+            for entry in pose.specifications
+        ]
+        attributes = {key: value for key, value in self.to_dict().items() if key != "poses"}
+        attributes["poses"] = {label: dict(pose.pose.q) for label, pose in zip(labels, self.poses, strict=True)}
+        if lines == "specifications":
+            rows = [(key, _columns(entry)) for key, entry in entries]
+            return data_frame(["pose", "specification"], rows, attributes)
+        methods = [
+            ((*key, estimate.method), _method_columns(estimate))
+            for key, entry in entries
+            for estimate in entry.estimates
+        ]
+        return data_frame(["pose", "specification", "method"], methods, attributes)
+
+    def __repr__(self) -> str:
+        of = self.heading
+        demands = [entry for pose in self.poses for entry in pose.specifications]
+        return (
+            f"<ReliabilityResult of {of.robot!r}, {of.base!r} to {of.tip!r}: {sum(entry.met for entry in demands)} of "
+            f"{len(demands)} specifications met, {self.samples:,} samples, seed {of.seed}>"
+        )
+
+    def _repr_html_(self) -> str:
+        """Return what a notebook shows: the verdict on every specification."""
+        of = self.heading
+        tables = []
+        for pose in self.poses[:MOST_POSES]:
+            name = f"pose {pose.pose.name!r}: " if pose.pose.name else ""
+            rows = [_cells(entry) for entry in pose.specifications]
+            columns = ("specification", "P(failure)", "interval", "by", "FORM", "β", "")
+            tables.append(Table(columns, rows, name + joint_text(pose.pose.q, pose.pose.sliding_joints)))
+        hidden = len(self.poses) - len(tables)
+        disagreements = [line for pose in self.poses for entry in pose.specifications for line in entry.disagreements]
+        return rendered(
+            f"Reliability of {of.robot}: {of.base} to {of.tip}",
+            tables,
+            [
+                *([f"… and {hidden:,} more poses"] if hidden else []),
+                f"exact model, {self.samples:,} plain samples, seed {of.seed}, statics {of.statics}; intervals at "
+                f"{100 * self.confidence:g} % confidence; β: distance of the nearest design point",
+                *disagreements,
+                *self.warnings,
+            ],
+        )
+
+
+def _demand(specification: Specification) -> str:
+    """Return a specification as it may be written in one text."""
+    milli = f"{1e3 * specification.limit:.10g} {unit(specification.quantity)}"
+    return f"{specification.quantity} {milli} @ {100 * specification.required:.10g} %"
+
+
+def _columns(entry: SpecificationReliability) -> dict[str, Any]:
+    return {
+        "quantity": entry.specification.quantity,
+        "limit": entry.specification.limit,
+        "required": entry.specification.required,
+        **interval_columns("probability", entry.probability, entry.interval),
+        **interval_columns("failure", entry.best.probability, entry.best.interval),
+        "met": entry.met,
+        "resolved": entry.resolved,
+        "method": entry.best.method,
+        "form": number(entry.form.probability),
+        "beta": entry.form.points[0].beta if entry.form.points else np.nan,
+    }
+
+
+def _method_columns(estimate: Estimate) -> dict[str, Any]:
+    return {
+        **interval_columns("failure", estimate.probability, estimate.interval),
+        "variation": estimate.variation,
+        "evaluations": estimate.evaluations,
+        "resolved": estimate.resolved,
+    }
+
+
+def _cells(entry: SpecificationReliability) -> list[str]:
+    """Return a row of the table in a notebook."""
+    low, high = entry.best.interval
+    nearest = entry.form.points[0] if entry.form.points else None
+    return [
+        _demand(entry.specification),
+        f"{entry.best.probability:.3g}" if entry.resolved else "not resolved",
+        f"{low:.3g} to {high:.3g}",
+        entry.best.method,
+        "-" if nearest is None else f"{nearest.probability:.3g}",
+        "-" if nearest is None else f"{nearest.beta:.4g}",
+        "met" if entry.met else "NOT MET",
+    ]

@@ -5,14 +5,20 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Final, final
+from typing import TYPE_CHECKING, Any, Final, final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from precision_pin.analyses.farthest import Farthest
 from precision_pin.analyses.heading import Heading, PoseHeading
-from precision_pin.statistics import Distribution
+from precision_pin.markup import Table, rendered
+from precision_pin.statistics import QUANTITIES, Distribution
+from precision_pin.tabular import MOST_POSES, data_frame, dataset, joint_text, milli, pose_labels, symbol, unit
+
+if TYPE_CHECKING:
+    import pandas  # type: ignore[import-untyped]
+    import xarray
 
 __all__ = [
     "SCHEMA",
@@ -263,3 +269,102 @@ class WorstCaseResult:
     def to_json(self) -> str:
         """Return :meth:`to_dict` as text; what the samples do not resolve is null."""
         return json.dumps(self.to_dict(), indent=2, ensure_ascii=False, allow_nan=False)
+
+    def to_pandas(self) -> pandas.DataFrame:
+        """Return the worst case as a data frame, m and rad: a row for each pose and quantity.
+
+        ``low`` and ``high`` are the ends of the first-order model's range (a norm has no ``low``); ``attained`` is the
+        largest norm that was shown to be reached, ``exact_there`` the exact model's norm at the same parameters,
+        ``exact_found`` the largest that was found (not-a-number for components); ``seen_min`` and ``seen_max`` are the
+        smallest and largest of the samples. ``attrs`` say how it was computed.
+
+        Raises
+        ------
+        InputError
+            pandas is not installed.
+        """
+        labels = pose_labels([pose.heading.name for pose in self.poses])
+        rows = [
+            ((label, quantity), columns)
+            for label, pose in zip(labels, self.poses, strict=True)
+            for quantity, columns in _rows(pose).items()
+        ]
+        attributes = {key: value for key, value in self.to_dict().items() if key != "poses"}
+        attributes["poses"] = {label: dict(pose.heading.q) for label, pose in zip(labels, self.poses, strict=True)}
+        return data_frame(["pose", "quantity"], rows, attributes)
+
+    def to_xarray(self) -> xarray.Dataset:
+        """Return the worst case as a dataset over pose and quantity, variables as :meth:`to_pandas` has them.
+
+        Raises
+        ------
+        InputError
+            xarray is not installed.
+        """
+        return dataset(self.to_pandas())
+
+    def __repr__(self) -> str:
+        of = self.heading
+        largest = max(pose.position.first_order.upper for pose in self.poses)
+        return (
+            f"<WorstCaseResult of {of.robot!r}, {of.base!r} to {of.tip!r}: poses {len(self.poses)}, draws {self.draws}, "
+            f"first-order |d| at most {1e3 * largest:.4g} mm, seed {of.seed}>"
+        )
+
+    def _repr_html_(self) -> str:
+        """Return what a notebook shows: the bounds beside what the exact model reaches and what was seen."""
+        of = self.heading
+        columns = ("", "unit", "first order, from", "to", "exact, found", "smallest seen", "largest seen")
+        fields = ("low", "high", "exact_found", "seen_min", "seen_max")
+        tables = [
+            Table(
+                columns,
+                [
+                    [symbol(name), unit(name), *(milli(row[field]) for field in fields)]
+                    for name, row in _rows(pose).items()
+                ],
+                (f"pose {pose.heading.name!r}: " if pose.heading.name else "")
+                + joint_text(pose.heading.q, pose.heading.sliding_joints),
+                words=2,
+            )
+            for pose in self.poses[:MOST_POSES]
+        ]
+        hidden = len(self.poses) - len(tables)
+        return rendered(
+            f"Worst case of {of.robot}: {of.base} to {of.tip}",
+            tables,
+            [
+                *([f"… and {hidden:,} more poses"] if hidden else []),
+                *self.assumptions,
+                f"seen: among {self.samples:,} samples, seed {of.seed}, exact model, statics {of.statics}; base axes",
+                *self.warnings,
+            ],
+        )
+
+
+def _rows(pose: PoseWorstCase) -> dict[str, dict[str, float]]:
+    """Return what is told of every quantity, norms before their components."""
+    rows = {
+        bound.quantity: {
+            "low": np.nan,
+            "high": bound.first_order.upper,
+            "attained": bound.first_order.lower,
+            "exact_there": bound.exact_norm,
+            "exact_found": bound.found.norm,
+            "seen_min": bound.seen.min,
+            "seen_max": bound.seen.max,
+        }
+        for bound in (pose.position, pose.attitude)
+    }
+    nothing = dict.fromkeys(("attained", "exact_there", "exact_found"), np.nan)
+    rows |= {
+        entry.quantity: {
+            "low": entry.low,
+            "high": entry.high,
+            **nothing,
+            "seen_min": entry.seen[0],
+            "seen_max": entry.seen[1],
+        }
+        for entry in pose.components
+    }
+    return {quantity: rows[quantity] for quantity in QUANTITIES}

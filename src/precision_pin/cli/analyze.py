@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
@@ -41,6 +43,13 @@ __all__ = ["command"]
     help="The displaced chain multiplied out, or superposition as in the paper.",
 )
 @click.option("--spec", "specs", multiple=True, metavar='"0.5 mm @ 99.73 %"', help="A limit to keep; repeats.")
+@click.option("--threads", type=int, metavar="N", help="How many threads sample; all cores if left out.")
+@click.option("--processes", type=int, metavar="N", help="Sample in N processes instead.")
+@click.option("--dask", metavar="ADDRESS", help="Sample on the Dask cluster of a scheduler, as tcp://host:8786.")
+@click.option(
+    "--journal", metavar="FILE", help="Keep the run in FILE on the way, so that it can be stopped and resumed."
+)
+@click.option("--resume", is_flag=True, help="Go on from the journal, if it is there.")
 @click.option("--json", "json_path", metavar="FILE", help="Write the result as JSON; - prints it alone.")
 @click.option("--out", metavar="DIR", help="Write plots (PNG and SVG) and the result there.")
 def command(
@@ -54,24 +63,35 @@ def command(
     seed: int,
     model: Literal["exact", "linear"],
     specs: tuple[str, ...],
+    threads: int | None,
+    processes: int | None,
+    dask: str | None,
+    journal: str | None,
+    resume: bool,
     json_path: str | None,
     out: str | None,
 ) -> int:
     """Sample the pose error of an arm at a pose.
 
-    Without arguments: the paper's arm and sheet, from inside the package. ROBOT may be example:NAME.
+    Without arguments: the paper's arm and sheet, from inside the package. ROBOT may be example:NAME. The result does not
+    depend on what samples it: threads, processes or a cluster, at one go or resumed.
     """
     from precision_pin.model import ErrorModel
     from precision_pin.outputs.text import analysis_table
-    from precision_pin.run import check_samples, monte_carlo
+    from precision_pin.run import check_samples, dask_cluster, monte_carlo
     from precision_pin.space import check_seed
     from precision_pin.specifications import specification
 
     check_samples(samples)
     check_seed(seed)
     specifications = [specification(text) for text in specs]
+    _check_together({"--threads": threads, "--processes": processes, "--dask": dask})
+    if resume and journal is None:
+        raise click.UsageError("--resume needs the run's --journal FILE")
     if json_path is not None and json_path != "-":
         require_writable(Path(json_path))
+        if journal is not None and os.path.realpath(journal) == os.path.realpath(json_path):
+            raise click.UsageError("--journal and --json name the same file")
     if out is not None:
         if not out:
             raise click.UsageError("--out names no folder")
@@ -80,11 +100,20 @@ def command(
     error_model = ErrorModel.from_sheet(sheet)
     where = chosen_pose(sheet, pose, q)
     compile_sampler()
-    with progress_bar(samples, "sampling") as progress:
-        analysis = monte_carlo(
-            error_model, where, samples=samples, seed=seed, model=model, specifications=specifications,
-            findings=sheet.findings, progress=progress,
-        )  # fmt: skip
+    with ExitStack() as stack:
+        executor, under_way = (None, None) if dask is None else stack.enter_context(dask_cluster(dask))
+        progress = stack.enter_context(progress_bar(samples, "sampling"))
+        try:
+            analysis = monte_carlo(
+                error_model, where, samples=samples, seed=seed, model=model, specifications=specifications,
+                findings=sheet.findings, threads=threads, processes=processes, executor=executor,
+                tasks_under_way=under_way, journal=journal, resume=resume, files={"sheet": sheet.file},
+                progress=progress, tell=_say,
+            )  # fmt: skip
+        except KeyboardInterrupt as interrupt:
+            for note in getattr(interrupt, "__notes__", ()):
+                _say(f"{note}; the same command with --resume goes on from there")
+            raise
     for line in analysis.warnings[len(sheet.findings) :]:
         click.echo(line, err=True)
     echo_data(analysis.to_json() if json_path == "-" else analysis_table(analysis))
@@ -94,6 +123,17 @@ def command(
         _write_folder(analysis, Path(out))
         click.echo(f"wrote {out}: analysis.json, position, attitude and components as PNG and SVG", err=True)
     return 0 if all(result.met for result in analysis.summary.specifications) else EXIT_SPEC
+
+
+def _check_together(workers: dict[str, object]) -> None:
+    """Refuse more than one kind of worker."""
+    asked = [name for name, value in workers.items() if value is not None]
+    if len(asked) > 1:
+        raise click.UsageError(f"{' and '.join(asked)} exclude each other")
+
+
+def _say(line: str) -> None:
+    click.echo(line, err=True)
 
 
 def _write_folder(analysis: Analysis, folder: Path) -> None:

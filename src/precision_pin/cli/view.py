@@ -2,31 +2,50 @@
 
 from __future__ import annotations
 
+from collections import Counter
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Literal
+from typing import TYPE_CHECKING, Any, Literal, final
 
 import click
 
 from precision_pin.cli.common import (
     chain_options,
     chosen_pose,
+    compile_sampler,
     echo_findings,
+    progress_bar,
     read_sheet,
     require_writable,
 )
-from precision_pin.errors import InputError
+from precision_pin.cli.interrupts import raise_if_interrupted
+from precision_pin.errors import Finding, InputError
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from precision_pin.kernel import CompiledTable
+    from precision_pin.outputs.view import Shown
+    from precision_pin.sheet import Sheet
 
 __all__ = ["command"]
 
-MOST_SHOWN = 100_000
+CHUNK = 2**14
+"""Samples between two steps of the progress."""
 
 
 @click.command("view")
 @click.argument("inputs", nargs=-1, metavar="[ROBOT.urdf] [SHEET.yaml]")
-@click.option("--pose", metavar="NAME", help="One of the sheet's poses; the first if left out.")
+@click.option("--pose", "pose_names", multiple=True, metavar="NAME", help="One of the sheet's poses; repeats.")
+@click.option("--all-poses", is_flag=True, help="All of the sheet's poses.")
 @click.option("--q", metavar="VALUES", help="Joint values, as for analyze.")
+@click.option(
+    "--trajectory", metavar="FILE.csv", help="Poses: a row of joint names, rows of rad or m; first column t (s)."
+)
 @chain_options
-@click.option("--samples", type=int, default=5_000, show_default=True, metavar="N", help="How many to show.")
+@click.option("--samples", type=int, default=5_000, show_default=True, metavar="N", help="How many to show at a pose.")
 @click.option("--seed", type=int, default=0, show_default=True, metavar="S", help="64-bit seed.")
 @click.option(
     "--model",
@@ -36,11 +55,15 @@ MOST_SHOWN = 100_000
     help="The displaced chain multiplied out, or superposition.",
 )
 @click.option("--factor", type=float, metavar="K", help="Exaggeration at first; chosen to be seen if left out.")
-@click.option("--out", required=True, metavar="PAGE.html", help="The page to write.")
+@click.option("--out", metavar="PAGE.html", help="The page to write; served to this machine's browser if left out.")
+@click.option("--port", type=int, metavar="P", help="Where to serve it; any free port if left out.")
+@click.option("--no-browser", is_flag=True, help="Serve it, but open no browser.")
 def command(
     inputs: tuple[str, ...],
-    pose: str | None,
+    pose_names: tuple[str, ...],
+    all_poses: bool,
     q: str | None,
+    trajectory: str | None,
     tip: str | None,
     base: str | None,
     package_dirs: tuple[str, ...],
@@ -48,40 +71,156 @@ def command(
     seed: int,
     model: Literal["exact", "linear"],
     factor: float | None,
-    out: str,
+    out: str | None,
+    port: int | None,
+    no_browser: bool,
 ) -> None:
-    """Write one self-contained page: the arm, the nominal end-effector frame and the cloud of sampled positions.
+    """Show the arm and its sampled errors in 3-D, in a page that needs no network.
 
-    Without arguments: the paper's arm and sheet. The page needs no network and no server.
+    Without arguments: the paper's arm and sheet. Several poses get a slider. Without --out the page is served to this
+    machine only, until Ctrl-C, and made anew whenever the sheet or the robot changes.
     """
-    from precision_pin.model import ErrorModel
-    from precision_pin.outputs.view import page, write_page
+    from precision_pin.outputs.view import MOST_POINTS, page, write_page
     from precision_pin.run import check_samples
     from precision_pin.space import check_seed
 
     check_samples(samples)
     check_seed(seed)
-    if samples > MOST_SHOWN:
-        raise InputError(f"--samples {samples} is more than a page can show; at most {MOST_SHOWN}")
-    target = Path(out)
-    require_writable(target)
-    sheet = read_sheet(inputs, tip, base, package_dirs)
+    if samples > MOST_POINTS:
+        raise InputError(f"--samples {samples} is more than a page can show; at most {MOST_POINTS}")
+    chosen = {"--pose": bool(pose_names), "--all-poses": all_poses, "--q": q is not None, "--trajectory": trajectory}
+    given = [option for option, is_given in chosen.items() if is_given]
+    if len(given) > 1:
+        raise InputError([Finding("error", "E_USAGE", f"{given[0]} and {given[1]} exclude each other")])
+    if out is not None and (port is not None or no_browser):
+        option = "--no-browser" if port is None else "--port"
+        raise InputError([Finding("error", "E_USAGE", f"{option} is for a page that is served, without --out")])
+    if out is not None:
+        require_writable(Path(out))
+
+    def read() -> Sheet:
+        return read_sheet(inputs, tip, base, package_dirs)
+
+    def page_of(sheet: Sheet) -> str:
+        return page(
+            _sampled(_poses(sheet, pose_names, all_poses, q, trajectory), sheet, samples, seed, model),
+            title=f"{sheet.chain.robot.name}: {sheet.chain.base} to {sheet.chain.tip}",
+            seed=seed,
+            model_name=model,
+            factor=factor,
+            package_dirs=package_dirs,
+            points=samples,
+        )
+
+    sheet = read()
+    if out is None:
+        files = [sheet.file, sheet.chain.robot.file, *([trajectory] if trajectory is not None else [])]
+        _serve(page_of, sheet, read, [Path(file) for file in files], port or 0, open_browser=not no_browser)
+        return
+    text = page_of(sheet)
+    write_page(out, text)
+    click.echo(f"wrote {out} ({len(text.encode()) / 1e6:.1f} MB)", err=True)
+
+
+@final
+@dataclass(frozen=True)
+class _Pose:
+    """A pose asked for, as :meth:`ErrorModel.at` takes it, and its name."""
+
+    where: str | NDArray[np.float64] | None
+    name: str | None
+
+
+def _poses(sheet: Sheet, names: Sequence[str], all_poses: bool, q: str | None, trajectory: str | None) -> list[_Pose]:
+    from precision_pin.outputs.view import MOST_POSES
+
+    if trajectory is not None:
+        from precision_pin.cli.trajectory import read_trajectory
+
+        way = read_trajectory(trajectory, sheet.chain, MOST_POSES)
+        return [_Pose(values, name) for values, name in zip(way.values, way.names, strict=True)]
+    if all_poses and not sheet.poses:
+        raise InputError([Finding("error", "E_POSE", "the sheet has no poses", sheet.file)])
+    wanted: Sequence[str | None] = list(sheet.poses) if all_poses else names or [None]
+    if len(wanted) > MOST_POSES:
+        raise InputError(f"{len(wanted)} poses; a page shows at most {MOST_POSES}")
+    if q is not None:
+        return [_Pose(chosen_pose(sheet, None, q), None)]
+    return [_Pose(chosen_pose(sheet, name, None), name or next(iter(sheet.poses))) for name in wanted]
+
+
+def _sampled(
+    poses: Sequence[_Pose], sheet: Sheet, samples: int, seed: int, model: Literal["exact", "linear"]
+) -> list[Shown]:
+    """Return the errors of the same units at every pose, and print what there is to warn of."""
+    from precision_pin import kernel
+    from precision_pin.model import ErrorModel
+    from precision_pin.outputs.view import Shown
+
     error_model = ErrorModel.from_sheet(sheet)
-    where = chosen_pose(sheet, pose, q)
-    at = error_model.at(where)
-    echo_findings((*at.findings(model), *error_model.statics_findings(at)))
-    x = at.space.sample(seed, 0, samples)
-    errors = at.linear(x) if model == "linear" else at.exact(x)
-    html = page(
-        at,
-        errors,
-        title=f"{sheet.chain.robot.name}: {sheet.chain.base} to {sheet.chain.tip}",
-        seed=seed,
-        model_name=model,
-        factor=factor,
-        pose_name=error_model.pose_name(where),
-        package_dirs=package_dirs,
-        points=samples,
+    compile_sampler()
+    shown = []
+    findings: list[tuple[Finding, ...]] = []
+    with progress_bar(samples * len(poses), "sampling") as progress:
+        for number, pose in enumerate(poses):
+            at = error_model.at(pose.where)
+            findings.append((*at.findings(model), *error_model.statics_findings(at)))
+            errors = _drawn(kernel.compile_table(at), model, seed, samples, number, progress)
+            shown.append(Shown(at, errors, pose.name, number))
+    echo_findings(_gathered(findings))
+    return shown
+
+
+def _drawn(
+    table: CompiledTable,
+    model: Literal["exact", "linear"],
+    seed: int,
+    samples: int,
+    pose: int,
+    progress: Callable[[int], None],
+) -> NDArray[np.float64]:
+    import numpy as np
+
+    from precision_pin import kernel
+
+    chunks = []
+    for first in range(0, samples, CHUNK):
+        count = min(CHUNK, samples - first)
+        chunks.append(kernel.errors(table, model, seed, first, count, pose=pose))
+        progress(count)
+    return np.concatenate(chunks, axis=1)
+
+
+def _gathered(findings: Sequence[tuple[Finding, ...]]) -> list[Finding]:
+    """Return a pose's findings, or of several poses' the first of each code with the number of poses that have one."""
+    if len(findings) == 1:
+        return list(findings[0])
+    first = {finding.code: finding for of_pose in reversed(findings) for finding in reversed(of_pose)}
+    poses = Counter(code for of_pose in findings for code in {finding.code for finding in of_pose})
+    return [
+        replace(finding, message=f"{finding.message} (such a warning at {poses[code]} of {len(findings)} poses)")
+        for code, finding in first.items()
+    ]
+
+
+def _serve(
+    page_of: Callable[[Any], str],
+    sheet: Sheet,
+    read: Callable[[], Sheet],
+    watched: Sequence[Path],
+    port: int,
+    *,
+    open_browser: bool,
+) -> None:
+    """Serve the page, first of a sheet that is read already, then of the files as they have become."""
+    from precision_pin.outputs.view.live import serve
+
+    known = [sheet]
+    serve(
+        lambda: page_of(known.pop() if known else read()),
+        watched,
+        port=port,
+        open_browser=open_browser,
+        announce=lambda line: click.echo(line, err=True),
+        tick=raise_if_interrupted,
     )
-    write_page(target, html)
-    click.echo(f"wrote {target} ({len(html.encode()) / 1e6:.1f} MB)", err=True)

@@ -13,6 +13,7 @@ from scipy import special
 
 from precision_pin.errors import InputError
 from precision_pin.laws.law import FARTHEST_NORMAL, Array, Law, check_size, in_chunks
+from precision_pin.philox import direction
 
 __all__ = ["Circle", "Disc", "JointNormal", "Rows"]
 
@@ -59,8 +60,7 @@ class Disc(_PlaneLaw):
 
     def sample(self, variates: Array) -> Array:
         """Return r √u₀ at the angle 2π u₁."""
-        reach, turn = self.radius * np.sqrt(variates[0]), 2 * np.pi * variates[1]
-        return np.array([reach * np.cos(turn), reach * np.sin(turn)])
+        return self.radius * np.sqrt(variates[0]) * direction(variates[1])
 
     def characteristic(self, frequency: ArrayLike) -> NDArray[np.complex128]:
         """Return 2 J₁(r|t|) / (r|t|)."""
@@ -87,8 +87,7 @@ class Circle(_PlaneLaw):
 
     def sample(self, variates: Array) -> Array:
         """Return the point at the angle 2π u₁; u₀ is not used, so that a disc turns into a circle in place."""
-        turn = 2 * np.pi * variates[1]
-        return self.radius * np.array([np.cos(turn), np.sin(turn)])
+        return self.radius * direction(variates[1])
 
     def characteristic(self, frequency: ArrayLike) -> NDArray[np.complex128]:
         """Return J₀(r|t|)."""

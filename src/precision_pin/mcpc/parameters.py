@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from precision_pin import se3
 from precision_pin.errors import InputError
+from precision_pin.markup import Table, rendered
 
 __all__ = ["Mcpc", "McpcRow"]
 
@@ -305,6 +306,22 @@ class Mcpc:
         """Return parameter errors as a finite ``(5n+6,)`` array, or raise InputError."""
         return finite_array("mcpc parameter errors", parameter_errors, (5 * self.joint_count + 6,))
 
+    def __repr__(self) -> str:
+        return f"<Mcpc of {self.joint_count} joints: {', '.join(map(repr, self.joint_names))}>"
+
+    def _repr_html_(self) -> str:
+        """Return what a notebook shows: the table as the paper's Table 1 lays it out, degrees and mm."""
+        rows = []
+        for row in self.table:
+            turns = [
+                _shown(row.turn, math.degrees(1)),
+                *(_shown(angle, math.degrees(1)) for angle in (row.alpha, row.beta, row.gamma)),
+            ]
+            joint = "base" if row.joint is None else f"{row.joint} (slides)" if row.prismatic else row.joint
+            rows.append([str(row.link), joint, *turns, *(_shown(length, 1e3) for length in (row.x, row.y, row.z))])
+        columns = ("i", "joint", "offset [°]", "α [°]", "β [°]", "γ [°]", "x [mm]", "y [mm]", "z [mm]")
+        return rendered(f"MCPC parameters of {self.joint_count} joints", [Table(columns, rows, words=2)])
+
     def _joint_values(self, q: ArrayLike) -> Array:
         return finite_array("mcpc joint values q", q, (self.joint_count,))
 
@@ -330,6 +347,10 @@ def finite_array(what: str, value: ArrayLike, shape: tuple[int, ...]) -> Array:
         raise InputError(f"{what}: every number must be finite")
     array.flags.writeable = False
     return array
+
+
+def _shown(value: float | None, factor: float) -> str:
+    return "" if value is None else f"{round(factor * value, 6) + 0.0:.9g}"
 
 
 def tilt(alpha: float, beta: float) -> Array:

@@ -1,10 +1,12 @@
-"""One self-contained HTML page: the arm, its end-effector frame, and the exaggerated cloud of sampled errors.
+"""One self-contained HTML page: the arm, and its sampled errors in many guises, exaggerated together.
 
 The page needs no network, no server and no plug-in, and runs in a sandboxed frame: the scene is a list of MeshCat
-commands, which the bundled viewer (MeshCat and three.js) of the ``meshcat`` package replays in the reader's browser.
+commands, which the bundled viewer (MeshCat and three.js) of the ``meshcat`` package replays in the reader's browser;
+scripts of the page's own add what shows errors, from numbers.
 """
 
-from .page import page, write_page
-from .scales import DEFAULT_POINTS, MOST_POINTS
+from .page import page, script_hashes, write_page
+from .scales import DEFAULT_POINTS, MOST_POINTS, MOST_POSES
+from .shown import Shown
 
-__all__ = ["DEFAULT_POINTS", "MOST_POINTS", "page", "write_page"]
+__all__ = ["DEFAULT_POINTS", "MOST_POINTS", "MOST_POSES", "Shown", "page", "script_hashes", "write_page"]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Final, final
 
@@ -11,13 +12,15 @@ from numpy.typing import NDArray
 
 from precision_pin import se3
 from precision_pin.chain import Posture
+from precision_pin.places import ORDER_FRAME
+from precision_pin.terms import JointValue, Target
 from precision_pin.urdf import Box, Cylinder, Link, Mesh, Shape, Sphere
 
 from .meshes import MeshReader, Surface, UnreadableMeshError, thinned
 from .scales import arm_length
 from .scene import Colour, Scene, rotation_to
 
-__all__ = ["draw_arm"]
+__all__ = ["Part", "draw_arm"]
 
 Array = NDArray[np.float64]
 
@@ -31,8 +34,49 @@ _JOINT_LENGTH: Final = 0.05
 _SHORTEST_ROD: Final = 1e-3
 
 
-def draw_arm(scene: Scene, posture: Posture, package_dirs: Sequence[Path] = ()) -> tuple[str, ...]:
-    """Put every link of the robot into the scene below ``arm``, and return notes about what is drawn otherwise.
+@final
+@dataclass(frozen=True, eq=False)
+class Part:
+    """A rigid piece of the drawn arm.
+
+    Attributes
+    ----------
+    name
+        Of its node below ``arm``.
+    link
+        Chain link that it stands on.
+    frame
+        Its pose in the chain link's axes, ``(4, 4)``.
+    rank
+        Position, among the URDF links of the chain link on the way from base to tip, of the one that carries it;
+        ``None`` for the tip and what hangs on it.
+    """
+
+    name: str
+    link: int
+    frame: Array
+    rank: int | None
+
+    def targets_before(self, targets: Sequence[Target]) -> int:
+        """Return how many of the targets, in chain order, move it: the first so many.
+
+        A URDF link's own frame moves it, a custom place or the end of its chain link does not: they move what comes
+        after. The tip is moved by all.
+        """
+        return sum(self._is_moved_by(target) for target in targets)
+
+    def _is_moved_by(self, target: Target) -> bool:
+        if self.rank is None:
+            return True
+        if isinstance(target, JointValue):
+            return target.joint < self.link
+        return (target.link, *target.order) <= (self.link, ORDER_FRAME, self.rank)
+
+
+def draw_arm(
+    scene: Scene, posture: Posture, package_dirs: Sequence[Path] = ()
+) -> tuple[tuple[Part, ...], tuple[str, ...]]:
+    """Put every link of the robot into the scene below ``arm``; return the parts, and notes on what is drawn otherwise.
 
     A link whose mesh is missing or cannot be read, and a rigid piece of the chain that has no shape at all, is drawn
     as plain cylinders along it.
@@ -57,20 +101,32 @@ class _Drawing:
         self._chain = posture.chain
         self._length = arm_length(posture)
         self._reader = MeshReader(self._chain.robot.file, package_dirs)
+        self._parents = {joint.child: joint.parent for joint in self._chain.robot.joints}
+        self._parts: list[Part] = []
         self._notes: list[str] = []
         self._surfaces: list[tuple[tuple[str, ...], Surface, Colour, Array]] = []
 
-    def draw(self) -> tuple[str, ...]:
+    def draw(self) -> tuple[tuple[Part, ...], tuple[str, ...]]:
         shown: set[int] = set()
         for number, link in enumerate(self._chain.robot.links):
             where = self._chain.link_frames[link.name]
-            path = ("arm", f"link{number}")
-            self._scene.place(path, self._posture.link_poses[where.link] @ where.frame)
+            path = self._part(f"link{number}", where.link, where.frame, self._rank(link.name))
             if self._draw_link(path, link):
                 shown.add(where.link)
         self._draw_surfaces()
         self._draw_bare_links(shown)
-        return tuple(dict.fromkeys(self._notes))
+        return tuple(self._parts), tuple(dict.fromkeys(self._notes))
+
+    def _part(self, name: str, link: int, frame: Array, rank: int | None) -> tuple[str, ...]:
+        self._parts.append(Part(name, link, frame, rank))
+        self._scene.place(("arm", name), self._posture.link_poses[link] @ frame)
+        return ("arm", name)
+
+    def _rank(self, name: str) -> int | None:
+        """Return the rank of the link on the way that carries a link, None from the tip on."""
+        while self._chain.link_frames[name].path_rank is None:
+            name = self._parents[name]
+        return None if name == self._chain.tip else self._chain.link_frames[name].path_rank
 
     def _draw_link(self, path: tuple[str, ...], link: Link) -> bool:
         """Draw a link's shapes, and return whether there is anything to see."""
@@ -121,17 +177,14 @@ class _Drawing:
 
     def _draw_bare_links(self, shown: set[int]) -> None:
         """Draw what has no shapes of its own: rigid pieces of the chain as rods, their joints as drums."""
-        poses = self._posture.link_poses
-        bare = set(range(len(poses))) - shown
+        bare = set(range(len(self._posture.link_poses))) - shown
         for link in sorted(bare):
-            path = ("arm", f"chain{link}")
-            self._scene.place(path, poses[link])
+            path = self._part(f"chain{link}", link, np.eye(4), 0)
             self._draw_rod((*path, "rod"), np.zeros(3), self._chain.placements[link][:3, 3])
         for joint, axis in enumerate(self._chain.axes):
             if not bare & {joint, joint + 1}:
                 continue
-            path = ("arm", f"joint{joint}")
-            self._scene.place(path, poses[joint + 1])
+            path = self._part(f"joint{joint}", joint + 1, np.eye(4), 0)
             pose = se3.pose(rotation_to(axis), (0.0, 0.0, 0.0))
             width, height = _JOINT_RADIUS * self._length, _JOINT_LENGTH * self._length
             if self._chain.prismatic[joint]:

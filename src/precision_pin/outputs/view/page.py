@@ -11,31 +11,29 @@ import os
 import string
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from precision_pin import se3
 from precision_pin.chain import Posture
 from precision_pin.errors import InputError, InternalError, OutputError
 from precision_pin.markup import escaped
-from precision_pin.model import PoseModel
 
 from .arm import draw_arm
-from .scales import DEFAULT_POINTS, MOST_POINTS, ColourScale, arm_length, default_factor, round_number
-from .scene import Colour, Scene, rotation_to, viewer_script
+from .poses import MOST_FRAMES, PoseData, columns, mcpc_frames
+from .scales import DEFAULT_POINTS, MOST_POINTS, MOST_POSES, ColourScale, arm_length, default_factor, round_number
+from .scene import Colour, Scene, viewer_script
+from .shown import Shown
 
-__all__ = ["page", "write_page"]
+__all__ = ["page", "script_hashes", "write_page"]
 
 Array = NDArray[np.float64]
 
-# Okabe and Ito (2008): vermilion, bluish green, blue stay apart for colour-blind readers
-_AXES: Final[tuple[Colour, ...]] = ((0.835, 0.369, 0.0, 1.0), (0.0, 0.620, 0.451, 1.0), (0.0, 0.447, 0.698, 1.0))
 _GRID: Final[Colour] = (0.60, 0.64, 0.69, 1.0)
-_LINE: Final[Colour] = (0.1, 0.1, 0.1, 1.0)
-_MOST_FRAMES: Final = 5
+_SCRIPTS: Final = ("stage", "cloud", "frames", "arms", "controls")
 # shares of the arm's length
 _FRAME_LENGTH: Final = 0.06
 _GRID_SPACING: Final = 0.125
@@ -43,108 +41,113 @@ _GRID_HALF: Final = 8
 
 
 def page(
-    pose_model: PoseModel,
-    errors: ArrayLike,
+    shown: Sequence[Shown],
     *,
     title: str,
     seed: int,
     model_name: str,
     factor: float | None = None,
-    pose_name: str | None = None,
     caption: Iterable[tuple[str, str]] = (),
     points: int = DEFAULT_POINTS,
     package_dirs: Sequence[str | os.PathLike[str]] = (),
 ) -> str:
     """Return a self-contained HTML page that shows the arm and its sampled errors.
 
-    The arm stands undisplaced; end-effector positions of the samples are drawn at the nominal tip plus ``factor``
-    times their error, coloured by the true size of the error, and a slider in the page changes the factor. A few
-    sampled end-effector frames are moved and turned by the same factor, ``Exp(factor·δ)·R``, by 90° at most. The same
-    input gives the same text.
+    The arm stands undisplaced; end-effector positions of the samples are drawn at the nominal tip plus a factor times
+    their error, coloured by the true size of the error, with the ellipsoids of :mod:`.ellipsoids`. A slider in the page
+    changes the factor of everything that shows errors: a few sampled end-effector frames are moved and turned by it,
+    ``Exp(factor·δ)·R``, by 90° at most; arms as built, and the arm with every draw at its mean, are the chain multiplied
+    out with every displacement ``[d; δ]`` times the factor. The arms as built are units 0 to 2 of ``seed``; they are left
+    out where the errors are not those of that seed. Several poses get a slider of their own. The same input gives the
+    same text.
 
     Parameters
     ----------
-    pose_model
-        The model at the pose.
-    errors
-        Its errors ``(6, N)``, ``[d; δ]`` in base axes, m and rad.
+    shown
+        The poses, all of one chain, and their errors.
     title
         Heading.
     seed, model_name
-        Where the errors come from, for the caption.
+        Where the errors come from.
     factor
         Exaggeration at first; chosen so that the cloud spans about 7 % of the arm's length if left out.
-    pose_name
-        The pose's name, for the caption.
     caption
         Further rows of the caption, ``(name, text)``.
     points
-        How many samples to draw at most: the first ones.
+        How many samples to draw at most at each pose: the first ones. All poses together draw 100,000 at most.
     package_dirs
         Folders of packages for ``package://`` mesh names, beside those found around the URDF.
 
     Raises
     ------
     InputError
-        Errors of another shape, none, or not finite; a factor that is not positive; more than 100,000 points.
+        No poses or more than 200, or of several chains; errors of another shape, none, or not finite; a factor that is
+        not positive; a wrong seed; more than 100,000 points.
     """
-    values = _checked_errors(errors)
+    poses = _checked(shown)
     if isinstance(points, bool) or not isinstance(points, int | np.integer) or not 1 <= points <= MOST_POINTS:
         raise InputError(f"the cloud can show 1 to {MOST_POINTS:,} points, got {points!r}")
-    posture = pose_model.posture
+    posture = poses[0].pose_model.posture
     length = arm_length(posture)
-    first_factor = default_factor(values[:3], length) if factor is None else float(factor)
+    chosen = min(default_factor(one.errors[:3], length) for one in poses)
+    first_factor = chosen if factor is None else float(factor)
     if not (math.isfinite(first_factor) and first_factor > 0):
         raise InputError(f"the exaggeration factor must be a positive number, got {factor!r}")
-    drawn = values[:, :points]
-    scale = ColourScale.of(np.linalg.norm(values[:3], axis=0))
-    frames = drawn[:, :_MOST_FRAMES]
+    scale = ColourScale.of(np.concatenate([np.linalg.norm(one.errors[:3], axis=0) for one in poses]))
     spacing = round_number(_GRID_SPACING * length)
 
     scene = Scene()
-    notes = draw_arm(scene, posture, [Path(folder) for folder in package_dirs])
+    parts, notes = draw_arm(scene, posture, [Path(folder) for folder in package_dirs])
     _draw_grid(scene, spacing)
-    _draw_frame(scene, ("tip",), _FRAME_LENGTH * length, 0.035)
-    scene.place(("tip",), posture.pose)
-    for number in range(frames.shape[1]):
-        _draw_frame(scene, ("frames", f"frame{number}"), 0.7 * _FRAME_LENGTH * length, 0.018)
-    scene.points(("cloud",), drawn[:3], scale(np.linalg.norm(drawn[:3], axis=0)).T)
-    scene.segments(("cloud", "mean"), np.stack([np.zeros(3), values[:3].mean(axis=1)], axis=1), _LINE)
-    scene.place(("cloud",), se3.translation(posture.pose[:3, 3]))
-
-    rows = [
-        *_caption(posture, pose_name),
-        ("samples", _counted(drawn.shape[1], values.shape[1])),
-        ("seed", str(seed)),
-        ("model", model_name),
-        *caption,
+    each = min(points, MOST_POINTS // len(poses))
+    data = [
+        PoseData(one, seed, parts, points=each, number=number, count=len(poses))
+        for number, one in enumerate(poses, start=1)
     ]
+    frames = mcpc_frames(posture)
     settings = {
         "factor": first_factor,
         "smallest": min(1.0, first_factor),
         "largest": 10 * max(1.0, first_factor),
-        "frames": frames.T.tolist(),
-        "tip": posture.pose[:3, 3].tolist(),
-        "rotation": se3.pose(posture.pose[:3, :3], (0.0, 0.0, 0.0)).T.reshape(-1).tolist(),
-        "from": _direction(posture).tolist(),
         "length": length,
-        "closest": _FRAME_LENGTH * length,
+        "frame": _FRAME_LENGTH * length,
+        "from": _direction(posture).tolist(),
+        "stops": scale.stops,
+        "colours": [scale.smallest, scale.largest],
+        "parts": [{"name": part.name, "link": part.link, "frame": columns(part.frame)} for part in parts],
+        "mcpc": frames,
+        "poses": [one.settings for one in data],
     }
+    texts = data[0].texts
     return _assembled(
         scene.commands,
         settings,
         title=escaped(title),
-        label=escaped(f"{title}: the arm, its end-effector frame and {drawn.shape[1]:,} sampled positions"),
+        label=escaped(f"{title}: the arm, its end-effector frame and sampled positions, described beside it"),
         factor_text=f"{first_factor:,g}",
         example=escaped(f"{first_factor:,g} mm long"),
+        pose_text=escaped(texts["pose-text"]),
         stops=", ".join(scale.stops),
         unit=scale.unit[0],
         ticks="".join(f"<span>{escaped(tick)}</span>" for tick in scale.ticks),
-        frames=str(frames.shape[1]),
+        drawn=_element("drawn", texts),
+        inside_inner=_element("inside-inner", texts),
+        inside_outer=_element("inside-outer", texts),
+        frames=str(min(MOST_FRAMES, *(one.errors.shape[1] for one in poses))),
+        last_mcpc=str(len(frames) - 1),
         grid=escaped(f"{spacing:g} m" if spacing >= 1 else f"{1e3 * spacing:g} mm"),
-        rows="\n".join(f"<tr><th scope='row'>{escaped(name)}</th><td>{escaped(text)}</td></tr>" for name, text in rows),
+        rows=_rows(posture, texts, seed, model_name, first_factor, caption),
         notes=_list(notes),
+        **_legend_of_arms(data),
     )
+
+
+def script_hashes() -> tuple[str, ...]:
+    """Return the sources ``'sha256-…'`` that a content security policy needs to let every script of a page run.
+
+    A frame with ``srcdoc`` inherits the policy of the page around it, which has to allow them too.
+    """
+    return tuple(f"'sha256-{_sha256(code)}'" for code in _scripts())
 
 
 def write_page(path: str | os.PathLike[str], text: str) -> None:
@@ -174,20 +177,23 @@ def write_page(path: str | os.PathLike[str], text: str) -> None:
                 temporary.unlink(missing_ok=True)
 
 
-def _checked_errors(errors: ArrayLike) -> Array:
-    values = np.asarray(errors, dtype=float)
-    if values.ndim != 2 or values.shape[0] != 6 or values.shape[1] < 1:
-        raise InputError(f"errors have shape {values.shape}, expected (6, N) with N of 1 or more")
-    if not np.isfinite(values).all():
-        raise InputError("errors must be finite numbers")
-    return values
-
-
-def _draw_frame(scene: Scene, path: tuple[str, ...], length: float, thickness: float) -> None:
-    """Draw three axes; ``thickness`` is a rod's radius as a share of its length."""
-    for name, axis, colour in zip("xyz", np.eye(3), _AXES, strict=True):
-        middle = se3.pose(rotation_to(axis), 0.5 * length * axis)
-        scene.cylinder((*path, name), thickness * length, length, colour, middle)
+def _checked(shown: Sequence[Shown]) -> list[Shown]:
+    """Return the poses with errors that are arrays of numbers, all with equally many sampled frames."""
+    if not 1 <= len(shown) <= MOST_POSES:
+        raise InputError(f"a page shows 1 to {MOST_POSES} poses, got {len(shown)}")
+    poses = []
+    for one in shown:
+        if one.pose_model.posture.chain is not shown[0].pose_model.posture.chain:
+            raise InputError("all poses of a page must be of one chain")
+        values = np.asarray(one.errors, dtype=float)
+        if values.ndim != 2 or values.shape[0] != 6 or values.shape[1] < 1:
+            raise InputError(f"errors have shape {values.shape}, expected (6, N) with N of 1 or more")
+        if not np.isfinite(values).all():
+            raise InputError("errors must be finite numbers")
+        poses.append(replace(one, errors=values))
+    if len({one.errors.shape for one in poses}) > 1:
+        raise InputError("all poses of a page must have equally many samples")
+    return poses
 
 
 def _draw_grid(scene: Scene, spacing: float) -> None:
@@ -209,20 +215,50 @@ def _direction(posture: Posture) -> Array:
     return np.array([front[1] + 0.35 * front[0], -front[0] + 0.35 * front[1], 0.45])
 
 
-def _caption(posture: Posture, pose_name: str | None) -> list[tuple[str, str]]:
+def _legend_of_arms(data: Sequence[PoseData]) -> dict[str, str]:
+    """Return the legend's words on the arms with errors, and what disables the boxes of those there are none of."""
+    ghosts = all(one.ghosts for one in data)
+    deflected = any(np.any(one.deflected) for one in data)
+    missing = " disabled"
+    return {
+        "ghosts": f"arms of {len(data[0].ghosts)} sampled units, as built"
+        if ghosts
+        else "arms as built: none, the errors are not those of this seed",
+        "deflected": "arm with every draw at its mean: deflected by its mean loads"
+        if deflected
+        else "arm with every draw at its mean: the same as without error",
+        "no_ghosts": "" if ghosts else missing,
+        "no_deflected": "" if deflected else missing,
+        "no_ellipsoids": "" if any(one.ellipsoids for one in data) else missing,
+    }
+
+
+def _rows(
+    posture: Posture,
+    texts: dict[str, str],
+    seed: int,
+    model_name: str,
+    factor: float,
+    caption: Iterable[tuple[str, str]],
+) -> str:
     chain = posture.chain
-    values = [
-        f"{joint.name} {1e3 * value:.5g} mm" if joint.kind == "prismatic" else f"{joint.name} {np.degrees(value):.5g}°"
-        for joint, value in zip(chain.joints, posture.q, strict=True)
+    rows = [
+        ("robot", escaped(chain.robot.name)),
+        ("from – to", escaped(f"{chain.base} – {chain.tip}")),
+        ("pose", _element("caption-pose", texts)),
+        ("joints", _element("caption-joints", texts)),
+        ("samples", _element("caption-samples", texts)),
+        ("seed", escaped(str(seed))),
+        ("model", escaped(model_name)),
+        ("factor", f"<span id='caption-factor'>{factor:,g}</span>"),
+        *((name, escaped(text)) for name, text in caption),
     ]
-    rows = [("robot", chain.robot.name), ("from – to", f"{chain.base} – {chain.tip}")]
-    if pose_name is not None:
-        rows.append(("pose", pose_name))
-    return [*rows, ("joints", ", ".join(values))]
+    return "\n".join(f"<tr><th scope='row'>{escaped(name)}</th><td>{text}</td></tr>" for name, text in rows)
 
 
-def _counted(drawn: int, samples: int) -> str:
-    return f"N = {samples:,}" if drawn == samples else f"N = {samples:,}, of which the first {drawn:,} are drawn"
+def _element(name: str, texts: dict[str, str]) -> str:
+    """Return an element whose text changes with the pose."""
+    return f"<span id='{name}'>{escaped(texts[name])}</span>"
 
 
 def _list(notes: Sequence[str]) -> str:
@@ -232,10 +268,9 @@ def _list(notes: Sequence[str]) -> str:
 
 
 def _assembled(commands: Sequence[bytes], settings: dict[str, object], **fields: str) -> str:
-    viewer, script = _script(viewer_script()), _script(_asset("page.js"))
-    hashes = " ".join(f"'sha256-{_sha256(code)}'" for code in (viewer, script))
+    viewer, script = _scripts()
     policy = (
-        f"default-src 'none'; script-src {hashes}; style-src 'unsafe-inline'; img-src data: blob:; "
+        f"default-src 'none'; script-src {' '.join(script_hashes())}; style-src 'unsafe-inline'; img-src data: blob:; "
         "base-uri 'none'; form-action 'none'"
     )
     return string.Template(_asset("page.html")).substitute(
@@ -250,14 +285,17 @@ def _assembled(commands: Sequence[bytes], settings: dict[str, object], **fields:
 
 
 def _asset(name: str) -> str:
-    return importlib.resources.files(__package__).joinpath(name).read_text("utf-8")
+    return importlib.resources.files(__package__).joinpath("assets", name).read_text("utf-8")
 
 
-def _script(code: str) -> str:
-    """Return code that can stand in a script element as it is."""
-    if "</script" in code.lower() or "<!--" in code:
-        raise InternalError("the viewer's script would end its HTML element early")
-    return code
+def _scripts() -> tuple[str, str]:
+    """Return the code of the page's two scripts, the viewer's and ours, that can stand in script elements as it is."""
+    own = "".join(_asset(f"{name}.js") for name in _SCRIPTS)
+    scripts = viewer_script(), f'"use strict";\n(function () {{\n{own}}})();'
+    for code in scripts:
+        if "</script" in code.lower() or "<!--" in code:
+            raise InternalError("a script would end its HTML element early")
+    return scripts
 
 
 def _data(value: object) -> str:

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from precision_pin.chain import Posture
 
-__all__ = ["DEFAULT_POINTS", "MOST_POINTS", "ColourScale", "arm_length", "default_factor", "round_number"]
+__all__ = ["DEFAULT_POINTS", "MOST_POINTS", "MOST_POSES", "ColourScale", "arm_length", "default_factor", "round_number"]
 
 Array = NDArray[np.float64]
 
@@ -19,7 +19,10 @@ DEFAULT_POINTS: Final = 20_000
 """How many samples the cloud shows unless told otherwise."""
 
 MOST_POINTS: Final = 100_000
-"""The most it can show: larger pages open slowly."""
+"""The most it can show, all poses together: larger pages open slowly."""
+
+MOST_POSES: Final = 200
+"""The most poses of one page."""
 
 # share of the arm's length that the drawn cloud spans, and that it may stand away from the nominal tip
 _SPREAD: Final = 0.07
@@ -92,12 +95,6 @@ class ColourScale:
         smallest, largest = float(values.min()), float(values.max())
         # what differs by rounding only has one size
         return cls(smallest if largest - smallest > 1e-9 * largest else largest, largest)
-
-    def __call__(self, sizes: ArrayLike) -> Array:
-        """Return the colours ``(N, 3)``, each from 0 to 1, of ``(N,)`` sizes, m."""
-        span = self.largest - self.smallest
-        shares = (np.asarray(sizes, dtype=float) - self.smallest) / span if span > 0 else np.zeros(np.shape(sizes))
-        return _viridis(shares)
 
     @property
     def stops(self) -> tuple[str, ...]:

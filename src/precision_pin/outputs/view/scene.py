@@ -1,4 +1,4 @@
-"""A scene as a list of MeshCat commands, without a server: typed ways to put shapes and points into it.
+"""A scene as a list of MeshCat commands, without a server: typed ways to put shapes and lines into it.
 
 Paths in the scene are made of our own names and numbers only; nothing of a URDF or sheet enters it. Identifiers are
 counted, not random, so that equal input gives equal bytes.
@@ -78,11 +78,6 @@ class Scene:
         """Add triangles: corners ``(V, 3)`` in m and their indices ``(F, 3)``."""
         shape = self._geometry.TriangularMeshGeometry(np.asarray(vertices, np.float32), np.asarray(faces, np.uint32))
         self._add(path, shape, colour, pose)
-
-    def points(self, path: Sequence[str], positions: ArrayLike, colours: ArrayLike) -> None:
-        """Add points at ``(3, N)`` m in colours ``(3, N)`` from 0 to 1."""
-        cloud = self._geometry.PointsGeometry(np.asarray(positions, np.float32), np.asarray(colours, np.float32))
-        self._node(path).set_object(cloud, self._geometry.PointsMaterial())
 
     def segments(self, path: Sequence[str], ends: ArrayLike, colour: Colour) -> None:
         """Add thin lines between each two of the points ``(3, 2 S)`` in m."""

@@ -1,0 +1,120 @@
+"""``precision-pin export``."""
+
+from __future__ import annotations
+
+import csv
+import io
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+import click
+
+from precision_pin.cli.common import (
+    chain_options,
+    chosen_pose,
+    echo_findings,
+    progress_bar,
+    read_sheet,
+    require_writable,
+    whole_folder,
+    write_text,
+)
+from precision_pin.errors import Finding, InputError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from precision_pin.outputs.as_built import AsBuilt
+
+__all__ = ["command"]
+
+MOST_UNITS: Final = 100_000
+HEAD: Final = ("unit", "file", "x_m", "y_m", "z_m", "rx_rad", "ry_rad", "rz_rad", "sha256")
+
+
+@click.command("export")
+@click.argument("inputs", nargs=-1, metavar="[ROBOT.urdf] [SHEET.yaml]")
+@click.option("--pose", metavar="NAME", help="One of the sheet's poses; the first if left out.")
+@click.option("--q", metavar="VALUES", help="Joint values, as for analyze.")
+@chain_options
+@click.option("--units", type=int, default=1, show_default=True, metavar="N", help="How many robots.")
+@click.option("--first", type=int, default=0, show_default=True, metavar="K", help="Number of the first unit.")
+@click.option("--seed", type=int, default=0, show_default=True, metavar="S", help="64-bit seed.")
+@click.option("--out", required=True, metavar="DIR", help="The folder to write to.")
+def command(
+    inputs: tuple[str, ...],
+    pose: str | None,
+    q: str | None,
+    tip: str | None,
+    base: str | None,
+    package_dirs: tuple[str, ...],
+    units: int,
+    first: int,
+    seed: int,
+    out: str,
+) -> None:
+    """Write robots as they may be built, each sampled, as URDF files.
+
+    NAME.unit0000.urdf and so on: the robot's own text with other placements in its joints; and units.csv with the error of
+    each at the pose. The units are those that analyze samples. A file holds the errors of the built robot at every pose
+    and all errors (loads, draws for a pose or a visit) at the export pose.
+    """
+    from precision_pin.model import ErrorModel
+    from precision_pin.outputs.as_built import AsBuilt
+    from precision_pin.space import check_seed
+
+    check_seed(seed)
+    if not 1 <= units <= MOST_UNITS:
+        raise InputError(f"--units {units}: from 1 to {MOST_UNITS} robots can be written")
+    if not 0 <= first <= 2**64 - units:
+        raise InputError(f"--first {first}: units {first} to {first + units - 1} do not exist, from 0 to 2^64 - 1")
+    if not out:
+        raise click.UsageError("--out names no folder")
+    folder = Path(out)
+    require_writable(folder, folder=True)
+    sheet = read_sheet(inputs, tip, base, package_dirs)
+    model = ErrorModel.from_sheet(sheet)
+    writer = AsBuilt.prepare(model, chosen_pose(sheet, pose, q), sheet=Path(sheet.file).name)
+    echo_findings((*writer.at.findings("exact"), *model.statics_findings(writer.at)))
+    robot = Path(sheet.chain.robot.file)
+    echo_findings((*_added(writer), *_lost_meshes(writer, robot.parent, folder)))
+    digits = max(4, len(str(first + units - 1)))
+    table = io.StringIO()
+    rows = csv.writer(table, lineterminator="\n")
+    rows.writerow(HEAD)
+    names = []
+    with whole_folder(folder) as stage, progress_bar(units, "writing") as progress:
+        for built in writer.units(seed, first, units):
+            names.append(f"{robot.stem}.unit{built.unit:0{digits}d}.urdf")
+            (stage / names[-1]).write_bytes(built.text)
+            rows.writerow((built.unit, names[-1], *map(repr, built.error.tolist()), built.digest))
+            progress(1)
+        write_text(stage / "units.csv", table.getvalue())
+    more = f" to {names[-1]}" if units > 1 else ""
+    click.echo(f"wrote {out}: units.csv, {names[0]}{more}", err=True)
+
+
+def _added(writer: AsBuilt) -> Iterator[Finding]:
+    """Yield a warning for each frame that stands for one of the chain's in the files."""
+    chain = writer.at.posture.chain
+    for what, name, new in (("tip", chain.tip, writer.tip), ("base", chain.base, writer.base)):
+        if new != name:
+            message = (
+                f"no placement stands between {name!r} and the joint next to it, so its own error is written as a fixed "
+                f"frame {new!r}; take that as the {what}"
+            )
+            yield Finding("warning", "W_FRAME_ADDED", message, chain.robot.file)
+
+
+def _lost_meshes(writer: AsBuilt, old: Path, new: Path) -> Iterator[Finding]:
+    """Yield a warning where relative names of meshes lead nowhere from the new folder."""
+    relative = [name for name in writer.original.meshes if "://" not in name and not os.path.isabs(name)]
+    lost = [name for name in relative if os.path.isfile(old / name) and not os.path.isfile(new / name)]
+    if lost:
+        more = f" and {len(lost) - 1} more" if len(lost) > 1 else ""
+        message = (
+            f"mesh names are written as they are, and {lost[0]!r}{more} will not be found from {str(new)!r}: "
+            f"copy the meshes there, or write to {str(old)!r}"
+        )
+        yield Finding("warning", "W_MESH_MISSING", message, writer.at.posture.chain.robot.file)

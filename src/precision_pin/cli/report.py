@@ -1,0 +1,127 @@
+"""``precision-pin report``."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal, final
+
+import click
+
+from precision_pin.cli import EXIT_SPEC
+from precision_pin.cli.common import (
+    chain_options,
+    chosen_pose,
+    compile_sampler,
+    progress_bar,
+    read_sheet,
+    require_writable,
+    write_text,
+)
+from precision_pin.cli.interrupts import raise_if_interrupted
+
+if TYPE_CHECKING:
+    from precision_pin.run import Progress
+
+__all__ = ["command"]
+
+
+@click.command("report")
+@click.argument("inputs", nargs=-1, metavar="[ROBOT.urdf] [SHEET.yaml]")
+@click.option("--pose", metavar="NAME", help="One of the sheet's poses; the first if left out.")
+@click.option("--q", metavar="VALUES", help="Joint values, as for analyze.")
+@chain_options
+@click.option("--samples", type=int, default=100_000, show_default=True, metavar="N", help="How many built robots.")
+@click.option("--seed", type=int, default=0, show_default=True, metavar="S", help="64-bit seed.")
+@click.option(
+    "--model",
+    type=click.Choice(["exact", "linear"]),
+    default="exact",
+    show_default=True,
+    help="The displaced chain multiplied out, or superposition.",
+)
+@click.option("--spec", "specs", multiple=True, metavar='"0.5 mm @ 99.73 %"', help="A limit to keep; repeats.")
+@click.option("--out", required=True, metavar="FILE.html", help="The page to write.")
+def command(
+    inputs: tuple[str, ...],
+    pose: str | None,
+    q: str | None,
+    tip: str | None,
+    base: str | None,
+    package_dirs: tuple[str, ...],
+    samples: int,
+    seed: int,
+    model: Literal["exact", "linear"],
+    specs: tuple[str, ...],
+    out: str,
+) -> int:
+    """Write one self-contained page about one pose: verdict, distributions, budget, worst case, exact law, 3-D view.
+
+    Without arguments: the paper's arm and sheet, from inside the package. ROBOT may be example:NAME.
+    """
+    from precision_pin.run import check_samples
+    from precision_pin.space import check_seed
+    from precision_pin.specifications import specification
+
+    check_samples(samples)
+    check_seed(seed)
+    specifications = [specification(text) for text in specs]
+    if not out:
+        raise click.UsageError("--out names no file")
+    target = Path(out)
+    require_writable(target)
+    sheet = read_sheet(inputs, tip, base, package_dirs)
+    where = chosen_pose(sheet, pose, q)
+    compile_sampler()
+
+    from precision_pin.outputs.report import STEPS, collect, page
+
+    options: dict[str, tuple[str | None, ...]] = {"--pose": (pose,), "--q": (q,), "--tip": (tip,), "--base": (base,)}
+    options |= {"--package-dir": tuple(map(_name, package_dirs)), "--samples": (str(samples),), "--seed": (str(seed),)}
+    options |= {"--model": (model,), "--spec": specs, "--out": ("report.html",)}
+    given = [
+        word for option, values in options.items() for value in values if value is not None for word in (option, value)
+    ]
+    step = _Steps(STEPS)
+    results = collect(
+        sheet,
+        where,
+        samples=samples,
+        seed=seed,
+        model=model,
+        specifications=specifications,
+        command=["precision-pin", "report", *map(_name, inputs), *given],
+        package_dirs=package_dirs,
+        step=step,
+    )
+    with step("drawing the page", 0):
+        html = page(results)
+    write_text(target, html)
+    for line in results.analysis.warnings[len(sheet.findings) :]:
+        click.echo(line, err=True)
+    click.echo(f"wrote {out} ({len(html.encode()) / 1e6:.1f} MB)", err=True)
+    return 0 if all(result.met for result in results.analysis.summary.specifications) else EXIT_SPEC
+
+
+@final
+class _Steps:
+    """Says on stderr which step begins, and shows the progress of those that count samples."""
+
+    def __init__(self, total: int) -> None:
+        self._total = total
+        self._done = 0
+
+    @contextmanager
+    def __call__(self, what: str, samples: int) -> Iterator[Progress]:
+        raise_if_interrupted()
+        self._done += 1
+        click.echo(f"{self._done}/{self._total} {what}", err=True)
+        with progress_bar(samples, what) as progress:
+            yield progress
+
+
+def _name(path: str) -> str:
+    """Return a file's or folder's own name; ``example:NAME`` is one."""
+    return os.path.basename(os.path.normpath(path))

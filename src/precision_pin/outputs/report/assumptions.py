@@ -1,0 +1,71 @@
+"""What the numbers rest on, and what there is to warn of."""
+
+from __future__ import annotations
+
+import itertools
+
+from precision_pin.result import Correlated
+
+from .elements import Child, Html, definitions, element, items, joined, paragraph, section
+from .numbers import milli
+from .results import Missing, Results
+from .wording import without_folders
+
+__all__ = ["assumptions"]
+
+_MODELS = {
+    "exact": "exact: the displaced chain is multiplied out for every sampled robot",
+    "linear": "linear: the displacements are superposed to first order, as in the paper",
+}
+_STATICS = {
+    "nominal": "nominal: loads act on the undeflected arm",
+    "equilibrium": "equilibrium: loads act on the arm as it comes to rest under them",
+}
+_SCOPES = {"unit": "once for each built robot", "pose": "once for each robot and pose", "visit": "at each visit"}
+
+
+def assumptions(results: Results) -> Html:
+    """Return model, statics, scopes, confidence, the nominal error and all warnings."""
+    analysis = results.analysis
+    nominal = [milli(value, 5) for value in analysis.nominal]
+    entries: list[tuple[str, Child]] = [
+        ("Model", _MODELS[analysis.model]),
+        ("Statics", _STATICS[analysis.statics]),
+        ("Axes", f"errors are position d and rotation vector δ of {analysis.tip}, in the axes of {analysis.base}"),
+        ("Nominal", "zero error is the chain of the URDF, rigid and without tolerances, at the joint values above"),
+        (
+            "Error at the means",
+            f"with every parameter at its mean: d = ({', '.join(nominal[:3])}) mm, δ = ({', '.join(nominal[3:])}) mrad",
+        ),
+        ("Random numbers", _scopes(results)),
+        ("Confidence", f"{100 * analysis.summary.confidence:g} % for each interval by itself"),
+        ("Digits", "only those that the samples support; – is not resolved by this many samples"),
+    ]
+    entries += [("Correlation", pair) for group in analysis.correlations for pair in _pairs(group)]
+    return section("assumptions", "Assumptions and warnings", definitions(entries), _warnings(results))
+
+
+def _scopes(results: Results) -> str:
+    drawn = [f"{count:,} {_SCOPES[scope]}" for scope, count in results.analysis.scopes.items() if count]
+    return ", ".join(drawn) if drawn else "none: nothing varies"
+
+
+def _pairs(group: Correlated) -> list[str]:
+    return [
+        f"{group.parameters[i]} and {group.parameters[j]}: {group.scores[i][j]:.4g} of their normal scores, "
+        f"{group.pearson[i][j]:.4g} of the numbers (Pearson)"
+        for i, j in itertools.combinations(range(len(group.parameters)), 2)
+    ]
+
+
+def _warnings(results: Results) -> Html:
+    lines = list(results.analysis.warnings)
+    if not isinstance(results.budget, Missing):
+        lines += results.budget.poses[0].warnings
+    if not isinstance(results.worst_case, Missing):
+        lines += results.worst_case.warnings
+    shown = list(dict.fromkeys(without_folders(line, results) for line in lines))
+    heading = element("h3", "Warnings")
+    if not shown:
+        return joined([heading, paragraph("None of the sheet, the URDF, the pose or the statics.")])
+    return joined([heading, items(shown, "warnings")])

@@ -1,0 +1,100 @@
+"""The top of the report: what was asked and what came out."""
+
+from __future__ import annotations
+
+from precision_pin.statistics import Distribution, SpecificationResult
+
+from .elements import Child, Html, element, joined, paragraph, section, table
+from .numbers import inside, milli_interval, statistic, symbol_of
+from .results import Results
+
+__all__ = ["verdict"]
+
+_UNASKED = (0.95, 0.9973)
+
+
+def verdict(results: Results) -> Html:
+    """Return whether every specification is met; without one, how large the errors are."""
+    specifications = results.analysis.summary.specifications
+    if not specifications:
+        return section("verdict", "Result", _sizes(results))
+    met = sum(result.met for result in specifications)
+    if len(specifications) == 1:
+        words = "The specification is met" if met else "The specification is not met"
+    else:
+        words = f"{met} of {len(specifications)} specifications are met"
+    good = met == len(specifications)
+    headline = paragraph(element("strong", words), ".", class_="verdict met" if good else "verdict failed")
+    return section("verdict", "Verdict", headline, _specifications(results), _rule(results))
+
+
+def _specifications(results: Results) -> Html:
+    rows: list[list[Child]] = []
+    for result in results.analysis.summary.specifications:
+        share, low, high = inside(result)
+        rows.append(
+            [
+                _limit(result),
+                f"{100 * result.required:.10g} %",
+                f"{share} %",
+                f"[{low}, {high}] %",
+                element("strong", "met" if result.met else "not met", class_="good" if result.met else "bad"),
+            ]
+        )
+    header = ["limit", "required inside", "inside", f"interval at {_confidence(results)}", "verdict"]
+    return table("Specifications", header, rows, words=(4,))
+
+
+def _limit(result: SpecificationResult) -> str:
+    symbol, unit = symbol_of(result.quantity)
+    written = symbol if symbol.startswith("|") else f"|{symbol}|"
+    return f"{written} ≤ {1e3 * result.limit:.6g} {unit}"
+
+
+def _rule(results: Results) -> Html:
+    return paragraph(
+        f"“Inside” is the share of {results.analysis.samples:,} sampled robots within the limit. A specification is met when "
+        "the lower end of the interval reaches what is required.",
+        class_="note",
+    )
+
+
+def _sizes(results: Results) -> Html:
+    analysis = results.analysis
+    rows = []
+    for distribution in (analysis.position.norm, analysis.attitude.norm):
+        symbol, unit = symbol_of(distribution.quantity)
+        cells = [
+            cell for level in _UNASKED for cell in (statistic(distribution, level), milli_interval(distribution, level))
+        ]
+        rows.append([f"{symbol} [{unit}]", *cells])
+    header = ["error", *(name for level in _UNASKED for name in (f"{100 * level:g} % stay within", "interval"))]
+    return joined(
+        [
+            paragraph(_sentence(analysis.position.norm), " ", _sentence(analysis.attitude.norm), class_="verdict"),
+            table(f"Errors that few robots exceed; intervals at {_confidence(results)}", header, rows),
+            paragraph('No limit was asked about: --spec names one, such as --spec "0.5 mm @ 99.73 %".'),
+        ]
+    )
+
+
+def _sentence(distribution: Distribution) -> Html:
+    symbol, unit = symbol_of(distribution.quantity)
+    what = "a position" if distribution.quantity.startswith("position") else "an attitude"
+    level = next((level for level in reversed(_UNASKED) if distribution.quantile(level) is not None), None)
+    if level is None:
+        return joined([f"The samples are too few for the far quantiles of the error {symbol}."])
+    size = element("strong", f"{statistic(distribution, level)} {unit}")
+    return joined(
+        [
+            f"{100 * level:g} % of the robots have {what} error ",
+            element("span", symbol, class_="symbol"),
+            " of at most ",
+            size,
+            ".",
+        ]
+    )
+
+
+def _confidence(results: Results) -> str:
+    return f"{100 * results.analysis.summary.confidence:g} % confidence"

@@ -1,0 +1,35 @@
+"""Words that several sections share."""
+
+from __future__ import annotations
+
+import re
+from typing import Final
+
+from precision_pin.outputs.text import pose_text
+
+from .elements import Html, paragraph
+from .results import Missing, Results
+
+__all__ = ["left_out", "subject", "without_folders"]
+
+# an absolute path's folders; not the slash of a unit, of package:// or of a relative path
+_FOLDERS: Final = re.compile(r"(?<![\w.:/)])(?:/[^/\s'\"]+)+/(?=[^/\s'\"])")
+
+
+def subject(results: Results) -> str:
+    """Return robot, ends and pose."""
+    analysis = results.analysis
+    pose = pose_text(analysis.pose_name, analysis.q, analysis.sliding_joints)
+    return f"{analysis.base} to {analysis.tip}, pose {pose}"
+
+
+def without_folders(text: str, results: Results) -> str:
+    """Return a message with the files in it by name only."""
+    for folder in results.folders:
+        text = text.replace(f"{folder}/", "")
+    return _FOLDERS.sub("", text)
+
+
+def left_out(what: str, missing: Missing, results: Results) -> Html:
+    """Return why a section has no content."""
+    return paragraph(f"{what}: not available. {without_folders(missing.reason, results)}.", class_="note")

@@ -1,0 +1,75 @@
+// The arm, and its likenesses with errors: as sampled units are built, and with every draw at its mean.
+//
+// A likeness is the chain multiplied out: the targets' displacements E_k, enlarged, in their undisplaced frames T_k move
+// whatever lies beyond them, M = Π T_k E_k T_k⁻¹. The geometry is the arm's own.
+
+function showArm(pose) {
+  for (const { name, link, frame } of settings.parts) {
+    put(node("arm", name), matrix(pose.links[link]).multiply(matrix(frame)));
+  }
+}
+
+class Likeness {
+  constructor(parent, colour) {
+    this.material = new THREE.MeshPhongMaterial({
+      color: colour, transparent: true, opacity: 0.45, flatShading: true, shininess: 10,
+      // where a likeness stands on the arm, the arm is seen
+      polygonOffset: true, polygonOffsetFactor: 2, polygonOffsetUnits: 8 });
+    this.parts = null;
+    this.tip = new THREE.Group();
+    this.whole = new THREE.Group();
+    this.whole.add(this.tip);
+    parent.add(this.whole);
+  }
+
+  // made when first seen: most readers never look
+  make() {
+    this.parts = settings.parts.map(({ name }) => node("arm", name).clone(true));
+    for (const part of this.parts) {
+      part.traverse((object) => { object.material = object.isMesh ? this.material : object.material; });
+      this.whole.add(part);
+    }
+  }
+
+  show(pose, displacements, factor) {
+    if (this.parts === null) {
+      this.make();
+    }
+    const motions = [new THREE.Matrix4()];
+    for (let at = 0; 6 * at < displacements.length; at += 1) {
+      const frame = matrix(pose.targets, 16 * at);
+      const moved = frame.clone().multiply(displacement(displacements, 6 * at, factor)).multiply(frame.invert());
+      motions.push(motions[at].clone().multiply(moved));
+    }
+    settings.parts.forEach(({ link, frame }, number) => {
+      const stands = matrix(pose.links[link]).multiply(matrix(frame));
+      put(this.parts[number], motions[pose.before[number]].clone().multiply(stands));
+    });
+    put(this.tip, motions[motions.length - 1].multiply(matrix(pose.tip)));
+  }
+}
+
+const ghosts = settings.poses[0].ghosts.map(() => new Likeness(kinds.ghosts || kind("ghosts"), 0x7f8fe0));
+const deflected = new Likeness(kind("deflected"), 0xe07fb0);
+
+function showLikenesses(pose, factor) {
+  if (kinds.ghosts && kinds.ghosts.visible) {
+    ghosts.forEach((ghost, number) => ghost.show(pose, pose.ghosts[number], factor));
+  }
+  if (kinds.deflected.visible) {
+    deflected.show(pose, pose.deflected, factor);
+  }
+}
+
+function seeThrough(clear) {
+  kinds.arm.traverse(function (object) {
+    if (object.material) {
+      object.material.solid = object.material.solid || object.material.opacity;
+      object.material.opacity = object.material.solid * (clear ? 0.25 : 1);
+      object.material.transparent = object.material.opacity < 1;
+      object.material.depthWrite = !clear;
+      object.material.needsUpdate = true;
+    }
+  });
+  viewer.set_dirty();
+}

@@ -1,0 +1,38 @@
+"""What a page shows at one pose."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from precision_pin.model import PoseModel
+
+__all__ = ["Shown"]
+
+Array = NDArray[np.float64]
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Shown:
+    """A pose and the errors sampled there.
+
+    Attributes
+    ----------
+    pose_model
+        The model at the pose.
+    errors
+        Its errors ``(6, N)``, ``[d; δ]`` in base axes, m and rad; those of units 0 to N - 1 where they were sampled.
+    name
+        The pose's name, for the caption; ``None`` for a pose without one.
+    pose
+        Number of the pose that the draws of pose scope were made for, as in :meth:`precision_pin.space.Space.sample`.
+    """
+
+    pose_model: PoseModel
+    errors: Array
+    name: str | None = None
+    pose: int = 0

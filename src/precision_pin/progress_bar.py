@@ -1,0 +1,67 @@
+"""A progress bar for scripts and notebooks."""
+
+from __future__ import annotations
+
+import sys
+import warnings
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any
+
+from precision_pin.errors import InputError
+
+__all__ = ["progress"]
+
+
+@contextmanager
+def progress(total: int, what: str = "sampling", *, delay: float = 0.7) -> Iterator[Callable[[int], None]]:
+    """Show a progress bar while the body of a ``with`` runs; yields what is told of every step.
+
+    In a notebook it is a bar below the cell (text where ipywidgets is not installed), on a terminal a line on stderr,
+    elsewhere nothing. It goes when the body ends, also by an error or an interrupted kernel.
+
+    Parameters
+    ----------
+    total
+        How many samples there will be.
+    what
+        Stands before the bar.
+    delay
+        Seconds before it is shown.
+
+    Raises
+    ------
+    InputError
+        The total is not a whole number of zero or more.
+
+    Examples
+    --------
+    ``with pp.progress(10**7) as advance: pp.monte_carlo(model, samples=10**7, progress=advance)``
+    """
+    if isinstance(total, bool) or not isinstance(total, int) or total < 0:
+        raise InputError(f"the total of a progress bar must be a whole number of zero or more, got {total!r}")
+    # tqdm shows nothing where stderr is no terminal; a notebook's is none
+    in_kernel = type(sys.stderr).__module__.startswith("ipykernel")
+    with _tqdm()(
+        total=total,
+        desc=what,
+        unit=" samples",
+        unit_scale=True,
+        delay=delay,
+        leave=False,
+        disable=False if in_kernel else None,
+        file=sys.stderr,
+    ) as bar:
+
+        def advance(count: int) -> None:
+            bar.update(count)
+
+        yield advance
+
+
+def _tqdm() -> Any:
+    """Return tqdm's class for where this runs; that ipywidgets is missing in a notebook is no news."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        from tqdm.auto import tqdm
+    return tqdm

@@ -1,0 +1,179 @@
+"""The distribution of the pose error at one pose, by sampling."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from precision_pin import kernel, progress_bar
+from precision_pin.errors import Finding, InputError
+from precision_pin.model import ErrorModel, PoseModel
+from precision_pin.result import Analysis, Correlated
+from precision_pin.run.blocks import Work, check_samples, packages
+from precision_pin.run.executors import Submitter, chosen
+from precision_pin.run.identity import identity
+from precision_pin.run.journal import opened
+from precision_pin.run.memory import check_kept
+from precision_pin.run.sampling import Sampling
+from precision_pin.space import Scope, check_seed
+from precision_pin.statistics import Plan, Specification, finish, start
+
+__all__ = ["Progress", "monte_carlo"]
+
+Progress = Callable[[int], None]
+"""Told how many samples have been added since it was last called."""
+
+
+def monte_carlo(
+    error_model: ErrorModel,
+    q: ArrayLike | Mapping[str, float] | str | None = None,
+    /,
+    *,
+    samples: int = 100_000,
+    seed: int = 0,
+    model: Literal["exact", "linear"] = "exact",
+    specifications: Sequence[Specification] = (),
+    keep_samples: bool = False,
+    confidence: float = 0.95,
+    findings: Sequence[Finding] = (),
+    threads: int | None = None,
+    processes: int | None = None,
+    executor: Submitter | None = None,
+    tasks_under_way: int | None = None,
+    journal: str | os.PathLike[str] | None = None,
+    resume: bool = False,
+    files: Mapping[str, str | os.PathLike[str]] | None = None,
+    progress: Progress | bool | None = None,
+    tell: Callable[[str], None] | None = None,
+) -> Analysis:
+    """Sample the pose error at one pose (section 4 of Wei, Jia and Chen, 2015).
+
+    The result has the same bits whatever computes it, and however often it is stopped and resumed, on machines of one
+    type.
+
+    Parameters
+    ----------
+    error_model
+        Chain, draws and sources.
+    q
+        The pose: joint values in chain order, by joint name, a pose's name, or the model's first pose if left out.
+    samples
+        How many built robots.
+    seed
+        64-bit seed.
+    model
+        ``"exact"`` multiplies the displaced chain out, ``"linear"`` superposes (eqs 12-17).
+    specifications
+        Limits to count against.
+    keep_samples
+        Keep every error, ``(6, samples)``.
+    confidence
+        Of every interval.
+    findings
+        Warnings to carry along, such as those of the sheet.
+    threads
+        How many threads sample; all cores if left out.
+    processes
+        How many processes sample instead, started for this run. They end with this process, however it ends.
+    executor
+        What samples instead: anything with ``submit(function, *arguments)`` that returns a future, as the executors of
+        :mod:`concurrent.futures`, loky, mpi4py and Dask. It is left open. See also :func:`dask_cluster`.
+    tasks_under_way
+        How many tasks the executor is given at a time; twice its number of workers, or twice the cores of this machine
+        where it does not tell it.
+    journal
+        A file in which the run is kept, every two seconds to a minute, to be resumed from. Ctrl-C then finishes what is
+        under way before it ends the run.
+    resume
+        Go on from the journal, if it is there.
+    files
+        What the model was read from besides the URDF, by what it is called, as ``{"sheet": "arm.errors.yaml"}``. A run
+        is not resumed after one of them changed.
+    progress
+        Called after every few blocks; ``True`` shows a bar.
+    tell
+        Told, in lines, what the journal held.
+
+    Raises
+    ------
+    InputError
+        A wrong number of samples, seed, model, confidence, pose, or workers; errors too large to compute with; more
+        samples to keep than there is memory; workers that fail; a journal that is in use or of another run.
+    OutputError
+        The journal cannot be written.
+    """
+    check_samples(samples)
+    check_seed(seed)
+    if model not in ("exact", "linear"):
+        raise InputError(f"model must be exact or linear, got {model!r}")
+    if not 0 < confidence < 1:
+        raise InputError(f"confidence {confidence!r}; it must lie above 0 and below 1")
+    if resume and journal is None:
+        raise InputError("there is nothing to resume from without a journal")
+    if keep_samples:
+        if journal is not None:
+            raise InputError("a journal holds statistics only; samples cannot be kept in such a run")
+        check_kept(samples)
+    workers = chosen(threads, processes, executor, tasks_under_way)
+    at, plan = _planned(error_model, q, specifications)
+    work = Work(kernel.compile_table(at), plan, model, int(seed), int(samples), keep_samples, packages())
+    state = start(plan)
+    with ExitStack() as stack:
+        step = stack.enter_context(progress_bar.progress(work.samples)) if progress is True else progress or _nothing
+        kept_in = None
+        if journal is not None:
+            urdf = error_model.chain.robot.file
+            known = identity(work, at.posture, {**({"URDF": urdf} if os.path.isfile(urdf) else {}), **(files or {})})
+            kept_in, state = stack.enter_context(opened(journal, known, state, resume=resume, tell=tell or _nothing))
+            if state.count:
+                step(state.count)
+        sampling = Sampling(work, state, step, kept_in)
+        done = False
+        try:
+            sampling.run(workers)
+            done = True
+        finally:
+            workers.close(done=done)
+    chain = error_model.chain
+    error, _ = at.tangent
+    warnings = (*findings, *at.findings(model), *error_model.statics_findings(at))
+    return Analysis(
+        robot=os.path.basename(chain.robot.file),
+        base=chain.base,
+        tip=chain.tip,
+        pose_name=error_model.pose_name(q),
+        q=dict(zip(chain.joint_names, map(float, at.posture.q), strict=True)),
+        seed=int(seed),
+        model=model,
+        statics=error_model.statics,
+        scopes={scope.value: sum(draw.law.size for draw in at.space.draws if draw.scope is scope) for scope in Scope},
+        nominal=error,
+        sliding_joints=tuple(joint.name for joint in chain.joints if joint.kind == "prismatic"),
+        correlations=Correlated.all_of(at.space),
+        summary=finish(plan, sampling.state, confidence),
+        warnings=tuple(str(finding) for finding in warnings),
+        errors=sampling.errors,
+    )
+
+
+def _planned(
+    error_model: ErrorModel, q: ArrayLike | Mapping[str, float] | str | None, specifications: Sequence[Specification]
+) -> tuple[PoseModel, Plan]:
+    try:
+        with np.errstate(over="raise"):
+            at = error_model.at(q)
+            error, _ = at.tangent
+            return at, Plan.from_moments(error, at.covariance, tuple(specifications))
+    except (OverflowError, FloatingPointError):
+        raise InputError(
+            "the errors at this pose are beyond any number; the tolerances or loads are far too large"
+        ) from None
+
+
+def _nothing(_: object) -> None:
+    """Take no notice."""

@@ -1,0 +1,187 @@
+"""Results as tables: numbers beside their intervals, data frames and datasets."""
+
+from __future__ import annotations
+
+import importlib
+import json
+import math
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any, Final
+
+from precision_pin.errors import InputError
+
+if TYPE_CHECKING:
+    import pandas  # type: ignore[import-untyped]
+    import xarray
+
+__all__ = [
+    "MOST_POSES",
+    "ROUNDING",
+    "UNITS",
+    "data_frame",
+    "dataset",
+    "described",
+    "interval_columns",
+    "joint_text",
+    "milli",
+    "number",
+    "optional",
+    "plus_minus",
+    "pose_labels",
+    "symbol",
+    "unit",
+]
+
+MOST_POSES: Final = 3
+"""Poses of a result that a notebook shows; a line below says how many more there are."""
+
+UNITS: Final = {"position": "m", "attitude": "rad"}
+"""Of numbers in data frames and datasets."""
+
+ROUNDING: Final = 1e-14
+"""Errors (m, rad) below this are rounding."""
+
+_DIGITS: Final = 6
+
+
+# text --------------------------------------------------------------------------------------------
+
+
+def symbol(quantity: str) -> str:
+    """Return what a quantity is called in a table: ``|d|``, ``dx``, … for ``position.norm``, ``position.x``, …."""
+    vector, _, part = quantity.partition(".")
+    letter = "d" if vector == "position" else "δ"
+    return f"|{letter}|" if part == "norm" else f"{letter}{part}"
+
+
+def unit(quantity: str) -> str:
+    """Return the unit in which a table shows a quantity."""
+    return "mm" if quantity.startswith("position") else "mrad"
+
+
+def milli(value: float | None) -> str:
+    """Return a number of m or rad in mm or mrad, six digits; ``-`` for none."""
+    if value is None or math.isnan(value):
+        return "-"
+    return f"{0.0 if abs(value) < ROUNDING else 1e3 * value:.{_DIGITS}g}"
+
+
+def plus_minus(value: float | None, half_width: float | None, *, decimals: int = 12) -> str:
+    """Return ``value ± half-width`` with two digits of the half-width, rounded up; ``-`` where not resolved.
+
+    With ``decimals`` never more digits than that behind the point.
+    """
+    if value is None or half_width is None:
+        return "-"
+    if half_width == 0:
+        return f"{value:.{_DIGITS}g}"
+    place = max(math.floor(math.log10(half_width)) - 1, -decimals)
+    # the allowance keeps a half-width such as 0.12, which is not exact in binary, from being rounded up to 0.13
+    above = math.ceil(half_width / 10.0**place * (1 - 1e-12)) * 10.0**place
+    digits = max(0, -place)
+    return f"{round(value, -place) + 0.0:.{digits}f} ± {above:.{digits}f}"
+
+
+def joint_text(q: Mapping[str, float], sliding_joints: Sequence[str]) -> str:
+    """Return joint values, degrees and mm."""
+    return ", ".join(
+        f"{joint} {1e3 * value:.{_DIGITS}g} mm"
+        if joint in sliding_joints
+        else f"{joint} {math.degrees(value):.{_DIGITS}g}°"
+        for joint, value in q.items()
+    )
+
+
+def pose_labels(names: Sequence[str]) -> list[str]:
+    """Return a label for each pose, no two alike: its name, or ``pose 1``, ``pose 2``, … where it has none."""
+    labels: list[str] = []
+    for rank, name in enumerate(names, start=1):
+        label = plain = name or f"pose {rank}"
+        again = 1
+        while label in labels:
+            again += 1
+            label = f"{plain} ({again})"
+        labels.append(label)
+    return labels
+
+
+# data --------------------------------------------------------------------------------------------
+
+
+def optional(package: str) -> Any:
+    """Return a package that this one works without, pandas or xarray.
+
+    Raises
+    ------
+    InputError
+        It is not installed.
+    """
+    try:
+        return importlib.import_module(package)
+    except ImportError:
+        raise InputError(f"{package} is not installed (pip install 'precision-pin[{package}]')") from None
+
+
+def number(value: float | None) -> float:
+    """Return a number, not-a-number for none."""
+    return math.nan if value is None else value
+
+
+def interval_columns(name: str, value: float | None, interval: tuple[float, float] | None) -> dict[str, float]:
+    """Return the three columns ``name``, ``name_lower``, ``name_upper``; not-a-number for what is not resolved."""
+    low, high = interval or (None, None)
+    return {name: number(value), f"{name}_lower": number(low), f"{name}_upper": number(high)}
+
+
+def data_frame(
+    index: Sequence[str], rows: Sequence[tuple[tuple[str, ...], Mapping[str, Any]]], attributes: Mapping[str, Any]
+) -> pandas.DataFrame:
+    """Return rows as a data frame.
+
+    Parameters
+    ----------
+    index
+        Names of the index's levels.
+    rows
+        Each row's place in the index, and its columns.
+    attributes
+        Becomes ``attrs``, with the units added.
+
+    Raises
+    ------
+    InputError
+        pandas is not installed.
+    """
+    pandas = optional("pandas")
+    keys = [key for key, _ in rows]
+    labels = (
+        pandas.Index([key[0] for key in keys], name=index[0])
+        if len(index) == 1
+        else pandas.MultiIndex.from_tuples(keys, names=index)
+    )
+    frame = pandas.DataFrame([columns for _, columns in rows], index=labels)
+    frame.attrs = {**attributes, "units": dict(UNITS)}
+    return frame
+
+
+def dataset(frame: pandas.DataFrame) -> xarray.Dataset:
+    """Return a frame whose index is a full grid as a dataset; ``attrs`` become text, as netCDF wants it.
+
+    Raises
+    ------
+    InputError
+        xarray is not installed.
+    """
+    xarray = optional("xarray")
+    made = xarray.Dataset.from_dataframe(frame)
+    # as the frame has them, not sorted
+    made = made.sel({str(level): frame.index.unique(level) for level in frame.index.names})
+    return made.assign_attrs(described(frame.attrs))  # type: ignore[no-any-return]
+
+
+def described(attributes: Mapping[str, Any]) -> dict[str, str]:
+    """Return attributes as text: JSON, but for what is text already."""
+    return {
+        key: value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)
+        for key, value in attributes.items()
+    }

@@ -1,0 +1,213 @@
+"""``export``: which files appear, what they hold, and what is refused."""
+
+from __future__ import annotations
+
+import csv
+import hashlib
+import re
+import signal
+import subprocess
+import time
+
+import numpy as np
+import pytest
+
+from cli.conftest import LONG
+from precision_pin.chain import Chain
+from precision_pin.model import ErrorModel
+from support.plain_robot import PlainRobot, pose_error
+
+HEAD = ["unit", "file", "x_m", "y_m", "z_m", "rx_rad", "ry_rad", "rz_rad", "sha256"]
+LINE = re.compile(r"[^\n]+: (error|warning) [EW]_[A-Z_]+: [^\n]+")
+
+
+def table(path) -> list[dict[str, str]]:
+    with path.open(newline="", encoding="utf-8") as stream:
+        reader = csv.DictReader(stream)
+        rows = list(reader)
+    assert reader.fieldnames == HEAD
+    return rows
+
+
+def error_of(row: dict[str, str]) -> np.ndarray:
+    return np.array([float(row[name]) for name in HEAD[2:8]])
+
+
+def test_the_papers_arm_without_arguments(run, folder, new_files):
+    outcome = run("export", "--out", "built")
+    assert (outcome.code, outcome.out) == (0, "")
+    assert outcome.said == ["wrote built: units.csv, 4dof.unit0000.urdf"]
+    assert new_files() == {"built", "built/units.csv", "built/4dof.unit0000.urdf"}
+    check = run("check", "built/4dof.unit0000.urdf")
+    assert (check.code, check.out, check.err) == (0, "", "no errors, 0 warnings\n")
+
+
+def test_files_and_table_agree(run, folder, new_files):
+    outcome = run("export", "gantry.urdf", "--units", "3", "--first", "7", "--seed", "5", "--out", "deep/er")
+    assert (outcome.code, outcome.out) == (0, "")
+    assert outcome.err == "wrote deep/er: units.csv, gantry.unit0007.urdf to gantry.unit0009.urdf\n"
+    names = [f"gantry.unit000{k}.urdf" for k in (7, 8, 9)]
+    assert new_files() == {"deep", "deep/er", "deep/er/units.csv", *(f"deep/er/{name}" for name in names)}
+    rows = table(folder / "deep/er/units.csv")
+    assert [row["unit"] for row in rows] == ["7", "8", "9"]
+    assert [row["file"] for row in rows] == names
+    model = ErrorModel.load("gantry.errors.yaml")
+    nominal = Chain.from_urdf("gantry.urdf")
+    x = model.space.sample(5, 7, 3)
+    q = {"y_axis": 0.25, LONG: np.radians(30)}
+    for k, row in enumerate(rows):
+        data = (folder / "deep/er" / row["file"]).read_bytes()
+        assert hashlib.sha256(data).hexdigest() == row["sha256"]
+        np.testing.assert_array_equal(error_of(row), model.at("out").exact(x)[:, k])
+        # both offsets are part of the robot at every pose: the gantry slides and turns further by them
+        for values in (q, {"y_axis": -0.5, LONG: 1.5}):
+            offset = dict(zip(nominal.joint_names, x[:, k], strict=True))
+            expected = nominal.at({name: values[name] + offset[name] for name in values}).pose
+            actual = PlainRobot.parse(data.decode()).poses(values)["tool"]
+            np.testing.assert_allclose(actual, expected, rtol=0, atol=1e-12)
+        achieved = pose_error(PlainRobot.parse(data.decode()).poses(q)["tool"], nominal.at(q).pose)
+        np.testing.assert_allclose(achieved, error_of(row), rtol=0, atol=1e-12)
+
+
+def test_pose_and_joint_values(run, folder):
+    for name, options in (("a", ("--pose", "home")), ("b", ("--q", "0 mm, 0 deg")), ("c", ())):
+        assert run("export", "gantry.urdf", *options, "--out", name).code == 0
+    errors = {name: error_of(table(folder / name / "units.csv")[0]) for name in "abc"}
+    np.testing.assert_array_equal(errors["a"], errors["b"])
+    # an arm of half a metre that turns further about x: another direction at another angle
+    assert np.abs(errors["a"] - errors["c"]).max() > 1e-6
+    text = (folder / "a" / "gantry.unit0000.urdf").read_text("utf-8")
+    assert "pose home: y_axis = 0.0 m," in text
+    assert "Schlitten_ü" in text
+
+
+def test_the_same_command_writes_the_same_bytes(run, folder):
+    for name in ("one", "two"):
+        assert run("export", "--units", "2", "--out", name).code == 0
+    for file in ("units.csv", "4dof.unit0000.urdf", "4dof.unit0001.urdf"):
+        assert (folder / "one" / file).read_bytes() == (folder / "two" / file).read_bytes()
+    assert "/" not in (folder / "one" / "4dof.unit0000.urdf").read_text().partition("<robot")[0]
+
+
+def test_names_grow_with_the_numbers(run, folder):
+    outcome = run("export", "gantry.urdf", "--units", "2", "--first", str(2**64 - 2), "--out", "o")
+    assert outcome.code == 0
+    assert [row["unit"] for row in table(folder / "o/units.csv")] == [str(2**64 - 2), str(2**64 - 1)]
+    assert run("export", "gantry.urdf", "--units", "2", "--first", "9999", "--out", "p").code == 0
+    names = sorted(path.name for path in (folder / "p").glob("*.urdf"))
+    assert names == ["gantry.unit09999.urdf", "gantry.unit10000.urdf"]
+
+
+def test_a_tip_that_a_joint_moves_gets_a_frame(run, folder):
+    (folder / "a.errors.yaml").write_text(
+        "precision-pin: 1\nrobot: forked.urdf\ntip: left\nposes: {p: 30 deg}\n"
+        "sources:\n  - frame: {frame: left, x: {uniform: 1 mm}}\n"
+    )
+    outcome = run("export", "a.errors.yaml", "--out", "o")
+    assert outcome.code == 0
+    assert outcome.err_lines[:-1] == [
+        "forked.urdf: warning W_FRAME_ADDED: no placement stands between 'left' and the joint next to it, so its own error "
+        "is written as a fixed frame 'left_as_built'; take that as the tip"
+    ]
+    data = (folder / "o" / "forked.unit0000.urdf").read_text()
+    (row,) = table(folder / "o/units.csv")
+    tip = PlainRobot.parse(data).poses({"to_left": np.radians(30)})
+    np.testing.assert_allclose(tip["left_as_built"][:3, 3] - tip["left"][:3, 3], error_of(row)[:3], rtol=0, atol=1e-15)
+    assert np.linalg.norm(error_of(row)) > 1e-6
+
+
+def test_relative_mesh_names_that_lead_nowhere_are_warned_of(run, folder):
+    (folder / "meshes").mkdir()
+    for name in ("a.stl", "b.stl"):
+        (folder / "meshes" / name).write_bytes(bytes(80) + (0).to_bytes(4, "little"))
+    visuals = "".join(
+        f'<visual><geometry><mesh filename="{name}"/></geometry></visual>'
+        for name in ("meshes/a.stl", "meshes/b.stl", "package://x/c.stl", "/d.stl", "meshes/gone.stl")
+    )
+    text = (folder / "4dof.urdf").read_text()
+    (folder / "4dof.urdf").write_text(text.replace('<link name="link1">', f'<link name="link1">{visuals}'))
+
+    def lost(outcome) -> list[str]:
+        assert outcome.code == 0
+        return [line for line in outcome.said if "will not be found" in line]
+
+    (line,) = lost(run("export", "4dof.urdf", "--out", "o"))
+    assert "'meshes/a.stl' and 1 more will not be found from 'o'" in line
+    assert LINE.fullmatch(line)
+    assert lost(run("export", "4dof.urdf", "--out", ".")) == []
+    (folder / "o" / "meshes").symlink_to(folder / "meshes")
+    assert lost(run("export", "4dof.urdf", "--out", "o")) == []
+
+
+def test_other_files_in_the_folder_stay(run, folder):
+    (folder / "o").mkdir()
+    (folder / "o" / "notes.txt").write_text("mine")
+    (folder / "o" / "4dof.unit0000.urdf").write_text("old")
+    assert run("export", "--out", "o").code == 0
+    assert (folder / "o" / "notes.txt").read_text() == "mine"
+    assert (folder / "o" / "4dof.unit0000.urdf").read_text().startswith("<?xml")
+
+
+WRONG = {
+    "no folder": ((), "Missing option '--out'"),
+    "empty folder": (("--out", ""), "--out names no folder"),
+    "no units": (("--out", "o", "--units", "0"), "--units 0: from 1 to 100000 robots"),
+    "negative units": (("--out", "o", "--units", "-3"), "--units -3: from 1 to 100000 robots"),
+    "absurd units": (("--out", "o", "--units", "100001"), "--units 100001: from 1 to 100000 robots"),
+    "units in words": (("--out", "o", "--units", "all"), "'all' is not a valid integer"),
+    "negative first": (("--out", "o", "--first", "-1"), "--first -1: units -1 to -1 do not exist"),
+    "first too large": (("--out", "o", "--first", str(2**64)), "do not exist, from 0 to 2\\^64 - 1"),
+    "negative seed": (("--out", "o", "--seed", "-1"), "seed must be a whole number from 0 to 2\\^64 - 1"),
+    "unknown pose": (("--out", "o", "--pose", "papper"), "no pose named 'papper'; did you mean 'paper'"),
+    "pose and joint values": (("--out", "o", "--pose", "paper", "--q", "0 0 0 0 deg"), "exclude each other"),
+    "unknown tip": (("--out", "o", "--tip", "tol"), "no link named 'tol'; did you mean 'tool'"),
+    "missing robot": (("nosuch.urdf", "--out", "o"), "nosuch.urdf: error E_FILE"),
+    "a file as folder": (("--out", "4dof.urdf"), "cannot write to the folder 4dof.urdf: it is a file"),
+    "a folder below a file": (("--out", "4dof.urdf/o"), "is not a folder"),
+    "xacro": (("made.urdf", "4dof.errors.yaml", "--out", "o"), "made.urdf:2: error E_XACRO: unprocessed xacro"),
+    "a folder in the place of the table": (("--out", "taken"), "cannot write taken/units.csv: it is a folder"),
+    "a source that fails at the pose": (("soft.yaml", "--out", "o"), "does not come to rest|buckles|half a turn"),
+}
+
+
+@pytest.mark.parametrize("case", WRONG)
+def test_wrong_command_lines(run, folder, contents, case):
+    arguments, message = WRONG[case]
+    (folder / "made.urdf").write_text(
+        '<robot name="a" xmlns:xacro="http://www.ros.org/wiki/xacro">\n<xacro:arm/></robot>'
+    )
+    (folder / "taken" / "units.csv").mkdir(parents=True)
+    soft = (folder / "4dof.errors.yaml").read_text("utf-8") + "  - frame: {joint: joint2, rx: 200 deg}\n"
+    (folder / "soft.yaml").write_text(soft, "utf-8")
+    before = contents()
+    outcome = run("export", *arguments)
+    assert (outcome.code, outcome.out) == (2, "")
+    assert re.search(message, outcome.err)
+    assert len(outcome.said) == 1
+    assert LINE.match(outcome.said[0])
+    assert contents() == before
+
+
+def test_ctrl_c_leaves_nothing(executable, folder, new_files):
+    process = subprocess.Popen(
+        [executable, "export", "--units", "100000", "--out", "built"],
+        cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+    )  # fmt: skip
+    try:
+        deadline = time.monotonic() + 30
+        while not list(folder.glob("built/*/*")) and time.monotonic() < deadline:
+            time.sleep(0.05)
+        process.send_signal(signal.SIGINT)
+        out, err = process.communicate(timeout=30)
+    finally:
+        process.kill()
+    assert (process.returncode, out) == (130, "")
+    assert err.splitlines()[-1] == "interrupted"
+    assert new_files() == set()
+
+
+def test_help_says_what_holds_where(run):
+    text = " ".join(run("export", "--help").out.split())
+    assert "the errors of the built robot at every pose and all errors" in text
+    for option in ("--units", "--first", "--seed", "--out", "--pose", "--q", "--tip", "--base"):
+        assert option in text

@@ -1,0 +1,182 @@
+"""Reports to test, and a reader of pages."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from functools import cache
+from html.parser import HTMLParser
+from pathlib import Path
+from xml.sax.saxutils import quoteattr
+
+from precision_pin.examples import PAPER_SHEET
+from precision_pin.outputs.report import Results, collect, page
+from precision_pin.sheet import read
+from precision_pin.specifications import specification
+
+SAMPLES = 3_000
+SCRIPT, SVG, MATHS, BRACE, HAN = (
+    "</script><img src=x onerror=alert(1)>",
+    '"><svg onload=alert(2)>',
+    "a$x$",
+    "a_{b",
+    "腕'&amp;",
+)
+SPECIFICATIONS = ("45 mm @ 99 %", "x 0.1 mm", "attitude 25 mrad")
+VOID = ("meta", "br", "input", "link", "img", "path", "use")
+
+
+def results_of(sheet: Path, specs: Sequence[str] = (), **settings: object) -> Results:
+    return collect(
+        read(sheet),
+        settings.pop("pose", None),  # type: ignore[arg-type]
+        **{
+            "samples": SAMPLES,
+            "seed": 4,
+            "model": "exact",
+            "specifications": [specification(text) for text in specs],
+            "command": ["precision-pin", "report"],
+            "package_dirs": (),
+            "step": silent,
+        }
+        | settings,  # type: ignore[arg-type]
+    )
+
+
+@contextmanager
+def silent(what: str, samples: int) -> Iterator[object]:
+    assert what
+    assert samples >= 0
+    yield lambda count: None
+
+
+@cache
+def paper() -> tuple[Results, str]:
+    """Return the results of the paper's case and its page."""
+    results = results_of(PAPER_SHEET)
+    return results, page(results)
+
+
+def write_hostile(folder: Path) -> Path:
+    """Write an arm and a sheet whose every name is an attack or a trap, and return the sheet."""
+
+    def joint(name: str, kind: str, parent: str, child: str, axis: str) -> str:
+        return (
+            f'<joint name={quoteattr(name)} type="{kind}"><origin xyz="0.4 0 0.2"/><parent link={quoteattr(parent)}/>'
+            f'<child link={quoteattr(child)}/><axis xyz="{axis}"/>'
+            '<limit lower="-3" upper="3" effort="1" velocity="1"/></joint>'
+        )
+
+    def quoted(text: str) -> str:
+        return "'" + text.replace("'", "''") + "'"
+
+    links = "".join(f"<link name={quoteattr(name)}/>" for name in (SVG, MATHS, BRACE, SCRIPT))
+    joints = (
+        joint(SVG, "revolute", SVG, MATHS, "0 0 1")
+        + joint(BRACE, "revolute", MATHS, BRACE, "0 1 0")
+        + joint(HAN, "prismatic", BRACE, SCRIPT, "1 0 0")
+    )
+    (folder / "hostile.urdf").write_text(f"<robot name={quoteattr(SCRIPT)}>{links}{joints}</robot>", "utf-8")
+    sheet = folder / "hostile.yaml"
+    sheet.write_text(
+        f"""precision-pin: 1
+robot: hostile.urdf
+poses:
+  {quoted(SCRIPT)}: [10 deg, 20 deg, 0.1 m]
+sources:
+  - joint_offset: {{joint: {quoted(SVG)}, offset: {{uniform: 0.1 mrad}}}}
+  - joint_offset: {{joint: {quoted(BRACE)}, offset: {{normal: 0.3 mrad}}}}
+  - joint_offset: {{joint: {quoted(HAN)}, offset: {{normal: 0.3 mm}}}}
+  - axis_install: {{joint: {quoted(SVG)}, radius: 0.1 mm, span: 100 mm}}
+""",
+        "utf-8",
+    )
+    return sheet
+
+
+@dataclass
+class Tag:
+    """A start tag."""
+
+    name: str
+    attributes: dict[str, str]
+    section: str
+
+
+@dataclass
+class Table:
+    """A table: its caption, its rows of cells, and the tags of the cells' headings."""
+
+    caption: str = ""
+    section: str = ""
+    rows: list[list[str]] = field(default_factory=list)
+    scopes: list[str | None] = field(default_factory=list)
+
+    def row(self, heading: str) -> list[str]:
+        return next(row[1:] for row in self.rows if row[0] == heading)
+
+    def column(self, heading: str) -> dict[str, str]:
+        k = self.rows[0].index(heading)
+        return {row[0]: row[k] for row in self.rows[1:]}
+
+
+class Reader(HTMLParser):
+    """Tags, tables, headings and text of a page; what stands in the frame stays an attribute."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.tags: list[Tag] = []
+        self.tables: list[Table] = []
+        self.headings: list[tuple[int, str]] = []
+        self.words: list[str] = []
+        self._section = ""
+        self._open: list[str] = []
+        self.feed(text)
+        assert self._open == []
+
+    def handle_starttag(self, tag: str, attributes: list[tuple[str, str | None]]) -> None:
+        given = {key: value or "" for key, value in attributes}
+        if tag == "section":
+            self._section = given["id"]
+        self.tags.append(Tag(tag, given, self._section))
+        if tag not in VOID:
+            self._open.append(tag)
+        if tag == "table":
+            self.tables.append(Table(section=self._section))
+        elif tag == "tr":
+            self.tables[-1].rows.append([])
+        elif tag in ("td", "th"):
+            self.tables[-1].rows[-1].append("")
+            if tag == "th":
+                self.tables[-1].scopes.append(given.get("scope"))
+        elif re.fullmatch("h[1-6]", tag):
+            self.headings.append((int(tag[1]), ""))
+
+    def handle_endtag(self, tag: str) -> None:
+        if tag not in VOID:
+            assert self._open.pop() == tag
+
+    def handle_data(self, data: str) -> None:
+        inside = set(self._open)
+        if "style" in inside:
+            return
+        self.words.append(data)
+        if "caption" in inside:
+            self.tables[-1].caption += data
+        elif inside & {"td", "th"}:
+            self.tables[-1].rows[-1][-1] += data
+        elif self._open and re.fullmatch("h[1-6]", self._open[-1]):
+            level, text = self.headings[-1]
+            self.headings[-1] = (level, text + data)
+
+    @property
+    def text(self) -> str:
+        return " ".join("".join(self.words).split())
+
+    def table(self, start: str) -> Table:
+        return next(table for table in self.tables if table.caption.startswith(start))
+
+    def named(self, name: str) -> list[Tag]:
+        return [tag for tag in self.tags if tag.name == name]

@@ -1,0 +1,636 @@
+"""As-built URDFs: read again by three readers and compared with the exact model; nothing else in the file changes."""
+
+from __future__ import annotations
+
+import io
+import re
+import xml.etree.ElementTree as ElementTree
+from pathlib import Path
+
+import numpy as np
+import pinocchio
+import pytest
+import yourdfpy
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from precision_pin import urdf
+from precision_pin.chain import Chain
+from precision_pin.errors import InputError, InternalError, UrdfError
+from precision_pin.examples import PAPER_SHEET, example_urdfs
+from precision_pin.laws import Disc, Normal, Uniform
+from precision_pin.model import ErrorModel
+from precision_pin.outputs.as_built import AsBuilt
+from precision_pin.outputs.pose_dependence import frozen_sources
+from precision_pin.sources.axis_install import AxisInstall
+from precision_pin.sources.backlash import Backlash
+from precision_pin.sources.encoder import Encoder
+from precision_pin.sources.frame import Frame
+from precision_pin.sources.joint_compliance import JointCompliance
+from precision_pin.sources.joint_offset import JointOffset
+from precision_pin.sources.length import Length
+from precision_pin.sources.mcpc import Mcpc
+from precision_pin.sources.mounting import Mounting
+from precision_pin.sources.transmission import Transmission
+from precision_pin.space import Draw, Scope, Space
+from precision_pin.urdf.editing import AddedFrame, Placement, UrdfText
+from support.plain_robot import PlainRobot, joint, link, pose_error, random_arm, robot
+from support.sheets import everything
+
+CLOSE = 1e-12
+COMMENT = re.compile(rb"<!--\s+As-built robot.*?-->\r?\n|\r?\n<!--\s+As-built robot.*?-->", re.DOTALL)
+
+
+def written_file(folder: Path, text: str | bytes) -> Path:
+    path = folder / "arm.urdf"
+    path.write_bytes(text.encode() if isinstance(text, str) else text)
+    return path
+
+
+def every_geometric(chain: Chain) -> list:
+    """Errors at every kind of place: ends, seats, named frames, base, tool, custom places, joint values."""
+    names = chain.joint_names
+    last = chain.joints[-1].child
+    sources = [
+        Mounting(at="base", x=Normal(1e-3), ry=Normal(2e-3)),
+        Mounting(at="tool", y=Normal(1e-3), rx=Normal(2e-3)),
+        Length(joint=names[1], along=f"x of {names[0]}", parameters=(Uniform(1e-3),)),
+        Mcpc(link=last, alpha=Uniform(1e-3), gamma=Uniform(2e-3), z=Uniform(1e-3)),
+        Mcpc(link=chain.joints[0].child, beta=Uniform(1e-3), x=Normal(5e-4)),
+    ]
+    for name in names:
+        sources += [
+            AxisInstall(joint=name, radius=2e-4, span=0.1, start=0.02),
+            Frame(joint=name, z=Normal(5e-4), rx=Uniform(2e-3), rz=Uniform(2e-3)),
+            JointOffset(joint=name, offset=Uniform(2e-3)),
+        ]
+    on_way = [name for name, where in chain.link_frames.items() if where.path_rank is not None]
+    reversed_parts = {"_reversed", "_origin"}
+    sources += [
+        Frame(frame=name, x=Uniform(1e-3), rz=Normal(1e-3))
+        for name in on_way
+        if name not in (chain.base, chain.tip) and not any(name.endswith(part) for part in reversed_parts)
+    ]
+    return sources
+
+
+def poses_of(chain: Chain, count: int = 20, seed: int = 8) -> np.ndarray:
+    return np.random.default_rng(seed).uniform(-2.5, 2.5, (count, len(chain.joints)))
+
+
+# --- three readers, and a fourth written for the tests ---
+
+
+def by_us(text: bytes, base: str, tip: str, values: dict[str, float]) -> np.ndarray:
+    # by Pinocchio, through our reading
+    chain = Chain.from_robot(urdf.parse(text, "as_built.urdf"), tip, base)
+    off = {name: value for name, value in values.items() if name not in chain.joint_names}
+    chain = Chain.from_robot(urdf.parse(text, "as_built.urdf"), tip, base, locked=off) if off else chain
+    return chain.at({name: values[name] for name in chain.joint_names}).pose
+
+
+def by_pinocchio(text: bytes, base: str, tip: str, values: dict[str, float]) -> np.ndarray:
+    model = pinocchio.buildModelFromXML(text.decode())
+    q = pinocchio.neutral(model)
+    for name, value in values.items():
+        entry = model.joints[model.getJointId(name)]
+        q[entry.idx_q : entry.idx_q + entry.nq] = [value] if entry.nq == 1 else [np.cos(value), np.sin(value)]
+    data = model.createData()
+    pinocchio.framesForwardKinematics(model, data, q)
+    base_pose, tip_pose = (data.oMf[model.getFrameId(name, pinocchio.FrameType.BODY)] for name in (base, tip))
+    return (base_pose.inverse() * tip_pose).homogeneous
+
+
+def by_yourdfpy(text: bytes, base: str, tip: str, values: dict[str, float]) -> np.ndarray:
+    reading = yourdfpy.URDF.load(io.BytesIO(text), load_meshes=False, build_scene_graph=True)
+    reading.update_cfg({name: values.get(name, 0.0) for name in reading.actuated_joint_names})
+    return reading.get_transform(tip, base)
+
+
+def by_hand(text: bytes, base: str, tip: str, values: dict[str, float]) -> np.ndarray:
+    return PlainRobot.parse(text.decode()).poses(values, base)[tip]
+
+
+READERS = [by_us, by_pinocchio, by_yourdfpy, by_hand]
+
+
+def assert_reproduced(model: ErrorModel, writer: AsBuilt, built, poses: np.ndarray, readers=READERS, unit=3, seed=5):
+    """Compare a written unit with the exact model of the same numbers at poses ``(P, n)``."""
+    x = model.space.sample(seed, unit, 1)
+    chain = model.chain
+    for q in poses:
+        at = model.at(q)
+        nominal, expected = at.posture.pose, at.exact(x)[:, 0]
+        values = {**chain.locked, **dict(zip(chain.joint_names, map(float, q), strict=True))}
+        for reader in readers:
+            actual = pose_error(reader(built.text, writer.base, writer.tip, values), nominal)
+            np.testing.assert_allclose(actual, expected, rtol=0, atol=CLOSE, err_msg=reader.__name__)
+
+
+def example(name: str) -> tuple[Path, str, str | None, dict[str, float]]:
+    tips = {
+        "ur5": ("tool0", "base_link"),
+        "panda": ("panda_hand_tcp", None),
+        "kinova": ("j2s6s200_end_effector", None),
+        "xarm7": ("link7", "link_base"),
+    }
+    tip, base = tips[name]
+    return example_urdfs()[name], tip, base, {}
+
+
+# --- geometry at every pose ---
+
+
+@pytest.mark.parametrize("name", ["ur5", "panda", "kinova"])
+def test_geometric_errors_are_reproduced_at_every_pose_for_known_arms(name):
+    path, tip, base, locked = example(name)
+    chain = Chain.from_urdf(path, tip, base, locked=locked)
+    model = ErrorModel(chain, Space(), every_geometric(chain))
+    poses = poses_of(chain)
+    writer = AsBuilt.prepare(model, poses[0])
+    (built,) = writer.units(5, 3, 1)
+    assert np.linalg.norm(built.error[:3]) > 1e-4
+    assert_reproduced(model, writer, built, poses)
+    # what the strict reader had to say about the file, it says of the written one, and nothing more
+    before = [finding.code for finding in urdf.check(path)]
+    after = [finding.code for finding in urdf.parse(built.text, "as_built.urdf").findings]
+    assert set(after) <= set(before)
+
+
+def test_geometric_errors_of_the_papers_arm():
+    chain = Chain.from_urdf(PAPER_SHEET.with_name("4dof.urdf"))
+    model = ErrorModel(chain, Space(), every_geometric(chain))
+    writer = AsBuilt.prepare(model, poses_of(chain)[0])
+    (built,) = writer.units(5, 3, 1)
+    assert_reproduced(model, writer, built, poses_of(chain))
+
+
+@pytest.mark.parametrize(
+    ("base", "tip", "locked", "ends"),
+    [
+        ("base", "tool", {}, ("base", "tool")),
+        # the frame at the tip moves with a chain joint or with one held still
+        ("base", "link7", {}, ("base", "link7_as_built")),
+        ("base", "finger", {"finger_joint": 0.3}, ("base", "finger")),
+        ("base", "tool", {"joint3": 0.7, "joint4": -0.2}, ("base", "tool")),
+        # the base is not the root: forwards only, backwards only, up and down again
+        ("link3", "tool", {}, ("link3", "tool")),
+        ("tool", "base", {}, ("tool", "base")),
+        ("link6", "base", {}, ("link6_as_built", "base")),
+        ("half2", "base", {}, ("half2", "base")),
+        ("tool", "bracket", {"joint4": 0.4}, ("tool", "bracket")),
+        ("tool", "link2", {"joint6": 0.4, "joint7": -1.0}, ("tool", "link2")),
+        ("bracket", "finger", {}, ("bracket", "finger_as_built")),
+    ],
+)
+def test_geometric_errors_with_other_bases_and_tips(tmp_path, base, tip, locked, ends):
+    path = written_file(tmp_path, random_arm(61, prismatic=(4,)))
+    chain = Chain.from_urdf(path, tip, base, locked=locked)
+    model = ErrorModel(chain, Space(), every_geometric(chain))
+    poses = poses_of(chain, count=6)
+    writer = AsBuilt.prepare(model, poses[0])
+    (built,) = writer.units(5, 3, 1)
+    assert (writer.base, writer.tip) == ends
+    assert_reproduced(model, writer, built, poses, readers=[by_pinocchio, by_hand])
+    # only what lies between base and tip is placed anew
+    changed = changed_joints(path.read_bytes(), built.text)
+    way = {step.name for step in urdf.read(path).path("base", base) + urdf.read(path).path("base", tip)}
+    assert changed
+    assert changed <= way
+
+
+def changed_joints(before: bytes, after: bytes) -> set[str]:
+    old, new = (
+        {node.get("name"): origin_of(node) for node in ElementTree.fromstring(text).findall("joint")}
+        for text in (before, after)
+    )
+    return {name for name in old if old[name] != new[name]}
+
+
+def origin_of(node: ElementTree.Element) -> tuple[str | None, str | None] | None:
+    origin = node.find("origin")
+    return None if origin is None else (origin.get("xyz"), origin.get("rpy"))
+
+
+def split_arm() -> str:
+    """One turning joint, then three fixed ones in a row, the second of them without an origin."""
+    return robot(
+        *map(link, ("base", "arm", "cover", "plate", "tool", "lamp")),
+        joint("turn", "revolute", "base", "arm", (0, 0, 0.3), (0.1, 0.2, 0.3), (0, 1, 0)),
+        joint("screws", "fixed", "arm", "cover", (0.4, 0, 0), (0.5, 0, 0)),
+        '<joint name="glue" type="fixed"><parent link="cover"/><child link="plate"/></joint>',
+        joint("clamp", "fixed", "plate", "tool", (0, 0, 0.1)),
+        joint("pin", "fixed", "cover", "lamp", (0, 0.2, 0)),
+    )
+
+
+@pytest.mark.parametrize(
+    ("source", "moved"),
+    [
+        (Frame(joint="turn", x=1e-3), "turn"),
+        (JointOffset(joint="turn", offset=1e-3), "turn"),
+        # a named frame moves itself, one that a joint moves takes along all beyond it
+        (Frame(frame="arm", x=1e-3), "screws"),
+        (Frame(frame="cover", x=1e-3), "screws"),
+        (Frame(frame="plate", x=1e-3), "glue"),
+        (Frame(link="cover", x=1e-3), "clamp"),
+        (Frame(frame="tool", x=1e-3), "clamp"),
+        (Mounting(at="base", rx=1e-3), "turn"),
+    ],
+)
+def test_a_displacement_goes_into_the_joint_that_leads_to_its_place(tmp_path, source, moved):
+    path = written_file(tmp_path, split_arm())
+    model = ErrorModel(Chain.from_urdf(path, "tool"), Space(), [source])
+    writer = AsBuilt.prepare(model, [0.4])
+    (built,) = writer.units(0, 0, 1)
+    assert changed_joints(path.read_bytes(), built.text) == {moved}
+    assert_reproduced(model, writer, built, np.array([[0.4], [-1.1]]))
+
+
+def test_values_by_hand(tmp_path):
+    # the joint turns about y: an offset of 0.25 rad is a pitch of 0.25 rad at its origin, whose position stays as written
+    text = robot(
+        *map(link, ("base", "arm", "tool")),
+        joint("turn", "revolute", "base", "arm", (0, 0, 0.3), (0, 0, 0), (0, 1, 0)),
+        joint("flange", "fixed", "arm", "tool", (0.5, 0, 0)),
+    )
+    chain = Chain.from_urdf(written_file(tmp_path, text))
+    model = ErrorModel(
+        chain, Space(), [JointOffset(joint="turn", offset=0.25), Frame(frame="tool", x=0.125, rz=np.pi / 2)]
+    )
+    (built,) = AsBuilt.prepare(model, [0.0]).units(0, 0, 1)
+    nodes = {node.get("name"): origin_of(node) for node in ElementTree.fromstring(built.text).findall("joint")}
+    xyz, rpy = nodes["turn"]
+    assert xyz == "0.0 0.0 0.3"
+    np.testing.assert_allclose(np.array(rpy.split(), dtype=float), [0, 0.25, 0], rtol=0, atol=1e-15)
+    xyz, rpy = nodes["flange"]
+    assert xyz == "0.625 0.0 0.0"
+    np.testing.assert_allclose(np.array(rpy.split(), dtype=float), [0, 0, np.pi / 2], rtol=0, atol=1e-15)
+    # R_y(0.25) carries the tip to (0.625 cos, 0, 0.3 - 0.625 sin)
+    expected = [0.625 * np.cos(0.25) - 0.5, 0, -0.625 * np.sin(0.25)]
+    np.testing.assert_allclose(built.error[:3], expected, rtol=0, atol=1e-15)
+
+
+@settings(max_examples=60, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(
+    pitch=st.sampled_from([np.pi / 2, -np.pi / 2, np.pi / 2 - 1e-9, -np.pi / 2 + 1e-5, 1.5708, 0.0, np.pi]),
+    roll=st.floats(-3.2, 3.2),
+    yaw=st.floats(-3.2, 3.2),
+    turn=st.lists(st.one_of(st.just(0.0), st.floats(-1e-8, 1e-8), st.floats(-0.7, 0.7)), min_size=3, max_size=3),
+    shift=st.lists(st.floats(-0.01, 0.01), min_size=3, max_size=3),
+)
+def test_angles_near_a_pitch_of_90_degrees(tmp_path, pitch, roll, yaw, turn, shift):
+    text = robot(
+        *map(link, ("base", "arm", "tool")),
+        joint("turn", "revolute", "base", "arm", (0.1, -0.2, 0.3), (roll, pitch, yaw), (0.6, 0, 0.8)),
+        joint("flange", "fixed", "arm", "tool", (0.5, 0.1, 0), (yaw, pitch, roll)),
+    )
+    chain = Chain.from_urdf(written_file(tmp_path, text))
+    keys = ("x", "y", "z", "rx", "ry", "rz")
+    error = dict(zip(keys, (*shift, *turn), strict=True))
+    model = ErrorModel(chain, Space(), [Frame(joint="turn", **error), Frame(frame="tool", **error)])
+    writer = AsBuilt.prepare(model, [0.3])
+    (built,) = writer.units(5, 3, 1)
+    assert_reproduced(model, writer, built, np.array([[0.3], [-2.0]]), readers=[by_pinocchio, by_hand])
+
+
+# --- everything at the export pose ---
+
+
+def laden(tmp_path: Path, statics: str = "nominal") -> ErrorModel:
+    path = written_file(tmp_path, random_arm(51, prismatic=(4,)))
+    model = everything(Chain.from_urdf(path, "tool"))
+    sources = [
+        *model.sources,
+        Backlash(joint="joint3", backlash=Uniform(1e-4, mean=3e-4), band=1e3),
+        Backlash(joint="joint2", backlash=1e-3, band=0.1),
+        Transmission(joint="joint5", amplitude=(Uniform(1e-4, mean=5e-4),), order=(2.0,), stiffness=5e4),
+        Encoder(joint="joint6", resolution=1e-3, amplitude=2e-4),
+        JointOffset(joint="joint7", offset=Draw("repeat", Normal(1e-3), Scope.VISIT)),
+    ]
+    names = {draw.name for draw in model.space.draws if "[" not in draw.name}
+    space = Space(tuple(draw for draw in model.space.draws if draw.name in names))
+    return ErrorModel(model.chain, space, sources, {"export": [0.3, -0.7, 1.1, 0.2, -1.3, 0.8, 0.5]}, statics)
+
+
+@pytest.mark.parametrize("statics", ["nominal", "equilibrium"])
+def test_all_errors_are_reproduced_at_the_export_pose(tmp_path, statics):
+    model = laden(tmp_path, statics)
+    writer = AsBuilt.prepare(model, "export")
+    q = model.poses["export"]
+    for built in writer.units(5, 3, 2):
+        assert_reproduced(model, writer, built, q[None], unit=built.unit)
+    # elsewhere the loads pull otherwise: the same numbers give another error, and the file does not claim it
+    other = q + 0.4
+    x = model.space.sample(5, 3, 1)
+    built = next(writer.units(5, 3, 1))
+    at = model.at(other)
+    values = dict(zip(model.chain.joint_names, other, strict=True))
+    actual = pose_error(by_hand(built.text, "base", "tool", values), at.posture.pose)
+    assert np.abs(actual - at.exact(x)[:, 0]).max() > 1e-5
+
+
+def test_the_file_names_what_is_frozen(tmp_path):
+    model = laden(tmp_path)
+    writer = AsBuilt.prepare(model, "export", sheet="arm.errors.yaml")
+    (built,) = writer.units(5, 3, 1)
+    comment = " ".join(COMMENT.search(built.text)[0].decode().split())
+    assert "unit 3 of seed 5" in comment
+    assert "pose export: joint1 = 0.3 rad, joint2 = -0.7 rad, joint3 = 1.1 rad, joint4 = 0.2 m, " in comment
+    assert "sheet: arm.errors.yaml" in comment
+    assert "chain: base to tool" in comment
+    frozen = comment.partition("Frozen as they are at this pose: ")[2].partition(". ")[0].split(", ")
+    assert set(frozen) == {
+        "beam[link2]",
+        "beam[link3]",
+        *(f"joint_compliance[joint{k}]" for k in (1, 2, 4)),
+        "backlash[joint2]",
+        "backlash[joint3]",
+        "transmission[joint5]",
+        "encoder[joint6]",
+        "joint_offset[joint7]",
+        "length[tool]",  # along an axis of joint 2, which turns against the tool
+    }
+
+
+def test_a_file_without_anything_frozen_says_so(tmp_path):
+    path = written_file(tmp_path, random_arm(61, prismatic=(4,)))
+    chain = Chain.from_urdf(path, "tool", locked={"joint2": 0.25})
+    model = ErrorModel(chain, Space(), every_geometric(chain))
+    assert frozen_sources(model, model.at(np.zeros(6))) == ()
+    (built,) = AsBuilt.prepare(model, np.zeros(6)).units(0, 0, 1)
+    comment = " ".join(COMMENT.search(built.text)[0].decode().split())
+    assert comment.endswith("No source was seen to depend on the pose. -->")
+    assert "held still on the way: joint2 = 0.25 rad pose: " in comment
+
+
+@pytest.mark.parametrize(
+    ("source", "frozen"),
+    [
+        (JointCompliance(joint="joint2", compliance=1e-5), True),
+        (Transmission(joint="joint2", stiffness=1e5), True),
+        (Backlash(joint="joint2", backlash=1e-3, band=1e-3), True),
+        (Encoder(joint="joint2", amplitude=1e-3), True),
+        (JointOffset(joint="joint2", offset=Draw("a", Normal(1e-3), Scope.POSE)), True),
+        (JointOffset(joint="joint2", offset=Draw("a", Normal(1e-3))), False),
+        (Length(joint="joint3", along="x of joint2", parameters=(1e-3,)), False),
+        # a direction that turns with a joint within the way of the error
+        (Length(joint="joint3", along="x of joint6", parameters=(1e-3,)), True),
+    ],
+)
+def test_frozen_sources(tmp_path, source, frozen):
+    chain = Chain.from_urdf(written_file(tmp_path, random_arm(51)), "tool")
+    model = ErrorModel(chain, Space(), [source])
+    assert frozen_sources(model, model.at(np.full(7, 0.3))) == ((source.label(),) if frozen else ())
+
+
+def test_what_loads_cause_counts_as_frozen_even_where_they_are_the_same_everywhere(tmp_path):
+    lift = robot(link("base"), link("tool", 2.0), joint("lift", "prismatic", "base", "tool", axis=(0, 0, 1)))
+    chain = Chain.from_urdf(written_file(tmp_path, lift))
+    model = ErrorModel(chain, Space(), [JointCompliance(joint="lift", compliance=1e-5)])
+    assert frozen_sources(model, model.at([0.3])) == ("joint_compliance[lift]",)
+
+
+def test_a_robot_that_does_not_stand_where_it_should_is_not_given_out(tmp_path, monkeypatch):
+    model = awkward_model(tmp_path)
+    writer = AsBuilt.prepare(model, [0.1, 0.2, 0.3])
+    monkeypatch.setattr(UrdfText, "edited", lambda text, *rest: text.data)
+    with pytest.raises(InternalError, match="does not stand where the exact model puts it"):
+        next(writer.units(0, 0, 1))
+
+
+def test_units_are_those_of_the_sampler(tmp_path):
+    from precision_pin import monte_carlo
+
+    model = laden(tmp_path)
+    analysis = monte_carlo(model, "export", samples=64, seed=11, keep_samples=True)
+    built = list(AsBuilt.prepare(model, "export").units(11, 60, 4))
+    assert [one.unit for one in built] == [60, 61, 62, 63]
+    np.testing.assert_allclose(
+        np.array([one.error for one in built]).T, np.asarray(analysis.errors)[:, 60:], rtol=0, atol=1e-12
+    )
+    again = list(AsBuilt.prepare(model, "export").units(11, 62, 2))
+    assert [one.text for one in again] == [one.text for one in built[2:]]
+    assert len({one.digest for one in built}) == 4
+
+
+# --- nothing else changes ---
+
+AWKWARD = """\ufeff<?xml version='1.0' encoding="utf-8" standalone="yes"?>
+<!-- a comment with <joint name="shoulder"><origin xyz="9 9 9"/></joint> in it; tabs\tand  blanks -->
+<?pi keep="this"?>
+<robot xmlns:xacro="http://www.ros.org/wiki/xacro" name="Arm-Ü &amp; co">
+  <material name="grey"><color rgba="0.50 .5 5e-1 1"/></material>
+  <link name="foot"/>
+  <link name="upper"><inertial><origin xyz="0.10 0 0"/><mass value="2.50"/>
+      <inertia ixx="0.01" ixy="0" ixz="0" iyy="0.040" iyz="0" izz="0.04"/></inertial>
+    <visual><origin xyz="0.1 0 0" rpy="0 1.57 0"/><geometry><mesh filename="meshes/a &amp; b.stl"/></geometry></visual>
+    <collision><geometry><mesh filename="package://arm/c.stl"/></geometry></collision></link>
+  <link name="fore"/><link name="wrist"/><link name="tool"/><link name="camera"/>
+  <gazebo reference="upper"><joint name="shoulder"><origin xyz="7 7 7"/></joint><mu1>0.20</mu1></gazebo>
+  <joint
+      type = 'revolute'  name='shoulder' >
+    <!-- where it stands: --><origin note="xyz='1 1 1' > rpy" rpy = '0.10 0.2
+      0.3'  other="2" xyz="0.0 0 .30"   /><axis xyz="0 0.0 1"/>
+    <parent link="foot"/><child link="upper"/><limit lower="-2.0" upper="2" effort="50" velocity="1.50"/>
+    <calibration rising="0.5"/><dynamics damping="0.10"/>
+  </joint>
+  <joint name="elbow" type="continuous">
+    <parent link="upper"/>
+    <child link="fore"/>
+    <axis xyz="0 -1.0 0"/>
+  </joint>
+  <joint name="roll" type="revolute"><note><joint name="elbow"><origin xyz="6 6 6"/></joint></note>
+    <origin rpy="0 0 0.50"></origin><parent link="fore"/><child link="wrist"/>
+    <axis xyz="1 0 0"/><limit lower="-2" upper="2" effort="50" velocity="1.5"/></joint>
+  <joint name="flange" type="fixed"><origin xyz="5e-2 0 0"/><parent link="wrist"/><child link="tool"/></joint>
+  <joint name="bracket" type="fixed"><origin xyz="0.050 0 0"/><parent link="wrist"/><child link="camera"/></joint>
+  <transmission name="t"><type>x</type><joint name="shoulder"><origin xyz="8 8 8"/></joint></transmission>
+  <ros2_control name="system" type="system"><hardware><plugin>mock</plugin></hardware>
+    <joint name="elbow"><command_interface name="position"/></joint></ros2_control>
+  <vendor:tag xmlns:vendor="urn:v" a="1">text &lt; <![CDATA[ <joint name="elbow"> ]]></vendor:tag>
+</robot>
+<!-- the end -->
+""".replace("\n", "\r\n")
+
+
+def awkward_model(folder: Path) -> ErrorModel:
+    chain = Chain.from_urdf(written_file(folder, AWKWARD), "tool")
+    turns = {"rx": Uniform(1e-3), "ry": Normal(1e-3)}
+    return ErrorModel(
+        chain,
+        Space((Draw("spot", Disc(1e-3)),)),
+        [
+            Frame(joint="shoulder", x="spot.x", y="spot.y", **turns),
+            Frame(joint="elbow", z=Uniform(1e-3), **turns),
+            Frame(joint="roll", x=Uniform(1e-3), **turns),
+            Frame(frame="tool", x=Uniform(1e-3)),
+        ],
+    )
+
+
+def test_every_other_byte_stays(tmp_path):
+    model = awkward_model(tmp_path)
+    writer = AsBuilt.prepare(model, [0.1, 0.2, 0.3])
+    (built,) = writer.units(5, 3, 1)
+    assert_reproduced(model, writer, built, poses_of(model.chain, 5), readers=[by_us, by_hand])
+    text = COMMENT.sub(b"", built.text, count=1).decode()
+    number = r"-?[0-9.e+-]+"
+    three = f"{number} {number} {number}"
+    # back to what was there, each by the very place where it must stand
+    for pattern, original in (
+        (
+            f'rpy = \'{three}\'  other="2" xyz="{three}"   />',
+            'rpy = \'0.10 0.2\r\n      0.3\'  other="2" xyz="0.0 0 .30"   />',
+        ),
+        (f'(?<=type="continuous">\r\n    )<origin xyz="{three}" rpy="{three}"/>\r\n    ', ""),
+        (f'<origin rpy="{three}" xyz="{three}"></origin>', '<origin rpy="0 0 0.50"></origin>'),
+        (f'(?<=name="flange" type="fixed">)<origin xyz="{three}"/>', '<origin xyz="5e-2 0 0"/>'),
+    ):
+        text, count = re.subn(pattern, lambda _, back=original: back, text)
+        assert count == 1, pattern
+    assert text.encode() == AWKWARD.encode()
+
+
+def test_meshes_of_visuals_and_collisions_are_known():
+    assert UrdfText.scan(AWKWARD.encode()).meshes == ("meshes/a & b.stl", "package://arm/c.stl")
+
+
+def test_no_error_no_change(tmp_path):
+    path = written_file(tmp_path, AWKWARD)
+    for sources in ([], [Frame(joint="roll", x=0.0), JointOffset(joint="elbow", offset=Uniform(0.0))]):
+        model = ErrorModel(Chain.from_urdf(path, "tool"), Space(), sources)
+        (built,) = AsBuilt.prepare(model, [0.1, 0.2, 0.3]).units(5, 3, 1)
+        assert COMMENT.sub(b"", built.text, count=1) == AWKWARD.encode()
+
+
+@pytest.mark.parametrize("name", ["ur5", "panda", "kinova", "xarm7"])
+def test_only_origins_change_in_files_of_others(name):
+    path, tip, base, locked = example(name)
+    chain = Chain.from_urdf(path, tip, base, locked=locked)
+    model = ErrorModel(chain, Space(), every_geometric(chain))
+    (built,) = AsBuilt.prepare(model, poses_of(chain)[0]).units(5, 3, 1)
+    before, after = path.read_bytes().splitlines(), COMMENT.sub(b"", built.text, count=1).splitlines()
+    way = [step.name for step in urdf.read(path).path(chain.base, tip)]
+    if name == "xarm7":  # the tip is the last joint's own link
+        assert after[-3].startswith(b'  <link name="link7_as_built"/>')
+        assert after[-2].startswith(b'  <joint name="link7_as_built_joint" type="fixed"><origin xyz="')
+        after[-3:-1] = []
+    assert len(before) == len(after)
+    changed = [(old, new) for old, new in zip(before, after, strict=True) if old != new]
+    assert 0 < len(changed) <= len(way)
+    number = rb"[0-9.e+ -]+"
+    for old, new in changed:
+        assert re.sub(rb'"%s"' % number, b'""', old) == re.sub(rb'"%s"' % number, b'""', new)
+        assert b"<origin " in new
+
+
+HOSTILE = "a--b-->\n<x/>\x85\u202e腕--"
+
+
+@pytest.mark.parametrize("ascii_only", [False, True])
+def test_hostile_names_in_comments_and_added_frames(tmp_path, ascii_only):
+    tip = 't"i<p>&ü'
+    escaped = tip.replace("&", "&amp;").replace("<", "&lt;").replace('"', "&quot;").replace("ü", "&#252;")
+    text = robot(link("base"), link(escaped), joint("turn", "revolute", "base", escaped)).replace("arm", "a--&gt;b")
+    declared = "ISO-8859-1" if ascii_only else "UTF-8"
+    text = f'<?xml version="1.0" encoding="{declared}"?>\n{text}'
+    if not ascii_only:
+        text = text.replace("&#252;", "ü")
+    chain = Chain.from_urdf(written_file(tmp_path, text))
+    model = ErrorModel(chain, Space(), [Frame(frame=tip, y=1e-3, rx=0.2)], {HOSTILE: [0.1]})
+    writer = AsBuilt.prepare(model, HOSTILE, sheet=HOSTILE)
+    (built,) = writer.units(0, 0, 1)
+    assert writer.tip == f"{tip}_as_built"
+    assert built.text.isascii() == ascii_only
+    # ElementTree goes by the declared encoding
+    root = ElementTree.fromstring(built.text)
+    assert [node.get("name") for node in root.findall("link")] == ["base", tip, f"{tip}_as_built"]
+    assert [node.tag for node in root] == ["link", "link", "joint", "link", "joint"]
+    comment = COMMENT.search(built.text)[0].decode()
+    assert "--" not in comment.strip()[4:-3]
+    assert_reproduced(model, writer, built, np.array([[0.1], [2.0]]), readers=[by_us])
+
+
+def test_added_frames_take_free_names(tmp_path):
+    text = robot(
+        *map(link, ("base", "arm", "arm_as_built")),
+        joint("turn", "revolute", "base", "arm"),
+        joint("arm_as_built__joint", "fixed", "base", "arm_as_built"),
+    )
+    chain = Chain.from_urdf(written_file(tmp_path, text), "arm")
+    model = ErrorModel(chain, Space(), [Frame(frame="arm", x=1e-3)])
+    writer = AsBuilt.prepare(model, [0.0])
+    assert writer.tip == "arm_as_built__"
+    (built,) = writer.units(0, 0, 1)
+    assert_reproduced(model, writer, built, np.array([[0.0], [2.0]]))
+
+
+def test_a_robot_that_changed_or_went_is_refused(tmp_path):
+    model = awkward_model(tmp_path)
+    path = tmp_path / "arm.urdf"
+    path.write_bytes(AWKWARD.replace("5e-2 0 0", "6e-2 0 0").encode())
+    with pytest.raises(InputError, match=r"arm\.urdf is not the robot of this model any more"):
+        AsBuilt.prepare(model, [0.1, 0.2, 0.3])
+    path.write_bytes(b"<robot")
+    with pytest.raises(UrdfError, match="E_XML_SYNTAX"):
+        AsBuilt.prepare(model, [0.1, 0.2, 0.3])
+    path.unlink()
+    with pytest.raises(UrdfError, match="E_FILE_MISSING"):
+        AsBuilt.prepare(model, [0.1, 0.2, 0.3])
+
+
+def test_an_error_of_half_a_turn_is_refused(tmp_path):
+    chain = Chain.from_urdf(written_file(tmp_path, split_arm()), "tool")
+    writer = AsBuilt.prepare(ErrorModel(chain, Space(), [Frame(frame="tool", rx=3.2)]), [0.0])
+    with pytest.raises(InputError, match="half a turn"):
+        list(writer.units(0, 0, 1))
+
+
+# --- the text, edit by edit ---
+
+
+@pytest.mark.parametrize(
+    ("before", "placement", "after"),
+    [
+        ('<origin xyz="0 0 0"/>', Placement((1, 2.5, -3), None), '<origin xyz="1.0 2.5 -3.0"/>'),
+        ('<origin xyz="0 0 0"/>', Placement(None, (1, 2, 3)), '<origin xyz="0 0 0" rpy="1.0 2.0 3.0"/>'),
+        ("<origin/>", Placement((1, 2, 3), (4, 5, 6)), '<origin xyz="1.0 2.0 3.0" rpy="4.0 5.0 6.0"/>'),
+        ("<origin ></origin>", Placement((1, 2, 3), None), '<origin xyz="1.0 2.0 3.0" ></origin>'),
+        ("<origin rpy='0 0 0' />", Placement((0.1, 0, 0), (1e-9, 0, 0)), "<origin rpy='1e-09 0.0 0.0' xyz=\"0.1 0.0 0.0\" />"),
+        ("", Placement((1, 2, 3), None), '<origin xyz="1.0 2.0 3.0"/>'),
+        ('<origin xyz="0 0 0"/>', Placement(None, None), '<origin xyz="0 0 0"/>'),
+        ("", Placement(None, None), ""),
+    ],
+)  # fmt: skip
+def test_one_placement(before, placement, after):
+    text = '<robot name="a"><joint name="j" type="fixed">{}<parent link="a"/><child link="b"/></joint></robot>'
+    edited = UrdfText.scan(text.format(before).encode()).edited({"j": placement})
+    assert edited.decode() == text.format(after)
+
+
+@pytest.mark.parametrize(
+    ("before", "after"),
+    [
+        ("<robot/>", "<!--\n  one\n  t- - -wo\n-->\n<robot/>"),
+        ('<?xml version="1.0"?><robot/>', '<?xml version="1.0"?>\n<!--\n  one\n  t- - -wo\n--><robot/>'),
+        (
+            '\ufeff<?xml version="1.0"?>\r\n<robot/>',
+            '\ufeff<?xml version="1.0"?>\r\n<!--\r\n  one\r\n  t- - -wo\r\n-->\r\n<robot/>',
+        ),
+        ("\ufeff<robot/>", "\ufeff<!--\n  one\n  t- - -wo\n-->\n<robot/>"),
+    ],
+)  # fmt: skip
+def test_a_comment_at_the_top(before, after):
+    assert UrdfText.scan(before.encode()).edited({}, comment=["one", "t---wo"]).decode() == after
+
+
+def test_an_added_frame_and_an_unknown_joint():
+    text = UrdfText.scan(b'<robot name="a">\n</robot>\n')
+    frame = AddedFrame("b", "c", "a", (1, 2, 3), (0, 0, 0.5))
+    assert text.edited({}, [frame]).decode() == (
+        '<robot name="a">\n  <link name="b"/>\n  <joint name="c" type="fixed"><origin xyz="1.0 2.0 3.0" rpy="0.0 0.0 0.5"/>'
+        '<parent link="a"/><child link="b"/></joint>\n</robot>\n'
+    )
+    with pytest.raises(KeyError, match="nobody"):
+        text.edited({"nobody": Placement((1, 2, 3), None)})

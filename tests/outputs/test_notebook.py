@@ -1,0 +1,475 @@
+"""What a notebook shows: tables whose numbers are the result's, names that are never markup, progress, the tutorial."""
+
+from __future__ import annotations
+
+import copy
+import importlib.util
+import io
+import itertools
+import math
+import re
+import runpy
+import sys
+import warnings
+from html.parser import HTMLParser
+from pathlib import Path
+
+import nbformat
+import numpy as np
+import pytest
+from nbclient import NotebookClient
+from nbformat.v4 import new_code_cell, new_notebook
+
+import precision_pin as pp
+from precision_pin import se3
+from precision_pin.examples import PAPER_SHEET
+from precision_pin.markup import MOST_ROWS, Table, rendered
+from precision_pin.progress_bar import progress
+from precision_pin.sources.joint_offset import JointOffset
+from precision_pin.statistics import QUANTITIES
+
+DOCS = Path(__file__).parents[2] / "docs"
+HOSTILE = "</td><script>alert('&amp;')</script>"
+PLUS_MINUS = re.compile(r"(-?[\d.]+) ± ([\d.]+)")
+
+
+class Page(HTMLParser):
+    """Elements, attributes, tables (rows of cells) and text of a piece of HTML; refuses what does not nest."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.open: list[str] = []
+        self.elements: set[str] = set()
+        self.attributes: set[str] = set()
+        self.tables: list[list[list[str]]] = []
+        self.text = ""
+        self.feed(text)
+        self.close()
+        assert self.open == []
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.open.append(tag)
+        self.elements.add(tag)
+        self.attributes |= {f"{name}={value}" for name, value in attrs}
+        if tag == "table":
+            self.tables.append([])
+        elif tag == "tr":
+            self.tables[-1].append([])
+        elif tag in ("td", "th"):
+            self.tables[-1][-1].append("")
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag
+
+    def handle_data(self, data: str) -> None:
+        self.text += data
+        if self.open and self.open[-1] in ("td", "th"):
+            self.tables[-1][-1][-1] += data
+
+
+@pytest.fixture(scope="module")
+def model() -> pp.ErrorModel:
+    return pp.ErrorModel.load(PAPER_SHEET)
+
+
+def shown(what: object) -> Page:
+    return Page(what._repr_html_())  # type: ignore[attr-defined]
+
+
+def everything(model: pp.ErrorModel, poses: object = None) -> list[object]:
+    """Return one of each thing that has a look of its own in a notebook."""
+    first = poses[0] if isinstance(poses, list) else poses
+    specification = pp.specification("20 mrad")
+    return [
+        model.chain,
+        pp.mcpc.from_chain(model.chain),
+        model,
+        model.at(first),
+        pp.monte_carlo(model, first, samples=500, specifications=[specification]),
+        pp.budget(model, poses, samples=1024),
+        pp.worst_case(model, poses, samples=500),
+        pp.exact_law(model, poses, samples=500),
+        pp.reliability(model, [specification], poses, samples=500),
+    ]
+
+
+@pytest.fixture(scope="module")
+def paper_things(model) -> list[object]:
+    return everything(model)
+
+
+# tables ------------------------------------------------------------------------------------------
+
+
+def test_a_long_table_is_cut_and_says_how_much_is_missing():
+    rows = [[f"row {k}", str(k)] for k in range(1234)]
+    page = Page(rendered("title", [Table(("name", "number"), rows)], ["note"]))
+    assert page.tables[0][1:] == rows[:MOST_ROWS]
+    assert f"… and {1234 - MOST_ROWS:,} more" in page.text
+    assert "more" not in Page(rendered("title", [Table(("name", "number"), rows[:MOST_ROWS])])).text
+
+
+def test_no_text_of_a_table_is_markup():
+    table = Table((HOSTILE, HOSTILE), [[HOSTILE, HOSTILE], ["a\x00\u202eb\ud800", "x" * 500]], HOSTILE)
+    page = Page(rendered(HOSTILE, [table], [HOSTILE]))
+    assert "script" not in page.elements
+    assert page.text.count("<script>") == 7
+    assert page.tables[0][2][0] == "a\N{REPLACEMENT CHARACTER}\N{REPLACEMENT CHARACTER}b\N{REPLACEMENT CHARACTER}"
+    assert page.tables[0][2][1] == "x" * 79 + "…"
+
+
+# names -------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def hostile_model(tmp_path_factory) -> pp.ErrorModel:
+    """Return the paper's arm with markup for every name there is."""
+    text = (PAPER_SHEET.parent / "4dof.urdf").read_text(encoding="utf-8")
+    for name in ("base", "joint2", "joint4", "tool"):
+        spelled = f"{HOSTILE}{name}".replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;")
+        text = text.replace(f'"{name}"', f'"{spelled}"')
+    folder = tmp_path_factory.mktemp("hostile")
+    path = folder / "<script>.urdf"
+    path.write_text(text, encoding="utf-8")
+    chain = pp.Chain.from_urdf(path, locked={"joint3": 0.5})
+    draw = pp.Draw(f"{HOSTILE}draw", pp.Normal(1e-3))
+    source = JointOffset(joint=f"{HOSTILE}joint2", offset=draw.name)
+    other = JointOffset(joint=f"{HOSTILE}joint4", offset=pp.Uniform(1e-3))
+    return pp.ErrorModel(chain, pp.Space((draw,)), [source, other], {f"{HOSTILE}pose": [0.0, 0.1, 1.0]})
+
+
+def test_no_name_is_markup(hostile_model):
+    for what in everything(hostile_model):
+        page = shown(what)
+        assert not page.elements & {"script", "a", "img", "style"}, type(what)
+        assert "<script>" in page.text, type(what)
+        assert "\n" not in repr(what), type(what)
+
+
+def test_nothing_has_a_colour_or_a_script(paper_things):
+    for what in paper_things:
+        page = shown(what)
+        assert page.elements <= {"div", "p", "strong", "small", "table", "thead", "tbody", "tr", "th", "td"}
+        assert page.attributes <= {
+            f"style={style}"
+            for style in ("overflow-x: auto", "text-align: left", "text-align: right; white-space: nowrap")
+        }
+
+
+def test_plain_text_is_one_useful_line(paper_things):
+    for what in paper_things:
+        line = repr(what)
+        assert re.fullmatch(rf"<{type(what).__name__} .{{10,180}}>", line), line
+    assert "4dof.urdf" in repr(paper_things[2])
+    assert "seed 0" in repr(paper_things[5])
+
+
+# numbers -----------------------------------------------------------------------------------------
+
+
+def test_the_joints_of_a_chain(model):
+    head, *rows = shown(model.chain).tables[0]
+    assert head == ["joint", "kind", "axis", "limits", "x y z [mm]", "roll pitch yaw [°]"]
+    assert rows == [
+        ["joint1", "revolute", "0 0 1", "-180 to 180 °", "0 0 0", "0 0 0"],
+        ["joint2", "revolute", "0 0 1", "-180 to 180 °", "0 0 85", "-90 0 0"],
+        ["joint3", "revolute", "0 0 1", "-180 to 180 °", "1970 0 0", "0 0 0"],
+        ["joint4", "revolute", "0 0 1", "-180 to 180 °", "1770 0 0", "0 0 0"],
+        ["tool", "tip", "", "", "0 0 -274", "0 0 0"],
+    ]
+
+
+@pytest.mark.parametrize(
+    "angles", [(0.3, -0.4, 2.0), (3.0, 1.2, -3.0), (0.0, math.pi / 2, 0.7), (0.4, -math.pi / 2, 0.0), (math.pi, 0, 0)]
+)
+def test_roll_pitch_and_yaw_of_a_placement_give_its_rotation(tmp_path, angles):
+    text = (PAPER_SHEET.parent / "4dof.urdf").read_text(encoding="utf-8")
+    origin = re.search(r'<joint name="joint3".*?(<origin [^>]*>)', text, re.DOTALL)[1]
+    rpy = " ".join(map(repr, angles))
+    turned = text.replace(origin, f'<origin xyz="0 0 0" rpy="{rpy}"/>')
+    (tmp_path / "turned.urdf").write_text(turned, encoding="utf-8")
+    chain = pp.Chain.from_urdf(tmp_path / "turned.urdf")
+    printed = [float(part) for part in shown(chain).tables[0][3][5].split()]
+    np.testing.assert_allclose(
+        se3.rpy_rotation(np.radians(printed)), se3.rpy_rotation(angles), atol=2e-5
+    )  # 6 digits of °
+
+
+def test_the_numbers_of_an_analysis(model):
+    result = pp.monte_carlo(model, samples=20_000, seed=3, specifications=[pp.specification("41 mm @ 99 %")])
+    page = shown(result)
+    head, *rows = page.tables[0]
+    assert [row[0] for row in rows] == ["|d|", "dx", "dy", "dz", "|δ|", "δx", "δy", "δz"]
+    statistics = dict(zip(head[2:7], ("mean", "std", 0.5, 0.95, 0.9973), strict=True))
+    for quantity, row in zip(QUANTITIES, rows, strict=True):
+        distribution = result.summary.distribution(quantity)
+        assert row[1] == ("mm" if quantity.startswith("position") else "mrad")
+        for name, cell in zip(head[2:7], row[2:7], strict=True):
+            statistic = statistics[name]
+            value = (
+                distribution.quantile(statistic) if isinstance(statistic, float) else getattr(distribution, statistic)
+            )
+            printed, width = map(float, PLUS_MINUS.fullmatch(cell).groups())
+            half = 1e3 * distribution.half_width(statistic)
+            assert half <= width * (1 + 1e-9)
+            assert width <= 1.1 * half
+            assert (
+                abs(printed - 1e3 * value) <= 0.05 * half
+            )  # half a unit of the second digit of a half-width of 10 to 99
+        assert row[7:] == [f"{1e3 * distribution.min:.6g}", f"{1e3 * distribution.max:.6g}"]
+    (spec,) = result.summary.specifications
+    assert page.tables[1][1][:3] == ["position.norm", "41 mm", "99 %"]
+    assert page.tables[1][1][5] == ("met" if spec.met else "NOT MET")
+    for told in ("20,000 samples", "seed 3", "exact model", "95 % confidence", "W_STATICS", "joint2 3°"):
+        assert told in page.text
+
+
+def test_what_is_not_resolved_is_a_dash(model):
+    row = shown(pp.monte_carlo(model, samples=1)).tables[0][1]
+    assert row[2:7] == ["-"] * 5
+
+
+def test_the_spread_of_a_pose(model):
+    at = model.at()
+    rows = shown(at).tables[0][1:]
+    spread = np.sqrt(np.diag(at.jacobian @ model.space.covariance @ at.jacobian.T))
+    error = at.exact(model.space.mean[:, None])[:, 0]
+    for row, mean, std in zip(rows, error, spread, strict=True):
+        assert float(row[2]) == pytest.approx(1e3 * mean, rel=1e-5)
+        assert float(row[3]) == pytest.approx(1e3 * std, rel=1e-5)
+
+
+def test_a_pose_without_a_first_order_still_shows(model):
+    absurd = JointOffset(joint="joint1", offset=pp.Uniform(0.1, mean=4.0))
+    page = shown(pp.ErrorModel(model.chain, pp.Space(()), [absurd]).at([0, 0, 0, 0]))
+    assert page.tables == []
+    assert "half a turn" in page.text
+
+
+def test_the_lines_of_a_model(model):
+    sources, draws, poses = shown(model).tables
+    assert [row[0] for row in sources[1:]] == list(model.labels)
+    assert sources[1][1] == "at='tool', mass=1.0, com=(0.0, 0.0, 0.0)"
+    assert [row[0] for row in draws[1:]] == [draw.name for draw in model.space.draws]
+    assert draws[1] == ["a0", "Uniform(half_width=5e-05, mean=0.0)", "unit"]
+    assert poses[1] == ["paper", "joint1 -90°, joint2 3°, joint3 88°, joint4 -91°"]
+
+
+def test_the_numbers_of_a_budget(model, paper_things):
+    result = paper_things[5]
+    head, *rows = shown(result).tables[0]
+    assert head[2] == "d: share [%]"
+    shares = [float(row[2]) for row in rows]
+    assert shares == sorted(shares, reverse=True)
+    assert sum(shares) == pytest.approx(100, abs=0.1)
+    # closed form, here by hand: the trace of each draw's part of the covariance
+    jacobian, covariance = model.at().jacobian[:3], model.space.covariance
+    whole = np.trace(jacobian @ covariance @ jacobian.T)
+    for draw, columns in zip(model.space.draws, model.space.slices, strict=True):
+        part = jacobian[:, columns] @ covariance[columns, columns] @ jacobian[:, columns].T
+        (row,) = [row for row in rows if row[0] == draw.name]
+        assert float(row[2]) == pytest.approx(100 * np.trace(part) / whole, abs=0.006)
+        total = result.poses[0].group(draw.name).total["position"]
+        printed = PLUS_MINUS.fullmatch(row[4])
+        assert (float(printed[1]) if printed else float(row[4])) == pytest.approx(100 * total.value, abs=0.06)
+
+
+def test_the_numbers_of_the_worst_case(paper_things):
+    result = paper_things[6]
+    rows = {row[0]: row for row in shown(result).tables[0][1:]}
+    pose = result.poses[0]
+    assert rows["|d|"][2:5] == [
+        "-",
+        f"{1e3 * pose.position.first_order.upper:.6g}",
+        f"{1e3 * pose.position.found.norm:.6g}",
+    ]
+    for symbol, entry in zip(("dx", "dy", "dz", "δx", "δy", "δz"), pose.components, strict=True):
+        ends = (entry.low, entry.high, None, *entry.seen)
+        assert rows[symbol][2:] == ["-" if end is None else f"{1e3 * end:.6g}" for end in ends]
+
+
+def test_the_numbers_of_the_exact_law(paper_things):
+    result = paper_things[7]
+    rows = {row[0]: row for row in shown(result).tables[0][1:]}
+    law = result.poses[0].laws["position.x"]
+    printed = [float(cell) for cell in rows["dx"][2:9]]
+    exact = [law.mean, law.std, *(law.law.quantile(p) for p in (0.00135, 0.05, 0.5, 0.95, 0.9973))]
+    assert printed == pytest.approx([1e3 * value for value in exact], rel=1e-5)
+    assert rows["|d|"][2:] == ["-"] * 10
+    assert "not available: only of normal draws" in shown(result).text
+
+
+def test_the_verdict_of_a_reliability_analysis(paper_things):
+    (entry,) = paper_things[8].poses[0].specifications
+    row = shown(paper_things[8]).tables[0][1]
+    assert row[0] == "attitude.norm 20 mrad @ 95 %"
+    assert row[3] == entry.best.method
+    assert float(row[5]) == pytest.approx(entry.form.points[0].beta, rel=1e-3)
+    assert row[6] == ("met" if entry.met else "NOT MET")
+
+
+def test_of_many_poses_a_few_are_shown(model):
+    result = pp.worst_case(model, [[0.0, 0.1 * k, 1.0, 0.0] for k in range(5)], samples=100)
+    page = shown(result)
+    assert len(page.tables) == 3
+    assert "… and 2 more poses" in page.text
+
+
+def test_the_table_of_mcpc_parameters(paper_things):
+    rows = shown(paper_things[1]).tables[0]
+    # Table 1 of the paper: α_1 = -90°, y_1 = -a_1, x_2 = a_2, x_3 = a_4, z_4 = -(a_1 + a_3 + a_5)
+    assert rows[2] == ["1", "joint1", "0", "-90", "0", "", "0", "-85", ""]
+    assert [rows[3][6], rows[4][6], rows[5][8]] == ["1970", "1770", "-274"]
+
+
+# progress ----------------------------------------------------------------------------------------
+
+
+class Terminal(io.StringIO):
+    def isatty(self) -> bool:
+        return True
+
+
+def test_progress_on_a_terminal_comes_and_goes(monkeypatch):
+    monkeypatch.setattr(sys, "stderr", Terminal())
+    with progress(1000, "sampling", delay=0) as advance:
+        for _ in range(10):
+            advance(100)
+    said = sys.stderr.getvalue()
+    assert "sampling" in said
+    assert said.endswith("\r")
+    assert said.split("\r")[-2].strip() == ""  # the last thing written over it is blanks
+
+
+def test_short_work_shows_no_progress(monkeypatch):
+    monkeypatch.setattr(sys, "stderr", Terminal())
+    with progress(1000) as advance:
+        advance(1000)
+    assert sys.stderr.getvalue() == ""
+
+
+def test_no_progress_goes_into_a_file(monkeypatch):
+    monkeypatch.setattr(sys, "stderr", io.StringIO())
+    with progress(10, delay=0) as advance:
+        advance(10)
+    assert sys.stderr.getvalue() == ""
+
+
+def test_an_interrupt_closes_the_bar(monkeypatch):
+    monkeypatch.setattr(sys, "stderr", Terminal())
+
+    def interrupted() -> None:
+        with progress(1000, delay=0) as advance:
+            advance(10)
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        interrupted()
+    assert sys.stderr.getvalue().split("\r")[-2].strip() == ""
+
+
+def test_progress_is_told_every_sample(model):
+    told = []
+    with progress(30_000) as advance:
+        pp.monte_carlo(model, samples=30_000, progress=lambda count: (told.append(count), advance(count)))
+    assert sum(told) == 30_000
+
+
+@pytest.mark.parametrize("total", [-1, 1.5, "many", True])
+def test_a_total_that_is_no_number_is_refused(total):
+    with pytest.raises(pp.InputError, match="whole number"), progress(total):
+        pass
+
+
+# the tutorial ------------------------------------------------------------------------------------
+
+
+def executed(notebook: nbformat.NotebookNode, folder: Path = DOCS, **settings: object) -> nbformat.NotebookNode:
+    client = NotebookClient(
+        notebook, timeout=300, record_timing=False, resources={"metadata": {"path": folder}}, **settings
+    )
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of the client's event loop and sockets, not of the package
+        client.execute()
+    return notebook
+
+
+@pytest.mark.slow
+def test_progress_in_a_kernel_says_nothing_about_widgets_and_goes_with_an_interrupt(tmp_path):
+    lines = """
+        import time
+        from precision_pin.progress_bar import progress
+        try:
+            with progress(100, "sampling", delay=0) as advance:
+                advance(10); time.sleep(0.2); advance(10)
+                raise KeyboardInterrupt
+        except KeyboardInterrupt:
+            pass
+    """
+    cell = new_code_cell("\n".join(line.removeprefix("        ") for line in lines.strip("\n").splitlines()))
+    outputs = executed(new_notebook(cells=[cell]), tmp_path).cells[0].outputs
+    said = "".join(output.get("text", "") for output in outputs)
+    assert "Warning" not in said
+    if importlib.util.find_spec("ipywidgets") is None:
+        assert "sampling" in said
+        assert said.split("\r")[-2].strip() == ""
+
+
+def text_outputs(notebook: nbformat.NotebookNode) -> dict[str, list[str]]:
+    """Return by cell what it says, without pictures and without the dress of other packages."""
+    found: dict[str, list[str]] = {}
+    for cell in notebook.cells:
+        if cell.cell_type == "code":
+            found[cell.id] = lines = []
+            for output in cell.outputs:
+                data = output.get("data", {})
+                lines += [output.get("text", ""), data.get("text/plain", "")]
+                if data.get("text/plain", "").startswith("<"):
+                    lines.append(data.get("text/html", ""))
+    return found
+
+
+@pytest.fixture(scope="module")
+def tutorial() -> nbformat.NotebookNode:
+    return nbformat.read(DOCS / "tutorial.ipynb", as_version=4)
+
+
+@pytest.mark.slow
+def test_the_tutorial_is_in_step_with_the_code(tutorial):
+    committed = text_outputs(tutorial)
+    again = executed(copy.deepcopy(tutorial))
+    for cell, said in text_outputs(again).items():
+        assert said == committed[cell], f"{cell}; run: python docs/execute_notebook.py"
+    pictures = [
+        output for cell in again.cells for output in cell.get("outputs", []) if "image/png" in output.get("data", {})
+    ]
+    assert len(pictures) == 3
+
+
+def test_the_tutorial_carries_its_outputs_and_nothing_of_the_machine(tutorial):
+    text = (DOCS / "tutorial.ipynb").read_text(encoding="utf-8")
+    assert len(text) < 600_000
+    assert tutorial.metadata.kernelspec.name == "python3"
+    assert not re.search(r"/(home|work|tmp|usr|root)/|[A-Z]:\\\\", re.sub(r'"image/png": "[^"]*"', "", text))
+    code = [cell for cell in tutorial.cells if cell.cell_type == "code"]
+    assert [cell.execution_count for cell in code] == list(range(1, len(code) + 1))
+    assert all(cell.outputs for cell in code)
+    assert all(cell.metadata == {} for cell in tutorial.cells)
+    kinds = {output.output_type for output in itertools.chain.from_iterable(cell.outputs for cell in code)}
+    assert kinds <= {"execute_result", "display_data"}  # no errors, nothing on stderr
+
+
+def test_the_command_of_the_docs_executes_a_notebook(tmp_path, monkeypatch):
+    path = tmp_path / "small.ipynb"
+    nbformat.write(
+        new_notebook(cells=[new_code_cell("1 + 1")], metadata={"language_info": {"name": "python", "version": "0"}}),
+        path,
+    )
+    monkeypatch.setattr(sys, "argv", ["execute_notebook.py", str(path)])
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of the client's event loop and sockets
+        runpy.run_path(str(DOCS / "execute_notebook.py"), run_name="__main__")
+    made = nbformat.read(path, as_version=4)
+    assert made.cells[0].outputs[0].data["text/plain"] == "2"
+    assert set(made.metadata) == {"kernelspec"}
+    assert made.cells[0].metadata == {}

@@ -1,0 +1,382 @@
+"""The page of ``report``: every number is the analysis' number, every name is text, and it needs nothing from outside."""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import itertools
+import math
+import re
+from decimal import Decimal
+
+import numpy as np
+import pytest
+
+from outputs.report_cases import (
+    BRACE,
+    HAN,
+    MATHS,
+    SAMPLES,
+    SCRIPT,
+    SPECIFICATIONS,
+    SVG,
+    Reader,
+    paper,
+    results_of,
+    write_hostile,
+)
+from precision_pin.analyses.budget import budget
+from precision_pin.analyses.exact_law import exact_law
+from precision_pin.analyses.worst_case import worst_case
+from precision_pin.examples import PAPER_SHEET, example_urdfs
+from precision_pin.model import ErrorModel
+from precision_pin.outputs.report import page
+from precision_pin.outputs.report.distributions import distributions
+from precision_pin.outputs.report.verdict import verdict
+from precision_pin.outputs.view import script_hashes
+from precision_pin.run import monte_carlo
+from precision_pin.specifications import specification
+
+SECTIONS = (
+    "verdict", "assumptions", "distributions", "budget", "worst-case", "exact-law", "mcpc", "parameters", "view",
+    "reproduce",
+)  # fmt: skip
+LARGEST = 6_000_000
+
+
+@pytest.fixture(scope="module")
+def model():
+    return ErrorModel.load(PAPER_SHEET)
+
+
+@pytest.fixture(scope="module")
+def reader():
+    return Reader(paper()[1])
+
+
+def sampled_again(model, **settings):
+    """Return the results of the paper's case with another sampling."""
+    analysis = monte_carlo(model, **({"samples": SAMPLES, "seed": 4} | settings))
+    return dataclasses.replace(paper()[0], analysis=analysis)
+
+
+def agrees(text: str, value: float) -> bool:
+    """Return whether a number's text is the value rounded to its last digit."""
+    number = Decimal(text)
+    step = 10.0 ** int(number.as_tuple().exponent)
+    return abs(float(number) - value) <= 0.5 * step * (1 + 1e-9)
+
+
+def encloses(text: str, low: float, high: float) -> bool:
+    """Return whether ``[a, b]`` is the interval with both ends rounded outwards by less than a step."""
+    a, b = re.fullmatch(r"\[(\S+), (\S+)\]", text).groups()
+    step = 10.0 ** int(Decimal(a).as_tuple().exponent)
+    return 0 <= low - float(a) + 1e-12 < step * 1.001 and 0 <= float(b) - high + 1e-12 < step * 1.001
+
+
+# structure -----------------------------------------------------------------------------------------------------------
+
+
+def test_sections_stand_in_order_and_the_contents_lead_to_them(reader):
+    assert tuple(tag.attributes["id"] for tag in reader.named("section")) == SECTIONS
+    assert [tag.attributes["href"] for tag in reader.named("a")] == ["#main", *(f"#{name}" for name in SECTIONS)]
+    assert next(tag for tag in reader.tags if tag.attributes.get("id") == "main").name == "main"
+
+
+def test_the_page_loads_nothing_and_runs_only_the_scripts_of_the_view(reader):
+    policy = next(
+        tag.attributes["content"] for tag in reader.named("meta") if "http-equiv" in tag.attributes
+    )  # fmt: skip
+    rules = dict(rule.strip().split(" ", 1) for rule in policy.split(";"))
+    assert rules["default-src"] == "'none'"
+    assert tuple(rules["script-src"].split()) == script_hashes()
+    assert rules["style-src"] == "'unsafe-inline'"
+    assert rules["img-src"] == "data:"
+    assert reader.named("script") == reader.named("link") == reader.named("img") == []
+    for tag in reader.tags:
+        assert "src" not in tag.attributes
+        assert not any(key.startswith("on") for key in tag.attributes)
+        assert tag.attributes.get("href", "#").startswith("#")
+    frame = reader.named("iframe")[0]
+    assert frame.attributes["sandbox"] == "allow-scripts"
+    assert frame.attributes["title"].startswith("3-D view of 4dof.urdf")
+    assert frame.attributes["srcdoc"].startswith("<!DOCTYPE html>")
+
+
+def test_it_can_be_read_without_eyes(reader):
+    levels = [level for level, _ in reader.headings]
+    assert levels[0] == 1
+    assert levels.count(1) == 1
+    assert all(after <= before + 1 for before, after in itertools.pairwise(levels))
+    assert reader.named("html")[0].attributes["lang"] == "en"
+    assert [len(reader.named(name)) for name in ("header", "nav", "main", "footer")] == [1, 1, 1, 1]
+    assert len(reader.tables) >= 15
+    for table in reader.tables:
+        assert table.caption
+        assert None not in table.scopes
+        assert len({len(row) for row in table.rows}) == 1, table.caption
+    pictures = reader.named("svg")
+    assert len(pictures) == 8
+    for picture in pictures:
+        assert picture.attributes["role"] == "img"
+        assert len(re.findall(r"-?\d+\.?\d*", picture.attributes["aria-label"])) >= 3
+    for tag in reader.tags:
+        if "aria-labelledby" in tag.attributes:
+            assert any(other.attributes.get("id") == tag.attributes["aria-labelledby"] for other in reader.tags)
+
+
+def test_identifiers_are_unique_and_references_meet(reader):
+    known = [tag.attributes["id"] for tag in reader.tags if "id" in tag.attributes]
+    assert len(set(known)) == len(known)
+    used = {
+        found for tag in reader.tags for value in tag.attributes.values() for found in re.findall(r"^#(.+)|url\(#(.+?)\)", value)
+        if tag.name != "iframe"
+    }  # fmt: skip
+    assert {first or second for first, second in used} <= set(known)
+
+
+def test_figures_are_shapes_in_colours_of_the_page():
+    text = re.sub(r'srcdoc="[^"]*"', "", paper()[1])
+    figures = re.findall(r"<svg.*?</svg>", text, re.DOTALL)
+    assert len(figures) == 8
+    for figure in figures:
+        assert "<!--" not in figure
+        assert not re.search(r"<(text|style|metadata|image|script|a)\b", figure)
+        # of what the figures are made of only grey of the 3-D sketch's grid stays as it is
+        colours = set(re.findall(r"#[0-9a-fA-F]{6}\b", figure))
+        assert all(len({colour[1:3], colour[3:5], colour[5:7]}) == 1 for colour in colours), colours
+        assert not colours & {"#000000", "#ffffff"}
+        assert "currentColor" in figure
+
+
+def test_the_same_results_give_the_same_page_and_no_folder_is_named():
+    results, text = paper()
+    assert page(results) == text
+    for folder in (PAPER_SHEET.parent, PAPER_SHEET.parent.resolve()):
+        assert str(folder) not in text
+    assert len(text.encode()) < LARGEST
+
+
+# numbers -------------------------------------------------------------------------------------------------------------
+
+
+def test_numbers_of_the_distributions(model, reader):
+    summary = monte_carlo(model, samples=SAMPLES, seed=4).summary
+    for vector, caption in (
+        (summary.position, "Numbers of the position"),
+        (summary.attitude, "Numbers of the attitude"),
+    ):
+        table = reader.table(caption)
+        parts = (vector.norm, vector.x, vector.y, vector.z)
+        for which, heading in (("mean", "mean"), ("std", "standard deviation"), (0.5, "50 %"), (0.9973, "99.73 %")):
+            for part, cell in zip(parts, table.row(heading), strict=True):
+                value = part.quantile(which) if isinstance(which, float) else getattr(part, which)
+                if value is None:
+                    assert cell == "–"
+                    continue
+                number, interval = cell.split(" ", 1)
+                assert agrees(number, 1e3 * value), cell
+                ends = (
+                    part.quantile_interval(which) if isinstance(which, float) else getattr(part, f"{which}_interval")()
+                )
+                assert encloses(interval, *(1e3 * end for end in ends)), cell
+        assert table.row("5 %")[0] == ""
+        for heading, which in (("smallest seen", "min"), ("largest seen", "max")):
+            for part, cell in zip(parts, table.row(heading), strict=True):
+                assert agrees(cell, 1e3 * getattr(part, which))
+
+
+def test_without_a_specification_the_sizes_stand_at_the_top(model, reader):
+    norm = monte_carlo(model, samples=SAMPLES, seed=4).position.norm
+    row = reader.table("Errors that few robots exceed").row("|d| [mm]")
+    assert agrees(row[0], 1e3 * norm.quantile(0.95))
+    assert encloses(row[1], *(1e3 * end for end in norm.quantile_interval(0.95)))
+    assert agrees(row[2], 1e3 * norm.quantile(0.9973))
+    assert encloses(row[3], *(1e3 * end for end in norm.quantile_interval(0.9973)))
+    assert "No limit was asked about" in reader.text
+    assert f"99.73 % of the robots have a position error |d| of at most {row[2]} mm." in reader.text
+
+
+def test_verdict_against_specifications(model):
+    results = sampled_again(model, specifications=[specification(text) for text in SPECIFICATIONS], keep_samples=True)
+    reader = Reader(verdict(results).text)
+    assert "2 of 3 specifications are met." in reader.text
+    table = reader.table("Specifications")
+    errors = results.analysis.errors
+    inside = (
+        np.linalg.norm(errors[:3], axis=0) <= 45e-3,
+        np.abs(errors[0]) <= 0.1e-3,
+        np.linalg.norm(errors[3:], axis=0) <= 25e-3,
+    )
+    for row, held, required, met in zip(
+        table.rows[1:], inside, ("99 %", "95 %", "95 %"), ("met", "not met", "met"), strict=True
+    ):
+        assert row[1] == required
+        assert agrees(row[2].removesuffix(" %"), 100 * held.mean())
+        assert row[4] == met
+    assert [row[0] for row in table.rows[1:]] == ["|d| ≤ 45 mm", "|dx| ≤ 0.1 mm", "|δ| ≤ 25 mrad"]
+    assert "No limit was asked about" not in reader.text
+    low, high = results.analysis.summary.specifications[0].interval
+    assert encloses(table.rows[1][3].removesuffix(" %"), 100 * low, 100 * high)
+
+
+@pytest.mark.parametrize(
+    ("limit", "words"), [("60 mm", "The specification is met."), ("1 mm", "The specification is not met.")]
+)
+def test_verdict_against_one_specification(model, limit, words):
+    results = sampled_again(model, specifications=[specification(limit)])
+    assert words in Reader(verdict(results).text).text
+
+
+def test_budget_is_that_of_the_analysis(model, reader):
+    pose = budget(model, seed=4).poses[0]
+    for vector, unit in (("position", "mm"), ("attitude", "mrad")):
+        table = reader.table(f"Draws, {vector} error")
+        share, total = table.column("share %"), table.column("ST %")
+        for draw in pose.draws:
+            assert agrees(share[draw.name], 100 * draw.share[vector])
+            assert agrees(total[draw.name].split(" ± ")[0], 100 * pose.group(draw.name).total[vector].value)
+            assert agrees(table.column(f"halved: std [{unit}]")[draw.name], 1e3 * draw.halved.std[vector])
+        assert agrees(share["sum"], 100.0)
+        assert f"std {1e3 * pose.std[vector]:.5g} {unit} now" in table.caption
+        places = reader.table("Joints and links").column(f"{vector} %")
+        for place in pose.places:
+            assert agrees(places[place.name], 100 * place.share[vector])
+    sources = reader.table("Sources").column("position %")
+    assert agrees(sources["a1: length[joint2], length[tool]"], 100 * pose.draw("a1").share["position"])
+
+
+def test_worst_case_is_that_of_the_analysis(model, reader):
+    pose = worst_case(model, seed=4, samples=SAMPLES).poses[0]
+    table = reader.table("Worst case of the sizes")
+    for bound, heading in ((pose.position, "|d| [mm]"), (pose.attitude, "|δ| [mrad]")):
+        row = table.row(heading)
+        for cell, value in zip(
+            row[:4], (bound.first_order.upper, bound.exact_norm, bound.found.norm, bound.seen.max), strict=True
+        ):
+            assert float(cell) == pytest.approx(1e3 * value, rel=1e-5)
+    for symbol, bound in (("|d|", pose.position), ("|δ|", pose.attitude)):
+        rows = reader.table(f"What adds up to the worst {symbol}").rows[1:]
+        parts = [float(row[1]) for row in rows]
+        assert math.fsum(parts[:-1]) == pytest.approx(parts[-1], rel=1e-5)
+        assert parts[-1] == pytest.approx(1e3 * bound.first_order.upper, rel=1e-5)
+    components = reader.table("Worst case of the components")
+    for entry, row in zip(pose.components, components.rows[1:], strict=True):
+        assert [float(cell) for cell in row[1:]] == pytest.approx(
+            [1e3 * value for value in (entry.low, entry.high, *entry.seen)], rel=1e-5
+        )
+
+
+def test_exact_law_is_that_of_the_analysis(model, reader):
+    laws = exact_law(model, seed=4).poses[0].laws
+    table = reader.table("Exact law of the first-order model")
+    law = laws["position.y"]
+    cells = dict(zip(table.rows[0][1:], table.row("dy [mm]"), strict=True))
+    assert float(cells["mean"]) == pytest.approx(1e3 * law.mean, rel=1e-5)
+    assert float(cells["std"]) == pytest.approx(1e3 * law.std, rel=1e-5)
+    assert float(cells["95 %"]) == pytest.approx(1e3 * law.law.quantile(0.95), rel=1e-5)
+    methods = reader.table("How exact the laws are")
+    assert methods.row("dy")[0] == law.law.method
+    assert agrees(methods.row("dy")[3], law.agreement.distance)
+    assert f"|d|: {laws['position.norm'].reason}" in reader.text
+
+
+def test_mcpc_parameters_are_those_of_the_paper(reader):
+    # Table 1 of the paper: y_1 = -a_1, x_2 = a_2, x_3 = a_4, z_4 = -(a_1 + a_3 + a_5); lengths of the URDF
+    table = reader.table("MCPC parameters")
+    cells = {row[0]: dict(zip(table.rows[0], row, strict=True)) for row in table.rows[1:]}
+    assert (cells["1"]["α [°]"], cells["1"]["y [mm]"]) == ("-90", "-85")
+    assert (cells["2"]["x [mm]"], cells["3"]["x [mm]"], cells["4"]["z [mm]"]) == ("1970", "1770", "-274")
+    assert cells["3"]["z [mm]"] == cells["3"]["γ [°]"] == ""
+
+
+def test_parameters_have_their_laws_in_words_and_what_they_feed(reader):
+    table = reader.table("Random numbers")
+    assert table.row("a1") == ["length", "uniform within ±0.05 mm", "unit", "length[joint2], length[tool]"]
+    assert table.row("axis_install[joint2].A") == [
+        "length", "a point uniform over a disc of radius 0.1 mm", "unit", "axis_install[joint2]",
+    ]  # fmt: skip
+    assert table.row("joint_compliance[joint3].compliance")[:2] == [
+        "angular compliance", "uniform within ±1 µrad/(N·m) about 10 µrad/(N·m)",
+    ]  # fmt: skip
+    for quiet in ("payload[tool]", "beam[link2]", "beam[link3]"):
+        assert quiet in reader.text
+
+
+def test_assumptions_and_reproduction(model, reader):
+    results, _ = paper()
+    error = model.at().error_at_means
+    nominal = ", ".join(f"{1e3 * value:.5g}" for value in error[:3])
+    for words in (
+        f"d = ({nominal}) mm",
+        "nominal: loads act on the undeflected arm",
+        "26 once for each built robot",
+        "95 % for each interval by itself",
+        "warning W_STATICS",
+        "precision-pin report",
+    ):
+        assert words in reader.text
+    table = reader.table("Files that were read")
+    for file in ("4dof.urdf", "4dof.errors.yaml"):
+        assert table.row(file) == [hashlib.sha256((PAPER_SHEET.parent / file).read_bytes()).hexdigest()]
+    assert results.analysis.samples == SAMPLES
+
+
+# other inputs --------------------------------------------------------------------------------------------------------
+
+
+def test_hostile_names_are_text(tmp_path):
+    text = page(results_of(write_hostile(tmp_path), ("1 mm",), samples=500))
+    reader = Reader(text)
+    for name in (SCRIPT, SVG, MATHS, BRACE, HAN):
+        assert name in "".join(reader.words)
+    assert {tag.name for tag in reader.tags} <= {
+        "html", "head", "meta", "title", "style", "noscript", "body", "a", "header", "h1", "p", "nav", "ul", "li", "main",
+        "section", "h2", "h3", "strong", "span", "div", "table", "caption", "thead", "tbody", "tr", "th", "td", "small", "dl",
+        "dt", "dd", "figure", "figcaption", "svg", "defs", "g", "path", "use", "clippath", "rect", "iframe", "pre", "code",
+        "footer",
+    }  # fmt: skip
+    assert str(tmp_path) not in text
+    assert reader.table("MCPC").rows[3][1] == f"{BRACE}"
+    assert f"{HAN} (slides)" in [row[1] for row in reader.table("MCPC").rows]
+
+
+def test_an_analysis_that_refuses_the_model_is_left_out_with_its_reason(tmp_path):
+    sheet = write_hostile(tmp_path)
+    named = "parameters:\n  p: {uniform: 0.1 mrad}\n  r: {uniform: 0.2 mrad}\n"
+    named += "correlations:\n  - {parameters: [p, r], correlation: 0.5}\nsources:"
+    text = sheet.read_text("utf-8").replace("sources:", named)
+    sheet.write_text(text.replace("{uniform: 0.1 mrad}}", "p}").replace("{normal: 0.3 mrad}", "r"), "utf-8")
+    reader = Reader(page(results_of(sheet, samples=500)))
+    assert "Exact law: not available. 'p' is correlated (p, r) and not normal" in reader.text
+    assert "p and r: 0.5 of their normal scores, 0.4826 of the numbers" in reader.text  # 6/π asin(ρ/2)
+    assert len(reader.named("svg")) == 6
+    assert [row[0] for row in reader.table("Draws, position").rows].count("correlated: p + r") == 1
+
+
+@pytest.mark.parametrize("samples", [1, 40])
+def test_few_samples_are_said_to_resolve_little(model, samples):
+    results = sampled_again(model, samples=samples)
+    reader = Reader(verdict(results).text + distributions(results).text)
+    assert reader.table("Errors that few robots exceed").row("|d| [mm]")[2:] == ["–", "–"]
+    assert "too few for the far quantiles" in reader.text
+    assert set(reader.table("Numbers of the position").row("99.73 %")) == {"–"}
+
+
+def test_an_arm_without_errors(tmp_path):
+    sheet = tmp_path / "none.yaml"
+    urdf = PAPER_SHEET.parent / "4dof.urdf"
+    sheet.write_text(f"precision-pin: 1\nrobot: {urdf}\nposes: {{p: 0 10 20 30 deg}}\n", "utf-8")
+    reader = Reader(page(results_of(sheet, samples=100)))
+    assert "Nothing varies: there is nothing to share." in reader.text
+    assert "Nothing is drawn at random." in reader.text
+    assert reader.table("Errors that few robots exceed").row("|d| [mm]") == ["0", "[0, 0]", "–", "–"]
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not example_urdfs(), reason="example-robot-data is not installed")
+def test_a_page_with_meshes_is_small_enough():
+    text = page(results_of(PAPER_SHEET.parent / "panda.errors.yaml", samples=6000))
+    assert len(text.encode()) < LARGEST
+    for folder in {str(path.parent) for path in example_urdfs().values()}:
+        assert folder not in text

@@ -1,0 +1,236 @@
+"""What the page is told of each pose: ellipsoids, arms as built, MCPC frames, texts."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import scipy.stats
+
+from outputs.view_cases import (
+    arm_text,
+    data_block,
+    floats,
+    likeness,
+    made_up_errors,
+    matrix,
+    pages,
+    pose_model,
+    simple_page,
+)
+from precision_pin import mcpc, se3
+from precision_pin.errors import InputError
+from precision_pin.examples import PAPER_SHEET
+from precision_pin.model import ErrorModel
+from precision_pin.outputs.view import Shown
+from precision_pin.outputs.view.ellipsoids import ellipsoids
+from precision_pin.urdf import read
+from support.sheets import SEVEN_Q, everything, seven_joint_arm
+
+# a hand beyond the first joint's link, a plate between fixed joints on the way, a grip that moves on its own
+BRANCHES = """
+  <link name="hand"/><link name="plate"/><link name="grip"/><link name="lamp"/>
+  <joint name="to_hand" type="fixed"><origin xyz="0 0.1 0"/><parent link="upper"/><child link="hand"/></joint>
+  <joint name="to_grip" type="prismatic"><origin xyz="0.02 0 0"/><parent link="tool"/><child link="grip"/>
+    <axis xyz="0 0 1"/><limit lower="-0.1" upper="0.1" effort="1" velocity="1"/></joint>
+  <joint name="to_lamp" type="fixed"><origin xyz="0 0.05 0"/><parent link="plate"/><child link="lamp"/></joint>
+  <joint name="to_plate" type="fixed"><origin xyz="0.1 0 0"/><parent link="fore"/><child link="plate"/></joint>
+"""
+BLOCK = '<visual><geometry><box size="0.1 0.1 0.1"/></geometry></visual>'
+
+
+def branched(folder: Path, sources: str) -> ErrorModel:
+    """Return the two-link arm with branches; the tool hangs on the plate, which hangs on the forearm."""
+    text = arm_text((BLOCK, BLOCK, BLOCK)).replace("</robot>", BRANCHES + "</robot>")
+    text = text.replace('<origin xyz="0.3 0 0"/><parent link="fore"/>', '<origin xyz="0.2 0 0"/><parent link="plate"/>')
+    (folder / "arm.urdf").write_text(text, "utf-8")
+    (folder / "sheet.yaml").write_text(
+        f"precision-pin: 1\nrobot: arm.urdf\ntip: tool\nposes: {{p: [0.4 rad, -0.7 rad]}}\nsources:\n{sources}", "utf-8"
+    )
+    return ErrorModel.load(folder / "sheet.yaml")
+
+
+def displaced(pose, error):
+    """Return a pose ``(4, 4)`` moved by an error ``[d; δ]``."""
+    return se3.pose(se3.exp_rotation(error[3:]) @ pose[:3, :3], pose[:3, 3] + error[:3])
+
+
+# ellipsoids ----------------------------------------------------------------------------------------------------------
+
+
+def test_a_normal_cloud_fills_the_ellipsoids_as_they_say():
+    generator = np.random.default_rng(4)
+    shape = np.array([[3e-4, 0, 0], [1e-4, 2e-4, 0], [-2e-4, 5e-5, 1e-5]])
+    found = ellipsoids(shape @ generator.normal(size=(3, 200_000)) + [[1e-3], [-2e-3], [0]])
+    for one, share in zip(found, (0.95, 0.9973), strict=True):
+        assert one.share == share
+        assert one.inside == pytest.approx(share, abs=5 * np.sqrt(share * (1 - share) / 200_000))
+
+
+def test_an_ellipsoid_is_the_surface_of_one_distance_and_its_count_is_of_the_samples_inside():
+    positions = np.random.default_rng(2).gamma(2.0, size=(3, 500)) * 1e-4
+    mean, covariance = positions.mean(axis=1), np.cov(positions)
+    for one in ellipsoids(positions):
+        limit = scipy.stats.chi2.ppf(one.share, 3)
+        directions = np.random.default_rng(3).normal(size=(3, 40))
+        on_ball = np.vstack([directions / np.linalg.norm(directions, axis=0), np.ones(40)])
+        away = (one.matrix @ on_ball)[:3] - mean[:, None]
+        squares = np.einsum("in,in->n", away, np.linalg.solve(covariance, away))
+        np.testing.assert_allclose(squares, limit, rtol=1e-9)
+        centred = positions - mean[:, None]
+        inside = np.einsum("in,in->n", centred, np.linalg.solve(covariance, centred)) <= limit
+        assert one.inside == inside.mean()
+        # a mirrored ball would be drawn inside out
+        assert np.linalg.det(one.matrix[:3, :3]) > 0
+
+
+def test_a_flat_cloud_has_as_many_degrees_of_freedom_as_directions():
+    numbers = np.random.default_rng(5).normal(size=(2, 1000)) * 1e-4
+    plane = np.array([[1, 0], [0, 1], [1, 1]]) @ numbers
+    inner, _ = ellipsoids(plane)
+    axes = np.linalg.norm(inner.matrix[:3, :3], axis=0)
+    deviations = np.sqrt(np.linalg.eigvalsh(np.cov(plane))[::-1])
+    np.testing.assert_allclose(axes[:2], np.sqrt(scipy.stats.chi2.ppf(0.95, 2)) * deviations[:2], rtol=1e-9)
+    assert axes[2] < 1e-3 * axes[1]
+
+
+@pytest.mark.parametrize("positions", [np.zeros((3, 9)), np.full((3, 9), 0.1), np.eye(3), np.zeros((3, 1))])
+def test_a_cloud_without_spread_or_samples_has_none(positions):
+    assert ellipsoids(positions) == ()
+
+
+def test_the_legend_counts_the_samples_inside(tmp_path):
+    errors = made_up_errors(400)
+    text = simple_page(pose_model(tmp_path, arm_text()), errors)
+    for one in ellipsoids(errors[:3]):
+        assert f"{100 * one.inside:.2f} % of the samples inside" in text
+    assert "too few samples or no spread" in simple_page(pose_model(tmp_path, arm_text()), errors[:, :3])
+
+
+# arms as built -------------------------------------------------------------------------------------------------------
+
+
+def test_a_turned_arm_stands_where_its_joints_turned_would_put_it(tmp_path):
+    model = branched(
+        tmp_path,
+        "  - joint_offset: {joint: turn, offset: {normal: 10 mrad}}\n"
+        "  - joint_offset: {joint: bend, offset: {normal: {std: 20 mrad}, mean: 5 mrad}}\n",
+    )
+    at, x = model.at(), model.space.sample(1, 0, 20)
+    settings = data_block(simple_page(at, at.exact(x)), "settings")
+    (pose,) = settings["poses"]
+    robot = read(tmp_path / "arm.urdf")
+    names = [f"link{number}" for number in range(len(robot.links))]
+    sampled = [floats(ghost).reshape(-1, 6) for ghost in pose["ghosts"]]
+    assert len(sampled) == 3
+    for turned, displacements in [*zip(x.T[:3], sampled, strict=True), ([0, 5e-3], floats(pose["deflected"]))]:
+        for factor in (1, 7):
+            q = np.array([0.4, -0.7]) + factor * np.array(turned)
+            expected = robot.link_poses({"turn": q[0], "bend": q[1], "to_grip": 0.0})
+            parts, tip = likeness(settings, 0, np.reshape(displacements, (-1, 6)), factor)
+            for name, link in zip(names, robot.links, strict=True):
+                np.testing.assert_allclose(parts[name], expected[link.name], atol=1e-6)
+            np.testing.assert_allclose(tip, expected["tool"], atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("source", "moved"),
+    [
+        ("frame: {frame: base, x: {uniform: 1 mm}}", "base upper hand fore plate lamp tool grip"),
+        ("frame: {link: base, x: {uniform: 1 mm}}", "upper hand fore plate lamp tool grip"),
+        ("frame: {joint: bend, x: {uniform: 1 mm}}", "fore plate lamp tool grip"),
+        ("frame: {frame: plate, x: {uniform: 1 mm}}", "plate lamp tool grip"),
+        ("frame: {frame: tool, x: {uniform: 1 mm}}", "tool grip"),
+        ("joint_offset: {joint: turn, offset: {uniform: 1 mrad}}", "upper hand fore plate lamp tool grip"),
+        ("mcpc: {link: upper, x: {uniform: 1 mm}}", "fore plate lamp tool grip"),
+        ("mcpc: {link: fore, x: {uniform: 1 mm}}", "tool grip"),
+    ],
+)
+def test_a_displacement_moves_what_lies_beyond_it(tmp_path, source, moved):
+    model = branched(tmp_path, f"  - {source}\n")
+    at = model.at()
+    settings = data_block(simple_page(at, at.exact(model.space.sample(1, 0, 20))), "settings")
+    links = [link.name for link in model.chain.robot.links]
+    # targets of a source follow each other; all of them or none move a link
+    counts = dict(zip([part["name"] for part in settings["parts"]], settings["poses"][0]["before"], strict=True))
+    targets = len(at.table.targets)
+    assert {links[int(name.removeprefix("link"))] for name, count in counts.items() if count} == set(moved.split())
+    assert set(counts.values()) <= {0, targets}
+
+
+def test_the_tips_of_arms_with_every_kind_of_source_are_the_exact_samples():
+    model = everything(seven_joint_arm(), scale=3.0)
+    poses = [SEVEN_Q, tuple(-0.5 * value for value in SEVEN_Q)]
+    shown = []
+    for number, q in enumerate(poses):
+        at = model.at(q)
+        shown.append(Shown(at, at.exact(model.space.sample(1, 0, 10, pose=number)), None, number))
+    settings = data_block(pages(shown), "settings")
+    for number, one in enumerate(shown):
+        pose = settings["poses"][number]
+        for unit, packed in enumerate(pose["ghosts"]):
+            _, tip = likeness(settings, number, floats(packed).reshape(-1, 6), 1)
+            np.testing.assert_allclose(tip, displaced(one.pose_model.table.pose, one.errors[:, unit]), atol=1e-6)
+        _, tip = likeness(settings, number, floats(pose["deflected"]).reshape(-1, 6), 1)
+        np.testing.assert_allclose(tip, displaced(one.pose_model.table.pose, one.pose_model.error_at_means), atol=1e-6)
+
+
+def test_superposed_errors_have_the_same_arms():
+    model = ErrorModel.load(PAPER_SHEET)
+    at, x = model.at(), model.space.sample(1, 0, 10)
+    exact, linear = (data_block(simple_page(at, errors), "settings") for errors in (at.exact(x), at.linear(x)))
+    assert exact["poses"][0]["ghosts"] == linear["poses"][0]["ghosts"]
+
+
+def test_errors_of_another_seed_or_pose_have_no_arms():
+    model = ErrorModel.load(PAPER_SHEET)
+    at, x = model.at(), model.space.sample(2, 0, 10)
+    text = simple_page(at, at.exact(x))
+    assert data_block(text, "settings")["poses"][0]["ghosts"] == []
+    assert "none, the errors are not those of this seed" in text
+    assert 'id="show-ghosts" disabled' in text
+    assert 'id="show-ghosts">' in simple_page(at, at.exact(x), seed=2)
+    with pytest.raises(InputError, match="seed"):
+        simple_page(at, at.exact(x), seed=-1)
+
+
+def test_an_arm_without_mean_errors_has_no_deflected_shape(tmp_path):
+    model = branched(tmp_path, "  - joint_offset: {joint: turn, offset: {normal: 10 mrad}}\n")
+    at = model.at()
+    text = simple_page(at, at.exact(model.space.sample(1, 0, 9)))
+    assert 'id="show-deflected" disabled' in text
+    assert "the same as without error" in text
+
+
+# frames and texts ----------------------------------------------------------------------------------------------------
+
+
+def test_mcpc_frames_are_those_of_the_paper_at_every_pose():
+    model = ErrorModel.load(PAPER_SHEET)
+    q = [model.configuration(), np.array([0.3, -0.4, 0.5, -0.6])]
+    shown = [Shown(at, at.exact(model.space.sample(1, 0, 9))) for at in map(model.at, q)]
+    settings = data_block(pages(shown), "settings")
+    parameters = mcpc.from_chain(model.chain)
+    for values, pose in zip(q, settings["poses"], strict=True):
+        # frame 0 is the base's; T_i = Q_i V_i goes from frame i, before its joint turns, to frame i + 1
+        frames = [se3.pose(se3.rotation_about((0, 0, 1), parameters.base_turn), np.zeros(3))]
+        for i in range(5):
+            turned = frames[-1] @ (parameters.joint_pose(i, values[i - 1]) if i else np.eye(4))
+            frames[-1] = turned
+            frames.append(turned @ parameters.link_pose(i))
+        assert len(settings["mcpc"]) == 6
+        for entry, expected in zip(settings["mcpc"], frames, strict=True):
+            found = matrix(pose["links"][entry["link"]]) @ matrix(entry["frame"])
+            np.testing.assert_allclose(found, expected, atol=1e-12)
+
+
+def test_every_pose_has_its_texts(tmp_path):
+    at = pose_model(tmp_path, arm_text())
+    shown = [Shown(at, made_up_errors(50), name) for name in ("first", None)]
+    first, second = (pose["texts"] for pose in data_block(pages(shown), "settings")["poses"])
+    assert (first["caption-pose"], second["caption-pose"]) == ("first (1 of 2)", "(2 of 2)")
+    assert first["caption-joints"] == "turn 22.918°, bend -40.107°"
+    assert first["caption-samples"] == "N = 50"
+    alone = data_block(pages(shown[1:]), "settings")["poses"][0]["texts"]
+    assert alone["caption-pose"] == "without a name"
