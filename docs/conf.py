@@ -110,7 +110,11 @@ def linked(annotation: object, names: Mapping[str, object]) -> object:
 
 
 class Rooms(SphinxDirective):
-    """Document modules, one section each; ``name.*`` stands for those of a package that the page has not listed."""
+    """Document modules, one section each.
+
+    ``name.*`` stands for those of a package that the page has not listed, ``others`` for those of public names that no page
+    has listed.
+    """
 
     has_content = True
 
@@ -123,6 +127,8 @@ class Rooms(SphinxDirective):
                 package = importlib.import_module(name.removesuffix(".*"))
                 found = [f"{package.__name__}.{entry.name}" for entry in pkgutil.iter_modules(package.__path__)]
                 modules |= dict.fromkeys(sorted(set(found) - set(named)))
+            elif name == "others":
+                modules |= dict.fromkeys(sorted(unlisted_homes()))
             else:
                 modules[name] = None
         sections = []
@@ -130,6 +136,16 @@ class Rooms(SphinxDirective):
             title = name.removeprefix("precision_pin.")
             sections.append(f"``{title}``\n{'=' * (len(title) + 4)}\n\n.. automodule:: {name}\n   :members:\n\n")
         return self.parse_text_to_nodes("".join(sections), allow_section_headings=True)
+
+
+def unlisted_homes() -> set[str]:
+    """Return the modules of public names that no page of the reference lists, by themselves or by their package."""
+    listed = {
+        line.strip().removesuffix(".*") for page in PAGES.glob("api/*.rst") for line in page.open(encoding="utf-8")
+    }
+    objects = [getattr(precision_pin, name) for name in precision_pin.__all__]
+    homes = {it.__name__ if inspect.ismodule(it) else it.__module__ for it in objects}
+    return {home for home in homes if home not in listed and home.rpartition(".")[0] not in listed}
 
 
 class PublicNames(SphinxDirective):
@@ -176,9 +192,9 @@ def visit_math_block(translator: HTML5Translator, node: nodes.math_block) -> Non
     text = node.astext()
     tags = TAG.findall(text)
     number = "".join(f'<span class="eqno">({escape(tag)})</span>' for tag in tags)
-    marks = "".join(f' id="equation-{escape(tag.lower())}"' for tag in tags[:1])
+    ids = [f"equation-{tag.lower()}" for tag in tags]
+    translator.body.append(translator.starttag(node, "div", "", CLASS="math", ids=ids))
     formula = mathml(TAG.sub("", text), block=True)
-    translator.body.append(translator.starttag(node, "div", CLASS="math", SUFFIX="").replace(">", f"{marks}>", 1))
     translator.body.append(f'<div class="formula">{formula}</div>{number}</div>\n')
     raise nodes.SkipNode
 

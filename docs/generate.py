@@ -175,6 +175,20 @@ def quantities() -> str:
     return table(("quantity", "inside", "accepted units"), rows)
 
 
+def kinds() -> str:
+    """Return every kind of source with the first sentence of its docstring, in the order of the page's sections."""
+    found = catalogue()
+    sections = re.findall(r"^## `(\w+)`", (PAGES / "sources.md").read_text(encoding="utf-8"), re.MULTILINE)
+    order = {name: place for place, name in enumerate(sections)}
+    names = sorted(found, key=lambda name: order.get(name, len(order)))
+    return table(("kind", "what it is"), [(f"[`{name}`](#{name})", _first_sentence(found[name])) for name in names])
+
+
+def _first_sentence(kind: type[Source]) -> str:
+    paragraph = " ".join((inspect.getdoc(kind) or "").partition("\n\n")[0].split())
+    return re.split(r"(?<=\.) ", paragraph)[0].replace("``", "`")
+
+
 def settings(kind: type[Source]) -> str:
     """Return the settings of a kind of source, in the order of its docstring."""
     hints = typing.get_type_hints(kind, include_extras=True)
@@ -288,7 +302,7 @@ TABLES: Final[dict[str, dict[str, Callable[[], str]]]] = {
         "scopes": scopes,
         "units": quantities,
     },
-    "sources.md": {name: partial(settings, kind) for name, kind in catalogue().items()},
+    "sources.md": {"kinds": kinds} | {name: partial(settings, kind) for name, kind in catalogue().items()},
     "command-line.md": {"commands": commands} | {name: partial(parameters, name) for name in COMMANDS},
 }
 """Every generated table by page and name."""

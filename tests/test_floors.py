@@ -26,6 +26,8 @@ FLOORS = (
     "joint_table",
     "pinocchio_model",
     "places",
+    "posture_loops",
+    "postures",
     "chain",
     "mcpc",
     "terms",

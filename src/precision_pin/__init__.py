@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     from precision_pin.laws import TwoPoint as TwoPoint
     from precision_pin.laws import Uniform as Uniform
     from precision_pin.model import ErrorModel as ErrorModel
+    from precision_pin.postures import Postures as Postures
     from precision_pin.progress_bar import progress as progress
     from precision_pin.result import Analysis as Analysis
     from precision_pin.run import monte_carlo as monte_carlo
@@ -61,6 +62,7 @@ _HOMES: Final = {
     "Lognormal": "laws",
     "Normal": "laws",
     "Posture": "chain",
+    "Postures": "postures",
     "PrecisionPinError": "errors",
     "Rows": "laws",
     "Scope": "space",

@@ -47,7 +47,7 @@ from precision_pin.kernel_loops import (
 )
 from precision_pin.parameters import Program
 from precision_pin.space import Space, check_seed
-from precision_pin.statistics import COLUMNS, Plan, State, start
+from precision_pin.statistics import COLUMNS, LARGEST, Plan, State, largest_of, start
 
 if TYPE_CHECKING:
     from precision_pin.model import PoseModel
@@ -182,6 +182,8 @@ class Blocks:
         ``(8, COLUMNS)`` counts, see :mod:`precision_pin.statistics.sketch`.
     inside
         ``(S,)`` samples inside each specification.
+    largest, largest_units
+        ``(2, LARGEST)`` largest |d| and |δ|, and which units made them, see :class:`precision_pin.statistics.State`.
     errors
         ``(6, count)`` the errors themselves where they were to be kept.
     """
@@ -192,6 +194,8 @@ class Blocks:
     sums: Array
     sketch: NDArray[np.uint32]
     inside: NDArray[np.int64]
+    largest: Array
+    largest_units: NDArray[np.int64]
     errors: Array | None
 
     def added_to(self, state: State) -> State:
@@ -204,6 +208,7 @@ class Blocks:
             triangle.T[_UPPER] = row[8:29]
             products = products + triangle
             norm_squares = norm_squares + row[29:]
+        largest, units = largest_of(state.largest, state.largest_units, self.largest, self.largest_units)
         return State(
             count=state.count + self.count,
             lowest=np.minimum(state.lowest, self.lowest),
@@ -213,6 +218,8 @@ class Blocks:
             norm_squares=norm_squares,
             sketch=state.sketch + self.sketch,
             inside=state.inside + self.inside,
+            largest=largest,
+            largest_units=units,
         )
 
 
@@ -264,6 +271,8 @@ def observe_blocks(
         sums=np.zeros((-(-count // BLOCK), SUMS)),
         sketch=np.zeros((8, COLUMNS), dtype=np.uint32),
         inside=np.zeros(len(plan.specifications), dtype=np.int64),
+        largest=np.full((2, LARGEST), -np.inf),
+        largest_units=np.full((2, LARGEST), -1),
         errors=np.empty((6, count)) if keep_errors else None,
     )
     _run(
@@ -423,6 +432,8 @@ def _run(
         np.zeros(8) if into is None else into.highest,
         np.zeros(0, dtype=np.uint32) if into is None else into.sketch.reshape(-1),
         np.zeros(0, dtype=np.int64) if into is None else into.inside,
+        np.zeros((2, LARGEST)) if into is None else into.largest,
+        np.zeros((2, LARGEST), dtype=np.int64) if into is None else into.largest_units,
     )
     reason, where = _call(arguments)
     if reason:

@@ -33,6 +33,7 @@ __all__ = [
     "EXACT",
     "FORMULA",
     "INTERPRETED",
+    "LARGEST",
     "LINEAR",
     "NOT_FINITE",
     "SCRATCH",
@@ -61,6 +62,8 @@ STRIDE: Final = TILE + 8
 ATOM: Final = 1 << 14
 """Samples of one partial sum, that of :func:`precision_pin.statistics.observe`."""
 LANES: Final = 16
+LARGEST: Final = 10
+"""How many of the largest errors are kept."""
 SUMS: Final = 31
 """Partial sums of an atom: 8 residuals, 21 products of two components (upper triangle by rows), 2 squared norms."""
 
@@ -972,6 +975,30 @@ def _pad(w: Array, count: Scalar) -> None:
 
 
 @_compiled
+def _keep_largest(
+    w: Array, q: Scalar, count: Scalar, first: Scalar, largest: Array, units: NDArray[np.int64], row: Scalar
+) -> None:
+    """Keep the tile's largest values of a quantity, largest first, of equal ones the earlier unit's."""
+    values = _VALUES + q * _STRIDE
+    least = largest[row, LARGEST - 1]
+    above = 0
+    for i in range(_TILE):
+        above += 1 if w[values + i] > least else 0
+    if above:
+        for i in range(count):
+            value = w[values + _U(i)]
+            place = LARGEST
+            while place > 0 and value > largest[row, place - 1]:
+                place -= 1
+            if place < LARGEST:
+                for k in range(LARGEST - 1, place, -1):
+                    largest[row, k] = largest[row, k - 1]
+                    units[row, k] = units[row, k - 1]
+                largest[row, place] = value
+                units[row, place] = np.int64(first) + i
+
+
+@_compiled
 def _widen(w: Array) -> None:
     """Let the lanes' smallest and largest values take in the tile's."""
     for q in range(_U(8)):
@@ -1120,6 +1147,8 @@ def run(
     highest: Array,
     sketch: NDArray[np.uint32],
     inside: NDArray[np.int64],
+    largest: Array,
+    largest_units: NDArray[np.int64],
 ) -> tuple[Scalar, Scalar]:
     """Work through samples tile by tile.
 
@@ -1140,9 +1169,9 @@ def run(
         ``(d, count)`` component values to use, or no columns: draw them.
     kept_components, kept_errors
         ``(d, count)`` and ``(6, count)`` to fill, or no columns.
-    counting, sums, lowest, highest, sketch, inside
+    counting, sums, lowest, highest, sketch, inside, largest, largest_units
         What to subtract; ``(atoms, SUMS)`` partial sums, none: count nothing; ``(8,)``; ``(8,)``; ``(8 · COLUMNS,)``;
-        ``(S,)``, the last four to add to.
+        ``(S,)``; ``(2, LARGEST)`` and their units; the last six to add to.
 
     Returns
     -------
@@ -1210,6 +1239,8 @@ def run(
             if size < TILE:
                 _pad(w, size)
             _count(w, bins, size, counting, sketch, inside)
+            _keep_largest(w, _ZERO, size, first + _U(begin), largest, largest_units, 0)
+            _keep_largest(w, _FOUR, size, first + _U(begin), largest, largest_units, 1)
             if (begin + TILE) % ATOM == 0 or tile == tiles - 1:
                 _fold(w, sums[begin // ATOM])
     if counted:

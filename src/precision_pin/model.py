@@ -370,8 +370,8 @@ class ErrorModel:
         return tuple(itertools.chain.from_iterable(asked.terms(posture) for asked in self._asked))
 
 
-class _NeedsPosture(Exception):
-    """A source reads of a posture what is not the same at all of them."""
+class _NeedsPosture(BaseException):
+    """A source reads of a posture what is not the same at all of them; no ``except Exception`` of its own hides it."""
 
 
 @final
@@ -411,7 +411,7 @@ class _Asked:
     def _of_any(self, ask: Callable[[Posture, LabelledSpace], Iterator[Said]], chain: Chain) -> tuple[Said, ...] | None:
         try:
             return tuple(ask(cast("Posture", _AnyPosture(chain)), self._view))
-        except Exception:  # noqa: BLE001 - besides _NeedsPosture, what is wrong with it comes up again at a posture
+        except (_NeedsPosture, Exception):  # noqa: BLE001 - what is wrong with it comes up again at a posture
             return None
 
 

@@ -23,7 +23,6 @@ WRONG = {
     "argument too many": (("schema", "extra"), "unexpected extra argument"),
     "doctor with a robot": (("doctor", "4dof.urdf"), "unexpected extra argument"),
     "init without a robot": (("init",), "Missing argument 'ROBOT.urdf'"),
-    "view without a page": (("view",), "Missing option '--out'"),
     # samples and seed
     "no samples": (("analyze", "--samples", "0"), "samples must be a whole number from 1 to .*got 0"),
     "negative samples": (("analyze", "--samples", "-5"), "samples must be a whole number from 1 .*got -5"),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import fields
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
@@ -16,7 +16,7 @@ from precision_pin.kernel import BLOCK
 from precision_pin.laws import Fixed, Uniform
 from precision_pin.parameters import Component, sqrt
 from precision_pin.space import Draw, Space
-from precision_pin.statistics import Plan, Specification, State, finish, merge, observe, start
+from precision_pin.statistics import LARGEST, Plan, Specification, State, finish, merge, observe, start
 
 AT = random_table(8, targets=6, terms=25, shift=1e-3, turn=1e-3)
 LAYOUT = kernel.compile_table(AT)
@@ -79,10 +79,20 @@ def test_any_cut_into_calls_and_any_number_of_threads_give_the_same_bits() -> No
 def test_a_block_depends_on_nothing_but_its_number() -> None:
     alone = kernel.accumulate(LAYOUT, PLAN, "exact", 5, 3, 1)
     errors = kernel.errors(LAYOUT, "exact", 5, 3 * BLOCK, BLOCK)
-    assert_same_bits(alone, observe(PLAN, start(PLAN), errors))
+    observed = observe(PLAN, start(PLAN), errors)
+    assert_same_bits(alone, replace(observed, largest_units=observed.largest_units + 3 * BLOCK))
     together = kernel.observe_blocks(LAYOUT, PLAN, "exact", 5, 2, 2)
     np.testing.assert_array_equal(together.sums[1, :8], alone.sums)
     assert_same_bits(merge(kernel.accumulate(LAYOUT, PLAN, "exact", 5, 2, 1), alone), together.added_to(start(PLAN)))
+
+
+def test_the_largest_errors_can_be_drawn_again_by_their_numbers() -> None:
+    state = kernel.accumulate(LAYOUT, PLAN, "exact", 5, 0, 3)
+    for largest, units, rows in zip(state.largest, state.largest_units, (slice(0, 3), slice(3, 6)), strict=True):
+        again = [np.linalg.norm(kernel.errors(LAYOUT, "exact", 5, int(unit), 1)[rows]) for unit in units]
+        np.testing.assert_allclose(largest, again, rtol=1e-15)
+        everything = np.linalg.norm(kernel.errors(LAYOUT, "exact", 5, 0, 3 * BLOCK)[rows], axis=0)
+        np.testing.assert_array_equal(units, np.argsort(-everything)[:LARGEST])
 
 
 def test_kept_errors_are_the_errors() -> None:

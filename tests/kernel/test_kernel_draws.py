@@ -15,7 +15,7 @@ from precision_pin.errors import InputError
 from precision_pin.laws import Circle, Disc, Law, Normal, Triangular, TruncatedNormal, Uniform
 from precision_pin.parameters import Operator
 from precision_pin.space import Draw, Scope, Space
-from precision_pin.statistics import sketch
+from precision_pin.statistics import LARGEST, sketch
 
 ALPHA = 1e-6
 
@@ -45,6 +45,7 @@ def row_of(function, uniforms, *arguments, rows=1):
 
 
 def test_numbers_repeated_in_the_compiled_file_are_those_of_their_owners() -> None:
+    assert loops.LARGEST == LARGEST
     assert (loops._SHIFT, loops._OFFSET, loops._BINS) == (sketch.SHIFT, sketch.OFFSET, sketch.BINS)
     named = {
         "ADD": loops._ADD, "SUBTRACT": loops._SUBTRACT, "MULTIPLY": loops._MULTIPLY, "DIVIDE": loops._DIVIDE,

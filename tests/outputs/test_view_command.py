@@ -28,8 +28,12 @@ def folder(tmp_path, monkeypatch):
         shutil.copy(file, tmp_path)
     sheet = tmp_path / "4dof.errors.yaml"
     text = sheet.read_text("utf-8")
-    assert text.count("poses:\n") == 1
-    sheet.write_text(text.replace("poses:\n", "poses:\n  straight: 0 10 20 30 deg\n"), "utf-8")
+    # a second pose, and a draw that is another one at each
+    text, count = re.subn("^poses:\n", "poses:\n  straight: 0 10 20 30 deg\n", text, flags=re.MULTILINE)
+    wobble = "  - joint_offset: {joint: joint1, offset: {normal: 1 mrad, scope: pose}}\n"
+    text, also = re.subn("^sources:\n", f"sources:\n{wobble}", text, flags=re.MULTILINE)
+    assert (count, also) == (1, 1)
+    sheet.write_text(text, "utf-8")
     monkeypatch.chdir(tmp_path)
     return tmp_path
 

@@ -11,6 +11,7 @@ from collections.abc import Iterator
 from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
 from dataclasses import fields, replace
 from multiprocessing import get_context
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -21,9 +22,8 @@ from precision_pin import kernel, kernel_loops
 from precision_pin.errors import InputError
 from precision_pin.kernel import BLOCK
 from precision_pin.run.blocks import MOST_SAMPLES, check_samples
-from precision_pin.run.executors import Foreign, Processes, Threads, Workers, WorkersLostError, chosen
+from precision_pin.run.executors import Foreign, Processes, Threads, chosen
 from precision_pin.run.identity import digest
-from precision_pin.run.stream import MOST_LOSSES
 from precision_pin.statistics import start
 from run.run_cases import MODEL, PLAN, SAMPLES, Muddled, assert_same_bits, in_one_go, sampled, work
 
@@ -172,49 +172,43 @@ def test_work_in_flight_is_bounded_and_futures_are_released(workers: int, asked:
 # workers that are lost -----------------------------------------------------------------------------------------------
 
 
-class Failing(Workers):
-    """Loses every task under way whenever some block is asked for, so many times."""
-
-    def __init__(self, block: int, times: int) -> None:
-        self.most, self.block, self.times, self.renewed = 4, block, times, 0
-
-    def submit(self, work: Any, first_block: int, blocks: int) -> dict[str, Any]:
-        return {"block": first_block, "run": lambda: work.observe(first_block, blocks), "era": self.renewed}
-
-    def result(self, future: Any) -> Any:
-        if future["era"] != self.renewed:
-            raise WorkersLostError
-        if future["block"] == self.block and self.times:
-            self.times -= 1
-            raise WorkersLostError
-        return future["run"]()
-
-    def renew(self) -> None:
-        self.renewed += 1
-
-    def close(self, *, done: bool) -> None:
-        pass
-
-
-@pytest.mark.parametrize("times", range(MOST_LOSSES))
-def test_lost_workers_cost_no_result(times: int) -> None:
-    workers = Failing(3, times)
-    assert_same_bits(sampled(work(), workers, 1), in_one_go(work()))
-    assert workers.renewed == times
-
-
-def test_a_task_over_which_workers_end_again_and_again_is_given_up() -> None:
-    workers = Failing(6, 10**9)
-    with pytest.raises(InputError, match=r"ended 3 times over blocks 6 to 13; is there memory enough"):
-        sampled(work(), workers, 2)
-    assert workers.renewed == MOST_LOSSES
-
-
 class Unsendable:
     """Ends the process that it is sent to."""
 
     def __reduce__(self) -> tuple[Any, tuple[int]]:
         return os._exit, (1,)
+
+
+class Deadly:
+    """Ends the process that it is sent to, unless that has a file's permission, which it takes along."""
+
+    def __init__(self, permits: Path) -> None:
+        self.permits = permits
+
+    def __reduce__(self) -> tuple[Any, tuple[str]]:
+        code = (
+            "(lambda os, left: () if not left else (os.unlink(left[0]), os._exit(1)))"
+            f"(__import__('os'), __import__('glob').glob({str(self.permits / '*')!r}))"
+        )
+        return eval, (code,)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("losses", "given_up"), [(1, False), (2, False), (3, True)])
+def test_a_task_survives_two_processes(tmp_path: Path, losses: int, given_up: bool) -> None:
+    for k in range(losses):
+        (tmp_path / str(k)).touch()
+    workers = Processes(1)
+    try:
+        task = work(packages=Deadly(tmp_path))
+        if given_up:
+            with pytest.raises(InputError, match="worker processes ended 3 times over blocks 0 to 1; is there memory"):
+                sampled(task, workers)
+        else:
+            assert_same_bits(sampled(task, workers), in_one_go(task))
+    finally:
+        workers.close(done=True)
+    assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.slow

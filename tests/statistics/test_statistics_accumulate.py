@@ -8,6 +8,7 @@ import pytest
 from precision_pin.errors import InputError, InternalError, UnknownNameError
 from precision_pin.statistics import (
     COLUMNS,
+    LARGEST,
     QUANTITIES,
     Plan,
     Specification,
@@ -249,3 +250,21 @@ def test_planned_norms_are_near_the_true_ones() -> None:
     assert distant.centre[0] == pytest.approx(10.1, rel=0.01)
     assert distant.scale[0] == 1.0
     assert Plan.from_moments(np.zeros(6), np.zeros((6, 6))).centre[0] == 0.0
+
+
+@pytest.mark.parametrize("samples", [1, 7, 5000])
+def test_the_largest_are_kept_in_whatever_parts_they_come(samples: int) -> None:
+    errors = correlated_errors(3, samples)
+    errors[:, -1] = errors[:, 0]  # equal ones: the earlier sample first
+    plan = plan_for(correlated_errors(3, 100))
+    whole = observe(plan, start(plan), errors)
+    in_parts = start(plan)
+    for part in np.array_split(errors, 3, axis=1):
+        in_parts = observe(plan, in_parts, part)
+    for row, values in enumerate((np.linalg.norm(errors[:3], axis=0), np.linalg.norm(errors[3:], axis=0))):
+        expected = sorted(range(samples), key=lambda sample: (-values[sample], sample))[:LARGEST]
+        found = finish(plan, whole).largest_attitude if row else finish(plan, whole).largest_position
+        assert [one.sample for one in found] == expected
+        np.testing.assert_allclose([one.value for one in found], values[expected], rtol=1e-15)
+    np.testing.assert_array_equal(in_parts.largest, whole.largest)
+    np.testing.assert_array_equal(in_parts.largest_units, whole.largest_units)

@@ -38,7 +38,13 @@ CHUNK = 2**14
 
 @click.command("view")
 @click.argument("inputs", nargs=-1, metavar="[ROBOT.urdf] [SHEET.yaml]")
-@click.option("--pose", "pose_names", multiple=True, metavar="NAME", help="One of the sheet's poses; repeats.")
+@click.option(
+    "--pose",
+    "pose_names",
+    multiple=True,
+    metavar="NAME",
+    help="One of the sheet's poses, the first if left out; repeats.",
+)
 @click.option("--all-poses", is_flag=True, help="All of the sheet's poses.")
 @click.option("--q", metavar="VALUES", help="Joint values, as for analyze.")
 @click.option(

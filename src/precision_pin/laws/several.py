@@ -60,7 +60,8 @@ class Disc(_PlaneLaw):
 
     def sample(self, variates: Array) -> Array:
         """Return r √u₀ at the angle 2π u₁."""
-        return self.radius * np.sqrt(variates[0]) * direction(variates[1])
+        value: Array = self.radius * np.sqrt(variates[0]) * direction(variates[1])
+        return value
 
     def characteristic(self, frequency: ArrayLike) -> NDArray[np.complex128]:
         """Return 2 J₁(r|t|) / (r|t|)."""

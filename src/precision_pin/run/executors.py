@@ -5,20 +5,24 @@ from __future__ import annotations
 import multiprocessing
 import os
 import signal
-import threading
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from concurrent.futures import BrokenExecutor, CancelledError, Future, ProcessPoolExecutor, ThreadPoolExecutor
-from multiprocessing.connection import wait
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import suppress
+from multiprocessing import resource_tracker
+from multiprocessing.connection import Connection
+from queue import SimpleQueue
 from typing import Any, Final, Protocol, final
 
 from precision_pin.errors import InputError, PrecisionPinError
 from precision_pin.kernel import Blocks
 from precision_pin.run.blocks import Work
 
-__all__ = ["Foreign", "Processes", "Submitter", "Threads", "Workers", "WorkersLostError", "available_cores", "chosen"]
+__all__ = ["Foreign", "Processes", "Submitter", "Threads", "Workers", "available_cores", "chosen"]
 
 MOST_WORKERS: Final = 1024
+MOST_LOSSES: Final = 3
+"""How often a process may end over one task."""
 
 
 class Submitter(Protocol):
@@ -31,10 +35,6 @@ class Submitter(Protocol):
 def available_cores() -> int:
     """Return how many cores this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-
-
-class WorkersLostError(Exception):
-    """Workers ended; what was under way has to be computed again."""
 
 
 class Workers(ABC):
@@ -53,13 +53,7 @@ class Workers(ABC):
 
     @abstractmethod
     def submit(self, work: Work, first_block: int, blocks: int) -> Any:
-        """Return the future of a task.
-
-        Raises
-        ------
-        WorkersLostError
-            Workers ended, see :meth:`renew`.
-        """
+        """Return the future of a task."""
 
     @abstractmethod
     def result(self, future: Any) -> Blocks:
@@ -67,13 +61,9 @@ class Workers(ABC):
 
         Raises
         ------
-        WorkersLostError
-            Workers ended before it was done, see :meth:`renew`.
+        InputError
+            A sample cannot be computed, or the workers failed.
         """
-
-    @abstractmethod
-    def renew(self) -> None:
-        """Replace workers that ended."""
 
     @abstractmethod
     def close(self, *, done: bool) -> None:
@@ -96,9 +86,6 @@ class Threads(Workers):
         """Wait for a task."""
         return future.result()
 
-    def renew(self) -> None:
-        """Threads do not end by themselves."""
-
     def close(self, *, done: bool) -> None:
         """End the threads; waits for the tasks that have begun."""
         self._pool.shutdown(wait=True, cancel_futures=True)
@@ -106,62 +93,106 @@ class Threads(Workers):
 
 @final
 class Processes(Workers):
-    """Processes of our own, started afresh; they end with this process, however it ends."""
+    """Processes of our own, a thread and a pipe for each.
+
+    They end with this process, however it ends: that closes their pipes. One that ends before its time is replaced and
+    its task begun again. (The pool of :mod:`concurrent.futures` has one pipe for all, and waits for ever for the rest of a
+    result whose process was killed while it sent it.)
+    """
 
     blocks_in_a_task = 64
 
     def __init__(self, processes: int) -> None:
         self.most = 2 * processes
-        self._processes = processes
-        self._pool = self._started()
-
-    def _started(self) -> ProcessPoolExecutor:
-        return ProcessPoolExecutor(
-            self._processes, mp_context=multiprocessing.get_context("spawn"), initializer=_end_with_parent
-        )
+        self._idle: SimpleQueue[_Process | None] = SimpleQueue()
+        for _ in range(processes):
+            self._idle.put(None)
+        self._running: set[_Process] = set()
+        self._ending = False
+        self._threads = ThreadPoolExecutor(processes)
 
     def submit(self, work: Work, first_block: int, blocks: int) -> Future[Blocks]:
         """Return the future of a task."""
-        # processes start here; a Ctrl-C in the terminal is meant for this one, which tells them
-        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-        try:
-            return self._pool.submit(work.observe, first_block, blocks)
-        except BrokenExecutor:
-            raise WorkersLostError from None
-        finally:
-            signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        return self._threads.submit(self._observe, work, first_block, blocks)
 
     def result(self, future: Future[Blocks]) -> Blocks:
         """Wait for a task."""
-        try:
-            return future.result()
-        except (BrokenExecutor, CancelledError):
-            raise WorkersLostError from None
-
-    def renew(self) -> None:
-        """Start new processes in place of all of them."""
-        self.close(done=False)
-        self._pool = self._started()
+        return future.result()
 
     def close(self, *, done: bool) -> None:
         """End the processes."""
-        if not done:
-            # a pool has no public way to stop what has begun
-            for process in list((self._pool._processes or {}).values()):
-                process.kill()
-        self._pool.shutdown(wait=True, cancel_futures=True)
+        self._ending = True
+        for process in list(self._running):
+            process.end(at_once=not done)
+        self._threads.shutdown(wait=True, cancel_futures=True)
+
+    def _observe(self, work: Work, first_block: int, blocks: int) -> Blocks:
+        process = self._idle.get()
+        try:
+            for _ in range(MOST_LOSSES):
+                if self._ending:
+                    break
+                if process is None:
+                    process = _Process()
+                    self._running.add(process)
+                try:
+                    answer = process.ask((work, first_block, blocks))
+                except (EOFError, OSError):
+                    self._running.discard(process)
+                    process.end(at_once=True)
+                    process = None
+                    continue
+                if isinstance(answer, Exception):
+                    raise answer
+                return answer
+        finally:
+            self._idle.put(process)
+        raise InputError(
+            f"worker processes ended {MOST_LOSSES} times over blocks {first_block} to {first_block + blocks - 1}; is there "
+            "memory enough? (a script that asks for processes begins its work under: if __name__ == '__main__')"
+        )
 
 
-def _end_with_parent() -> None:
-    """Begin to watch the parent, in a process of :class:`Processes`."""
-    parent = multiprocessing.parent_process()
-    assert parent is not None
+@final
+class _Process:
+    """A process that computes blocks, and the pipe to it."""
 
-    def watch() -> None:
-        wait([parent.sentinel])
-        os._exit(1)
+    def __init__(self) -> None:
+        context = multiprocessing.get_context("spawn")
+        self._pipe, other_end = context.Pipe()
+        self._process = context.Process(target=_serve, args=(other_end,), daemon=True)
+        # Ctrl-C goes to all processes of a terminal; this one, in a thread of ours, must not take it. The tracker, which
+        # the first process brings along, would unblock it again.
+        resource_tracker.ensure_running()
+        signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+        self._process.start()
+        other_end.close()  # so that it is closed when the process ends
 
-    threading.Thread(target=watch, daemon=True).start()
+    def ask(self, task: tuple[Work, int, int]) -> Blocks | Exception:
+        """Return what a task gives, or the error it raised."""
+        self._pipe.send(task)
+        answer: Blocks | Exception = self._pipe.recv()
+        return answer
+
+    def end(self, *, at_once: bool) -> None:
+        """End the process; if not at once, it must be idle."""
+        if at_once:
+            self._process.kill()
+        else:
+            self._pipe.close()
+        self._process.join()
+
+
+def _serve(pipe: Connection[Any, Any]) -> None:
+    """Compute blocks until the other end of the pipe is closed."""
+    with suppress(EOFError, OSError):
+        while True:
+            work, first_block, blocks = pipe.recv()
+            try:
+                answer = work.observe(first_block, blocks)
+            except Exception as error:  # noqa: BLE001 - raised again at the other end
+                answer = error
+            pipe.send(answer)
 
 
 @final
@@ -195,9 +226,6 @@ class Foreign(Workers):
         finally:
             self._under_way.discard(future)
         return found
-
-    def renew(self) -> None:
-        """Whoever handed the executor in replaces its workers."""
 
     def _failed(self, error: Exception) -> InputError:
         reason = " ".join(str(error).split())

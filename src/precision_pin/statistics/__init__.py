@@ -9,7 +9,7 @@ The eight quantities, always in this order: ``position.norm``, ``position.x``, `
 ``attitude.norm``, ``attitude.x``, ``.y``, ``.z`` (rad), components in base axes.
 """
 
-from precision_pin.statistics.accumulate import State, merge, observe, quantity_values, start
+from precision_pin.statistics.accumulate import LARGEST, State, largest_of, merge, observe, quantity_values, start
 from precision_pin.statistics.digits import format_supported, significant_digits
 from precision_pin.statistics.distribution import Distribution, Histogram
 from precision_pin.statistics.intervals import (
@@ -21,15 +21,17 @@ from precision_pin.statistics.intervals import (
 )
 from precision_pin.statistics.plan import COMPONENTS, NORMS, QUANTITIES, Plan, Specification
 from precision_pin.statistics.sketch import BINS, COLUMNS, sketch_columns, sketch_edges
-from precision_pin.statistics.summary import SpecificationResult, Summary, VectorDistribution, finish
+from precision_pin.statistics.summary import Extreme, SpecificationResult, Summary, VectorDistribution, finish
 
 __all__ = [
     "BINS",
     "COLUMNS",
     "COMPONENTS",
+    "LARGEST",
     "NORMS",
     "QUANTITIES",
     "Distribution",
+    "Extreme",
     "Histogram",
     "Plan",
     "Specification",
@@ -40,6 +42,7 @@ __all__ = [
     "clopper_pearson",
     "finish",
     "format_supported",
+    "largest_of",
     "merge",
     "observe",
     "quantile_coverage",

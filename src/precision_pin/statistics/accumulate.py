@@ -12,10 +12,13 @@ from precision_pin.errors import InternalError
 from precision_pin.statistics.plan import COMPONENTS, NORMS, QUANTITIES, Plan
 from precision_pin.statistics.sketch import COLUMNS, sketch_columns
 
-__all__ = ["State", "lane_sums", "merge", "observe", "quantity_values", "start"]
+__all__ = ["LARGEST", "State", "lane_sums", "largest_of", "merge", "observe", "quantity_values", "start"]
 
 Array = NDArray[np.float64]
 Counts = NDArray[np.int64]
+
+LARGEST: Final = 10
+"""How many of the largest errors are kept."""
 
 _LANES: Final = 16
 _TILE: Final = 1 << 14
@@ -42,6 +45,9 @@ class State:
         ``(8, COLUMNS)`` counts, see `precision_pin.statistics.sketch`.
     inside
         ``(S,)`` samples inside each specification of the plan.
+    largest, largest_units
+        ``(2, LARGEST)`` the largest |d| and |δ|, largest first, of equal ones the earlier sample's, −∞ where there are
+        fewer; and which samples they are, counted from the first observed, −1 where there is none.
     """
 
     count: int
@@ -52,6 +58,8 @@ class State:
     norm_squares: Array
     sketch: Counts
     inside: Counts
+    largest: Array
+    largest_units: Counts
 
 
 def start(plan: Plan) -> State:
@@ -65,6 +73,8 @@ def start(plan: Plan) -> State:
         norm_squares=np.zeros(2),
         sketch=np.zeros((8, COLUMNS), dtype=np.int64),
         inside=np.zeros(len(plan.specifications), dtype=np.int64),
+        largest=np.full((2, LARGEST), -np.inf),
+        largest_units=np.full((2, LARGEST), -1),
     )
 
 
@@ -89,7 +99,7 @@ def observe(plan: Plan, state: State, errors: ArrayLike) -> State:
     if block.ndim != 2 or block.shape[0] != 6:
         raise InternalError(f"a block of errors has shape (6, N), not {block.shape}")
     for begin in range(0, block.shape[1], _TILE):
-        state = merge(state, _tally(plan, quantity_values(block[:, begin : begin + _TILE])))
+        state = merge(state, _tally(plan, quantity_values(block[:, begin : begin + _TILE]), state.count))
     return state
 
 
@@ -106,6 +116,7 @@ def merge(first: State, second: State) -> State:
     """
     if first.inside.shape != second.inside.shape:
         raise InternalError(f"states of {first.inside.size} and {second.inside.size} specifications")
+    largest, units = largest_of(first.largest, first.largest_units, second.largest, second.largest_units)
     return State(
         count=first.count + second.count,
         lowest=np.minimum(first.lowest, second.lowest),
@@ -115,7 +126,16 @@ def merge(first: State, second: State) -> State:
         norm_squares=first.norm_squares + second.norm_squares,
         sketch=first.sketch + second.sketch,
         inside=first.inside + second.inside,
+        largest=largest,
+        largest_units=units,
     )
+
+
+def largest_of(values: Array, units: Counts, more_values: Array, more_units: Counts) -> tuple[Array, Counts]:
+    """Return the `LARGEST` largest of two lots of values ``(2, m)`` and which samples they are, as in `State`."""
+    all_values, all_units = np.hstack([values, more_values]), np.hstack([units, more_units])
+    order = np.lexsort((all_units, -all_values), axis=1)[:, :LARGEST]
+    return np.take_along_axis(all_values, order, axis=1), np.take_along_axis(all_units, order, axis=1)
 
 
 def quantity_values(errors: Array) -> Array:
@@ -156,8 +176,8 @@ def lane_sums(rows: Array) -> Array:
     return sums
 
 
-def _tally(plan: Plan, values: Array) -> State:
-    """Return the state of one tile of values ``(8, n)``, n ≥ 1."""
+def _tally(plan: Plan, values: Array, first: int) -> State:
+    """Return the state of one tile of values ``(8, n)``, n ≥ 1, of samples ``first … first + n - 1``."""
     residuals = values - plan.centre[:, None]
     components = residuals[list(COMPONENTS)]
     norms = residuals[list(NORMS)]
@@ -167,6 +187,9 @@ def _tally(plan: Plan, values: Array) -> State:
         products[row:, row] = products[row, row:]
     columns = sketch_columns(residuals / plan.scale[:, None])
     columns += COLUMNS * np.arange(8)[:, None]
+    nothing = start(plan)
+    units = np.tile(np.arange(first, first + values.shape[1]), (2, 1))
+    largest, largest_units = largest_of(nothing.largest, nothing.largest_units, values[list(NORMS)], units)
     return State(
         count=values.shape[1],
         lowest=values.min(axis=1),
@@ -179,4 +202,6 @@ def _tally(plan: Plan, values: Array) -> State:
             [np.count_nonzero(np.abs(values[spec.row]) <= spec.limit) for spec in plan.specifications],
             dtype=np.int64,
         ),
+        largest=largest,
+        largest_units=largest_units,
     )

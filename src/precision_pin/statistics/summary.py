@@ -15,7 +15,7 @@ from precision_pin.statistics.intervals import clopper_pearson
 from precision_pin.statistics.plan import COMPONENTS, NORMS, QUANTITIES, Plan, Specification
 from precision_pin.statistics.sketch import sketch_edges
 
-__all__ = ["SpecificationResult", "Summary", "VectorDistribution", "finish"]
+__all__ = ["Extreme", "SpecificationResult", "Summary", "VectorDistribution", "finish"]
 
 Array = NDArray[np.float64]
 
@@ -72,6 +72,23 @@ class SpecificationResult:
 
 
 @final
+@dataclass(frozen=True)
+class Extreme:
+    """One of the largest errors seen.
+
+    Attributes
+    ----------
+    sample
+        Which sample, and so which unit of the seed.
+    value
+        |d| in m or |δ| in rad.
+    """
+
+    sample: int
+    value: float
+
+
+@final
 @dataclass(frozen=True, eq=False)
 class Summary:
     """Everything the samples say about the pose error, base axes.
@@ -92,6 +109,8 @@ class Summary:
         ``(6, 6)`` sample covariance, divisor N − 1; None for a single sample.
     specifications
         One result for each specification of the plan, in its order.
+    largest_position, largest_attitude
+        The ten samples with the largest |d| and |δ|, largest first; all of them where there are fewer.
     """
 
     samples: int
@@ -101,6 +120,8 @@ class Summary:
     mean: Array
     covariance: Array | None
     specifications: tuple[SpecificationResult, ...]
+    largest_position: tuple[Extreme, ...]
+    largest_attitude: tuple[Extreme, ...]
 
     def distribution(self, quantity: str) -> Distribution:
         """Return the distribution of a quantity by its name, such as ``position.x``.
@@ -171,7 +192,14 @@ def finish(plan: Plan, state: State, confidence: float = 0.95) -> Summary:
             _specification_result(specification, int(inside), state.count, confidence)
             for specification, inside in zip(plan.specifications, state.inside, strict=True)
         ),
+        largest_position=_extremes(state, 0),
+        largest_attitude=_extremes(state, 1),
     )
+
+
+def _extremes(state: State, row: int) -> tuple[Extreme, ...]:
+    found = zip(state.largest_units[row].tolist(), state.largest[row].tolist(), strict=True)
+    return tuple(Extreme(sample, value) for sample, value in found if sample >= 0)
 
 
 def _covariance(state: State) -> Array | None:

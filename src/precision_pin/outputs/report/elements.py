@@ -12,7 +12,7 @@ __all__ = ["Child", "Html", "beside", "definitions", "element", "items", "joined
 
 _VOID: Final = ("meta",)
 _LONGEST: Final = 44
-_SHORT: Final = 16
+_SHORT: Final = 20
 _SENTENCE: Final = 28
 
 

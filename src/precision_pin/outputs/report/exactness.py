@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any, Final
 
 import numpy as np
@@ -75,7 +75,7 @@ def _described(law: ExactLaw) -> str:
     )
 
 
-def _quantiles(laws: Any) -> Html:
+def _quantiles(laws: Iterable[ExactLaw]) -> Html:
     header = ["", "mean", "std", *(f"{100 * level:.5g} %" for level in _SHOWN)]
     rows = []
     for law in laws:

@@ -55,7 +55,9 @@ def figure(drawn: Figure, name: str, label: str, caption: Child, class_: str = "
     class_
         For the page's style.
     """
-    svg = element("div", _inline(drawn, name, label), class_="drawing", role="region", tabindex="0", aria_label=name)
+    svg = element(
+        "div", _inline(drawn, name, label), class_="drawing", role="region", tabindex="0", aria_label=f"figure {name}"
+    )
     return element("figure", svg, element("figcaption", caption), class_=class_, id=f"figure-{name}")
 
 

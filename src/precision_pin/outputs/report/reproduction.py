@@ -19,7 +19,7 @@ _DRAWN_WITH = ("matplotlib", "meshcat")
 def reproduction(results: Results) -> Html:
     """Return command line, seed, versions, platform and the files' SHA-256."""
     command = element("pre", element("code", shlex.join(results.command)), tabindex="0", aria_label="Command line")
-    known = versions() | {name: metadata.version(name) for name in _DRAWN_WITH}
+    known = versions() | {name: _version(name) for name in _DRAWN_WITH}
     entries: list[tuple[str, Child]] = [
         ("Seed", str(results.analysis.seed)),
         ("Samples", f"{results.analysis.samples:,}"),
@@ -38,3 +38,10 @@ def reproduction(results: Results) -> Html:
         "How to reproduce this",
         joined([command, definitions(entries), files, paragraph(note, class_="note")]),
     )
+
+
+def _version(name: str) -> str:
+    try:
+        return metadata.version(name)
+    except metadata.PackageNotFoundError:
+        return "unknown"

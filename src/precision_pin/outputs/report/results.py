@@ -36,7 +36,11 @@ Step = Callable[[str, int], AbstractContextManager[Progress]]
 """Given what is done next and how many samples it takes (0: none), returns what is told of the progress."""
 
 STEPS: Final = 6
+"""Five analyses, and drawing the page."""
+
 CLOUD: Final = 5_000
+"""Samples that the 3-D view shows at most."""
+
 _COMPARED: Final = 100_000
 
 

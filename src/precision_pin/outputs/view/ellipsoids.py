@@ -67,7 +67,6 @@ def ellipsoids(positions: ArrayLike) -> tuple[Ellipsoid, ...]:
     deviations = singular / math.sqrt(count - 1)
     if deviations[0] <= _FLAT * np.abs(values).max():
         return ()
-    directions *= np.sign(np.linalg.det(directions))
     spread = deviations > _FLAT * deviations[0]
     scaled = (directions.T @ centred)[spread] / deviations[spread, None]
     squares = (scaled * scaled).sum(axis=0)

@@ -1,0 +1,82 @@
+"""``precision-pin report``."""
+
+from __future__ import annotations
+
+import re
+
+import pytest
+
+LONG = "a_rather_long_name_for_a_joint_that_turns_about_x_of_the_carriage"
+FEW = ("--samples", "2000")
+
+
+def test_a_page_is_written_the_same_each_time_and_says_how_to_make_it(run, folder, new_files):
+    arguments = ("report", "gantry.urdf", "gantry.errors.yaml", "--pose", "home", "--seed", "7", *FEW)
+    outcome = run(*arguments, "--out", "page.html")
+    assert (outcome.code, outcome.out) == (0, "")
+    assert re.fullmatch(r"wrote page\.html \(\d\.\d MB\)", outcome.err_lines[-1])
+    assert [line[:3] for line in outcome.err_lines[:-1] if re.match(r"\d/\d ", line)] == [f"{k}/6" for k in range(1, 7)]
+    text = (folder / "page.html").read_text("utf-8")
+    command = (
+        "precision-pin report gantry.urdf gantry.errors.yaml --pose home --samples 2000 --seed 7 --model exact "
+        "--out report.html"
+    )
+    assert f"<code>{command}</code>" in text
+    assert str(folder) not in text
+    (folder / "below").mkdir()
+    assert run(*arguments, "--out", "below/again.html").code == 0
+    assert (folder / "below" / "again.html").read_text("utf-8") == text
+    assert new_files() == {"page.html", "below", "below/again.html"}
+
+
+def test_exit_code_says_whether_the_specifications_are_met(run, folder):
+    arguments = ("report", f"{folder}/gantry.urdf", f"{folder}/gantry.errors.yaml", *FEW, "--out", "page.html")
+    assert run(*arguments, "--spec", "1 m").code == 0
+    assert "The specification is met" in (folder / "page.html").read_text("utf-8")
+    outcome = run(
+        *arguments, "--spec", "1 m", "--spec", "1 um", "--q", f"y_axis: 0.1 m, {LONG}: 10 deg", "--model", "linear"
+    )
+    assert outcome.code == 1
+    text = (folder / "page.html").read_text("utf-8")
+    assert "1 of 2 specifications are met" in text
+    assert "linear: the displacements are superposed" in text
+    # folders of the command line are left out, too
+    assert str(folder) not in text
+    assert "precision-pin report gantry.urdf gantry.errors.yaml --q &#x27;y_axis: 0.1 m, " in text
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("--out", "page.html", "--samples", "0"), "number of samples"),
+        (("--out", "page.html", "--seed", "-1"), "seed"),
+        (("--out", "page.html", "--spec", "1 kg"), "'1 kg'"),
+        (("--out", "page.html", "--pose", "nowhere"), "no pose named 'nowhere'"),
+        (("--out", "page.html", "--pose", "paper", "--q", "1 2 3 4 deg"), "exclude each other"),
+        (("--out", "page.html", "missing.yaml"), "does not exist"),
+        (("--out", "page.html", "--model", "best"), "best"),
+        (("--out", "nowhere/page.html"), "does not exist"),
+        (("--out", "."), "it is a folder"),
+        (("--out", ""), "--out names no file"),
+        ((), "--out"),
+    ],
+)
+def test_a_wrong_line_is_one_clear_message_and_no_file(run, new_files, arguments, words):
+    outcome = run("report", *arguments)
+    assert (outcome.code, outcome.out) == (2, "")
+    errors = [line for line in outcome.err_lines if " error " in line]
+    assert len(errors) == 1
+    assert words in errors[0]
+    assert "Traceback" not in outcome.err
+    assert new_files() == set()
+
+
+def test_a_page_that_cannot_be_drawn_leaves_the_old_one(run, folder, monkeypatch):
+    (folder / "page.html").write_text("old", "utf-8")
+
+    def stop(results: object) -> str:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("precision_pin.outputs.report.page", stop)
+    assert run("report", "gantry.urdf", *FEW, "--out", "page.html").code == 130
+    assert (folder / "page.html").read_text("utf-8") == "old"

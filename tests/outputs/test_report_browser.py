@@ -1,0 +1,107 @@
+"""The page of ``report`` in a real browser: no complaint, no request, the 3-D view alive, dark mode, paper."""
+
+from __future__ import annotations
+
+import io
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from outputs.report_cases import HAN, SCRIPT, SVG, paper, results_of, write_hostile
+from precision_pin.outputs.report import page
+from support.browser import chromium, complaints, needs_chromium, outside_requests, visited
+
+pytestmark = [pytest.mark.slow, needs_chromium]
+
+PATIENCE = 60_000
+BACKGROUND = "getComputedStyle(document.body).backgroundColor"
+OF_FIGURES = """
+  [...document.querySelectorAll('svg')].map((svg) => getComputedStyle(svg.querySelector('path')).color)
+"""
+TOO_WIDE = "document.documentElement.scrollWidth > innerWidth"
+
+
+@pytest.fixture(scope="module")
+def paper_page(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    file = tmp_path_factory.mktemp("report") / "paper.html"
+    file.write_text(paper()[1], "utf-8")
+    return file
+
+
+def blue_pixels(picture: bytes) -> int:
+    """Return how many pixels are as blue as links 2 and 3 of the paper's arm."""
+    red, green, blue = np.moveaxis(np.asarray(Image.open(io.BytesIO(picture)).convert("RGB"), dtype=int), 2, 0)
+    return int(((blue > red + 60) & (blue > green + 30)).sum())
+
+
+@pytest.mark.parametrize(("scheme", "width"), [("light", 1280), ("dark", 600)])
+def test_the_page_opens_in_either_scheme_and_on_a_narrow_screen(paper_page, scheme, width):
+    with chromium(color_scheme=scheme, viewport={"width": width, "height": 800}) as context:
+        visit = visited(context, paper_page)
+        frame = visit.page.frame_locator("iframe")
+        frame.locator("body[data-ready=yes]").wait_for(timeout=PATIENCE, state="attached")
+        assert complaints(visit) == []
+        assert outside_requests(visit) == []
+        assert not visit.page.evaluate(TOO_WIDE)
+        ground = visit.page.evaluate(BACKGROUND)
+        assert ground == ("rgb(255, 255, 255)" if scheme == "light" else "rgb(20, 24, 29)")
+        drawn = visit.page.evaluate(OF_FIGURES)
+        assert set(drawn) == {"rgb(27, 34, 43)" if scheme == "light" else "rgb(232, 236, 241)"}
+        assert not visit.page.locator("#figure-sketch").is_visible()
+        visit.page.locator("iframe").scroll_into_view_if_needed()
+        assert blue_pixels(visit.page.locator("iframe").screenshot()) > 2_000
+
+
+def test_the_keyboard_leads_past_the_contents_and_into_every_table(paper_page):
+    with chromium() as context:
+        visit = visited(context, paper_page)
+        visit.page.keyboard.press("Tab")
+        assert visit.page.evaluate("document.activeElement.className") == "skip"
+        visit.page.keyboard.press("Enter")
+        assert visit.page.evaluate("document.activeElement.id") == "main"
+        unreached = visit.page.evaluate(
+            "[...document.querySelectorAll('.wide, .drawing')].filter((one) => one.tabIndex !== 0).length"
+        )
+        assert unreached == 0
+
+
+def test_hostile_names_do_nothing(tmp_path):
+    file = tmp_path / "hostile.html"
+    file.write_text(page(results_of(write_hostile(tmp_path), ("1 mm",), samples=500)), "utf-8")
+    with chromium() as context:
+        dialogs = []
+        context.on("dialog", lambda dialog: (dialogs.append(dialog.message), dialog.dismiss()))
+        visit = visited(context, file)
+        visit.page.frame_locator("iframe").locator("body[data-ready=yes]").wait_for(timeout=PATIENCE, state="attached")
+        assert dialogs == []
+        assert complaints(visit) == []
+        assert outside_requests(visit) == []
+        assert visit.page.evaluate("document.images.length + document.scripts.length") == 0
+        assert visit.page.evaluate("document.querySelectorAll('svg[onload]').length") == 0
+        title = visit.page.evaluate("document.querySelector('h1').textContent")
+        assert SCRIPT in title
+        assert SVG in title
+        assert HAN in visit.page.evaluate("document.querySelector('#mcpc').textContent")
+
+
+def test_paper_gets_the_still_picture_instead_of_the_view(paper_page, tmp_path):
+    with chromium(color_scheme="dark") as context:
+        visit = visited(context, paper_page)
+        visit.page.pdf(path=tmp_path / "paper.pdf", prefer_css_page_size=True)
+        content = (tmp_path / "paper.pdf").read_bytes()
+        assert 8 <= len(re.findall(rb"/Type\s*/Page\b", content)) <= 20
+        visit.page.emulate_media(media="print")
+        assert visit.page.locator("#figure-sketch svg").is_visible()
+        assert not visit.page.locator("iframe").is_visible()
+        assert not visit.page.locator("nav").is_visible()
+        assert visit.page.evaluate(BACKGROUND) == "rgb(255, 255, 255)"
+
+
+def test_without_scripts_the_still_picture_stands_there(paper_page):
+    with chromium(java_script_enabled=False) as context:
+        visit = visited(context, paper_page)
+        assert visit.page.locator("#figure-sketch svg").is_visible()
+        assert not visit.page.locator("iframe").is_visible()
