@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any, Final, final
+from typing import Any, Final, Literal, final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -130,9 +130,9 @@ class Prepared:
     layout: CompiledTable
     plan: Plan
 
-    def sample(self, model: str, blocks: int, first_block: int = 0) -> None:
+    def sample(self, model: Literal["exact", "linear"], blocks: int) -> None:
         """Draw, displace and count whole blocks of samples."""
-        kernel.observe_blocks(self.layout, self.plan, model, 0, first_block, blocks)  # type: ignore[arg-type]
+        kernel.observe_blocks(self.layout, self.plan, model, 0, 0, blocks)
 
 
 def prepared(at: PoseModel) -> Prepared:

@@ -1,131 +1,177 @@
-"""Time per sample of the compiled sampler, beside the clear numpy engine, in one run on one core.
+"""Time per sample of the exact error of a UR5 with 36 random parameters, beside what one would write otherwise.
 
-    python benchmarks/kernel.py [--samples N]
-
-Two cases: the paper's four-joint arm with its shipped sheet, and a UR5 with six random displacements at each joint (36
-parameters: 15 uniform, 21 normal). Times are CPU time of the one thread, the best of several turns; moments and the
-histograms of all eight quantities are included except where only drawing is timed.
+Everything is on one core, with drawing and with moments and histograms of all eight quantities. What has no generator
+or statistics of its own is charged numpy's, in bulk, which is the least they can cost. Before anything is timed, all
+have to give the same errors for the same parameters.
 """
 
 from __future__ import annotations
 
-import argparse
-import math
-import time
-from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
-from pathlib import Path
-from typing import Any
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import partial
+from typing import Final, final
 
 import numpy as np
 
-from precision_pin import kernel, kernel_loops, se3
-from precision_pin.laws import Normal, Uniform
-from precision_pin.model import ErrorModel, PoseModel
-from precision_pin.parameters import Component, Program
-from precision_pin.space import Draw, Space
-from precision_pin.statistics import Plan, observe, start
-from precision_pin.table import TermTable
+from benchmarks import cases, loops, others
+from benchmarks.sampler import BLOCKS, run_uncounted
+from benchmarks.tables import Part, Ratio, Table, figure, times
+from benchmarks.timing import Work, nanoseconds
+from precision_pin import kernel
+from precision_pin.examples import PAPER_SHEET
+from precision_pin.model import ErrorModel
 
-SHEET = Path(__file__).parents[1] / "robots" / "4dof.errors.yaml"
-TURNS = 7
+__all__ = ["AGREEMENT", "EXACT", "Comparison", "check_agreement", "installed_libraries", "measure", "written_by_hand"]
 
-# UR5 in Denavit and Hartenberg's parameters, as its maker publishes them: a, d (m), α (rad)
-UR5 = (
-    (0.0, 0.089159, math.pi / 2),
-    (-0.425, 0.0, 0.0),
-    (-0.39225, 0.0, 0.0),
-    (0.0, 0.10915, math.pi / 2),
-    (0.0, 0.09465, -math.pi / 2),
-    (0.0, 0.0823, 0.0),
-)
-POSE = (0.3, -1.2, 1.4, -1.7, -1.5, 0.4)
+AGREEMENT: Final = 1e-9
+"""Largest difference allowed between two ways, m or rad; the errors are of 1e-4."""
+
+BULK: Final = 4 * kernel.BLOCK
+EXACT: Final = "precision-pin, exact"
+PLAIN: Final = "Pinocchio, displaced placements"
+VIRTUAL: Final = "Pinocchio, a virtual joint for each parameter"
+
+LIBRARIES: Final[Mapping[str, Callable[[], others.Other]]] = {
+    "Robotics Toolbox, virtual joints": others.robotics_toolbox,
+    "OpenTURNS, numpy in its function": others.openturns_function,
+    "JAX, vmap and jit": others.jax_compiled,
+}
 
 
-def ur5() -> PoseModel:
-    """Return a UR5 with a random displacement (x, y, z, about x, about y, about z) at each joint."""
-    draws = [
-        Draw(f"joint{joint}.{axis}", Uniform(1e-4) if (6 * joint + axis) % 12 < 5 else Normal(1e-4))
-        for joint in range(6)
-        for axis in range(6)
-    ]
-    space = Space(tuple(draws))
-    frames, tip = [], np.eye(4)
-    for (a, d, alpha), angle in zip(UR5, POSE, strict=True):
-        tip = tip @ se3.pose(se3.rotation_about((0, 0, 1), angle), (0, 0, 0))
-        frames.append(tip)
-        tip = tip @ se3.pose(se3.rotation_about((1, 0, 0), alpha), (a, 0, d))
-    table = TermTable(
-        pose=tip,
-        targets=(None,) * 6,  # type: ignore[arg-type]
-        frames=np.array(frames),
-        program=Program.compile([Component(name) for name in space.components], space.index),
-        target=np.repeat(np.arange(6), 6),
-        twists=np.tile(np.eye(6), (6, 1)),
-        factors=np.array([[k, -1, -1] for k in range(36)]),
+def written_by_hand() -> dict[str, tuple[loops.Errors, int]]:
+    """Return what one would write otherwise, and how many samples of it to time at once."""
+    return {
+        PLAIN: (loops.plain_loop(), 500),
+        f"{PLAIN}, tuned": (loops.tuned_loop(), 1000),
+        VIRTUAL: (loops.virtual_joints(), 2000),
+        f"{VIRTUAL}, tuned": (loops.tuned_virtual_joints(), 2000),
+        "numpy, the clear engine of this package": (cases.ur5().exact, 4096),
+        "numpy, written for this arm": (loops.numpy_by_hand(), 16384),
+    }
+
+
+def installed_libraries() -> tuple[dict[str, others.Other], list[str]]:
+    """Return the other libraries' ways, and the names of those not installed."""
+    found, missing = {}, []
+    for name, make in LIBRARIES.items():
+        try:
+            found[name] = make()
+        except ImportError:
+            missing.append(name)
+    return found, missing
+
+
+def check_agreement(ways: Mapping[str, loops.Errors]) -> None:
+    """Stop unless all ways, and the compiled sampler, give the same errors for the same parameters.
+
+    Raises
+    ------
+    SystemExit
+        One of them differs by more than `AGREEMENT`.
+    """
+    x = cases.draw_with_numpy(np.random.default_rng(0), 300)
+    expected = kernel.errors_at(kernel.compile_table(cases.ur5()), "exact", x)
+    for name, errors in ways.items():
+        gap = float(np.abs(errors(x) - expected).max())
+        if not gap < AGREEMENT:
+            raise SystemExit(f"{name} differs from the compiled sampler by {gap:.1e}; nothing was timed")
+
+
+@final
+@dataclass(frozen=True)
+class Comparison:
+    """The tables and ratios, and what a picture needs: ns per sample of each way."""
+
+    part: Part
+    cost: dict[str, float]
+
+
+def compared(turns: int) -> Comparison:
+    """Compare the compiled sampler with everything else."""
+    by_hand = written_by_hand()
+    libraries, missing = installed_libraries()
+    check_agreement({name: errors for name, (errors, _) in by_hand.items()})
+    check_agreement({name: other.errors for name, other in libraries.items()})
+    random = np.random.default_rng(1)
+    ready = cases.prepared(cases.ur5())
+    ours = BLOCKS * kernel.BLOCK
+    works = {EXACT: Work(partial(ready.sample, "exact", BLOCKS), ours)}
+    for name, (errors, count) in by_hand.items():
+        works[name] = Work(partial(errors, cases.draw_with_numpy(random, count)), count)
+    for name, other in libraries.items():
+        count = 1000 if other.sampled is None else 16384
+        call = partial(other.errors, cases.draw_with_numpy(random, count))
+        works[name] = Work(call if other.sampled is None else partial(other.sampled, count), count)
+    some = by_hand["numpy, written for this arm"][0](cases.draw_with_numpy(random, BULK))
+    works["drawing"] = Work(partial(cases.draw_with_numpy, random, BULK), BULK)
+    works["statistics"] = Work(partial(loops.statistics_with_numpy, some), BULK)
+    cost = nanoseconds(works, turns)
+    drawing, statistics = cost.pop("drawing"), cost.pop("statistics")
+    for name in cost:
+        if name != EXACT:
+            draws_itself = name in libraries and libraries[name].sampled is not None
+            cost[name] += statistics + (0.0 if draws_itself else drawing)
+    ordered = sorted(cost, key=cost.__getitem__, reverse=True)
+    rows = [(name, figure(cost[name]), "1" if name == EXACT else times(cost[name] / cost[EXACT])) for name in ordered]
+    table = Table(
+        "A UR5 with 36 random parameters, one core",
+        ("way", "ns per sample", "to precision-pin"),
+        [*rows, *((name, "not installed", "") for name in missing)],
+        (
+            f"Numpy's drawing of {figure(drawing)} ns and its statistics of {figure(statistics)} ns per sample are "
+            "included where a way has none of its own.",
+        ),
     )
-    posture: Any = None
-    return PoseModel(posture, space, table, ())
-
-
-def nanoseconds(work: Callable[[], object], samples: int) -> float:
-    """Return the CPU time per sample, the best of several turns."""
-    best = math.inf
-    for _ in range(TURNS):
-        began = time.thread_time()
-        work()
-        best = min(best, time.thread_time() - began)
-    return best / samples * 1e9
-
-
-def compare(name: str, at: PoseModel, blocks: int) -> None:
-    """Print one case."""
-    layout = kernel.compile_table(at)
-    plan = Plan.from_moments(
-        at.linear(at.space.mean[:, None])[:, 0], np.cov(kernel.errors(layout, "exact", 0, 0, 1000))
+    by_numpy = min(cost[name] for name in cost if name.startswith("numpy"))
+    ratios = (
+        Ratio("a plain Pinocchio loop to precision-pin", cost[PLAIN] / cost[EXACT], 900),
+        Ratio("Pinocchio with virtual joints to precision-pin", cost[VIRTUAL] / cost[EXACT], 80),
+        Ratio("Pinocchio with virtual joints, tuned, to precision-pin", cost[f"{VIRTUAL}, tuned"] / cost[EXACT]),
+        Ratio("numpy, the better of two, to precision-pin", by_numpy / cost[EXACT]),
     )
-    count = kernel.BLOCK
-    samples = blocks * count
-    # numpy makes one block, which is its best size; the sampler many, as in use
-    plain_draw = nanoseconds(lambda: at.space.sample(0, 0, count), count)
-    # drawing alone, kept nowhere, has no public name: nobody needs it but this
-    units = kernel._Units(0, 0, 0, samples, 0, 0)
-    draw = nanoseconds(lambda: kernel._run(layout, kernel_loops.DRAW, units), samples)
-    print(f"\n{name}: {at.space.size} parameters, {layout.targets} places and joints, ns per sample")
-    print(f"{'':10}{'numpy':>10}{'compiled':>10}{'times':>8}{'of drawing':>12}{'agreement':>12}")
-    print(f"{'drawing':10}{plain_draw:10.1f}{draw:10.1f}{plain_draw / draw:8.1f}{1:12.2f}")
-    for model, oracle in (("linear", at.linear), ("exact", at.exact)):
-        plain = nanoseconds(lambda: observe(plan, start(plan), oracle(at.space.sample(0, 0, count))), count)  # noqa: B023
-        compiled = nanoseconds(lambda: kernel.accumulate(layout, plan, model, 0, 0, blocks), samples)  # noqa: B023
-        gap = np.abs(oracle(at.space.sample(0, 0, count)) - kernel.errors(layout, model, 0, 0, count)).max()
-        print(f"{model:10}{plain:10.1f}{compiled:10.1f}{plain / compiled:8.1f}{compiled / draw:12.2f}{gap:12.1e}")
-
-    def on_threads(threads: int) -> float:
-        best = math.inf
-        for _ in range(3):
-            with ThreadPoolExecutor(threads) as pool:
-                began = time.perf_counter()
-                list(pool.map(lambda k: kernel.observe_blocks(layout, plan, "exact", 0, k * blocks, blocks), range(4)))
-                best = min(best, time.perf_counter() - began)
-        return best
-
-    one, two = on_threads(1), on_threads(2)
-    print(f"two threads: {one / two:.2f} times one; 1e6 exact samples on one: {one / (4 * samples) * 1e6:.3f} s")
+    return Comparison(Part((table,), ratios), cost)
 
 
-def main() -> None:
-    """Print the start-up time and both cases."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--samples", type=int, default=500_000, help="samples timed at a time")
-    blocks = max(1, parser.parse_args().samples // kernel.BLOCK)
-    cached = kernel.is_compiled()
-    began = time.perf_counter()
-    kernel.warm_up()
-    print(f"{'loading the sampler from the cache' if cached else 'compiling the sampler'}: ", end="")
-    print(f"{time.perf_counter() - began:.2f} s")
-    compare("the paper's arm", ErrorModel.load(SHEET).at(), blocks)
-    compare("UR5", ur5(), blocks)
+def stages(turns: int) -> Part:
+    """Take the compiled sampler apart."""
+    arms = {
+        "the paper's arm": ErrorModel.load(PAPER_SHEET).at(),
+        "UR5": cases.ur5(),
+        "UR5, 100 terms, 20 of them products": cases.with_products(),
+    }
+    works = {}
+    for arm, at in arms.items():
+        ready = cases.prepared(at)
+        samples = BLOCKS * kernel.BLOCK
+        works[f"{arm}: draw"] = Work(partial(run_uncounted, ready.layout, "draw", samples), samples)
+        works[f"{arm}: linear"] = Work(partial(ready.sample, "linear", BLOCKS), samples)
+        works[f"{arm}: exact"] = Work(partial(ready.sample, "exact", BLOCKS), samples)
+    cost = nanoseconds(works, turns)
+    rows = []
+    for arm, at in arms.items():
+        draw, linear, exact = (cost[f"{arm}: {stage}"] for stage in ("draw", "linear", "exact"))
+        sizes = (str(at.space.size), str(len(at.table.twists)), str(len(at.table.targets)))
+        rows.append(
+            (arm, *sizes, figure(draw), figure(linear), figure(exact), f"{exact / draw:.2f}", f"{exact / linear:.2f}")
+        )
+    table = Table(
+        "Inside the compiled sampler, ns per sample on one core",
+        ("arm", "parameters", "terms", "targets", "drawing", "linear", "exact", "exact / drawing", "exact / linear"),
+        rows,
+        ("Drawing counts nothing; linear and exact include drawing, moments and histograms.",),
+    )
+    many = cost["UR5, 100 terms, 20 of them products: exact"]
+    ratios = (
+        Ratio("exact to its own random numbers", cost["UR5: exact"] / cost["UR5: draw"], 1.7, at_most=True),
+        Ratio("exact to linear", cost["UR5: exact"] / cost["UR5: linear"], 1.25, at_most=True),
+        Ratio("100 terms with 20 products to 36 plain ones", many / cost["UR5: exact"], 1.2, at_most=True),
+    )
+    return Part((table,), ratios)
 
 
-if __name__ == "__main__":
-    main()
+def measure(quick: bool) -> Comparison:
+    """Measure both."""
+    turns = 7 if quick else 40
+    found, inside = compared(turns), stages(turns)
+    return Comparison(Part(found.part.tables + inside.tables, found.part.ratios + inside.ratios), found.cost)

@@ -7,7 +7,6 @@ parameters drawn in bulk by numpy, which is quicker than drawing in the loop.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 
 import numpy as np
@@ -16,7 +15,17 @@ from numpy.typing import NDArray
 
 from benchmarks.cases import POSE, UR5
 
-__all__ = ["numpy_by_hand", "plain_loop", "statistics_with_numpy", "tuned_loop", "virtual_joints"]
+__all__ = [
+    "Errors",
+    "numpy_by_hand",
+    "plain_loop",
+    "rotation_vectors",
+    "statistics_with_numpy",
+    "tuned_loop",
+    "tuned_virtual_joints",
+    "virtual_joint_values",
+    "virtual_joints",
+]
 
 Array = NDArray[np.float64]
 Errors = Callable[[Array], Array]
@@ -109,11 +118,10 @@ def tuned_loop() -> Errors:
     return errors
 
 
-def virtual_joints() -> Errors:
-    """Return a loop over a model in which each parameter is the value of a joint of its own: three slides, three turns.
+def arm_of_virtual_joints() -> tuple[pinocchio.Model, int]:
+    """Return a UR5 in which each parameter is the value of a joint of its own: three slides, three turns at each joint.
 
-    The quickest way to have Pinocchio do all of the work. Three turns about x, y and z are not the turn by the vector;
-    the angles for it are computed in bulk (Baker, Campbell and Hausdorff to second order, which leaves 1e-12 rad here).
+    42 joints, and the tip's frame number.
     """
     model = pinocchio.Model()
     slides = (pinocchio.JointModelPX, pinocchio.JointModelPY, pinocchio.JointModelPZ)
@@ -122,31 +130,60 @@ def virtual_joints() -> Errors:
     for number, link in enumerate(UR5, 1):
         parent = model.addJoint(parent, pinocchio.JointModelRZ(), placement, f"joint{number}")
         for kind in (*slides, *turns):
-            name = f"{kind.__name__}{number}"
-            parent = model.addJoint(parent, kind(), pinocchio.SE3.Identity(), name)
+            parent = model.addJoint(parent, kind(), pinocchio.SE3.Identity(), f"{kind.__name__}{number}")
         placement = link_placement(*link)
-    tip = model.addFrame(pinocchio.Frame("tip", parent, 0, placement, pinocchio.FrameType.OP_FRAME))
+    return model, model.addFrame(pinocchio.Frame("tip", parent, 0, placement, pinocchio.FrameType.OP_FRAME))
+
+
+def virtual_joint_values(x: Array) -> Array:
+    """Return the values ``(N, 42)`` of the joints and virtual joints for parameters ``(36, N)``.
+
+    Three turns about x, y and z are not the turn by the vector; the angles that give it are found in bulk, to second
+    order (Baker, Campbell and Hausdorff), which leaves 1e-12 rad here.
+    """
+    six = x.reshape(6, 6, -1).transpose(2, 0, 1)
+    u, v, w = six[:, :, 3], six[:, :, 4], six[:, :, 5]
+    q = np.empty((len(six), 6, 7))
+    q[:, :, 0] = POSE
+    q[:, :, 1:4] = six[:, :, :3]
+    q[:, :, 4] = u - v * w / 2
+    q[:, :, 5] = v + u * w / 2
+    q[:, :, 6] = w - u * v / 2
+    return q.reshape(-1, 42)
+
+
+def virtual_joints() -> Errors:
+    """Return a loop over the arm with virtual joints, which leaves all of the chain to Pinocchio."""
+    model, tip = arm_of_virtual_joints()
     data = model.createData()
-    moved = data.oMf[tip]
-    rotation, translation = moved.rotation, moved.translation
-    nominal = np.zeros(42)
-    nominal[::7] = POSE
-    pinocchio.framesForwardKinematics(model, data, nominal)
+    pinocchio.forwardKinematics(model, data, virtual_joint_values(np.zeros((36, 1)))[0])
+    pose = pinocchio.updateFramePlacement(model, data, tip).copy()
+
+    def errors(x: Array) -> Array:
+        result = np.empty((6, x.shape[1]))
+        for sample, q in enumerate(virtual_joint_values(x)):
+            pinocchio.forwardKinematics(model, data, q)
+            moved = pinocchio.updateFramePlacement(model, data, tip)
+            result[:3, sample] = moved.translation - pose.translation
+            result[3:, sample] = pinocchio.log3(moved.rotation @ pose.rotation.T)
+        return result
+
+    return errors
+
+
+def tuned_virtual_joints() -> Errors:
+    """Return the same with two calls and two copies left in the loop."""
+    model, tip = arm_of_virtual_joints()
+    data = model.createData()
+    rotation, translation = data.oMf[tip].rotation, data.oMf[tip].translation
+    pinocchio.framesForwardKinematics(model, data, virtual_joint_values(np.zeros((36, 1)))[0])
     turned, position = rotation.copy(), translation.copy()
     update, run = pinocchio.updateFramePlacement, pinocchio.forwardKinematics
 
     def errors(x: Array) -> Array:
-        count = x.shape[1]
-        q = np.empty((count, 6, 7))
-        q[:, :, 0] = POSE
-        q[:, :, 1:4] = x.reshape(6, 6, count)[:, :3].transpose(2, 0, 1)
-        u, v, w = (x.reshape(6, 6, count)[:, 3 + k].T for k in range(3))
-        q[:, :, 4] = u - v * w / 2
-        q[:, :, 5] = v + u * w / 2
-        q[:, :, 6] = w - u * v / 2
-        positions, orientations = np.empty((count, 3)), np.empty((count, 3, 3))
-        for sample, values in enumerate(q.reshape(count, 42)):
-            run(model, data, values)
+        positions, orientations = np.empty((x.shape[1], 3)), np.empty((x.shape[1], 3, 3))
+        for sample, q in enumerate(virtual_joint_values(x)):
+            run(model, data, q)
             update(model, data, tip)
             positions[sample] = translation
             orientations[sample] = rotation
@@ -194,7 +231,11 @@ def rotation_matrices(vectors: Array) -> Array:
     result[0, 0] = 1 - rest * (y * y + z * z)
     result[1, 1] = 1 - rest * (x * x + z * z)
     result[2, 2] = 1 - rest * (x * x + y * y)
-    for i, j, turn, product in ((1, 0, sine * z, rest * x * y), (0, 2, sine * y, rest * x * z), (2, 1, sine * x, rest * y * z)):
+    for i, j, turn, product in (
+        (1, 0, sine * z, rest * x * y),
+        (0, 2, sine * y, rest * x * z),
+        (2, 1, sine * x, rest * y * z),
+    ):
         result[i, j] = product + turn
         result[j, i] = product - turn
     return result
@@ -212,6 +253,8 @@ def rotation_vectors(orientations: Array, nominal: Array) -> Array:
 
 def statistics_with_numpy(errors: Array) -> tuple[Array, Array, list[Array]]:
     """Return means, covariance and histograms of the eight quantities: the six components and the two norms."""
-    norms = [np.sqrt((errors[:3] ** 2).sum(axis=0)), np.sqrt((errors[3:] ** 2).sum(axis=0))]
-    histograms = [np.histogram(values, bins=200)[0] for values in (*errors, *norms)]
-    return np.append(errors.mean(axis=1), [math.nan if not n.size else n.mean() for n in norms]), np.cov(errors), histograms
+    values = np.empty((8, errors.shape[1]))
+    values[:6] = errors
+    values[6] = np.sqrt((errors[:3] ** 2).sum(axis=0))
+    values[7] = np.sqrt((errors[3:] ** 2).sum(axis=0))
+    return values.mean(axis=1), np.cov(values), [np.histogram(row, bins=200)[0] for row in values]

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.cases import HALF_WIDTH, IS_UNIFORM, POSE, STD, UR5
-from benchmarks.loops import numpy_by_hand, rotation_vectors
+from benchmarks.loops import Errors, numpy_by_hand, rotation_vectors, virtual_joint_values
 
 __all__ = ["Other", "jax_compiled", "openturns_function", "robotics_toolbox"]
 
@@ -36,7 +36,7 @@ class Other:
         Draws N samples and returns their errors; None: numpy draws for it.
     """
 
-    errors: Callable[[Array], Array]
+    errors: Errors
     sampled: Callable[[int], Array] | None = None
 
 
@@ -49,22 +49,11 @@ def robotics_toolbox() -> Other:
         joints = [ET.Rz(), ET.tx(), ET.ty(), ET.tz(), ET.Rx(), ET.Ry(), ET.Rz(), ET.tx(a), ET.tz(d), ET.Rx(alpha)]
         for joint in joints:
             chain = joint if chain is None else chain * joint
-    nominal = np.zeros(42)
-    nominal[::7] = POSE
-    pose = np.array(chain.eval(nominal))
+    pose = np.array(chain.eval(virtual_joint_values(np.zeros((36, 1)))[0]))
 
     def errors(x: Array) -> Array:
-        count = x.shape[1]
-        q = np.empty((count, 6, 7))
-        q[:, :, 0] = POSE
-        six = x.reshape(6, 6, count).transpose(2, 0, 1)
-        u, v, w = six[:, :, 3], six[:, :, 4], six[:, :, 5]
-        q[:, :, 1:4] = six[:, :, :3]
-        q[:, :, 4] = u - v * w / 2
-        q[:, :, 5] = v + u * w / 2
-        q[:, :, 6] = w - u * v / 2
-        poses = np.empty((count, 4, 4))
-        for sample, values in enumerate(q.reshape(count, 42)):
+        poses = np.empty((x.shape[1], 4, 4))
+        for sample, values in enumerate(virtual_joint_values(x)):
             poses[sample] = chain.eval(values)
         return np.concatenate([(poses[:, :3, 3] - pose[:3, 3]).T, rotation_vectors(poses[:, :3, :3], pose[:3, :3])])
 

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import final
 
-__all__ = ["Table", "figure"]
+__all__ = ["Part", "Ratio", "Table", "figure", "times"]
 
 
 @final
@@ -36,7 +36,10 @@ class Table:
         lines = [self.columns, *self.rows]
         widths = [max(len(line[k]) for line in lines) for k in range(len(self.columns))]
         text = [
-            "  ".join(cell.rjust(width) if k else cell.ljust(width) for k, (cell, width) in enumerate(zip(line, widths, strict=True))).rstrip()
+            "  ".join(
+                cell.rjust(width) if k else cell.ljust(width)
+                for k, (cell, width) in enumerate(zip(line, widths, strict=True))
+            ).rstrip()
             for line in lines
         ]
         text.insert(1, "  ".join("-" * width for width in widths))
@@ -47,6 +50,47 @@ class Table:
         rule = ["---", *["---:"] * (len(self.columns) - 1)]
         lines = [f"| {' | '.join(cells)} |" for cells in (self.columns, rule, *self.rows)]
         return "\n".join([f"### {self.title}", "", *lines, *(f"\n{note}" for note in self.notes)])
+
+
+@final
+@dataclass(frozen=True)
+class Ratio:
+    """A figure that holds on any machine, near enough, and what it should be.
+
+    Attributes
+    ----------
+    name
+        What is divided by what.
+    value
+        The quotient; None: this machine cannot tell.
+    aim
+        At least this, or with ``at_most`` at most; None: nothing is aimed at.
+    """
+
+    name: str
+    value: float | None
+    aim: float | None = None
+    at_most: bool = False
+
+    def as_row(self) -> tuple[str, str, str]:
+        """Return the name, the value and the aim."""
+        value = "not measured" if self.value is None else figure(self.value)
+        bound = "" if self.aim is None else f"{'at most' if self.at_most else 'at least'} {self.aim:g}"
+        return self.name, value, bound
+
+
+@final
+@dataclass(frozen=True)
+class Part:
+    """What a part of the run found."""
+
+    tables: tuple[Table, ...]
+    ratios: tuple[Ratio, ...] = ()
+
+
+def times(value: float) -> str:
+    """Return a ratio in words."""
+    return f"{figure(value)} ×"
 
 
 def figure(value: float) -> str:

@@ -32,6 +32,7 @@ copyright = "2026, the precision-pin authors"
 
 extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
 exclude_patterns = ["_build"]
+highlight_language = "text"
 
 html_theme = "furo"
 html_title = "precision-pin"
@@ -73,12 +74,25 @@ def add_toctrees(app: Sphinx, docname: str, source: list[str]) -> None:
 
 
 def escape_marks(app: Sphinx, what: str, name: str, it: object, options: object, lines: list[str]) -> None:
-    """Keep reStructuredText from reading ``|d|`` and ``w_`` in docstrings as references, and ```x``` as a title."""
-    del app, what, name, it, options
-    for k, line in enumerate(lines):
-        parts = CODE.split(line)
-        parts[::2] = [BACKTICKS.sub(r"``\1``\\ ", MARK.sub(r"\\\g<0>", part)) for part in parts[::2]]
-        lines[k] = "".join(parts)
+    """Keep reStructuredText from reading ``|d|`` and ``w_`` in docstrings as references, and ```x``` as a title.
+
+    Formulas that stand indented in a module's docstring stay as they are written.
+    """
+    del app, name, it, options
+    read: list[str] = []
+    is_formula = False
+    for line, before in zip(lines, ["", *lines], strict=False):
+        is_indented = what == "module" and line.startswith("    ")
+        if is_indented and not is_formula and not before:
+            read += ["::", ""]
+            is_formula = True
+        is_formula = is_formula and (is_indented or not line)
+        if not is_formula:
+            parts = CODE.split(line)
+            parts[::2] = [BACKTICKS.sub(r"``\1``\\ ", MARK.sub(r"\\\g<0>", part)) for part in parts[::2]]
+            line = "".join(parts)
+        read.append(line)
+    lines[:] = read
 
 
 def signature_as_written(

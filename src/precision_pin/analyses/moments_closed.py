@@ -164,8 +164,8 @@ class _Uncorrelated:
         laws = {draw.name: draw.law for draw in space.draws}
         together = {name for correlation in space.correlations for name in correlation.names}
         groups = [[space.index[name] for name in correlation.names] for correlation in space.correlations]
-        moments: list[tuple[Array, float] | None] = [
-            _normal(len(correlation.names)) if all(isinstance(laws[name], Normal) for name in correlation.names) else None
+        moments = [
+            _NORMAL if all(isinstance(laws[name], Normal) for name in correlation.names) else None
             for correlation in space.correlations
         ]
         for draw, rows in zip(space.draws, space.slices, strict=True):
@@ -182,7 +182,7 @@ class _Uncorrelated:
                 continue
             moved = np.zeros((space.size, count))
             moved[group] = vectors[:, varies] * np.sqrt(values[varies])
-            (skewness, kurtosis), across = known if known is not None else (np.zeros(2), 1.0)
+            skewness, kurtosis, across = _NORMAL if known is None else known
             columns.append(moved)
             # an axis of a single number may point downwards
             third += [skewness * (np.sign(moved.sum()) if len(group) == 1 else 1.0)] * count
@@ -203,41 +203,45 @@ class _Uncorrelated:
         )
 
 
-def _normal(_: int) -> tuple[Array, float]:
-    return np.array([0.0, 3.0]), 1.0
+_Moments = tuple[float, float, float]
+"""E ζ³, E ζ⁴ of standardised numbers and E ζ_k² ζ_l² of two of them."""
+
+_NORMAL: Final[_Moments] = (0.0, 3.0, 1.0)
+_DISC: Final[_Moments] = (0.0, 2.0, 2 / 3)
+"""Of variance r²/4: E x⁴ = r⁴/8, E x² y² = r⁴/24."""
+_CIRCLE: Final[_Moments] = (0.0, 1.5, 0.5)
+"""Of variance r²/2: E x⁴ = 3 r⁴/8, E x² y² = r⁴/8."""
 
 
-def _moments(law: Law) -> tuple[Array, float] | None:
-    """Return third and fourth moment of a law's standardised numbers and E ζ_k² ζ_l² of two; ``None`` if not known."""
+def _moments(law: Law) -> _Moments | None:
+    """Return the moments of a law; ``None`` where they are not known, or where others than these do not vanish."""
     match law:
         case JointNormal():
-            return _normal(law.size)
+            return _NORMAL
         case Disc():
-            # of radius 2, so that the variance is 1: E x⁴ = r⁴/8, E x² y² = r⁴/24
-            return np.array([0.0, 2.0]), 2 / 3
+            return _DISC
         case Circle():
-            # of radius √2: E x⁴ = 3 r⁴/8, E x² y² = r⁴/8
-            return np.array([0.0, 1.5]), 0.5
+            return _CIRCLE
+        case _ if law.size > 1:
+            return None
         case Rows():
-            if law.size > 1:
-                return None
-            return _standardised(law.array[:, 0], np.full(len(law.array), 1 / len(law.array))), 1.0
+            return _standardised(law.array[:, 0], np.full(len(law.array), 1 / len(law.array)))
         case _:
-            if law.size > 1:
-                return None
+            # Gauss-Legendre in normal scores, cut where the law jumps or bends
             bends = special.ndtri(np.array(law.breaks, dtype=float))
             bends = bends[np.abs(bends) < FARTHEST_NORMAL]
             edges = np.union1d(np.linspace(-FARTHEST_NORMAL, FARTHEST_NORMAL, _PANELS + 1), bends)
             half = np.diff(edges)[:, None] / 2
             z = (edges[:-1, None] + half * (_NODES + 1)).ravel()
             weights = (half * _WEIGHTS).ravel() * np.exp(-(z**2) / 2) / np.sqrt(2 * np.pi)
-            return _standardised(law.at_scores(z[None])[0], weights), 1.0
+            return _standardised(law.at_scores(z[None])[0], weights)
 
 
-def _standardised(values: Array, weights: Array) -> Array:
-    """Return the third and fourth moment over the powers of the standard deviation; 0 where nothing varies."""
+def _standardised(values: Array, weights: Array) -> _Moments:
+    """Return moments of single numbers with weights; those of nothing that varies do not matter."""
     deviations = values - weights @ values
     variance = float(weights @ deviations**2)
     if variance <= 0:
-        return np.zeros(2)
-    return np.array([weights @ deviations**3 / variance**1.5, weights @ deviations**4 / variance**2])
+        return _NORMAL
+    third, fourth = (float(weights @ deviations**power) / variance ** (power / 2) for power in (3, 4))
+    return third, fourth, 1.0

@@ -122,9 +122,12 @@ class Processes(Workers):
     def close(self, *, done: bool) -> None:
         """End the processes."""
         self._ending = True
-        for process in list(self._running):
-            process.end(at_once=not done)
+        if not done:
+            for process in list(self._running):
+                process.kill()
         self._threads.shutdown(wait=True, cancel_futures=True)
+        while self._running:
+            self._running.pop().end()
 
     def _observe(self, work: Work, first_block: int, blocks: int) -> Blocks:
         process = self._idle.get()
@@ -139,7 +142,8 @@ class Processes(Workers):
                     answer = process.ask((work, first_block, blocks))
                 except (EOFError, OSError):
                     self._running.discard(process)
-                    process.end(at_once=True)
+                    process.kill()
+                    process.end()
                     process = None
                     continue
                 if isinstance(answer, Exception):
@@ -174,12 +178,13 @@ class _Process:
         answer: Blocks | Exception = self._pipe.recv()
         return answer
 
-    def end(self, *, at_once: bool) -> None:
-        """End the process; if not at once, it must be idle."""
-        if at_once:
-            self._process.kill()
-        else:
-            self._pipe.close()
+    def kill(self) -> None:
+        """Stop what the process does."""
+        self._process.kill()
+
+    def end(self) -> None:
+        """End the process, which is idle or killed."""
+        self._pipe.close()
         self._process.join()
 
 

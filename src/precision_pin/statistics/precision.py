@@ -1,0 +1,187 @@
+"""How precise a statistic is to become, and whether it is: what stopping a run by its own results needs.
+
+JCGM 101:2008, 7.9, adds samples until the results are stable to a numerical tolerance. Here the measure is the interval
+that the samples give at the stated confidence: distribution-free order statistics for a quantile, the central limit
+theorem for mean and standard deviation (the latter with the sampled fourth moment).
+
+Looking again and again, and stopping at the first look that satisfies, favours runs that happened to underestimate their
+spread: intervals of a stopped run cover a little less often than they state. A rule that looks at the width alone is
+right in the limit of small tolerances (Chow and Robbins, Annals of Mathematical Statistics 36, 1965); few looks, each at
+twice the samples of the one before, and a first one of thousands of samples keep the loss small. With a first look at
+512 samples of a gamma law, and the tolerance where half of the runs pass a look, 95 % became 94 % for the mean, 91 % for
+the standard deviation and 95 % for the 95 % quantile; the loss shrinks with the root of the samples.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from typing import Final, final
+
+from precision_pin import units
+from precision_pin.errors import InputError, UnitError, UnknownNameError
+from precision_pin.statistics.distribution import Distribution
+from precision_pin.statistics.plan import QUANTITIES
+from precision_pin.statistics.summary import Summary
+
+__all__ = ["QUANTITY_WORDS", "Precision", "Target", "reached", "target"]
+
+QUANTITY_WORDS: Final = {
+    "position": "position.norm",
+    "x": "position.x",
+    "y": "position.y",
+    "z": "position.z",
+    "attitude": "attitude.norm",
+    "rx": "attitude.x",
+    "ry": "attitude.y",
+    "rz": "attitude.z",
+} | {name: name for name in QUANTITIES}
+"""What a user may call a quantity."""
+
+_FORM: Final = re.compile(
+    r"\s*(?:([A-Za-z_][A-Za-z_.]*)(?:\s+|(?=[-+.\d])))?(mean|std|[-+.\d]\S*(?:\s+(?:%|ppm))?)\s+to\s+(\S.*?)\s*",
+    re.DOTALL,
+)
+_UNITS: Final = tuple(unit for quantity in (units.LENGTH, units.ANGLE, units.RATIO) for unit in quantity.units if unit)
+_EXAMPLES: Final = "'95 % to 0.01 mm', 'x mean to 1 um' or 'attitude std to 1 %'"
+
+
+@final
+@dataclass(frozen=True)
+class Target:
+    """How precise a statistic is to become.
+
+    Attributes
+    ----------
+    quantity
+        One of the eight, such as ``position.norm``.
+    statistic
+        ``"mean"``, ``"std"``, or the probability of a quantile.
+    tolerance
+        Largest half-width allowed of the statistic's interval: m or rad, or a share of the statistic itself.
+    relative
+        Whether it is such a share.
+    """
+
+    quantity: str
+    statistic: str | float
+    tolerance: float
+    relative: bool
+
+
+@final
+@dataclass(frozen=True)
+class Precision:
+    """How precise a statistic is.
+
+    Attributes
+    ----------
+    half_width
+        How far its interval reaches from it, on the farther side, m or rad; ``None`` where the samples do not resolve it.
+    tolerance
+        How far it may, m or rad.
+    reached
+        Whether it does not reach farther.
+    """
+
+    half_width: float | None
+    tolerance: float
+    reached: bool
+
+    def needed(self, samples: int) -> int | None:
+        """Return about how many samples it takes, given that so many gave this: half-widths shrink with their root.
+
+        ``None`` where that cannot be told.
+        """
+        if self.reached:
+            return samples
+        if self.half_width is None or self.tolerance <= 0:
+            return None
+        # beyond any number of samples there are, the ratio squared is no float
+        ratio = self.half_width / self.tolerance
+        return None if ratio > _LARGEST_RATIO else round(samples * ratio**2)
+
+
+_LARGEST_RATIO: Final = 1e9
+
+
+def target(text: str) -> Target:
+    """Return the target that a text states.
+
+    Parameters
+    ----------
+    text
+        ``[QUANTITY] STATISTIC to TOLERANCE``: the quantity as in :func:`precision_pin.specification` (position, attitude,
+        x, y, z, rx, ry, rz, or a name such as ``position.x``; if left out, position, or attitude where the tolerance is an
+        angle); the statistic ``mean``, ``std`` or the probability of a quantile, as ``95 %`` or ``0.95``; the tolerance a
+        length or an angle, or a share of the statistic such as ``1 %``.
+
+    Raises
+    ------
+    InputError
+        Not of this form, a probability outside 0 to 1, a tolerance that is not positive.
+    UnknownNameError
+        There is no such quantity.
+    """
+    match = _FORM.fullmatch(text)
+    if match is None:
+        raise InputError(f"target {text!r} is not understood; write it as {_EXAMPLES}")
+    word, statistic, tolerance_text = match.groups()
+    try:
+        probability = None if statistic in ("mean", "std") else units.parse(statistic, units.RATIO)
+        unit = units.split(tolerance_text)[1]
+        if unit not in _UNITS:
+            raise UnitError(f"a tolerance is a length, an angle or a share; {unit!r} is none of {', '.join(_UNITS)}")
+        tolerance = units.parse(tolerance_text, units.LENGTH, units.ANGLE, units.RATIO)
+    except UnitError as error:
+        raise InputError(f"target {text!r}: {error.findings[0].message}") from None
+    if not unit:
+        raise InputError(
+            f"target {text!r}: the tolerance has no unit; it is a length, an angle, or a share such as 1 %"
+        )
+    if word is None:
+        word = "attitude" if unit in units.ANGLE.units else "position"
+    if word not in QUANTITY_WORDS:
+        raise UnknownNameError("quantity of a target", word, QUANTITY_WORDS)
+    quantity = QUANTITY_WORDS[word]
+    relative = unit in units.RATIO.units
+    if not relative and quantity.startswith("position") != (unit in units.LENGTH.units):
+        one = "a length" if quantity.startswith("position") else "an angle"
+        raise InputError(f"target {text!r}: the tolerance of {word} is {one}, or a share such as 1 %")
+    if probability is not None and not 0 < probability < 1:
+        raise InputError(f"target {text!r}: the probability must lie above 0 and below 1 (or 100 %)")
+    if not tolerance > 0:
+        raise InputError(f"target {text!r}: the tolerance must be positive")
+    return Target(quantity, statistic if probability is None else probability, tolerance, relative)
+
+
+def reached(wanted: Target, found: Summary | Distribution) -> Precision:
+    """Return how precise a statistic is by now, beside how precise it is to become.
+
+    Parameters
+    ----------
+    wanted
+        The statistic and its tolerance.
+    found
+        What the samples so far say; its confidence is the interval's.
+
+    Raises
+    ------
+    InputError
+        The distribution is of another quantity.
+    """
+    distribution = found.distribution(wanted.quantity) if isinstance(found, Summary) else found
+    if distribution.quantity != wanted.quantity:
+        raise InputError(f"the target is of {wanted.quantity}, the distribution of {distribution.quantity}")
+    half_width = distribution.half_width(wanted.statistic)
+    tolerance = wanted.tolerance
+    if wanted.relative:
+        value = _value(distribution, wanted.statistic)
+        tolerance = tolerance * abs(value) if value is not None else 0.0
+    return Precision(half_width, tolerance, half_width is not None and half_width <= tolerance)
+
+
+def _value(distribution: Distribution, statistic: str | float) -> float | None:
+    if isinstance(statistic, str):
+        return distribution.mean if statistic == "mean" else distribution.std
+    return distribution.quantile(statistic)
