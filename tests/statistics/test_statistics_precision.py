@@ -163,8 +163,8 @@ def test_how_many_samples_it_takes_goes_with_the_square():
 def test_stopping_at_doubled_looks_costs_little_coverage(statistic, least):
     """Looks at 512, 1024, … samples of a skewed law: intervals of stopped runs cover less often than the 95 % stated.
 
-    Mean and quantile lose no more than 2 percentage points, a standard deviation, whose interval at fixed numbers of such
-    samples is short by one or two already, no more than 5; with so true a coverage 600 runs fail with probability 1e-4.
+    Mean and quantile lose no more than 2 percentage points, a standard deviation no more than 5; where just so much is
+    lost, 600 runs fail with probability 1e-4.
     """
     law = stats.gamma(4.0)
     truth = {"mean": law.mean(), "std": law.std()}.get(statistic, law.ppf(0.95))
