@@ -36,16 +36,12 @@ IDENTITY = {"seed": "0", "the error model": "ab12"}
 def small_state(count: int) -> State:
     """Return a state whose sketch is narrow, so that a file of it is short."""
     generator = np.random.default_rng(count)
-    return State(
-        count=count,
-        lowest=generator.normal(size=8),
-        highest=generator.normal(size=8),
-        sums=generator.normal(size=8),
-        products=generator.normal(size=(6, 6)),
-        norm_squares=generator.normal(size=2),
-        sketch=generator.integers(0, 9, (8, 3)),
-        inside=generator.integers(0, 9, 1),
-    )
+    filled = {
+        field.name: generator.permutation(array.size * 7)[: array.size].reshape(array.shape).astype(array.dtype)
+        for field in fields(State)
+        if isinstance(array := getattr(start(PLAN), field.name), np.ndarray)
+    }
+    return State(**{**filled, "count": count, "sketch": filled["sketch"][:, :3]})
 
 
 EMPTY = small_state(0)
