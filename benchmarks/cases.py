@@ -54,7 +54,7 @@ AXES: Final = 6
 HALF_WIDTH: Final = 1e-4
 """Half-width of the uniform parameters, m or rad."""
 
-STD: Final = 1e-4 / 3
+STD: Final = 1e-4
 """Standard deviation of the normal parameters, m or rad."""
 
 IS_UNIFORM: Final = np.arange(36) % 12 < 5
@@ -89,7 +89,7 @@ def with_products() -> PoseModel:
 def chain_of(joints: int, parameters: int) -> PoseModel:
     """Return a chain that repeats the UR5's links, with the parameters spread evenly over its joints."""
     draws = [
-        Draw(f"parameter{k}", Uniform(HALF_WIDTH) if IS_UNIFORM[k % 36] else Normal(3 * STD)) for k in range(parameters)
+        Draw(f"parameter{k}", Uniform(HALF_WIDTH) if IS_UNIFORM[k % 36] else Normal(STD)) for k in range(parameters)
     ]
     space = Space(tuple(draws))
     frames, tip = [], np.eye(4)

@@ -29,6 +29,7 @@ AGREEMENT: Final = 1e-9
 
 BULK: Final = 4 * kernel.BLOCK
 EXACT: Final = "precision-pin, exact"
+COPIED: Final = "Pinocchio, a displaced copy of the model"
 PLAIN: Final = "Pinocchio, displaced placements"
 VIRTUAL: Final = "Pinocchio, a virtual joint for each parameter"
 
@@ -42,7 +43,8 @@ LIBRARIES: Final[Mapping[str, Callable[[], others.Other]]] = {
 def written_by_hand() -> dict[str, tuple[loops.Errors, int]]:
     """Return what one would write otherwise, and how many samples of it to time at once."""
     return {
-        PLAIN: (loops.plain_loop(), 500),
+        COPIED: (loops.plain_loop(copied=True), 300),
+        PLAIN: (loops.plain_loop(copied=False), 500),
         f"{PLAIN}, tuned": (loops.tuned_loop(), 1000),
         VIRTUAL: (loops.virtual_joints(), 2000),
         f"{VIRTUAL}, tuned": (loops.tuned_virtual_joints(), 2000),
@@ -125,7 +127,9 @@ def compared(turns: int) -> Comparison:
     )
     by_numpy = min(cost[name] for name in cost if name.startswith("numpy"))
     ratios = (
-        Ratio("a plain Pinocchio loop to precision-pin", cost[PLAIN] / cost[EXACT], 900),
+        Ratio("Pinocchio with displaced copies to precision-pin", cost[COPIED] / cost[EXACT], 900),
+        Ratio("Pinocchio with displaced placements to precision-pin", cost[PLAIN] / cost[EXACT]),
+        Ratio("Pinocchio with displaced placements, tuned, to precision-pin", cost[f"{PLAIN}, tuned"] / cost[EXACT]),
         Ratio("Pinocchio with virtual joints to precision-pin", cost[VIRTUAL] / cost[EXACT], 80),
         Ratio("Pinocchio with virtual joints, tuned, to precision-pin", cost[f"{VIRTUAL}, tuned"] / cost[EXACT]),
         Ratio("numpy, the better of two, to precision-pin", by_numpy / cost[EXACT]),

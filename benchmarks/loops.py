@@ -46,19 +46,28 @@ def arm() -> tuple[pinocchio.Model, int]:
     return model, model.addFrame(pinocchio.Frame("tip", parent, 0, placement, pinocchio.FrameType.OP_FRAME))
 
 
-def plain_loop() -> Errors:
-    """Return the loop that one writes first: displace the placements of a copy, then ask Pinocchio for the pose."""
+def plain_loop(*, copied: bool) -> Errors:
+    """Return the loop that one writes first: displace the placements of the model, then ask Pinocchio for the pose.
+
+    Parameters
+    ----------
+    copied
+        Displace a new copy of the model, with data of its own, for every sample; otherwise one copy, again and again.
+    """
     nominal, tip = arm()
     q = np.array(POSE)
     data = nominal.createData()
     pinocchio.forwardKinematics(nominal, data, q)
     pose = pinocchio.updateFramePlacement(nominal, data, tip).copy()
-    model = nominal.copy()
-    data = model.createData()
 
     def errors(x: Array) -> Array:
+        model = nominal.copy()
+        data = model.createData()
         result = np.empty((6, x.shape[1]))
         for sample, values in enumerate(x.T):
+            if copied:
+                model = nominal.copy()
+                data = model.createData()
             for joint in range(1, 7):
                 six = values[6 * joint - 6 : 6 * joint]
                 displacement = pinocchio.SE3(pinocchio.exp3(six[3:]), six[:3])
@@ -139,7 +148,7 @@ def virtual_joint_values(x: Array) -> Array:
     """Return the values ``(N, 42)`` of the joints and virtual joints for parameters ``(36, N)``.
 
     Three turns about x, y and z are not the turn by the vector; the angles that give it are found in bulk, to second
-    order (Baker, Campbell and Hausdorff), which leaves 1e-12 rad here.
+    order (Baker, Campbell and Hausdorff), which leaves 1e-11 rad here.
     """
     six = x.reshape(6, 6, -1).transpose(2, 0, 1)
     u, v, w = six[:, :, 3], six[:, :, 4], six[:, :, 5]

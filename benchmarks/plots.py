@@ -48,13 +48,14 @@ def draw_scaling(found: Scaling, path: Path) -> None:
             (peaks, lambda run: run.peak / 1e6, "peak memory (MB)"),
         ):
             for name, runs, colour, mark in (
-                ("monte_carlo", found.sampler, OURS, "o"),
-                ("numpy, all kept", found.numpy, NUMPY, "s"),
+                ("precision-pin", found.sampler, OURS, "o-"),
+                ("numpy, all kept", found.numpy, NUMPY, "s-"),
             ):
-                axes.loglog(list(runs), [quantity(run) for run in runs.values()], mark + "-", color=colour, label=name)
-            axes.set(xlabel="samples", ylabel=label)
-        seconds.legend(frameon=False)
-        peaks.set_ylim(bottom=50)
+                axes.plot(list(runs), [quantity(run) for run in runs.values()], mark, color=colour, label=name)
+            axes.set(xscale="log", xlabel="samples", ylabel=label)
+        seconds.set_yscale("log")
+        peaks.set_ylim(bottom=0)
+        peaks.legend(frameon=False)
         _line(parameters, found.parameters, "parameters, on 6 joints")
         _line(joints, found.joints, "joints, each with 6 parameters")
         picture.savefig(path, dpi=DOTS)

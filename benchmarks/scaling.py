@@ -118,7 +118,10 @@ class Scaling:
                 "slope, upper half / lower half",
             ),
             rows,
-            (f"Parameters on a UR5's {_JOINTS_OF_ARMS} joints; arms of other lengths repeat its links.",),
+            (
+                f"Parameters on a UR5's {_JOINTS_OF_ARMS} joints; arms of other lengths repeat its links. With the fewest "
+                "parameters the joints only shift and do not turn, which costs less.",
+            ),
         )
 
     def _threads(self) -> Table:
@@ -133,15 +136,14 @@ class Scaling:
 
     def _ratios(self) -> tuple[Ratio, ...]:
         two = self.threads[1] / self.threads[2] if 2 in self.threads else None
-        counts = np.array(list(self.sampler))
-        seconds = np.array([run.seconds for run in self.sampler.values()])
-        large = counts >= 10**6
-        slope = np.polyfit(np.log(counts[large]), np.log(seconds[large]), 1)[0]
+        # a further sample's time, over the last step up and over the one before
+        counts = sorted(self.sampler)[-3:]
+        before, after = np.diff([self.sampler[count].seconds for count in counts]) / np.diff(counts)
         first, last = (self.sampler[end(self.sampler)].peak for end in (min, max))
         return (
             Ratio("two threads to one", two, 1.85),
-            Ratio("slope of log time against log samples, from a million", float(slope)),
-            Ratio(f"peak memory of {max(self.sampler):,} samples to {min(self.sampler):,}", last / first),
+            Ratio(f"slope over samples, {counts[1]:,} to {counts[2]:,} to the tenfold before", float(after / before)),
+            Ratio(f"peak memory of {counts[2]:,} samples to {min(self.sampler):,}", last / first),
             *(
                 Ratio(f"slope over {name}, upper half to lower half", fitted(list(costs), list(costs.values())).bend)
                 for name, costs in (("joints", self.joints), ("parameters", self.parameters))

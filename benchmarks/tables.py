@@ -97,9 +97,6 @@ def figure(value: float) -> str:
     """Return a number with three digits, no exponent and commas: 4,690, 46.9, 0.0469."""
     if value == 0:
         return "0"
-    digits = 3
-    whole = len(str(int(abs(value)))) if abs(value) >= 1 else 0
-    if whole >= digits:
-        return f"{round(value, digits - whole):,.0f}"
-    rounded = f"{value:.{digits}g}"
-    return f"{float(rounded):.{digits - whole}f}" if whole else rounded
+    rounded = float(f"{value:.3g}")
+    whole = len(str(int(abs(rounded)))) if abs(rounded) >= 1 else 0
+    return f"{rounded:,.{max(3 - whole, 0)}f}" if whole else f"{value:#.3g}"

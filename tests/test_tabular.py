@@ -16,7 +16,7 @@ import precision_pin as pp
 from precision_pin.analyses.exact_law import LEVELS
 from precision_pin.examples import PAPER_SHEET
 from precision_pin.statistics import QUANTITIES
-from precision_pin.tabular import joint_text, milli, plus_minus, pose_labels
+from precision_pin.tabular import joint_text, milli, percent, plus_minus, pose_labels, quantity_label
 
 FOLDED = [0.0, 0.2, 1.5, 0.3]
 SPECIFICATIONS = [pp.specification("44 mm @ 99.73 %"), pp.specification("rx 17 mrad")]
@@ -60,6 +60,7 @@ def same(found: object, expected: object) -> bool:
         (-5.0, 17.2, "-5 ± 18"),
         (1234.0, 171.0, "1230 ± 180"),
         (2.5, 0.0, "2.5"),
+        (-0.0, 0.0, "0"),
         (-0.0001, 0.02, "0.000 ± 0.020"),
         (None, None, "-"),
         (1.0, None, "-"),
@@ -71,11 +72,21 @@ def test_a_number_with_its_half_width(value, half_width, text):
 
 def test_decimals_can_be_capped():
     assert plus_minus(2.2e-5, 1.5e-7, decimals=3) == "0.000 ± 0.001"
+    assert plus_minus(25.224, 0.185, decimals=3) == "25.22 ± 0.19"
+
+
+def test_a_change_has_its_sign():
+    assert plus_minus(0.4, 0.0123, signed=True) == "+0.400 ± 0.013"
+    assert plus_minus(-0.4, 0.0123, signed=True) == "-0.400 ± 0.013"
 
 
 def test_small_texts():
     assert milli(0.0368649) == "36.8649"
     assert milli(3e-15) == "0"
+    assert milli(1.0 / 3) == "333.333"
+    assert milli(1.0 / 3, 4) == "333.3"
+    assert (percent(None), percent(0.123456), percent(-1e-9)) == ("-", "12.35", "0.00")
+    assert (quantity_label("position.norm"), quantity_label("attitude.x")) == ("|d| [mm]", "δx [mrad]")
     assert milli(math.nan) == milli(None) == "-"
     assert joint_text({"a": math.pi / 2, "b": 0.25}, ("b",)) == "a 90°, b 250 mm"
     assert pose_labels(["", "p", "p", "pose 1"]) == ["pose 1", "p", "p (2)", "pose 1 (2)"]

@@ -9,9 +9,10 @@ doubles apart and are named by the offset of their first element, an unsigned in
 for negative indices, which keeps LLVM from vectorising). Sampled tiles hold the even units first, then the odd ones,
 as Philox and Box-Muller give them; they are put in order only where a result leaves the tile.
 
-Floating-point contraction (fused multiply-add) is allowed in `_mix`, `_turn_*` and `_logarithm` only. All else,
-the random numbers and the sums included, is plain IEEE arithmetic in a written order, with no call of a mathematical
-library, and so gives the same bits on every machine; exceptions are powers, sines and cosines in derived formulas.
+Floating-point contraction (fused multiply-add) is allowed in what is marked `_contracted` only: logarithms, normal
+numbers, discs' directions, displacements. All else, uniform numbers and sums included, is plain IEEE arithmetic in a
+written order. No mathematical library is called but for powers, sines and cosines in derived formulas. So bits are the
+same on machines of one type, and numbers within rounding on others.
 """
 
 from __future__ import annotations

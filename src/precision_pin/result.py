@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 from precision_pin.errors import InputError
 from precision_pin.markup import Table, rendered
 from precision_pin.space import Space
-from precision_pin.statistics import QUANTITIES, Distribution, Summary, VectorDistribution
+from precision_pin.statistics import QUANTITIES, Distribution, Extreme, Summary, VectorDistribution
+from precision_pin.statistics.precision import Precision
 from precision_pin.tabular import (
     ROUNDING,
     UNITS,
@@ -35,7 +36,7 @@ if TYPE_CHECKING:
     import pandas  # type: ignore[import-untyped]
     import xarray
 
-__all__ = ["SCHEMA", "Analysis", "Correlated", "versions"]
+__all__ = ["SCHEMA", "Analysis", "Correlated", "Until", "versions"]
 
 Array = NDArray[np.float64]
 
@@ -86,6 +87,15 @@ class Correlated:
 
 
 @final
+@dataclass(frozen=True)
+class Until:
+    """How precise a result was to become, as it was asked for, and what became of it."""
+
+    text: str
+    precision: Precision
+
+
+@final
 @dataclass(frozen=True, eq=False)
 class Analysis:
     """The distribution of the pose error at one pose.
@@ -108,6 +118,11 @@ class Analysis:
         Which joints of ``q`` slide: their values are in m, the others' in rad.
     correlations
         The space's correlations, with what follows from them.
+    makers
+        The parameters, by name, of the units that made the largest errors of ``summary.largest_position`` and
+        ``largest_attitude``, by unit. ``space.sample(seed, unit, 1)`` draws a unit again.
+    until
+        The targets at which sampling was to end.
     warnings
         One line each.
     errors
@@ -127,6 +142,8 @@ class Analysis:
     summary: Summary
     sliding_joints: tuple[str, ...] = ()
     correlations: tuple[Correlated, ...] = ()
+    makers: Mapping[int, Mapping[str, float]] = field(default_factory=dict)
+    until: tuple[Until, ...] = ()
     warnings: tuple[str, ...] = ()
     errors: Array | None = field(default=None, repr=False)
 
@@ -170,8 +187,16 @@ class Analysis:
             "warnings": list(self.warnings),
             "nominal": {"position": self.nominal[:3].tolist(), "attitude": self.nominal[3:].tolist()},
             **self.summary.to_dict(),
+            "largest": {
+                "position": [self._maker(one) for one in self.summary.largest_position],
+                "attitude": [self._maker(one) for one in self.summary.largest_attitude],
+            },
+            **({"until": [{"target": one.text, **asdict(one.precision)} for one in self.until]} if self.until else {}),
             **({"correlations": [asdict(group) for group in self.correlations]} if self.correlations else {}),
         }
+
+    def _maker(self, one: Extreme) -> dict[str, Any]:
+        return {"unit": one.sample, "value": one.value, "parameters": dict(self.makers.get(one.sample, {}))}
 
     def to_json(self) -> str:
         """Return :meth:`to_dict` as text; what the samples do not resolve is null."""

@@ -7,23 +7,14 @@ from typing import Final
 
 from precision_pin import units
 from precision_pin.errors import InputError, UnitError, UnknownNameError
-from precision_pin.statistics import QUANTITIES, Specification
+from precision_pin.statistics import Specification
+from precision_pin.statistics.precision import QUANTITY_WORDS
 
 __all__ = ["DEFAULT_PROBABILITY", "specification"]
 
 DEFAULT_PROBABILITY: Final = 0.95
 """What is required where a specification names no probability."""
 
-_NAMES: Final = {
-    "position": "position.norm",
-    "x": "position.x",
-    "y": "position.y",
-    "z": "position.z",
-    "attitude": "attitude.norm",
-    "rx": "attitude.x",
-    "ry": "attitude.y",
-    "rz": "attitude.z",
-} | {name: name for name in QUANTITIES}
 _FORM: Final = re.compile(r"\s*([A-Za-z_][A-Za-z_.]*)?\s*([^@]+?)\s*(?:@\s*(.+?)\s*)?", re.DOTALL)
 
 
@@ -54,12 +45,12 @@ def specification(text: str) -> Specification:
     is_length = units.split(limit_text)[1] in units.LENGTH.units
     if word is None:
         word = "position" if is_length else "attitude"
-    if word not in _NAMES:
-        raise UnknownNameError("quantity of a specification", word, _NAMES)
-    if _NAMES[word].startswith("position") != is_length:
+    if word not in QUANTITY_WORDS:
+        raise UnknownNameError("quantity of a specification", word, QUANTITY_WORDS)
+    if QUANTITY_WORDS[word].startswith("position") != is_length:
         raise InputError(f"specification {text!r}: {word} is limited by {'an angle' if is_length else 'a length'}")
     if not limit > 0:
         raise InputError(f"specification {text!r}: the limit must be positive")
     if not 0 < required < 1:
         raise InputError(f"specification {text!r}: the probability must lie above 0 and below 1 (or 100 %)")
-    return Specification(_NAMES[word], limit, required)
+    return Specification(QUANTITY_WORDS[word], limit, required)

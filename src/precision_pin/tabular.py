@@ -26,8 +26,10 @@ __all__ = [
     "milli",
     "number",
     "optional",
+    "percent",
     "plus_minus",
     "pose_labels",
+    "quantity_label",
     "symbol",
     "unit",
 ]
@@ -59,27 +61,37 @@ def unit(quantity: str) -> str:
     return "mm" if quantity.startswith("position") else "mrad"
 
 
-def milli(value: float | None) -> str:
-    """Return a number of m or rad in mm or mrad, six digits; ``-`` for none."""
+def quantity_label(quantity: str) -> str:
+    """Return symbol and unit as an axis or a row has them: ``|d| [mm]``, …."""
+    return f"{symbol(quantity)} [{unit(quantity)}]"
+
+
+def milli(value: float | None, digits: int = _DIGITS) -> str:
+    """Return a number of m or rad in mm or mrad, to so many digits; ``-`` for none."""
     if value is None or math.isnan(value):
         return "-"
-    return f"{0.0 if abs(value) < ROUNDING else 1e3 * value:.{_DIGITS}g}"
+    return f"{0.0 if abs(value) < ROUNDING else 1e3 * value:.{digits}g}"
 
 
-def plus_minus(value: float | None, half_width: float | None, *, decimals: int = 12) -> str:
+def percent(share: float | None) -> str:
+    """Return a share in per cent, two decimals; ``-`` for none."""
+    return "-" if share is None else f"{round(100 * share, 2) + 0.0:.2f}"
+
+
+def plus_minus(value: float | None, half_width: float | None, *, decimals: int = 12, signed: bool = False) -> str:
     """Return ``value ± half-width`` with two digits of the half-width, rounded up; ``-`` where not resolved.
 
-    With ``decimals`` never more digits than that behind the point.
+    With ``decimals`` never more digits than that behind the point; ``signed`` gives a positive value its sign.
     """
     if value is None or half_width is None:
         return "-"
     if half_width == 0:
-        return f"{value:.{_DIGITS}g}"
+        return f"{value + 0.0:.{_DIGITS}g}"
     place = max(math.floor(math.log10(half_width)) - 1, -decimals)
     # the allowance keeps a half-width such as 0.12, which is not exact in binary, from being rounded up to 0.13
     above = math.ceil(half_width / 10.0**place * (1 - 1e-12)) * 10.0**place
     digits = max(0, -place)
-    return f"{round(value, -place) + 0.0:.{digits}f} ± {above:.{digits}f}"
+    return f"{round(value, -place) + 0.0:{'+' if signed else ''}.{digits}f} ± {above:.{digits}f}"
 
 
 def joint_text(q: Mapping[str, float], sliding_joints: Sequence[str]) -> str:

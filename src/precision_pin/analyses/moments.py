@@ -28,6 +28,7 @@ from precision_pin import kernel
 from precision_pin.analyses import sobol
 from precision_pin.analyses.heading import Heading, Pose, PoseHeading, listed_poses
 from precision_pin.analyses.moments_closed import closed_moments
+from precision_pin.analyses.moments_control import Control, thin
 from precision_pin.analyses.moments_result import Measured, Method, MomentsResult, PoseMoments, Remainder
 from precision_pin.errors import InputError, UnknownNameError
 from precision_pin.model import ErrorModel, PoseModel
@@ -52,9 +53,6 @@ MOST_NUMBERS: Final = 21_201
 
 _BLOCK: Final = 8192
 _BITS: Final = 30
-_THIN: Final = 2**18
-"""Products smaller than this stay on one thread of BLAS, which is faster for thin ones."""
-
 _VECTORS: Final = (slice(0, 3), slice(3, 6))
 _TRIANGLE: Final = np.triu_indices(3)
 _ROUNDING: Final = 1e-14
@@ -187,7 +185,7 @@ class _Sampled:
         self._count = count
         self._seed = seed
         self._net = method.startswith("sobol")
-        self._control = method.endswith("control")
+        self._control = Control.of(at) if method.endswith("control") else None
         size = 15 if self._control else 9
         totals = np.zeros((REPLICATES, size, size))
         for replicate in range(REPLICATES):
@@ -197,7 +195,7 @@ class _Sampled:
                 if progress is not None:
                     progress(errors.shape[1])
         self._products = totals / count
-        self._follows = self._pilot() if self._control else np.zeros((2, 2, 9))
+        self._follows = self._pilot(self._control) if self._control else np.zeros((2, 2, 9))
 
     def estimates(self, confidence: float) -> tuple[Measured, Measured, Measured, Measured]:
         """Return mean ``(6,)``, covariance ``(6, 6)``, mean and variance of the norms ``(2,)``."""
@@ -221,43 +219,33 @@ class _Sampled:
         products = self._products[used]
         ones = products[:, 0]
         rest, norms = ones[:, -8:-2], ones[:, -2:]
-        mean = self._at.error_at_means + rest.mean(axis=0)
+        mean = (self._control.mean if self._control else self._at.error_at_means) + rest.mean(axis=0)
         covariance = products[:, -8:-2, -8:-2].mean(axis=0)
         squares = products[:, [-2, -1], [-2, -1]]
         if self._control:
             tangent = ones[:, 1:7]
             mixed = products[:, 1:7, -8:-2].mean(axis=0)
-            covariance = covariance + mixed + mixed.T + self._at.covariance
+            covariance = covariance + mixed + mixed.T + self._control.covariance
             covariance = covariance - _crossed(tangent + rest) + _crossed(tangent)
-            off = self._controls(tangent, products[:, 1:7, 1:7])
+            off = _controls(tangent, products[:, 1:7, 1:7] - self._control.covariance)
             # of both norms: what a replicate's tangent, known to be off its mean, adds to the norm and to its square
             norms = norms - np.einsum("vc,rvc->rv", self._follows[:, 0], off)
             squares = squares - np.einsum("vc,rvc->rv", self._follows[:, 1], off)
         else:
             covariance = covariance - _crossed(rest)
+        covariance = (covariance + covariance.T) / 2
         variance = squares.mean(axis=0) - np.diagonal(_crossed(norms))
         return np.concatenate([mean, covariance.ravel(), self._centre + norms.mean(axis=0), variance])
 
-    def _controls(self, tangent: Array, products: Array) -> Array:
-        """Return t and t tᵀ of both vectors less their means, ``(R, 2, 9)``, for ``(R, 6)`` and ``(R, 6, 6)``."""
-        off = products - self._at.covariance
-        return np.stack(
-            [
-                np.concatenate([tangent[:, rows], off[:, rows, rows][:, _TRIANGLE[0], _TRIANGLE[1]]], axis=1)
-                for rows in _VECTORS
-            ],
-            axis=1,
-        )
-
-    def _pilot(self) -> Array:
-        """Return how the norms and their squares follow the controls, ``(2 vectors, 2, 9)``.
+    def _pilot(self, control: Control) -> Array:
+        """Return how the norms and their squares follow t and t tᵀ, ``(2 vectors, 2, 9)``.
 
         From samples of their own: coefficients found on the samples themselves would bias the estimate.
         """
         x = kernel.sample(self._layout, self._seed, REPLICATES * self._count, PILOT)
         rows = self._rows(x, kernel.errors_at(self._layout, "exact", x))
         tangent, norms = rows[1:7].T, rows[-2:]
-        controls = self._controls(tangent, tangent[:, :, None] * tangent[:, None, :])
+        controls = _controls(tangent, tangent[:, :, None] * tangent[:, None, :] - control.covariance)
         result = np.zeros((2, 2, 9))
         for vector, norm in enumerate(norms):
             spread = controls[:, vector].std(axis=0)
@@ -304,11 +292,8 @@ class _Sampled:
         rows[0] = 1.0
         np.subtract(errors, self._at.error_at_means[:, None], out=rows[-8:-2])
         if self._control and x is not None:
-            jacobian = self._at.jacobian
-            shift = (jacobian @ self._at.space.mean)[:, None]
-            for columns in _columns(errors.shape[1], jacobian.size):
-                rows[1:7, columns] = jacobian @ x[:, columns] - shift
-            rows[-8:-2] -= rows[1:7]
+            rows[1:7] = self._control.deviations(x)
+            rows[-8:-2] -= rows[1:7] + (self._control.mean - self._at.error_at_means)[:, None]
         for row, vector in enumerate(_VECTORS, start=-2):
             rows[row] = np.sqrt((errors[vector] ** 2).sum(axis=0)) - self._centre[row]
         return rows
@@ -325,12 +310,14 @@ def _crossed(means: Array) -> Array:
 def _gram(rows: Array) -> Array:
     """Return rows times rows transposed."""
     result = np.zeros((len(rows), len(rows)))
-    for columns in _columns(rows.shape[1], result.size):
+    for columns in thin(rows.shape[1], result.size):
         result += rows[:, columns] @ rows[:, columns].T
     return result
 
 
-def _columns(count: int, work: int) -> Iterator[slice]:
-    """Yield columns, so many at a time that their product stays on one thread."""
-    step = max(64, _THIN // max(work, 1))
-    return (slice(first, min(first + step, count)) for first in range(0, count, step))
+def _controls(means: Array, off: Array) -> Array:
+    """Return t and t tᵀ less its mean of both vectors, ``(R, 2, 9)``, for ``(R, 6)`` and ``(R, 6, 6)``."""
+    parts = [
+        np.concatenate([means[:, rows], off[:, rows, rows][:, _TRIANGLE[0], _TRIANGLE[1]]], axis=1) for rows in _VECTORS
+    ]
+    return np.stack(parts, axis=1)

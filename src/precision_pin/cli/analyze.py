@@ -27,13 +27,18 @@ if TYPE_CHECKING:
 
 __all__ = ["command"]
 
+MOST_UNTIL = 10**9
+"""The most samples until a result is precise enough, where no number is given."""
+
 
 @click.command("analyze")
 @click.argument("inputs", nargs=-1, metavar="[ROBOT.urdf] [SHEET.yaml]")
 @click.option("--pose", metavar="NAME", help="One of the sheet's poses; the first if left out.")
 @click.option("--q", metavar="VALUES", help='Joint values: "-90 3 88 -91 deg", "0.1 m, 10 deg" or "joint1: 10 deg, …".')
 @chain_options
-@click.option("--samples", type=int, default=100_000, show_default=True, metavar="N", help="How many built robots.")
+@click.option(
+    "--samples", type=int, metavar="N", help="How many built robots, 100,000 if left out; with --until at most, 1e9."
+)
 @click.option("--seed", type=int, default=0, show_default=True, metavar="S", help="64-bit seed.")
 @click.option(
     "--model",
@@ -43,6 +48,9 @@ __all__ = ["command"]
     help="The displaced chain multiplied out, or superposition as in the paper.",
 )
 @click.option("--spec", "specs", multiple=True, metavar='"0.5 mm @ 99.73 %"', help="A limit to keep; repeats.")
+@click.option(
+    "--until", multiple=True, metavar='"95 % to 0.01 mm"', help="Sample until the result is so precise; repeats."
+)
 @click.option("--threads", type=int, metavar="N", help="How many threads sample; all cores if left out.")
 @click.option("--processes", type=int, metavar="N", help="Sample in N processes instead.")
 @click.option("--dask", metavar="ADDRESS", help="Sample on the Dask cluster of a scheduler, as tcp://host:8786.")
@@ -59,10 +67,11 @@ def command(
     tip: str | None,
     base: str | None,
     package_dirs: tuple[str, ...],
-    samples: int,
+    samples: int | None,
     seed: int,
     model: Literal["exact", "linear"],
     specs: tuple[str, ...],
+    until: tuple[str, ...],
     threads: int | None,
     processes: int | None,
     dask: str | None,
@@ -81,8 +90,12 @@ def command(
     from precision_pin.run import check_samples, dask_cluster, monte_carlo
     from precision_pin.space import check_seed
     from precision_pin.specifications import specification
+    from precision_pin.statistics.precision import target
 
+    samples = samples if samples is not None else MOST_UNTIL if until else 100_000
     check_samples(samples)
+    for text in until:
+        target(text)
     check_seed(seed)
     specifications = [specification(text) for text in specs]
     _check_together({"--threads": threads, "--processes": processes, "--dask": dask})
@@ -106,7 +119,7 @@ def command(
         try:
             analysis = monte_carlo(
                 error_model, where, samples=samples, seed=seed, model=model, specifications=specifications,
-                findings=sheet.findings, threads=threads, processes=processes, executor=executor,
+                until=until, findings=sheet.findings, threads=threads, processes=processes, executor=executor,
                 tasks_under_way=under_way, journal=journal, resume=resume, files={"sheet": sheet.file},
                 progress=progress, tell=_say,
             )  # fmt: skip

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Final
 
 from matplotlib.axes import Axes
@@ -21,10 +21,11 @@ from precision_pin.analyses.budget_result import (
     SourceShare,
 )
 from precision_pin.outputs.drawing import BLACK, BLUE, SKY
-from precision_pin.outputs.plots import DOUBLE_COLUMN, MILLIMETRES_PER_INCH, new_figure, style
-from precision_pin.outputs.text import aligned, pose_text
+from precision_pin.outputs.layout import DOUBLE_COLUMN, labelled, legend_below, new_figure, set_height, style
+from precision_pin.outputs.text import aligned, subject
+from precision_pin.tabular import percent, plus_minus, symbol, unit
 
-__all__ = ["figure", "table"]
+__all__ = ["draw_rows", "figure", "ranked", "source_name", "table"]
 
 MOST_LINES: Final = 20
 MOST_BARS: Final = 12
@@ -54,7 +55,7 @@ def table(result: BudgetResult, quantities: Sequence[str] = VECTORS) -> str:
         for quantity in quantities:
             lines += ["", _headline(result, pose, quantity), *aligned(_draw_rows(pose, quantity))]
         shown = list(dict.fromkeys(quantity for quantity in quantities if not quantity.endswith(".norm"))) or [*VECTORS]
-        lines += ["", *aligned(_share_rows("source", shown, ((_source(s), s.share) for s in pose.sources)))]
+        lines += ["", *aligned(_share_rows("source", shown, ((source_name(s), s.share) for s in pose.sources)))]
         lines += ["", *aligned(_share_rows("joint or link", shown, ((p.name, p.share) for p in pose.places)))]
         lines += ["", *_notes(result, pose, quantities), ""]
     return "\n".join(lines).rstrip()
@@ -81,15 +82,9 @@ def figure(result: BudgetResult, pose: int = 0) -> Figure:
             _bars(axes, found, vector)
         name = _shown(found.pose.name)
         made.suptitle(f"Error budget{f', pose {name!r}' if name else ''}")
-        made.legend(
-            *panels[0].get_legend_handles_labels(),
-            loc="outside lower center",
-            ncols=3,
-            frameon=False,
-            title=f"exact model, {result.samples:,} points, seed {result.heading.seed}; "
-            f"intervals at {100 * result.confidence:g} % confidence",
-        )
-        made.set_size_inches(DOUBLE_COLUMN / MILLIMETRES_PER_INCH, (42 + 2 * 6.0 * bars) / MILLIMETRES_PER_INCH)
+        caption = f"exact model, {result.samples:,} points, seed {result.heading.seed}; "
+        legend_below(made, labelled(panels[:1]), 3, [f"{caption}intervals at {100 * result.confidence:g} % confidence"])
+        set_height(made, 42 + 2 * 6.0 * bars)
     return made
 
 
@@ -99,7 +94,7 @@ def figure(result: BudgetResult, pose: int = 0) -> Figure:
 def _heads(result: BudgetResult, pose: PoseBudget) -> list[str]:
     of = result.heading
     return [
-        f"{of.robot}: {of.base} to {of.tip}, pose {pose_text(pose.pose.name, pose.pose.q, pose.pose.sliding_joints)}",
+        subject(of, pose.pose),
         f"exact model at {result.samples:,} points a set, seed {of.seed}, statics {of.statics}; base axes; "
         f"± half of an interval at {100 * result.confidence:g} % confidence",
         "share: of the variance, closed form, first order; S1, ST: first-order and total Sobol index; "
@@ -109,66 +104,99 @@ def _heads(result: BudgetResult, pose: PoseBudget) -> list[str]:
 
 def _headline(result: BudgetResult, pose: PoseBudget, quantity: str) -> str:
     sums = pose.sums[quantity]
-    unit = _unit(quantity)
     parts = []
     if sums.std is not None:
-        parts.append(f"std {1e3 * sums.std:.5g} {unit} in closed form")
+        parts.append(f"std {1e3 * sums.std:.5g} {unit(quantity)} in closed form")
     sampled = math.sqrt(max(sums.variance.value, 0.0))
     if sampled > 0:
         half = sums.variance.half_width / (2 * sampled)
-        parts.append(f"std {_with_width(1e3 * sampled, 1e3 * half, 6)} {unit} sampled")
+        parts.append(f"std {plus_minus(1e3 * sampled, 1e3 * half, decimals=6)} {unit(quantity)} sampled")
     norm = f"{quantity.partition('.')[0]}.norm"
     if quantity in (*VECTORS, norm):
         marked = pose.quantile[norm]
-        width = _with_width(1e3 * marked.value, 1e3 * marked.half_width, 6)
-        parts.append(f"{100 * result.marked:g} % of {_symbol(quantity)} within {width} {unit}")
+        width = plus_minus(1e3 * marked.value, 1e3 * marked.half_width, decimals=6)
+        parts.append(f"{100 * result.marked:g} % of {symbol(norm)} within {width} {unit(norm)}")
     return f"{quantity}: {'; '.join(parts)}"
 
 
 def _draw_rows(pose: PoseBudget, quantity: str) -> list[list[str]]:
-    vector = quantity.partition(".")[0]
-    norm = f"{vector}.norm"
+    norm = f"{quantity.partition('.')[0]}.norm"
     component = quantity not in (*VECTORS, norm)
-    unit = _unit(quantity)
     header = ["draw", "drawn per", "share %", "S1 %", "ST %"]
     header += ["worst case %"] if component else []
-    header += [f"halved: std {unit}"] if quantity != norm else []
-    header += [f"its change of the quantile {unit}"] if not component else []
-    draws = sorted(pose.draws, key=lambda draw: _rank(pose, draw, quantity), reverse=True)
-    rows = [header]
-    for draw in draws[:MOST_LINES]:
-        group = pose.group(draw.name)
-        alone = len(group.draws) == 1
-        row = [draw.name, draw.scope, _share(draw.share.get(quantity))]
-        row += _indices(group, quantity) if alone else ["-", "-"]
-        row += [_share(draw.worst_case.get(quantity))] if component else []
-        row += [f"{1e3 * draw.halved.std[quantity]:.5g}"] if quantity != norm else []
+    header += [f"halved: std {unit(quantity)}"] if quantity != norm else []
+    header += [f"its change of the quantile {unit(quantity)}"] if not component else []
+
+    def further(draw: DrawShare) -> list[str]:
+        cells = [percent(draw.worst_case.get(quantity))] if component else []
+        cells += [f"{1e3 * draw.halved.std[quantity]:.5g}"] if quantity != norm else []
         if not component:
             change = draw.halved.change[norm]
-            row.append(_with_width(1e3 * change.value, 1e3 * change.half_width, MOST_DECIMALS, signed=True))
-        rows.append(row)
-    empty = [""] * (len(header) - 5)
-    if len(draws) > MOST_LINES:
-        rest = [draw.share.get(quantity) for draw in draws[MOST_LINES:]]
+            cells.append(plus_minus(1e3 * change.value, 1e3 * change.half_width, decimals=MOST_DECIMALS, signed=True))
+        return cells
+
+    return [header, *draw_rows(pose, quantity, MOST_LINES, further, len(header) - 5, nonlinear="*")]
+
+
+def draw_rows(
+    pose: PoseBudget,
+    quantity: str,
+    most: int,
+    further: Callable[[DrawShare], list[str]],
+    columns: int,
+    *,
+    nonlinear: str = "",
+) -> list[list[str]]:
+    """Return the shares of draws, the largest first, of those beyond ``most`` together, of correlated groups, the sum.
+
+    Parameters
+    ----------
+    pose
+        The budget.
+    quantity
+        Shares of what.
+    most
+        How many draws have a row of their own.
+    further
+        Returns what stands behind a draw's name, scope, share, S1 and ST, all in per cent.
+    columns
+        How many cells that is.
+    nonlinear
+        Stands behind ST where the exact model is not linear.
+    """
+
+    def indices(group: Group) -> list[str]:
+        mark = nonlinear if quantity in group.nonlinear else ""
+        return [_percent(group.first[quantity]), _percent(group.total[quantity]) + mark]
+
+    empty = [""] * columns
+    draws = ranked(pose, quantity)
+    rows = []
+    for draw in draws[:most]:
+        group = pose.group(draw.name)
+        alone = indices(group) if len(group.draws) == 1 else ["-", "-"]
+        rows.append([draw.name, draw.scope, percent(draw.share.get(quantity)), *alone, *further(draw)])
+    if len(draws) > most:
+        rest = [draw.share.get(quantity) for draw in draws[most:]]
         together = None if None in rest else math.fsum(share for share in rest if share is not None)
-        rows.append([f"{len(rest)} more", "", _share(together), "", "", *empty])
+        rows.append([f"{len(rest)} more", "", percent(together), "", "", *empty])
     for group in pose.groups:
         if len(group.draws) > 1:
-            name = " + ".join(group.draws)
-            rows.append(
-                [f"correlated: {name}", "", _share(group.share.get(quantity)), *_indices(group, quantity), *empty]
-            )
+            name = f"correlated: {' + '.join(group.draws)}"
+            rows.append([name, "", percent(group.share.get(quantity)), *indices(group), *empty])
     sums = pose.sums[quantity]
-    rows.append(["sum", "", _share(sums.closed), _percent(sums.first), "", *empty])
-    return rows
+    return [*rows, ["sum", "", percent(sums.closed), _percent(sums.first), "", *empty]]
 
 
-def _rank(pose: PoseBudget, draw: DrawShare, quantity: str) -> float:
-    share = draw.share.get(quantity)
-    if share is not None:
-        return share
-    total = pose.group(draw.name).total[quantity]
-    return -1.0 if total is None else total.value
+def ranked(pose: PoseBudget, quantity: str) -> list[DrawShare]:
+    """Return the draws, the largest share of a quantity first; by total index where there are no shares."""
+
+    def rank(draw: DrawShare) -> float:
+        share = draw.share.get(quantity)
+        total = pose.group(draw.name).total[quantity]
+        return share if share is not None else -1.0 if total is None else total.value
+
+    return sorted(pose.draws, key=rank, reverse=True)
 
 
 def _share_rows(
@@ -177,14 +205,15 @@ def _share_rows(
     sorted_lines = sorted(lines, key=lambda line: line[1][quantities[0]] or 0.0, reverse=True)
     rows = [[heading, "", *(f"{quantity} %" for quantity in quantities)]]
     rows += [
-        [name, "", *(_share(share[quantity]) for quantity in quantities)] for name, share in sorted_lines[:MOST_LINES]
+        [name, "", *(percent(share[quantity]) for quantity in quantities)] for name, share in sorted_lines[:MOST_LINES]
     ]
     if len(sorted_lines) > MOST_LINES:
         rows.append([f"{len(sorted_lines) - MOST_LINES} more", "", *("" for _ in quantities)])
     return rows
 
 
-def _source(line: SourceShare) -> str:
+def source_name(line: SourceShare) -> str:
+    """Return what a source's line is called; one of a draw that several sources name, after the draw."""
     if len(line.sources) == 1:
         return line.sources[0]
     return f"{line.draws[0]}: {', '.join(line.sources) if line.sources else 'no source'}"
@@ -201,36 +230,10 @@ def _notes(result: BudgetResult, pose: PoseBudget, quantities: Sequence[str]) ->
     return notes
 
 
-def _indices(group: Group, quantity: str) -> list[str]:
-    mark = "*" if quantity in group.nonlinear else ""
-    return [_percent(group.first[quantity]), _percent(group.total[quantity]) + mark]
-
-
-def _share(share: float | None) -> str:
-    return "-" if share is None else f"{round(100 * share, 2) + 0.0:.2f}"
-
-
 def _percent(estimate: Estimate | None) -> str:
-    if estimate is None:
-        return "-"
-    return _with_width(100 * estimate.value, 100 * estimate.half_width, MOST_DECIMALS)
-
-
-def _with_width(value: float, half_width: float, most: int, *, signed: bool = False) -> str:
-    """Return ``value ± half-width`` with two digits of the half-width, rounded up, or ``most`` decimals."""
-    if half_width <= 0:
-        return "0" if value == 0 else f"{value:.{most}g}"
-    decimals = min(most, max(0, 1 - math.floor(math.log10(half_width))))
-    above = math.ceil(half_width * 10**decimals * (1 - 1e-12)) / 10**decimals
-    return f"{round(value, decimals) + 0.0:{'+' if signed else ''}.{decimals}f} ± {above:.{decimals}f}"
-
-
-def _unit(quantity: str) -> str:
-    return "mm" if quantity.startswith("position") else "mrad"
-
-
-def _symbol(quantity: str) -> str:
-    return "|d|" if quantity.startswith("position") else "|δ|"
+    return (
+        "-" if estimate is None else plus_minus(100 * estimate.value, 100 * estimate.half_width, decimals=MOST_DECIMALS)
+    )
 
 
 # figure ------------------------------------------------------------------------------------------
@@ -238,8 +241,8 @@ def _symbol(quantity: str) -> str:
 
 def _bars(axes: Axes, pose: PoseBudget, vector: str) -> None:
     """Draw one vector's bars; the indices of what does not fit are left out and counted in the axis's label."""
-    ranked = sorted(pose.groups, key=lambda group: _largest(group, vector), reverse=True)
-    shown = ranked[:MOST_BARS]
+    groups = sorted(pose.groups, key=lambda group: _largest(group, vector), reverse=True)
+    shown = groups[:MOST_BARS]
     for offset, which, colour, label in (
         (-0.2, "first", BLUE, "first-order index"),
         (0.2, "total", SKY, "total index"),
@@ -268,7 +271,7 @@ def _bars(axes: Axes, pose: PoseBudget, vector: str) -> None:
     axes.set_yticks(range(len(shown)), [_shortened(_shown(" + ".join(group.draws))) for group in shown])
     axes.set_ylim(len(shown) - 0.4, -0.6)
     axes.set_xlim(left=min(0.0, axes.get_xlim()[0]))
-    left_out = len(ranked) - len(shown)
+    left_out = len(groups) - len(shown)
     more = f" ({left_out} smaller ones not shown)" if left_out else ""
     axes.set_xlabel(f"share of the variance of the {vector} error [%]{more}")
 

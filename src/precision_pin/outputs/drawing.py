@@ -12,8 +12,9 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
 
 from precision_pin.statistics import Distribution, SpecificationResult, format_supported
+from precision_pin.tabular import symbol
 
-__all__ = ["DisplayUnit", "display_unit", "draw_cumulative", "draw_histogram", "moments_text"]
+__all__ = ["DisplayUnit", "display_unit", "draw_cumulative", "draw_histogram", "moments_text", "ticks"]
 
 BLUE: Final = "#0072B2"
 SKY: Final = "#56B4E9"
@@ -22,16 +23,6 @@ GREEN: Final = "#009E73"
 PURPLE: Final = "#CC79A7"
 BLACK: Final = "#000000"
 
-_SYMBOLS: Final = {
-    "position.norm": "|d|",
-    "position.x": "dx",
-    "position.y": "dy",
-    "position.z": "dz",
-    "attitude.norm": "|δ|",
-    "attitude.x": "δx",
-    "attitude.y": "δy",
-    "attitude.z": "δz",
-}
 _QUANTILE_LINES: Final = ((VERMILION, (0, (4, 1.5))), (PURPLE, (0, (1.2, 1.2))))
 _LIMIT_DASHES: Final = (0, (6, 1.5, 1.2, 1.5))
 _MARKED_OF_NORM: Final = (0.95, 0.9973)
@@ -97,19 +88,19 @@ def _ruler(distribution: Distribution, unit: DisplayUnit) -> _Ruler:
 
     Where the values hardly differ for their size, it is an axis of differences from a round number.
     """
-    symbol = _SYMBOLS[distribution.quantity]
+    shown = symbol(distribution.quantity)
     span = distribution.max - distribution.min
     size = max(abs(distribution.min), abs(distribution.max))
     if span == 0 or span > _SMALLEST_RATIO * size:
         if 0 < span * unit.per_si < _SMALLEST_SPAN:
             unit = _unit_for(span, distribution.quantity)
-        return _Ruler(unit, unit, 0.0, f"{symbol} [{unit.name}]")
+        return _Ruler(unit, unit, 0.0, f"{shown} [{unit.name}]")
     place = math.floor(math.log10(span * unit.per_si))
     rounded = round(distribution.mean * unit.per_si, -place)
     fine = _unit_for(span, distribution.quantity)
     sign = "−" if rounded >= 0 else "+"
     offset = f"{abs(rounded):.{max(0, -place)}f}"
-    return _Ruler(fine, unit, rounded / unit.per_si, f"{symbol} {sign} {offset} {unit.name} [{fine.name}]")
+    return _Ruler(fine, unit, rounded / unit.per_si, f"{shown} {sign} {offset} {unit.name} [{fine.name}]")
 
 
 def draw_histogram(
@@ -123,7 +114,7 @@ def draw_histogram(
         edges = (bars.edges - ruler.origin) * ruler.unit.per_si
         axes.stairs(density, edges, fill=True, color=SKY, alpha=0.55, linewidth=0)
         axes.set_ylim(0, 1.08 * density.max())
-        axes.yaxis.set_major_locator(_ticks())
+        axes.yaxis.set_major_locator(ticks())
     else:
         note = "all equal" if distribution.samples > 1 else "one sample"
         axes.text(0.03, 0.9, note, transform=axes.transAxes)
@@ -176,7 +167,7 @@ def _mark(
         if result.quantity == distribution.quantity:
             shown += _mark_limit(axes, distribution, ruler, result)
     axes.set_xlim(ruler(min(shown)), ruler(max(shown)))
-    axes.xaxis.set_major_locator(_ticks())
+    axes.xaxis.set_major_locator(ticks())
     axes.ticklabel_format(style="plain", useOffset=False)
     axes.set_xlabel(ruler.label)
 
@@ -222,7 +213,8 @@ def _range(distribution: Distribution, ruler: _Ruler) -> tuple[float, float]:
     return max(low, 0.0) if distribution.is_norm else low, distribution.max + margin
 
 
-def _ticks() -> MaxNLocator:
+def ticks() -> MaxNLocator:
+    """Return where an axis of a small panel has its marks."""
     return MaxNLocator(nbins=_MOST_TICKS, steps=[1, 2, 5, 10], min_n_ticks=2)
 
 

@@ -4,23 +4,31 @@ from __future__ import annotations
 
 import math
 import textwrap
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import MaxNLocator
 
 from precision_pin.analyses.exact_law import LEVELS, ExactLaw, ExactLawResult, PoseLaws
-from precision_pin.outputs.drawing import BLUE, SKY, VERMILION
-from precision_pin.outputs.plots import DOUBLE_COLUMN, MILLIMETRES_PER_INCH, new_figure, style
-from precision_pin.outputs.text import ROUNDING, aligned, pose_text
+from precision_pin.outputs.drawing import BLUE, SKY, VERMILION, ticks
+from precision_pin.outputs.layout import (
+    DOUBLE_COLUMN,
+    LINE_HEIGHT,
+    caption,
+    labelled,
+    legend_below,
+    new_figure,
+    set_height,
+    style,
+)
+from precision_pin.outputs.text import aligned, subject
+from precision_pin.tabular import ROUNDING, quantity_label, symbol, unit
 
-__all__ = ["figure", "symbol_of", "table"]
+__all__ = ["figure", "method_rows", "table"]
 
+_METHOD_HEADER: Final = ["", "method", "draws", "error of F", "distance", "band", "samples"]
 _SHOWN: Final = (0.00135, 0.05, 0.5, 0.95, 0.9973, 0.99865)
-_CAPTION_CHARACTERS: Final = 105
-_LINE: Final = 3.6
 
 
 def table(result: ExactLawResult) -> str:
@@ -28,16 +36,16 @@ def table(result: ExactLawResult) -> str:
     heading = result.heading
     blocks = []
     for entry in result.poses:
-        stands = pose_text(entry.pose.name, entry.pose.q, entry.pose.sliding_joints)
+        methods = method_rows(entry)
         blocks.append(
             "\n".join(
                 [
-                    f"{heading.robot}: {heading.base} to {heading.tip}, pose {stands}",
+                    subject(heading, entry.pose),
                     f"exact law of the first-order model, statics {heading.statics}; errors in base axes",
                     "",
                     *aligned(_quantile_rows(entry)),
                     "",
-                    *aligned(_method_rows(entry)),
+                    *aligned([_METHOD_HEADER, *methods] if methods else []),
                     *_missing(entry),
                 ]
             )
@@ -60,37 +68,19 @@ def figure(result: ExactLawResult, which: int = 0) -> Figure:
         Which of its poses, 0-based.
     """
     entry, heading = result.poses[which], result.heading
-    named = f" at pose {entry.pose.name}" if entry.pose.name else ""
-    caption = [
-        *textwrap.wrap(
-            f"exact law of the first-order model of {heading.robot}, {heading.base} to {heading.tip}{named}",
-            _CAPTION_CHARACTERS,
-        ),
+    lines = [
+        *caption("exact law of the first-order model", heading, entry.pose),
         f"N = {result.samples:,}, seed {heading.seed}, first-order model, statics {heading.statics}",
     ]
     with style():
         drawn = new_figure(DOUBLE_COLUMN)
         panels = drawn.subplots(2, 3)
         components = [law for law in entry.laws.values() if not law.quantity.endswith("norm")]
-        labelled: dict[str, Any] = {}
         for axes, law in zip(panels.flat, components, strict=True):
             _draw(axes, law)
-            for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
-                labelled.setdefault(label, handle)
-        drawn.legend(
-            list(labelled.values()), list(labelled), loc="outside lower center", ncols=3, frameon=False,
-            title="\n".join(caption), handlelength=2.6,
-        )  # fmt: skip
-        height = 100 + _LINE * (len(caption) + 1)
-        drawn.set_size_inches(DOUBLE_COLUMN / MILLIMETRES_PER_INCH, height / MILLIMETRES_PER_INCH)
+        legend_below(drawn, labelled(panels.flat), 3, lines)
+        set_height(drawn, 100 + LINE_HEIGHT * (len(lines) + 1))
     return drawn
-
-
-def symbol_of(quantity: str) -> tuple[str, str]:
-    """Return a quantity's symbol and the unit it is printed in."""
-    vector, _, part = quantity.partition(".")
-    symbol, unit = ("d", "mm") if vector == "position" else ("δ", "mrad")
-    return (f"|{symbol}|" if part == "norm" else f"{symbol}{part}"), unit
 
 
 def _quantile_rows(entry: PoseLaws) -> list[list[str]]:
@@ -100,20 +90,21 @@ def _quantile_rows(entry: PoseLaws) -> list[list[str]]:
             continue
         quantiles = dict(zip(LEVELS, law.quantiles, strict=False))
         cells = [_milli(quantiles[level], law.std) if law.quantiles else "-" for level in _SHOWN]
-        symbol, unit = symbol_of(law.quantity)
-        rows.append([symbol, unit, _milli(law.mean, law.std), _milli(law.std, law.std), *cells])
+        name = law.quantity
+        rows.append([symbol(name), unit(name), _milli(law.mean, law.std), _milli(law.std, law.std), *cells])
     return rows
 
 
-def _method_rows(entry: PoseLaws) -> list[list[str]]:
-    rows = [["", "method", "draws", "error of F", "distance", "band", "samples"]]
+def method_rows(entry: PoseLaws) -> list[list[str]]:
+    """Return for each known law: symbol, method, draws, error of F, distance to the samples, band, whether they agree."""
+    rows = []
     for law in entry.laws.values():
         if law.law is None or law.agreement is None:
             continue
         agreement = law.agreement
         rows.append(
             [
-                symbol_of(law.quantity)[0],
+                symbol(law.quantity),
                 law.law.method,
                 str(law.contributors),
                 f"{law.error:.0e}",
@@ -122,11 +113,11 @@ def _method_rows(entry: PoseLaws) -> list[list[str]]:
                 "agree" if agreement.agrees else "DISAGREE",
             ]
         )
-    return rows if len(rows) > 1 else []
+    return rows
 
 
 def _missing(entry: PoseLaws) -> list[str]:
-    return [f"{symbol_of(law.quantity)[0]}: {law.reason}" for law in entry.laws.values() if law.law is None]
+    return [f"{symbol(law.quantity)}: {law.reason}" for law in entry.laws.values() if law.law is None]
 
 
 def _milli(value: float, std: float) -> str:
@@ -138,8 +129,7 @@ def _milli(value: float, std: float) -> str:
 
 
 def _draw(axes: Axes, law: ExactLaw) -> None:
-    symbol, unit = symbol_of(law.quantity)
-    axes.set_xlabel(f"{symbol} [{unit}]")
+    axes.set_xlabel(quantity_label(law.quantity))
     if law.law is None or law.agreement is None:
         axes.set_yticks([])
         axes.set_xticks([])
@@ -156,7 +146,7 @@ def _draw(axes: Axes, law: ExactLaw) -> None:
     for level in (0.00135, 0.99865):
         value = law.quantiles[LEVELS.index(level)]
         axes.axvline(1e3 * value, color=VERMILION, linestyle=(0, (4, 1.5)), label="0.135 % and 99.865 % quantiles")
-    axes.set_ylabel(f"density [1/{unit}]")
+    axes.set_ylabel(f"density [1/{unit(law.quantity)}]")
     for axis in (axes.xaxis, axes.yaxis):
-        axis.set_major_locator(MaxNLocator(nbins=4, steps=[1, 2, 5, 10], min_n_ticks=2))
+        axis.set_major_locator(ticks())
     axes.ticklabel_format(style="plain", useOffset=False)

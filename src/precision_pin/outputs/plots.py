@@ -1,6 +1,6 @@
 """Pictures of the pose error's distribution: histograms and cumulative curves.
 
-Functions take a `Summary` or one of its `Distribution`s and return matplotlib objects made without pyplot,
+Functions take a `Summary` or a `Distribution` of one and return matplotlib objects made without pyplot,
 so no global state is touched. Text is 7 pt or larger when a figure is printed at its own size (85 mm wide
 for one quantity, 174 mm for the six components), colours are those of Okabe and Ito (2008), which stay apart
 for colour-blind readers, and every line differs in its dashes as well.
@@ -9,17 +9,13 @@ for colour-blind readers, and every line differs in its dashes as well.
 from __future__ import annotations
 
 import os
-import textwrap
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, Final
 
-import matplotlib as mpl
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
-from matplotlib.layout_engine import ConstrainedLayoutEngine
 
 from precision_pin.errors import OutputError
 from precision_pin.outputs.drawing import (
@@ -29,11 +25,20 @@ from precision_pin.outputs.drawing import (
     draw_histogram,
     moments_text,
 )
+from precision_pin.outputs.layout import (
+    DOUBLE_COLUMN,
+    LINE_HEIGHT,
+    SINGLE_COLUMN,
+    labelled,
+    legend_below,
+    new_figure,
+    set_height,
+    style,
+    wrapped,
+)
 from precision_pin.statistics import Distribution, SpecificationResult, Summary
 
 __all__ = [
-    "DOUBLE_COLUMN",
-    "MILLIMETRES_PER_INCH",
     "DisplayUnit",
     "cumulative",
     "display_unit",
@@ -41,43 +46,10 @@ __all__ = [
     "figure_components",
     "figure_position",
     "histogram",
-    "new_figure",
     "save",
-    "style",
 ]
 
-MILLIMETRES_PER_INCH: Final = 25.4
-SINGLE_COLUMN: Final = 85.0
-DOUBLE_COLUMN: Final = 174.0
 DOTS_PER_INCH: Final = 200
-
-_STYLE: Final[Any] = {
-    "font.family": "DejaVu Sans",
-    "font.size": 7.5,
-    "axes.titlesize": 8,
-    "axes.labelsize": 7.5,
-    "xtick.labelsize": 7,
-    "ytick.labelsize": 7,
-    "legend.fontsize": 7,
-    "legend.title_fontsize": 7,
-    "figure.titlesize": 8,
-    "axes.linewidth": 0.6,
-    "xtick.major.width": 0.6,
-    "ytick.major.width": 0.6,
-    "lines.linewidth": 1.0,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.unicode_minus": True,
-    "text.usetex": False,
-    "text.parse_math": False,
-    "svg.fonttype": "path",
-    "svg.hashsalt": "precision-pin",
-    "savefig.bbox": None,
-    "savefig.facecolor": "white",
-    "path.simplify": True,
-}
-_CHARACTERS_PER_MILLIMETRE: Final = 0.62
-_LINE_HEIGHT: Final = 3.6
 
 _Draw = Callable[[Axes, Distribution, DisplayUnit, Sequence[SpecificationResult]], None]
 
@@ -176,16 +148,16 @@ def figure_components(
         figure = new_figure(DOUBLE_COLUMN)
         grid = figure.subplots(2, 3)
         rows = ((summary.position, position_unit), (summary.attitude, attitude_unit))
-        entries: dict[str, Any] = {}
         for row, (vector, given) in zip(grid, rows, strict=True):
             parts = (vector.x, vector.y, vector.z)
             unit = given or display_unit(*parts)
             for axes, part in zip(row, parts, strict=True):
                 draw_histogram(axes, part, unit, summary.specifications)
                 axes.set_title(moments_text(part, unit), fontsize=7)
-                for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
-                    entries.setdefault(label.split(":")[0], handle)
-        _finish(figure, 95.0, title, list(entries), list(entries.values()), summary, seed, columns=4)
+        entries: dict[str, Any] = {}
+        for label, handle in labelled(grid.flat).items():
+            entries.setdefault(label.split(":")[0], handle)
+        _finish(figure, 95.0, title, entries, summary, seed, columns=4)
     return figure
 
 
@@ -222,20 +194,6 @@ def save(figure: Figure, path_without_suffix: str | os.PathLike[str]) -> tuple[P
 # figures --------------------------------------------------------------------------------
 
 
-@contextmanager
-def style() -> Iterator[None]:
-    """Draw in the package's style within this context."""
-    with mpl.rc_context(_STYLE):
-        yield
-
-
-def new_figure(width: float) -> Figure:
-    """Return an empty figure of a width in mm."""
-    figure = Figure(figsize=(width / MILLIMETRES_PER_INCH, 1.0), layout=ConstrainedLayoutEngine(w_pad=0.06, h_pad=0.05))
-    FigureCanvasAgg(figure)
-    return figure
-
-
 def _figure_of_norm(
     summary: Summary, norm: Distribution, title: str, seed: int | None, unit: DisplayUnit | None
 ) -> Figure:
@@ -245,8 +203,7 @@ def _figure_of_norm(
         draw_histogram(upper, norm, unit or display_unit(norm), summary.specifications)
         draw_cumulative(lower, norm, unit or display_unit(norm), summary.specifications)
         upper.set_xlabel("")
-        handles, labels = upper.get_legend_handles_labels()
-        _finish(figure, 85.0, title, labels, handles, norm, seed, columns=1)
+        _finish(figure, 85.0, title, labelled([upper]), norm, seed, columns=1)
     return figure
 
 
@@ -265,10 +222,9 @@ def _alone_or_on(
         if axes is not None:
             own.set_title(title)
             return own
-        handles, labels = own.get_legend_handles_labels()
         figure = own.get_figure(root=True)
         assert figure is not None
-        _finish(figure, 50.0, title, labels, handles, distribution, seed, columns=1)
+        _finish(figure, 50.0, title, labelled([own]), distribution, seed, columns=1)
     return own
 
 
@@ -276,30 +232,18 @@ def _finish(
     figure: Figure,
     height: float,
     title: str,
-    labels: Sequence[str],
-    handles: Sequence[Any],
+    entries: Mapping[str, Any],
     counted: Distribution | Summary,
     seed: int | None,
     *,
     columns: int,
 ) -> None:
     """Add title, legend and caption outside the axes, where they cover nothing, and set the height (mm)."""
-    width = figure.get_size_inches()[0]
-    characters = int(width * MILLIMETRES_PER_INCH * _CHARACTERS_PER_MILLIMETRE)
     caption = f"N = {counted.samples:,}" + ("" if seed is None else f", seed {seed}")
     caption += f"; intervals at {100 * counted.confidence:g} % confidence"
-    above = textwrap.wrap(title, characters)
-    below = textwrap.wrap(caption, characters)
+    above, below = wrapped(title, figure), wrapped(caption, figure)
     if above:
         figure.suptitle("\n".join(above))
-    figure.legend(
-        handles,
-        labels,
-        loc="outside lower center",
-        ncols=columns,
-        frameon=False,
-        title="\n".join(below),
-        handlelength=2.6,
-    )
-    lines = len(above) + len(below) + sum(1 + label.count("\n") for label in labels) / columns
-    figure.set_size_inches(width, (height + lines * _LINE_HEIGHT) / MILLIMETRES_PER_INCH)
+    legend_below(figure, entries, columns, below)
+    lines = len(above) + len(below) + sum(1 + label.count("\n") for label in entries) / columns
+    set_height(figure, height + lines * LINE_HEIGHT)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import textwrap
 from typing import Final
 
 import numpy as np
@@ -15,17 +14,15 @@ from numpy.typing import NDArray
 from precision_pin.analyses.rare_events import Estimate
 from precision_pin.analyses.reliability_result import ReliabilityResult, SpecificationReliability
 from precision_pin.outputs.drawing import BLUE, GREEN, SKY, VERMILION
-from precision_pin.outputs.exact_law_report import symbol_of
-from precision_pin.outputs.plots import DOUBLE_COLUMN, MILLIMETRES_PER_INCH, new_figure, style
-from precision_pin.outputs.text import aligned, pose_text
+from precision_pin.outputs.layout import DOUBLE_COLUMN, LINE_HEIGHT, caption, new_figure, set_height, shortened, style
+from precision_pin.outputs.text import aligned, subject
+from precision_pin.tabular import symbol, unit
 
 __all__ = ["figure", "table"]
 
 LISTED: Final = 6
-_CAPTION_CHARACTERS: Final = 105
 _LONGEST_NAME: Final = 38
 _PANEL: Final = 34.0
-_LINE: Final = 3.6
 
 
 def table(result: ReliabilityResult) -> str:
@@ -33,9 +30,8 @@ def table(result: ReliabilityResult) -> str:
     heading = result.heading
     blocks = []
     for entry in result.poses:
-        stands = pose_text(entry.pose.name, entry.pose.q, entry.pose.sliding_joints)
         lines = [
-            f"{heading.robot}: {heading.base} to {heading.tip}, pose {stands}",
+            subject(heading, entry.pose),
             f"exact model, statics {heading.statics}, seed {heading.seed}; intervals at {100 * result.confidence:g} % "
             "confidence, base axes",
         ]
@@ -56,9 +52,8 @@ def figure(result: ReliabilityResult, which: int = 0) -> Figure:
         Which of its poses, 0-based.
     """
     entry, heading = result.poses[which], result.heading
-    named = f" at pose {entry.pose.name}" if entry.pose.name else ""
-    caption = [
-        *textwrap.wrap(f"reliability of {heading.robot}, {heading.base} to {heading.tip}{named}", _CAPTION_CHARACTERS),
+    lines = [
+        *caption("reliability", heading, entry.pose),
         f"seed {heading.seed}, exact model, statics {heading.statics}; bars: intervals at {100 * result.confidence:g} % "
         "confidence",
     ]
@@ -69,9 +64,8 @@ def figure(result: ReliabilityResult, which: int = 0) -> Figure:
         for (left, right), specification in zip(panels, entry.specifications, strict=True):
             _draw_methods(left, specification)
             _draw_importance(right, specification)
-        drawn.suptitle("\n".join(caption))
-        height = _PANEL * rows + _LINE * (len(caption) + 1)
-        drawn.set_size_inches(DOUBLE_COLUMN / MILLIMETRES_PER_INCH, height / MILLIMETRES_PER_INCH)
+        drawn.suptitle("\n".join(lines))
+        set_height(drawn, _PANEL * rows + LINE_HEIGHT * (len(lines) + 1))
     return drawn
 
 
@@ -103,7 +97,6 @@ def _specification_lines(entry: SpecificationReliability) -> list[str]:
 
 def _verdict(entry: SpecificationReliability) -> str:
     specification = entry.specification
-    _, unit = symbol_of(specification.quantity)
     low, high = entry.best.interval
     if entry.resolved:
         said = f"P(failure) {entry.best.probability:.3g} ({low:.3g} to {high:.3g}, {entry.best.method})"
@@ -114,7 +107,7 @@ def _verdict(entry: SpecificationReliability) -> str:
             else f"P(failure) NOT RESOLVED, {low:.3g} to {high:.3g}"
         )
     return (
-        f"{specification.quantity} within {1e3 * specification.limit:.6g} {unit} for "
+        f"{specification.quantity} within {1e3 * specification.limit:.6g} {unit(specification.quantity)} for "
         f"{100 * specification.required:.10g} %: {'MET' if entry.met else 'NOT MET'} - {said}"
     )
 
@@ -143,7 +136,6 @@ def _three(vector: NDArray[np.float64]) -> str:
 
 
 def _draw_methods(axes: Axes, entry: SpecificationReliability) -> None:
-    symbol, unit = symbol_of(entry.specification.quantity)
     shown: list[Estimate] = [
         estimate for estimate in entry.estimates if estimate.interval[1] < 1 or estimate.probability
     ]
@@ -173,8 +165,10 @@ def _draw_methods(axes: Axes, entry: SpecificationReliability) -> None:
     axes.set_yticks(range(len(names)), names)
     axes.set_ylim(max(len(names), 3) - 0.4, -0.6)
     axes.set_xlabel("probability of failure (line: allowed)")
+    limited = entry.specification
     axes.set_title(
-        f"{symbol} within {1e3 * entry.specification.limit:.6g} {unit}: {'met' if entry.met else 'not met'}",
+        f"{symbol(limited.quantity)} within {1e3 * limited.limit:.6g} {unit(limited.quantity)}: "
+        f"{'met' if entry.met else 'not met'}",
         fontsize=7.5,
     )
 
@@ -188,12 +182,7 @@ def _draw_importance(axes: Axes, entry: SpecificationReliability) -> None:
         return
     shares = list(entry.failures[0].importance.items())[:LISTED]
     axes.barh(range(len(shares)), [100 * share for _, share in shares], height=0.7, color=SKY, linewidth=0)
-    axes.set_yticks(range(len(shares)), [_shortened(name) for name, _ in shares])
+    axes.set_yticks(range(len(shares)), [shortened(name, _LONGEST_NAME) for name, _ in shares])
     axes.set_ylim(max(len(shares), 3) - 0.4, -0.6)
     axes.tick_params(axis="y", length=0)
     axes.set_title(f"β = {entry.failures[0].beta:.4g}", fontsize=7.5)
-
-
-def _shortened(name: str) -> str:
-    half = (_LONGEST_NAME - 1) // 2
-    return name if len(name) <= _LONGEST_NAME else f"{name[:half]}…{name[-half:]}"

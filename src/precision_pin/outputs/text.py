@@ -7,15 +7,17 @@ import math
 import unicodedata
 from collections.abc import Collection, Mapping
 from decimal import ROUND_CEILING, ROUND_FLOOR, ROUND_HALF_EVEN, Decimal
+from typing import TYPE_CHECKING
 
 from precision_pin.mcpc import Mcpc
 from precision_pin.result import Analysis, Correlated
 from precision_pin.statistics import Distribution, SpecificationResult, format_supported
+from precision_pin.tabular import ROUNDING, symbol, unit
 
-__all__ = ["ROUNDING", "aligned", "analysis_table", "mcpc_table", "plain", "pose_text"]
+if TYPE_CHECKING:
+    from precision_pin.analyses.heading import Heading, PoseHeading
 
-ROUNDING = 1e-14
-"""Errors (m, rad) below this are rounding."""
+__all__ = ["aligned", "analysis_table", "inside", "mcpc_table", "plain", "pose_text", "statistic", "subject"]
 
 _COLUMNS = ("mean", "std", "min", "max", "mode", 0.5, 0.95, 0.99, 0.9973)
 
@@ -54,23 +56,28 @@ def pose_text(name: str, q: Mapping[str, float], sliding_joints: Collection[str]
     return f"{name!r} ({values})" if name else f"({values})"
 
 
+def subject(heading: Heading, pose: PoseHeading) -> str:
+    """Return the arm, the ends of its chain and the pose of a result."""
+    stands = pose_text(pose.name, pose.q, pose.sliding_joints)
+    return f"{heading.robot}: {heading.base} to {heading.tip}, pose {stands}"
+
+
 def _header() -> list[str]:
     return ["", "", *(column if isinstance(column, str) else f"{100 * column:.4g} %" for column in _COLUMNS)]
 
 
 def _rows(analysis: Analysis) -> list[list[str]]:
     rows = []
-    for vector, symbol, unit in ((analysis.position, "d", "mm"), (analysis.attitude, "δ", "mrad")):
-        for part in ("norm", "x", "y", "z"):
-            distribution: Distribution = getattr(vector, part)
-            name = f"|{symbol}|" if part == "norm" else f"{symbol}{part}"
-            rows.append([name, unit, *(_cell(distribution, column) for column in _COLUMNS)])
+    for vector in (analysis.position, analysis.attitude):
+        for part in (vector.norm, vector.x, vector.y, vector.z):
+            rows.append([symbol(part.quantity), unit(part.quantity), *(statistic(part, column) for column in _COLUMNS)])
     return rows
 
 
-def _cell(distribution: Distribution, column: str | float) -> str:
-    value = distribution.quantile(column) if isinstance(column, float) else getattr(distribution, column)
-    half_width = distribution.half_width(column)
+def statistic(distribution: Distribution, which: str | float) -> str:
+    """Return a statistic (``mean``, ``std``, …, or a quantile's probability) in mm or mrad; ``-`` where not resolved."""
+    value = distribution.quantile(which) if isinstance(which, float) else getattr(distribution, which)
+    half_width = distribution.half_width(which)
     if value is None or half_width is None:
         return "-"
     if max(abs(distribution.min), abs(distribution.max)) < ROUNDING:
@@ -89,25 +96,29 @@ def _pairs(group: Correlated) -> list[str]:
 
 def _bandwidths(analysis: Analysis) -> str:
     parts = []
-    for distribution, symbol, unit in ((analysis.position.norm, "|d|", "mm"), (analysis.attitude.norm, "|δ|", "mrad")):
-        width = distribution.mode_bandwidth
-        parts.append(f"{symbol} {'-' if width is None else f'{1e3 * width:.2g} {unit}'}")
+    for norm in (analysis.position.norm, analysis.attitude.norm):
+        width = norm.mode_bandwidth
+        parts.append(f"{symbol(norm.quantity)} {'-' if width is None else f'{1e3 * width:.2g} {unit(norm.quantity)}'}")
     return ", ".join(parts)
 
 
-def _verdict(result: SpecificationResult) -> str:
-    unit = "mm" if result.quantity.startswith("position") else "mrad"
+def inside(result: SpecificationResult) -> tuple[str, str, str]:
+    """Return the share inside a limit and the ends of its interval in per cent; what is printed fits the verdict."""
     low, high = (Decimal(end) * 100 for end in result.interval)
-    required = f"{100 * result.required:.10g}"
-    # two digits of the interval's width and as many as the demand has, the ends rounded outwards: what is printed
-    # then never contradicts the verdict
-    decimals = max(1 - (high - low).adjusted(), len(required.partition(".")[2]), 0)
+    required = Decimal(f"{100 * result.required:.10g}").normalize()
+    # as many digits as the demand has, at least two of the interval's width; the ends are rounded outwards
+    decimals = max(1 - (high - low).adjusted(), -int(required.as_tuple().exponent), 0)
     place = Decimal(1).scaleb(-decimals)
-    inside = (Decimal(result.probability) * 100).quantize(place, ROUND_HALF_EVEN)
+    share = (Decimal(result.probability) * 100).quantize(place, ROUND_HALF_EVEN)
+    return f"{share:f}", f"{low.quantize(place, ROUND_FLOOR):f}", f"{high.quantize(place, ROUND_CEILING):f}"
+
+
+def _verdict(result: SpecificationResult) -> str:
+    share, low, high = inside(result)
     return (
-        f"spec {result.quantity} within {1e3 * result.limit:.6g} {unit} for {required} %: "
-        f"{'MET' if result.met else 'NOT MET'} - {inside} % inside, "
-        f"interval {low.quantize(place, ROUND_FLOOR)} to {high.quantize(place, ROUND_CEILING)} %"
+        f"spec {result.quantity} within {1e3 * result.limit:.6g} {unit(result.quantity)} for "
+        f"{100 * result.required:.10g} %: {'MET' if result.met else 'NOT MET'} - {share} % inside, "
+        f"interval {low} to {high} %"
     )
 
 
@@ -134,7 +145,7 @@ def plain(value: float) -> str:
 
 def aligned(rows: list[list[str]]) -> list[str]:
     """Return rows of cells as lines, the first two columns to the left."""
-    widths = [max(_columns(row[k]) for row in rows) for k in range(len(rows[0]))]
+    widths = [max(map(_columns, column)) for column in zip(*rows, strict=True)]
     lines = []
     for row in rows:
         blanks = [" " * (width - _columns(cell)) for cell, width in zip(row, widths, strict=True)]

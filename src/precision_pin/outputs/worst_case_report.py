@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import textwrap
 from collections.abc import Sequence
 from typing import Final
 
@@ -21,9 +20,19 @@ from precision_pin.outputs.drawing import (
     DisplayUnit,
     display_unit,
 )
-from precision_pin.outputs.plots import DOUBLE_COLUMN, MILLIMETRES_PER_INCH, new_figure, style
-from precision_pin.outputs.text import ROUNDING, aligned, pose_text
-from precision_pin.statistics import format_supported
+from precision_pin.outputs.layout import (
+    DOUBLE_COLUMN,
+    LINE_HEIGHT,
+    caption,
+    labelled,
+    legend_below,
+    new_figure,
+    set_height,
+    shortened,
+    style,
+)
+from precision_pin.outputs.text import aligned, statistic, subject
+from precision_pin.tabular import ROUNDING, milli, symbol, unit
 
 __all__ = ["figure", "table"]
 
@@ -32,9 +41,6 @@ LISTED: Final = 8
 
 _LONGEST_NAME: Final = 44
 _BAR: Final = 4.6
-_CAPTION_CHARACTERS: Final = 105
-_LINE: Final = 3.6
-_SYMBOLS: Final = {"position": ("|d|", "d", "mm"), "attitude": ("|δ|", "δ", "mrad")}
 
 
 def table(result: WorstCaseResult) -> str:
@@ -43,9 +49,8 @@ def table(result: WorstCaseResult) -> str:
     heading = result.heading
     parts = []
     for pose in result.poses:
-        stands = pose_text(pose.heading.name, pose.heading.q, pose.heading.sliding_joints)
         lines = [
-            f"{heading.robot}: {heading.base} to {heading.tip}, pose {stands}",
+            subject(heading, pose.heading),
             f"worst case of {result.draws} draws, {cut}",
             f"beside it {result.samples:,} samples, seed {heading.seed}, exact model, statics {heading.statics}; "
             "errors in base axes",
@@ -79,13 +84,12 @@ def figure(result: WorstCaseResult, which: int = 0) -> Figure:
         Which of its poses, 0-based.
     """
     pose, heading = result.poses[which], result.heading
-    named = f" at pose {pose.heading.name}" if pose.heading.name else ""
-    caption = [
-        *textwrap.wrap(f"worst case of {heading.robot}, {heading.base} to {heading.tip}{named}", _CAPTION_CHARACTERS),
+    lines = [
+        *caption("worst case", heading, pose.heading),
         f"N = {result.samples:,}, seed {heading.seed}, exact model, statics {heading.statics}",
     ]
     if result.cut:
-        caption.append(f"unbounded laws cut at {result.k:g} standard deviations: {len(result.cut)} of {result.draws}")
+        lines.append(f"unbounded laws cut at {result.k:g} standard deviations: {len(result.cut)} of {result.draws}")
     with style():
         drawn = new_figure(DOUBLE_COLUMN)
         bounds = (pose.position, pose.attitude)
@@ -93,53 +97,33 @@ def figure(result: WorstCaseResult, which: int = 0) -> Figure:
         panels = drawn.subplots(2, 1, height_ratios=[max(len(entries), 4) for entries in bars])
         for axes, bound, entries in zip(panels, bounds, bars, strict=True):
             _draw(axes, bound, entries)
-        handles, labels = panels[0].get_legend_handles_labels()
-        drawn.legend(
-            handles, labels, loc="outside lower center", ncols=2, frameon=False, title="\n".join(caption),
-            handlelength=2.6,
-        )  # fmt: skip
-        height = 34 + _BAR * sum(max(len(entries), 4) for entries in bars) + _LINE * (len(caption) + 2)
-        drawn.set_size_inches(DOUBLE_COLUMN / MILLIMETRES_PER_INCH, height / MILLIMETRES_PER_INCH)
+        legend_below(drawn, labelled(panels[:1]), 2, lines)
+        set_height(drawn, 34 + _BAR * sum(max(len(entries), 4) for entries in bars) + LINE_HEIGHT * (len(lines) + 2))
     return drawn
 
 
 # text ---------------------------------------------------------------------------------------
 
 
-def _symbols(quantity: str) -> tuple[str, str, str]:
-    return _SYMBOLS[quantity.partition(".")[0]]
-
-
 def _norm_rows(pose: PoseWorstCase) -> list[list[str]]:
     rows = [["", "", "first order", "there", "found", "largest seen", f"{100 * SEEN_LEVEL:g} % seen"]]
     for bound in (pose.position, pose.attitude):
-        symbol, _, unit = _symbols(bound.quantity)
-        quantile, half_width = bound.seen.quantile(SEEN_LEVEL), bound.seen.half_width(SEEN_LEVEL)
-        resolved = quantile is not None and half_width is not None
-        rows.append(
-            [
-                symbol,
-                unit,
-                *(_milli(value) for value in (bound.first_order.upper, bound.exact_norm, bound.found.norm)),
-                _milli(bound.seen.max),
-                format_supported(1e3 * quantile, 1e3 * half_width, most=5) if resolved else "-",  # type: ignore[operator]
-            ]
-        )
+        sizes = (bound.first_order.upper, bound.exact_norm, bound.found.norm, bound.seen.max)
+        cells = [*map(milli, sizes), statistic(bound.seen, SEEN_LEVEL)]
+        rows.append([symbol(bound.quantity), unit(bound.quantity), *cells])
     return rows
 
 
 def _component_rows(pose: PoseWorstCase) -> list[list[str]]:
     rows = [["", "", "lowest, first order", "highest", "smallest seen", "largest seen"]]
     for entry in pose.components:
-        _, symbol, unit = _symbols(entry.quantity)
         ends = (entry.low, entry.high, *entry.seen)
-        rows.append([f"{symbol}{entry.quantity[-1]}", unit, *map(_milli, ends)])
+        rows.append([symbol(entry.quantity), unit(entry.quantity), *map(milli, ends)])
     return rows
 
 
 def _contributions(bound: NormBound) -> list[str]:
     """Return how the draws add up, and at which values; whether the bound is certified stands in the heading."""
-    symbol, _, unit = _symbols(bound.quantity)
     found = bound.first_order
     if found.certified:
         width = 0.0 if found.upper == 0 else found.upper / found.lower - 1
@@ -148,22 +132,23 @@ def _contributions(bound: NormBound) -> list[str]:
     else:
         how = (
             f"NOT resolved to 1e-9 with {found.cells:,} spherical triangles: the largest first-order error lies between "
-            f"{1e3 * found.lower:.9g} and {1e3 * found.upper:.9g} {unit}"
+            f"{1e3 * found.lower:.9g} and {1e3 * found.upper:.9g} {unit(bound.quantity)}"
         )
     rows = [
-        [f"  {name}", unit, _milli(value), _values(bound, name)] for name, value in _listed(bound, "error at the means")
+        [f"  {name}", unit(bound.quantity), milli(value), _values(bound, name)]
+        for name, value in _listed(bound, "error at the means")
     ]
-    return [f"what makes up {symbol} ({how}):", *aligned(rows)]
+    return [f"what makes up {symbol(bound.quantity)} ({how}):", *aligned(rows)]
 
 
 def _exceeded(pose: PoseWorstCase) -> list[str]:
     lines = []
     for bound in (pose.position, pose.attitude):
         if bound.exceeded:
-            symbol, _, unit = _symbols(bound.quantity)
             lines.append(
-                f"the exact model goes beyond the first-order bound of {symbol} by "
-                f"{1e3 * (bound.found.norm - bound.first_order.upper):.3g} {unit}: it bends over tolerances this large"
+                f"the exact model goes beyond the first-order bound of {symbol(bound.quantity)} by "
+                f"{1e3 * (bound.found.norm - bound.first_order.upper):.3g} {unit(bound.quantity)}: "
+                "it bends over tolerances this large"
             )
     return ["", *lines] if lines else []
 
@@ -187,43 +172,38 @@ def _values(bound: NormBound, name: str) -> str:
     return ""
 
 
-def _milli(value: float) -> str:
-    return f"{1e3 * value:.6g}" if abs(value) > ROUNDING else "0"
-
-
 # picture ------------------------------------------------------------------------------------
 
 
 def _bars(bound: NormBound) -> list[tuple[str, float]]:
-    return [(_shortened(name), value) for name, value in _listed(bound, "error at the means")]
+    return [(shortened(name, _LONGEST_NAME), value) for name, value in _listed(bound, "error at the means")]
 
 
 def _draw(axes: Axes, bound: NormBound, entries: Sequence[tuple[str, float]]) -> None:
-    symbol, _, _ = _symbols(bound.quantity)
-    unit = display_unit(bound.seen)
+    name, shown = symbol(bound.quantity), display_unit(bound.seen)
     begin = 0.0
     for row, (_, value) in enumerate(entries):
         colour = BLUE if row == 0 else SKY
-        axes.barh(row, value * unit.per_si, left=begin * unit.per_si, height=0.7, color=colour, linewidth=0)
+        axes.barh(row, value * shown.per_si, left=begin * shown.per_si, height=0.7, color=colour, linewidth=0)
         begin += value
     axes.set_yticks(range(len(entries)), [name for name, _ in entries])
     axes.set_ylim(max(len(entries), 4) - 0.4, -0.6)
     axes.tick_params(axis="y", length=0)
-    for value, colour, dashes, width, label in _lines(bound, unit):
+    for value, colour, dashes, width, label in _lines(bound, shown):
         axes.axvline(value, color=colour, linestyle=dashes, linewidth=width, label=label)
     axes.axvline(0, color=BLACK, linewidth=0.6)
     axes.xaxis.set_major_locator(MaxNLocator(nbins=7, steps=[1, 2, 5, 10]))
     axes.ticklabel_format(axis="x", style="plain", useOffset=False)
     axes.margins(x=0.03)
-    axes.set_xlabel(f"{symbol} [{unit.name}]")
+    axes.set_xlabel(f"{name} [{shown.name}]")
     axes.set_title(
-        f"{symbol}: bound {bound.first_order.upper * unit.per_si:.5g}, exact model at least "
-        f"{bound.found.norm * unit.per_si:.5g}, largest seen {bound.seen.max * unit.per_si:.5g} {unit.name}",
+        f"{name}: bound {bound.first_order.upper * shown.per_si:.5g}, exact model at least "
+        f"{bound.found.norm * shown.per_si:.5g}, largest seen {bound.seen.max * shown.per_si:.5g} {shown.name}",
         fontsize=7.5,
     )
 
 
-def _lines(bound: NormBound, unit: DisplayUnit) -> list[tuple[float, str, object, float, str]]:
+def _lines(bound: NormBound, shown: DisplayUnit) -> list[tuple[float, str, object, float, str]]:
     quantile = bound.seen.quantile(SEEN_LEVEL)
     lines: list[tuple[float, str, object, float, str]] = [
         (bound.first_order.upper, VERMILION, "-", 1.6, "bound of the first-order model"),
@@ -234,11 +214,4 @@ def _lines(bound: NormBound, unit: DisplayUnit) -> list[tuple[float, str, object
         lines.append(
             (quantile, PURPLE, (0, (6, 1.5, 1.2, 1.5)), 1.0, f"{100 * SEEN_LEVEL:g} % quantile of the samples")
         )
-    return [(value * unit.per_si, colour, dashes, width, label) for value, colour, dashes, width, label in lines]
-
-
-def _shortened(name: str) -> str:
-    if len(name) <= _LONGEST_NAME:
-        return name
-    half = (_LONGEST_NAME - 1) // 2
-    return f"{name[:half]}…{name[-half:]}"
+    return [(value * shown.per_si, colour, dashes, width, label) for value, colour, dashes, width, label in lines]

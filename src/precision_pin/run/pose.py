@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from precision_pin import kernel, progress_bar
 from precision_pin.errors import Finding, InputError
 from precision_pin.model import ErrorModel, PoseModel
-from precision_pin.result import Analysis, Correlated
+from precision_pin.result import Analysis, Correlated, Until
 from precision_pin.run.blocks import Work, check_samples, packages
 from precision_pin.run.executors import Submitter, chosen
 from precision_pin.run.identity import identity
@@ -21,7 +21,8 @@ from precision_pin.run.journal import opened
 from precision_pin.run.memory import check_kept
 from precision_pin.run.sampling import Sampling
 from precision_pin.space import Scope, check_seed
-from precision_pin.statistics import Plan, Specification, finish, start
+from precision_pin.statistics import Plan, Specification, State, Summary, finish, start
+from precision_pin.statistics.precision import Precision, Target, reached, target
 
 __all__ = ["Progress", "monte_carlo"]
 
@@ -38,6 +39,7 @@ def monte_carlo(
     seed: int = 0,
     model: Literal["exact", "linear"] = "exact",
     specifications: Sequence[Specification] = (),
+    until: Sequence[str] = (),
     keep_samples: bool = False,
     confidence: float = 0.95,
     findings: Sequence[Finding] = (),
@@ -63,13 +65,16 @@ def monte_carlo(
     q
         The pose: joint values in chain order, by joint name, a pose's name, or the model's first pose if left out.
     samples
-        How many built robots.
+        How many built robots; with ``until``, at most.
     seed
         64-bit seed.
     model
         ``"exact"`` multiplies the displaced chain out, ``"linear"`` superposes (eqs 12-17).
     specifications
         Limits to count against.
+    until
+        How precise the result is to become, as ``"95 % to 0.01 mm"`` (see :func:`precision_pin.statistics.precision.target`):
+        sampling ends as soon as all of them are reached, looking after 1, 2, 4, 8 … blocks of 16,384 samples.
     keep_samples
         Keep every error, ``(6, samples)``.
     confidence
@@ -97,7 +102,7 @@ def monte_carlo(
     progress
         Called after every few blocks; ``True`` shows a bar.
     tell
-        Told, in lines, what the journal held.
+        Told, in lines, what the journal held and how far ``until`` is.
 
     Raises
     ------
@@ -118,7 +123,10 @@ def monte_carlo(
     if keep_samples:
         if journal is not None:
             raise InputError("a journal holds statistics only; samples cannot be kept in such a run")
+        if until:
+            raise InputError("how many samples it takes until then is not known; samples cannot be kept in such a run")
         check_kept(samples)
+    targets = [target(text) for text in until]
     workers = chosen(threads, processes, executor, tasks_under_way)
     at, plan = _planned(error_model, q, specifications)
     work = Work(kernel.compile_table(at), plan, model, int(seed), int(samples), keep_samples, packages())
@@ -129,19 +137,25 @@ def monte_carlo(
         if journal is not None:
             urdf = error_model.chain.robot.file
             known = identity(work, at.posture, {**({"URDF": urdf} if os.path.isfile(urdf) else {}), **(files or {})})
+            known["until"] = "; ".join(until)
             kept_in, state = stack.enter_context(opened(journal, known, state, resume=resume, tell=tell or _nothing))
             if state.count:
                 step(state.count)
         sampling = Sampling(work, state, step, kept_in)
         done = False
         try:
-            sampling.run(workers)
+            sampling.run(workers, enough=_enough(targets, plan, confidence, tell or _nothing) if targets else None)
             done = True
         finally:
             workers.close(done=done)
     chain = error_model.chain
     error, _ = at.tangent
-    warnings = (*findings, *at.findings(model), *error_model.statics_findings(at))
+    summary = finish(plan, sampling.state, confidence)
+    precisions = [reached(wanted, summary) for wanted in targets]
+    warnings = (
+        *findings, *at.findings(model), *error_model.statics_findings(at),
+        *(_missed(text, one, summary.samples) for text, one in zip(until, precisions, strict=True) if not one.reached),
+    )  # fmt: skip
     return Analysis(
         robot=os.path.basename(chain.robot.file),
         base=chain.base,
@@ -155,10 +169,58 @@ def monte_carlo(
         nominal=error,
         sliding_joints=tuple(joint.name for joint in chain.joints if joint.kind == "prismatic"),
         correlations=Correlated.all_of(at.space),
-        summary=finish(plan, sampling.state, confidence),
+        summary=summary,
+        makers=_makers(at, int(seed), summary),
+        until=tuple(Until(text, one) for text, one in zip(until, precisions, strict=True)),
         warnings=tuple(str(finding) for finding in warnings),
         errors=sampling.errors,
     )
+
+
+def _enough(
+    targets: Sequence[Target], plan: Plan, confidence: float, tell: Callable[[str], None]
+) -> Callable[[State], bool]:
+    """Return what says whether all targets are reached, and tells how many samples they may take where they are not."""
+
+    def enough(state: State) -> bool:
+        summary = finish(plan, state, confidence)
+        found = [reached(wanted, summary) for wanted in targets]
+        if all(one.reached for one in found):
+            return True
+        for wanted, one in zip(targets, found, strict=True):
+            _check_resolved(wanted, one, summary)
+        needed = [one.needed(state.count) for one in found]
+        about = f"about {max(filter(None, needed)):,.3g} are needed" if all(needed) else "more are needed"
+        tell(f"{state.count:,} samples are not precise enough yet, {about}")
+        return False
+
+    return enough
+
+
+def _check_resolved(wanted: Target, found: Precision, summary: Summary) -> None:
+    """Refuse a tolerance below the sketch's own error, which no number of samples makes smaller."""
+    if isinstance(wanted.statistic, str):
+        return
+    error = summary.distribution(wanted.quantity).quantile_error(wanted.statistic)
+    unit = "m" if wanted.quantity.startswith("position") else "rad"
+    if error is not None and error > found.tolerance:
+        raise InputError(
+            f"the {wanted.statistic:.6g} quantile of {wanted.quantity} is kept to {error:.2g} {unit} only, the "
+            f"tolerance asked for is {found.tolerance:.2g} {unit}; ask for a larger one, or for the exact law"
+        )
+
+
+def _missed(text: str, found: Precision, samples: int) -> Finding:
+    needed = found.needed(samples)
+    about = "" if needed is None else f"; about {needed:,.3g} would do"
+    return Finding("warning", "W_UNTIL", f"{samples:,} samples do not give {text}{about}")
+
+
+def _makers(at: PoseModel, seed: int, summary: Summary) -> dict[int, dict[str, float]]:
+    """Return the parameters of the units that made the largest errors."""
+    units = sorted({one.sample for one in (*summary.largest_position, *summary.largest_attitude)})
+    names = at.space.components
+    return {unit: dict(zip(names, at.space.sample(seed, unit, 1)[:, 0].tolist(), strict=True)) for unit in units}
 
 
 def _planned(

@@ -44,8 +44,12 @@ class Sampling:
         self._progress = progress
         self._journal = journal
 
-    def run(self, workers: Workers, blocks_in_a_task: int | None = None) -> None:
-        """Sample to the end.
+    def run(
+        self, workers: Workers, blocks_in_a_task: int | None = None, enough: Callable[[State], bool] | None = None
+    ) -> None:
+        """Sample to the end, or to the first look at which it is enough: at 1, 2, 4, 8 … blocks.
+
+        The looks do not depend on the workers, and so neither does the result.
 
         Parameters
         ----------
@@ -53,6 +57,8 @@ class Sampling:
             What computes the blocks. Neither they nor their speed decide any bit of the result.
         blocks_in_a_task
             As many as is good for the workers if left out; it decides no bit either.
+        enough
+            Asked at each look; never, if left out.
 
         Raises
         ------
@@ -63,12 +69,25 @@ class Sampling:
         OutputError
             The journal cannot be written.
         """
-        first = self._next_block()
+        for end in self._looks() if enough is not None else [self._work.blocks]:
+            if self._next_block() < end and self.state.count < self._work.samples:
+                self._run_to(end, workers, blocks_in_a_task)
+            if enough is not None and self._next_block() == end and enough(self.state):
+                break
+        if self._journal is not None:
+            self._journal.save(self.state)
+
+    def _looks(self) -> list[int]:
+        """Return after which blocks to look."""
         blocks = self._work.blocks
-        size = blocks_in_a_task or task_size(blocks - first, workers.blocks_in_a_task)
-        stream = Stream(self._work, workers, first, size)
+        return [*(2**k for k in range((blocks - 1).bit_length())), blocks]
+
+    def _run_to(self, end: int, workers: Workers, blocks_in_a_task: int | None) -> None:
+        first = self._next_block()
+        size = blocks_in_a_task or task_size(end - first, workers.blocks_in_a_task)
+        stream = Stream(self._work, workers, first, end, size)
         try:
-            while self.state.count < self._work.samples:
+            while self._next_block() < end and self.state.count < self._work.samples:
                 found = stream.result(self._next_block())
                 self._add(found)
                 if self._journal is not None:
@@ -86,8 +105,6 @@ class Sampling:
             if self._journal is not None:
                 self._journal.save(self.state)
             raise
-        if self._journal is not None:
-            self._journal.save(self.state)
 
     def _next_block(self) -> int:
         return self.state.count // kernel.BLOCK

@@ -26,17 +26,18 @@ class Stream:
         What is computed.
     workers
         Where.
-    first_block
-        Where to begin; the blocks before are known.
+    first_block, end_block
+        Where to begin and before which to end; the blocks before are known.
     size
         Blocks in a task; it changes no result.
     """
 
-    def __init__(self, work: Work, workers: Workers, first_block: int, size: int) -> None:
+    def __init__(self, work: Work, workers: Workers, first_block: int, end_block: int, size: int) -> None:
         self._work = work
         self._workers = workers
         self._size = size
         self._next = first_block
+        self._end = end_block
         self._futures: dict[int, Any] = {}
 
     def result(self, block: int) -> Blocks:
@@ -48,8 +49,8 @@ class Stream:
             A sample cannot be computed, or the workers failed.
         """
         self._forget_before(block)
-        while len(self._futures) < self._workers.most and self._next < self._work.blocks:
-            length = min(self._size, self._work.blocks - self._next)
+        while len(self._futures) < self._workers.most and self._next < self._end:
+            length = min(self._size, self._end - self._next)
             self._futures[self._next] = self._workers.submit(self._work, self._next, length)
             self._next += self._size
         return self._workers.result(self._futures[block])

@@ -117,6 +117,24 @@ class Distribution:
         """
         return self._between(quantile_ranks(self.samples, _level(p), self.confidence))
 
+    def quantile_error(self, p: float) -> float | None:
+        """Return how far `quantile` is at most from the quantile of the samples themselves; None if unresolved.
+
+        The sketch's own error, from the bins of the two order statistics that the quantile lies between; unlike
+        `quantile_interval` it says nothing of what further samples would give.
+
+        Raises
+        ------
+        InputError
+            Unless 0 < p < 1.
+        """
+        value = self.quantile(p)
+        if value is None:
+            return None
+        below = min(math.floor((self.samples - 1) * p), self.samples - 1)
+        lower, upper = self._outward(below + 1)[0], self._outward(min(below + 2, self.samples))[1]
+        return max(value - lower, upper - value)
+
     def quantile_upper_bound(self, p: float) -> float | None:
         """Return the value below which the p-quantile lies with the stated confidence, one-sided.
 
@@ -277,6 +295,7 @@ class Distribution:
             "quantile_interval": {
                 str(level): None if interval is None else list(interval) for level, interval in intervals.items()
             },
+            "quantile_error": {str(level): self.quantile_error(level) for level in self.levels},
         }
 
     # inside ------------------------------------------------------------------------------------------

@@ -5,9 +5,9 @@ from __future__ import annotations
 import itertools
 
 from precision_pin.result import Correlated
+from precision_pin.tabular import milli
 
 from .elements import Child, Html, definitions, element, items, joined, paragraph, section
-from .numbers import milli
 from .results import Missing, Results
 from .wording import without_folders
 

@@ -6,11 +6,11 @@ from typing import Final
 
 from precision_pin.analyses.worst_case_result import SEEN_LEVEL, NormBound, PoseWorstCase, WorstCaseResult
 from precision_pin.outputs import worst_case_report
-from precision_pin.outputs.text import ROUNDING
+from precision_pin.tabular import ROUNDING, milli, quantity_label, symbol, unit
 
 from .elements import Child, Html, beside, items, section, table
 from .figures import figure
-from .numbers import milli, milli_interval, statistic, symbol_of
+from .numbers import milli_interval, statistic
 from .results import Missing, Results
 from .wording import left_out
 
@@ -45,7 +45,7 @@ def bounds(results: Results) -> Html:
 
 def _assumptions(result: WorstCaseResult) -> list[str]:
     exceeded = [
-        symbol_of(bound.quantity)[0] for bound in (result.poses[0].position, result.poses[0].attitude) if bound.exceeded
+        symbol(bound.quantity) for bound in (result.poses[0].position, result.poses[0].attitude) if bound.exceeded
     ]
     beyond = (
         [f"the exact model goes beyond the first-order bound of {' and of '.join(exceeded)} here"] if exceeded else []
@@ -54,9 +54,9 @@ def _assumptions(result: WorstCaseResult) -> list[str]:
 
 
 def _described(bound: NormBound) -> str:
-    symbol, unit = symbol_of(bound.quantity)
+    name, upper = bound.quantity, milli(bound.first_order.upper, 5)
     return (
-        f"{symbol} bound {milli(bound.first_order.upper, 5)} {unit}, exact model at least {milli(bound.found.norm, 5)}, "
+        f"{symbol(name)} bound {upper} {unit(name)}, exact model at least {milli(bound.found.norm, 5)}, "
         f"largest seen {milli(bound.seen.max, 5)}, of which error at the means {milli(bound.nominal, 5)} and "
         + ", ".join(f"{entry.draw} {milli(entry.value, 4)}" for entry in bound.contributions[:5])
     )
@@ -74,11 +74,10 @@ def _norms(pose: PoseWorstCase) -> Html:
     ]
     rows = []
     for bound in (pose.position, pose.attitude):
-        symbol, unit = symbol_of(bound.quantity)
         certified = "" if bound.first_order.certified else " (not certified to 1e-9)"
         rows.append(
             [
-                f"{symbol} [{unit}]",
+                quantity_label(bound.quantity),
                 milli(bound.first_order.upper) + certified,
                 milli(bound.exact_norm),
                 milli(bound.found.norm),
@@ -94,13 +93,11 @@ def _components(pose: PoseWorstCase) -> Html:
     header = ["", "lowest, first order", "highest, first order", "smallest seen", "largest seen"]
     rows = []
     for entry in pose.components:
-        symbol, unit = symbol_of(entry.quantity)
-        rows.append([f"{symbol} [{unit}]", *map(milli, (entry.low, entry.high, *entry.seen))])
+        rows.append([quantity_label(entry.quantity), *map(milli, (entry.low, entry.high, *entry.seen))])
     return table("Worst case of the components", header, rows)
 
 
 def _contributions(bound: NormBound) -> Html:
-    symbol, unit = symbol_of(bound.quantity)
     named = [entry for entry in bound.contributions if abs(entry.value) > ROUNDING][:_LISTED]
     rest = [entry for entry in bound.contributions if entry not in named]
     rows: list[list[Child]] = [["error at the means", milli(bound.nominal)]]
@@ -108,4 +105,5 @@ def _contributions(bound: NormBound) -> Html:
     if rest:
         rows.append([f"{len(rest)} more", milli(sum(entry.value for entry in rest))])
     rows.append(["sum: the worst case", milli(bound.nominal + sum(entry.value for entry in bound.contributions))])
-    return table(f"What adds up to the worst {symbol}", ["draw", f"adds [{unit}]"], rows, last=True)
+    header = ["draw", f"adds [{unit(bound.quantity)}]"]
+    return table(f"What adds up to the worst {symbol(bound.quantity)}", header, rows, last=True)

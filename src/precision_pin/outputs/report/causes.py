@@ -2,24 +2,17 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Mapping
 from typing import Final
 
-from precision_pin.analyses.budget_result import (
-    VECTORS,
-    BudgetResult,
-    DrawShare,
-    Estimate,
-    Group,
-    PoseBudget,
-    SourceShare,
-)
+from precision_pin.analyses.budget_result import VECTORS, BudgetResult, DrawShare, PoseBudget
 from precision_pin.outputs import budget_report
+from precision_pin.outputs.budget_report import draw_rows, ranked, source_name
+from precision_pin.tabular import milli, plus_minus, quantity_label, unit
 
-from .elements import Child, Html, beside, paragraph, section, table
+from .elements import Html, beside, paragraph, section, table
 from .figures import figure
-from .numbers import MISSING, milli, percent, symbol_of, with_half_width
+from .numbers import percent, shown
 from .results import Missing, Results
 from .wording import left_out
 
@@ -57,69 +50,33 @@ def _explained(result: BudgetResult) -> Html:
 
 
 def _largest(pose: PoseBudget, vector: str) -> str:
-    ranked = sorted(pose.draws, key=lambda draw: _rank(pose, draw, vector), reverse=True)[:_NAMED]
-    return f"of the {vector} error " + ", ".join(f"{draw.name} {percent(draw.share[vector])} %" for draw in ranked)
-
-
-def _rank(pose: PoseBudget, draw: DrawShare, vector: str) -> float:
-    share = draw.share[vector]
-    if share is not None:
-        return share
-    total = pose.group(draw.name).total[vector]
-    return -1.0 if total is None else total.value
+    largest = ranked(pose, vector)[:_NAMED]
+    return f"of the {vector} error " + ", ".join(f"{draw.name} {percent(draw.share[vector])} %" for draw in largest)
 
 
 def _draws(pose: PoseBudget, vector: str) -> Html:
-    symbol, unit = symbol_of(f"{vector}.norm")
-    ranked = sorted(pose.draws, key=lambda draw: _rank(pose, draw, vector), reverse=True)
-    rows: list[list[Child]] = []
-    for draw in ranked[:_LISTED]:
-        group = pose.group(draw.name)
-        indices = _indices(group, vector) if len(group.draws) == 1 else [MISSING, MISSING]
-        change = draw.halved.change[f"{vector}.norm"]
-        rows.append(
-            [
-                draw.name,
-                draw.scope,
-                percent(draw.share[vector]),
-                *indices,
-                milli(draw.halved.std[vector], 5),
-                with_half_width(change.value, change.half_width, 1e3),
-            ]
-        )
-    if len(ranked) > _LISTED:
-        rest = [draw.share[vector] for draw in ranked[_LISTED:]]
-        together = None if None in rest else math.fsum(share for share in rest if share is not None)
-        rows.append([f"{len(rest)} more", "", percent(together), "", "", "", ""])
-    for group in pose.groups:
-        if len(group.draws) > 1:
-            name = f"correlated: {' + '.join(group.draws)}"
-            rows.append([name, "", percent(group.share[vector]), *_indices(group, vector), "", ""])
-    sums = pose.sums[vector]
-    rows.append(["sum", "", percent(sums.closed), _estimate(sums.first), "", "", ""])
+    norm = f"{vector}.norm"
+
+    def halved(draw: DrawShare) -> list[str]:
+        change = draw.halved.change[norm]
+        return [milli(draw.halved.std[vector], 5), plus_minus(1e3 * change.value, 1e3 * change.half_width, decimals=3)]
+
+    rows = [[shown(cell) for cell in row] for row in draw_rows(pose, vector, _LISTED, halved, 2)]
     header = [
         "draw",
         "drawn per",
         "share %",
         "S1 %",
         "ST %",
-        f"halved: std [{unit}]",
-        f"change of 99.73 % of {symbol} [{unit}]",
+        f"halved: std [{unit(norm)}]",
+        f"change of 99.73 % of {quantity_label(norm)}",
     ]
-    now = pose.std[vector]
-    return table(f"Draws, {vector} error (std {milli(now, 5)} {unit} now)", header, rows, words=(1,), last=True)
-
-
-def _indices(group: Group, vector: str) -> list[Child]:
-    return [_estimate(group.first[vector]), _estimate(group.total[vector])]
-
-
-def _estimate(estimate: Estimate | None) -> str:
-    return MISSING if estimate is None else with_half_width(estimate.value, estimate.half_width)
+    now = f"std {milli(pose.std[vector], 5)} {unit(norm)} now"
+    return table(f"Draws, {vector} error ({now})", header, rows, words=(1,), last=True)
 
 
 def _shares(pose: PoseBudget) -> list[Html]:
-    sources = [(_source(line), line.share) for line in pose.sources]
+    sources = [(source_name(line), line.share) for line in pose.sources]
     places = [(place.name, place.share) for place in pose.places]
     return [
         _ranked(
@@ -133,13 +90,7 @@ def _shares(pose: PoseBudget) -> list[Html]:
     ]
 
 
-def _source(line: SourceShare) -> str:
-    if len(line.sources) == 1:
-        return line.sources[0]
-    return f"{line.draws[0]}: {', '.join(line.sources) if line.sources else 'no source'}"
-
-
 def _ranked(caption: str, heading: str, lines: Iterable[tuple[str, Mapping[str, float | None]]]) -> Html:
-    ranked = sorted(lines, key=lambda line: max(line[1][vector] or 0.0 for vector in VECTORS), reverse=True)
-    rows = [[name, *(percent(share[vector]) for vector in VECTORS)] for name, share in ranked]
+    largest = sorted(lines, key=lambda line: max(line[1][vector] or 0.0 for vector in VECTORS), reverse=True)
+    rows = [[name, *(percent(share[vector]) for vector in VECTORS)] for name, share in largest]
     return table(caption, [heading, *(f"{vector} %" for vector in VECTORS)], rows)

@@ -7,10 +7,11 @@ from typing import Final
 from precision_pin.outputs import plots
 from precision_pin.statistics import Distribution, VectorDistribution
 from precision_pin.statistics.distribution import COMPONENT_LEVELS
+from precision_pin.tabular import milli, symbol, unit
 
 from .elements import Child, Html, element, joined, paragraph, section, table
 from .figures import figure
-from .numbers import MISSING, bracketed, milli, milli_interval, statistic, symbol_of
+from .numbers import MISSING, bracketed, milli_interval, statistic
 from .results import Results
 
 __all__ = ["distributions"]
@@ -50,23 +51,22 @@ def distributions(results: Results) -> Html:
 
 
 def _described(norm: Distribution) -> str:
-    symbol, unit = symbol_of(norm.quantity)
+    name = norm.quantity
     return (
-        f"{symbol} has mean {statistic(norm, 'mean')} {unit}, standard deviation {statistic(norm, 'std')}, "
+        f"{symbol(name)} has mean {statistic(norm, 'mean')} {unit(name)}, standard deviation {statistic(norm, 'std')}, "
         f"95 % quantile {statistic(norm, 0.95)}, 99.73 % quantile {statistic(norm, 0.9973)}, "
-        f"and lies between {milli(norm.min, 5)} and {milli(norm.max, 5)} {unit} in {norm.samples:,} samples"
+        f"and lies between {milli(norm.min, 5)} and {milli(norm.max, 5)} {unit(name)} in {norm.samples:,} samples"
     )
 
 
 def _short(part: Distribution) -> str:
-    symbol, unit = symbol_of(part.quantity)
-    return f"{symbol} mean {statistic(part, 'mean')}, standard deviation {statistic(part, 'std')} {unit}"
+    name = part.quantity
+    return f"{symbol(name)} mean {statistic(part, 'mean')}, standard deviation {statistic(part, 'std')} {unit(name)}"
 
 
 def _table(results: Results, vector: VectorDistribution) -> Html:
     parts = (vector.norm, vector.x, vector.y, vector.z)
     what, _, _ = vector.norm.quantity.partition(".")
-    _, unit = symbol_of(vector.norm.quantity)
     rows: list[list[Child]] = [
         ["mean", *(_with_interval(statistic(part, "mean"), _moment(part.mean_interval())) for part in parts)],
         [
@@ -81,7 +81,7 @@ def _table(results: Results, vector: VectorDistribution) -> Html:
         ]
         rows.append([f"{100 * level:.4g} %", *cells])
     rows += [[words, *(statistic(part, which) for part in parts)] for which, words in _EXTREMES]
-    header = [f"[{unit}]", *(symbol_of(part.quantity)[0] for part in parts)]
+    header = [f"[{unit(what)}]", *(symbol(part.quantity) for part in parts)]
     confidence = f"{100 * results.analysis.summary.confidence:g} %"
     return table(f"Numbers of the {what} error, with intervals at {confidence} confidence", header, rows)
 

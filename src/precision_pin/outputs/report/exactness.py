@@ -3,22 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import MaxNLocator
 
 from precision_pin.analyses.budget_result import VECTORS
 from precision_pin.analyses.exact_law import LEVELS, ExactLaw, ExactLawResult
-from precision_pin.outputs.drawing import SKY, VERMILION
-from precision_pin.outputs.plots import DOUBLE_COLUMN, MILLIMETRES_PER_INCH, new_figure, style
+from precision_pin.outputs.drawing import SKY, VERMILION, ticks
+from precision_pin.outputs.exact_law_report import method_rows
+from precision_pin.outputs.layout import DOUBLE_COLUMN, labelled, legend_below, new_figure, set_height, style
 from precision_pin.statistics import Distribution
+from precision_pin.tabular import milli, quantity_label, symbol, unit
 
 from .elements import Child, Html, items, paragraph, section, table
 from .figures import figure
-from .numbers import MISSING, milli, symbol_of
+from .numbers import MISSING
 from .results import Missing, Results
 from .wording import left_out
 
@@ -47,7 +48,7 @@ def exactness(results: Results) -> Html:
                     f"Exact law of the first-order model over the samples ({results.analysis.model} model): {vector} error.",
                 )
             )
-    absent = [f"{symbol_of(law.quantity)[0]}: {law.reason}" for law in laws.values() if law.law is None]
+    absent = [f"{symbol(law.quantity)}: {law.reason}" for law in laws.values() if law.law is None]
     parts: list[Child] = [_explained(results), *pictures, _quantiles(laws.values()), _methods(result)]
     if absent:
         parts.append(items(absent, "note"))
@@ -67,11 +68,10 @@ def _explained(results: Results) -> Html:
 
 
 def _described(law: ExactLaw) -> str:
-    symbol, unit = symbol_of(law.quantity)
     quantiles = dict(zip(LEVELS, law.quantiles, strict=True))
     return (
-        f"{symbol} mean {milli(law.mean or 0.0, 5)}, standard deviation {milli(law.std or 0.0, 5)}, "
-        f"5 % {milli(quantiles[0.05], 5)}, 95 % {milli(quantiles[0.95], 5)} {unit}"
+        f"{symbol(law.quantity)} mean {milli(law.mean or 0.0, 5)}, standard deviation {milli(law.std or 0.0, 5)}, "
+        f"5 % {milli(quantiles[0.05], 5)}, 95 % {milli(quantiles[0.95], 5)} {unit(law.quantity)}"
     )
 
 
@@ -81,33 +81,16 @@ def _quantiles(laws: Iterable[ExactLaw]) -> Html:
     for law in laws:
         if law.mean is None or law.std is None:
             continue
-        symbol, unit = symbol_of(law.quantity)
         quantiles = dict(zip(LEVELS, law.quantiles, strict=False))
         cells = [milli(quantiles[level]) if law.quantiles else MISSING for level in _SHOWN]
-        rows.append([f"{symbol} [{unit}]", milli(law.mean), milli(law.std), *cells])
+        rows.append([quantity_label(law.quantity), milli(law.mean), milli(law.std), *cells])
     return table("Exact law of the first-order model: moments and quantiles", header, rows)
 
 
 def _methods(result: ExactLawResult) -> Html:
-    rows = []
-    for law in result.poses[0].laws.values():
-        if law.law is None or law.agreement is None:
-            continue
-        agreement = law.agreement
-        rows.append(
-            [
-                symbol_of(law.quantity)[0],
-                law.law.method,
-                str(law.contributors),
-                f"{law.error:.0e}",
-                f"{agreement.distance:.5f}",
-                f"{agreement.band:.5f}",
-                "agree" if agreement.agrees else "DISAGREE",
-            ]
-        )
     header = ["", "method", "draws", "error bound of F", "Kolmogorov distance", "band", "samples"]
     caption = f"How exact the laws are, and samples of the first-order model: band at {100 * result.confidence:g} % confidence"
-    return table(caption, header, rows, words=(1, 6))
+    return table(caption, header, method_rows(result.poses[0]), words=(1, 6))
 
 
 # picture ------------------------------------------------------------------------------------
@@ -121,19 +104,14 @@ def _overlay(laws: Sequence[ExactLaw], sampled: Sequence[Distribution]) -> Figur
         for column, law, distribution in zip(panels.T, laws, sampled, strict=True):
             _draw(column[0], column[1], law, distribution)
         for axes in panels[0, :1]:
-            axes.set_ylabel(f"density [1/{symbol_of(laws[0].quantity)[1]}]")
+            axes.set_ylabel(f"density [1/{unit(laws[0].quantity)}]")
         panels[1, 0].set_ylabel("cumulative probability")
-        found: dict[str, Any] = {}
-        for axes in panels.flat:
-            for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
-                found.setdefault(label, handle)
-        drawn.legend(list(found.values()), list(found), loc="outside lower center", ncols=3, frameon=False)
-        drawn.set_size_inches(DOUBLE_COLUMN / MILLIMETRES_PER_INCH, _HEIGHT / MILLIMETRES_PER_INCH)
+        legend_below(drawn, labelled(panels.flat), 3)
+        set_height(drawn, _HEIGHT)
     return drawn
 
 
 def _draw(above: Axes, below: Axes, law: ExactLaw, distribution: Distribution) -> None:
-    symbol, unit = symbol_of(law.quantity)
     x, density, cumulative = law.curve
     bars = distribution.histogram()
     if bars is not None:
@@ -147,8 +125,8 @@ def _draw(above: Axes, below: Axes, law: ExactLaw, distribution: Distribution) -
     below.plot(1e3 * values, distribution.cumulative(values), color=SKY, linewidth=3.2)
     below.plot(1e3 * x, cumulative, color=VERMILION)
     below.set_ylim(0, 1.03)
-    below.set_xlabel(f"{symbol} [{unit}]")
+    below.set_xlabel(quantity_label(law.quantity))
     for axes in (above, below):
         for axis in (axes.xaxis, axes.yaxis):
-            axis.set_major_locator(MaxNLocator(nbins=4, steps=[1, 2, 5, 10], min_n_ticks=2))
+            axis.set_major_locator(ticks())
         axes.ticklabel_format(style="plain", useOffset=False)

@@ -14,7 +14,7 @@ from typing import Final
 
 from matplotlib.figure import Figure
 
-from precision_pin.outputs.plots import style
+from precision_pin.outputs.layout import style
 
 from .elements import Child, Html, element
 

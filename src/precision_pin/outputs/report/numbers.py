@@ -2,40 +2,26 @@
 
 from __future__ import annotations
 
-from decimal import ROUND_CEILING, ROUND_FLOOR, ROUND_HALF_EVEN, Decimal
+from decimal import ROUND_CEILING, ROUND_FLOOR, Decimal
 from typing import Final
 
-from precision_pin.outputs.text import ROUNDING
-from precision_pin.statistics import Distribution, SpecificationResult, format_supported
+from precision_pin import tabular
+from precision_pin.outputs import text
+from precision_pin.statistics import Distribution
+from precision_pin.tabular import ROUNDING
 
 __all__ = [
     "MISSING",
     "bracketed",
-    "inside",
-    "milli",
     "milli_interval",
     "outward",
     "percent",
+    "shown",
     "statistic",
-    "symbol_of",
-    "with_half_width",
 ]
 
 MISSING: Final = "–"
 _DIGITS: Final = 5
-_SYMBOLS: Final = {"position": ("d", "mm"), "attitude": ("δ", "mrad")}
-
-
-def symbol_of(quantity: str) -> tuple[str, str]:
-    """Return a quantity's symbol and the unit it is printed in."""
-    vector, _, part = quantity.partition(".")
-    symbol, unit = _SYMBOLS[vector]
-    return (f"|{symbol}|" if part in ("norm", "") else f"{symbol}{part}"), unit
-
-
-def milli(value: float, digits: int = 6) -> str:
-    """Return a length or angle in mm or mrad; what is rounding is zero."""
-    return f"{1e3 * value:.{digits}g}" if abs(value) > ROUNDING else "0"
 
 
 def outward(low: float, high: float, per_si: float = 1e3) -> tuple[str, str]:
@@ -64,35 +50,14 @@ def milli_interval(distribution: Distribution, level: float) -> str:
 
 def statistic(distribution: Distribution, which: str | float) -> str:
     """Return a statistic (``mean``, ``std``, …, or a quantile's probability) in mm or mrad, as far as it is resolved."""
-    value = distribution.quantile(which) if isinstance(which, float) else getattr(distribution, which)
-    half_width = distribution.half_width(which)
-    if value is None or half_width is None:
-        return MISSING
-    if max(abs(distribution.min), abs(distribution.max)) < ROUNDING:
-        return "0"
-    return format_supported(1e3 * value, 1e3 * half_width, most=_DIGITS)
-
-
-def inside(result: SpecificationResult) -> tuple[str, str, str]:
-    """Return the share inside a limit and the ends of its interval in per cent; what is printed fits the verdict."""
-    low, high = (Decimal(end) * 100 for end in result.interval)
-    required = Decimal(f"{100 * result.required:.10g}").normalize()
-    # as many digits as the demand has, at least two of the interval's width
-    decimals = max(1 - (high - low).adjusted(), -int(required.as_tuple().exponent), 0)
-    place = Decimal(1).scaleb(-decimals)
-    share = (Decimal(result.probability) * 100).quantize(place, ROUND_HALF_EVEN)
-    return f"{share:f}", f"{low.quantize(place, ROUND_FLOOR):f}", f"{high.quantize(place, ROUND_CEILING):f}"
+    return shown(text.statistic(distribution, which))
 
 
 def percent(share: float | None) -> str:
     """Return a share in per cent."""
-    return MISSING if share is None else f"{round(100 * share, 2) + 0.0:.2f}"
+    return shown(tabular.percent(share))
 
 
-def with_half_width(value: float, half_width: float, factor: float = 100.0) -> str:
-    """Return ``value ± half-width`` with two digits of the half-width, three decimals at most."""
-    if half_width <= 0:
-        return f"{factor * value:.4g}"
-    half = Decimal(half_width) * Decimal(factor)
-    place = Decimal(1).scaleb(max(min(half.adjusted() - 1, 0), -3))
-    return f"{(Decimal(value) * Decimal(factor)).quantize(place) + 0:f} ± {half.quantize(place, ROUND_CEILING):f}"
+def shown(cell: str) -> str:
+    """Return a cell of a table for a terminal as the report has it."""
+    return MISSING if cell == "-" else cell

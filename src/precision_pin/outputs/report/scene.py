@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from precision_pin.markup import escaped
 from precision_pin.outputs.view import Shown, page, script_hashes
+from precision_pin.tabular import milli
 
 from .elements import Html, paragraph, section
 from .figures import figure
-from .numbers import milli
 from .results import Results
 from .sketch import cloud_factor, sketch
 from .wording import subject

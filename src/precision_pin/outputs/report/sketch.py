@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from precision_pin.chain import Posture
 from precision_pin.outputs.drawing import BLACK, BLUE, GREEN, SKY, VERMILION
-from precision_pin.outputs.plots import MILLIMETRES_PER_INCH, new_figure, style
+from precision_pin.outputs.layout import labelled, legend_below, new_figure, set_height, style
 from precision_pin.outputs.view.scales import arm_length, default_factor
 
 from .results import Results
@@ -52,8 +52,8 @@ def sketch(results: Results) -> Figure:
         for axis in (axes.xaxis, axes.yaxis, axes.zaxis):
             axis.set_pane_color((1.0, 1.0, 1.0, 0.0))
             axis.line.set_color(BLACK)
-        drawn.legend(loc="outside lower center", ncols=2, frameon=False)
-        drawn.set_size_inches(_WIDTH / MILLIMETRES_PER_INCH, _HEIGHT / MILLIMETRES_PER_INCH)
+        legend_below(drawn, labelled([axes]), 2)
+        set_height(drawn, _HEIGHT)
     return drawn
 
 

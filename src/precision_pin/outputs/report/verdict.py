@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from precision_pin.outputs.text import inside
 from precision_pin.statistics import Distribution, SpecificationResult
+from precision_pin.tabular import quantity_label, symbol, unit
 
 from .elements import Child, Html, element, joined, paragraph, section, table
-from .numbers import inside, milli_interval, statistic, symbol_of
+from .numbers import milli_interval, statistic
 from .results import Results
 
 __all__ = ["verdict"]
@@ -46,9 +48,9 @@ def _specifications(results: Results) -> Html:
 
 
 def _limit(result: SpecificationResult) -> str:
-    symbol, unit = symbol_of(result.quantity)
-    written = symbol if symbol.startswith("|") else f"|{symbol}|"
-    return f"{written} ≤ {1e3 * result.limit:.6g} {unit}"
+    name = symbol(result.quantity)
+    written = name if name.startswith("|") else f"|{name}|"
+    return f"{written} ≤ {1e3 * result.limit:.6g} {unit(result.quantity)}"
 
 
 def _rule(results: Results) -> Html:
@@ -63,11 +65,10 @@ def _sizes(results: Results) -> Html:
     analysis = results.analysis
     rows = []
     for distribution in (analysis.position.norm, analysis.attitude.norm):
-        symbol, unit = symbol_of(distribution.quantity)
         cells = [
             cell for level in _UNASKED for cell in (statistic(distribution, level), milli_interval(distribution, level))
         ]
-        rows.append([f"{symbol} [{unit}]", *cells])
+        rows.append([quantity_label(distribution.quantity), *cells])
     header = ["error", *(name for level in _UNASKED for name in (f"{100 * level:g} % stay within", "interval"))]
     return joined(
         [
@@ -79,16 +80,16 @@ def _sizes(results: Results) -> Html:
 
 
 def _sentence(distribution: Distribution) -> Html:
-    symbol, unit = symbol_of(distribution.quantity)
+    name = symbol(distribution.quantity)
     what = "a position" if distribution.quantity.startswith("position") else "an attitude"
     level = next((level for level in reversed(_UNASKED) if distribution.quantile(level) is not None), None)
     if level is None:
-        return joined([f"The samples are too few for the far quantiles of the error {symbol}."])
-    size = element("strong", f"{statistic(distribution, level)} {unit}")
+        return joined([f"The samples are too few for the far quantiles of the error {name}."])
+    size = element("strong", f"{statistic(distribution, level)} {unit(distribution.quantity)}")
     return joined(
         [
             f"{100 * level:g} % of the robots have {what} error ",
-            element("span", symbol, class_="symbol"),
+            element("span", name, class_="symbol"),
             " of at most ",
             size,
             ".",
