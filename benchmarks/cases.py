@@ -67,9 +67,8 @@ def ur5() -> PoseModel:
 
 
 def with_products() -> PoseModel:
-    """Return the UR5 with 100 terms of its 36 parameters: 20 hold a product of two, 80 one; along random directions."""
+    """Return the UR5 with 100 terms of its 36 parameters, each along or about an axis: 20 hold a product of two, 80 one."""
     plain = ur5()
-    random = np.random.default_rng(0)
     count, products = 100, 20
     factors = np.full((count, 3), -1, dtype=np.intp)
     factors[:, 0] = np.arange(count) % 36
@@ -80,7 +79,7 @@ def with_products() -> PoseModel:
         frames=plain.table.frames,
         program=plain.table.program,
         target=np.arange(count) * AXES // count,
-        twists=random.standard_normal((count, AXES)),
+        twists=np.eye(AXES)[np.arange(count) % AXES],
         factors=factors,
     )
     return PoseModel(plain.posture, plain.space, table, ())

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from precision_pin import sources as sources
     from precision_pin.analyses.budget import budget as budget
     from precision_pin.analyses.exact_law import exact_law as exact_law
+    from precision_pin.analyses.moments import moments as moments
     from precision_pin.analyses.reliability import reliability as reliability
     from precision_pin.analyses.worst_case import worst_case as worst_case
     from precision_pin.chain import Chain as Chain
@@ -75,6 +76,7 @@ _HOMES: Final = {
     "Uniform": "laws",
     "budget": "analyses.budget",
     "exact_law": "analyses.exact_law",
+    "moments": "analyses.moments",
     "monte_carlo": "run",
     "progress": "progress_bar",
     "reliability": "analyses.reliability",

@@ -17,7 +17,7 @@ sample from being drawn.
 from __future__ import annotations
 
 import pickle
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -29,7 +29,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from precision_pin import kernel_loops
 from precision_pin.errors import InputError
-from precision_pin.kernel_layout import CompiledTable, lay_out
+from precision_pin.kernel_layout import CompiledTable, lay_out, lay_out_many
 from precision_pin.kernel_loops import (
     ANGLE,
     ATOM,
@@ -43,7 +43,7 @@ from precision_pin.kernel_loops import (
     SUMS,
     Counting,
     Motions,
-    run_uncached,
+    uncached,
 )
 from precision_pin.parameters import Program
 from precision_pin.space import Space, check_seed
@@ -54,16 +54,22 @@ if TYPE_CHECKING:
 
 __all__ = [
     "BLOCK",
+    "REASONS",
+    "STAGES",
     "Blocks",
     "CompiledTable",
     "accumulate",
+    "call_compiled",
+    "check_blocks",
     "compile_table",
+    "compile_tables",
     "errors",
     "errors_at",
     "is_compiled",
     "observe_blocks",
     "sample",
     "warm_up",
+    "workspace",
 ]
 
 Array = NDArray[np.float64]
@@ -75,7 +81,15 @@ BLOCK: Final = ATOM
 _MOST_UNITS: Final = 2**63
 _MOST_BLOCKS_IN_A_CALL: Final = 2**32 // BLOCK - 1
 _NOTHING: Final = np.zeros((0, 0))
-_STAGES: Final = {"linear": LINEAR, "exact": EXACT}
+STAGES: Final = {"linear": LINEAR, "exact": EXACT}
+"""What the compiled loops call a model."""
+
+REASONS: Final = {
+    FORMULA: "a parameter's formula fails; a divisor that may reach zero needs a law that keeps away from it",
+    ANGLE: "an error turns a place by half a turn or more; the tolerances or loads are far too large",
+    NOT_FINITE: "the error is not a finite number; the tolerances or loads are far too large",
+}
+"""Why the compiled loops stopped, in words."""
 
 
 def compile_table(pose_model: PoseModel) -> CompiledTable:
@@ -87,6 +101,17 @@ def compile_table(pose_model: PoseModel) -> CompiledTable:
         The compiled sampler does not know a law.
     """
     return lay_out(pose_model.table, pose_model.space)
+
+
+def compile_tables(pose_models: Sequence[PoseModel]) -> list[CompiledTable]:
+    """Lay one model out at several poses, as `compile_table` does each, in less time.
+
+    Raises
+    ------
+    InputError
+        The compiled sampler does not know a law.
+    """
+    return lay_out_many([at.table for at in pose_models], pose_models[0].space) if pose_models else []
 
 
 def sample(layout: CompiledTable, seed: int, first: int, count: int, *, pose: int = 0, visit: int = 0) -> Array:
@@ -256,14 +281,7 @@ def observe_blocks(
     InputError
         As `errors`.
     """
-    first = int(first_block) * BLOCK
-    end = min(first + int(blocks) * BLOCK, _MOST_UNITS)
-    count = (end if samples is None else min(end, int(samples))) - first
-    if first_block < 0 or not 0 < blocks <= _MOST_BLOCKS_IN_A_CALL or count <= 0:
-        raise InputError(
-            f"blocks {first_block} to {first_block + blocks - 1} of {samples} samples: from block 0, "
-            f"1 to {_MOST_BLOCKS_IN_A_CALL} blocks in a call, none beyond the last sample"
-        )
+    first, count = check_blocks(first_block, blocks, samples)
     result = Blocks(
         count=count,
         lowest=np.full(8, np.inf),
@@ -284,6 +302,25 @@ def observe_blocks(
         into=result,
     )
     return result
+
+
+def check_blocks(first_block: int, blocks: int, samples: int | None) -> tuple[int, int]:
+    """Return the first unit of blocks, and how many units they hold of a run of so many samples.
+
+    Raises
+    ------
+    InputError
+        There are no such blocks.
+    """
+    first = int(first_block) * BLOCK
+    end = min(first + int(blocks) * BLOCK, _MOST_UNITS)
+    count = (end if samples is None else min(end, int(samples))) - first
+    if first_block < 0 or not 0 < blocks <= _MOST_BLOCKS_IN_A_CALL or count <= 0:
+        raise InputError(
+            f"blocks {first_block} to {first_block + blocks - 1} of {samples} samples: from block 0, "
+            f"1 to {_MOST_BLOCKS_IN_A_CALL} blocks in a call, none beyond the last sample"
+        )
+    return first, count
 
 
 def accumulate(
@@ -311,7 +348,7 @@ def accumulate(
 def is_compiled() -> bool:
     """Return whether the loops are compiled, in this process or in numba's cache, as far as can be told."""
     function: Any = kernel_loops.run
-    if INTERPRETED or function.signatures or run_uncached.cache_info().currsize:
+    if INTERPRETED or function.signatures or function in _uncached:
         return True
     try:
         # numba has no public way to ask; the index reads as empty if it is of another version or source
@@ -367,19 +404,12 @@ def _check_units(first: int, count: int) -> int:
 
 
 def _stage(model: Model) -> int:
-    if model not in _STAGES:
+    if model not in STAGES:
         raise InputError(f"model must be exact or linear, got {model!r}")
-    return _STAGES[model]
+    return STAGES[model]
 
 
-_REASONS: Final = {
-    FORMULA: "a parameter's formula fails; a divisor that may reach zero needs a law that keeps away from it",
-    ANGLE: "an error turns a place by half a turn or more; the tolerances or loads are far too large",
-    NOT_FINITE: "the error is not a finite number; the tolerances or loads are far too large",
-}
-
-
-def _workspace(rows: int) -> Array:
+def workspace(rows: int) -> Array:
     """Return room for rows, on a 64-byte boundary."""
     room = np.zeros(rows * STRIDE + 8)
     begin = -room.ctypes.data // 8 % 8
@@ -412,7 +442,7 @@ def _run(
         limits=np.array([specification.limit for specification in specifications], dtype=float),
     )
     arguments = (
-        _workspace(layout.rows),
+        workspace(layout.rows),
         layout.draws,
         layout.formulas,
         layout.superposition,
@@ -435,9 +465,9 @@ def _run(
         np.zeros((2, LARGEST)) if into is None else into.largest,
         np.zeros((2, LARGEST), dtype=np.int64) if into is None else into.largest_units,
     )
-    reason, where = _call(arguments)
+    reason, where = call_compiled(kernel_loops.run, arguments)
     if reason:
-        raise InputError(f"sample {units.first + where}: {_REASONS[reason]}")
+        raise InputError(f"sample {units.first + where}: {REASONS[reason]}")
 
 
 _TROUBLES: Final = (
@@ -454,33 +484,34 @@ _TROUBLES: Final = (
 """What unpickling a damaged file, or reading or writing one, raises."""
 
 
-def _call(arguments: tuple[Any, ...]) -> tuple[int, int]:
-    """Return what :func:`precision_pin.kernel_loops.run` returns, compiling or loading it at the first call.
+def call_compiled(function: Any, arguments: tuple[Any, ...]) -> tuple[int, ...]:
+    """Return what an outermost function of :mod:`precision_pin.kernel_loops` returns, compiled or loaded when first called.
 
     A cache that cannot be used is deleted; if that does not help, the loops are compiled for this process alone.
     All of this happens before anything is computed, so that calling again is safe.
     """
     if INTERPRETED:
         with np.errstate(all="ignore"):
-            return _result(kernel_loops.run, arguments)
-    for remedy in (_delete_cache, run_uncached):
-        if run_uncached.cache_info().currsize:
-            break
-        try:
-            return _result(kernel_loops.run, arguments)
-        except _TROUBLES:
-            remedy()
-    return _result(run_uncached(), arguments)
+            return _result(function, arguments)
+    if function not in _uncached:
+        for remedy in (_delete_cache, _uncached.add):
+            try:
+                return _result(function, arguments)
+            except _TROUBLES:
+                remedy(function)
+    return _result(uncached(function), arguments)
 
 
-def _result(function: Callable[..., tuple[int, int]], arguments: tuple[Any, ...]) -> tuple[int, int]:
-    reason, where = function(*arguments)
-    return int(reason), int(where)
+_uncached: Final[set[Any]] = set()
+"""The functions of which no cache could be used in this process."""
 
 
-def _delete_cache() -> None:
-    function: Any = kernel_loops.run
+def _result(function: Callable[..., tuple[int, ...]], arguments: tuple[Any, ...]) -> tuple[int, ...]:
+    return tuple(int(number) for number in function(*arguments))
+
+
+def _delete_cache(function: Any) -> None:
     if function.stats.cache_path is not None:
-        for path in Path(function.stats.cache_path).glob("kernel_loops.run-*"):
+        for path in Path(function.stats.cache_path).glob(f"kernel_loops.{function.py_func.__name__}-*"):
             with suppress(OSError):
                 path.unlink()

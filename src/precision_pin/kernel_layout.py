@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from itertools import groupby
 from typing import TYPE_CHECKING, Final, final
 
 import numpy as np
@@ -27,7 +28,7 @@ from precision_pin.space import Space, occasion
 if TYPE_CHECKING:
     from precision_pin.table import TermTable
 
-__all__ = ["CompiledTable", "lay_out"]
+__all__ = ["CompiledTable", "lay_out", "lay_out_many"]
 
 Array = NDArray[np.float64]
 
@@ -90,24 +91,49 @@ def lay_out(table: TermTable, space: Space) -> CompiledTable:
     InputError
         The compiled sampler does not know a law.
     """
+    return lay_out_many((table,), space)[0]
+
+
+def lay_out_many(tables: Sequence[TermTable], space: Space) -> list[CompiledTable]:
+    """Return the arrays of term tables, each as `lay_out` makes them by itself, bit by bit.
+
+    Tables one after another that share targets, program and factors, as one model's at several poses do, share draws and
+    formulas afterwards.
+
+    Raises
+    ------
+    InputError
+        The compiled sampler does not know a law.
+    """
+    found: list[CompiledTable] = []
+    for _, alike in groupby(tables, key=lambda table: (id(table.program), id(table.target), id(table.factors))):
+        found += _lay_out_alike(list(alike), space)
+    return found
+
+
+def _lay_out_alike(tables: Sequence[TermTable], space: Space) -> list[CompiledTable]:
     rows = _Rows(space)
-    formulas, program_rows = _lay_out_formulas(table, rows)
+    formulas, program_rows = _lay_out_formulas(tables[0], rows)
     products = _Products(rows, program_rows)
-    columns = [products.row(factors[factors >= 0]) for factors in table.factors]
-    superposition = _lay_out_superposition(table, columns)
-    motions, largest_angle = _lay_out_motions(table, columns, rows)
-    return CompiledTable(
-        space=space,
-        targets=len(table.targets),
-        rows=SCRATCH + len(rows.intervals),
-        draws=lay_out_draws(space, rows.constants),
-        formulas=products.appended_to(formulas),
-        superposition=superposition,
-        motions=motions,
-        lowest=frozen([low for low, _ in rows.intervals[: space.size]]),
-        highest=frozen([high for _, high in rows.intervals[: space.size]]),
-        largest_angle=largest_angle,
-    )
+    columns = [products.row(factors[factors >= 0]) for factors in tables[0].factors]
+    draws, all_formulas = lay_out_draws(space, rows.constants), products.appended_to(formulas)
+    lowest = frozen([low for low, _ in rows.intervals[: space.size]])
+    highest = frozen([high for _, high in rows.intervals[: space.size]])
+    return [
+        CompiledTable(
+            space=space,
+            targets=len(tables[0].targets),
+            rows=SCRATCH + len(rows.intervals),
+            draws=draws,
+            formulas=all_formulas,
+            superposition=superposition,
+            motions=motions,
+            lowest=lowest,
+            highest=highest,
+            largest_angle=angle,
+        )
+        for superposition, motions, angle in _lay_out_displacements(tables, columns, rows)
+    ]
 
 
 @final
@@ -235,72 +261,133 @@ def _applied(operator: Operator, a: Interval, b: Interval) -> Interval:
 # displacements -------------------------------------------------------------------------------------------------------
 
 
-def _entries(vectors: Mapping[int, Array]) -> tuple[list[int], list[Array]]:
-    """Return rows and coefficients ``(3,)`` of a sum, filled up to what the loops take at a time."""
-    kept = [(row, vector) for row, vector in vectors.items() if vector.any()]
-    rows, coefficients = [row for row, _ in kept], [vector for _, vector in kept]
-    while len(rows) % 4 not in (0, 3):
-        rows.append(rows[0])
-        coefficients.append(np.zeros(3))
-    return rows, coefficients
+def _lay_out_displacements(
+    tables: Sequence[TermTable], columns: Sequence[int], rows: _Rows
+) -> list[tuple[Superposition, Motions, float]]:
+    """Return, for each table, both models and the bound on the sum of the targets' turns.
+
+    Numbers are added and multiplied one by one, not by a matrix product, whose bits depend on how many there are.
+    """
+    count = len(tables[0].targets)
+    poses, frames, twists = _stack(tables, "pose"), _stack(tables, "frames"), _stack(tables, "twists")
+    target = tables[0].target
+    turned = _turned(frames[:, target, :3, :3], twists[:, :, 3:])
+    shifted = _turned(frames[:, target, :3, :3], twists[:, :, :3])
+    arms = poses[:, None, :3, 3] - frames[:, :, :3, 3]
+    lever = -arms[:, target]
+    carried = shifted + np.stack(
+        [
+            lever[..., (k + 1) % 3] * turned[..., (k + 2) % 3] - lever[..., (k + 2) % 3] * turned[..., (k + 1) % 3]
+            for k in range(3)
+        ],
+        axis=-1,
+    )
+    sums = [_Sum.of(columns, carried, range(len(columns))), _Sum.of(columns, turned, range(len(columns)))]
+    angles = np.zeros((len(tables), count))
+    for place, k in enumerate(reversed(range(count))):
+        terms = np.flatnonzero(target == k).tolist()
+        shift, turn = _Sum.of(columns, shifted, terms), _Sum.of(columns, turned, terms)
+        angles[:, place] = _bound(turn, rows)
+        sums += [shift, _Sum(turn.rows, turn.vectors / 2)]
+    total = np.zeros(len(tables))
+    for column in angles.T:
+        total = total + column
+    wide = np.concatenate([angles, total[:, None]], axis=1) > NARROW
+    # a table's entries are those that are not zero: nearly always the same ones at all poses
+    kept = np.concatenate([part.vectors.any(axis=-1) for part in sums], axis=1)
+    patterns, numbers = np.unique(kept, axis=0, return_inverse=True)
+    found: dict[int, tuple[Superposition, Motions, float]] = {}
+    for number, pattern in enumerate(patterns):
+        alike = np.flatnonzero(numbers.reshape(-1) == number)
+        made = _assembled(sums, pattern, alike, arms[alike][:, ::-1], wide[alike])
+        found |= {pose: (*both, float(total[pose])) for pose, both in zip(alike.tolist(), made, strict=True)}
+    return [found[pose] for pose in range(len(tables))]
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class _Sum:
+    """A vector as a sum ``vector × row``: the rows, and a vector for each at every pose, ``(P, rows, 3)``."""
+
+    rows: list[int]
+    vectors: Array
+
+    @classmethod
+    def of(cls, columns: Sequence[int], vectors: Array, terms: Iterable[int]) -> _Sum:
+        """Return the sum of terms with vectors ``(P, T, 3)``; those of one row are added up."""
+        moved: dict[int, Array] = {}
+        for term in terms:
+            column = columns[term]
+            moved[column] = moved[column] + vectors[:, term] if column in moved else vectors[:, term]
+        stacked = np.stack([_without_dust(vector) for vector in moved.values()], axis=1) if moved else vectors[:, :0]
+        return cls(list(moved), stacked)
+
+    def entries(self, kept: NDArray[np.bool_], poses: NDArray[np.intp]) -> tuple[list[int], Array]:
+        """Return rows and vectors ``(poses, entries, 3)``, filled up to what the loops take at a time."""
+        chosen = np.flatnonzero(kept)
+        rows = [self.rows[k] for k in chosen]
+        missing = 0 if len(rows) % 4 in (0, 3) else 3 - len(rows) % 4
+        padding = np.zeros((len(poses), missing, 3))
+        return rows + rows[:1] * missing, np.concatenate([self.vectors[np.ix_(poses, chosen)], padding], axis=1)
+
+
+def _stack(tables: Sequence[TermTable], name: str) -> Array:
+    stacked: Array = np.stack([getattr(table, name) for table in tables])
+    return stacked
+
+
+def _turned(rotation: Array, vector: Array) -> Array:
+    """Return rotations ``(…, 3, 3)`` times vectors ``(…, 3)``."""
+    parts = rotation * vector[..., None, :]
+    result: Array = parts[..., 0] + parts[..., 1] + parts[..., 2]
+    return result
 
 
 def _without_dust(vector: Array) -> Array:
-    """Return a vector without components that are rounding errors of its direction."""
-    return np.where(np.abs(vector) > _NEGLIGIBLE * np.abs(vector).max(), vector, 0.0)
+    """Return vectors ``(P, 3)`` without components that are rounding errors of their direction."""
+    return np.where(np.abs(vector) > _NEGLIGIBLE * np.abs(vector).max(axis=-1, keepdims=True), vector, 0.0)
 
 
-def _summed(columns: Iterable[tuple[int, Array]]) -> dict[int, Array]:
-    """Return the twist ``(6,)`` that goes with each row."""
-    moved: dict[int, Array] = {}
-    for column, twist in columns:
-        moved[column] = moved.get(column, np.zeros(6)) + twist
-    return moved
+def _bound(turn: _Sum, rows: _Rows) -> Array:
+    """Return how far a target may turn at each pose, ``(P,)``, rad; infinite where no bound is known."""
+    reach = np.zeros((len(turn.vectors), 3))
+    with np.errstate(invalid="ignore", over="ignore"):
+        for k, row in enumerate(turn.rows):
+            vector = np.abs(turn.vectors[:, k])
+            furthest = max(map(abs, rows.intervals[row]))
+            reach = reach + np.where(vector.any(axis=-1, keepdims=True), vector * furthest, 0.0)
+        bound = np.sqrt(reach[:, 0] * reach[:, 0] + reach[:, 1] * reach[:, 1] + reach[:, 2] * reach[:, 2])
+    return np.nan_to_num(bound, nan=math.inf, posinf=math.inf)
 
 
-def _lay_out_superposition(table: TermTable, columns: Sequence[int]) -> Superposition:
-    moved = _summed(
-        (column, table.sensitivities[target] @ twist)
-        for target, twist, column in zip(table.target, table.twists, columns, strict=True)
-    )
-    shift_rows, shifts = _entries({column: _without_dust(vector[:3]) for column, vector in moved.items()})
-    turn_rows, turns = _entries({column: _without_dust(vector[3:]) for column, vector in moved.items()})
-    return Superposition(offsets(shift_rows), frozen(shifts, -1, 3), offsets(turn_rows), frozen(turns, -1, 3))
-
-
-def _lay_out_motions(table: TermTable, columns: Sequence[int], rows: _Rows) -> tuple[Motions, float]:
-    """Return the targets tip first, and the bound on the sum of their turns."""
-    count = len(table.targets)
-    shifts: list[tuple[list[int], list[Array]]] = []
-    turns: list[tuple[list[int], list[Array]]] = []
-    arms = np.zeros((count, 3))
-    wide = np.zeros(count + 1, dtype=np.int64)
-    total = 0.0
-    for place, k in enumerate(reversed(range(count))):
-        rotation = table.frames[k, :3, :3]
-        arms[place] = table.pose[:3, 3] - table.frames[k, :3, 3]
-        moved = _summed(
-            (column, twist)
-            for target, twist, column in zip(table.target, table.twists, columns, strict=True)
-            if target == k
+def _assembled(
+    sums: Sequence[_Sum], kept: NDArray[np.bool_], poses: NDArray[np.intp], arms: Array, wide: NDArray[np.bool_]
+) -> Iterable[tuple[Superposition, Motions]]:
+    """Yield both models at the poses where the same entries are kept."""
+    ends = np.cumsum([0, *(len(part.rows) for part in sums)])
+    listed = [part.entries(kept[begin:end], poses) for part, begin, end in zip(sums, ends[:-1], ends[1:], strict=True)]
+    # the superposition's, then shifts and turns of the targets, tip first
+    parts = [listed[0:1], listed[1:2], listed[2::2], listed[3::2]]
+    row_offsets = [offsets([row for rows, _ in part for row in rows]) for part in parts]
+    vectors = [
+        frozen(together, *together.shape)
+        for part in parts
+        for together in [np.concatenate([np.zeros((len(poses), 0, 3)), *(found for _, found in part)], axis=1)]
+    ]
+    starts = [frozen_offsets(np.cumsum([0, *(len(rows) for rows, _ in part)])) for part in parts[2:]]
+    all_arms, all_wide = frozen(arms, *arms.shape), wide.astype(np.int64)
+    all_wide.flags.writeable = False
+    for k in range(len(poses)):
+        yield (
+            Superposition(row_offsets[0], vectors[0][k], row_offsets[1], vectors[1][k]),
+            Motions(
+                starts[0],
+                row_offsets[2],
+                vectors[2][k],
+                starts[1],
+                row_offsets[3],
+                vectors[3][k],
+                all_arms[k],
+                all_wide[k],
+            ),
         )
-        turning = {column: _without_dust(rotation @ twist[3:]) for column, twist in moved.items()}
-        shifts.append(_entries({column: _without_dust(rotation @ twist[:3]) for column, twist in moved.items()}))
-        turns.append(_entries({column: turn / 2 for column, turn in turning.items()}))
-        reach = np.zeros(3)
-        for column, turn in turning.items():
-            furthest = max(map(abs, rows.intervals[column]))
-            reach += np.abs(turn) * furthest if turn.any() else 0.0
-        angle = float(np.linalg.norm(np.nan_to_num(reach, nan=math.inf)))
-        wide[place] = angle > NARROW
-        total += angle
-    wide[count] = total > NARROW
-    arms.flags.writeable = wide.flags.writeable = False
-    return Motions(*_stacked(shifts), *_stacked(turns), arms, wide), total
-
-
-def _stacked(sums: Sequence[tuple[list[int], list[Array]]]) -> tuple[NDArray[np.uint64], NDArray[np.uint64], Array]:
-    """Return where the entries of each sum start, all row offsets and all coefficients ``(entries, 3)``."""
-    starts = np.cumsum([0, *(len(rows) for rows, _ in sums)])
-    rows = [row for rows, _ in sums for row in rows]
-    return frozen_offsets(starts), offsets(rows), frozen([vector for _, vectors in sums for vector in vectors], -1, 3)

@@ -34,8 +34,12 @@ __all__ = [
     "EXACT",
     "FORMULA",
     "INTERPRETED",
+    "LANE_DOUBLES",
     "LARGEST",
     "LINEAR",
+    "NORM_COLUMNS",
+    "NORM_EXPONENTS",
+    "NORM_MANTISSA",
     "NOT_FINITE",
     "SCRATCH",
     "STRIDE",
@@ -47,7 +51,8 @@ __all__ = [
     "Motions",
     "Superposition",
     "run",
-    "run_uncached",
+    "run_poses",
+    "uncached",
 ]
 
 Array = NDArray[np.float64]
@@ -67,6 +72,14 @@ LARGEST: Final = 10
 """How many of the largest errors are kept."""
 SUMS: Final = 31
 """Partial sums of an atom: 8 residuals, 21 products of two components (upper triangle by rows), 2 squared norms."""
+
+LANE_DOUBLES: Final = (SUMS + 16) * LANES
+"""What a pose's lanes take: those of the sums, of the eight smallest and of the eight largest values."""
+
+NORM_MANTISSA: Final = 5
+NORM_EXPONENTS: Final = (-4, 4)
+NORM_COLUMNS: Final = 2 * (1 + ((NORM_EXPONENTS[1] - NORM_EXPONENTS[0]) << NORM_MANTISSA))
+"""Columns of the small sketch of a norm, 514: as the large one, with 32 bins an octave and eight octaves on each side."""
 
 DRAW, LINEAR, EXACT = 0, 1, 2
 """How far a tile is worked on."""
@@ -173,6 +186,10 @@ _LONG_ARC = tuple((-1) ** k / (2 * k + 1) for k in range(20, -1, -1))
 _ADD, _SUBTRACT, _MULTIPLY, _DIVIDE, _POWER, _SQRT, _SIN, _COS = range(8)  # precision_pin.parameters.Operator
 _SHIFT, _OFFSET, _BINS = 43, 1011 << 9, 10_241  # precision_pin.statistics.sketch
 _FARTHEST = 8.6  # precision_pin.laws.FARTHEST_NORMAL
+
+_NORM_SHIFT = _U(52 - NORM_MANTISSA)
+_NORM_OFFSET = _U(((1023 + NORM_EXPONENTS[0]) << NORM_MANTISSA) - 1)
+_NORM_LAST = _U(NORM_COLUMNS // 2 - 1)
 
 
 class Draws(NamedTuple):
@@ -1000,9 +1017,9 @@ def _keep_largest(
 
 
 @_compiled
-def _widen(w: Array) -> None:
-    """Let the lanes' smallest and largest values take in the tile's."""
-    for q in range(_U(8)):
+def _widen(w: Array, step: Scalar) -> None:
+    """Let the lanes' smallest and largest values take in the tile's: of every, or every fourth, quantity."""
+    for q in range(_ZERO, _U(8), step):
         values = _VALUES + q * _STRIDE
         lowest = _LANES + (_U(SUMS) + q) * _U(LANES)
         highest = lowest + _U(8 * LANES)
@@ -1048,7 +1065,7 @@ def _count(
     w: Array, bins: Offsets, count: Scalar, counting: Counting, sketch: NDArray[np.uint32], inside: NDArray[np.int64]
 ) -> None:
     """Count the tile's values into the lanes, the sketch and the specifications."""
-    _widen(w)
+    _widen(w, _ONE)
     for q in range(_U(8)):
         _bin(w, bins, q, counting.centre[q], counting.inverse_scale[q])
         for i in range(_U(count)):
@@ -1254,8 +1271,256 @@ def run(
     return 0, 0
 
 
+# many poses ----------------------------------------------------------------------------------------------------------
+
+
+@_compiled
+def _norm_residuals(w: Array, size: Scalar, centre: Array) -> Scalar:
+    """Write the residuals and the two norms, their samples not in order; return how many samples are not finite.
+
+    The samples beyond the last one get no residuals, and the norms of the first.
+    """
+    for part in range(_TWO):
+        first = part * _U(4 * STRIDE)  # of rows _E0, _E1, _E2 and _Q1, _Q2, _Q3
+        norm, residual = _VALUES + first, _RESIDUALS + first
+        q = part * _FOUR
+        c, cx, cy, cz = centre[q], centre[q + _ONE], centre[q + _TWO], centre[q + _THREE]
+        for i in range(_TILE):
+            x, y, z = w[first + i], w[first + _STRIDE + i], w[first + _U(2 * STRIDE) + i]
+            length = np.sqrt(x * x + y * y + z * z)
+            w[norm + i] = length
+            w[residual + i] = length - c
+            w[residual + _STRIDE + i] = x - cx
+            w[residual + _U(2 * STRIDE) + i] = y - cy
+            w[residual + _U(3 * STRIDE) + i] = z - cz
+        if size < TILE:
+            for i in range(_TILE):
+                if _sample_at(i, True) >= size:
+                    w[norm + i] = w[norm]
+                    for row in range(_FOUR):
+                        w[residual + row * _STRIDE + i] = 0.0
+    failures = 0
+    for i in range(_TILE):
+        finite = w[_VALUES + i] < np.inf and w[_VALUES + _U(4 * STRIDE) + i] < np.inf
+        failures += 0 if finite else 1
+    return failures
+
+
+@_compiled
+def _count_norms(
+    w: Array,
+    bins: Offsets,
+    size: Scalar,
+    inverse_scale: Array,
+    limit_rows: Offsets,
+    limits: Array,
+    sketch: NDArray[np.uint32],
+    inside: NDArray[np.int64],
+) -> None:
+    """Count the residuals into the lanes, the two norms into the small sketch, and all into the specifications."""
+    _widen(w, _FOUR)
+    _add_residuals(w)
+    _add_products(w)
+    for part in range(_TWO):
+        residuals, first = _RESIDUALS + part * _U(4 * STRIDE), part * _U(NORM_COLUMNS)
+        factor = inverse_scale[part * _FOUR]
+        for i in range(_TILE):
+            scaled = w[residuals + i] * factor
+            shifted = _bits_of(abs(scaled)) >> _NORM_SHIFT
+            magnitude = shifted - _NORM_OFFSET if shifted > _NORM_OFFSET else _ZERO
+            magnitude = magnitude if magnitude < _NORM_LAST else _NORM_LAST
+            bins[i] = first + (_NORM_LAST - magnitude if scaled < 0.0 else _NORM_LAST + _ONE + magnitude)
+        if size == TILE:
+            for i in range(_TILE):
+                sketch[bins[i]] += np.uint32(1)
+        else:
+            for i in range(_TILE):
+                if _sample_at(i, True) < size:
+                    sketch[bins[i]] += np.uint32(1)
+    for k in range(limits.size):
+        q, limit = limit_rows[k], limits[k]
+        # a norm stands by itself, a component where it was made
+        row = _VALUES + q * _STRIDE if q & _THREE == _ZERO else (q - _ONE) * _STRIDE
+        kept = 0
+        if size == TILE:
+            for i in range(_TILE):
+                kept += 1 if abs(w[row + i]) <= limit else 0
+        else:
+            for i in range(_TILE):
+                kept += 1 if _sample_at(i, True) < size and abs(w[row + i]) <= limit else 0
+        inside[k] += kept
+
+
+@_compiled
+def _failed_formula(w: Array, formulas: Formulas, size: Scalar) -> Scalar:
+    """Return the first sample of which an operation's result is not finite, or -1."""
+    found = -1
+    for i in range(_TILE):
+        sample = _sample_at(i, True)
+        for step in range(formulas.results.size):
+            if sample < size and not abs(w[formulas.results[step] + i]) < np.inf:
+                found = sample if found < 0 or sample < found else found
+    return found
+
+
+@_cached
+def run_poses(
+    workspaces: Array,
+    lanes: Array,
+    unit_draws: Draws,
+    draws: Draws,
+    unit_formulas: Formulas,
+    formulas: Formulas,
+    superposition: Superposition,
+    superposed: Offsets,
+    motions: Motions,
+    stage: Scalar,
+    seed: Scalar,
+    unit_words: Offsets,
+    words: Offsets,
+    first: Scalar,
+    count: Scalar,
+    centre: Array,
+    inverse_scale: Array,
+    limit_rows: Offsets,
+    limits: Array,
+    norms_only: bool,
+    sums: Array,
+    lowest: Array,
+    highest: Array,
+    sketch: NDArray[np.uint32],
+    inside: NDArray[np.int64],
+    largest: Array,
+    largest_units: NDArray[np.int64],
+) -> tuple[Scalar, Scalar, Scalar]:
+    """Work through samples of P poses; what is drawn once for a unit is drawn once for all poses.
+
+    Parameters
+    ----------
+    workspaces
+        ``(T, rows)`` as `run`'s, of tiles that are worked on together.
+    lanes
+        ``(P, LANE_DOUBLES)`` room.
+    unit_draws, unit_formulas, unit_words
+        What is done once for a tile.
+    draws, formulas, words
+        What is done at every pose; ``words`` are ``(P, streams)``.
+    superposition, superposed
+        All poses' entries, one behind the other, and where each pose's shifts and turns begin, ``(P + 1, 2)``.
+    motions
+        All poses' entries, one behind the other; starts ``(P, K + 1)``, arms ``(P, K, 3)``, wide ``(P, K + 1)``.
+    stage
+        `LINEAR` or `EXACT`.
+    seed, first, count
+        As in `run`.
+    centre, inverse_scale
+        ``(P, 8)``.
+    limit_rows, limits
+        ``(S,)`` quantities and their limits.
+    norms_only
+        Keep the small sketches of the two norms instead of the large ones of all, and no largest errors.
+    sums, lowest, highest, sketch, inside, largest, largest_units
+        As in `run`, each with P in front.
+
+    Returns
+    -------
+    tuple
+        Why the run stopped (0: it did not), at which pose and sample.
+    """
+    together = workspaces.shape[0]
+    for t in range(together):
+        w = workspaces[t]
+        for row in range(unit_draws.fixed_rows.size):
+            for i in range(_TILE):
+                w[unit_draws.fixed_rows[row] + i] = unit_draws.fixed_values[row]
+    bins = np.empty(TILE, np.uint64)
+    poses = centre.shape[0]
+    for pose in range(poses):
+        for k in range(SUMS * LANES):
+            lanes[pose, k] = 0.0
+        for q in range(8):
+            for lane in range(LANES):
+                lanes[pose, (SUMS + q) * LANES + lane] = lowest[pose, q]
+                lanes[pose, (SUMS + 8 + q) * LANES + lane] = highest[pose, q]
+    tiles = (count + TILE - 1) // TILE
+    for begin in range(0, tiles, together):
+        end = begin + together if begin + together < tiles else tiles
+        for tile in range(begin, end):
+            w = workspaces[tile - begin]
+            pair = (first >> _ONE) + _U(tile) * _PAIRS
+            uniforms(w, unit_draws.stream_rows, unit_draws.streams, unit_words, seed, pair)
+            apply_laws(w, unit_draws)
+            if _derive(w, unit_formulas):
+                sample = _failed_formula(w, unit_formulas, count - tile * TILE)
+                if sample >= 0:
+                    return FORMULA, 0, tile * TILE + sample
+        for pose in range(poses):
+            at = Motions(
+                motions.shift_starts[pose],
+                motions.shift_rows,
+                motions.shifts,
+                motions.turn_starts[pose],
+                motions.turn_rows,
+                motions.turns,
+                motions.arms[pose],
+                motions.wide[pose],
+            )
+            counting = Counting(centre[pose], inverse_scale[pose], limit_rows, limits)
+            own_lanes, own_sketch, own_inside = lanes[pose], sketch[pose], inside[pose]
+            for tile in range(begin, end):
+                w = workspaces[tile - begin]
+                size = TILE if count - tile * TILE > TILE else count - tile * TILE
+                if draws.stream_rows.size:
+                    pair = (first >> _ONE) + _U(tile) * _PAIRS
+                    uniforms(w, draws.stream_rows, draws.streams, words[pose], seed, pair)
+                    apply_laws(w, draws)
+                if _derive(w, formulas):
+                    sample = _failed_formula(w, formulas, size)
+                    if sample >= 0:
+                        return FORMULA, pose, tile * TILE + sample
+                if stage == LINEAR:
+                    _at_rest(w)
+                    here, beyond = superposed[pose], superposed[pose + 1]
+                    _mix(w, _E0, here[0], beyond[0], superposition.shift_rows, superposition.shifts)
+                    _mix(w, _Q1, here[1], beyond[1], superposition.turn_rows, superposition.turns)
+                else:
+                    sample = _displace(w, at, 0, size, True)
+                    if sample >= 0:
+                        return ANGLE, pose, tile * TILE + sample
+                for k in range(_U(LANE_DOUBLES)):
+                    w[_LANES + k] = own_lanes[k]
+                if norms_only:
+                    if _norm_residuals(w, size, counting.centre):
+                        for i in range(_TILE):
+                            if not (w[_VALUES + i] < np.inf and w[_VALUES + _U(4 * STRIDE) + i] < np.inf):
+                                return NOT_FINITE, pose, tile * TILE + _sample_at(i, True)
+                    _count_norms(w, bins, size, counting.inverse_scale, limit_rows, limits, own_sketch, own_inside)
+                else:
+                    if _values(w, True):
+                        for i in range(size):
+                            if not (w[_VALUES + _U(i)] < np.inf and w[_VALUES + _U(4 * STRIDE + i)] < np.inf):
+                                return NOT_FINITE, pose, tile * TILE + i
+                    if size < TILE:
+                        _pad(w, size)
+                    _count(w, bins, size, counting, own_sketch, own_inside)
+                    unit = first + _U(tile * TILE)
+                    _keep_largest(w, _ZERO, size, unit, largest[pose], largest_units[pose], 0)
+                    _keep_largest(w, _FOUR, size, unit, largest[pose], largest_units[pose], 1)
+                if (tile + 1) * TILE % ATOM == 0 or tile == tiles - 1:
+                    _fold(w, sums[pose, tile * TILE // ATOM])
+                for k in range(_U(LANE_DOUBLES)):
+                    own_lanes[k] = w[_LANES + k]
+    for pose in range(poses):
+        for q in range(8):
+            for lane in range(LANES):
+                low = lanes[pose, (SUMS + q) * LANES + lane]
+                high = lanes[pose, (SUMS + 8 + q) * LANES + lane]
+                lowest[pose, q] = low if low < lowest[pose, q] else lowest[pose, q]
+                highest[pose, q] = high if high > highest[pose, q] else highest[pose, q]
+    return 0, 0, 0
+
+
 @functools.cache
-def run_uncached() -> Callable[..., tuple[int, int]]:
-    """Return `run` compiled for this process only, where no cache can be used."""
-    compiled: Any = run
-    return cast("Callable[..., tuple[int, int]]", _compiled(compiled.py_func))
+def uncached(function: Any) -> Callable[..., tuple[int, ...]]:
+    """Return `run` or `run_poses` compiled for this process only, where no cache can be used."""
+    return cast("Callable[..., tuple[int, ...]]", _compiled(function.py_func))

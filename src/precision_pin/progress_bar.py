@@ -14,7 +14,9 @@ __all__ = ["progress"]
 
 
 @contextmanager
-def progress(total: int, what: str = "sampling", *, delay: float = 0.7) -> Iterator[Callable[[int], None]]:
+def progress(
+    total: int, what: str = "sampling", *, delay: float = 0.7, unit: str = "samples"
+) -> Iterator[Callable[[int], None]]:
     """Show a progress bar while the body of a ``with`` runs; yields what is told of every step.
 
     In a notebook it is a bar below the cell (text where ipywidgets is not installed), on a terminal a line on stderr,
@@ -23,11 +25,13 @@ def progress(total: int, what: str = "sampling", *, delay: float = 0.7) -> Itera
     Parameters
     ----------
     total
-        How many samples there will be.
+        How many steps there will be.
     what
         Stands before the bar.
     delay
         Seconds before it is shown.
+    unit
+        What a step is.
 
     Raises
     ------
@@ -42,10 +46,10 @@ def progress(total: int, what: str = "sampling", *, delay: float = 0.7) -> Itera
         raise InputError(f"the total of a progress bar must be a whole number of zero or more, got {total!r}")
     # tqdm shows nothing where stderr is no terminal; a notebook's is none
     in_kernel = type(sys.stderr).__module__.startswith("ipykernel")
-    with _tqdm()(
+    with _tqdm(in_kernel)(
         total=total,
         desc=what,
-        unit=" samples",
+        unit=f" {unit}",
         unit_scale=True,
         delay=delay,
         leave=False,
@@ -59,8 +63,12 @@ def progress(total: int, what: str = "sampling", *, delay: float = 0.7) -> Itera
         yield advance
 
 
-def _tqdm() -> Any:
+def _tqdm(in_kernel: bool) -> Any:
     """Return tqdm's class for where this runs; that ipywidgets is missing in a notebook is no news."""
+    if not in_kernel:
+        from tqdm import tqdm as plain
+
+        return plain
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         from tqdm.auto import tqdm

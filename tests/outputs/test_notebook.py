@@ -341,6 +341,14 @@ def test_progress_on_a_terminal_comes_and_goes(monkeypatch):
     assert said.split("\r")[-2].strip() == ""  # the last thing written over it is blanks
 
 
+def test_a_bar_says_what_it_counts(monkeypatch):
+    monkeypatch.setattr(sys, "stderr", Terminal())
+    with progress(1000, "writing", delay=0, unit="robots") as advance:
+        advance(1000)
+    assert "robots/s" in sys.stderr.getvalue()
+    assert "samples" not in sys.stderr.getvalue()
+
+
 def test_short_work_shows_no_progress(monkeypatch):
     monkeypatch.setattr(sys, "stderr", Terminal())
     with progress(1000) as advance:

@@ -1,18 +1,21 @@
 """Mean and covariance of the exact error with far fewer samples than plain sampling takes.
 
 Two ways that go together. *Control variate* (Hammersley and Handscomb, Monte Carlo Methods, 1964, chapter 5): mean and
-covariance of the tangent model are known, so only the difference of the exact model from it is sampled, on the same
-random numbers. *Randomised quasi-Monte Carlo* (Owen, 1995): scrambled Sobol points in place of random ones.
+covariance of a polynomial close to the exact error, the tangent and products of two numbers, are known, so only the
+difference of the exact model from it is sampled, on the same random numbers
+(:mod:`precision_pin.analyses.moments_control`). *Randomised quasi-Monte Carlo* (Owen, 1995): scrambled Sobol points in
+place of random ones.
 
-Samples come in 16 independent replicates. With y the exact error less e0, t the tangent's, g = y - t, and a bar the mean
-over a replicate,
+Samples come in 16 independent replicates. With t the polynomial less its mean, y the exact error less that mean,
+g = y - t, C the polynomial's covariance, and a bar the mean over a replicate,
 
-    mean       e0 + average of ḡ
-    covariance J Σ Jᵀ + average of (t gᵀ + g tᵀ + g gᵀ)‾ - average over a ≠ b of (ȳ_a ȳ_bᵀ - t̄_a t̄_bᵀ)
+    mean       mean of the polynomial + average of ḡ
+    covariance C + average of (t gᵀ + g tᵀ + g gᵀ)‾ - average over a ≠ b of (ȳ_a ȳ_bᵀ - t̄_a t̄_bᵀ)
 
-The products of means of *different* replicates make the covariance unbiased for Sobol points too, which depend on one
-another inside a replicate. Without control t is zero. Standard errors are the jackknife's over replicates, intervals
-Student's with 15 degrees of freedom (L'Ecuyer, Nakayama, Owen and Tuffin, Winter Simulation Conference 2023).
+The coefficient of the control is one: it is so close that estimating a better one gains nothing, and one keeps the
+estimate unbiased. The products of means of *different* replicates make the covariance unbiased for Sobol points too, which
+depend on one another inside a replicate. Without control t is zero. Standard errors are the jackknife's over replicates,
+intervals Student's with 15 degrees of freedom (L'Ecuyer, Nakayama, Owen and Tuffin, Winter Simulation Conference 2023).
 """
 
 from __future__ import annotations
@@ -46,7 +49,7 @@ SMALLEST, LARGEST = 6, 20
 """A replicate has 2⁶ to 2²⁰ samples."""
 
 PILOT: Final = 1024
-"""Samples, used for nothing else, that tell how the norms follow the tangent."""
+"""Samples, used for nothing else, that tell how the norms follow the control."""
 
 MOST_NUMBERS: Final = 21_201
 """The most dimensions a Sobol net of scipy has."""
@@ -82,9 +85,10 @@ def moments(
     seed
         64-bit seed. The random samples are units 0, 1, … as in :func:`precision_pin.monte_carlo`.
     method
-        ``"control"``: random samples, the tangent model as control variate. ``"sobol"``: scrambled Sobol points, every law
-        by its inverse. ``"sobol-control"``: both. ``"plain"``: random samples only. ``"closed"``: no samples; Taylor terms
-        up to the fourth order in the spread, see :mod:`precision_pin.analyses.moments_closed`.
+        ``"control"``: random samples, the tangent and the most important products as control variate. ``"sobol"``:
+        scrambled Sobol points, every law by its inverse. ``"sobol-control"``: both. ``"plain"``: random samples only.
+        ``"closed"``: no samples; Taylor terms up to the fourth order in the spread, see
+        :mod:`precision_pin.analyses.moments_closed`.
     confidence
         Of every interval, each by itself.
     progress
@@ -173,7 +177,7 @@ def _at_pose(
 class _Sampled:
     """Means of products over every replicate, and what follows from them.
 
-    The rows multiplied are: 1, the tangent t (6, with control only), g or y (6), the norms less a constant (2).
+    The rows multiplied are: 1, the control t (6, with control only), g or y (6), the norms less a constant (2).
     """
 
     def __init__(
@@ -228,7 +232,7 @@ class _Sampled:
             covariance = covariance + mixed + mixed.T + self._control.covariance
             covariance = covariance - _crossed(tangent + rest) + _crossed(tangent)
             off = _controls(tangent, products[:, 1:7, 1:7] - self._control.covariance)
-            # of both norms: what a replicate's tangent, known to be off its mean, adds to the norm and to its square
+            # of both norms: what a replicate's t and t tᵀ, known to be off their means, add to the norm and to its square
             norms = norms - np.einsum("vc,rvc->rv", self._follows[:, 0], off)
             squares = squares - np.einsum("vc,rvc->rv", self._follows[:, 1], off)
         else:

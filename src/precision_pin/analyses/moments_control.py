@@ -24,7 +24,7 @@ __all__ = ["Control", "thin"]
 Array = NDArray[np.float64]
 
 MOST_PRODUCTS: Final = 512
-"""More cost more time than they save variance."""
+"""Kept at most: 54 numbers have 1,485, of which 200 matter at all."""
 
 MOST_COMPONENTS: Final = 256
 """Of models with more, products are not looked for: their number grows with the square."""

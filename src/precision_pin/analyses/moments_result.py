@@ -34,9 +34,9 @@ Method = Literal["control", "sobol", "sobol-control", "plain", "closed"]
 SCHEMA: Final = "precision-pin/moments/1"
 
 _WORDS: Final[dict[str, str]] = {
-    "control": "random samples, the tangent model as control variate",
+    "control": "random samples, a polynomial as control variate",
     "sobol": "16 scrambles of a Sobol net",
-    "sobol-control": "16 scrambles of a Sobol net, the tangent model as control variate",
+    "sobol-control": "16 scrambles of a Sobol net, a polynomial as control variate",
     "plain": "random samples",
     "closed": "closed form",
 }
@@ -313,5 +313,5 @@ def _cell(entry: _Entry) -> str:
         return "-"
     value, interval = entry
     half = 0.0 if interval is None else (interval[1] - interval[0]) / 2
-    # what is smaller than a femtometre is rounding
-    return plus_minus(1e3 * value, 1e3 * half, decimals=12)
+    # nobody reads digits below a picometre
+    return plus_minus(1e3 * value, 1e3 * half, decimals=9)

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar, final
+from typing import TYPE_CHECKING, Any, Final, TypedDict, TypeVar, final
 
 import click
 
@@ -24,16 +24,24 @@ if TYPE_CHECKING:
     from precision_pin.sheet import Sheet
 
 __all__ = [
+    "ArmOptions",
     "Inputs",
+    "OnePoseOptions",
     "chain_options",
     "chosen_pose",
     "compile_sampler",
     "echo_data",
     "echo_findings",
     "find_inputs",
+    "inputs_argument",
+    "model_option",
+    "one_pose_options",
     "progress_bar",
+    "q_option",
     "read_sheet",
     "require_writable",
+    "seed_option",
+    "spec_option",
     "whole_folder",
     "write_text",
 ]
@@ -59,6 +67,45 @@ def chain_options(command: Command) -> Command:
         click.option("--base", metavar="LINK", help="The link that stands still, in place of the sheet's or the root."),
         click.option("--tip", metavar="FRAME", help="The end-effector, in place of the sheet's or the only leaf."),
     ):
+        command = option(command)
+    return command
+
+
+class ArmOptions(TypedDict):
+    """Of which arm: :data:`inputs_argument`, :data:`q_option` and :func:`chain_options`."""
+
+    inputs: tuple[str, ...]
+    q: str | None
+    tip: str | None
+    base: str | None
+    package_dirs: tuple[str, ...]
+
+
+class OnePoseOptions(ArmOptions):
+    """Of which arm at which pose: :func:`one_pose_options`."""
+
+    pose: str | None
+
+
+inputs_argument: Final = click.argument("inputs", nargs=-1, metavar="[ROBOT.urdf] [SHEET.yaml]")
+q_option: Final = click.option("--q", metavar="VALUES", help="Joint values, as for analyze.")
+seed_option: Final = click.option("--seed", type=int, default=0, show_default=True, metavar="S", help="64-bit seed.")
+model_option: Final = click.option(
+    "--model",
+    type=click.Choice(["exact", "linear"]),
+    default="exact",
+    show_default=True,
+    help="The displaced chain multiplied out, or superposition.",
+)
+spec_option: Final = click.option(
+    "--spec", "specs", multiple=True, metavar='"0.5 mm @ 99.73 %"', help="A limit to keep; repeats."
+)
+
+
+def one_pose_options(command: Command) -> Command:
+    """Add the options of :class:`OnePoseOptions`."""
+    pose = click.option("--pose", metavar="NAME", help="One of the sheet's poses; the first if left out.")
+    for option in (chain_options, q_option, pose, inputs_argument):
         command = option(command)
     return command
 
@@ -233,17 +280,15 @@ def compile_sampler() -> None:
 
 
 @contextmanager
-def progress_bar(total: int, what: str) -> Iterator[Callable[[int], None]]:
-    """Show progress with an estimate on a terminal once a second has passed; yields what takes the steps."""
-    from tqdm import tqdm
+def progress_bar(total: int, what: str, unit: str = "samples") -> Iterator[Callable[[int], None]]:
+    """Show progress on a terminal; yields what takes the steps, each of which an interrupt ends."""
+    from precision_pin.progress_bar import progress
 
-    with tqdm(
-        total=total, desc=what, unit=" samples", unit_scale=True, delay=0.7, file=sys.stderr, leave=False, disable=None
-    ) as bar:
+    with progress(total, what, unit=unit) as step:
 
         def advance(count: int) -> None:
             raise_if_interrupted()
-            bar.update(count)
+            step(count)
 
         yield advance
 

@@ -6,17 +6,19 @@ import csv
 import io
 import os
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, Unpack
 
 import click
 
 from precision_pin.cli.common import (
-    chain_options,
+    OnePoseOptions,
     chosen_pose,
     echo_findings,
+    one_pose_options,
     progress_bar,
     read_sheet,
     require_writable,
+    seed_option,
     whole_folder,
     write_text,
 )
@@ -34,26 +36,12 @@ HEAD: Final = ("unit", "file", "x_m", "y_m", "z_m", "rx_rad", "ry_rad", "rz_rad"
 
 
 @click.command("export")
-@click.argument("inputs", nargs=-1, metavar="[ROBOT.urdf] [SHEET.yaml]")
-@click.option("--pose", metavar="NAME", help="One of the sheet's poses; the first if left out.")
-@click.option("--q", metavar="VALUES", help="Joint values, as for analyze.")
-@chain_options
+@one_pose_options
 @click.option("--units", type=int, default=1, show_default=True, metavar="N", help="How many robots.")
 @click.option("--first", type=int, default=0, show_default=True, metavar="K", help="Number of the first unit.")
-@click.option("--seed", type=int, default=0, show_default=True, metavar="S", help="64-bit seed.")
+@seed_option
 @click.option("--out", required=True, metavar="DIR", help="The folder to write to.")
-def command(
-    inputs: tuple[str, ...],
-    pose: str | None,
-    q: str | None,
-    tip: str | None,
-    base: str | None,
-    package_dirs: tuple[str, ...],
-    units: int,
-    first: int,
-    seed: int,
-    out: str,
-) -> None:
+def command(units: int, first: int, seed: int, out: str, **arm: Unpack[OnePoseOptions]) -> None:
     """Write robots as they may be built, each sampled, as URDF files.
 
     NAME.unit0000.urdf and so on: the robot's own text with other placements in its joints; and units.csv with the error of
@@ -73,9 +61,9 @@ def command(
         raise click.UsageError("--out names no folder")
     folder = Path(out)
     require_writable(folder, folder=True)
-    sheet = read_sheet(inputs, tip, base, package_dirs)
+    sheet = read_sheet(arm["inputs"], arm["tip"], arm["base"], arm["package_dirs"])
     model = ErrorModel.from_sheet(sheet)
-    writer = AsBuilt.prepare(model, chosen_pose(sheet, pose, q), sheet=Path(sheet.file).name)
+    writer = AsBuilt.prepare(model, chosen_pose(sheet, arm["pose"], arm["q"]), sheet=Path(sheet.file).name)
     echo_findings((*writer.at.findings("exact"), *model.statics_findings(writer.at)))
     robot = Path(sheet.chain.robot.file)
     echo_findings((*_added(writer), *_lost_meshes(writer, robot.parent, folder)))
@@ -84,7 +72,7 @@ def command(
     rows = csv.writer(table, lineterminator="\n")
     rows.writerow(HEAD)
     names = []
-    with whole_folder(folder) as stage, progress_bar(units, "writing") as progress:
+    with whole_folder(folder) as stage, progress_bar(units, "writing", "robots") as progress:
         for built in writer.units(seed, first, units):
             names.append(f"{robot.stem}.unit{built.unit:0{digits}d}.urdf")
             (stage / names[-1]).write_bytes(built.text)

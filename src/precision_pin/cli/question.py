@@ -5,16 +5,20 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol, TypedDict, TypeVar, final
+from typing import TYPE_CHECKING, Any, Protocol, TypeVar, final
 
 import click
 
 from precision_pin.cli.common import (
+    ArmOptions,
     chain_options,
     chosen_pose,
     echo_data,
+    inputs_argument,
+    q_option,
     read_sheet,
     require_writable,
+    seed_option,
     whole_folder,
     write_text,
 )
@@ -31,15 +35,10 @@ __all__ = ["Question", "Result", "Shared", "answer", "ask", "question_options"]
 Command = TypeVar("Command", bound=Callable[..., Any])
 
 
-class Shared(TypedDict):
+class Shared(ArmOptions):
     """The options that every analysis command takes."""
 
-    inputs: tuple[str, ...]
     pose_names: tuple[str, ...]
-    q: str | None
-    tip: str | None
-    base: str | None
-    package_dirs: tuple[str, ...]
     seed: int
     json_path: str | None
     out: str | None
@@ -68,7 +67,7 @@ class Question:
     model
         The sheet's error model.
     poses
-        The poses asked for, each as :meth:`ErrorModel.at` takes it.
+        The poses asked for, each as :meth:`precision_pin.model.ErrorModel.at` takes it.
     """
 
     sheet: Sheet
@@ -81,11 +80,11 @@ def question_options(command: Command) -> Command:
     for option in (
         click.option("--out", metavar="DIR", help="Write plots (PNG and SVG) and the result there."),
         click.option("--json", "json_path", metavar="FILE", help="Write the result as JSON; - prints it alone."),
-        click.option("--seed", type=int, default=0, show_default=True, metavar="S", help="64-bit seed."),
+        seed_option,
         chain_options,
-        click.option("--q", metavar="VALUES", help="Joint values, as for analyze."),
+        q_option,
         click.option("--pose", "pose_names", multiple=True, metavar="NAME", help="One of the sheet's poses; repeats."),
-        click.argument("inputs", nargs=-1, metavar="[ROBOT.urdf] [SHEET.yaml]"),
+        inputs_argument,
     ):
         command = option(command)
     return command

@@ -6,18 +6,22 @@ import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal, final
+from typing import TYPE_CHECKING, Literal, Unpack, final
 
 import click
 
 from precision_pin.cli import EXIT_SPEC
 from precision_pin.cli.common import (
-    chain_options,
+    OnePoseOptions,
     chosen_pose,
     compile_sampler,
+    model_option,
+    one_pose_options,
     progress_bar,
     read_sheet,
     require_writable,
+    seed_option,
+    spec_option,
     write_text,
 )
 from precision_pin.cli.interrupts import raise_if_interrupted
@@ -29,33 +33,19 @@ __all__ = ["command"]
 
 
 @click.command("report")
-@click.argument("inputs", nargs=-1, metavar="[ROBOT.urdf] [SHEET.yaml]")
-@click.option("--pose", metavar="NAME", help="One of the sheet's poses; the first if left out.")
-@click.option("--q", metavar="VALUES", help="Joint values, as for analyze.")
-@chain_options
+@one_pose_options
 @click.option("--samples", type=int, default=100_000, show_default=True, metavar="N", help="How many built robots.")
-@click.option("--seed", type=int, default=0, show_default=True, metavar="S", help="64-bit seed.")
-@click.option(
-    "--model",
-    type=click.Choice(["exact", "linear"]),
-    default="exact",
-    show_default=True,
-    help="The displaced chain multiplied out, or superposition.",
-)
-@click.option("--spec", "specs", multiple=True, metavar='"0.5 mm @ 99.73 %"', help="A limit to keep; repeats.")
+@seed_option
+@model_option
+@spec_option
 @click.option("--out", required=True, metavar="FILE.html", help="The page to write.")
 def command(
-    inputs: tuple[str, ...],
-    pose: str | None,
-    q: str | None,
-    tip: str | None,
-    base: str | None,
-    package_dirs: tuple[str, ...],
     samples: int,
     seed: int,
     model: Literal["exact", "linear"],
     specs: tuple[str, ...],
     out: str,
+    **arm: Unpack[OnePoseOptions],
 ) -> int:
     """Write one self-contained page about one pose: verdict, distributions, budget, worst case, exact law, 3-D view.
 
@@ -72,13 +62,15 @@ def command(
         raise click.UsageError("--out names no file")
     target = Path(out)
     require_writable(target)
-    sheet = read_sheet(inputs, tip, base, package_dirs)
-    where = chosen_pose(sheet, pose, q)
+    package_dirs = arm["package_dirs"]
+    sheet = read_sheet(arm["inputs"], arm["tip"], arm["base"], package_dirs)
+    where = chosen_pose(sheet, arm["pose"], arm["q"])
     compile_sampler()
 
     from precision_pin.outputs.report import STEPS, collect, page
 
-    options: dict[str, tuple[str | None, ...]] = {"--pose": (pose,), "--q": (q,), "--tip": (tip,), "--base": (base,)}
+    options: dict[str, tuple[str | None, ...]] = {"--pose": (arm["pose"],), "--q": (arm["q"],)}
+    options |= {"--tip": (arm["tip"],), "--base": (arm["base"],)}
     options |= {"--package-dir": tuple(map(_name, package_dirs)), "--samples": (str(samples),), "--seed": (str(seed),)}
     options |= {"--model": (model,), "--spec": specs, "--out": ("report.html",)}
     given = [
@@ -92,7 +84,7 @@ def command(
         seed=seed,
         model=model,
         specifications=specifications,
-        command=["precision-pin", "report", *map(_name, inputs), *given],
+        command=["precision-pin", "report", *map(_name, arm["inputs"]), *given],
         package_dirs=package_dirs,
         step=step,
     )

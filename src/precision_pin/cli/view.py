@@ -6,18 +6,23 @@ from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, final
+from typing import TYPE_CHECKING, Any, Literal, Unpack, final
 
 import click
 
 from precision_pin.cli.common import (
+    ArmOptions,
     chain_options,
     chosen_pose,
     compile_sampler,
     echo_findings,
+    inputs_argument,
+    model_option,
     progress_bar,
+    q_option,
     read_sheet,
     require_writable,
+    seed_option,
 )
 from precision_pin.cli.interrupts import raise_if_interrupted
 from precision_pin.errors import Finding, InputError
@@ -37,7 +42,7 @@ CHUNK = 2**14
 
 
 @click.command("view")
-@click.argument("inputs", nargs=-1, metavar="[ROBOT.urdf] [SHEET.yaml]")
+@inputs_argument
 @click.option(
     "--pose",
     "pose_names",
@@ -46,33 +51,22 @@ CHUNK = 2**14
     help="One of the sheet's poses, the first if left out; repeats.",
 )
 @click.option("--all-poses", is_flag=True, help="All of the sheet's poses.")
-@click.option("--q", metavar="VALUES", help="Joint values, as for analyze.")
+@q_option
 @click.option(
     "--trajectory", metavar="FILE.csv", help="Poses: a row of joint names, rows of rad or m; first column t (s)."
 )
 @chain_options
 @click.option("--samples", type=int, default=5_000, show_default=True, metavar="N", help="How many to show at a pose.")
-@click.option("--seed", type=int, default=0, show_default=True, metavar="S", help="64-bit seed.")
-@click.option(
-    "--model",
-    type=click.Choice(["exact", "linear"]),
-    default="exact",
-    show_default=True,
-    help="The displaced chain multiplied out, or superposition.",
-)
+@seed_option
+@model_option
 @click.option("--factor", type=float, metavar="K", help="Exaggeration at first; chosen to be seen if left out.")
 @click.option("--out", metavar="PAGE.html", help="The page to write; served to this machine's browser if left out.")
 @click.option("--port", type=int, metavar="P", help="Where to serve it; any free port if left out.")
 @click.option("--no-browser", is_flag=True, help="Serve it, but open no browser.")
 def command(
-    inputs: tuple[str, ...],
     pose_names: tuple[str, ...],
     all_poses: bool,
-    q: str | None,
     trajectory: str | None,
-    tip: str | None,
-    base: str | None,
-    package_dirs: tuple[str, ...],
     samples: int,
     seed: int,
     model: Literal["exact", "linear"],
@@ -80,6 +74,7 @@ def command(
     out: str | None,
     port: int | None,
     no_browser: bool,
+    **arm: Unpack[ArmOptions],
 ) -> None:
     """Show the arm and its sampled errors in 3-D, in a page that needs no network.
 
@@ -94,7 +89,12 @@ def command(
     check_seed(seed)
     if samples > MOST_POINTS:
         raise InputError(f"--samples {samples} is more than a page can show; at most {MOST_POINTS}")
-    chosen = {"--pose": bool(pose_names), "--all-poses": all_poses, "--q": q is not None, "--trajectory": trajectory}
+    chosen = {
+        "--pose": bool(pose_names),
+        "--all-poses": all_poses,
+        "--q": arm["q"] is not None,
+        "--trajectory": trajectory,
+    }
     given = [option for option, is_given in chosen.items() if is_given]
     if len(given) > 1:
         raise InputError([Finding("error", "E_USAGE", f"{given[0]} and {given[1]} exclude each other")])
@@ -105,16 +105,16 @@ def command(
         require_writable(Path(out))
 
     def read() -> Sheet:
-        return read_sheet(inputs, tip, base, package_dirs)
+        return read_sheet(arm["inputs"], arm["tip"], arm["base"], arm["package_dirs"])
 
     def page_of(sheet: Sheet) -> str:
         return page(
-            _sampled(_poses(sheet, pose_names, all_poses, q, trajectory), sheet, samples, seed, model),
+            _sampled(_poses(sheet, pose_names, all_poses, arm["q"], trajectory), sheet, samples, seed, model),
             title=f"{sheet.chain.robot.name}: {sheet.chain.base} to {sheet.chain.tip}",
             seed=seed,
             model_name=model,
             factor=factor,
-            package_dirs=package_dirs,
+            package_dirs=arm["package_dirs"],
             points=samples,
         )
 
@@ -131,7 +131,7 @@ def command(
 @final
 @dataclass(frozen=True)
 class _Pose:
-    """A pose asked for, as :meth:`ErrorModel.at` takes it, and its name."""
+    """A pose asked for, as :meth:`precision_pin.model.ErrorModel.at` takes it, and its name."""
 
     where: str | NDArray[np.float64] | None
     name: str | None

@@ -108,7 +108,7 @@ class AsBuilt:
         model
             Its robot's file is read again.
         q
-            The export pose, as in :meth:`ErrorModel.configuration`.
+            The export pose, as in :meth:`precision_pin.model.ErrorModel.configuration`.
         sheet
             What to call the sheet in the files.
 

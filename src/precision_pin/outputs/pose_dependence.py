@@ -65,7 +65,7 @@ def _components(expression: Expression) -> Iterator[str]:
 
 
 def _laden(model: ErrorModel, q: Array) -> Posture:
-    """Return a posture with what the sources hang on it, as :meth:`ErrorModel.at` does before any statics."""
+    """Return a posture with what the sources hang on it, as :meth:`precision_pin.model.ErrorModel.at` does before any statics."""
     bare = model.chain.at(q)
     pairs = [
         (source, LabelledSpace(model.space, label)) for source, label in zip(model.sources, model.labels, strict=True)

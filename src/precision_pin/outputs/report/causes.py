@@ -61,7 +61,7 @@ def _draws(pose: PoseBudget, vector: str) -> Html:
         change = draw.halved.change[norm]
         return [milli(draw.halved.std[vector], 5), plus_minus(1e3 * change.value, 1e3 * change.half_width, decimals=3)]
 
-    rows = [[shown(cell) for cell in row] for row in draw_rows(pose, vector, _LISTED, halved, 2)]
+    rows = [[name, scope, *map(shown, cells)] for name, scope, *cells in draw_rows(pose, vector, _LISTED, halved, 2)]
     header = [
         "draw",
         "drawn per",

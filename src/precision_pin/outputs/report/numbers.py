@@ -10,15 +10,7 @@ from precision_pin.outputs import text
 from precision_pin.statistics import Distribution
 from precision_pin.tabular import ROUNDING
 
-__all__ = [
-    "MISSING",
-    "bracketed",
-    "milli_interval",
-    "outward",
-    "percent",
-    "shown",
-    "statistic",
-]
+__all__ = ["MISSING", "bracketed", "milli_interval", "outward", "percent", "shown", "statistic"]
 
 MISSING: Final = "–"
 _DIGITS: Final = 5

@@ -1,0 +1,276 @@
+"""Many poses at once: the bits of one pose at a time, the closed form between poses, and the small sketch."""
+
+from __future__ import annotations
+
+from dataclasses import fields, replace
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from kernel.kernel_cases import EVERY_LAW, pose_model, random_frame, random_table
+from precision_pin import kernel, kernel_loops, kernel_poses
+from precision_pin.correlation import Correlation
+from precision_pin.errors import InputError
+from precision_pin.kernel import BLOCK, Blocks
+from precision_pin.kernel_joined import JoinedTables
+from precision_pin.laws import Circle, Empirical, Fixed, Normal, Rows, Uniform
+from precision_pin.model import PoseModel
+from precision_pin.parameters import Component, Program
+from precision_pin.space import Draw, Scope, Space
+from precision_pin.statistics import Plan, Specification
+from precision_pin.table import TermTable
+
+SPECIFICATIONS = (
+    Specification("position.norm", 5e-3, 0.5),
+    Specification("attitude.y", 2e-3, 0.5),
+    Specification("position.x", 3e-3, 0.5),
+    Specification("attitude.norm", 5e-3, 0.5),
+)
+
+
+def at_poses(seed: int, poses: int, **shape: Any) -> list[PoseModel]:
+    """Return a random table at random poses; at every third one some terms vanish."""
+    first = random_table(seed, **shape)
+    return moved(first, seed, poses)
+
+
+def moved(first: PoseModel, seed: int, poses: int) -> list[PoseModel]:
+    rng = np.random.default_rng(seed)
+    found = []
+    for pose in range(poses):
+        twists = first.table.twists * rng.uniform(0.5, 1.5, first.table.twists.shape)
+        if pose % 3 == 2:
+            twists[rng.random(twists.shape) < 0.5] = 0.0
+        frames = [random_frame(rng) for _ in first.table.targets]
+        table = replace(first.table, pose=random_frame(rng), frames=np.array(frames).reshape(-1, 4, 4), twists=twists)
+        found.append(pose_model(first.space, table))
+    return found
+
+
+def planned(models: list[PoseModel]) -> list[Plan]:
+    return [Plan.from_moments(at.error_at_means, at.covariance, SPECIFICATIONS) for at in models]
+
+
+def assert_same_bits(found: Blocks, expected: Blocks) -> None:
+    for field in fields(Blocks):
+        if field.name != "errors":
+            np.testing.assert_array_equal(getattr(found, field.name), getattr(expected, field.name), err_msg=field.name)
+
+
+def assert_as_one_at_a_time(
+    models: list[PoseModel], model: Any, samples: int, *, pose: int = 0, visit: int = 0
+) -> None:
+    """Compare both ways of observing many poses with one pose after another."""
+    layouts, plans = kernel.compile_tables(models), planned(models)
+    blocks = -(-samples // BLOCK)
+    units: dict[str, Any] = {"samples": samples, "first_pose": pose, "visit": visit}
+    tables = JoinedTables.of(layouts)
+    found = kernel_poses.observe_poses(tables, plans, model, 7, 0, blocks, **units)
+    norms = kernel_poses.observe_norms(tables, plans, model, 7, 0, blocks, **units)
+    edges = kernel_poses.norm_edges()
+    assert norms.count == samples
+    for p, (at, plan) in enumerate(zip(models, plans, strict=True)):
+        alone = kernel.compile_table(at)
+        expected = kernel.observe_blocks(
+            alone, plan, model, 7, 0, blocks, samples=samples, keep_errors=True, pose=pose + p, visit=visit
+        )
+        assert_same_bits(found[p], expected)
+        np.testing.assert_array_equal(norms.inside[p], expected.inside)
+        np.testing.assert_array_equal(norms.lowest[p], expected.lowest[[0, 4]])
+        np.testing.assert_array_equal(norms.highest[p], expected.highest[[0, 4]])
+        # the same numbers in another order: a bound on the rounding of a sum of at most 16,384 in lanes
+        size = np.concatenate([np.abs(plan.centre), np.repeat(1.0, 23)]) + np.abs(expected.highest).max()
+        assert (np.abs(norms.sums[p] - expected.sums) <= 1e-12 * BLOCK * size).all()
+        for part, row in enumerate((0, 4)):
+            vectors = expected.errors[3 * part : 3 * part + 3]
+            length = np.sqrt((vectors * vectors).sum(axis=0))
+            counts = np.histogram((length - plan.centre[row]) / plan.scale[row], edges)[0]
+            np.testing.assert_array_equal(norms.sketch[p, part], counts)
+
+
+@pytest.mark.parametrize("model", ["exact", "linear"])
+@pytest.mark.parametrize(("poses", "samples"), [(1, 300), (3, 1), (5, BLOCK + 333), (7, 2048), (11, 255)])
+def test_all_scopes_formulas_and_products_have_the_bits_of_one_pose_at_a_time(model, poses: int, samples: int) -> None:
+    models = at_poses(3, poses, targets=4, terms=25, shift=1e-3, turn=1e-3)
+    assert {draw.scope for draw in EVERY_LAW.draws} == set(Scope)
+    assert_as_one_at_a_time(models, model, samples, pose=2, visit=1)
+
+
+@pytest.mark.parametrize("turn", [0.02, 0.08, 0.2])
+def test_wide_angles(turn: float) -> None:
+    models = at_poses(12, 4, targets=3, terms=6, shift=1e-2, turn=turn)
+    layouts = kernel.compile_tables(models)
+    assert any(layout.motions.wide.any() for layout in layouts)
+    assert_as_one_at_a_time(models, "exact", 700)
+
+
+def test_a_turn_of_nearly_half_a_turn_at_one_pose_of_many() -> None:
+    space = Space((Draw("a", Uniform(1.0)), Draw("b", Uniform(1.0), Scope.POSE)))
+    rng = np.random.default_rng(4)
+    models = []
+    for reach in (1e-3, 3.0, 0.2):
+        axis = Rotation.random(random_state=rng).as_matrix()[0]
+        twists = np.zeros((2, 6))
+        twists[:, 3:] = [reach * axis, 1e-3 * axis]
+        table = TermTable(
+            pose=random_frame(rng),
+            targets=(None, None),  # type: ignore[arg-type]
+            frames=np.array([random_frame(rng), random_frame(rng)]),
+            program=PROGRAM,
+            target=TARGET,
+            twists=twists,
+            factors=FACTORS,
+        )
+        models.append(pose_model(space, table))
+    assert_as_one_at_a_time(models, "exact", 1000)
+    layouts = kernel.compile_tables(models)
+    errors = kernel.errors(layouts[1], "exact", 0, 0, 4000, pose=1)
+    assert np.linalg.norm(errors[3:], axis=0).max() > 2.9
+
+
+PROGRAM = Program.compile([Component("a"), Component("b")], {"a": 0, "b": 1})
+TARGET = np.array([0, 1])
+FACTORS = np.array([[0, -1, -1], [1, -1, -1]])
+
+
+def test_laws_of_every_kind_are_split_by_scope() -> None:
+    laws = {
+        "empirical": Empirical(((0.0, 0.9), (0.5, 1.0), (1.0, 1.4))),
+        "rows": Rows(((1.0, 0.2), (0.5, -0.1), (0.3, 0.7))),
+        "circle": Circle(0.5),
+        "normal": Normal(0.3),
+        "other": Normal(0.6),
+        "uniform": Uniform(0.5),
+        "fixed": Fixed(0.5),
+    }
+    draws = tuple(
+        Draw(f"{name}.{scope.value}", law, scope) for name, law in laws.items() for scope in (Scope.UNIT, Scope.VISIT)
+    )
+    matrix = ((1.0, 0.6), (0.6, 1.0))
+    groups = [tuple(f"{name}.{scope}" for name in ("other", "uniform")) for scope in ("visit", "unit")]
+    space = Space(draws, tuple(Correlation(names, matrix) for names in groups))
+    rng = np.random.default_rng(8)
+    count = space.size
+    table = TermTable(
+        pose=np.eye(4),
+        targets=(None,) * 3,  # type: ignore[arg-type]
+        frames=np.array([random_frame(rng) for _ in range(3)]),
+        program=Program.compile([Component(name) for name in space.components], space.index),
+        target=np.arange(count) % 3,
+        twists=1e-3 * rng.normal(size=(count, 6)),
+        factors=np.array([[k, -1, -1] for k in range(count)]),
+    )
+    assert_as_one_at_a_time(moved(pose_model(space, table), 1, 4), "exact", 600, pose=5, visit=3)
+
+
+def test_poses_laid_out_together_are_those_laid_out_alone() -> None:
+    models = at_poses(5, 8, targets=5, terms=30, shift=1e-3, turn=1e-2)
+    for at, together in zip(models, kernel.compile_tables(models), strict=True):
+        alone = kernel.compile_table(at)
+        assert together.largest_angle == alone.largest_angle
+        assert together.rows == alone.rows
+        for one, other in zip(
+            (*together.superposition, *together.motions), (*alone.superposition, *alone.motions), strict=True
+        ):
+            np.testing.assert_array_equal(one, other)
+    assert kernel.compile_tables([]) == []
+
+
+def test_poses_laid_out_alone_can_be_joined() -> None:
+    models = at_poses(6, 3, targets=2, terms=9, shift=1e-3, turn=1e-3)
+    plans = planned(models)
+    alone = kernel_poses.observe_poses([kernel.compile_table(at) for at in models], plans, "exact", 0, 0, 1, samples=90)
+    together = kernel_poses.observe_poses(kernel.compile_tables(models), plans, "exact", 0, 0, 1, samples=90)
+    for one, other in zip(alone, together, strict=True):
+        assert_same_bits(one, other)
+
+
+def test_a_block_depends_on_nothing_but_its_number() -> None:
+    models = at_poses(9, 3, targets=3, terms=9, shift=1e-3, turn=1e-3)
+    layouts, plans = kernel.compile_tables(models), planned(models)
+    both = kernel_poses.observe_norms(layouts, plans, "exact", 5, 2, 2)
+    second = kernel_poses.observe_norms(layouts[1:], plans[1:], "exact", 5, 3, 1, first_pose=1)
+    np.testing.assert_array_equal(both.sums[1:, 1], second.sums[:, 0])
+
+
+def test_one_compilation_serves_every_table() -> None:
+    for seed in range(3):
+        models = at_poses(seed, seed + 1, targets=seed, terms=3 * seed, shift=0.0, turn=1e-3)
+        kernel_poses.observe_norms(kernel.compile_tables(models), planned(models), "exact", 0, 0, 1, samples=9)
+        plans = [Plan(np.zeros(8), np.ones(8))] * len(models)
+        kernel_poses.observe_poses(
+            kernel.compile_tables(models), plans, "linear", np.int64(1), np.uint8(0), np.int32(1), samples=np.int64(3)
+        )
+    if not kernel_loops.INTERPRETED:
+        assert len(kernel_loops.run_poses.signatures) == 1
+
+
+def test_the_small_sketch_is_as_fine_as_it_says() -> None:
+    edges = kernel_poses.norm_edges()
+    assert edges.shape == (kernel_loops.NORM_COLUMNS + 1,)
+    assert edges[0] == -np.inf
+    assert edges[-1] == np.inf
+    np.testing.assert_array_equal(edges, -edges[::-1])
+    widths, inner = np.diff(edges[1:-1]), edges[1:-1]
+    nearest = np.minimum(np.abs(inner[:-1]), np.abs(inner[1:]))
+    assert (widths <= np.maximum(1 / 16, nearest / 32)).all()
+    assert inner[-1] >= 15.5
+    assert 2 * 4 * kernel_loops.NORM_COLUMNS + 8 * kernel_loops.LANE_DOUBLES < 10_240
+
+
+def test_wrong_inputs_are_told_in_a_line() -> None:
+    models = at_poses(3, 2, targets=2, terms=9, shift=1e-3, turn=1e-3)
+    layouts, plans = kernel.compile_tables(models), planned(models)
+    other = kernel.compile_tables(at_poses(4, 1, targets=3, terms=9, shift=1e-3, turn=1e-3))
+    observe = kernel_poses.observe_norms
+    with pytest.raises(InputError, match="no poses to sample"):
+        observe([], [], "exact", 0, 0, 1)
+    with pytest.raises(InputError, match="2 poses and 1 plans"):
+        observe(layouts, plans[:1], "exact", 0, 0, 1)
+    with pytest.raises(InputError, match="must be of one model"):
+        observe([*layouts, *other], [*plans, plans[0]], "exact", 0, 0, 1)
+    with pytest.raises(InputError, match="different specifications"):
+        observe(layouts, [plans[0], replace(plans[1], specifications=())], "exact", 0, 0, 1)
+    with pytest.raises(InputError, match="model must be exact or linear"):
+        observe(layouts, plans, "cubic", 0, 0, 1)  # type: ignore[arg-type]
+    with pytest.raises(InputError, match="the seed must be"):
+        observe(layouts, plans, "exact", -1, 0, 1)
+    with pytest.raises(InputError, match="none beyond the last sample"):
+        observe(layouts, plans, "exact", 0, 1, 1, samples=10)
+    with pytest.raises(InputError, match="pose 1048575 or visit 0 is out of range"):
+        observe(layouts, plans, "exact", 0, 0, 1, first_pose=2**20 - 2)
+
+
+@pytest.mark.parametrize("scope", [Scope.UNIT, Scope.VISIT])
+def test_what_cannot_be_computed_is_told_with_pose_and_sample(scope: Scope) -> None:
+    space = Space((Draw("a", Uniform(1.0), scope), Draw("b", Uniform(1.0))))
+    plans = [Plan(np.zeros(8), np.ones(8))] * 2
+
+    def layouts(reach: float, formula: Any = None) -> list[kernel.CompiledTable]:
+        twists = np.zeros((2, 6))
+        program = PROGRAM if formula is None else Program.compile([formula, Component("b")], space.index)
+        models = []
+        for size in (1e-3, reach):
+            twists = np.zeros((2, 6))
+            twists[0, 5] = size
+            table = TermTable(np.eye(4), (None, None), np.array([np.eye(4)] * 2), program, TARGET, twists, FACTORS)  # type: ignore[arg-type]
+            models.append(pose_model(space, table))
+        return kernel.compile_tables(models)
+
+    turning = layouts(4.0)
+    x = space.sample(0, 0, 1000, pose=1)[0]
+    first = int(np.flatnonzero(np.abs(4.0 * x) >= np.pi)[0])
+    for observe in (kernel_poses.observe_norms, kernel_poses.observe_poses):
+        with pytest.raises(InputError, match=r"pose 1, sample \d+: an error turns a place by half a turn") as caught:
+            observe(turning, plans, "exact", 0, 0, 1, samples=1000)
+        told = int(str(caught.value).split("sample ")[1].split(":")[0])
+        assert abs(4.0 * x[told]) >= np.pi
+        assert first // 256 == told // 256
+        with pytest.raises(InputError, match=r"pose 0, sample 0: a parameter's formula fails"):
+            observe(layouts(1e-3, 1 / (Component("a") * 0.0)), plans, "exact", 0, 0, 1, samples=300)
+        with pytest.raises(InputError, match=r"pose 1, sample \d+: the error is not a finite number"):
+            observe(layouts(1e200), plans, "linear", 0, 0, 1, samples=300)
+    # beyond the last sample nothing is refused
+    assert kernel_poses.observe_norms(turning, plans, "exact", 0, 0, 1, samples=first or 1).count == (first or 1)
