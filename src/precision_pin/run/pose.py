@@ -170,7 +170,7 @@ def monte_carlo(
         sliding_joints=tuple(joint.name for joint in chain.joints if joint.kind == "prismatic"),
         correlations=Correlated.all_of(at.space),
         summary=summary,
-        makers=_makers(at, int(seed), summary),
+        makers=_makers(work.layout, int(seed), summary),
         until=tuple(Until(text, one) for text, one in zip(until, precisions, strict=True)),
         warnings=tuple(str(finding) for finding in warnings),
         errors=sampling.errors,
@@ -216,11 +216,11 @@ def _missed(text: str, found: Precision, samples: int) -> Finding:
     return Finding("warning", "W_UNTIL", f"{samples:,} samples do not give {text}{about}")
 
 
-def _makers(at: PoseModel, seed: int, summary: Summary) -> dict[int, dict[str, float]]:
+def _makers(layout: kernel.CompiledTable, seed: int, summary: Summary) -> dict[int, dict[str, float]]:
     """Return the parameters of the units that made the largest errors."""
     units = sorted({one.sample for one in (*summary.largest_position, *summary.largest_attitude)})
-    names = at.space.components
-    return {unit: dict(zip(names, at.space.sample(seed, unit, 1)[:, 0].tolist(), strict=True)) for unit in units}
+    names = layout.space.components
+    return {unit: dict(zip(names, kernel.sample(layout, seed, unit, 1)[:, 0].tolist(), strict=True)) for unit in units}
 
 
 def _planned(
