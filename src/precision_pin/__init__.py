@@ -36,10 +36,12 @@ if TYPE_CHECKING:
     from precision_pin.laws import TwoPoint as TwoPoint
     from precision_pin.laws import Uniform as Uniform
     from precision_pin.model import ErrorModel as ErrorModel
+    from precision_pin.poses_result import PosesResult as PosesResult
     from precision_pin.postures import Postures as Postures
     from precision_pin.progress_bar import progress as progress
     from precision_pin.result import Analysis as Analysis
     from precision_pin.run import monte_carlo as monte_carlo
+    from precision_pin.run_poses import sample_poses as sample_poses
     from precision_pin.space import Draw as Draw
     from precision_pin.space import Scope as Scope
     from precision_pin.space import Space as Space
@@ -63,6 +65,7 @@ _HOMES: Final = {
     "Lognormal": "laws",
     "Normal": "laws",
     "Posture": "chain",
+    "PosesResult": "poses_result",
     "Postures": "postures",
     "PrecisionPinError": "errors",
     "Rows": "laws",
@@ -80,6 +83,7 @@ _HOMES: Final = {
     "monte_carlo": "run",
     "progress": "progress_bar",
     "reliability": "analyses.reliability",
+    "sample_poses": "run_poses",
     "specification": "specifications",
     "worst_case": "analyses.worst_case",
 }

@@ -182,7 +182,8 @@ def _tasks(error_model: ErrorModel, values: Array, work: _Work) -> Iterator[tupl
             # formulas may be others at another pose; nearly always they are not
             alike = next((k for k, other in enumerate(layouts) if not is_alike(layouts[0], other)), len(layouts))
             group = _Group.planned(JoinedTables.of(layouts[:alike]), first_pose, work)
-            size = max(1, _TASK // alike)
+            # so many tasks that a single group occupies all threads
+            size = min(max(1, _TASK // alike), -(-blocks // 16))
             for first_block in range(0, blocks, size):
                 yield group, first_block, min(size, blocks - first_block)
             first_pose += alike
