@@ -303,12 +303,14 @@ class Counting(NamedTuple):
 
 def _compiled(function: Compiled) -> Compiled:
     """Compile with plain IEEE arithmetic; a division by zero gives infinity, as in numpy."""
-    return cast("Compiled", numba.njit(error_model="numpy", nogil=True)(function))
+    return cast("Compiled", numba.njit(error_model="numpy", nogil=True, no_cfunc_wrapper=True)(function))
 
 
 def _contracted(function: Compiled) -> Compiled:
     """Compile allowing fused multiply-add, and no other liberty: infinities and NaN stay what they are."""
-    return cast("Compiled", numba.njit(error_model="numpy", nogil=True, fastmath={"contract"})(function))
+    return cast(
+        "Compiled", numba.njit(error_model="numpy", nogil=True, fastmath={"contract"}, no_cfunc_wrapper=True)(function)
+    )
 
 
 def _cached(function: Compiled) -> Compiled:

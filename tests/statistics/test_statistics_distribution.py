@@ -169,7 +169,16 @@ def test_dictionary_has_exactly_the_keys_of_the_schema() -> None:
     for vector in ("position", "attitude"):
         assert list(read[vector]) == ["norm", "x", "y", "z"]
         for part, entry in read[vector].items():
-            assert list(entry) == ["mean", "std", "min", "max", "mode", "quantiles", "quantile_interval", "quantile_error"]
+            assert list(entry) == [
+                "mean",
+                "std",
+                "min",
+                "max",
+                "mode",
+                "quantiles",
+                "quantile_interval",
+                "quantile_error",
+            ]
             common = ["0.5", "0.95", "0.99", "0.9973"]
             assert list(entry["quantiles"]) == (common if part == "norm" else ["0.00135", "0.01", "0.05", *common])
             assert list(entry["quantile_interval"]) == list(entry["quantiles"])
