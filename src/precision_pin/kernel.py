@@ -8,26 +8,19 @@ Units come in *blocks* of `BLOCK`, part of the format: each block has sums of it
 the seed and the block's number only. Added up in block order (`Blocks.added_to`) they give the same bits however the
 blocks were spread over calls, threads or machines of one type, and the bits of
 :func:`precision_pin.statistics.observe`.
-
-The compiled code is kept in numba's cache on disk. Known troubles with it: a file cut short (a full disk, a killed
-process), a directory that cannot be written, a disk that fills while the code is saved. None of them may keep a
-sample from being drawn.
 """
 
 from __future__ import annotations
 
-import pickle
-from collections.abc import Callable, Sequence
-from contextlib import suppress
+from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, Literal, final
+from typing import TYPE_CHECKING, Final, Literal, final
 
 import numpy as np
-from numba.core.registry import cpu_target
 from numpy.typing import ArrayLike, NDArray
 
 from precision_pin import kernel_loops
+from precision_pin.compiled import call, is_kept
 from precision_pin.errors import InputError
 from precision_pin.kernel_layout import CompiledTable, lay_out, lay_out_many
 from precision_pin.kernel_loops import (
@@ -36,14 +29,12 @@ from precision_pin.kernel_loops import (
     DRAW,
     EXACT,
     FORMULA,
-    INTERPRETED,
     LINEAR,
     NOT_FINITE,
     STRIDE,
     SUMS,
     Counting,
     Motions,
-    uncached,
 )
 from precision_pin.parameters import Program
 from precision_pin.space import Space, check_seed
@@ -59,7 +50,6 @@ __all__ = [
     "Blocks",
     "CompiledTable",
     "accumulate",
-    "call_compiled",
     "check_blocks",
     "compile_table",
     "compile_tables",
@@ -347,16 +337,7 @@ def accumulate(
 
 def is_compiled() -> bool:
     """Return whether the loops are compiled, in this process or in numba's cache, as far as can be told."""
-    function: Any = kernel_loops.run
-    if INTERPRETED or function.signatures or function in _uncached:
-        return True
-    try:
-        # numba has no public way to ask; the index reads as empty if it is of another version or source
-        keys = function._cache._cache_file._load_index()
-        processor = cpu_target.target_context.codegen().magic_tuple()
-        return any(processor in key for key in keys)
-    except _TROUBLES:
-        return False
+    return is_kept(kernel_loops.run)
 
 
 def warm_up() -> None:
@@ -465,53 +446,6 @@ def _run(
         np.zeros((2, LARGEST)) if into is None else into.largest,
         np.zeros((2, LARGEST), dtype=np.int64) if into is None else into.largest_units,
     )
-    reason, where = call_compiled(kernel_loops.run, arguments)
+    reason, where = map(int, call(kernel_loops.run, arguments))
     if reason:
         raise InputError(f"sample {units.first + where}: {REASONS[reason]}")
-
-
-_TROUBLES: Final = (
-    pickle.UnpicklingError,
-    OSError,
-    EOFError,
-    ValueError,
-    TypeError,
-    LookupError,
-    ImportError,
-    AttributeError,
-    RuntimeError,
-)
-"""What unpickling a damaged file, or reading or writing one, raises."""
-
-
-def call_compiled(function: Any, arguments: tuple[Any, ...]) -> tuple[int, ...]:
-    """Return what an outermost function of :mod:`precision_pin.kernel_loops` returns, compiled or loaded when first called.
-
-    A cache that cannot be used is deleted; if that does not help, the loops are compiled for this process alone.
-    All of this happens before anything is computed, so that calling again is safe.
-    """
-    if INTERPRETED:
-        with np.errstate(all="ignore"):
-            return _result(function, arguments)
-    if function not in _uncached:
-        for remedy in (_delete_cache, _uncached.add):
-            try:
-                return _result(function, arguments)
-            except _TROUBLES:
-                remedy(function)
-    return _result(uncached(function), arguments)
-
-
-_uncached: Final[set[Any]] = set()
-"""The functions of which no cache could be used in this process."""
-
-
-def _result(function: Callable[..., tuple[int, ...]], arguments: tuple[Any, ...]) -> tuple[int, ...]:
-    return tuple(int(number) for number in function(*arguments))
-
-
-def _delete_cache(function: Any) -> None:
-    if function.stats.cache_path is not None:
-        for path in Path(function.stats.cache_path).glob(f"kernel_loops.{function.py_func.__name__}-*"):
-            with suppress(OSError):
-                path.unlink()

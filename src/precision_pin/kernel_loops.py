@@ -9,7 +9,7 @@ doubles apart and are named by the offset of their first element, an unsigned in
 for negative indices, which keeps LLVM from vectorising). Sampled tiles hold the even units first, then the odd ones,
 as Philox and Box-Muller give them; they are put in order only where a result leaves the tile.
 
-Floating-point contraction (fused multiply-add) is allowed in what is marked `_contracted` only: logarithms, normal
+Floating-point contraction (fused multiply-add) is allowed in what is marked `contracted` only: logarithms, normal
 numbers, discs' directions, displacements. All else, uniform numbers and sums included, is plain IEEE arithmetic in a
 written order. No mathematical library is called but for powers, sines and cosines in derived formulas. So bits are the
 same on machines of one type, and numbers within rounding on others.
@@ -17,15 +17,15 @@ same on machines of one type, and numbers within rounding on others.
 
 from __future__ import annotations
 
-import functools
 import math
-from collections.abc import Callable
-from typing import Any, Final, NamedTuple, TypeVar, cast
+from typing import Any, Final, NamedTuple
 
 import numba
 import numpy as np
 from numba.extending import intrinsic
 from numpy.typing import NDArray
+
+from precision_pin.compiled import INTERPRETED, contracted, kept, plain
 
 __all__ = [
     "ANGLE",
@@ -33,7 +33,6 @@ __all__ = [
     "DRAW",
     "EXACT",
     "FORMULA",
-    "INTERPRETED",
     "LANE_DOUBLES",
     "LARGEST",
     "LINEAR",
@@ -52,14 +51,12 @@ __all__ = [
     "Superposition",
     "run",
     "run_poses",
-    "uncached",
 ]
 
 Array = NDArray[np.float64]
 Offsets = NDArray[np.uint64]
 Scalar = Any
 """A number inside compiled code: an offset (np.uint64), an index or a double."""
-Compiled = TypeVar("Compiled", bound=Callable[..., Any])
 
 TILE: Final = 256
 """Samples worked on together."""
@@ -301,30 +298,6 @@ class Counting(NamedTuple):
     limits: Array
 
 
-def _compiled(function: Compiled) -> Compiled:
-    """Compile with plain IEEE arithmetic; a division by zero gives infinity, as in numpy."""
-    return cast("Compiled", numba.njit(error_model="numpy", nogil=True, no_cfunc_wrapper=True)(function))
-
-
-def _contracted(function: Compiled) -> Compiled:
-    """Compile allowing fused multiply-add, and no other liberty: infinities and NaN stay what they are."""
-    return cast(
-        "Compiled", numba.njit(error_model="numpy", nogil=True, fastmath={"contract"}, no_cfunc_wrapper=True)(function)
-    )
-
-
-def _cached(function: Compiled) -> Compiled:
-    """Compile the outermost function, kept on disk; without a disk to keep it on, compiled in every process."""
-    try:
-        return cast("Compiled", numba.njit(error_model="numpy", nogil=True, cache=True)(function))
-    except RuntimeError:  # neither the package nor the home can be written: numba refuses to cache
-        return _compiled(function)
-
-
-_configuration: Any = numba.config
-INTERPRETED: Final = bool(_configuration.DISABLE_JIT)
-"""Whether NUMBA_DISABLE_JIT=1 makes all this plain Python, some hundredths of a second a tile: for coverage."""
-
 if INTERPRETED:
 
     def _float_of(bits: Any) -> Any:
@@ -359,20 +332,20 @@ else:
 # random numbers ----------------------------------------------------------------------------------------------------
 
 
-@_compiled
+@plain
 def _uniform(low: Scalar, high: Scalar) -> Scalar:
     """Return (2j + 1)/2⁵³, j the top 52 of the bits in the low halves of two words; every step is exact."""
     return (_float_of((((low & _LOW) | (high << _HALF_WORD)) >> _TWELVE) | _BITS_OF_ONE) - 1.0) + _HALF_STEP
 
 
-@_compiled
+@plain
 def _round(c: Any, key_0: Scalar, key_1: Scalar) -> Any:
     """Return the four words after a round; only their low halves count, the high ones hold what is left over."""
     a, b = _MULTIPLIER_0 * (c[0] & _LOW), _MULTIPLIER_1 * (c[2] & _LOW)
     return (b >> _HALF_WORD) ^ c[1] ^ key_0, b, (a >> _HALF_WORD) ^ c[3] ^ key_1, a
 
 
-@_compiled
+@plain
 def uniforms(w: Array, rows: Offsets, streams: Offsets, words: Offsets, seed: Scalar, first_pair: Scalar) -> None:
     """Fill rows with uniform numbers, as `precision_pin.philox.uniforms`: even units first, then odd ones."""
     for k in range(rows.size):
@@ -398,7 +371,7 @@ def uniforms(w: Array, rows: Offsets, streams: Offsets, words: Offsets, seed: Sc
             w[even + _THREE * _EIGHTH], w[odd + _THREE * _EIGHTH] = _uniform(d[0], d[1]), _uniform(d[2], d[3])
 
 
-@_compiled
+@plain
 def _polynomial(z: Scalar, coefficients: Any) -> Scalar:
     value = coefficients[0]
     for k in range(1, len(coefficients)):
@@ -406,7 +379,7 @@ def _polynomial(z: Scalar, coefficients: Any) -> Scalar:
     return value
 
 
-@_contracted
+@contracted
 def _series(z: Scalar, coefficients: Any) -> Scalar:
     value = coefficients[0]
     for k in range(1, len(coefficients)):
@@ -414,7 +387,7 @@ def _series(z: Scalar, coefficients: Any) -> Scalar:
     return value
 
 
-@_contracted
+@contracted
 def logarithm(x: Scalar) -> Scalar:
     """Return log x of a normal number, within 2 ulp: 2 artanh(f / (2 + f)) of x = 2ᵉ (1 + f)."""
     shifted = _bits_of(x) + _U(0x00095F6200000000)
@@ -425,7 +398,7 @@ def logarithm(x: Scalar) -> Scalar:
     return exponent * 0.6931471805599453 + (2.0 * s + s * z * _series(z, _ARTANH))
 
 
-@_contracted
+@contracted
 def turned(u: Scalar) -> tuple[Scalar, Scalar]:
     """Return sin 2πu and cos 2πu for 0 ≤ u ≤ 1, within 2 ulp; polynomials of Chebyshev interpolation on 1/8 of a turn."""
     rounded = 4.0 * u + _ROUND_TO_WHOLE
@@ -441,7 +414,7 @@ def turned(u: Scalar) -> tuple[Scalar, Scalar]:
     return sine, cosine
 
 
-@_compiled
+@plain
 def normal_score(p: Scalar) -> Scalar:
     """Return Φ⁻¹(p) for e⁻²⁵ ≤ p ≤ 0.575: algorithm AS 241 (Wichura, Applied Statistics 37, 1988), PPND16."""
     q = p - 0.5
@@ -453,14 +426,14 @@ def normal_score(p: Scalar) -> Scalar:
     return above / below
 
 
-@_compiled
+@plain
 def far_normal_score(p: Scalar) -> Scalar:
     """Return Φ⁻¹(p) for p < e⁻²⁵, by the same algorithm."""
     r = np.sqrt(-logarithm(p)) - 5.0
     return -_polynomial(r, _FAR) / _polynomial(r, _FAR_BELOW)
 
 
-@_compiled
+@plain
 def exponential(x: Scalar) -> Scalar:
     """Return exp x for |x| < 700, within 1 ulp; the method and coefficients of fdlibm's e_exp.c."""
     rounded = x * 1.44269504088896338700e00 + _ROUND_TO_WHOLE
@@ -473,7 +446,7 @@ def exponential(x: Scalar) -> Scalar:
     return (1.0 - ((low - r * c / (2.0 - c)) - high)) * _float_of((_bits_of(rounded) + _BIAS) << _MANTISSA)
 
 
-@_compiled
+@plain
 def cumulative(z: Scalar) -> Scalar:
     """Return Φ(z) for |z| ≤ 8.65, the lower tail within a few ulp, as `precision_pin.laws.law.cumulative`."""
     a = abs(z)
@@ -485,7 +458,7 @@ def cumulative(z: Scalar) -> Scalar:
     return 1.0 - tail if z > 0.0 else tail
 
 
-@_contracted
+@contracted
 def normals(w: Array, row: Scalar) -> None:
     """Turn a row of uniform numbers into standard normal ones: Box-Muller of each pair (even unit, odd unit)."""
     for i in range(_PAIRS):
@@ -495,7 +468,7 @@ def normals(w: Array, row: Scalar) -> None:
         w[row + _PAIRS + i] = reach * sine
 
 
-@_compiled
+@plain
 def correlate(w: Array, rows: Offsets, root: Array) -> None:
     """Mix rows of standard normal numbers, the last row first, as `precision_pin.correlation.Correlation.mix`."""
     for back in range(rows.size):
@@ -513,21 +486,21 @@ def correlate(w: Array, rows: Offsets, root: Array) -> None:
             w[target + i] = score if score < _FARTHEST else _FARTHEST
 
 
-@_compiled
+@plain
 def uniforms_again(w: Array, row: Scalar) -> None:
     """Turn a row of standard normal numbers into uniform ones."""
     for i in range(_TILE):
         w[row + i] = cumulative(w[row + i])
 
 
-@_compiled
+@plain
 def lognormal_law(w: Array, row: Scalar, mean: Scalar, sigma: Scalar, half_square: Scalar) -> None:
     """Turn standard normal numbers into `precision_pin.laws.Lognormal`."""
     for i in range(_TILE):
         w[row + i] = mean * exponential(sigma * w[row + i] - half_square)
 
 
-@_compiled
+@plain
 def arcsine_law(w: Array, row: Scalar, mean: Scalar, half_width: Scalar) -> None:
     """Turn uniform numbers into `precision_pin.laws.Arcsine`."""
     for i in range(_TILE):
@@ -536,14 +509,14 @@ def arcsine_law(w: Array, row: Scalar, mean: Scalar, half_width: Scalar) -> None
         w[row + i] = mean + half_width * (size if u > 0.0 else -size)
 
 
-@_compiled
+@plain
 def two_point_law(w: Array, row: Scalar, centre: Scalar, half_width: Scalar, threshold: Scalar) -> None:
     """Turn uniform numbers into `precision_pin.laws.TwoPoint`."""
     for i in range(_TILE):
         w[row + i] = centre + (half_width if w[row + i] > threshold else -half_width)
 
 
-@_compiled
+@plain
 def empirical_law(w: Array, row: Scalar, lines: Array, first: Scalar, last: Scalar) -> None:
     """Turn uniform numbers into `precision_pin.laws.Empirical`, by bisection of the lines ``first … last - 1``."""
     for i in range(_TILE):
@@ -560,7 +533,7 @@ def empirical_law(w: Array, row: Scalar, lines: Array, first: Scalar, last: Scal
         w[row + i] = value if value < end else end
 
 
-@_compiled
+@plain
 def table_law(w: Array, row: Scalar, size: Scalar, count: Scalar, first: Scalar, table: Array) -> None:
     """Turn the first of ``size`` rows of uniform numbers into `precision_pin.laws.Rows`."""
     for i in range(_TILE):
@@ -570,14 +543,14 @@ def table_law(w: Array, row: Scalar, size: Scalar, count: Scalar, first: Scalar,
             w[row + _U(k) * _STRIDE + i] = table[begin + _U(k)]
 
 
-@_compiled
+@plain
 def uniform_law(w: Array, row: Scalar, mean: Scalar, half_width: Scalar) -> None:
     """Turn uniform numbers into `precision_pin.laws.Uniform`."""
     for i in range(_TILE):
         w[row + i] = mean + half_width * (2.0 * w[row + i] - 1.0)
 
 
-@_compiled
+@plain
 def triangular_law(w: Array, row: Scalar, mean: Scalar, half_width: Scalar) -> None:
     """Turn uniform numbers into `precision_pin.laws.Triangular`."""
     for i in range(_TILE):
@@ -587,7 +560,7 @@ def triangular_law(w: Array, row: Scalar, mean: Scalar, half_width: Scalar) -> N
         w[row + i] = mean + half_width * (size if u > 0.5 else -size)
 
 
-@_compiled
+@plain
 def truncated_law(w: Array, row: Scalar, mean: Scalar, std: Scalar, k: Scalar, cut: Scalar, share: Scalar) -> None:
     """Turn uniform numbers into `precision_pin.laws.TruncatedNormal`."""
     far = 0
@@ -610,7 +583,7 @@ def truncated_law(w: Array, row: Scalar, mean: Scalar, std: Scalar, k: Scalar, c
             w[row + i] = mean + (size if u > 0.5 else -size)
 
 
-@_compiled
+@plain
 def disc_law(w: Array, row: Scalar, radius: Scalar) -> None:
     """Turn two rows of uniform numbers into `precision_pin.laws.Disc`."""
     for i in range(_TILE):
@@ -620,7 +593,7 @@ def disc_law(w: Array, row: Scalar, radius: Scalar) -> None:
         w[row + _STRIDE + i] = reach * sine
 
 
-@_compiled
+@plain
 def circle_law(w: Array, row: Scalar, radius: Scalar) -> None:
     """Turn the second of two rows of uniform numbers into `precision_pin.laws.Circle`."""
     for i in range(_TILE):
@@ -629,7 +602,7 @@ def circle_law(w: Array, row: Scalar, radius: Scalar) -> None:
         w[row + _STRIDE + i] = radius * sine
 
 
-@_compiled
+@plain
 def joint_law(w: Array, row: Scalar, size: Scalar, root: Array) -> None:
     """Turn rows of standard normal numbers into `precision_pin.laws.JointNormal`, the last row first."""
     for back in range(size):
@@ -648,7 +621,7 @@ def joint_law(w: Array, row: Scalar, size: Scalar, root: Array) -> None:
             w[target + i] += mean
 
 
-@_compiled
+@plain
 def apply_laws(w: Array, draws: Draws) -> None:
     """Turn the rows of uniform numbers into the components of the space."""
     for k in range(draws.score_rows.size):
@@ -697,7 +670,7 @@ def apply_laws(w: Array, draws: Draws) -> None:
 # derived parameters and products -------------------------------------------------------------------------------------
 
 
-@_compiled
+@plain
 def _derive(w: Array, formulas: Formulas) -> Scalar:
     """Evaluate the operations and products; return how many results are not finite."""
     failures = 0
@@ -740,7 +713,7 @@ def _derive(w: Array, formulas: Formulas) -> Scalar:
 # displacing the chain ------------------------------------------------------------------------------------------------
 
 
-@_contracted
+@contracted
 def _mix(w: Array, result: Scalar, start: Scalar, stop: Scalar, rows: Offsets, vectors: Array) -> None:
     """Add ``vector × row`` to the three rows from an offset on, for entries ``start … stop - 1``."""
     one, two, three = result, result + _STRIDE, result + _U(2 * STRIDE)
@@ -769,7 +742,7 @@ def _mix(w: Array, result: Scalar, start: Scalar, stop: Scalar, rows: Offsets, v
             w[three + i] += az * p + bz * q + cz * r
 
 
-@_contracted
+@contracted
 def _turn_narrow(w: Array) -> None:
     """Turn the half rotation vector h into the quaternion of its rotation, in place, for |h| ≤ 0.125."""
     for i in range(_TILE):
@@ -782,7 +755,7 @@ def _turn_narrow(w: Array) -> None:
         w[_H2 + i] = sinc * z
 
 
-@_contracted
+@contracted
 def _turn_wide(w: Array) -> None:
     """As `_turn_narrow`, for |h| ≤ π/2."""
     for i in range(_TILE):
@@ -795,7 +768,7 @@ def _turn_wide(w: Array) -> None:
         w[_H2 + i] = sinc * z
 
 
-@_compiled
+@plain
 def _too_far(w: Array) -> Scalar:
     """Return how many half rotation vectors are π/2 long or more."""
     count = 0
@@ -805,7 +778,7 @@ def _too_far(w: Array) -> Scalar:
     return count
 
 
-@_contracted
+@contracted
 def _rotate(w: Array, rx: Scalar, ry: Scalar, rz: Scalar) -> None:
     """Turn what lies beyond a target: e ← e + (Rot - 1)(r + e), q ← rotation · q."""
     for i in range(_TILE):
@@ -825,7 +798,7 @@ def _rotate(w: Array, rx: Scalar, ry: Scalar, rz: Scalar) -> None:
         w[_Q3 + i] = a * qz + b * z + (x * qy - y * qx)
 
 
-@_contracted
+@contracted
 def _turn_by_three(w: Array, first: Scalar, rows: Offsets, vectors: Array, rx: Scalar, ry: Scalar, rz: Scalar) -> None:
     """Do at once what `_mix` of three entries, `_turn_narrow` and `_rotate` do."""
     a, b, c = rows[first], rows[first + _ONE], rows[first + _TWO]
@@ -855,7 +828,7 @@ def _turn_by_three(w: Array, first: Scalar, rows: Offsets, vectors: Array, rx: S
         w[_Q3 + i] = t * qz + q0 * z + (x * qy - y * qx)
 
 
-@_contracted
+@contracted
 def _rotation_vector_narrow(w: Array) -> None:
     """Turn the quaternion into the rotation vector, in place: 4 atan(|v|/(1 + w)) v/|v|, up to 0.25 rad."""
     for i in range(_TILE):
@@ -868,7 +841,7 @@ def _rotation_vector_narrow(w: Array) -> None:
         w[_Q3 + i] = scale * z
 
 
-@_contracted
+@contracted
 def _rotation_vector_wide(w: Array) -> None:
     """As `_rotation_vector_narrow`, up to π, with the angle halved once more; the angle is in [0, π]."""
     for i in range(_TILE):
@@ -884,7 +857,7 @@ def _rotation_vector_wide(w: Array) -> None:
         w[_Q3 + i] = scale * z
 
 
-@_compiled
+@plain
 def _at_rest(w: Array) -> None:
     """Let no sample be displaced yet."""
     for i in range(_TILE):
@@ -897,7 +870,7 @@ def _at_rest(w: Array) -> None:
         w[_Q3 + i] = 0.0
 
 
-@_compiled
+@plain
 def _displace(w: Array, motions: Motions, skipped: Scalar, count: Scalar, sampled: bool) -> Scalar:
     """Compose all targets from the tip to the base; return the sample of which a target turns by π or more, or -1.
 
@@ -935,7 +908,7 @@ def _displace(w: Array, motions: Motions, skipped: Scalar, count: Scalar, sample
     return -1
 
 
-@_compiled
+@plain
 def _superpose(w: Array, superposition: Superposition) -> None:
     """Write the linear model's six numbers where `_displace` leaves them."""
     _at_rest(w)
@@ -946,7 +919,7 @@ def _superpose(w: Array, superposition: Superposition) -> None:
 # counting ------------------------------------------------------------------------------------------------------------
 
 
-@_compiled
+@plain
 def _sample_at(position: Scalar, sampled: bool) -> Scalar:
     """Return which sample of the tile stands at a position of a row."""
     place = np.int64(position)
@@ -955,7 +928,7 @@ def _sample_at(position: Scalar, sampled: bool) -> Scalar:
     return 2 * place if place < TILE // 2 else 2 * (place - TILE // 2) + 1
 
 
-@_compiled
+@plain
 def _in_order(w: Array, source: Scalar, result: Scalar, sampled: bool) -> None:
     """Copy a row with its samples in order."""
     if sampled:
@@ -967,7 +940,7 @@ def _in_order(w: Array, source: Scalar, result: Scalar, sampled: bool) -> None:
             w[result + i] = w[source + i]
 
 
-@_compiled
+@plain
 def _values(w: Array, sampled: bool) -> Scalar:
     """Write the eight quantities in order; return how many samples are not finite."""
     for part in range(_TWO):
@@ -985,7 +958,7 @@ def _values(w: Array, sampled: bool) -> Scalar:
     return failures
 
 
-@_compiled
+@plain
 def _pad(w: Array, count: Scalar) -> None:
     """Let the samples beyond the last one equal the first: they change neither smallest nor largest."""
     for q in range(_U(8)):
@@ -994,7 +967,7 @@ def _pad(w: Array, count: Scalar) -> None:
             w[row + _U(i)] = w[row]
 
 
-@_compiled
+@plain
 def _keep_largest(
     w: Array, q: Scalar, count: Scalar, first: Scalar, largest: Array, units: NDArray[np.int64], row: Scalar
 ) -> None:
@@ -1018,7 +991,7 @@ def _keep_largest(
                 units[row, place] = np.int64(first) + i
 
 
-@_compiled
+@plain
 def _widen(w: Array, step: Scalar) -> None:
     """Let the lanes' smallest and largest values take in the tile's: of every, or every fourth, quantity."""
     for q in range(_ZERO, _U(8), step):
@@ -1035,7 +1008,7 @@ def _widen(w: Array, step: Scalar) -> None:
             w[highest + lane] = high
 
 
-@_compiled
+@plain
 def _bin(w: Array, bins: Offsets, q: Scalar, centre: Scalar, inverse_scale: Scalar) -> None:
     """Write a quantity's residuals, and in which bin of the sketch each falls."""
     values, residuals = _VALUES + q * _STRIDE, _RESIDUALS + q * _STRIDE
@@ -1050,7 +1023,7 @@ def _bin(w: Array, bins: Offsets, q: Scalar, centre: Scalar, inverse_scale: Scal
         bins[i] = first + (_U(_BINS - 1) - magnitude if scaled < 0.0 else _U(_BINS) + magnitude)
 
 
-@_compiled
+@plain
 def _add_residuals(w: Array) -> None:
     """Add the residuals into their lanes."""
     for q in range(_U(8)):
@@ -1062,7 +1035,7 @@ def _add_residuals(w: Array) -> None:
             w[sums + lane] = total
 
 
-@_compiled
+@plain
 def _count(
     w: Array, bins: Offsets, count: Scalar, counting: Counting, sketch: NDArray[np.uint32], inside: NDArray[np.int64]
 ) -> None:
@@ -1084,7 +1057,7 @@ def _count(
         inside[k] += kept
 
 
-@_compiled
+@plain
 def _add_products(w: Array) -> None:
     """Add the products of the residuals' rows into their lanes: of two components each, then of each norm."""
     for begin in range(_ZERO, _TILE, _U(4 * LANES)):
@@ -1130,7 +1103,7 @@ def _add_products(w: Array) -> None:
             w[_P21 + lane], w[_P22 + lane] = dd, tt
 
 
-@_compiled
+@plain
 def _fold(w: Array, sums: Array) -> None:
     """Fold each sum's lanes in halves and empty them."""
     for k in range(_U(SUMS)):
@@ -1145,7 +1118,7 @@ def _fold(w: Array, sums: Array) -> None:
             w[lanes + lane] = 0.0
 
 
-@_cached
+@kept
 def run(
     w: Array,
     draws: Draws,
@@ -1276,7 +1249,7 @@ def run(
 # many poses ----------------------------------------------------------------------------------------------------------
 
 
-@_compiled
+@plain
 def _norm_residuals(w: Array, size: Scalar, centre: Array) -> Scalar:
     """Write the residuals and the two norms, their samples not in order; return how many samples are not finite.
 
@@ -1308,7 +1281,7 @@ def _norm_residuals(w: Array, size: Scalar, centre: Array) -> Scalar:
     return failures
 
 
-@_compiled
+@plain
 def _count_norms(
     w: Array,
     bins: Offsets,
@@ -1353,7 +1326,7 @@ def _count_norms(
         inside[k] += kept
 
 
-@_compiled
+@plain
 def _failed_formula(w: Array, formulas: Formulas, size: Scalar) -> Scalar:
     """Return the first sample of which an operation's result is not finite, or -1."""
     found = -1
@@ -1365,7 +1338,7 @@ def _failed_formula(w: Array, formulas: Formulas, size: Scalar) -> Scalar:
     return found
 
 
-@_cached
+@kept
 def run_poses(
     workspaces: Array,
     lanes: Array,
@@ -1520,9 +1493,3 @@ def run_poses(
                 lowest[pose, q] = low if low < lowest[pose, q] else lowest[pose, q]
                 highest[pose, q] = high if high > highest[pose, q] else highest[pose, q]
     return 0, 0, 0
-
-
-@functools.cache
-def uncached(function: Any) -> Callable[..., tuple[int, ...]]:
-    """Return `run` or `run_poses` compiled for this process only, where no cache can be used."""
-    return cast("Callable[..., tuple[int, ...]]", _compiled(function.py_func))

@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from precision_pin import kernel_loops
+from precision_pin.compiled import call
 from precision_pin.errors import InputError
 from precision_pin.kernel import (
     BLOCK,
@@ -30,7 +31,6 @@ from precision_pin.kernel import (
     Blocks,
     CompiledTable,
     Model,
-    call_compiled,
     check_blocks,
     workspace,
 )
@@ -258,7 +258,7 @@ def _run(
         counts.largest,
         counts.largest_units,
     )
-    reason, pose, where = call_compiled(kernel_loops.run_poses, arguments)
+    reason, pose, where = map(int, call(kernel_loops.run_poses, arguments))
     if reason:
         raise InputError(f"pose {units.first_pose + pose}, sample {units.first + where}: {REASONS[reason]}")
     return counts

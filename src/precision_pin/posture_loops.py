@@ -15,29 +15,23 @@ Every joint's frame is turned beforehand so that its z is the joint's axis. A jo
 
 from __future__ import annotations
 
-import functools
-from collections.abc import Callable
-from typing import Any, Final, TypeVar, cast
+from typing import Any, Final
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["FARTHEST_TURN", "INTERPRETED", "TILE", "run", "run_uncached"]
+from precision_pin.compiled import contracted, kept
+
+__all__ = ["FARTHEST_TURN", "TILE", "run"]
 
 Array = NDArray[np.float64]
 Scalar = Any
 """A number inside compiled code: an offset (np.uint64), an index or a double."""
-Compiled = TypeVar("Compiled", bound=Callable[..., Any])
 
 TILE: Final = 128
 """Poses worked on together."""
 FARTHEST_TURN: Final = 1e6
 """Largest joint angle (rad) whose sine and cosine are right to rounding here."""
-
-_configuration: Any = numba.config
-INTERPRETED: Final = bool(_configuration.DISABLE_JIT)
-"""Whether NUMBA_DISABLE_JIT=1 makes all this plain Python: for coverage."""
 
 _U = np.uint64
 _TILE = _U(TILE)
@@ -66,22 +60,7 @@ _C = (
 )  # fmt: skip
 
 
-def _compiled(function: Compiled) -> Compiled:
-    """Compile allowing fused multiply-add, and no other liberty: infinities and NaN stay what they are."""
-    return cast("Compiled", numba.njit(error_model="numpy", nogil=True, fastmath={"contract"})(function))
-
-
-def _cached(function: Compiled) -> Compiled:
-    """Compile the outermost function, kept on disk; without a disk to keep it on, compiled in every process."""
-    try:
-        return cast(
-            "Compiled", numba.njit(error_model="numpy", nogil=True, fastmath={"contract"}, cache=True)(function)
-        )
-    except RuntimeError:  # neither the package nor the home can be written: numba refuses to cache
-        return _compiled(function)
-
-
-@_compiled
+@contracted
 def _sines(f: Array) -> None:
     """Replace the angles in the cosines' row by their sines and cosines."""
     for i in range(_TILE):
@@ -100,7 +79,7 @@ def _sines(f: Array) -> None:
         f[_COSINE + i] = -c if (turn == 1.0) | (turn == 2.0) else c
 
 
-@_compiled
+@contracted
 def _go_to_end(f: Array, w: Array, end: Scalar, turns: Array, arms: Array, link: Scalar) -> None:
     """Multiply the frame by a link's placement: the frame of the link's far end."""
     t00, t01, t02 = turns[link, 0, 0], turns[link, 0, 1], turns[link, 0, 2]
@@ -117,7 +96,7 @@ def _go_to_end(f: Array, w: Array, end: Scalar, turns: Array, arms: Array, link:
             w[e + _R[9 + row]] = f[_R[9 + row] + i] + (x * a0 + y * a1 + z * a2)
 
 
-@_compiled
+@contracted
 def _turn(f: Array, w: Array, end: Scalar) -> None:
     """Turn the joint at an end: the frame beyond it."""
     for i in range(_TILE):
@@ -131,7 +110,7 @@ def _turn(f: Array, w: Array, end: Scalar) -> None:
             f[_R[9 + row] + i] = w[e + _R[9 + row]]
 
 
-@_compiled
+@contracted
 def _slide(f: Array, w: Array, end: Scalar) -> None:
     """Slide the joint at an end by the values in the cosines' row: the frame beyond it."""
     for i in range(_TILE):
@@ -145,7 +124,7 @@ def _slide(f: Array, w: Array, end: Scalar) -> None:
             f[_R[9 + row] + i] = w[e + _R[9 + row]] + z * value
 
 
-@_compiled
+@contracted
 def _weigh(f: Array, w: Array, end: Scalar, mass: Scalar, moments: Array, joint: Scalar) -> None:
     """Note the first moment of the link after a joint, about the base."""
     m0, m1, m2 = moments[joint, 0], moments[joint, 1], moments[joint, 2]
@@ -155,20 +134,20 @@ def _weigh(f: Array, w: Array, end: Scalar, mass: Scalar, moments: Array, joint:
             w[end + i + _R[12 + row]] = f[_R[9 + row] + i] * mass + (x * m0 + y * m1 + z * m2)
 
 
-@_compiled
+@contracted
 def _put(rows: Array, row: Scalar, out: Array, at: Scalar, size: Scalar) -> None:
     """Copy one row of a tile to its place in a result."""
     for i in range(size):
         out[at + i] = rows[row + i]
 
 
-@_compiled
+@contracted
 def _put_zeros(out: Array, at: Scalar, size: Scalar) -> None:
     for i in range(size):
         out[at + i] = 0.0
 
 
-@_compiled
+@contracted
 def _put_frame(f: Array, aligned: Array, joint: Scalar, out: Array, at: Scalar, count: Scalar, size: Scalar) -> None:
     """Write the frame, turned back from the joint's axis to the axes of the URDF, as a pose: rows of ``(4, 4)``."""
     for row in range(_U(3)):
@@ -188,7 +167,7 @@ def _put_frame(f: Array, aligned: Array, joint: Scalar, out: Array, at: Scalar, 
         out[at + i] = 1.0
 
 
-@_compiled
+@contracted
 def _column(f: Array, w: Array, end: Scalar, tip: Scalar) -> None:
     """Make the velocity of the tip for a joint that turns in the frame's first three rows."""
     for i in range(_TILE):
@@ -200,7 +179,7 @@ def _column(f: Array, w: Array, end: Scalar, tip: Scalar) -> None:
         f[_R[2] + i] = z0 * a1 - z1 * a0
 
 
-@_compiled
+@contracted
 def _gather(f: Array, w: Array, end: Scalar, mass: Scalar, gravity: Array) -> None:
     """Add the link after an end to the first moment; make the wrench at the end in the frame's first six rows."""
     g0, g1, g2 = gravity[0], gravity[1], gravity[2]
@@ -220,7 +199,7 @@ def _gather(f: Array, w: Array, end: Scalar, mass: Scalar, gravity: Array) -> No
             f[_R[3 + column] + i] = x * m0 + y * m1 + z * m2
 
 
-@_compiled
+@contracted
 def _straighten(f: Array, aligned: Array, joint: Scalar) -> None:
     """Turn the wrench in the frame's rows from the joint's axis to the axes of the URDF."""
     a00, a01, a02 = aligned[joint, 0, 0], aligned[joint, 0, 1], aligned[joint, 0, 2]
@@ -234,7 +213,7 @@ def _straighten(f: Array, aligned: Array, joint: Scalar) -> None:
             f[_R[part + 2] + i] = a20 * x + a21 * y + a22 * z
 
 
-@_cached
+@kept
 def run(
     q: Array,
     slides: NDArray[np.bool_],
@@ -330,10 +309,3 @@ def run(
                 _put(f, row * _TILE, wrenches, (last * _U(6) + row) * count + begin, size)
         for row in range(_U(6)):
             _put_zeros(wrenches, (n * _U(6) + row) * count + begin, size)
-
-
-@functools.cache
-def run_uncached() -> Callable[..., None]:
-    """Return `run` compiled for this process only, where no cache can be used."""
-    compiled: Any = run
-    return cast("Callable[..., None]", _compiled(compiled.py_func))

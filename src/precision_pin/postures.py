@@ -8,13 +8,10 @@ The compiled code is kept in numba's cache on disk; a cache that is damaged or c
 
 from __future__ import annotations
 
-import pickle
 from collections.abc import Sequence
-from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cached_property
-from pathlib import Path
-from typing import Any, Final, final
+from typing import Final, final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -182,6 +179,10 @@ class Postures:
         return jacobian.reshape(6, joints, count), torque, wrench.reshape(joints + 1, 6, count)
 
     def _run(self, poses: Array, jacobian: Array, torque: Array, wrench: Array) -> None:
+        # imported late: numba takes half a second, which one posture does not need
+        from precision_pin import posture_loops
+        from precision_pin.compiled import call
+
         constants = self.constants
         arguments = (
             _within_reach(self.q, constants.slides),
@@ -195,22 +196,10 @@ class Postures:
             constants.gravity,
             *(result.reshape(-1) for result in (poses, jacobian, torque, wrench)),
         )
-        _call(arguments)
+        call(posture_loops.run, arguments)
 
 
 _NOTHING: Final = np.zeros(0)
-_TROUBLES: Final = (
-    pickle.UnpicklingError,
-    OSError,
-    EOFError,
-    ValueError,
-    TypeError,
-    LookupError,
-    ImportError,
-    AttributeError,
-    RuntimeError,
-)
-"""What unpickling a damaged file, or reading or writing one, raises."""
 
 
 def _within_reach(q: Array, slides: NDArray[np.bool_]) -> Array:
@@ -220,36 +209,3 @@ def _within_reach(q: Array, slides: NDArray[np.bool_]) -> Array:
     far = ~slides[:, None] & (np.abs(q) > FARTHEST_TURN)
     near = np.where(far, np.arctan2(np.sin(q), np.cos(q)), q) if far.any() else q
     return np.require(near, np.float64, ["C", "W"])
-
-
-def _call(arguments: tuple[Any, ...]) -> None:
-    """Run the compiled loops, compiling or loading them at the first call.
-
-    A cache that cannot be used is deleted; if that does not help, the loops are compiled for this process alone. Nothing
-    is lost by calling again.
-    """
-    from precision_pin import posture_loops
-
-    if posture_loops.INTERPRETED:
-        posture_loops.run(*arguments)
-        return
-    for remedy in (_delete_cache, posture_loops.run_uncached):
-        if posture_loops.run_uncached.cache_info().currsize:
-            break
-        try:
-            posture_loops.run(*arguments)
-        except _TROUBLES:
-            remedy()
-        else:
-            return
-    posture_loops.run_uncached()(*arguments)
-
-
-def _delete_cache() -> None:
-    from precision_pin import posture_loops
-
-    function: Any = posture_loops.run
-    if function.stats.cache_path is not None:
-        for path in Path(function.stats.cache_path).glob("posture_loops.run-*"):
-            with suppress(OSError):
-                path.unlink()

@@ -18,6 +18,7 @@ import pytest
 import precision_pin
 from precision_pin import posture_loops
 from precision_pin.chain import Chain, Posture
+from precision_pin.compiled import INTERPRETED
 from precision_pin.errors import InputError, UnknownNameError
 from precision_pin.examples import example_urdfs, shipped_sheets
 from precision_pin.laws import Normal
@@ -217,18 +218,19 @@ def test_one_compilation_serves_every_chain_and_any_array():
             many = chain.at_many(given)
             assert np.isfinite(many.pose).all()
             assert np.isfinite(many.load_torque).all()
-    if not posture_loops.INTERPRETED:
+    if not INTERPRETED:
         assert len(posture_loops.run.signatures) == 1
 
 
 PROGRAM = """
 import numpy as np
 from precision_pin import posture_loops
+from precision_pin.compiled import INTERPRETED
 from precision_pin.chain import Chain
 chain = Chain.from_urdf("arm.urdf", tip="tool")
 many = chain.at_many(np.linspace(-2, 2, 35).reshape(7, 5))
 print(np.concatenate([many.pose, many.joint_jacobian[:4, :4], many.link_wrench[:4, :4]]).tobytes().hex())
-print(posture_loops.INTERPRETED or sum(posture_loops.run.stats.cache_hits.values()))
+print(INTERPRETED or sum(posture_loops.run.stats.cache_hits.values()))
 """
 
 

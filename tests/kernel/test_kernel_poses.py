@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from kernel.kernel_cases import EVERY_LAW, pose_model, random_frame, random_table
 from precision_pin import kernel, kernel_loops, kernel_poses
+from precision_pin.compiled import INTERPRETED
 from precision_pin.correlation import Correlation
 from precision_pin.errors import InputError
 from precision_pin.kernel import BLOCK, Blocks
@@ -203,7 +204,7 @@ def test_one_compilation_serves_every_table() -> None:
         kernel_poses.observe_poses(
             kernel.compile_tables(models), plans, "linear", np.int64(1), np.uint8(0), np.int32(1), samples=np.int64(3)
         )
-    if not kernel_loops.INTERPRETED:
+    if not INTERPRETED:
         assert len(kernel_loops.run_poses.signatures) == 1
 
 

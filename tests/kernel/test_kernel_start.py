@@ -14,6 +14,7 @@ import pytest
 import precision_pin
 from kernel.kernel_cases import EVERY_LAW, random_table
 from precision_pin import kernel, kernel_loops
+from precision_pin.compiled import INTERPRETED
 from precision_pin.statistics import Plan, Specification
 
 PACKAGE = Path(precision_pin.__file__).parent
@@ -72,7 +73,7 @@ def test_one_compilation_serves_every_table() -> None:
         plan = Plan(np.zeros(8), np.ones(8), (Specification("position.x", 1.0, 0.5),))
         kernel.accumulate(layout, plan, "exact", np.int64(1), np.int64(0), np.uint8(1), samples=np.int32(20))
     kernel.warm_up()
-    if not kernel_loops.INTERPRETED:
+    if not INTERPRETED:
         assert len(kernel_loops.run.signatures) == 1
     assert kernel.is_compiled()
 
