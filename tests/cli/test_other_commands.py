@@ -235,7 +235,7 @@ def test_help_of_analyze_names_every_option_of_the_contract(run):
         "--pose", "--q", "--tip", "--base", "--package-dir", "--samples", "--seed", "--model", "--spec", "--json", "--out",
     ):  # fmt: skip
         assert re.search(rf"^  {option} ", out, re.MULTILINE), option
-    assert "100000" in out
+    assert "100,000" in out
 
 
 def test_version(run):

@@ -5,19 +5,23 @@ from __future__ import annotations
 import os
 from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Literal, Unpack
 
 import click
 
 from precision_pin.cli import EXIT_SPEC
 from precision_pin.cli.common import (
-    chain_options,
+    OnePoseOptions,
     chosen_pose,
     compile_sampler,
     echo_data,
+    model_option,
+    one_pose_options,
     progress_bar,
     read_sheet,
     require_writable,
+    seed_option,
+    spec_option,
     whole_folder,
     write_text,
 )
@@ -32,22 +36,13 @@ MOST_UNTIL = 10**9
 
 
 @click.command("analyze")
-@click.argument("inputs", nargs=-1, metavar="[ROBOT.urdf] [SHEET.yaml]")
-@click.option("--pose", metavar="NAME", help="One of the sheet's poses; the first if left out.")
-@click.option("--q", metavar="VALUES", help='Joint values: "-90 3 88 -91 deg", "0.1 m, 10 deg" or "joint1: 10 deg, …".')
-@chain_options
+@one_pose_options
 @click.option(
     "--samples", type=int, metavar="N", help="How many built robots, 100,000 if left out; with --until at most, 1e9."
 )
-@click.option("--seed", type=int, default=0, show_default=True, metavar="S", help="64-bit seed.")
-@click.option(
-    "--model",
-    type=click.Choice(["exact", "linear"]),
-    default="exact",
-    show_default=True,
-    help="The displaced chain multiplied out, or superposition as in the paper.",
-)
-@click.option("--spec", "specs", multiple=True, metavar='"0.5 mm @ 99.73 %"', help="A limit to keep; repeats.")
+@seed_option
+@model_option
+@spec_option
 @click.option(
     "--until", multiple=True, metavar='"95 % to 0.01 mm"', help="Sample until the result is so precise; repeats."
 )
@@ -61,12 +56,6 @@ MOST_UNTIL = 10**9
 @click.option("--json", "json_path", metavar="FILE", help="Write the result as JSON; - prints it alone.")
 @click.option("--out", metavar="DIR", help="Write plots (PNG and SVG) and the result there.")
 def command(
-    inputs: tuple[str, ...],
-    pose: str | None,
-    q: str | None,
-    tip: str | None,
-    base: str | None,
-    package_dirs: tuple[str, ...],
     samples: int | None,
     seed: int,
     model: Literal["exact", "linear"],
@@ -79,6 +68,7 @@ def command(
     resume: bool,
     json_path: str | None,
     out: str | None,
+    **arm: Unpack[OnePoseOptions],
 ) -> int:
     """Sample the pose error of an arm at a pose.
 
@@ -109,9 +99,9 @@ def command(
         if not out:
             raise click.UsageError("--out names no folder")
         require_writable(Path(out), folder=True)
-    sheet = read_sheet(inputs, tip, base, package_dirs)
+    sheet = read_sheet(arm["inputs"], arm["tip"], arm["base"], arm["package_dirs"])
     error_model = ErrorModel.from_sheet(sheet)
-    where = chosen_pose(sheet, pose, q)
+    where = chosen_pose(sheet, arm["pose"], arm["q"])
     compile_sampler()
     with ExitStack() as stack:
         executor, under_way = (None, None) if dask is None else stack.enter_context(dask_cluster(dask))

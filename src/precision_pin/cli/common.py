@@ -88,14 +88,16 @@ class OnePoseOptions(ArmOptions):
 
 
 inputs_argument: Final = click.argument("inputs", nargs=-1, metavar="[ROBOT.urdf] [SHEET.yaml]")
-q_option: Final = click.option("--q", metavar="VALUES", help="Joint values, as for analyze.")
+q_option: Final = click.option(
+    "--q", metavar="VALUES", help='Joint values: "-90 3 88 -91 deg", "0.1 m, 10 deg" or "joint1: 10 deg, …".'
+)
 seed_option: Final = click.option("--seed", type=int, default=0, show_default=True, metavar="S", help="64-bit seed.")
 model_option: Final = click.option(
     "--model",
     type=click.Choice(["exact", "linear"]),
     default="exact",
     show_default=True,
-    help="The displaced chain multiplied out, or superposition.",
+    help="The displaced chain multiplied out, or superposition as in the paper.",
 )
 spec_option: Final = click.option(
     "--spec", "specs", multiple=True, metavar='"0.5 mm @ 99.73 %"', help="A limit to keep; repeats."
