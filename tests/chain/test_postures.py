@@ -272,7 +272,7 @@ def test_a_cache_is_used_and_a_damaged_one_replaced(copied: Path):
 
 @pytest.mark.slow
 def test_without_any_place_for_a_cache_and_as_plain_python(copied: Path):
-    first, _ = printed(copied, NUMBA_DISABLE_JIT="1")
+    first, _ = printed(copied, NUMBA_DISABLE_JIT="1", PYTHONDONTWRITEBYTECODE="1")
     (copied / "precision_pin" / "__pycache__").write_text("")
     blocked = str(copied / "arm.urdf")
     second, hits = printed(copied, HOME=blocked, XDG_CACHE_HOME=blocked, PYTHONDONTWRITEBYTECODE="1")

@@ -119,7 +119,12 @@ def test_a_cluster_that_goes_away_is_told_and_the_journal_goes_on(scheduler: Clu
     assert resumed.to_json() == pp.monte_carlo(MODEL, "paper", samples=300 * BLOCK, seed=6).to_json()
 
 
-@pytest.mark.parametrize("address", ["tcp://127.0.0.1:1", "127.0.0.1:1", "no address", ""])
+def test_no_address_is_one_line() -> None:
+    with pytest.raises(InputError, match="address of a Dask scheduler is empty"), dask_cluster(" "):
+        pass
+
+
+@pytest.mark.parametrize("address", ["tcp://127.0.0.1:1", "127.0.0.1:1", "no address"])
 def test_no_scheduler_is_one_line(monkeypatch, address: str) -> None:
     monkeypatch.setattr(cluster, "PATIENCE", 0.5)
     with (

@@ -33,6 +33,8 @@ def dask_cluster(address: str) -> Iterator[tuple[Submitter, int]]:
     InputError
         The package distributed is not installed, there is no scheduler at the address, or it has no workers.
     """
+    if not address.strip():
+        raise InputError("the address of a Dask scheduler is empty; it reads such as tcp://host:8786")
     try:
         import distributed
     except ImportError:
