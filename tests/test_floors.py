@@ -16,6 +16,7 @@ FLOORS = (
     "progress_bar",
     "units",
     "measured",
+    "special",
     "se3",
     "philox",
     "laws",

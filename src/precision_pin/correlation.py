@@ -16,8 +16,8 @@ from typing import Final, final
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import special
 
+from precision_pin import special
 from precision_pin.errors import InputError
 from precision_pin.laws import FARTHEST_NORMAL, Law, Lognormal, Normal, Uniform
 

@@ -16,10 +16,8 @@ from typing import final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy import special
-from scipy.linalg import block_diag
 
-from precision_pin import philox
+from precision_pin import philox, special
 from precision_pin.correlation import Correlation, covariance_of
 from precision_pin.errors import InputError, UnknownNameError
 from precision_pin.laws import FARTHEST_NORMAL, Fixed, Law
@@ -186,6 +184,8 @@ class Space:
     @cached_property
     def covariance(self) -> Array:
         """Covariance of the components, ``(d, d)``."""
+        from scipy.linalg import block_diag  # late: it takes a while, and sampling does not need it
+
         if not self.draws:
             return np.zeros((0, 0))
         matrix: Array = block_diag(*(draw.law.covariance for draw in self.draws))

@@ -9,8 +9,8 @@ from typing import ClassVar, Final, Literal, final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy import special
 
+from precision_pin import special
 from precision_pin.errors import InputError
 from precision_pin.laws.law import FARTHEST_NORMAL, Array, Law, check_finite, check_size
 
