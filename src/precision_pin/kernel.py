@@ -46,7 +46,6 @@ if TYPE_CHECKING:
 __all__ = [
     "BLOCK",
     "REASONS",
-    "STAGES",
     "Blocks",
     "CompiledTable",
     "accumulate",
@@ -58,6 +57,7 @@ __all__ = [
     "is_compiled",
     "observe_blocks",
     "sample",
+    "stage_of",
     "warm_up",
     "workspace",
 ]
@@ -71,7 +71,7 @@ BLOCK: Final = ATOM
 _MOST_UNITS: Final = 2**63
 _MOST_BLOCKS_IN_A_CALL: Final = 2**32 // BLOCK - 1
 _NOTHING: Final = np.zeros((0, 0))
-STAGES: Final = {"linear": LINEAR, "exact": EXACT}
+_STAGES: Final = {"linear": LINEAR, "exact": EXACT}
 """What the compiled loops call a model."""
 
 REASONS: Final = {
@@ -149,7 +149,7 @@ def errors(
     """
     skip = _check_units(first, count)
     kept = np.empty((6, skip + count))
-    _run(layout, _stage(model), _Units(seed, first - skip, skip, skip + count, pose, visit), errors=kept)
+    _run(layout, stage_of(model), _Units(seed, first - skip, skip, skip + count, pose, visit), errors=kept)
     return kept[:, skip:]
 
 
@@ -175,7 +175,7 @@ def errors_at(layout: CompiledTable, model: Model, x: ArrayLike) -> Array:
         wide.flags.writeable = False
         motions = motions._replace(wide=wide)
     units = _Units(0, 0, 0, values.shape[1], 0, 0)
-    _run(layout, _stage(model), units, given=values, errors=kept, motions=motions)
+    _run(layout, stage_of(model), units, given=values, errors=kept, motions=motions)
     return kept
 
 
@@ -285,7 +285,7 @@ def observe_blocks(
     )
     _run(
         layout,
-        _stage(model),
+        stage_of(model),
         _Units(seed, first, 0, count, pose, visit),
         errors=_NOTHING if result.errors is None else result.errors,
         plan=plan,
@@ -340,6 +340,19 @@ def is_compiled() -> bool:
     return is_kept(kernel_loops.run)
 
 
+def stage_of(model: Model) -> int:
+    """Return what a model is to the compiled loops.
+
+    Raises
+    ------
+    InputError
+        It is neither ``"exact"`` nor ``"linear"``.
+    """
+    if model not in tuple(_STAGES):
+        raise InputError(f"model must be exact or linear, got {model!r}")
+    return _STAGES[model]
+
+
 def warm_up() -> None:
     """Compile the sampler, or load it from numba's cache; whatever samples first does so by itself."""
     from precision_pin.table import TermTable
@@ -382,12 +395,6 @@ def _check_units(first: int, count: int) -> int:
             f"{count!r} units from {first!r} on: both whole numbers, units are numbered from 0 to 2^63 - 1"
         )
     return int(first) % 2
-
-
-def _stage(model: Model) -> int:
-    if model not in STAGES:
-        raise InputError(f"model must be exact or linear, got {model!r}")
-    return STAGES[model]
 
 
 def workspace(rows: int) -> Array:

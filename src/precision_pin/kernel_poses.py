@@ -27,11 +27,11 @@ from precision_pin.errors import InputError
 from precision_pin.kernel import (
     BLOCK,
     REASONS,
-    STAGES,
     Blocks,
     CompiledTable,
     Model,
     check_blocks,
+    stage_of,
     workspace,
 )
 from precision_pin.kernel_joined import JoinedTables
@@ -210,8 +210,7 @@ def _run(
 ) -> _Counts:
     """Run the compiled loops over the poses and raise what stopped them; keep no largest errors: the small sketch."""
     check_seed(units.seed)
-    if model not in STAGES:
-        raise InputError(f"model must be exact or linear, got {model!r}")
+    stage = stage_of(model)
     joined = tables if isinstance(tables, JoinedTables) else JoinedTables.of(tables)
     poses = len(joined.layouts)
     if len(plans) != poses:
@@ -239,7 +238,7 @@ def _run(
         joined.superposition,
         joined.superposed,
         joined.motions,
-        STAGES[model],
+        stage,
         np.uint64(units.seed),
         np.zeros(joined.unit_draws.streams.size, dtype=np.uint64),
         joined.words(units.first_pose, units.visit),

@@ -27,11 +27,20 @@ from precision_pin.model import ErrorModel
 from precision_pin.poses_result import LEVELS, PosesResult
 from precision_pin.run import Progress, available_cores
 from precision_pin.space import MOST_POSES, Scope, check_seed
-from precision_pin.statistics import COMPONENTS, NORMS, Plan, Specification, clopper_pearson, quantile_ranks
+from precision_pin.statistics import (
+    COMPONENTS,
+    NORMS,
+    Plan,
+    Specification,
+    check_confidence,
+    clopper_pearson,
+    quantile_ranks,
+)
 
 __all__ = ["MOST_SAMPLES", "sample_poses"]
 
 Array = NDArray[np.float64]
+Counts = NDArray[np.int64]
 Model = Literal["exact", "linear"]
 
 MOST_SAMPLES: Final = 2**32 - 1
@@ -96,10 +105,8 @@ def sample_poses(
     _check_whole("the number of samples", samples, MOST_SAMPLES)
     if threads is not None:
         _check_whole("threads", threads, MOST_THREADS)
-    if model not in ("exact", "linear"):
-        raise InputError(f"model must be exact or linear, got {model!r}")
-    if not 0 < confidence < 1:
-        raise InputError(f"confidence {confidence!r}; it must lie above 0 and below 1")
+    kernel.stage_of(model)
+    check_confidence(confidence)
     values, names = _poses(error_model, q)
     count = values.shape[1]
     work = _Work(model, int(seed), int(samples), tuple(specifications))
@@ -269,7 +276,8 @@ class _Group:
             covariance[rows, columns] = covariance[columns, rows] = upper.T
             diagonal = np.arange(6)
             covariance[diagonal, diagonal] = np.maximum(covariance[diagonal, diagonal], 0.0)
-        quantiles = [self._quantile(level, confidence) for level in LEVELS]
+        cumulative = np.cumsum(self._sketch, axis=2, dtype=np.int64)
+        quantiles = [self._quantile(cumulative, level, confidence) for level in LEVELS]
         inside = self._inside.T
         intervals = [[clopper_pearson(kept, self.count, confidence) for kept in row] for row in inside.tolist()]
         return {
@@ -294,7 +302,7 @@ class _Group:
         variance = np.maximum(squares - sums * sums / self.count, 0.0) / max(self.count - 1, 1)
         return centre + sums / self.count, np.sqrt(variance)
 
-    def _quantile(self, level: float, confidence: float) -> tuple[Array, Array, Array]:
+    def _quantile(self, cumulative: Counts, level: float, confidence: float) -> tuple[Array, Array, Array]:
         """Return quantiles ``(2, P)``, their intervals ``(2, 2, P)`` and the widths of their bins.
 
         As :meth:`precision_pin.statistics.Distribution.quantile`: the linear interpolation of order statistics at rank
@@ -306,11 +314,11 @@ class _Group:
             return nothing, np.full((2, 2, self.poses), np.nan), nothing
         position = (self.count - 1) * level
         below = min(int(position), self.count - 1)
-        first, lower, upper = self._order_statistic(below + 1)
-        second, _, second_upper = self._order_statistic(min(below + 2, self.count))
+        first, lower, upper = self._order_statistic(cumulative, below + 1)
+        second, _, second_upper = self._order_statistic(cumulative, min(below + 2, self.count))
         # value - centre was rounded when it was binned: one step of the last bit on each side
-        _, low, _ = self._order_statistic(ranks[0])
-        _, _, high = self._order_statistic(ranks[1])
+        _, low, _ = self._order_statistic(cumulative, ranks[0])
+        _, _, high = self._order_statistic(cumulative, ranks[1])
         ends = (
             np.maximum(np.nextafter(low, -np.inf), self._lowest),
             np.minimum(np.nextafter(high, np.inf), self._highest),
@@ -318,12 +326,11 @@ class _Group:
         quantile = first + (position - below) * (second - first)
         return quantile.T, np.stack([end.T for end in ends], axis=1), (np.maximum(upper, second_upper) - lower).T
 
-    def _order_statistic(self, rank: int) -> tuple[Array, Array, Array]:
+    def _order_statistic(self, cumulative: Counts, rank: int) -> tuple[Array, Array, Array]:
         """Return estimates of the rank-th smallest norms (from 1), ``(P, 2)``, and the ends of the bins that hold them."""
         if rank in (1, self.count):
             seen = self._lowest if rank == 1 else self._highest
             return seen, seen, seen
-        cumulative = np.cumsum(self._sketch, axis=2, dtype=np.int64)
         column = (cumulative < rank).sum(axis=2)[..., None]
         counts = np.take_along_axis(self._sketch, column, axis=2)[..., 0].astype(np.int64)
         before = np.take_along_axis(cumulative, column, axis=2)[..., 0] - counts

@@ -40,7 +40,7 @@ from precision_pin.model import ErrorModel, PoseModel
 from precision_pin.space import check_seed
 from precision_pin.statistics import COMPONENTS as COMPONENT_ROWS
 from precision_pin.statistics import NORMS as NORM_ROWS
-from precision_pin.statistics import QUANTITIES, quantity_values
+from precision_pin.statistics import QUANTITIES, check_confidence, quantity_values
 
 __all__ = ["budget", "check_points", "check_quantities"]
 
@@ -100,8 +100,7 @@ def budget(
     """
     check_seed(seed)
     check_points(samples)
-    if not 0 < confidence < 1:
-        raise InputError(f"confidence {confidence!r}; it must lie above 0 and below 1")
+    check_confidence(confidence)
     if not 0 < bound_at < np.inf:
         raise InputError(f"bound_at {bound_at!r}; it must be positive and finite, in standard deviations")
     return BudgetResult(

@@ -31,7 +31,7 @@ from precision_pin.errors import InputError
 from precision_pin.laws import Fixed, JointNormal, Law, Normal
 from precision_pin.model import ErrorModel, PoseModel
 from precision_pin.space import Space, check_seed
-from precision_pin.statistics import QUANTITIES
+from precision_pin.statistics import QUANTITIES, check_confidence
 
 __all__ = ["LEVELS", "Agreement", "ExactLaw", "ExactLawResult", "PoseLaws", "exact_law"]
 
@@ -79,8 +79,7 @@ def exact_law(
     check_seed(seed)
     if isinstance(samples, bool) or not isinstance(samples, int | np.integer) or not 100 <= samples <= MOST_SAMPLES:
         raise InputError(f"the number of samples must be a whole number from 100 to {MOST_SAMPLES:,}, got {samples!r}")
-    if not 0 < confidence < 1:
-        raise InputError(f"confidence {confidence!r}; it must lie above 0 and below 1")
+    check_confidence(confidence)
     _refuse_copulas(error_model.space)
     deviations = error_model.space.sample(seed, 0, int(samples)) - error_model.space.mean[:, None]
     found = []

@@ -37,7 +37,7 @@ from precision_pin.errors import InputError, UnknownNameError
 from precision_pin.model import ErrorModel, PoseModel
 from precision_pin.run import Progress
 from precision_pin.space import check_seed
-from precision_pin.statistics import NORMS, Plan
+from precision_pin.statistics import NORMS, Plan, check_confidence
 
 __all__ = ["Measured", "MomentsResult", "PoseMoments", "Remainder", "moments"]
 
@@ -106,8 +106,7 @@ def moments(
     if method not in get_args(Method):
         raise UnknownNameError("method", str(method), get_args(Method))
     count = _replicate(samples)
-    if not 0 < confidence < 1:
-        raise InputError(f"confidence {confidence!r}; it must lie above 0 and below 1")
+    check_confidence(confidence)
     if method.startswith("sobol") and error_model.space.size > MOST_NUMBERS:
         raise InputError(
             f"the model has {error_model.space.size:,} random numbers, a Sobol net at most {MOST_NUMBERS:,} dimensions; "

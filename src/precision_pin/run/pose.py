@@ -21,7 +21,7 @@ from precision_pin.run.journal import opened
 from precision_pin.run.memory import check_kept
 from precision_pin.run.sampling import Sampling
 from precision_pin.space import Scope, check_seed
-from precision_pin.statistics import Plan, Specification, State, Summary, finish, start
+from precision_pin.statistics import Plan, Specification, State, Summary, check_confidence, finish, start
 from precision_pin.statistics.precision import Precision, Target, reached, target
 
 __all__ = ["Progress", "monte_carlo"]
@@ -114,10 +114,8 @@ def monte_carlo(
     """
     check_samples(samples)
     check_seed(seed)
-    if model not in ("exact", "linear"):
-        raise InputError(f"model must be exact or linear, got {model!r}")
-    if not 0 < confidence < 1:
-        raise InputError(f"confidence {confidence!r}; it must lie above 0 and below 1")
+    kernel.stage_of(model)
+    check_confidence(confidence)
     if resume and journal is None:
         raise InputError("there is nothing to resume from without a journal")
     if keep_samples:

@@ -13,6 +13,7 @@ from precision_pin.statistics.accumulate import LARGEST, State, largest_of, merg
 from precision_pin.statistics.digits import format_supported, significant_digits
 from precision_pin.statistics.distribution import Distribution, Histogram
 from precision_pin.statistics.intervals import (
+    check_confidence,
     clopper_pearson,
     quantile_coverage,
     quantile_ranks,
@@ -39,6 +40,7 @@ __all__ = [
     "State",
     "Summary",
     "VectorDistribution",
+    "check_confidence",
     "clopper_pearson",
     "finish",
     "format_supported",

@@ -12,13 +12,28 @@ from functools import lru_cache
 
 from scipy.special import bdtr, betainc, betaincinv
 
+from precision_pin.errors import InputError
+
 __all__ = [
+    "check_confidence",
     "clopper_pearson",
     "quantile_coverage",
     "quantile_ranks",
     "tolerance_ranks",
     "upper_bound_rank",
 ]
+
+
+def check_confidence(confidence: float) -> None:
+    """Refuse a confidence that does not lie above 0 and below 1.
+
+    Raises
+    ------
+    InputError
+        It does not.
+    """
+    if not 0 < confidence < 1:
+        raise InputError(f"confidence {confidence!r}; it must lie above 0 and below 1")
 
 
 @lru_cache(maxsize=1024)

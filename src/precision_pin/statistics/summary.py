@@ -8,10 +8,10 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
-from precision_pin.errors import InputError, InternalError, UnknownNameError
+from precision_pin.errors import InternalError, UnknownNameError
 from precision_pin.statistics.accumulate import State
 from precision_pin.statistics.distribution import Distribution
-from precision_pin.statistics.intervals import clopper_pearson
+from precision_pin.statistics.intervals import check_confidence, clopper_pearson
 from precision_pin.statistics.plan import COMPONENTS, NORMS, QUANTITIES, Plan, Specification
 from precision_pin.statistics.sketch import sketch_edges
 
@@ -168,8 +168,7 @@ def finish(plan: Plan, state: State, confidence: float = 0.95) -> Summary:
     InternalError
         No samples, or a state of another plan.
     """
-    if not 0 < confidence < 1:
-        raise InputError(f"confidence {confidence!r}; it must lie above 0 and below 1")
+    check_confidence(confidence)
     if state.count < 1:
         raise InternalError("no samples to summarise")
     if state.inside.size != len(plan.specifications):
