@@ -9,7 +9,7 @@ from __future__ import annotations
 import pickle
 from collections.abc import Callable
 from contextlib import suppress
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import Any, Final, TypeVar, cast
 
@@ -17,7 +17,7 @@ import numba
 import numpy as np
 from numba.core.registry import cpu_target
 
-__all__ = ["INTERPRETED", "call", "contracted", "is_kept", "kept", "plain"]
+__all__ = ["INTERPRETED", "call", "contracted", "is_kept", "kept", "plain", "within"]
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
@@ -25,24 +25,30 @@ _configuration: Any = numba.config
 INTERPRETED: Final = bool(_configuration.DISABLE_JIT)
 """Whether NUMBA_DISABLE_JIT=1 makes all this plain Python: for coverage."""
 
-_njit: Any = numba.njit  # its types do not know no_cfunc_wrapper, which spares some of the time of compiling
+# numba's types do not know all options; _nrt=False: references are not counted, which costs atomic operations at every
+# view of an array; hence no arrays can be made inside
+_njit: Any = partial(numba.njit, error_model="numpy", nogil=True, _nrt=False)
 
 
 def plain(function: Function) -> Function:
-    """Compile with plain IEEE arithmetic; a division by zero gives infinity, as in numpy."""
-    return cast("Function", _njit(error_model="numpy", nogil=True, no_cfunc_wrapper=True)(function))
+    """Compile with plain IEEE arithmetic; a division by zero gives infinity, as in numpy. It makes no arrays."""
+    return cast("Function", _njit(no_cfunc_wrapper=True)(function))
+
+
+def within(function: Function) -> Function:
+    """Compile as `plain`, into its callers: for what is given many arrays, which take long to hand over."""
+    return cast("Function", _njit(no_cfunc_wrapper=True, forceinline=True)(function))
 
 
 def contracted(function: Function) -> Function:
     """Compile allowing fused multiply-add, and no other liberty: infinities and NaN stay what they are."""
-    made = _njit(error_model="numpy", nogil=True, fastmath={"contract"}, no_cfunc_wrapper=True)(function)
-    return cast("Function", made)
+    return cast("Function", _njit(no_cfunc_wrapper=True, fastmath={"contract"})(function))
 
 
 def kept(function: Function) -> Function:
     """Compile an outermost function as `plain`, kept on disk; without a disk to keep it on, in every process."""
     try:
-        return cast("Function", _njit(error_model="numpy", nogil=True, cache=True)(function))
+        return cast("Function", _njit(cache=True)(function))
     except RuntimeError:  # neither the package nor the home can be written: numba refuses to cache
         return plain(function)
 

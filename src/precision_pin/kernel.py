@@ -31,8 +31,11 @@ from precision_pin.kernel_loops import (
     FORMULA,
     LINEAR,
     NOT_FINITE,
+    SCRATCH,
     STRIDE,
     SUMS,
+    TILE,
+    WIDE,
     Counting,
     Motions,
 )
@@ -171,9 +174,9 @@ def errors_at(layout: CompiledTable, model: Model, x: ArrayLike) -> Array:
     inside = (values >= layout.lowest[:, None]) & (values <= layout.highest[:, None])
     if not inside.all():
         # the short series were chosen for what the laws can give
-        wide = np.ones_like(motions.wide)
-        wide.flags.writeable = False
-        motions = motions._replace(wide=wide)
+        series = np.full_like(motions.series, WIDE)
+        series.flags.writeable = False
+        motions = motions._replace(series=series)
     units = _Units(0, 0, 0, values.shape[1], 0, 0)
     _run(layout, stage_of(model), units, given=values, errors=kept, motions=motions)
     return kept
@@ -388,13 +391,13 @@ class _Units:
 
 
 def _check_units(first: int, count: int) -> int:
-    """Return how many units to begin earlier, so as to begin with an even one."""
+    """Return how many units to begin earlier, so as to begin with a tile."""
     whole = isinstance(first, int | np.integer) and isinstance(count, int | np.integer)
     if not whole or first < 0 or count < 0 or first + count > _MOST_UNITS:
         raise InputError(
             f"{count!r} units from {first!r} on: both whole numbers, units are numbered from 0 to 2^63 - 1"
         )
-    return int(first) % 2
+    return int(first) % TILE
 
 
 def workspace(rows: int) -> Array:
@@ -430,7 +433,9 @@ def _run(
         limits=np.array([specification.limit for specification in specifications], dtype=float),
     )
     arguments = (
+        workspace(SCRATCH),
         workspace(layout.rows),
+        np.empty(TILE, dtype=np.uint64),
         layout.draws,
         layout.formulas,
         layout.superposition,

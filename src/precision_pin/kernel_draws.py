@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import special
 
 from precision_pin.errors import InputError
-from precision_pin.kernel_loops import SCRATCH, STRIDE, Draws
+from precision_pin.kernel_loops import STRIDE, Draws
 from precision_pin.laws import (
     FARTHEST_NORMAL,
     Arcsine,
@@ -37,8 +37,8 @@ Interval = tuple[float, float]
 
 
 def offset(row: int) -> int:
-    """Return the offset of a workspace's row, 0 the first after the scratch rows."""
-    return (SCRATCH + row) * STRIDE
+    """Return the offset of a workspace's row."""
+    return row * STRIDE
 
 
 def offsets(rows: Sequence[int]) -> NDArray[np.uint64]:
@@ -94,7 +94,10 @@ def lay_out_draws(space: Space, constants: Mapping[float, int]) -> Draws:
     roots, sizes = _lay_out_joint([law for law, _ in placed if isinstance(law, JointNormal)])
     groups = [[space.index[correlation.names[k]] for k in correlation.order] for correlation in space.correlations]
     mixed = {component for group in groups for component in group}
-    fed = {columns.start for law, columns in placed if isinstance(law, Normal | Lognormal)}
+    logarithms = {columns.start for law, columns in placed if isinstance(law, Lognormal)}
+    normal = {columns.start: law for law, columns in placed if isinstance(law, Normal)}
+    alone = {row: law for row, law in normal.items() if row not in mixed}
+    scaled = {row: law for row, law in normal.items() if row in mixed}
     lines, line_starts = _stacked([law.segments for law, _ in placed if isinstance(law, Empirical)], 4)
     tables = [law for law, _ in placed if isinstance(law, Rows)]
     numbers, number_starts = _stacked([law.array.reshape(-1, 1) for law in tables], 1)
@@ -104,17 +107,19 @@ def lay_out_draws(space: Space, constants: Mapping[float, int]) -> Draws:
         fixed_values=frozen(list(fixed.values())),
         stream_rows=offsets(streamed),
         streams=frozen_offsets([space.streams[component] for component in streamed]),
-        score_rows=offsets(sorted(fed | mixed)),
+        score_rows=offsets(sorted(logarithms | mixed)),
         group_starts=frozen_offsets(np.cumsum([0, *map(len, groups)])),
         group_rows=offsets([component for group in groups for component in group]),
         group_roots=_padded([correlation.root for correlation in space.correlations]),
-        cumulated_rows=offsets(sorted(mixed - fed)),
+        cumulated_rows=offsets(sorted(mixed - logarithms - normal.keys())),
         uniform_rows=of(Uniform),
         uniform=frozen([(law.mean, law.half_width) for law, _ in placed if isinstance(law, Uniform)], -1, 2),
         triangular_rows=of(Triangular),
         triangular=frozen([(law.mean, law.half_width) for law, _ in placed if isinstance(law, Triangular)], -1, 2),
-        normal_rows=of(Normal),
-        normal=frozen([(law.mean, law.std) for law, _ in placed if isinstance(law, Normal)], -1, 2),
+        normal_rows=offsets(list(alone)),
+        normal=frozen([(law.mean, -2 * law.std * law.std) for law in alone.values()], -1, 2),
+        scaled_rows=offsets(list(scaled)),
+        scaled=frozen([(law.mean, law.std) for law in scaled.values()], -1, 2),
         truncated_rows=of(TruncatedNormal),
         truncated=frozen(
             [

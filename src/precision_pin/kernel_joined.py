@@ -117,9 +117,8 @@ def is_alike(one: CompiledTable, other: CompiledTable) -> bool:
 def _varying(layout: CompiledTable) -> Rows:
     """Return the rows that are not the same at every pose: draws of pose and visit scope and what is made of them."""
     space = layout.space
-    first = kernel_loops.SCRATCH * kernel_loops.STRIDE
     found = {
-        first + component * kernel_loops.STRIDE
+        component * kernel_loops.STRIDE
         for draw, columns in zip(space.draws, space.slices, strict=True)
         if draw.scope is not Scope.UNIT
         for component in range(columns.start, columns.stop)
@@ -165,6 +164,7 @@ def _chosen_draws(draws: Draws, rows: Rows) -> Draws:
         **chosen("uniform_rows", "uniform"),
         **chosen("triangular_rows", "triangular"),
         **chosen("normal_rows", "normal"),
+        **chosen("scaled_rows", "scaled"),
         **chosen("truncated_rows", "truncated"),
         **chosen("disc_rows", "disc"),
         **chosen("circle_rows", "circle"),
@@ -239,5 +239,5 @@ def _joined_motions(layouts: Sequence[CompiledTable]) -> Motions:
         shift_starts=_frozen(starts("shift_starts", "shift_rows")),
         turn_starts=_frozen(starts("turn_starts", "turn_rows")),
         arms=_frozen(np.stack([part.arms for part in parts])),
-        wide=_frozen(np.stack([part.wide for part in parts])),
+        series=_frozen(np.stack([part.series for part in parts])),
     )

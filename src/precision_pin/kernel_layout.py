@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from itertools import groupby
+from itertools import groupby, pairwise
 from typing import TYPE_CHECKING, Final, final
 
 import numpy as np
@@ -21,7 +21,7 @@ from precision_pin.kernel_draws import (
     offset,
     offsets,
 )
-from precision_pin.kernel_loops import SCRATCH, Draws, Formulas, Motions, Superposition
+from precision_pin.kernel_loops import FINE, NARROW, WIDE, Draws, Formulas, Motions, Superposition
 from precision_pin.parameters import Operator
 from precision_pin.space import Space, occasion
 
@@ -32,8 +32,9 @@ __all__ = ["CompiledTable", "lay_out", "lay_out_many"]
 
 Array = NDArray[np.float64]
 
-NARROW: Final = 0.25 * (1 - 1e-9)
-"""Angles up to this (rad) are served by the short series."""
+_FINE_UP_TO: Final = 0.01 * (1 - 1e-9)
+_NARROW_UP_TO: Final = 0.25 * (1 - 1e-9)
+"""Angles (rad) that are served by the shortest and the short series."""
 
 _NEGLIGIBLE: Final = 2.0**-58
 _LARGEST_POWER: Final = 8
@@ -123,7 +124,7 @@ def _lay_out_alike(tables: Sequence[TermTable], space: Space) -> list[CompiledTa
         CompiledTable(
             space=space,
             targets=len(tables[0].targets),
-            rows=SCRATCH + len(rows.intervals),
+            rows=len(rows.intervals),
             draws=draws,
             formulas=all_formulas,
             superposition=superposition,
@@ -292,14 +293,15 @@ def _lay_out_displacements(
     total = np.zeros(len(tables))
     for column in angles.T:
         total = total + column
-    wide = np.concatenate([angles, total[:, None]], axis=1) > NARROW
+    reach = np.concatenate([angles, total[:, None]], axis=1)
+    series = np.where(reach <= _FINE_UP_TO, FINE, np.where(reach <= _NARROW_UP_TO, NARROW, WIDE))
     # a table's entries are those that are not zero: nearly always the same ones at all poses
     kept = np.concatenate([part.vectors.any(axis=-1) for part in sums], axis=1)
     patterns, numbers = np.unique(kept, axis=0, return_inverse=True)
     found: dict[int, tuple[Superposition, Motions, float]] = {}
     for number, pattern in enumerate(patterns):
         alike = np.flatnonzero(numbers.reshape(-1) == number)
-        made = _assembled(sums, pattern, alike, arms[alike][:, ::-1], wide[alike])
+        made = _assembled(sums, pattern, alike, arms[alike][:, ::-1], series[alike])
         found |= {pose: (*both, float(total[pose])) for pose, both in zip(alike.tolist(), made, strict=True)}
     return [found[pose] for pose in range(len(tables))]
 
@@ -322,13 +324,17 @@ class _Sum:
         stacked = np.stack([_without_dust(vector) for vector in moved.values()], axis=1) if moved else vectors[:, :0]
         return cls(list(moved), stacked)
 
-    def entries(self, kept: NDArray[np.bool_], poses: NDArray[np.intp]) -> tuple[list[int], Array]:
+    def entries(
+        self, kept: NDArray[np.bool_], poses: NDArray[np.intp], *, least: int = 0, filler: int = 0
+    ) -> tuple[list[int], Array]:
         """Return rows and vectors ``(poses, entries, 3)``, filled up to what the loops take at a time."""
         chosen = np.flatnonzero(kept)
         rows = [self.rows[k] for k in chosen]
-        missing = 0 if len(rows) % 4 in (0, 3) else 3 - len(rows) % 4
-        padding = np.zeros((len(poses), missing, 3))
-        return rows + rows[:1] * missing, np.concatenate([self.vectors[np.ix_(poses, chosen)], padding], axis=1)
+        beyond = max(len(rows) - least, 0)
+        size = least + beyond + (0 if beyond % 4 in (0, 3) else 3 - beyond % 4)
+        padding = np.zeros((len(poses), size - len(rows), 3))
+        rows += (rows[:1] or [filler]) * (size - len(rows))
+        return rows, np.concatenate([self.vectors[np.ix_(poses, chosen)], padding], axis=1)
 
 
 def _stack(tables: Sequence[TermTable], name: str) -> Array:
@@ -361,11 +367,16 @@ def _bound(turn: _Sum, rows: _Rows) -> Array:
 
 
 def _assembled(
-    sums: Sequence[_Sum], kept: NDArray[np.bool_], poses: NDArray[np.intp], arms: Array, wide: NDArray[np.bool_]
+    sums: Sequence[_Sum], kept: NDArray[np.bool_], poses: NDArray[np.intp], arms: Array, series: NDArray[np.int64]
 ) -> Iterable[tuple[Superposition, Motions]]:
     """Yield both models at the poses where the same entries are kept."""
-    ends = np.cumsum([0, *(len(part.rows) for part in sums)])
-    listed = [part.entries(kept[begin:end], poses) for part, begin, end in zip(sums, ends[:-1], ends[1:], strict=True)]
+    ends = np.cumsum([0, *(len(part.rows) for part in sums)]).tolist()
+    of_part = [kept[begin:end] for begin, end in pairwise(ends)]
+    listed = [part.entries(own, poses) for part, own in zip(sums[:2], of_part[:2], strict=True)]
+    for shift, turn, shift_kept, turn_kept in zip(sums[2::2], sums[3::2], of_part[2::2], of_part[3::2], strict=True):
+        least = 3 if turn_kept.any() else 0
+        turns = turn.entries(turn_kept, poses, least=least)
+        listed += [shift.entries(shift_kept, poses, least=least, filler=turns[0][0] if least else 0), turns]
     # the superposition's, then shifts and turns of the targets, tip first
     parts = [listed[0:1], listed[1:2], listed[2::2], listed[3::2]]
     row_offsets = [offsets([row for rows, _ in part for row in rows]) for part in parts]
@@ -375,8 +386,8 @@ def _assembled(
         for together in [np.concatenate([np.zeros((len(poses), 0, 3)), *(found for _, found in part)], axis=1)]
     ]
     starts = [frozen_offsets(np.cumsum([0, *(len(rows) for rows, _ in part)])) for part in parts[2:]]
-    all_arms, all_wide = frozen(arms, *arms.shape), wide.astype(np.int64)
-    all_wide.flags.writeable = False
+    all_arms, all_series = frozen(arms, *arms.shape), np.array(series, dtype=np.int64)
+    all_series.flags.writeable = False
     for k in range(len(poses)):
         yield (
             Superposition(row_offsets[0], vectors[0][k], row_offsets[1], vectors[1][k]),
@@ -388,6 +399,6 @@ def _assembled(
                 row_offsets[3],
                 vectors[3][k],
                 all_arms[k],
-                all_wide[k],
+                all_series[k],
             ),
         )

@@ -25,17 +25,19 @@ import numpy as np
 from numba.extending import intrinsic
 from numpy.typing import NDArray
 
-from precision_pin.compiled import INTERPRETED, contracted, kept, plain
+from precision_pin.compiled import INTERPRETED, contracted, kept, plain, within
 
 __all__ = [
     "ANGLE",
     "ATOM",
     "DRAW",
     "EXACT",
+    "FINE",
     "FORMULA",
     "LANE_DOUBLES",
     "LARGEST",
     "LINEAR",
+    "NARROW",
     "NORM_COLUMNS",
     "NORM_EXPONENTS",
     "NORM_MANTISSA",
@@ -44,6 +46,7 @@ __all__ = [
     "STRIDE",
     "SUMS",
     "TILE",
+    "WIDE",
     "Counting",
     "Draws",
     "Formulas",
@@ -78,6 +81,8 @@ NORM_EXPONENTS: Final = (-4, 4)
 NORM_COLUMNS: Final = 2 * (1 + ((NORM_EXPONENTS[1] - NORM_EXPONENTS[0]) << NORM_MANTISSA))
 """Columns of the small sketch of a norm, 514: as the large one, with 32 bins an octave and eight octaves on each side."""
 
+FINE, NARROW, WIDE = 0, 1, 2
+"""Which series serve a target's turn."""
 DRAW, LINEAR, EXACT = 0, 1, 2
 """How far a tile is worked on."""
 FORMULA, ANGLE, NOT_FINITE = 1, 2, 3
@@ -85,18 +90,20 @@ FORMULA, ANGLE, NOT_FINITE = 1, 2, 3
 
 _U = np.uint64
 
-# rows of the workspace's scratch part: tip displacement, quaternion (w, x, y, z), one target's rotation (x, y, z, w)
-_E0, _E1, _E2, _Q0, _Q1, _Q2, _Q3, _H0, _H1, _H2, _HW = (_U(row * STRIDE) for row in range(11))
-_VALUES: Final = _U(11 * STRIDE)
-_RESIDUALS: Final = _U(19 * STRIDE)
-_LANES: Final = _U(27 * STRIDE)
+# rows of the scratch: the eight quantities, where the tip's displacement e and the quaternion's vector v are built up too;
+# the quaternion's scalar; of one target: two multiples G and H of its rotation vector, and what X of it is collected
+_D, _E0, _E1, _E2, _T, _V0, _V1, _V2, _V, _G0, _G1, _G2, _H0, _H1, _H2, _X0, _X1, _X2 = (
+    _U(row * STRIDE) for row in range(18)
+)
+_RESIDUALS: Final = _U(18 * STRIDE)
+_LANES: Final = _U(26 * STRIDE)
 _R0, _R1, _R2, _R3, _R4, _R5, _R6, _R7 = (_RESIDUALS + _U(q * STRIDE) for q in range(8))
 (
     _P0, _P1, _P2, _P3, _P4, _P5, _P6, _P7, _P8, _P9, _P10, _P11, _P12, _P13, _P14, _P15, _P16, _P17, _P18, _P19, _P20,
     _P21, _P22,
 ) = (_LANES + _U((8 + k) * LANES) for k in range(23))  # fmt: skip
-SCRATCH: Final = 27 + -(-(SUMS + 16) * LANES // STRIDE)
-"""Rows before the first parameter."""
+SCRATCH: Final = 26 + -(-(SUMS + 16) * LANES // STRIDE)
+"""Rows of the scratch."""
 
 _TILE = _U(TILE)
 _PAIRS = _U(TILE // 2)
@@ -109,11 +116,13 @@ _MULTIPLIER_0, _MULTIPLIER_1 = _U(0xD2511F53), _U(0xCD9E8D57)
 _WEYL_0, _WEYL_1 = _U(0x9E3779B9), _U(0xBB67AE85)
 _LOW = _U(0xFFFFFFFF)
 _BITS_OF_ONE = _U(0x3FF0000000000000)
-_HALF_STEP = 2.0**-53
+_ONE_LESS = 1.0 - 2.0**-53
 _ROUND_TO_WHOLE = 1.5 * 2.0**52
+_ROUND_TO_QUARTER = 1.5 * 2.0**50
 _BITS_OF_2_52 = _U(0x4330000000000000)
 _QUARTER_TURN_SQUARED = (math.pi / 2) ** 2
 _FAR_TAIL = math.exp(-25.0)
+_ALL_BUT_SIGN = 0x7FFFFFFFFFFFFFFF
 _HIGH_HALF = _U(0xFFFFFFFFF8000000)
 _BIAS = _U(1023)
 
@@ -171,12 +180,21 @@ _MILLS_BELOW = (
     137960.744566166715363, 462414.16719060097007, 1100069.97552553588879, 1773118.43149761954608,
     1744706.82940626728931, 794349.421920370853286,
 )  # fmt: skip
+# tan √s/√s and sin 2√s/√s up to s = 0.005² and to 1/64, atan √t/√t up to t = tan² 1/8, within 5e-17 of their values:
+# interpolated at Chebyshev nodes
+_FINE_TANGENT = (0.13333535716592487, 0.3333333333143598, 1.0)
+_FINE_DOUBLE_SINE = (0.2666657142872014, -1.3333333333244048, 2.0)
+_TANGENT = (
+    0.009033635110796896, 0.021866481700786467, 0.053968278373067606, 0.13333333324387606, 0.3333333333334532, 1.0,
+)  # fmt: skip
+_DOUBLE_SINE = (0.001408931879869943, -0.025396798019595285, 0.26666666651390614, -1.333333333333035, 2.0)
+_SHORT_ARC = (
+    0.07334546520721653, -0.09083216624042942, 0.1111102868070088, -0.14285713831346633, 0.19999999998806048,
+    -0.33333333333332155, 1.0,
+)  # fmt: skip
 # Taylor series of cos √s, sin √s/√s and atan √t/√t
-_SHORT_COSINE = tuple((-1) ** k / math.factorial(2 * k) for k in range(5, -1, -1))
-_SHORT_SINC = tuple((-1) ** k / math.factorial(2 * k + 1) for k in range(4, -1, -1))
 _LONG_COSINE = tuple((-1) ** k / math.factorial(2 * k) for k in range(11, -1, -1))
 _LONG_SINC = tuple((-1) ** k / math.factorial(2 * k + 1) for k in range(11, -1, -1))
-_SHORT_ARC = tuple((-1) ** k / (2 * k + 1) for k in range(6, -1, -1))
 _LONG_ARC = tuple((-1) ** k / (2 * k + 1) for k in range(20, -1, -1))
 
 # numbers of other files are repeated here, not imported: numba would not see them change; a test compares them
@@ -197,7 +215,7 @@ class Draws(NamedTuple):
     stream_rows: Offsets
     streams: Offsets
     score_rows: Offsets
-    """Which become standard normal numbers, but for the rows of joint normal laws."""
+    """Which become standard normal numbers: correlated and lognormal ones."""
     group_starts: Offsets
     """Correlated rows: those of group g are ``group_rows[starts[g] … starts[g + 1]]``."""
     group_rows: Offsets
@@ -212,7 +230,12 @@ class Draws(NamedTuple):
     triangular: Array
     """``(k, 2)`` mean, half-width."""
     normal_rows: Offsets
+    """Normal laws but the correlated ones."""
     normal: Array
+    """``(k, 2)`` mean, -2 times the variance."""
+    scaled_rows: Offsets
+    """Correlated normal laws, of standard normal numbers."""
+    scaled: Array
     """``(k, 2)`` mean, standard deviation."""
     truncated_rows: Offsets
     truncated: Array
@@ -271,8 +294,9 @@ class Superposition(NamedTuple):
 class Motions(NamedTuple):
     """The targets, tip first: of each two vectors in base axes, d and half its δ, as sums ``coefficients × row``.
 
-    Those of target k are entries ``starts[k] … starts[k + 1] - 1``, filled up with coefficients of zero until three
-    or none are left after passes of four.
+    Those of target k are entries ``starts[k] … starts[k + 1] - 1``. A target that turns has at least three of each.
+    Of the others entries, and of those that a target has beyond three, three or none are left after passes of four:
+    they are filled up with coefficients of zero.
     """
 
     shift_starts: Offsets
@@ -285,8 +309,8 @@ class Motions(NamedTuple):
     """``(entries, 3)``."""
     arms: Array
     """``(K, 3)`` from each pivot to the undisplaced tip, base axes."""
-    wide: NDArray[np.int64]
-    """``(K + 1,)`` which series: 1 where a target, or at last their product, may turn by more than 0.25 rad."""
+    series: NDArray[np.int64]
+    """``(K + 1,)`` `FINE`, `NARROW` or `WIDE`: for turns up to 0.01 rad, 0.25 rad or π of a target, at last of all."""
 
 
 class Counting(NamedTuple):
@@ -335,7 +359,7 @@ else:
 @plain
 def _uniform(low: Scalar, high: Scalar) -> Scalar:
     """Return (2j + 1)/2⁵³, j the top 52 of the bits in the low halves of two words; every step is exact."""
-    return (_float_of((((low & _LOW) | (high << _HALF_WORD)) >> _TWELVE) | _BITS_OF_ONE) - 1.0) + _HALF_STEP
+    return _float_of((((low & _LOW) | (high << _HALF_WORD)) >> _TWELVE) | _BITS_OF_ONE) - _ONE_LESS
 
 
 @plain
@@ -346,24 +370,48 @@ def _round(c: Any, key_0: Scalar, key_1: Scalar) -> Any:
 
 
 @plain
-def uniforms(w: Array, rows: Offsets, streams: Offsets, words: Offsets, seed: Scalar, first_pair: Scalar) -> None:
-    """Fill rows with uniform numbers, as `precision_pin.philox.uniforms`: even units first, then odd ones."""
+def _second_round(product: Scalar, upper: Scalar, mask: Scalar, same_1: Scalar, same_2: Scalar, first: Scalar) -> Any:
+    """Return the four words after the second round, from the product of the first that is a pair's own."""
+    b = _MULTIPLIER_1 * ((upper ^ mask) & _LOW)
+    return (b >> _HALF_WORD) ^ same_1, b, same_2 ^ product, first
+
+
+@plain
+def uniforms(
+    w: Array, rows: Offsets, streams: Offsets, words: Offsets, seed: Scalar, first_pair: Scalar, products: Offsets
+) -> None:
+    """Fill rows with uniform numbers, as `precision_pin.philox.uniforms`: even units first, then odd ones.
+
+    The first pair's number is a multiple of 128, so that all pairs' upper counter words are the same. Then half of the
+    first two rounds is the same for all streams, or for all pairs; ``products`` is room for `TILE` words.
+    """
+    low, high = first_pair & _LOW, first_pair >> _HALF_WORD
+    for i in range(_PAIRS):
+        product = _MULTIPLIER_0 * (low + i)
+        products[i] = product
+        products[_PAIRS + i] = product >> _HALF_WORD
+    key_0, key_1 = seed & _LOW, seed >> _HALF_WORD
+    next_0, next_1 = (key_0 + _WEYL_0) & _LOW, (key_1 + _WEYL_1) & _LOW
     for k in range(rows.size):
-        row, stream, word = rows[k], streams[k], words[k]
+        row = rows[k]
+        other = _MULTIPLIER_1 * streams[k]
+        first = _MULTIPLIER_0 * (((other >> _HALF_WORD) ^ high ^ key_0) & _LOW)
+        mask, same_1, same_2 = words[k] ^ key_1, other ^ next_0, (first >> _HALF_WORD) ^ next_1
         for i in range(_EIGHTH):
             # four pairs a turn, so that their chains of multiplications overlap
-            p, q = first_pair + i, first_pair + _EIGHTH + i
-            r, s = p + _TWO * _EIGHTH, q + _TWO * _EIGHTH
-            a, b = (p, p >> _HALF_WORD, stream, word), (q, q >> _HALF_WORD, stream, word)
-            c, d = (r, r >> _HALF_WORD, stream, word), (s, s >> _HALF_WORD, stream, word)
-            x, y = seed & _LOW, seed >> _HALF_WORD
-            # ten rounds; a loop of more than five is not unrolled, and then nothing is vectorised
-            for _ in range(5):
-                a, b, c, d = _round(a, x, y), _round(b, x, y), _round(c, x, y), _round(d, x, y)
+            j, m, n = i + _EIGHTH, i + _TWO * _EIGHTH, i + _THREE * _EIGHTH
+            a = _second_round(products[i], products[_PAIRS + i], mask, same_1, same_2, first)
+            b = _second_round(products[j], products[_PAIRS + j], mask, same_1, same_2, first)
+            c = _second_round(products[m], products[_PAIRS + m], mask, same_1, same_2, first)
+            d = _second_round(products[n], products[_PAIRS + n], mask, same_1, same_2, first)
+            x, y = next_0, next_1
+            # eight rounds more; a loop of more than five is not unrolled, and then nothing is vectorised
+            for _ in range(4):
                 x, y = (x + _WEYL_0) & _LOW, (y + _WEYL_1) & _LOW
-            for _ in range(5):
                 a, b, c, d = _round(a, x, y), _round(b, x, y), _round(c, x, y), _round(d, x, y)
+            for _ in range(4):
                 x, y = (x + _WEYL_0) & _LOW, (y + _WEYL_1) & _LOW
+                a, b, c, d = _round(a, x, y), _round(b, x, y), _round(c, x, y), _round(d, x, y)
             even, odd = row + i, row + _PAIRS + i
             w[even], w[odd] = _uniform(a[0], a[1]), _uniform(a[2], a[3])
             w[even + _EIGHTH], w[odd + _EIGHTH] = _uniform(b[0], b[1]), _uniform(b[2], b[3])
@@ -401,9 +449,9 @@ def logarithm(x: Scalar) -> Scalar:
 @contracted
 def turned(u: Scalar) -> tuple[Scalar, Scalar]:
     """Return sin 2πu and cos 2πu for 0 ≤ u ≤ 1, within 2 ulp; polynomials of Chebyshev interpolation on 1/8 of a turn."""
-    rounded = 4.0 * u + _ROUND_TO_WHOLE
+    rounded = u + _ROUND_TO_QUARTER
     quarter = _bits_of(rounded)
-    r = u - 0.25 * (rounded - _ROUND_TO_WHOLE)  # exact
+    r = u - (rounded - _ROUND_TO_QUARTER)  # exact
     z = r * r
     s, c = r * _series(z, _SINE), _series(z, _COSINE)
     swap = (quarter & _ONE) != _ZERO
@@ -459,13 +507,13 @@ def cumulative(z: Scalar) -> Scalar:
 
 
 @contracted
-def normals(w: Array, row: Scalar) -> None:
-    """Turn a row of uniform numbers into standard normal ones: Box-Muller of each pair (even unit, odd unit)."""
+def normals(w: Array, row: Scalar, mean: Scalar, factor: Scalar) -> None:
+    """Turn a row of uniform numbers into normal ones: Box-Muller of each pair (even unit, odd unit); factor is -2σ²."""
     for i in range(_PAIRS):
-        reach = np.sqrt(-2.0 * logarithm(w[row + i]))
+        reach = np.sqrt(factor * logarithm(w[row + i]))
         sine, cosine = turned(w[row + _PAIRS + i])
-        w[row + i] = reach * cosine
-        w[row + _PAIRS + i] = reach * sine
+        w[row + i] = mean + reach * cosine
+        w[row + _PAIRS + i] = mean + reach * sine
 
 
 @plain
@@ -621,11 +669,11 @@ def joint_law(w: Array, row: Scalar, size: Scalar, root: Array) -> None:
             w[target + i] += mean
 
 
-@plain
+@within
 def apply_laws(w: Array, draws: Draws) -> None:
     """Turn the rows of uniform numbers into the components of the space."""
     for k in range(draws.score_rows.size):
-        normals(w, draws.score_rows[k])
+        normals(w, draws.score_rows[k], 0.0, -2.0)
     for k in range(draws.group_starts.size - 1):
         correlate(w, draws.group_rows[draws.group_starts[k] : draws.group_starts[k + 1]], draws.group_roots[k])
     for k in range(draws.cumulated_rows.size):
@@ -635,8 +683,10 @@ def apply_laws(w: Array, draws: Draws) -> None:
     for k in range(draws.triangular_rows.size):
         triangular_law(w, draws.triangular_rows[k], draws.triangular[k, 0], draws.triangular[k, 1])
     for k in range(draws.normal_rows.size):
-        row = draws.normal_rows[k]
-        mean, std = draws.normal[k, 0], draws.normal[k, 1]
+        normals(w, draws.normal_rows[k], draws.normal[k, 0], draws.normal[k, 1])
+    for k in range(draws.scaled_rows.size):
+        row = draws.scaled_rows[k]
+        mean, std = draws.scaled[k, 0], draws.scaled[k, 1]
         for i in range(_TILE):
             w[row + i] = mean + std * w[row + i]
     for k in range(draws.truncated_rows.size):
@@ -649,7 +699,7 @@ def apply_laws(w: Array, draws: Draws) -> None:
     for k in range(draws.joint_rows.size):
         row, size = draws.joint_rows[k], draws.joint_sizes[k]
         for j in range(size):
-            normals(w, row + _U(j) * _STRIDE)
+            normals(w, row + _U(j) * _STRIDE, 0.0, -2.0)
         joint_law(w, row, size, draws.joint_roots[k])
     for k in range(draws.lognormal_rows.size):
         law = draws.lognormal[k]
@@ -670,7 +720,7 @@ def apply_laws(w: Array, draws: Draws) -> None:
 # derived parameters and products -------------------------------------------------------------------------------------
 
 
-@plain
+@within
 def _derive(w: Array, formulas: Formulas) -> Scalar:
     """Evaluate the operations and products; return how many results are not finite."""
     failures = 0
@@ -714,8 +764,8 @@ def _derive(w: Array, formulas: Formulas) -> Scalar:
 
 
 @contracted
-def _mix(w: Array, result: Scalar, start: Scalar, stop: Scalar, rows: Offsets, vectors: Array) -> None:
-    """Add ``vector × row`` to the three rows from an offset on, for entries ``start … stop - 1``."""
+def _mix(s: Array, w: Array, result: Scalar, start: Scalar, stop: Scalar, rows: Offsets, vectors: Array) -> None:
+    """Add ``vector × row`` to three rows of the scratch, for entries ``start … stop - 1``."""
     one, two, three = result, result + _STRIDE, result + _U(2 * STRIDE)
     k = start
     while stop - k >= _FOUR:
@@ -725,10 +775,10 @@ def _mix(w: Array, result: Scalar, start: Scalar, stop: Scalar, rows: Offsets, v
         cx, cy, cz = vectors[k + _TWO, 0], vectors[k + _TWO, 1], vectors[k + _TWO, 2]
         dx, dy, dz = vectors[k + _THREE, 0], vectors[k + _THREE, 1], vectors[k + _THREE, 2]
         for i in range(_TILE):
-            p, q, r, s = w[a + i], w[b + i], w[c + i], w[d + i]
-            w[one + i] += ax * p + bx * q + cx * r + dx * s
-            w[two + i] += ay * p + by * q + cy * r + dy * s
-            w[three + i] += az * p + bz * q + cz * r + dz * s
+            p, q, r, t = w[a + i], w[b + i], w[c + i], w[d + i]
+            s[one + i] += ax * p + bx * q + cx * r + dx * t
+            s[two + i] += ay * p + by * q + cy * r + dy * t
+            s[three + i] += az * p + bz * q + cz * r + dz * t
         k += _FOUR
     if k < stop:
         a, b, c = rows[k], rows[k + _ONE], rows[k + _TWO]
@@ -737,249 +787,303 @@ def _mix(w: Array, result: Scalar, start: Scalar, stop: Scalar, rows: Offsets, v
         cx, cy, cz = vectors[k + _TWO, 0], vectors[k + _TWO, 1], vectors[k + _TWO, 2]
         for i in range(_TILE):
             p, q, r = w[a + i], w[b + i], w[c + i]
-            w[one + i] += ax * p + bx * q + cx * r
-            w[two + i] += ay * p + by * q + cy * r
-            w[three + i] += az * p + bz * q + cz * r
-
-
-@contracted
-def _turn_narrow(w: Array) -> None:
-    """Turn the half rotation vector h into the quaternion of its rotation, in place, for |h| ≤ 0.125."""
-    for i in range(_TILE):
-        x, y, z = w[_H0 + i], w[_H1 + i], w[_H2 + i]
-        s = x * x + y * y + z * z
-        sinc = _series(s, _SHORT_SINC)
-        w[_HW + i] = _series(s, _SHORT_COSINE)
-        w[_H0 + i] = sinc * x
-        w[_H1 + i] = sinc * y
-        w[_H2 + i] = sinc * z
-
-
-@contracted
-def _turn_wide(w: Array) -> None:
-    """As `_turn_narrow`, for |h| ≤ π/2."""
-    for i in range(_TILE):
-        x, y, z = w[_H0 + i], w[_H1 + i], w[_H2 + i]
-        s = x * x + y * y + z * z
-        sinc = _series(s, _LONG_SINC)
-        w[_HW + i] = _series(s, _LONG_COSINE)
-        w[_H0 + i] = sinc * x
-        w[_H1 + i] = sinc * y
-        w[_H2 + i] = sinc * z
+            s[one + i] += ax * p + bx * q + cx * r
+            s[two + i] += ay * p + by * q + cy * r
+            s[three + i] += az * p + bz * q + cz * r
 
 
 @plain
-def _too_far(w: Array) -> Scalar:
-    """Return how many half rotation vectors are π/2 long or more."""
+def _clear(s: Array, row: Scalar) -> None:
+    """Fill three rows of the scratch with zeros."""
+    for i in range(_TILE):
+        s[row + i] = 0.0
+        s[row + _STRIDE + i] = 0.0
+        s[row + _U(2 * STRIDE) + i] = 0.0
+
+
+@contracted
+def _turn(s: Array, w: Array, k: Scalar, rows: Offsets, vectors: Array, tangents: Any, double_sines: Any) -> None:
+    """Write G = tan|h| h/|h| and H = sin 2|h| h/|h| of half a rotation vector h = X + three entries."""
+    a, b, c = rows[k], rows[k + _ONE], rows[k + _TWO]
+    ax, ay, az = vectors[k, 0], vectors[k, 1], vectors[k, 2]
+    bx, by, bz = vectors[k + _ONE, 0], vectors[k + _ONE, 1], vectors[k + _ONE, 2]
+    cx, cy, cz = vectors[k + _TWO, 0], vectors[k + _TWO, 1], vectors[k + _TWO, 2]
+    for i in range(_TILE):
+        p, q, r = w[a + i], w[b + i], w[c + i]
+        x = s[_X0 + i] + ax * p + bx * q + cx * r
+        y = s[_X1 + i] + ay * p + by * q + cy * r
+        z = s[_X2 + i] + az * p + bz * q + cz * r
+        square = x * x + y * y + z * z
+        tangent, sine = _series(square, tangents), _series(square, double_sines)
+        s[_G0 + i] = tangent * x
+        s[_G1 + i] = tangent * y
+        s[_G2 + i] = tangent * z
+        s[_H0 + i] = sine * x
+        s[_H1 + i] = sine * y
+        s[_H2 + i] = sine * z
+
+
+@contracted
+def _begin(s: Array, w: Array, k: Scalar, rows: Offsets, vectors: Array, rx: Scalar, ry: Scalar, rz: Scalar) -> None:
+    """Turn and shift, as `_carry`, what is at rest."""
+    a, b, c = rows[k], rows[k + _ONE], rows[k + _TWO]
+    ax, ay, az = vectors[k, 0], vectors[k, 1], vectors[k, 2]
+    bx, by, bz = vectors[k + _ONE, 0], vectors[k + _ONE, 1], vectors[k + _ONE, 2]
+    cx, cy, cz = vectors[k + _TWO, 0], vectors[k + _TWO, 1], vectors[k + _TWO, 2]
+    for i in range(_TILE):
+        gx, gy, gz = s[_G0 + i], s[_G1 + i], s[_G2 + i]
+        hx, hy, hz = s[_H0 + i], s[_H1 + i], s[_H2 + i]
+        ux = rx + gy * rz - gz * ry
+        uy = ry + gz * rx - gx * rz
+        uz = rz + gx * ry - gy * rx
+        p, q, r = w[a + i], w[b + i], w[c + i]
+        s[_E0 + i] = ax * p + bx * q + cx * r + hy * uz - hz * uy
+        s[_E1 + i] = ay * p + by * q + cy * r + hz * ux - hx * uz
+        s[_E2 + i] = az * p + bz * q + cz * r + hx * uy - hy * ux
+        s[_V + i] = 1.0
+        s[_V0 + i] = gx
+        s[_V1 + i] = gy
+        s[_V2 + i] = gz
+
+
+@contracted
+def _carry(s: Array, w: Array, k: Scalar, rows: Offsets, vectors: Array, rx: Scalar, ry: Scalar, rz: Scalar) -> None:
+    """Turn and shift what lies beyond a target: e ← e + (Rot - 1)(r + e) + three entries, q ← (1, G) q.
+
+    (Rot - 1) p = H × (p + G × p), in which nothing cancels; q is a multiple of the rotation's quaternion.
+    """
+    a, b, c = rows[k], rows[k + _ONE], rows[k + _TWO]
+    ax, ay, az = vectors[k, 0], vectors[k, 1], vectors[k, 2]
+    bx, by, bz = vectors[k + _ONE, 0], vectors[k + _ONE, 1], vectors[k + _ONE, 2]
+    cx, cy, cz = vectors[k + _TWO, 0], vectors[k + _TWO, 1], vectors[k + _TWO, 2]
+    for i in range(_TILE):
+        gx, gy, gz = s[_G0 + i], s[_G1 + i], s[_G2 + i]
+        hx, hy, hz = s[_H0 + i], s[_H1 + i], s[_H2 + i]
+        ex, ey, ez = s[_E0 + i], s[_E1 + i], s[_E2 + i]
+        px, py, pz = rx + ex, ry + ey, rz + ez
+        ux = px + gy * pz - gz * py
+        uy = py + gz * px - gx * pz
+        uz = pz + gx * py - gy * px
+        p, q, r = w[a + i], w[b + i], w[c + i]
+        s[_E0 + i] = ex + ax * p + bx * q + cx * r + hy * uz - hz * uy
+        s[_E1 + i] = ey + ay * p + by * q + cy * r + hz * ux - hx * uz
+        s[_E2 + i] = ez + az * p + bz * q + cz * r + hx * uy - hy * ux
+        v, x, y, z = s[_V + i], s[_V0 + i], s[_V1 + i], s[_V2 + i]
+        s[_V + i] = v - gx * x - gy * y - gz * z
+        s[_V0 + i] = x + v * gx + gy * z - gz * y
+        s[_V1 + i] = y + v * gy + gz * x - gx * z
+        s[_V2 + i] = z + v * gz + gx * y - gy * x
+
+
+@plain
+def _too_far(s: Array) -> Scalar:
+    """Return how many half rotation vectors X are π/2 long or more."""
     count = 0
     for i in range(_TILE):
-        x, y, z = w[_H0 + i], w[_H1 + i], w[_H2 + i]
+        x, y, z = s[_X0 + i], s[_X1 + i], s[_X2 + i]
         count += 0 if x * x + y * y + z * z < _QUARTER_TURN_SQUARED else 1
     return count
 
 
 @contracted
-def _rotate(w: Array, rx: Scalar, ry: Scalar, rz: Scalar) -> None:
-    """Turn what lies beyond a target: e ← e + (Rot - 1)(r + e), q ← rotation · q."""
+def _carry_wide(s: Array, rx: Scalar, ry: Scalar, rz: Scalar) -> None:
+    """Turn what lies beyond a target as `_carry`, by the quaternion of the half rotation vector X, |X| < π/2."""
     for i in range(_TILE):
-        a, x, y, z = w[_HW + i], w[_H0 + i], w[_H1 + i], w[_H2 + i]
-        px, py, pz = rx + w[_E0 + i], ry + w[_E1 + i], rz + w[_E2 + i]
-        # (Rot - 1) p = 2 v × (a p + v × p), with nothing that cancels
+        x, y, z = s[_X0 + i], s[_X1 + i], s[_X2 + i]
+        square = x * x + y * y + z * z
+        sinc = _series(square, _LONG_SINC)
+        s[_G0 + i] = _series(square, _LONG_COSINE)
+        s[_H0 + i] = sinc * x
+        s[_H1 + i] = sinc * y
+        s[_H2 + i] = sinc * z
+    for i in range(_TILE):
+        a, x, y, z = s[_G0 + i], s[_H0 + i], s[_H1 + i], s[_H2 + i]
+        px, py, pz = rx + s[_E0 + i], ry + s[_E1 + i], rz + s[_E2 + i]
         ux = a * px + (y * pz - z * py)
         uy = a * py + (z * px - x * pz)
         uz = a * pz + (x * py - y * px)
-        w[_E0 + i] += 2.0 * (y * uz - z * uy)
-        w[_E1 + i] += 2.0 * (z * ux - x * uz)
-        w[_E2 + i] += 2.0 * (x * uy - y * ux)
-        b, qx, qy, qz = w[_Q0 + i], w[_Q1 + i], w[_Q2 + i], w[_Q3 + i]
-        w[_Q0 + i] = a * b - x * qx - y * qy - z * qz
-        w[_Q1 + i] = a * qx + b * x + (y * qz - z * qy)
-        w[_Q2 + i] = a * qy + b * y + (z * qx - x * qz)
-        w[_Q3 + i] = a * qz + b * z + (x * qy - y * qx)
+        s[_E0 + i] += 2.0 * (y * uz - z * uy)
+        s[_E1 + i] += 2.0 * (z * ux - x * uz)
+        s[_E2 + i] += 2.0 * (x * uy - y * ux)
+        b, vx, vy, vz = s[_V + i], s[_V0 + i], s[_V1 + i], s[_V2 + i]
+        s[_V + i] = a * b - x * vx - y * vy - z * vz
+        s[_V0 + i] = a * vx + b * x + (y * vz - z * vy)
+        s[_V1 + i] = a * vy + b * y + (z * vx - x * vz)
+        s[_V2 + i] = a * vz + b * z + (x * vy - y * vx)
 
 
 @contracted
-def _turn_by_three(w: Array, first: Scalar, rows: Offsets, vectors: Array, rx: Scalar, ry: Scalar, rz: Scalar) -> None:
-    """Do at once what `_mix` of three entries, `_turn_narrow` and `_rotate` do."""
-    a, b, c = rows[first], rows[first + _ONE], rows[first + _TWO]
-    ax, ay, az = vectors[first, 0], vectors[first, 1], vectors[first, 2]
-    bx, by, bz = vectors[first + _ONE, 0], vectors[first + _ONE, 1], vectors[first + _ONE, 2]
-    cx, cy, cz = vectors[first + _TWO, 0], vectors[first + _TWO, 1], vectors[first + _TWO, 2]
+def _rotation_vector_narrow(s: Array) -> None:
+    """Turn the quaternion's vector into the rotation vector, in place: 2 atan(|v|/w) v/|v|, up to 0.25 rad."""
     for i in range(_TILE):
-        p, q, r = w[a + i], w[b + i], w[c + i]
-        x = ax * p + bx * q + cx * r
-        y = ay * p + by * q + cy * r
-        z = az * p + bz * q + cz * r
-        s = x * x + y * y + z * z
-        sinc = _series(s, _SHORT_SINC)
-        t = _series(s, _SHORT_COSINE)
-        x, y, z = sinc * x, sinc * y, sinc * z
-        px, py, pz = rx + w[_E0 + i], ry + w[_E1 + i], rz + w[_E2 + i]
-        ux = t * px + (y * pz - z * py)
-        uy = t * py + (z * px - x * pz)
-        uz = t * pz + (x * py - y * px)
-        w[_E0 + i] += 2.0 * (y * uz - z * uy)
-        w[_E1 + i] += 2.0 * (z * ux - x * uz)
-        w[_E2 + i] += 2.0 * (x * uy - y * ux)
-        q0, qx, qy, qz = w[_Q0 + i], w[_Q1 + i], w[_Q2 + i], w[_Q3 + i]
-        w[_Q0 + i] = t * q0 - x * qx - y * qy - z * qz
-        w[_Q1 + i] = t * qx + q0 * x + (y * qz - z * qy)
-        w[_Q2 + i] = t * qy + q0 * y + (z * qx - x * qz)
-        w[_Q3 + i] = t * qz + q0 * z + (x * qy - y * qx)
+        x, y, z = s[_V0 + i], s[_V1 + i], s[_V2 + i]
+        g = 1.0 / s[_V + i]
+        scale = 2.0 * g * _series((x * x + y * y + z * z) * g * g, _SHORT_ARC)
+        s[_V0 + i] = scale * x
+        s[_V1 + i] = scale * y
+        s[_V2 + i] = scale * z
 
 
 @contracted
-def _rotation_vector_narrow(w: Array) -> None:
-    """Turn the quaternion into the rotation vector, in place: 4 atan(|v|/(1 + w)) v/|v|, up to 0.25 rad."""
+def _rotation_vector_wide(s: Array) -> None:
+    """As `_rotation_vector_narrow`, up to π, with the angle halved twice more; the angle is in [0, π]."""
     for i in range(_TILE):
-        x, y, z = w[_Q1 + i], w[_Q2 + i], w[_Q3 + i]
-        g = 1.0 / (1.0 + w[_Q0 + i])
-        t = (x * x + y * y + z * z) * g * g
-        scale = 4.0 * g * _series(t, _SHORT_ARC)
-        w[_Q1 + i] = scale * x
-        w[_Q2 + i] = scale * y
-        w[_Q3 + i] = scale * z
-
-
-@contracted
-def _rotation_vector_wide(w: Array) -> None:
-    """As `_rotation_vector_narrow`, up to π, with the angle halved once more; the angle is in [0, π]."""
-    for i in range(_TILE):
-        x, y, z, a = w[_Q1 + i], w[_Q2 + i], w[_Q3 + i], w[_Q0 + i]
+        x, y, z, a = s[_V0 + i], s[_V1 + i], s[_V2 + i], s[_V + i]
         sign = 1.0 if a >= 0.0 else -1.0
-        g = 1.0 / (1.0 + abs(a))
-        t = (x * x + y * y + z * z) * g * g
+        square = x * x + y * y + z * z
+        g = 1.0 / (np.sqrt(a * a + square) + abs(a))
+        t = square * g * g
         h = 1.0 / (1.0 + np.sqrt(1.0 + t))
-        t = t * h * h
-        scale = sign * 8.0 * g * h * _series(t, _LONG_ARC)
-        w[_Q1 + i] = scale * x
-        w[_Q2 + i] = scale * y
-        w[_Q3 + i] = scale * z
+        scale = sign * 8.0 * g * h * _series(t * h * h, _LONG_ARC)
+        s[_V0 + i] = scale * x
+        s[_V1 + i] = scale * y
+        s[_V2 + i] = scale * z
 
 
 @plain
-def _at_rest(w: Array) -> None:
-    """Let no sample be displaced yet."""
+def _stay(s: Array) -> None:
+    """Let no sample be displaced."""
+    _clear(s, _E0)
+    _clear(s, _V0)
     for i in range(_TILE):
-        w[_E0 + i] = 0.0
-        w[_E1 + i] = 0.0
-        w[_E2 + i] = 0.0
-        w[_Q0 + i] = 1.0
-        w[_Q1 + i] = 0.0
-        w[_Q2 + i] = 0.0
-        w[_Q3 + i] = 0.0
+        s[_V + i] = 1.0
 
 
-@plain
-def _displace(w: Array, motions: Motions, skipped: Scalar, count: Scalar, sampled: bool) -> Scalar:
+@within
+def _displace(s: Array, w: Array, motions: Motions, skipped: Scalar, count: Scalar, sampled: bool) -> Scalar:
     """Compose all targets from the tip to the base; return the sample of which a target turns by π or more, or -1.
 
-    The tip's displacement e and the rotation q, not the pose, are carried along, so that nothing cancels.
+    The tip's displacement e and the rotation q, not the pose, are carried along, so that nothing cancels. X is zero
+    before and after.
     """
-    _at_rest(w)
+    turn_rows, turns, shift_rows, shifts = motions.turn_rows, motions.turns, motions.shift_rows, motions.shifts
+    at_rest = True
     targets = motions.arms.shape[0]
     for k in range(_U(targets)):
-        first, last = motions.turn_starts[k], motions.turn_starts[k + _ONE]
+        turn, turn_end = motions.turn_starts[k], motions.turn_starts[k + _ONE]
+        shift, shift_end = motions.shift_starts[k], motions.shift_starts[k + _ONE]
         rx, ry, rz = motions.arms[k, 0], motions.arms[k, 1], motions.arms[k, 2]
-        if last - first == _THREE and not motions.wide[k]:
-            _turn_by_three(w, first, motions.turn_rows, motions.turns, rx, ry, rz)
-        elif first < last:
-            for i in range(_TILE):
-                w[_H0 + i] = 0.0
-                w[_H1 + i] = 0.0
-                w[_H2 + i] = 0.0
-            _mix(w, _H0, first, last, motions.turn_rows, motions.turns)
-            if motions.wide[k]:
-                if _too_far(w):
-                    for i in range(_TILE):
-                        sample = _sample_at(i, sampled)
-                        x, y, z = w[_H0 + i], w[_H1 + i], w[_H2 + i]
-                        if skipped <= sample < count and not x * x + y * y + z * z < _QUARTER_TURN_SQUARED:
+        if turn == turn_end or motions.series[k] == WIDE:
+            if at_rest:
+                _stay(s)
+                at_rest = False
+            if turn < turn_end:
+                own = turn_end - _THREE
+                _mix(s, w, _X0, turn, own, turn_rows, turns)
+                _mix(s, w, _X0, own, turn_end, turn_rows, turns)
+                if _too_far(s):
+                    for sample in range(skipped, count):
+                        i = _place_of(sample, sampled)
+                        x, y, z = s[_X0 + i], s[_X1 + i], s[_X2 + i]
+                        if not x * x + y * y + z * z < _QUARTER_TURN_SQUARED:
                             return sample
-                _turn_wide(w)
+                _carry_wide(s, rx, ry, rz)
+                _clear(s, _X0)
+                _mix(s, w, _E0, shift, shift + _THREE, shift_rows, shifts)
+                shift += _THREE
+        else:
+            # all but the last three entries of a turn are collected, the first three of a shift go with it
+            own = turn_end - _THREE
+            _mix(s, w, _X0, turn, own, turn_rows, turns)
+            if motions.series[k] == FINE:
+                _turn(s, w, own, turn_rows, turns, _FINE_TANGENT, _FINE_DOUBLE_SINE)
             else:
-                _turn_narrow(w)
-            _rotate(w, rx, ry, rz)
-        _mix(w, _E0, motions.shift_starts[k], motions.shift_starts[k + _ONE], motions.shift_rows, motions.shifts)
-    if motions.wide[targets]:
-        _rotation_vector_wide(w)
+                _turn(s, w, own, turn_rows, turns, _TANGENT, _DOUBLE_SINE)
+            if turn < own:
+                _clear(s, _X0)
+            if at_rest:
+                _begin(s, w, shift, shift_rows, shifts, rx, ry, rz)
+                at_rest = False
+            else:
+                _carry(s, w, shift, shift_rows, shifts, rx, ry, rz)
+            shift += _THREE
+        _mix(s, w, _E0, shift, shift_end, shift_rows, shifts)
+    if at_rest:
+        _stay(s)
+    if motions.series[targets] == WIDE:
+        _rotation_vector_wide(s)
     else:
-        _rotation_vector_narrow(w)
+        _rotation_vector_narrow(s)
     return -1
 
 
-@plain
-def _superpose(w: Array, superposition: Superposition) -> None:
+@within
+def _superpose(
+    s: Array, w: Array, superposition: Superposition, shift: Scalar, shift_end: Scalar, turn: Scalar, turn_end: Scalar
+) -> None:
     """Write the linear model's six numbers where `_displace` leaves them."""
-    _at_rest(w)
-    _mix(w, _E0, _ZERO, _U(superposition.shift_rows.size), superposition.shift_rows, superposition.shifts)
-    _mix(w, _Q1, _ZERO, _U(superposition.turn_rows.size), superposition.turn_rows, superposition.turns)
+    _clear(s, _E0)
+    _clear(s, _V0)
+    _mix(s, w, _E0, shift, shift_end, superposition.shift_rows, superposition.shifts)
+    _mix(s, w, _V0, turn, turn_end, superposition.turn_rows, superposition.turns)
 
 
 # counting ------------------------------------------------------------------------------------------------------------
 
 
 @plain
-def _sample_at(position: Scalar, sampled: bool) -> Scalar:
-    """Return which sample of the tile stands at a position of a row."""
-    place = np.int64(position)
-    if not sampled:
-        return place
-    return 2 * place if place < TILE // 2 else 2 * (place - TILE // 2) + 1
-
-
-@plain
-def _in_order(w: Array, source: Scalar, result: Scalar, sampled: bool) -> None:
-    """Copy a row with its samples in order."""
+def _place_of(sample: Scalar, sampled: bool) -> Scalar:
+    """Return where in a row a sample of the tile stands."""
     if sampled:
-        for i in range(_PAIRS):
-            w[result + _TWO * i] = w[source + i]
-            w[result + _TWO * i + _ONE] = w[source + _PAIRS + i]
-    else:
-        for i in range(_TILE):
-            w[result + i] = w[source + i]
+        return _U((sample >> 1) + (sample & 1) * (TILE // 2))
+    return _U(sample)
 
 
 @plain
-def _values(w: Array, sampled: bool) -> Scalar:
-    """Write the eight quantities in order; return how many samples are not finite."""
-    for part in range(_TWO):
-        norm = _VALUES + part * _U(4 * STRIDE)
-        for c in range(_U(3)):
-            source = part * _U(4 * STRIDE) + c * _STRIDE  # rows _E0, _E1, _E2 and _Q1, _Q2, _Q3
-            _in_order(w, source, norm + (c + _ONE) * _STRIDE, sampled)
-        for i in range(_TILE):
-            x, y, z = w[norm + _STRIDE + i], w[norm + _U(2 * STRIDE) + i], w[norm + _U(3 * STRIDE) + i]
-            w[norm + i] = np.sqrt(x * x + y * y + z * z)
+def _norms(s: Array) -> Scalar:
+    """Write the two norms; return how many samples are not finite."""
     failures = 0
-    for i in range(_TILE):
-        finite = w[_VALUES + i] < np.inf and w[_VALUES + _U(4 * STRIDE) + i] < np.inf
-        failures += 0 if finite else 1
+    for part in range(_TWO):
+        norm = part * _U(4 * STRIDE)
+        for i in range(_TILE):
+            x, y, z = s[norm + _STRIDE + i], s[norm + _U(2 * STRIDE) + i], s[norm + _U(3 * STRIDE) + i]
+            length = np.sqrt(x * x + y * y + z * z)
+            s[norm + i] = length
+            failures += 0 if length < np.inf else 1
     return failures
 
 
 @plain
-def _pad(w: Array, count: Scalar) -> None:
+def _not_finite(s: Array, skipped: Scalar, count: Scalar, sampled: bool) -> Scalar:
+    """Return the first sample that is not finite, or -1."""
+    for sample in range(skipped, count):
+        i = _place_of(sample, sampled)
+        if not (s[_D + i] < np.inf and s[_T + i] < np.inf):
+            return sample
+    return -1
+
+
+@plain
+def _repeat_first(s: Array, count: Scalar) -> None:
     """Let the samples beyond the last one equal the first: they change neither smallest nor largest."""
-    for q in range(_U(8)):
-        row = _VALUES + q * _STRIDE
-        for i in range(count, TILE):
-            w[row + _U(i)] = w[row]
+    for sample in range(count, TILE):
+        i = _place_of(sample, True)
+        for q in range(_U(8)):
+            s[q * _STRIDE + i] = s[q * _STRIDE]
+
+
+@plain
+def _pad(s: Array, count: Scalar, centre: Array) -> None:
+    """Let the samples beyond the last one lie at the centre: their residuals are zero."""
+    for sample in range(count, TILE):
+        i = _place_of(sample, True)
+        for q in range(_U(8)):
+            s[q * _STRIDE + i] = centre[q]
 
 
 @plain
 def _keep_largest(
-    w: Array, q: Scalar, count: Scalar, first: Scalar, largest: Array, units: NDArray[np.int64], row: Scalar
+    s: Array, q: Scalar, count: Scalar, first: Scalar, largest: Array, units: NDArray[np.int64], row: Scalar
 ) -> None:
     """Keep the tile's largest values of a quantity, largest first, of equal ones the earlier unit's."""
-    values = _VALUES + q * _STRIDE
+    values = q * _STRIDE
     least = largest[row, LARGEST - 1]
     above = 0
     for i in range(_TILE):
-        above += 1 if w[values + i] > least else 0
+        above += 1 if s[values + i] > least else 0
     if above:
-        for i in range(count):
-            value = w[values + _U(i)]
+        for sample in range(count):
+            value = s[values + _place_of(sample, True)]
             place = LARGEST
             while place > 0 and value > largest[row, place - 1]:
                 place -= 1
@@ -988,98 +1092,144 @@ def _keep_largest(
                     largest[row, k] = largest[row, k - 1]
                     units[row, k] = units[row, k - 1]
                 largest[row, place] = value
-                units[row, place] = np.int64(first) + i
+                units[row, place] = np.int64(first) + sample
 
 
 @plain
-def _widen(w: Array, step: Scalar) -> None:
+def _widen(s: Array, step: Scalar) -> None:
     """Let the lanes' smallest and largest values take in the tile's: of every, or every fourth, quantity."""
     for q in range(_ZERO, _U(8), step):
-        values = _VALUES + q * _STRIDE
+        values = q * _STRIDE
         lowest = _LANES + (_U(SUMS) + q) * _U(LANES)
         highest = lowest + _U(8 * LANES)
         for lane in range(_U(LANES)):
-            low, high = w[lowest + lane], w[highest + lane]
+            low, high = s[lowest + lane], s[highest + lane]
             for c in range(_U(TILE // LANES)):
-                value = w[values + c * _U(LANES) + lane]
+                value = s[values + c * _U(LANES) + lane]
                 low = value if value < low else low
                 high = value if value > high else high
-            w[lowest + lane] = low
-            w[highest + lane] = high
+            s[lowest + lane] = low
+            s[highest + lane] = high
 
 
 @plain
-def _bin(w: Array, bins: Offsets, q: Scalar, centre: Scalar, inverse_scale: Scalar) -> None:
-    """Write a quantity's residuals, and in which bin of the sketch each falls."""
-    values, residuals = _VALUES + q * _STRIDE, _RESIDUALS + q * _STRIDE
-    first = q * _U(2 * _BINS)
-    for i in range(_TILE):
-        residual = w[values + i] - centre
-        w[residuals + i] = residual
-        scaled = residual * inverse_scale
-        shifted = _bits_of(abs(scaled)) >> _U(_SHIFT)
-        magnitude = shifted - _U(_OFFSET - 1) if shifted > _U(_OFFSET - 1) else _ZERO
-        magnitude = magnitude if magnitude < _U(_BINS - 1) else _U(_BINS - 1)
-        bins[i] = first + (_U(_BINS - 1) - magnitude if scaled < 0.0 else _U(_BINS) + magnitude)
-
-
-@plain
-def _add_residuals(w: Array) -> None:
-    """Add the residuals into their lanes."""
+def _add_residuals(s: Array, centre: Array) -> None:
+    """Write the residuals and add them into their lanes."""
     for q in range(_U(8)):
-        sums, residuals = _LANES + q * _U(LANES), _RESIDUALS + q * _STRIDE
+        sums, values, residuals, c = _LANES + q * _U(LANES), q * _STRIDE, _RESIDUALS + q * _STRIDE, centre[q]
         for lane in range(_U(LANES)):
-            total = w[sums + lane]
-            for c in range(_U(TILE // LANES)):
-                total += w[residuals + c * _U(LANES) + lane]
-            w[sums + lane] = total
+            total = s[sums + lane]
+            for k in range(_U(TILE // LANES)):
+                residual = s[values + k * _U(LANES) + lane] - c
+                s[residuals + k * _U(LANES) + lane] = residual
+                total += residual
+            s[sums + lane] = total
 
 
 @plain
-def _count(
-    w: Array, bins: Offsets, count: Scalar, counting: Counting, sketch: NDArray[np.uint32], inside: NDArray[np.int64]
-) -> None:
-    """Count the tile's values into the lanes, the sketch and the specifications."""
-    _widen(w, _ONE)
-    for q in range(_U(8)):
-        _bin(w, bins, q, counting.centre[q], counting.inverse_scale[q])
-        for i in range(_U(count)):
+def _count_bins(bins: Offsets, count: Scalar, sketch: NDArray[np.uint32]) -> None:
+    """Count the samples in the bins where they fall."""
+    if count == TILE:
+        for i in range(_TILE):
             sketch[bins[i]] += np.uint32(1)
-        for i in range(count, TILE):
-            w[_RESIDUALS + q * _STRIDE + _U(i)] = 0.0
-    _add_residuals(w)
-    _add_products(w)
+    else:
+        for sample in range(count):
+            sketch[bins[_place_of(sample, True)]] += np.uint32(1)
+
+
+@plain
+def _sketch_all(s: Array, bins: Offsets, count: Scalar, inverse_scale: Array, sketch: NDArray[np.uint32]) -> None:
+    """Count the residuals in the sketch of each quantity."""
+    for q in range(_U(8)):
+        residuals, factor = _RESIDUALS + q * _STRIDE, inverse_scale[q]
+        zero = np.int64(q * _U(2 * _BINS) + _U(_BINS))
+        for i in range(_TILE):
+            bits = np.int64(_bits_of(s[residuals + i] * factor))
+            magnitude = ((bits & _ALL_BUT_SIGN) >> _SHIFT) - (_OFFSET - 1)
+            magnitude = min(max(magnitude, np.int64(0)), np.int64(_BINS - 1))
+            # from zero on upwards, or of what is negative from zero - 1 on downwards
+            bins[i] = _U(zero + (magnitude ^ (bits >> 63)))
+        _count_bins(bins, count, sketch)
+
+
+@plain
+def _sketch_norms(s: Array, bins: Offsets, count: Scalar, inverse_scale: Array, sketch: NDArray[np.uint32]) -> None:
+    """Count the residuals of the two norms in the small sketch."""
+    for part in range(_TWO):
+        residuals, first = _RESIDUALS + part * _U(4 * STRIDE), part * _U(NORM_COLUMNS)
+        factor = inverse_scale[part * _FOUR]
+        for i in range(_TILE):
+            scaled = s[residuals + i] * factor
+            shifted = _bits_of(abs(scaled)) >> _NORM_SHIFT
+            magnitude = shifted - _NORM_OFFSET if shifted > _NORM_OFFSET else _ZERO
+            magnitude = magnitude if magnitude < _NORM_LAST else _NORM_LAST
+            bins[i] = first + (_NORM_LAST - magnitude if scaled < 0.0 else _NORM_LAST + _ONE + magnitude)
+        _count_bins(bins, count, sketch)
+
+
+@plain
+def _count_inside(s: Array, count: Scalar, counting: Counting, inside: NDArray[np.int64]) -> None:
+    """Count the samples inside each specification."""
     for k in range(counting.limits.size):
-        row, limit = _VALUES + counting.limit_rows[k] * _STRIDE, counting.limits[k]
+        row, limit = counting.limit_rows[k] * _STRIDE, counting.limits[k]
         kept = 0
-        for i in range(_U(count)):
-            kept += 1 if abs(w[row + i]) <= limit else 0
+        if count == TILE:
+            for i in range(_TILE):
+                kept += 1 if abs(s[row + i]) <= limit else 0
+        else:
+            for sample in range(count):
+                kept += 1 if abs(s[row + _place_of(sample, True)]) <= limit else 0
         inside[k] += kept
 
 
+@within
+def _count(
+    s: Array,
+    bins: Offsets,
+    count: Scalar,
+    counting: Counting,
+    norms_only: bool,
+    sketch: NDArray[np.uint32],
+    inside: NDArray[np.int64],
+) -> None:
+    """Count the tile's values into the lanes, the sketch, large or small, and the specifications."""
+    if count < TILE:
+        _repeat_first(s, count)
+    _widen(s, _FOUR if norms_only else _ONE)
+    if count < TILE:
+        _pad(s, count, counting.centre)
+    _add_residuals(s, counting.centre)
+    _add_products(s)
+    if norms_only:
+        _sketch_norms(s, bins, count, counting.inverse_scale, sketch)
+    else:
+        _sketch_all(s, bins, count, counting.inverse_scale, sketch)
+    _count_inside(s, count, counting, inside)
+
+
 @plain
-def _add_products(w: Array) -> None:
+def _add_products(s: Array) -> None:
     """Add the products of the residuals' rows into their lanes: of two components each, then of each norm."""
     for begin in range(_ZERO, _TILE, _U(4 * LANES)):
         for lane in range(_U(LANES)):
             xx, xy, xz, xa, xb, xc = (
-                w[_P0 + lane],
-                w[_P1 + lane],
-                w[_P2 + lane],
-                w[_P3 + lane],
-                w[_P4 + lane],
-                w[_P5 + lane],
+                s[_P0 + lane],
+                s[_P1 + lane],
+                s[_P2 + lane],
+                s[_P3 + lane],
+                s[_P4 + lane],
+                s[_P5 + lane],
             )
-            yy, yz, ya, yb, yc = w[_P6 + lane], w[_P7 + lane], w[_P8 + lane], w[_P9 + lane], w[_P10 + lane]
-            zz, za, zb, zc = w[_P11 + lane], w[_P12 + lane], w[_P13 + lane], w[_P14 + lane]
-            aa, ab, ac = w[_P15 + lane], w[_P16 + lane], w[_P17 + lane]
-            bb, bc = w[_P18 + lane], w[_P19 + lane]
-            cc = w[_P20 + lane]
-            dd, tt = w[_P21 + lane], w[_P22 + lane]
+            yy, yz, ya, yb, yc = s[_P6 + lane], s[_P7 + lane], s[_P8 + lane], s[_P9 + lane], s[_P10 + lane]
+            zz, za, zb, zc = s[_P11 + lane], s[_P12 + lane], s[_P13 + lane], s[_P14 + lane]
+            aa, ab, ac = s[_P15 + lane], s[_P16 + lane], s[_P17 + lane]
+            bb, bc = s[_P18 + lane], s[_P19 + lane]
+            cc = s[_P20 + lane]
+            dd, tt = s[_P21 + lane], s[_P22 + lane]
             for turn in range(_FOUR):
                 i = begin + turn * _U(LANES) + lane
-                d, x, y, z = w[_R0 + i], w[_R1 + i], w[_R2 + i], w[_R3 + i]
-                t, a, b, c = w[_R4 + i], w[_R5 + i], w[_R6 + i], w[_R7 + i]
+                d, x, y, z = s[_R0 + i], s[_R1 + i], s[_R2 + i], s[_R3 + i]
+                t, a, b, c = s[_R4 + i], s[_R5 + i], s[_R6 + i], s[_R7 + i]
                 xx, xy, xz, xa, xb, xc = xx + x * x, xy + x * y, xz + x * z, xa + x * a, xb + x * b, xc + x * c
                 yy, yz, ya, yb, yc = yy + y * y, yz + y * z, ya + y * a, yb + y * b, yc + y * c
                 zz, za, zb, zc = zz + z * z, za + z * a, zb + z * b, zc + z * c
@@ -1087,7 +1237,7 @@ def _add_products(w: Array) -> None:
                 bb, bc = bb + b * b, bc + b * c
                 cc = cc + c * c
                 dd, tt = dd + d * d, tt + t * t
-            w[_P0 + lane], w[_P1 + lane], w[_P2 + lane], w[_P3 + lane], w[_P4 + lane], w[_P5 + lane] = (
+            s[_P0 + lane], s[_P1 + lane], s[_P2 + lane], s[_P3 + lane], s[_P4 + lane], s[_P5 + lane] = (
                 xx,
                 xy,
                 xz,
@@ -1095,32 +1245,67 @@ def _add_products(w: Array) -> None:
                 xb,
                 xc,
             )
-            w[_P6 + lane], w[_P7 + lane], w[_P8 + lane], w[_P9 + lane], w[_P10 + lane] = yy, yz, ya, yb, yc
-            w[_P11 + lane], w[_P12 + lane], w[_P13 + lane], w[_P14 + lane] = zz, za, zb, zc
-            w[_P15 + lane], w[_P16 + lane], w[_P17 + lane] = aa, ab, ac
-            w[_P18 + lane], w[_P19 + lane] = bb, bc
-            w[_P20 + lane] = cc
-            w[_P21 + lane], w[_P22 + lane] = dd, tt
+            s[_P6 + lane], s[_P7 + lane], s[_P8 + lane], s[_P9 + lane], s[_P10 + lane] = yy, yz, ya, yb, yc
+            s[_P11 + lane], s[_P12 + lane], s[_P13 + lane], s[_P14 + lane] = zz, za, zb, zc
+            s[_P15 + lane], s[_P16 + lane], s[_P17 + lane] = aa, ab, ac
+            s[_P18 + lane], s[_P19 + lane] = bb, bc
+            s[_P20 + lane] = cc
+            s[_P21 + lane], s[_P22 + lane] = dd, tt
 
 
 @plain
-def _fold(w: Array, sums: Array) -> None:
+def _fold(s: Array, sums: Array) -> None:
     """Fold each sum's lanes in halves and empty them."""
     for k in range(_U(SUMS)):
         lanes = _LANES + k * _U(LANES)
         half = LANES // 2
         while half:
             for lane in range(_U(half)):
-                w[lanes + lane] += w[lanes + _U(half) + lane]
+                s[lanes + lane] += s[lanes + _U(half) + lane]
             half //= 2
-        sums[k] = w[lanes]
+        sums[k] = s[lanes]
         for lane in range(_U(LANES)):
-            w[lanes + lane] = 0.0
+            s[lanes + lane] = 0.0
+
+
+@plain
+def _empty_lanes(s: Array, lowest: Array, highest: Array) -> None:
+    """Begin with sums of nothing, and with these smallest and largest values."""
+    for i in range(_U(SUMS * LANES)):
+        s[_LANES + i] = 0.0
+    for q in range(_U(8)):
+        for lane in range(_U(LANES)):
+            s[_LANES + (_U(SUMS) + q) * _U(LANES) + lane] = lowest[q]
+            s[_LANES + (_U(SUMS + 8) + q) * _U(LANES) + lane] = highest[q]
+
+
+@plain
+def _fold_extremes(s: Array, lowest: Array, highest: Array) -> None:
+    """Fold the lanes' smallest and largest values."""
+    for q in range(_U(8)):
+        for lane in range(_U(LANES)):
+            low = s[_LANES + (_U(SUMS) + q) * _U(LANES) + lane]
+            high = s[_LANES + (_U(SUMS + 8) + q) * _U(LANES) + lane]
+            lowest[q] = low if low < lowest[q] else lowest[q]
+            highest[q] = high if high > highest[q] else highest[q]
+
+
+@plain
+def _failed_formula(w: Array, formulas: Formulas, skipped: Scalar, count: Scalar, sampled: bool) -> Scalar:
+    """Return the first sample of which an operation's result is not finite, or -1."""
+    for sample in range(skipped, count):
+        i = _place_of(sample, sampled)
+        for step in range(formulas.results.size):
+            if not abs(w[formulas.results[step] + i]) < np.inf:
+                return sample
+    return -1
 
 
 @kept
 def run(
+    s: Array,
     w: Array,
+    bins: Offsets,
     draws: Draws,
     formulas: Formulas,
     superposition: Superposition,
@@ -1147,8 +1332,8 @@ def run(
 
     Parameters
     ----------
-    w
-        Workspace, 64-byte aligned: `SCRATCH` rows, then those that the offsets name.
+    s, w, bins
+        Room: `SCRATCH` rows; the rows that the offsets name, both 64-byte aligned; ``(TILE,)``.
     draws, formulas, superposition, motions
         The layout.
     stage
@@ -1174,15 +1359,10 @@ def run(
     for row in range(draws.fixed_rows.size):
         for i in range(_TILE):
             w[draws.fixed_rows[row] + i] = draws.fixed_values[row]
+    _clear(s, _X0)
     counted = sums.shape[0] > 0
-    bins = np.empty(TILE, np.uint64)
     if counted:
-        for i in range(_U(SUMS * LANES)):
-            w[_LANES + i] = 0.0
-        for q in range(_U(8)):
-            for lane in range(_U(LANES)):
-                w[_LANES + (_U(SUMS) + q) * _U(LANES) + lane] = lowest[q]
-                w[_LANES + (_U(SUMS + 8) + q) * _U(LANES) + lane] = highest[q]
+        _empty_lanes(s, lowest, highest)
     sampled = given.shape[1] == 0
     components = given.shape[0]
     tiles = (count + TILE - 1) // TILE
@@ -1191,58 +1371,50 @@ def run(
         size = TILE if count - begin > TILE else count - begin
         skipped = skip if tile == 0 else 0
         if sampled:
-            uniforms(w, draws.stream_rows, draws.streams, words, seed, (first >> _ONE) + _U(tile) * _PAIRS)
+            uniforms(w, draws.stream_rows, draws.streams, words, seed, (first >> _ONE) + _U(tile) * _PAIRS, bins)
             apply_laws(w, draws)
         else:
             for k in range(components):
-                offset = _U((SCRATCH + k) * STRIDE)
+                offset = _U(k * STRIDE)
                 for i in range(size):
                     w[offset + _U(i)] = given[k, begin + i]
                 for i in range(size, TILE):
                     w[offset + _U(i)] = given[k, begin]
         if kept_components.shape[1]:
             for k in range(components):
-                _in_order(w, _U((SCRATCH + k) * STRIDE), _VALUES, sampled)
+                offset = _U(k * STRIDE)
                 for i in range(size):
-                    kept_components[k, begin + i] = w[_VALUES + _U(i)]
+                    kept_components[k, begin + i] = w[offset + _place_of(i, sampled)]
         if stage == DRAW:
             continue
         if _derive(w, formulas):
-            for i in range(_TILE):
-                sample = _sample_at(i, sampled)
-                for step in range(formulas.results.size):
-                    if skipped <= sample < size and not abs(w[formulas.results[step] + i]) < np.inf:
-                        return FORMULA, begin + sample
+            sample = _failed_formula(w, formulas, skipped, size, sampled)
+            if sample >= 0:
+                return FORMULA, begin + sample
         if stage == LINEAR:
-            _superpose(w, superposition)
+            shifts, turns = _U(superposition.shift_rows.size), _U(superposition.turn_rows.size)
+            _superpose(s, w, superposition, _ZERO, shifts, _ZERO, turns)
         else:
-            sample = _displace(w, motions, skipped, size, sampled)
+            sample = _displace(s, w, motions, skipped, size, sampled)
             if sample >= 0:
                 return ANGLE, begin + sample
-        if _values(w, sampled):
-            for i in range(skipped, size):
-                if not (w[_VALUES + _U(i)] < np.inf and w[_VALUES + _U(4 * STRIDE + i)] < np.inf):
-                    return NOT_FINITE, begin + i
+        if _norms(s):
+            sample = _not_finite(s, skipped, size, sampled)
+            if sample >= 0:
+                return NOT_FINITE, begin + sample
         if kept_errors.shape[1]:
             for c in range(6):
-                offset = _VALUES + _U((c + 1 + c // 3) * STRIDE)
+                offset = _U((c + 1 + c // 3) * STRIDE)
                 for i in range(size):
-                    kept_errors[c, begin + i] = w[offset + _U(i)]
+                    kept_errors[c, begin + i] = s[offset + _place_of(i, sampled)]
         if counted:
-            if size < TILE:
-                _pad(w, size)
-            _count(w, bins, size, counting, sketch, inside)
-            _keep_largest(w, _ZERO, size, first + _U(begin), largest, largest_units, 0)
-            _keep_largest(w, _FOUR, size, first + _U(begin), largest, largest_units, 1)
+            _count(s, bins, size, counting, False, sketch, inside)
+            _keep_largest(s, _ZERO, size, first + _U(begin), largest, largest_units, 0)
+            _keep_largest(s, _FOUR, size, first + _U(begin), largest, largest_units, 1)
             if (begin + TILE) % ATOM == 0 or tile == tiles - 1:
-                _fold(w, sums[begin // ATOM])
+                _fold(s, sums[begin // ATOM])
     if counted:
-        for q in range(_U(8)):
-            for lane in range(_U(LANES)):
-                low = w[_LANES + (_U(SUMS) + q) * _U(LANES) + lane]
-                high = w[_LANES + (_U(SUMS + 8) + q) * _U(LANES) + lane]
-                lowest[q] = low if low < lowest[q] else lowest[q]
-                highest[q] = high if high > highest[q] else highest[q]
+        _fold_extremes(s, lowest, highest)
     return 0, 0
 
 
@@ -1250,97 +1422,17 @@ def run(
 
 
 @plain
-def _norm_residuals(w: Array, size: Scalar, centre: Array) -> Scalar:
-    """Write the residuals and the two norms, their samples not in order; return how many samples are not finite.
-
-    The samples beyond the last one get no residuals, and the norms of the first.
-    """
-    for part in range(_TWO):
-        first = part * _U(4 * STRIDE)  # of rows _E0, _E1, _E2 and _Q1, _Q2, _Q3
-        norm, residual = _VALUES + first, _RESIDUALS + first
-        q = part * _FOUR
-        c, cx, cy, cz = centre[q], centre[q + _ONE], centre[q + _TWO], centre[q + _THREE]
-        for i in range(_TILE):
-            x, y, z = w[first + i], w[first + _STRIDE + i], w[first + _U(2 * STRIDE) + i]
-            length = np.sqrt(x * x + y * y + z * z)
-            w[norm + i] = length
-            w[residual + i] = length - c
-            w[residual + _STRIDE + i] = x - cx
-            w[residual + _U(2 * STRIDE) + i] = y - cy
-            w[residual + _U(3 * STRIDE) + i] = z - cz
-        if size < TILE:
-            for i in range(_TILE):
-                if _sample_at(i, True) >= size:
-                    w[norm + i] = w[norm]
-                    for row in range(_FOUR):
-                        w[residual + row * _STRIDE + i] = 0.0
-    failures = 0
-    for i in range(_TILE):
-        finite = w[_VALUES + i] < np.inf and w[_VALUES + _U(4 * STRIDE) + i] < np.inf
-        failures += 0 if finite else 1
-    return failures
-
-
-@plain
-def _count_norms(
-    w: Array,
-    bins: Offsets,
-    size: Scalar,
-    inverse_scale: Array,
-    limit_rows: Offsets,
-    limits: Array,
-    sketch: NDArray[np.uint32],
-    inside: NDArray[np.int64],
-) -> None:
-    """Count the residuals into the lanes, the two norms into the small sketch, and all into the specifications."""
-    _widen(w, _FOUR)
-    _add_residuals(w)
-    _add_products(w)
-    for part in range(_TWO):
-        residuals, first = _RESIDUALS + part * _U(4 * STRIDE), part * _U(NORM_COLUMNS)
-        factor = inverse_scale[part * _FOUR]
-        for i in range(_TILE):
-            scaled = w[residuals + i] * factor
-            shifted = _bits_of(abs(scaled)) >> _NORM_SHIFT
-            magnitude = shifted - _NORM_OFFSET if shifted > _NORM_OFFSET else _ZERO
-            magnitude = magnitude if magnitude < _NORM_LAST else _NORM_LAST
-            bins[i] = first + (_NORM_LAST - magnitude if scaled < 0.0 else _NORM_LAST + _ONE + magnitude)
-        if size == TILE:
-            for i in range(_TILE):
-                sketch[bins[i]] += np.uint32(1)
-        else:
-            for i in range(_TILE):
-                if _sample_at(i, True) < size:
-                    sketch[bins[i]] += np.uint32(1)
-    for k in range(limits.size):
-        q, limit = limit_rows[k], limits[k]
-        # a norm stands by itself, a component where it was made
-        row = _VALUES + q * _STRIDE if q & _THREE == _ZERO else (q - _ONE) * _STRIDE
-        kept = 0
-        if size == TILE:
-            for i in range(_TILE):
-                kept += 1 if abs(w[row + i]) <= limit else 0
-        else:
-            for i in range(_TILE):
-                kept += 1 if _sample_at(i, True) < size and abs(w[row + i]) <= limit else 0
-        inside[k] += kept
-
-
-@plain
-def _failed_formula(w: Array, formulas: Formulas, size: Scalar) -> Scalar:
-    """Return the first sample of which an operation's result is not finite, or -1."""
-    found = -1
-    for i in range(_TILE):
-        sample = _sample_at(i, True)
-        for step in range(formulas.results.size):
-            if sample < size and not abs(w[formulas.results[step] + i]) < np.inf:
-                found = sample if found < 0 or sample < found else found
-    return found
+def _keep_lanes(s: Array, lanes: Array) -> None:
+    """Put the lanes aside."""
+    for k in range(_U(LANE_DOUBLES)):
+        lanes[k] = s[_LANES + k]
 
 
 @kept
 def run_poses(
+    s: Array,
     workspaces: Array,
+    bins: Offsets,
     lanes: Array,
     unit_draws: Draws,
     draws: Draws,
@@ -1372,8 +1464,8 @@ def run_poses(
 
     Parameters
     ----------
-    workspaces
-        ``(T, rows)`` as `run`'s, of tiles that are worked on together.
+    s, workspaces, bins
+        Room as `run`'s, the second ``(T, rows)`` of tiles that are worked on together.
     lanes
         ``(P, LANE_DOUBLES)`` room.
     unit_draws, unit_formulas, unit_words
@@ -1383,7 +1475,7 @@ def run_poses(
     superposition, superposed
         All poses' entries, one behind the other, and where each pose's shifts and turns begin, ``(P + 1, 2)``.
     motions
-        All poses' entries, one behind the other; starts ``(P, K + 1)``, arms ``(P, K, 3)``, wide ``(P, K + 1)``.
+        All poses' entries, one behind the other; starts ``(P, K + 1)``, arms ``(P, K, 3)``, series ``(P, K + 1)``.
     stage
         `LINEAR` or `EXACT`.
     seed, first, count
@@ -1408,25 +1500,22 @@ def run_poses(
         for row in range(unit_draws.fixed_rows.size):
             for i in range(_TILE):
                 w[unit_draws.fixed_rows[row] + i] = unit_draws.fixed_values[row]
-    bins = np.empty(TILE, np.uint64)
+    _clear(s, _X0)
     poses = centre.shape[0]
     for pose in range(poses):
-        for k in range(SUMS * LANES):
-            lanes[pose, k] = 0.0
-        for q in range(8):
-            for lane in range(LANES):
-                lanes[pose, (SUMS + q) * LANES + lane] = lowest[pose, q]
-                lanes[pose, (SUMS + 8 + q) * LANES + lane] = highest[pose, q]
+        _empty_lanes(s, lowest[pose], highest[pose])
+        _keep_lanes(s, lanes[pose])
     tiles = (count + TILE - 1) // TILE
     for begin in range(0, tiles, together):
         end = begin + together if begin + together < tiles else tiles
         for tile in range(begin, end):
             w = workspaces[tile - begin]
             pair = (first >> _ONE) + _U(tile) * _PAIRS
-            uniforms(w, unit_draws.stream_rows, unit_draws.streams, unit_words, seed, pair)
+            uniforms(w, unit_draws.stream_rows, unit_draws.streams, unit_words, seed, pair, bins)
             apply_laws(w, unit_draws)
             if _derive(w, unit_formulas):
-                sample = _failed_formula(w, unit_formulas, count - tile * TILE)
+                size = TILE if count - tile * TILE > TILE else count - tile * TILE
+                sample = _failed_formula(w, unit_formulas, 0, size, True)
                 if sample >= 0:
                     return FORMULA, 0, tile * TILE + sample
         for pose in range(poses):
@@ -1438,7 +1527,7 @@ def run_poses(
                 motions.turn_rows,
                 motions.turns,
                 motions.arms[pose],
-                motions.wide[pose],
+                motions.series[pose],
             )
             counting = Counting(centre[pose], inverse_scale[pose], limit_rows, limits)
             own_lanes, own_sketch, own_inside = lanes[pose], sketch[pose], inside[pose]
@@ -1447,49 +1536,35 @@ def run_poses(
                 size = TILE if count - tile * TILE > TILE else count - tile * TILE
                 if draws.stream_rows.size:
                     pair = (first >> _ONE) + _U(tile) * _PAIRS
-                    uniforms(w, draws.stream_rows, draws.streams, words[pose], seed, pair)
+                    uniforms(w, draws.stream_rows, draws.streams, words[pose], seed, pair, bins)
                     apply_laws(w, draws)
                 if _derive(w, formulas):
-                    sample = _failed_formula(w, formulas, size)
+                    sample = _failed_formula(w, formulas, 0, size, True)
                     if sample >= 0:
                         return FORMULA, pose, tile * TILE + sample
                 if stage == LINEAR:
-                    _at_rest(w)
                     here, beyond = superposed[pose], superposed[pose + 1]
-                    _mix(w, _E0, here[0], beyond[0], superposition.shift_rows, superposition.shifts)
-                    _mix(w, _Q1, here[1], beyond[1], superposition.turn_rows, superposition.turns)
+                    _superpose(s, w, superposition, here[0], beyond[0], here[1], beyond[1])
                 else:
-                    sample = _displace(w, at, 0, size, True)
+                    sample = _displace(s, w, at, 0, size, True)
                     if sample >= 0:
                         return ANGLE, pose, tile * TILE + sample
+                if _norms(s):
+                    sample = _not_finite(s, 0, size, True)
+                    if sample >= 0:
+                        return NOT_FINITE, pose, tile * TILE + sample
                 for k in range(_U(LANE_DOUBLES)):
-                    w[_LANES + k] = own_lanes[k]
-                if norms_only:
-                    if _norm_residuals(w, size, counting.centre):
-                        for i in range(_TILE):
-                            if not (w[_VALUES + i] < np.inf and w[_VALUES + _U(4 * STRIDE) + i] < np.inf):
-                                return NOT_FINITE, pose, tile * TILE + _sample_at(i, True)
-                    _count_norms(w, bins, size, counting.inverse_scale, limit_rows, limits, own_sketch, own_inside)
-                else:
-                    if _values(w, True):
-                        for i in range(size):
-                            if not (w[_VALUES + _U(i)] < np.inf and w[_VALUES + _U(4 * STRIDE + i)] < np.inf):
-                                return NOT_FINITE, pose, tile * TILE + i
-                    if size < TILE:
-                        _pad(w, size)
-                    _count(w, bins, size, counting, own_sketch, own_inside)
+                    s[_LANES + k] = own_lanes[k]
+                _count(s, bins, size, counting, norms_only, own_sketch, own_inside)
+                if not norms_only:
                     unit = first + _U(tile * TILE)
-                    _keep_largest(w, _ZERO, size, unit, largest[pose], largest_units[pose], 0)
-                    _keep_largest(w, _FOUR, size, unit, largest[pose], largest_units[pose], 1)
+                    _keep_largest(s, _ZERO, size, unit, largest[pose], largest_units[pose], 0)
+                    _keep_largest(s, _FOUR, size, unit, largest[pose], largest_units[pose], 1)
                 if (tile + 1) * TILE % ATOM == 0 or tile == tiles - 1:
-                    _fold(w, sums[pose, tile * TILE // ATOM])
-                for k in range(_U(LANE_DOUBLES)):
-                    own_lanes[k] = w[_LANES + k]
+                    _fold(s, sums[pose, tile * TILE // ATOM])
+                _keep_lanes(s, own_lanes)
     for pose in range(poses):
-        for q in range(8):
-            for lane in range(LANES):
-                low = lanes[pose, (SUMS + q) * LANES + lane]
-                high = lanes[pose, (SUMS + 8 + q) * LANES + lane]
-                lowest[pose, q] = low if low < lowest[pose, q] else lowest[pose, q]
-                highest[pose, q] = high if high > highest[pose, q] else highest[pose, q]
+        for k in range(_U(LANE_DOUBLES)):
+            s[_LANES + k] = lanes[pose, k]
+        _fold_extremes(s, lowest[pose], highest[pose])
     return 0, 0, 0

@@ -35,7 +35,15 @@ from precision_pin.kernel import (
     workspace,
 )
 from precision_pin.kernel_joined import JoinedTables
-from precision_pin.kernel_loops import LANE_DOUBLES, NORM_COLUMNS, NORM_EXPONENTS, NORM_MANTISSA, SUMS
+from precision_pin.kernel_loops import (
+    LANE_DOUBLES,
+    NORM_COLUMNS,
+    NORM_EXPONENTS,
+    NORM_MANTISSA,
+    SCRATCH,
+    SUMS,
+    TILE,
+)
 from precision_pin.space import check_seed
 from precision_pin.statistics import COLUMNS, LARGEST, NORMS, Plan
 
@@ -229,7 +237,9 @@ def _run(
     )
     rows = joined.layouts[0].rows
     arguments = (
+        workspace(SCRATCH),
         workspace(rows * tiles).reshape(tiles, -1),
+        np.empty(TILE, dtype=np.uint64),
         np.empty((poses, LANE_DOUBLES)),
         joined.unit_draws,
         joined.draws,

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from precision_pin.compiled import contracted, kept
 
-__all__ = ["FARTHEST_TURN", "TILE", "run"]
+__all__ = ["FARTHEST_TURN", "TILE", "room", "run"]
 
 Array = NDArray[np.float64]
 Scalar = Any
@@ -213,8 +213,15 @@ def _straighten(f: Array, aligned: Array, joint: Scalar) -> None:
             f[_R[part + 2] + i] = a20 * x + a21 * y + a22 * z
 
 
+def room(joints: int) -> tuple[Array, Array]:
+    """Return the room that `run` takes for a chain of so many joints."""
+    return np.empty(_F_SIZE), np.empty((joints + 1) * _END_SIZE)
+
+
 @kept
 def run(
+    f: Array,
+    w: Array,
     q: Array,
     slides: NDArray[np.bool_],
     slanted: NDArray[np.bool_],
@@ -233,6 +240,8 @@ def run(
 
     Parameters
     ----------
+    f, w
+        Room, see `room`.
     q
         ``(n, P)`` joint values; angles not above `FARTHEST_TURN`.
     slides, slanted
@@ -252,8 +261,6 @@ def run(
     """
     joints, poses_given = q.shape
     n, count = _U(joints), _U(poses_given)
-    f = np.empty(_F_SIZE)
-    w = np.empty((joints + 1) * _END_SIZE)
     tip = n * _END
     for tile in range((count + _TILE - _U(1)) // _TILE):
         begin = tile * _TILE

@@ -185,6 +185,7 @@ class Postures:
 
         constants = self.constants
         arguments = (
+            *posture_loops.room(self.q.shape[0]),
             _within_reach(self.q, constants.slides),
             constants.slides,
             constants.slanted,

@@ -12,6 +12,7 @@ from scipy.linalg import expm, logm
 from kernel.kernel_cases import EVERY_LAW, plain_table, random_frame, random_table, single_formula
 from precision_pin import kernel
 from precision_pin.errors import InputError
+from precision_pin.kernel_loops import FINE, NARROW, WIDE
 from precision_pin.laws import Fixed, Normal, Uniform
 from precision_pin.model import ErrorModel
 from precision_pin.parameters import Component, sqrt
@@ -62,7 +63,7 @@ def test_up_to_three_radians_of_total_error() -> None:
     angle = np.linalg.norm(expected[3:], axis=0)
     below = angle < 3.0
     assert angle[below].max() > 2.9
-    assert layout.motions.wide.all()
+    assert (layout.motions.series == WIDE).all()
     assert worst(kernel.errors_at(layout, "exact", x)[:, below], expected[:, below]) < 1e-12
     # beyond π the shorter way round is taken, as the oracle does
     assert worst(np.linalg.norm(kernel.errors_at(layout, "exact", x)[3:], axis=0), angle) < 1e-11
@@ -77,8 +78,17 @@ def test_one_target_up_to_half_a_turn() -> None:
     np.testing.assert_allclose(kernel.errors_at(layout, "exact", angle[None]), expected, rtol=2e-15, atol=1e-300)
 
 
-@pytest.mark.parametrize("largest", [0.249, 0.251, 3.0])
-def test_series_on_either_side_of_the_switch_equal_matrix_exponentials(largest: float) -> None:
+@pytest.mark.parametrize(
+    ("largest", "series"),
+    [
+        (0.0199, [FINE, FINE, NARROW]),
+        (0.0201, [NARROW, NARROW, NARROW]),
+        (0.249, [NARROW, NARROW, NARROW]),
+        (0.251, [NARROW, NARROW, WIDE]),
+        (3.0, [WIDE, WIDE, WIDE]),
+    ],
+)
+def test_series_on_either_side_of_the_switches_equal_matrix_exponentials(largest: float, series: list[int]) -> None:
     rng = np.random.default_rng(7)
     at = plain_table(
         Space((Draw("a", Uniform(largest / 2)), Draw("b", Uniform(largest / 2)))),
@@ -88,7 +98,8 @@ def test_series_on_either_side_of_the_switch_equal_matrix_exponentials(largest: 
     )
     layout = kernel.compile_table(at)
     assert layout.largest_angle == pytest.approx(largest, rel=1e-9)
-    assert bool(layout.motions.wide[-1]) is (largest > 0.25)
+    # of the whole turn the shortest series are not used
+    assert np.maximum(layout.motions.series, [0, 0, NARROW]).tolist() == series
     x = at.space.sample(0, 0, 40)
     found = kernel.errors(layout, "exact", 0, 0, 40)
     for values, error in zip(x.T, found.T, strict=True):
@@ -131,7 +142,7 @@ def test_the_papers_arm_with_its_sheet() -> None:
 def test_values_that_no_draw_can_give_are_served_all_the_same() -> None:
     at = plain_table(Space((Draw("a", Uniform(1e-3)),)), np.eye(4)[None], [[0, 0, 1.0, 0, 0, 1.0]])
     layout = kernel.compile_table(at)
-    assert not layout.motions.wide.any()
+    assert (layout.motions.series == FINE).all()
     found = kernel.errors_at(layout, "exact", [[2.5, 1e-3]])
     np.testing.assert_allclose(found[5], [2.5, 1e-3], rtol=2e-15)
 
@@ -229,5 +240,6 @@ def test_bounds_of_components_and_angles_hold() -> None:
         moved = at.table.displacements(at.table.products(at.table.program.evaluate(x)))
         turns = np.linalg.norm(moved[:, 3:], axis=1)
         assert turns.sum(axis=0).max() <= layout.largest_angle
-        narrow = np.flatnonzero(layout.motions.wide[-2::-1] == 0)
-        assert (turns[narrow] <= 0.25).all()
+        series = layout.motions.series[-2::-1]
+        assert (turns[series == FINE] <= 0.01).all()
+        assert (turns[series == NARROW] <= 0.25).all()

@@ -16,6 +16,7 @@ from precision_pin.correlation import Correlation
 from precision_pin.errors import InputError
 from precision_pin.kernel import BLOCK, Blocks
 from precision_pin.kernel_joined import JoinedTables
+from precision_pin.kernel_loops import WIDE
 from precision_pin.laws import Circle, Empirical, Fixed, Normal, Rows, Uniform
 from precision_pin.model import PoseModel
 from precision_pin.parameters import Component, Program
@@ -103,7 +104,7 @@ def test_all_scopes_formulas_and_products_have_the_bits_of_one_pose_at_a_time(mo
 def test_wide_angles(turn: float) -> None:
     models = at_poses(12, 4, targets=3, terms=6, shift=1e-2, turn=turn)
     layouts = kernel.compile_tables(models)
-    assert any(layout.motions.wide.any() for layout in layouts)
+    assert any((layout.motions.series == WIDE).any() for layout in layouts)
     assert_as_one_at_a_time(models, "exact", 700)
 
 

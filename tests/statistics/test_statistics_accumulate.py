@@ -91,10 +91,12 @@ def exact_moments(values: np.ndarray) -> tuple[float, float]:
 
 
 def test_lanes_add_in_the_documented_order() -> None:
-    row = np.random.default_rng(3).standard_normal(16 * 20 + 5)
+    row = np.random.default_rng(3).standard_normal(2 * 256 + 16 * 4 + 5)
+    order = [span + half + k for span in (0, 256, 512) for half in (0, 1) for k in range(0, 256, 2)]
     lanes = [0.0] * 16
-    for index, value in enumerate(row):
-        lanes[index % 16] += value
+    for place, sample in enumerate(order):
+        if sample < row.size:
+            lanes[place % 16] += row[sample]
     while len(lanes) > 1:
         half = len(lanes) // 2
         lanes = [lanes[i] + lanes[i + half] for i in range(half)]

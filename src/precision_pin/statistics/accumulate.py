@@ -21,6 +21,7 @@ LARGEST: Final = 10
 """How many of the largest errors are kept."""
 
 _LANES: Final = 16
+_SPAN: Final = 256
 _TILE: Final = 1 << 14
 
 
@@ -162,13 +163,15 @@ def quantity_values(errors: Array) -> Array:
 def lane_sums(rows: Array) -> Array:
     """Sum each row in sixteen fixed lanes: ``(k, N)`` → ``(k,)``.
 
-    Lane l takes samples l, l + 16, … in turn; the lanes are then folded in halves. The order of additions
-    is thereby fixed, whatever the processor's vector width.
+    Of every 256 samples the even ones come first, then the odd ones, as the compiled sampler makes them. In this order
+    lane l takes samples l, l + 16, … in turn; the lanes are then folded in halves. The order of additions is thereby
+    fixed, whatever the processor's vector width.
     """
     count, length = rows.shape
-    padded = np.zeros((count, -(-length // _LANES) * _LANES))
+    padded = np.zeros((count, -(-length // _SPAN) * _SPAN))
     padded[:, :length] = rows
-    lanes = padded.reshape(count, -1, _LANES).sum(axis=1)
+    evens_first = padded.reshape(count, -1, _SPAN // 2, 2).swapaxes(2, 3)
+    lanes = evens_first.reshape(count, -1, _LANES).sum(axis=1)
     while lanes.shape[1] > 1:
         half = lanes.shape[1] // 2
         lanes = lanes[:, :half] + lanes[:, half:]
