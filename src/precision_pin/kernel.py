@@ -29,6 +29,7 @@ from precision_pin.kernel_loops import (
     DRAW,
     EXACT,
     FORMULA,
+    HELD,
     LINEAR,
     NOT_FINITE,
     SCRATCH,
@@ -435,6 +436,7 @@ def _run(
     arguments = (
         workspace(SCRATCH),
         workspace(layout.rows),
+        np.empty(8 * HELD * TILE, dtype=np.uint32),
         np.empty(TILE, dtype=np.uint64),
         layout.draws,
         layout.formulas,

@@ -34,6 +34,7 @@ __all__ = [
     "EXACT",
     "FINE",
     "FORMULA",
+    "HELD",
     "LANE_DOUBLES",
     "LARGEST",
     "LINEAR",
@@ -58,6 +59,7 @@ __all__ = [
 
 Array = NDArray[np.float64]
 Offsets = NDArray[np.uint64]
+Bins = NDArray[np.uint32]
 Scalar = Any
 """A number inside compiled code: an offset (np.uint64), an index or a double."""
 
@@ -68,6 +70,8 @@ STRIDE: Final = TILE + 8
 ATOM: Final = 1 << 14
 """Samples of one partial sum, that of :func:`precision_pin.statistics.observe`."""
 LANES: Final = 16
+HELD: Final = 8
+"""Tiles of which the bins are found before they are counted."""
 LARGEST: Final = 10
 """How many of the largest errors are kept."""
 SUMS: Final = 31
@@ -1127,33 +1131,37 @@ def _add_residuals(s: Array, centre: Array) -> None:
 
 
 @plain
-def _count_bins(bins: Offsets, count: Scalar, sketch: NDArray[np.uint32]) -> None:
-    """Count the samples in the bins where they fall."""
-    if count == TILE:
-        for i in range(_TILE):
-            sketch[bins[i]] += np.uint32(1)
-    else:
-        for sample in range(count):
-            sketch[bins[_place_of(sample, True)]] += np.uint32(1)
-
-
-@plain
-def _sketch_all(s: Array, bins: Offsets, count: Scalar, inverse_scale: Array, sketch: NDArray[np.uint32]) -> None:
-    """Count the residuals in the sketch of each quantity."""
+def _find_bins(s: Array, bins: Bins, held: Scalar, inverse_scale: Array) -> None:
+    """Write in which bins of the sketch the residuals fall; there is room for `HELD` tiles, quantity by quantity."""
     for q in range(_U(8)):
         residuals, factor = _RESIDUALS + q * _STRIDE, inverse_scale[q]
+        first = (q * _U(HELD) + _U(held)) * _TILE
         zero = np.int64(q * _U(2 * _BINS) + _U(_BINS))
         for i in range(_TILE):
             bits = np.int64(_bits_of(s[residuals + i] * factor))
             magnitude = ((bits & _ALL_BUT_SIGN) >> _SHIFT) - (_OFFSET - 1)
             magnitude = min(max(magnitude, np.int64(0)), np.int64(_BINS - 1))
             # from zero on upwards, or of what is negative from zero - 1 on downwards
-            bins[i] = _U(zero + (magnitude ^ (bits >> 63)))
-        _count_bins(bins, count, sketch)
+            bins[first + i] = np.uint32(zero + (magnitude ^ (bits >> 63)))
 
 
 @plain
-def _sketch_norms(s: Array, bins: Offsets, count: Scalar, inverse_scale: Array, sketch: NDArray[np.uint32]) -> None:
+def _count_bins(bins: Bins, held: Scalar, count: Scalar, sketch: NDArray[np.uint32]) -> None:
+    """Count the samples of so many tiles, of the last one only ``count``, in the bins where they fall.
+
+    One quantity of many samples after the other, so that its part of the sketch stays near the processor.
+    """
+    for q in range(_U(8)):
+        first = q * _U(HELD) * _TILE
+        for i in range(first, first + _U(held) * _TILE):
+            sketch[bins[i]] += np.uint32(1)
+        last = first + (_U(held) - _ONE) * _TILE
+        for sample in range(count, TILE):
+            sketch[bins[last + _place_of(sample, True)]] -= np.uint32(1)
+
+
+@plain
+def _sketch_norms(s: Array, bins: Bins, count: Scalar, inverse_scale: Array, sketch: NDArray[np.uint32]) -> None:
     """Count the residuals of the two norms in the small sketch."""
     for part in range(_TWO):
         residuals, first = _RESIDUALS + part * _U(4 * STRIDE), part * _U(NORM_COLUMNS)
@@ -1163,8 +1171,11 @@ def _sketch_norms(s: Array, bins: Offsets, count: Scalar, inverse_scale: Array, 
             shifted = _bits_of(abs(scaled)) >> _NORM_SHIFT
             magnitude = shifted - _NORM_OFFSET if shifted > _NORM_OFFSET else _ZERO
             magnitude = magnitude if magnitude < _NORM_LAST else _NORM_LAST
-            bins[i] = first + (_NORM_LAST - magnitude if scaled < 0.0 else _NORM_LAST + _ONE + magnitude)
-        _count_bins(bins, count, sketch)
+            bins[i] = np.uint32(first + (_NORM_LAST - magnitude if scaled < 0.0 else _NORM_LAST + _ONE + magnitude))
+        for i in range(_TILE):
+            sketch[bins[i]] += np.uint32(1)
+        for sample in range(count, TILE):
+            sketch[bins[_place_of(sample, True)]] -= np.uint32(1)
 
 
 @plain
@@ -1173,38 +1184,24 @@ def _count_inside(s: Array, count: Scalar, counting: Counting, inside: NDArray[n
     for k in range(counting.limits.size):
         row, limit = counting.limit_rows[k] * _STRIDE, counting.limits[k]
         kept = 0
-        if count == TILE:
-            for i in range(_TILE):
-                kept += 1 if abs(s[row + i]) <= limit else 0
-        else:
-            for sample in range(count):
-                kept += 1 if abs(s[row + _place_of(sample, True)]) <= limit else 0
+        for i in range(_TILE):
+            kept += 1 if abs(s[row + i]) <= limit else 0
+        for sample in range(count, TILE):
+            kept -= 1 if abs(s[row + _place_of(sample, True)]) <= limit else 0
         inside[k] += kept
 
 
 @within
-def _count(
-    s: Array,
-    bins: Offsets,
-    count: Scalar,
-    counting: Counting,
-    norms_only: bool,
-    sketch: NDArray[np.uint32],
-    inside: NDArray[np.int64],
-) -> None:
-    """Count the tile's values into the lanes, the sketch, large or small, and the specifications."""
+def _count(s: Array, count: Scalar, counting: Counting, every: bool, inside: NDArray[np.int64]) -> None:
+    """Count the tile's values into the lanes and the specifications; smallest and largest of every quantity or norm."""
     if count < TILE:
         _repeat_first(s, count)
-    _widen(s, _FOUR if norms_only else _ONE)
+    _widen(s, _ONE if every else _FOUR)
+    _count_inside(s, count, counting, inside)
     if count < TILE:
         _pad(s, count, counting.centre)
     _add_residuals(s, counting.centre)
     _add_products(s)
-    if norms_only:
-        _sketch_norms(s, bins, count, counting.inverse_scale, sketch)
-    else:
-        _sketch_all(s, bins, count, counting.inverse_scale, sketch)
-    _count_inside(s, count, counting, inside)
 
 
 @plain
@@ -1305,7 +1302,8 @@ def _failed_formula(w: Array, formulas: Formulas, skipped: Scalar, count: Scalar
 def run(
     s: Array,
     w: Array,
-    bins: Offsets,
+    bins: Bins,
+    products: Offsets,
     draws: Draws,
     formulas: Formulas,
     superposition: Superposition,
@@ -1332,8 +1330,8 @@ def run(
 
     Parameters
     ----------
-    s, w, bins
-        Room: `SCRATCH` rows; the rows that the offsets name, both 64-byte aligned; ``(TILE,)``.
+    s, w, bins, products
+        Room: `SCRATCH` rows; the rows that the offsets name, both 64-byte aligned; ``(8 · HELD · TILE,)``; ``(TILE,)``.
     draws, formulas, superposition, motions
         The layout.
     stage
@@ -1371,7 +1369,7 @@ def run(
         size = TILE if count - begin > TILE else count - begin
         skipped = skip if tile == 0 else 0
         if sampled:
-            uniforms(w, draws.stream_rows, draws.streams, words, seed, (first >> _ONE) + _U(tile) * _PAIRS, bins)
+            uniforms(w, draws.stream_rows, draws.streams, words, seed, (first >> _ONE) + _U(tile) * _PAIRS, products)
             apply_laws(w, draws)
         else:
             for k in range(components):
@@ -1408,9 +1406,13 @@ def run(
                 for i in range(size):
                     kept_errors[c, begin + i] = s[offset + _place_of(i, sampled)]
         if counted:
-            _count(s, bins, size, counting, False, sketch, inside)
             _keep_largest(s, _ZERO, size, first + _U(begin), largest, largest_units, 0)
             _keep_largest(s, _FOUR, size, first + _U(begin), largest, largest_units, 1)
+            _count(s, size, counting, True, inside)
+            held = tile % HELD
+            _find_bins(s, bins, held, counting.inverse_scale)
+            if held == HELD - 1 or tile == tiles - 1:
+                _count_bins(bins, held + 1, size, sketch)
             if (begin + TILE) % ATOM == 0 or tile == tiles - 1:
                 _fold(s, sums[begin // ATOM])
     if counted:
@@ -1432,7 +1434,8 @@ def _keep_lanes(s: Array, lanes: Array) -> None:
 def run_poses(
     s: Array,
     workspaces: Array,
-    bins: Offsets,
+    bins: Bins,
+    products: Offsets,
     lanes: Array,
     unit_draws: Draws,
     draws: Draws,
@@ -1464,8 +1467,8 @@ def run_poses(
 
     Parameters
     ----------
-    s, workspaces, bins
-        Room as `run`'s, the second ``(T, rows)`` of tiles that are worked on together.
+    s, workspaces, bins, products
+        Room as `run`'s, the second ``(T, rows)`` of tiles that are worked on together, T ≤ `HELD`.
     lanes
         ``(P, LANE_DOUBLES)`` room.
     unit_draws, unit_formulas, unit_words
@@ -1511,7 +1514,7 @@ def run_poses(
         for tile in range(begin, end):
             w = workspaces[tile - begin]
             pair = (first >> _ONE) + _U(tile) * _PAIRS
-            uniforms(w, unit_draws.stream_rows, unit_draws.streams, unit_words, seed, pair, bins)
+            uniforms(w, unit_draws.stream_rows, unit_draws.streams, unit_words, seed, pair, products)
             apply_laws(w, unit_draws)
             if _derive(w, unit_formulas):
                 size = TILE if count - tile * TILE > TILE else count - tile * TILE
@@ -1536,7 +1539,7 @@ def run_poses(
                 size = TILE if count - tile * TILE > TILE else count - tile * TILE
                 if draws.stream_rows.size:
                     pair = (first >> _ONE) + _U(tile) * _PAIRS
-                    uniforms(w, draws.stream_rows, draws.streams, words[pose], seed, pair, bins)
+                    uniforms(w, draws.stream_rows, draws.streams, words[pose], seed, pair, products)
                     apply_laws(w, draws)
                 if _derive(w, formulas):
                     sample = _failed_formula(w, formulas, 0, size, True)
@@ -1555,11 +1558,17 @@ def run_poses(
                         return NOT_FINITE, pose, tile * TILE + sample
                 for k in range(_U(LANE_DOUBLES)):
                     s[_LANES + k] = own_lanes[k]
-                _count(s, bins, size, counting, norms_only, own_sketch, own_inside)
                 if not norms_only:
                     unit = first + _U(tile * TILE)
                     _keep_largest(s, _ZERO, size, unit, largest[pose], largest_units[pose], 0)
                     _keep_largest(s, _FOUR, size, unit, largest[pose], largest_units[pose], 1)
+                _count(s, size, counting, not norms_only, own_inside)
+                if norms_only:
+                    _sketch_norms(s, bins, size, counting.inverse_scale, own_sketch)
+                else:
+                    _find_bins(s, bins, tile - begin, counting.inverse_scale)
+                    if tile == end - 1:
+                        _count_bins(bins, end - begin, size, own_sketch)
                 if (tile + 1) * TILE % ATOM == 0 or tile == tiles - 1:
                     _fold(s, sums[pose, tile * TILE // ATOM])
                 _keep_lanes(s, own_lanes)

@@ -36,6 +36,7 @@ from precision_pin.kernel import (
 )
 from precision_pin.kernel_joined import JoinedTables
 from precision_pin.kernel_loops import (
+    HELD,
     LANE_DOUBLES,
     NORM_COLUMNS,
     NORM_EXPONENTS,
@@ -239,6 +240,7 @@ def _run(
     arguments = (
         workspace(SCRATCH),
         workspace(rows * tiles).reshape(tiles, -1),
+        np.empty(8 * HELD * TILE, dtype=np.uint32),
         np.empty(TILE, dtype=np.uint64),
         np.empty((poses, LANE_DOUBLES)),
         joined.unit_draws,

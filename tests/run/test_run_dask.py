@@ -7,6 +7,7 @@ import json
 import subprocess
 import sys
 from collections.abc import Iterator
+from concurrent.futures import Future
 from pathlib import Path
 
 import psutil
@@ -106,7 +107,7 @@ def test_a_cluster_that_goes_away_is_told_and_the_journal_goes_on(scheduler: Clu
     try:
         own.worker()
         with (
-            pytest.raises(InputError, match="the executor ClientExecutor failed: ") as told,
+            pytest.raises(InputError, match="the executor DaskCluster failed: ") as told,
             dask_cluster(own.address) as (executor, _),
         ):
             pp.monte_carlo(MODEL, "paper", executor=executor, tasks_under_way=2, progress=stop, **settings)
@@ -117,6 +118,36 @@ def test_a_cluster_that_goes_away_is_told_and_the_journal_goes_on(scheduler: Clu
     resumed = pp.monte_carlo(MODEL, "paper", resume=True, tell=lines.append, **settings)
     assert int(lines[0].split()[-2].replace(",", "")) >= calls[0]
     assert resumed.to_json() == pp.monte_carlo(MODEL, "paper", samples=300 * BLOCK, seed=6).to_json()
+
+
+class Lost:
+    """A client that has lost its scheduler, and futures that nobody will ever fill."""
+
+    status = "connecting"
+
+    def __init__(self, raised: Exception | None = None) -> None:
+        self.future: Future[int] = Future()
+        if raised is not None:
+            self.future.set_exception(raised)
+
+    def get_executor(self, *, pure: bool) -> Lost:
+        assert not pure
+        return self
+
+    def submit(self, function, *arguments) -> Future[int]:
+        return self.future
+
+
+def test_a_task_submitted_when_the_scheduler_is_already_lost_is_not_waited_for() -> None:
+    task = cluster.DaskCluster(Lost()).submit(abs, -1)
+    with pytest.raises(ConnectionError, match="the scheduler is lost"):
+        task.result()
+    task.cancel()
+
+
+def test_a_timeout_of_the_task_itself_is_passed_on() -> None:
+    with pytest.raises(TimeoutError, match="its own"):
+        cluster.DaskCluster(Lost(TimeoutError("its own"))).submit(abs, -1).result()
 
 
 def test_no_address_is_one_line() -> None:

@@ -3,21 +3,60 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from concurrent.futures import wait
 from contextlib import contextmanager
-from typing import Any, Final
+from typing import Any, Final, final
 
 from precision_pin.errors import InputError
-from precision_pin.run.executors import MOST_WORKERS, Submitter
+from precision_pin.run.executors import MOST_WORKERS
 
-__all__ = ["dask_cluster"]
+__all__ = ["DaskCluster", "dask_cluster"]
 
 PATIENCE: Final = 10
 """Seconds to wait for the scheduler, and again for its first worker."""
 
+_LOOK: Final = 0.5
+"""Seconds after which it is looked whether the scheduler is still there."""
+
+
+@final
+class _Task:
+    """What was submitted; a task that the scheduler took to its grave would be waited for without end."""
+
+    def __init__(self, future: Any, client: Any) -> None:
+        self._future = future
+        self._client = client
+
+    def result(self) -> Any:
+        """Return what the task returned, or raise what it raised; ConnectionError where the scheduler is lost."""
+        while True:
+            done, _ = wait([self._future], timeout=_LOOK)
+            if done:
+                return self._future.result()
+            if self._client.status != "running":
+                raise ConnectionError("the scheduler is lost")
+
+    def cancel(self) -> None:
+        """Call it off."""
+        self._future.cancel()
+
+
+@final
+class DaskCluster:
+    """An executor on a running cluster."""
+
+    def __init__(self, client: Any) -> None:
+        self._client = client
+        self._executor = client.get_executor(pure=False)
+
+    def submit(self, function: Callable[..., Any], /, *arguments: Any) -> _Task:
+        """Return the task of calling a function."""
+        return _Task(self._executor.submit(function, *arguments), self._client)
+
 
 @contextmanager
-def dask_cluster(address: str) -> Iterator[tuple[Submitter, int]]:
+def dask_cluster(address: str) -> Iterator[tuple[DaskCluster, int]]:
     """Yield an executor on a running Dask cluster, and how many tasks it can be given at a time.
 
     The workers need the same version of this package. A worker that is lost is replaced by others; Dask gives up where a
@@ -53,4 +92,4 @@ def dask_cluster(address: str) -> Iterator[tuple[Submitter, int]]:
     with client:
         workers = client.scheduler_info(n_workers=-1)["workers"].values()
         cores = sum(worker["nthreads"] for worker in workers)
-        yield client.get_executor(pure=False), min(2 * cores, MOST_WORKERS)
+        yield DaskCluster(client), min(2 * cores, MOST_WORKERS)
