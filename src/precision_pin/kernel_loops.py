@@ -6,7 +6,9 @@ function it calls changes in another file). It knows nothing of robots: everythi
 
 Samples are worked on in *tiles* of `TILE`. One *row* of a workspace holds one quantity of a tile; rows stand `STRIDE`
 doubles apart and are named by the offset of their first element, an unsigned integer (signed offsets make numba test
-for negative indices, which keeps LLVM from vectorising). Sampled tiles hold the even units first, then the odd ones,
+for negative indices, which keeps LLVM from vectorising). Rows that every model has stand in an array of their own, the
+*scratch* `s`, those of its parameters in `w`: what is in one array would be tested for overlap before every loop, which
+takes as long as the loop. Sampled tiles hold the even units first, then the odd ones,
 as Philox and Box-Muller give them; they are put in order only where a result leaves the tile.
 
 Floating-point contraction (fused multiply-add) is allowed in what is marked `contracted` only: logarithms, normal
@@ -298,9 +300,9 @@ class Superposition(NamedTuple):
 class Motions(NamedTuple):
     """The targets, tip first: of each two vectors in base axes, d and half its δ, as sums ``coefficients × row``.
 
-    Those of target k are entries ``starts[k] … starts[k + 1] - 1``. A target that turns has at least three of each.
-    Of the others entries, and of those that a target has beyond three, three or none are left after passes of four:
-    they are filled up with coefficients of zero.
+    Those of target k are entries ``starts[k] … starts[k + 1] - 1``. A target that turns has at least three of each; of
+    what it has beyond three, or of all entries of a target that does not turn, passes of four leave three or none.
+    Coefficients of zero fill up what is missing.
     """
 
     shift_starts: Offsets
@@ -386,8 +388,9 @@ def uniforms(
 ) -> None:
     """Fill rows with uniform numbers, as `precision_pin.philox.uniforms`: even units first, then odd ones.
 
-    The first pair's number is a multiple of 128, so that all pairs' upper counter words are the same. Then half of the
-    first two rounds is the same for all streams, or for all pairs; ``products`` is room for `TILE` words.
+    The first pair's number is a multiple of 128, so that all pairs' upper counter words are the same. Then one product of
+    the first round is the same for all streams, the other one and one of the second round for all pairs; ``products`` is
+    room for `TILE` words.
     """
     low, high = first_pair & _LOW, first_pair >> _HALF_WORD
     for i in range(_PAIRS):
