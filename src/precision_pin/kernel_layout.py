@@ -327,11 +327,10 @@ class _Sum:
     def entries(
         self, kept: NDArray[np.bool_], poses: NDArray[np.intp], *, least: int = 0, filler: int = 0
     ) -> tuple[list[int], Array]:
-        """Return rows and vectors ``(poses, entries, 3)``, filled up to what the loops take at a time."""
+        """Return rows and vectors ``(poses, entries, 3)``, filled up to a multiple of three and at least so many."""
         chosen = np.flatnonzero(kept)
         rows = [self.rows[k] for k in chosen]
-        beyond = max(len(rows) - least, 0)
-        size = least + beyond + (0 if beyond % 4 in (0, 3) else 3 - beyond % 4)
+        size = max(-(-len(rows) // 3) * 3, least)
         padding = np.zeros((len(poses), size - len(rows), 3))
         rows += (rows[:1] or [filler]) * (size - len(rows))
         return rows, np.concatenate([self.vectors[np.ix_(poses, chosen)], padding], axis=1)

@@ -115,8 +115,8 @@ _TILE = _U(TILE)
 _PAIRS = _U(TILE // 2)
 _EIGHTH = _U(TILE // 8)
 _STRIDE = _U(STRIDE)
-_ZERO, _ONE, _TWO, _THREE, _FOUR, _TWELVE, _HALF_WORD, _MANTISSA, _SIGN_FROM_TWO = (
-    _U(k) for k in (0, 1, 2, 3, 4, 12, 32, 52, 62)
+_ZERO, _ONE, _TWO, _THREE, _FOUR, _FIVE, _SIX, _TWELVE, _HALF_WORD, _MANTISSA, _SIGN_FROM_TWO = (
+    _U(k) for k in (0, 1, 2, 3, 4, 5, 6, 12, 32, 52, 62)
 )
 _MULTIPLIER_0, _MULTIPLIER_1 = _U(0xD2511F53), _U(0xCD9E8D57)
 _WEYL_0, _WEYL_1 = _U(0x9E3779B9), _U(0xBB67AE85)
@@ -300,9 +300,8 @@ class Superposition(NamedTuple):
 class Motions(NamedTuple):
     """The targets, tip first: of each two vectors in base axes, d and half its δ, as sums ``coefficients × row``.
 
-    Those of target k are entries ``starts[k] … starts[k + 1] - 1``. A target that turns has at least three of each; of
-    what it has beyond three, or of all entries of a target that does not turn, passes of four leave three or none.
-    Coefficients of zero fill up what is missing.
+    Those of target k are entries ``starts[k] … starts[k + 1] - 1``, filled up with coefficients of zero to a multiple of
+    three; a target that turns has at least three of each.
     """
 
     shift_starts: Offsets
@@ -727,6 +726,15 @@ def apply_laws(w: Array, draws: Draws) -> None:
 # derived parameters and products -------------------------------------------------------------------------------------
 
 
+@plain
+def _multiply(w: Array, factors: Offsets, results: Offsets) -> None:
+    """Write products of two rows."""
+    for k in range(results.size):
+        a, b, result = factors[k, 0], factors[k, 1], results[k]
+        for i in range(_TILE):
+            w[result + i] = w[a + i] * w[b + i]
+
+
 @within
 def _derive(w: Array, formulas: Formulas) -> Scalar:
     """Evaluate the operations and products; return how many results are not finite."""
@@ -760,10 +768,7 @@ def _derive(w: Array, formulas: Formulas) -> Scalar:
                 w[result + i] = np.cos(w[a + i])
         for i in range(_TILE):
             failures += 0 if abs(w[result + i]) < np.inf else 1
-    for k in range(formulas.products.size):
-        a, b, result = formulas.product_factors[k, 0], formulas.product_factors[k, 1], formulas.products[k]
-        for i in range(_TILE):
-            w[result + i] = w[a + i] * w[b + i]
+    _multiply(w, formulas.product_factors, formulas.products)
     return failures
 
 
@@ -772,21 +777,23 @@ def _derive(w: Array, formulas: Formulas) -> Scalar:
 
 @contracted
 def _mix(s: Array, w: Array, result: Scalar, start: Scalar, stop: Scalar, rows: Offsets, vectors: Array) -> None:
-    """Add ``vector × row`` to three rows of the scratch, for entries ``start … stop - 1``."""
+    """Add ``vector × row`` to three rows of the scratch, for entries ``start … stop - 1``, a multiple of three."""
     one, two, three = result, result + _STRIDE, result + _U(2 * STRIDE)
     k = start
-    while stop - k >= _FOUR:
-        a, b, c, d = rows[k], rows[k + _ONE], rows[k + _TWO], rows[k + _THREE]
+    while stop - k >= _SIX:
+        a, b, c, d, e, f = (rows[k], rows[k + _ONE], rows[k + _TWO], rows[k + _THREE], rows[k + _FOUR], rows[k + _FIVE])
         ax, ay, az = vectors[k, 0], vectors[k, 1], vectors[k, 2]
         bx, by, bz = vectors[k + _ONE, 0], vectors[k + _ONE, 1], vectors[k + _ONE, 2]
         cx, cy, cz = vectors[k + _TWO, 0], vectors[k + _TWO, 1], vectors[k + _TWO, 2]
         dx, dy, dz = vectors[k + _THREE, 0], vectors[k + _THREE, 1], vectors[k + _THREE, 2]
+        ex, ey, ez = vectors[k + _FOUR, 0], vectors[k + _FOUR, 1], vectors[k + _FOUR, 2]
+        fx, fy, fz = vectors[k + _FIVE, 0], vectors[k + _FIVE, 1], vectors[k + _FIVE, 2]
         for i in range(_TILE):
-            p, q, r, t = w[a + i], w[b + i], w[c + i], w[d + i]
-            s[one + i] += ax * p + bx * q + cx * r + dx * t
-            s[two + i] += ay * p + by * q + cy * r + dy * t
-            s[three + i] += az * p + bz * q + cz * r + dz * t
-        k += _FOUR
+            p, q, r, t, u, v = w[a + i], w[b + i], w[c + i], w[d + i], w[e + i], w[f + i]
+            s[one + i] += ax * p + bx * q + cx * r + dx * t + ex * u + fx * v
+            s[two + i] += ay * p + by * q + cy * r + dy * t + ey * u + fy * v
+            s[three + i] += az * p + bz * q + cz * r + dz * t + ez * u + fz * v
+        k += _SIX
     if k < stop:
         a, b, c = rows[k], rows[k + _ONE], rows[k + _TWO]
         ax, ay, az = vectors[k, 0], vectors[k, 1], vectors[k, 2]
@@ -820,6 +827,7 @@ def _turn(s: Array, w: Array, k: Scalar, rows: Offsets, vectors: Array, tangents
         x = s[_X0 + i] + ax * p + bx * q + cx * r
         y = s[_X1 + i] + ay * p + by * q + cy * r
         z = s[_X2 + i] + az * p + bz * q + cz * r
+        s[_X0 + i], s[_X1 + i], s[_X2 + i] = 0.0, 0.0, 0.0
         square = x * x + y * y + z * z
         tangent, sine = _series(square, tangents), _series(square, double_sines)
         s[_G0 + i] = tangent * x
@@ -996,8 +1004,6 @@ def _displace(s: Array, w: Array, motions: Motions, skipped: Scalar, count: Scal
                 _turn(s, w, own, turn_rows, turns, _FINE_TANGENT, _FINE_DOUBLE_SINE)
             else:
                 _turn(s, w, own, turn_rows, turns, _TANGENT, _DOUBLE_SINE)
-            if turn < own:
-                _clear(s, _X0)
             if at_rest:
                 _begin(s, w, shift, shift_rows, shifts, rx, ry, rz)
                 at_rest = False
