@@ -8,8 +8,8 @@ Samples are worked on in *tiles* of `TILE`. One *row* of a workspace holds one q
 doubles apart and are named by the offset of their first element, an unsigned integer (signed offsets make numba test
 for negative indices, which keeps LLVM from vectorising). Rows that every model has stand in an array of their own, the
 *scratch* `s`, those of its parameters in `w`: what is in one array would be tested for overlap before every loop, which
-takes as long as the loop. Sampled tiles hold the even units first, then the odd ones,
-as Philox and Box-Muller give them; they are put in order only where a result leaves the tile.
+takes as long as the loop. Sampled tiles hold the even units first, then the odd ones, as Philox and Box-Muller give
+them; they are put in order only where a result leaves the tile.
 
 Floating-point contraction (fused multiply-add) is allowed in what is marked `contracted` only: logarithms, normal
 numbers, discs' directions, displacements. All else, uniform numbers and sums included, is plain IEEE arithmetic in a
@@ -65,14 +65,14 @@ Bins = NDArray[np.uint32]
 Scalar = Any
 """A number inside compiled code: an offset (np.uint64), an index or a double."""
 
-TILE: Final = 256
+TILE: Final = 128
 """Samples worked on together."""
 STRIDE: Final = TILE + 8
 """Doubles from one row to the next; not a power of two, so that rows do not fall on the same cache lines."""
 ATOM: Final = 1 << 14
 """Samples of one partial sum, that of :func:`precision_pin.statistics.observe`."""
 LANES: Final = 16
-HELD: Final = 8
+HELD: Final = 16
 """Tiles of which the bins are found before they are counted."""
 LARGEST: Final = 10
 """How many of the largest errors are kept."""
@@ -387,7 +387,7 @@ def uniforms(
 ) -> None:
     """Fill rows with uniform numbers, as `precision_pin.philox.uniforms`: even units first, then odd ones.
 
-    The first pair's number is a multiple of 128, so that all pairs' upper counter words are the same. Then one product of
+    The first pair's number is a multiple of half a tile, so that all pairs' upper counter words are the same. Then one product of
     the first round is the same for all streams, the other one and one of the second round for all pairs; ``products`` is
     room for `TILE` words.
     """

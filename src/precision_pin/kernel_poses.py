@@ -61,7 +61,7 @@ Array = NDArray[np.float64]
 MOST_TOGETHER: Final = 64
 """Poses that are best worked on together: drawing is then next to nothing, and what is kept stays in the cache."""
 
-_TILES: Final = 8
+_TILES: Final = 16
 """Tiles at a time where the large sketches are filled, each of which takes a good part of the cache."""
 
 

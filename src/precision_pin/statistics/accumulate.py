@@ -21,7 +21,7 @@ LARGEST: Final = 10
 """How many of the largest errors are kept."""
 
 _LANES: Final = 16
-_SPAN: Final = 256
+_SPAN: Final = 128
 _TILE: Final = 1 << 14
 
 
@@ -163,7 +163,7 @@ def quantity_values(errors: Array) -> Array:
 def lane_sums(rows: Array) -> Array:
     """Sum each row in sixteen fixed lanes: ``(k, N)`` → ``(k,)``.
 
-    Of every 256 samples the even ones come first, then the odd ones, as the compiled sampler makes them. In this order
+    Of every 128 samples the even ones come first, then the odd ones, as the compiled sampler makes them. In this order
     lane l takes samples l, l + 16, … in turn; the lanes are then folded in halves. The order of additions is thereby
     fixed, whatever the processor's vector width.
     """
