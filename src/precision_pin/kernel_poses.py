@@ -77,7 +77,7 @@ class NormBlocks:
     lowest, highest
         ``(P, 2)`` smallest and largest |d| and |δ|.
     sums
-        ``(P, blocks, 31)`` as in :class:`precision_pin.kernel.Blocks`; the samples of a tile are added in another order.
+        ``(P, blocks, 31)`` as in :class:`precision_pin.kernel.Blocks`, to the bit.
     sketch
         ``(P, 2, 514)`` counts of |d| and |δ| between `norm_edges`.
     inside
