@@ -179,6 +179,22 @@ def test_a_cluster_without_workers_is_one_line(tmp_path: Path, monkeypatch) -> N
         empty.stop()
 
 
+def test_a_client_whose_thread_starts_late_is_made_again(monkeypatch) -> None:
+    tries = []
+
+    def late(address: str, **settings) -> None:
+        tries.append(address)
+        raise AssertionError
+
+    monkeypatch.setattr("distributed.Client", late)
+    with (
+        pytest.raises(InputError, match=r"no Dask scheduler answers at 'tcp://127.0.0.1:1' \(AssertionError\)$"),
+        dask_cluster("tcp://127.0.0.1:1"),
+    ):
+        pass
+    assert len(tries) == 2
+
+
 def test_without_dask_it_is_said_how_to_install_it(monkeypatch) -> None:
     real = builtins.__import__
 
