@@ -60,6 +60,7 @@ __all__ = [
     "errors_at",
     "is_compiled",
     "observe_blocks",
+    "room",
     "sample",
     "stage_of",
     "warm_up",
@@ -401,6 +402,11 @@ def _check_units(first: int, count: int) -> int:
     return int(first) % TILE
 
 
+def room() -> tuple[Array, NDArray[np.uint32], NDArray[np.uint64]]:
+    """Return the room that the compiled loops take whatever the model: scratch, bins, products."""
+    return workspace(SCRATCH), np.empty(8 * HELD * TILE, dtype=np.uint32), np.empty(TILE, dtype=np.uint64)
+
+
 def workspace(rows: int) -> Array:
     """Return room for rows, on a 64-byte boundary."""
     room = np.zeros(rows * STRIDE + 8)
@@ -434,10 +440,8 @@ def _run(
         limits=np.array([specification.limit for specification in specifications], dtype=float),
     )
     arguments = (
-        workspace(SCRATCH),
+        *room(),
         workspace(layout.rows),
-        np.empty(8 * HELD * TILE, dtype=np.uint32),
-        np.empty(TILE, dtype=np.uint64),
         layout.draws,
         layout.formulas,
         layout.superposition,

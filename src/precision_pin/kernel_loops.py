@@ -115,8 +115,8 @@ _TILE = _U(TILE)
 _PAIRS = _U(TILE // 2)
 _EIGHTH = _U(TILE // 8)
 _STRIDE = _U(STRIDE)
-_ZERO, _ONE, _TWO, _THREE, _FOUR, _FIVE, _SIX, _TWELVE, _HALF_WORD, _MANTISSA, _SIGN_FROM_TWO = (
-    _U(k) for k in (0, 1, 2, 3, 4, 5, 6, 12, 32, 52, 62)
+_ZERO, _ONE, _TWO, _THREE, _FOUR, _SIX, _TWELVE, _HALF_WORD, _MANTISSA, _SIGN_FROM_TWO = (
+    _U(k) for k in (0, 1, 2, 3, 4, 6, 12, 32, 52, 62)
 )
 _MULTIPLIER_0, _MULTIPLIER_1 = _U(0xD2511F53), _U(0xCD9E8D57)
 _WEYL_0, _WEYL_1 = _U(0x9E3779B9), _U(0xBB67AE85)
@@ -775,19 +775,26 @@ def _derive(w: Array, formulas: Formulas) -> Scalar:
 # displacing the chain ------------------------------------------------------------------------------------------------
 
 
+@within
+def _three(rows: Offsets, vectors: Array, k: Scalar) -> Any:
+    """Return the rows and the vectors of entries ``k, k + 1, k + 2``."""
+    m, n = k + _ONE, k + _TWO
+    return (
+        (rows[k], rows[m], rows[n]),
+        (vectors[k, 0], vectors[k, 1], vectors[k, 2]),
+        (vectors[m, 0], vectors[m, 1], vectors[m, 2]),
+        (vectors[n, 0], vectors[n, 1], vectors[n, 2]),
+    )
+
+
 @contracted
 def _mix(s: Array, w: Array, result: Scalar, start: Scalar, stop: Scalar, rows: Offsets, vectors: Array) -> None:
     """Add ``vector × row`` to three rows of the scratch, for entries ``start … stop - 1``, a multiple of three."""
     one, two, three = result, result + _STRIDE, result + _U(2 * STRIDE)
     k = start
     while stop - k >= _SIX:
-        a, b, c, d, e, f = (rows[k], rows[k + _ONE], rows[k + _TWO], rows[k + _THREE], rows[k + _FOUR], rows[k + _FIVE])
-        ax, ay, az = vectors[k, 0], vectors[k, 1], vectors[k, 2]
-        bx, by, bz = vectors[k + _ONE, 0], vectors[k + _ONE, 1], vectors[k + _ONE, 2]
-        cx, cy, cz = vectors[k + _TWO, 0], vectors[k + _TWO, 1], vectors[k + _TWO, 2]
-        dx, dy, dz = vectors[k + _THREE, 0], vectors[k + _THREE, 1], vectors[k + _THREE, 2]
-        ex, ey, ez = vectors[k + _FOUR, 0], vectors[k + _FOUR, 1], vectors[k + _FOUR, 2]
-        fx, fy, fz = vectors[k + _FIVE, 0], vectors[k + _FIVE, 1], vectors[k + _FIVE, 2]
+        (a, b, c), (ax, ay, az), (bx, by, bz), (cx, cy, cz) = _three(rows, vectors, k)
+        (d, e, f), (dx, dy, dz), (ex, ey, ez), (fx, fy, fz) = _three(rows, vectors, k + _THREE)
         for i in range(_TILE):
             p, q, r, t, u, v = w[a + i], w[b + i], w[c + i], w[d + i], w[e + i], w[f + i]
             s[one + i] += ax * p + bx * q + cx * r + dx * t + ex * u + fx * v
@@ -795,10 +802,7 @@ def _mix(s: Array, w: Array, result: Scalar, start: Scalar, stop: Scalar, rows: 
             s[three + i] += az * p + bz * q + cz * r + dz * t + ez * u + fz * v
         k += _SIX
     if k < stop:
-        a, b, c = rows[k], rows[k + _ONE], rows[k + _TWO]
-        ax, ay, az = vectors[k, 0], vectors[k, 1], vectors[k, 2]
-        bx, by, bz = vectors[k + _ONE, 0], vectors[k + _ONE, 1], vectors[k + _ONE, 2]
-        cx, cy, cz = vectors[k + _TWO, 0], vectors[k + _TWO, 1], vectors[k + _TWO, 2]
+        (a, b, c), (ax, ay, az), (bx, by, bz), (cx, cy, cz) = _three(rows, vectors, k)
         for i in range(_TILE):
             p, q, r = w[a + i], w[b + i], w[c + i]
             s[one + i] += ax * p + bx * q + cx * r
@@ -818,10 +822,7 @@ def _clear(s: Array, row: Scalar) -> None:
 @contracted
 def _turn(s: Array, w: Array, k: Scalar, rows: Offsets, vectors: Array, tangents: Any, double_sines: Any) -> None:
     """Write G = tan|h| h/|h| and H = sin 2|h| h/|h| of half a rotation vector h = X + three entries."""
-    a, b, c = rows[k], rows[k + _ONE], rows[k + _TWO]
-    ax, ay, az = vectors[k, 0], vectors[k, 1], vectors[k, 2]
-    bx, by, bz = vectors[k + _ONE, 0], vectors[k + _ONE, 1], vectors[k + _ONE, 2]
-    cx, cy, cz = vectors[k + _TWO, 0], vectors[k + _TWO, 1], vectors[k + _TWO, 2]
+    (a, b, c), (ax, ay, az), (bx, by, bz), (cx, cy, cz) = _three(rows, vectors, k)
     for i in range(_TILE):
         p, q, r = w[a + i], w[b + i], w[c + i]
         x = s[_X0 + i] + ax * p + bx * q + cx * r
@@ -839,18 +840,21 @@ def _turn(s: Array, w: Array, k: Scalar, rows: Offsets, vectors: Array, tangents
 
 
 @contracted
+def _and_crossed(
+    gx: Scalar, gy: Scalar, gz: Scalar, px: Scalar, py: Scalar, pz: Scalar
+) -> tuple[Scalar, Scalar, Scalar]:
+    """Return p + G × p."""
+    return px + gy * pz - gz * py, py + gz * px - gx * pz, pz + gx * py - gy * px
+
+
+@contracted
 def _begin(s: Array, w: Array, k: Scalar, rows: Offsets, vectors: Array, rx: Scalar, ry: Scalar, rz: Scalar) -> None:
     """Turn and shift, as `_carry`, what is at rest."""
-    a, b, c = rows[k], rows[k + _ONE], rows[k + _TWO]
-    ax, ay, az = vectors[k, 0], vectors[k, 1], vectors[k, 2]
-    bx, by, bz = vectors[k + _ONE, 0], vectors[k + _ONE, 1], vectors[k + _ONE, 2]
-    cx, cy, cz = vectors[k + _TWO, 0], vectors[k + _TWO, 1], vectors[k + _TWO, 2]
+    (a, b, c), (ax, ay, az), (bx, by, bz), (cx, cy, cz) = _three(rows, vectors, k)
     for i in range(_TILE):
         gx, gy, gz = s[_G0 + i], s[_G1 + i], s[_G2 + i]
         hx, hy, hz = s[_H0 + i], s[_H1 + i], s[_H2 + i]
-        ux = rx + gy * rz - gz * ry
-        uy = ry + gz * rx - gx * rz
-        uz = rz + gx * ry - gy * rx
+        ux, uy, uz = _and_crossed(gx, gy, gz, rx, ry, rz)
         p, q, r = w[a + i], w[b + i], w[c + i]
         s[_E0 + i] = ax * p + bx * q + cx * r + hy * uz - hz * uy
         s[_E1 + i] = ay * p + by * q + cy * r + hz * ux - hx * uz
@@ -867,18 +871,12 @@ def _carry(s: Array, w: Array, k: Scalar, rows: Offsets, vectors: Array, rx: Sca
 
     (Rot - 1) p = H × (p + G × p), in which nothing cancels; q is a multiple of the rotation's quaternion.
     """
-    a, b, c = rows[k], rows[k + _ONE], rows[k + _TWO]
-    ax, ay, az = vectors[k, 0], vectors[k, 1], vectors[k, 2]
-    bx, by, bz = vectors[k + _ONE, 0], vectors[k + _ONE, 1], vectors[k + _ONE, 2]
-    cx, cy, cz = vectors[k + _TWO, 0], vectors[k + _TWO, 1], vectors[k + _TWO, 2]
+    (a, b, c), (ax, ay, az), (bx, by, bz), (cx, cy, cz) = _three(rows, vectors, k)
     for i in range(_TILE):
         gx, gy, gz = s[_G0 + i], s[_G1 + i], s[_G2 + i]
         hx, hy, hz = s[_H0 + i], s[_H1 + i], s[_H2 + i]
         ex, ey, ez = s[_E0 + i], s[_E1 + i], s[_E2 + i]
-        px, py, pz = rx + ex, ry + ey, rz + ez
-        ux = px + gy * pz - gz * py
-        uy = py + gz * px - gx * pz
-        uz = pz + gx * py - gy * px
+        ux, uy, uz = _and_crossed(gx, gy, gz, rx + ex, ry + ey, rz + ez)
         p, q, r = w[a + i], w[b + i], w[c + i]
         s[_E0 + i] = ex + ax * p + bx * q + cx * r + hy * uz - hz * uy
         s[_E1 + i] = ey + ay * p + by * q + cy * r + hz * ux - hx * uz
@@ -891,13 +889,19 @@ def _carry(s: Array, w: Array, k: Scalar, rows: Offsets, vectors: Array, rx: Sca
 
 
 @plain
-def _too_far(s: Array) -> Scalar:
-    """Return how many half rotation vectors X are π/2 long or more."""
-    count = 0
+def _too_far(s: Array, skipped: Scalar, count: Scalar, sampled: bool) -> Scalar:
+    """Return the first sample of which the half rotation vector X is π/2 long or more, or -1."""
+    beyond = 0
     for i in range(_TILE):
         x, y, z = s[_X0 + i], s[_X1 + i], s[_X2 + i]
-        count += 0 if x * x + y * y + z * z < _QUARTER_TURN_SQUARED else 1
-    return count
+        beyond += 0 if x * x + y * y + z * z < _QUARTER_TURN_SQUARED else 1
+    if beyond:
+        for sample in range(skipped, count):
+            i = _place_of(sample, sampled)
+            x, y, z = s[_X0 + i], s[_X1 + i], s[_X2 + i]
+            if not x * x + y * y + z * z < _QUARTER_TURN_SQUARED:
+                return sample
+    return -1
 
 
 @contracted
@@ -978,25 +982,7 @@ def _displace(s: Array, w: Array, motions: Motions, skipped: Scalar, count: Scal
         turn, turn_end = motions.turn_starts[k], motions.turn_starts[k + _ONE]
         shift, shift_end = motions.shift_starts[k], motions.shift_starts[k + _ONE]
         rx, ry, rz = motions.arms[k, 0], motions.arms[k, 1], motions.arms[k, 2]
-        if turn == turn_end or motions.series[k] == WIDE:
-            if at_rest:
-                _stay(s)
-                at_rest = False
-            if turn < turn_end:
-                own = turn_end - _THREE
-                _mix(s, w, _X0, turn, own, turn_rows, turns)
-                _mix(s, w, _X0, own, turn_end, turn_rows, turns)
-                if _too_far(s):
-                    for sample in range(skipped, count):
-                        i = _place_of(sample, sampled)
-                        x, y, z = s[_X0 + i], s[_X1 + i], s[_X2 + i]
-                        if not x * x + y * y + z * z < _QUARTER_TURN_SQUARED:
-                            return sample
-                _carry_wide(s, rx, ry, rz)
-                _clear(s, _X0)
-                _mix(s, w, _E0, shift, shift + _THREE, shift_rows, shifts)
-                shift += _THREE
-        else:
+        if turn < turn_end and motions.series[k] != WIDE:
             # all but the last three entries of a turn are collected, the first three of a shift go with it
             own = turn_end - _THREE
             _mix(s, w, _X0, turn, own, turn_rows, turns)
@@ -1006,10 +992,19 @@ def _displace(s: Array, w: Array, motions: Motions, skipped: Scalar, count: Scal
                 _turn(s, w, own, turn_rows, turns, _TANGENT, _DOUBLE_SINE)
             if at_rest:
                 _begin(s, w, shift, shift_rows, shifts, rx, ry, rz)
-                at_rest = False
             else:
                 _carry(s, w, shift, shift_rows, shifts, rx, ry, rz)
             shift += _THREE
+        elif at_rest:
+            _stay(s)
+        at_rest = False
+        if turn < turn_end and motions.series[k] == WIDE:
+            _mix(s, w, _X0, turn, turn_end, turn_rows, turns)
+            sample = _too_far(s, skipped, count, sampled)
+            if sample >= 0:
+                return sample
+            _carry_wide(s, rx, ry, rz)
+            _clear(s, _X0)
         _mix(s, w, _E0, shift, shift_end, shift_rows, shifts)
     if at_rest:
         _stay(s)
@@ -1155,18 +1150,20 @@ def _find_bins(s: Array, bins: Bins, held: Scalar, inverse_scale: Array) -> None
 
 
 @plain
-def _count_bins(bins: Bins, held: Scalar, count: Scalar, sketch: NDArray[np.uint32]) -> None:
-    """Count the samples of so many tiles, of the last one only ``count``, in the bins where they fall.
+def _count_bins(bins: Bins, first: Scalar, tiles: Scalar, count: Scalar, sketch: NDArray[np.uint32]) -> None:
+    """Count the samples of so many tiles, of the last one only ``count``, in the bins where they fall."""
+    last = first + (_U(tiles) - _ONE) * _TILE
+    for i in range(first, last + _TILE):
+        sketch[bins[i]] += np.uint32(1)
+    for sample in range(count, TILE):
+        sketch[bins[last + _place_of(sample, True)]] -= np.uint32(1)
 
-    One quantity of many samples after the other, so that its part of the sketch stays near the processor.
-    """
+
+@plain
+def _count_all_bins(bins: Bins, tiles: Scalar, count: Scalar, sketch: NDArray[np.uint32]) -> None:
+    """Count what `_find_bins` found, each quantity of all tiles by itself: its part of the sketch stays near."""
     for q in range(_U(8)):
-        first = q * _U(HELD) * _TILE
-        for i in range(first, first + _U(held) * _TILE):
-            sketch[bins[i]] += np.uint32(1)
-        last = first + (_U(held) - _ONE) * _TILE
-        for sample in range(count, TILE):
-            sketch[bins[last + _place_of(sample, True)]] -= np.uint32(1)
+        _count_bins(bins, q * _U(HELD) * _TILE, tiles, count, sketch)
 
 
 @plain
@@ -1181,10 +1178,7 @@ def _sketch_norms(s: Array, bins: Bins, count: Scalar, inverse_scale: Array, ske
             magnitude = shifted - _NORM_OFFSET if shifted > _NORM_OFFSET else _ZERO
             magnitude = magnitude if magnitude < _NORM_LAST else _NORM_LAST
             bins[i] = np.uint32(first + (_NORM_LAST - magnitude if scaled < 0.0 else _NORM_LAST + _ONE + magnitude))
-        for i in range(_TILE):
-            sketch[bins[i]] += np.uint32(1)
-        for sample in range(count, TILE):
-            sketch[bins[_place_of(sample, True)]] -= np.uint32(1)
+        _count_bins(bins, _ZERO, 1, count, sketch)
 
 
 @plain
@@ -1310,9 +1304,9 @@ def _failed_formula(w: Array, formulas: Formulas, skipped: Scalar, count: Scalar
 @kept
 def run(
     s: Array,
-    w: Array,
     bins: Bins,
     products: Offsets,
+    w: Array,
     draws: Draws,
     formulas: Formulas,
     superposition: Superposition,
@@ -1339,8 +1333,8 @@ def run(
 
     Parameters
     ----------
-    s, w, bins, products
-        Room: `SCRATCH` rows; the rows that the offsets name, both 64-byte aligned; ``(8 · HELD · TILE,)``; ``(TILE,)``.
+    s, bins, products, w
+        Room: `SCRATCH` rows; ``(8 · HELD · TILE,)``; ``(TILE,)``; the rows that the offsets name. Rows are 64-byte aligned.
     draws, formulas, superposition, motions
         The layout.
     stage
@@ -1348,7 +1342,7 @@ def run(
     seed, words
         Key and, for each stream, the last counter word.
     first, skip, count
-        First unit, which is even, how many samples at the beginning nobody asked for (they may fail), and how many
+        First unit, a multiple of `TILE`, how many samples at the beginning nobody asked for (they may fail), and how many
         samples with them.
     given
         ``(d, count)`` component values to use, or no columns: draw them.
@@ -1421,7 +1415,7 @@ def run(
             held = tile % HELD
             _find_bins(s, bins, held, counting.inverse_scale)
             if held == HELD - 1 or tile == tiles - 1:
-                _count_bins(bins, held + 1, size, sketch)
+                _count_all_bins(bins, held + 1, size, sketch)
             if (begin + TILE) % ATOM == 0 or tile == tiles - 1:
                 _fold(s, sums[begin // ATOM])
     if counted:
@@ -1442,9 +1436,9 @@ def _keep_lanes(s: Array, lanes: Array) -> None:
 @kept
 def run_poses(
     s: Array,
-    workspaces: Array,
     bins: Bins,
     products: Offsets,
+    workspaces: Array,
     lanes: Array,
     unit_draws: Draws,
     draws: Draws,
@@ -1476,8 +1470,8 @@ def run_poses(
 
     Parameters
     ----------
-    s, workspaces, bins, products
-        Room as `run`'s, the second ``(T, rows)`` of tiles that are worked on together, T ≤ `HELD`.
+    s, bins, products, workspaces
+        Room as `run`'s, the last ``(T, rows)`` of tiles that are worked on together, T ≤ `HELD`.
     lanes
         ``(P, LANE_DOUBLES)`` room.
     unit_draws, unit_formulas, unit_words
@@ -1577,7 +1571,7 @@ def run_poses(
                 else:
                     _find_bins(s, bins, tile - begin, counting.inverse_scale)
                     if tile == end - 1:
-                        _count_bins(bins, end - begin, size, own_sketch)
+                        _count_all_bins(bins, end - begin, size, own_sketch)
                 if (tile + 1) * TILE % ATOM == 0 or tile == tiles - 1:
                     _fold(s, sums[pose, tile * TILE // ATOM])
                 _keep_lanes(s, own_lanes)

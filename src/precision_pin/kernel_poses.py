@@ -31,6 +31,7 @@ from precision_pin.kernel import (
     CompiledTable,
     Model,
     check_blocks,
+    room,
     stage_of,
     workspace,
 )
@@ -41,9 +42,7 @@ from precision_pin.kernel_loops import (
     NORM_COLUMNS,
     NORM_EXPONENTS,
     NORM_MANTISSA,
-    SCRATCH,
     SUMS,
-    TILE,
 )
 from precision_pin.space import check_seed
 from precision_pin.statistics import COLUMNS, LARGEST, NORMS, Plan
@@ -60,9 +59,6 @@ Array = NDArray[np.float64]
 
 MOST_TOGETHER: Final = 64
 """Poses that are best worked on together: drawing is then next to nothing, and what is kept stays in the cache."""
-
-_TILES: Final = 16
-"""Tiles at a time where the large sketches are filled, each of which takes a good part of the cache."""
 
 
 @final
@@ -133,7 +129,7 @@ def observe_poses(
         :func:`precision_pin.kernel.observe_blocks`, with the pose's number.
     """
     units = _Units(seed, *check_blocks(first_block, blocks, samples), first_pose, visit)
-    counts = _run(tables, plans, model, units, 8 * COLUMNS, LARGEST, tiles=_TILES)
+    counts = _run(tables, plans, model, units, 8 * COLUMNS, LARGEST, tiles=HELD)
     return [
         Blocks(
             count=units.count,
@@ -238,10 +234,8 @@ def _run(
     )
     rows = joined.layouts[0].rows
     arguments = (
-        workspace(SCRATCH),
+        *room(),
         workspace(rows * tiles).reshape(tiles, -1),
-        np.empty(8 * HELD * TILE, dtype=np.uint32),
-        np.empty(TILE, dtype=np.uint64),
         np.empty((poses, LANE_DOUBLES)),
         joined.unit_draws,
         joined.draws,
