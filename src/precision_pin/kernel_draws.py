@@ -96,7 +96,11 @@ def lay_out_draws(space: Space, constants: Mapping[float, int]) -> Draws:
     mixed = {component for group in groups for component in group}
     logarithms = {columns.start for law, columns in placed if isinstance(law, Lognormal)}
     normal = {columns.start: law for law, columns in placed if isinstance(law, Normal)}
-    alone = {row: law for row, law in normal.items() if row not in mixed}
+    jointly = {
+        row for law, columns in placed if isinstance(law, JointNormal) for row in range(columns.start, columns.stop)
+    }
+    normals = {row: (law.mean, -2 * law.std * law.std) for row, law in normal.items() if row not in mixed}
+    normals |= dict.fromkeys(sorted(logarithms | mixed | jointly), (0.0, -2.0))
     scaled = {row: law for row, law in normal.items() if row in mixed}
     lines, line_starts = _stacked([law.segments for law, _ in placed if isinstance(law, Empirical)], 4)
     tables = [law for law, _ in placed if isinstance(law, Rows)]
@@ -107,7 +111,8 @@ def lay_out_draws(space: Space, constants: Mapping[float, int]) -> Draws:
         fixed_values=frozen(list(fixed.values())),
         stream_rows=offsets(streamed),
         streams=frozen_offsets([space.streams[component] for component in streamed]),
-        score_rows=offsets(sorted(logarithms | mixed)),
+        normal_rows=offsets(list(normals)),
+        normal=frozen(list(normals.values()), -1, 2),
         group_starts=frozen_offsets(np.cumsum([0, *map(len, groups)])),
         group_rows=offsets([component for group in groups for component in group]),
         group_roots=_padded([correlation.root for correlation in space.correlations]),
@@ -116,8 +121,6 @@ def lay_out_draws(space: Space, constants: Mapping[float, int]) -> Draws:
         uniform=frozen([(law.mean, law.half_width) for law, _ in placed if isinstance(law, Uniform)], -1, 2),
         triangular_rows=of(Triangular),
         triangular=frozen([(law.mean, law.half_width) for law, _ in placed if isinstance(law, Triangular)], -1, 2),
-        normal_rows=offsets(list(alone)),
-        normal=frozen([(law.mean, -2 * law.std * law.std) for law in alone.values()], -1, 2),
         scaled_rows=offsets(list(scaled)),
         scaled=frozen([(law.mean, law.std) for law in scaled.values()], -1, 2),
         truncated_rows=of(TruncatedNormal),

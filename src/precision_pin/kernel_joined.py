@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 
 from precision_pin import kernel_loops
 from precision_pin.errors import InputError
-from precision_pin.kernel_draws import drawn
 from precision_pin.kernel_layout import CompiledTable
 from precision_pin.kernel_loops import Draws, Formulas, Motions, Superposition
 from precision_pin.space import Scope, occasion
@@ -71,11 +70,6 @@ class JoinedTables:
                 "poses that are sampled together must be of one model: with the same draws, targets and formulas"
             )
         varying = _varying(first)
-        scopes = [
-            draw.scope
-            for draw, columns in zip(first.space.draws, first.space.slices, strict=True)
-            for _ in drawn(draw.law, columns)
-        ]
         unit_formulas, formulas = _split_formulas(first.formulas, varying)
         superposition, superposed = _joined_superpositions(layouts)
         return cls(
@@ -84,7 +78,7 @@ class JoinedTables:
             unit_formulas=unit_formulas,
             draws=_chosen_draws(first.draws, varying),
             formulas=formulas,
-            scopes=tuple(scope for scope in scopes if scope is not Scope.UNIT),
+            scopes=tuple(scope for scope in first.scopes if scope is not Scope.UNIT),
             superposition=superposition,
             superposed=superposed,
             motions=_joined_motions(layouts),
@@ -159,7 +153,6 @@ def _chosen_draws(draws: Draws, rows: Rows) -> Draws:
         **draws._asdict(),
         **chosen("fixed_rows", "fixed_values"),
         **chosen("stream_rows", "streams"),
-        **chosen("score_rows"),
         **chosen("cumulated_rows"),
         **chosen("uniform_rows", "uniform"),
         **chosen("triangular_rows", "triangular"),

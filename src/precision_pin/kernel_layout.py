@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import groupby, pairwise
 from typing import TYPE_CHECKING, Final, final
 
@@ -23,7 +24,7 @@ from precision_pin.kernel_draws import (
 )
 from precision_pin.kernel_loops import FINE, NARROW, WIDE, Draws, Formulas, Motions, Superposition
 from precision_pin.parameters import Operator
-from precision_pin.space import Space, occasion
+from precision_pin.space import Scope, Space, occasion
 
 if TYPE_CHECKING:
     from precision_pin.table import TermTable
@@ -72,16 +73,16 @@ class CompiledTable:
     highest: Array
     largest_angle: float
 
+    @cached_property
+    def scopes(self) -> tuple[Scope, ...]:
+        """The scope of each stream of ``draws``."""
+        draws = zip(self.space.draws, self.space.slices, strict=True)
+        return tuple(draw.scope for draw, columns in draws for _ in drawn(draw.law, columns))
+
     def words(self, pose: int, visit: int) -> NDArray[np.uint64]:
         """Return the last counter word of every stream drawn, in the order of ``draws.streams``."""
-        return np.array(
-            [
-                occasion(draw.scope, pose, visit)
-                for draw, columns in zip(self.space.draws, self.space.slices, strict=True)
-                for _ in drawn(draw.law, columns)
-            ],
-            dtype=np.uint64,
-        )
+        occasions = {scope: occasion(scope, pose, visit) for scope in dict.fromkeys(self.scopes)}
+        return np.array([occasions[scope] for scope in self.scopes], dtype=np.uint64)
 
 
 def lay_out(table: TermTable, space: Space) -> CompiledTable:

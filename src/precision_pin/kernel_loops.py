@@ -97,24 +97,26 @@ FORMULA, ANGLE, NOT_FINITE = 1, 2, 3
 _U = np.uint64
 
 # rows of the scratch: the eight quantities, where the tip's displacement e and the quaternion's vector v are built up too;
-# the quaternion's scalar; of one target: two multiples G and H of its rotation vector, and what X of it is collected
-_D, _E0, _E1, _E2, _T, _V0, _V1, _V2, _V, _G0, _G1, _G2, _H0, _H1, _H2, _X0, _X1, _X2 = (
+# the quaternion's scalar; of one target, what is collected of its rotation vector X, and two multiples G and H of that
+_D, _E0, _E1, _E2, _T, _V0, _V1, _V2, _V, _X0, _X1, _X2, _G0, _G1, _G2, _H0, _H1, _H2 = (
     _U(row * STRIDE) for row in range(18)
 )
-_RESIDUALS: Final = _U(18 * STRIDE)
-_LANES: Final = _U(26 * STRIDE)
+# the residuals take the place of G and H, so that the scratch stays near the processor
+_RESIDUALS: Final = _G0
 _R0, _R1, _R2, _R3, _R4, _R5, _R6, _R7 = (_RESIDUALS + _U(q * STRIDE) for q in range(8))
+_LANES: Final = _U(20 * STRIDE)
 (
     _P0, _P1, _P2, _P3, _P4, _P5, _P6, _P7, _P8, _P9, _P10, _P11, _P12, _P13, _P14, _P15, _P16, _P17, _P18, _P19, _P20,
     _P21, _P22,
 ) = (_LANES + _U((8 + k) * LANES) for k in range(23))  # fmt: skip
-SCRATCH: Final = 26 + -(-(SUMS + 16) * LANES // STRIDE)
+SCRATCH: Final = 20 + -(-(SUMS + 16) * LANES // STRIDE)
 """Rows of the scratch."""
 
 _TILE = _U(TILE)
 _PAIRS = _U(TILE // 2)
 _EIGHTH = _U(TILE // 8)
 _STRIDE = _U(STRIDE)
+_LANE = _U(LANES)
 _ZERO, _ONE, _TWO, _THREE, _FOUR, _SIX, _TWELVE, _HALF_WORD, _MANTISSA, _SIGN_FROM_TWO = (
     _U(k) for k in (0, 1, 2, 3, 4, 6, 12, 32, 52, 62)
 )
@@ -133,19 +135,19 @@ _HIGH_HALF = _U(0xFFFFFFFFF8000000)
 _BIAS = _U(1023)
 
 # polynomials, highest power first
-# (2 artanh(√z)/√z - 2)/z up to z = 0.0295, sin(2π√z)/√z and cos(2π√z) up to z = 1/64, within 5e-18 of their values:
-# interpolated at Chebyshev nodes
+# (2 artanh(√z/2)/√z - 1)/z up to z = 0.118, sin(2π√z)/√z and cos(2π√z) up to z = 1/64, within 2e-16/z, 5e-18 and
+# 7e-17 of their values: interpolated at Chebyshev nodes
 _ARTANH = (
-    0.1461645239982644, 0.15331721380921012, 0.18182889131869306, 0.2222221113470439, 0.2857142862597604,
-    0.39999999999899505, 0.666666666666667,
+    2.053123393790965e-05, 8.849464446155493e-05, 0.00043405018649155306, 0.00223214196591324,
+    0.012500000016262546, 0.08333333333323466,
 )  # fmt: skip
 _SINE = (
     3.7808689593022566, -15.093804209987113, 42.058685020160894, -76.70585970427454, 81.60524927594804,
     -41.341702240399634, 6.283185307179586,
 )  # fmt: skip
 _COSINE = (
-    -1.6990343940660484, 7.9032069115696775, -26.426253275854723, 60.24464135270201, -85.4568172066438,
-    64.93939402266824, -19.739208802178716, 1.0,
+    7.811469877049771, -26.4243165827977, 60.24462124052456, -85.45681710105164, 64.93939402241337,
+    -19.739208802178513, 1.0,
 )  # fmt: skip
 _CENTRE = (
     2.5090809287301226727e3, 3.3430575583588128105e4, 6.7265770927008700853e4, 4.5921953931549871457e4,
@@ -186,10 +188,11 @@ _MILLS_BELOW = (
     137960.744566166715363, 462414.16719060097007, 1100069.97552553588879, 1773118.43149761954608,
     1744706.82940626728931, 794349.421920370853286,
 )  # fmt: skip
-# tan √s/√s and sin 2√s/√s up to s = 0.005² and to 1/64, atan √t/√t up to t = tan² 1/8, within 5e-17 of their values:
+# tan √s/√s and sin 2√s/√s up to s = 0.005² and to 1/64, atan √t/√t up to t = tan² 0.005 and to tan² 1/8, within 9e-17:
 # interpolated at Chebyshev nodes
 _FINE_TANGENT = (0.13333535716592487, 0.3333333333143598, 1.0)
 _FINE_DOUBLE_SINE = (0.2666657142872014, -1.3333333333244048, 2.0)
+_FINE_ARC = (0.19999502750452347, -0.3333333332948705, 1.0)
 _TANGENT = (
     0.009033635110796896, 0.021866481700786467, 0.053968278373067606, 0.13333333324387606, 0.3333333333334532, 1.0,
 )  # fmt: skip
@@ -220,8 +223,10 @@ class Draws(NamedTuple):
     fixed_values: Array
     stream_rows: Offsets
     streams: Offsets
-    score_rows: Offsets
-    """Which become standard normal numbers: correlated and lognormal ones."""
+    normal_rows: Offsets
+    """Normal laws but the correlated ones; and what other laws begin with: correlated, jointly normal, lognormal ones."""
+    normal: Array
+    """``(k, 2)`` mean, -2 times the variance."""
     group_starts: Offsets
     """Correlated rows: those of group g are ``group_rows[starts[g] … starts[g + 1]]``."""
     group_rows: Offsets
@@ -235,10 +240,6 @@ class Draws(NamedTuple):
     triangular_rows: Offsets
     triangular: Array
     """``(k, 2)`` mean, half-width."""
-    normal_rows: Offsets
-    """Normal laws but the correlated ones."""
-    normal: Array
-    """``(k, 2)`` mean, -2 times the variance."""
     scaled_rows: Offsets
     """Correlated normal laws, of standard normal numbers."""
     scaled: Array
@@ -362,12 +363,6 @@ else:
 
 
 @plain
-def _uniform(low: Scalar, high: Scalar) -> Scalar:
-    """Return (2j + 1)/2⁵³, j the top 52 of the bits in the low halves of two words; every step is exact."""
-    return _float_of((((low & _LOW) | (high << _HALF_WORD)) >> _TWELVE) | _BITS_OF_ONE) - _ONE_LESS
-
-
-@plain
 def _round(c: Any, key_0: Scalar, key_1: Scalar) -> Any:
     """Return the four words after a round; only their low halves count, the high ones hold what is left over."""
     a, b = _MULTIPLIER_0 * (c[0] & _LOW), _MULTIPLIER_1 * (c[2] & _LOW)
@@ -375,10 +370,36 @@ def _round(c: Any, key_0: Scalar, key_1: Scalar) -> Any:
 
 
 @plain
-def _second_round(product: Scalar, upper: Scalar, mask: Scalar, same_1: Scalar, same_2: Scalar, first: Scalar) -> Any:
-    """Return the four words after the second round, from the product of the first that is a pair's own."""
-    b = _MULTIPLIER_1 * ((upper ^ mask) & _LOW)
-    return (b >> _HALF_WORD) ^ same_1, b, same_2 ^ product, first
+def _uniform(product: Scalar, word: Scalar, key: Scalar) -> Scalar:
+    """Return (2j + 1)/2⁵³, j the top 52 of the 64 bits that one product of the last round makes; every step is exact.
+
+    Their upper half is the product's lower one; the lower half is its upper one, mixed with a word and the key. The key
+    is mixed in last: so written, two instructions less are needed.
+    """
+    bits = ((product << _HALF_WORD) | (product >> _HALF_WORD)) ^ (word & _LOW)
+    return _float_of((bits >> _TWELVE) ^ (_BITS_OF_ONE | (key >> _TWELVE))) - _ONE_LESS
+
+
+@plain
+def _last_round(c: Any, key_0: Scalar, key_1: Scalar) -> tuple[Scalar, Scalar]:
+    """Return the two uniform numbers that four words give after a last round."""
+    a, b = _MULTIPLIER_0 * (c[0] & _LOW), _MULTIPLIER_1 * (c[2] & _LOW)
+    return _uniform(b, c[1], key_0), _uniform(a, c[3], key_1)
+
+
+@plain
+def _share(products: Offsets, low: Scalar, mask: Scalar) -> None:
+    """Write what the first two rounds of a tile's pairs have in common for all streams: two products, the second's upper half."""
+    for i in range(_PAIRS):
+        first = _MULTIPLIER_0 * (low + i)
+        second = _MULTIPLIER_1 * (((first >> _HALF_WORD) ^ mask) & _LOW)
+        products[i], products[_PAIRS + i], products[_TILE + i] = first, second, second >> _HALF_WORD
+
+
+@plain
+def _after_two_rounds(products: Offsets, i: Scalar, same_0: Scalar, same_2: Scalar, same_3: Scalar) -> Any:
+    """Return the four words of a pair after the second round."""
+    return products[_TILE + i] ^ same_0, products[_PAIRS + i], products[i] ^ same_2, same_3
 
 
 @plain
@@ -387,42 +408,41 @@ def uniforms(
 ) -> None:
     """Fill rows with uniform numbers, as `precision_pin.philox.uniforms`: even units first, then odd ones.
 
-    The first pair's number is a multiple of half a tile, so that all pairs' upper counter words are the same. Then one product of
-    the first round is the same for all streams, the other one and one of the second round for all pairs; ``products`` is
-    room for `TILE` words.
+    The first pair's number is a multiple of half a tile, so that all pairs' upper counter words are the same. Then of the four
+    products of the first two rounds two are the same for all pairs, and two for all streams with one last word; these
+    stand in ``products``, which has room for 3/2 `TILE` words.
     """
     low, high = first_pair & _LOW, first_pair >> _HALF_WORD
-    for i in range(_PAIRS):
-        product = _MULTIPLIER_0 * (low + i)
-        products[i] = product
-        products[_PAIRS + i] = product >> _HALF_WORD
     key_0, key_1 = seed & _LOW, seed >> _HALF_WORD
     next_0, next_1 = (key_0 + _WEYL_0) & _LOW, (key_1 + _WEYL_1) & _LOW
     for k in range(rows.size):
+        if k == 0 or words[k] != words[k - 1]:
+            _share(products, low, words[k] ^ key_1)
         row = rows[k]
         other = _MULTIPLIER_1 * streams[k]
-        first = _MULTIPLIER_0 * (((other >> _HALF_WORD) ^ high ^ key_0) & _LOW)
-        mask, same_1, same_2 = words[k] ^ key_1, other ^ next_0, (first >> _HALF_WORD) ^ next_1
+        same_3 = _MULTIPLIER_0 * (((other >> _HALF_WORD) ^ high ^ key_0) & _LOW)
+        same_0, same_2 = other ^ next_0, (same_3 >> _HALF_WORD) ^ next_1
         for i in range(_EIGHTH):
             # four pairs a turn, so that their chains of multiplications overlap
             j, m, n = i + _EIGHTH, i + _TWO * _EIGHTH, i + _THREE * _EIGHTH
-            a = _second_round(products[i], products[_PAIRS + i], mask, same_1, same_2, first)
-            b = _second_round(products[j], products[_PAIRS + j], mask, same_1, same_2, first)
-            c = _second_round(products[m], products[_PAIRS + m], mask, same_1, same_2, first)
-            d = _second_round(products[n], products[_PAIRS + n], mask, same_1, same_2, first)
+            a = _after_two_rounds(products, i, same_0, same_2, same_3)
+            b = _after_two_rounds(products, j, same_0, same_2, same_3)
+            c = _after_two_rounds(products, m, same_0, same_2, same_3)
+            d = _after_two_rounds(products, n, same_0, same_2, same_3)
             x, y = next_0, next_1
-            # eight rounds more; a loop of more than five is not unrolled, and then nothing is vectorised
+            # seven rounds more; a loop of more than five is not unrolled, and then nothing is vectorised
             for _ in range(4):
                 x, y = (x + _WEYL_0) & _LOW, (y + _WEYL_1) & _LOW
                 a, b, c, d = _round(a, x, y), _round(b, x, y), _round(c, x, y), _round(d, x, y)
-            for _ in range(4):
+            for _ in range(3):
                 x, y = (x + _WEYL_0) & _LOW, (y + _WEYL_1) & _LOW
                 a, b, c, d = _round(a, x, y), _round(b, x, y), _round(c, x, y), _round(d, x, y)
+            x, y = (x + _WEYL_0) & _LOW, (y + _WEYL_1) & _LOW
             even, odd = row + i, row + _PAIRS + i
-            w[even], w[odd] = _uniform(a[0], a[1]), _uniform(a[2], a[3])
-            w[even + _EIGHTH], w[odd + _EIGHTH] = _uniform(b[0], b[1]), _uniform(b[2], b[3])
-            w[even + _TWO * _EIGHTH], w[odd + _TWO * _EIGHTH] = _uniform(c[0], c[1]), _uniform(c[2], c[3])
-            w[even + _THREE * _EIGHTH], w[odd + _THREE * _EIGHTH] = _uniform(d[0], d[1]), _uniform(d[2], d[3])
+            w[even], w[odd] = _last_round(a, x, y)
+            w[even + _EIGHTH], w[odd + _EIGHTH] = _last_round(b, x, y)
+            w[even + _TWO * _EIGHTH], w[odd + _TWO * _EIGHTH] = _last_round(c, x, y)
+            w[even + _THREE * _EIGHTH], w[odd + _THREE * _EIGHTH] = _last_round(d, x, y)
 
 
 @plain
@@ -442,30 +462,42 @@ def _series(z: Scalar, coefficients: Any) -> Scalar:
 
 
 @contracted
-def logarithm(x: Scalar) -> Scalar:
-    """Return log x of a normal number, within 2 ulp: 2 artanh(f / (2 + f)) of x = 2ᵉ (1 + f)."""
-    shifted = _bits_of(x) + _U(0x00095F6200000000)
-    exponent = _float_of((shifted >> _MANTISSA) | _BITS_OF_2_52) - (2.0**52 + 1023.0)
-    f = _float_of((shifted & _U(0x000FFFFFFFFFFFFF)) + _U(0x3FE6A09E00000000)) - 1.0
-    s = f / (2.0 + f)
-    z = s * s
-    return exponent * 0.6931471805599453 + (2.0 * s + s * z * _series(z, _ARTANH))
+def _series_by_halves(z: Scalar, coefficients: Any) -> Scalar:
+    """Return a series with an even number of coefficients; two short chains, where one would be waited for."""
+    square = z * z
+    odd, even = coefficients[0], coefficients[1]
+    for k in range(2, len(coefficients), 2):
+        odd = odd * square + coefficients[k]
+        even = even * square + coefficients[k + 1]
+    return even + z * odd
 
 
 @contracted
-def turned(u: Scalar) -> tuple[Scalar, Scalar]:
-    """Return sin 2πu and cos 2πu for 0 ≤ u ≤ 1, within 2 ulp; polynomials of Chebyshev interpolation on 1/8 of a turn."""
+def logarithm(x: Scalar, factor: Scalar) -> Scalar:
+    """Return factor × log x of a normal number, within 4 ulp for 1: 2 artanh(s/2) of s = 2f / (2 + f), x = 2ᵉ (1 + f)."""
+    shifted = _bits_of(x) + _U(0x00095F6200000000)
+    exponent = _float_of((shifted >> _MANTISSA) | _BITS_OF_2_52) - (2.0**52 + 1023.0)
+    f = _float_of((shifted & _U(0x000FFFFFFFFFFFFF)) + _U(0x3FE6A09E00000000)) - 1.0
+    s = (f + f) / (2.0 + f)
+    z = s * s
+    scaled = factor * s
+    return scaled * z * _series_by_halves(z, _ARTANH) + (exponent * (factor * 0.6931471805599453) + scaled)
+
+
+@contracted
+def turned(u: Scalar, radius: Scalar) -> tuple[Scalar, Scalar]:
+    """Return radius × sin 2πu and radius × cos 2πu for 0 ≤ u ≤ 1, for a radius of 1 within 2 ulp.
+
+    By polynomials of Chebyshev interpolation on 1/8 of a turn.
+    """
     rounded = u + _ROUND_TO_QUARTER
     quarter = _bits_of(rounded)
     r = u - (rounded - _ROUND_TO_QUARTER)  # exact
     z = r * r
     s, c = r * _series(z, _SINE), _series(z, _COSINE)
-    swap = (quarter & _ONE) != _ZERO
-    sine = c if swap else s
-    cosine = s if swap else c
-    sine = _float_of(_bits_of(sine) ^ ((quarter & _TWO) << _SIGN_FROM_TWO))
-    cosine = _float_of(_bits_of(cosine) ^ (((quarter + _ONE) & _TWO) << _SIGN_FROM_TWO))
-    return sine, cosine
+    odd = (quarter & _ONE) != _ZERO
+    signed = _float_of(_bits_of(radius) ^ ((quarter & _TWO) << _SIGN_FROM_TWO))
+    return signed * (c if odd else s), signed * (-s if odd else c)
 
 
 @plain
@@ -473,7 +505,7 @@ def normal_score(p: Scalar) -> Scalar:
     """Return Φ⁻¹(p) for e⁻²⁵ ≤ p ≤ 0.575: algorithm AS 241 (Wichura, Applied Statistics 37, 1988), PPND16."""
     q = p - 0.5
     r = 0.180625 - q * q
-    t = np.sqrt(-logarithm(p)) - 1.6
+    t = np.sqrt(logarithm(p, -1.0)) - 1.6
     central = q >= -0.425
     above = q * _polynomial(r, _CENTRE) if central else -_polynomial(t, _TAIL)
     below = _polynomial(r, _CENTRE_BELOW) if central else _polynomial(t, _TAIL_BELOW)
@@ -483,7 +515,7 @@ def normal_score(p: Scalar) -> Scalar:
 @plain
 def far_normal_score(p: Scalar) -> Scalar:
     """Return Φ⁻¹(p) for p < e⁻²⁵, by the same algorithm."""
-    r = np.sqrt(-logarithm(p)) - 5.0
+    r = np.sqrt(logarithm(p, -1.0)) - 5.0
     return -_polynomial(r, _FAR) / _polynomial(r, _FAR_BELOW)
 
 
@@ -513,13 +545,16 @@ def cumulative(z: Scalar) -> Scalar:
 
 
 @contracted
-def normals(w: Array, row: Scalar, mean: Scalar, factor: Scalar) -> None:
-    """Turn a row of uniform numbers into normal ones: Box-Muller of each pair (even unit, odd unit); factor is -2σ²."""
-    for i in range(_PAIRS):
-        reach = np.sqrt(factor * logarithm(w[row + i]))
-        sine, cosine = turned(w[row + _PAIRS + i])
-        w[row + i] = mean + reach * cosine
-        w[row + _PAIRS + i] = mean + reach * sine
+def normals(w: Array, rows: Offsets, laws: Array) -> None:
+    """Turn rows of uniform numbers into normal ones, by mean and -2σ²: Box-Muller of each pair (even unit, odd unit)."""
+    # all rows in one call: the constants are loaded once
+    for k in range(rows.size):
+        row, mean, factor = rows[k], laws[k, 0], laws[k, 1]
+        for i in range(_PAIRS):
+            reach = np.sqrt(logarithm(w[row + i], factor))
+            y, x = turned(w[row + _PAIRS + i], reach)
+            w[row + i] = mean + x
+            w[row + _PAIRS + i] = mean + y
 
 
 @plain
@@ -559,7 +594,7 @@ def arcsine_law(w: Array, row: Scalar, mean: Scalar, half_width: Scalar) -> None
     """Turn uniform numbers into `precision_pin.laws.Arcsine`."""
     for i in range(_TILE):
         u = w[row + i] - 0.5
-        size = turned(0.5 * abs(u))[0]
+        size = turned(0.5 * abs(u), 1.0)[0]
         w[row + i] = mean + half_width * (size if u > 0.0 else -size)
 
 
@@ -601,7 +636,8 @@ def table_law(w: Array, row: Scalar, size: Scalar, count: Scalar, first: Scalar,
 def uniform_law(w: Array, row: Scalar, mean: Scalar, half_width: Scalar) -> None:
     """Turn uniform numbers into `precision_pin.laws.Uniform`."""
     for i in range(_TILE):
-        w[row + i] = mean + half_width * (2.0 * w[row + i] - 1.0)
+        # exactly twice the half-width times exactly half of 2u - 1: one addition less
+        w[row + i] = mean + (half_width + half_width) * (w[row + i] - 0.5)
 
 
 @plain
@@ -641,19 +677,14 @@ def truncated_law(w: Array, row: Scalar, mean: Scalar, std: Scalar, k: Scalar, c
 def disc_law(w: Array, row: Scalar, radius: Scalar) -> None:
     """Turn two rows of uniform numbers into `precision_pin.laws.Disc`."""
     for i in range(_TILE):
-        reach = radius * np.sqrt(w[row + i])
-        sine, cosine = turned(w[row + _STRIDE + i])
-        w[row + i] = reach * cosine
-        w[row + _STRIDE + i] = reach * sine
+        w[row + _STRIDE + i], w[row + i] = turned(w[row + _STRIDE + i], radius * np.sqrt(w[row + i]))
 
 
 @plain
 def circle_law(w: Array, row: Scalar, radius: Scalar) -> None:
     """Turn the second of two rows of uniform numbers into `precision_pin.laws.Circle`."""
     for i in range(_TILE):
-        sine, cosine = turned(w[row + _STRIDE + i])
-        w[row + i] = radius * cosine
-        w[row + _STRIDE + i] = radius * sine
+        w[row + _STRIDE + i], w[row + i] = turned(w[row + _STRIDE + i], radius)
 
 
 @plain
@@ -678,8 +709,7 @@ def joint_law(w: Array, row: Scalar, size: Scalar, root: Array) -> None:
 @within
 def apply_laws(w: Array, draws: Draws) -> None:
     """Turn the rows of uniform numbers into the components of the space."""
-    for k in range(draws.score_rows.size):
-        normals(w, draws.score_rows[k], 0.0, -2.0)
+    normals(w, draws.normal_rows, draws.normal)
     for k in range(draws.group_starts.size - 1):
         correlate(w, draws.group_rows[draws.group_starts[k] : draws.group_starts[k + 1]], draws.group_roots[k])
     for k in range(draws.cumulated_rows.size):
@@ -688,8 +718,6 @@ def apply_laws(w: Array, draws: Draws) -> None:
         uniform_law(w, draws.uniform_rows[k], draws.uniform[k, 0], draws.uniform[k, 1])
     for k in range(draws.triangular_rows.size):
         triangular_law(w, draws.triangular_rows[k], draws.triangular[k, 0], draws.triangular[k, 1])
-    for k in range(draws.normal_rows.size):
-        normals(w, draws.normal_rows[k], draws.normal[k, 0], draws.normal[k, 1])
     for k in range(draws.scaled_rows.size):
         row = draws.scaled_rows[k]
         mean, std = draws.scaled[k, 0], draws.scaled[k, 1]
@@ -703,10 +731,7 @@ def apply_laws(w: Array, draws: Draws) -> None:
     for k in range(draws.circle_rows.size):
         circle_law(w, draws.circle_rows[k], draws.circle[k])
     for k in range(draws.joint_rows.size):
-        row, size = draws.joint_rows[k], draws.joint_sizes[k]
-        for j in range(size):
-            normals(w, row + _U(j) * _STRIDE, 0.0, -2.0)
-        joint_law(w, row, size, draws.joint_roots[k])
+        joint_law(w, draws.joint_rows[k], draws.joint_sizes[k], draws.joint_roots[k])
     for k in range(draws.lognormal_rows.size):
         law = draws.lognormal[k]
         lognormal_law(w, draws.lognormal_rows[k], law[0], law[1], law[2])
@@ -932,12 +957,12 @@ def _carry_wide(s: Array, rx: Scalar, ry: Scalar, rz: Scalar) -> None:
 
 
 @contracted
-def _rotation_vector_narrow(s: Array) -> None:
+def _rotation_vector_narrow(s: Array, arc: Any) -> None:
     """Turn the quaternion's vector into the rotation vector, in place: 2 atan(|v|/w) v/|v|, up to 0.25 rad."""
     for i in range(_TILE):
         x, y, z = s[_V0 + i], s[_V1 + i], s[_V2 + i]
         g = 1.0 / s[_V + i]
-        scale = 2.0 * g * _series((x * x + y * y + z * z) * g * g, _SHORT_ARC)
+        scale = 2.0 * g * _series((x * x + y * y + z * z) * g * g, arc)
         s[_V0 + i] = scale * x
         s[_V1 + i] = scale * y
         s[_V2 + i] = scale * z
@@ -1010,8 +1035,10 @@ def _displace(s: Array, w: Array, motions: Motions, skipped: Scalar, count: Scal
         _stay(s)
     if motions.series[targets] == WIDE:
         _rotation_vector_wide(s)
+    elif motions.series[targets] == NARROW:
+        _rotation_vector_narrow(s, _SHORT_ARC)
     else:
-        _rotation_vector_narrow(s)
+        _rotation_vector_narrow(s, _FINE_ARC)
     return -1
 
 
@@ -1062,76 +1089,111 @@ def _not_finite(s: Array, skipped: Scalar, count: Scalar, sampled: bool) -> Scal
 
 
 @plain
-def _repeat_first(s: Array, count: Scalar) -> None:
-    """Let the samples beyond the last one equal the first: they change neither smallest nor largest."""
-    for sample in range(count, TILE):
-        i = _place_of(sample, True)
-        for q in range(_U(8)):
-            s[q * _STRIDE + i] = s[q * _STRIDE]
-
-
-@plain
-def _pad(s: Array, count: Scalar, centre: Array) -> None:
-    """Let the samples beyond the last one lie at the centre: their residuals are zero."""
-    for sample in range(count, TILE):
-        i = _place_of(sample, True)
-        for q in range(_U(8)):
-            s[q * _STRIDE + i] = centre[q]
-
-
-@plain
-def _keep_largest(
-    s: Array, q: Scalar, count: Scalar, first: Scalar, largest: Array, units: NDArray[np.int64], row: Scalar
-) -> None:
-    """Keep the tile's largest values of a quantity, largest first, of equal ones the earlier unit's."""
-    values = q * _STRIDE
-    least = largest[row, LARGEST - 1]
+def _keep_largest(s: Array, count: Scalar, first: Scalar, largest: Array, units: NDArray[np.int64]) -> None:
+    """Keep the largest norms, largest first, of equal ones the earlier unit's."""
+    least_distance, least_angle = largest[0, LARGEST - 1], largest[1, LARGEST - 1]
     above = 0
     for i in range(_TILE):
-        above += 1 if s[values + i] > least else 0
+        above += 1 if (s[_D + i] > least_distance) | (s[_T + i] > least_angle) else 0
     if above:
-        for sample in range(count):
-            value = s[values + _place_of(sample, True)]
-            place = LARGEST
-            while place > 0 and value > largest[row, place - 1]:
-                place -= 1
-            if place < LARGEST:
-                for k in range(LARGEST - 1, place, -1):
-                    largest[row, k] = largest[row, k - 1]
-                    units[row, k] = units[row, k - 1]
-                largest[row, place] = value
-                units[row, place] = np.int64(first) + sample
+        for row in range(2):
+            values = _U(row) * _FOUR * _STRIDE
+            for sample in range(count):
+                value = s[values + _place_of(sample, True)]
+                place = LARGEST
+                while place > 0 and value > largest[row, place - 1]:
+                    place -= 1
+                if place < LARGEST:
+                    for k in range(LARGEST - 1, place, -1):
+                        largest[row, k] = largest[row, k - 1]
+                        units[row, k] = units[row, k - 1]
+                    largest[row, place] = value
+                    units[row, place] = np.int64(first) + sample
+
+
+@within
+def _four(s: Array, first: Scalar, step: Scalar) -> Any:
+    return s[first], s[first + step], s[first + _TWO * step], s[first + _THREE * step]
+
+
+@within
+def _put_four(s: Array, first: Scalar, step: Scalar, values: Any) -> None:
+    s[first], s[first + step], s[first + _TWO * step], s[first + _THREE * step] = values
+
+
+@within
+def _lesser(a: Any, b: Any) -> Any:
+    return (
+        b[0] if b[0] < a[0] else a[0],
+        b[1] if b[1] < a[1] else a[1],
+        b[2] if b[2] < a[2] else a[2],
+        b[3] if b[3] < a[3] else a[3],
+    )
+
+
+@within
+def _greater(a: Any, b: Any) -> Any:
+    return (
+        b[0] if b[0] > a[0] else a[0],
+        b[1] if b[1] > a[1] else a[1],
+        b[2] if b[2] > a[2] else a[2],
+        b[3] if b[3] > a[3] else a[3],
+    )
 
 
 @plain
-def _widen(s: Array, step: Scalar) -> None:
-    """Let the lanes' smallest and largest values take in the tile's: of every, or every fourth, quantity."""
-    for q in range(_ZERO, _U(8), step):
-        values = q * _STRIDE
-        lowest = _LANES + (_U(SUMS) + q) * _U(LANES)
-        highest = lowest + _U(8 * LANES)
-        for lane in range(_U(LANES)):
-            low, high = s[lowest + lane], s[highest + lane]
-            for c in range(_U(TILE // LANES)):
-                value = s[values + c * _U(LANES) + lane]
-                low = value if value < low else low
-                high = value if value > high else high
-            s[lowest + lane] = low
-            s[highest + lane] = high
+def _measure(s: Array, centre: Array) -> Scalar:
+    """Write the norms and all residuals; add these into their lanes, and let smallest and largest values take in the tile's.
 
-
-@plain
-def _add_residuals(s: Array, centre: Array) -> None:
-    """Write the residuals and add them into their lanes."""
-    for q in range(_U(8)):
-        sums, values, residuals, c = _LANES + q * _U(LANES), q * _STRIDE, _RESIDUALS + q * _STRIDE, centre[q]
-        for lane in range(_U(LANES)):
-            total = s[sums + lane]
+    All in one loop: the square roots take so long that the rest is done meanwhile. Return how many samples are not finite.
+    """
+    failures = 0
+    for part in range(_TWO):
+        rows = part * _FOUR * _STRIDE
+        sums = _LANES + part * _FOUR * _LANE
+        lows, highs = sums + _U(SUMS) * _LANE, sums + _U(SUMS + 8) * _LANE
+        middle = _four(centre, part * _FOUR, _ONE)
+        for lane in range(_LANE):
+            total, low, high = _four(s, sums + lane, _LANE), _four(s, lows + lane, _LANE), _four(s, highs + lane, _LANE)
             for k in range(_U(TILE // LANES)):
-                residual = s[values + k * _U(LANES) + lane] - c
-                s[residuals + k * _U(LANES) + lane] = residual
-                total += residual
-            s[sums + lane] = total
+                i = rows + k * _LANE + lane
+                _, x, y, z = _four(s, i, _STRIDE)
+                length = np.sqrt(x * x + y * y + z * z)
+                s[i] = length
+                failures += 0 if length < np.inf else 1
+                values = (length, x, y, z)
+                low, high = _lesser(low, values), _greater(high, values)
+                residuals = (length - middle[0], x - middle[1], y - middle[2], z - middle[3])
+                _put_four(s, _RESIDUALS + i, _STRIDE, residuals)
+                total = (
+                    total[0] + residuals[0],
+                    total[1] + residuals[1],
+                    total[2] + residuals[2],
+                    total[3] + residuals[3],
+                )
+            _put_four(s, sums + lane, _LANE, total)
+            _put_four(s, lows + lane, _LANE, low)
+            _put_four(s, highs + lane, _LANE, high)
+    return failures
+
+
+@plain
+def _measure_some(s: Array, centre: Array, count: Scalar) -> Scalar:
+    """Do as `_measure` with a tile's first samples; the others' residuals are zero."""
+    failures = _norms(s)
+    for q in range(_U(8)):
+        for i in range(_TILE):
+            lane = _LANES + q * _LANE + i % _LANE
+            residual = 0.0
+            if (i + i if i < _PAIRS else i + i - (_TILE - _ONE)) < _U(count):
+                value = s[q * _STRIDE + i]
+                residual = value - centre[q]
+                low, high = lane + _U(SUMS) * _LANE, lane + _U(SUMS + 8) * _LANE
+                s[low] = value if value < s[low] else s[low]
+                s[high] = value if value > s[high] else s[high]
+            s[_RESIDUALS + q * _STRIDE + i] = residual
+            s[lane] += residual
+    return failures
 
 
 @plain
@@ -1194,24 +1256,11 @@ def _count_inside(s: Array, count: Scalar, counting: Counting, inside: NDArray[n
         inside[k] += kept
 
 
-@within
-def _count(s: Array, count: Scalar, counting: Counting, every: bool, inside: NDArray[np.int64]) -> None:
-    """Count the tile's values into the lanes and the specifications; smallest and largest of every quantity or norm."""
-    if count < TILE:
-        _repeat_first(s, count)
-    _widen(s, _ONE if every else _FOUR)
-    _count_inside(s, count, counting, inside)
-    if count < TILE:
-        _pad(s, count, counting.centre)
-    _add_residuals(s, counting.centre)
-    _add_products(s)
-
-
 @plain
 def _add_products(s: Array) -> None:
     """Add the products of the residuals' rows into their lanes: of two components each, then of each norm."""
     for begin in range(_ZERO, _TILE, _U(4 * LANES)):
-        for lane in range(_U(LANES)):
+        for lane in range(_LANE):
             xx, xy, xz, xa, xb, xc = (
                 s[_P0 + lane],
                 s[_P1 + lane],
@@ -1227,7 +1276,7 @@ def _add_products(s: Array) -> None:
             cc = s[_P20 + lane]
             dd, tt = s[_P21 + lane], s[_P22 + lane]
             for turn in range(_FOUR):
-                i = begin + turn * _U(LANES) + lane
+                i = begin + turn * _LANE + lane
                 d, x, y, z = s[_R0 + i], s[_R1 + i], s[_R2 + i], s[_R3 + i]
                 t, a, b, c = s[_R4 + i], s[_R5 + i], s[_R6 + i], s[_R7 + i]
                 xx, xy, xz, xa, xb, xc = xx + x * x, xy + x * y, xz + x * z, xa + x * a, xb + x * b, xc + x * c
@@ -1257,14 +1306,14 @@ def _add_products(s: Array) -> None:
 def _fold(s: Array, sums: Array) -> None:
     """Fold each sum's lanes in halves and empty them."""
     for k in range(_U(SUMS)):
-        lanes = _LANES + k * _U(LANES)
+        lanes = _LANES + k * _LANE
         half = LANES // 2
         while half:
             for lane in range(_U(half)):
                 s[lanes + lane] += s[lanes + _U(half) + lane]
             half //= 2
         sums[k] = s[lanes]
-        for lane in range(_U(LANES)):
+        for lane in range(_LANE):
             s[lanes + lane] = 0.0
 
 
@@ -1274,18 +1323,18 @@ def _empty_lanes(s: Array, lowest: Array, highest: Array) -> None:
     for i in range(_U(SUMS * LANES)):
         s[_LANES + i] = 0.0
     for q in range(_U(8)):
-        for lane in range(_U(LANES)):
-            s[_LANES + (_U(SUMS) + q) * _U(LANES) + lane] = lowest[q]
-            s[_LANES + (_U(SUMS + 8) + q) * _U(LANES) + lane] = highest[q]
+        for lane in range(_LANE):
+            s[_LANES + (_U(SUMS) + q) * _LANE + lane] = lowest[q]
+            s[_LANES + (_U(SUMS + 8) + q) * _LANE + lane] = highest[q]
 
 
 @plain
 def _fold_extremes(s: Array, lowest: Array, highest: Array) -> None:
     """Fold the lanes' smallest and largest values."""
     for q in range(_U(8)):
-        for lane in range(_U(LANES)):
-            low = s[_LANES + (_U(SUMS) + q) * _U(LANES) + lane]
-            high = s[_LANES + (_U(SUMS + 8) + q) * _U(LANES) + lane]
+        for lane in range(_LANE):
+            low = s[_LANES + (_U(SUMS) + q) * _LANE + lane]
+            high = s[_LANES + (_U(SUMS + 8) + q) * _LANE + lane]
             lowest[q] = low if low < lowest[q] else lowest[q]
             highest[q] = high if high > highest[q] else highest[q]
 
@@ -1334,7 +1383,7 @@ def run(
     Parameters
     ----------
     s, bins, products, w
-        Room: `SCRATCH` rows; ``(8 · HELD · TILE,)``; ``(TILE,)``; the rows that the offsets name. Rows are 64-byte aligned.
+        Room: `SCRATCH` rows; ``(8 · HELD · TILE,)``; ``(3/2 · TILE,)``; the rows that the offsets name. Rows are 64-byte aligned.
     draws, formulas, superposition, motions
         The layout.
     stage
@@ -1399,7 +1448,13 @@ def run(
             sample = _displace(s, w, motions, skipped, size, sampled)
             if sample >= 0:
                 return ANGLE, begin + sample
-        if _norms(s):
+        if not counted:
+            failures = _norms(s)
+        elif size == TILE:
+            failures = _measure(s, counting.centre)
+        else:
+            failures = _measure_some(s, counting.centre, size)
+        if failures:
             sample = _not_finite(s, skipped, size, sampled)
             if sample >= 0:
                 return NOT_FINITE, begin + sample
@@ -1409,9 +1464,9 @@ def run(
                 for i in range(size):
                     kept_errors[c, begin + i] = s[offset + _place_of(i, sampled)]
         if counted:
-            _keep_largest(s, _ZERO, size, first + _U(begin), largest, largest_units, 0)
-            _keep_largest(s, _FOUR, size, first + _U(begin), largest, largest_units, 1)
-            _count(s, size, counting, True, inside)
+            _keep_largest(s, size, first + _U(begin), largest, largest_units)
+            _count_inside(s, size, counting, inside)
+            _add_products(s)
             held = tile % HELD
             _find_bins(s, bins, held, counting.inverse_scale)
             if held == HELD - 1 or tile == tiles - 1:
@@ -1555,17 +1610,16 @@ def run_poses(
                     sample = _displace(s, w, at, 0, size, True)
                     if sample >= 0:
                         return ANGLE, pose, tile * TILE + sample
-                if _norms(s):
+                for k in range(_U(LANE_DOUBLES)):
+                    s[_LANES + k] = own_lanes[k]
+                if _measure(s, counting.centre) if size == TILE else _measure_some(s, counting.centre, size):
                     sample = _not_finite(s, 0, size, True)
                     if sample >= 0:
                         return NOT_FINITE, pose, tile * TILE + sample
-                for k in range(_U(LANE_DOUBLES)):
-                    s[_LANES + k] = own_lanes[k]
                 if not norms_only:
-                    unit = first + _U(tile * TILE)
-                    _keep_largest(s, _ZERO, size, unit, largest[pose], largest_units[pose], 0)
-                    _keep_largest(s, _FOUR, size, unit, largest[pose], largest_units[pose], 1)
-                _count(s, size, counting, not norms_only, own_inside)
+                    _keep_largest(s, size, first + _U(tile * TILE), largest[pose], largest_units[pose])
+                _count_inside(s, size, counting, own_inside)
+                _add_products(s)
                 if norms_only:
                     _sketch_norms(s, bins, size, counting.inverse_scale, own_sketch)
                 else:

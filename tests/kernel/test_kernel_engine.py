@@ -69,11 +69,13 @@ def test_up_to_three_radians_of_total_error() -> None:
     assert worst(np.linalg.norm(kernel.errors_at(layout, "exact", x)[3:], axis=0), angle) < 1e-11
 
 
-def test_one_target_up_to_half_a_turn() -> None:
+@pytest.mark.parametrize(("largest", "series"), [(math.pi, WIDE), (0.2499, NARROW), (0.00999, FINE)])
+def test_one_target_up_to_half_a_turn(largest: float, series: int) -> None:
     axis = np.array([1.0, -2.0, 0.5]) / np.linalg.norm([1.0, -2.0, 0.5])
-    at = plain_table(Space((Draw("a", Uniform(math.pi)),)), np.eye(4)[None], [[0, 0, 0, *axis]])
+    at = plain_table(Space((Draw("a", Uniform(largest)),)), np.eye(4)[None], [[0, 0, 0, *axis]])
     layout = kernel.compile_table(at)
-    angle = np.concatenate([np.linspace(-3.14159, 3.14159, 1001), [1e-300, 1e-12, 0.2499999, 0.25, 0.2500001]])
+    assert layout.motions.series.tolist() == [series, series]
+    angle = np.concatenate([np.linspace(-largest, largest, 1002)[1:-1], [1e-300, 1e-12, 0.99 * largest]])
     expected = np.outer(np.concatenate([np.zeros(3), axis]), angle)
     np.testing.assert_allclose(kernel.errors_at(layout, "exact", angle[None]), expected, rtol=2e-15, atol=1e-300)
 
@@ -81,6 +83,8 @@ def test_one_target_up_to_half_a_turn() -> None:
 @pytest.mark.parametrize(
     ("largest", "series"),
     [
+        (0.0099, [FINE, FINE, FINE]),
+        (0.0101, [FINE, FINE, NARROW]),
         (0.0199, [FINE, FINE, NARROW]),
         (0.0201, [NARROW, NARROW, NARROW]),
         (0.249, [NARROW, NARROW, NARROW]),
@@ -98,8 +102,7 @@ def test_series_on_either_side_of_the_switches_equal_matrix_exponentials(largest
     )
     layout = kernel.compile_table(at)
     assert layout.largest_angle == pytest.approx(largest, rel=1e-9)
-    # of the whole turn the shortest series are not used
-    assert np.maximum(layout.motions.series, [0, 0, NARROW]).tolist() == series
+    assert layout.motions.series.tolist() == series
     x = at.space.sample(0, 0, 40)
     found = kernel.errors(layout, "exact", 0, 0, 40)
     for values, error in zip(x.T, found.T, strict=True):
