@@ -404,7 +404,7 @@ def _check_units(first: int, count: int) -> int:
 
 def room() -> tuple[Array, NDArray[np.uint32], NDArray[np.uint64]]:
     """Return the room that the compiled loops take whatever the model: scratch, bins, products."""
-    return workspace(SCRATCH), np.empty(8 * HELD * TILE, dtype=np.uint32), workspace(2).view(np.uint64)
+    return workspace(SCRATCH), np.empty(8 * (HELD + 1) * TILE, dtype=np.uint32), workspace(2).view(np.uint64)
 
 
 def workspace(rows: int) -> Array:

@@ -130,7 +130,7 @@ _ROUND_TO_QUARTER = 1.5 * 2.0**50
 _BITS_OF_2_52 = _U(0x4330000000000000)
 _QUARTER_TURN_SQUARED = (math.pi / 2) ** 2
 _FAR_TAIL = math.exp(-25.0)
-_ALL_BUT_SIGN = 0x7FFFFFFFFFFFFFFF
+_ALL_BUT_SIGN, _SIGN = np.int32(0x7FFFFFFF), np.int32(31)
 _HIGH_HALF = _U(0xFFFFFFFFF8000000)
 _BIAS = _U(1023)
 
@@ -1198,17 +1198,23 @@ def _measure_some(s: Array, centre: Array, count: Scalar) -> Scalar:
 
 @plain
 def _find_bins(s: Array, bins: Bins, held: Scalar, inverse_scale: Array) -> None:
-    """Write in which bins of the sketch the residuals fall; there is room for `HELD` tiles, quantity by quantity."""
+    """Write in which bins of the sketch the residuals fall; there is room for `HELD` tiles, quantity by quantity.
+
+    Only the upper halves of the scaled residuals are looked at: they stand behind the tiles.
+    """
     for q in range(_U(8)):
-        residuals, factor = _RESIDUALS + q * _STRIDE, inverse_scale[q]
-        first = (q * _U(HELD) + _U(held)) * _TILE
-        zero = np.int64(q * _U(2 * _BINS) + _U(_BINS))
+        residuals, halves, factor = _RESIDUALS + q * _STRIDE, (_U(8 * HELD) + q) * _TILE, inverse_scale[q]
         for i in range(_TILE):
-            bits = np.int64(_bits_of(s[residuals + i] * factor))
-            magnitude = ((bits & _ALL_BUT_SIGN) >> _SHIFT) - (_OFFSET - 1)
-            magnitude = min(max(magnitude, np.int64(0)), np.int64(_BINS - 1))
+            bins[halves + i] = np.uint32(_bits_of(s[residuals + i] * factor) >> _HALF_WORD)
+    for q in range(_U(8)):
+        first, halves = (q * _U(HELD) + _U(held)) * _TILE, (_U(8 * HELD) + q) * _TILE
+        zero = np.int32(q * _U(2 * _BINS) + _U(_BINS))
+        for i in range(_TILE):
+            half = np.int32(bins[halves + i])
+            magnitude = np.int32(((half & _ALL_BUT_SIGN) >> np.int32(_SHIFT - 32)) - np.int32(_OFFSET - 1))
+            magnitude = np.int32(min(max(magnitude, np.int32(0)), np.int32(_BINS - 1)))
             # from zero on upwards, or of what is negative from zero - 1 on downwards
-            bins[first + i] = np.uint32(zero + (magnitude ^ (bits >> 63)))
+            bins[first + i] = np.uint32(zero + np.int32(magnitude ^ np.int32(half >> _SIGN)))
 
 
 @plain
@@ -1383,7 +1389,8 @@ def run(
     Parameters
     ----------
     s, bins, products, w
-        Room: `SCRATCH` rows; ``(8 · HELD · TILE,)``; ``(3/2 · TILE,)``; the rows that the offsets name. Rows are 64-byte aligned.
+        Room: `SCRATCH` rows; ``(8 · (HELD + 1) · TILE,)``; ``(3/2 · TILE,)``; the rows that the
+        offsets name. All begin at multiples of 64 bytes but the bins.
     draws, formulas, superposition, motions
         The layout.
     stage
