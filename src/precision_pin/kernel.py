@@ -220,22 +220,19 @@ class Blocks:
 
     def added_to(self, state: State) -> State:
         """Return the state after these blocks too; added in block order, the bits never depend on the grouping."""
-        sums, products, norm_squares = state.sums, state.products, state.norm_squares
-        for row in self.sums:
-            sums = sums + row[:8]
-            triangle = np.zeros((6, 6))
-            triangle[_UPPER] = row[8:29]
-            triangle.T[_UPPER] = row[8:29]
-            products = products + triangle
-            norm_squares = norm_squares + row[29:]
+        before = np.concatenate([state.sums, state.products[_UPPER], state.norm_squares])
+        # one block after the other, unlike np.sum
+        sums = np.add.accumulate(np.vstack([before, self.sums]), axis=0)[-1]
+        products = np.empty((6, 6))
+        products[_UPPER] = products.T[_UPPER] = sums[8:29]
         largest, units = largest_of(state.largest, state.largest_units, self.largest, self.largest_units)
         return State(
             count=state.count + self.count,
             lowest=np.minimum(state.lowest, self.lowest),
             highest=np.maximum(state.highest, self.highest),
-            sums=sums,
+            sums=sums[:8],
             products=products,
-            norm_squares=norm_squares,
+            norm_squares=sums[29:],
             sketch=state.sketch + self.sketch,
             inside=state.inside + self.inside,
             largest=largest,
