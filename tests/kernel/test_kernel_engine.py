@@ -75,7 +75,8 @@ def test_one_target_up_to_half_a_turn(largest: float, series: int) -> None:
     at = plain_table(Space((Draw("a", Uniform(largest)),)), np.eye(4)[None], [[0, 0, 0, *axis]])
     layout = kernel.compile_table(at)
     assert layout.motions.series.tolist() == [series, series]
-    angle = np.concatenate([np.linspace(-largest, largest, 1002)[1:-1], [1e-300, 1e-12, 0.99 * largest]])
+    edge = [0.2499999, 0.25, 0.2500001] if largest > 1 else []
+    angle = np.concatenate([np.linspace(-largest, largest, 1003)[1:-1], [1e-300, 1e-12, *edge]])
     expected = np.outer(np.concatenate([np.zeros(3), axis]), angle)
     np.testing.assert_allclose(kernel.errors_at(layout, "exact", angle[None]), expected, rtol=2e-15, atol=1e-300)
 
