@@ -17,7 +17,7 @@ import numba
 import numpy as np
 from numba.core.registry import cpu_target
 
-__all__ = ["INTERPRETED", "call", "contracted", "is_kept", "kept", "plain", "within"]
+__all__ = ["INTERPRETED", "apart", "call", "contracted", "is_kept", "kept", "plain", "within"]
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
@@ -43,6 +43,11 @@ def within(function: Function) -> Function:
 def contracted(function: Function) -> Function:
     """Compile allowing fused multiply-add, and no other liberty: infinities and NaN stay what they are."""
     return cast("Function", _njit(no_cfunc_wrapper=True, fastmath={"contract"})(function))
+
+
+def apart(function: Function) -> Function:
+    """Compile as `contracted`, but not into its callers: among theirs, its constants would find no registers."""
+    return cast("Function", _njit(no_cfunc_wrapper=True, forceinline=False, fastmath={"contract"})(function))
 
 
 def kept(function: Function) -> Function:

@@ -27,7 +27,7 @@ import numpy as np
 from numba.extending import intrinsic
 from numpy.typing import NDArray
 
-from precision_pin.compiled import INTERPRETED, contracted, kept, plain, within
+from precision_pin.compiled import INTERPRETED, apart, contracted, kept, plain, within
 
 __all__ = [
     "ANGLE",
@@ -97,11 +97,10 @@ FORMULA, ANGLE, NOT_FINITE = 1, 2, 3
 _U = np.uint64
 
 # rows of the scratch: the eight quantities, where the tip's displacement e and the quaternion's vector v are built up too;
-# the quaternion's scalar; of one target, what is collected of its rotation vector X, and two multiples G and H of that
-_D, _E0, _E1, _E2, _T, _V0, _V1, _V2, _V, _X0, _X1, _X2, _G0, _G1, _G2, _H0, _H1, _H2 = (
-    _U(row * STRIDE) for row in range(18)
-)
-# the residuals take the place of G and H, so that the scratch stays near the processor
+# the quaternion's scalar; of one target, what is collected of half its rotation vector X, a multiple G of that, and a
+# function C of its length
+_D, _E0, _E1, _E2, _T, _V0, _V1, _V2, _V, _X0, _X1, _X2, _G0, _G1, _G2, _C = (_U(row * STRIDE) for row in range(16))
+# the residuals take the place of G and C, so that the scratch stays near the processor
 _RESIDUALS: Final = _G0
 _R0, _R1, _R2, _R3, _R4, _R5, _R6, _R7 = (_RESIDUALS + _U(q * STRIDE) for q in range(8))
 _LANES: Final = _U(20 * STRIDE)
@@ -117,8 +116,8 @@ _PAIRS = _U(TILE // 2)
 _EIGHTH = _U(TILE // 8)
 _STRIDE = _U(STRIDE)
 _LANE = _U(LANES)
-_ZERO, _ONE, _TWO, _THREE, _FOUR, _SIX, _TWELVE, _HALF_WORD, _MANTISSA, _SIGN_FROM_TWO = (
-    _U(k) for k in (0, 1, 2, 3, 4, 6, 12, 32, 52, 62)
+_ZERO, _ONE, _TWO, _THREE, _FOUR, _SIX, _TWELVE, _HALF_WORD, _MANTISSA, _SIGN_FROM_FOUR = (
+    _U(k) for k in (0, 1, 2, 3, 4, 6, 12, 32, 52, 61)
 )
 _MULTIPLIER_0, _MULTIPLIER_1 = _U(0xD2511F53), _U(0xCD9E8D57)
 _WEYL_0, _WEYL_1 = _U(0x9E3779B9), _U(0xBB67AE85)
@@ -126,8 +125,9 @@ _LOW = _U(0xFFFFFFFF)
 _BITS_OF_ONE = _U(0x3FF0000000000000)
 _ONE_LESS = 1.0 - 2.0**-53
 _ROUND_TO_WHOLE = 1.5 * 2.0**52
-_ROUND_TO_QUARTER = 1.5 * 2.0**50
+_ROUND_TO_EIGHTH = 1.5 * 2.0**49
 _BITS_OF_2_52 = _U(0x4330000000000000)
+_ROOT_OF_HALF = math.sqrt(0.5)
 _QUARTER_TURN_SQUARED = (math.pi / 2) ** 2
 _FAR_TAIL = math.exp(-25.0)
 _ALL_BUT_SIGN, _SIGN = np.int32(0x7FFFFFFF), np.int32(31)
@@ -135,20 +135,20 @@ _HIGH_HALF = _U(0xFFFFFFFFF8000000)
 _BIAS = _U(1023)
 
 # polynomials, highest power first
-# (2 artanh(√z/2)/√z - 1)/z up to z = 0.118, sin(2π√z)/√z and cos(2π√z) up to z = 1/64, within 5e-18, 5e-18 and
-# 7e-17 of their values: interpolated at Chebyshev nodes
+# (2 artanh(√z/2)/√z - 1)/z up to z = 0.03, sin(2π√z)/√z and cos(2π√z) up to z = 1/256, within 1e-15, 3e-16 and 3e-17 of
+# their values: interpolated at Chebyshev nodes
 _ARTANH = (
-    4.460587280220471e-06, 1.8715480201319595e-05, 8.87836383392056e-05, 0.0004340275612246951, 0.0022321428614043783,
-    0.012499999999968595, 0.08333333333333337,
+    9.019753805148336e-05, 0.00043399051425642025, 0.002232143255777381, 0.012499999998508662, 0.08333333333333423,
 )  # fmt: skip
 _SINE = (
-    3.7808689593022566, -15.093804209987113, 42.058685020160894, -76.70585970427454, 81.60524927594804,
-    -41.341702240399634, 6.283185307179586,
+    -15.05071314565728, 42.05850583775351, -76.70585938733862, 81.60524927576472, -41.34170224039968,
+    6.283185307179586,
 )  # fmt: skip
 _COSINE = (
-    7.811469877049771, -26.4243165827977, 60.24462124052456, -85.45681710105164, 64.93939402241337,
-    -19.739208802178513, 1.0,
+    -26.335385167684986, 60.24425228323669, -85.45681645024156, 64.9393940220264, -19.739208802178542, 1.0,
 )  # fmt: skip
+# a number near the root of two whose logarithm less that of two is a double number's within 3e-21
+_ROOT_OF_TWO, _ITS_LOGARITHM = 1.414213562372734, 0.3465735902797174
 _CENTRE = (
     2.5090809287301226727e3, 3.3430575583588128105e4, 6.7265770927008700853e4, 4.5921953931549871457e4,
     1.3731693765509461125e4, 1.9715909503065514427e3, 1.3314166789178437745e2, 3.3871328727963666080e0,
@@ -188,15 +188,17 @@ _MILLS_BELOW = (
     137960.744566166715363, 462414.16719060097007, 1100069.97552553588879, 1773118.43149761954608,
     1744706.82940626728931, 794349.421920370853286,
 )  # fmt: skip
-# tan √s/√s and sin 2√s/√s up to s = 0.005² and to 1/64, atan √t/√t up to t = tan² 0.005 and to tan² 1/8, within 9e-17:
+# tan √s/√s and 2 cos² √s up to s = 0.005² and to 1/64, atan √t/√t up to t = tan² 0.005 and to tan² 1/8, within 9e-17:
 # interpolated at Chebyshev nodes
 _FINE_TANGENT = (0.13333535716592487, 0.3333333333143598, 1.0)
-_FINE_DOUBLE_SINE = (0.2666657142872014, -1.3333333333244048, 2.0)
+_FINE_COSINE = (0.6666635726618821, -1.9999999999760678, 2.0)
 _FINE_ARC = (0.19999502750452347, -0.3333333332948705, 1.0)
 _TANGENT = (
     0.009033635110796896, 0.021866481700786467, 0.053968278373067606, 0.13333333324387606, 0.3333333333334532, 1.0,
 )  # fmt: skip
-_DOUBLE_SINE = (0.001408931879869943, -0.025396798019595285, 0.26666666651390614, -1.333333333333035, 2.0)
+_COSINE_SQUARED = (
+    -0.0002817933128400379, 0.00634919960538201, -0.08888888883643706, 0.6666666666664887, -1.9999999999999998, 2.0,
+)  # fmt: skip
 _SHORT_ARC = (
     0.07334546520721653, -0.09083216624042942, 0.1111102868070088, -0.14285713831346633, 0.19999999998806048,
     -0.33333333333332155, 1.0,
@@ -462,42 +464,52 @@ def _series(z: Scalar, coefficients: Any) -> Scalar:
 
 
 @contracted
-def _series_by_halves(z: Scalar, coefficients: Any) -> Scalar:
-    """Return a series with an odd number of coefficients; two short chains, where one would be waited for."""
-    square = z * z
-    even, odd = coefficients[0], coefficients[1]
-    for k in range(2, len(coefficients) - 1, 2):
-        even = even * square + coefficients[k]
-        odd = odd * square + coefficients[k + 1]
-    return even * square + coefficients[len(coefficients) - 1] + z * odd
+def logarithm(x: Scalar) -> Scalar:
+    """Return log x of a normal number, within 2 ulp: 2 artanh(s/2) of s = 2(m - c)/(m + c), x = 2ᵉ m.
+
+    c is 1 or near √2, whichever is nearer to m.
+    """
+    # m from 2^(-1/4) to 2^(3/4)
+    shifted = _bits_of(x) + _U(0x0005175F00000000)
+    exponent = _float_of((shifted >> _MANTISSA) | _BITS_OF_2_52) - (2.0**52 + 1023.0)
+    m = _float_of((shifted & _U(0x000FFFFFFFFFFFFF)) + _U(0x3FEAE8A100000000))
+    above = m > 1.19
+    c = _ROOT_OF_TWO if above else 1.0
+    f = m - c  # exact
+    s = (f + f) / (m + c)
+    z = s * s
+    whole = exponent * 0.6931471805599453 + (_ITS_LOGARITHM if above else 0.0)
+    return whole + (s + s * z * _series(z, _ARTANH))
 
 
 @contracted
-def logarithm(x: Scalar, factor: Scalar) -> Scalar:
-    """Return factor × log x of a normal number, within 2 ulp for 1: 2 artanh(s/2) of s = 2f / (2 + f), x = 2ᵉ (1 + f)."""
-    shifted = _bits_of(x) + _U(0x00095F6200000000)
-    exponent = _float_of((shifted >> _MANTISSA) | _BITS_OF_2_52) - (2.0**52 + 1023.0)
-    f = _float_of((shifted & _U(0x000FFFFFFFFFFFFF)) + _U(0x3FE6A09E00000000)) - 1.0
-    s = (f + f) / (2.0 + f)
-    z = s * s
-    scaled = factor * s
-    return exponent * (factor * 0.6931471805599453) + (scaled + scaled * z * _series_by_halves(z, _ARTANH))
+def _octant(u: Scalar) -> Any:
+    """Return u in eighths of a turn, as bits, and cosine and sine of 2πu but for quarter turns.
+
+    Where the eighths are odd both are √2 times too long; so the series need to reach only to 1/16 of a turn.
+    """
+    rounded = u + _ROUND_TO_EIGHTH
+    eighths = _bits_of(rounded)
+    r = u - (rounded - _ROUND_TO_EIGHTH)  # exact
+    z = r * r
+    s, c = r * _series(z, _SINE), _series(z, _COSINE)
+    diagonal = (eighths & _ONE) != _ZERO
+    return eighths, c - s if diagonal else c, c + s if diagonal else s
+
+
+@contracted
+def _quarters(eighths: Scalar, x: Scalar, y: Scalar, length: Scalar) -> tuple[Scalar, Scalar]:
+    """Return length × (y, x), turned by the quarter turns in the eighths."""
+    signed = _float_of(_bits_of(length) ^ ((eighths & _FOUR) << _SIGN_FROM_FOUR))
+    odd = (eighths & _TWO) != _ZERO
+    return signed * (x if odd else y), signed * (-y if odd else x)
 
 
 @contracted
 def turned(u: Scalar, radius: Scalar) -> tuple[Scalar, Scalar]:
-    """Return radius × sin 2πu and radius × cos 2πu for 0 ≤ u ≤ 1, for a radius of 1 within 2 ulp.
-
-    By polynomials of Chebyshev interpolation on 1/8 of a turn.
-    """
-    rounded = u + _ROUND_TO_QUARTER
-    quarter = _bits_of(rounded)
-    r = u - (rounded - _ROUND_TO_QUARTER)  # exact
-    z = r * r
-    s, c = r * _series(z, _SINE), _series(z, _COSINE)
-    odd = (quarter & _ONE) != _ZERO
-    signed = _float_of(_bits_of(radius) ^ ((quarter & _TWO) << _SIGN_FROM_TWO))
-    return signed * (c if odd else s), signed * (-s if odd else c)
+    """Return radius × sin 2πu and radius × cos 2πu for 0 ≤ u ≤ 1, for a radius of 1 within 4e-16, near 0 within 2 ulp."""
+    eighths, x, y = _octant(u)
+    return _quarters(eighths, x, y, radius * (_ROOT_OF_HALF if (eighths & _ONE) != _ZERO else 1.0))
 
 
 @plain
@@ -505,7 +517,7 @@ def normal_score(p: Scalar) -> Scalar:
     """Return Φ⁻¹(p) for e⁻²⁵ ≤ p ≤ 0.575: algorithm AS 241 (Wichura, Applied Statistics 37, 1988), PPND16."""
     q = p - 0.5
     r = 0.180625 - q * q
-    t = np.sqrt(logarithm(p, -1.0)) - 1.6
+    t = np.sqrt(-logarithm(p)) - 1.6
     central = q >= -0.425
     above = q * _polynomial(r, _CENTRE) if central else -_polynomial(t, _TAIL)
     below = _polynomial(r, _CENTRE_BELOW) if central else _polynomial(t, _TAIL_BELOW)
@@ -515,7 +527,7 @@ def normal_score(p: Scalar) -> Scalar:
 @plain
 def far_normal_score(p: Scalar) -> Scalar:
     """Return Φ⁻¹(p) for p < e⁻²⁵, by the same algorithm."""
-    r = np.sqrt(logarithm(p, -1.0)) - 5.0
+    r = np.sqrt(-logarithm(p)) - 5.0
     return -_polynomial(r, _FAR) / _polynomial(r, _FAR_BELOW)
 
 
@@ -544,15 +556,21 @@ def cumulative(z: Scalar) -> Scalar:
     return 1.0 - tail if z > 0.0 else tail
 
 
-@contracted
+@apart
 def normals(w: Array, rows: Offsets, laws: Array) -> None:
     """Turn rows of uniform numbers into normal ones, by mean and -2σ²: Box-Muller of each pair (even unit, odd unit)."""
-    # all rows in one call: the constants are loaded once
+    # first all logarithms, then the rest: the constants of one loop fit into the registers, those of both do not
+    for k in range(rows.size):
+        row = rows[k]
+        for i in range(_PAIRS):
+            w[row + i] = logarithm(w[row + i])
     for k in range(rows.size):
         row, mean, factor = rows[k], laws[k, 0], laws[k, 1]
+        half = 0.5 * factor
         for i in range(_PAIRS):
-            reach = np.sqrt(logarithm(w[row + i], factor))
-            y, x = turned(w[row + _PAIRS + i], reach)
+            eighths, c, s = _octant(w[row + _PAIRS + i])
+            reach = np.sqrt((half if (eighths & _ONE) != _ZERO else factor) * w[row + i])
+            y, x = _quarters(eighths, c, s, reach)
             w[row + i] = mean + x
             w[row + _PAIRS + i] = mean + y
 
@@ -845,31 +863,33 @@ def _clear(s: Array, row: Scalar) -> None:
 
 
 @contracted
-def _turn(s: Array, w: Array, k: Scalar, rows: Offsets, vectors: Array, tangents: Any, double_sines: Any) -> None:
-    """Write G = tan|h| h/|h| and H = sin 2|h| h/|h| of half a rotation vector h = X + three entries."""
+def _turn(
+    s: Array, w: Array, k: Scalar, rows: Offsets, vectors: Array, tangents: Any, cosines: Any, collected: Any
+) -> None:
+    """Write G = tan|h| h/|h| and C = 2 cos²|h| of half a rotation vector h: three entries, and X unless that is None."""
     (a, b, c), (ax, ay, az), (bx, by, bz), (cx, cy, cz) = _three(rows, vectors, k)
     for i in range(_TILE):
         p, q, r = w[a + i], w[b + i], w[c + i]
-        x = s[_X0 + i] + ax * p + bx * q + cx * r
-        y = s[_X1 + i] + ay * p + by * q + cy * r
-        z = s[_X2 + i] + az * p + bz * q + cz * r
-        s[_X0 + i], s[_X1 + i], s[_X2 + i] = 0.0, 0.0, 0.0
+        x = ax * p + bx * q + cx * r
+        y = ay * p + by * q + cy * r
+        z = az * p + bz * q + cz * r
+        if collected is not None:
+            x, y, z = x + s[_X0 + i], y + s[_X1 + i], z + s[_X2 + i]
+            s[_X0 + i], s[_X1 + i], s[_X2 + i] = 0.0, 0.0, 0.0
         square = x * x + y * y + z * z
-        tangent, sine = _series(square, tangents), _series(square, double_sines)
+        tangent = _series(square, tangents)
         s[_G0 + i] = tangent * x
         s[_G1 + i] = tangent * y
         s[_G2 + i] = tangent * z
-        s[_H0 + i] = sine * x
-        s[_H1 + i] = sine * y
-        s[_H2 + i] = sine * z
+        s[_C + i] = _series(square, cosines)
 
 
 @contracted
 def _and_crossed(
-    gx: Scalar, gy: Scalar, gz: Scalar, px: Scalar, py: Scalar, pz: Scalar
+    px: Scalar, py: Scalar, pz: Scalar, gx: Scalar, gy: Scalar, gz: Scalar, ux: Scalar, uy: Scalar, uz: Scalar
 ) -> tuple[Scalar, Scalar, Scalar]:
-    """Return p + G × p."""
-    return px + gy * pz - gz * py, py + gz * px - gx * pz, pz + gx * py - gy * px
+    """Return p + G × u."""
+    return px + gy * uz - gz * uy, py + gz * ux - gx * uz, pz + gx * uy - gy * ux
 
 
 @contracted
@@ -877,13 +897,11 @@ def _begin(s: Array, w: Array, k: Scalar, rows: Offsets, vectors: Array, rx: Sca
     """Turn and shift, as `_carry`, what is at rest."""
     (a, b, c), (ax, ay, az), (bx, by, bz), (cx, cy, cz) = _three(rows, vectors, k)
     for i in range(_TILE):
-        gx, gy, gz = s[_G0 + i], s[_G1 + i], s[_G2 + i]
-        hx, hy, hz = s[_H0 + i], s[_H1 + i], s[_H2 + i]
-        ux, uy, uz = _and_crossed(gx, gy, gz, rx, ry, rz)
+        gx, gy, gz, factor = s[_G0 + i], s[_G1 + i], s[_G2 + i], s[_C + i]
+        ux, uy, uz = _and_crossed(rx, ry, rz, gx, gy, gz, rx, ry, rz)
         p, q, r = w[a + i], w[b + i], w[c + i]
-        s[_E0 + i] = ax * p + bx * q + cx * r + hy * uz - hz * uy
-        s[_E1 + i] = ay * p + by * q + cy * r + hz * ux - hx * uz
-        s[_E2 + i] = az * p + bz * q + cz * r + hx * uy - hy * ux
+        ex, ey, ez = ax * p + bx * q + cx * r, ay * p + by * q + cy * r, az * p + bz * q + cz * r
+        s[_E0 + i], s[_E1 + i], s[_E2 + i] = _and_crossed(ex, ey, ez, gx, gy, gz, factor * ux, factor * uy, factor * uz)
         s[_V + i] = 1.0
         s[_V0 + i] = gx
         s[_V1 + i] = gy
@@ -894,23 +912,20 @@ def _begin(s: Array, w: Array, k: Scalar, rows: Offsets, vectors: Array, rx: Sca
 def _carry(s: Array, w: Array, k: Scalar, rows: Offsets, vectors: Array, rx: Scalar, ry: Scalar, rz: Scalar) -> None:
     """Turn and shift what lies beyond a target: e ← e + (Rot - 1)(r + e) + three entries, q ← (1, G) q.
 
-    (Rot - 1) p = H × (p + G × p), in which nothing cancels; q is a multiple of the rotation's quaternion.
+    (Rot - 1) p = G × C (p + G × p), in which nothing cancels; q is a multiple of the rotation's quaternion.
     """
     (a, b, c), (ax, ay, az), (bx, by, bz), (cx, cy, cz) = _three(rows, vectors, k)
     for i in range(_TILE):
-        gx, gy, gz = s[_G0 + i], s[_G1 + i], s[_G2 + i]
-        hx, hy, hz = s[_H0 + i], s[_H1 + i], s[_H2 + i]
+        gx, gy, gz, factor = s[_G0 + i], s[_G1 + i], s[_G2 + i], s[_C + i]
         ex, ey, ez = s[_E0 + i], s[_E1 + i], s[_E2 + i]
-        ux, uy, uz = _and_crossed(gx, gy, gz, rx + ex, ry + ey, rz + ez)
+        px, py, pz = rx + ex, ry + ey, rz + ez
+        ux, uy, uz = _and_crossed(px, py, pz, gx, gy, gz, px, py, pz)
         p, q, r = w[a + i], w[b + i], w[c + i]
-        s[_E0 + i] = ex + ax * p + bx * q + cx * r + hy * uz - hz * uy
-        s[_E1 + i] = ey + ay * p + by * q + cy * r + hz * ux - hx * uz
-        s[_E2 + i] = ez + az * p + bz * q + cz * r + hx * uy - hy * ux
+        ex, ey, ez = ex + ax * p + bx * q + cx * r, ey + ay * p + by * q + cy * r, ez + az * p + bz * q + cz * r
+        s[_E0 + i], s[_E1 + i], s[_E2 + i] = _and_crossed(ex, ey, ez, gx, gy, gz, factor * ux, factor * uy, factor * uz)
         v, x, y, z = s[_V + i], s[_V0 + i], s[_V1 + i], s[_V2 + i]
         s[_V + i] = v - gx * x - gy * y - gz * z
-        s[_V0 + i] = x + v * gx + gy * z - gz * y
-        s[_V1 + i] = y + v * gy + gz * x - gx * z
-        s[_V2 + i] = z + v * gz + gx * y - gy * x
+        s[_V0 + i], s[_V1 + i], s[_V2 + i] = _and_crossed(x + v * gx, y + v * gy, z + v * gz, gx, gy, gz, x, y, z)
 
 
 @plain
@@ -936,12 +951,12 @@ def _carry_wide(s: Array, rx: Scalar, ry: Scalar, rz: Scalar) -> None:
         x, y, z = s[_X0 + i], s[_X1 + i], s[_X2 + i]
         square = x * x + y * y + z * z
         sinc = _series(square, _LONG_SINC)
-        s[_G0 + i] = _series(square, _LONG_COSINE)
-        s[_H0 + i] = sinc * x
-        s[_H1 + i] = sinc * y
-        s[_H2 + i] = sinc * z
+        s[_C + i] = _series(square, _LONG_COSINE)
+        s[_G0 + i] = sinc * x
+        s[_G1 + i] = sinc * y
+        s[_G2 + i] = sinc * z
     for i in range(_TILE):
-        a, x, y, z = s[_G0 + i], s[_H0 + i], s[_H1 + i], s[_H2 + i]
+        a, x, y, z = s[_C + i], s[_G0 + i], s[_G1 + i], s[_G2 + i]
         px, py, pz = rx + s[_E0 + i], ry + s[_E1 + i], rz + s[_E2 + i]
         ux = a * px + (y * pz - z * py)
         uy = a * py + (z * px - x * pz)
@@ -1011,10 +1026,12 @@ def _displace(s: Array, w: Array, motions: Motions, skipped: Scalar, count: Scal
             # all but the last three entries of a turn are collected, the first three of a shift go with it
             own = turn_end - _THREE
             _mix(s, w, _X0, turn, own, turn_rows, turns)
-            if motions.series[k] == FINE:
-                _turn(s, w, own, turn_rows, turns, _FINE_TANGENT, _FINE_DOUBLE_SINE)
+            if motions.series[k] != FINE:
+                _turn(s, w, own, turn_rows, turns, _TANGENT, _COSINE_SQUARED, True)
+            elif turn < own:
+                _turn(s, w, own, turn_rows, turns, _FINE_TANGENT, _FINE_COSINE, True)
             else:
-                _turn(s, w, own, turn_rows, turns, _TANGENT, _DOUBLE_SINE)
+                _turn(s, w, own, turn_rows, turns, _FINE_TANGENT, _FINE_COSINE, None)
             if at_rest:
                 _begin(s, w, shift, shift_rows, shifts, rx, ry, rz)
             else:
