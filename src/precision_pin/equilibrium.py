@@ -101,7 +101,7 @@ class Settled:
         return tuple(kept)
 
 
-def settle(posture: Posture, space: Space, make_terms: MakeTerms) -> Settled:
+def settle(posture: Posture, space: Space, make_terms: MakeTerms, within: float = SETTLED) -> Settled:
     """Return the arm at rest under its loads, every parameter at its mean.
 
     Parameters
@@ -112,6 +112,8 @@ def settle(posture: Posture, space: Space, make_terms: MakeTerms) -> Settled:
         All draws.
     make_terms
         What the sources say at a posture.
+    within
+        Change of the displacements (m, rad) from one round to the next that is small enough.
 
     Raises
     ------
@@ -127,7 +129,7 @@ def settle(posture: Posture, space: Space, make_terms: MakeTerms) -> Settled:
         if np.abs(displacements).max(initial=0.0) >= 1.0:
             break
         same = previous.shape == displacements.shape
-        if same and np.abs(displacements - previous).max(initial=0.0) < SETTLED:
+        if same and np.abs(displacements - previous).max(initial=0.0) < within:
             return Settled(current, terms, table, displacements)
         previous = displacements
         current = replace(posture, deflection=deflected(posture, table, displacements))
@@ -137,10 +139,9 @@ def settle(posture: Posture, space: Space, make_terms: MakeTerms) -> Settled:
 def deflected(posture: Posture, table: TermTable, displacements: Array) -> Array:
     """Return chain links and their far ends with every target displaced, ``(2, n+1, 4, 4)``."""
     poses, ends = posture.link_poses.copy(), posture.link_poses @ posture.chain.placements
-    moved = [
-        (target, frame @ se3.displacement(displacement) @ se3.inverse(frame))
-        for target, frame, displacement in zip(table.targets, table.frames, displacements, strict=True)
-    ]
+    moves = np.moveaxis(se3.displacement(displacements.T), -1, 0)
+    back = np.moveaxis(se3.inverse(np.moveaxis(table.frames, 0, -1)), -1, 0)
+    moved = list(zip(table.targets, table.frames @ moves @ back, strict=True))
     motion = np.eye(4)
     for link in range(len(poses)):
         inside: list[tuple[Place, Array]] = []

@@ -303,13 +303,14 @@ class ErrorModel:
         if self.statics != "nominal" or not any(term.loaded for term in at.terms):
             return ()
         spread = float(np.sqrt(np.trace(at.covariance[:3, :3])))
+        allowed = max(0.1 * spread, 1e-9)
         try:
-            settled = settle(at.posture, self.space, self._make_terms)
+            settled = settle(at.posture, self.space, self._make_terms, within=1e-3 * allowed)
         except InputError as error:
             return (Finding("warning", "W_STATICS", f"{error.findings[0].message}; nominal statics hide it"),)
         rest = PoseModel(at.posture, self.space, TermTable.build(at.posture, self.space, settled.terms), settled.terms)
         gap = float(np.linalg.norm((rest.error_at_means - at.error_at_means)[:3]))
-        if gap <= 0.1 * spread or gap <= 1e-9:
+        if gap <= allowed:
             return ()
         message = (
             f"loads at the undeflected pose (statics: nominal) put the tip {gap * 1e3:.3g} mm away from where the arm "
