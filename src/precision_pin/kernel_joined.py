@@ -39,7 +39,7 @@ class JoinedTables:
         What is done at each.
     scopes
         Scope of each stream of ``draws``.
-    superposition, superposed, motions
+    superposition, motions
         All poses one behind the other, as :func:`precision_pin.kernel_loops.run_poses` takes them.
     """
 
@@ -50,7 +50,6 @@ class JoinedTables:
     formulas: Formulas
     scopes: tuple[Scope, ...]
     superposition: Superposition
-    superposed: Rows
     motions: Motions
 
     @classmethod
@@ -71,7 +70,6 @@ class JoinedTables:
             )
         varying = _varying(first)
         unit_formulas, formulas = _split_formulas(first.formulas, varying)
-        superposition, superposed = _joined_superpositions(layouts)
         return cls(
             layouts=tuple(layouts),
             unit_draws=_chosen_draws(first.draws, np.setdiff1d(_all_rows(first.draws), varying)),
@@ -79,8 +77,7 @@ class JoinedTables:
             draws=_chosen_draws(first.draws, varying),
             formulas=formulas,
             scopes=tuple(scope for scope in first.scopes if scope is not Scope.UNIT),
-            superposition=superposition,
-            superposed=superposed,
+            superposition=_joined_superpositions(layouts),
             motions=_joined_motions(layouts),
         )
 
@@ -209,11 +206,15 @@ def _frozen(array: NDArray[Any]) -> NDArray[Any]:
 # poses one behind the other ------------------------------------------------------------------------------------------
 
 
-def _joined_superpositions(layouts: Sequence[CompiledTable]) -> tuple[Superposition, Rows]:
+def _joined_superpositions(layouts: Sequence[CompiledTable]) -> Superposition:
     parts = [layout.superposition for layout in layouts]
-    sizes = [(part.shift_rows.size, part.turn_rows.size) for part in parts]
-    joined = Superposition(*(_frozen(np.concatenate([part[k] for part in parts])) for k in range(4)))
-    return joined, np.cumsum([(0, 0), *sizes], axis=0).astype(np.uint64)
+    before = np.cumsum([(0, 0), *(part.starts[-1] for part in parts)], axis=0).astype(np.uint64)
+    starts = [part.starts[:-1] + begin for part, begin in zip(parts, before[:-1], strict=True)]
+    entries = {
+        name: _frozen(np.concatenate([getattr(part, name) for part in parts]))
+        for name in ("shift_rows", "shifts", "turn_rows", "turns")
+    }
+    return Superposition(**entries, starts=_frozen(np.concatenate([*starts, before[-1:]])))
 
 
 def _joined_motions(layouts: Sequence[CompiledTable]) -> Motions:

@@ -32,6 +32,8 @@ if TYPE_CHECKING:
 __all__ = ["CompiledTable", "lay_out", "lay_out_many"]
 
 Array = NDArray[np.float64]
+Column = tuple[int, ...]
+"""One row, or two that are multiplied."""
 
 _FINE_UP_TO: Final = 0.01 * (1 - 1e-9)
 _NARROW_UP_TO: Final = 0.25 * (1 - 1e-9)
@@ -117,7 +119,7 @@ def _lay_out_alike(tables: Sequence[TermTable], space: Space) -> list[CompiledTa
     rows = _Rows(space)
     formulas, program_rows = _lay_out_formulas(tables[0], rows)
     products = _Products(rows, program_rows)
-    columns = [products.row(factors[factors >= 0]) for factors in tables[0].factors]
+    columns = [products.column(factors[factors >= 0]) for factors in tables[0].factors]
     draws, all_formulas = lay_out_draws(space, rows.constants), products.appended_to(formulas)
     lowest = frozen([low for low, _ in rows.intervals[: space.size]])
     highest = frozen([high for _, high in rows.intervals[: space.size]])
@@ -186,7 +188,7 @@ def _lay_out_formulas(table: TermTable, rows: _Rows) -> tuple[list[tuple[int, in
 
 @final
 class _Products:
-    """The distinct products of parameters, a row for each."""
+    """The distinct products of parameters that are factors of further products, a row for each."""
 
     def __init__(self, rows: _Rows, parameters: Sequence[int]) -> None:
         self._rows = rows
@@ -195,11 +197,12 @@ class _Products:
         self._factors: list[tuple[int, int]] = []
         self._results: list[int] = []
 
-    def row(self, factors: NDArray[np.intp]) -> int:
-        """Return the row that holds the product of parameters; of none, a row of ones."""
+    def column(self, factors: NDArray[np.intp]) -> Column:
+        """Return one or two rows whose product is that of parameters; of none, a row of ones."""
         if not factors.size:
-            return self._rows.constant(1.0)
-        return self._row(tuple(sorted(self._parameters[factor] for factor in factors)))
+            return (self._rows.constant(1.0),)
+        key = tuple(sorted(self._parameters[factor] for factor in factors))
+        return key if len(key) == 1 else (self._row(key[:-1]), key[-1])
 
     def _row(self, key: tuple[int, ...]) -> int:
         if len(key) == 1:
@@ -264,7 +267,7 @@ def _applied(operator: Operator, a: Interval, b: Interval) -> Interval:
 
 
 def _lay_out_displacements(
-    tables: Sequence[TermTable], columns: Sequence[int], rows: _Rows
+    tables: Sequence[TermTable], columns: Sequence[Column], rows: _Rows
 ) -> list[tuple[Superposition, Motions, float]]:
     """Return, for each table, both models and the bound on the sum of the targets' turns.
 
@@ -290,7 +293,7 @@ def _lay_out_displacements(
         terms = np.flatnonzero(target == k).tolist()
         shift, turn = _Sum.of(columns, shifted, terms), _Sum.of(columns, turned, terms)
         angles[:, place] = _bound(turn, rows)
-        sums += [shift, _Sum(turn.rows, turn.vectors / 2)]
+        sums += [shift, _Sum(turn.columns, turn.vectors / 2)]
     total = np.zeros(len(tables))
     for column in angles.T:
         total = total + column
@@ -310,31 +313,51 @@ def _lay_out_displacements(
 @final
 @dataclass(frozen=True, eq=False)
 class _Sum:
-    """A vector as a sum ``vector × row``: the rows, and a vector for each at every pose, ``(P, rows, 3)``."""
+    """A vector as a sum ``vector × column``: the columns, and a vector for each at every pose, ``(P, columns, 3)``."""
 
-    rows: list[int]
+    columns: list[Column]
     vectors: Array
 
     @classmethod
-    def of(cls, columns: Sequence[int], vectors: Array, terms: Iterable[int]) -> _Sum:
-        """Return the sum of terms with vectors ``(P, T, 3)``; those of one row are added up."""
-        moved: dict[int, Array] = {}
+    def of(cls, columns: Sequence[Column], vectors: Array, terms: Iterable[int]) -> _Sum:
+        """Return the sum of terms with vectors ``(P, T, 3)``; those of one column are added up."""
+        moved: dict[Column, Array] = {}
         for term in terms:
             column = columns[term]
             moved[column] = moved[column] + vectors[:, term] if column in moved else vectors[:, term]
         stacked = np.stack([_without_dust(vector) for vector in moved.values()], axis=1) if moved else vectors[:, :0]
         return cls(list(moved), stacked)
 
-    def entries(
-        self, kept: NDArray[np.bool_], poses: NDArray[np.intp], *, least: int = 0, filler: int = 0
-    ) -> tuple[list[int], Array]:
-        """Return rows and vectors ``(poses, entries, 3)``, filled up to a multiple of three and at least so many."""
-        chosen = np.flatnonzero(kept)
-        rows = [self.rows[k] for k in chosen]
+    def entries(self, kept: NDArray[np.bool_], poses: NDArray[np.intp], *, least: int = 0, filler: int = 0) -> _Entries:
+        """Return the entries at some poses, at least so many of single rows."""
+        chosen = np.flatnonzero(kept).tolist()
+        single = [k for k in chosen if len(self.columns[k]) == 1]
+        double = [k for k in chosen if len(self.columns[k]) == 2]
+        rows = [self.columns[k][0] for k in single]
         size = max(-(-len(rows) // 3) * 3, least)
-        padding = np.zeros((len(poses), size - len(rows), 3))
-        rows += (rows[:1] or [filler]) * (size - len(rows))
-        return rows, np.concatenate([self.vectors[np.ix_(poses, chosen)], padding], axis=1)
+        rows += ([self.columns[k][0] for k in chosen[:1]] or [filler]) * (size - len(rows))
+        sets = -(-len(double) // 3)
+        factors = [row for k in double for row in self.columns[k]]
+        factors += factors[:1] * (6 * sets - len(factors))
+        vectors = np.zeros((len(poses), size + 6 * sets, 3))
+        vectors[:, : len(single)] = self.vectors[poses][:, single]
+        places = [size + 6 * (k // 3) + k % 3 for k in range(len(double))]
+        vectors[:, places] = self.vectors[poses][:, double]
+        return _Entries(rows + factors, vectors, size)
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class _Entries:
+    """Entries of a sum as `precision_pin.kernel_loops.Motions` has them: rows, vectors, how many are of single rows."""
+
+    rows: list[int]
+    vectors: Array
+    single: int
+
+    @property
+    def sizes(self) -> tuple[int, int]:
+        return self.single, len(self.rows) - self.single
 
 
 def _stack(tables: Sequence[TermTable], name: str) -> Array:
@@ -358,9 +381,10 @@ def _bound(turn: _Sum, rows: _Rows) -> Array:
     """Return how far a target may turn at each pose, ``(P,)``, rad; infinite where no bound is known."""
     reach = np.zeros((len(turn.vectors), 3))
     with np.errstate(invalid="ignore", over="ignore"):
-        for k, row in enumerate(turn.rows):
+        for k, column in enumerate(turn.columns):
             vector = np.abs(turn.vectors[:, k])
-            furthest = max(map(abs, rows.intervals[row]))
+            # two factors: further than the rounding of their product
+            furthest = math.prod(max(map(abs, rows.intervals[row])) * (1 + 1e-15 * len(column)) for row in column)
             reach = reach + np.where(vector.any(axis=-1, keepdims=True), vector * furthest, 0.0)
         bound = np.sqrt(reach[:, 0] * reach[:, 0] + reach[:, 1] * reach[:, 1] + reach[:, 2] * reach[:, 2])
     return np.nan_to_num(bound, nan=math.inf, posinf=math.inf)
@@ -370,32 +394,33 @@ def _assembled(
     sums: Sequence[_Sum], kept: NDArray[np.bool_], poses: NDArray[np.intp], arms: Array, series: NDArray[np.int64]
 ) -> Iterable[tuple[Superposition, Motions]]:
     """Yield both models at the poses where the same entries are kept."""
-    ends = np.cumsum([0, *(len(part.rows) for part in sums)]).tolist()
+    ends = np.cumsum([0, *(len(part.columns) for part in sums)]).tolist()
     of_part = [kept[begin:end] for begin, end in pairwise(ends)]
     listed = [part.entries(own, poses) for part, own in zip(sums[:2], of_part[:2], strict=True)]
     for shift, turn, shift_kept, turn_kept in zip(sums[2::2], sums[3::2], of_part[2::2], of_part[3::2], strict=True):
         least = 3 if turn_kept.any() else 0
         turns = turn.entries(turn_kept, poses, least=least)
-        listed += [shift.entries(shift_kept, poses, least=least, filler=turns[0][0] if least else 0), turns]
+        listed += [shift.entries(shift_kept, poses, least=least, filler=turns.rows[0] if least else 0), turns]
     # the superposition's, then shifts and turns of the targets, tip first
     parts = [listed[0:1], listed[1:2], listed[2::2], listed[3::2]]
-    row_offsets = [offsets([row for rows, _ in part for row in rows]) for part in parts]
+    row_offsets = [offsets([row for entries in part for row in entries.rows]) for part in parts]
     vectors = [
         frozen(together, *together.shape)
         for part in parts
-        for together in [np.concatenate([np.zeros((len(poses), 0, 3)), *(found for _, found in part)], axis=1)]
+        for together in [np.concatenate([np.zeros((len(poses), 0, 3)), *(entries.vectors for entries in part)], axis=1)]
     ]
-    starts = [frozen_offsets(np.cumsum([0, *(len(rows) for rows, _ in part)])) for part in parts[2:]]
+    starts = [np.cumsum([0, *(size for entries in part for size in entries.sizes)]) for part in parts]
+    superposed, shift_starts, turn_starts = map(frozen_offsets, (np.stack(starts[:2], axis=1), *starts[2:]))
     all_arms, all_series = frozen(arms, *arms.shape), np.array(series, dtype=np.int64)
     all_series.flags.writeable = False
     for k in range(len(poses)):
         yield (
-            Superposition(row_offsets[0], vectors[0][k], row_offsets[1], vectors[1][k]),
+            Superposition(row_offsets[0], vectors[0][k], row_offsets[1], vectors[1][k], superposed),
             Motions(
-                starts[0],
+                shift_starts,
                 row_offsets[2],
                 vectors[2][k],
-                starts[1],
+                turn_starts,
                 row_offsets[3],
                 vectors[3][k],
                 all_arms[k],

@@ -280,38 +280,43 @@ class Draws(NamedTuple):
 
 
 class Formulas(NamedTuple):
-    """Derived parameters and the products of parameters."""
+    """Derived parameters, and products of parameters that are factors of further products."""
 
     operators: NDArray[np.int64]
     left: Offsets
     right: Offsets
     results: Offsets
     product_factors: Offsets
-    """``(k, 2)``; a product of three is a product with the product of two."""
+    """``(k, 2)``."""
     products: Offsets
 
 
 class Superposition(NamedTuple):
-    """The linear model's two vectors as sums ``coefficients × row``, see `Motions`."""
+    """The linear model's two vectors as sums, see `Motions`; at many poses, one pose behind the other."""
 
     shift_rows: Offsets
     shifts: Array
     turn_rows: Offsets
     turns: Array
+    starts: Offsets
+    """``(2 P + 1, 2)`` as `Motions`' starts, of shifts and of turns."""
 
 
 class Motions(NamedTuple):
-    """The targets, tip first: of each two vectors in base axes, d and half its δ, as sums ``coefficients × row``.
+    """The targets, tip first: of each two vectors in base axes, d and half its δ, as sums of two parts.
 
-    Those of target k are entries ``starts[k] … starts[k + 1] - 1``, filled up with coefficients of zero to a multiple of
-    three; a target that turns has at least three of each.
+    First ``vector × row``: entries ``starts[2 k] … starts[2 k + 1] - 1`` of target k, filled up with vectors of zero to a
+    multiple of three; a target that turns has at least three of each. Then, up to ``starts[2 k + 2] - 1``, sets of six
+    entries that hold three terms ``vector × row × row``: their six rows, and three vectors in the place of six.
     """
 
     shift_starts: Offsets
+    """``(2 K + 1,)``."""
     shift_rows: Offsets
     shifts: Array
     """``(entries, 3)``."""
     turn_starts: Offsets
+    """``(2 K + 1,)``."""
     turn_rows: Offsets
     turns: Array
     """``(entries, 3)``."""
@@ -853,6 +858,25 @@ def _mix(s: Array, w: Array, result: Scalar, start: Scalar, stop: Scalar, rows: 
             s[three + i] += az * p + bz * q + cz * r
 
 
+@contracted
+def _mix_products(
+    s: Array, w: Array, result: Scalar, start: Scalar, stop: Scalar, rows: Offsets, vectors: Array
+) -> None:
+    """Add ``vector × row × row`` to three rows of the scratch, for sets of six entries from ``start`` to ``stop - 1``."""
+    one, two, three = result, result + _STRIDE, result + _U(2 * STRIDE)
+    k = start
+    while k < stop:
+        (a, b, c), (px, py, pz), (qx, qy, qz), (rx, ry, rz) = _three(rows, vectors, k)
+        m = k + _THREE
+        d, e, f = rows[m], rows[m + _ONE], rows[m + _TWO]
+        for i in range(_TILE):
+            p, q, r = w[a + i] * w[b + i], w[c + i] * w[d + i], w[e + i] * w[f + i]
+            s[one + i] += px * p + qx * q + rx * r
+            s[two + i] += py * p + qy * q + ry * r
+            s[three + i] += pz * p + qz * q + rz * r
+        k += _SIX
+
+
 @plain
 def _clear(s: Array, row: Scalar) -> None:
     """Fill three rows of the scratch with zeros."""
@@ -1009,6 +1033,12 @@ def _stay(s: Array) -> None:
 
 
 @within
+def _part(starts: Offsets, k: Scalar) -> tuple[Scalar, Scalar, Scalar]:
+    """Return where the entries of single rows begin, where those of products do, and where both end."""
+    return starts[k + k], starts[k + k + _ONE], starts[k + k + _TWO]
+
+
+@within
 def _displace(s: Array, w: Array, motions: Motions, skipped: Scalar, count: Scalar, sampled: bool) -> Scalar:
     """Compose all targets from the tip to the base; return the sample of which a target turns by π or more, or -1.
 
@@ -1019,16 +1049,17 @@ def _displace(s: Array, w: Array, motions: Motions, skipped: Scalar, count: Scal
     at_rest = True
     targets = motions.arms.shape[0]
     for k in range(_U(targets)):
-        turn, turn_end = motions.turn_starts[k], motions.turn_starts[k + _ONE]
-        shift, shift_end = motions.shift_starts[k], motions.shift_starts[k + _ONE]
+        turn, turn_products, turn_end = _part(motions.turn_starts, k)
+        shift, shift_products, shift_end = _part(motions.shift_starts, k)
         rx, ry, rz = motions.arms[k, 0], motions.arms[k, 1], motions.arms[k, 2]
         if turn < turn_end and motions.series[k] != WIDE:
-            # all but the last three entries of a turn are collected, the first three of a shift go with it
-            own = turn_end - _THREE
+            # of single rows, all but the last three entries of a turn are collected, the first three of a shift go with it
+            own = turn_products - _THREE
             _mix(s, w, _X0, turn, own, turn_rows, turns)
+            _mix_products(s, w, _X0, turn_products, turn_end, turn_rows, turns)
             if motions.series[k] != FINE:
                 _turn(s, w, own, turn_rows, turns, _TANGENT, _COSINE_SQUARED, True)
-            elif turn < own:
+            elif turn + _THREE < turn_end:
                 _turn(s, w, own, turn_rows, turns, _FINE_TANGENT, _FINE_COSINE, True)
             else:
                 _turn(s, w, own, turn_rows, turns, _FINE_TANGENT, _FINE_COSINE, None)
@@ -1041,13 +1072,15 @@ def _displace(s: Array, w: Array, motions: Motions, skipped: Scalar, count: Scal
             _stay(s)
         at_rest = False
         if turn < turn_end and motions.series[k] == WIDE:
-            _mix(s, w, _X0, turn, turn_end, turn_rows, turns)
+            _mix(s, w, _X0, turn, turn_products, turn_rows, turns)
+            _mix_products(s, w, _X0, turn_products, turn_end, turn_rows, turns)
             sample = _too_far(s, skipped, count, sampled)
             if sample >= 0:
                 return sample
             _carry_wide(s, rx, ry, rz)
             _clear(s, _X0)
-        _mix(s, w, _E0, shift, shift_end, shift_rows, shifts)
+        _mix(s, w, _E0, shift, shift_products, shift_rows, shifts)
+        _mix_products(s, w, _E0, shift_products, shift_end, shift_rows, shifts)
     if at_rest:
         _stay(s)
     if motions.series[targets] == WIDE:
@@ -1060,14 +1093,16 @@ def _displace(s: Array, w: Array, motions: Motions, skipped: Scalar, count: Scal
 
 
 @within
-def _superpose(
-    s: Array, w: Array, superposition: Superposition, shift: Scalar, shift_end: Scalar, turn: Scalar, turn_end: Scalar
-) -> None:
+def _superpose(s: Array, w: Array, superposition: Superposition, pose: Scalar) -> None:
     """Write the linear model's six numbers where `_displace` leaves them."""
+    shift_rows, shifts, turn_rows, turns, starts = superposition
+    begin, products, end = starts[2 * pose], starts[2 * pose + 1], starts[2 * pose + 2]
     _clear(s, _E0)
     _clear(s, _V0)
-    _mix(s, w, _E0, shift, shift_end, superposition.shift_rows, superposition.shifts)
-    _mix(s, w, _V0, turn, turn_end, superposition.turn_rows, superposition.turns)
+    _mix(s, w, _E0, begin[0], products[0], shift_rows, shifts)
+    _mix_products(s, w, _E0, products[0], end[0], shift_rows, shifts)
+    _mix(s, w, _V0, begin[1], products[1], turn_rows, turns)
+    _mix_products(s, w, _V0, products[1], end[1], turn_rows, turns)
 
 
 # counting ------------------------------------------------------------------------------------------------------------
@@ -1466,8 +1501,7 @@ def run(
             if sample >= 0:
                 return FORMULA, begin + sample
         if stage == LINEAR:
-            shifts, turns = _U(superposition.shift_rows.size), _U(superposition.turn_rows.size)
-            _superpose(s, w, superposition, _ZERO, shifts, _ZERO, turns)
+            _superpose(s, w, superposition, 0)
         else:
             sample = _displace(s, w, motions, skipped, size, sampled)
             if sample >= 0:
@@ -1524,7 +1558,6 @@ def run_poses(
     unit_formulas: Formulas,
     formulas: Formulas,
     superposition: Superposition,
-    superposed: Offsets,
     motions: Motions,
     stage: Scalar,
     seed: Scalar,
@@ -1557,10 +1590,10 @@ def run_poses(
         What is done once for a tile.
     draws, formulas, words
         What is done at every pose; ``words`` are ``(P, streams)``.
-    superposition, superposed
-        All poses' entries, one behind the other, and where each pose's shifts and turns begin, ``(P + 1, 2)``.
+    superposition
+        All poses' entries, one behind the other.
     motions
-        All poses' entries, one behind the other; starts ``(P, K + 1)``, arms ``(P, K, 3)``, series ``(P, K + 1)``.
+        All poses' entries, one behind the other; starts ``(P, 2 K + 1)``, arms ``(P, K, 3)``, series ``(P, K + 1)``.
     stage
         `LINEAR` or `EXACT`.
     seed, first, count
@@ -1628,8 +1661,7 @@ def run_poses(
                     if sample >= 0:
                         return FORMULA, pose, tile * TILE + sample
                 if stage == LINEAR:
-                    here, beyond = superposed[pose], superposed[pose + 1]
-                    _superpose(s, w, superposition, here[0], beyond[0], here[1], beyond[1])
+                    _superpose(s, w, superposition, pose)
                 else:
                     sample = _displace(s, w, at, 0, size, True)
                     if sample >= 0:

@@ -242,7 +242,6 @@ def _run(
         joined.unit_formulas,
         joined.formulas,
         joined.superposition,
-        joined.superposed,
         joined.motions,
         stage,
         np.uint64(units.seed),
