@@ -334,7 +334,8 @@ class _Sum:
         single = [k for k in chosen if len(self.columns[k]) == 1]
         double = [k for k in chosen if len(self.columns[k]) == 2]
         rows = [self.columns[k][0] for k in single]
-        size = max(-(-len(rows) // 3) * 3, least)
+        others = max(len(rows) - least, 0)
+        size = least + others + {1: 2, 2: 1}.get(others % 6, 0)
         rows += ([self.columns[k][0] for k in chosen[:1]] or [filler]) * (size - len(rows))
         sets = -(-len(double) // 3)
         factors = [row for k in double for row in self.columns[k]]

@@ -116,8 +116,8 @@ _PAIRS = _U(TILE // 2)
 _EIGHTH = _U(TILE // 8)
 _STRIDE = _U(STRIDE)
 _LANE = _U(LANES)
-_ZERO, _ONE, _TWO, _THREE, _FOUR, _SIX, _TWELVE, _HALF_WORD, _MANTISSA, _SIGN_FROM_FOUR = (
-    _U(k) for k in (0, 1, 2, 3, 4, 6, 12, 32, 52, 61)
+_ZERO, _ONE, _TWO, _THREE, _FOUR, _FIVE, _SIX, _TWELVE, _HALF_WORD, _MANTISSA, _SIGN_FROM_FOUR = (
+    _U(k) for k in (0, 1, 2, 3, 4, 5, 6, 12, 32, 52, 61)
 )
 _MULTIPLIER_0, _MULTIPLIER_1 = _U(0xD2511F53), _U(0xCD9E8D57)
 _WEYL_0, _WEYL_1 = _U(0x9E3779B9), _U(0xBB67AE85)
@@ -305,9 +305,10 @@ class Superposition(NamedTuple):
 class Motions(NamedTuple):
     """The targets, tip first: of each two vectors in base axes, d and half its δ, as sums of two parts.
 
-    First ``vector × row``: entries ``starts[2 k] … starts[2 k + 1] - 1`` of target k, filled up with vectors of zero to a
-    multiple of three; a target that turns has at least three of each. Then, up to ``starts[2 k + 2] - 1``, sets of six
-    entries that hold three terms ``vector × row × row``: their six rows, and three vectors in the place of six.
+    First ``vector × row``: entries ``starts[2 k] … starts[2 k + 1] - 1`` of target k. A target that turns has at least
+    three of each; all others are filled up with vectors of zero where there are one or two more than a multiple of six.
+    Then, up to ``starts[2 k + 2] - 1``, sets of six entries that hold three terms ``vector × row × row``: their six rows,
+    and three vectors in the place of six.
     """
 
     shift_starts: Offsets
@@ -824,38 +825,60 @@ def _derive(w: Array, formulas: Formulas) -> Scalar:
 
 
 @within
-def _three(rows: Offsets, vectors: Array, k: Scalar) -> Any:
-    """Return the rows and the vectors of entries ``k, k + 1, k + 2``."""
-    m, n = k + _ONE, k + _TWO
-    return (
-        (rows[k], rows[m], rows[n]),
+def _two(rows: Offsets, vectors: Array, k: Scalar) -> Any:
+    """Return the rows and the vectors of entries ``k, k + 1``."""
+    m = k + _ONE
+    return (rows[k], rows[m]), (
         (vectors[k, 0], vectors[k, 1], vectors[k, 2]),
         (vectors[m, 0], vectors[m, 1], vectors[m, 2]),
-        (vectors[n, 0], vectors[n, 1], vectors[n, 2]),
     )
 
 
+@within
+def _three(rows: Offsets, vectors: Array, k: Scalar) -> Any:
+    """Return the rows and the vectors of entries ``k, k + 1, k + 2``."""
+    first, second = _two(rows, vectors, k)
+    n = k + _TWO
+    return (*first, rows[n]), (*second, (vectors[n, 0], vectors[n, 1], vectors[n, 2]))
+
+
 @contracted
-def _mix(s: Array, w: Array, result: Scalar, start: Scalar, stop: Scalar, rows: Offsets, vectors: Array) -> None:
-    """Add ``vector × row`` to three rows of the scratch, for entries ``start … stop - 1``, a multiple of three."""
+def _add(s: Array, w: Array, result: Scalar, rows: Any, vectors: Any) -> None:
+    """Add ``vector × row`` of a few entries to three rows of the scratch."""
     one, two, three = result, result + _STRIDE, result + _U(2 * STRIDE)
+    for i in range(_TILE):
+        p = w[rows[0] + i]
+        x, y, z = vectors[0][0] * p, vectors[0][1] * p, vectors[0][2] * p
+        for n in range(1, len(rows)):
+            q = w[rows[n] + i]
+            x, y, z = x + vectors[n][0] * q, y + vectors[n][1] * q, z + vectors[n][2] * q
+        s[one + i] += x
+        s[two + i] += y
+        s[three + i] += z
+
+
+@within
+def _mix(s: Array, w: Array, result: Scalar, start: Scalar, stop: Scalar, rows: Offsets, vectors: Array) -> None:
+    """Add ``vector × row`` to three rows of the scratch, for entries ``start … stop - 1``, six, five, four or three at once."""
     k = start
-    while stop - k >= _SIX:
-        (a, b, c), (ax, ay, az), (bx, by, bz), (cx, cy, cz) = _three(rows, vectors, k)
-        (d, e, f), (dx, dy, dz), (ex, ey, ez), (fx, fy, fz) = _three(rows, vectors, k + _THREE)
-        for i in range(_TILE):
-            p, q, r, t, u, v = w[a + i], w[b + i], w[c + i], w[d + i], w[e + i], w[f + i]
-            s[one + i] += ax * p + bx * q + cx * r + dx * t + ex * u + fx * v
-            s[two + i] += ay * p + by * q + cy * r + dy * t + ey * u + fy * v
-            s[three + i] += az * p + bz * q + cz * r + dz * t + ez * u + fz * v
-        k += _SIX
-    if k < stop:
-        (a, b, c), (ax, ay, az), (bx, by, bz), (cx, cy, cz) = _three(rows, vectors, k)
-        for i in range(_TILE):
-            p, q, r = w[a + i], w[b + i], w[c + i]
-            s[one + i] += ax * p + bx * q + cx * r
-            s[two + i] += ay * p + by * q + cy * r
-            s[three + i] += az * p + bz * q + cz * r
+    while k < stop:
+        left = stop - k
+        if left >= _SIX:
+            (a, b), (c, d) = _three(rows, vectors, k), _three(rows, vectors, k + _THREE)
+            _add(s, w, result, a + c, b + d)
+            k += _SIX
+        elif left == _FIVE:
+            (a, b), (e, f) = _three(rows, vectors, k), _two(rows, vectors, k + _THREE)
+            _add(s, w, result, a + e, b + f)
+            k += _FIVE
+        elif left == _FOUR:
+            (e, f), (g, h) = _two(rows, vectors, k), _two(rows, vectors, k + _TWO)
+            _add(s, w, result, e + g, f + h)
+            k += _FOUR
+        else:
+            a, b = _three(rows, vectors, k)
+            _add(s, w, result, a, b)
+            k += _THREE
 
 
 @contracted
@@ -866,7 +889,7 @@ def _mix_products(
     one, two, three = result, result + _STRIDE, result + _U(2 * STRIDE)
     k = start
     while k < stop:
-        (a, b, c), (px, py, pz), (qx, qy, qz), (rx, ry, rz) = _three(rows, vectors, k)
+        (a, b, c), ((px, py, pz), (qx, qy, qz), (rx, ry, rz)) = _three(rows, vectors, k)
         m = k + _THREE
         d, e, f = rows[m], rows[m + _ONE], rows[m + _TWO]
         for i in range(_TILE):
@@ -891,7 +914,7 @@ def _turn(
     s: Array, w: Array, k: Scalar, rows: Offsets, vectors: Array, tangents: Any, cosines: Any, collected: Any
 ) -> None:
     """Write G = tan|h| h/|h| and C = 2 cos²|h| of half a rotation vector h: three entries, and X unless that is None."""
-    (a, b, c), (ax, ay, az), (bx, by, bz), (cx, cy, cz) = _three(rows, vectors, k)
+    (a, b, c), ((ax, ay, az), (bx, by, bz), (cx, cy, cz)) = _three(rows, vectors, k)
     for i in range(_TILE):
         p, q, r = w[a + i], w[b + i], w[c + i]
         x = ax * p + bx * q + cx * r
@@ -919,7 +942,7 @@ def _and_crossed(
 @contracted
 def _begin(s: Array, w: Array, k: Scalar, rows: Offsets, vectors: Array, rx: Scalar, ry: Scalar, rz: Scalar) -> None:
     """Turn and shift, as `_carry`, what is at rest."""
-    (a, b, c), (ax, ay, az), (bx, by, bz), (cx, cy, cz) = _three(rows, vectors, k)
+    (a, b, c), ((ax, ay, az), (bx, by, bz), (cx, cy, cz)) = _three(rows, vectors, k)
     for i in range(_TILE):
         gx, gy, gz, factor = s[_G0 + i], s[_G1 + i], s[_G2 + i], s[_C + i]
         ux, uy, uz = _and_crossed(rx, ry, rz, gx, gy, gz, rx, ry, rz)
@@ -938,7 +961,7 @@ def _carry(s: Array, w: Array, k: Scalar, rows: Offsets, vectors: Array, rx: Sca
 
     (Rot - 1) p = G × C (p + G × p), in which nothing cancels; q is a multiple of the rotation's quaternion.
     """
-    (a, b, c), (ax, ay, az), (bx, by, bz), (cx, cy, cz) = _three(rows, vectors, k)
+    (a, b, c), ((ax, ay, az), (bx, by, bz), (cx, cy, cz)) = _three(rows, vectors, k)
     for i in range(_TILE):
         gx, gy, gz, factor = s[_G0 + i], s[_G1 + i], s[_G2 + i], s[_C + i]
         ex, ey, ez = s[_E0 + i], s[_E1 + i], s[_E2 + i]
@@ -1052,33 +1075,37 @@ def _displace(s: Array, w: Array, motions: Motions, skipped: Scalar, count: Scal
         turn, turn_products, turn_end = _part(motions.turn_starts, k)
         shift, shift_products, shift_end = _part(motions.shift_starts, k)
         rx, ry, rz = motions.arms[k, 0], motions.arms[k, 1], motions.arms[k, 2]
-        if turn < turn_end and motions.series[k] != WIDE:
-            # of single rows, all but the last three entries of a turn are collected, the first three of a shift go with it
+        if turn < turn_end:
             own = turn_products - _THREE
             _mix(s, w, _X0, turn, own, turn_rows, turns)
             _mix_products(s, w, _X0, turn_products, turn_end, turn_rows, turns)
-            if motions.series[k] != FINE:
-                _turn(s, w, own, turn_rows, turns, _TANGENT, _COSINE_SQUARED, True)
-            elif turn + _THREE < turn_end:
-                _turn(s, w, own, turn_rows, turns, _FINE_TANGENT, _FINE_COSINE, True)
+            if motions.series[k] == WIDE:
+                rows, vectors = _three(turn_rows, turns, own)
+                _add(s, w, _X0, rows, vectors)
+                sample = _too_far(s, skipped, count, sampled)
+                if sample >= 0:
+                    return sample
+                if at_rest:
+                    _stay(s)
+                _carry_wide(s, rx, ry, rz)
+                rows, vectors = _three(shift_rows, shifts, shift)
+                _add(s, w, _E0, rows, vectors)
+                _clear(s, _X0)
             else:
-                _turn(s, w, own, turn_rows, turns, _FINE_TANGENT, _FINE_COSINE, None)
-            if at_rest:
-                _begin(s, w, shift, shift_rows, shifts, rx, ry, rz)
-            else:
-                _carry(s, w, shift, shift_rows, shifts, rx, ry, rz)
+                if motions.series[k] != FINE:
+                    _turn(s, w, own, turn_rows, turns, _TANGENT, _COSINE_SQUARED, True)
+                elif turn + _THREE < turn_end:
+                    _turn(s, w, own, turn_rows, turns, _FINE_TANGENT, _FINE_COSINE, True)
+                else:
+                    _turn(s, w, own, turn_rows, turns, _FINE_TANGENT, _FINE_COSINE, None)
+                if at_rest:
+                    _begin(s, w, shift, shift_rows, shifts, rx, ry, rz)
+                else:
+                    _carry(s, w, shift, shift_rows, shifts, rx, ry, rz)
             shift += _THREE
         elif at_rest:
             _stay(s)
         at_rest = False
-        if turn < turn_end and motions.series[k] == WIDE:
-            _mix(s, w, _X0, turn, turn_products, turn_rows, turns)
-            _mix_products(s, w, _X0, turn_products, turn_end, turn_rows, turns)
-            sample = _too_far(s, skipped, count, sampled)
-            if sample >= 0:
-                return sample
-            _carry_wide(s, rx, ry, rz)
-            _clear(s, _X0)
         _mix(s, w, _E0, shift, shift_products, shift_rows, shifts)
         _mix_products(s, w, _E0, shift_products, shift_end, shift_rows, shifts)
     if at_rest:
