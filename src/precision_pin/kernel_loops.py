@@ -147,7 +147,7 @@ _SINE = (
 _COSINE = (
     -26.335385167684986, 60.24425228323669, -85.45681645024156, 64.9393940220264, -19.739208802178542, 1.0,
 )  # fmt: skip
-# a number near the root of two whose logarithm less that of two is a double number's within 3e-21
+# near the root of two; its logarithm less that of two is the difference of the two double numbers within 3e-21
 _ROOT_OF_TWO, _ITS_LOGARITHM = 1.414213562372734, 0.3465735902797174
 _CENTRE = (
     2.5090809287301226727e3, 3.3430575583588128105e4, 6.7265770927008700853e4, 4.5921953931549871457e4,
@@ -1221,11 +1221,32 @@ def _greater(a: Any, b: Any) -> Any:
 
 
 @plain
-def _measure(s: Array, centre: Array) -> Scalar:
+def _measure_some(s: Array, centre: Array, count: Scalar) -> Scalar:
+    """Do as `_measure` with a tile's first samples, one by one; the others' residuals are zero."""
+    failures = _norms(s)
+    for q in range(_U(8)):
+        for i in range(_TILE):
+            lane = _LANES + q * _LANE + i % _LANE
+            residual = 0.0
+            if (i + i if i < _PAIRS else i + i - (_TILE - _ONE)) < _U(count):
+                value = s[q * _STRIDE + i]
+                residual = value - centre[q]
+                low, high = lane + _U(SUMS) * _LANE, lane + _U(SUMS + 8) * _LANE
+                s[low] = value if value < s[low] else s[low]
+                s[high] = value if value > s[high] else s[high]
+            s[_RESIDUALS + q * _STRIDE + i] = residual
+            s[lane] += residual
+    return failures
+
+
+@plain
+def _measure(s: Array, centre: Array, count: Scalar) -> Scalar:
     """Write the norms and all residuals; add these into their lanes, and let smallest and largest values take in the tile's.
 
     All in one loop: the square roots take so long that the rest is done meanwhile. Return how many samples are not finite.
     """
+    if count < TILE:
+        return _measure_some(s, centre, count)
     failures = 0
     for part in range(_TWO):
         rows = part * _FOUR * _STRIDE
@@ -1253,25 +1274,6 @@ def _measure(s: Array, centre: Array) -> Scalar:
             _put_four(s, sums + lane, _LANE, total)
             _put_four(s, lows + lane, _LANE, low)
             _put_four(s, highs + lane, _LANE, high)
-    return failures
-
-
-@plain
-def _measure_some(s: Array, centre: Array, count: Scalar) -> Scalar:
-    """Do as `_measure` with a tile's first samples; the others' residuals are zero."""
-    failures = _norms(s)
-    for q in range(_U(8)):
-        for i in range(_TILE):
-            lane = _LANES + q * _LANE + i % _LANE
-            residual = 0.0
-            if (i + i if i < _PAIRS else i + i - (_TILE - _ONE)) < _U(count):
-                value = s[q * _STRIDE + i]
-                residual = value - centre[q]
-                low, high = lane + _U(SUMS) * _LANE, lane + _U(SUMS + 8) * _LANE
-                s[low] = value if value < s[low] else s[low]
-                s[high] = value if value > s[high] else s[high]
-            s[_RESIDUALS + q * _STRIDE + i] = residual
-            s[lane] += residual
     return failures
 
 
@@ -1533,12 +1535,7 @@ def run(
             sample = _displace(s, w, motions, skipped, size, sampled)
             if sample >= 0:
                 return ANGLE, begin + sample
-        if not counted:
-            failures = _norms(s)
-        elif size == TILE:
-            failures = _measure(s, counting.centre)
-        else:
-            failures = _measure_some(s, counting.centre, size)
+        failures = _measure(s, counting.centre, size) if counted else _norms(s)
         if failures:
             sample = _not_finite(s, skipped, size, sampled)
             if sample >= 0:
@@ -1695,7 +1692,7 @@ def run_poses(
                         return ANGLE, pose, tile * TILE + sample
                 for k in range(_U(LANE_DOUBLES)):
                     s[_LANES + k] = own_lanes[k]
-                if _measure(s, counting.centre) if size == TILE else _measure_some(s, counting.centre, size):
+                if _measure(s, counting.centre, size):
                     sample = _not_finite(s, 0, size, True)
                     if sample >= 0:
                         return NOT_FINITE, pose, tile * TILE + sample

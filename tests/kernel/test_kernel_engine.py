@@ -9,14 +9,15 @@ import numpy as np
 import pytest
 from scipy.linalg import expm, logm
 
-from kernel.kernel_cases import EVERY_LAW, plain_table, random_frame, random_table, single_formula
+from kernel.kernel_cases import EVERY_LAW, plain_table, pose_model, random_frame, random_table, single_formula
 from precision_pin import kernel
 from precision_pin.errors import InputError
 from precision_pin.kernel_loops import FINE, NARROW, WIDE
 from precision_pin.laws import Fixed, Normal, Uniform
 from precision_pin.model import ErrorModel
-from precision_pin.parameters import Component, sqrt
+from precision_pin.parameters import Component, Program, sqrt
 from precision_pin.space import Draw, Space
+from precision_pin.table import TermTable
 
 SHEET = Path(__file__).parents[2] / "robots" / "4dof.errors.yaml"
 
@@ -40,6 +41,42 @@ def test_both_models_equal_the_oracle_on_random_tables(seed: int) -> None:
         assert worst(kernel.errors(layout, name, seed, 5, 1000, pose=1, visit=2), expected) < 1e-12
         # relative to the errors themselves as well, although these may be micrometres
         assert np.abs(kernel.errors_at(layout, name, x) - expected).max() < 1e-12 + 1e-9 * np.abs(expected).max()
+
+
+@pytest.mark.parametrize(("turn", "series"), [(1e-4, FINE), (3e-3, NARROW), (0.03, WIDE)])
+@pytest.mark.parametrize("slides", [False, True])
+def test_any_number_of_terms_of_one_and_two_factors(turn: float, series: int, slides: bool) -> None:
+    """The loops take six, five, four or three terms at once, and three products."""
+    rng = np.random.default_rng(int(slides))
+    space = Space(tuple(Draw(f"a{k}", Uniform(1.0)) for k in range(13)))
+    program = Program.compile([Component(name) for name in space.components], space.index)
+    x = space.sample(0, 0, 150)
+    for singles, products in np.ndindex(14, 5):
+        alone = [[k, -1, -1] for k in range(singles)]
+        together = [[k, k + 1, -1] for k in range(products)]
+        # the second target turns once more than the first, and slides seldom
+        of_first, of_second = [*together, *alone], [*alone, [3, -1, -1], *together, [0, 1, 2]]
+        twists = rng.normal(size=(len(of_first) + len(of_second), 6)) * np.repeat([0.01, turn], 3)
+        twists[: len(of_first) * slides, 3:] = 0.0
+        twists[len(of_first) :: 2, :3] = 0.0
+        table = TermTable(
+            pose=random_frame(rng),
+            targets=(None, None),
+            frames=np.array([random_frame(rng), random_frame(rng)]),
+            program=program,
+            target=np.repeat([0, 1], [len(of_first), len(of_second)]),
+            twists=twists,
+            factors=np.array([*of_first, *of_second], dtype=np.intp),
+        )
+        at = pose_model(space, table)
+        layout = kernel.compile_table(at)
+        assert singles < 13 or layout.motions.series[-1] == series
+        for name, oracle in (("linear", at.linear), ("exact", at.exact)):
+            expected = oracle(x)
+            # of sums of up to 40 terms of 0.01 m and of the turn
+            np.testing.assert_allclose(
+                kernel.errors_at(layout, name, x), expected, rtol=0, atol=1e-14 * (1 + 20 * turn)
+            )
 
 
 def test_the_exact_model_keeps_its_relative_accuracy_where_errors_are_tiny() -> None:
