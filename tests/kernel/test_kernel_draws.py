@@ -71,6 +71,16 @@ def test_draws_are_those_of_the_space(seed: int, first: int, count: int, pose: i
     )
 
 
+@pytest.mark.parametrize("mean", [0.0, 1e-300, -0.3])
+def test_a_uniform_number_has_the_bits_of_the_space(mean: float) -> None:
+    laws = [Uniform(0.1, mean), Normal(0.1), Uniform(1e-5 / 3, mean), Uniform(1e300, mean)]
+    scopes = [Scope.UNIT, Scope.UNIT, Scope.POSE, Scope.VISIT]
+    space = Space(tuple(Draw(f"a{k}", *both) for k, both in enumerate(zip(laws, scopes, strict=True))))
+    expected = space.sample(3, 5, 20_000, pose=2, visit=7)
+    drawn = kernel.sample(layout_of(space), 3, 5, 20_000, pose=2, visit=7)
+    np.testing.assert_array_equal(drawn[[0, 2, 3]], expected[[0, 2, 3]])
+
+
 def test_a_standard_normal_number_is_that_of_the_space_within_rounding() -> None:
     space = Space((Draw("z", Normal(1.0)),))
     expected = space.sample(3, 0, 200_000)
