@@ -277,7 +277,7 @@ def compile_sampler() -> None:
     from precision_pin import kernel
 
     if not kernel.is_compiled():
-        click.echo("compiling the sampler, once on this machine: some 15 s", err=True)
+        click.echo("compiling the sampler, once on this machine: some 20 s", err=True)
         kernel.warm_up()
 
 
