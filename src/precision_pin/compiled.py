@@ -36,7 +36,10 @@ def plain(function: Function) -> Function:
 
 
 def within(function: Function) -> Function:
-    """Compile as `plain`, into its callers: for what is given many arrays, which take long to hand over."""
+    """Compile as `plain`, into its callers: for what is given many arrays, which take long to hand over.
+
+    Numba hands this down: what such a function calls is compiled into it, too, unless it is `apart`.
+    """
     return cast("Function", _njit(no_cfunc_wrapper=True, forceinline=True)(function))
 
 
