@@ -206,15 +206,18 @@ def _frozen(array: NDArray[Any]) -> NDArray[Any]:
 # poses one behind the other ------------------------------------------------------------------------------------------
 
 
+def _joined_entries(parts: Sequence[Superposition | Motions]) -> dict[str, NDArray[Any]]:
+    return {
+        name: _frozen(np.concatenate([getattr(part, name) for part in parts]))
+        for name in ("shift_rows", "shifts", "turn_rows", "turns")
+    }
+
+
 def _joined_superpositions(layouts: Sequence[CompiledTable]) -> Superposition:
     parts = [layout.superposition for layout in layouts]
     before = np.cumsum([(0, 0), *(part.starts[-1] for part in parts)], axis=0).astype(np.uint64)
     starts = [part.starts[:-1] + begin for part, begin in zip(parts, before[:-1], strict=True)]
-    entries = {
-        name: _frozen(np.concatenate([getattr(part, name) for part in parts]))
-        for name in ("shift_rows", "shifts", "turn_rows", "turns")
-    }
-    return Superposition(**entries, starts=_frozen(np.concatenate([*starts, before[-1:]])))
+    return Superposition(**_joined_entries(parts), starts=_frozen(np.concatenate([*starts, before[-1:]])))
 
 
 def _joined_motions(layouts: Sequence[CompiledTable]) -> Motions:
@@ -224,12 +227,8 @@ def _joined_motions(layouts: Sequence[CompiledTable]) -> Motions:
         before = np.cumsum([0, *(getattr(part, rows).size for part in parts[:-1])]).astype(np.uint64)
         return np.stack([getattr(part, name) for part in parts]) + before[:, None]
 
-    entries = {
-        name: _frozen(np.concatenate([getattr(part, name) for part in parts]))
-        for name in ("shift_rows", "shifts", "turn_rows", "turns")
-    }
     return Motions(
-        **entries,
+        **_joined_entries(parts),
         shift_starts=_frozen(starts("shift_starts", "shift_rows")),
         turn_starts=_frozen(starts("turn_starts", "turn_rows")),
         arms=_frozen(np.stack([part.arms for part in parts])),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, reduce
 from itertools import groupby, pairwise
 from typing import TYPE_CHECKING, Final, final
 
@@ -210,7 +210,7 @@ class _Products:
         if key not in self._known:
             left, right = self._row(key[:-1]), key[-1]
             intervals = self._rows.intervals
-            self._known[key] = self._rows.add(_applied(Operator.MULTIPLY, intervals[left], intervals[right]))
+            self._known[key] = self._rows.add(_multiplied(intervals[left], intervals[right]))
             self._factors.append((left, right))
             self._results.append(self._known[key])
         return self._known[key]
@@ -261,6 +261,10 @@ def _applied(operator: Operator, a: Interval, b: Interval) -> Interval:
     # outwards by more than the rounding of either end and of the samples' own operation
     low, high = min(ends), max(ends)
     return low - 1e-14 * abs(low), high + 1e-14 * abs(high)
+
+
+def _multiplied(a: Interval, b: Interval) -> Interval:
+    return _applied(Operator.MULTIPLY, a, b)
 
 
 # displacements -------------------------------------------------------------------------------------------------------
@@ -335,15 +339,15 @@ class _Sum:
         double = [k for k in chosen if len(self.columns[k]) == 2]
         rows = [self.columns[k][0] for k in single]
         others = max(len(rows) - least, 0)
+        # the loops take six, five, four or three at once
         size = least + others + {1: 2, 2: 1}.get(others % 6, 0)
         rows += ([self.columns[k][0] for k in chosen[:1]] or [filler]) * (size - len(rows))
         sets = -(-len(double) // 3)
         factors = [row for k in double for row in self.columns[k]]
         factors += factors[:1] * (6 * sets - len(factors))
-        vectors = np.zeros((len(poses), size + 6 * sets, 3))
-        vectors[:, : len(single)] = self.vectors[poses][:, single]
-        places = [size + 6 * (k // 3) + k % 3 for k in range(len(double))]
-        vectors[:, places] = self.vectors[poses][:, double]
+        own, vectors = self.vectors[poses], np.zeros((len(poses), size + 6 * sets, 3))
+        vectors[:, : len(single)] = own[:, single]
+        vectors[:, [size + 6 * (k // 3) + k % 3 for k in range(len(double))]] = own[:, double]
         return _Entries(rows + factors, vectors, size)
 
 
@@ -384,8 +388,8 @@ def _bound(turn: _Sum, rows: _Rows) -> Array:
     with np.errstate(invalid="ignore", over="ignore"):
         for k, column in enumerate(turn.columns):
             vector = np.abs(turn.vectors[:, k])
-            # two factors: further than the rounding of their product
-            furthest = math.prod(max(map(abs, rows.intervals[row])) * (1 + 1e-15 * len(column)) for row in column)
+            interval: Interval = reduce(_multiplied, (rows.intervals[row] for row in column))
+            furthest = max(map(abs, interval))
             reach = reach + np.where(vector.any(axis=-1, keepdims=True), vector * furthest, 0.0)
         bound = np.sqrt(reach[:, 0] * reach[:, 0] + reach[:, 1] * reach[:, 1] + reach[:, 2] * reach[:, 2])
     return np.nan_to_num(bound, nan=math.inf, posinf=math.inf)

@@ -490,9 +490,9 @@ def logarithm(x: Scalar) -> Scalar:
 
 @contracted
 def _octant(u: Scalar) -> Any:
-    """Return u in eighths of a turn, as bits, and cosine and sine of 2πu but for quarter turns.
+    """Return u in eighths of a turn, as bits, whether they are odd, and cosine and sine of 2πu but for quarter turns.
 
-    Where the eighths are odd both are √2 times too long; so the series need to reach only to 1/16 of a turn.
+    Where they are odd both are √2 times too long; so the series need to reach only to 1/16 of a turn.
     """
     rounded = u + _ROUND_TO_EIGHTH
     eighths = _bits_of(rounded)
@@ -500,7 +500,7 @@ def _octant(u: Scalar) -> Any:
     z = r * r
     s, c = r * _series(z, _SINE), _series(z, _COSINE)
     diagonal = (eighths & _ONE) != _ZERO
-    return eighths, c - s if diagonal else c, c + s if diagonal else s
+    return eighths, diagonal, c - s if diagonal else c, c + s if diagonal else s
 
 
 @contracted
@@ -514,8 +514,8 @@ def _quarters(eighths: Scalar, x: Scalar, y: Scalar, length: Scalar) -> tuple[Sc
 @contracted
 def turned(u: Scalar, radius: Scalar) -> tuple[Scalar, Scalar]:
     """Return radius × sin 2πu and radius × cos 2πu for 0 ≤ u ≤ 1, for a radius of 1 within 4e-16, near 0 within 2 ulp."""
-    eighths, x, y = _octant(u)
-    return _quarters(eighths, x, y, radius * (_ROOT_OF_HALF if (eighths & _ONE) != _ZERO else 1.0))
+    eighths, diagonal, x, y = _octant(u)
+    return _quarters(eighths, x, y, radius * (_ROOT_OF_HALF if diagonal else 1.0))
 
 
 @plain
@@ -574,8 +574,8 @@ def normals(w: Array, rows: Offsets, laws: Array) -> None:
         row, mean, factor = rows[k], laws[k, 0], laws[k, 1]
         half = 0.5 * factor
         for i in range(_PAIRS):
-            eighths, c, s = _octant(w[row + _PAIRS + i])
-            reach = np.sqrt((half if (eighths & _ONE) != _ZERO else factor) * w[row + i])
+            eighths, diagonal, c, s = _octant(w[row + _PAIRS + i])
+            reach = np.sqrt((half if diagonal else factor) * w[row + i])
             y, x = _quarters(eighths, c, s, reach)
             w[row + i] = mean + x
             w[row + _PAIRS + i] = mean + y
@@ -1056,7 +1056,7 @@ def _stay(s: Array) -> None:
 
 
 @within
-def _part(starts: Offsets, k: Scalar) -> tuple[Scalar, Scalar, Scalar]:
+def _part(starts: Offsets, k: Scalar) -> Any:
     """Return where the entries of single rows begin, where those of products do, and where both end."""
     return starts[k + k], starts[k + k + _ONE], starts[k + k + _TWO]
 
@@ -1076,6 +1076,7 @@ def _displace(s: Array, w: Array, motions: Motions, skipped: Scalar, count: Scal
         shift, shift_products, shift_end = _part(motions.shift_starts, k)
         rx, ry, rz = motions.arms[k, 0], motions.arms[k, 1], motions.arms[k, 2]
         if turn < turn_end:
+            # of single rows, all but the last three of a turn are collected, and the first three of a shift go with it
             own = turn_products - _THREE
             _mix(s, w, _X0, turn, own, turn_rows, turns)
             _mix_products(s, w, _X0, turn_products, turn_end, turn_rows, turns)
@@ -1123,7 +1124,7 @@ def _displace(s: Array, w: Array, motions: Motions, skipped: Scalar, count: Scal
 def _superpose(s: Array, w: Array, superposition: Superposition, pose: Scalar) -> None:
     """Write the linear model's six numbers where `_displace` leaves them."""
     shift_rows, shifts, turn_rows, turns, starts = superposition
-    begin, products, end = starts[2 * pose], starts[2 * pose + 1], starts[2 * pose + 2]
+    begin, products, end = _part(starts, pose)
     _clear(s, _E0)
     _clear(s, _V0)
     _mix(s, w, _E0, begin[0], products[0], shift_rows, shifts)
@@ -1530,7 +1531,7 @@ def run(
             if sample >= 0:
                 return FORMULA, begin + sample
         if stage == LINEAR:
-            _superpose(s, w, superposition, 0)
+            _superpose(s, w, superposition, _ZERO)
         else:
             sample = _displace(s, w, motions, skipped, size, sampled)
             if sample >= 0:
@@ -1685,7 +1686,7 @@ def run_poses(
                     if sample >= 0:
                         return FORMULA, pose, tile * TILE + sample
                 if stage == LINEAR:
-                    _superpose(s, w, superposition, pose)
+                    _superpose(s, w, superposition, _U(pose))
                 else:
                     sample = _displace(s, w, at, 0, size, True)
                     if sample >= 0:

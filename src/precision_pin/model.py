@@ -143,8 +143,8 @@ class PoseModel:
             return self.posture.findings
         superposed = self.linear(self.space.mean[:, None])[:, 0]
         gap = float(np.linalg.norm((superposed - self.error_at_means)[:3]))
-        spread = float(np.sqrt(np.trace(self.covariance[:3, :3])))
-        if gap <= 0.1 * spread or gap <= 1e-9:
+        spread, negligible = _spread(self)
+        if gap <= negligible:
             return self.posture.findings
         message = (
             f"with every parameter at its mean, superposition places the tip {gap * 1e3:.3g} mm away from the "
@@ -302,15 +302,14 @@ class ErrorModel:
         """
         if self.statics != "nominal" or not any(term.loaded for term in at.terms):
             return ()
-        spread = float(np.sqrt(np.trace(at.covariance[:3, :3])))
-        allowed = max(0.1 * spread, 1e-9)
+        spread, negligible = _spread(at)
         try:
-            settled = settle(at.posture, self.space, self._make_terms, within=1e-3 * allowed)
+            settled = settle(at.posture, self.space, self._make_terms, within=1e-3 * negligible)
         except InputError as error:
             return (Finding("warning", "W_STATICS", f"{error.findings[0].message}; nominal statics hide it"),)
         rest = PoseModel(at.posture, self.space, TermTable.build(at.posture, self.space, settled.terms), settled.terms)
         gap = float(np.linalg.norm((rest.error_at_means - at.error_at_means)[:3]))
-        if gap <= allowed:
+        if gap <= negligible:
             return ()
         message = (
             f"loads at the undeflected pose (statics: nominal) put the tip {gap * 1e3:.3g} mm away from where the arm "
@@ -414,6 +413,12 @@ class _Asked:
             return tuple(ask(cast("Posture", _AnyPosture(chain)), self._view))
         except (_NeedsPosture, Exception):  # noqa: BLE001 - what is wrong with it comes up again at a posture
             return None
+
+
+def _spread(at: PoseModel) -> tuple[float, float]:
+    """Return the spread of the tip's position, and how far apart two places of it are that need no warning, m."""
+    spread = float(np.sqrt(np.trace(at.covariance[:3, :3])))
+    return spread, max(0.1 * spread, 1e-9)
 
 
 def _joint_value(joint: Joint, value: float) -> str:
