@@ -38,6 +38,7 @@ FLOORS = (
     "sheet",
     "table",
     "equilibrium",
+    "about_rest",
     "model",
     "statistics",
     "kernel_loops",

@@ -35,7 +35,7 @@ from precision_pin.places import (
 from precision_pin.postures import ChainConstants, Postures, alignment
 from precision_pin.urdf import Joint, Robot, read, rerooted
 
-__all__ = ["EARTH", "Chain", "Factors", "LinkFrame", "Load", "Place", "Posture"]
+__all__ = ["EARTH", "Chain", "Deflection", "Factors", "LinkFrame", "Load", "Place", "Posture"]
 
 Array = NDArray[np.float64]
 
@@ -373,6 +373,24 @@ class Chain:
 
 @final
 @dataclass(frozen=True, eq=False)
+class Deflection:
+    """Where a chain stands under load.
+
+    Attributes
+    ----------
+    links, ends
+        Chain links and their far ends, ``(n+1, 4, 4)``, base.
+    bending
+        What loads displace each chain link's far end, ``[d; δ]`` in the end's axes, ``(n+1, 6)``.
+    """
+
+    links: Array
+    ends: Array
+    bending: Array
+
+
+@final
+@dataclass(frozen=True, eq=False)
 class Posture:
     """A chain at one configuration, undisplaced.
 
@@ -388,8 +406,8 @@ class Posture:
     loads
         The weights on the chain: its own, and those that sources add.
     deflection
-        Where the chain links and their far ends stand under load, ``(2, n+1, 4, 4)``, base; ``None`` where loads are
-        taken on the undisplaced arm. It moves the loads, not the places.
+        Where the chain stands under load; ``None`` where loads are taken on the undisplaced arm. It moves the loads, not
+        the places.
     tilts
         What sources add to gravity: vectors ``(3,)``, base axes, m/s², with the parameters that multiply them.
     """
@@ -398,7 +416,7 @@ class Posture:
     q: Array
     joint_poses: Array
     loads: tuple[Load, ...]
-    deflection: Array | None = None
+    deflection: Deflection | None = None
     tilts: tuple[tuple[Array, Factors], ...] = ()
 
     @cached_property
@@ -409,12 +427,12 @@ class Posture:
     @cached_property
     def loaded_link_poses(self) -> Array:
         """Axes of every chain link in the base as loads see them, ``(n+1, 4, 4)``."""
-        return self.link_poses if self.deflection is None else self.deflection[0]
+        return self.link_poses if self.deflection is None else self.deflection.links
 
     @cached_property
     def loaded_ends(self) -> Array:
         """Far end of every chain link in the base as loads see it, ``(n+1, 4, 4)``."""
-        return self.link_poses @ self.chain.placements if self.deflection is None else self.deflection[1]
+        return self.link_poses @ self.chain.placements if self.deflection is None else self.deflection.ends
 
     @cached_property
     def pose(self) -> Array:

@@ -18,7 +18,19 @@ from numpy.typing import ArrayLike, NDArray
 
 from precision_pin.errors import InputError, InternalError
 
-__all__ = ["Component", "Constant", "Expression", "Operation", "Operator", "Program", "Value", "cos", "sin", "sqrt"]
+__all__ = [
+    "Component",
+    "Constant",
+    "Expression",
+    "Operation",
+    "Operator",
+    "Program",
+    "Value",
+    "cos",
+    "operations",
+    "sin",
+    "sqrt",
+]
 
 Array = NDArray[np.float64]
 
@@ -190,7 +202,7 @@ class Program:
                 )
             own: dict[Expression, None] = {}
             _collect(parameter, own)
-            count = sum(isinstance(part, Operation) for part in own)
+            count = _count(own)
             if count > MOST_OPERATIONS:
                 raise InputError(
                     f"a parameter's formula takes {count} operations, at most {MOST_OPERATIONS} are allowed"
@@ -258,6 +270,17 @@ class Program:
                         "a divisor that may reach zero needs a law that keeps away from it"
                     ) from error
         return values
+
+
+def operations(expression: Expression) -> int:
+    """Return how many operations an expression takes; a part that is used twice is computed once."""
+    parts: dict[Expression, None] = {}
+    _collect(expression, parts)
+    return _count(parts)
+
+
+def _count(parts: Mapping[Expression, None]) -> int:
+    return sum(isinstance(part, Operation) for part in parts)
 
 
 def _collect(expression: Expression, found: dict[Expression, None]) -> None:

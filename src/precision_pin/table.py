@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from precision_pin import se3
-from precision_pin.chain import Place, Posture
+from precision_pin.chain import Chain, Place, Posture
 from precision_pin.errors import InternalError
 from precision_pin.parameters import Expression, Operation, Program
 from precision_pin.space import Space
@@ -170,9 +170,8 @@ class TableLayout:
                 return False
         return True
 
-    def at(self, posture: Posture, terms: tuple[Term, ...]) -> TermTable:
-        """Return the table at a posture of terms that :meth:`fits`."""
-        chain = posture.chain
+    def twists(self, chain: Chain, terms: tuple[Term, ...]) -> Array:
+        """Return ``[d; δ]`` in the targets' axes, ``(T, 6)``, of terms that :meth:`fits`."""
         twists = np.zeros((len(terms), 6))
         on_places = np.ones(len(terms), dtype=bool)
         on_places[self.at_joints] = False
@@ -185,13 +184,17 @@ class TableLayout:
             twists[self.at_joints] = np.concatenate(
                 [np.where(slides, along, 0.0), np.where(slides, 0.0, along)], axis=1
             )
+        return twists
+
+    def at(self, posture: Posture, terms: tuple[Term, ...]) -> TermTable:
+        """Return the table at a posture of terms that :meth:`fits`."""
         return TermTable(
             pose=posture.pose,
             targets=self.targets,
             frames=posture.link_poses[self.links] @ self.places,
             program=self.program,
             target=self.target,
-            twists=twists,
+            twists=self.twists(posture.chain, terms),
             factors=self.factors,
         )
 

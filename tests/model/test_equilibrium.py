@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 
 from precision_pin.chain import Chain
-from precision_pin.errors import InputError
 from precision_pin.examples import PAPER_SHEET
 from precision_pin.laws import Disc, Fixed, Normal, Uniform
 from precision_pin.model import ErrorModel
@@ -25,9 +24,9 @@ from precision_pin.sources.payload import Payload
 from precision_pin.sources.profiles import Segment
 from precision_pin.space import Draw, Space
 from precision_pin.terms import JointValue
-from support.checks.common import one_link
 from support.exact_rods import rods_error
 from support.plain_robot import chain_of, joint, link, robot
+from support.settled import settled_errors
 from support.sheets import PAPER_Q
 
 MM = 1e-3
@@ -82,18 +81,14 @@ def test_the_rods_are_those_of_the_reference():
     np.testing.assert_allclose(rods_error(pieces=40), error, atol=1e-9)
 
 
-def test_distance_to_the_rods_and_its_slope_against_stiffness(arm):
-    """Superposition on the settled arm leaves out the shortening of bent rods: an error of second order."""
-    distances = []
-    for factor in FACTORS:
+def test_distance_to_the_rods(arm):
+    """At most a tenth of what loads re-evaluated until they settle leave, and never more than 0.04 %."""
+    settled_only = np.array([0.528, 0.267, 0.134, 0.054, 0.027, 0.0027]) / 100
+    for factor, bound in zip(FACTORS, settled_only, strict=True):
         exact = rods_error(factor)
         error = scaled(arm, factor).at(PAPER_Q).tangent[0]
-        distances.append(np.linalg.norm((error - exact)[:3]) / np.linalg.norm(exact[:3]))
-        assert abs(np.linalg.norm(error[:3]) / np.linalg.norm(exact[:3]) - 1) < 0.004 / factor
-    assert distances[1] < 0.004
-    np.testing.assert_allclose(distances, np.array([0.528, 0.267, 0.134, 0.054, 0.027, 0.0027]) / 100, rtol=0.02)
-    slopes = np.diff(np.log(distances)) / np.diff(np.log(FACTORS))
-    assert ((slopes > -1.05) & (slopes < -0.95)).all()
+        for rows in (slice(0, 3), slice(3, 6)):
+            assert np.linalg.norm((error - exact)[rows]) < 0.1 * bound * np.linalg.norm(exact[rows])
 
 
 def test_slopes_are_those_of_the_rods(arm):
@@ -104,7 +99,7 @@ def test_slopes_are_those_of_the_rods(arm):
     for column, exact in ((1, by_payload), (0, by_stiffness)):
         for rows in (slice(0, 3), slice(3, 6)):
             gap = np.linalg.norm(jacobian[rows, column] - exact[rows])
-            assert gap < 0.01 * np.linalg.norm(exact[rows])
+            assert gap < 0.002 * np.linalg.norm(exact[rows])
 
 
 # --- derivatives ---
@@ -114,15 +109,7 @@ def test_slopes_are_those_of_arms_settled_anew(arm):
     """Every load and stiffness, to 1e-6 of the column, against fourth-order differences."""
     model = settings(arm)
     error, jacobian = model.at(PAPER_Q).tangent
-    for column, (name, mean) in enumerate(zip(model.space.components, model.space.mean, strict=True)):
-        h = 1e-3 * mean
-        near, far = (
-            settings(arm, **{name: mean + step}).at(PAPER_Q).tangent[0]
-            - settings(arm, **{name: mean - step}).at(PAPER_Q).tangent[0]
-            for step in (h, 2 * h)
-        )
-        slope = (8 * near - far) / (12 * h)
-        np.testing.assert_allclose(jacobian[:, column], slope, atol=1e-6 * np.abs(slope).max(), err_msg=name)
+    check_slopes(model, PAPER_Q, jacobian)
     assert np.linalg.norm(error[:3]) > 0.03
 
 
@@ -145,8 +132,7 @@ def test_slopes_with_segments_a_sliding_joint_and_a_branch():
     )
     means = {"EI": 300.0, "GI": 200.0, "C": 2e-4, "D": 4e-5, "wall": 2e-3, "m": 1.5}
 
-    def model(**changed: float) -> ErrorModel:
-        values = means | changed
+    def model() -> ErrorModel:
         segments = (
             Segment(fraction=0.4, section="tube", outer_diameter=0.03, wall="wall", material="aluminium"),
             Segment(EI="EI", GI="GI"),
@@ -158,19 +144,22 @@ def test_slopes_with_segments_a_sliding_joint_and_a_branch():
             JointCompliance(joint="turn", compliance="C"),
             JointCompliance(joint="slide", compliance="D"),
         ]
-        space = Space(tuple(Draw(name, Fixed(value)) for name, value in values.items()))
+        space = Space(tuple(Draw(name, Fixed(value)) for name, value in means.items()))
         return ErrorModel(chain, space, sources, statics="equilibrium")
 
     q = [0.3, 0.2]
     error, jacobian = model().at(q).tangent
     assert np.linalg.norm(error[:3]) > 0.02
-    for column, (name, mean) in enumerate(means.items()):
-        h = 1e-3 * mean
-        near, far = (
-            model(**{name: mean + step}).at(q).tangent[0] - model(**{name: mean - step}).at(q).tangent[0]
-            for step in (h, 2 * h)
-        )
-        slope = (8 * near - far) / (12 * h)
+    check_slopes(model(), q, jacobian)
+
+
+def check_slopes(model: ErrorModel, q, jacobian: np.ndarray) -> None:
+    mean = model.space.mean
+    for column, name in enumerate(model.space.components):
+        h = 1e-3 * mean[column]
+        steps = np.outer(np.eye(mean.size)[column], [h, -h, 2 * h, -2 * h])
+        ahead, behind, far_ahead, far_behind = settled_errors(model, q, mean[:, None] + steps).T
+        slope = (8 * (ahead - behind) - (far_ahead - far_behind)) / (12 * h)
         np.testing.assert_allclose(jacobian[:, column], slope, atol=1e-6 * np.abs(slope).max(), err_msg=name)
 
 
@@ -219,34 +208,6 @@ def test_a_stiff_arm_has_the_nominal_answer(arm):
     np.testing.assert_allclose(rest.jacobian, nominal.jacobian, rtol=1e-5, atol=1e-12)
 
 
-def test_an_arm_that_does_not_settle_is_refused_in_one_line(arm):
-    for factor in (0.05, 1e-3):
-        with pytest.raises(InputError, match="does not come to rest under its loads: it is too soft") as caught:
-            scaled(arm, factor).at(PAPER_Q)
-        (finding,) = caught.value.findings
-        assert "\n" not in str(finding)
-
-
-def test_an_arm_that_buckles_is_refused():
-    """A weight straight above a soft hinge: at rest, but a push moves it on where C m g l > 1 (an inverted pendulum)."""
-    tower = one_link(axis=(0, 1, 0), length=1.0, gravity=(-9.81, 0.0, 0.0)).with_payload(10.0)
-
-    def error(compliance: float, tip: float = 0.0) -> np.ndarray:
-        sources = [
-            JointCompliance(joint="hinge", compliance=compliance),
-            Payload(at="tool", mass=Normal(1e-9, mean=1e-6)),
-        ]
-        at = ErrorModel(tower, Space(), sources, statics="equilibrium").at([tip])
-        return at.tangent[0]
-
-    limit = 1 / (10.0 * 9.81)
-    np.testing.assert_allclose(error(0.7 * limit), 0, atol=1e-12)
-    # just off the vertical the turn grows by 1/(1 - C m g l)
-    assert error(0.7 * limit, 1e-6)[4] == pytest.approx(0.7 / 0.3 * 1e-6, rel=1e-4)
-    with pytest.raises(InputError, match="the arm buckles under its loads"):
-        error(1.1 * limit)
-
-
 def test_geometry_keeps_its_terms_exactly(arm):
     """Lengths, frames and offsets stand beside loads as in nominal statics, bit for bit; only loaded terms are new."""
     nominal, rest = (settings(arm, statics) for statics in ("nominal", "equilibrium"))
@@ -277,11 +238,11 @@ def test_a_joint_that_gives_and_errs_does_both(arm):
     turns = [term for term in at.terms if term.target == JointValue(1)]
     # loads hang on the arm that errs by its mean, too: the load's turn is that of the joint at 3° + 2 mrad + its own
     torque = at.posture.torque_on(1)[()]
-    constant = sum(term.twist[0] for term in turns if not term.factors)
-    assert constant != pytest.approx(1e-5 * torque, rel=1e-6)
+    caused = sum(term.twist[0] * (2e-3 if term.factors else 1.0) for term in turns if term.loaded)
+    assert caused != pytest.approx(1e-5 * torque, rel=1e-6)
     moved = ErrorModel(arm, Space(), [soft], statics="equilibrium").at([*PAPER_Q[:1], PAPER_Q[1] + 2e-3, *PAPER_Q[2:]])
     (own,) = (term.twist[0] for term in moved.terms if not term.factors)
-    assert constant == pytest.approx(own, rel=1e-12)
+    assert caused == pytest.approx(own, rel=1e-12)
 
 
 # --- the warning ---
@@ -308,6 +269,6 @@ def test_nominal_statics_warn_where_they_are_stretched(arm):
     assert warned(model(1.0, 20e-3)) == []
     assert warned(model(10.0, 1e-3)) == []
     assert warned(model(1.0, 1e-3, "equilibrium")) == []
-    assert warned(model(0.02, 1e-3)) == ["W_STATICS"]  # one that does not settle at all
+    assert warned(model(0.02, 1e-3)) == ["W_DEFLECTION", "W_STATICS"]  # links bend by more than a radian
     stiff = ErrorModel(arm, Space(), [tolerance[1e-3], Frame(joint="joint1", x=Disc(1e-3).mean_vector[0])])
     assert warned(stiff) == []

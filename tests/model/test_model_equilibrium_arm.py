@@ -2,7 +2,7 @@
 
 The reference (geometrically exact rods, worked out for this project apart from its code): |d| = 35.877 mm,
 |δ| = 15.614 mrad, ∂d/∂payload = (2.703, 4.264, -3.639) mm/kg, ∂d/∂ln(all stiffness) = (-7.026, -26.942, 21.190) mm;
-loads re-evaluated until they settle come within 0.267 % of its displacement.
+loads re-evaluated until they settle come within 0.267 % of its displacement, with bent links to second order 0.017 %.
 """
 
 from __future__ import annotations
@@ -33,14 +33,16 @@ def chain() -> Chain:
     return Chain.from_urdf(PAPER_SHEET.parent / "4dof.urdf")
 
 
-def model(chain: Chain, payload: float = 1.0, stiffness: float = 1.0, statics="equilibrium") -> ErrorModel:
-    """All stiffness goes with one random factor."""
+def model(
+    chain: Chain, payload: float = 1.0, stiffness: float = 1.0, statics="equilibrium", links: float = 1.0
+) -> ErrorModel:
+    """All stiffness goes with one random factor, that of the links with one more."""
     factor = Component("factor")
     space = Space((Draw("factor", Uniform(0.01, mean=stiffness)), Draw("load", Uniform(0.01, mean=payload))))
     sources = [
         Payload(at="tool", mass="load"),
-        Beam(link="link2", EI=8000.0 * factor, GI=4000.0 * factor),
-        Beam(link="link3", EI=8000.0 * factor, GI=1000.0 * factor),
+        Beam(link="link2", EI=8000.0 * links * factor, GI=4000.0 * links * factor),
+        Beam(link="link3", EI=8000.0 * links * factor, GI=1000.0 * links * factor),
         *(JointCompliance(joint=name, compliance=1e-5 / factor) for name in JOINTS),
     ]
     return ErrorModel(chain, space, sources, statics=statics)
@@ -48,13 +50,17 @@ def model(chain: Chain, payload: float = 1.0, stiffness: float = 1.0, statics="e
 
 def test_r4_equilibrium_is_near_exact_rods(chain):
     error, jacobian = model(chain).at(PAPER_Q).tangent
-    assert np.linalg.norm(error[:3]) / MM == pytest.approx(35.877, rel=0.00267)
-    assert np.linalg.norm(error[3:]) / MM == pytest.approx(15.614, rel=0.00267)
+    assert np.linalg.norm(error[:3]) / MM == pytest.approx(35.877, rel=0.0003)
+    assert np.linalg.norm(error[3:]) / MM == pytest.approx(15.614, rel=0.0003)
     superposed = model(chain, statics="nominal").at(PAPER_Q).linear([[1.0], [1.0]])
     assert np.linalg.norm(superposed[:3]) / MM > 35.877 * 1.02
-    # slopes of two solutions that are 0.27 % apart, one of which grows with the square of the deflection
-    np.testing.assert_allclose(jacobian[:3, 1] / MM, [2.703, 4.264, -3.639], rtol=0.01)
-    np.testing.assert_allclose(jacobian[:3, 0] / MM, [-7.026, -26.942, 21.190], rtol=0.01)
+    # the reference's derivative to ln(stiffness) is the difference over ± 5 %, 0.25 % above the limit
+    np.testing.assert_allclose(jacobian[:3, 1] / MM, [2.703, 4.264, -3.639], rtol=0.002)
+    np.testing.assert_allclose(jacobian[:3, 0] / MM, [-7.026, -26.942, 21.190], rtol=0.003)
+
+
+STIFF = 1e5
+"""Of the links, so that what bending adds to second order is below 1e-13."""
 
 
 def settled_by_hand(chain: Chain, payload: float, stiffness: float) -> np.ndarray:
@@ -81,7 +87,7 @@ def settled_by_hand(chain: Chain, payload: float, stiffness: float) -> np.ndarra
                 (length, m * gravity, np.cross(centre[:3] - end, m * gravity)) for link, m, centre in masses if link > i
             ]
             axes = links[i][:3, :3]
-            rigidities = (gi * stiffness, 8000.0 * stiffness, 8000.0 * stiffness, 1e30)
+            rigidities = (gi * STIFF * stiffness, 8000.0 * STIFF * stiffness, 8000.0 * STIFF * stiffness, 1e30)
             moved = integrals(loads, 1.4 * gravity, length, axes, rigidities)
             bends[i] = np.concatenate([axes.T @ moved[:3], axes.T @ moved[3:]])
     return pose_error(ends[4], chain.at(PAPER_Q).pose)
@@ -89,12 +95,12 @@ def settled_by_hand(chain: Chain, payload: float, stiffness: float) -> np.ndarra
 
 @pytest.mark.parametrize(("payload", "stiffness"), [(1.0, 1.0), (3.0, 0.5), (0.2, 10.0)])
 def test_the_fixed_point_by_another_route(chain, payload, stiffness):
-    error = model(chain, payload, stiffness).at(PAPER_Q).tangent[0]
+    error = model(chain, payload, stiffness, links=STIFF).at(PAPER_Q).tangent[0]
     np.testing.assert_allclose(error, settled_by_hand(chain, payload, stiffness), atol=1e-12)
 
 
 def test_its_slopes_are_those_of_the_solution_solved_anew(chain):
-    jacobian = model(chain).at(PAPER_Q).jacobian
+    jacobian = model(chain, links=STIFF).at(PAPER_Q).jacobian
     step = 1e-3
     by_stiffness = settled_by_hand(chain, 1.0, 1 + step) - settled_by_hand(chain, 1.0, 1 - step)
     by_payload = settled_by_hand(chain, 1 + step, 1.0) - settled_by_hand(chain, 1 - step, 1.0)

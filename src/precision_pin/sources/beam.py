@@ -10,12 +10,13 @@ from typing import Annotated, Final, Literal, final
 import numpy as np
 from numpy.typing import NDArray
 
-from precision_pin import units
+from precision_pin import se3, units
 from precision_pin.chain import Chain, Factors, Load, Posture
 from precision_pin.errors import InputError, UnknownNameError
 from precision_pin.laws import Law
 from precision_pin.parameters import Expression, Value
 from precision_pin.se3 import rotation_about
+from precision_pin.sources.bent_shape import BentShape
 from precision_pin.sources.profiles import Profile, Segment, Stretch, ends, stretches
 from precision_pin.space import Draw, LabelledSpace, Setting
 from precision_pin.terms import Source, Term
@@ -166,7 +167,10 @@ class Beam(Profile, OnLink):
         axes = beam_axes(chain, link, self.roll)
         length = float(np.linalg.norm(place.frame[:3, 3]))
         turn = _both(place.frame[:3, :3].T @ axes)
-        pushes = list(self._pushes(posture, space, link, length, axes))
+        shape = BentShape.of(posture, link, axes)
+        pushes = list(self._pushes(posture, space, link, length, axes, shape))
+        if shape is not None:
+            yield Term.of(place, turn @ shape.second_order, loaded=True)
         for start, stop, part in self._parts(length):
             for stiffness, rows in self._stiffnesses(part, space, length):
                 flexibility = 1.0 / stiffness
@@ -174,6 +178,8 @@ class Beam(Profile, OnLink):
                 for push in pushes:
                     if push.stop > start:
                         displacement = push.displacement(start, stop, length, rows)
+                        if shape is not None:
+                            displacement += shape.bending(push.wrench, (push.start, push.stop), (start, stop), rows)
                         total[push.factors] = total.get(push.factors, np.zeros(6)) + displacement
                 for factors, displacement in total.items():
                     yield Term.of(place, turn @ displacement, *factors, flexibility, loaded=True)
@@ -213,7 +219,9 @@ class Beam(Profile, OnLink):
             moments = ((scale * np.array([1.0, *centre]), factors),)
             yield start, stop, Load(link, np.eye(4), centre, along=True, moments=moments)
 
-    def _pushes(self, posture: Posture, space: LabelledSpace, link: int, length: float, axes: Array) -> Iterator[_Push]:
+    def _pushes(
+        self, posture: Posture, space: LabelledSpace, link: int, length: float, axes: Array, shape: BentShape | None
+    ) -> Iterator[_Push]:
         """Yield what loads the beam."""
         chain, base = posture.chain, posture.loaded_link_poses[link]
         to_beam = _both((base[:3, :3] @ axes).T)
@@ -224,7 +232,13 @@ class Beam(Profile, OnLink):
 
         def at_projection(load: Load) -> Iterator[_Push]:
             reach = float(axes[:, 0] @ load.attachment)
-            yield from pushes([load], base[:3, :3] @ (axes[:, 0] * reach) + base[:3, 3], reach, reach)
+            point = axes[:, 0] * reach
+            if shape is not None:
+                # what is bolted to a bent beam moves and turns with it
+                moved = _both(axes) @ shape.displacement(reach)
+                about = se3.compose(se3.translation(point), se3.displacement(moved), se3.translation(-point))
+                load, point = dataclasses.replace(load, frame=about @ load.frame), point + moved[:3]
+            yield from pushes([load], base[:3, :3] @ point + base[:3, 3], reach, reach)
 
         end = posture.loaded_ends[link][:3, 3]
         yield from pushes([load for load in posture.loads if load.link > link], end, length, length)

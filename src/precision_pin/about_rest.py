@@ -1,0 +1,129 @@
+"""The terms of an arm at rest under its loads, as functions of its parameters.
+
+About the rest v* at the parameters' means, with A = (I - ∂G/∂v)⁻¹ there (G: :mod:`precision_pin.equilibrium`),
+
+    v(x) = v* + A (G(v*, x) - v*) + Σ (f - f̄) S_f A Σ (h - h̄) t_h
+
+keeps every term with its factors: 1/k stays 1/k, and products of load and stiffness stay products. The last sum is how the
+feedback itself changes with the parameters: f and h are the products of factors of terms that loads cause, t_h their twists
+and S_f the slopes of these. Its derivative at the means is that of the arm solved anew; what is left out is of third order.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from precision_pin.chain import Factors, Place, Posture
+from precision_pin.equilibrium import Settled, refuse_buckling
+from precision_pin.parameters import MOST_OPERATIONS, operations
+from precision_pin.terms import Target, Term
+
+__all__ = ["terms_about_rest"]
+
+Array = NDArray[np.float64]
+
+_MOST_PRODUCTS: Final = 200
+"""The most products of the last sum that are kept, the largest first: their number grows with the square of the loads'."""
+
+
+def terms_about_rest(settled: Settled) -> tuple[Term, ...]:
+    """Return the terms about v*, those that no load causes as they are.
+
+    Parameters
+    ----------
+    settled
+        The arm at rest with every parameter at its mean.
+
+    Raises
+    ------
+    InputError
+        The arm buckles: a push would move it on.
+    """
+    feedback, table = settled.feedback, settled.table
+    reacting = np.flatnonzero(feedback.loaded)
+    if not reacting.size:
+        return settled.terms
+    ways = feedback.ways(table)
+    term_slopes = feedback.term_slopes(settled.displacements, ways)
+    slopes = feedback.slopes(term_slopes, ways)
+    refuse_buckling(slopes)
+    gain = np.asarray(np.linalg.inv(np.eye(len(ways)) - slopes), dtype=float)
+    sums = _own_and_added(settled, reacting, np.einsum("mki,mn,nlj->klij", ways, gain - np.eye(len(ways)), ways))
+    for slot, twist, factors in _second_order(settled, ways, gain, term_slopes):
+        sums[slot, factors] = sums.get((slot, factors), 0.0) + twist
+    return (
+        *(term for term in settled.terms if not term.loaded),
+        *(
+            _term(table.targets[slot % len(table.targets)], twist, settled.posture, factors)
+            for (slot, factors), twist in sums.items()
+            if np.any(twist)
+        ),
+    )
+
+
+def _own_and_added(settled: Settled, reacting: NDArray[np.intp], added: Array) -> dict[tuple[int, Factors], Array]:
+    """Return the twists of ``G(v*, x) + (A - I)(G(v*, x) - v*)`` in the slots that loads displace, by their factors.
+
+    ``added`` ``(2K, 2K, 6, 6)`` is A - I: what a displacement in the second slot adds to that in the first.
+    """
+    sums: dict[tuple[int, Factors], Array] = {}
+    for source, twist, term in zip(settled.slots.tolist(), settled.table.twists, settled.terms, strict=True):
+        if term.loaded:
+            sums[source, term.factors] = sums.get((source, term.factors), 0.0) + twist
+        for slot in reacting.tolist():
+            key = (slot, term.factors)
+            sums[key] = sums.get(key, 0.0) + added[slot, source] @ twist
+    for slot in reacting.tolist():
+        sums[slot, ()] = sums.get((slot, ()), 0.0) - np.einsum("lij,lj->i", added[slot], settled.displacements)
+    return sums
+
+
+def _second_order(settled: Settled, ways: Array, gain: Array, term_slopes: Array) -> list[tuple[int, Array, Factors]]:
+    """Return the last sum multiplied out: slot, twist, factors."""
+    table = settled.table
+    twists: dict[Factors, Array] = {}
+    slopes: dict[tuple[int, Factors], Array] = {}
+    for row, (slot, term) in enumerate(zip(settled.slots.tolist(), settled.terms, strict=True)):
+        if term.loaded and term.factors:
+            share = twists.setdefault(term.factors, np.zeros((2 * len(table.targets), 6)))
+            share[slot] += table.twists[row]
+            slopes[slot, term.factors] = slopes.get((slot, term.factors), 0.0) + term_slopes[row]
+    rank = {factors: k for k, factors in enumerate(twists)}
+    mean = settled.feedback.products(settled.terms)
+    responses = {factors: gain @ np.einsum("mki,ki->m", ways, twist) for factors, twist in twists.items()}
+    found = []
+    for (slot, factors), slope in slopes.items():
+        for others, response in responses.items():
+            twist = slope @ response
+            first, second = sorted((factors, others), key=rank.__getitem__)
+            size = np.linalg.norm(table.sensitivities[slot % len(table.targets)] @ twist) * abs(
+                mean[factors] * mean[others]
+            )
+            if size and _fits((*first, *second)):
+                found.append((size, slot, twist, factors, others, (*first, *second)))
+    found.sort(key=lambda entry: -entry[0])
+    result: list[tuple[int, Array, Factors]] = []
+    for _, slot, twist, factors, others, both in found[:_MOST_PRODUCTS]:
+        result += [
+            (slot, twist, both),
+            (slot, -twist * mean[others], factors),
+            (slot, -twist * mean[factors], others),
+            (slot, twist * mean[factors] * mean[others], ()),
+        ]
+    return result
+
+
+def _fits(factors: Factors) -> bool:
+    """Return whether a product is small enough for a parameter's formula, should it have too many factors for a term."""
+    return sum(operations(factor) for factor in factors) + len(factors) <= MOST_OPERATIONS
+
+
+def _term(target: Target, displacement: Array, posture: Posture, factors: Factors) -> Term:
+    if isinstance(target, Place):
+        return Term.of(target, displacement, *factors, loaded=True)
+    axis = posture.chain.axes[target.joint]
+    rows = slice(0, 3) if posture.chain.prismatic[target.joint] else slice(3, 6)
+    return Term.of(target, axis @ displacement[rows], *factors, loaded=True)

@@ -1,0 +1,148 @@
+"""The shape of a beam under load, and the moments that loads have because of it (P-delta)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final, final
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from precision_pin.chain import Posture
+
+__all__ = ["BentShape"]
+
+Array = NDArray[np.float64]
+
+_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(5)
+"""Exact up to degree 9."""
+_ALONG: Final = np.array([1.0, 0.0, 0.0])
+_NEXT: Final = [1, 2, 0]
+_AFTER: Final = [2, 0, 1]
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class BentShape:
+    """A cantilever's shape: the cubic that its end's displacement and turn give.
+
+    One such cubic gives Euler's load of a column with one end free as 2.486 EI/l², where π²/4 = 2.467 is exact (Przemieniecki,
+    Theory of Matrix Structural Analysis, 1968, chapter 15).
+
+    Attributes
+    ----------
+    length
+        Of the beam, m.
+    end
+        ``[u, w_y, w_z; φ, θ_y, θ_z]`` of its end, beam axes.
+    """
+
+    length: float
+    end: Array
+
+    @classmethod
+    def of(cls, posture: Posture, link: int, axes: Array) -> BentShape | None:
+        """Return the shape of a chain link on the deflected arm, none on the undeflected one; ``axes`` as columns."""
+        if posture.deflection is None:
+            return None
+        place = posture.chain.placements[link]
+        to_beam = axes.T @ place[:3, :3]
+        bending = posture.deflection.bending[link]
+        return cls(float(np.linalg.norm(place[:3, 3])), np.concatenate([to_beam @ bending[:3], to_beam @ bending[3:]]))
+
+    def displacement(self, reach: ArrayLike) -> Array:
+        """Return the displacements ``(..., 6)`` at places ``reach`` ``(...)`` (m) along the beam, beam axes."""
+        l, s = self.length, np.asarray(reach, dtype=float) / self.length  # noqa: E741
+        u, w_y, w_z, phi, theta_y, theta_z = self.end
+        across, turned = s * s * (3 - 2 * s), l * s * s * (s - 1)
+        across_slope, turned_slope = 6 * s * (1 - s) / l, s * (3 * s - 2)
+        rows = (
+            u * s,
+            w_y * across + theta_z * turned,
+            w_z * across - theta_y * turned,
+            phi * s,
+            theta_y * turned_slope - w_z * across_slope,
+            theta_z * turned_slope + w_y * across_slope,
+        )
+        return np.stack(rows, axis=-1)
+
+    def slope(self, reach: Array) -> Array:
+        """Return how the turn changes along the beam, ``(N, 3)``, rad/m: the shape's twist and curvatures."""
+        l, s = self.length, reach / self.length  # noqa: E741
+        _, w_y, w_z, phi, theta_y, theta_z = self.end
+        bent, straight = 6 * (1 - 2 * s) / l**2, (6 * s - 2) / l
+        rows = (np.full_like(s, phi / l), theta_y * straight - w_z * bent, theta_z * straight + w_y * bent)
+        return np.stack(rows, axis=-1)
+
+    @property
+    def second_order(self) -> Array:
+        """What the turns along the beam add to its end's displacement beyond their sum, ``(6,)``, beam axes.
+
+        With θ(x) the turn, ``δ = -½ ∫ θ × θ' dx`` (turns do not commute) and ``d = ½ ∫ θ × (θ × e_x) dx``, which shortens a
+        bent beam, and what δ adds on the way.
+        """
+        x, weights = _nodes(0.0, self.length)
+        turn = self.displacement(x)[:, 3:]
+        total = _at_end(_cross(self.slope(x), turn) / 2, self.length - x, weights)
+        total[:3] += weights @ _cross(turn, _cross(turn, _ALONG)) / 2
+        return total
+
+    def bending(
+        self, wrench: Array, loaded: tuple[float, float], part: tuple[float, float], rows: tuple[int, ...]
+    ) -> Array:
+        """Return by how much more a load displaces the beam's end, ``(6,)``, since it acts on the shape.
+
+        The moment at x is that of the force where the shape has moved it, ``M + Δr × F``, and bends the section about axes
+        that have turned by θ: ``κ = D (M + Δr × F - θ × M) + θ × D M`` to second order, D the flexibility.
+
+        Parameters
+        ----------
+        wrench
+            ``[F; M]``, beam axes: about the point where it acts, or a weight spread evenly between two.
+        loaded
+            Between where it acts, m along the beam; not from within the part.
+        part
+            The part that bends, of unit stiffness, from where to where.
+        rows
+            Rows of ``[Δl, w_y, w_z; Δφ, θ_y, θ_z]`` that the stiffness governs.
+        """
+        flexibility = np.array([float(row in rows) for row in (3, 4, 5)])
+        x, weights = _nodes(part[0], min(part[1], loaded[1]))
+        begin, stop = np.maximum(loaded[0], x), loaded[1]
+        at_point = loaded[0] == stop
+        share = np.ones_like(x) if at_point else (stop - begin) / (stop - loaded[0])
+        force = share[:, None] * wrench[:3]
+        # lever along x only: (a, 0, 0) × F = (0, -a F_z, a F_y)
+        lever = (begin + stop) / 2 - x
+        moment = np.stack([np.zeros_like(x), -lever * force[:, 2], lever * force[:, 1]], axis=-1)
+        if at_point:
+            moment = moment + wrench[3:]
+        here = self.displacement(x)
+        beyond = self.displacement(stop)[:3] if at_point else self._mean_place(begin, stop)
+        more = _cross(beyond - here[:, :3], force) - _cross(here[:, 3:], moment)
+        return _at_end(flexibility * more + _cross(here[:, 3:], flexibility * moment), self.length - x, weights)
+
+    def _mean_place(self, begin: Array, stop: float) -> Array:
+        """Return the mean displacement of the points from each of N places to another, ``(N, 3)``."""
+        x = (begin[:, None] * (1 - _NODES) + stop * (1 + _NODES)) / 2
+        mean: Array = np.einsum("k,nki->ni", _WEIGHTS / 2, self.displacement(x)[..., :3])
+        return mean
+
+
+def _nodes(start: float, stop: float) -> tuple[Array, Array]:
+    """Return where to evaluate along the beam (m), and the weights of the sum that is the integral."""
+    half = (stop - start) / 2
+    return start + half * (1 + _NODES), half * _WEIGHTS
+
+
+def _at_end(turn: Array, reach: Array, weights: Array) -> Array:
+    """Return what turns ``(N, 3)``, weighted, displace the beam's end in all, each ``reach`` (m) before it, ``(6,)``."""
+    total = weights @ turn
+    lever = (weights * reach) @ turn
+    return np.array([0.0, lever[2], -lever[1], *total])
+
+
+def _cross(one: Array, other: Array) -> Array:
+    """Return the vector products ``(N, 3)``; faster for a few than numpy's."""
+    result: Array = one[..., _NEXT] * other[..., _AFTER] - one[..., _AFTER] * other[..., _NEXT]
+    return result
