@@ -59,7 +59,6 @@ def terms_about_rest(settled: Settled) -> tuple[Term, ...]:
         *(
             _term(table.targets[slot % len(table.targets)], twist, settled.posture, factors)
             for (slot, factors), twist in sums.items()
-            if np.any(twist)
         ),
     )
 
@@ -94,21 +93,19 @@ def _second_order(settled: Settled, ways: Array, gain: Array, term_slopes: Array
     rank = {factors: k for k, factors in enumerate(twists)}
     mean = settled.feedback.products(settled.terms)
     responses = {factors: gain @ np.einsum("mki,ki->m", ways, twist) for factors, twist in twists.items()}
-    found = []
-    for (slot, factors), slope in slopes.items():
-        for others, response in responses.items():
-            twist = slope @ response
-            first, second = sorted((factors, others), key=rank.__getitem__)
-            size = np.linalg.norm(table.sensitivities[slot % len(table.targets)] @ twist) * abs(
-                mean[factors] * mean[others]
-            )
-            if size and _fits((*first, *second)):
-                found.append((size, slot, twist, factors, others, (*first, *second)))
-    found.sort(key=lambda entry: -entry[0])
+    pairs = [(slot, factors, others) for slot, factors in slopes for others in responses if _fits((*factors, *others))]
+    added = [slopes[slot, factors] @ responses[others] for slot, factors, others in pairs]
+    sizes = [
+        np.linalg.norm(table.sensitivities[slot % len(table.targets)] @ twist) * abs(mean[factors] * mean[others])
+        for (slot, factors, others), twist in zip(pairs, added, strict=True)
+    ]
     result: list[tuple[int, Array, Factors]] = []
-    for _, slot, twist, factors, others, both in found[:_MOST_PRODUCTS]:
+    # in their own order, not by size, so that terms have the same one at every pose
+    for k in sorted(np.argsort(sizes)[::-1][:_MOST_PRODUCTS].tolist()):
+        (slot, factors, others), twist = pairs[k], added[k]
+        first, second = sorted((factors, others), key=rank.__getitem__)
         result += [
-            (slot, twist, both),
+            (slot, twist, (*first, *second)),
             (slot, -twist * mean[others], factors),
             (slot, -twist * mean[factors], others),
             (slot, twist * mean[factors] * mean[others], ()),

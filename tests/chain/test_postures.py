@@ -289,7 +289,9 @@ def table_of(at: PoseModel) -> dict[str, np.ndarray]:
     return {"pose": table.pose, "frames": table.frames, "twists": table.twists, "error": at.error_at_means}
 
 
-def compare_models(model: ErrorModel, q: np.ndarray, of_twists: float = 1e-12) -> list[PoseModel]:
+def compare_models(
+    model: ErrorModel, q: np.ndarray, of_twists: float = 1e-12, relative: float = 0.0
+) -> list[PoseModel]:
     """Compare with a model of its own for every pose, which shares nothing with the one before."""
     many = list(model.at_many(q))
     assert len(many) == q.shape[1]
@@ -303,7 +305,7 @@ def compare_models(model: ErrorModel, q: np.ndarray, of_twists: float = 1e-12) -
         np.testing.assert_array_equal(at.table.target, expected.table.target)
         for name, value in table_of(expected).items():
             tolerance = of_twists if name == "twists" else 1e-12
-            np.testing.assert_allclose(table_of(at)[name], value, rtol=0, atol=tolerance, err_msg=name)
+            np.testing.assert_allclose(table_of(at)[name], value, rtol=relative, atol=tolerance, err_msg=name)
     return many
 
 
@@ -317,10 +319,13 @@ def test_shipped_sheets_at_many_poses_as_one_at_a_time(name):
 
 
 def test_equilibrium_at_many_poses_as_one_at_a_time():
-    """Its slopes are differences over a step of 1e-7, which makes 1e-9 of a rounding of 1e-16; up to 0.5 here."""
+    """Its slopes are differences over a step of 1e-7, which makes 1e-9 of a rounding of 1e-16.
+
+    Twists of products of two compliances of 1e-5 are as large as 1e4 and as uncertain as 1e-6, which makes 1e-16 rad.
+    """
     paper = ErrorModel.load(shipped_sheets()["4dof"])
     model = ErrorModel(paper.chain, paper.space, paper.sources, statics="equilibrium")
-    compare_models(model, paper.configuration()[:, None] + np.array([0.0, 0.4]), of_twists=1e-8)
+    compare_models(model, paper.configuration()[:, None] + np.array([0.0, 0.4]), of_twists=2e-6, relative=1e-8)
 
 
 def test_terms_that_come_and_go_with_the_pose():
