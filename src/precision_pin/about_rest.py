@@ -51,7 +51,10 @@ def terms_about_rest(settled: Settled) -> tuple[Term, ...]:
     slopes = feedback.slopes(term_slopes, ways)
     refuse_buckling(slopes)
     gain = np.asarray(np.linalg.inv(np.eye(len(ways)) - slopes), dtype=float)
-    sums = _own_and_added(settled, reacting, np.einsum("mki,mn,nlj->klij", ways, gain - np.eye(len(ways)), ways))
+    flat = ways.reshape(len(ways), -1)
+    added = flat.T @ (gain - np.eye(len(ways))) @ flat
+    slots = len(added) // 6
+    sums = _own_and_added(settled, reacting, added.reshape(slots, 6, slots, 6).transpose(0, 2, 1, 3))
     for slot, twist, factors in _second_order(settled, ways, gain, term_slopes):
         sums[slot, factors] = sums.get((slot, factors), 0.0) + twist
     return (
@@ -93,7 +96,14 @@ def _second_order(settled: Settled, ways: Array, gain: Array, term_slopes: Array
     rank = {factors: k for k, factors in enumerate(twists)}
     mean = settled.feedback.products(settled.terms)
     responses = {factors: gain @ np.einsum("mki,ki->m", ways, twist) for factors, twist in twists.items()}
-    pairs = [(slot, factors, others) for slot, factors in slopes for others in responses if _fits((*factors, *others))]
+    lengths = {factors: sum(operations(factor) + 1 for factor in factors) for factors in twists}
+    # what has too many factors for a term becomes a formula, which must not have too many operations
+    pairs = [
+        (slot, factors, others)
+        for slot, factors in slopes
+        for others in responses
+        if lengths[factors] + lengths[others] <= MOST_OPERATIONS
+    ]
     added = [slopes[slot, factors] @ responses[others] for slot, factors, others in pairs]
     sizes = [
         np.linalg.norm(table.sensitivities[slot % len(table.targets)] @ twist) * abs(mean[factors] * mean[others])
@@ -111,11 +121,6 @@ def _second_order(settled: Settled, ways: Array, gain: Array, term_slopes: Array
             (slot, twist * mean[factors] * mean[others], ()),
         ]
     return result
-
-
-def _fits(factors: Factors) -> bool:
-    """Return whether a product is small enough for a parameter's formula, should it have too many factors for a term."""
-    return sum(operations(factor) for factor in factors) + len(factors) <= MOST_OPERATIONS
 
 
 def _term(target: Target, displacement: Array, posture: Posture, factors: Factors) -> Term:
