@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from precision_pin import kernel
 from precision_pin.chain import Chain
@@ -257,6 +258,49 @@ def elastica(alpha: float) -> np.ndarray:
     return np.array(end(low)[1:])
 
 
+def rod(forces: np.ndarray, offset: np.ndarray, rigidities: np.ndarray, count: int) -> np.ndarray:
+    """Return ``[d; δ]`` of a cantilever's end along x, l = 1: a Kirchhoff rod of straight pieces with a weight at its end.
+
+    The weight hangs off the end by ``offset`` in the end's axes, which turn with it. Shape, moments and curvatures in turn.
+    """
+    curvatures = np.zeros((count, 3))
+    for _ in range(100):
+        turn, here, middles, frames = np.eye(3), np.zeros(3), [], []
+        for curvature in curvatures:
+            half = Rotation.from_rotvec(curvature / (2 * count)).as_matrix()
+            frames.append(turn @ half)
+            middles.append(here + frames[-1][:, 0] / (2 * count))
+            here, turn = here + frames[-1][:, 0] / count, frames[-1] @ half
+        weight = here + turn @ offset
+        last = curvatures
+        curvatures = np.array(
+            [
+                frame.T @ np.cross(weight - middle, forces) / rigidities
+                for frame, middle in zip(frames, middles, strict=True)
+            ]
+        )
+        if np.abs(curvatures - last).max() < 1e-13:
+            break
+    return np.concatenate([here - [1.0, 0, 0], Rotation.from_matrix(turn).as_rotvec()])
+
+
+def test_a_link_bends_and_twists_as_a_rod_in_space_to_second_order():
+    """A slanted weight well off the end of a link with three rigidities: the gap is of third order in the load."""
+    down, offset, rigidities = np.array([-3.0, 5.0, -7.0]), np.array([0.1, 0.3, -0.2]), np.array([60.0, 200.0, 90.0])
+    gaps = []
+    for mass in (0.25, 0.5, 1.0):
+        chain = one_link(axis=(0, 0, 1), gravity=tuple(down))
+        sources = [
+            Beam(link="arm", GI=rigidities[0], EI_y=rigidities[1], EI_z=rigidities[2]),
+            Payload(at="tool", mass=mass, com=tuple(offset)),
+        ]
+        error = ErrorModel(chain, Space(), sources, statics="equilibrium").at([0.0]).error_at_means
+        coarse, fine = (rod(mass * down, offset, rigidities, count) for count in (40, 80))
+        expected = (4 * fine - coarse) / 3
+        gaps.append(np.linalg.norm(error - expected) / np.linalg.norm(expected))
+    np.testing.assert_allclose(np.diff(np.log(gaps)) / np.log(2), 2.0, atol=0.15)
+
+
 # --- warnings ---
 
 
@@ -283,3 +327,12 @@ def test_a_robot_of_the_sample_that_buckles_is_warned_of():
     model = ErrorModel(tower, Space(), sources, statics="equilibrium")
     codes = [(finding.code, "buckles" in finding.message) for finding in model.statics_findings(model.at([0.01]))]
     assert ("W_STATICS", True) in codes
+
+
+def test_nominal_statics_do_not_hide_an_upright_arm_that_buckles():
+    """It rests where it stands, but not stably: no load moves it there, so only a push tells."""
+    upright = leaning(1.5, 0.0)
+    nominal = ErrorModel(upright.chain, Space(), upright.sources, upright.poses)
+    (finding,) = nominal.statics_findings(nominal.at())
+    assert finding.code == "W_STATICS"
+    assert "buckles under its loads: beyond 0.667 times these" in finding.message
