@@ -13,11 +13,10 @@ from numpy.typing import NDArray
 from precision_pin import units
 from precision_pin.chain import Chain, Factors, Load, Posture
 from precision_pin.errors import InputError, UnknownNameError
-from precision_pin.laws import Law
 from precision_pin.parameters import Expression, Value
 from precision_pin.se3 import rotation_about
 from precision_pin.sources.profiles import Profile, Segment, Stretch, ends, stretches
-from precision_pin.space import Draw, LabelledSpace, Setting
+from precision_pin.space import LabelledSpace, Setting
 from precision_pin.terms import Source, Term
 
 __all__ = ["Beam", "beam_axes", "point_flexibility", "weight_flexibility"]
@@ -139,18 +138,6 @@ class Beam(Profile, OnLink):
             raise UnknownNameError("self_weight", self.self_weight, ("uniform", "centre", "section"))
         for part in stretches(self, self.segments):
             part.check(may_be_rigid=bool(at_end), weighs=self.self_weight == "section")
-
-    def own_draws(self, label: str) -> tuple[Draw, ...]:
-        """Return the draws for the laws in segments."""
-        found = []
-        for k, segment in enumerate(self.segments):
-            for entry in dataclasses.fields(segment):
-                name, value = f"{label}.segments[{k}].{entry.name}", getattr(segment, entry.name)
-                if isinstance(value, Law):
-                    found.append(Draw(name, value))
-                elif isinstance(value, Draw):
-                    found.append(dataclasses.replace(value, name=value.name or name))
-        return tuple(found)
 
     def loads(self, posture: Posture, space: LabelledSpace) -> Iterator[Load]:
         """Yield, where the section gives the weight, what takes the URDF's masses away and what comes instead."""
