@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from precision_pin.chain import Factors, Load, Place, Posture
-from precision_pin.errors import InputError
+from precision_pin.errors import Finding, InputError
 from precision_pin.laws import Law
 from precision_pin.parameters import Expression, Program, Value
 from precision_pin.space import Draw, LabelledSpace, Space, indexed
@@ -182,6 +182,11 @@ class Source(ABC):
         None by default.
         """
         del posture, space
+        return iter(())
+
+    def remarks(self, space: LabelledSpace) -> Iterator[Finding]:
+        """Yield warnings about settings that are allowed but seldom meant; none by default."""
+        del space
         return iter(())
 
     def own_draws(self, label: str) -> tuple[Draw, ...]:

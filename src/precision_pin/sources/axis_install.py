@@ -39,7 +39,7 @@ class AxisInstall(Source):
     span
         Distance of the two planes (between the bearings).
     start
-        Where on the axis, from the joint's origin, the first plane lies; along the axis as the file writes it.
+        Where on the axis as the file writes it, from the joint's origin, the first plane lies.
 
     Raises
     ------

@@ -50,8 +50,10 @@ class Beam(Profile, OnLink):
     """Flexibility of a link: a cantilever from its joint's origin to the next joint's (or the tip).
 
     x runs along it; z is its joint's axis made normal to x (where parallel: the next joint's axis, then the link's y);
-    y = z × x; then both turned by ``roll`` about x. The tip carries what hangs beyond the link; what else hangs on the
-    link (payloads, fixed branches, locked joints) acts at its projection. Euler-Bernoulli, small deflection:
+    y = z × x; then both turned by ``roll`` about x. Where the base lies beyond the link, clamp and tip change places, but
+    x, y, z and the order of ``segments`` stay. The tip carries what hangs beyond the link. What else is bolted to it acts
+    at a projection: payloads on the way at that of their mean centre of mass, branches (fixed, or behind locked joints)
+    at that of the joint that holds them. Euler-Bernoulli, small deflection:
     ``Δl = F_x l/EA + q_x l²/2EA``, ``w_y = F_y l³/3EI_z + M_z l²/2EI_z + q_y l⁴/8EI_z``,
     ``θ_z = F_y l²/2EI_z + M_z l/EI_z + q_y l³/6EI_z``, likewise with the other sign for w_z and θ_y, ``Δφ = M_x l/GI``;
     with ``segments`` each bends so under what acts beyond its start and carries the rest along. Source: section 3.2 and
@@ -95,8 +97,8 @@ class Beam(Profile, OnLink):
     EA
         Axial rigidity; rigid if left out, as is each of the others.
     segments
-        Parts with sections of their own, from the joint on: each with ``length`` or ``fraction`` (one may have neither)
-        and any of the settings above.
+        Parts with sections of their own, from the link's own joint on: each with ``length`` or ``fraction`` (one may have
+        neither) and any of the settings above.
     bending_stiffness, torsion_stiffness
         Instead of EI and GI: moment at the end for one radian there.
     axial_stiffness
@@ -104,8 +106,10 @@ class Beam(Profile, OnLink):
     roll
         Of the section about x.
     self_weight
-        ``uniform``: the masses of the URDF links on the way spread evenly; ``centre``: each at the projection of its
-        centre of mass, with the moment of the offset; ``section``: density × area in place of these masses.
+        How the masses of the URDF links on the way act. ``uniform``: that of the link's own body (the child of its joint;
+        a frame without mass is passed over) spread evenly over its part of the way, those bolted to it about their centres
+        of mass as far as their own parts go to both sides; ``centre``: each at the projection of its centre of mass, with
+        the moment of the offset; ``section``: density × area in place of the own body's mass, the others as ``uniform``.
 
     Raises
     ------
