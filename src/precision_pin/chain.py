@@ -185,6 +185,22 @@ class Chain:
         """Which joints slide, ``(n,)``."""
         return np.array([joint.kind == "prismatic" for joint in self.joints])
 
+    @cached_property
+    def reversed_joints(self) -> NDArray[np.bool_]:
+        """Which joints the chain passes against the file, because the base lies beyond them, ``(n,)``."""
+        return np.array([joint.reversed for joint in self.joints])
+
+    @cached_property
+    def written_axes(self) -> Array:
+        """Unit axis of each joint in its own frame as the file writes it, ``(n, 3)``: reversed joints have the other one."""
+        return np.array([joint.written_axis for joint in self.joints])
+
+    def runs_backwards(self, link: int) -> bool:
+        """Return whether a chain link's far end is the end that the file has nearer its root: where its own joint sits."""
+        if link < len(self.joints):
+            return bool(self.reversed_joints[link])
+        return self.robot.path(self.base, self.tip)[-1].reversed
+
     def joint_index(self, name: str) -> int:
         """Return a joint's position, 0-based.
 
@@ -233,8 +249,8 @@ class Chain:
         return Place(where.link, (ORDER_FRAME, where.path_rank), f"frame {name}", where.frame)
 
     def axis_alignment(self, joint: int) -> Array:
-        """Return the smallest rotation that brings a joint's z onto its axis; for -z half a turn about x."""
-        return self._alignments[joint].copy()
+        """Return the smallest rotation that brings a joint's z onto its axis in the file; for -z half a turn about x."""
+        return alignment(self.written_axes[joint])
 
     def configuration(self, q: ArrayLike | Mapping[str, float]) -> Array:
         """Return joint values ``(n,)`` in chain order, given in that order or by name.
@@ -319,7 +335,7 @@ class Chain:
         if lever.shape != (3,) or not np.isfinite(lever).all():
             raise InputError(f"the centre of a payload must be three finite numbers, got {centre}")
         moments = ((mass * np.array([1.0, *lever]), ()),)
-        load = Load(where.link, where.frame, where.attachment, along=False, moments=moments)
+        load = Load(where.link, where.frame, where.entry(lever), along=False, moments=moments)
         model = self.pinocchio.with_mass(where.link - 1, where.frame, mass, lever)
         return replace(self, loads=(*self.loads, load), pinocchio=model)
 

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import final
+from dataclasses import dataclass, field, replace
+from typing import Final, final
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from precision_pin.errors import InputError, UnknownNameError
 from precision_pin.parameters import Expression
@@ -21,6 +21,9 @@ Factors = tuple[Expression, ...]
 
 ORDER_FRAME, ORDER_CUSTOM, ORDER_END, ORDER_SEAT = range(4)
 """Order of the kinds of places on one chain link."""
+
+_SAME_POINT: Final = 1e-9
+"""Distance (m) up to which two frames stand at one point."""
 
 
 @final
@@ -76,14 +79,42 @@ class LinkFrame:
         Its pose in the chain link's axes, ``(4, 4)``.
     path_rank
         Its position among the URDF links on the way from base to tip within the chain link; ``None`` for a branch.
-    attachment
-        Where its weight enters the way, in the chain link's axes, ``(3,)``.
+    leaves_at
+        Of a branch: where the joint that holds it stands on the way, in the chain link's axes, ``(3,)``; its own origin
+        for a link on the way. A joint stands at its frame in the file, wherever the base is.
+    stretch
+        Of a link on the way: from where to where it is part of the way, ``(2, 3)``, in the chain link's axes: from joint
+        to joint, on over the links without mass that it carries. ``None`` for a branch.
+    is_own
+        Whether it is the chain link's own body: of the links on the way, the one nearest to the file's root, which is
+        the child of the joint that moves it. Where that one has no mass, the next one with mass whose frame stands at
+        the same point.
     """
 
     link: int
     frame: Array
     path_rank: int | None
-    attachment: Array
+    leaves_at: Array
+    stretch: Array | None = None
+    is_own: bool = False
+
+    def entry(self, centre: ArrayLike) -> Array:
+        """Return where a weight enters the chain link, in the chain link's axes, ``(3,)``.
+
+        Parameters
+        ----------
+        centre
+            Its centre of mass in the URDF link's axes, m, ``(3,)``.
+
+        Returns
+        -------
+        NDArray
+            The centre itself for a link on the way; where the branch leaves the way for another.
+        """
+        if self.path_rank is None:
+            return self.leaves_at
+        point: Array = self.frame[:3, :3] @ np.asarray(centre, dtype=float) + self.frame[:3, 3]
+        return point
 
 
 @final
@@ -100,9 +131,12 @@ class Load:
     attachment
         Where it enters the chain link, in the chain link's axes, ``(3,)``.
     along
-        Whether it is the link's own weight, taken as spread evenly along the link.
+        Whether it is the weight of the link's own body, taken as spread evenly along the link.
     moments
         Mass (kg) and first moment (kg·m) ``(4,)`` with the parameters that multiply them; these add.
+    stretch
+        The part of the way whose own weight it is, ``(2, 3)``, in the chain link's axes. ``None``: all of it for a
+        weight ``along`` the link; none of it for another, which acts at a point.
     """
 
     link: int
@@ -110,6 +144,7 @@ class Load:
     attachment: Array
     along: bool
     moments: tuple[tuple[Array, Factors], ...]
+    stretch: Array | None = None
 
 
 def locked_values(robot: Robot, joints: Sequence[Joint], locked: Mapping[str, float]) -> dict[str, float]:
@@ -162,12 +197,70 @@ def link_frames(
         else:
             frame = origin @ joint.motion(locked[joint.name]) if joint.moves else origin
             rank = parent.path_rank + 1 if on_path and parent.path_rank is not None else None
-            leaves_way = parent.path_rank is not None and rank is None
-            attachment = origin[:3, 3] if leaves_way else frame[:3, 3] if on_path else parent.attachment
-            frames[joint.child] = LinkFrame(parent.link, frame, rank, attachment)
+            if rank is not None:
+                leaves_at = frame[:3, 3]
+            elif parent.path_rank is not None:
+                leaves_at = parent.frame[:3, 3] if joint.reversed else origin[:3, 3]
+            else:
+                leaves_at = parent.leaves_at
+            frames[joint.child] = LinkFrame(parent.link, frame, rank, leaves_at)
         waiting.extend(robot.child_joints(joint.child))
     placements[-1] = frames[tip].frame
+    for row in _rows(robot.root, way, moving):
+        ends = row.ends(frames, placements)
+        own = row.own(robot, frames)
+        for k, name in enumerate(row.names):
+            frames[name] = replace(frames[name], stretch=ends[row.carried(robot, k)], is_own=k == own)
     return frames, placements
+
+
+@final
+@dataclass(frozen=True)
+class _Row:
+    """The URDF links on the way within one chain link, base to tip, and the joints between them."""
+
+    names: list[str]
+    joints: list[Joint]
+
+    def ends(self, frames: Mapping[str, LinkFrame], placements: Array) -> Array:
+        """Return where the first link begins, the joints stand and the last one ends, ``(len(names) + 1, 3)``."""
+        # the joint that holds a link stands at this link's frame, in the file
+        holds = [self.names[k] if joint.reversed else self.names[k + 1] for k, joint in enumerate(self.joints)]
+        points = [np.zeros(3), *(frames[name].frame[:3, 3] for name in holds)]
+        return np.array([*points, placements[frames[self.names[0]].link][:3, 3]])
+
+    def own(self, robot: Robot, frames: Mapping[str, LinkFrame]) -> int:
+        """Return the number of the chain link's own body."""
+        first = max((k + 1 for k, joint in enumerate(self.joints) if joint.reversed), default=0)
+        origins = [frames[name].frame[:3, 3] for name in self.names]
+        here = [k for k, origin in enumerate(origins) if np.abs(origin - origins[first]).max() <= _SAME_POINT]
+        with_mass = [k for k in here if robot.link(self.names[k]).mass]
+        return min(with_mass, key=lambda k: abs(k - first), default=first)
+
+    def carried(self, robot: Robot, number: int) -> list[int]:
+        """Return between which two of the ends a link weighs: on over those without mass that hang on it in the file."""
+
+        def weightless(k: int) -> bool:
+            return not robot.link(self.names[k]).mass
+
+        start, stop = number, number + 1
+        while start > 0 and self.joints[start - 1].reversed and weightless(start - 1):
+            start -= 1
+        while stop < len(self.names) and not self.joints[stop - 1].reversed and weightless(stop):
+            stop += 1
+        return [start, stop]
+
+
+def _rows(root: str, way: Sequence[Joint], moving: Mapping[str, int]) -> list[_Row]:
+    """Return the row of every chain link."""
+    rows = [_Row([root], [])]
+    for joint in way:
+        if joint.name in moving:
+            rows.append(_Row([joint.child], []))
+        else:
+            rows[-1].names.append(joint.child)
+            rows[-1].joints.append(joint)
+    return rows
 
 
 def own_loads(robot: Robot, frames: Mapping[str, LinkFrame]) -> tuple[Load, ...]:
@@ -178,5 +271,6 @@ def own_loads(robot: Robot, frames: Mapping[str, LinkFrame]) -> tuple[Load, ...]
             continue
         where = frames[link.name]
         moments = link.inertial.mass * np.array([1.0, *link.inertial.com])
-        loads.append(Load(where.link, where.frame, where.attachment, where.path_rank is not None, ((moments, ()),)))
+        entry = where.entry(link.inertial.com)
+        loads.append(Load(where.link, where.frame, entry, where.is_own, ((moments, ()),), where.stretch))
     return tuple(loads)

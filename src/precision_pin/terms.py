@@ -10,21 +10,23 @@ from __future__ import annotations
 
 import dataclasses
 import re
+import typing
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import final
+from functools import cache, partial
+from typing import Any, final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from precision_pin.chain import Factors, Load, Place, Posture
-from precision_pin.errors import InputError
+from precision_pin.errors import Finding, InputError
 from precision_pin.laws import Law
 from precision_pin.parameters import Expression, Program, Value
 from precision_pin.space import Draw, LabelledSpace, Space, indexed
 
-__all__ = ["MOST_FACTORS", "JointValue", "Source", "Target", "Term", "at_means", "labels", "own_draws"]
+__all__ = ["MOST_FACTORS", "JointValue", "Leaf", "Source", "Target", "Term", "at_means", "labels", "own_draws"]
 
 Array = NDArray[np.float64]
 
@@ -97,6 +99,54 @@ class Term:
         return cls(target, scaled, tuple(factors), loaded)
 
 
+@final
+@dataclass(frozen=True, eq=False)
+class Leaf:
+    """One value among the settings of a source.
+
+    Attributes
+    ----------
+    name
+        Where it stands: ``kind[subject].field``, of a part of a setting ``kind[subject].field[0].field``.
+    value
+        The value.
+    owner, field
+        The class whose field it is, and the field.
+    """
+
+    name: str
+    value: object
+    owner: type
+    field: str
+
+    @property
+    def hint(self) -> Any:
+        """The type that the field is declared with, its notes included."""
+        return _hints(self.owner)[self.field]
+
+    @property
+    def may_be_random(self) -> bool:
+        """Whether the field takes laws, so that text in it names a parameter."""
+        return _takes_law(self.hint)
+
+
+_hints = cache(partial(typing.get_type_hints, include_extras=True))
+
+
+def _takes_law(hint: Any) -> bool:
+    return hint is Law or any(_takes_law(part) for part in typing.get_args(hint))
+
+
+def _leaves(part: Any, label: str) -> Iterator[Leaf]:
+    for entry in dataclasses.fields(part):
+        setting = getattr(part, entry.name)
+        for k, value in enumerate(setting if isinstance(setting, tuple) else (setting,)):
+            if dataclasses.is_dataclass(value) and not isinstance(value, Law | Draw | Expression):
+                yield from _leaves(value, f"{label}.{entry.name}[{k}]")
+            else:
+                yield Leaf(f"{label}.{indexed(entry.name, k)}", value, type(part), entry.name)
+
+
 class Source(ABC):
     """An error source: settings in, terms out.
 
@@ -134,6 +184,11 @@ class Source(ABC):
         del posture, space
         return iter(())
 
+    def remarks(self, space: LabelledSpace) -> Iterator[Finding]:
+        """Yield warnings about settings that are allowed but seldom meant; none by default."""
+        del space
+        return iter(())
+
     def own_draws(self, label: str) -> tuple[Draw, ...]:
         """Return the draws the source makes itself, beside the laws in its settings; none by default."""
         del label
@@ -155,15 +210,19 @@ class Source(ABC):
         return {entry.name: getattr(self, entry.name) for entry in dataclasses.fields(self)}  # type: ignore[arg-type]
 
     @final
+    def leaves(self, label: str) -> Iterator[Leaf]:
+        """Yield every value in the settings, each of several by itself and those of the parts of a setting too."""
+        return _leaves(self, label)
+
+    @final
     def draws(self, label: str) -> tuple[Draw, ...]:
         """Return every draw the source needs beyond the model's named ones: laws in its settings and its own."""
         found: list[Draw] = []
-        for name, setting in self.settings().items():
-            for k, value in enumerate(setting if isinstance(setting, tuple) else (setting,)):
-                if isinstance(value, Law):
-                    found.append(Draw(f"{label}.{indexed(name, k)}", value))
-                elif isinstance(value, Draw):
-                    found.append(dataclasses.replace(value, name=value.name or f"{label}.{indexed(name, k)}"))
+        for leaf in self.leaves(label):
+            if isinstance(leaf.value, Law):
+                found.append(Draw(leaf.name, leaf.value))
+            elif isinstance(leaf.value, Draw):
+                found.append(dataclasses.replace(leaf.value, name=leaf.value.name or leaf.name))
         return (*found, *self.own_draws(label))
 
 

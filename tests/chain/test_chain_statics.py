@@ -236,5 +236,6 @@ def test_every_link_with_a_mass_is_one_load():
     chain = chain_between("base", "tool")
     total = sum(load.moments[0][0][0] for load in chain.loads)
     assert total == pytest.approx(sum(mass for mass, _ in READING.masses.values()))
-    spread = {name for name, load in zip(READING.masses, chain.loads, strict=True) if load.along}
-    assert spread == set(READING.masses) - {"bracket", "finger"}
+    loads = dict(zip(READING.masses, chain.loads, strict=True))
+    assert {name for name, load in loads.items() if load.along} == {"base", *(f"link{k}" for k in range(1, 8))}
+    assert {name for name, load in loads.items() if load.stretch is None} == {"bracket", "finger"}

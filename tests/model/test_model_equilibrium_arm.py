@@ -88,7 +88,7 @@ def settled_by_hand(chain: Chain, payload: float, stiffness: float) -> np.ndarra
             ]
             axes = links[i][:3, :3]
             rigidities = (gi * STIFF * stiffness, 8000.0 * STIFF * stiffness, 8000.0 * STIFF * stiffness, 1e30)
-            moved = integrals(loads, 1.4 * gravity, length, axes, rigidities)
+            moved = integrals(loads, [(0.0, length, 1.4 * gravity)], length, axes, rigidities)
             bends[i] = np.concatenate([axes.T @ moved[:3], axes.T @ moved[3:]])
     return pose_error(ends[4], chain.at(PAPER_Q).pose)
 

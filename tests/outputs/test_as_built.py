@@ -51,10 +51,12 @@ def every_geometric(chain: Chain) -> list:
     """Errors at every kind of place: ends, seats, named frames, base, tool, custom places, joint values."""
     names = chain.joint_names
     last = chain.joints[-1].child
+    # whose URDF frame turns with the link between the first two joints: that of the joint whose child it is in the file
+    carrier = names[1] if chain.reversed_joints[1] else names[0]
     sources = [
         Mounting(at="base", x=Normal(1e-3), ry=Normal(2e-3)),
         Mounting(at="tool", y=Normal(1e-3), rx=Normal(2e-3)),
-        Length(joint=names[1], along=f"x of {names[0]}", parameters=(Uniform(1e-3),)),
+        Length(joint=names[1], along=f"x of {carrier}", parameters=(Uniform(1e-3),)),
         Mcpc(link=last, alpha=Uniform(1e-3), gamma=Uniform(2e-3), z=Uniform(1e-3)),
         Mcpc(link=chain.joints[0].child, beta=Uniform(1e-3), x=Normal(5e-4)),
     ]

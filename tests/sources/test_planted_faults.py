@@ -17,8 +17,8 @@ SIGNS = (
     Fault("beam", "θ_y of a force", "[0, 0, -(a**2) / 2, 0, a, 0]", "[0, 0, a**2 / 2, 0, a, 0]"),
     Fault("beam", "θ_z of a force", "[0, a**2 / 2, 0, 0, 0, a]", "[0, -(a**2) / 2, 0, 0, 0, a]"),
     Fault("beam", "w_z of a moment", "0, -a * (2 * l - a) / 2, 0]", "0, a * (2 * l - a) / 2, 0]"),
-    Fault("beam", "θ_y of the weight", "result[4, 2] = -(l**2) / 6", "result[4, 2] = l**2 / 6"),
-    Fault("beam", "θ_z of the weight", "result[5, 1] = l**2 / 6", "result[5, 1] = -(l**2) / 6"),
+    Fault("beam", "θ_y of the weight", "result[4, 2] = -second / 2", "result[4, 2] = second / 2"),
+    Fault("beam", "θ_z of the weight", "result[5, 1] = second / 2", "result[5, 1] = -second / 2"),
     Fault("beam", "roll", "@ rotation_about((1, 0, 0), roll)", "@ rotation_about((1, 0, 0), -roll)"),
     Fault("beam", "wrench turned the wrong way", "[:3, :3] @ axes).T)", "[:3, :3] @ axes))"),
     Fault("bearing_stiffness", "against the load", "Value = 1.0 / space", "Value = -1.0 / space"),
@@ -37,7 +37,7 @@ SIGNS = (
     Fault("mcpc", "γ turned the wrong way", "((0, 0, 1), turn)", "((0, 0, 1), -turn)"),
     Fault("payload", "weight pulls up", "moments[row] = np.prod", "moments[row] = -np.prod"),
     Fault("seats", "tilt reversed", "[0, -slope], [slope, 0]", "[0, slope], [-slope, 0]", "clearance"),
-    Fault("seats", "a carriage travels back", "height + float(posture.q", "height - float(posture.q", "clearance"),
+    Fault("seats", "a carriage travels back", "if is_reversed else 1.0)", "if is_reversed else -1.0)", "clearance"),
     Fault("seats", "the other bearing's share", "other / (other - height)", "other / (height - other)", "clearance"),
     Fault("seats", "moment arm reversed", "= height, -height", "= -height, height", "bearing_stiffness"),
     Fault("covariance", "every error reversed", "np.eye(6)[row]", "-np.eye(6)[row]"),
@@ -75,9 +75,9 @@ LAWS = (
     Fault("backlash", "no band", "if abs(torque) >= self.band", "if abs(torque) >= 0.0"),
     Fault("backlash", "another joint's torque", "posture.torque_on(joint)", "posture.torque_on(joint - 1)"),
     Fault("beam", "stiffness for compliance", "flexibility = 1.0 / stiffness", "flexibility = 1.0 * stiffness"),
-    Fault("beam", "weight as a tip load", "l**3 / 8", "l**3 / 3"),
-    Fault("beam", "weight's turn", "result[5, 1] = l**2 / 6", "result[5, 1] = l**2 / 2"),
-    Fault("beam", "axial weight", "result[0, 0] = l / 2", "result[0, 0] = l"),
+    Fault("beam", "weight as a tip load", "(3 * l * second - third) / 6", "l**3 / 3"),
+    Fault("beam", "weight's turn", "result[5, 1] = second / 2", "result[5, 1] = l**2 / 2"),
+    Fault("beam", "axial weight", "result[0, 0] = first", "result[0, 0] = l"),
     Fault("beam", "w_y of a force", "[0, a**2 * (3 * l - a) / 6, 0, 0", "[0, a**3 / 3, 0, 0"),
     Fault("beam", "w_z of a force", "[0, 0, a**2 * (3 * l - a) / 6, 0", "[0, 0, a**3 / 3, 0"),
     Fault("beam", "torsion over the whole length", "[0, 0, 0, a, 0, 0]", "[0, 0, 0, l, 0, 0]"),
@@ -99,9 +99,11 @@ LAWS = (
     Fault("beam", "EI_y and EI_z swapped", '("EI_z", (1, 5), 1.0)', '("EI_z", (2, 4), 1.0)'),
     Fault("beam", "EI bends one way only", '("EI", (1, 2, 4, 5), 1.0)', '("EI", (1, 5), 1.0)'),
     Fault("beam", "left-handed axes", "np.cross(z, x), z]", "np.cross(x, z), z]"),
+    Fault("beam", "what is bolted on goes along", "not load.along:", "load.stretch is None:"),
+    Fault("beam", "what is bolted on is a point", "room = min(reach - start, stop - reach)", "room = 0.0"),
     Fault("beam", "axis not made normal", "axis - x * (x @ axis)", "axis"),
     Fault(
-        "beam", "next joint's axis not turned", "chain.placements[link][:3, :3] @ chain.axes[link]", "chain.axes[link]"
+        "beam", "next joint's axis not turned", "far_end[:3, :3] @ chain.written_axes[link]", "chain.written_axes[link]"
     ),
     Fault("bearing_stiffness", "stiffness for compliance", "Value = 1.0 / space", "Value = 1.0 * space"),
     Fault("bearing_stiffness", "carries the free axis", '"tilt": (3, 4)', '"tilt": (3, 4, 5)'),
@@ -116,10 +118,18 @@ LAWS = (
     Fault("clearance", "axis left as z", "to_place = seat_axes(chain, joint)", "to_place = np.eye(6)"),
     Fault("clearance", "one direction for both", 'component(f"{name}.{axis}")', 'component(f"A.{axis}")'),
     Fault(
-        "directions", "axis of the next joint", "posture.joint_axes[joint]", "posture.joint_axes[joint - 1]", "length"
+        "directions",
+        "axis of the next joint",
+        "chain.written_axes[joint] if",
+        "chain.written_axes[joint - 1] if",
+        "length",
     ),
     Fault(
-        "directions", "base axes for a joint's", "joint_poses[joint][:3, _AXES", "joint_poses[0][:3, _AXES", "length"
+        "directions",
+        "base axes for a joint's",
+        "turned = posture.joint_poses[joint]",
+        "turned = posture.joint_poses[0]",
+        "length",
     ),
     Fault("frame", "shift and turn swapped", '("x", "y", "z", "rx", "ry", "rz")', '("rx", "ry", "rz", "x", "y", "z")'),
     Fault(
@@ -150,7 +160,7 @@ LAWS = (
     Fault(
         "seats", "loads turned the wrong way", "axis_alignment(joint)).T", "axis_alignment(joint))", "bearing_stiffness"
     ),
-    Fault("seats", "fixed guides travel", 'pads_on == "child"', 'pads_on == "parent"', "bearing_stiffness"),
+    Fault("seats", "fixed guides travel", 'pads_on == "parent"', 'pads_on == "child"', "bearing_stiffness"),
     Fault(
         "chosen_place", "another joint's seat", "chain.joint_index(joint))", "chain.joint_index(joint) + 1)", "frame"
     ),

@@ -139,12 +139,15 @@ def test_seen_from_the_tool_the_same_link_bends_the_other_way_round(number):
     x = (end - start) / length
     beyond = reading.beyond(f"joint{number}", "tool")
     here = reading.beyond(outer.name, "tool") - beyond
-    names = dict.fromkeys(here, None) | dict.fromkeys(beyond, length)
-    loads, weight = beam_loads(reading, names, "tool", q, gravity, start, x, length)
+    names = dict.fromkeys(here, (0.0, length)) | dict.fromkeys(beyond, length)
+    if number == 2:
+        joined = float(x @ (poses["half2"][:3, 3] - start))
+        names |= {"link2": (joined, length), "half2": (0.0, joined, "about")}
+    loads, spread = beam_loads(reading, names, "tool", q, gravity, start, x, length)
     axes = np.linalg.svd(x[None])[2].T  # any axes normal to x do for equal rigidities
     axes[:, 0] = x
     at, totals = evaluated(chain, q, [Beam(link=f"link{number}", EI=3000.0, GI=800.0, EA=2e5)])
-    expected = integrals(loads, weight, length, axes, (800.0, 3000.0, 3000.0, 2e5))
+    expected = integrals(loads, spread, length, axes, (800.0, 3000.0, 3000.0, 2e5))
     np.testing.assert_allclose(in_base(at.posture, totals), expected, atol=1e-13)
 
 

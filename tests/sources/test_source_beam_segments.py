@@ -158,10 +158,41 @@ def test_weight_at_the_centres_of_mass_against_finite_elements(segmented):
     np.testing.assert_allclose(total, expected, rtol=1e-7, atol=1e-9 * np.abs(expected).max())
 
 
-def test_uniform_weight_takes_all_links_on_the_way():
+def carried_on_the_way():
+    """Return what hangs on the arm: the fore's weight from (start, stop, force), and its moment, tool and motor as points.
+
+    The fore begins at 0.8 m and ends at the tip: its weight is spread about its centre as far as it goes to both sides.
+    The tool's frame is the tip: it weighs there, with the moment of what its centre lies beyond.
+    """
+    (_, (mass, centre), (tool_mass, tool_centre)) = CENTRES
+    room = min(centre[0] - 0.8, L - centre[0])
+    spread = (centre[0] - room, centre[0] + room, mass * GRAVITY)
+    points = [
+        MOTOR,
+        (centre[0], ZERO, np.cross(centre - [centre[0], 0, 0], mass * GRAVITY)),
+        (L, tool_mass * GRAVITY, np.cross(tool_centre - [L, 0, 0], tool_mass * GRAVITY)),
+    ]
+    return spread, points
+
+
+def with_spread(pieces, *spread) -> list[Piece]:
+    """Return pieces cut where weights (start, stop, force) that are spread evenly begin and end."""
+    cuts = sorted({piece.end for piece in pieces} | {x for start, stop, _ in spread for x in (start, stop) if x > 0})
+    result = []
+    for before, end in zip([0.0, *cuts], cuts, strict=False):
+        middle = (before + end) / 2
+        piece = next(piece for piece in pieces if middle < piece.end)
+        extra = [force / (stop - start) for start, stop, force in spread if start < middle < stop]
+        result.append(Piece(end, piece.rigidities, sum(extra, piece.weight)))
+    return result
+
+
+def test_uniform_weight_goes_along_its_own_link_and_what_is_bolted_on_acts_where_it_is():
     total = terms_of(Beam(link="arm", segments=SEGMENTS), on_the_way())
-    weight = (2.0 + 1.5 + 0.4) * GRAVITY / L
-    expected = cantilever([Piece(end, rigidities, weight) for end, rigidities in STEPS], [MOTOR])
+    fore, points = carried_on_the_way()
+    arm = (0.0, 0.8, CENTRES[0][0] * GRAVITY)
+    pieces = with_spread([Piece(end, rigidities, ZERO) for end, rigidities in STEPS], arm, fore)
+    expected = cantilever(pieces, points)
     np.testing.assert_allclose(total, expected, rtol=1e-7, atol=1e-9 * np.abs(expected).max())
 
 
@@ -184,14 +215,15 @@ def tube_pieces() -> list[Piece]:
     return pieces
 
 
-def test_weight_by_section_takes_the_place_of_the_masses_on_the_way():
-    """The motor is no part of the way: it stays."""
-    expected = cantilever(tube_pieces(), [MOTOR])
+def test_weight_by_section_takes_the_place_of_the_links_own_mass():
+    """What is bolted to it stays, on the way (fore, tool) and beside it (motor)."""
+    fore, points = carried_on_the_way()
+    expected = cantilever(with_spread(tube_pieces(), fore), points)
     np.testing.assert_allclose(terms_of(tubes(), on_the_way()), expected, rtol=1e-7, atol=1e-9 * np.abs(expected).max())
 
 
 def test_weight_by_section_loads_the_joints_and_links_before_it_too():
-    """Torque by hand: each tube at its middle, and the motor; the URDF's own masses are gone."""
+    """Torque by hand: each tube at its middle, motor, fore and tool; the arm's own mass is gone."""
     chain = on_the_way()
     source = tubes()
     _, totals = evaluated(chain, [0.0], [source, JointCompliance(joint="hinge", compliance=1e-5)])
@@ -200,6 +232,7 @@ def test_weight_by_section_loads_the_joints_and_links_before_it_too():
     weights = [mass * length for mass, (length, *_) in zip(heavy, TUBES, strict=True)]
     torque = sum(mass * middle * GRAVITY[1] for mass, middle in zip(weights, middles, strict=True))
     torque += 0.7 * (0.7 * GRAVITY[1] - 0.05 * GRAVITY[0])
+    torque += sum(mass * np.cross(centre, GRAVITY)[2] for mass, centre in CENTRES[1:])
     turn = next(total for target, total in totals.items() if total.shape == (1,))
     assert turn[0] == pytest.approx(1e-5 * torque, rel=1e-13)
 

@@ -3,20 +3,18 @@
 from __future__ import annotations
 
 import math
-import typing
 from collections.abc import Iterable
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from precision_pin.analyses import shapley
 from precision_pin.chain import Chain
-from precision_pin.laws import Law
 from precision_pin.model import ErrorModel, PoseModel
 from precision_pin.parameters import Component, Expression, Operation
 from precision_pin.space import Draw, Space
-from precision_pin.terms import JointValue, Source, Target
+from precision_pin.terms import JointValue, Target
 
 __all__ = [
     "by_component",
@@ -128,7 +126,8 @@ def owners(error_model: ErrorModel) -> tuple[tuple[str, ...], ...]:
     draw_of = {name: draw.name for draw in error_model.space.draws for name in draw.components}
     found: dict[str, list[str]] = {draw.name: [] for draw in error_model.space.draws}
     for source, label in zip(error_model.sources, error_model.labels, strict=True):
-        named = {draw_of[name] for name in _named(source) if name in draw_of}
+        settings = (leaf.value for leaf in source.leaves(label) if leaf.may_be_random)
+        named = {draw_of[name] for setting in settings for name in _names_in(setting) if name in draw_of}
         for name in named | {draw.name for draw in source.draws(label)}:
             found[name].append(label)
     return tuple(tuple(found[draw.name]) for draw in error_model.space.draws)
@@ -136,20 +135,6 @@ def owners(error_model: ErrorModel) -> tuple[tuple[str, ...], ...]:
 
 def _columns(space: Space, draws: Iterable[int]) -> list[int]:
     return [column for k in draws for column in range(space.slices[k].start, space.slices[k].stop)]
-
-
-def _named(source: Source) -> set[str]:
-    """Return the parameters that a source's settings name; names of joints and links are in settings that take no law."""
-    hints = typing.get_type_hints(type(source))
-    names: set[str] = set()
-    for field, setting in source.settings().items():
-        if _takes_law(hints[field]):
-            names |= _names_in(setting)
-    return names
-
-
-def _takes_law(hint: Any) -> bool:
-    return hint is Law or any(_takes_law(part) for part in typing.get_args(hint))
 
 
 def _names_in(setting: object) -> set[str]:
@@ -162,8 +147,6 @@ def _names_in(setting: object) -> set[str]:
             return {setting.name}
         case Operation() as formula:
             return _components_of(formula)
-        case tuple():
-            return {name for entry in setting for name in _names_in(entry)}
         case _:
             return set()
 

@@ -244,6 +244,15 @@ class Empirical(_BoundedLaw):
         inner = [((k + 0.5) / len(x), value) for k, value in enumerate(x)]
         return cls(((0.0, x[0]), *inner, (1.0, x[-1])))
 
+    @property
+    def sample_count(self) -> int | None:
+        """How many samples the law was made of; None where it is no table that :meth:`from_samples` makes."""
+        p, x = self._knots
+        count = p.size - 2
+        if count < 1 or x[0] != x[1] or x[-1] != x[-2]:
+            return None
+        return count if np.array_equal(p[1:-1], (np.arange(count) + 0.5) / count) else None
+
     @cached_property
     def _knots(self) -> tuple[Array, Array]:
         table = np.array(self.quantiles, dtype=float)

@@ -347,7 +347,7 @@ def _beams(chain: Chain) -> Lines:
         f"{wall * 1e3:.3g} mm wall (E 70 GPa, G 26 GPa: EI = E pi/8 d^3 t, GI = G pi/4 d^3 t), to be put right first."
     )
     lines = _comment(text, "  # ")
-    names = {frame.link: name for name, frame in chain.link_frames.items() if frame.path_rank == 0}
+    names = {frame.link: name for name, frame in chain.link_frames.items() if frame.is_own}
     for link, placement in enumerate(chain.placements):
         if np.linalg.norm(placement[:3, 3]) < SHORTEST:
             continue

@@ -45,6 +45,10 @@ class Findings:
         """Add an error at a path."""
         self.found.append(Finding("error", code, message, self.file, self.text.line(path)))
 
+    def warning(self, path: Path, message: str, code: str) -> None:
+        """Add a warning at a path."""
+        self.found.append(Finding("warning", code, message, self.file, self.text.line(path)))
+
     def take(self, path: Path, error: InputError) -> None:
         """Add an error met at a path; at the line of the key or name where the message is about one."""
         if isinstance(error, SettingError):

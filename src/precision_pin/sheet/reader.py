@@ -19,12 +19,13 @@ from precision_pin.examples import resolve_robot
 from precision_pin.laws import Fixed
 from precision_pin.sheet.correlations import correlated_space
 from precision_pin.sheet.findings import Findings
+from precision_pin.sheet.remarks import few_samples
 from precision_pin.sheet.schema import Context, Document, source_model, used_quantities
 from precision_pin.sheet.settings import NAME, NamedParameter, SettingError, parse_law
 from precision_pin.sheet.text import Path, Text, read_text
 from precision_pin.sources import catalogue
 from precision_pin.space import Draw, LabelledSpace, Space
-from precision_pin.terms import Source, labels
+from precision_pin.terms import Source, labels, own_draws
 from precision_pin.urdf import Joint, Robot
 from precision_pin.urdf import read as read_urdf
 
@@ -119,6 +120,7 @@ def read(
     poses = _poses(document, findings, chain)
     _try_terms(chain, space, sources, poses, findings)
     findings.refuse()
+    _remark(space, sources, findings)
     found = (*chain.robot.findings, *findings.found)
     # which of several leaves is meant is settled by now
     warnings = tuple(finding for finding in found if finding.severity == "warning" and finding.code != "W_BRANCHED")
@@ -344,3 +346,23 @@ def _try_terms(
                     pass
         except InputError as error:
             findings.take(path, error)
+
+
+def _remark(space: Space, sources: Mapping[int, Source], findings: Findings) -> None:
+    """Warn of what a sheet without error says that is seldom meant."""
+    names = labels(list(sources.values()))
+    extended = space.including(own_draws(list(sources.values()), names))
+    for draw in space.draws:
+        _remark_on_samples(("parameters", draw.name), draw, findings)
+    for (k, source), label in zip(sources.items(), names, strict=True):
+        path: Path = ("sources", k, source.kind())
+        for draw in source.draws(label):
+            _remark_on_samples(path, draw, findings)
+        for remark in source.remarks(LabelledSpace(extended, label)):
+            findings.warning(path, remark.message, remark.code)
+
+
+def _remark_on_samples(path: Path, draw: Draw, findings: Findings) -> None:
+    remark = few_samples(draw.law)
+    if remark is not None:
+        findings.warning(path, f"{draw.name}: {remark}", "W_FEW_SAMPLES")

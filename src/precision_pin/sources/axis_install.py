@@ -9,7 +9,7 @@ from typing import Annotated, final
 import numpy as np
 
 from precision_pin import units
-from precision_pin.chain import Posture
+from precision_pin.chain import Place, Posture
 from precision_pin.errors import InputError
 from precision_pin.laws import Disc
 from precision_pin.space import Draw, LabelledSpace, Scope
@@ -27,7 +27,8 @@ class AxisInstall(Source):
     the plane z = start + span, each uniform over the area of a disc about the nominal axis. With
     ``AE = (x_B - x_A, y_B - y_A)`` and ``L = span`` the joint's seat is displaced by ``d = A - AE·start/L`` and
     ``δ = (-AE_y, AE_x, 0)/L``. Source: eqs 18 and 19 of Wei, Jia and Chen (2015); eq 19 prints the angles before the
-    position. The span is not in the paper; the result is nearly proportional to 1/span.
+    position. The span is not in the paper; the result is nearly proportional to 1/span. The points stay with the link
+    that is the joint's parent in the file, also where the base lies beyond the joint.
 
     Attributes
     ----------
@@ -38,7 +39,7 @@ class AxisInstall(Source):
     span
         Distance of the two planes (between the bearings).
     start
-        Where on the axis, from the joint's origin, the first plane lies.
+        Where on the axis as the file writes it, from the joint's origin, the first plane lies.
 
     Raises
     ------
@@ -74,10 +75,13 @@ class AxisInstall(Source):
         """Yield a term for each coordinate of A and B."""
         chain = posture.chain
         joint = chain.joint_index(self.joint)
-        place = chain.seat(joint)
         turn = chain.axis_alignment(joint)
         axes = np.zeros((6, 6))
         axes[:3, :3] = axes[3:, 3:] = turn
+        place = chain.seat(joint)
+        if chain.reversed_joints[joint]:
+            # the frame before the joint turns lies behind it, and what is displaced is the link that carries it
+            place, axes = Place.custom(joint + 1, 0, f"seat of {self.joint}", np.eye(4)), -axes
         crossing = self.start / self.span
         for point, share, sign in (("A", 1 + crossing, -1.0), ("B", -crossing, 1.0)):
             slope = sign / self.span

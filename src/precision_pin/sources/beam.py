@@ -13,12 +13,11 @@ from numpy.typing import NDArray
 from precision_pin import se3, units
 from precision_pin.chain import Chain, Factors, Load, Posture
 from precision_pin.errors import InputError, UnknownNameError
-from precision_pin.laws import Law
 from precision_pin.parameters import Expression, Value
 from precision_pin.se3 import rotation_about
 from precision_pin.sources.bent_shape import BentShape
 from precision_pin.sources.profiles import Profile, Segment, Stretch, ends, stretches
-from precision_pin.space import Draw, LabelledSpace, Setting
+from precision_pin.space import LabelledSpace, Setting
 from precision_pin.terms import Source, Term
 
 __all__ = ["Beam", "beam_axes", "point_flexibility", "weight_flexibility"]
@@ -27,6 +26,11 @@ Array = NDArray[np.float64]
 
 _PARALLEL: Final = 1e-9
 """Sine of the angle below which an axis counts as parallel to the beam."""
+_NO_LENGTH: Final = 1e-9
+"""Part of the beam's length up to which a stretch of it is a point."""
+_FORCE: Final = np.repeat([1.0, 0.0], 3)
+_MOMENT: Final = np.repeat([0.0, 1.0], 3)
+"""Which components of a wrench are its force, and its moment."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,8 +51,10 @@ class Beam(Profile, OnLink):
     """Flexibility of a link: a cantilever from its joint's origin to the next joint's (or the tip).
 
     x runs along it; z is its joint's axis made normal to x (where parallel: the next joint's axis, then the link's y);
-    y = z × x; then both turned by ``roll`` about x. The tip carries what hangs beyond the link; what else hangs on the
-    link (payloads, fixed branches, locked joints) acts at its projection. Euler-Bernoulli, small deflection:
+    y = z × x; then both turned by ``roll`` about x. Where the base lies beyond the link, clamp and tip change places, but
+    x, y, z and the order of ``segments`` stay. The tip carries what hangs beyond the link. What else is bolted to it acts
+    at a projection: payloads on the way at that of their mean centre of mass, branches (fixed, or behind locked joints)
+    at that of the joint that holds them. Euler-Bernoulli, small deflection:
     ``Δl = F_x l/EA + q_x l²/2EA``, ``w_y = F_y l³/3EI_z + M_z l²/2EI_z + q_y l⁴/8EI_z``,
     ``θ_z = F_y l²/2EI_z + M_z l/EI_z + q_y l³/6EI_z``, likewise with the other sign for w_z and θ_y, ``Δφ = M_x l/GI``;
     with ``segments`` each bends so under what acts beyond its start and carries the rest along. Source: section 3.2 and
@@ -92,8 +98,8 @@ class Beam(Profile, OnLink):
     EA
         Axial rigidity; rigid if left out, as is each of the others.
     segments
-        Parts with sections of their own, from the joint on: each with ``length`` or ``fraction`` (one may have neither)
-        and any of the settings above.
+        Parts with sections of their own, from the link's own joint on: each with ``length`` or ``fraction`` (one may have
+        neither) and any of the settings above.
     bending_stiffness, torsion_stiffness
         Instead of EI and GI: moment at the end for one radian there.
     axial_stiffness
@@ -101,8 +107,10 @@ class Beam(Profile, OnLink):
     roll
         Of the section about x.
     self_weight
-        ``uniform``: the masses of the URDF links on the way spread evenly; ``centre``: each at the projection of its
-        centre of mass, with the moment of the offset; ``section``: density × area in place of these masses.
+        How the masses of the URDF links on the way act. ``uniform``: that of the link's own body (the child of its joint;
+        a frame without mass is passed over) spread evenly over its part of the way, those bolted to it about their centres
+        of mass as far as their own parts go to both sides; ``centre``: each at the projection of its centre of mass, with
+        the moment of the offset; ``section``: density × area in place of the own body's mass, the others as ``uniform``.
 
     Raises
     ------
@@ -136,18 +144,6 @@ class Beam(Profile, OnLink):
         for part in stretches(self, self.segments):
             part.check(may_be_rigid=bool(at_end), weighs=self.self_weight == "section")
 
-    def own_draws(self, label: str) -> tuple[Draw, ...]:
-        """Return the draws for the laws in segments."""
-        found = []
-        for k, segment in enumerate(self.segments):
-            for entry in dataclasses.fields(segment):
-                name, value = f"{label}.segments[{k}].{entry.name}", getattr(segment, entry.name)
-                if isinstance(value, Law):
-                    found.append(Draw(name, value))
-                elif isinstance(value, Draw):
-                    found.append(dataclasses.replace(value, name=value.name or name))
-        return tuple(found)
-
     def loads(self, posture: Posture, space: LabelledSpace) -> Iterator[Load]:
         """Yield, where the section gives the weight, what takes the URDF's masses away and what comes instead."""
         if self.self_weight != "section":
@@ -171,7 +167,7 @@ class Beam(Profile, OnLink):
         pushes = list(self._pushes(posture, space, link, length, axes, shape))
         if shape is not None:
             yield Term.of(place, turn @ shape.second_order, loaded=True)
-        for start, stop, part in self._parts(length):
+        for start, stop, part in self._parts(length, chain.runs_backwards(link)):
             for stiffness, rows in self._stiffnesses(part, space, length):
                 flexibility = 1.0 / stiffness
                 total: dict[Factors, Array] = {}
@@ -184,10 +180,15 @@ class Beam(Profile, OnLink):
                 for factors, displacement in total.items():
                     yield Term.of(place, turn @ displacement, *factors, flexibility, loaded=True)
 
-    def _parts(self, length: float) -> Iterator[tuple[float, float, Stretch]]:
-        """Yield start, end (m along the beam) and settings of every part."""
-        cuts = (0.0, *ends(self.segments, length))
-        return zip(cuts[:-1], cuts[1:], stretches(self, self.segments), strict=True)
+    def _parts(self, length: float, backwards: bool) -> Iterator[tuple[float, float, Stretch]]:
+        """Return start, end (m along the beam) and settings of every part, from the clamp on.
+
+        ``backwards`` where the first of the segments is the last from the clamp on.
+        """
+        cuts, parts = (0.0, *ends(self.segments, length)), stretches(self, self.segments)
+        if backwards:
+            cuts, parts = tuple(length - cut for cut in reversed(cuts)), parts[::-1]
+        return zip(cuts[:-1], cuts[1:], parts, strict=True)
 
     def _stiffnesses(
         self, part: Stretch, space: LabelledSpace, length: float
@@ -212,7 +213,8 @@ class Beam(Profile, OnLink):
     def _weights(self, chain: Chain, space: LabelledSpace, link: int) -> Iterator[tuple[float, float, Load]]:
         """Yield start, end and weight of every part, by its section."""
         axes = beam_axes(chain, link)
-        for start, stop, part in self._parts(float(np.linalg.norm(chain.placements[link][:3, 3]))):
+        length = float(np.linalg.norm(chain.placements[link][:3, 3]))
+        for start, stop, part in self._parts(length, chain.runs_backwards(link)):
             centre = axes[:, 0] * ((start + stop) / 2)
             mass = part.mass_per_length(space) * (stop - start)
             factors, scale = ((mass,), 1.0) if isinstance(mass, Expression) else ((), mass)
@@ -230,34 +232,42 @@ class Beam(Profile, OnLink):
             for factors, wrench in posture.wrench_on(loads, point).items():
                 yield _Push(start, stop, to_beam @ wrench, factors)
 
-        def at_projection(load: Load) -> Iterator[_Push]:
+        def hung(load: Load) -> Iterator[_Push]:
             reach = float(axes[:, 0] @ load.attachment)
+            room = 0.0 if self.self_weight == "centre" else _room(load, reach, axes[:, 0], length)
             point = axes[:, 0] * reach
             if shape is not None:
                 # what is bolted to a bent beam moves and turns with it
                 moved = _both(axes) @ shape.displacement(reach)
                 about = se3.compose(se3.translation(point), se3.displacement(moved), se3.translation(-point))
                 load, point = dataclasses.replace(load, frame=about @ load.frame), point + moved[:3]
-            yield from pushes([load], base[:3, :3] @ point + base[:3, 3], reach, reach)
+            for push in pushes([load], base[:3, :3] @ point + base[:3, 3], reach, reach):
+                if room == 0.0:
+                    yield push
+                else:
+                    yield dataclasses.replace(push, wrench=push.wrench * _MOMENT)
+                    yield _Push(reach - room, reach + room, push.wrench * _FORCE, push.factors)
 
         end = posture.loaded_ends[link][:3, 3]
         yield from pushes([load for load in posture.loads if load.link > link], end, length, length)
-        along = _along(posture.loads, link)
+        own = _along(posture.loads, link)
         match self.self_weight:
             case "uniform":
-                yield from pushes(along, end, 0.0, length)
+                for load in own:
+                    start, stop = _stretch(load, axes[:, 0], length)
+                    yield from pushes([load], end, start, stop) if stop > start else hung(load)
             case "centre":
-                for load in along:
-                    yield from at_projection(dataclasses.replace(load, attachment=_centre(load)))
+                for load in own:
+                    yield from hung(load)
             case "section":
                 weights = list(self._weights(chain, space, link))
-                if len(along) != 2 * len(_along(chain.loads, link)) + len(weights):
+                if len(own) != 2 * len(_along(chain.loads, link)) + len(weights):
                     raise InputError(f"two beams give the link of {self.link!r} its weight by section")
                 for start, stop, load in weights:
                     yield from pushes([load], end, start, stop)
         for load in posture.loads:
             if load.link == link and not load.along:
-                yield from at_projection(load)
+                yield from hung(load)
 
 
 @final
@@ -289,8 +299,9 @@ class _Push:
             reach = min(self.stop, stop)
             bent = point_flexibility(stop - start, reach - start) @ _lever(self.stop - reach).T
         else:
-            if self.start <= start:
-                bent = weight_flexibility(stop - start) * ((stop - start) / spread)
+            first, last = max(self.start, start), min(self.stop, stop)
+            if last > first:
+                bent = weight_flexibility(stop - start, first - start, last - start) * ((last - first) / spread)
             beyond = self.stop - max(self.start, stop)
             if beyond > 0.0:
                 middle = self.stop - beyond / 2
@@ -312,11 +323,19 @@ def _along(loads: Iterable[Load], link: int) -> list[Load]:
     return [load for load in loads if load.link == link and load.along]
 
 
-def _centre(load: Load) -> Array:
-    """Return the centre of mass of one of a link's own loads, in the chain link's axes, ``(3,)``."""
-    moments = load.moments[0][0]
-    centre: Array = load.frame[:3, :3] @ (moments[1:] / moments[0]) + load.frame[:3, 3]
-    return centre
+def _stretch(load: Load, x: Array, length: float) -> tuple[float, float]:
+    """Return from where to where (m along the beam) a weight's part of the way goes; twice the same for no length."""
+    if load.stretch is None:
+        return (0.0, length) if load.along else (0.0, 0.0)
+    start, stop = sorted(float(min(max(reach, 0.0), length)) for reach in load.stretch @ x)
+    return (start, stop) if stop - start > _NO_LENGTH * length else (start, start)
+
+
+def _room(load: Load, reach: float, x: Array, length: float) -> float:
+    """Return how far (m) a weight's part of the way goes to both sides of its centre, which lies at ``reach``."""
+    start, stop = _stretch(load, x, length)
+    room = min(reach - start, stop - reach)
+    return room if room > _NO_LENGTH * length else 0.0
 
 
 def point_flexibility(length: float, reach: float) -> Array:
@@ -340,14 +359,18 @@ def point_flexibility(length: float, reach: float) -> Array:
     )
 
 
-def weight_flexibility(length: float) -> Array:
-    """Return the end's displacement for a total weight spread along a cantilever; see :func:`point_flexibility`."""
-    l = length  # noqa: E741
+def weight_flexibility(length: float, start: float = 0.0, stop: float | None = None) -> Array:
+    """Return the end's displacement for a total weight spread between two points of a cantilever, all of it if left out.
+
+    See :func:`point_flexibility`, whose mean it is over the reach.
+    """
+    a, b, l = start, length if stop is None else stop, length  # noqa: E741
+    first, second, third = (a + b) / 2, (a**2 + a * b + b**2) / 3, (a + b) * (a**2 + b**2) / 4
     result = np.zeros((6, 6))
-    result[0, 0] = l / 2
-    result[1, 1] = result[2, 2] = l**3 / 8
-    result[5, 1] = l**2 / 6
-    result[4, 2] = -(l**2) / 6
+    result[0, 0] = first
+    result[1, 1] = result[2, 2] = (3 * l * second - third) / 6
+    result[5, 1] = second / 2
+    result[4, 2] = -second / 2
     return result
 
 
@@ -359,21 +382,24 @@ def beam_axes(chain: Chain, link: int, roll: float = 0.0) -> Array:
     InputError
         The link has no length.
     """
-    way = chain.placements[link][:3, 3]
-    length = float(np.linalg.norm(way))
+    far_end = chain.placements[link]
+    length = float(np.linalg.norm(far_end[:3, 3]))
     if length == 0:
         raise InputError(f"chain link {link} ({chain.end(link).name}) has no length, so it cannot bend")
-    x = way / length
-    candidates = []
+    x = far_end[:3, 3] / length
+    ends = []
     if link > 0:
-        candidates.append(chain.axes[link - 1])
+        ends.append(chain.written_axes[link - 1])
     if link < len(chain.joints):
-        candidates.append(chain.placements[link][:3, :3] @ chain.axes[link])
-    candidates += [np.array([0.0, 1.0, 0.0]), np.array([0.0, 0.0, 1.0])]
+        ends.append(far_end[:3, :3] @ chain.written_axes[link])
+    backwards = chain.runs_backwards(link)
+    # in a link that the file begins at the far end, that end's joint and axes count, and x points back
+    own_axes, x = (far_end[:3, :3], -x) if backwards else (np.eye(3), x)
+    candidates = [*(reversed(ends) if backwards else ends), own_axes[:, 1], own_axes[:, 2]]
     z = next(normal for normal in (axis - x * (x @ axis) for axis in candidates) if np.linalg.norm(normal) > _PARALLEL)
     z = z / np.linalg.norm(z)
     axes: Array = np.array([x, np.cross(z, x), z]).T @ rotation_about((1, 0, 0), roll)
-    return axes
+    return axes * [-1.0, -1.0, 1.0] if backwards else axes
 
 
 def _both(turn: Array) -> Array:

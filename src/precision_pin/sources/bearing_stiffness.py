@@ -47,7 +47,7 @@ class BearingStiffness(Source):
     roll
         Where the joint slides: about its axis, ``δ_z = M_z/k``.
     centre
-        Where on the axis, from the joint's origin, the bearing's centre lies.
+        Where on the axis as the file writes it, from the joint's origin, the bearing's centre lies.
     pads_on
         Where the joint slides: the link that the bearing is fixed to, ``child`` (a carriage, which travels along its
         rail; ``centre`` counts from the joint's frame after it moved) or ``parent`` (fixed guides).

@@ -51,15 +51,19 @@ class BentShape:
         return cls(float(np.linalg.norm(place[:3, 3])), np.concatenate([to_beam @ bending[:3], to_beam @ bending[3:]]))
 
     def displacement(self, reach: ArrayLike) -> Array:
-        """Return the displacements ``(..., 6)`` at places ``reach`` ``(...)`` (m) along the beam, beam axes."""
-        l, s = self.length, np.asarray(reach, dtype=float) / self.length  # noqa: E741
+        """Return the displacements ``(..., 6)`` at places ``reach`` ``(...)`` (m) along the beam, beam axes.
+
+        What stands off its ends moves with them.
+        """
+        l, along = self.length, np.asarray(reach, dtype=float)  # noqa: E741
+        s, beyond = np.clip(along / l, 0.0, 1.0), np.maximum(along - l, 0.0)
         u, w_y, w_z, phi, theta_y, theta_z = self.end
         across, turned = s * s * (3 - 2 * s), l * s * s * (s - 1)
         across_slope, turned_slope = 6 * s * (1 - s) / l, s * (3 * s - 2)
         rows = (
             u * s,
-            w_y * across + theta_z * turned,
-            w_z * across - theta_y * turned,
+            w_y * across + theta_z * (turned + beyond),
+            w_z * across - theta_y * (turned + beyond),
             phi * s,
             theta_y * turned_slope - w_z * across_slope,
             theta_z * turned_slope + w_y * across_slope,

@@ -51,7 +51,7 @@ class Clearance(Source):
     span
         Distance of the bearings.
     start
-        Where on the axis, from the joint's origin, bearing A stands.
+        Where on the axis as the file writes it, from the joint's origin, bearing A stands.
     axial
         Total axial play, from one end to the other. Not of a joint that slides.
     direction

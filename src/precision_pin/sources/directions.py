@@ -20,7 +20,9 @@ _AXES: Final = {"x": 0, "y": 1, "z": 2}
 def direction_of(text: str, posture: Posture) -> NDArray[np.float64]:
     """Return the unit vector, base axes, of ``[-]x|y|z|axis of JOINT`` or ``[-]x|y|z of BASE``.
 
-    ``x``, ``y``, ``z`` are the axes of the joint's URDF frame after it turned, or of the chain's base link.
+    ``x``, ``y``, ``z`` are the axes of the joint's URDF frame after it turned (those of its child link in the file), or
+    of the chain's base link; ``axis`` is the joint's as the file writes it. All of them are the same directions in space
+    wherever the base is.
 
     Raises
     ------
@@ -36,6 +38,10 @@ def direction_of(text: str, posture: Posture) -> NDArray[np.float64]:
     if name == posture.chain.base and name not in posture.chain.joint_names and match[2] != "axis":
         along = np.eye(3)[_AXES[match[2]]]
         return np.asarray(-along if match[1] else along, dtype=float)
-    joint = posture.chain.joint_index(name)
-    direction = posture.joint_axes[joint] if match[2] == "axis" else posture.joint_poses[joint][:3, _AXES[match[2]]]
+    chain, joint = posture.chain, posture.chain.joint_index(name)
+    # what turns with the file's child is the link before a joint that the chain passes against the file
+    turned = posture.joint_poses[joint]
+    if chain.reversed_joints[joint]:
+        turned = posture.link_poses[joint] @ chain.placements[joint]
+    direction = turned[:3, :3] @ (chain.written_axes[joint] if match[2] == "axis" else np.eye(3)[_AXES[match[2]]])
     return np.asarray(-direction if match[1] else direction, dtype=float)

@@ -9,9 +9,9 @@ from typing import Annotated, Literal, final
 
 from precision_pin import units
 from precision_pin.chain import Posture
-from precision_pin.errors import InputError
+from precision_pin.errors import Finding, InputError
 from precision_pin.laws import Uniform
-from precision_pin.sources.periodic import periodic_terms, phase_draw
+from precision_pin.sources.periodic import amplitude_remarks, periodic_terms, phase_draw
 from precision_pin.space import Draw, LabelledSpace, Scope, Setting
 from precision_pin.terms import JointValue, Source, Term
 
@@ -23,14 +23,16 @@ __all__ = ["Encoder"]
 class Encoder(Source):
     """Errors of a joint's encoder: resolution, zero, eccentricity or another periodic error, scale.
 
-    A controller holds the reading, so an error of the reading is one of the joint's value. Resolution: uniform, ± half a
-    step (JCGM 100:2008, F.2.2.1). Periodic: ``amplitude · sin(order · θ + φ)`` with θ the angle of the encoder's shaft
-    and φ a phase that is random, uniform on the turn, but the same at every pose of one built robot. A disc that sits
-    eccentric by e, read at radius r, gives the once-per-turn error of amplitude e/r, ±412 e/D arcsec for e in µm and the
-    diameter D in mm (Heidenhain, Angle Encoders without Integral Bearing). The mean of two heads opposite each other
-    keeps the even orders and has no odd ones, eccentricity among them. On the motor's side θ turns ``ratio`` times as
-    fast as the joint, and an error of the shaft counts 1/ratio at the joint. At a joint that slides, the linear encoder
-    has ``sin(2π · order · d / period + φ)`` and a scale that is too long or too short: ``scale · d``.
+    A controller holds the reading, so what the reading lacks the joint has too much: every error here is the joint's,
+    true less read, and is added to its value. Resolution: uniform, ± half a step (JCGM 100:2008, F.2.2.1). Periodic:
+    ``amplitude · sin(order · θ + φ)`` with θ the angle of the encoder's shaft and φ a phase that is random, uniform on the
+    turn, but the same at every pose of one built robot; so an amplitude t has the standard deviation t/√2, one that
+    varies ``√(E[t²]/2)``. A disc that sits eccentric by e, read at radius r, gives the once-per-turn error of amplitude
+    e/r, ±412 e/D arcsec for e in µm and the diameter D in mm (Heidenhain, Angle Encoders without Integral Bearing). The
+    mean of two heads opposite each other keeps the even orders and has no odd ones, eccentricity among them. On the
+    motor's side θ turns ``ratio`` times as fast as the joint, and an error of the shaft counts 1/ratio at the joint. At a
+    joint that slides, the linear encoder has ``sin(2π · order · d / period + φ)`` and a scale that is too long or too
+    short: ``scale · d``.
 
     Attributes
     ----------
@@ -41,9 +43,11 @@ class Encoder(Source):
     scope
         Of the resolution's error: ``pose`` (a pose lies at one place within its step) or ``visit``.
     offset
-        Zero error of the joint's value.
+        Where on the joint's own scale the encoder has its zero: it is added to the joint's value. A reading that is too
+        large by o is the offset -o.
     amplitude
-        Of the periodic error, at the encoder's shaft; half of peak to peak.
+        Of the periodic error, at the encoder's shaft; half of peak to peak. The sign is the phase's affair: a law for it
+        has its mean above zero.
     eccentricity, radius
         Instead of amplitude: how far the disc sits off its shaft's axis, and the mean radius of its graduation.
     order
@@ -55,7 +59,8 @@ class Encoder(Source):
     period
         Length in which the periodic error of a linear encoder repeats itself.
     scale
-        Error of a linear encoder's pitch, relative to the travel from the joint's zero.
+        Error of a linear encoder's pitch, relative to the travel from the joint's zero: positive where it is too long and
+        the joint goes too far.
 
     Raises
     ------
@@ -114,6 +119,13 @@ class Encoder(Source):
         if self._is_periodic:
             draws.append(phase_draw(f"{label}.phase"))
         return tuple(draws)
+
+    def remarks(self, space: LabelledSpace) -> Iterator[Finding]:
+        """Yield a warning where the amplitude or the eccentricity varies about zero."""
+        for field in ("amplitude", "eccentricity"):
+            setting = getattr(self, field)
+            if setting is not None and self._is_periodic:
+                yield from amplitude_remarks(field, space.value(field, setting), space)
 
     def terms(self, posture: Posture, space: LabelledSpace) -> Iterator[Term]:
         """Yield a term for each error, two for the periodic one."""

@@ -27,9 +27,9 @@ class Frame(Source):
     Attributes
     ----------
     joint, link, frame
-        Which place, one of the three: the seat of a joint (its URDF origin frame before it turns), the end of the chain
-        link that a URDF link belongs to (the next joint's origin frame, or the tip), or the frame of a URDF link on the
-        way to the tip.
+        Which place, one of the three: the seat of a joint (its URDF origin frame before it turns; where the base lies
+        beyond the joint, the frame of its child link), the end of the chain link that a URDF link belongs to (the next
+        joint's origin frame, or the tip), or the frame of a URDF link on the way to the tip.
     x, y, z
         Shift.
     rx, ry, rz

@@ -24,8 +24,9 @@ class Length(Source):
     """Manufacturing error of a length: moves a joint's origin, or a frame, along a direction.
 
     The displacement is ``direction × (sum of the parameters)`` at the end of the chain link that carries the joint's
-    origin or the frame. Lengths may share parameters: in the paper's Table 1 the length a₁ stands in y₁ and in z₄, so
-    one random a₁ moves both. Source: section 3.1 of Wei, Jia and Chen (2015), ``Δx, Δy, Δz`` of a link.
+    origin or the frame; all that lies beyond, seen from the base, moves that way. Lengths may share parameters: in the
+    paper's Table 1 the length a₁ stands in y₁ and in z₄, so one random a₁ moves both. Source: section 3.1 of Wei, Jia and
+    Chen (2015), ``Δx, Δy, Δz`` of a link.
 
     Attributes
     ----------
@@ -33,7 +34,7 @@ class Length(Source):
         What moves: a joint's origin, or a frame on the way to the tip. One of the two.
     along
         Direction: ``link`` (from the link's start to its end, the default), or ``[-]x|y|z of JOINT`` (axes of its frame
-        after it turned) or ``[-]axis of JOINT``.
+        after it turned, which is its child link's) or ``[-]axis of JOINT`` (as the file writes it).
     parameters
         Deviations from the nominal length; they add.
 

@@ -13,7 +13,7 @@ from precision_pin.chain import Factors, Load, Posture
 from precision_pin.errors import InputError
 from precision_pin.parameters import Expression, Value
 from precision_pin.space import LabelledSpace, Setting
-from precision_pin.terms import Source, Term
+from precision_pin.terms import Source, Term, at_means
 
 __all__ = ["Payload"]
 
@@ -23,7 +23,8 @@ __all__ = ["Payload"]
 class Payload(Source):
     """A weight that hangs on the arm. It displaces nothing itself: it loads the flexible joints and links.
 
-    Mass m and first moment m·c enter torques and link wrenches linearly, so a random mass or centre costs a product.
+    Mass m and first moment m·c enter torques and link wrenches linearly, so a random mass or centre costs a product. A
+    ``beam`` feels it at the projection of its mean centre of mass; where it hangs on a branch, of the branch's attachment.
 
     Attributes
     ----------
@@ -60,10 +61,15 @@ class Payload(Source):
         mass = space.positive("mass", self.mass, zero=True)
         centre = space.values("com", self.com)
         moments = [_moment(0, mass), *(_moment(k + 1, mass, value) for k, value in enumerate(centre))]
-        yield Load(where.link, where.frame, where.attachment, along=False, moments=tuple(moments))
+        entry = where.entry([_at_means(value, space) for value in centre])
+        yield Load(where.link, where.frame, entry, along=False, moments=tuple(moments))
 
 
 def _moment(row: int, *values: Value) -> tuple[np.ndarray[tuple[int], np.dtype[np.float64]], Factors]:
     moments = np.zeros(4)
     moments[row] = np.prod([value for value in values if not isinstance(value, Expression)])
     return moments, tuple(value for value in values if isinstance(value, Expression))
+
+
+def _at_means(value: Value, space: LabelledSpace) -> float:
+    return float(at_means({(value,): 1.0}, space.space)) if isinstance(value, Expression) else value

@@ -1,6 +1,8 @@
 """What a joint's bearings see: geometry and statics at its seat.
 
-Everything is in the *seat's axes*: the joint's URDF origin frame before it moves, turned so that z is its axis.
+Everything is in the *seat's axes*: the joint's frame before it moves, as seen from the base, turned so that z is its axis
+in the file. Where the base lies beyond the joint, that frame is the one of its child link in the file; z and heights on
+the axis are the same in space wherever the base is.
 """
 
 from __future__ import annotations
@@ -39,10 +41,14 @@ def seat_wrench(posture: Posture, joint: int) -> dict[Factors, Array]:
 def height_above_seat(posture: Posture, joint: int, height: float, pads_on: PadsOn) -> float:
     """Return the height (m) above the seat's origin of what sits at ``height`` on the axis of a 0-based joint.
 
-    It travels with the joint where that slides and the pads are on the child.
+    It travels where the joint slides and the pads are not on the link that carries the seat: forth with the child, and
+    back with the parent where the base lies beyond the joint. Child and parent are those of the file.
     """
-    travels = posture.chain.prismatic[joint] and pads_on == "child"
-    return height + float(posture.q[joint]) if travels else height
+    chain = posture.chain
+    is_reversed = bool(chain.reversed_joints[joint])
+    if not chain.prismatic[joint] or (pads_on == "parent") is not is_reversed:
+        return height
+    return height + (-1.0 if is_reversed else 1.0) * float(posture.q[joint])
 
 
 def shift_of_point(height: float, other: float) -> Array:

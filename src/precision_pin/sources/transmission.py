@@ -9,8 +9,8 @@ from typing import Annotated, final
 
 from precision_pin import units
 from precision_pin.chain import Posture
-from precision_pin.errors import InputError
-from precision_pin.sources.periodic import periodic_terms, phase_draw
+from precision_pin.errors import Finding, InputError
+from precision_pin.sources.periodic import amplitude_remarks, periodic_terms, phase_draw
 from precision_pin.space import Draw, LabelledSpace, Setting, indexed
 from precision_pin.terms import JointValue, Source, Term
 
@@ -25,16 +25,18 @@ class Transmission(Source):
     The motor is where it should be, the joint is not. Kinematic error: a sum of ``amplitude · sin(2π order q/period +
     φ)``, q the joint's value; a gear wheel's runout has order 1, its teeth their number, the wave generator of a strain
     wave gear twice the gear ratio (Tuttle and Seering, IEEE Transactions on Robotics and Automation 12, 1996). Each φ is
-    random, uniform on the turn, but the same at every pose of one built robot. Wind-up: ``τ/k`` with τ the torque (or
-    force) that the load puts on the joint, as eq 23 of Wei, Jia and Chen (2015) with C = 1/k. Lead error of a screw or
-    rack: ``lead_error · d``, the deviation of the specified travel in ISO 3408-3.
+    random, uniform on the turn, but the same at every pose of one built robot; so an amplitude t has the standard
+    deviation t/√2, one that varies ``√(E[t²]/2)``. Wind-up: ``τ/k`` with τ the torque (or force) that the load puts on
+    the joint, as eq 23 of Wei, Jia and Chen (2015) with C = 1/k. Lead error of a screw or rack: ``lead_error · d``, the
+    deviation of the specified travel in ISO 3408-3.
 
     Attributes
     ----------
     joint
         Which joint.
     amplitude
-        Of the kinematic error, half of peak to peak, one or several; angles, for a joint that slides lengths.
+        Of the kinematic error, half of peak to peak, one or several; angles, for a joint that slides lengths. The sign is
+        the phase's affair: a law for it has its mean above zero.
     order
         How often each repeats itself in ``period``.
     period
@@ -79,6 +81,11 @@ class Transmission(Source):
     def own_draws(self, label: str) -> tuple[Draw, ...]:
         """Return a phase for each amplitude."""
         return tuple(phase_draw(f"{label}.{indexed('phase', k)}") for k in range(len(self.amplitude)))
+
+    def remarks(self, space: LabelledSpace) -> Iterator[Finding]:
+        """Yield a warning for each amplitude that varies about zero."""
+        for k, amplitude in enumerate(space.values("amplitude", self.amplitude)):
+            yield from amplitude_remarks(indexed("amplitude", k), amplitude, space)
 
     def terms(self, posture: Posture, space: LabelledSpace) -> Iterator[Term]:
         """Yield two terms for each amplitude, one for the lead, and one for each group of loads with the same factors."""

@@ -196,6 +196,8 @@ class Joint:
         Where given.
     line
         Where in the file.
+    reversed
+        Whether it is passed against the file, from the file's child to its parent: see `rerooted`.
     """
 
     name: str
@@ -208,11 +210,18 @@ class Joint:
     limit: Limit | None = None
     mimic: Mimic | None = None
     line: int | None = None
+    reversed: bool = False
 
     @property
     def moves(self) -> bool:
         """Whether the joint has a value."""
         return self.kind != "fixed"
+
+    @property
+    def written_axis(self) -> Array:
+        """Unit vector of its axis as the file writes it, in the joint's frame, ``(3,)``."""
+        axis = np.array(self.axis)
+        return -axis if self.reversed else axis
 
     @cached_property
     def origin(self) -> Array:

@@ -22,7 +22,8 @@ def rerooted(robot: Robot, base: str) -> Robot:
     Every link and joint keeps its name, every link its frame, every joint value its meaning: all relative
     poses stay. A moving joint between the old root and ``base`` is reversed: it stands at its old child's
     frame and moves, about the negated axis, an added massless link; a fixed joint with the inverse of the
-    old origin carries the old parent. Fixed joints are just turned round.
+    old origin carries the old parent. Fixed joints are just turned round. All of these are marked as reversed; a
+    joint that is turned round twice is not.
 
     Parameters
     ----------
@@ -45,17 +46,18 @@ def rerooted(robot: Robot, base: str) -> Robot:
             joints.append(joint)
             continue
         back = se3.inverse(joint.origin)
-        xyz, rpy = _vector(back[:3, 3]), rpy_of(back[:3, :3])
+        xyz, rpy, turned = _vector(back[:3, 3]), rpy_of(back[:3, :3]), not joint.reversed
         if not joint.moves:
-            joints.append(replace(joint, parent=joint.child, child=joint.parent, xyz=xyz, rpy=rpy))
+            joints.append(replace(joint, parent=joint.child, child=joint.parent, xyz=xyz, rpy=rpy, reversed=turned))
             continue
         seat = _free_name(f"{joint.name}_reversed", taken)
         carrier = _free_name(f"{joint.name}_origin", taken)
         x, y, z = joint.axis
         zero = (0.0, 0.0, 0.0)
-        moving = replace(joint, parent=joint.child, child=seat, xyz=zero, rpy=zero, axis=(-x, -y, -z))
+        axis = (-x, -y, -z)
+        moving = replace(joint, parent=joint.child, child=seat, xyz=zero, rpy=zero, axis=axis, reversed=turned)
         links.append(Link(seat, line=joint.line))
-        joints += [moving, Joint(carrier, "fixed", seat, joint.parent, xyz, rpy, line=joint.line)]
+        joints += [moving, Joint(carrier, "fixed", seat, joint.parent, xyz, rpy, line=joint.line, reversed=turned)]
     return replace(robot, links=tuple(links), joints=tuple(joints))
 
 

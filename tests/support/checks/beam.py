@@ -29,6 +29,7 @@ def check_beam(module: ModuleType) -> None:
     _check_beam_cases(module)
     _check_beam_axes(module)
     _check_beam_against_integrals(module)
+    _check_beam_own_and_bolted(module)
     _check_beam_settings(module)
 
 
@@ -112,23 +113,29 @@ def _turned(axis) -> tuple[float, ...]:
     return tuple(Rotation.from_euler("xyz", (0.4, 0.5, 0.6)).inv().apply(axis))
 
 
-def integrals(loads, weight, length, axes, rigidities) -> np.ndarray:
+def integrals(loads, spread, length, axes, rigidities) -> np.ndarray:
     """Return the displacement of a cantilever's tip by the unit-load integrals of Mohr, base axes, ``[d; δ]``.
 
     δ = ∫ C M ds and d = ∫ C M × (tip - s) ds + ∫ N/EA ds, with C = R diag(1/GI, 1/EI_y, 1/EI_z) Rᵀ. ``loads`` are
-    (reach, force, moment) about the point of the axis there, ``weight`` is spread; piecewise Gauss, so exact.
+    (reach, force, moment) about the point of the axis there, ``spread`` (start, stop, force) evenly between two points;
+    piecewise Gauss, so exact.
     """
     gi, ei_y, ei_z, ea = rigidities
     x = axes[:, 0]
     compliance = axes @ np.diag([1 / gi, 1 / ei_y, 1 / ei_z]) @ axes.T
     nodes, weights = np.polynomial.legendre.leggauss(6)
     total = np.zeros(6)
-    cuts = sorted({0.0, length, *(reach for reach, _, _ in loads)})
+    cuts = sorted(
+        {0.0, length, *(reach for reach, _, _ in loads), *(x for start, stop, _ in spread for x in (start, stop))}
+    )
     for start, end in itertools.pairwise(cuts):
         for node, share in zip(nodes, weights, strict=True):
             s = start + (end - start) * (node + 1) / 2
-            moment = np.cross(x * (length - s) / 2, weight * (length - s) / length)
-            force = weight * (length - s) / length
+            moment, force = np.zeros(3), np.zeros(3)
+            for begin, stop, push in spread:
+                beyond = push * min((stop - s) / (stop - begin), 1.0) if stop > s else np.zeros(3)
+                moment = moment + np.cross(x * ((stop + max(s, begin)) / 2 - s), beyond)
+                force = force + beyond
             for reach, push, turn in loads:
                 if reach > s:
                     moment = moment + turn + np.cross(x * (reach - s), push)
@@ -141,21 +148,35 @@ def integrals(loads, weight, length, axes, rigidities) -> np.ndarray:
 
 
 def beam_loads(reading: PlainRobot, names, base: str, q, gravity, start, x, length):
-    """Return the free-body loads on a chain link: (reach, force, moment) and its own spread weight, base axes.
+    """Return the free-body loads on a chain link, (reach, force, moment), and those spread, (start, stop, force), base axes.
 
-    ``names`` maps each link that loads the beam to its reach, or to None where its weight is spread.
+    ``names`` maps each link that loads the beam to its reach, to the two ends of the stretch over which the link's own
+    body is spread, or to ``(start, stop, "about")`` where another part of the way is spread about its centre of mass, as
+    far as it goes to both sides; all clipped to the beam. What has no length there acts at its centre of mass.
     """
-    loads, weight = [], np.zeros(3)
+    loads, spread = [], []
     for name, (mass, centre) in reading.centres(q, base).items():
         if name not in names:
             continue
         force = mass * np.array(gravity)
-        reach = names[name]
-        if reach is None:
-            weight = weight + force
+        where = names[name]
+        if isinstance(where, float):
+            loads.append((where, force, np.cross(centre - start - x * where, force)))
+            continue
+        first, last = sorted(float(np.clip(reach, 0, length)) for reach in where[:2])
+        if len(where) == 2 and last > first:
+            spread.append((first, last, force))
+            continue
+        reach = float(x @ (centre - start))
+        room = max(min(reach - first, last - reach), 0.0)
+        moment = np.cross(centre - start - x * reach, force)
+        if room > 1e-9:
+            spread.append((reach - room, reach + room, force))
+            loads.append((reach, np.zeros(3), moment))
         else:
+            reach = float(np.clip(reach, 0, length))
             loads.append((reach, force, np.cross(centre - start - x * reach, force)))
-    return loads, weight
+    return loads, spread
 
 
 def _check_beam_against_integrals(module: ModuleType) -> None:
@@ -177,13 +198,12 @@ def _check_beam_against_integrals(module: ModuleType) -> None:
         z = unit(turning - x * (x @ turning))
         roll = 0.4
         axes = np.array([x, np.cross(z, x), z]).T @ Rotation.from_euler("x", roll).as_matrix()
-        names: dict[str, float | None] = {}
-        for name in reading.masses:
-            carrier = _chain_link(reading, name)
-            if carrier > number:
-                names[name] = length
-            elif carrier == number:
-                names[name] = None
+        names: dict[str, object] = {name: length for name in reading.masses if _chain_link(reading, name) > number}
+        names[start_link] = (0.0, length)
+        for part, of in (("half2", 2), ("tool", 7)):
+            if number == of:
+                joined = float(x @ (poses[part][:3, 3] - start))
+                names |= {start_link: (0.0, joined), part: (joined, length, "about")}
         if number == 1:
             bolt = next(entry.origin for entry in reading.joints if entry.name == "bolt")
             attached = poses["link1"][:3, :3] @ bolt[:3, 3]
@@ -192,15 +212,58 @@ def _check_beam_against_integrals(module: ModuleType) -> None:
             held = next(entry.origin for entry in reading.joints if entry.name == "finger_joint")
             attached = (poses["tool"] @ held)[:3, 3] - start
             names["finger"] = float(np.clip(x @ attached, 0, length))
-        loads, weight = beam_loads(reading, names, "base", q7, gravity, start, x, length)
+        loads, spread = beam_loads(reading, names, "base", q7, gravity, start, x, length)
         gi, ei_y, ei_z, ea = rigidities
         at, totals = evaluated(chain, Q7, [module.Beam(link=subject, EI_y=ei_y, EI_z=ei_z, GI=gi, EA=ea, roll=roll)])
-        same(in_base(at.posture, totals), integrals(loads, weight, length, axes, rigidities), 1e-13)
+        same(in_base(at.posture, totals), integrals(loads, spread, length, axes, rigidities), 1e-13)
 
 
 def _chain_link(reading: PlainRobot, name: str) -> int:
     """Count the turning joints of the arm between the base and a link."""
     return sum(name in reading.beyond(f"joint{k}") for k in range(1, 8))
+
+
+def _check_beam_own_and_bolted(module: ModuleType) -> None:
+    """Own kilogramme along a metre of EI 8000 N·m², a gripper of 3 kg where it is, whichever link names the beam."""
+
+    def sag(*parts: str, subject: str = "arm", weight: str = "uniform") -> np.ndarray:
+        text = robot(link("base"), joint("hinge", "revolute", "base", "front", axis=(0, 1, 0)), *parts)
+        beam = module.Beam(link=subject, EI=EI, GI=GI, EA=EA, self_weight=weight)
+        (total,) = evaluated(chain_of(text, tip="tool"), [0.0], [beam])[1].values()
+        return total
+
+    def weld(parent: str, child: str, x: float) -> str:
+        return joint(f"{parent}_{child}", "fixed", parent, child, (x, 0, 0))
+
+    force = np.array([0.0, 0.0, -9.81])
+    arm, heavy = link("arm", 1.0, (0.4, 0, 0)), link("gripper", 3.0, (0.0, 0.2, 0.1))
+    held = (weld("arm", "gripper", 1.0), heavy, weld("gripper", "tool", 0.0), link("tool"))
+    fronts = (
+        (link("front"), weld("front", "arm", 0.0), arm),
+        (arm.replace("arm", "front"), weld("front", "arm", 0.0), link("arm")),
+    )
+    expected = np.array([0, 0, -9.81 * (1 / 8 + 3 / 3) / EI, 0, 9.81 * (1 / 6 + 3 / 2) / EI, 0])
+    expected[3] = -3 * 9.81 * 0.2 / GI
+    for front in fronts:
+        for subject in ("front", "arm", "gripper", "tool"):
+            same(sag(*front, *held, subject=subject), expected, 1e-15)
+    # no mass known of the arm: the gripper is no beam
+    same(sag(link("front"), weld("front", "arm", 0.0), link("arm"), *held)[2], -9.81 / EI, 1e-15)
+    # a gripper that is a part of the way itself is spread about its centre of mass as far as it goes to both sides
+    for centre, room in ((0.1, 0.1), (0.3, 0.1), (-0.05, 0.0), (0.0, 0.0)):
+        body = link("gripper", 3.0, (centre, 0.2, 0.1))
+        total = sag(*fronts[0], weld("arm", "gripper", 0.6), body, weld("gripper", "tool", 0.4), link("tool"))
+        reach, turn = 0.6 + centre, np.cross([0, 0.2, 0.1], 3 * force)
+        spread, points = [(0.0, 0.6, force)], [(reach, 3 * force, turn)]
+        if room:
+            spread, points = [*spread, (reach - room, reach + room, 3 * force)], [(reach, np.zeros(3), turn)]
+        axes = np.array([[1.0, 0, 0], [0, 0, 1.0], [0, -1.0, 0]]).T
+        same(total, integrals(points, spread, 1.0, axes, (GI, EI, EI, EA)), 1e-15)
+        by_centre = sag(
+            *fronts[0], weld("arm", "gripper", 0.6), body, weld("gripper", "tool", 0.4), link("tool"), weight="centre"
+        )
+        points = [(0.4, force, np.zeros(3)), (reach, 3 * force, turn)]
+        same(by_centre, integrals(points, [], 1.0, axes, (GI, EI, EI, EA)), 1e-15)
 
 
 def _check_beam_settings(module: ModuleType) -> None:
@@ -223,8 +286,8 @@ def _check_beam_settings(module: ModuleType) -> None:
     at, totals = evaluated(
         chain_of(branched, tip="tool", gravity=gravity), [0.0], [module.Beam(link="arm", EI=EI, GI=GI, EA=EA)]
     )
-    loads, weight = beam_loads(reading, {"far": LENGTH, "near": 0.0}, "base", {}, gravity, 0.0, np.eye(3)[0], LENGTH)
-    same(in_base(at.posture, totals), integrals(loads, weight, LENGTH, np.eye(3), (GI, EI, EI, EA)), 1e-14)
+    loads, spread = beam_loads(reading, {"far": LENGTH, "near": 0.0}, "base", {}, gravity, 0.0, np.eye(3)[0], LENGTH)
+    same(in_base(at.posture, totals), integrals(loads, spread, LENGTH, np.eye(3), (GI, EI, EI, EA)), 1e-14)
     # random rigidity: the displacement goes as its inverse
     random = module.Beam(link="arm", EI=Uniform(100.0, mean=2 * EI), bending_stiffness=None)
     _, halved = evaluated(chain, [0.2], [random])

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import dataclasses
 import typing
 from collections.abc import Iterator
-from typing import Any, Final
+from typing import Final
 
 from precision_pin import units
 from precision_pin.chain import Chain
 from precision_pin.laws import Law
 from precision_pin.model import ErrorModel
-from precision_pin.space import Draw, indexed
+from precision_pin.space import Draw
 from precision_pin.terms import Source
 from precision_pin.units import PerJoint, Quantity
 
@@ -49,22 +48,15 @@ def quantities_of(error_model: ErrorModel) -> dict[str, Quantity]:
     return known
 
 
-def _settings(part: Any, label: str) -> Iterator[tuple[str, Quantity | PerJoint]]:
-    """Yield the names of the random numbers in the settings of a source or of a part of one, and what they are."""
-    hints = typing.get_type_hints(type(part), include_extras=True)
-    for entry in dataclasses.fields(part):
-        setting = getattr(part, entry.name)
-        note = next(
-            (note for note in typing.get_args(hints[entry.name])[1:] if isinstance(note, Quantity | PerJoint)), None
-        )
-        for k, value in enumerate(setting if isinstance(setting, tuple) else (setting,)):
-            if dataclasses.is_dataclass(value) and not isinstance(value, Draw | Law):
-                yield from _settings(value, f"{label}.{entry.name}[{k}]")
-            elif note is not None and isinstance(value, str):
-                yield value, note
-            elif note is not None and isinstance(value, Draw | Law):
-                given = value.name if isinstance(value, Draw) else ""
-                yield given or f"{label}.{indexed(entry.name, k)}", note
+def _settings(source: Source, label: str) -> Iterator[tuple[str, Quantity | PerJoint]]:
+    """Yield the names of the random numbers in the settings of a source, and what they are."""
+    for leaf in source.leaves(label):
+        if not isinstance(leaf.value, str | Draw | Law):
+            continue
+        note = next((note for note in typing.get_args(leaf.hint)[1:] if isinstance(note, Quantity | PerJoint)), None)
+        if note is not None:
+            given = leaf.value if isinstance(leaf.value, str) else getattr(leaf.value, "name", "")
+            yield given or leaf.name, note
 
 
 def _own(kind: str, ending: str) -> Quantity | PerJoint | None:

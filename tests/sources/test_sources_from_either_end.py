@@ -1,0 +1,280 @@
+"""The same mechanism with its base at either end, and written from either end: directions, heights and loads agree.
+
+Seen from the tool, the error is that of the base: with the tip at p, R and errors d, δ in base axes, a small relative
+displacement of the two is ``d' = -Rᵀ(d + p × δ)``, ``δ' = -Rᵀ δ`` in tool axes.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from precision_pin.chain import Chain
+from precision_pin.model import ErrorModel
+from precision_pin.sources.axis_install import AxisInstall
+from precision_pin.sources.backlash import Backlash
+from precision_pin.sources.beam import Beam
+from precision_pin.sources.bearing_stiffness import BearingStiffness
+from precision_pin.sources.clearance import Clearance
+from precision_pin.sources.directions import direction_of
+from precision_pin.sources.encoder import Encoder
+from precision_pin.sources.joint_compliance import JointCompliance
+from precision_pin.sources.joint_offset import JointOffset
+from precision_pin.sources.length import Length
+from precision_pin.sources.profiles import Segment
+from precision_pin.sources.thermal import Thermal
+from precision_pin.sources.transmission import Transmission
+from precision_pin.space import Space
+from support.checks.beam import integrals
+from support.checks.common import evaluated, in_base
+from support.plain_robot import PlainRobot, chain_of, joint, link, robot, unit
+
+GRAVITY = np.array([2.0, -3.0, -8.0])
+Q = {"joint1": 0.4, "joint2": -0.8, "slide": 0.15, "joint4": 0.6}
+WEIGHT, CENTRE = 7.0, np.array([0.1, -0.2, 0.15])
+
+
+def arm() -> str:
+    """Return an arm without masses: slanted axes, one that slides, and a link in two parts."""
+    generator = np.random.default_rng(5)
+    kinds = {"joint1": "revolute", "joint2": "revolute", "slide": "prismatic", "joint4": "revolute"}
+    parts, parent = [link("base")], "base"
+    for k, (name, kind) in enumerate(kinds.items(), start=1):
+        xyz, rpy = generator.uniform(-0.5, 0.5, 3), generator.uniform(-3, 3, 3)
+        parts += [joint(name, kind, parent, f"link{k}", xyz, rpy, unit(generator.normal(size=3))), link(f"link{k}")]
+        parent = f"link{k}"
+        if k == 2:
+            parts += [joint("split", "fixed", parent, "half2", (0.2, 0.1, -0.1), (0.4, 1.0, -0.3)), link("half2")]
+            parent = "half2"
+    parts += [joint("flange", "fixed", parent, "tool", (0.1, 0.3, 0.2), (0.3, -0.2, 1.1)), link("tool")]
+    return robot(*parts)
+
+
+TEXT = arm()
+POSE = PlainRobot.parse(TEXT).poses(Q)["tool"]
+
+
+def seen_from_the_tool(errors, pose=POSE) -> np.ndarray:
+    turn, p = pose[:3, :3], pose[:3, 3]
+    lever = np.array([[0, -p[2], p[1]], [p[2], 0, -p[0]], [-p[1], p[0], 0]])
+    return -np.block([[turn.T, turn.T @ lever], [np.zeros((3, 3)), turn.T]]) @ errors
+
+
+def chains(weight: float = 0.0) -> tuple[Chain, Chain]:
+    """Return the arm from base to tool and from tool to base.
+
+    A weight hangs on the tool; from the tool it is its reaction that hangs on the base, at the same point in space: every
+    joint and link between the two feels the same.
+    """
+    forth = chain_of(TEXT, base="base", tip="tool", gravity=tuple(GRAVITY))
+    back = chain_of(TEXT, base="tool", tip="base", gravity=tuple(-POSE[:3, :3].T @ GRAVITY))
+    point = POSE[:3, :3] @ CENTRE + POSE[:3, 3]
+    return forth.with_payload(weight, CENTRE), back.with_payload(weight, point)
+
+
+def mean_errors(chain: Chain, source) -> np.ndarray:
+    at = ErrorModel(chain, Space(), [source]).at(Q)
+    return at.linear(at.space.mean[:, None])[:, 0]
+
+
+TAPER = (Segment(length=0.1, EI_y=30.0, EI_z=90.0, GI=50.0, EA=1e4), Segment(EI_y=500.0, EI_z=150.0, GI=80.0, EA=2e4))
+LOADED = (
+    *(JointCompliance(joint=name, compliance=1e-4) for name in Q),
+    *(Transmission(joint=name, stiffness=2e4) for name in Q),
+    *(Backlash(joint=name, backlash=1e-3, band=1e-6) for name in Q),
+    *(
+        BearingStiffness(joint=name, radial=1e6, axial=None if name == "slide" else 3e6, tilt=2e4, centre=0.07)
+        for name in Q
+    ),
+    BearingStiffness(joint="slide", radial=1e6, tilt=2e4, roll=1e4, centre=-0.03, pads_on="parent"),
+    *(Clearance(joint=name, diametral=(1e-4, 3e-4), span=0.1, start=0.03, band=1e-6) for name in Q),
+    Clearance(joint="slide", diametral=(1e-4, 3e-4), span=0.1, start=0.03, band=1e-6, pads_on="parent"),
+    Clearance(joint="joint2", diametral=(1e-4,), axial=2e-4, span=0.1, start=0.03, band=1e-6),
+    *(
+        Beam(link=name, EI_y=300.0, EI_z=900.0, GI=80.0, EA=1e4, roll=0.4)
+        for name in ("base", "link1", "half2", "tool")
+    ),
+    *(Beam(link=name, segments=TAPER, roll=-0.7) for name in ("base", "link1", "half2", "link3", "tool")),
+)
+
+
+@pytest.mark.parametrize("source", LOADED, ids=lambda source: source.label())
+def test_what_gives_under_a_load_gives_the_same_from_either_end(source):
+    forth, back = (mean_errors(chain, source) for chain in chains(WEIGHT))
+    assert np.linalg.norm(forth) > 1e-6
+    np.testing.assert_allclose(back, seen_from_the_tool(forth), rtol=1e-9, atol=1e-12)
+
+
+STILL = (
+    *(JointOffset(joint=name, offset=1e-3) for name in Q),
+    *(Encoder(joint=name, offset=1e-3) for name in Q),
+    Encoder(joint="slide", scale=1e-3),
+    Transmission(joint="slide", lead_error=1e-3),
+    *(
+        Thermal(link=name, expansion=1e-5, temperature_change=20.0, gradient=50.0, across="-y of joint2")
+        for name in ("base", "link1", "half2", "tool")
+    ),
+    Thermal(link="link1", expansion=1e-5, gradient=50.0, across="axis of slide"),
+)
+
+
+@pytest.mark.parametrize("source", STILL, ids=lambda source: source.label())
+def test_what_errs_without_a_load_errs_the_same_from_either_end(source):
+    forth, back = (mean_errors(chain, source) for chain in chains())
+    assert np.linalg.norm(forth) > 1e-6
+    np.testing.assert_allclose(back, seen_from_the_tool(forth), rtol=1e-9, atol=1e-12)
+
+
+SCATTERED = (
+    *(AxisInstall(joint=name, radius=1e-4, span=0.1, start=0.3) for name in Q),
+    *(Clearance(joint=name, diametral=(1e-4, 3e-4), span=0.1, start=0.3, direction="random") for name in Q),
+    Clearance(joint="slide", diametral=(1e-4, 3e-4), span=0.1, start=0.3, direction="random", pads_on="parent"),
+)
+
+
+@pytest.mark.parametrize("source", SCATTERED, ids=lambda source: source.label())
+def test_what_scatters_scatters_the_same_from_either_end(source):
+    forth, back = (ErrorModel(chain, Space(), [source]).at(Q).covariance for chain in chains())
+    np.testing.assert_allclose(back, seen_from_the_tool(seen_from_the_tool(forth).T), rtol=1e-9, atol=1e-16)
+
+
+@pytest.mark.parametrize("name", Q)
+def test_an_axis_that_is_off_stays_off_by_the_same_at_every_pose(name):
+    """The points are fixed in one link: what they cause at two poses goes together from either end as it does."""
+    source = AxisInstall(joint=name, radius=1e-4, span=0.1, start=0.3)
+    other = {key: value + 0.7 for key, value in Q.items()}
+    results = []
+    for chain in chains():
+        model = ErrorModel(chain, Space(), [source])
+        one, two = (model.at(q) for q in (Q, other))
+        results.append(one.jacobian @ one.space.covariance @ two.jacobian.T)
+    forth, back = results
+    expected = seen_from_the_tool(seen_from_the_tool(forth.T, PlainRobot.parse(TEXT).poses(other)["tool"]).T)
+    np.testing.assert_allclose(back, expected, rtol=1e-9, atol=1e-16)
+
+
+def test_directions_are_those_of_the_file_from_either_end():
+    """Axis and frame of the joint as the plain reading has them: the child link's, after it turned."""
+    reading = PlainRobot.parse(TEXT)
+    poses = reading.poses(Q)
+    forth, back = (chain.at(Q) for chain in chains())
+    for entry in reading.joints:
+        if entry.kind == "fixed":
+            continue
+        turned = poses[entry.child][:3, :3]
+        for word, expected in (
+            ("x", turned[:, 0]),
+            ("y", turned[:, 1]),
+            ("z", turned[:, 2]),
+            ("axis", turned @ entry.axis),
+        ):
+            text = f"{word} of {entry.name}"
+            np.testing.assert_allclose(direction_of(text, forth), expected, atol=1e-14)
+            np.testing.assert_allclose(POSE[:3, :3] @ direction_of(text, back), expected, atol=1e-14)
+            np.testing.assert_allclose(direction_of(f"-{text}", back), -direction_of(text, back), atol=0)
+
+
+def test_a_length_moves_what_lies_beyond_it_the_way_it_says():
+    """A joint's origin, and all beyond it as seen from the base, goes along +axis: of the file, from either end."""
+    forth, back = chains()
+    axis = direction_of("axis of joint2", forth.at(Q))
+    source = Length(joint="joint2", along="axis of joint2", parameters=(1e-3,))
+    np.testing.assert_allclose(mean_errors(forth, source)[:3], 1e-3 * axis, atol=1e-15)
+    np.testing.assert_allclose(POSE[:3, :3] @ mean_errors(back, source)[:3], 1e-3 * axis, atol=1e-15)
+
+
+# --- written from either end ---
+
+
+STAND = (2.5, (0.05, 0.1, 0.2))
+BOLT = ((0.3, -0.2, 0.1), (0.2, 0.5, -0.4))
+
+
+def two_arms(way: str) -> str:
+    """Return a body with an arm on either side, held by a stand; the body's frame lies between the two joints.
+
+    The stand's joint is at the body's frame: written from the stand on (``fixed``, or ``locked``, a hinge that stands
+    still), or from the body on, by a stub.
+    """
+    turn = Rotation.from_euler("xyz", BOLT[1])
+    back = turn.inv()
+    behind = (-back.apply(BOLT[0]), back.as_euler("xyz"))
+    parts = [
+        link("body", 3.0, (0.1, 0.0, 0.05)),
+        joint("left", "revolute", "body", "left_arm", (-0.8, 0, 0), (0, 0, 0), (0, 1, 0)),
+        link("left_arm", 1.0, (0, 0, 0.3)),
+        joint("right", "revolute", "body", "right_arm", (0.9, 0, 0), (0, 0, 0), (0, 0, 1)),
+        link("right_arm", 4.0, (0.4, 0.1, 0)),
+        link("stand", *STAND),
+    ]
+    if way == "stub":
+        fixed = (
+            joint("stub_joint", "fixed", "body", "stub"),
+            link("stub"),
+            joint("foot", "fixed", "stub", "stand", *behind),
+        )
+        return robot(*parts, *fixed)
+    kind = {"fixed": "fixed", "locked": "revolute"}[way]
+    return robot(*parts, joint("foot", kind, "stand", "body", *BOLT))
+
+
+@pytest.mark.parametrize("way", ["fixed", "locked", "stub"])
+def test_a_branch_loads_the_beam_where_its_joint_stands_whichever_way_it_is_written(way):
+    """Against Mohr's integrals: the stand at 0.8 of 1.7 m, with the moment of its own centre; the body along it."""
+    text = two_arms(way)
+    chain = chain_of(text, base="left_arm", tip="right_arm", gravity=tuple(GRAVITY))
+    at, totals = evaluated(chain, [0.0, 0.0], [Beam(link="body", EI=700.0, GI=300.0, EA=1e5)])
+    turn = Rotation.from_euler("xyz", BOLT[1])
+    stand = turn.inv().apply(np.array(STAND[1]) - BOLT[0])
+    mass, arm_centre = 4.0, np.array([0.9 + 0.4, 0.1, 0.0])
+    loads = [
+        (0.8, STAND[0] * GRAVITY, np.cross(stand, STAND[0] * GRAVITY)),
+        (1.7, mass * GRAVITY, np.cross(arm_centre - [0.9, 0, 0], mass * GRAVITY)),
+    ]
+    expected = integrals(loads, [(0.0, 1.7, 3.0 * GRAVITY)], 1.7, np.eye(3), (300.0, 700.0, 700.0, 1e5))
+    np.testing.assert_allclose(in_base(at.posture, totals), expected, rtol=1e-12, atol=1e-15)
+
+
+def test_a_body_is_the_links_own_whichever_way_the_file_is_written():
+    """A link in parts: the same loads from the file's root to the tool as with the base at the tool's end."""
+    parts = (
+        link("base"),
+        joint("hinge", "revolute", "base", "dummy", axis=(0, 1, 0)),
+        link("dummy"),
+        joint("zero", "fixed", "dummy", "arm"),
+        link("arm", 2.0, (0.3, 0, 0)),
+        joint("weld", "fixed", "arm", "motor", (0.7, 0, 0)),
+        link("motor", 3.0, (0.1, 0, 0)),
+        joint("plate", "fixed", "motor", "frame", (0.2, 0, 0)),
+        link("frame"),
+        joint("wrist", "revolute", "frame", "hand", (0.1, 0, 0), axis=(0, 0, 1)),
+        link("hand"),
+    )
+    for base, tip in (("base", "hand"), ("hand", "base")):
+        chain = chain_of(robot(*parts), base=base, tip=tip)
+        assert {name for name, frame in chain.link_frames.items() if frame.is_own and frame.link == 1} == {"arm"}
+        there = {name: np.sort(chain.link_frames[name].stretch[:, 0]) for name in ("arm", "motor")}
+        along = {"base": 0.0, "hand": 1.0}[base]
+        for name, span in (("arm", (0.0, 0.7)), ("motor", (0.7, 1.0))):
+            np.testing.assert_allclose(
+                np.sort(np.abs(there[name])), np.sort(np.abs(np.array(span) - along)), atol=1e-15
+            )
+
+
+@pytest.mark.parametrize("reach", [0.0, 0.4, 1.0, 1.3])
+def test_a_payload_on_the_way_bends_the_beam_where_its_centre_of_mass_is(reach):
+    """On the arm's own frame, which is the clamp: F a²(3l - a)/6EI, through the end from beyond it."""
+    text = robot(
+        link("base"),
+        joint("hinge", "revolute", "base", "arm"),
+        link("arm"),
+        joint("f", "fixed", "arm", "tool", (1, 0, 0)),
+        link("tool"),
+    )
+    chain = chain_of(text).with_payload(2.0, (reach, 0, 0), "arm")
+    _, totals = evaluated(chain, [0.0], [Beam(link="arm", EI=8000.0)])
+    moved = sum(totals.values(), np.zeros(6))
+    a = min(reach, 1.0)
+    expected = a**2 * (3 - a) / 6 + (reach - a) / 2
+    assert moved[2] == pytest.approx(-2 * 9.81 * expected / 8000.0, rel=1e-13)
