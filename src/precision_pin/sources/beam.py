@@ -57,7 +57,10 @@ class Beam(Profile, OnLink):
     at that of the joint that holds them. Euler-Bernoulli, small deflection:
     ``Δl = F_x l/EA + q_x l²/2EA``, ``w_y = F_y l³/3EI_z + M_z l²/2EI_z + q_y l⁴/8EI_z``,
     ``θ_z = F_y l²/2EI_z + M_z l/EI_z + q_y l³/6EI_z``, likewise with the other sign for w_z and θ_y, ``Δφ = M_x l/GI``;
-    with ``segments`` each bends so under what acts beyond its start and carries the rest along. Source: section 3.2 and
+    with ``segments`` each bends so under what acts beyond its start and carries the rest along. At rest under its loads
+    (``statics: equilibrium``) it bends to second order: loads act where its shape, a cubic, has moved them, its sections
+    bend about axes that have turned, and bent it is shorter. So it buckles as a column, at 1.0075 of Euler's load; in
+    segments somewhat late, at 1.05 of it where one half has a quarter of the other's rigidity. Source: section 3.2 and
     eq 21 of Wei, Jia and Chen (2015), which prints θ_z before θ_y and gives EI and GI in N·m/rad; here EI and GI are
     rigidities in N·m², and stiffnesses of the whole link in N·m/rad are settings of their own (``EI = k l``). Sections:
     :mod:`precision_pin.sections`.
