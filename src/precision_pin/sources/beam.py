@@ -171,15 +171,13 @@ class Beam(Profile, OnLink):
         if shape is not None:
             yield Term.of(place, turn @ shape.second_order, loaded=True)
         for start, stop, part in self._parts(length, chain.runs_backwards(link)):
+            acting = [(push, push.on_shape(shape, start, stop)) for push in pushes if push.stop > start]
             for stiffness, rows in self._stiffnesses(part, space, length):
                 flexibility = 1.0 / stiffness
                 total: dict[Factors, Array] = {}
-                for push in pushes:
-                    if push.stop > start:
-                        displacement = push.displacement(start, stop, length, rows)
-                        if shape is not None:
-                            displacement += shape.bending(push.wrench, (push.start, push.stop), (start, stop), rows)
-                        total[push.factors] = total.get(push.factors, np.zeros(6)) + displacement
+                for push, on_shape in acting:
+                    displacement = push.displacement(start, stop, length, rows) + on_shape[list(rows)].sum(axis=0)
+                    total[push.factors] = total.get(push.factors, np.zeros(6)) + displacement
                 for factors, displacement in total.items():
                     yield Term.of(place, turn @ displacement, *factors, flexibility, loaded=True)
 
@@ -313,6 +311,16 @@ class _Push:
         displacement = np.zeros(6)
         displacement[list(rows)] = (bent @ self.wrench)[list(rows)]
         return _lever(length - stop) @ displacement
+
+    def on_shape(self, shape: BentShape | None, start: float, stop: float) -> Array:
+        """Return by how much more it displaces the beam's end since it acts on the shape, for each row, ``(6, 6)``.
+
+        For the flexibility of one part that governs the row; none along x, and none on the undeflected arm.
+        """
+        result = np.zeros((6, 6))
+        if shape is not None:
+            result[3:] = shape.bending(self.wrench, (self.start, self.stop), (start, stop))
+        return result
 
 
 def _lever(reach: float) -> Array:

@@ -91,26 +91,22 @@ class BentShape:
         total[:3] += weights @ _cross(turn, _cross(turn, _ALONG)) / 2
         return total
 
-    def bending(
-        self, wrench: Array, loaded: tuple[float, float], part: tuple[float, float], rows: tuple[int, ...]
-    ) -> Array:
-        """Return by how much more a load displaces the beam's end, ``(6,)``, since it acts on the shape.
+    def bending(self, wrench: Array, loaded: tuple[float, float], part: tuple[float, float]) -> Array:
+        """Return by how much more a load displaces the beam's end since it acts on the shape, ``(3, 6)``.
 
         The moment at x is that of the force where the shape has moved it, ``M + Δr × F``, and bends the section about axes
-        that have turned by θ: ``κ = D (M + Δr × F - θ × M) + θ × D M`` to second order, D the flexibility.
+        that have turned by θ: ``κ = D (M + Δr × F - θ × M) + θ × D M`` to second order, D the flexibilities. A row for each
+        of D's: of unit flexibility about x, y and z, the others rigid.
 
         Parameters
         ----------
         wrench
             ``[F; M]``, beam axes: about the point where it acts, or a weight spread evenly between two.
         loaded
-            Between where it acts, m along the beam; not from within the part.
+            Between where it acts, m along the beam.
         part
-            The part that bends, of unit stiffness, from where to where.
-        rows
-            Rows of ``[Δl, w_y, w_z; Δφ, θ_y, θ_z]`` that the stiffness governs.
+            The part that bends, from where to where.
         """
-        flexibility = np.array([float(row in rows) for row in (3, 4, 5)])
         x, weights = _nodes(part[0], min(part[1], loaded[1]))
         begin, stop = np.maximum(loaded[0], x), loaded[1]
         at_point = loaded[0] == stop
@@ -124,7 +120,10 @@ class BentShape:
         here = self.displacement(x)
         beyond = self.displacement(stop)[:3] if at_point else self._mean_place(begin, stop)
         more = _cross(beyond - here[:, :3], force) - _cross(here[:, 3:], moment)
-        return _at_end(flexibility * more + _cross(here[:, 3:], flexibility * moment), self.length - x, weights)
+        about = np.eye(3)[:, None, :]
+        return _at_end(
+            about * more.T[:, :, None] + _cross(here[:, 3:], about) * moment.T[:, :, None], self.length - x, weights
+        )
 
     def _mean_place(self, begin: Array, stop: float) -> Array:
         """Return the mean displacement of the points from each of N places to another, ``(N, 3)``."""
@@ -140,13 +139,13 @@ def _nodes(start: float, stop: float) -> tuple[Array, Array]:
 
 
 def _at_end(turn: Array, reach: Array, weights: Array) -> Array:
-    """Return what turns ``(N, 3)``, weighted, displace the beam's end in all, each ``reach`` (m) before it, ``(6,)``."""
-    total = weights @ turn
+    """Return what turns ``(..., N, 3)``, weighted, displace the beam's end in all, each ``reach`` (m) before it, ``(..., 6)``."""
     lever = (weights * reach) @ turn
-    return np.array([0.0, lever[2], -lever[1], *total])
+    zero = np.zeros_like(lever[..., 0])
+    return np.concatenate([np.stack([zero, lever[..., 2], -lever[..., 1]], axis=-1), weights @ turn], axis=-1)
 
 
 def _cross(one: Array, other: Array) -> Array:
-    """Return the vector products ``(N, 3)``; faster for a few than numpy's."""
+    """Return the vector products ``(..., 3)``; faster for a few than numpy's."""
     result: Array = one[..., _NEXT] * other[..., _AFTER] - one[..., _AFTER] * other[..., _NEXT]
     return result
