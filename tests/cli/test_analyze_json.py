@@ -16,7 +16,10 @@ TOP = [
     "schema", "complete", "robot", "base", "tip", "axes", "pose", "samples", "seed", "model", "statics", "scopes",
     "confidence", "versions", "warnings", "position", "attitude", "nominal", "covariance", "spec", "largest",
 ]  # fmt: skip
-STATISTICS = ["mean", "std", "min", "max", "mode", "quantiles", "quantile_interval", "quantile_error"]
+STATISTICS = [
+    "mean", "std", "min", "max", "mode", "quantiles", "quantile_interval", "quantile_error",
+    "mean_interval", "std_interval", "mode_interval", "tolerance_bounds",
+]  # fmt: skip
 NORM_LEVELS = ["0.5", "0.95", "0.99", "0.9973"]
 COMPONENT_LEVELS = ["0.00135", "0.01", "0.05", "0.5", "0.95", "0.99", "0.9973"]
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
-from typing import Literal
+from dataclasses import replace
+from typing import Final, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -20,11 +21,27 @@ from precision_pin.run.identity import identity
 from precision_pin.run.journal import opened
 from precision_pin.run.memory import check_kept
 from precision_pin.run.sampling import Sampling
+from precision_pin.run.skewness import first_order_skewness
 from precision_pin.space import Scope, check_seed
-from precision_pin.statistics import Plan, Specification, State, Summary, check_confidence, finish, start
+from precision_pin.statistics import (
+    Plan,
+    Specification,
+    State,
+    Summary,
+    check_confidence,
+    finish,
+    quantity_values,
+    start,
+)
 from precision_pin.statistics.precision import Precision, Target, reached, target
 
 __all__ = ["Progress", "monte_carlo"]
+
+PILOT: Final = 512
+"""Samples from which centres and scales are planned: the first of the seed."""
+
+_FARTHEST: Final = 1e100
+"""No error is planned for that is larger, m or rad."""
 
 Progress = Callable[[int], None]
 """Told how many samples have been added since it was last called."""
@@ -126,8 +143,8 @@ def monte_carlo(
         check_kept(samples)
     targets = [target(text) for text in until]
     workers = chosen(threads, processes, executor, tasks_under_way)
-    at, plan = _planned(error_model, q, specifications)
-    work = Work(kernel.compile_table(at), plan, model, int(seed), int(samples), keep_samples, packages())
+    at, layout, plan = _planned(error_model, q, model, int(seed), tuple(specifications))
+    work = Work(layout, plan, model, int(seed), int(samples), keep_samples, packages())
     state = start(plan)
     with ExitStack() as stack:
         step = stack.enter_context(progress_bar.progress(work.samples)) if progress is True else progress or _nothing
@@ -222,17 +239,34 @@ def _makers(layout: kernel.CompiledTable, seed: int, summary: Summary) -> dict[i
 
 
 def _planned(
-    error_model: ErrorModel, q: ArrayLike | Mapping[str, float] | str | None, specifications: Sequence[Specification]
-) -> tuple[PoseModel, Plan]:
+    error_model: ErrorModel,
+    q: ArrayLike | Mapping[str, float] | str | None,
+    model: Literal["exact", "linear"],
+    seed: int,
+    specifications: tuple[Specification, ...],
+) -> tuple[PoseModel, kernel.CompiledTable, Plan]:
+    """Return the model at the pose and the plan, from the first samples of the seed, however many the run has."""
     try:
         with np.errstate(over="raise"):
             at = error_model.at(q)
-            error, _ = at.tangent
-            return at, Plan.from_moments(error, at.covariance, tuple(specifications))
+            _, slopes = at.tangent
+            spread = at.covariance
     except (OverflowError, FloatingPointError):
         raise InputError(
             "the errors at this pose are beyond any number; the tolerances or loads are far too large"
         ) from None
+    layout = kernel.compile_table(at)
+    skewness = first_order_skewness(at.space, slopes)
+    try:
+        pilot = quantity_values(kernel.errors(layout, model, seed, 0, PILOT))
+    except InputError:
+        # the run meets that sample itself, unless it ends before
+        return at, layout, replace(Plan.from_moments(at.error_at_means, spread, specifications), skewness=skewness)
+    with np.errstate(over="ignore", invalid="ignore"):
+        farthest = np.maximum(layout.highest - at.space.mean, at.space.mean - layout.lowest)
+        reach = np.abs(slopes) @ np.minimum(farthest, _FARTHEST)
+    plan = Plan.from_pilot(pilot, np.minimum(np.nan_to_num(reach), _FARTHEST), specifications)
+    return at, layout, replace(plan, skewness=skewness)
 
 
 def _nothing(_: object) -> None:

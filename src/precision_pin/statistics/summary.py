@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import final
 
@@ -107,6 +110,8 @@ class Summary:
         ``(6,)`` mean error [d; δ].
     covariance
         ``(6, 6)`` sample covariance, divisor N − 1; None for a single sample.
+    covariance_interval
+        ``(6, 6, 2)`` ends of the intervals of its entries, not-a-number where not resolved; None for a single sample.
     specifications
         One result for each specification of the plan, in its order.
     largest_position, largest_attitude
@@ -119,6 +124,7 @@ class Summary:
     attitude: VectorDistribution
     mean: Array
     covariance: Array | None
+    covariance_interval: Array | None
     specifications: tuple[SpecificationResult, ...]
     largest_position: tuple[Extreme, ...]
     largest_attitude: tuple[Extreme, ...]
@@ -145,8 +151,14 @@ class Summary:
             "position": self.position.to_dict(),
             "attitude": self.attitude.to_dict(),
             "covariance": None if self.covariance is None else self.covariance.tolist(),
+            "covariance_interval": self._covariance_interval(),
             "spec": [result.to_dict() for result in self.specifications],
         }
+
+    def _covariance_interval(self) -> list[list[list[float] | None]] | None:
+        if self.covariance_interval is None:
+            return None
+        return [[None if np.isnan(ends).any() else ends.tolist() for ends in row] for row in self.covariance_interval]
 
 
 def finish(plan: Plan, state: State, confidence: float = 0.95) -> Summary:
@@ -187,6 +199,7 @@ def finish(plan: Plan, state: State, confidence: float = 0.95) -> Summary:
         attitude=VectorDistribution(*distributions[4:]),
         mean=means[list(COMPONENTS)],
         covariance=covariance,
+        covariance_interval=None if covariance is None else _covariance_interval(covariance, distributions),
         specifications=tuple(
             _specification_result(specification, int(inside), state.count, confidence)
             for specification, inside in zip(plan.specifications, state.inside, strict=True)
@@ -213,6 +226,25 @@ def _covariance(state: State) -> Array | None:
     covariance[:, constant] = 0.0
     np.fill_diagonal(covariance, np.maximum(np.diagonal(covariance), 0.0))
     return covariance
+
+
+def _covariance_interval(covariance: Array, distributions: Sequence[Distribution]) -> Array:
+    """Return the ends of the intervals of the covariances, ``(6, 6, 2)``.
+
+    The variance of (x - E x)(y - E y) is at most the root of the product of the fourth moments, less the square of the
+    covariance (Cauchy and Schwarz): what is kept of the samples tells no more. The intervals hold the truth more often
+    than they state, the more so the less x and y are correlated; where one is a multiple of the other they are those of
+    the variances.
+    """
+    found = np.full((6, 6, 2), np.nan)
+    parts = [distributions[row].moments for row in COMPONENTS]
+    resolved = [k for k, part in enumerate(parts) if part.variance_interval is not None]
+    for i, j in itertools.product(resolved, resolved):
+        one, other = parts[i], parts[j]
+        spread = math.sqrt(max(math.sqrt(one.fourth * other.fourth) - covariance[i, j] ** 2, 0.0) / one.samples)
+        half = max(one.standard_errors, other.standard_errors) * spread + one.moved * other.moved
+        found[i, j] = one.variance_interval if i == j else (covariance[i, j] - half, covariance[i, j] + half)
+    return found
 
 
 def _deviations(state: State, covariance: Array) -> Array:
@@ -257,6 +289,7 @@ def _distribution(
         bin_lower=ends(occupied),
         bin_upper=ends(occupied + 1),
         bin_cumulative=np.cumsum(counts[occupied]),
+        skewness=(float(plan.skewness[row, 0]), float(plan.skewness[row, 1])),
     )
 
 
