@@ -163,7 +163,7 @@ def test_more_samples_resolve_more_digits(isotropic) -> None:
 
 
 def test_dictionary_has_exactly_the_keys_of_the_schema() -> None:
-    errors = np.random.default_rng(26).standard_normal((6, 500)) * 1e-3
+    errors = np.random.default_rng(26).standard_normal((6, 1300)) * 1e-3
     plan = Plan(np.zeros(8), np.full(8, 1e-3), (Specification("attitude.norm", 1e-3, 0.9),))
     summary = finish(plan, observe(plan, start(plan), errors))
     read = json.loads(json.dumps(summary.to_dict(), allow_nan=False))
