@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import replace
 from typing import Final, Literal
 
 import numpy as np
@@ -20,8 +19,8 @@ from precision_pin.run.executors import Submitter, chosen
 from precision_pin.run.identity import identity
 from precision_pin.run.journal import opened
 from precision_pin.run.memory import check_kept
+from precision_pin.run.planning import planned
 from precision_pin.run.sampling import Sampling
-from precision_pin.run.skewness import first_order_skewness
 from precision_pin.space import Scope, check_seed
 from precision_pin.statistics import (
     Plan,
@@ -30,18 +29,14 @@ from precision_pin.statistics import (
     Summary,
     check_confidence,
     finish,
-    quantity_values,
     start,
 )
 from precision_pin.statistics.precision import Precision, Target, reached, target
 
 __all__ = ["Progress", "monte_carlo"]
 
-PILOT: Final = 512
-"""Samples from which centres and scales are planned: the first of the seed."""
-
-_FARTHEST: Final = 1e100
-"""No error is planned for that is larger, m or rad."""
+_LARGEST_SQUARE: Final = 1e75
+"""Squares of errors beyond this are refused, m² or rad²: of fourth powers, which intervals rest on, there is no sum."""
 
 Progress = Callable[[int], None]
 """Told how many samples have been added since it was last called."""
@@ -143,7 +138,9 @@ def monte_carlo(
         check_kept(samples)
     targets = [target(text) for text in until]
     workers = chosen(threads, processes, executor, tasks_under_way)
-    at, layout, plan = _planned(error_model, q, model, int(seed), tuple(specifications))
+    at = _placed(error_model, q)
+    layout = kernel.compile_table(at)
+    plan = planned(at, layout, model, int(seed), specifications)
     work = Work(layout, plan, model, int(seed), int(samples), keep_samples, packages())
     state = start(plan)
     with ExitStack() as stack:
@@ -238,35 +235,18 @@ def _makers(layout: kernel.CompiledTable, seed: int, summary: Summary) -> dict[i
     return {unit: dict(zip(names, kernel.sample(layout, seed, unit, 1)[:, 0].tolist(), strict=True)) for unit in units}
 
 
-def _planned(
-    error_model: ErrorModel,
-    q: ArrayLike | Mapping[str, float] | str | None,
-    model: Literal["exact", "linear"],
-    seed: int,
-    specifications: tuple[Specification, ...],
-) -> tuple[PoseModel, kernel.CompiledTable, Plan]:
-    """Return the model at the pose and the plan, from the first samples of the seed, however many the run has."""
+def _placed(error_model: ErrorModel, q: ArrayLike | Mapping[str, float] | str | None) -> PoseModel:
+    """Return the model at the pose, with its first order."""
     try:
         with np.errstate(over="raise"):
             at = error_model.at(q)
-            _, slopes = at.tangent
-            spread = at.covariance
+            if np.abs(at.tangent[0]).max() ** 2 + np.abs(at.covariance).max() > _LARGEST_SQUARE:
+                raise OverflowError
+            return at
     except (OverflowError, FloatingPointError):
         raise InputError(
             "the errors at this pose are beyond any number; the tolerances or loads are far too large"
         ) from None
-    layout = kernel.compile_table(at)
-    skewness = first_order_skewness(at.space, slopes)
-    try:
-        pilot = quantity_values(kernel.errors(layout, model, seed, 0, PILOT))
-    except InputError:
-        # the run meets that sample itself, unless it ends before
-        return at, layout, replace(Plan.from_moments(at.error_at_means, spread, specifications), skewness=skewness)
-    with np.errstate(over="ignore", invalid="ignore"):
-        farthest = np.maximum(layout.highest - at.space.mean, at.space.mean - layout.lowest)
-        reach = np.abs(slopes) @ np.minimum(farthest, _FARTHEST)
-    plan = Plan.from_pilot(pilot, np.minimum(np.nan_to_num(reach), _FARTHEST), specifications)
-    return at, layout, replace(plan, skewness=skewness)
 
 
 def _nothing(_: object) -> None:
