@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Final, final
+from dataclasses import dataclass, replace
+from typing import Any, Final, final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -102,25 +102,32 @@ class Tally:
             self.add("mode", given=peak is not None, held=held)
         for p in found.levels:
             ends = found.quantile_interval(p)
-            given = ends is not None
-            self.add(f"quantile {100 * p:.4g} %", given=given, held=given and truth.holds_quantile(ends, p))
+            held = ends is not None and truth.holds_quantile(ends, p)
+            self.add(f"quantile {100 * p:.4g} %", given=ends is not None, held=held)
         for content in CONTENTS:
             ends = found.tolerance_bounds(content)
-            given = ends is not None
-            self.add(f"bounds of {100 * content:.4g} %", given=given, held=given and truth.holds_content(ends, content))
-        for which in ("mean", "std", "mode", *found.levels):
-            ends, printed = found.interval(which), text.statistic(found, which)
-            given = ends is not None
-            self.add(
-                "digits printed", given=given, held=given and _within(float(printed), (1e3 * ends[0], 1e3 * ends[1]))
-            )
+            held = ends is not None and truth.holds_content(ends, content)
+            self.add(f"bounds of {100 * content:.4g} %", given=ends is not None, held=held)
+        shown: tuple[str | float, ...] = ("mean", "std", "mode", *found.levels)
+        for which in shown:
+            ends = found.interval(which)
+            held = ends is not None and _within(float(text.statistic(found, which)), (1e3 * ends[0], 1e3 * ends[1]))
+            self.add("digits printed", given=ends is not None, held=held)
 
     def rows(self, case: str, truth: str) -> list[Coverage]:
-        """Return a line for each interval."""
-        return [
+        """Return a line for each interval; of quantiles, and of bounds, for the one that holds the truth least often."""
+        found = [
             Coverage(interval, case, truth, runs, self.given[interval], self.held[interval])
             for interval, runs in self.runs.items()
         ]
+        for kind, together in (("quantile ", "quantiles, the worst"), ("bounds of ", "tolerance bounds, the worst")):
+            same = [row for row in found if row.interval.startswith(kind)]
+            if same:
+                place = found.index(same[0])
+                worst = min(same, key=lambda row: (row.share, row.given))
+                found = [row for row in found if row not in same]
+                found.insert(place, replace(worst, interval=together))
+        return found
 
 
 def measure(share: float) -> list[Coverage]:
@@ -145,7 +152,7 @@ def measure(share: float) -> list[Coverage]:
 class Mixture:
     """Parts of a law, each with its probability; a part is a law of scipy or a value."""
 
-    parts: tuple[tuple[float, object], ...]
+    parts: tuple[tuple[float, Any], ...]
 
     def draw(self, random: np.random.Generator, shape: tuple[int, ...]) -> Array:
         """Return independent samples."""
@@ -165,15 +172,15 @@ class Mixture:
         mean = float(shares @ means)
 
         def below(x: float) -> float:
-            return float(sum(p * (part <= x if isinstance(part, float) else part.cdf(x)) for p, part in self.parts))
+            return sum(p * float(part <= x if isinstance(part, float) else part.cdf(x)) for p, part in self.parts)
 
         def before(x: float) -> float:
-            return float(sum(p * (part < x if isinstance(part, float) else part.cdf(x)) for p, part in self.parts))
+            return sum(p * float(part < x if isinstance(part, float) else part.cdf(x)) for p, part in self.parts)
 
         return Truth(mean, math.sqrt(shares @ (variances + (means - mean) ** 2)), modes, below, before)
 
 
-def _alone(law: object) -> Mixture:
+def _alone(law: Any) -> Mixture:
     return Mixture(((1.0, law),))
 
 
@@ -226,7 +233,7 @@ def _add_covariance(tally: Tally, interval: str, found: Summary, i: int, j: int,
     assert found.covariance_interval is not None
     ends = found.covariance_interval[i, j]
     given = not np.isnan(ends).any()
-    tally.add(interval, given=given, held=given and _within(truth, (ends[0], ends[1])))
+    tally.add(interval, given=given, held=given and _within(truth, (float(ends[0]), float(ends[1]))))
 
 
 _PAIRS: Final = (
@@ -274,9 +281,9 @@ def _models() -> list[tuple[str, PoseModel]]:
     )
     for name, kinds in laws:
         draws = tuple(Draw(f"o{k}", kinds[k % len(kinds)]) for k in range(len(paper.chain.joint_names)))
+        offsets: Any = JointOffset  # the type checker does not see a source's settings
         sources = [
-            JointOffset(joint=joint, offset=draw.name)
-            for joint, draw in zip(paper.chain.joint_names, draws, strict=True)
+            offsets(joint=joint, offset=draw.name) for joint, draw in zip(paper.chain.joint_names, draws, strict=True)
         ]
         found.append((name, ErrorModel(paper.chain, Space(draws), sources).at(stretched)))
     return found

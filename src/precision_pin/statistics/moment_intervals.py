@@ -33,13 +33,13 @@ Array = NDArray[np.float64]
 Interval = tuple[float, float]
 
 _FEWEST_FOR_MEAN: Final = 30
-_FEWEST_FOR_VARIANCE: Final = 100
+_FEWEST_FOR_VARIANCE: Final = 300
 _MOST_SKEWED: Final = 0.4
 """Largest skewness of a mean, γ/√N, with which an interval is given."""
 _SKEWED_AWAY: Final = 0.5
 """Skewness of a mean at which the widened interval would be infinite."""
-_LEAST_INDEX: Final = 3.3
-_INDEX: Final = 3.5
+_LEAST_INDEX: Final = 4.2
+_INDEX: Final = 4.2
 """Index of a tail at which the interval of the variance is widened to twice its length."""
 _SKETCH_ERROR: Final = 0.05
 """Largest relative difference of the variance from the bins and from the sums: beyond, the bins are too coarse."""
