@@ -38,7 +38,7 @@ _MOST_SKEWED: Final = 0.4
 """Largest skewness of a mean, γ/√N, with which an interval is given."""
 _SKEWED_AWAY: Final = 0.5
 """Skewness of a mean at which the widened interval would be infinite."""
-_LEAST_INDEX: Final = 4.2
+_LEAST_INDEX: Final = 3.5
 _INDEX: Final = 4.2
 """Index of a tail at which the interval of the variance is widened to twice its length."""
 _SKETCH_ERROR: Final = 0.05
