@@ -23,6 +23,7 @@ from precision_pin.run.planning import planned
 from precision_pin.run.sampling import Sampling
 from precision_pin.space import Scope, check_seed
 from precision_pin.statistics import (
+    QUANTITIES,
     Plan,
     Specification,
     State,
@@ -37,6 +38,11 @@ __all__ = ["Progress", "monte_carlo"]
 
 _LARGEST_SQUARE: Final = 1e75
 """Squares of errors beyond this are refused, m² or rad²: of fourth powers, which intervals rest on, there is no sum."""
+
+_COARSE: Final = 0.05
+"""Share of the standard deviation beyond which the error of a quantile's bins is worth a warning."""
+_ROUNDING: Final = 1e-14
+"""Errors below this, m or rad, are rounding."""
 
 Progress = Callable[[int], None]
 """Told how many samples have been added since it was last called."""
@@ -166,6 +172,7 @@ def monte_carlo(
     precisions = [reached(wanted, summary) for wanted in targets]
     warnings = (
         *findings, *at.findings(model), *error_model.statics_findings(at),
+        *_coarse(summary),
         *(_missed(text, one, summary.samples) for text, one in zip(until, precisions, strict=True) if not one.reached),
     )  # fmt: skip
     return Analysis(
@@ -220,6 +227,26 @@ def _check_resolved(wanted: Target, found: Precision, summary: Summary) -> None:
             f"the {wanted.statistic:.6g} quantile of {wanted.quantity} is kept to {error:.2g} {unit} only, the "
             f"tolerance asked for is {found.tolerance:.2g} {unit}; ask for a larger one, or for the exact law"
         )
+
+
+def _coarse(summary: Summary) -> list[Finding]:
+    """Return a warning for each quantity of which a quantile lies in a bin too wide for the spread that was seen."""
+    found = []
+    for quantity in QUANTITIES:
+        distribution = summary.distribution(quantity)
+        allowed = max(_COARSE * (distribution.std or 0.0), _ROUNDING)
+        if (distribution.bin_upper - distribution.bin_lower).max() <= allowed:
+            continue
+        errors = {level: distribution.quantile_error(level) or 0.0 for level in distribution.levels}
+        level = max(errors, key=lambda one: errors[one])
+        if errors[level] > allowed:
+            unit = "m" if quantity.startswith("position") else "rad"
+            message = (
+                f"the {100 * level:.4g} % quantile of {quantity} is kept to {errors[level]:.2g} {unit} only, rare errors lie "
+                "too far outside those that the bins were planned from; its interval is widened by that"
+            )
+            found.append(Finding("warning", "W_BINS", message))
+    return found
 
 
 def _missed(text: str, found: Precision, samples: int) -> Finding:

@@ -99,8 +99,8 @@ class Distribution:
 
         The linear interpolation of order statistics at rank 1 + (N − 1) p (numpy's default), each order
         statistic being placed inside its bin of the sketch by its rank in the bin. It differs from the
-        quantile of the samples themselves by at most one bin: 2⁻⁹ of its distance from the planned mean,
-        or 2⁻¹² of the planned spread where that is more.
+        quantile of the samples themselves by at most one bin: 2⁻⁹ of its distance from the planned middle,
+        or 2⁻¹² of the planned scale where that is more (`Plan`).
 
         Raises
         ------
@@ -124,7 +124,7 @@ class Distribution:
     def quantile_error(self, p: float) -> float | None:
         """Return how far `quantile` is at most from the quantile of the samples themselves; None if unresolved.
 
-        The sketch's own error, from the bins of the two order statistics that the quantile lies between; unlike
+        The sketch's own error, of the two order statistics between which the quantile is interpolated; unlike
         `quantile_interval` it says nothing of what further samples would give.
 
         Raises
@@ -132,12 +132,15 @@ class Distribution:
         InputError
             Unless 0 < p < 1.
         """
-        value = self.quantile(p)
-        if value is None:
+        if self.quantile(p) is None:
             return None
-        below = min(math.floor((self.samples - 1) * p), self.samples - 1)
-        lower, upper = self._outward(below + 1)[0], self._outward(min(below + 2, self.samples))[1]
-        return max(value - lower, upper - value)
+        position = (self.samples - 1) * p
+        below = min(math.floor(position), self.samples - 1)
+        errors = []
+        for rank in (below + 1, min(below + 2, self.samples)):
+            value, (lower, upper) = self._order_statistic(rank), self._outward(rank)
+            errors.append(max(value - lower, upper - value))
+        return errors[0] + (position - below) * (errors[1] - errors[0])
 
     def quantile_upper_bound(self, p: float) -> float | None:
         """Return the value below which the p-quantile lies with the stated confidence, one-sided.

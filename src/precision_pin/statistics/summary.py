@@ -6,6 +6,7 @@ import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import final
 
 import numpy as np
@@ -15,6 +16,7 @@ from precision_pin.errors import InternalError, UnknownNameError
 from precision_pin.statistics.accumulate import State
 from precision_pin.statistics.distribution import Distribution
 from precision_pin.statistics.intervals import check_confidence, clopper_pearson
+from precision_pin.statistics.moment_intervals import Moments
 from precision_pin.statistics.plan import COMPONENTS, NORMS, QUANTITIES, Plan, Specification
 from precision_pin.statistics.sketch import sketch_edges
 
@@ -110,8 +112,6 @@ class Summary:
         ``(6,)`` mean error [d; δ].
     covariance
         ``(6, 6)`` sample covariance, divisor N − 1; None for a single sample.
-    covariance_interval
-        ``(6, 6, 2)`` ends of the intervals of its entries, not-a-number where not resolved; None for a single sample.
     specifications
         One result for each specification of the plan, in its order.
     largest_position, largest_attitude
@@ -124,10 +124,22 @@ class Summary:
     attitude: VectorDistribution
     mean: Array
     covariance: Array | None
-    covariance_interval: Array | None
     specifications: tuple[SpecificationResult, ...]
     largest_position: tuple[Extreme, ...]
     largest_attitude: tuple[Extreme, ...]
+
+    @cached_property
+    def covariance_interval(self) -> Array | None:
+        """Ends of the intervals of the covariances, ``(6, 6, 2)``, not-a-number where not resolved; None for one sample.
+
+        The variance of (x - E x)(y - E y) is at most the root of the product of the fourth moments, less the square of
+        the covariance (Cauchy and Schwarz): what is kept of the samples tells no more. So the intervals hold the truth
+        more often than they state, the more so the less x and y are correlated; where one is a multiple of the other they
+        are those of the variances.
+        """
+        if self.covariance is None:
+            return None
+        return _covariance_interval(self.covariance, [self.distribution(QUANTITIES[row]).moments for row in COMPONENTS])
 
     def distribution(self, quantity: str) -> Distribution:
         """Return the distribution of a quantity by its name, such as ``position.x``.
@@ -151,14 +163,9 @@ class Summary:
             "position": self.position.to_dict(),
             "attitude": self.attitude.to_dict(),
             "covariance": None if self.covariance is None else self.covariance.tolist(),
-            "covariance_interval": self._covariance_interval(),
+            "covariance_interval": _listed(self.covariance_interval),
             "spec": [result.to_dict() for result in self.specifications],
         }
-
-    def _covariance_interval(self) -> list[list[list[float] | None]] | None:
-        if self.covariance_interval is None:
-            return None
-        return [[None if np.isnan(ends).any() else ends.tolist() for ends in row] for row in self.covariance_interval]
 
 
 def finish(plan: Plan, state: State, confidence: float = 0.95) -> Summary:
@@ -199,7 +206,6 @@ def finish(plan: Plan, state: State, confidence: float = 0.95) -> Summary:
         attitude=VectorDistribution(*distributions[4:]),
         mean=means[list(COMPONENTS)],
         covariance=covariance,
-        covariance_interval=None if covariance is None else _covariance_interval(covariance, distributions),
         specifications=tuple(
             _specification_result(specification, int(inside), state.count, confidence)
             for specification, inside in zip(plan.specifications, state.inside, strict=True)
@@ -228,16 +234,9 @@ def _covariance(state: State) -> Array | None:
     return covariance
 
 
-def _covariance_interval(covariance: Array, distributions: Sequence[Distribution]) -> Array:
-    """Return the ends of the intervals of the covariances, ``(6, 6, 2)``.
-
-    The variance of (x - E x)(y - E y) is at most the root of the product of the fourth moments, less the square of the
-    covariance (Cauchy and Schwarz): what is kept of the samples tells no more. The intervals hold the truth more often
-    than they state, the more so the less x and y are correlated; where one is a multiple of the other they are those of
-    the variances.
-    """
-    found = np.full((6, 6, 2), np.nan)
-    parts = [distributions[row].moments for row in COMPONENTS]
+def _covariance_interval(covariance: Array, parts: Sequence[Moments]) -> Array:
+    """Return the ends of the intervals of the covariances of numbers with these moments."""
+    found = np.full((*covariance.shape, 2), np.nan)
     resolved = [k for k, part in enumerate(parts) if part.variance_interval is not None]
     for i, j in itertools.product(resolved, resolved):
         one, other = parts[i], parts[j]
@@ -245,6 +244,12 @@ def _covariance_interval(covariance: Array, distributions: Sequence[Distribution
         half = max(one.standard_errors, other.standard_errors) * spread + one.moved * other.moved
         found[i, j] = one.variance_interval if i == j else (covariance[i, j] - half, covariance[i, j] + half)
     return found
+
+
+def _listed(intervals: Array | None) -> list[list[list[float] | None]] | None:
+    if intervals is None:
+        return None
+    return [[None if np.isnan(ends).any() else ends.tolist() for ends in row] for row in intervals]
 
 
 def _deviations(state: State, covariance: Array) -> Array:
