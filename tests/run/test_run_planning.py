@@ -35,7 +35,9 @@ def values_of(errors: np.ndarray) -> dict[str, np.ndarray]:
     return dict(zip(QUANTITIES, rows, strict=True))
 
 
-@pytest.mark.parametrize("law", [Normal(1e-3), Uniform(1e-3), Lognormal(1e-3, 1e-3)], ids=lambda law: type(law).__name__)
+@pytest.mark.parametrize(
+    "law", [Normal(1e-3), Uniform(1e-3), Lognormal(1e-3, 1e-3)], ids=lambda law: type(law).__name__
+)
 @pytest.mark.parametrize("pose", STRETCHED, ids=str)
 def test_quantiles_are_those_of_the_sorted_samples_where_the_first_order_vanishes(pose, law):
     found = pp.monte_carlo(offsets(law), np.radians(pose), samples=20_000, keep_samples=True)
