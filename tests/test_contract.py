@@ -198,7 +198,13 @@ def test_the_dataset_holds_what_the_json_does(arm, tmp_path):
         for part in ("norm", "x", "y", "z"):
             entry, here = data[vector][part], dataset.sel(quantity=f"{vector}.{part}")
             for name in ("mean", "std", "min", "max", "mode"):
-                assert here[name].item() == entry[name]
+                np.testing.assert_array_equal(here[name], np.nan if entry[name] is None else entry[name])
+            for name in ("mean_interval", "std_interval", "mode_interval"):
+                np.testing.assert_array_equal(here[name], entry[name] or [np.nan, np.nan])
+            for content, bounds in entry["tolerance_bounds"].items():
+                np.testing.assert_array_equal(
+                    here["tolerance_bounds"].sel(content=float(content)), bounds or [np.nan, np.nan]
+                )
             for level, value in entry["quantiles"].items():
                 cell = here.sel(probability=float(level))
                 ends = entry["quantile_interval"][level] or [np.nan, np.nan]
@@ -208,6 +214,7 @@ def test_the_dataset_holds_what_the_json_does(arm, tmp_path):
     np.testing.assert_array_equal(dataset["error"].sel(component="rz"), result.errors[5])
     np.testing.assert_array_equal(dataset["nominal"], [*data["nominal"]["position"], *data["nominal"]["attitude"]])
     np.testing.assert_array_equal(dataset["covariance"], data["covariance"])
+    np.testing.assert_array_equal(dataset["covariance_interval"], data["covariance_interval"])
     assert dataset.attrs["tip"] == "tool0"
     assert all(isinstance(value, str) for value in dataset.attrs.values())  # what a netCDF file can hold
 

@@ -54,12 +54,44 @@ class Coverage:
 
 
 def as_markdown(rows: Sequence[Coverage]) -> str:
-    """Return the rows as a table."""
+    """Return the rows as a table: a line for each case and a column for each interval, where there are few of these."""
+    intervals = list(dict.fromkeys(row.interval for row in rows))
+    if len(intervals) > _MOST_COLUMNS:
+        return _listed(rows)
+    cases: dict[tuple[str, str], dict[str, Coverage]] = {(row.case, row.truth): {} for row in rows}
+    for row in rows:
+        cases[row.case, row.truth][row.interval] = row
+    lines = [
+        f"| case | truth from | runs | {' | '.join(intervals)} |",
+        f"| --- | --- | ---: |{' ---: |' * len(intervals)}",
+    ]
+    for (case, truth), found in cases.items():
+        runs = next(iter(found.values())).runs
+        cells = [_cell(found[interval]) if interval in found else "" for interval in intervals]
+        lines.append(f"| {case} | {truth} | {runs:,} | {' | '.join(cells)} |")
+    return "\n".join(lines)
+
+
+_MOST_COLUMNS: Final = 9
+
+
+def _cell(row: Coverage) -> str:
+    """Return the share that holds the truth, and of how many intervals where some were not given."""
+    if not row.given:
+        return "not resolved"
+    return _share(row) if row.given == row.runs else f"{_share(row)} of {row.given:,} given"
+
+
+def _share(row: Coverage) -> str:
+    return f"{100 * row.share:.1f} %"
+
+
+def _listed(rows: Sequence[Coverage]) -> str:
     lines = [
         "| interval | case | truth from | runs | given | hold the truth |",
         "| --- | --- | --- | ---: | ---: | ---: |",
     ]
     for row in rows:
-        share = f"{100 * row.share:.1f} %" if row.given else "not resolved"
+        share = _share(row) if row.given else "not resolved"
         lines.append(f"| {row.interval} | {row.case} | {row.truth} | {row.runs:,} | {row.given:,} | {share} |")
     return "\n".join(lines)

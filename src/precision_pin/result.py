@@ -16,6 +16,7 @@ from precision_pin.errors import InputError
 from precision_pin.markup import Table, rendered
 from precision_pin.space import Space
 from precision_pin.statistics import QUANTITIES, Distribution, Extreme, Summary, VectorDistribution
+from precision_pin.statistics.distribution import CONTENTS
 from precision_pin.statistics.precision import Precision
 from precision_pin.tabular import (
     ROUNDING,
@@ -237,9 +238,10 @@ class Analysis:
         """Return the result as a dataset, m and rad, not-a-number where the samples do not resolve a number.
 
         ``mean``, ``std``, ``min``, ``max``, ``mode`` over ``quantity`` (position.norm … attitude.z); ``quantile`` over
-        quantity and ``probability``, ``quantile_interval`` with ``end`` (lower, upper) besides; ``nominal`` over
-        ``component`` (dx … rz), ``covariance`` over component and ``component_2``; ``error`` over component and
-        ``sample`` if the samples were kept. Attributes say how it was sampled.
+        quantity and ``probability``, ``quantile_interval`` with ``end`` (lower, upper) besides; ``mean_interval``,
+        ``std_interval``, ``mode_interval`` over quantity and end; ``nominal`` over ``component`` (dx … rz), ``covariance``
+        over component and ``component_2``, ``covariance_interval`` with end besides; ``tolerance_bounds`` over quantity,
+        ``content`` and end; ``error`` over component and ``sample`` if the samples were kept. Attributes say how it was sampled.
 
         Raises
         ------
@@ -271,12 +273,36 @@ class Analysis:
                 np.full((6, 6), np.nan) if self.covariance is None else self.covariance,
             ),
         }
+        nothing = (np.nan, np.nan)
+        variables |= {
+            f"{name}_interval": (
+                ("quantity", "end"),
+                [distribution.interval(name) or nothing for distribution in distributions],
+            )
+            for name in ("mean", "std", "mode")
+        }
+        variables |= {
+            "covariance_interval": (
+                ("component", "component_2", "end"),
+                np.full((6, 6, 2), np.nan)
+                if self.summary.covariance_interval is None
+                else self.summary.covariance_interval,
+            ),
+            "tolerance_bounds": (
+                ("quantity", "content", "end"),
+                [
+                    [distribution.tolerance_bounds(content) or nothing for content in CONTENTS]
+                    for distribution in distributions
+                ],
+            ),
+        }
         if self.errors is not None:
             variables["error"] = (("component", "sample"), self.errors)
         coordinates: dict[str, Any] = {
             "quantity": list(QUANTITIES),
             "probability": levels,
             "end": ["lower", "upper"],
+            "content": list(CONTENTS),
             "component": list(_COMPONENTS),
             "component_2": list(_COMPONENTS),
         }

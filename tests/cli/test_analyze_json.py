@@ -14,9 +14,13 @@ from precision_pin.examples import PAPER_SHEET
 
 TOP = [
     "schema", "complete", "robot", "base", "tip", "axes", "pose", "samples", "seed", "model", "statics", "scopes",
-    "confidence", "versions", "warnings", "position", "attitude", "nominal", "covariance", "spec", "largest",
+    "confidence", "versions", "warnings", "position", "attitude", "nominal", "covariance", "covariance_interval", "spec",
+    "largest",
 ]  # fmt: skip
-STATISTICS = ["mean", "std", "min", "max", "mode", "quantiles", "quantile_interval", "quantile_error"]
+STATISTICS = [
+    "mean", "std", "min", "max", "mode", "quantiles", "quantile_interval", "quantile_error",
+    "mean_interval", "std_interval", "mode_interval", "tolerance_bounds",
+]  # fmt: skip
 NORM_LEVELS = ["0.5", "0.95", "0.99", "0.9973"]
 COMPONENT_LEVELS = ["0.00135", "0.01", "0.05", "0.5", "0.95", "0.99", "0.9973"]
 
@@ -80,11 +84,23 @@ def test_every_key_and_type(run):
         assert isinstance(entry["met"], bool)
         low, high = entry["interval"]
         assert 0 <= low <= entry["probability"] <= high <= 1
+    intervals = np.array(data["covariance_interval"], dtype=float)
+    assert (intervals[:, :, 0] < data["covariance"]).all()
+    assert (intervals[:, :, 1] > data["covariance"]).all()
     for name, entry in distributions(data):
         levels = NORM_LEVELS if name.endswith("norm") else COMPONENT_LEVELS
         assert sorted(entry) == sorted(STATISTICS), name
         assert sorted(entry["quantiles"]) == sorted(entry["quantile_interval"]) == sorted(levels), name
-        assert all(is_number(entry[key]) for key in ("mean", "std", "min", "max", "mode")), name
+        assert all(is_number(entry[key]) for key in ("mean", "std", "min", "max")), name
+        for statistic in ("mean", "std"):
+            low, high = entry[f"{statistic}_interval"]
+            assert low < entry[statistic] < high, name
+        assert (entry["mode"] is None) == (entry["mode_interval"] is None), name
+        assert entry["mode"] is None or entry["mode_interval"][0] <= entry["mode"] <= entry["mode_interval"][1]
+        for content, (low, high) in entry["tolerance_bounds"].items():
+            # one-sided for a norm; two-sided bounds enclose more than the quantile of one side
+            assert low == 0 if name.endswith("norm") else low < entry["quantiles"]["0.05"], name
+            assert high > entry["quantiles"][content], name
         for level in levels:
             assert is_number(entry["quantiles"][level]), (name, level)
             low, high = entry["quantile_interval"][level]
@@ -103,7 +119,7 @@ def test_null_where_the_samples_do_not_resolve_a_number(run, samples):
     for name, entry in distributions(data):
         assert all(is_number(entry[key]) for key in ("mean", "min", "max")), name
         assert (entry["std"] is None) == (samples == 1), name
-        assert (entry["mode"] is None) == (samples <= 50), name
+        assert samples > 50 or entry["mode"] is None, name
         for level, value in entry["quantiles"].items():
             assert (value is not None) == resolved(samples, float(level)), (name, level)
             assert (entry["quantile_interval"][level] is None) == (value is None), (name, level)

@@ -175,7 +175,7 @@ def test_one_sample_and_two() -> None:
 
 def test_a_constant_quantity_has_no_spread_whatever_the_centre() -> None:
     errors = np.full((6, 1000), 0.1)
-    plan = Plan(np.full(8, 0.3), np.full(8, 1e-3))
+    plan = Plan(np.full(8, 0.3), np.full(8, 1e-3), skewness=np.zeros((8, 2)))
     summary = finish(plan, observe(plan, start(plan), errors))
     for quantity in QUANTITIES:
         distribution = summary.distribution(quantity)
@@ -186,7 +186,15 @@ def test_a_constant_quantity_has_no_spread_whatever_the_centre() -> None:
         assert distribution.quantile_interval(0.95) == (value, value)
         assert distribution.histogram() is None
         assert distribution.resolution("mean") == 6
+        assert distribution.std_interval() == (0.0, 0.0)
     assert not summary.covariance.any()
+
+
+def test_samples_all_alike_do_not_tell_that_others_are_where_nothing_is_known_of_the_laws() -> None:
+    errors = np.full((6, 1000), 0.1)
+    plan = Plan(np.full(8, 0.3), np.full(8, 1e-3))
+    found = finish(plan, observe(plan, start(plan), errors)).position.x
+    assert (found.mean_interval(), found.std_interval()) == (None, None)
 
 
 @pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf, 1e200])

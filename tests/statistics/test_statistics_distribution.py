@@ -48,7 +48,9 @@ def test_moments_and_mode_of_the_isotropic_norm(isotropic) -> None:
         error = deviation / math.sqrt(isotropic.samples)
         assert abs(norm.mean - NORM_MEAN) < FALSE_ALARM * error
         assert abs(norm.mean + 3 * norm.std - REPEATABILITY) < FALSE_ALARM * 3.2 * error
-        assert abs(norm.mode - math.sqrt(2)) < norm.half_width("mode") < 0.05
+        low, high = norm.mode_interval()
+        assert low < math.sqrt(2) < high
+        assert high - low < 0.6 * deviation
         assert norm.mode_bandwidth == pytest.approx((4 / 5) ** (1 / 7) * deviation * 1e6 ** (-1 / 7), rel=0.02)
 
 
@@ -92,7 +94,7 @@ def test_mode_of_skewed_and_of_two_lumped_laws() -> None:
     generator = np.random.default_rng(22)
     gamma = component_of(generator.gamma(5.0, 1e-3, 200_000))
     assert gamma.mode == pytest.approx(4e-3, abs=gamma.half_width("mode"))
-    assert gamma.half_width("mode") < 2e-4
+    assert gamma.half_width("mode") < 0.3 * gamma.std
     lumps = np.where(generator.random(50_000) < 0.6, -3.0, 3.0) + generator.standard_normal(50_000)
     assert component_of(lumps).mode == pytest.approx(-3.0, abs=0.3)
 
@@ -102,7 +104,7 @@ def test_a_law_without_peak_has_no_mode_and_few_samples_have_none() -> None:
     assert component_of(generator.uniform(-1, 1, 100_000)).mode is None
     assert component_of(generator.uniform(-1, 1, 100_000)).mode_bandwidth is None
     assert component_of(generator.standard_normal(99)).mode is None
-    assert component_of(generator.standard_normal(1000)).mode is not None
+    assert component_of(generator.standard_normal(10_000)).mode is not None
     assert component_of(generator.standard_normal(29)).resolution("mean") is None
 
 
@@ -114,8 +116,9 @@ def test_standard_error_of_the_deviation_assumes_no_normal_law() -> None:
     expected = 1.959964 * math.sqrt((1 / 80 - 1 / 144) / samples) / (2 / math.sqrt(12))
     assert uniform.half_width("std") == pytest.approx(expected, rel=0.02)
     normal = component_of(generator.standard_normal(samples))
-    assert normal.half_width("std") == pytest.approx(1.959964 / math.sqrt(2 * samples), rel=0.03)
-    assert normal.half_width("mean") == pytest.approx(1.959964 * normal.std / math.sqrt(samples), rel=1e-6)
+    # a little wider, for tails that the samples may not show
+    assert 0.98 < normal.half_width("std") * math.sqrt(2 * samples) / 1.959964 < 1.06
+    assert normal.half_width("mean") == pytest.approx(1.959964 * normal.std / math.sqrt(samples), rel=1e-3)
 
 
 @pytest.mark.parametrize(
@@ -161,11 +164,13 @@ def test_more_samples_resolve_more_digits(isotropic) -> None:
 
 
 def test_dictionary_has_exactly_the_keys_of_the_schema() -> None:
-    errors = np.random.default_rng(26).standard_normal((6, 500)) * 1e-3
+    errors = np.random.default_rng(26).standard_normal((6, 1300)) * 1e-3
     plan = Plan(np.zeros(8), np.full(8, 1e-3), (Specification("attitude.norm", 1e-3, 0.9),))
     summary = finish(plan, observe(plan, start(plan), errors))
     read = json.loads(json.dumps(summary.to_dict(), allow_nan=False))
-    assert set(read) == {"samples", "confidence", "position", "attitude", "covariance", "spec"}
+    assert set(read) == {
+        "samples", "confidence", "position", "attitude", "covariance", "covariance_interval", "spec",
+    }  # fmt: skip
     for vector in ("position", "attitude"):
         assert list(read[vector]) == ["norm", "x", "y", "z"]
         for part, entry in read[vector].items():
@@ -178,7 +183,17 @@ def test_dictionary_has_exactly_the_keys_of_the_schema() -> None:
                 "quantiles",
                 "quantile_interval",
                 "quantile_error",
+                "mean_interval",
+                "std_interval",
+                "mode_interval",
+                "tolerance_bounds",
             ]
+            assert list(entry["tolerance_bounds"]) == ["0.95", "0.99", "0.9973"]
+            # Wilks: one-sided bounds need 1108 samples, two-sided ones 1756
+            assert (entry["tolerance_bounds"]["0.9973"] is None) == (part != "norm")
+            for statistic in ("mean", "std"):
+                low, high = entry[f"{statistic}_interval"]
+                assert low < entry[statistic] < high
             common = ["0.5", "0.95", "0.99", "0.9973"]
             assert list(entry["quantiles"]) == (common if part == "norm" else ["0.00135", "0.01", "0.05", *common])
             assert list(entry["quantile_interval"]) == list(entry["quantiles"])
@@ -188,4 +203,5 @@ def test_dictionary_has_exactly_the_keys_of_the_schema() -> None:
             assert low < entry["quantiles"]["0.5"] < high
     assert set(read["spec"][0]) == {"quantity", "limit", "required", "probability", "interval", "met"}
     assert np.shape(read["covariance"]) == (6, 6)
+    assert np.shape(read["covariance_interval"]) == (6, 6, 2)
     assert read["covariance"][0][0] == pytest.approx(read["position"]["x"]["std"] ** 2, rel=1e-12)

@@ -81,23 +81,24 @@ def test_quantities_are_called_as_in_specifications():
 
 
 def of_values(values: np.ndarray, confidence: float = 0.95) -> Distribution:
-    """Return the distribution of values seen, each in a bin of its own."""
+    """Return the distribution of values seen, each in a bin of its own, of laws known to be no more skewed than that."""
     rising = np.sort(values)
     count = rising.size
     return Distribution(
         "position.x", count, confidence, float(values.mean()), float(values.std(ddof=1)),
         float(rising[0]), float(rising[-1]), rising, rising, np.arange(1, count + 1),
+        skewness=(0.0, 0.0),
     )  # fmt: skip
 
 
-def test_of_a_mean_it_is_z_standard_errors():
+def test_of_a_mean_it_is_students_standard_errors():
     values = np.random.default_rng(1).normal(3.0, 2.0, 400)
-    # 1.959964: the 97.5 % quantile of the normal law, from a table
-    half = 1.959964 * values.std(ddof=1) / 20
-    found = reached(Target("position.x", "mean", half * 1.001, False), of_values(values))
+    # Student's quantile; skewness, here that of 400 normal numbers, changes it by less than a hundredth
+    half = stats.t(399).ppf(0.975) * values.std(ddof=1) / 20
+    found = reached(Target("position.x", "mean", half * 1.01, False), of_values(values))
     assert found.reached
-    assert found.half_width == pytest.approx(half, rel=1e-6)
-    found = reached(Target("position.x", "mean", half * 0.999, False), of_values(values))
+    assert found.half_width == pytest.approx(half, rel=0.01)
+    found = reached(Target("position.x", "mean", half * 0.99, False), of_values(values))
     assert not found.reached
     shared = reached(Target("position.x", "mean", 0.05, True), of_values(values))
     assert shared.tolerance == pytest.approx(0.05 * abs(values.mean()))
@@ -120,9 +121,9 @@ def test_of_a_standard_deviation_it_follows_the_fourth_moment():
     generator = np.random.default_rng(2)
     for values, kurtosis in ((generator.normal(size=40_000), 3.0), (generator.uniform(-1, 1, 40_000), 1.8)):
         found = reached(Target("position.x", "std", 0.01, True), of_values(values))
-        assert found.half_width == pytest.approx(
-            1.959964 * values.std() * math.sqrt((kurtosis - 1) / 4 / 40_000), rel=0.03
-        )
+        half = 1.959964 * values.std() * math.sqrt((kurtosis - 1) / 4 / 40_000)
+        # a little wider, for tails that the samples may not show
+        assert 0.99 * half < found.half_width < 1.06 * half
         assert found.reached
 
 
@@ -131,7 +132,7 @@ def test_of_a_summary_the_quantity_is_picked():
     plan = Plan.from_moments(np.zeros(6), np.diag(np.array([1, 2, 3, 4, 5, 6.0]) ** 2 * 1e-6))
     summary = finish(plan, observe(plan, start(plan), errors))
     found = reached(target("rx mean to 1 mrad"), summary)
-    assert found.half_width == pytest.approx(1.959964 * errors[3].std(ddof=1) / math.sqrt(5000), rel=1e-6)
+    assert found.half_width == pytest.approx(1.959964 * errors[3].std(ddof=1) / math.sqrt(5000), rel=2e-3)
     with pytest.raises(InputError, match=r"position\.x, the distribution of position\.norm"):
         reached(target("x mean to 1 mm"), summary.position.norm)
 
@@ -155,24 +156,23 @@ def test_how_many_samples_it_takes_goes_with_the_square():
     values = np.random.default_rng(5).normal(size=1000)
     found = reached(Target("position.x", "mean", 0.01, False), of_values(values))
     needed = found.needed(1000)
-    assert needed == pytest.approx(1000 * (1.959964 * values.std(ddof=1) / math.sqrt(1000) / 0.01) ** 2, rel=1e-3)
+    assert needed == pytest.approx(1000 * (1.959964 * values.std(ddof=1) / math.sqrt(1000) / 0.01) ** 2, rel=1e-2)
     assert reached(Target("position.x", "mean", 1.0, False), of_values(values)).needed(1000) == 1000
 
 
-@pytest.mark.parametrize(("statistic", "least"), [("mean", 0.93), ("std", 0.90), (0.95, 0.93)])
+@pytest.mark.parametrize(("statistic", "least"), [("mean", 0.93), ("std", 0.94), (0.95, 0.93)])
 def test_stopping_at_doubled_looks_costs_little_coverage(statistic, least):
     """Looks at 512, 1024, … samples of a skewed law: intervals of stopped runs cover less often than the 95 % stated.
 
-    Mean and quantile lose no more than 2 percentage points, a standard deviation no more than 5; where just so much is
-    lost, 600 runs fail with probability 1e-4.
+    Mean and quantile lose no more than 2 percentage points, a standard deviation, whose interval is wide enough for worse
+    tails, no more than 1; where just so much is lost, 600 runs fail with probability 1e-4.
     """
     law = stats.gamma(4.0)
     truth = {"mean": law.mean(), "std": law.std()}.get(statistic, law.ppf(0.95))
     generator = np.random.default_rng(6)
     # the middle of the half-widths at the third look: about half of the runs stop there, those with small spreads
-    tolerance = float(
-        np.median([of_values(law.rvs(2048, random_state=generator)).half_width(statistic) for _ in range(100)])
-    )
+    widths = [of_values(law.rvs(2048, random_state=generator)).half_width(statistic) for _ in range(100)]
+    tolerance = float(np.median([width for width in widths if width is not None]))
     hits = 0
     stops = set()
     for _ in range(600):

@@ -11,7 +11,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
 
-from precision_pin.statistics import Distribution, SpecificationResult, format_supported
+from precision_pin.statistics import Distribution, SpecificationResult, format_inside
 from precision_pin.tabular import symbol
 
 __all__ = ["DisplayUnit", "display_unit", "draw_cumulative", "draw_histogram", "moments_text", "ticks"]
@@ -150,12 +150,12 @@ def _mark(
     specifications: Sequence[SpecificationResult],
 ) -> None:
     """Draw mean, quantiles with their intervals and limits as vertical lines, and set the axis."""
-    mean = _text(distribution.mean, distribution.half_width("mean"), ruler.text_unit)
+    mean = _text(distribution.mean, distribution.mean_interval(), ruler.text_unit)
     axes.axvline(ruler(distribution.mean), color=BLACK, linestyle="-", label=f"mean: {mean}")
     marked = _MARKED_OF_NORM if distribution.is_norm else _MARKED_OF_COMPONENT
     for p, (colour, dashes) in zip(marked, _QUANTILE_LINES, strict=True):
         value, interval = distribution.quantile(p), distribution.quantile_interval(p)
-        label = f"{100 * p:g} % quantile: {_text(value, distribution.half_width(p), ruler.text_unit)}"
+        label = f"{100 * p:g} % quantile: {_text(value, distribution.quantile_interval(p), ruler.text_unit)}"
         if value is None or interval is None:
             axes.plot([], [], color=colour, linestyle=dashes, label=label)
             continue
@@ -197,7 +197,7 @@ def _percentages(result: SpecificationResult) -> str:
     """Return the share inside and its interval in per cent, the interval's ends rounded outwards."""
     lower, upper = result.interval
     half_width = 100 * max(result.probability - lower, upper - result.probability)
-    share = format_supported(100 * result.probability, half_width, most=12)
+    share = format_inside(100 * result.probability, (100 * lower, 100 * upper))
     decimals = max(0, math.ceil(-math.log10(half_width))) + 1
     step = 10.0**-decimals
     low = max(math.floor(100 * lower / step) * step, 0.0)
@@ -231,18 +231,17 @@ def _unit_for(size: float, quantity: str) -> DisplayUnit:
     return next((unit for unit in ladder[1:] if size * unit.per_si >= 0.1), ladder[-1])
 
 
-def _text(value: float | None, half_width: float | None, unit: DisplayUnit) -> str:
-    if value is None or half_width is None:
+def _text(value: float | None, interval: tuple[float, float] | None, unit: DisplayUnit) -> str:
+    if value is None or interval is None:
         return "not resolved"
-    most = 12 if half_width > 0 else 6
-    return f"{format_supported(value * unit.per_si, half_width * unit.per_si, most=most)} {unit.name}"
+    return f"{format_inside(value * unit.per_si, (interval[0] * unit.per_si, interval[1] * unit.per_si))} {unit.name}"
 
 
 def moments_text(distribution: Distribution, unit: DisplayUnit) -> str:
     """Return mean and standard deviation in two lines, as far as they are resolved, for a panel's title."""
     unit = _ruler(distribution, unit).text_unit
-    mean = _text(distribution.mean, distribution.half_width("mean"), unit)
-    std, half_width = distribution.std, distribution.half_width("std")
+    mean = _text(distribution.mean, distribution.mean_interval(), unit)
+    std = distribution.std
     small = std is not None and std * unit.per_si < 1e-3
     std_unit = _unit_for(std, distribution.quantity) if std is not None and small else unit
-    return f"mean {mean}\nstd {_text(std, half_width, std_unit)}"
+    return f"mean {mean}\nstd {_text(std, distribution.std_interval(), std_unit)}"

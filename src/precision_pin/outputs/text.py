@@ -11,13 +11,24 @@ from typing import TYPE_CHECKING
 
 from precision_pin.mcpc import Mcpc
 from precision_pin.result import Analysis, Correlated
-from precision_pin.statistics import Distribution, SpecificationResult, format_supported
+from precision_pin.statistics import Distribution, SpecificationResult, format_inside
+from precision_pin.statistics.distribution import CONTENTS
 from precision_pin.tabular import ROUNDING, symbol, unit
 
 if TYPE_CHECKING:
     from precision_pin.analyses.heading import Heading, PoseHeading
 
-__all__ = ["aligned", "analysis_table", "inside", "mcpc_table", "plain", "pose_text", "statistic", "subject"]
+__all__ = [
+    "aligned",
+    "analysis_table",
+    "inside",
+    "mcpc_table",
+    "plain",
+    "pose_text",
+    "statistic",
+    "subject",
+    "tolerance_bounds",
+]
 
 _COLUMNS = ("mean", "std", "min", "max", "mode", 0.5, 0.95, 0.99, 0.9973)
 
@@ -35,6 +46,9 @@ def analysis_table(analysis: Analysis) -> str:
         f"{analysis.summary.confidence:.0%} confidence",
         "",
         *aligned([_header(), *_rows(analysis)]),
+        "",
+        f"tolerance bounds: between them lies at least this share of all robots, {analysis.summary.confidence:.0%} sure",
+        *aligned([_bounds_header(), *_bounds(analysis)]),
         "",
         "min and max are the smallest and largest seen, not bounds; - is not resolved by this many samples",
         f"mode: peak of the histogram smoothed by {_bandwidths(analysis)}",
@@ -74,15 +88,44 @@ def _rows(analysis: Analysis) -> list[list[str]]:
     return rows
 
 
+def _bounds_header() -> list[str]:
+    return ["", "", *(f"{100 * content:.4g} % of robots" for content in CONTENTS)]
+
+
+def _bounds(analysis: Analysis) -> list[list[str]]:
+    return [
+        [symbol(part.quantity), unit(part.quantity), *(tolerance_bounds(part, content) for content in CONTENTS)]
+        for vector in (analysis.position, analysis.attitude)
+        for part in (vector.norm, vector.x, vector.y, vector.z)
+    ]
+
+
 def statistic(distribution: Distribution, which: str | float) -> str:
     """Return a statistic (``mean``, ``std``, …, or a quantile's probability) in mm or mrad; ``-`` where not resolved."""
     value = distribution.quantile(which) if isinstance(which, float) else getattr(distribution, which)
-    half_width = distribution.half_width(which)
-    if value is None or half_width is None:
+    interval = distribution.interval(which)
+    if value is None or interval is None:
         return "-"
     if max(abs(distribution.min), abs(distribution.max)) < ROUNDING:
         return "0"
-    return format_supported(1e3 * value, 1e3 * half_width, most=5)
+    return format_inside(1e3 * value, (1e3 * interval[0], 1e3 * interval[1]), most=5)
+
+
+def tolerance_bounds(distribution: Distribution, content: float) -> str:
+    """Return the bounds of a share of all units in mm or mrad, rounded outwards; ``-`` where not resolved."""
+    bounds = distribution.tolerance_bounds(content)
+    if bounds is None:
+        return "-"
+    if max(abs(distribution.min), abs(distribution.max)) < ROUNDING:
+        return "0"
+    # to a hundredth of the spread, or five digits where there is none
+    size = distribution.std or abs(bounds[1]) / 1000 or 1.0
+    place = Decimal(1).scaleb(Decimal(1e3 * size).adjusted() - 2)
+    low, high = (
+        (Decimal(1000) * Decimal(end)).quantize(place, way)
+        for end, way in zip(bounds, (ROUND_FLOOR, ROUND_CEILING), strict=True)
+    )
+    return f"{high + 0:f}" if distribution.is_norm else f"{low + 0:f} to {high + 0:f}"
 
 
 def _pairs(group: Correlated) -> list[str]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
-from typing import Literal
+from typing import Final, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -19,12 +19,30 @@ from precision_pin.run.executors import Submitter, chosen
 from precision_pin.run.identity import identity
 from precision_pin.run.journal import opened
 from precision_pin.run.memory import check_kept
+from precision_pin.run.planning import planned
 from precision_pin.run.sampling import Sampling
 from precision_pin.space import Scope, check_seed
-from precision_pin.statistics import Plan, Specification, State, Summary, check_confidence, finish, start
+from precision_pin.statistics import (
+    QUANTITIES,
+    Plan,
+    Specification,
+    State,
+    Summary,
+    check_confidence,
+    finish,
+    start,
+)
 from precision_pin.statistics.precision import Precision, Target, reached, target
 
 __all__ = ["Progress", "monte_carlo"]
+
+_LARGEST_SQUARE: Final = 1e75
+"""Squares of errors beyond this are refused, m² or rad²: of fourth powers, which intervals rest on, there is no sum."""
+
+_COARSE: Final = 0.05
+"""Share of the standard deviation beyond which the error of a quantile's bins is worth a warning."""
+_ROUNDING: Final = 1e-14
+"""Errors below this, m or rad, are rounding."""
 
 Progress = Callable[[int], None]
 """Told how many samples have been added since it was last called."""
@@ -126,8 +144,10 @@ def monte_carlo(
         check_kept(samples)
     targets = [target(text) for text in until]
     workers = chosen(threads, processes, executor, tasks_under_way)
-    at, plan = _planned(error_model, q, specifications)
-    work = Work(kernel.compile_table(at), plan, model, int(seed), int(samples), keep_samples, packages())
+    at = _placed(error_model, q)
+    layout = kernel.compile_table(at)
+    plan = planned(at, layout, model, int(seed), specifications)
+    work = Work(layout, plan, model, int(seed), int(samples), keep_samples, packages())
     state = start(plan)
     with ExitStack() as stack:
         step = stack.enter_context(progress_bar.progress(work.samples)) if progress is True else progress or _nothing
@@ -152,6 +172,7 @@ def monte_carlo(
     precisions = [reached(wanted, summary) for wanted in targets]
     warnings = (
         *findings, *at.findings(model), *error_model.statics_findings(at),
+        *_coarse(summary),
         *(_missed(text, one, summary.samples) for text, one in zip(until, precisions, strict=True) if not one.reached),
     )  # fmt: skip
     return Analysis(
@@ -208,6 +229,26 @@ def _check_resolved(wanted: Target, found: Precision, summary: Summary) -> None:
         )
 
 
+def _coarse(summary: Summary) -> list[Finding]:
+    """Return a warning for each quantity of which a quantile lies in a bin too wide for the spread that was seen."""
+    found = []
+    for quantity in QUANTITIES:
+        distribution = summary.distribution(quantity)
+        allowed = max(_COARSE * (distribution.std or 0.0), _ROUNDING)
+        if (distribution.bin_upper - distribution.bin_lower).max() <= allowed:
+            continue
+        errors = {level: distribution.quantile_error(level) or 0.0 for level in distribution.levels}
+        level = max(errors, key=lambda one: errors[one])
+        if errors[level] > allowed:
+            unit = "m" if quantity.startswith("position") else "rad"
+            message = (
+                f"the {100 * level:.4g} % quantile of {quantity} is kept to {errors[level]:.2g} {unit} only, rare errors lie "
+                "too far outside those that the bins were planned from; its interval is widened by that"
+            )
+            found.append(Finding("warning", "W_BINS", message))
+    return found
+
+
 def _missed(text: str, found: Precision, samples: int) -> Finding:
     needed = found.needed(samples)
     about = "" if needed is None else f"; about {needed:,.3g} would do"
@@ -221,14 +262,14 @@ def _makers(layout: kernel.CompiledTable, seed: int, summary: Summary) -> dict[i
     return {unit: dict(zip(names, kernel.sample(layout, seed, unit, 1)[:, 0].tolist(), strict=True)) for unit in units}
 
 
-def _planned(
-    error_model: ErrorModel, q: ArrayLike | Mapping[str, float] | str | None, specifications: Sequence[Specification]
-) -> tuple[PoseModel, Plan]:
+def _placed(error_model: ErrorModel, q: ArrayLike | Mapping[str, float] | str | None) -> PoseModel:
+    """Return the model at the pose, with its first order."""
     try:
         with np.errstate(over="raise"):
             at = error_model.at(q)
-            error, _ = at.tangent
-            return at, Plan.from_moments(error, at.covariance, tuple(specifications))
+            if np.abs(at.tangent[0]).max() ** 2 + np.abs(at.covariance).max() > _LARGEST_SQUARE:
+                raise OverflowError
+            return at
     except (OverflowError, FloatingPointError):
         raise InputError(
             "the errors at this pose are beyond any number; the tolerances or loads are far too large"

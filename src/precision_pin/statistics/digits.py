@@ -2,17 +2,26 @@
 
 The rule: the last digit printed is the first that is uncertain, at the smallest power of ten of which the
 half-width of the number's interval is five or less. The digit before it is then certain to half a unit, and
-rounding to it moves the number by less than the half-width: what is printed lies inside the interval.
+rounding to it moves the number by less than the half-width. Where the interval reaches less far to one side, that may
+still carry the number past its end; then further digits are printed, until what is printed lies inside the interval.
+
+A number whose interval is no wider than rounding is known exactly, and printed with a fixed number of digits.
 """
 
 from __future__ import annotations
 
 import math
+from typing import Final
 
-__all__ = ["MOST_DIGITS", "format_supported", "significant_digits"]
+__all__ = ["MOST_DIGITS", "format_inside", "format_supported", "significant_digits"]
 
 MOST_DIGITS = 6
 """Digits printed of a number that is known exactly, such as the largest value seen."""
+
+_ROUNDING: Final = 1e-9
+"""An interval narrower than this share of the number is that of a number known exactly."""
+_FINEST: Final = 17
+"""Significant digits of a double."""
 
 
 def significant_digits(value: float, half_width: float, *, most: int = MOST_DIGITS) -> int:
@@ -46,9 +55,33 @@ def format_supported(value: float | None, half_width: float | None, *, most: int
         return "not resolved"
     if value == 0 and half_width == 0:
         return "0"
-    place = _last_place(value, half_width, most)
-    rounded = round(value, -place)
-    return f"{rounded + 0.0:.{max(0, -place)}f}"
+    return _rounded(value, _last_place(value, half_width, most))
+
+
+def format_inside(value: float | None, interval: tuple[float, float] | None, *, most: int = MOST_DIGITS) -> str:
+    """Return the value with the digits that its interval supports, rounded to a number inside the interval.
+
+    Parameters
+    ----------
+    value, interval
+        The number, and an interval that holds it, in any unit; None where the samples do not resolve one of them.
+    most
+        Digits of a number that is known exactly.
+    """
+    if value is None or interval is None:
+        return "not resolved"
+    half_width = max(value - interval[0], interval[1] - value)
+    if half_width <= _ROUNDING * abs(value):
+        return format_supported(value, 0.0, most=most)
+    place = _last_place(value, half_width, _FINEST)
+    finest = _leading_place(value) - _FINEST + 1 if value else place
+    while place > finest and not interval[0] <= float(_rounded(value, place)) <= interval[1]:
+        place -= 1
+    return _rounded(value, place)
+
+
+def _rounded(value: float, place: int) -> str:
+    return f"{round(value, -place) + 0.0:.{max(0, -place)}f}"
 
 
 def _leading_place(value: float) -> int:

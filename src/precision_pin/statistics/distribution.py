@@ -9,14 +9,14 @@ from typing import Final, final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.special import ndtri
 
 from precision_pin.errors import InputError, UnknownNameError
 from precision_pin.statistics.digits import MOST_DIGITS, significant_digits
 from precision_pin.statistics.intervals import quantile_ranks, tolerance_ranks, upper_bound_rank
 from precision_pin.statistics.mode import Peak, smoothed_peak
+from precision_pin.statistics.moment_intervals import Moments
 
-__all__ = ["COMPONENT_LEVELS", "NORM_LEVELS", "Distribution", "Histogram"]
+__all__ = ["COMPONENT_LEVELS", "CONTENTS", "NORM_LEVELS", "Distribution", "Histogram"]
 
 Array = NDArray[np.float64]
 
@@ -25,8 +25,9 @@ NORM_LEVELS: Final = (0.5, 0.95, 0.99, 0.9973)
 COMPONENT_LEVELS: Final = (0.00135, 0.01, 0.05, 0.5, 0.95, 0.99, 0.9973)
 """Quantiles reported of a component."""
 
-_FEWEST_FOR_LIMIT_THEOREM: Final = 30
-"""Below this many samples no interval is given that rests on the central limit theorem."""
+CONTENTS: Final = (0.95, 0.99, 0.9973)
+"""Shares of all units for which tolerance bounds are reported."""
+
 _FEWEST_FOR_MODE: Final = 100
 _MOST_BARS: Final = 100
 
@@ -65,6 +66,8 @@ class Distribution:
         ``(k,)`` ends of the occupied bins of the sketch, cut at `min` and `max`.
     bin_cumulative
         ``(k,)`` samples up to and including each occupied bin.
+    skewness
+        Of the value and of its squared deviation from the mean, as far as the laws tell; not-a-number where they do not.
     """
 
     quantity: str
@@ -77,6 +80,7 @@ class Distribution:
     bin_lower: Array = field(repr=False)
     bin_upper: Array = field(repr=False)
     bin_cumulative: NDArray[np.int64] = field(repr=False)
+    skewness: tuple[float, float] = field(default=(math.nan, math.nan), repr=False)
 
     @property
     def is_norm(self) -> bool:
@@ -95,8 +99,8 @@ class Distribution:
 
         The linear interpolation of order statistics at rank 1 + (N − 1) p (numpy's default), each order
         statistic being placed inside its bin of the sketch by its rank in the bin. It differs from the
-        quantile of the samples themselves by at most one bin: 2⁻⁹ of its distance from the planned mean,
-        or 2⁻¹² of the planned spread where that is more.
+        quantile of the samples themselves by at most one bin: 2⁻⁹ of its distance from the planned middle,
+        or 2⁻¹² of the planned scale where that is more (`Plan`).
 
         Raises
         ------
@@ -120,7 +124,7 @@ class Distribution:
     def quantile_error(self, p: float) -> float | None:
         """Return how far `quantile` is at most from the quantile of the samples themselves; None if unresolved.
 
-        The sketch's own error, from the bins of the two order statistics that the quantile lies between; unlike
+        The sketch's own error, of the two order statistics between which the quantile is interpolated; unlike
         `quantile_interval` it says nothing of what further samples would give.
 
         Raises
@@ -128,12 +132,15 @@ class Distribution:
         InputError
             Unless 0 < p < 1.
         """
-        value = self.quantile(p)
-        if value is None:
+        if self.quantile(p) is None:
             return None
-        below = min(math.floor((self.samples - 1) * p), self.samples - 1)
-        lower, upper = self._outward(below + 1)[0], self._outward(min(below + 2, self.samples))[1]
-        return max(value - lower, upper - value)
+        position = (self.samples - 1) * p
+        below = min(math.floor(position), self.samples - 1)
+        errors = []
+        for rank in (below + 1, min(below + 2, self.samples)):
+            value, (lower, upper) = self._order_statistic(rank), self._outward(rank)
+            errors.append(max(value - lower, upper - value))
+        return errors[0] + (position - below) * (errors[1] - errors[0])
 
     def quantile_upper_bound(self, p: float) -> float | None:
         """Return the value below which the p-quantile lies with the stated confidence, one-sided.
@@ -158,6 +165,21 @@ class Distribution:
             Unless 0 < content < 1.
         """
         return self._between(tolerance_ranks(self.samples, _level(content), self.confidence))
+
+    def tolerance_bounds(self, content: float) -> tuple[float, float] | None:
+        """Return bounds between which this share of all units lies with the stated confidence (Wilks).
+
+        Of a norm from zero to `quantile_upper_bound`, of a component `tolerance_interval`.
+
+        Raises
+        ------
+        InputError
+            Unless 0 < content < 1.
+        """
+        if not self.is_norm:
+            return self.tolerance_interval(content)
+        upper = self.quantile_upper_bound(content)
+        return None if upper is None else (0.0, upper)
 
     # probabilities -----------------------------------------------------------------------------------
 
@@ -218,41 +240,37 @@ class Distribution:
         return None if self._peak is None else self._peak.bandwidth
 
     def mean_interval(self) -> tuple[float, float] | None:
-        """Return mean ± z·std/√N, by the central limit theorem; None below 30 samples."""
-        if self.std is None or self.samples < _FEWEST_FOR_LIMIT_THEOREM:
-            return None
-        half = self._normal_factor * self.std / math.sqrt(self.samples)
-        return self.mean - half, self.mean + half
+        """Return Hall's interval of the mean (`moment_intervals`); None below 30 samples or where too few decide it."""
+        ends = self.moments.mean_interval
+        return None if ends is None else (self.mean + ends[0], self.mean + ends[1])
+
+    def variance_interval(self) -> tuple[float, float] | None:
+        """Return the interval of the variance (`moment_intervals`); None below 300 samples or where too few decide it."""
+        return self.moments.variance_interval
 
     def std_interval(self) -> tuple[float, float] | None:
-        """Return std ± z·(its standard error), by the central limit theorem; None below 30 samples.
-
-        Var(s²) = (m₄ − s⁴ (N − 3)/(N − 1))/N holds for every law with a fourth central moment m₄
-        (Kendall and Stuart, vol. 1), and the standard error of s is that of s² over 2s. m₄ is taken from
-        the middles of the sketch's bins, to about a percent; no normal law is assumed.
-        """
-        if self.std is None or self.samples < _FEWEST_FOR_LIMIT_THEOREM:
+        """Return the roots of the ends of `variance_interval`; None where that is not resolved."""
+        ends = self.variance_interval()
+        if ends is None or self.std is None:
             return None
-        if self.std == 0:
-            return 0.0, 0.0
-        middles = (self.bin_lower + self.bin_upper) / 2
-        fourth = float(self._counts @ (middles - self.mean) ** 4) / self.samples
-        variance = fourth - self.std**4 * (self.samples - 3) / (self.samples - 1)
-        half = self._normal_factor * math.sqrt(max(variance, 0.0) / self.samples) / (2 * self.std)
-        return max(self.std - half, 0.0), self.std + half
+        return min(math.sqrt(ends[0]), self.std), max(math.sqrt(ends[1]), self.std)
 
     def mode_interval(self) -> tuple[float, float] | None:
-        """Return the interval of the mode; None where it is not resolved.
-
-        Half its width is z·(standard error of the smoothed histogram's peak, Parzen 1962) plus an allowance
-        bandwidth²/(2·std) for what the smoothing shifts.
-        """
-        if self._peak is None:
-            return None
-        half = self._peak.half_width
-        return self._peak.value - half, self._peak.value + half
+        """Return an interval that holds the mode of every unimodal law (`mode`); None where it is not resolved."""
+        return None if self._peak is None else (self._peak.lower, self._peak.upper)
 
     # how much of it to print -------------------------------------------------------------------------
+
+    def interval(self, statistic: str | float) -> tuple[float, float] | None:
+        """Return the interval of a statistic, named as in `half_width`; None where it is not resolved.
+
+        Raises
+        ------
+        UnknownNameError
+            There is no such statistic.
+        """
+        value, interval = self._value_and_interval(statistic)
+        return None if value is None else interval
 
     def half_width(self, statistic: str | float) -> float | None:
         """Return how far a statistic's interval reaches from it, on the farther side; None if unresolved.
@@ -296,6 +314,10 @@ class Distribution:
                 str(level): None if interval is None else list(interval) for level, interval in intervals.items()
             },
             "quantile_error": {str(level): self.quantile_error(level) for level in self.levels},
+            "mean_interval": _listed(self.mean_interval()),
+            "std_interval": _listed(self.std_interval()),
+            "mode_interval": _listed(self.mode_interval()),
+            "tolerance_bounds": {str(content): _listed(self.tolerance_bounds(content)) for content in CONTENTS},
         }
 
     # inside ------------------------------------------------------------------------------------------
@@ -326,9 +348,17 @@ class Distribution:
     def _counts(self) -> NDArray[np.int64]:
         return self.bin_cumulative - self._before
 
-    @property
-    def _normal_factor(self) -> float:
-        return float(ndtri((1 + self.confidence) / 2))
+    @cached_property
+    def moments(self) -> Moments:
+        """What the intervals of mean and variance rest on."""
+        return Moments(
+            deviations=(self.bin_lower + self.bin_upper) / 2 - self.mean,
+            counts=self._counts,
+            variance=0.0 if self.std is None else self.std**2 * (self.samples - 1) / self.samples,
+            samples=self.samples,
+            confidence=self.confidence,
+            skewness=self.skewness,
+        )
 
     def _bin(self, rank: int) -> int:
         return int(np.searchsorted(self.bin_cumulative, rank, side="left"))
@@ -371,9 +401,14 @@ class Distribution:
             spread=self.std,
             quartiles=(self._quantile(0.25), self._quantile(0.75)),
             bulk=(self._quantile(0.005), self._quantile(0.995)),
-            normal_factor=self._normal_factor,
+            seen=(self.min, self.max),
+            confidence=self.confidence,
             reflect_at_zero=self.is_norm,
         )
+
+
+def _listed(interval: tuple[float, float] | None) -> list[float] | None:
+    return None if interval is None else list(interval)
 
 
 def _level(p: float) -> float:

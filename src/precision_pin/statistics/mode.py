@@ -1,14 +1,26 @@
-"""The mode: peak of the histogram smoothed by a Gaussian."""
+"""The mode: peak of the histogram smoothed by a Gaussian, and an interval that holds the mode of the law.
+
+Smoothing shifts the peak of a skewed law by more than its standard error, so the interval does not rest on the smoothed
+histogram. Of all windows of one width the one that holds the most probability holds the mode of every unimodal law: to
+both sides of the mode the density falls. The interval is the union of all windows whose count is not significantly
+smaller than the largest count (Bonferroni's correction for three comparisons made at once): the window sought is among
+them with more than the stated confidence. Nothing else is assumed of the law.
+
+No mode is resolved where that union is wider than the standard deviation (a level law, two peaks alike), where it reaches
+the end of what was seen (a law without peak, but for a norm's mode of zero), or where finer windows find the mode
+elsewhere (a spike).
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import final
+from typing import Final, final
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import ndtri
 
 __all__ = ["Peak", "smoothed_peak"]
 
@@ -18,15 +30,27 @@ _STEPS_PER_BANDWIDTH = 16
 _MOST_CELLS = 1 << 14
 _REACH = 5.0
 
+_WINDOW: Final = 2.5
+"""Width of the windows, in spreads times N^(-1/5): of all powers of N this one gives the shortest interval."""
+_STEPS_PER_WINDOW: Final = 16
+_TESTS: Final = 3
+"""Comparisons that count as made at once: windows side by side that can be nearly as full as the fullest one, unless the
+mode is not resolved anyway."""
+_WIDEST: Final = 1.6
+"""Longest interval given, in standard deviations; a level law is 3.5 of them wide, two equal peaks at least 2."""
+_FINER: Final = (4, 16)
+"""How many times narrower the windows are that look for spikes."""
+
 
 @final
 @dataclass(frozen=True)
 class Peak:
-    """The peak of a smoothed histogram: its value, the smoothing's bandwidth, its half-width."""
+    """The peak of a smoothed histogram, the smoothing's bandwidth, and the interval of the mode."""
 
     value: float
     bandwidth: float
-    half_width: float
+    lower: float
+    upper: float
 
 
 def smoothed_peak(
@@ -36,7 +60,8 @@ def smoothed_peak(
     spread: float,
     quartiles: tuple[float, float],
     bulk: tuple[float, float],
-    normal_factor: float,
+    seen: tuple[float, float],
+    confidence: float,
     reflect_at_zero: bool,
 ) -> Peak | None:
     """Return the highest peak of the smoothed histogram, or None where the samples do not resolve it.
@@ -49,10 +74,10 @@ def smoothed_peak(
         How many.
     spread
         Their standard deviation.
-    quartiles, bulk
-        First and third quartile; the range in which the mode is sought.
-    normal_factor
-        Standard errors in half an interval.
+    quartiles, bulk, seen
+        First and third quartile; the range in which the mode is sought; smallest and largest sample.
+    confidence
+        Of the interval.
     reflect_at_zero
         Whether the quantity cannot be negative; the histogram is then mirrored at zero before it is
         smoothed, so that nothing leaks across the boundary.
@@ -61,17 +86,55 @@ def smoothed_peak(
     -----
     Bandwidth: h = 0.969·s·N^(−1/7), s the smaller of std and IQR/1.349; of all powers of N this one is best for
     the place of a peak (it balances bias h² against variance 1/(N h³); the factor is the normal reference
-    (4/5)^(1/7), Wand and Jones, Kernel Smoothing, 1995). The standard error of the peak is
-    sqrt(f·R / (N h³)) / |f″| with R = ∫K′² = 1/(4√π) (Parzen, Ann. Math. Stat. 33, 1962). The peak is not
-    resolved where its half-width, or the distance to a place whose density is not significantly lower (as
-    in a uniform law), exceeds the standard deviation.
+    (4/5)^(1/7), Wand and Jones, Kernel Smoothing, 1995).
     """
     if spread == 0:
-        return Peak(value=bulk[0], bandwidth=0.0, half_width=0.0)
+        return Peak(value=bulk[0], bandwidth=0.0, lower=bulk[0], upper=bulk[0])
     interquartile = quartiles[1] - quartiles[0]
     robust = min(spread, interquartile / 1.349) if interquartile > 0 else spread
+    width = _WINDOW * robust * samples ** (-1 / 5)
+    sought = (max(bulk[0] - width, 0.0) if reflect_at_zero else bulk[0] - width, bulk[1] + width)
+    likely = _likeliest(cumulative, sought, width, samples, confidence)
+    if likely is None or likely[1] - likely[0] > _WIDEST * spread:
+        return None
+    at_zero = reflect_at_zero and seen[0] < width
+    if (likely[0] - seen[0] < width / 2 and not at_zero) or seen[1] - likely[1] < width / 2:
+        return None
+    for finer in _FINER:
+        spike = _likeliest(cumulative, sought, width / finer, samples, confidence)
+        if spike is not None and (spike[0] > likely[1] or spike[1] < likely[0]):
+            return None
     bandwidth = (4 / 5) ** (1 / 7) * robust * samples ** (-1 / 7)
+    value = _smoothed(cumulative, bulk, bandwidth, reflect_at_zero=reflect_at_zero)
+    return Peak(value, bandwidth, min(likely[0], value), max(likely[1], value))
 
+
+def _likeliest(
+    cumulative: Callable[[Array], Array], sought: tuple[float, float], width: float, samples: int, confidence: float
+) -> tuple[float, float] | None:
+    """Return the union of the windows that may be the one with the most probability; None where there are too many."""
+    step = width / _STEPS_PER_WINDOW
+    cells = math.ceil((sought[1] - sought[0]) / step)
+    if not _STEPS_PER_WINDOW < cells <= _MOST_CELLS:
+        return None
+    edges: Array = sought[0] + step * np.arange(cells + 1, dtype=float)
+    below = cumulative(edges) * samples
+    held = below[_STEPS_PER_WINDOW:] - below[:-_STEPS_PER_WINDOW]
+    best = int(np.argmax(held))
+    starts = np.arange(held.size)
+    # what two windows share does not tell them apart
+    shared_from, shared_to = np.maximum(starts, best), np.minimum(starts, best) + _STEPS_PER_WINDOW
+    shared = np.where(shared_to > shared_from, below[shared_to] - below[np.minimum(shared_from, cells)], 0.0)
+    critical = -float(ndtri((1 - confidence) / (2 * _TESTS)))
+    apart = np.maximum(held[best] + held - 2 * shared, 0.0)
+    alike = np.flatnonzero(held[best] - held <= critical * np.sqrt(apart))
+    return float(edges[alike[0]]), float(edges[alike[-1] + _STEPS_PER_WINDOW])
+
+
+def _smoothed(
+    cumulative: Callable[[Array], Array], bulk: tuple[float, float], bandwidth: float, *, reflect_at_zero: bool
+) -> float:
+    """Return where the smoothed histogram is highest within the bulk."""
     lower = bulk[0] - _REACH * bandwidth
     upper = bulk[1] + _REACH * bandwidth
     mirrored = reflect_at_zero and lower <= 0
@@ -88,41 +151,12 @@ def smoothed_peak(
     offsets = np.arange(-reach, reach + 1) * step
     kernel = np.exp(-0.5 * (offsets / bandwidth) ** 2) / (bandwidth * math.sqrt(2 * math.pi))
     density = np.convolve(shares, kernel, mode="full")[reach : reach + shares.size]
-    middles = np.arange(shares.size) * step + (lower if not mirrored else lower - cells * step) + step / 2
-
-    sought = (middles >= max(bulk[0], 0.0 if mirrored else -math.inf)) & (middles <= bulk[1])
-    if not sought.any():
-        return None
-    top = int(np.flatnonzero(sought)[np.argmax(density[sought])])
-    aside = max(1, round(bandwidth / step))
-    if not aside <= top < density.size - aside:
-        return None
-    curvature = (density[top - aside] - 2 * density[top] + density[top + aside]) / (aside * step) ** 2
-    if curvature >= 0:
-        return None
-    error = math.sqrt(density[top] / (samples * bandwidth**3 * 4 * math.sqrt(math.pi))) / -curvature
-    rivals = np.flatnonzero(sought & ~_clearly_below(density, top, middles, bandwidth, samples, normal_factor))
-    if np.abs(middles[rivals] - middles[top]).max() > spread:
-        return None
-    half_width = float(normal_factor * error + bandwidth**2 / (2 * spread))
-    if half_width > spread:
-        return None
-    return Peak(value=_summit(middles, density, top, mirrored), bandwidth=bandwidth, half_width=half_width)
-
-
-def _clearly_below(
-    density: Array, top: int, middles: Array, bandwidth: float, samples: int, normal_factor: float
-) -> NDArray[np.bool_]:
-    """Return where the density is lower than at the top by more than the noise of their difference.
-
-    Two places of a density smoothed by a Gaussian have variances f/(2√π N h) and the correlation
-    exp(−Δ²/4h²), Δ being their distance.
-    """
-    correlation = np.exp(-(((middles - middles[top]) / (2 * bandwidth)) ** 2))
-    variance = density + density[top] - 2 * correlation * np.sqrt(density * density[top])
-    noise = np.sqrt(np.maximum(variance, 0.0) / (2 * math.sqrt(math.pi) * samples * bandwidth))
-    below: NDArray[np.bool_] = density[top] - density > normal_factor * noise
-    return below
+    middles: Array = (
+        np.arange(shares.size, dtype=float) * step + (lower if not mirrored else lower - cells * step) + step / 2
+    )
+    within = (middles >= max(bulk[0] - step, 0.0 if mirrored else -math.inf)) & (middles <= bulk[1] + step)
+    top = int(np.flatnonzero(within)[np.argmax(density[within])])
+    return _summit(middles, density, min(max(top, 1), density.size - 2), mirrored)
 
 
 def _summit(middles: Array, density: Array, top: int, mirrored: bool) -> float:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Final, final
 
 import numpy as np
@@ -36,6 +36,15 @@ COMPONENTS: Final = (1, 2, 3, 5, 6, 7)
 _RELATIVE_SCALE_WITHOUT_SPREAD = 2.0**-10
 _SCALE_WITHOUT_SPREAD = 2.0**-30
 _SMALLEST_SCALE = 2.0**-40
+
+_OUTERMOST: Final = 2.0**8
+"""Up to where the sketch has bins, in units of the scale."""
+_WIDEST: Final = 2.0**6
+"""The largest scale, in units of the spread seen: the bins about the centre are then 1/64 of the spread wide."""
+_MARGIN: Final = 16.0
+"""How much farther out than the farthest sample of a pilot there are bins."""
+_NOISE: Final = 1e-12
+"""A spread below this share of how far errors reach is rounding."""
 
 
 @final
@@ -87,18 +96,21 @@ class Plan:
     """What is subtracted from each quantity, the scale at which it is binned, and what is counted.
 
     Neither centre nor scale biases any result; they decide how finely the sketch resolves it and how much
-    the sums cancel. Planned mean and planned standard deviation are good choices.
+    the sums cancel. Middle and spread of a pilot's samples are good choices (`from_pilot`).
 
     Attributes
     ----------
     centre
-        ``(8,)`` planned means, m and rad; subtracted before anything is summed or binned.
+        ``(8,)`` planned middles, m and rad; subtracted before anything is summed or binned.
     scale
         ``(8,)`` planned spreads, m and rad, each rounded to a power of two, so that dividing by it is
         exact. A spread of zero is replaced by 2⁻¹⁰ of the largest of its four (position or attitude), or
         by 2⁻³⁰ where all four are zero; none is below 2⁻⁴⁰.
     specifications
         What is counted exactly.
+    skewness
+        ``(8, 2)`` skewness of each quantity and of the square of its deviation from the mean, as far as the laws tell:
+        what intervals of moments must reckon with, seen or not. Not-a-number where that is not known, the default.
 
     Raises
     ------
@@ -109,6 +121,7 @@ class Plan:
     centre: Array
     scale: Array
     specifications: tuple[Specification, ...] = ()
+    skewness: Array = field(default_factory=lambda: np.full((8, 2), np.nan))
 
     def __post_init__(self) -> None:
         centre = np.array(self.centre, dtype=float)
@@ -124,9 +137,55 @@ class Plan:
         scale = _power_of_two(np.maximum(spread, _SMALLEST_SCALE))
         centre.flags.writeable = False
         scale.flags.writeable = False
+        skewness = np.array(self.skewness, dtype=float)
+        if skewness.shape != (8, 2):
+            raise InternalError(f"a plan has eight pairs of skewnesses, not {skewness.shape}")
+        skewness.flags.writeable = False
+        object.__setattr__(self, "skewness", skewness)
         object.__setattr__(self, "centre", centre)
         object.__setattr__(self, "scale", scale)
         object.__setattr__(self, "specifications", tuple(self.specifications))
+
+    @classmethod
+    def from_pilot(cls, values: ArrayLike, reach: ArrayLike, specifications: tuple[Specification, ...] = ()) -> Plan:
+        """Plan from some samples and from how far errors can reach.
+
+        Parameters
+        ----------
+        values
+            ``(8, N)`` the quantities of the samples, as `quantity_values` returns them.
+        reach
+            ``(6,)`` how far the components can get from the middle, about; 0 where that is not known.
+        specifications
+            What is counted exactly.
+
+        Notes
+        -----
+        The centre is the median. The spread s is that of the bulk: the smallest of the interquartile range and the range
+        from 5 to 95 %, each over that of a unit normal law, and of the standard deviation, zeros and rounding left out.
+        The scale is s or, where errors get farther than 256 s, larger, so that the bins get that far too; at most 64 s, so
+        that the bulk stays resolved. Where the samples show no spread, the scale goes by the reach alone.
+        """
+        seen = np.asarray(values, dtype=float)
+        parts = np.asarray(reach, dtype=float)
+        ordered = np.sort(seen, axis=1)
+        ranks = [int(share * (ordered.shape[1] - 1)) for share in (0.05, 0.25, 0.5, 0.75, 0.95)]
+        low, quarter, centre, three_quarters, high = ordered[:, ranks].T
+        spreads = np.stack([(three_quarters - quarter) / 1.349, (high - low) / 3.29, seen.std(axis=1)])
+        farthest = _MARGIN * np.maximum(ordered[:, -1] - centre, centre - ordered[:, 0])
+        scale = np.zeros(8)
+        for norm, part in zip(NORMS, (slice(0, 3), slice(3, 6)), strict=True):
+            whole = float(np.sqrt(parts[part] @ parts[part]))
+            for row, own in zip(range(norm, norm + 4), (whole, *parts[part]), strict=True):
+                rounding = _NOISE * max(whole, abs(float(ordered[row, 0])), abs(float(ordered[row, -1])))
+                shown = spreads[:, row][spreads[:, row] > rounding]
+                far = max(own, farthest[row]) / _OUTERMOST
+                if shown.size:
+                    spread = float(shown.min())
+                    scale[row] = min(max(far, spread), _WIDEST * spread)
+                else:
+                    scale[row] = max(far, whole / _OUTERMOST)
+        return cls(centre, scale, specifications)
 
     @classmethod
     def from_moments(

@@ -14,7 +14,7 @@ Error bound: a bin that holds v is at most ``max(2⁻¹², 2⁻⁹ |v|)`` wide, 
 ends at the smallest or largest value seen). Any value reconstructed inside its bin is off by no more.
 
 The layout follows the float-bits histograms of HdrHistogram and DDSketch (Masson, Rim, Lee 2019, "DDSketch: a fast
-and fully-mergeable quantile sketch with relative-error guarantees"), centred on the planned mean.
+and fully-mergeable quantile sketch with relative-error guarantees"), centred on the planned middle.
 """
 
 from __future__ import annotations

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import itertools
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import final
 
 import numpy as np
@@ -12,6 +16,7 @@ from precision_pin.errors import InternalError, UnknownNameError
 from precision_pin.statistics.accumulate import State
 from precision_pin.statistics.distribution import Distribution
 from precision_pin.statistics.intervals import check_confidence, clopper_pearson
+from precision_pin.statistics.moment_intervals import Moments
 from precision_pin.statistics.plan import COMPONENTS, NORMS, QUANTITIES, Plan, Specification
 from precision_pin.statistics.sketch import sketch_edges
 
@@ -123,6 +128,19 @@ class Summary:
     largest_position: tuple[Extreme, ...]
     largest_attitude: tuple[Extreme, ...]
 
+    @cached_property
+    def covariance_interval(self) -> Array | None:
+        """Ends of the intervals of the covariances, ``(6, 6, 2)``, not-a-number where not resolved; None for one sample.
+
+        The variance of (x - E x)(y - E y) is at most the root of the product of the fourth moments, less the square of
+        the covariance (Cauchy and Schwarz): what is kept of the samples tells no more. So the intervals hold the truth
+        more often than they state, the more so the less x and y are correlated; where one is a multiple of the other they
+        are those of the variances.
+        """
+        if self.covariance is None:
+            return None
+        return _covariance_interval(self.covariance, [self.distribution(QUANTITIES[row]).moments for row in COMPONENTS])
+
     def distribution(self, quantity: str) -> Distribution:
         """Return the distribution of a quantity by its name, such as ``position.x``.
 
@@ -145,6 +163,7 @@ class Summary:
             "position": self.position.to_dict(),
             "attitude": self.attitude.to_dict(),
             "covariance": None if self.covariance is None else self.covariance.tolist(),
+            "covariance_interval": _listed(self.covariance_interval),
             "spec": [result.to_dict() for result in self.specifications],
         }
 
@@ -215,6 +234,24 @@ def _covariance(state: State) -> Array | None:
     return covariance
 
 
+def _covariance_interval(covariance: Array, parts: Sequence[Moments]) -> Array:
+    """Return the ends of the intervals of the covariances of numbers with these moments."""
+    found = np.full((*covariance.shape, 2), np.nan)
+    resolved = [k for k, part in enumerate(parts) if part.variance_interval is not None]
+    for i, j in itertools.product(resolved, resolved):
+        one, other = parts[i], parts[j]
+        spread = math.sqrt(max(math.sqrt(one.fourth * other.fourth) - covariance[i, j] ** 2, 0.0) / one.samples)
+        half = max(one.standard_errors, other.standard_errors) * spread + one.moved * other.moved
+        found[i, j] = one.variance_interval if i == j else (covariance[i, j] - half, covariance[i, j] + half)
+    return found
+
+
+def _listed(intervals: Array | None) -> list[list[list[float] | None]] | None:
+    if intervals is None:
+        return None
+    return [[None if np.isnan(ends).any() else ends.tolist() for ends in row] for row in intervals]
+
+
 def _deviations(state: State, covariance: Array) -> Array:
     """Return the ``(8,)`` sample standard deviations."""
     variances = np.zeros(8)
@@ -257,6 +294,7 @@ def _distribution(
         bin_lower=ends(occupied),
         bin_upper=ends(occupied + 1),
         bin_cumulative=np.cumsum(counts[occupied]),
+        skewness=(float(plan.skewness[row, 0]), float(plan.skewness[row, 1])),
     )
 
 

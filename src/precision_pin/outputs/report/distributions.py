@@ -5,13 +5,14 @@ from __future__ import annotations
 from typing import Final
 
 from precision_pin.outputs import plots
+from precision_pin.outputs.text import tolerance_bounds
 from precision_pin.statistics import Distribution, VectorDistribution
-from precision_pin.statistics.distribution import COMPONENT_LEVELS
+from precision_pin.statistics.distribution import COMPONENT_LEVELS, CONTENTS
 from precision_pin.tabular import milli, symbol, unit
 
 from .elements import Child, Html, element, joined, paragraph, section, table
 from .figures import figure
-from .numbers import MISSING, bracketed, milli_interval, statistic
+from .numbers import MISSING, bracketed, milli_interval, shown, statistic
 from .results import Results
 
 __all__ = ["distributions"]
@@ -80,6 +81,10 @@ def _table(results: Results, vector: VectorDistribution) -> Html:
             for part in parts
         ]
         rows.append([f"{100 * level:.4g} %", *cells])
+    rows += [
+        [f"bounds of {100 * content:.4g} % of robots", *(shown(tolerance_bounds(part, content)) for part in parts)]
+        for content in CONTENTS
+    ]
     rows += [[words, *(statistic(part, which) for part in parts)] for which, words in _EXTREMES]
     header = [f"[{unit(what)}]", *(symbol(part.quantity) for part in parts)]
     confidence = f"{100 * results.analysis.summary.confidence:g} %"
@@ -98,6 +103,7 @@ def _notes(results: Results) -> Html:
     analysis = results.analysis
     return paragraph(
         f"{analysis.samples:,} sampled robots, seed {analysis.seed}, {analysis.model} model. The smallest and largest seen "
-        "are no bounds.",
+        "are no bounds. Tolerance bounds hold at least that share of all robots, with the confidence stated; of a norm they are "
+        "upper ones.",
         class_="note",
     )

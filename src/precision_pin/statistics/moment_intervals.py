@@ -1,0 +1,182 @@
+"""Intervals of mean and variance that notice how far the law is from a normal one.
+
+Both are means: of the values, and of the squares of their deviations. The interval of a mean is Hall's (Journal of the
+Royal Statistical Society B 54, 1992, 221-228): the central limit theorem with the skewness transformed away, and
+Student's quantile. What the skewness leaves is of the order of γ²/N; so the quantile is widened as γ/√N grows, and no
+interval is given where it gets near 1/2, the skewness of a value that one sample in four decides.
+
+Samples of a heavy tail look harmless as long as they hold none of its large values. Two things guard against that: the
+skewness that the laws are known to have (`Plan.skewness`), and Hill's index of the tail (Annals of Statistics 3, 1975,
+1163-1174) from the √N samples farthest out, which hardly varies from seed to seed. The variance of a law of index 4 has
+no central limit theorem, and of an index not far above a slow one: the interval is widened as the index falls, and not
+given below.
+
+The squared deviations are from the sampled mean, which lies nearer to the samples than the true one. Where the squares
+hardly vary (two equally likely values) that difference is all there is, so the upper end is moved by the square of the
+mean's half-width.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Final, final
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import stdtrit
+
+__all__ = ["Moments"]
+
+Array = NDArray[np.float64]
+Interval = tuple[float, float]
+
+_FEWEST_FOR_MEAN: Final = 30
+_FEWEST_FOR_VARIANCE: Final = 300
+_MOST_SKEWED: Final = 0.4
+"""Largest skewness of a mean, γ/√N, with which an interval is given."""
+_SKEWED_AWAY: Final = 0.5
+"""Skewness of a mean at which the widened interval would be infinite."""
+_LEAST_INDEX: Final = 3.5
+_INDEX: Final = 4.2
+"""Index of a tail at which the interval of the variance is widened to twice its length."""
+_SKETCH_ERROR: Final = 0.05
+"""Largest relative difference of the variance from the bins and from the sums: beyond, the bins are too coarse."""
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Moments:
+    """Mean and variance of some samples with their intervals.
+
+    Attributes
+    ----------
+    deviations, counts
+        ``(k,)`` values less the mean, each for as many samples: the middles of bins.
+    variance
+        Mean square deviation of the samples themselves, divisor N.
+    samples, confidence
+        How many; of the intervals.
+    skewness
+        Of the values and of their squared deviations, as the laws have it; not-a-number where that is not known.
+    """
+
+    deviations: Array
+    counts: NDArray[np.int64]
+    variance: float
+    samples: int
+    confidence: float
+    skewness: tuple[float, float]
+
+    @property
+    def mean_interval(self) -> Interval | None:
+        """How far the true mean may lie from that of the samples, ``(below, above)``; None where not resolved."""
+        if self.samples < _FEWEST_FOR_MEAN or not self._usable:
+            return None
+        if self.variance == 0:
+            return (0.0, 0.0) if self.skewness[0] == 0 else None
+        return _hall(self._mean_of_values, self.skewness[0], 1.0, self._quantile, self.samples)
+
+    @cached_property
+    def variance_interval(self) -> Interval | None:
+        """The interval of the variance; None where not resolved."""
+        if self.samples < _FEWEST_FOR_VARIANCE or not self._usable:
+            return None
+        if self.variance == 0:
+            return (0.0, 0.0) if self.skewness[1] == 0 else None
+        index = self._tail_index
+        if index < _LEAST_INDEX:
+            return None
+        widening = 1 + (_INDEX / index) ** 4
+        ends = _hall(self._mean_of_squares, self.skewness[1], widening, self._quantile, self.samples)
+        if ends is None:
+            return None
+        return max(self.variance + ends[0], 0.0), self.variance + ends[1] + self.moved**2
+
+    @property
+    def moved(self) -> float:
+        """How far the sampled mean may lie from the true one."""
+        return self._quantile * self._mean_of_values.error
+
+    @property
+    def standard_errors(self) -> float:
+        """How many standard errors the interval of the variance reaches on its farther side, at least as many as a normal one."""
+        ends, error = self.variance_interval, self._mean_of_squares.error
+        if ends is None or error == 0:
+            return self._quantile
+        return max((self.variance - ends[0]) / error, (ends[1] - self.moved**2 - self.variance) / error, self._quantile)
+
+    @property
+    def fourth(self) -> float:
+        """Mean fourth power of the deviations."""
+        return self._mean_of_squares.error**2 * self.samples + self.variance**2
+
+    @cached_property
+    def _usable(self) -> bool:
+        """Whether the bins give the variance that the sums give."""
+        binned = float(self.counts @ self.deviations**2) / self.samples
+        return abs(binned - self.variance) <= _SKETCH_ERROR * self.variance
+
+    @cached_property
+    def _quantile(self) -> float:
+        return float(stdtrit(self.samples - 1, (1 + self.confidence) / 2))
+
+    @cached_property
+    def _mean_of_values(self) -> _Mean:
+        return _Mean.of(self.deviations, self.counts, self.samples)
+
+    @cached_property
+    def _mean_of_squares(self) -> _Mean:
+        return _Mean.of(self.deviations**2, self.counts, self.samples)
+
+    @property
+    def _tail_index(self) -> float:
+        """Hill's index of the √N samples farthest from the mean, less its standard error."""
+        outermost = math.ceil(math.sqrt(self.samples))
+        order = np.argsort(-np.abs(self.deviations), kind="stable")
+        distances, counts = np.abs(self.deviations)[order], self.counts[order]
+        last = int(np.searchsorted(np.cumsum(counts), outermost))
+        nearest = distances[last]
+        if nearest == 0:
+            return 0.0
+        logarithms = float(counts[:last] @ np.log(distances[:last] / nearest)) / (outermost - 1)
+        return (1 - 1 / math.sqrt(outermost)) / max(logarithms, 1e-9)
+
+
+@final
+@dataclass(frozen=True)
+class _Mean:
+    """Standard error of a mean, and its skewness γ/√N."""
+
+    error: float
+    skewness: float
+
+    @classmethod
+    def of(cls, values: Array, counts: NDArray[np.int64], samples: int) -> _Mean:
+        residuals = values - float(counts @ values) / samples
+        # scaled, so that no power of a tiny or huge number is lost
+        largest = float(np.abs(residuals).max())
+        if largest == 0:
+            return cls(0.0, 0.0)
+        scaled = residuals / largest
+        square = float(counts @ scaled**2) / samples
+        third = float(counts @ scaled**3) / samples
+        return cls(largest * math.sqrt(square / samples), third / square**1.5 / math.sqrt(samples))
+
+
+def _hall(mean: _Mean, known: float, widening: float, quantile: float, samples: int) -> Interval | None:
+    """Return how far the truth may lie from a mean, ``(below, above)``; None where the mean is too skewed."""
+    skewness = mean.skewness
+    # fmax leaves out what is not a number
+    most = float(np.fmax(abs(skewness), abs(known) / math.sqrt(samples)))
+    if most > _MOST_SKEWED:
+        return None
+    reach = quantile * widening / (1 - (most / _SKEWED_AWAY) ** 2)
+
+    def studentised(normal: float) -> float:
+        """Return the studentised mean of this skewness that corresponds to a normal number."""
+        shifted = normal - skewness / 6
+        return 3 * (math.cbrt(1 + skewness * shifted) - 1) / skewness if abs(skewness) > 1e-9 else shifted
+
+    return min(-mean.error * studentised(reach), 0.0), max(-mean.error * studentised(-reach), 0.0)
