@@ -79,7 +79,7 @@ class LinkFrame:
         Its pose in the chain link's axes, ``(4, 4)``.
     path_rank
         Its position among the URDF links on the way from base to tip within the chain link; ``None`` for a branch.
-    leaves_at
+    attachment
         Of a branch: where the joint that holds it stands on the way, in the chain link's axes, ``(3,)``; its own origin
         for a link on the way. A joint stands at its frame in the file, wherever the base is.
     stretch
@@ -94,7 +94,7 @@ class LinkFrame:
     link: int
     frame: Array
     path_rank: int | None
-    leaves_at: Array
+    attachment: Array
     stretch: Array | None = None
     is_own: bool = False
 
@@ -112,7 +112,7 @@ class LinkFrame:
             The centre itself for a link on the way; where the branch leaves the way for another.
         """
         if self.path_rank is None:
-            return self.leaves_at
+            return self.attachment
         point: Array = self.frame[:3, :3] @ np.asarray(centre, dtype=float) + self.frame[:3, 3]
         return point
 
@@ -198,12 +198,12 @@ def link_frames(
             frame = origin @ joint.motion(locked[joint.name]) if joint.moves else origin
             rank = parent.path_rank + 1 if on_path and parent.path_rank is not None else None
             if rank is not None:
-                leaves_at = frame[:3, 3]
+                attachment = frame[:3, 3]
             elif parent.path_rank is not None:
-                leaves_at = parent.frame[:3, 3] if joint.reversed else origin[:3, 3]
+                attachment = parent.frame[:3, 3] if joint.reversed else origin[:3, 3]
             else:
-                leaves_at = parent.leaves_at
-            frames[joint.child] = LinkFrame(parent.link, frame, rank, leaves_at)
+                attachment = parent.attachment
+            frames[joint.child] = LinkFrame(parent.link, frame, rank, attachment)
         waiting.extend(robot.child_joints(joint.child))
     placements[-1] = frames[tip].frame
     for row in _rows(robot.root, way, moving):

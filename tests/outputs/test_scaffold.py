@@ -320,6 +320,14 @@ def test_locked_joints_mimics_and_another_base(tmp_path: Path) -> None:
     np.testing.assert_array_equal(again.placements, chain.placements)
 
 
+def test_beams_are_named_by_links_of_the_file_with_the_base_beyond_them(tmp_path: Path) -> None:
+    body = link("root", 1.0) + link("a", 1.0) + link("b", 1.0) + link("tool")
+    body += joint("j1", "root", "a", origin="0.2 0 0") + joint("j2", "a", "b", origin="0.3 0 0")
+    body += joint("j3", "b", "tool", origin="0.4 0 0")
+    text = scaffold(Chain.from_urdf(toy(tmp_path, body), "root", "tool"), "toy.urdf")
+    assert re.findall(r"# - beam: {link: (\w+),", text) == ["b", "a", "root"]
+
+
 def test_many_locked_joints_stay_compact() -> None:
     text = text_of("tiago")
     block = text[text.index("locked: {") : text.index("poses:")]

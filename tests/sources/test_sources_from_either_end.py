@@ -11,6 +11,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from precision_pin.chain import Chain
+from precision_pin.laws import Uniform
 from precision_pin.model import ErrorModel
 from precision_pin.sources.axis_install import AxisInstall
 from precision_pin.sources.backlash import Backlash
@@ -22,6 +23,7 @@ from precision_pin.sources.encoder import Encoder
 from precision_pin.sources.joint_compliance import JointCompliance
 from precision_pin.sources.joint_offset import JointOffset
 from precision_pin.sources.length import Length
+from precision_pin.sources.payload import Payload
 from precision_pin.sources.profiles import Segment
 from precision_pin.sources.thermal import Thermal
 from precision_pin.sources.transmission import Transmission
@@ -272,9 +274,13 @@ def test_a_payload_on_the_way_bends_the_beam_where_its_centre_of_mass_is(reach):
         joint("f", "fixed", "arm", "tool", (1, 0, 0)),
         link("tool"),
     )
-    chain = chain_of(text).with_payload(2.0, (reach, 0, 0), "arm")
-    _, totals = evaluated(chain, [0.0], [Beam(link="arm", EI=8000.0)])
-    moved = sum(totals.values(), np.zeros(6))
-    a = min(reach, 1.0)
-    expected = a**2 * (3 - a) / 6 + (reach - a) / 2
-    assert moved[2] == pytest.approx(-2 * 9.81 * expected / 8000.0, rel=1e-13)
+    beam, expected = Beam(link="arm", EI=8000.0), min(reach, 1.0)
+    expected = expected**2 * (3 - expected) / 6 + (reach - expected) * expected / 2
+    hung = Payload(at="arm", mass=2.0, com=(Uniform(0.1, mean=reach), 0.0, 0.0))
+    for chain, sources in (
+        (chain_of(text).with_payload(2.0, (reach, 0, 0), "arm"), [beam]),
+        (chain_of(text), [hung, beam]),
+    ):
+        _, totals = evaluated(chain, [0.0], sources)
+        moved = sum(totals.values(), np.zeros(6))
+        assert moved[2] == pytest.approx(-2 * 9.81 * expected / 8000.0, rel=1e-13)

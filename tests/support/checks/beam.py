@@ -117,9 +117,10 @@ def integrals(loads, spread, length, axes, rigidities) -> np.ndarray:
     """Return the displacement of a cantilever's tip by the unit-load integrals of Mohr, base axes, ``[d; δ]``.
 
     δ = ∫ C M ds and d = ∫ C M × (tip - s) ds + ∫ N/EA ds, with C = R diag(1/GI, 1/EI_y, 1/EI_z) Rᵀ. ``loads`` are
-    (reach, force, moment) about the point of the axis there, ``spread`` (start, stop, force) evenly between two points;
-    piecewise Gauss, so exact.
+    (reach, force, moment) about the point of the axis there, ``spread`` (start, stop, force) evenly between two points, or
+    one force along the whole; piecewise Gauss, so exact.
     """
+    spread = [(0.0, length, spread)] if isinstance(spread, np.ndarray) else spread
     gi, ei_y, ei_z, ea = rigidities
     x = axes[:, 0]
     compliance = axes @ np.diag([1 / gi, 1 / ei_y, 1 / ei_z]) @ axes.T
