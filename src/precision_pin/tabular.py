@@ -79,7 +79,9 @@ def percent(share: float | None) -> str:
 
 
 def plus_minus(value: float | None, half_width: float | None, *, decimals: int = 12, signed: bool = False) -> str:
-    """Return ``value ± half-width`` with two digits of the half-width, rounded up; ``-`` where not resolved.
+    """Return ``value ± half-width`` with two digits of the half-width; ``-`` where not resolved.
+
+    The half-width is rounded up, and widened by what rounding moves the value: the interval lies inside what is printed.
 
     With ``decimals`` never more digits than that behind the point; ``signed`` gives a positive value its sign.
     """
@@ -89,9 +91,10 @@ def plus_minus(value: float | None, half_width: float | None, *, decimals: int =
         return f"{value + 0.0:.{_DIGITS}g}"
     place = max(math.floor(math.log10(half_width)) - 1, -decimals)
     # the allowance keeps a half-width such as 0.12, which is not exact in binary, from being rounded up to 0.13
-    above = math.ceil(half_width / 10.0**place * (1 - 1e-12)) * 10.0**place
+    rounded = round(value, -place)
+    above = math.ceil((half_width + abs(rounded - value)) / 10.0**place * (1 - 1e-12)) * 10.0**place
     digits = max(0, -place)
-    return f"{round(value, -place) + 0.0:{'+' if signed else ''}.{digits}f} ± {above:.{digits}f}"
+    return f"{rounded + 0.0:{'+' if signed else ''}.{digits}f} ± {above:.{digits}f}"
 
 
 def joint_text(q: Mapping[str, float], sliding_joints: Sequence[str]) -> str:

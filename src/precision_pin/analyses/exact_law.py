@@ -14,24 +14,29 @@ from typing import Final, final
 import numpy as np
 from numpy.typing import NDArray
 
+from precision_pin import kernel
 from precision_pin.analyses.exact_law_result import LEVELS, Agreement, ExactLaw, ExactLawResult, PoseLaws
 from precision_pin.analyses.heading import Heading, Pose, PoseHeading, listed_poses
 from precision_pin.analyses.inversion import (
     MOST_PIECES,
+    MOST_TERMS,
     ConvolvedLaw,
     NormalLaw,
     NumberLaw,
     SeriesLaw,
     SingleLaw,
+    Summand,
     certified_series,
 )
 from precision_pin.analyses.normal_norm import NormalNorm
 from precision_pin.analyses.parts import Part, part_of
+from precision_pin.analyses.quantile_bounds import quantile_bounds
 from precision_pin.errors import InputError
 from precision_pin.laws import Fixed, JointNormal, Law, Normal
 from precision_pin.model import ErrorModel, PoseModel
 from precision_pin.space import Space, check_seed
-from precision_pin.statistics import QUANTITIES, check_confidence
+from precision_pin.statistics import QUANTITIES, check_confidence, quantity_values
+from precision_pin.tabular import symbol
 
 __all__ = ["LEVELS", "Agreement", "ExactLaw", "ExactLawResult", "PoseLaws", "exact_law"]
 
@@ -44,6 +49,12 @@ ROUNDING: Final = 1e-14
 """Spreads (m, rad) up to this are rounding."""
 
 MOST_SAMPLES: Final = 10_000_000
+
+COMPARED: Final = 10_000
+"""So many of the samples are also put through the exact model."""
+
+CERTAIN: Final = 1 - 1e-6
+"""Confidence at which the exact model is said to follow another law."""
 
 _NEGLIGIBLE: Final = 1e-12
 _BINS: Final = 60
@@ -90,8 +101,30 @@ def exact_law(
         laws = {name: _norm(at, name, sampled, confidence) for name in _NORMS}
         for row, name in enumerate(name for name in QUANTITIES if name not in _NORMS):
             laws[name] = _component(at.space, name, float(error[row]), jacobian[row], sampled[row], confidence)
-        found.append(PoseLaws(PoseHeading.of(error_model, pose, at), {name: laws[name] for name in QUANTITIES}))
+        ordered = {name: laws[name] for name in QUANTITIES}
+        warnings = _bends(at, ordered, deviations[:, :COMPARED])
+        found.append(PoseLaws(PoseHeading.of(error_model, pose, at), ordered, warnings))
     return ExactLawResult(Heading.of(error_model, seed), int(samples), float(confidence), tuple(found))
+
+
+def _bends(at: PoseModel, laws: dict[str, ExactLaw], deviations: Array) -> tuple[str, ...]:
+    """Return a line for each quantity whose law is plainly not that of the exact model."""
+    try:
+        errors = kernel.errors_at(kernel.compile_table(at), "exact", at.space.mean[:, None] + deviations)
+    except InputError as error:
+        return (f"the exact model could not be compared: {error.findings[0].message}",)
+    lines = []
+    for values, (name, law) in zip(quantity_values(errors), laws.items(), strict=True):
+        if law.law is not None and law.std is not None:
+            agreement = agreement_of(law.law, np.sort(values), CERTAIN, law.std, _EFFORT / 10)
+            if not agreement.agrees:
+                lines.append(
+                    f"{symbol(name)}: {values.size:,} samples of the exact model lie {agreement.distance:.2g} from this law, "
+                    f"chance explains {agreement.band:.2g}; the model bends within the tolerances, use analyze"
+                )
+        elif law.std == 0 and float(values.std()) > ROUNDING:
+            lines.append(f"{symbol(name)}: does not vary at first order, but does in the exact model; use analyze")
+    return tuple(lines)
 
 
 def _refuse_copulas(space: Space) -> None:
@@ -119,12 +152,6 @@ class _Share:
     std: float
     part: Part | None
 
-    def characteristic(self, frequency: Array) -> NDArray[np.complex128]:
-        """Return E exp(i ω w·(x - mean))."""
-        turn = np.exp(-1j * frequency * float(self.weights @ self.law.mean_vector))
-        value: NDArray[np.complex128] = self.law.characteristic(self.weights[:, None] * frequency) * turn
-        return value
-
     @property
     def ends(self) -> tuple[float, float]:
         """Between which it lies."""
@@ -133,9 +160,20 @@ class _Share:
         middle = float(self.weights @ self.law.mean_vector)
         return -self.law.support(-self.weights) - middle, self.law.support(self.weights) - middle
 
-    def envelope(self, frequency: Array) -> Array:
-        """Return a bound of the characteristic function; 1 for a law of which no more is known."""
-        return np.ones_like(frequency) if self.part is None else self.part.envelope(frequency)
+    @property
+    def summand(self) -> Summand:
+        """What a series needs; of a law defined elsewhere no bound is known but 1."""
+        part = self.part
+        if part is not None:
+            return Summand(part.within, part.is_bounded, part.envelope, part.characteristic, part.characteristic_error)
+        ends = self.ends
+        return Summand(lambda score: ends, True, np.ones_like, self._characteristic, _UNKNOWN_ERROR)
+
+    def _characteristic(self, frequency: Array) -> NDArray[np.complex128]:
+        """Return E exp(i ω w·(x - mean))."""
+        turn = np.exp(-1j * frequency * float(self.weights @ self.law.mean_vector))
+        value: NDArray[np.complex128] = self.law.characteristic(self.weights[:, None] * frequency) * turn
+        return value
 
 
 def _component(space: Space, quantity: str, mean: float, weights: Array, sampled: Array, confidence: float) -> ExactLaw:
@@ -169,6 +207,11 @@ def _component(space: Space, quantity: str, mean: float, weights: Array, sampled
 
 
 _UNCERTIFIED: Final = "not certified: too few of its draws have a density (values with a probability of their own)"
+_TOO_MANY: Final = (
+    "not certified: {terms:,} terms leave an error of {error:.0e} in the cumulative law, more than {largest:g}; the draws are "
+    "too unlike: wide tails, and a characteristic function that falls slowly"
+)
+_UNKNOWN_ERROR: Final = 1e-13
 
 
 def _law_of(mean: float, shares: Sequence[_Share], bell_std: float) -> NumberLaw | str:
@@ -186,13 +229,12 @@ def _law_of(mean: float, shares: Sequence[_Share], bell_std: float) -> NumberLaw
     if not math.isfinite(low) or not math.isfinite(high):
         return "a law defined outside precision-pin has no bounds"
 
-    def characteristic(frequency: Array) -> NDArray[np.complex128]:
-        value = np.exp(-((bell_std * frequency) ** 2) / 2).astype(complex)
-        for share in shares:
-            value = value * share.characteristic(frequency)
-        return value
-
-    return certified_series(mean, (low, high), bell_std, [share.envelope for share in shares], characteristic)
+    series = certified_series(mean, bell_std, [share.summand for share in shares], LARGEST_ERROR)
+    if isinstance(series, SeriesLaw):
+        return series
+    if math.isinf(series):
+        return _UNCERTIFIED
+    return _TOO_MANY.format(terms=MOST_TERMS, error=series, largest=LARGEST_ERROR)
 
 
 def _norm(at: PoseModel, quantity: str, sampled: Array, confidence: float) -> ExactLaw:
@@ -230,7 +272,7 @@ def _with_samples(
     confidence: float,
 ) -> ExactLaw:
     quantiles = tuple(law.quantile(p) for p in LEVELS)
-    densities = law.density(np.array(quantiles))
+    bounds = quantile_bounds(law, np.array(LEVELS), np.array(quantiles))
     return ExactLaw(
         quantity,
         law,
@@ -239,12 +281,14 @@ def _with_samples(
         contributors=contributors,
         error=error,
         quantiles=quantiles,
-        quantile_errors=tuple(error / value if value > 0 else math.inf for value in densities.tolist()),
+        quantile_errors=tuple(bounds.tolist()),
         agreement=agreement_of(law, np.sort(sampled), confidence, std),
     )
 
 
-def agreement_of(law: NumberLaw | NormalNorm, rising: Array, confidence: float, std: float) -> Agreement:
+def agreement_of(
+    law: NumberLaw | NormalNorm, rising: Array, confidence: float, std: float, effort: float = _EFFORT
+) -> Agreement:
     """Return how far sorted samples ``(N,)`` lie from a law of this standard deviation.
 
     Every m-th sample is looked at, m as the time that the law takes demands; between two, both cumulative laws rise, so
@@ -260,7 +304,7 @@ def agreement_of(law: NumberLaw | NormalNorm, rising: Array, confidence: float, 
         case _:
             cost = 100.0
     count = rising.size
-    step = max(1, math.ceil(2 * count * cost / _EFFORT))
+    step = max(1, math.ceil(2 * count * cost / effort))
     looked = np.unique(np.append(np.arange(0, count, step), count - 1))
     x = rising[looked]
     # a value with a probability of its own is sampled with rounding, and must be found on both sides of it

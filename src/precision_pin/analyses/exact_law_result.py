@@ -19,7 +19,7 @@ from precision_pin.tabular import MOST_POSES, data_frame, joint_text, milli, num
 if TYPE_CHECKING:
     import pandas  # type: ignore[import-untyped]
 
-__all__ = ["LEVELS", "Agreement", "ExactLaw", "ExactLawResult", "PoseLaws"]
+__all__ = ["LEVELS", "Agreement", "ExactLaw", "ExactLawResult", "PoseLaws", "bound_text", "quantile_digits"]
 
 Array = NDArray[np.float64]
 
@@ -86,9 +86,9 @@ class ExactLaw:
     contributors
         How many draws matter; normal ones count as one.
     error
-        Bound of the error of every cumulative probability.
+        Bound of the error of every cumulative probability, of a number within rounding of the one asked for.
     quantiles, quantile_errors
-        At :data:`LEVELS`, and the bound of the error of each (infinite where the density is zero or unknown).
+        At :data:`LEVELS`, and the bound of the error of each.
     agreement
         With samples of the tangent model.
     """
@@ -113,6 +113,13 @@ class ExactLaw:
         high = min(self.mean + 4.5 * self.std, self.law.high)
         x = np.linspace(low, high, _CURVE)
         return x, self.law.density(x), self.law.cumulative(x)
+
+    def shown_quantiles(self, digits: int) -> dict[float, tuple[float, int]]:
+        """Return the quantiles by level, each with the digits that it is known to, of so many at the most."""
+        return {
+            level: (value, quantile_digits(value, error, digits))
+            for level, value, error in zip(LEVELS, self.quantiles, self.quantile_errors, strict=False)
+        }
 
     def to_dict(self) -> dict[str, Any]:
         """Return the law as the JSON has it, SI units; null for what is not known."""
@@ -157,14 +164,21 @@ class PoseLaws:
         Which.
     laws
         The eight quantities by name.
+    warnings
+        Where samples of the exact model do not follow the law of the first order, one line each.
     """
 
     pose: PoseHeading
     laws: dict[str, ExactLaw]
+    warnings: tuple[str, ...] = ()
 
     def to_dict(self) -> dict[str, Any]:
         """Return the pose and its laws."""
-        return {"pose": self.pose.to_dict(), "laws": {name: law.to_dict() for name, law in self.laws.items()}}
+        return {
+            "pose": self.pose.to_dict(),
+            "laws": {name: law.to_dict() for name, law in self.laws.items()},
+            "warnings": list(self.warnings),
+        }
 
 
 @final
@@ -230,6 +244,7 @@ class ExactLawResult:
             "samples": self.samples,
             "confidence": self.confidence,
             "assumptions": list(ASSUMPTIONS),
+            "warnings": [line for pose in self.poses for line in pose.warnings],
             "poses": {label: dict(pose.pose.q) for label, pose in zip(labels, self.poses, strict=True)},
         }
         return data_frame(["pose", "quantity"], rows, attributes)
@@ -270,6 +285,7 @@ class ExactLawResult:
             [
                 *([f"… and {hidden:,} more poses"] if hidden else []),
                 *dict.fromkeys(missing),
+                *dict.fromkeys(line for pose in self.poses for line in pose.warnings),
                 f"error of F: bound of the error of every cumulative probability; compared with {self.samples:,} samples of "
                 f"the same model, seed {of.seed}, at {100 * self.confidence:g} % confidence; statics {of.statics}",
             ],
@@ -292,12 +308,27 @@ def _columns(law: ExactLaw) -> dict[str, float]:
 
 def _cells(law: ExactLaw) -> list[str]:
     """Return a row of the table in a notebook."""
-    quantiles = dict(zip(LEVELS, law.quantiles, strict=False))
     cells = [symbol(law.quantity), unit(law.quantity), milli(law.mean), milli(law.std)]
-    cells += [milli(quantiles.get(level)) for level in _SHOWN]
+    quantiles = {level: milli(*known) for level, known in law.shown_quantiles(6).items()}
+    cells += [quantiles.get(level, "-") for level in _SHOWN]
     if law.law is None or law.agreement is None:
         return [*cells, "-", "-", "-"]
-    return [*cells, str(law.contributors), f"{law.error:.0e}", "agree" if law.agreement.agrees else "DISAGREE"]
+    return [*cells, str(law.contributors), bound_text(law.error), "agree" if law.agreement.agrees else "DISAGREE"]
+
+
+def bound_text(bound: float) -> str:
+    """Return a bound with one digit, rounded up."""
+    if bound <= 0:
+        return "0"
+    place = 10.0 ** math.floor(math.log10(bound))
+    return f"{math.ceil(bound / place * (1 - 1e-12)) * place:.0e}"
+
+
+def quantile_digits(value: float, error: float, digits: int) -> int:
+    """Return how many digits of a quantile its error leaves, of so many at the most."""
+    if not value or not error:
+        return digits
+    return max(1, min(digits, math.floor(math.log10(abs(value))) - math.ceil(math.log10(2 * error)) + 1))
 
 
 def _finite(value: float) -> float | None:

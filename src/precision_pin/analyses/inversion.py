@@ -7,7 +7,11 @@ Of many parts the characteristic function is a product. On a support of length 2
     F(c + y) = (y + L)/2L + Re Σ (i/kπ) φ(ω_k) (exp(-i ω_k y) - (-1)^k).
 
 Bounded parts leave no other error than cutting the series at K, at most (2/π) Σ_{k>K} |φ(ω_k)|/k, which bounds of |φ|
-that never rise turn into a number. Unbounded parts add what lies beyond the ends chosen, below 1e-17 each.
+that never rise turn into a number. Unbounded parts add what lies beyond the ends chosen. A wide lognormal part, whose ends
+are far and whose |φ| falls slowly, is cut the nearer the larger the error aimed at. Rounding is bounded along with it: that
+of the characteristic function, of the phases kπy, which grows with k as the coefficients fall, and of the sums.
+
+A cumulative probability at x is that at a number within a few units of rounding of x, as x - mean is itself rounded.
 """
 
 from __future__ import annotations
@@ -24,21 +28,31 @@ from numpy.typing import NDArray
 from scipy import optimize, special
 
 from precision_pin.analyses.parts import Lines, Part
+from precision_pin.analyses.quantile_bounds import quantile_bounds
 
-__all__ = ["ConvolvedLaw", "NormalLaw", "NumberLaw", "SeriesLaw", "SingleLaw", "certified_series"]
+__all__ = ["ConvolvedLaw", "NormalLaw", "NumberLaw", "SeriesLaw", "SingleLaw", "Summand", "certified_series"]
 
 Array = NDArray[np.float64]
 
 ROUNDING: Final = 1e-14
-"""Bound of the rounding of a cumulative law, in every method."""
+"""Bound of the rounding of a cumulative law in closed form."""
+
+UNIT: Final = 0.5**53
+"""Rounding of one number, relative."""
 
 FARTHEST: Final = 9.0
 """Standard deviations beyond which a normal number is left out: probability 2.3e-19."""
 
-MOST_TERMS: Final = 2**21
+MOST_TERMS: Final = 2**20
 MOST_PIECES: Final = 2000
-_AIMS: Final = ((1e-14, 2**15), (1e-12, 2**18), (1e-10, MOST_TERMS))
-"""Error to reach, and terms that it may take; the last is taken at any error."""
+_AIMS: Final = (
+    (1e-14, 2**15, FARTHEST),
+    (1e-12, 2**18, 7.5),
+    (1e-10, MOST_TERMS, 6.8),
+    (1e-8, MOST_TERMS, 6.2),
+    (3e-7, MOST_TERMS, 5.5),
+)
+"""Error to reach by the cut, terms that it may take, standard deviations at which unbounded parts end."""
 
 
 class NumberLaw(ABC):
@@ -49,11 +63,11 @@ class NumberLaw(ABC):
     mean
         Its mean.
     low, high
-        What lies outside has a probability below 1e-16.
+        What lies outside has a probability below the error.
     method
         How it is computed, in words.
     error
-        Bound of the error of :meth:`cumulative`.
+        Bound of the error of :meth:`cumulative`, rounding of x apart.
     """
 
     mean: float
@@ -94,9 +108,8 @@ class NumberLaw(ABC):
 
     @final
     def quantile_error(self, p: float) -> float:
-        """Return the bound of :meth:`quantile`'s error to first order: that of the cumulative law over the density."""
-        density = float(self.density(np.array([self.quantile(p)]))[0])
-        return self.error / density if density > 0 else math.inf
+        """Return the bound of :meth:`quantile`'s error."""
+        return float(quantile_bounds(self, np.array([p]), np.array([self.quantile(p)]))[0])
 
 
 @final
@@ -280,6 +293,10 @@ class SeriesLaw(NumberLaw):
         Bound of what the cut changes in the cumulative law.
     density_truncation
         As much of the density; infinite where the bounds do not tell.
+    beyond
+        Probability beyond the support.
+    rounding
+        Bound of the rounding of the cumulative law.
     """
 
     mean: float
@@ -288,6 +305,8 @@ class SeriesLaw(NumberLaw):
     coefficients: NDArray[np.complex128]
     truncation: float
     density_truncation: float
+    beyond: float = 0.0
+    rounding: float = ROUNDING
 
     @property
     def low(self) -> float:  # type: ignore[override]
@@ -311,40 +330,59 @@ class SeriesLaw(NumberLaw):
 
     @property
     def error(self) -> float:
-        """Truncation and rounding."""
-        return self.truncation + ROUNDING
+        """Truncation, what lies beyond the support, and rounding."""
+        return self.truncation + self.beyond + self.rounding
 
     def cumulative(self, x: Array) -> Array:
         """Return the series of F."""
-        k = np.arange(1, self.terms + 1)
-        slopes = np.concatenate([[0.0], 1j * self.coefficients[1:] / (np.pi * k)])
         y = (x - self.mean - self.middle) / self.half_length
         inner = np.clip(y, -1.0, 1.0)
-        value: Array = (inner + 1) / 2 + self._sum(slopes, inner) - self._sum(slopes, np.array([-1.0]))
+        value: Array = (inner + 1) / 2 + _sum(self._slopes, inner) - self._start
         return np.where(y <= -1, 0.0, np.where(y >= 1, 1.0, np.clip(value, 0.0, 1.0)))
 
     def density(self, x: Array) -> Array:
         """Return the series of f."""
         y = (x - self.mean - self.middle) / self.half_length
-        coefficients = np.concatenate([[0.5], self.coefficients[1:]])
-        value = self._sum(coefficients, np.clip(y, -1.0, 1.0)) / self.half_length
+        value = _sum(self._heights, np.clip(y, -1.0, 1.0)) / self.half_length
         return np.where(np.abs(y) < 1, np.maximum(value, 0.0), 0.0)
 
-    def _sum(self, coefficients: NDArray[np.complex128], y: Array) -> Array:
-        """Return Re Σ c_k exp(-i k π y): powers of exp(-iπy) in two steps, so that few exponentials are needed."""
-        columns = 1 << max(0, math.ceil(math.log2(coefficients.size) / 2))
-        rows = -(-coefficients.size // columns)
-        padded = np.zeros(rows * columns, dtype=complex)
-        padded[: coefficients.size] = coefficients
-        table = padded.reshape(rows, columns).T
-        step = max(1, 2_000_000 // (rows + columns))
-        parts = [np.zeros(0)]
-        for first in range(0, y.size, step):
-            turn = -1j * np.pi * y[first : first + step, None]
-            fine = np.exp(turn * np.arange(columns))
-            coarse = np.exp(turn * (columns * np.arange(rows)))
-            parts.append(((fine @ table) * coarse).sum(axis=1).real)
-        return np.concatenate(parts)
+    @cached_property
+    def _slopes(self) -> NDArray[np.complex128]:
+        k = np.arange(1, self.terms + 1)
+        return _arranged(np.concatenate([[0.0], 1j * self.coefficients[1:] / (np.pi * k)]))
+
+    @cached_property
+    def _heights(self) -> NDArray[np.complex128]:
+        return _arranged(np.concatenate([[0.5], self.coefficients[1:]]))
+
+    @cached_property
+    def _start(self) -> float:
+        return float(_sum(self._slopes, np.array([-1.0]))[0])
+
+
+def _arranged(coefficients: NDArray[np.complex128]) -> NDArray[np.complex128]:
+    """Return coefficients as a table ``(columns, rows)``, k = columns · row + column; zeros fill it up."""
+    columns = _columns(coefficients.size)
+    padded = np.zeros(-(-coefficients.size // columns) * columns, dtype=complex)
+    padded[: coefficients.size] = coefficients
+    return np.ascontiguousarray(padded.reshape(-1, columns).T)
+
+
+def _columns(size: int) -> int:
+    return 1 << max(0, math.ceil(math.log2(size) / 2))
+
+
+def _sum(table: NDArray[np.complex128], y: Array) -> Array:
+    """Return Re Σ c_k exp(-i k π y): powers of exp(-iπy) in two steps, so that few exponentials are needed."""
+    columns, rows = table.shape
+    step = max(1, 2_000_000 // (rows + columns))
+    parts = [np.zeros(0)]
+    for first in range(0, y.size, step):
+        turn = -1j * np.pi * y[first : first + step, None]
+        fine = np.exp(turn * np.arange(columns))
+        coarse = np.exp(turn * (columns * np.arange(rows)))
+        parts.append(((fine @ table) * coarse).sum(axis=1).real)
+    return np.concatenate(parts)
 
 
 @final
@@ -361,13 +399,19 @@ class _Bounds:
         powers: Array = np.exp2(np.arange(160, dtype=float))
         return powers
 
+    def bound(self, omega: Array) -> Array:
+        """Return a bound of |φ|."""
+        with np.errstate(under="ignore", over="ignore"):
+            result = np.exp(-((self.std * omega) ** 2) / 2)
+            for envelope in self.envelopes:
+                result = result * envelope(omega)
+        return result
+
     def truncations(self, terms: int) -> tuple[float, float]:
         """Return the bounds of the errors of F and f; the sums over octaves (2^j K, 2^(j+1) K]."""
         omega = terms * np.pi / self.half_length * self._octaves
         with np.errstate(under="ignore", over="ignore"):
-            bound = np.exp(-((self.std * omega) ** 2) / 2)
-            for envelope in self.envelopes:
-                bound = bound * envelope(omega)
+            bound = self.bound(omega)
             densities = bound * self._octaves * terms / self.half_length
         return 2 / math.pi * math.log(2) * _converged(bound), _converged(densities)
 
@@ -378,38 +422,81 @@ def _converged(terms: Array) -> float:
     return total * (1 + 1e-9) if terms[-1] <= 1e-15 * total or total < 1e-250 else math.inf
 
 
-def certified_series(
-    mean: float,
-    ends: tuple[float, float],
-    std: float,
-    envelopes: Sequence[Callable[[Array], Array]],
-    characteristic: Callable[[Array], NDArray[np.complex128]],
-) -> SeriesLaw:
-    """Return the series of a law with as many terms as its certified error needs.
+@final
+@dataclass(frozen=True, eq=False)
+class Summand:
+    """One independent part of a sum, as its series needs it.
+
+    Attributes
+    ----------
+    ends
+        Returns ends beyond which no more lies than beyond ± a number of standard deviations of a normal law.
+    is_bounded
+        Whether nothing lies there.
+    envelope
+        Returns a bound of |φ| that never rises, for ω ``(n,)``.
+    characteristic
+        Returns φ of the deviation from the mean, for ω ``(n,)``.
+    characteristic_error
+        Bound of its error, rounding of ω apart.
+    """
+
+    ends: Callable[[float], tuple[float, float]]
+    is_bounded: bool
+    envelope: Callable[[Array], Array]
+    characteristic: Callable[[Array], NDArray[np.complex128]]
+    characteristic_error: float = 1e-15
+
+
+def certified_series(mean: float, std: float, summands: Sequence[Summand], largest_error: float) -> SeriesLaw | float:
+    """Return the series of a law with as many terms as its certified error needs; else the least error there is.
 
     Parameters
     ----------
     mean
         Of the number.
-    ends
-        Between which its deviation from the mean lies, normal parts left out.
     std
         Of its normal parts together.
-    envelopes
-        Bounds of |φ| of its other parts, for ω ``(n,)``.
-    characteristic
-        φ of the deviation from the mean, normal parts included, for ω ``(n,)``.
+    summands
+        Its other parts.
+    largest_error
+        A law of a larger error is not computed.
     """
-    low, high = ends[0] - FARTHEST * std, ends[1] + FARTHEST * std
-    middle, half_length = (low + high) / 2, (high - low) / 2
-    bounds = _Bounds(envelopes, std, half_length)
-    for aim, most in _AIMS:
+    for aim, most, score in _AIMS:
+        ends = [summand.ends(min(score, FARTHEST)) for summand in summands]
+        low, high = (sum(end[side] for end in ends) + sign * score * std for side, sign in ((0, -1), (1, 1)))
+        half_length = (high - low) / 2
+        bounds = _Bounds([summand.envelope for summand in summands], std, half_length)
         terms = 64
         while bounds.truncations(terms)[0] > aim and terms < most:
             terms *= 2
         if bounds.truncations(terms)[0] <= aim:
             break
-    omega = np.arange(terms + 1, dtype=float) * (np.pi / half_length)
-    coefficients = characteristic(omega) * np.exp(-1j * omega * middle)
     truncation, density_truncation = bounds.truncations(terms)
-    return SeriesLaw(mean, middle, half_length, coefficients, truncation, density_truncation)
+    unbounded = sum(not summand.is_bounded for summand in summands) + (std > 0)
+    beyond = float(2 * special.ndtr(-score)) * unbounded
+    if truncation + beyond > largest_error:
+        return truncation + beyond
+    middle = (low + high) / 2
+    omega = np.arange(terms + 1, dtype=float) * (np.pi / half_length)
+    coefficients = np.exp(-((std * omega) ** 2) / 2 - 1j * omega * middle)
+    for summand in summands:
+        coefficients *= summand.characteristic(omega)
+    rounding = _rounding(bounds.bound(omega[1:]), summands)
+    return SeriesLaw(mean, middle, half_length, coefficients, truncation, density_truncation, beyond, rounding)
+
+
+def _rounding(bounds: Array, summands: Sequence[Summand]) -> float:
+    """Return the bound of the rounding of a cumulative law with these bounds of |φ(ω_k)|, k from 1 on.
+
+    A phase of kπ is off by no more than a few units of its own, and moves a term φ/kπ by as many units of φ; the parts'
+    characteristic functions by their own errors; the sums add a unit for each term of an inner row.
+    """
+    k = np.arange(1, bounds.size + 1)
+    terms = float((bounds / (np.pi * k)).sum())
+    phases = 4.0 * (2 + len(summands))
+    functions = sum(summand.characteristic_error for summand in summands)
+    sums = _columns(bounds.size + 1) + 16.0
+    return (
+        UNIT * (8 + 2 * sums * terms + phases * float(bounds.sum())) + functions * (1 + math.log(bounds.size)) / np.pi
+    )

@@ -6,7 +6,7 @@ difference of the exact model from it is sampled, on the same random numbers
 (:mod:`precision_pin.analyses.moments_control`). *Randomised quasi-Monte Carlo* (Owen, 1995): scrambled Sobol points in
 place of random ones.
 
-Samples come in 16 independent replicates. With t the polynomial less its mean, y the exact error less that mean,
+Samples come in 32 independent replicates. With t the polynomial less its mean, y the exact error less that mean,
 g = y - t, C the polynomial's covariance, and a bar the mean over a replicate,
 
     mean       mean of the polynomial + average of ḡ
@@ -15,7 +15,10 @@ g = y - t, C the polynomial's covariance, and a bar the mean over a replicate,
 The coefficient of the control is one: it is so close that estimating a better one gains nothing, and one keeps the
 estimate unbiased. The products of means of *different* replicates make the covariance unbiased for Sobol points too, which
 depend on one another inside a replicate. Without control t is zero. Standard errors are the jackknife's over replicates,
-intervals Student's with 15 degrees of freedom (L'Ecuyer, Nakayama, Owen and Tuffin, Winter Simulation Conference 2023).
+intervals Student's with 31 degrees of freedom, wider where the replicates are skewed
+(:mod:`precision_pin.analyses.replicates`; L'Ecuyer, Nakayama, Owen and Tuffin, Winter Simulation Conference 2023, on nets).
+What tails or rare values of the laws carry that the samples cannot know (:mod:`precision_pin.analyses.marginals`) is not
+resolved.
 """
 
 from __future__ import annotations
@@ -25,14 +28,14 @@ from typing import Final, cast, final, get_args
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import special
 
 from precision_pin import kernel
-from precision_pin.analyses import sobol
 from precision_pin.analyses.heading import Heading, Pose, PoseHeading, listed_poses
+from precision_pin.analyses.marginals import Marginals, law_breaks
 from precision_pin.analyses.moments_closed import closed_moments
 from precision_pin.analyses.moments_control import Control, thin
 from precision_pin.analyses.moments_result import Measured, Method, MomentsResult, PoseMoments, Remainder
+from precision_pin.analyses.replicates import REPLICATES, jackknife
 from precision_pin.errors import InputError, UnknownNameError
 from precision_pin.model import ErrorModel, PoseModel
 from precision_pin.run import Progress
@@ -43,10 +46,8 @@ __all__ = ["Measured", "MomentsResult", "PoseMoments", "Remainder", "moments"]
 
 Array = NDArray[np.float64]
 
-REPLICATES: Final = sobol.REPLICATES
-
-SMALLEST, LARGEST = 6, 20
-"""A replicate has 2⁶ to 2²⁰ samples."""
+SMALLEST, LARGEST = 5, 19
+"""A replicate has 2⁵ to 2¹⁹ samples."""
 
 PILOT: Final = 1024
 """Samples, used for nothing else, that tell how the norms follow the control."""
@@ -81,7 +82,7 @@ def moments(
     poses
         A pose (a name, joint values, or None for the model's first) or a list of such.
     samples
-        At each pose: 16 replicates of a power of two from 64 to 2²⁰. The memory taken does not depend on it.
+        At each pose: 32 replicates of a power of two from 32 to 2¹⁹. The memory taken does not depend on it.
     seed
         64-bit seed. The random samples are units 0, 1, … as in :func:`precision_pin.monte_carlo`.
     method
@@ -202,20 +203,42 @@ class _Sampled:
 
     def estimates(self, confidence: float) -> tuple[Measured, Measured, Measured, Measured]:
         """Return mean ``(6,)``, covariance ``(6, 6)``, mean and variance of the norms ``(2,)``."""
-        found = sobol.jackknife(self._statistic, confidence)
-        student = float(special.stdtrit(REPLICATES - 1, (1 + confidence) / 2))
+        found = jackknife(self._statistic, confidence)
+        found = found.where(self._resolved(found.value, found.replicate_variance))
         pieces = [
             Measured(*(part.reshape(shape) for part in parts))
             for shape, *parts in zip(
                 ((6,), (6, 6), (2,), (2,)),
-                *(
-                    np.split(array, (6, 42, 44))
-                    for array in (found.value, found.half_width / student, found.half_width)
-                ),
+                *(np.split(array, (6, 42, 44)) for array in (found.value, found.standard_error, found.half_width)),
                 strict=True,
             )
         ]
         return cast("tuple[Measured, Measured, Measured, Measured]", tuple(pieces))
+
+    def _resolved(self, values: Array, replicate_variance: Array) -> NDArray[np.bool_]:
+        """Return which estimates the samples can know, ``(46,)``."""
+        space = self._at.space
+        if not space.size:
+            return np.ones(values.size, dtype=bool)
+        marginals = Marginals.of(space.size, self._count, is_net=self._net, breaks=law_breaks(space))
+        x = space.inverse(marginals.uniforms)
+        rows = self._rows(x, kernel.errors_at(self._layout, "exact", x))
+        rest, norms = marginals.centred(rows[-8:-2]), rows[-2:]
+        squares = rest[:, None] * rest
+        if self._control:
+            tangent = rows[1:7]
+            products = tangent[:, None] * tangent
+            crossed = tangent[:, None] * rest
+            squares = squares + crossed + crossed.swapaxes(0, 1)
+            controls = _controls(tangent.T, np.moveaxis(products, 2, 0) - self._control.covariance)
+            norms = norms - np.einsum("vc,mvc->vm", self._follows[:, 0], controls)
+            off = np.einsum("vc,mvc->vm", self._follows[:, 1], controls)
+        else:
+            off = np.zeros_like(norms)
+        # of a variance of norms, the square about their mean
+        about = (rows[-2:] ** 2 - off) - 2 * (values[42:44] - self._centre)[:, None] * norms
+        contributions = np.concatenate([rest, squares.reshape(36, -1), norms, about])
+        return marginals.resolved(contributions, replicate_variance)
 
     def _statistic(self, used: NDArray[np.bool_]) -> Array:
         """Return all estimates from some of the replicates, in one row."""

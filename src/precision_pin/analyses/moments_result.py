@@ -35,8 +35,8 @@ SCHEMA: Final = "precision-pin/moments/1"
 
 _WORDS: Final[dict[str, str]] = {
     "control": "random samples, a polynomial as control variate",
-    "sobol": "16 scrambles of a Sobol net",
-    "sobol-control": "16 scrambles of a Sobol net, a polynomial as control variate",
+    "sobol": "32 scrambles of a Sobol net",
+    "sobol-control": "32 scrambles of a Sobol net, a polynomial as control variate",
     "plain": "random samples",
     "closed": "closed form",
 }
@@ -50,7 +50,7 @@ class Measured:
     Attributes
     ----------
     value
-        Any shape; m, rad and products of these.
+        Any shape; m, rad and products of these; not-a-number where the samples do not resolve it.
     standard_error
         Of each; ``None`` of a closed form.
     half_width
@@ -62,19 +62,26 @@ class Measured:
     half_width: Array | None = None
 
     def interval(self, *index: int) -> tuple[float, float] | None:
-        """Return the interval of one of the numbers; ``None`` of a closed form."""
-        if self.half_width is None:
+        """Return the interval of one of the numbers; ``None`` of a closed form and of what is not resolved."""
+        if self.half_width is None or not np.isfinite(self.half_width[index]):
             return None
         middle, half = float(self.value[index]), float(self.half_width[index])
         return middle - half, middle + half
 
     def to_dict(self) -> dict[str, Any]:
-        """Return lists, null for what there is not."""
+        """Return lists, null for what there is not or is not resolved."""
         return {
-            "value": self.value.tolist(),
-            "standard_error": None if self.standard_error is None else self.standard_error.tolist(),
-            "half_width": None if self.half_width is None else self.half_width.tolist(),
+            "value": _listed(self.value),
+            "standard_error": None if self.standard_error is None else _listed(self.standard_error),
+            "half_width": None if self.half_width is None else _listed(self.half_width),
         }
+
+
+def _listed(values: Array) -> Any:
+    """Return an array as lists, null for not-a-number."""
+    known = values.astype(object)
+    known[~np.isfinite(values)] = None
+    return known.tolist()
 
 
 @final
@@ -165,8 +172,10 @@ class PoseMoments:
             "pose": self.pose.to_dict(),
             "nominal": self.nominal.tolist(),
             "mean": self.mean.to_dict(),
+            "std": self.std.to_dict(),
             "covariance": self.covariance.to_dict(),
             "norm_mean": None if self.norm_mean is None else self.norm_mean.to_dict(),
+            "norm_std": None if self.norm_std is None else self.norm_std.to_dict(),
             "norm_variance": None if self.norm_variance is None else self.norm_variance.to_dict(),
             "remainder": None if self.remainder is None else self.remainder.to_dict(),
             "warnings": list(self.warnings),
@@ -258,7 +267,7 @@ class MomentsResult:
         else:
             how = (
                 f"{_WORDS[self.method]}: {self.samples:,} in all, seed {of.seed}; ± half of an interval at "
-                f"{100 * self.confidence:g} % confidence"
+                f"{100 * self.confidence:g} % confidence, - not resolved"
             )
         return rendered(
             f"Moments of the error of {of.robot}: {of.base} to {of.tip}",
@@ -280,16 +289,14 @@ class MomentsResult:
 
 
 def deviations(variance: Measured) -> Measured:
-    """Return standard deviations; their errors are those of the variances over twice the deviation."""
+    """Return standard deviations, each with an interval that holds it where that of its variance does."""
     value = np.sqrt(np.maximum(variance.value, 0.0))
     if variance.standard_error is None or variance.half_width is None:
         return Measured(value)
-    # of a variance within its interval of zero nothing better can be said than the root of the interval's end
+    low, high = (np.sqrt(np.maximum(variance.value + sign * variance.half_width, 0.0)) for sign in (-1.0, 1.0))
     safe = np.where(value > 0, value, 1.0)
-    widest = np.sqrt(np.maximum(variance.value + variance.half_width, 0.0))
-    half = np.where(variance.value > variance.half_width, variance.half_width / (2 * safe), widest)
     error = np.where(value > 0, variance.standard_error / (2 * safe), np.sqrt(variance.standard_error))
-    return Measured(value, error, half)
+    return Measured(value, error, np.maximum(high - value, value - low))
 
 
 _Entry = tuple[float, tuple[float, float] | None] | None
@@ -312,6 +319,8 @@ def _cell(entry: _Entry) -> str:
     if entry is None:
         return "-"
     value, interval = entry
+    if np.isnan(value):
+        return "-"
     half = 0.0 if interval is None else (interval[1] - interval[0]) / 2
     # nobody reads digits below a picometre
     return plus_minus(1e3 * value, 1e3 * half, decimals=9)

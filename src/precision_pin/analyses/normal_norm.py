@@ -18,6 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import optimize, special
 
+from precision_pin.analyses.quantile_bounds import quantile_bounds
+
 __all__ = ["NormalNorm"]
 
 Array = NDArray[np.float64]
@@ -97,9 +99,8 @@ class NormalNorm:
         return root
 
     def quantile_error(self, p: float) -> float:
-        """Return the bound of the quantile's error to first order."""
-        density = float(self.density(np.array([self.quantile(p)]))[0])
-        return self.error / density if density > 0 else math.inf
+        """Return the bound of the quantile's error."""
+        return float(quantile_bounds(self, np.array([p]), np.array([self.quantile(p)]))[0])
 
     @cached_property
     def moments(self) -> tuple[float, float]:

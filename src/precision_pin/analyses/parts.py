@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
+from precision_pin.analyses.lognormal_transform import LOGNORMAL_ERROR, lognormal_characteristic, lognormal_envelope
 from precision_pin.laws import (
     FARTHEST_NORMAL,
     Arcsine,
@@ -29,6 +30,7 @@ from precision_pin.laws import (
     TwoPoint,
     Uniform,
 )
+from precision_pin.laws.law import in_chunks
 
 __all__ = ["Lines", "Part", "part_of"]
 
@@ -57,7 +59,7 @@ class Part(ABC):
 
     @property
     def kinks(self) -> tuple[float, ...]:
-        """Values at which the cumulative law is not smooth."""
+        """Values between which the cumulative law is smooth, and no steeper in one place than in another by much."""
         return self.ends
 
     @abstractmethod
@@ -83,6 +85,25 @@ class Part(ABC):
     @abstractmethod
     def envelope(self, frequency: Array) -> Array:
         """Return a bound of |E exp(i ω z)| that never rises with ω."""
+
+    @abstractmethod
+    def characteristic(self, frequency: Array) -> NDArray[np.complex128]:
+        """Return E exp(i ω z), from deviations alone: a mean far larger than the spread takes no digits."""
+
+    @property
+    def characteristic_error(self) -> float:
+        """Bound of the error of :meth:`characteristic`, that of rounding ω apart."""
+        return 1e-15
+
+    def within(self, score: float) -> tuple[float, float]:
+        """Return ends beyond which lies no more than beyond ± a number of standard deviations of a normal law."""
+        del score
+        return self.ends
+
+    @property
+    def is_bounded(self) -> bool:
+        """Whether nothing lies beyond the ends."""
+        return True
 
 
 @dataclass(frozen=True)
@@ -126,6 +147,9 @@ class _UniformPart(_SymmetricPart):
     def parameter(self, z: Array) -> Array:
         return self._scaled(z)
 
+    def characteristic(self, frequency: Array) -> NDArray[np.complex128]:
+        return np.sinc(self.reach * frequency / np.pi).astype(complex)
+
     def envelope(self, frequency: Array) -> Array:
         """min(1, 1/(a ω)), from sin(a ω)/(a ω)."""
         return _power(1.0, 1.0, self.reach * frequency)
@@ -160,6 +184,9 @@ class _TriangularPart(_SymmetricPart):
     def parameter(self, z: Array) -> Array:
         return self._scaled(z)
 
+    def characteristic(self, frequency: Array) -> NDArray[np.complex128]:
+        return (np.sinc(self.reach * frequency / (2 * np.pi)) ** 2).astype(complex)
+
     def envelope(self, frequency: Array) -> Array:
         """min(1, 4/(a ω)²), the square of a uniform law's of half the reach."""
         return _power(4.0, 2.0, self.reach * frequency)
@@ -172,7 +199,11 @@ class _TruncatedPart(_SymmetricPart):
 
     @property
     def breaks(self) -> tuple[float, ...]:
-        return -self.k, 0.0, self.k
+        return tuple(np.linspace(-self.k, self.k, 1 + 2 * math.ceil(self.k / 1.5)).tolist())
+
+    @property
+    def kinks(self) -> tuple[float, ...]:
+        return tuple((self.reach / self.k * np.array(self.breaks)).tolist())
 
     @property
     def _inner(self) -> float:
@@ -195,6 +226,14 @@ class _TruncatedPart(_SymmetricPart):
 
     def parameter(self, z: Array) -> Array:
         return self.k * self._scaled(z)
+
+    def characteristic(self, frequency: Array) -> NDArray[np.complex128]:
+        law = TruncatedNormal(self.reach / self.k, 0.0, self.k)
+        return law.characteristic(frequency[None])
+
+    @property
+    def characteristic_error(self) -> float:
+        return 2e-15 / self._inner
 
     def envelope(self, frequency: Array) -> Array:
         """Return the normal law's, and for the tails the less of their probability and total variation over ω, 4φ(k)/ω.
@@ -238,6 +277,10 @@ class _ArcsinePart(_SymmetricPart):
         value: Array = np.arcsin(self._scaled(z))
         return value
 
+    def characteristic(self, frequency: Array) -> NDArray[np.complex128]:
+        value: NDArray[np.complex128] = special.j0(self.reach * frequency).astype(complex)
+        return value
+
     def envelope(self, frequency: Array) -> Array:
         """min(1, √(2/(π r ω))), since √(πz/2) |J₀(z)| ≤ 1 (Watson, Bessel functions, 15.5)."""
         return _power(math.sqrt(2 / math.pi), 0.5, self.reach * frequency)
@@ -274,6 +317,11 @@ class _SemicirclePart(_SymmetricPart):
         value: Array = np.arcsin(self._scaled(z))
         return value
 
+    def characteristic(self, frequency: Array) -> NDArray[np.complex128]:
+        t = self.reach * frequency
+        safe = np.where(t != 0, t, 1.0)
+        return np.where(t != 0, 2 * special.j1(safe) / safe, 1.0).astype(complex)
+
     def envelope(self, frequency: Array) -> Array:
         """min(1, c (r ω)^-3/2), from 2 J₁(z)/z and the largest √z |J₁(z)|."""
         return _power(2 * LARGEST_SCALED_BESSEL, 1.5, self.reach * frequency)
@@ -296,7 +344,11 @@ class _LognormalPart(Part):
 
     @property
     def breaks(self) -> tuple[float, ...]:
-        return tuple(np.linspace(-FARTHEST_NORMAL, FARTHEST_NORMAL, 7))
+        return tuple(np.linspace(-FARTHEST_NORMAL, FARTHEST_NORMAL, 13).tolist())
+
+    @property
+    def kinks(self) -> tuple[float, ...]:
+        return tuple(self.position(np.array(self.breaks)).tolist())
 
     def _number(self, z: Array) -> Array:
         return z / self.weight_of_number + self.mean
@@ -329,10 +381,30 @@ class _LognormalPart(Part):
         value: Array = np.clip(signed, -FARTHEST_NORMAL, FARTHEST_NORMAL)
         return value
 
+    @property
+    def is_bounded(self) -> bool:
+        return False
+
+    def within(self, score: float) -> tuple[float, float]:
+        low, high = self.position(np.array([-score, score]))
+        return float(low), float(high)
+
+    def characteristic(self, frequency: Array) -> NDArray[np.complex128]:
+        return lognormal_characteristic(self.weight_of_number * self.mean * frequency, self.log_std)
+
+    @property
+    def characteristic_error(self) -> float:
+        return LOGNORMAL_ERROR
+
     def envelope(self, frequency: Array) -> Array:
-        """min(1, V/ω) with V, twice its highest value, the total variation of the density."""
-        scale = abs(self.weight_of_number) * self.mean * math.exp(-(self.log_std**2)) * self.log_std
-        return _power(2 / math.sqrt(2 * math.pi), 1.0, scale * frequency)
+        """Return the least of 1, V/ω with V, twice its highest value, the total variation of the density, and a table."""
+        scale = abs(self.weight_of_number) * self.mean
+        height = scale * math.exp(-(self.log_std**2)) * self.log_std
+        bound: Array = np.minimum(
+            _power(2 / math.sqrt(2 * math.pi), 1.0, height * frequency),
+            lognormal_envelope(scale * frequency, self.log_std),
+        )
+        return bound
 
 
 @final
@@ -410,6 +482,22 @@ class Lines(Part):
     def parameter(self, z: Array) -> Array:
         """Return the cumulative probability."""
         return self.cumulative(z)
+
+    def characteristic(self, frequency: Array) -> NDArray[np.complex128]:
+        """Return the sum over the pieces."""
+        halves, middles = (self.stops - self.begins) / 2, (self.stops + self.begins) / 2
+
+        def of(part: Array) -> NDArray[np.complex128]:
+            turned = np.sinc(part.T * halves / np.pi) * np.exp(1j * part.T * middles)
+            value: NDArray[np.complex128] = turned @ self.shares
+            return value
+
+        return in_chunks(of, frequency[None], 4 * halves.size)
+
+    @property
+    def characteristic_error(self) -> float:
+        """That of a sum of as many numbers as there are pieces."""
+        return 1e-15 + 1.2e-16 * self.shares.size
 
     def envelope(self, frequency: Array) -> Array:
         """Σ share · min(1, 2/(length ω)): that of each piece, 1 of a single value."""

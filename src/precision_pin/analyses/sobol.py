@@ -4,8 +4,8 @@ First order: Azzini, Mara and Rosati, Environmental Modelling & Software 144 (20
 index itself; total: Jansen, Computer Physics Communications 117 (1999). Both from two sets of points and their mixtures
 as in Saltelli et al., ibid. 181 (2010). Of several outputs together: numerators and variances added up first (Gamboa,
 Janon, Klein and Lagnoux, 2014). Intervals: the points are independent scrambles (Owen, 1995) of one net; the estimates
-are smooth functions of the replicates' means, and their jackknife over the replicates gives a standard error with
-Student's law.
+are smooth functions of the replicates' means, see :mod:`precision_pin.analyses.replicates`. An index whose variance or
+numerator the points cannot know (:mod:`precision_pin.analyses.marginals`) is not given.
 """
 
 from __future__ import annotations
@@ -16,40 +16,15 @@ from typing import Final, final
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import special
 
-__all__ = [
-    "REPLICATES",
-    "Estimates",
-    "Indices",
-    "jackknife",
-    "quantile_changes",
-    "quantiles",
-    "scrambled_points",
-    "sobol_indices",
-]
+from precision_pin.analyses.marginals import Marginals
+from precision_pin.analyses.replicates import REPLICATES, Estimates, jackknife
+
+__all__ = ["REPLICATES", "Indices", "scrambled_points", "sobol_indices"]
 
 Array = NDArray[np.float64]
 
-REPLICATES: Final = 16
-"""Independent scrambles."""
-
 _BITS: Final = 30
-
-
-@final
-@dataclass(frozen=True, eq=False)
-class Estimates:
-    """Estimates of one shape with half the width of their intervals.
-
-    Attributes
-    ----------
-    value, half_width
-        Arrays of one shape; not-a-number where nothing can be told.
-    """
-
-    value: Array
-    half_width: Array
 
 
 @final
@@ -65,12 +40,15 @@ class Indices:
         ``(Q,)`` sum of the first-order indices.
     variance
         ``(Q,)``; of several outputs together: the sum of theirs.
+    varies
+        ``(Q,)`` whether the output varies at all.
     """
 
     first: Estimates
     total: Estimates
     first_sum: Estimates
     variance: Estimates
+    varies: NDArray[np.bool_]
 
 
 def scrambled_points(dimension: int, seed: int, points: int) -> Array:
@@ -102,76 +80,6 @@ def scrambled_points(dimension: int, seed: int, points: int) -> Array:
     return np.ascontiguousarray(result)
 
 
-def jackknife(statistic: Callable[[NDArray[np.bool_]], Array], confidence: float) -> Estimates:
-    """Return a smooth statistic with its interval from leaving out one replicate after another.
-
-    Parameters
-    ----------
-    statistic
-        Takes which replicates to use, ``(REPLICATES,)``.
-    confidence
-        Of the interval.
-    """
-    everything = np.ones(REPLICATES, dtype=bool)
-    left_out = np.array([statistic(everything & (np.arange(REPLICATES) != k)) for k in range(REPLICATES)])
-    error = np.sqrt((REPLICATES - 1) * left_out.var(axis=0))
-    return Estimates(statistic(everything), _student(confidence) * error)
-
-
-def quantiles(samples: Array, probability: float, confidence: float) -> Estimates:
-    """Return a quantile of every row of ``(rows, REPLICATES · n)`` with its interval (Woodruff, 1952).
-
-    The share of each replicate below the pooled quantile gives an interval of the share, and the pooled quantiles at its
-    ends the width of the quantile's. The jackknife is no help here: it moves a quantile by a few samples only.
-    """
-    value, pull = _quantile(samples, probability, confidence)
-    return Estimates(value, _half_width(pull, confidence))
-
-
-def quantile_changes(
-    samples: Array, before: Array, probability: float, confidence: float
-) -> tuple[Estimates, Estimates]:
-    """Return a quantile of every row, and how much it is above that of ``before``, which has the same random numbers.
-
-    Parameters
-    ----------
-    samples, before
-        ``(rows, REPLICATES · n)``.
-    probability
-        Which quantile.
-    confidence
-        Of the intervals.
-    """
-    value, pull = _quantile(samples, probability, confidence)
-    value_before, pull_before = _quantile(before, probability, confidence)
-    return (
-        Estimates(value, _half_width(pull, confidence)),
-        Estimates(value - value_before, _half_width(pull - pull_before, confidence)),
-    )
-
-
-def _quantile(samples: Array, probability: float, confidence: float) -> tuple[Array, Array]:
-    """Return a quantile of every row, and what each replicate by itself would move it by, ``(rows, REPLICATES)``."""
-    value: Array = np.quantile(samples, probability, axis=1, method="hazen")
-    below = (_split(samples) <= value[:, None, None]).mean(axis=2)
-    reach = _half_width(below, confidence)
-    slopes = np.zeros(len(value))
-    for row in np.flatnonzero(reach > 0):
-        ends = np.clip([probability - reach[row], probability + reach[row]], 0, 1)
-        slopes[row] = np.diff(np.quantile(samples[row], ends, method="hazen"))[0] / (ends[1] - ends[0])
-    return value, (below.mean(axis=1, keepdims=True) - below) * slopes[:, None]
-
-
-def _half_width(replicates: Array, confidence: float) -> Array:
-    """Return half of the interval of the mean of replicates, ``(…, REPLICATES)``."""
-    result: Array = _student(confidence) * replicates.std(axis=-1, ddof=1) / np.sqrt(REPLICATES)
-    return result
-
-
-def _student(confidence: float) -> float:
-    return float(special.stdtrit(REPLICATES - 1, (1 + confidence) / 2))
-
-
 def sobol_indices(
     function: Callable[[Array], Array],
     points: Array,
@@ -181,6 +89,7 @@ def sobol_indices(
     outputs: Array | None = None,
     smallest: float = 0.0,
     confidence: float = 0.95,
+    breaks: Sequence[tuple[float, ...]] = (),
 ) -> Indices:
     """Return first-order and total Sobol indices of groups of inputs.
 
@@ -201,6 +110,8 @@ def sobol_indices(
         An output whose variance is not larger than this has no indices (not-a-number).
     confidence
         Of every interval, each by itself.
+    breaks
+        Of each input the uniform numbers at which the function jumps or bends.
     """
     at_a, at_b = _split(function(points)), _split(function(other_points))
     together = np.eye(at_a.shape[0]) if outputs is None else outputs
@@ -214,21 +125,54 @@ def sobol_indices(
         firsts[k] = together @ (change * change_back).mean(axis=2) / 2
         totals[k] = together @ (change**2 + change_back**2).mean(axis=2) / 4
 
-    def share(numerators: Array) -> Estimates:
+    variance = jackknife(lambda used: variances[:, used].mean(axis=1), confidence)
+    marginals = Marginals.of(len(points), at_a.shape[2], is_net=True, breaks=breaks)
+    squares = together @ marginals.centred(function(marginals.uniforms)) ** 2
+    known = marginals.resolved(squares, variance.replicate_variance)
+    member = np.zeros((len(groups), len(points)))
+    for k, rows in enumerate(groups):
+        member[k, np.asarray(rows)] = 1
+
+    def share(numerators: Array, members: Array) -> Estimates:
         def statistic(used: NDArray[np.bool_]) -> Array:
             below = variances[:, used].mean(axis=1)
             below = np.where(below > smallest, below, np.nan)
             result: Array = numerators[..., used].mean(axis=-1) / below
             return result
 
-        return jackknife(statistic, confidence)
+        found = jackknife(statistic, confidence)
+        return found.where(known & _ratios_resolved(marginals, squares / variance.value[:, None], found, members))
 
-    return Indices(
-        first=share(firsts),
-        total=share(totals),
-        first_sum=share(firsts.sum(axis=0)),
-        variance=jackknife(lambda used: variances[:, used].mean(axis=1), confidence),
-    )
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return Indices(
+            first=share(firsts, member),
+            total=share(totals, member),
+            first_sum=share(firsts.sum(axis=0), member.sum(axis=0)),
+            variance=variance.where(known),
+            varies=variance.value > smallest,
+        )
+
+
+def _ratios_resolved(marginals: Marginals, shares: Array, found: Estimates, members: Array) -> NDArray[np.bool_]:
+    """Return which indices the points can know: what a number adds to a numerator and takes by the variance below it.
+
+    Parameters
+    ----------
+    marginals, shares
+        Nodes, and what they add to the variance, over the variance, ``(Q, M)``.
+    found
+        The indices, ``(…, Q)``.
+    members
+        Whether the numerator has what a number adds, ``(…, d)``.
+    """
+    values = found.value.reshape(-1, len(shares))
+    seen = found.replicate_variance.reshape(values.shape)
+    of_each = members.reshape(len(values), len(marginals.columns))
+    resolved = [
+        marginals.resolved(shares, variance, member[:, None] - value)
+        for value, variance, member in zip(values, seen, of_each, strict=True)
+    ]
+    return np.array(resolved, dtype=bool).reshape(found.value.shape)
 
 
 def _mixed(points: Array, other_points: Array, rows: Sequence[int] | NDArray[np.intp]) -> Array:

@@ -107,15 +107,17 @@ def _headline(result: BudgetResult, pose: PoseBudget, quantity: str) -> str:
     parts = []
     if sums.std is not None:
         parts.append(f"std {1e3 * sums.std:.5g} {unit(quantity)} in closed form")
-    sampled = math.sqrt(max(sums.variance.value, 0.0))
-    if sampled > 0:
-        half = sums.variance.half_width / (2 * sampled)
+    if sums.variance is None:
+        parts.append("std not resolved by sampling")
+    elif sums.variance.value > 0:
+        low, sampled, high = (math.sqrt(max(end, 0.0)) for end in _three(sums.variance))
+        half = max(high - sampled, sampled - low)
         parts.append(f"std {plus_minus(1e3 * sampled, 1e3 * half, decimals=6)} {unit(quantity)} sampled")
     norm = f"{quantity.partition('.')[0]}.norm"
     if quantity in (*VECTORS, norm):
         marked = pose.quantile[norm]
-        width = plus_minus(1e3 * marked.value, 1e3 * marked.half_width, decimals=6)
-        parts.append(f"{100 * result.marked:g} % of {symbol(norm)} within {width} {unit(norm)}")
+        within = "not resolved" if marked is None else f"within {_milli(marked, decimals=6)} {unit(norm)}"
+        parts.append(f"{100 * result.marked:g} % of {symbol(norm)} {within}")
     return f"{quantity}: {'; '.join(parts)}"
 
 
@@ -131,8 +133,7 @@ def _draw_rows(pose: PoseBudget, quantity: str) -> list[list[str]]:
         cells = [percent(draw.worst_case.get(quantity))] if component else []
         cells += [f"{1e3 * draw.halved.std[quantity]:.5g}"] if quantity != norm else []
         if not component:
-            change = draw.halved.change[norm]
-            cells.append(plus_minus(1e3 * change.value, 1e3 * change.half_width, decimals=MOST_DECIMALS, signed=True))
+            cells.append(_milli(draw.halved.change[norm], decimals=MOST_DECIMALS, signed=True))
         return cells
 
     return [header, *draw_rows(pose, quantity, MOST_LINES, further, len(header) - 5, nonlinear="*")]
@@ -225,9 +226,23 @@ def _notes(result: BudgetResult, pose: PoseBudget, quantities: Sequence[str]) ->
     ]
     if any(quantity in group.nonlinear for group in pose.groups for quantity in quantities):
         notes.append("*: share and index are more than one percentage point apart; the exact model is not linear here")
+    if any(pose.sums[quantity].variance is None for quantity in quantities):
+        notes.append("- among the indices: not resolved; too few points for the tails or the rare values of the laws")
     if any(draw.unbounded for draw in pose.draws) and set(quantities) - {*VECTORS, "position.norm", "attitude.norm"}:
         notes.append(f"worst case: unbounded laws are cut off at {result.bound_at:g} standard deviations")
     return notes
+
+
+def _three(estimate: Estimate) -> tuple[float, float, float]:
+    low, high = estimate.interval
+    return low, estimate.value, high
+
+
+def _milli(estimate: Estimate | None, *, decimals: int, signed: bool = False) -> str:
+    """Return an estimate in mm or mrad."""
+    if estimate is None:
+        return "-"
+    return plus_minus(1e3 * estimate.value, 1e3 * estimate.half_width, decimals=decimals, signed=signed)
 
 
 def _percent(estimate: Estimate | None) -> str:

@@ -11,6 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from precision_pin.analyses.exact_law import LEVELS, ExactLaw, ExactLawResult, PoseLaws
+from precision_pin.analyses.exact_law_result import bound_text
 from precision_pin.outputs.drawing import BLUE, SKY, VERMILION, ticks
 from precision_pin.outputs.layout import (
     DOUBLE_COLUMN,
@@ -47,6 +48,7 @@ def table(result: ExactLawResult) -> str:
                     "",
                     *aligned([_METHOD_HEADER, *methods] if methods else []),
                     *_missing(entry),
+                    *entry.warnings,
                 ]
             )
         )
@@ -88,8 +90,8 @@ def _quantile_rows(entry: PoseLaws) -> list[list[str]]:
     for law in entry.laws.values():
         if law.mean is None or law.std is None:
             continue
-        quantiles = dict(zip(LEVELS, law.quantiles, strict=False))
-        cells = [_milli(quantiles[level], law.std) if law.quantiles else "-" for level in _SHOWN]
+        quantiles = law.shown_quantiles(12)
+        cells = [_milli(quantiles[level][0], law.std, quantiles[level][1]) if quantiles else "-" for level in _SHOWN]
         name = law.quantity
         rows.append([symbol(name), unit(name), _milli(law.mean, law.std), _milli(law.std, law.std), *cells])
     return rows
@@ -107,7 +109,7 @@ def method_rows(entry: PoseLaws) -> list[list[str]]:
                 symbol(law.quantity),
                 law.law.method,
                 str(law.contributors),
-                f"{law.error:.0e}",
+                bound_text(law.error),
                 f"{agreement.distance:.5f}",
                 f"{agreement.band:.5f}",
                 "agree" if agreement.agrees else "DISAGREE",
@@ -120,12 +122,12 @@ def _missing(entry: PoseLaws) -> list[str]:
     return [f"{symbol(law.quantity)}: {law.reason}" for law in entry.laws.values() if law.law is None]
 
 
-def _milli(value: float, std: float) -> str:
-    """Return the value in thousandths, to a millionth of the spread or to nine digits."""
+def _milli(value: float, std: float, most: int = 12) -> str:
+    """Return the value in thousandths, to a millionth of the spread, to seven digits at least and ``most`` at most."""
     if abs(value) <= ROUNDING:
         return "0"
     digits = 7 if std <= ROUNDING else min(12, max(7, math.ceil(math.log10(abs(value) / std) + 6)))
-    return f"{1e3 * value:.{digits}g}"
+    return f"{1e3 * value:.{min(digits, most)}g}"
 
 
 def _draw(axes: Axes, law: ExactLaw) -> None:

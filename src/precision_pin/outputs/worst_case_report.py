@@ -9,6 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
+from precision_pin.analyses.exact_law_result import bound_text
 from precision_pin.analyses.worst_case_result import SEEN_LEVEL, NormBound, PoseWorstCase, WorstCaseResult
 from precision_pin.outputs.drawing import (
     BLACK,
@@ -128,7 +129,7 @@ def _contributions(bound: NormBound) -> list[str]:
     if found.certified:
         width = 0.0 if found.upper == 0 else found.upper / found.lower - 1
         proof = "in closed form" if found.cells == 0 else f"with {found.cells:,} spherical triangles"
-        how = f"global within {max(width, 1e-12):.0e}, {proof}"
+        how = f"global within {bound_text(max(width, 1e-12))}, {proof}"
     else:
         how = (
             f"NOT resolved to 1e-9 with {found.cells:,} spherical triangles: the largest first-order error lies between "

@@ -36,7 +36,7 @@ def causes(results: Results) -> Html:
         f"Shares of the variance: {'; '.join(_largest(pose, vector) for vector in VECTORS)}",
         "Sobol indices of the exact model with their intervals; diamonds are the closed form of the first order.",
     )
-    draws = [_draws(pose, vector) for vector in VECTORS]
+    draws = [_draws(pose, vector, result.marked) for vector in VECTORS]
     return section("budget", "Error budget", _explained(result), chart, *draws, beside(*_shares(pose)))
 
 
@@ -54,12 +54,13 @@ def _largest(pose: PoseBudget, vector: str) -> str:
     return f"of the {vector} error " + ", ".join(f"{draw.name} {percent(draw.share[vector])} %" for draw in largest)
 
 
-def _draws(pose: PoseBudget, vector: str) -> Html:
+def _draws(pose: PoseBudget, vector: str, marked: float) -> Html:
     norm = f"{vector}.norm"
 
     def halved(draw: DrawShare) -> list[str]:
         change = draw.halved.change[norm]
-        return [milli(draw.halved.std[vector], 5), plus_minus(1e3 * change.value, 1e3 * change.half_width, decimals=3)]
+        gain = "-" if change is None else plus_minus(1e3 * change.value, 1e3 * change.half_width, decimals=3)
+        return [milli(draw.halved.std[vector], 5), gain]
 
     rows = [[name, scope, *map(shown, cells)] for name, scope, *cells in draw_rows(pose, vector, _LISTED, halved, 2)]
     header = [
@@ -69,7 +70,7 @@ def _draws(pose: PoseBudget, vector: str) -> Html:
         "S1 %",
         "ST %",
         f"halved: std [{unit(norm)}]",
-        f"change of 99.73 % of {quantity_label(norm)}",
+        f"change of {100 * marked:g} % of {quantity_label(norm)}",
     ]
     now = f"std {milli(pose.std[vector], 5)} {unit(norm)} now"
     return table(f"Draws, {vector} error ({now})", header, rows, words=(1,), last=True)

@@ -49,6 +49,7 @@ def exactness(results: Results) -> Html:
                 )
             )
     absent = [f"{symbol(law.quantity)}: {law.reason}" for law in laws.values() if law.law is None]
+    absent += result.poses[0].warnings
     parts: list[Child] = [_explained(results), *pictures, _quantiles(laws.values()), _methods(result)]
     if absent:
         parts.append(items(absent, "note"))
@@ -81,8 +82,8 @@ def _quantiles(laws: Iterable[ExactLaw]) -> Html:
     for law in laws:
         if law.mean is None or law.std is None:
             continue
-        quantiles = dict(zip(LEVELS, law.quantiles, strict=False))
-        cells = [milli(quantiles[level]) if law.quantiles else MISSING for level in _SHOWN]
+        quantiles = law.shown_quantiles(6)
+        cells = [milli(*quantiles[level]) if quantiles else MISSING for level in _SHOWN]
         rows.append([quantity_label(law.quantity), milli(law.mean), milli(law.std), *cells])
     return table("Exact law of the first-order model: moments and quantiles", header, rows)
 
