@@ -24,6 +24,7 @@ from precision_pin.places import (
     ORDER_END,
     ORDER_FRAME,
     ORDER_SEAT,
+    Deflection,
     Factors,
     LinkFrame,
     Load,
@@ -385,24 +386,6 @@ class Chain:
         if missing:
             raise InputError(f"no value for the joints {', '.join(missing)}")
         return self.joint_names
-
-
-@final
-@dataclass(frozen=True, eq=False)
-class Deflection:
-    """Where a chain stands under load.
-
-    Attributes
-    ----------
-    links, ends
-        Chain links and their far ends, ``(n+1, 4, 4)``, base.
-    bending
-        What loads displace each chain link's far end, ``[d; δ]`` in the end's axes, ``(n+1, 6)``.
-    """
-
-    links: Array
-    ends: Array
-    bending: Array
 
 
 @final

@@ -1,4 +1,4 @@
-"""What a chain is made of: places, where the URDF's links stand on it, and its weights."""
+"""What a chain is made of: places, where the URDF's links stand on it, and its weights; where it stands under them."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from precision_pin.errors import InputError, UnknownNameError
 from precision_pin.parameters import Expression
 from precision_pin.urdf import Joint, Robot
 
-__all__ = ["Factors", "LinkFrame", "Load", "Place", "link_frames", "locked_values", "own_loads"]
+__all__ = ["Deflection", "Factors", "LinkFrame", "Load", "Place", "link_frames", "locked_values", "own_loads"]
 
 Array = NDArray[np.float64]
 Factors = tuple[Expression, ...]
@@ -145,6 +145,24 @@ class Load:
     along: bool
     moments: tuple[tuple[Array, Factors], ...]
     stretch: Array | None = None
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Deflection:
+    """Where a chain stands under load.
+
+    Attributes
+    ----------
+    links, ends
+        Chain links and their far ends, ``(n+1, 4, 4)``, base.
+    bending
+        What loads displace each chain link's far end, ``[d; δ]`` in the end's axes, ``(n+1, 6)``.
+    """
+
+    links: Array
+    ends: Array
+    bending: Array
 
 
 def locked_values(robot: Robot, joints: Sequence[Joint], locked: Mapping[str, float]) -> dict[str, float]:
