@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from precision_pin.analyses.tangent_shares import by_place
 from precision_pin.chain import Chain
 from precision_pin.laws import Uniform
 from precision_pin.model import ErrorModel
@@ -156,6 +157,12 @@ def test_an_axis_that_is_off_stays_off_by_the_same_at_every_pose(name):
     forth, back = results
     expected = seen_from_the_tool(seen_from_the_tool(forth.T, PlainRobot.parse(TEXT).poses(other)["tool"]).T)
     np.testing.assert_allclose(back, expected, rtol=1e-9, atol=1e-16)
+
+
+def test_an_axis_counts_as_its_joints_from_either_end():
+    for chain in chains():
+        at = ErrorModel(chain, Space(), [AxisInstall(joint="joint2", radius=1e-4, span=0.1)]).at(Q)
+        assert set(by_place(at, chain)) == {"joint2"}
 
 
 def test_directions_are_those_of_the_file_from_either_end():
