@@ -19,7 +19,7 @@ Array = NDArray[np.float64]
 Factors = tuple[Expression, ...]
 """Parameters whose product multiplies a number; none for a constant."""
 
-ORDER_FRAME, ORDER_CUSTOM, ORDER_END, ORDER_SEAT = range(4)
+ORDER_START, ORDER_FRAME, ORDER_CUSTOM, ORDER_END, ORDER_SEAT = range(-1, 4)
 """Order of the kinds of places on one chain link."""
 
 _SAME_POINT: Final = 1e-9
@@ -39,7 +39,7 @@ class Place:
     link
         Chain link that carries it.
     order
-        Position among the link's places: frames along the link, then custom ones, the end, the seat.
+        Position among the link's places: its start, frames along it, then custom ones, the end, the seat.
     name
         For people.
     frame
@@ -56,9 +56,21 @@ class Place:
         """Whether it is where the next joint sits, after the link's end."""
         return self.order[0] == ORDER_SEAT
 
+    @property
+    def joint(self) -> int | None:
+        """The joint (0-based) that it is about how it sits: the one after a seat, or before a link's start."""
+        if self.is_seat:
+            return self.link
+        return self.link - 1 if self.order[0] == ORDER_START else None
+
     def is_same(self, other: object) -> bool:
         """Return whether another place at this point of the chain is this one, frame included."""
         return isinstance(other, Place) and self == other and np.array_equal(self.frame, other.frame)
+
+    @classmethod
+    def start(cls, link: int, name: str) -> Place:
+        """Return the place at a link's start, right behind the joint before it."""
+        return cls(link, (ORDER_START, 0), name, np.eye(4))
 
     @classmethod
     def custom(cls, link: int, rank: int, name: str, frame: Array) -> Place:

@@ -10,7 +10,7 @@ from precision_pin.laws import Uniform
 from precision_pin.model import ErrorModel
 from precision_pin.parameters import Component
 from precision_pin.sources import beam
-from precision_pin.sources.beam import Beam, point_flexibility, weight_flexibility
+from precision_pin.sources.beam import Beam, point_flexibility, stretch_flexibility, weight_flexibility
 from precision_pin.space import Draw, LabelledSpace, Space
 from support.checks.beam import beam_loads, check_beam, integrals
 from support.checks.common import Q7, evaluated, in_base, one_link
@@ -101,6 +101,16 @@ def test_point_loads_against_the_differential_equation(reach):
     q_slope = integrate.quad(lambda x: (L - x) ** 2 / 2, 0, L)[0] / L
     spread = weight_flexibility(L)
     np.testing.assert_allclose([spread[1, 1], spread[2, 2], spread[5, 1], spread[4, 2]], [q_w, q_w, q_slope, -q_slope])
+
+
+@pytest.mark.parametrize(("start", "stop"), [(0.0, 0.6), (0.4, 1.1), (1.2, L), (0.5, 0.5 + 1e-7)])
+def test_a_weight_on_a_part_is_the_mean_of_point_loads(start, stop):
+    nodes, weights = np.polynomial.legendre.leggauss(4)
+    reaches = start + (stop - start) * (nodes + 1) / 2
+    mean = sum(w / 2 * point_flexibility(L, reach) for w, reach in zip(weights, reaches, strict=True))
+    mean[:, 3:] = 0.0  # a weight has no moment
+    np.testing.assert_allclose(stretch_flexibility(L, start, stop), mean, rtol=1e-13, atol=1e-15)
+    np.testing.assert_array_equal(stretch_flexibility(L, 0.0, L), weight_flexibility(L))
 
 
 def test_tip_flexibility_is_symmetric_by_maxwell_and_betti():

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from precision_pin.analyses.tangent_shares import by_place
 from precision_pin.chain import Chain
 from precision_pin.laws import Uniform
 from precision_pin.model import ErrorModel
@@ -132,6 +133,8 @@ SCATTERED = (
     *(AxisInstall(joint=name, radius=1e-4, span=0.1, start=0.3) for name in Q),
     *(Clearance(joint=name, diametral=(1e-4, 3e-4), span=0.1, start=0.3, direction="random") for name in Q),
     Clearance(joint="slide", diametral=(1e-4, 3e-4), span=0.1, start=0.3, direction="random", pads_on="parent"),
+    Transmission(joint="joint2", amplitude=(1e-3, 2e-3), order=(3.0, 50.0)),
+    Encoder(joint="joint4", resolution=1e-3, eccentricity=1e-5, radius=0.02),
 )
 
 
@@ -156,6 +159,12 @@ def test_an_axis_that_is_off_stays_off_by_the_same_at_every_pose(name):
     np.testing.assert_allclose(back, expected, rtol=1e-9, atol=1e-16)
 
 
+def test_an_axis_counts_as_its_joints_from_either_end():
+    for chain in chains():
+        at = ErrorModel(chain, Space(), [AxisInstall(joint="joint2", radius=1e-4, span=0.1)]).at(Q)
+        assert set(by_place(at, chain)) == {"joint2"}
+
+
 def test_directions_are_those_of_the_file_from_either_end():
     """Axis and frame of the joint as the plain reading has them: the child link's, after it turned."""
     reading = PlainRobot.parse(TEXT)
@@ -175,6 +184,26 @@ def test_directions_are_those_of_the_file_from_either_end():
             np.testing.assert_allclose(direction_of(text, forth), expected, atol=1e-14)
             np.testing.assert_allclose(POSE[:3, :3] @ direction_of(text, back), expected, atol=1e-14)
             np.testing.assert_allclose(direction_of(f"-{text}", back), -direction_of(text, back), atol=0)
+
+
+def test_values_limits_and_mimics_are_those_of_the_file_from_either_end():
+    """A finger that mimics a locked joint, and a joint beyond its upper limit: the same words from either end."""
+    text = robot(
+        *(link(name) for name in ("base", "arm", "hand", "finger")),
+        joint("low", "revolute", "base", "arm", (0.3, 0, 0), extra='<limit lower="-0.1" upper="0.2" effort="1" velocity="1"/>'),
+        joint("held", "revolute", "arm", "hand", (0.4, 0, 0)),
+        joint("grip", "prismatic", "hand", "finger", (0.1, 0, 0), extra='<mimic joint="held" multiplier="2" offset="0.1"/>'
+              '<limit lower="-7" upper="7" effort="1" velocity="1"/>'),
+    )  # fmt: skip
+    forth, back = (
+        chain_of(text, base=base, tip=tip, locked={"held": 0.3}) for base, tip in (("base", "hand"), ("hand", "base"))
+    )
+    assert dict(forth.locked) == dict(back.locked) == {"held": 0.3, "grip": pytest.approx(0.7)}
+    for q, wrong in ((-0.05, 0), (0.15, 0), (0.25, 1), (-0.15, 1)):
+        said = [[finding.message for finding in chain.at([q]).findings] for chain in (forth, back)]
+        assert said[0] == said[1]
+        assert len(said[0]) == wrong
+        np.testing.assert_allclose(back.at([q]).pose, np.linalg.inv(forth.at([q]).pose), atol=1e-15)
 
 
 def test_a_length_moves_what_lies_beyond_it_the_way_it_says():

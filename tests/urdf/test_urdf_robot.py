@@ -95,6 +95,17 @@ def test_there_and_back_again(robot):
         np.testing.assert_allclose(back.link_poses(values)[name], pose, atol=1e-14)
 
 
+def test_joints_turned_round_are_marked_and_know_their_axis(robot):
+    """What lies between the old root and the new one; turned round twice, a joint is as the file has it."""
+    turned = rerooted(robot, "tip")
+    between = {joint.name for joint in robot.path("foot", "tip")}
+    assert {joint.name for joint in turned.joints if joint.reversed and joint.name in between} == between
+    assert not any(joint.reversed for joint in turned.joints if joint.name in {j.name for j in robot.joints} - between)
+    for joint in robot.moving_joints:
+        np.testing.assert_array_equal(turned.joint(joint.name).written_axis, joint.axis)
+    assert not any(joint.reversed for joint in rerooted(turned, "foot").joints)
+
+
 def test_the_same_root_changes_nothing(robot):
     assert rerooted(robot, "foot") == robot
     with pytest.raises(UnknownNameError):

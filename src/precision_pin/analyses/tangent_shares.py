@@ -114,8 +114,8 @@ def place_name(target: Target, chain: Chain) -> str:
     joints = chain.joint_names
     if isinstance(target, JointValue):
         return joints[target.joint]
-    if target.is_seat:
-        return joints[target.link]
+    if target.joint is not None:
+        return joints[target.joint]
     start = joints[target.link - 1] if target.link else chain.base
     end = joints[target.link] if target.link < len(joints) else chain.tip
     return f"link from {start} to {end}"

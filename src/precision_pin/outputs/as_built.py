@@ -8,10 +8,11 @@ frame it leads to and ``F`` the place's frame (both in the link's axes, undispla
     O' = O · Π (H⁻¹ F) E (F⁻¹ H)        over the places folded into this origin, in chain order.
 
 The place of a URDF link's frame goes into the joint that leads to this link, so that the link itself moves; where that
-joint moves on the chain, and for a custom place, into the next one. The end and the seat of a link go into the next joint
-of the chain, those of the last link into the last joint before the tip. Where the base is not the root of the URDF, joints
-between the two are passed against their direction and ``O`` stands for the inverse of the written origin. A tip that the
-last joint of the chain itself moves (or such a base) has no origin to fold into: then a fixed frame is added.
+joint moves on the chain, for a link's start, and for a custom place, into the next one. The end and the seat of a link go
+into the next joint of the chain, those of the last link into the last joint before the tip. Where the base is not the root
+of the URDF, joints between the two are passed against their direction and ``O`` stands for the inverse of the written
+origin. A tip that the last joint of the chain itself moves (or such a base) has no origin to fold into: then a fixed frame
+is added.
 """
 
 from __future__ import annotations
@@ -316,7 +317,7 @@ def _folds(at: PoseModel, links: Sequence[Sequence[_Step]]) -> tuple[_Fold, ...]
 
 def _step_for(place: Place, steps: Sequence[_Step]) -> _Step | None:
     """Return the first step that the file can change and that does not come before the place; else the last one."""
-    rank = max(place.order[1], 1) if place.order[0] == ORDER_FRAME else len(steps)
+    rank = max(place.order[1], 1) if place.order[0] <= ORDER_FRAME else len(steps)
     free = [k for k, step in enumerate(steps, start=1) if step.name]
     if not free:
         return None

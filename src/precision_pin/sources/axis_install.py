@@ -81,7 +81,7 @@ class AxisInstall(Source):
         place = chain.seat(joint)
         if chain.reversed_joints[joint]:
             # the frame before the joint turns lies behind it, and what is displaced is the link that carries it
-            place, axes = Place.custom(joint + 1, 0, f"seat of {self.joint}", np.eye(4)), -axes
+            place, axes = Place.start(joint + 1, f"seat of {self.joint}"), -axes
         crossing = self.start / self.span
         for point, share, sign in (("A", 1 + crossing, -1.0), ("B", -crossing, 1.0)):
             slope = sign / self.span

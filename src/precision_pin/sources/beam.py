@@ -20,7 +20,7 @@ from precision_pin.sources.profiles import Profile, Segment, Stretch, ends, stre
 from precision_pin.space import LabelledSpace, Setting
 from precision_pin.terms import Source, Term
 
-__all__ = ["Beam", "beam_axes", "point_flexibility", "weight_flexibility"]
+__all__ = ["Beam", "beam_axes", "point_flexibility", "stretch_flexibility", "weight_flexibility"]
 
 Array = NDArray[np.float64]
 
@@ -302,7 +302,7 @@ class _Push:
         else:
             first, last = max(self.start, start), min(self.stop, stop)
             if last > first:
-                bent = weight_flexibility(stop - start, first - start, last - start) * ((last - first) / spread)
+                bent = stretch_flexibility(stop - start, first - start, last - start) * ((last - first) / spread)
             beyond = self.stop - max(self.start, stop)
             if beyond > 0.0:
                 middle = self.stop - beyond / 2
@@ -370,12 +370,25 @@ def point_flexibility(length: float, reach: float) -> Array:
     )
 
 
-def weight_flexibility(length: float, start: float = 0.0, stop: float | None = None) -> Array:
-    """Return the end's displacement for a total weight spread between two points of a cantilever, all of it if left out.
+def weight_flexibility(length: float) -> Array:
+    """Return the end's displacement for a total weight spread along a cantilever; see :func:`point_flexibility`."""
+    l = length  # noqa: E741
+    result = np.zeros((6, 6))
+    result[0, 0] = l / 2
+    result[1, 1] = result[2, 2] = l**3 / 8
+    result[5, 1] = l**2 / 6
+    result[4, 2] = -(l**2) / 6
+    return result
 
-    See :func:`point_flexibility`, whose mean it is over the reach.
+
+def stretch_flexibility(length: float, start: float, stop: float) -> Array:
+    """Return the end's displacement for a total weight spread between two points (m) of a cantilever.
+
+    The mean of :func:`point_flexibility` over the reach; of all of it :func:`weight_flexibility`.
     """
-    a, b, l = start, length if stop is None else stop, length  # noqa: E741
+    if start == 0.0 and stop == length:
+        return weight_flexibility(length)
+    a, b, l = start, stop, length  # noqa: E741
     first, second, third = (a + b) / 2, (a**2 + a * b + b**2) / 3, (a + b) * (a**2 + b**2) / 4
     result = np.zeros((6, 6))
     result[0, 0] = first

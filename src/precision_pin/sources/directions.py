@@ -39,9 +39,11 @@ def direction_of(text: str, posture: Posture) -> NDArray[np.float64]:
         along = np.eye(3)[_AXES[match[2]]]
         return np.asarray(-along if match[1] else along, dtype=float)
     chain, joint = posture.chain, posture.chain.joint_index(name)
-    # what turns with the file's child is the link before a joint that the chain passes against the file
-    turned = posture.joint_poses[joint]
-    if chain.reversed_joints[joint]:
-        turned = posture.link_poses[joint] @ chain.placements[joint]
-    direction = turned[:3, :3] @ (chain.written_axes[joint] if match[2] == "axis" else np.eye(3)[_AXES[match[2]]])
+    is_reversed = bool(chain.reversed_joints[joint])
+    if match[2] == "axis":
+        direction = -posture.joint_axes[joint] if is_reversed else posture.joint_axes[joint]
+    else:
+        # what turns with the file's child is the link before a joint that the chain passes against the file
+        turned = posture.link_poses[joint] @ chain.placements[joint] if is_reversed else posture.joint_poses[joint]
+        direction = turned[:3, _AXES[match[2]]]
     return np.asarray(-direction if match[1] else direction, dtype=float)

@@ -227,16 +227,16 @@ def _chain_link(reading: PlainRobot, name: str) -> int:
 def _check_beam_own_and_bolted(module: ModuleType) -> None:
     """Own kilogramme along a metre of EI 8000 N·m², a gripper of 3 kg where it is, whichever link names the beam."""
 
-    def sag(*parts: str, subject: str = "arm", weight: str = "uniform") -> np.ndarray:
+    def sag(*parts: str, subject: str = "arm", weight: str = "uniform", gravity=(0.0, 0.0, -9.81)) -> np.ndarray:
         text = robot(link("base"), joint("hinge", "revolute", "base", "front", axis=(0, 1, 0)), *parts)
         beam = module.Beam(link=subject, EI=EI, GI=GI, EA=EA, self_weight=weight)
-        (total,) = evaluated(chain_of(text, tip="tool"), [0.0], [beam])[1].values()
+        (total,) = evaluated(chain_of(text, tip="tool", gravity=gravity), [0.0], [beam])[1].values()
         return total
 
     def weld(parent: str, child: str, x: float) -> str:
         return joint(f"{parent}_{child}", "fixed", parent, child, (x, 0, 0))
 
-    force = np.array([0.0, 0.0, -9.81])
+    force = np.array([3.0, -2.0, -9.81])
     arm, heavy = link("arm", 1.0, (0.4, 0, 0)), link("gripper", 3.0, (0.0, 0.2, 0.1))
     held = (weld("arm", "gripper", 1.0), heavy, weld("gripper", "tool", 0.0), link("tool"))
     fronts = (
@@ -253,16 +253,15 @@ def _check_beam_own_and_bolted(module: ModuleType) -> None:
     # a gripper that is a part of the way itself is spread about its centre of mass as far as it goes to both sides
     for centre, room in ((0.1, 0.1), (0.3, 0.1), (-0.05, 0.0), (0.0, 0.0)):
         body = link("gripper", 3.0, (centre, 0.2, 0.1))
-        total = sag(*fronts[0], weld("arm", "gripper", 0.6), body, weld("gripper", "tool", 0.4), link("tool"))
+        parts = (*fronts[0], weld("arm", "gripper", 0.6), body, weld("gripper", "tool", 0.4), link("tool"))
+        total = sag(*parts, gravity=tuple(force))
         reach, turn = 0.6 + centre, np.cross([0, 0.2, 0.1], 3 * force)
         spread, points = [(0.0, 0.6, force)], [(reach, 3 * force, turn)]
         if room:
             spread, points = [*spread, (reach - room, reach + room, 3 * force)], [(reach, np.zeros(3), turn)]
         axes = np.array([[1.0, 0, 0], [0, 0, 1.0], [0, -1.0, 0]]).T
         same(total, integrals(points, spread, 1.0, axes, (GI, EI, EI, EA)), 1e-15)
-        by_centre = sag(
-            *fronts[0], weld("arm", "gripper", 0.6), body, weld("gripper", "tool", 0.4), link("tool"), weight="centre"
-        )
+        by_centre = sag(*parts, weight="centre", gravity=tuple(force))
         points = [(0.4, force, np.zeros(3)), (reach, 3 * force, turn)]
         same(by_centre, integrals(points, [], 1.0, axes, (GI, EI, EI, EA)), 1e-15)
 
