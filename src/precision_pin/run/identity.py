@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import fields, is_dataclass
 from enum import Enum
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 from numba.core.registry import cpu_target
@@ -23,6 +23,8 @@ if TYPE_CHECKING:
     from precision_pin.chain import Posture
 
 __all__ = ["differences", "digest", "identity"]
+
+_PLAN: Final = "the planned centres and scales"
 
 
 def identity(work: Work, posture: Posture, files: Mapping[str, str | os.PathLike[str]]) -> dict[str, str]:
@@ -49,7 +51,7 @@ def identity(work: Work, posture: Posture, files: Mapping[str, str | os.PathLike
         **{f"the {name}": _file_digest(Path(path)) for name, path in files.items()},
         "pose": ", ".join(f"{name} {float(value)!r}" for name, value in joints),
         "the error model": digest(work.layout),
-        "the planned centres and scales": digest((work.plan.centre, work.plan.scale)),
+        _PLAN: digest((work.plan.centre, work.plan.scale)),
         "specifications": ", ".join(
             f"{specification.quantity} {specification.limit!r} @ {specification.required!r}"
             for specification in work.plan.specifications
@@ -66,11 +68,12 @@ def identity(work: Work, posture: Posture, files: Mapping[str, str | os.PathLike
 
 
 def differences(then: Mapping[str, str], now: Mapping[str, str]) -> list[str]:
-    """Return what differs between two runs, in words."""
+    """Return what differs between two runs, in words; the plan, which follows from the rest, only where nothing else does."""
+    found = [name for name in dict.fromkeys([*now, *then]) if then.get(name) != now.get(name)]
     return [
         f"{name} {'has changed' if name.startswith('the ') else f'was {then.get(name)!r}, is {now.get(name)!r}'}"
-        for name in dict.fromkeys([*now, *then])
-        if then.get(name) != now.get(name)
+        for name in found
+        if name != _PLAN or found == [_PLAN]
     ]
 
 
