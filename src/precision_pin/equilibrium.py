@@ -19,7 +19,7 @@ from precision_pin.chain import Deflection, Factors, Place, Posture
 from precision_pin.errors import InputError, InternalError
 from precision_pin.space import Space
 from precision_pin.table import TableLayout, TermTable
-from precision_pin.terms import JointValue, Term
+from precision_pin.terms import JointValue, Target, Term
 
 __all__ = ["Feedback", "Settled", "refuse_buckling", "settle"]
 
@@ -374,21 +374,24 @@ def deflected(posture: Posture, table: TermTable, displacements: Array) -> Defle
             bending[target.link] = share
     motion = np.eye(4)
     for link in range(len(poses)):
-        inside: list[tuple[Place, Array]] = []
-        for target, move in moved:
-            if isinstance(target, Place):
-                inside += [(target, move)] if target.link == link else []
-            elif target.joint == link - 1:
+        own = [(target, move) for target, move in moved if _link(target) == link]
+        for target, move in own:
+            if isinstance(target, JointValue) or target.is_start:
                 motion = motion @ move
         poses[link] = motion @ poses[link]
-        for place, move in inside:
-            if not place.is_seat:
+        for target, move in own:
+            if isinstance(target, Place) and not target.is_start and not target.is_seat:
                 motion = motion @ move
         ends[link] = motion @ ends[link]
-        for place, move in inside:
-            if place.is_seat:
+        for target, move in own:
+            if isinstance(target, Place) and target.is_seat:
                 motion = motion @ move
     return Deflection(poses, ends, bending)
+
+
+def _link(target: Target) -> int:
+    """Return the chain link that a target belongs to: of a joint value the one that the joint moves."""
+    return target.joint + 1 if isinstance(target, JointValue) else target.link
 
 
 def _growth(slopes: Array) -> float:

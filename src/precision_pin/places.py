@@ -57,11 +57,16 @@ class Place:
         return self.order[0] == ORDER_SEAT
 
     @property
+    def is_start(self) -> bool:
+        """Whether it is right behind the joint before its link."""
+        return self.order[0] == ORDER_START
+
+    @property
     def joint(self) -> int | None:
         """The joint (0-based) that it is about how it sits: the one after a seat, or before a link's start."""
         if self.is_seat:
             return self.link
-        return self.link - 1 if self.order[0] == ORDER_START else None
+        return self.link - 1 if self.is_start else None
 
     def is_same(self, other: object) -> bool:
         """Return whether another place at this point of the chain is this one, frame included."""

@@ -69,7 +69,7 @@ def test_printed_digits_are_supported(run, folder, robot, samples):
                 assert low - 1e-12 <= float(printed) <= high + 1e-12, (vector, part, column)
             assert len(printed.as_tuple().digits) <= 5
         assert (row["std"] == "-") == (entry["std_interval"] is None)
-        assert row["std"] == "-" or samples >= 300
+        assert row["std"] == "-" or samples >= 1000
         assert (row["mode"] == "-") == (entry["mode"] is None)
         if entry["std"] is not None and row["std"] != "-":
             # the standard error of a standard deviation is about std/√(2N) or more for these flat-topped sums; a digit

@@ -113,6 +113,22 @@ def test_bins_that_turn_out_too_wide_are_told():
     assert found.quantile(0.5) == pytest.approx(np.quantile(errors[0], 0.5), abs=3e-11)
 
 
+def test_a_result_warns_of_quantiles_in_wide_bins():
+    """Offsets that jump in one robot of a thousand: a stretched arm's dz is zero or a product of jumps, no pilot tells which."""
+    found = pp.monte_carlo(
+        offsets(TwoPoint(1e-3, 1e-3, probability=1e-3)), np.radians([0, 90, 0, 0]), samples=200_000, keep_samples=True
+    )
+    assert found.errors is not None
+    warned = [line for line in found.warnings if "W_BINS" in line]
+    assert any("position.z" in line for line in warned)
+    for level in found.position.z.levels:
+        exact = np.quantile(found.errors[2], level)
+        low, high = found.position.z.quantile_interval(level)
+        assert low <= exact <= high
+        assert abs(found.position.z.quantile(level) - exact) <= found.position.z.quantile_error(level)
+    assert not any("W_BINS" in line for line in pp.monte_carlo(MODEL, "paper", samples=20_000).warnings)
+
+
 # what the laws tell of tails -----------------------------------------------------------------------------------------
 
 

@@ -47,7 +47,8 @@ def analysis_table(analysis: Analysis) -> str:
         "",
         *aligned([_header(), *_rows(analysis)]),
         "",
-        f"tolerance bounds: between them lies at least this share of all robots, {analysis.summary.confidence:.0%} sure",
+        "tolerance bounds: so many of all robots lie between them, of |d| and |δ| below, "
+        f"{analysis.summary.confidence:.0%} sure",
         *aligned([_bounds_header(), *_bounds(analysis)]),
         "",
         "min and max are the smallest and largest seen, not bounds; - is not resolved by this many samples",

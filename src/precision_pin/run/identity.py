@@ -68,15 +68,12 @@ def identity(work: Work, posture: Posture, files: Mapping[str, str | os.PathLike
 
 
 def differences(then: Mapping[str, str], now: Mapping[str, str]) -> list[str]:
-    """Return what differs between two runs, in words.
-
-    The plan follows from the first samples; so it is named only where nothing else differs.
-    """
-    names = [name for name in dict.fromkeys([*now, *then]) if then.get(name) != now.get(name)]
+    """Return what differs between two runs, in words; the plan, which follows from the rest, only where nothing else does."""
+    found = [name for name in dict.fromkeys([*now, *then]) if then.get(name) != now.get(name)]
     return [
         f"{name} {'has changed' if name.startswith('the ') else f'was {then.get(name)!r}, is {now.get(name)!r}'}"
-        for name in names
-        if name != _PLAN or names == [_PLAN]
+        for name in found
+        if name != _PLAN or found == [_PLAN]
     ]
 
 

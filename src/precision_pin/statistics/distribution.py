@@ -245,7 +245,7 @@ class Distribution:
         return None if ends is None else (self.mean + ends[0], self.mean + ends[1])
 
     def variance_interval(self) -> tuple[float, float] | None:
-        """Return the interval of the variance (`moment_intervals`); None below 300 samples or where too few decide it."""
+        """Return the interval of the variance (`moment_intervals`); None below 1,000 samples or where too few decide it."""
         return self.moments.variance_interval
 
     def std_interval(self) -> tuple[float, float] | None:

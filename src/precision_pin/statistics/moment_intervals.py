@@ -9,7 +9,7 @@ Samples of a heavy tail look harmless as long as they hold none of its large val
 skewness that the laws are known to have (`Plan.skewness`), and Hill's index of the tail (Annals of Statistics 3, 1975,
 1163-1174) from the √N samples farthest out, which hardly varies from seed to seed. The variance of a law of index 4 has
 no central limit theorem, and of an index not far above a slow one: the interval is widened as the index falls, and not
-given below.
+given below. Of fewer than a thousand samples the index says too little.
 
 The squared deviations are from the sampled mean, which lies nearer to the samples than the true one. Where the squares
 hardly vary (two equally likely values) that difference is all there is, so the upper end is moved by the square of the
@@ -33,7 +33,7 @@ Array = NDArray[np.float64]
 Interval = tuple[float, float]
 
 _FEWEST_FOR_MEAN: Final = 30
-_FEWEST_FOR_VARIANCE: Final = 300
+_FEWEST_FOR_VARIANCE: Final = 1000
 _MOST_SKEWED: Final = 0.4
 """Largest skewness of a mean, γ/√N, with which an interval is given."""
 _SKEWED_AWAY: Final = 0.5

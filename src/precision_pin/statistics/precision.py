@@ -1,15 +1,16 @@
 """How precise a statistic is to become, and whether it is: what stopping a run by its own results needs.
 
 JCGM 101:2008, 7.9, adds samples until the results are stable to a numerical tolerance. Here the measure is the interval
-that the samples give at the stated confidence: distribution-free order statistics for a quantile, the central limit
-theorem for mean and standard deviation (the latter with the sampled fourth moment).
+that the samples give at the stated confidence: distribution-free order statistics for a quantile, Hall's interval for
+mean and standard deviation (:mod:`precision_pin.statistics.moment_intervals`).
 
 Looking again and again, and stopping at the first look that satisfies, favours runs that happened to underestimate their
 spread: intervals of a stopped run cover a little less often than they state. A rule that looks at the width alone is
 right in the limit of small tolerances (Chow and Robbins, Annals of Mathematical Statistics 36, 1965); few looks, each at
 twice the samples of the one before, and a first one of thousands of samples keep the loss small. With a first look at
-512 samples of a gamma law, and the tolerance where half of the runs pass a look, 95 % became 94 % for the mean, 91 % for
-the standard deviation and 95 % for the 95 % quantile; the loss shrinks with the root of the samples.
+512 samples of a gamma law, and the tolerance where half of the runs pass a look, 95 % became 95.6 % for the mean and
+94.3 % for the 95 % quantile in 2,500 runs; the interval of the standard deviation, made wide for worse tails, held the
+truth in 99.9 %.
 """
 
 from __future__ import annotations
