@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import json
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,6 +14,7 @@ from scipy import stats
 import precision_pin as pp
 from precision_pin.analyses.supports import Supports
 from precision_pin.analyses.worst_case import farthest_error
+from precision_pin.analyses.worst_case_result import bound_milli
 from precision_pin.chain import Chain
 from precision_pin.correlation import Correlation
 from precision_pin.errors import InputError
@@ -419,3 +421,13 @@ def test_the_json_holds_what_reproduces_it():
     assert low <= pose["position"]["seen"]["quantile"]["0.9973"] <= high
     few = json.loads(pp.worst_case(model, samples=50).to_json())["poses"][0]["position"]["seen"]
     assert few["quantile_interval"]["0.9973"] is None
+
+
+def test_printed_bounds_are_rounded_outwards():
+    assert bound_milli(0.04657854001, up=True) == "46.5786"
+    assert bound_milli(0.04657854, up=False) == "46.5785"
+    assert bound_milli(-0.005104151, up=False) == "-5.10416"
+    assert bound_milli(-0.005104159, up=True) == "-5.10415"
+    assert bound_milli(9.999999e-3, up=True) == "10"
+    assert bound_milli(0.0, up=True) == "0"
+    assert bound_milli(math.nan, up=False) == "-"

@@ -27,7 +27,7 @@ from precision_pin.analyses.budget_result import (
     Sums,
 )
 from precision_pin.analyses.heading import Heading, Pose, PoseHeading, listed_poses
-from precision_pin.analyses.marginals import law_breaks
+from precision_pin.analyses.marginals import Marginals, law_breaks
 from precision_pin.analyses.replicates import REPLICATES, Estimates
 from precision_pin.analyses.tangent_shares import (
     by_component,
@@ -218,6 +218,8 @@ class _Sampled:
         )
         self.x = at.space.inverse(self.points)
         self.norms = self._norms(self.x)
+        self.marginals = Marginals.of(size, samples // REPLICATES, is_net=True, breaks=law_breaks(at.space))
+        self.nodes = at.space.inverse(self.marginals.uniforms)
         self.quantiles = _estimates(smooth_quantiles.quantiles(self.norms, MARKED, confidence))
 
     def _errors(self, x: Array) -> Array:
@@ -241,15 +243,28 @@ class _Sampled:
             return Halved(
                 _deviations(variances), dict(zip(NORMS, self.quantiles, strict=True)), dict.fromkeys(NORMS, none)
             )
-        x = self.x.copy()
-        mean = self.at.space.mean[rows, None]
-        x[rows] = mean + (x[rows] - mean) / 2
-        values, changes = smooth_quantiles.quantile_changes(self._norms(x), self.norms, MARKED, self.confidence)
+        values, changes = smooth_quantiles.quantile_changes(
+            self._norms(self._with_half(self.x, rows)), self.norms, MARKED, self.confidence, self._unseen(rows)
+        )
         return Halved(
             _deviations(variances),
             dict(zip(NORMS, _estimates(values), strict=True)),
             dict(zip(NORMS, _estimates(changes), strict=True)),
         )
+
+    def _with_half(self, x: Array, rows: slice) -> Array:
+        """Return numbers with half of the deviation in some rows."""
+        result = x.copy()
+        mean = self.at.space.mean[rows, None]
+        result[rows] = mean + (x[rows] - mean) / 2
+        return result
+
+    def _unseen(self, rows: slice) -> Array:
+        """Return what halving may change of the norms where no point lies."""
+        nodes, weights = self.marginals.outermost(range(rows.start, rows.stop), self.x.shape[1])
+        x = self.nodes[:, nodes]
+        change: Array = np.abs(self._norms(self._with_half(x, rows)) - self._norms(x)) @ weights
+        return change
 
     def groups(self, shares: Array, variances: Array) -> tuple[Group, ...]:
         """Return the indices of every group beside the closed form."""

@@ -35,6 +35,9 @@ _DEEPEST: Final = -50
 _STEP: Final = 2
 """Octaves in a cell."""
 
+_FEW: Final = 3.0
+"""Samples expected where it may be that none lies."""
+
 _MOST_BREAKS: Final = 200
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(3)
 _ROUNDING: Final = 1e-24
@@ -140,6 +143,15 @@ class Marginals:
         limit = MOST_SKEWNESS * math.sqrt(REPLICATES) * variance**1.5
         result: NDArray[np.bool_] = np.abs(third) <= limit
         return result
+
+    def outermost(self, numbers: Sequence[int], samples: int) -> tuple[NDArray[np.intp], Array]:
+        """Return the nodes along some numbers beyond which few of so many samples lie, and their weights."""
+        inside = np.ones(self.weights.size, dtype=bool)
+        for number in numbers:
+            u = self.uniforms[number, self.columns[number]]
+            inside[self.columns[number]] = np.minimum(u, 1 - u) >= _FEW / samples
+        nodes = np.flatnonzero(~inside)
+        return nodes, self.weights[nodes]
 
     def _cells(self, number: int) -> list[slice | NDArray[np.bool_]]:
         """Return the nodes of parts that are sampled each by itself."""

@@ -61,9 +61,9 @@ class _Quantiles:
             self.value - other.value, self.pseudo - other.pseudo, self.steps - other.steps, self.jumps | other.jumps
         )
 
-    def estimates(self, confidence: float) -> Estimates:
+    def estimates(self, confidence: float, unseen: Array | float = 0.0) -> Estimates:
         """Return values with intervals, not-a-number at jumps and gaps."""
-        half = half_widths(self.pseudo, confidence) + np.abs(self.pseudo.mean(axis=0) - self.value)
+        half = half_widths(self.pseudo, confidence) + np.abs(self.pseudo.mean(axis=0) - self.value) + unseen
         rounding = 1e-14 * np.abs(self.steps).sum(axis=1)
         smooth = (np.abs(self.steps) * self.jumps).max(axis=1) <= LARGEST_STEP * half + rounding
         return Estimates(self.value, half, self.pseudo.var(axis=0, ddof=1)).where(smooth)
@@ -75,7 +75,7 @@ def quantiles(samples: Array, probability: float, confidence: float) -> Estimate
 
 
 def quantile_changes(
-    samples: Array, before: Array, probability: float, confidence: float
+    samples: Array, before: Array, probability: float, confidence: float, unseen: Array | float = 0.0
 ) -> tuple[Estimates, Estimates]:
     """Return a quantile of every row, and how much it is above that of ``before``, which has the same random numbers.
 
@@ -87,9 +87,12 @@ def quantile_changes(
         Which quantile.
     confidence
         Of the intervals.
+    unseen
+        What may change where no sample lies, ``(rows,)``; the intervals are wider by as much.
     """
     after = _found(samples, probability)
-    return after.estimates(confidence), (after - _found(before, probability)).estimates(confidence)
+    change = after - _found(before, probability)
+    return after.estimates(confidence, unseen), change.estimates(confidence, unseen)
 
 
 def _found(samples: Array, probability: float) -> _Quantiles:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final, final
@@ -29,6 +30,7 @@ __all__ = [
     "NormBound",
     "PoseWorstCase",
     "WorstCaseResult",
+    "bound_milli",
 ]
 
 Array = NDArray[np.float64]
@@ -315,12 +317,18 @@ class WorstCaseResult:
         """Return what a notebook shows: the bounds beside what the exact model reaches and what was seen."""
         of = self.heading
         columns = ("", "unit", "first order, from", "to", "exact, found", "smallest seen", "largest seen")
-        fields = ("low", "high", "exact_found", "seen_min", "seen_max")
+        fields = ("exact_found", "seen_min", "seen_max")
         tables = [
             Table(
                 columns,
                 [
-                    [symbol(name), unit(name), *(milli(row[field]) for field in fields)]
+                    [
+                        symbol(name),
+                        unit(name),
+                        bound_milli(row["low"], up=False),
+                        bound_milli(row["high"], up=True),
+                        *(milli(row[field]) for field in fields),
+                    ]
                     for name, row in _rows(pose).items()
                 ],
                 (f"pose {pose.heading.name!r}: " if pose.heading.name else "")
@@ -340,6 +348,16 @@ class WorstCaseResult:
                 *self.warnings,
             ],
         )
+
+
+def bound_milli(value: float, *, up: bool, digits: int = 6) -> str:
+    """Return a bound in mm or mrad, rounded outwards; ``-`` for none."""
+    text = milli(value, digits)
+    shown, exact = (math.nan, math.nan) if text == "-" else (float(text), 1e3 * value)
+    if exact == 0 or not (shown < exact if up else shown > exact):
+        return text
+    step = 10.0 ** (math.floor(math.log10(abs(exact))) - digits + 1)
+    return f"{shown + (step if up else -step):.{digits}g}"
 
 
 def _rows(pose: PoseWorstCase) -> dict[str, dict[str, float]]:

@@ -15,7 +15,7 @@ __all__ = ["command"]
 @click.command("budget")
 @question_options
 @click.option(
-    "--samples", type=int, default=16_384, show_default=True, metavar="N", help="Points a set: 16 × a power of two."
+    "--samples", type=int, default=16_384, show_default=True, metavar="N", help="Points a set: 32 × a power of two."
 )
 @click.option(
     "--quantity",

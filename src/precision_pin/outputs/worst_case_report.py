@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from precision_pin.analyses.exact_law_result import bound_text
-from precision_pin.analyses.worst_case_result import SEEN_LEVEL, NormBound, PoseWorstCase, WorstCaseResult
+from precision_pin.analyses.worst_case_result import SEEN_LEVEL, NormBound, PoseWorstCase, WorstCaseResult, bound_milli
 from precision_pin.outputs.drawing import (
     BLACK,
     BLUE,
@@ -109,8 +109,8 @@ def figure(result: WorstCaseResult, which: int = 0) -> Figure:
 def _norm_rows(pose: PoseWorstCase) -> list[list[str]]:
     rows = [["", "", "first order", "there", "found", "largest seen", f"{100 * SEEN_LEVEL:g} % seen"]]
     for bound in (pose.position, pose.attitude):
-        sizes = (bound.first_order.upper, bound.exact_norm, bound.found.norm, bound.seen.max)
-        cells = [*map(milli, sizes), statistic(bound.seen, SEEN_LEVEL)]
+        sizes = (bound.exact_norm, bound.found.norm, bound.seen.max)
+        cells = [bound_milli(bound.first_order.upper, up=True), *map(milli, sizes), statistic(bound.seen, SEEN_LEVEL)]
         rows.append([symbol(bound.quantity), unit(bound.quantity), *cells])
     return rows
 
@@ -118,8 +118,8 @@ def _norm_rows(pose: PoseWorstCase) -> list[list[str]]:
 def _component_rows(pose: PoseWorstCase) -> list[list[str]]:
     rows = [["", "", "lowest, first order", "highest", "smallest seen", "largest seen"]]
     for entry in pose.components:
-        ends = (entry.low, entry.high, *entry.seen)
-        rows.append([symbol(entry.quantity), unit(entry.quantity), *map(milli, ends)])
+        ends = bound_milli(entry.low, up=False), bound_milli(entry.high, up=True)
+        rows.append([symbol(entry.quantity), unit(entry.quantity), *ends, *map(milli, entry.seen)])
     return rows
 
 

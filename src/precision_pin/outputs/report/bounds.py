@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from precision_pin.analyses.worst_case_result import SEEN_LEVEL, NormBound, PoseWorstCase, WorstCaseResult
+from precision_pin.analyses.worst_case_result import SEEN_LEVEL, NormBound, PoseWorstCase, WorstCaseResult, bound_milli
 from precision_pin.outputs import worst_case_report
 from precision_pin.tabular import ROUNDING, milli, quantity_label, symbol, unit
 
@@ -54,7 +54,7 @@ def _assumptions(result: WorstCaseResult) -> list[str]:
 
 
 def _described(bound: NormBound) -> str:
-    name, upper = bound.quantity, milli(bound.first_order.upper, 5)
+    name, upper = bound.quantity, bound_milli(bound.first_order.upper, up=True, digits=5)
     return (
         f"{symbol(name)} bound {upper} {unit(name)}, exact model at least {milli(bound.found.norm, 5)}, "
         f"largest seen {milli(bound.seen.max, 5)}, of which error at the means {milli(bound.nominal, 5)} and "
@@ -78,7 +78,7 @@ def _norms(pose: PoseWorstCase) -> Html:
         rows.append(
             [
                 quantity_label(bound.quantity),
-                milli(bound.first_order.upper) + certified,
+                bound_milli(bound.first_order.upper, up=True) + certified,
                 milli(bound.exact_norm),
                 milli(bound.found.norm),
                 milli(bound.seen.max),
@@ -93,7 +93,8 @@ def _components(pose: PoseWorstCase) -> Html:
     header = ["", "lowest, first order", "highest, first order", "smallest seen", "largest seen"]
     rows = []
     for entry in pose.components:
-        rows.append([quantity_label(entry.quantity), *map(milli, (entry.low, entry.high, *entry.seen))])
+        ends = bound_milli(entry.low, up=False), bound_milli(entry.high, up=True)
+        rows.append([quantity_label(entry.quantity), *ends, *map(milli, entry.seen)])
     return table("Worst case of the components", header, rows)
 
 
