@@ -153,7 +153,7 @@ def measure(share: float) -> list[Coverage]:
         for samples, runs in ((300, RUNS // 10), (1_000, often), (20_000, RUNS // 10)):
             rows += of_law(name, samples, max(12, round(share * runs)))
     for name, at in _models():
-        rows += _of_model(name, at, 20_000, max(4, round(share * RUNS_OF_SHEETS)))
+        rows += _of_model(name, at, max(4, round(share * RUNS_OF_SHEETS)))
     for name, root, law in _PAIRS:
         rows += _of_pairs(name, root, law, 1_000, max(12, round(share * RUNS)))
     return rows
@@ -309,7 +309,7 @@ def _models() -> list[tuple[str, PoseModel]]:
     return found
 
 
-def _of_model(name: str, at: PoseModel, samples: int, runs: int) -> list[Coverage]:
+def _of_model(name: str, at: PoseModel, runs: int) -> list[Coverage]:
     """Measure an error model at a pose, norms and components apart; the truth is a longer run's of another seed."""
     layout = kernel.compile_table(at)
     values = quantity_values(kernel.errors(layout, "exact", TRUTH_SEED, 0, TRUTH))
@@ -317,13 +317,13 @@ def _of_model(name: str, at: PoseModel, samples: int, runs: int) -> list[Coverag
     parts, norms = Tally(), Tally()
     for seed in range(runs):
         plan = planned(at, layout, "exact", seed)
-        found = finish(plan, kernel.accumulate(layout, plan, "exact", seed, 0, 1, samples=samples))
+        found = finish(plan, kernel.accumulate(layout, plan, "exact", seed, 0, 1))
         for row, truth in enumerate(truths):
             quantity = ("position", "attitude")[row // 4] + "." + ("norm", "x", "y", "z")[row % 4]
             distribution = found.distribution(quantity)
             if truth.std > 1e-12:
                 (parts if row % 4 else norms).add_distribution(distribution, truth)
-    case = f"{name}, {samples:,} samples"
+    case = f"{name}, {kernel.BLOCK:,} samples"
     return [
         *norms.rows(f"norms of {case}", f"{TRUTH:,} samples"),
         *parts.rows(f"components of {case}", f"{TRUTH:,} samples"),
