@@ -176,6 +176,17 @@ def _parabola(curvature: float) -> Case:
     )
 
 
+def _aside() -> Case:
+    shift = np.array([[1.0], [0.0], [0.0]])
+    return Case(
+        "|d| of 3 equal spreads about a mean of one",
+        _normals(3),
+        lambda x: 6.2 - np.sqrt(((x + shift) ** 2).sum(axis=0)),
+        float(stats.ncx2(3, 1).sf(6.2**2)),
+        "non-central chi-square law",
+    )
+
+
 def _squares() -> Case:
     return Case(
         "u₀² + u₁², no spread at first order", _normals(2), lambda x: 28 - (x**2).sum(axis=0), math.exp(-14), "chi law"
@@ -197,6 +208,7 @@ def _sum_margin(limit: float) -> Callable[[Array], Array]:
 
 
 def jump(probability: float) -> Case:
+    """Return one length that jumps rarely, and a normal number."""
     space = Space((Draw("jump", laws.TwoPoint(0.5, 0.5, probability)), Draw("z", laws.Normal(0.1))))
     exact = _of_sum(0.6, 0.1, [(1 - probability, 0.0), (probability, 1.0)])
     return Case(f"a jump of probability {probability:g}", space, _sum_margin(0.6), exact, "closed form")
@@ -217,6 +229,17 @@ def _table_with_an_outlier(rows: int) -> Case:
     space = Space((Draw("row", laws.Rows(tuple((float(v),) for v in values))), Draw("z", laws.Normal(0.1))))
     exact = _of_sum(0.9, 0.1, [(1 / rows, float(v)) for v in values])
     return Case(f"a table of {rows:,} rows with an outlier", space, _sum_margin(0.9), exact, "closed form")
+
+
+def _nearly_a_jump() -> Case:
+    law = laws.Empirical(((0.0, -0.1), (0.9999, 0.1), (0.99991, 1.0), (1.0, 1.0)))
+    nodes, weights = np.polynomial.legendre.leggauss(400)
+    exact = 0.0
+    for share, low, high in ((0.9999, -0.1, 0.1), (1e-5, 0.1, 1.0), (9e-5, 1.0, 1.0)):
+        x = (low + high) / 2 + (high - low) / 2 * nodes
+        exact += share * float(weights / 2 @ (stats.norm.sf((0.9 - x) / 0.1) + stats.norm.sf((0.9 + x) / 0.1)))
+    space = Space((Draw("q", law), Draw("z", laws.Normal(0.1))))
+    return Case("quantiles that rise steeply at 1 - 1e-4", space, _sum_margin(0.9), exact, "quadrature")
 
 
 def _signs() -> Case:
@@ -267,9 +290,9 @@ CASES: Final = (
     *(
         replace(case, runs=FEWER_RUNS)
         for case in (
-            _plane(3.09), _plane(4.26), _sphere(3, 1e-3), _sphere(3, 1e-5), _ellipsoid((1.0, 0.5, 0.2), 5.2),
+            _plane(3.09), _plane(4.26), _sphere(3, 1e-3), _sphere(3, 1e-5), _ellipsoid((1.0, 0.5, 0.2), 5.2), _aside(),
             _four_branches(3.0, 3.5), _parabola(-0.08), jump(1e-4), _two_jumps(1e-3), _table_with_an_outlier(2000),
-            _signs(), _uniforms(), _heavy(), _waves(),
+            _nearly_a_jump(), _signs(), _uniforms(), _heavy(), _waves(),
         )
     ),
 )  # fmt: skip

@@ -16,6 +16,7 @@ from precision_pin.analyses.design_points import Form
 from precision_pin.statistics import clopper_pearson
 
 __all__ = [
+    "LARGEST_UNKNOWN",
     "LARGEST_VARIATION",
     "SAMPLING",
     "WIDENING",

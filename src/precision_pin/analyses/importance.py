@@ -11,8 +11,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from precision_pin.analyses.design_points import DesignPoint, Margin, towards_surface
-from precision_pin.analyses.estimates import LARGEST_VARIATION, Estimate, plain_estimate, skewed_interval
+from precision_pin.analyses.estimates import (
+    LARGEST_UNKNOWN,
+    LARGEST_VARIATION,
+    Estimate,
+    plain_estimate,
+    skewed_interval,
+)
 from precision_pin.analyses.strata import Jump
+from precision_pin.statistics import clopper_pearson
 
 __all__ = ["FEWEST_EFFECTIVE", "importance_sampling"]
 
@@ -30,11 +37,12 @@ _STAYING: Final = 0.5
 _MOST_POINTS: Final = 32
 _CENTRES: Final = 64
 _MORE_CENTRES: Final = 32
-_ROUNDS: Final = 4
+_ROUNDS: Final = 6
 _GOOD_VARIATION: Final = 0.03
 _STEPS: Final = 3
 _OFTEN: Final = 0.05
 _FEWEST_CHECKS: Final = 60
+_FEWEST_EXPECTED: Final = 5.0
 _AT_ONCE: Final = 8192
 _MOST_CLOUDS: Final = 12
 _FEWEST_IN_CLOUD: Final = 30
@@ -136,7 +144,7 @@ def importance_sampling(
     has several branches, is covered in proportion to what fails there. The estimate has no bias whatever the centres. With
     r = φ/q its relative variance is (E[r | failure]/P - 1)/N: failures tell whether the mixture misses any of them. Centres
     are added where some say so, before anything is sampled; others, used for nothing else, bound the standard error from
-    below.
+    below, and the share of those that lie where next to no sample comes widens the interval at its upper end.
 
     Parameters
     ----------
@@ -158,8 +166,6 @@ def importance_sampling(
         return plain_estimate(_plain_failures(margin, size, generator, samples), samples, confidence, METHOD)
     known = np.zeros((size, 0)) if failures is None else failures[:, generator.permutation(failures.shape[1])]
     near = np.array([point.u for point in points[:_MOST_POINTS]]).reshape(-1, size).T
-    if not near.shape[1] and not known.shape[1]:
-        return Estimate(METHOD, 0.0, (0.0, 1.0), math.inf, 0, False, "not resolved: no failure to begin from")
     used = min(_CENTRES, known.shape[1] // 3)
     pool, checks = np.array_split(known[:, used:], [(known.shape[1] - used) * 2 // 5], axis=1)
     clouds = _clouds(near, np.concatenate([known[:, :used], pool], axis=1))
@@ -174,6 +180,8 @@ def importance_sampling(
         worst = np.argsort(ratios)[::-1][:_MORE_CENTRES]
         spread = np.concatenate([spread, towards_surface(margin, pool[:, worst], jumps, _STEPS)], axis=1)
         proposal = _mixture(points, near, clouds, spread, jumps).suited_to(pool)
+    if not proposal.shares.size:
+        return Estimate(METHOD, 0.0, (0.0, 1.0), math.inf, 0, False, "not resolved: no failure to begin from")
     weights = np.concatenate(
         [_weights(margin, proposal, generator, min(_AT_ONCE, samples - first)) for first in range(0, samples, _AT_ONCE)]
     )
@@ -206,7 +214,7 @@ def _mixture(
         np.full(spread.shape[1], 1 / max(spread.shape[1], 1)),
     ]
     shares = np.concatenate(parts)
-    shares *= (1 - _PLAIN) / shares.sum()
+    shares *= (1 - _PLAIN) / max(float(shares.sum()), 1e-300)
     centres = np.concatenate([near, means, spread], axis=1)
     wide = np.concatenate([np.ones_like(near), widths, np.ones_like(spread)], axis=1)
     return _Proposal.about(centres, wide, shares, jumps)
@@ -241,20 +249,30 @@ def _estimate(weights: Array, proposal: _Proposal, checks: Array, confidence: fl
             METHOD, 0.0, (0.0, 1.0), math.inf, samples, False, f"not resolved: no failure among {samples:,}"
         )
     spread = math.sqrt(max(square - probability**2, 0.0))
-    variation = spread / math.sqrt(samples) / probability
+    variation, missed = spread / math.sqrt(samples) / probability, 0.0
     if checks.shape[1] >= _FEWEST_CHECKS:
-        variation = max(variation, _foreseen(1 / proposal.density(checks), probability, samples))
+        ratios = np.sort(1 / proposal.density(checks))[::-1]
+        count = _unseen(ratios, probability, samples)
+        missed = clopper_pearson(count, ratios.size, confidence)[1]
+        if count < ratios.size:
+            variation = max(variation, _foreseen(ratios[count:], probability, samples))
     effective = float(weights.sum()) ** 2 / float((weights**2).sum())
     largest = float(weights.max() / weights.sum())
     skewness = float(((weights - probability) ** 3).mean()) / max(spread, 1e-300) ** 3
     enough = effective >= FEWEST_EFFECTIVE and largest <= LARGEST_WEIGHT and variation <= LARGEST_VARIATION
-    note = (
-        ""
-        if enough
-        else (
+    note = ""
+    if missed > LARGEST_UNKNOWN:
+        enough, note = False, f"not resolved: may miss {100 * missed:.2g} % of the failures"
+    elif not enough:
+        note = (
             f"not resolved: {hits} failures among {samples:,} samples count as {effective:.3g}, coefficient of variation "
             f"{variation:.2g}"
         )
-    )
-    interval = skewed_interval(probability, variation * probability, skewness, samples, confidence)
-    return Estimate(METHOD, probability, interval, variation, samples, enough, note)
+    low, high = skewed_interval(probability, variation * probability, skewness, samples, confidence)
+    return Estimate(METHOD, probability, (low, min(1.0, high / (1 - missed))), variation, samples, enough, note)
+
+
+def _unseen(ratios: Array, probability: float, samples: int) -> int:
+    """Return how many of the failures, those of largest φ/q first, lie where fewer than five samples are to be expected."""
+    expected = np.cumsum(samples * probability / (ratios.size * ratios))
+    return int((expected < _FEWEST_EXPECTED).sum())

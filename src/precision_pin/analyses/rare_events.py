@@ -104,7 +104,7 @@ def rare_events(
     parts: list[_Part] = []
     unknown, found = strata.remainder, 0.0
     for number, stratum in enumerate(strata.parts):
-        if number and stratum.probability <= SMALL * found:
+        if number and not stratum.certain and stratum.probability <= SMALL * found:
             unknown += stratum.probability
             continue
         part = _within(stratum, margin, starts, np.random.SeedSequence((seed, number)), confidence)
@@ -135,8 +135,8 @@ def _within(
         return margin_of_values(stratum.values(normals))
 
     if stratum.certain:
-        fails = float(margin(np.zeros((size, 1)))[0]) < 0
-        sure = Estimate("", float(fails), (float(fails), float(fails)), 0.0, 1, True)
+        fails = float(stratum.shares @ (margin(stratum.middles) < 0))
+        sure = Estimate("", fails, (fails, fails), 0.0, stratum.shares.size, True)
         return _Part(stratum, Form((), 0), (replace(sure, method=IMPORTANCE), replace(sure, method=SUBSET)))
     first, second = (int(word) for word in seeds.generate_state(2, np.uint64))
     subset = subset_simulation(margin, size, seed=first, samples=SUBSET_SAMPLES, confidence=confidence)
@@ -190,10 +190,11 @@ def _of_stratum(point: DesignPoint, stratum: Stratum, number: int) -> DesignPoin
     """Return a design point with the index of Φ(-β) times the stratum's probability; its rare draws take what is added."""
     within = min(max(point.beta, -8.0), 38.0)
     beta = -float(special.ndtri_exp(special.log_ndtr(-within) + math.log(stratum.probability)))
-    if not stratum.rare or beta <= 0:
+    rare = stratum.rare_at(point.u)
+    if not rare or beta <= 0:
         return replace(point, beta=beta, stratum=number)
     own = max(point.beta, 0.0) ** 2 / beta**2
     importance = point.importance * min(own, 1.0)
-    rows = [stratum.space.index[draw.components[0]] for draw in stratum.space.draws if draw.name in stratum.rare]
+    rows = [stratum.space.index[draw.components[0]] for draw in stratum.space.draws if draw.name in rare]
     importance[rows] += (1 - min(own, 1.0)) / len(rows)
     return replace(point, beta=beta, importance=importance, stratum=number)

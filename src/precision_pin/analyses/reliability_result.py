@@ -152,7 +152,10 @@ class SpecificationReliability:
                 "starts": self.form.starts,
                 "points": [failure.to_dict() for failure in self.failures],
             },
-            "strata": [{"probability": part.probability, "rare": list(part.rare)} for part in self.strata.parts],
+            "strata": [
+                {"probability": part.probability, "rare": list(part.rare), "combinations": len(part.combinations)}
+                for part in self.strata.parts
+            ],
             "unexamined": self.strata.remainder,
             "disagreements": list(self.disagreements),
         }

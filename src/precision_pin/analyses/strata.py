@@ -8,7 +8,7 @@ are known; failure is then sought within each, P = Σ p_s P(failure | s).
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Final, final
@@ -35,6 +35,7 @@ MOST_STRATA: Final = 32
 
 _MOST_SINGLE: Final = 8
 _MOST_COMBINATIONS: Final = 4096
+_MOST_TOGETHER: Final = 64
 _PROBES: Final = 8
 _MOST_PROBED: Final = 100_000
 _PROBED_AT_ONCE: Final = 16_384
@@ -82,7 +83,7 @@ class Jump:
 @final
 @dataclass(frozen=True, eq=False)
 class Stratum:
-    """A part of all samples: some draws confined to some of their values.
+    """A part of all samples: some draws confined to some of their values, in one or several combinations.
 
     Attributes
     ----------
@@ -91,22 +92,35 @@ class Stratum:
     probability
         Of the part.
     cuts
-        Intervals ``(k, 2)`` of the uniform number of each draw that is confined.
-    rare
-        Which of these hold rare values.
+        For each draw that is confined, the groups of intervals ``(k, 2)`` of its uniform number; the first is the usual.
+    combinations
+        The part's combinations: one group of each such draw.
+    shares
+        ``(combinations,)`` of the part, with the sum 1.
     """
 
     space: Space
     probability: float = 1.0
-    cuts: Mapping[str, Array] = field(default_factory=dict)
-    rare: tuple[str, ...] = ()
+    cuts: Mapping[str, tuple[Array, ...]] = field(default_factory=dict)
+    combinations: tuple[tuple[int, ...], ...] = ((),)
+    shares: Array = field(default_factory=lambda: np.ones(1))
+
+    @property
+    def rare(self) -> tuple[str, ...]:
+        """Draws that have a rare value in any of the combinations."""
+        return tuple(name for k, name in enumerate(self.cuts) if any(key[k] for key in self.combinations))
+
+    def rare_at(self, normals: Array) -> tuple[str, ...]:
+        """Return which draws have a rare value at a point ``(d,)``."""
+        which, _ = self._chosen(normals[:, None])
+        return tuple(name for name, group in zip(self.cuts, self.combinations[which[0]], strict=True) if group)
 
     def values(self, normals: Array) -> Array:
         """Return component values ``(d, N)`` of independent standard normal numbers ``(d, N)``; see :func:`from_normals`."""
         u = np.clip(np.asarray(normals, dtype=float), -FARTHEST, FARTHEST)
         x: Array = np.empty_like(u)
         scores = u.copy()
-        uniforms = {name: self._uniform(cut, u[self._rows[name].start]) for name, cut in self.cuts.items()}
+        uniforms = self._uniforms(u)
         for first, rows, root in self._mixing:
             if first in uniforms:
                 scores[rows[0]] = np.clip(special.ndtri(uniforms[first]), -FARTHEST, FARTHEST)
@@ -135,29 +149,66 @@ class Stratum:
             cells = _cells(draw.law)
             if cells is None or draw.name in correlated:
                 continue  # what is correlated moves others smoothly
-            parts = self.cuts.get(draw.name, _pieces(draw.law, cells))
-            if len(parts) > 1:
+            if draw.name == self._selector and len(self.combinations) > 1:
+                edges = np.concatenate([[0.0], np.cumsum(self.shares)])
+            else:
+                used = {key[list(self.cuts).index(draw.name)] for key in self.combinations if draw.name in self.cuts}
+                if len(used) > 1:
+                    continue
+                parts = self.cuts[draw.name][used.pop()] if used else _pieces(draw.law, cells)
                 edges = np.concatenate([[0.0], np.cumsum(parts[:, 1] - parts[:, 0])])
+            if edges.size > 2:
                 found.append(Jump(columns.start, edges / edges[-1]))
         return tuple(found)
 
     @cached_property
     def certain(self) -> bool:
-        """Whether nothing varies within the part."""
+        """Whether nothing varies within the part but the combination."""
         return all(
-            (draw.name in self.cuts and len(self.cuts[draw.name]) == 1 and isinstance(draw.law, TwoPoint | Rows))
+            (draw.name in self.cuts and all(len(cut) == 1 for cut in self.cuts[draw.name]) and _is_discrete(draw.law))
             or not draw.law.covariance.any()
             for draw in self.space.draws
         )
 
-    @staticmethod
-    def _uniform(cut: Array, normals: Array) -> Array:
-        lengths = cut[:, 1] - cut[:, 0]
-        ends = np.cumsum(lengths)
-        at = special.ndtr(normals) * ends[-1]
-        which = np.minimum(np.searchsorted(ends, at, side="right"), len(cut) - 1)
-        value: Array = np.minimum(cut[which, 0] + (at - (ends - lengths)[which]), np.nextafter(cut[which, 1], 0))
-        return value
+    @property
+    def middles(self) -> Array:
+        """Normal numbers ``(d, combinations)`` in the middle of each combination."""
+        normals = np.zeros((self.space.size, len(self.combinations)))
+        if self._selector:
+            normals[self._rows[self._selector].start] = special.ndtri(np.cumsum(self.shares) - self.shares / 2)
+        return normals
+
+    @property
+    def _selector(self) -> str:
+        """The draw whose number chooses the combination, and then a value within its group."""
+        return next(iter(self.cuts), "")
+
+    def _chosen(self, u: Array) -> tuple[NDArray[np.intp], Array]:
+        """Return each sample's combination, and how far its uniform number is through it."""
+        if len(self.combinations) == 1:
+            at = special.ndtr(u[self._rows[self._selector].start]) if self.cuts else np.zeros(u.shape[1])
+            return np.zeros(u.shape[1], dtype=np.intp), at
+        ends = np.cumsum(self.shares)
+        at = special.ndtr(u[self._rows[self._selector].start]) * ends[-1]
+        which = np.minimum(np.searchsorted(ends, at, side="right"), ends.size - 1)
+        return which, np.clip((at - (ends - self.shares)[which]) / self.shares[which], 0.0, 1.0)
+
+    def _uniforms(self, u: Array) -> dict[str, Array]:
+        """Return the uniform numbers of the draws that are confined."""
+        which, through = self._chosen(u)
+        found = {}
+        for k, (name, cuts) in enumerate(self.cuts.items()):
+            own = through if name == self._selector else special.ndtr(u[self._rows[name].start])
+            groups = np.array([key[k] for key in self.combinations])
+            used = np.unique(groups)
+            if used.size == 1:
+                found[name] = _within(cuts[used[0]], own)
+                continue
+            found[name] = np.empty(u.shape[1])
+            for group in used:
+                here = groups[which] == group
+                found[name][here] = _within(cuts[group], own[here])
+        return found
 
     @cached_property
     def _rows(self) -> dict[str, slice]:
@@ -204,7 +255,8 @@ def stratified(space: Space, margin: Callable[[Array], Array]) -> Strata:
     Of a law of at most eight cells (values, or lines between quantiles) every cell of a probability below 0.01 is a group
     by itself. Of others, as of a table of many rows, cells are put in order, the one that leaves the least margin first;
     those up to a cumulative probability of 0.01 make a group for each power of ten. What is left is the usual group.
-    Strata are the combinations of groups, the most probable 32.
+    Strata are combinations of groups: the usual of all, then those of like probability together, at most 64 to a stratum
+    and 32 strata.
 
     Parameters
     ----------
@@ -228,23 +280,48 @@ def stratified(space: Space, margin: Callable[[Array], Array]) -> Strata:
         for name in sorted(names, key=rare.__getitem__, reverse=True)[1:]:
             remainder += rare[name]
             del groups[name]
+    if not groups:
+        return Strata((Stratum(space),), remainder)
+    # what stands in no correlation chooses the combination
+    correlated = {name for correlation in space.correlations for name in correlation.names}
+    cuts = {name: tuple(groups[name]) for name in sorted(groups, key=lambda name: name in correlated)}
     combinations: list[tuple[float, tuple[int, ...]]] = [(1.0, ())]
-    for cuts in groups.values():
-        wider = [(p * _length(cut), (*key, k)) for p, key in combinations for k, cut in enumerate(cuts)]
+    for own in cuts.values():
+        wider = [(p * _length(cut), (*key, k)) for p, key in combinations for k, cut in enumerate(own)]
         combinations = sorted(wider, key=lambda entry: -entry[0])[:_MOST_COMBINATIONS]
-    kept = combinations[:MOST_STRATA]
-    if len(kept) < math.prod(map(len, groups.values())):
-        remainder += max(0.0, 1 - math.fsum(p for p, _ in kept))
-    parts = [
-        Stratum(
-            space,
-            probability if groups else 1.0,
-            {name: groups[name][k] for name, k in zip(groups, key, strict=True)},
-            tuple(name for name, k in zip(groups, key, strict=True) if k),
-        )
-        for probability, key in kept
-    ]
+    parts = []
+    for together in _alike(combinations)[:MOST_STRATA]:
+        probabilities = np.array([p for p, _ in together])
+        whole = float(probabilities.sum())
+        parts.append(Stratum(space, whole, cuts, tuple(key for _, key in together), probabilities / whole))
+    if sum(len(part.combinations) for part in parts) < math.prod(map(len, cuts.values())):
+        remainder += max(0.0, 1 - math.fsum(part.probability for part in parts))
     return Strata(tuple(parts), min(remainder, 1.0))
+
+
+def _alike(combinations: Sequence[tuple[float, tuple[int, ...]]]) -> list[list[tuple[float, tuple[int, ...]]]]:
+    """Return combinations, the most probable first, put together where their probabilities have one power of ten."""
+    found: list[list[tuple[float, tuple[int, ...]]]] = []
+    for entry in combinations:
+        if found and len(found[-1]) < _MOST_TOGETHER and found[-1][0][0] < 10 * entry[0] and any(found[-1][0][1]):
+            found[-1].append(entry)
+        else:
+            found.append([entry])
+    return found
+
+
+def _within(cut: Array, uniforms: Array) -> Array:
+    """Return where uniform numbers of (0, 1) lie in a group of intervals."""
+    lengths = cut[:, 1] - cut[:, 0]
+    ends = np.cumsum(lengths)
+    at = uniforms * ends[-1]
+    which = np.minimum(np.searchsorted(ends, at, side="right"), len(cut) - 1)
+    value: Array = np.minimum(cut[which, 0] + (at - (ends - lengths)[which]), np.nextafter(cut[which, 1], 0))
+    return value
+
+
+def _is_discrete(law: Law) -> bool:
+    return isinstance(law, TwoPoint | Rows)
 
 
 def _length(cut: Array) -> float:

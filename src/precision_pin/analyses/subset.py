@@ -22,7 +22,7 @@ METHOD: Final = "subset simulation"
 _SHARE: Final = 0.1
 _MOST_LEVELS: Final = 12
 _KEPT: Final = 0.8
-_TOLD: Final = 48
+_TOLD: Final = 160
 
 
 @final

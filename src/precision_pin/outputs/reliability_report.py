@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from precision_pin.analyses.estimates import SAMPLING, Estimate, in_words, rounded
 from precision_pin.analyses.reliability_result import ReliabilityResult, SpecificationReliability
+from precision_pin.analyses.strata import Stratum
 from precision_pin.outputs.drawing import BLUE, GREEN, SKY, VERMILION
 from precision_pin.outputs.layout import DOUBLE_COLUMN, LINE_HEIGHT, caption, new_figure, set_height, shortened, style
 from precision_pin.outputs.text import aligned, subject
@@ -131,10 +132,16 @@ def _strata_lines(entry: SpecificationReliability) -> list[str]:
     parts = [part for part in entry.strata.parts if part.rare]
     if not parts and not entry.strata.remainder:
         return []
-    named = ", ".join(f"{' and '.join(part.rare)} {part.probability:.3g}" for part in parts[:LISTED])
+    named = ", ".join(f"{_rare(part)} {part.probability:.3g}" for part in parts[:LISTED])
     more = f", … ({len(parts)} in all)" if len(parts) > LISTED else ""
     left = f"; not looked at, added to the upper ends: {entry.strata.remainder:.3g}" if entry.strata.remainder else ""
     return [f"  rare values, each sought by itself, and their probabilities  {named or 'none'}{more}{left}"]
+
+
+def _rare(part: Stratum) -> str:
+    if len(part.combinations) == 1:
+        return " and ".join(part.rare)
+    return f"{len(part.combinations)} combinations of {', '.join(part.rare)}"
 
 
 def _explained(entry: SpecificationReliability) -> list[str]:
