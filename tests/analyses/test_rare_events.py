@@ -370,6 +370,22 @@ def test_of_two_correlated_rare_values_one_is_left_to_the_upper_end():
     assert [part.rare for part in strata.parts] == [(), ("b",)]
 
 
+def test_a_rare_value_that_always_fails_is_the_most_likely_failure():
+    """Across the jump only: |d| is 1 or more with it, so no failure surface is met there; 2·Φ(-6) without."""
+    space = Space((Draw("jump", laws.TwoPoint(0.5, 0.5, 5e-5)), Draw("z", laws.Normal(0.1))))
+    found = rare_events(
+        space, lambda x: 0.6 - np.hypot(x[0], x[1]), [np.ones(2)], plain_estimate(5, 100_000, 0.95), 0, 0.95
+    )
+    first = found.form.points[0]
+    assert first.probability == pytest.approx(5e-5, rel=1e-6)
+    np.testing.assert_allclose(first.importance, [1, 0], atol=1e-6)
+    assert found.form.range == pytest.approx((5e-5, 5e-5), rel=1e-3)
+    assert found.remarks == ()
+    low, high = found.verdict.best.interval
+    assert found.verdict.resolved
+    assert low <= 5e-5 + 2 * stats.norm.sf(6) <= high
+
+
 def test_combinations_of_like_probability_make_one_stratum():
     """Ten jumps, two of which are needed: 45 pairs are one stratum; exact by the binomial law of how many jump."""
     draws = [Draw(f"jump{k}", laws.TwoPoint(0.2, 0.2, 1e-3)) for k in range(10)]

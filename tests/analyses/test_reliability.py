@@ -171,6 +171,10 @@ def test_nothing_found_is_said():
     assert "NOT" not in text
     assert "the verdict rests on 0 failures among 1,000 samples alone" in text
     assert figure(result).axes
+    quarrel = replace(found, resolved=True, reason="", contradictions=("one and another disagree",))
+    text = table(replace(result, poses=(replace(result.poses[0], specifications=(quarrel,)),)))
+    assert "DISAGREE: one and another disagree" in text
+    assert text.endswith("the verdict rests on 0 failures among 1,000 samples alone, whose interval always holds")
     stricter = replace(found, specification=Specification("position.x", 2e-3, 0.9999))
     assert not stricter.met
     pose = replace(result.poses[0], specifications=(stricter,))

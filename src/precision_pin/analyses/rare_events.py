@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
-from precision_pin.analyses.design_points import DesignPoint, Form, form
+from precision_pin.analyses.design_points import FARTHEST, DesignPoint, Form, form
 from precision_pin.analyses.estimates import Estimate, Verdict, judged, remarks, summed
 from precision_pin.analyses.importance import METHOD as IMPORTANCE
 from precision_pin.analyses.importance import importance_sampling
@@ -135,9 +135,11 @@ def _within(
         return margin_of_values(stratum.values(normals))
 
     if stratum.certain:
-        fails = float(stratum.shares @ (margin(stratum.middles) < 0))
-        sure = Estimate("", fails, (fails, fails), 0.0, stratum.shares.size, True)
-        return _Part(stratum, Form((), 0), (replace(sure, method=IMPORTANCE), replace(sure, method=SUBSET)))
+        failed = margin(stratum.middles) < 0
+        fails = float(stratum.shares @ failed)
+        sure = Estimate("", fails, (fails, fails), 0.0, failed.size, True)
+        failing = stratum.middles[:, failed][:, : bool(stratum.rare)]
+        return _Part(stratum, _all_fails(failing), (replace(sure, method=IMPORTANCE), replace(sure, method=SUBSET)))
     first, second = (int(word) for word in seeds.generate_state(2, np.uint64))
     subset = subset_simulation(margin, size, seed=first, samples=SUBSET_SAMPLES, confidence=confidence)
     # failures lie wherever there are any, and lead to design points that no symmetry tells of
@@ -146,7 +148,15 @@ def _within(
         margin, size, searched.points, seed=second, samples=IMPORTANCE_SAMPLES, confidence=confidence,
         failures=subset.failures, expected=subset.estimate.probability, jumps=stratum.jumps,
     )  # fmt: skip
+    if not searched.points and stratum.rare and float(margin(np.zeros((size, 1)))[0]) < 0:
+        searched = _all_fails(np.zeros((size, 1)), searched.starts)
     return _Part(stratum, searched, _bounded(stratum, subset, shifted))
+
+
+def _all_fails(points: Array, starts: int = 0) -> Form:
+    """Return points ``(d, P)`` as design points where no failure surface is met: all fails there, as far as was searched."""
+    nothing = np.zeros(points.shape[0])
+    return Form(tuple(DesignPoint(u, -FARTHEST, nothing) for u in points.T), starts)
 
 
 def _some(failures: Array) -> list[Array]:
@@ -176,7 +186,7 @@ def _together(parts: Sequence[_Part], unknown: float) -> Form:
     for number, part in enumerate(parts):
         points += [_of_stratum(point, part.stratum, number) for point in part.form.points]
         span = part.form.range
-        if span is None and part.stratum.certain:
+        if part.stratum.certain:
             span = (part.estimates[0].probability,) * 2
         if span is not None:
             low += part.stratum.probability * span[0]

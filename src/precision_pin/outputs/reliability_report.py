@@ -145,17 +145,15 @@ def _rare(part: Stratum) -> str:
 
 
 def _explained(entry: SpecificationReliability) -> list[str]:
-    """Return why the probability is not resolved, and what the verdict rests on."""
-    if entry.resolved:
+    """Return why the probability is not resolved, and what the verdict rests on where methods disagree or have no answer."""
+    if entry.resolved and not entry.contradictions:
         return []
     counted = next(estimate for estimate in entry.estimates if estimate.method == SAMPLING)
     failures = round(counted.probability * counted.evaluations)
-    rests = f"the verdict rests on {failures} failures among {counted.evaluations:,} samples alone, an interval that always holds"
-    return [
-        f"  not resolved below that: {entry.reason}; {rests}"
-        if entry.met
-        else f"  not resolved: {entry.reason}; {rests}"
-    ]
+    rests = f"the verdict rests on {failures:,} failures among {counted.evaluations:,} samples alone, whose interval always holds"
+    if entry.resolved:
+        return [f"  {rests}"]
+    return [f"  not resolved{' below that' if entry.met else ''}: {entry.reason}; {rests}"]
 
 
 def _three(vector: NDArray[np.float64]) -> str:
