@@ -487,5 +487,5 @@ def test_a_stratum_of_everything_is_the_space():
 @pytest.mark.slow
 @pytest.mark.parametrize("case", rare.CASES, ids=lambda case: f"{case.name}, {case.probability:.1g}")
 def test_coverage_of_every_interval(case):
-    for row in rare.of_case(case, 8):
+    for row in rare.of_case(case, 6):
         assert row.passes, row
