@@ -125,7 +125,7 @@ def _plane(beta: float) -> Case:
 def _sphere(size: int, probability: float) -> Case:
     radius = float(stats.chi(size).isf(probability))
     return Case(
-        f"|d| of {size} equal spreads",
+        f"norm of {size} equal spreads",
         _normals(size),
         lambda x: radius - np.sqrt((x**2).sum(axis=0)),
         probability,
@@ -142,7 +142,7 @@ def _ellipsoid(spreads: tuple[float, float, float], radius: float) -> Case:
     lengths = np.sqrt(((np.array(spreads)[:, None, None] * parts) ** 2).sum(axis=0))
     probability = float((weights / 2) @ stats.chi(3).sf(radius / lengths).mean(axis=1))
     return Case(
-        f"|d| of spreads {', '.join(map(str, spreads))}",
+        f"norm of spreads {', '.join(map(str, spreads))}",
         _normals(3),
         lambda x: radius - np.sqrt(((np.array(spreads)[:, None] * x) ** 2).sum(axis=0)),
         probability,
@@ -181,7 +181,7 @@ def _parabola(curvature: float) -> Case:
 def _aside() -> Case:
     shift = np.array([[1.0], [0.0], [0.0]])
     return Case(
-        "|d| of 3 equal spreads about a mean of one",
+        "norm of 3 equal spreads about a mean of one",
         _normals(3),
         lambda x: 6.2 - np.sqrt(((x + shift) ** 2).sum(axis=0)),
         float(stats.ncx2(3, 1).sf(6.2**2)),
@@ -320,5 +320,5 @@ def _of_the_papers_arm(runs: int) -> list[Coverage]:
 
     probability = float(np.mean(others))
     return _rows(
-        f"the paper's arm, |dx| over 18 mm, P {probability:.2g}", "mean of other seeds", probability, results()
+        f"the paper's arm, dx beyond 18 mm, P {probability:.2g}", "mean of other seeds", probability, results()
     )
