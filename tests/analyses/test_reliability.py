@@ -12,36 +12,20 @@ from scipy import stats
 
 import precision_pin as pp
 from precision_pin import examples, laws
-from precision_pin.analyses.design_points import Form, form
-from precision_pin.analyses.rare_events import Estimate, importance_sampling, subset_simulation
-from precision_pin.analyses.reliability import (
-    chosen,
-    disagreements,
-    from_normals,
-    plain_estimate,
-    reliability,
-)
+from precision_pin.analyses.design_points import form
+from precision_pin.analyses.importance import importance_sampling
+from precision_pin.analyses.reliability import reliability
+from precision_pin.analyses.strata import from_normals
+from precision_pin.analyses.subset import subset_simulation
 from precision_pin.cli import main
 from precision_pin.correlation import Correlation
 from precision_pin.model import ErrorModel
 from precision_pin.outputs.reliability_report import figure, table
-from precision_pin.sources.joint_offset import JointOffset
 from precision_pin.space import Draw, Space
 from precision_pin.statistics import Specification
-from support.plain_robot import chain_of, joint, link, robot
+from support.sliding import slides
 
 TAIL = -stats.norm.ppf(1e-7)
-
-
-def slides(axes, offsets, space: Space | None = None) -> ErrorModel:
-    """Return an arm of sliding joints: its error is the sum of its joints' errors along their axes, exactly."""
-    names = ["base", *(f"link{k}" for k in range(1, len(axes))), "tool"]
-    parts = [link(name) for name in names]
-    for k, axis in enumerate(axes):
-        parts.append(joint(f"joint{k + 1}", "prismatic", names[k], names[k + 1], axis=axis))
-    chain = chain_of(robot(*parts), tip="tool")
-    sources = [JointOffset(joint=f"joint{k + 1}", offset=offset) for k, offset in enumerate(offsets)]
-    return ErrorModel(chain, space or Space(), sources, {"rest": np.zeros(len(axes))})
 
 
 # --- reference case R6 ---
@@ -95,9 +79,9 @@ def test_a_tail_of_one_in_ten_million(size):
     found = form(margin, size, [np.zeros(size)])
     assert found.probability == pytest.approx(1e-7, rel=1e-6)
     shifted = importance_sampling(margin, size, found.points, seed=1, samples=20_000, confidence=0.999)
-    subset, failures = subset_simulation(margin, size, seed=1, samples=2000, confidence=0.999)
-    assert (margin(failures) < 0).all()
-    for estimate, largest in ((shifted, 0.03), (subset, 0.3)):
+    subset = subset_simulation(margin, size, seed=1, samples=2000, confidence=0.999)
+    assert (margin(subset.failures) < 0).all()
+    for estimate, largest in ((shifted, 0.03), (subset.estimate, 0.3)):
         assert estimate.resolved
         assert estimate.interval[0] <= 1e-7 <= estimate.interval[1]
         assert estimate.variation < largest
@@ -114,7 +98,7 @@ def test_failure_on_all_sides_at_one_in_ten_million():
     assert len(found.points) == 20  # every direction is one: nothing is lumped together, and FORM is far off
     assert found.points[0].beta == pytest.approx(radius, rel=1e-6)
     assert found.points[0].probability < 1e-7 / 5
-    subset, _ = subset_simulation(margin, 3, seed=2, samples=2000, confidence=0.999)
+    subset = subset_simulation(margin, 3, seed=2, samples=2000, confidence=0.999).estimate
     assert subset.interval[0] <= 1e-7 <= subset.interval[1]
     shifted = importance_sampling(margin, 3, found.points, seed=2, samples=20_000, confidence=0.999)
     assert shifted.interval[0] <= 1e-7 <= shifted.interval[1]
@@ -128,7 +112,7 @@ def test_coverage_of_the_intervals():
         return TAIL - u[0]
 
     points = form(margin, 4, [np.zeros(4)]).points
-    subset = [subset_simulation(margin, 4, seed=s, samples=2000, confidence=0.95)[0].interval for s in range(60)]
+    subset = [subset_simulation(margin, 4, seed=s, samples=2000, confidence=0.95).estimate.interval for s in range(60)]
     shifted = [
         importance_sampling(margin, 4, points, seed=s, samples=5000, confidence=0.95).interval for s in range(60)
     ]
@@ -181,9 +165,20 @@ def test_nothing_found_is_said():
     assert found.best.interval == (0.0, pytest.approx(1 - 0.025 ** (1 / 1000), rel=1e-9))
     assert found.form.points == ()
     assert found.met  # the interval of the samples is enough for 95 %
-    assert "NOT RESOLVED" in table(result)
+    # a verdict that is met comes with no alarm; what it rests on is said
+    text = table(result)
+    assert "MET - P(failure) below 0.00369 by sampling" in text
+    assert "NOT" not in text
+    assert "the verdict rests on 0 failures among 1,000 samples alone" in text
     assert figure(result).axes
-    assert not replace(found, specification=Specification("position.x", 2e-3, 0.9999)).met
+    quarrel = replace(found, resolved=True, reason="", contradictions=("one and another disagree",))
+    text = table(replace(result, poses=(replace(result.poses[0], specifications=(quarrel,)),)))
+    assert "DISAGREE: one and another disagree" in text
+    assert text.endswith("the verdict rests on 0 failures among 1,000 samples alone, whose interval always holds")
+    stricter = replace(found, specification=Specification("position.x", 2e-3, 0.9999))
+    assert not stricter.met
+    pose = replace(result.poses[0], specifications=(stricter,))
+    assert "NOT MET - P(failure) NOT RESOLVED, below 0.00369" in table(replace(result, poses=(pose,)))
 
 
 def test_limits_that_nearly_always_fail():
@@ -250,29 +245,6 @@ def test_correlated_draws_from_normals_and_in_the_importance():
     found = reliability(model, [Specification("position.x", 6e-3, 0.9)], samples=5000).poses[0].specifications[0]
     assert found.failures[0].beta == pytest.approx(6 / math.sqrt(2 + 2 * 0.8), rel=1e-6)
     assert found.failures[0].importance == {"a + b": pytest.approx(1.0)}
-
-
-# --- judging ---
-
-
-def estimate(method: str, low: float, high: float, variation: float = 0.05, resolved: bool = True) -> Estimate:
-    return Estimate(method, (low + high) / 2, (low, high), variation, 1000, resolved)
-
-
-def test_contradicting_methods_are_reported_and_neither_is_believed():
-    plain = plain_estimate(0, 100_000, 0.95)
-    one, other = estimate("importance sampling", 1e-7, 2e-7), estimate("subset simulation", 3e-7, 4e-7)
-    nothing = Form((), 1)
-    best, resolved = chosen([plain, one, other])
-    assert (best, resolved) == (plain, False)
-    lines = disagreements([plain, one, other], nothing)
-    assert any("importance sampling" in line and "subset simulation" in line for line in lines)
-    assert chosen([plain, one]) == (one, True)
-    high = estimate("importance sampling", 1e-3, 2e-3)
-    assert chosen([plain, high]) == (plain, False)
-    counted = plain_estimate(500, 100_000, 0.95)
-    assert chosen([counted, one]) == (counted, True)
-    assert plain_estimate(10, 1000, 0.95).variation == pytest.approx(math.sqrt(0.99 / 10))
 
 
 # --- the paper's arm and the command ---

@@ -1,204 +1,210 @@
-"""Probabilities too small for plain sampling: importance sampling around design points, and subset simulation."""
+"""How probable a failure is, by all methods, stratum by stratum, and what to go by."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from typing import Final, final
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
-from precision_pin.analyses.design_points import DesignPoint, Margin
-from precision_pin.statistics import clopper_pearson
+from precision_pin.analyses.design_points import FARTHEST, DesignPoint, Form, form
+from precision_pin.analyses.estimates import Estimate, Verdict, judged, remarks, summed
+from precision_pin.analyses.importance import METHOD as IMPORTANCE
+from precision_pin.analyses.importance import importance_sampling
+from precision_pin.analyses.strata import Strata, Stratum, stratified
+from precision_pin.analyses.subset import METHOD as SUBSET
+from precision_pin.analyses.subset import Subset, subset_simulation
+from precision_pin.space import Space
 
-__all__ = ["Estimate", "importance_sampling", "subset_simulation"]
+__all__ = ["RareEvents", "rare_events"]
 
 Array = NDArray[np.float64]
 
-LARGEST_VARIATION: Final = 0.3
-"""An estimate with a larger coefficient of variation is not resolved."""
+IMPORTANCE_SAMPLES: Final = 20_000
+SUBSET_SAMPLES: Final = 2_000
+"""In each level of each replicate."""
 
-REPLICATES: Final = 12
-FEWEST_HITS: Final = 100
-_SHARE: Final = 0.1
-_MOST_LEVELS: Final = 12
-_KEPT: Final = 0.8
-_PLAIN: Final = 0.1
-_MOST_CENTRES: Final = 32
-_AT_ONCE: Final = 8192
-_TOLD: Final = 2
+NEGLIGIBLE: Final = 1e-9
+"""The least upper end for a stratum of which no method has an estimate, even if levels down to 1e-12 met no failure."""
+
+SMALL: Final = 0.01
+"""A stratum whose probability is a smaller share of what was found already is not looked at."""
+
+_STARTS_OF_FAILURES: Final = 12
+_MARGIN_OF_BOUND: Final = 10.0
+"""By how much the upper end for such a stratum lies above the largest number that any method saw."""
 
 
 @final
-@dataclass(frozen=True)
-class Estimate:
-    """A probability of failure with its uncertainty.
+@dataclass(frozen=True, eq=False)
+class RareEvents:
+    """What the methods found.
 
     Attributes
     ----------
-    method
-        ``"sampling"``, ``"importance sampling"`` or ``"subset simulation"``.
-    probability
-        Of failure.
-    interval
-        At the confidence stated.
-    variation
-        Coefficient of variation, infinite where no failure was met.
-    evaluations
-        Of the error model.
-    resolved
-        Whether it may be relied on; the reason why not stands in ``note``.
-    note
-        In words.
+    estimates
+        Plain sampling first.
+    verdict
+        What to go by.
+    form
+        The design points of all strata, nearest first.
+    strata
+        What was looked at; the remainder is what was not.
+    remarks
+        Where FORM differs, one line each.
     """
 
-    method: str
-    probability: float
-    interval: tuple[float, float]
-    variation: float
-    evaluations: int
-    resolved: bool
-    note: str = ""
-
-    def to_dict(self) -> dict[str, object]:
-        """Return the estimate as the JSON has it; null for an infinite coefficient of variation."""
-        return {
-            "method": self.method,
-            "probability": self.probability,
-            "interval": list(self.interval),
-            "coefficient_of_variation": self.variation if math.isfinite(self.variation) else None,
-            "evaluations": self.evaluations,
-            "resolved": self.resolved,
-            "note": self.note or None,
-        }
+    estimates: tuple[Estimate, ...]
+    verdict: Verdict
+    form: Form
+    strata: Strata
+    remarks: tuple[str, ...]
 
 
-def importance_sampling(
-    margin: Margin, size: int, points: Sequence[DesignPoint], *, seed: int, samples: int, confidence: float
-) -> Estimate:
-    """Return the probability of failure from normal samples about design points.
+@dataclass(frozen=True, eq=False)
+class _Part:
+    """What was found within a stratum."""
 
-    The sampling density is a mixture: a tenth of it the law itself, which bounds the weights, the rest unit normal laws
-    about the design points in proportion to Φ(-β). The estimate has no bias whatever the points; its interval is that of
-    the central limit theorem.
+    stratum: Stratum
+    form: Form
+    estimates: tuple[Estimate, ...]
+
+
+def rare_events(
+    space: Space,
+    margin: Callable[[Array], Array],
+    starts: Sequence[Array],
+    plain: Estimate,
+    seed: int,
+    confidence: float,
+) -> RareEvents:
+    """Return the probability that a margin is below zero, by all methods.
 
     Parameters
     ----------
-    margin, size
-        The limit state and how many numbers it takes.
-    points
-        Design points, nearest first.
-    seed, samples, confidence
-        Of the sampling.
+    space
+        The draws.
+    margin
+        What is left up to failure, ``(N,)``, for component values ``(d, N)``.
+    starts
+        Where FORM begins, standard normal numbers ``(d,)``.
+    plain
+        Plain sampling's estimate.
+    seed, confidence
+        Of the sampling, and of the intervals.
     """
-    centres = np.array([point.u for point in points[:_MOST_CENTRES]])
-    shares = np.array([point.probability for point in points[:_MOST_CENTRES]])
-    shares = (1 - _PLAIN) * shares / shares.sum()
-    generator = np.random.Generator(np.random.Philox(seed))
-    total = square = 0.0
-    hits = 0
-    for first in range(0, samples, _AT_ONCE):
-        count = min(_AT_ONCE, samples - first)
-        which = generator.choice(len(shares) + 1, size=count, p=[_PLAIN, *shares])
-        u = generator.standard_normal((size, count)) + np.vstack([np.zeros(size), centres])[which].T
-        # density of a point over that of the law: exp(c·u - |c|²/2) for the centre c
-        ratios = np.exp(centres @ u - (centres**2).sum(axis=1)[:, None] / 2)
-        weights = np.where(margin(u) < 0, 1 / (_PLAIN + shares @ ratios), 0.0)
-        hits += int((weights > 0).sum())
-        total += float(weights.sum())
-        square += float((weights**2).sum())
-    probability = total / samples
-    error = math.sqrt(max(square / samples - probability**2, 0.0) / samples)
-    variation = error / probability if probability else math.inf
-    reach = float(special.ndtri((1 + confidence) / 2)) * error
-    enough = hits >= FEWEST_HITS and variation <= LARGEST_VARIATION
-    return Estimate(
-        "importance sampling",
-        probability,
-        (max(0.0, probability - reach), min(1.0, probability + reach)),
-        variation,
-        samples,
-        enough,
-        ""
-        if enough
-        else f"not resolved: {hits} failures among {samples:,} samples, coefficient of variation {variation:.2g}",
-    )
+    if not space.size:
+        verdict, nothing = judged([plain]), Form((), 0)
+        return RareEvents((plain,), verdict, nothing, Strata((Stratum(space),)), ())
+    strata = stratified(space, margin)
+    parts: list[_Part] = []
+    unknown, found = strata.remainder, 0.0
+    for number, stratum in enumerate(strata.parts):
+        if number and not stratum.certain and stratum.probability <= SMALL * found:
+            unknown += stratum.probability
+            continue
+        part = _within(stratum, margin, starts, np.random.SeedSequence((seed, number)), confidence)
+        parts.append(part)
+        found += stratum.probability * max(entry.probability for entry in part.estimates)
+    searched = _together(parts, unknown)
+    rare = [
+        summed(method, [(part.stratum.probability, part.estimates[k]) for part in parts], unknown)
+        for k, method in enumerate((IMPORTANCE, SUBSET))
+    ]
+    estimates = (plain, *rare)
+    verdict = judged(estimates)
+    looked_at = Strata(tuple(part.stratum for part in parts), unknown)
+    return RareEvents(estimates, verdict, searched, looked_at, remarks(verdict, searched))
 
 
-def subset_simulation(
-    margin: Margin, size: int, *, seed: int, samples: int, confidence: float
-) -> tuple[Estimate, Array]:
-    """Return the probability of failure as a product of conditional ones of 0.1 (Au and Beck, 2001), and failures.
+def _within(
+    stratum: Stratum,
+    margin_of_values: Callable[[Array], Array],
+    starts: Sequence[Array],
+    seeds: np.random.SeedSequence,
+    confidence: float,
+) -> _Part:
+    """Return what is found within a stratum: its importance sampling, its subset simulation, its design points."""
+    size = stratum.space.size
 
-    Each level's samples are moved by u ← 0.8 u + 0.6 z, refused where they leave the level (Papaioannou, Betz, Zwirglmaier
-    and Straub, 2015). Twelve replicates by themselves give the mean, its coefficient of variation and, by Student's t, its
-    interval.
+    def margin(normals: Array) -> Array:
+        return margin_of_values(stratum.values(normals))
 
-    Parameters
-    ----------
-    margin, size
-        The limit state and how many numbers it takes.
-    seed, samples, confidence
-        Of the sampling; ``samples`` in each level of each replicate, a multiple of 10.
+    if stratum.certain:
+        failed = margin(stratum.middles) < 0
+        fails = float(stratum.shares @ failed)
+        sure = Estimate("", fails, (fails, fails), 0.0, failed.size, True)
+        failing = stratum.middles[:, failed][:, : bool(stratum.rare)]
+        return _Part(stratum, _all_fails(failing), (replace(sure, method=IMPORTANCE), replace(sure, method=SUBSET)))
+    first, second = (int(word) for word in seeds.generate_state(2, np.uint64))
+    subset = subset_simulation(margin, size, seed=first, samples=SUBSET_SAMPLES, confidence=confidence)
+    # failures lie wherever there are any, and lead to design points that no symmetry tells of
+    searched = form(margin, size, [*starts, *_some(subset.failures)], stratum.jumps)
+    shifted = importance_sampling(
+        margin, size, searched.points, seed=second, samples=IMPORTANCE_SAMPLES, confidence=confidence,
+        failures=subset.failures, expected=subset.estimate.probability, jumps=stratum.jumps,
+    )  # fmt: skip
+    if not searched.points and stratum.rare and float(margin(np.zeros((size, 1)))[0]) < 0:
+        searched = _all_fails(np.zeros((size, 1)), searched.starts)
+    return _Part(stratum, searched, _bounded(stratum, subset, shifted))
 
-    Returns
-    -------
-    tuple
-        The estimate, and failures ``(d, F)``, a few of each replicate, wherever they lie.
+
+def _all_fails(points: Array, starts: int = 0) -> Form:
+    """Return points ``(d, P)`` as design points where no failure surface is met: all fails there, as far as was searched."""
+    nothing = np.zeros(points.shape[0])
+    return Form(tuple(DesignPoint(u, -FARTHEST, nothing) for u in points.T), starts)
+
+
+def _some(failures: Array) -> list[Array]:
+    step = max(1, failures.shape[1] // _STARTS_OF_FAILURES)
+    return list(failures.T[::step][:_STARTS_OF_FAILURES])
+
+
+def _bounded(stratum: Stratum, subset: Subset, shifted: Estimate) -> tuple[Estimate, ...]:
+    """Return both estimates within a stratum; where there is none, an upper end stands for it.
+
+    It is that of the first level's counts, or ten times what either method or any replicate saw if that is less.
     """
-    found, evaluations, failures = np.zeros(REPLICATES), 0, []
-    for replicate, child in enumerate(np.random.SeedSequence(seed).spawn(REPLICATES)):
-        generator = np.random.Generator(np.random.Philox(child))
-        found[replicate], used, failed = _one_subset(margin, size, generator, samples)
-        evaluations += used
-        failures.append(failed[:, generator.permutation(failed.shape[1])[:_TOLD]])
-    probability = float(found.mean())
-    error = float(found.std(ddof=1)) / math.sqrt(REPLICATES)
-    variation = error / probability if probability else math.inf
-    reach = float(special.stdtrit(REPLICATES - 1, (1 + confidence) / 2)) * error
-    enough = bool((found > 0).all()) and variation <= LARGEST_VARIATION
-    note = "" if enough else f"not resolved: coefficient of variation {variation:.2g}"
-    if not probability:
-        note = f"not resolved: no failure down to a probability of {_SHARE ** (_MOST_LEVELS - 1):.0e}"
-    interval = (max(0.0, probability - reach), min(1.0, probability + reach))
-    if not error:
-        # all replicates alike: without a failure nothing is known, with failures only they were counted
-        count = REPLICATES * samples
-        interval = clopper_pearson(round(probability * count), count, confidence) if probability else (0.0, 1.0)
-    estimate = Estimate("subset simulation", probability, interval, variation, evaluations, enough, note)
-    return estimate, np.concatenate(failures, axis=1)
+    estimates = (shifted, subset.estimate)
+    if stratum.probability == 1:
+        return estimates
+    low, high = subset.estimate.interval
+    high = min(high, max(NEGLIGIBLE, _MARGIN_OF_BOUND * max(subset.highest, shifted.probability)))
+    return tuple(entry if entry.resolved else replace(entry, interval=(min(low, high), high)) for entry in estimates)
 
 
-def _one_subset(margin: Margin, size: int, generator: np.random.Generator, samples: int) -> tuple[float, int, Array]:
-    """Return one replicate's probability, how often it evaluated the margin, and its failures ``(d, F)``."""
-    u = generator.standard_normal((size, samples))
-    values = margin(u)
-    seeds = max(1, round(_SHARE * samples))
-    evaluations, reached = samples, 1.0
-    for _ in range(_MOST_LEVELS):
-        order = np.argsort(values, kind="stable")
-        level = float(values[order[seeds - 1]])
-        if level < 0:
-            return reached * float((values < 0).mean()), evaluations, u[:, values < 0]
-        at_most = values <= level
-        if at_most.all():
-            return 0.0, evaluations, u[:, :0]  # nothing leads further: the margin is flat here
-        share = float(at_most.mean())
-        chosen = generator.permutation(np.flatnonzero(at_most))[:seeds]
-        state, margins = u[:, chosen], values[chosen]
-        moved, kept = [state], [margins]
-        while sum(part.size for part in kept) < samples:
-            tried = _KEPT * state + math.sqrt(1 - _KEPT**2) * generator.standard_normal(state.shape)
-            news = margin(tried)
-            evaluations += news.size
-            inside = news <= level
-            state, margins = np.where(inside, tried, state), np.where(inside, news, margins)
-            moved.append(state)
-            kept.append(margins)
-        u, values = np.concatenate(moved, axis=1)[:, :samples], np.concatenate(kept)[:samples]
-        reached *= share
-    failed = float((values < 0).mean())
-    return reached * failed, evaluations, u[:, values < 0]
+def _together(parts: Sequence[_Part], unknown: float) -> Form:
+    """Return the design points of all strata, each with the probability of its stratum taken into its distance."""
+    if len(parts) == 1 and parts[0].stratum.probability == 1:
+        return parts[0].form
+    points: list[DesignPoint] = []
+    low, high = 0.0, unknown
+    for number, part in enumerate(parts):
+        points += [_of_stratum(point, part.stratum, number) for point in part.form.points]
+        span = part.form.range
+        if part.stratum.certain:
+            span = (part.estimates[0].probability,) * 2
+        if span is not None:
+            low += part.stratum.probability * span[0]
+            high += part.stratum.probability * span[1]
+    points.sort(key=lambda point: abs(point.beta))
+    starts = sum(part.form.starts for part in parts)
+    return Form(tuple(points), starts, (low, min(high, 1.0)) if points else None)
+
+
+def _of_stratum(point: DesignPoint, stratum: Stratum, number: int) -> DesignPoint:
+    """Return a design point with the index of Φ(-β) times the stratum's probability; its rare draws take what is added."""
+    within = min(max(point.beta, -8.0), 38.0)
+    beta = -float(special.ndtri_exp(special.log_ndtr(-within) + math.log(stratum.probability)))
+    rare = stratum.rare_at(point.u)
+    if not rare or beta <= 0:
+        return replace(point, beta=beta, stratum=number)
+    own = max(point.beta, 0.0) ** 2 / beta**2
+    importance = point.importance * min(own, 1.0)
+    rows = [stratum.space.index[draw.components[0]] for draw in stratum.space.draws if draw.name in rare]
+    importance[rows] += (1 - min(own, 1.0)) / len(rows)
+    return replace(point, beta=beta, importance=importance, stratum=number)

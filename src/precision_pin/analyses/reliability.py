@@ -6,46 +6,32 @@ contradict each other, the result says so.
 
 from __future__ import annotations
 
-import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from precision_pin import kernel
-from precision_pin.analyses.design_points import FARTHEST, DesignPoint, Form, Margin, form
+from precision_pin.analyses.design_points import DesignPoint
+from precision_pin.analyses.estimates import plain_estimate
 from precision_pin.analyses.heading import Heading, Pose, PoseHeading, listed_poses
-from precision_pin.analyses.rare_events import (
-    LARGEST_VARIATION,
-    Estimate,
-    importance_sampling,
-    subset_simulation,
-)
+from precision_pin.analyses.rare_events import rare_events
 from precision_pin.analyses.reliability_result import (
     LikelyFailure,
     PoseReliability,
     ReliabilityResult,
     SpecificationReliability,
 )
+from precision_pin.analyses.strata import Stratum
 from precision_pin.errors import Finding, InputError
-from precision_pin.laws import Circle, Disc
-from precision_pin.laws.law import cumulative
 from precision_pin.model import ErrorModel, PoseModel
 from precision_pin.run import Progress, monte_carlo
-from precision_pin.space import Space
-from precision_pin.statistics import Specification, SpecificationResult, clopper_pearson, quantity_values
+from precision_pin.statistics import Specification, SpecificationResult, quantity_values
 
-__all__ = ["from_normals", "reliability"]
+__all__ = ["reliability"]
 
 Array = NDArray[np.float64]
-
-IMPORTANCE_SAMPLES: Final = 20_000
-SUBSET_SAMPLES: Final = 2_000
-"""In each level of each replicate."""
-
-ENOUGH_VARIATION: Final = 0.1
-"""With a smaller coefficient of variation, plain sampling decides alone."""
 
 LISTED: Final = 3
 """How many design points are told in full."""
@@ -112,38 +98,11 @@ def reliability(
     )
 
 
-def from_normals(space: Space, normals: Array) -> Array:
-    """Return component values ``(d, N)`` of independent standard normal numbers ``(d, N)``; the law stays what it is.
+def _margin(layout: kernel.CompiledTable, specification: Specification) -> Callable[[Array], Array]:
+    """Return what is left up to the limit, in limits, for component values."""
 
-    A number is F⁻¹(Φ(u)), of correlated draws after mixing. A disc's point lies in the direction of its two numbers, at
-    r √(1 - exp(-|u|²/2)): smoother than polar coordinates one by one, which tear at an angle. A circle's angle is
-    4πΦ(u₁), so that every angle is met within 0.7 of the middle. Beyond ±8.2, numbers are taken there.
-    """
-    u = np.clip(np.asarray(normals, dtype=float), -FARTHEST, FARTHEST)
-    x: Array = np.empty_like(u)
-    scores = u.copy()
-    for correlation in space.correlations:
-        rows = [space.index[name] for name in correlation.names]
-        scores[rows] = np.clip(correlation.mix(u[rows]), -FARTHEST, FARTHEST)
-    for draw, columns in zip(space.draws, space.slices, strict=True):
-        match draw.law:
-            case Disc(radius=radius):
-                length = np.hypot(*normals[columns])
-                unit = np.divide(normals[columns], length, out=np.zeros_like(x[columns]), where=length > 0)
-                x[columns] = radius * np.sqrt(-np.expm1(-(length**2) / 2)) * unit
-            case Circle(radius=radius):
-                turn = 4 * np.pi * cumulative(scores[columns][1])
-                x[columns] = radius * np.array([np.cos(turn), np.sin(turn)])
-            case law:
-                x[columns] = law.at_scores(scores[columns])
-    return x
-
-
-def _margin(at: PoseModel, layout: kernel.CompiledTable, specification: Specification) -> Margin:
-    """Return what is left up to the limit, in limits, for standard normal numbers."""
-
-    def margin(normals: Array) -> Array:
-        errors = kernel.errors_at(layout, "exact", from_normals(at.space, normals))
+    def margin(x: Array) -> Array:
+        errors = kernel.errors_at(layout, "exact", x)
         value: Array = 1 - np.abs(quantity_values(errors)[specification.row]) / specification.limit
         return value
 
@@ -175,101 +134,26 @@ def _of_specification(
     seed: int,
     confidence: float,
 ) -> SpecificationReliability:
-    margin = _margin(at, layout, specification)
     inside = round(counted.probability * samples)
     plain = plain_estimate(samples - inside, samples, confidence)
-    estimates, starts = [plain], _starts(at, specification)
-    if at.space.size:
-        subset, failures = subset_simulation(
-            margin, at.space.size, seed=seed, samples=SUBSET_SAMPLES, confidence=confidence
-        )
-        # failures lie wherever there are any, and lead to design points that no symmetry tells of
-        starts += list(failures.T)
-        estimates.append(subset)
-    searched = form(margin, at.space.size, starts)
-    if searched.points:
-        shifted = importance_sampling(
-            margin, at.space.size, searched.points, seed=seed, samples=IMPORTANCE_SAMPLES, confidence=confidence
-        )
-        estimates.insert(1, shifted)
-    contradictions = disagreements(estimates, searched)
-    best, resolved = chosen(estimates)
+    found = rare_events(at.space, _margin(layout, specification), _starts(at, specification), plain, seed, confidence)
     return SpecificationReliability(
         specification=specification,
-        estimates=tuple(estimates),
-        best=best,
-        resolved=resolved,
-        form=searched,
-        failures=tuple(_told(at, layout, point) for point in searched.points[:LISTED]),
-        disagreements=contradictions,
+        estimates=found.estimates,
+        best=found.verdict.best,
+        resolved=found.verdict.resolved,
+        reason=found.verdict.reason,
+        form=found.form,
+        failures=tuple(_told(at, layout, point, found.strata.parts) for point in found.form.points[:LISTED]),
+        contradictions=found.verdict.contradictions,
+        remarks=found.remarks,
+        strata=found.strata,
     )
 
 
-def plain_estimate(failures: int, samples: int, confidence: float) -> Estimate:
-    """Return plain sampling's estimate with its Clopper-Pearson interval."""
-    share = failures / samples
-    variation = math.sqrt((1 - share) / failures) if failures else math.inf
-    enough = variation <= LARGEST_VARIATION
-    note = "" if enough else f"not resolved: {failures} failures among {samples:,} samples"
-    interval = clopper_pearson(failures, samples, confidence)
-    return Estimate("sampling", share, interval, variation, samples, enough, note)
-
-
-def chosen(estimates: Sequence[Estimate]) -> tuple[Estimate, bool]:
-    """Return the estimate to go by, and whether it is resolved.
-
-    Plain sampling where it varies by at most a tenth; else the surest of the resolved ones, provided that they do not
-    contradict each other or the samples; else plain sampling again, whose interval always holds.
-    """
-    plain = estimates[0]
-    if plain.variation <= ENOUGH_VARIATION:
-        return plain, True
-    candidates = [estimate for estimate in estimates if estimate.resolved]
-    if not candidates or any(not _agree(a, b) for a in (plain, *candidates) for b in candidates):
-        return plain, False
-    return min(candidates, key=lambda estimate: estimate.variation), True
-
-
-def disagreements(estimates: Sequence[Estimate], searched: Form) -> tuple[str, ...]:
-    """Return which resolved estimates contradict each other, and where FORM lies outside plain sampling's or the best."""
-    lines = []
-    checked = [estimate for estimate in estimates if estimate.resolved or estimate.method == "sampling"]
-    for k, one in enumerate(checked):
-        for other in checked[k + 1 :]:
-            if not _agree(one, other):
-                lines.append(
-                    f"{one.method} ({_range(one.interval)}) and {other.method} ({_range(other.interval)}) disagree"
-                )
-    best, resolved = chosen(estimates)
-    span = searched.range
-    if resolved and span is None:
-        lines.append(f"FORM found no failure within {FARTHEST} standard deviations, {best.method} did")
-    elif span is not None and (span[0] > best.interval[1] or span[1] < best.interval[0]):
-        which = f"FORM ({span[0]:.3g})" if span[0] == span[1] else f"FORM ({_range(span)} for all its design points)"
-        lines.append(
-            f"{which} lies outside the interval of {best.method} ({_range(best.interval)}): the failure surface is curved"
-        )
-    return tuple(lines)
-
-
-def _agree(one: Estimate, other: Estimate) -> bool:
-    """Return whether two estimates differ by at most three standard errors of their difference.
-
-    Where one has none, because no failure was met, their intervals must overlap.
-    """
-    if one.probability and other.probability:
-        error = math.hypot(one.probability * one.variation, other.probability * other.variation)
-        return abs(one.probability - other.probability) <= 3 * error
-    return one.interval[0] <= other.interval[1] and other.interval[0] <= one.interval[1]
-
-
-def _range(interval: tuple[float, float]) -> str:
-    return f"{interval[0]:.3g} to {interval[1]:.3g}"
-
-
-def _told(at: PoseModel, layout: kernel.CompiledTable, point: DesignPoint) -> LikelyFailure:
+def _told(at: PoseModel, layout: kernel.CompiledTable, point: DesignPoint, strata: Sequence[Stratum]) -> LikelyFailure:
     """Return a design point in the terms of the model: parameters, error, importance of each draw."""
-    x = from_normals(at.space, point.u[:, None])
+    x = strata[point.stratum].values(point.u[:, None])
     groups = {draw.name: draw.name for draw in at.space.draws}
     for correlation in at.space.correlations:
         groups |= dict.fromkeys(correlation.names, " + ".join(correlation.names))

@@ -11,8 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from precision_pin.analyses.design_points import Form
+from precision_pin.analyses.estimates import Estimate, in_words
 from precision_pin.analyses.heading import Heading, PoseHeading
-from precision_pin.analyses.rare_events import Estimate
+from precision_pin.analyses.strata import Strata
 from precision_pin.errors import UnknownNameError
 from precision_pin.markup import Table, rendered
 from precision_pin.statistics import Specification
@@ -81,21 +82,35 @@ class SpecificationReliability:
         The one to go by.
     resolved
         Whether it is; otherwise ``best`` is plain sampling, of which only the interval tells.
+    reason
+        Why it is not, in words.
     form
         The design points.
     failures
         The first of them in the terms of the model.
-    disagreements
-        One line each.
+    contradictions
+        Which methods contradict each other, one line each.
+    remarks
+        Where FORM differs from the best estimate, one line each: common, and no contradiction.
+    strata
+        The parts by rare values of laws that jump that were looked at, and the probability of what was not.
     """
 
     specification: Specification
     estimates: tuple[Estimate, ...]
     best: Estimate
     resolved: bool
+    reason: str
     form: Form
     failures: tuple[LikelyFailure, ...]
-    disagreements: tuple[str, ...]
+    contradictions: tuple[str, ...]
+    remarks: tuple[str, ...]
+    strata: Strata
+
+    @property
+    def disagreements(self) -> tuple[str, ...]:
+        """Contradictions and remarks."""
+        return (*self.contradictions, *self.remarks)
 
     @property
     def probability(self) -> float:
@@ -123,6 +138,7 @@ class SpecificationReliability:
             "interval": list(self.interval),
             "met": self.met,
             "resolved": self.resolved,
+            "reason": self.reason or None,
             "failure": {
                 "probability": self.best.probability,
                 "interval": list(self.best.interval),
@@ -136,6 +152,11 @@ class SpecificationReliability:
                 "starts": self.form.starts,
                 "points": [failure.to_dict() for failure in self.failures],
             },
+            "strata": [
+                {"probability": part.probability, "rare": list(part.rare), "combinations": len(part.combinations)}
+                for part in self.strata.parts
+            ],
+            "unexamined": self.strata.remainder,
             "disagreements": list(self.disagreements),
         }
 
@@ -300,12 +321,11 @@ def _method_columns(estimate: Estimate) -> dict[str, Any]:
 
 def _cells(entry: SpecificationReliability) -> list[str]:
     """Return a row of the table in a notebook."""
-    low, high = entry.best.interval
     nearest = entry.form.points[0] if entry.form.points else None
     return [
         _demand(entry.specification),
         f"{entry.best.probability:.3g}" if entry.resolved else "not resolved",
-        f"{low:.3g} to {high:.3g}",
+        in_words(entry.best.interval),
         entry.best.method,
         "-" if nearest is None else f"{nearest.probability:.3g}",
         "-" if nearest is None else f"{nearest.beta:.4g}",

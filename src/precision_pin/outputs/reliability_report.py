@@ -11,8 +11,9 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
 from numpy.typing import NDArray
 
-from precision_pin.analyses.rare_events import Estimate
+from precision_pin.analyses.estimates import SAMPLING, Estimate, in_words, rounded
 from precision_pin.analyses.reliability_result import ReliabilityResult, SpecificationReliability
+from precision_pin.analyses.strata import Stratum
 from precision_pin.outputs.drawing import BLUE, GREEN, SKY, VERMILION
 from precision_pin.outputs.layout import DOUBLE_COLUMN, LINE_HEIGHT, caption, new_figure, set_height, shortened, style
 from precision_pin.outputs.text import aligned, subject
@@ -76,12 +77,11 @@ def _specification_lines(entry: SpecificationReliability) -> list[str]:
     rows = [["", "P(failure)", "interval", "c.o.v.", "evaluations", ""]]
     for estimate in entry.estimates:
         varies = f"{100 * estimate.variation:.2g} %" if math.isfinite(estimate.variation) else "-"
-        low, high = estimate.interval
         rows.append(
             [
                 f"  {estimate.method}",
                 f"{estimate.probability:.3g}",
-                f"{low:.3g} to {high:.3g}",
+                in_words(estimate.interval),
                 varies,
                 f"{estimate.evaluations:,}",
                 estimate.note,
@@ -91,21 +91,21 @@ def _specification_lines(entry: SpecificationReliability) -> list[str]:
         _verdict(entry),
         *aligned(rows),
         *_form_lines(entry),
-        *(f"  DISAGREE: {line}" for line in entry.disagreements),
+        *_strata_lines(entry),
+        *(f"  DISAGREE: {line}" for line in entry.contradictions),
+        *(f"  note: {line}" for line in entry.remarks),
+        *_explained(entry),
     ]
 
 
 def _verdict(entry: SpecificationReliability) -> str:
     specification = entry.specification
-    low, high = entry.best.interval
+    interval = entry.best.interval
     if entry.resolved:
-        said = f"P(failure) {entry.best.probability:.3g} ({low:.3g} to {high:.3g}, {entry.best.method})"
+        said = f"P(failure) {entry.best.probability:.3g} ({in_words(entry.best.interval)}, {entry.best.method})"
     else:
-        said = (
-            f"P(failure) NOT RESOLVED, below {high:.3g}"
-            if low == 0
-            else f"P(failure) NOT RESOLVED, {low:.3g} to {high:.3g}"
-        )
+        span = in_words(interval) if interval[0] else f"below {rounded(interval[1], interval)}"
+        said = f"P(failure) {span} by sampling" if entry.met else f"P(failure) NOT RESOLVED, {span}"
     return (
         f"{specification.quantity} within {1e3 * specification.limit:.6g} {unit(specification.quantity)} for "
         f"{100 * specification.required:.10g} %: {'MET' if entry.met else 'NOT MET'} - {said}"
@@ -115,7 +115,7 @@ def _verdict(entry: SpecificationReliability) -> str:
 def _form_lines(entry: SpecificationReliability) -> list[str]:
     found = entry.form
     if not entry.failures or found.range is None:
-        return [f"  FORM  no design point within 8.2 standard deviations, from {found.starts} starts"]
+        return [f"  FORM  {found.starts} starts led to no design point within 8.2 standard deviations"]
     first = entry.failures[0]
     shares = ", ".join(f"{name} {100 * share:.1f} %" for name, share in list(first.importance.items())[:LISTED])
     count = len(found.points)
@@ -126,6 +126,34 @@ def _form_lines(entry: SpecificationReliability) -> list[str]:
         f"  importance  {shares}",
         f"  error at the design point  d = ({_three(first.error[:3])}) mm, δ = ({_three(first.error[3:])}) mrad",
     ]
+
+
+def _strata_lines(entry: SpecificationReliability) -> list[str]:
+    parts = [part for part in entry.strata.parts if part.rare]
+    if not parts and not entry.strata.remainder:
+        return []
+    named = ", ".join(f"{_rare(part)} {part.probability:.3g}" for part in parts[:LISTED])
+    more = f", … ({len(parts)} in all)" if len(parts) > LISTED else ""
+    left = f"; not looked at, added to the upper ends: {entry.strata.remainder:.3g}" if entry.strata.remainder else ""
+    return [f"  rare values, each sought by itself, and their probabilities  {named or 'none'}{more}{left}"]
+
+
+def _rare(part: Stratum) -> str:
+    if len(part.combinations) == 1:
+        return " and ".join(part.rare)
+    return f"{len(part.combinations)} combinations of {', '.join(part.rare)}"
+
+
+def _explained(entry: SpecificationReliability) -> list[str]:
+    """Return why the probability is not resolved, and what the verdict rests on where methods disagree or have no answer."""
+    if entry.resolved and not entry.contradictions:
+        return []
+    counted = next(estimate for estimate in entry.estimates if estimate.method == SAMPLING)
+    failures = round(counted.probability * counted.evaluations)
+    rests = f"the verdict rests on {failures:,} failures among {counted.evaluations:,} samples alone, whose interval always holds"
+    if entry.resolved:
+        return [f"  {rests}"]
+    return [f"  not resolved{' below that' if entry.met else ''}: {entry.reason}; {rests}"]
 
 
 def _three(vector: NDArray[np.float64]) -> str:
