@@ -220,7 +220,8 @@ class _Sampled:
         self.norms = self._norms(self.x)
         self.marginals = Marginals.of(size, samples // REPLICATES, is_net=True, breaks=law_breaks(at.space))
         self.nodes = at.space.inverse(self.marginals.uniforms)
-        self.quantiles = _estimates(smooth_quantiles.quantiles(self.norms, MARKED, confidence))
+        self.known = smooth_quantiles.found_quantiles(self.norms, MARKED)
+        self.quantiles = _estimates(self.known.estimates(confidence))
 
     def _errors(self, x: Array) -> Array:
         return kernel.errors_at(self.layout, "exact", x)
@@ -244,7 +245,7 @@ class _Sampled:
                 _deviations(variances), dict(zip(NORMS, self.quantiles, strict=True)), dict.fromkeys(NORMS, none)
             )
         values, changes = smooth_quantiles.quantile_changes(
-            self._norms(self._with_half(self.x, rows)), self.norms, MARKED, self.confidence, self._unseen(rows)
+            self._norms(self._with_half(self.x, rows)), self.known, MARKED, self.confidence, self._unseen(rows)
         )
         return Halved(
             _deviations(variances),

@@ -20,7 +20,7 @@ from scipy import special
 
 from precision_pin.analyses.replicates import REPLICATES, Estimates, half_widths
 
-__all__ = ["quantile_changes", "quantiles"]
+__all__ = ["Quantiles", "found_quantiles", "quantile_changes", "quantiles"]
 
 Array = NDArray[np.float64]
 
@@ -36,7 +36,7 @@ _NEAR: Final = 0.02
 
 @final
 @dataclass(frozen=True, eq=False)
-class _Quantiles:
+class Quantiles:
     """Quantiles of rows.
 
     Attributes
@@ -56,8 +56,8 @@ class _Quantiles:
     steps: Array
     jumps: NDArray[np.bool_]
 
-    def __sub__(self, other: _Quantiles) -> _Quantiles:
-        return _Quantiles(
+    def __sub__(self, other: Quantiles) -> Quantiles:
+        return Quantiles(
             self.value - other.value, self.pseudo - other.pseudo, self.steps - other.steps, self.jumps | other.jumps
         )
 
@@ -71,18 +71,18 @@ class _Quantiles:
 
 def quantiles(samples: Array, probability: float, confidence: float) -> Estimates:
     """Return a quantile of every row of ``(rows, REPLICATES · n)`` with its interval; not-a-number at jumps and gaps."""
-    return _found(samples, probability).estimates(confidence)
+    return found_quantiles(samples, probability).estimates(confidence)
 
 
 def quantile_changes(
-    samples: Array, before: Array, probability: float, confidence: float, unseen: Array | float = 0.0
+    samples: Array, before: Array | Quantiles, probability: float, confidence: float, unseen: Array | float = 0.0
 ) -> tuple[Estimates, Estimates]:
     """Return a quantile of every row, and how much it is above that of ``before``, which has the same random numbers.
 
     Parameters
     ----------
     samples, before
-        ``(rows, REPLICATES · n)``.
+        ``(rows, REPLICATES · n)``; what is known of the latter already may be given in its place.
     probability
         Which quantile.
     confidence
@@ -90,12 +90,13 @@ def quantile_changes(
     unseen
         What may change where no sample lies, ``(rows,)``; the intervals are wider by as much.
     """
-    after = _found(samples, probability)
-    change = after - _found(before, probability)
+    after = found_quantiles(samples, probability)
+    change = after - (before if isinstance(before, Quantiles) else found_quantiles(before, probability))
     return after.estimates(confidence, unseen), change.estimates(confidence, unseen)
 
 
-def _found(samples: Array, probability: float) -> _Quantiles:
+def found_quantiles(samples: Array, probability: float) -> Quantiles:
+    """Return a quantile of every row with what its interval follows from."""
     count = samples.shape[1]
     first, weights = _weights(count, probability)
     start, fewer = _weights(count - count // REPLICATES, probability)
@@ -107,7 +108,7 @@ def _found(samples: Array, probability: float) -> _Quantiles:
     # of neighbours in a smooth law the distance is exponential; its median is ln 2 of its mean
     centre = distances[:, pulls > _NEAR]
     usual = np.median(centre, axis=1, keepdims=True) / math.log(2)
-    return _Quantiles(
+    return Quantiles(
         np.array([row[0] for row in rows]),
         np.array([row[1] for row in rows]).T,
         distances * pulls,
