@@ -54,6 +54,6 @@ def planned(
         return replace(Plan.from_moments(at.error_at_means, at.covariance, tuple(specifications)), skewness=skewness)
     with np.errstate(over="ignore", invalid="ignore"):
         farthest = np.maximum(layout.highest - at.space.mean, at.space.mean - layout.lowest)
-        reach = np.abs(slopes) @ np.minimum(farthest, _FARTHEST)
+        reach = (np.abs(slopes) * np.minimum(farthest, _FARTHEST)).sum(axis=1)
     plan = Plan.from_pilot(pilot, np.minimum(np.nan_to_num(reach), _FARTHEST), tuple(specifications))
     return replace(plan, skewness=skewness)

@@ -53,7 +53,7 @@ def first_order_skewness(space: Space, slopes: Array) -> Array:
         return found
     cumulants = np.concatenate([np.zeros((4, 0)), *(_cumulants(draw.law) for draw in space.draws)], axis=1)
     second, third, fourth, sixth = (
-        (slopes**power) @ cumulant for power, cumulant in zip((2, 3, 4, 6), cumulants, strict=True)
+        (slopes**power * cumulant).sum(axis=1) for power, cumulant in zip((2, 3, 4, 6), cumulants, strict=True)
     )
     moves = second > 0
     variance = np.where(moves, second, 1.0)
@@ -93,8 +93,9 @@ def _cumulants(law: Law) -> Array:
             normal = np.zeros((4, law.size))
             normal[0] = np.diagonal(law.covariance)
             return normal
-    residuals = values - weights @ values
-    m2, m3, m4, m6 = (weights @ residuals**power for power in (2, 3, 4, 6))
+    # sums, not BLAS, whose bits may differ from process to process
+    residuals = values - (weights[:, None] * values).sum(axis=0)
+    m2, m3, m4, m6 = ((weights[:, None] * residuals**power).sum(axis=0) for power in (2, 3, 4, 6))
     return np.stack([m2, m3, m4 - 3 * m2**2, m6 - 15 * m4 * m2 - 10 * m3**2 + 30 * m2**3])
 
 

@@ -115,7 +115,7 @@ class Moments:
     @cached_property
     def _usable(self) -> bool:
         """Whether the bins give the variance that the sums give."""
-        binned = float(self.counts @ self.deviations**2) / self.samples
+        binned = _dot(self.counts, self.deviations**2) / self.samples
         return abs(binned - self.variance) <= _SKETCH_ERROR * self.variance
 
     @cached_property
@@ -140,7 +140,7 @@ class Moments:
         nearest = distances[last]
         if nearest == 0:
             return 0.0
-        logarithms = float(counts[:last] @ np.log(distances[:last] / nearest)) / (outermost - 1)
+        logarithms = _dot(counts[:last], np.log(distances[:last] / nearest)) / (outermost - 1)
         return (1 - 1 / math.sqrt(outermost)) / max(logarithms, 1e-9)
 
 
@@ -154,15 +154,20 @@ class _Mean:
 
     @classmethod
     def of(cls, values: Array, counts: NDArray[np.int64], samples: int) -> _Mean:
-        residuals = values - float(counts @ values) / samples
+        residuals = values - _dot(counts, values) / samples
         # scaled, so that no power of a tiny or huge number is lost
         largest = float(np.abs(residuals).max())
         if largest == 0:
             return cls(0.0, 0.0)
         scaled = residuals / largest
-        square = float(counts @ scaled**2) / samples
-        third = float(counts @ scaled**3) / samples
+        square = _dot(counts, scaled**2) / samples
+        third = _dot(counts, scaled**3) / samples
         return cls(largest * math.sqrt(square / samples), third / square**1.5 / math.sqrt(samples))
+
+
+def _dot(counts: NDArray[np.int64], values: Array) -> float:
+    """Return the sum of the values, each as often as it counts; BLAS would give other bits in another process."""
+    return float((counts * values).sum())
 
 
 def _hall(mean: _Mean, known: float, widening: float, quantile: float, samples: int) -> Interval | None:
