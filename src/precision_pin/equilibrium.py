@@ -270,8 +270,6 @@ def _follow_loads(feedback: Feedback, within: float) -> Array:
     short = _SHORT_STEP / first_growth if first_growth >= 1.0 else 1.0
     step = short
     for _ in range(_MOST_STEPS):
-        if path.share == 1.0:
-            return path.displacements
         share = min(1.0, path.share + step)
         further = path.followed_to(share, within)
         if further is None and step < _SMALLEST_STEP:
@@ -282,6 +280,8 @@ def _follow_loads(feedback: Feedback, within: float) -> Array:
         path, step = further, 2 * step if share > _PAST * short / _SHORT_STEP else min(2 * step, short)
         if first_growth >= 1.0 and share * _growth(path.slopes) > _NEAR_BUCKLING:
             raise InputError(_BUCKLES.format(1 / first_growth))
+        if share == 1.0:
+            return path.displacements
     if path.share * _growth(path.slopes) > _NEAR_BUCKLING:
         raise InputError(_BUCKLES.format(path.share))
     raise InputError(_TO_AND_FRO.format(f"{path.share:.3g} times the"))
