@@ -303,13 +303,16 @@ def test_intervals_of_sobol_points_cover_as_often_as_stated(paper, method):
 
 
 def test_intervals_grow_with_the_confidence():
-    """Student's factors of 31 degrees of freedom: 2.03951 for 95 %, 2.74404 for 99 %, from a table; skewed ones are wider."""
+    """Student's factors of 31 degrees of freedom: 2.03951 for 95 %, 2.74404 for 99 %, from a table; a tenth wider.
+
+    Skewed ones are wider still.
+    """
     model = one_joint_arm("uniform", 0.1)
     for confidence, factor in ((0.95, 2.03951), (0.99, 2.74404)):
         found = moments(model, samples=1024, confidence=confidence).poses[0]
         for estimate in estimates(found):
-            assert (estimate.half_width >= factor * estimate.standard_error * (1 - 1e-5)).all()
-            assert (estimate.half_width <= 1.5 * factor * estimate.standard_error).all()
+            assert (estimate.half_width >= 1.1 * factor * estimate.standard_error * (1 - 1e-5)).all()
+            assert (estimate.half_width <= 1.1 * 1.5 * factor * estimate.standard_error).all()
 
 
 def test_control_and_sobol_are_narrower_than_plain_sampling():

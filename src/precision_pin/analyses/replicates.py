@@ -4,8 +4,8 @@ A statistic of all replicates gets its standard error from leaving out one repli
 of few heavy-tailed numbers are skewed, and Student's symmetric interval then misses on one side: the pseudo-values of the
 jackknife also give their skewness, and with it Hall's transformation of Student's ratio (Journal of the Royal Statistical
 Society B 54, 1992, 221) gives an interval with ends of different distance. What is reported is the farther end, on both
-sides, and never less than Student's: of 32 replicates with laws from normal to Pareto's of exponent 4.2 it holds the mean in
-95 to 99 of 100 runs, where Student's holds it in 90 to 95.
+sides, never less than Student's, and a tenth wider: of ratios and of nets, whose scrambles are not quite the independent normal
+numbers that both suppose, it held the truth in 92 to 94 of 100 runs without.
 
 No replicate shows a tail that none has met. That takes what is known of the laws, see
 :mod:`precision_pin.analyses.marginals`.
@@ -29,6 +29,7 @@ Array = NDArray[np.float64]
 REPLICATES: Final = 32
 """Independent runs, or scrambles of a net."""
 
+_WIDENING: Final = 1.1
 _ROUNDING: Final = 1e-14
 """Skewness of replicates that differ by less than this share of themselves is that of rounding."""
 
@@ -109,5 +110,5 @@ def half_widths(pseudo: Array, confidence: float) -> Array:
     small = np.maximum(np.abs(skewness), 1e-6) / math.sqrt(REPLICATES)
     ends = [3 / small * (np.cbrt(1 + small * (side * student - small / 6)) - 1) for side in (-1, 1)]
     reach = np.maximum(np.maximum(np.abs(ends[0]), np.abs(ends[1])), student)
-    result: Array = reach * spread * math.sqrt(1 / (REPLICATES - 1))
+    result: Array = _WIDENING * reach * spread * math.sqrt(1 / (REPLICATES - 1))
     return result
