@@ -54,44 +54,38 @@ class Coverage:
 
 
 def as_markdown(rows: Sequence[Coverage]) -> str:
-    """Return the rows as a table: a line for each case and a column for each interval, where there are few of these."""
-    intervals = list(dict.fromkeys(row.interval for row in rows))
-    if len(intervals) > _MOST_COLUMNS:
-        return _listed(rows)
-    cases: dict[tuple[str, str], dict[str, Coverage]] = {(row.case, row.truth): {} for row in rows}
+    """Return the rows as tables: a line for each case, a column for each interval.
+
+    Intervals named ``"budget: …"`` make a table of their own under that name.
+    """
+    groups: dict[str, list[Coverage]] = {}
     for row in rows:
-        cases[row.case, row.truth][row.interval] = row
-    lines = [
-        f"| case | truth from | runs | {' | '.join(intervals)} |",
-        f"| --- | --- | ---: |{' ---: |' * len(intervals)}",
-    ]
-    for (case, truth), found in cases.items():
-        runs = next(iter(found.values())).runs
+        groups.setdefault(row.interval.rpartition(": ")[0], []).append(row)
+    return "\n\n".join(
+        (f"**{name[0].upper()}{name[1:]}**\n\n" if name else "") + _table(group) for name, group in groups.items()
+    )
+
+
+def _table(rows: Sequence[Coverage]) -> str:
+    intervals = list(dict.fromkeys(row.interval for row in rows))
+    cases: dict[tuple[str, str, int], dict[str, Coverage]] = {}
+    for row in rows:
+        cases.setdefault((row.case, row.truth, row.runs), {})[row.interval] = row
+    names = [_text(interval.rpartition(": ")[2]) for interval in intervals]
+    lines = [f"| case | truth from | runs | {' | '.join(names)} |", f"| --- | --- | ---: |{' ---: |' * len(names)}"]
+    for (case, truth, runs), found in cases.items():
         cells = [_cell(found[interval]) if interval in found else "" for interval in intervals]
-        lines.append(f"| {case} | {truth} | {runs:,} | {' | '.join(cells)} |")
+        lines.append(f"| {_text(case)} | {_text(truth)} | {runs:,} | {' | '.join(cells)} |")
     return "\n".join(lines)
 
 
-_MOST_COLUMNS: Final = 9
+def _text(name: str) -> str:
+    return name.replace("|", "\\|")
 
 
 def _cell(row: Coverage) -> str:
     """Return the share that holds the truth, and of how many intervals where some were not given."""
     if not row.given:
         return "not resolved"
-    return _share(row) if row.given == row.runs else f"{_share(row)} of {row.given:,} given"
-
-
-def _share(row: Coverage) -> str:
-    return f"{100 * row.share:.1f} %"
-
-
-def _listed(rows: Sequence[Coverage]) -> str:
-    lines = [
-        "| interval | case | truth from | runs | given | hold the truth |",
-        "| --- | --- | --- | ---: | ---: | ---: |",
-    ]
-    for row in rows:
-        share = _share(row) if row.given else "not resolved"
-        lines.append(f"| {row.interval} | {row.case} | {row.truth} | {row.runs:,} | {row.given:,} | {share} |")
-    return "\n".join(lines)
+    share = f"{100 * row.share:.1f} %"
+    return share if row.given == row.runs else f"{share} of {row.given:,} given"
