@@ -14,6 +14,7 @@ from scipy import special
 
 from precision_pin.analyses.design_points import Form
 from precision_pin.statistics import clopper_pearson
+from precision_pin.statistics.skewed_means import studentised
 
 __all__ = [
     "LARGEST_UNKNOWN",
@@ -148,15 +149,8 @@ def skewed_interval(mean: float, error: float, skewness: float, count: int, conf
         Of the interval.
     """
     score = float(special.ndtri((1 + confidence) / 2))
-    low, high = (mean - WIDENING * error * _untransformed(z, skewness / math.sqrt(count)) for z in (score, -score))
+    low, high = (mean - WIDENING * error * float(studentised(z, skewness / math.sqrt(count))) for z in (score, -score))
     return max(0.0, low), min(1.0, high)
-
-
-def _untransformed(score: float, slant: float) -> float:
-    """Solve z = t + a (t²/3 + 1/6) + a² t³/27 for t, with a = skewness/√n: (1 + a t/3)³ = 1 + a z - a²/6."""
-    if abs(slant) < 1e-9:
-        return score
-    return 3 * (float(np.cbrt(1 + slant * score - slant**2 / 6)) - 1) / slant
 
 
 def log_normal_interval(values: Array, confidence: float) -> tuple[float, float]:

@@ -22,6 +22,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
+from precision_pin.statistics.skewed_means import studentised
+
 __all__ = ["REPLICATES", "Estimates", "estimated", "half_widths", "jackknife", "pseudo_values"]
 
 Array = NDArray[np.float64]
@@ -106,9 +108,8 @@ def half_widths(pseudo: Array, confidence: float) -> Array:
     cubes = ((pseudo - middle) ** 3).mean(axis=0)
     skewness = np.divide(cubes, spread**3, out=np.zeros_like(middle), where=varies & (spread > 0))
     student = float(special.stdtrit(REPLICATES - 1, (1 + confidence) / 2))
-    # Hall's function of Student's ratio is T + γT²/3√R + γ²T³/27R + γ/6√R; where the ratio is ± student is asked
-    small = np.maximum(np.abs(skewness), 1e-6) / math.sqrt(REPLICATES)
-    ends = [3 / small * (np.cbrt(1 + small * (side * student - small / 6)) - 1) for side in (-1, 1)]
+    small = np.abs(skewness) / math.sqrt(REPLICATES)
+    ends = [studentised(side * student, small) for side in (-1, 1)]
     reach = np.maximum(np.maximum(np.abs(ends[0]), np.abs(ends[1])), student)
     result: Array = _WIDENING * reach * spread * math.sqrt(1 / (REPLICATES - 1))
     return result

@@ -27,6 +27,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import stdtrit
 
+from precision_pin.statistics.skewed_means import studentised
+
 __all__ = ["Moments"]
 
 Array = NDArray[np.float64]
@@ -178,10 +180,5 @@ def _hall(mean: _Mean, known: float, widening: float, quantile: float, samples: 
     if most > _MOST_SKEWED:
         return None
     reach = quantile * widening / (1 - (most / _SKEWED_AWAY) ** 2)
-
-    def studentised(normal: float) -> float:
-        """Return the studentised mean of this skewness that corresponds to a normal number."""
-        shifted = normal - skewness / 6
-        return 3 * (math.cbrt(1 + skewness * shifted) - 1) / skewness if abs(skewness) > 1e-9 else shifted
-
-    return min(-mean.error * studentised(reach), 0.0), max(-mean.error * studentised(-reach), 0.0)
+    below, above = (-mean.error * float(studentised(end, skewness)) for end in (reach, -reach))
+    return min(below, 0.0), max(above, 0.0)
