@@ -11,20 +11,17 @@ import click
 
 from precision_pin.cli import EXIT_SPEC
 from precision_pin.cli.common import (
+    Command,
     OnePoseOptions,
     chosen_pose,
-    compile_sampler,
-    echo_data,
     model_option,
     one_pose_options,
-    progress_bar,
     read_sheet,
-    require_writable,
     seed_option,
     spec_option,
-    whole_folder,
-    write_text,
 )
+from precision_pin.cli.progress import compile_sampler, progress_bar
+from precision_pin.cli.writing import echo_data, require_writable, whole_folder, write_text
 
 if TYPE_CHECKING:
     from precision_pin.result import Analysis
@@ -35,7 +32,7 @@ MOST_UNTIL = 10**9
 """The most samples until a result is precise enough, where no number is given."""
 
 
-@click.command("analyze")
+@click.command("analyze", cls=Command)
 @one_pose_options
 @click.option(
     "--samples", type=int, metavar="N", help="How many built robots, 100,000 if left out; with --until at most, 1e9."

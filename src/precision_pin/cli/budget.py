@@ -6,13 +6,14 @@ from typing import Unpack
 
 import click
 
-from precision_pin.cli.common import compile_sampler
+from precision_pin.cli.common import Command
+from precision_pin.cli.progress import compile_sampler
 from precision_pin.cli.question import Shared, answer, ask, question_options
 
 __all__ = ["command"]
 
 
-@click.command("budget")
+@click.command("budget", cls=Command)
 @question_options
 @click.option(
     "--samples", type=int, default=16_384, show_default=True, metavar="N", help="Points a set: 32 × a power of two."

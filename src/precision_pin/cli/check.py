@@ -7,13 +7,14 @@ import json
 import click
 
 from precision_pin.cli import EXIT_INPUT
-from precision_pin.cli.common import chain_options, echo_data, find_inputs
+from precision_pin.cli.common import Command, chain_options, find_inputs
+from precision_pin.cli.writing import echo_data
 from precision_pin.errors import Finding, InputError
 
 __all__ = ["command"]
 
 
-@click.command("check")
+@click.command("check", cls=Command)
 @click.argument("inputs", nargs=-1, metavar="[ROBOT.urdf] [SHEET.yaml]")
 @chain_options
 @click.option("--json", "as_json", is_flag=True, help="Print the findings as JSON.")

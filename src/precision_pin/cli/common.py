@@ -1,20 +1,16 @@
-"""What several commands share: which robot and sheet, options, files to write, progress."""
+"""What several commands share: their options, and which robot and sheet are meant."""
 
 from __future__ import annotations
 
 import os
-import sys
-import tempfile
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, TypedDict, TypeVar, final
 
 import click
 
-from precision_pin.cli.interrupts import raise_if_interrupted
-from precision_pin.errors import Finding, InputError, OutputError
+from precision_pin.errors import Finding, InputError
 from precision_pin.examples import PAPER_SHEET, resolve_robot, shipped_sheet
 
 if TYPE_CHECKING:
@@ -25,28 +21,45 @@ if TYPE_CHECKING:
 
 __all__ = [
     "ArmOptions",
+    "Command",
     "Inputs",
     "OnePoseOptions",
     "chain_options",
     "chosen_pose",
-    "compile_sampler",
-    "echo_data",
     "echo_findings",
     "find_inputs",
     "inputs_argument",
     "model_option",
     "one_pose_options",
-    "progress_bar",
     "q_option",
     "read_sheet",
-    "require_writable",
     "seed_option",
     "spec_option",
-    "whole_folder",
-    "write_text",
 ]
 
-Command = TypeVar("Command", bound=Callable[..., Any])
+Decorated = TypeVar("Decorated", bound=Callable[..., Any])
+
+
+@final
+class Command(click.Command):
+    """A command that refuses an option given twice where one is meant, instead of taking the last in silence."""
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        """Read the arguments.
+
+        Raises
+        ------
+        UsageError
+            An option with one value is given more than once.
+        """
+        if not ctx.resilient_parsing:
+            order = self.make_parser(ctx).parse_args(list(args))[2]
+            for option in dict.fromkeys(order):
+                times = order.count(option)
+                if isinstance(option, click.Option) and not (option.multiple or option.is_flag) and times > 1:
+                    message = f"{option.opts[0]} is given {times} times; {ctx.command_path} takes one"
+                    raise click.UsageError(message, ctx)
+        return super().parse_args(ctx, args)
 
 
 @final
@@ -58,7 +71,7 @@ class Inputs:
     sheet: Path | None
 
 
-def chain_options(command: Command) -> Command:
+def chain_options(command: Decorated) -> Decorated:
     """Add the options that cut a chain out of a robot."""
     for option in (
         click.option(
@@ -104,7 +117,7 @@ spec_option: Final = click.option(
 )
 
 
-def one_pose_options(command: Command) -> Command:
+def one_pose_options(command: Decorated) -> Decorated:
     """Add the options of :class:`OnePoseOptions`."""
     pose = click.option("--pose", metavar="NAME", help="One of the sheet's poses; the first if left out.")
     for option in (chain_options, q_option, pose, inputs_argument):
@@ -167,132 +180,10 @@ def read_sheet(arguments: Sequence[str], tip: str | None, base: str | None, pack
     return sheet
 
 
-def echo_data(text: str) -> None:
-    """Print data on stdout; that its reader has gone, as ``head`` does, is no error.
-
-    Raises
-    ------
-    OutputError
-        It cannot be written.
-    """
-    try:
-        click.echo(text)
-    except OSError as error:
-        # what is left in the buffer must not be tried again when the interpreter ends
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        if not isinstance(error, BrokenPipeError):
-            raise OutputError(f"cannot write to the standard output: {error.strerror}") from None
-
-
 def echo_findings(findings: Sequence[Finding]) -> None:
     """Print findings to stderr, one line each."""
     for finding in findings:
         click.echo(str(finding), err=True)
-
-
-def require_writable(path: Path, *, folder: bool = False) -> None:
-    """Refuse a place to write to before any work is done; makes nothing.
-
-    Raises
-    ------
-    OutputError
-        It is a directory where a file is meant (or the reverse), or cannot be written to.
-    """
-    target = Path(os.path.realpath(path))
-    if not folder and os.path.isdir(target):
-        raise OutputError(f"cannot write {path}: it is a folder")
-    if folder and os.path.lexists(target) and not os.path.isdir(target):
-        raise OutputError(f"cannot write to the folder {path}: it is a file")
-    if not folder and os.path.exists(target) and not os.path.isfile(target):
-        return  # a device or a pipe
-    if not folder and os.path.isfile(target) and not os.access(target, os.W_OK):
-        raise OutputError(f"cannot write {path}: the file is read-only")
-    home = target if folder else target.parent
-    while folder and not os.path.lexists(home):
-        home = home.parent
-    if not os.path.isdir(home):
-        what = "is not a folder" if os.path.lexists(home) else "does not exist"
-        raise OutputError(f"cannot write {path}: {home} {what}")
-    if not os.access(home, os.W_OK | os.X_OK):
-        raise OutputError(f"cannot write {path}: the folder {home} is not writable")
-
-
-def write_text(path: Path, text: str) -> None:
-    """Write a file whole or not at all; through a link, and straight into a device or a pipe.
-
-    Raises
-    ------
-    OutputError
-        It cannot be written.
-    """
-    target = Path(os.path.realpath(path))
-    straight = os.path.exists(target) and not os.path.isfile(target)
-    part = target if straight else target.with_name(f".precision-pin-{os.getpid()}.part")
-    try:
-        # surrogates, which stand for bytes of a file's name that are not UTF-8, become what JSON has for them
-        part.write_text(text, encoding="utf-8", errors="backslashreplace")
-        if not straight:
-            part.replace(target)
-    except OSError as error:
-        raise OutputError(f"cannot write {path}: {error.strerror or error}") from None
-    finally:
-        if not straight:
-            with suppress(OSError):
-                part.unlink(missing_ok=True)
-
-
-@contextmanager
-def whole_folder(path: Path) -> Iterator[Path]:
-    """Yield a folder for files that appear in ``path`` together once all of them are written, or not at all.
-
-    Raises
-    ------
-    OutputError
-        They cannot be written.
-    """
-    target = Path(os.path.realpath(path))
-    missing = [folder for folder in (target, *target.parents) if not os.path.lexists(folder)]
-    done = False
-    try:
-        target.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryDirectory(dir=target, prefix=".precision-pin-", suffix=".part") as stage:
-            yield Path(stage)
-            for file in sorted(Path(stage).iterdir()):
-                if (target / file.name).is_dir():
-                    raise OutputError(f"cannot write {path / file.name}: it is a folder")
-            for file in sorted(Path(stage).iterdir()):
-                file.replace(target / file.name)
-        done = True
-    except OSError as error:
-        raise OutputError(f"cannot write to the folder {path}: {error.strerror or error}") from None
-    finally:
-        if not done:
-            with suppress(OSError):
-                for folder in missing:
-                    folder.rmdir()
-
-
-def compile_sampler() -> None:
-    """Compile the sampler where that was never done on this machine, and say so."""
-    from precision_pin import kernel
-
-    if not kernel.is_compiled():
-        click.echo("compiling the sampler, once on this machine: some 20 s", err=True)
-        kernel.warm_up()
-
-
-@contextmanager
-def progress_bar(total: int, what: str, unit: str = "samples") -> Iterator[Callable[[int], None]]:
-    """Show progress on a terminal; yields what takes the steps, each of which an interrupt ends."""
-    from precision_pin.progress_bar import progress
-
-    with progress(total, what, unit=unit) as step:
-
-        def advance(count: int) -> None:
-            raise_if_interrupted()
-            step(count)
-
-        yield advance
 
 
 def chosen_pose(sheet: Sheet, pose: str | None, q: str | None) -> str | NDArray[np.float64] | None:

@@ -7,12 +7,13 @@ import platform
 
 import click
 
-from precision_pin.cli.common import echo_data
+from precision_pin.cli.common import Command
+from precision_pin.cli.writing import echo_data
 
 __all__ = ["command"]
 
 
-@click.command("doctor")
+@click.command("doctor", cls=Command)
 def command() -> None:
     """Print the versions and paths that a result depends on; good to put into a bug report."""
     import precision_pin

@@ -6,12 +6,13 @@ from typing import Unpack
 
 import click
 
+from precision_pin.cli.common import Command
 from precision_pin.cli.question import Shared, answer, ask, question_options
 
 __all__ = ["command"]
 
 
-@click.command("exact-law")
+@click.command("exact-law", cls=Command)
 @question_options
 @click.option("--samples", type=int, default=100_000, show_default=True, metavar="N", help="Samples to compare with.")
 def command(samples: int, **shared: Unpack[Shared]) -> None:

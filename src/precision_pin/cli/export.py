@@ -11,17 +11,16 @@ from typing import TYPE_CHECKING, Final, Unpack
 import click
 
 from precision_pin.cli.common import (
+    Command,
     OnePoseOptions,
     chosen_pose,
     echo_findings,
     one_pose_options,
-    progress_bar,
     read_sheet,
-    require_writable,
     seed_option,
-    whole_folder,
-    write_text,
 )
+from precision_pin.cli.progress import progress_bar
+from precision_pin.cli.writing import require_writable, whole_folder, write_text
 from precision_pin.errors import Finding, InputError
 
 if TYPE_CHECKING:
@@ -35,7 +34,7 @@ MOST_UNITS: Final = 100_000
 HEAD: Final = ("unit", "file", "x_m", "y_m", "z_m", "rx_rad", "ry_rad", "rz_rad", "sha256")
 
 
-@click.command("export")
+@click.command("export", cls=Command)
 @one_pose_options
 @click.option("--units", type=int, default=1, show_default=True, metavar="N", help="How many robots.")
 @click.option("--first", type=int, default=0, show_default=True, metavar="K", help="Number of the first unit.")

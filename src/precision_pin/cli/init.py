@@ -7,13 +7,14 @@ from pathlib import Path
 
 import click
 
-from precision_pin.cli.common import chain_options, echo_data, require_writable, write_text
+from precision_pin.cli.common import Command, chain_options
+from precision_pin.cli.writing import echo_data, require_writable, write_text
 from precision_pin.errors import OutputError
 
 __all__ = ["command"]
 
 
-@click.command("init")
+@click.command("init", cls=Command)
 @click.argument("robot", metavar="ROBOT.urdf")
 @chain_options
 @click.option("--out", metavar="FILE", help="The sheet; ROBOT.errors.yaml in this folder if left out, - for stdout.")

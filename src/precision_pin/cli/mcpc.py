@@ -7,12 +7,13 @@ import json
 
 import click
 
-from precision_pin.cli.common import chain_options, echo_data, echo_findings, find_inputs
+from precision_pin.cli.common import Command, chain_options, echo_findings, find_inputs
+from precision_pin.cli.writing import echo_data
 
 __all__ = ["command"]
 
 
-@click.command("mcpc")
+@click.command("mcpc", cls=Command)
 @click.argument("inputs", nargs=-1, metavar="[ROBOT.urdf] [SHEET.yaml]")
 @chain_options
 @click.option("--json", "as_json", is_flag=True, help="Print the table as JSON, in rad and m.")

@@ -13,15 +13,12 @@ from precision_pin.cli.common import (
     ArmOptions,
     chain_options,
     chosen_pose,
-    echo_data,
     inputs_argument,
     q_option,
     read_sheet,
-    require_writable,
     seed_option,
-    whole_folder,
-    write_text,
 )
+from precision_pin.cli.writing import echo_data, require_writable, whole_folder, write_text
 from precision_pin.errors import Finding, InputError
 
 if TYPE_CHECKING:
@@ -32,7 +29,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Question", "Result", "Shared", "answer", "ask", "question_options"]
 
-Command = TypeVar("Command", bound=Callable[..., Any])
+Decorated = TypeVar("Decorated", bound=Callable[..., Any])
 
 
 class Shared(ArmOptions):
@@ -75,7 +72,7 @@ class Question:
     poses: list[Any]
 
 
-def question_options(command: Command) -> Command:
+def question_options(command: Decorated) -> Decorated:
     """Add the options of :class:`Shared`."""
     for option in (
         click.option("--out", metavar="DIR", help="Write plots (PNG and SVG) and the result there."),

@@ -7,13 +7,14 @@ from typing import Unpack
 import click
 
 from precision_pin.cli import EXIT_SPEC
-from precision_pin.cli.common import compile_sampler, progress_bar
+from precision_pin.cli.common import Command
+from precision_pin.cli.progress import compile_sampler, progress_bar
 from precision_pin.cli.question import Shared, answer, ask, question_options
 
 __all__ = ["command"]
 
 
-@click.command("reliability")
+@click.command("reliability", cls=Command)
 @question_options
 @click.option(
     "--spec", "specs", multiple=True, required=True, metavar='"0.5 mm @ 99.73 %"', help="A limit to keep; repeats."

@@ -12,19 +12,18 @@ import click
 
 from precision_pin.cli import EXIT_SPEC
 from precision_pin.cli.common import (
+    Command,
     OnePoseOptions,
     chosen_pose,
-    compile_sampler,
     model_option,
     one_pose_options,
-    progress_bar,
     read_sheet,
-    require_writable,
     seed_option,
     spec_option,
-    write_text,
 )
 from precision_pin.cli.interrupts import raise_if_interrupted
+from precision_pin.cli.progress import compile_sampler, progress_bar
+from precision_pin.cli.writing import require_writable, write_text
 
 if TYPE_CHECKING:
     from precision_pin.run import Progress
@@ -32,7 +31,7 @@ if TYPE_CHECKING:
 __all__ = ["command"]
 
 
-@click.command("report")
+@click.command("report", cls=Command)
 @one_pose_options
 @click.option("--samples", type=int, default=100_000, show_default=True, metavar="N", help="How many built robots.")
 @seed_option

@@ -6,12 +6,13 @@ import json
 
 import click
 
-from precision_pin.cli.common import echo_data
+from precision_pin.cli.common import Command
+from precision_pin.cli.writing import echo_data
 
 __all__ = ["command"]
 
 
-@click.command("schema")
+@click.command("schema", cls=Command)
 def command() -> None:
     """Print the JSON schema of the sheet, for editors and checkers."""
     from precision_pin.sheet import json_schema

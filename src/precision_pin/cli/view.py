@@ -12,19 +12,19 @@ import click
 
 from precision_pin.cli.common import (
     ArmOptions,
+    Command,
     chain_options,
     chosen_pose,
-    compile_sampler,
     echo_findings,
     inputs_argument,
     model_option,
-    progress_bar,
     q_option,
     read_sheet,
-    require_writable,
     seed_option,
 )
 from precision_pin.cli.interrupts import raise_if_interrupted
+from precision_pin.cli.progress import compile_sampler, progress_bar
+from precision_pin.cli.writing import require_writable
 from precision_pin.errors import Finding, InputError
 
 if TYPE_CHECKING:
@@ -41,7 +41,7 @@ CHUNK = 2**14
 """Samples between two steps of the progress."""
 
 
-@click.command("view")
+@click.command("view", cls=Command)
 @inputs_argument
 @click.option(
     "--pose",

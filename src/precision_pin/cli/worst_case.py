@@ -6,13 +6,14 @@ from typing import Unpack
 
 import click
 
-from precision_pin.cli.common import compile_sampler, progress_bar
+from precision_pin.cli.common import Command
+from precision_pin.cli.progress import compile_sampler, progress_bar
 from precision_pin.cli.question import Shared, answer, ask, question_options
 
 __all__ = ["command"]
 
 
-@click.command("worst-case")
+@click.command("worst-case", cls=Command)
 @question_options
 @click.option("--k", type=float, default=3.0, show_default=True, help="Cut unbounded laws at k standard deviations.")
 @click.option("--samples", type=int, default=100_000, show_default=True, metavar="N", help="Samples shown beside it.")
