@@ -20,6 +20,7 @@ from precision_pin.cli.common import (
     seed_option,
     spec_option,
 )
+from precision_pin.cli.interrupts import raise_if_interrupted, unwinding
 from precision_pin.cli.progress import compile_sampler, progress_bar
 from precision_pin.cli.writing import echo_data, require_writable, whole_folder, write_text
 
@@ -104,12 +105,14 @@ def command(
         executor, under_way = (None, None) if dask is None else stack.enter_context(dask_cluster(dask))
         progress = stack.enter_context(progress_bar(samples, "sampling"))
         try:
-            analysis = monte_carlo(
-                error_model, where, samples=samples, seed=seed, model=model, specifications=specifications,
-                until=until, findings=sheet.findings, threads=threads, processes=processes, executor=executor,
-                tasks_under_way=under_way, journal=journal, resume=resume, files={"sheet": sheet.file},
-                progress=progress, tell=_say,
-            )  # fmt: skip
+            with unwinding():
+                analysis = monte_carlo(
+                    error_model, where, samples=samples, seed=seed, model=model, specifications=specifications,
+                    until=until, findings=sheet.findings, threads=threads, processes=processes, executor=executor,
+                    tasks_under_way=under_way, journal=journal, resume=resume, files={"sheet": sheet.file},
+                    progress=progress, tell=_say,
+                )  # fmt: skip
+                raise_if_interrupted()
         except KeyboardInterrupt as interrupt:
             for note in getattr(interrupt, "__notes__", ()):
                 _say(f"{note}; the same command with --resume goes on from there")

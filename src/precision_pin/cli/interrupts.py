@@ -1,61 +1,202 @@
-"""Ctrl-C that is not lost.
+"""Signals that end the program: Ctrl-C, ``kill`` and the end of a terminal. Nothing half-written stays behind.
 
-A KeyboardInterrupt that falls into a callback of a C library, as compilers have, is printed by the interpreter and
-forgotten there; the run would go on. It is remembered here, and raised again where work is counted.
+Such a signal ends the process at once, by the exit code 128 + its number, after what was being written is removed and
+processes of our own are ended. No exception is raised for it: one that falls into a library's import, or into a callback
+of a compiler, is lost there or comes out as another. Only where something is to be kept (:func:`unwinding`) is
+KeyboardInterrupt raised; where that does not end the process either, or the signal cannot be heeded because the process
+is deep in a library, a thread ends it after some seconds.
+
+This is the first module that the program imports, and it imports next to nothing.
 """
 
 from __future__ import annotations
 
+import os
 import signal
 import sys
-import threading
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from types import FrameType
-from typing import final
+from typing import Final, final
 
-__all__ = ["heeding_interrupts", "raise_if_interrupted"]
+__all__ = ["NAMES", "begin", "came", "end", "held", "raise_if_interrupted", "take_over", "undone", "unwinding"]
+
+NAMES: Final[dict[int, str]] = {signal.SIGINT: "interrupted", signal.SIGTERM: "terminated", signal.SIGHUP: "hung up"}
+"""What is said of each signal that is heeded."""
+
+PATIENCE: Final = 1.0
+LONG_PATIENCE: Final = 15.0
+"""Seconds after which a signal ends the process although it does something else; the second, while it unwinds."""
 
 
 @final
-class _Handler:
-    """What SIGINT calls; remembers that it came."""
+class _State:
+    """What is known of signals, which come to a process, not to an object of it."""
 
     def __init__(self) -> None:
-        self.came = False
+        self.number = 0
+        self.unwinding = False
+        self.held = 0
+        self.leaving = False
+        self.over = False
+        self.taken: list[int] = []
+        self.wakeup = -1
+        self.undo: dict[object, Callable[[], None]] = {}
 
-    def __call__(self, number: int, frame: FrameType | None) -> None:
-        self.came = True
+
+_state = _State()
+
+
+def take_over() -> None:
+    """Heed signals from now on; one that is ignored, as by ``nohup``, or that has a handler already, stays so."""
+    global _state
+    _state = _State()
+    for number, usual in (
+        (signal.SIGINT, signal.default_int_handler),
+        (signal.SIGTERM, signal.SIG_DFL),
+        (signal.SIGHUP, signal.SIG_DFL),
+    ):
+        if signal.getsignal(number) is usual:
+            try:
+                signal.signal(number, _heed)
+            except ValueError:  # not the main thread
+                return
+            _state.taken.append(number)
+
+
+def begin() -> None:
+    """Start the thread that ends the process where it does not heed a signal itself."""
+    if not _state.taken:
+        return
+    import threading
+
+    reading, _state.wakeup = os.pipe()
+    os.set_blocking(_state.wakeup, False)
+    signal.set_wakeup_fd(_state.wakeup, warn_on_full_buffer=False)
+    threading.Thread(target=_watch, args=(reading,), daemon=True, name="signals").start()
+
+
+def end() -> None:
+    """Ignore signals from now on: all is done, and the exit code stands."""
+    _state.over = True
+    for number in _state.taken:
+        signal.signal(number, signal.SIG_IGN)
+    if _state.wakeup >= 0:
+        signal.set_wakeup_fd(-1)
+        os.close(_state.wakeup)
+        _state.wakeup = -1
+
+
+def came() -> int:
+    """Return the number of the signal that came, 0 if none did."""
+    return _state.number
+
+
+def raise_if_interrupted() -> None:
+    """Raise KeyboardInterrupt if a signal came whose exception was lost."""
+    if _state.number:
         raise KeyboardInterrupt
 
 
 @contextmanager
-def heeding_interrupts() -> Iterator[None]:
-    """Remember a Ctrl-C that comes meanwhile; where SIGINT is ignored, as by ``nohup``, it stays so."""
-    if signal.getsignal(signal.SIGINT) is not signal.default_int_handler or (
-        threading.current_thread() is not threading.main_thread()
-    ):
-        yield
-        return
-    print_lost = sys.unraisablehook
-    handler = _Handler()
+def unwinding() -> Iterator[None]:
+    """Let signals raise KeyboardInterrupt inside; a second one ends the process at once."""
+    _state.unwinding = True
+    yield
+    # once one has come, or anything else was raised, the way out is not to be cut short
+    _state.unwinding = False
 
-    def quiet(lost: sys.UnraisableHookArgs) -> None:
-        # the interrupt itself, or what it left half-done in a library
-        if not handler.came:
-            print_lost(lost)
 
-    signal.signal(signal.SIGINT, handler)
-    sys.unraisablehook = quiet
+@contextmanager
+def held() -> Iterator[None]:
+    """Heed a signal that comes inside at the end only: for what must be done whole, and takes no time."""
+    _state.held += 1
     try:
         yield
     finally:
-        signal.signal(signal.SIGINT, signal.default_int_handler)
-        sys.unraisablehook = print_lost
+        _state.held -= 1
+    if _state.number and not _state.held:
+        _leave()
 
 
-def raise_if_interrupted() -> None:
-    """Raise KeyboardInterrupt if a Ctrl-C came since :func:`heeding_interrupts` began."""
-    handler = signal.getsignal(signal.SIGINT)
-    if isinstance(handler, _Handler) and handler.came:
-        raise KeyboardInterrupt
+@contextmanager
+def undone(undo: Callable[[], None]) -> Iterator[None]:
+    """Undo what is begun inside if a signal ends the process; to be entered before anything is begun.
+
+    Parameters
+    ----------
+    undo
+        Called in any state of what is begun, perhaps more than once; OSError is passed over.
+    """
+    key = object()
+    _state.undo[key] = undo
+    try:
+        yield
+    finally:
+        _state.undo.pop(key, None)
+
+
+def _heed(number: int, frame: FrameType | None) -> None:
+    """Handle a signal, in the main thread."""
+    again, _state.number = _state.number, _state.number or number
+    if _state.held:
+        return
+    if again or not _state.unwinding or _is_importing(frame):
+        _leave()
+    raise KeyboardInterrupt
+
+
+def _is_importing(frame: FrameType | None) -> bool:
+    """Return whether a module is being imported; libraries make other exceptions of one that is raised there."""
+    while frame is not None:
+        if frame.f_code.co_filename == "<frozen importlib._bootstrap>":
+            return True
+        frame = frame.f_back
+    return False
+
+
+def _watch(reading: int) -> None:
+    """Wait for a signal, and then for the process to end."""
+    import time
+
+    number = os.read(reading, 1)
+    os.close(reading)
+    if not number:
+        return
+    deadline = time.monotonic() + (LONG_PATIENCE if _state.unwinding else PATIENCE)
+    while time.monotonic() < deadline or _state.held:
+        time.sleep(0.05)
+        if _state.over:
+            return
+    _state.number = _state.number or number[0]
+    _leave()
+
+
+def _leave() -> None:
+    """End the process."""
+    while _state.leaving:  # in another thread, which ends this one
+        signal.pause()
+    _state.leaving = True
+    for number in _state.taken:
+        try:
+            signal.signal(number, signal.SIG_IGN)
+        except ValueError:  # not the main thread; its handler waits for this one
+            break
+    _end_processes()
+    for undo in list(_state.undo.values()):
+        with suppress(OSError):
+            undo()
+    with suppress(OSError):
+        # a progress bar may stand on the line
+        os.write(2, b"\n" * os.isatty(2) + NAMES[_state.number].encode() + b"\n")
+    os._exit(128 + _state.number)
+
+
+def _end_processes() -> None:
+    """Kill the processes that compute for this one; they would end by themselves, but later."""
+    if "multiprocessing.process" in sys.modules:
+        import multiprocessing
+
+        for process in multiprocessing.active_children():
+            process.kill()
+            process.join(1)

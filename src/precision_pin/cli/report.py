@@ -21,7 +21,6 @@ from precision_pin.cli.common import (
     seed_option,
     spec_option,
 )
-from precision_pin.cli.interrupts import raise_if_interrupted
 from precision_pin.cli.progress import compile_sampler, progress_bar
 from precision_pin.cli.writing import require_writable, write_text
 
@@ -106,7 +105,6 @@ class _Steps:
 
     @contextmanager
     def __call__(self, what: str, samples: int) -> Iterator[Progress]:
-        raise_if_interrupted()
         self._done += 1
         click.echo(f"{self._done}/{self._total} {what}", err=True)
         with progress_bar(samples, what) as progress:

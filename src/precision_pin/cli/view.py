@@ -22,7 +22,7 @@ from precision_pin.cli.common import (
     read_sheet,
     seed_option,
 )
-from precision_pin.cli.interrupts import raise_if_interrupted
+from precision_pin.cli.interrupts import raise_if_interrupted, unwinding
 from precision_pin.cli.progress import compile_sampler, progress_bar
 from precision_pin.cli.writing import require_writable
 from precision_pin.errors import Finding, InputError
@@ -121,7 +121,8 @@ def command(
     sheet = read()
     if out is None:
         files = [sheet.file, sheet.chain.robot.file, *([trajectory] if trajectory is not None else [])]
-        _serve(page_of, sheet, read, [Path(file) for file in files], port or 0, open_browser=not no_browser)
+        with unwinding():
+            _serve(page_of, sheet, read, [Path(file) for file in files], port or 0, open_browser=not no_browser)
         return
     text = page_of(sheet)
     write_page(out, text)

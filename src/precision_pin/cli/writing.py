@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import os
-import sys
-import tempfile
+import secrets
+import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import click
 
+from precision_pin.cli.interrupts import held, undone
+from precision_pin.cli.streams import raise_if_output_lost
 from precision_pin.errors import OutputError
 
 __all__ = ["echo_data", "require_writable", "whole_folder", "write_text"]
@@ -24,13 +26,8 @@ def echo_data(text: str) -> None:
     OutputError
         It cannot be written.
     """
-    try:
-        click.echo(text)
-    except OSError as error:
-        # what is left in the buffer must not be tried again when the interpreter ends
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        if not isinstance(error, BrokenPipeError):
-            raise OutputError(f"cannot write to the standard output: {error.strerror}") from None
+    click.echo(text)
+    raise_if_output_lost()
 
 
 def require_writable(path: Path, *, folder: bool = False) -> None:
@@ -69,19 +66,23 @@ def write_text(path: Path, text: str) -> None:
         It cannot be written.
     """
     target = Path(os.path.realpath(path))
-    straight = os.path.exists(target) and not os.path.isfile(target)
-    part = target if straight else target.with_name(f".precision-pin-{os.getpid()}.part")
+    # surrogates, which stand for bytes of a file's name that are not UTF-8, become what JSON has for them
+    data = text.encode("utf-8", errors="backslashreplace")
     try:
-        # surrogates, which stand for bytes of a file's name that are not UTF-8, become what JSON has for them
-        part.write_text(text, encoding="utf-8", errors="backslashreplace")
-        if not straight:
-            part.replace(target)
-    except OSError as error:
-        raise OutputError(f"cannot write {path}: {error.strerror or error}") from None
-    finally:
-        if not straight:
-            with suppress(OSError):
-                part.unlink(missing_ok=True)
+        if os.path.exists(target) and not os.path.isfile(target):
+            target.write_bytes(data)
+            return
+        part = _part(target.parent)
+        with undone(part.unlink):
+            try:
+                part.write_bytes(data)
+                part.replace(target)
+            except BaseException:
+                with suppress(OSError):
+                    part.unlink()
+                raise
+    except (OSError, ValueError) as error:
+        raise _unwritable(f"cannot write {path}", error) from None
 
 
 @contextmanager
@@ -94,22 +95,44 @@ def whole_folder(path: Path) -> Iterator[Path]:
         They cannot be written.
     """
     target = Path(os.path.realpath(path))
-    missing = [folder for folder in (target, *target.parents) if not os.path.lexists(folder)]
-    done = False
     try:
-        target.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryDirectory(dir=target, prefix=".precision-pin-", suffix=".part") as stage:
-            yield Path(stage)
-            for file in sorted(Path(stage).iterdir()):
-                if (target / file.name).is_dir():
-                    raise OutputError(f"cannot write {path / file.name}: it is a folder")
-            for file in sorted(Path(stage).iterdir()):
-                file.replace(target / file.name)
-        done = True
-    except OSError as error:
-        raise OutputError(f"cannot write to the folder {path}: {error.strerror or error}") from None
-    finally:
-        if not done:
-            with suppress(OSError):
-                for folder in missing:
-                    folder.rmdir()
+        missing = [folder for folder in (target, *target.parents) if not os.path.lexists(folder)]
+        stage = _part(target)
+
+        def undo() -> None:
+            shutil.rmtree(stage, ignore_errors=True)
+            for folder in missing:
+                folder.rmdir()
+
+        with undone(undo):
+            try:
+                target.mkdir(parents=True, exist_ok=True)
+                stage.mkdir()
+                yield stage
+                _move_all(stage, target, path)
+            except BaseException:
+                with suppress(OSError):
+                    undo()
+                raise
+    except (OSError, ValueError) as error:
+        raise _unwritable(f"cannot write to the folder {path}", error) from None
+
+
+def _move_all(stage: Path, target: Path, path: Path) -> None:
+    files = sorted(stage.iterdir())
+    for file in files:
+        if (target / file.name).is_dir():
+            raise OutputError(f"cannot write {path / file.name}: it is a folder")
+    with held():
+        for file in files:
+            file.replace(target / file.name)
+        stage.rmdir()
+
+
+def _part(folder: Path) -> Path:
+    """Return a name in a folder for what is being written."""
+    return folder / f".precision-pin-{os.getpid()}-{secrets.token_hex(4)}.part"
+
+
+def _unwritable(what: str, error: Exception) -> OutputError:
+    return OutputError(f"{what}: {getattr(error, 'strerror', None) or error}")

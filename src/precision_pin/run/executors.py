@@ -165,10 +165,10 @@ class _Process:
         context = multiprocessing.get_context("spawn")
         self._pipe, other_end = context.Pipe()
         self._process = context.Process(target=_serve, args=(other_end,), daemon=True)
-        # Ctrl-C goes to all processes of a terminal; this one, in a thread of ours, must not take it. The tracker, which
-        # the first process brings along, would unblock it again.
+        # Ctrl-C goes to all processes of a terminal, as other ends of it do; this one, in a thread of ours, must not take
+        # it. The tracker, which the first process brings along, would unblock it again.
         resource_tracker.ensure_running()
-        signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+        signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, signal.SIGTERM, signal.SIGHUP})
         self._process.start()
         other_end.close()  # so that it is closed when the process ends
 

@@ -1,0 +1,139 @@
+"""The command line read and run, and every way in which that can end as an exit code."""
+
+from __future__ import annotations
+
+import errno
+import importlib
+import signal
+import traceback
+
+import click
+
+from precision_pin.cli import COMMANDS, EXIT_INPUT, EXIT_INTERNAL, interrupts
+from precision_pin.cli.streams import prepare_streams, raise_if_output_lost
+from precision_pin.errors import Finding, InputError, InternalError
+
+__all__ = ["run"]
+
+
+class LateGroup(click.Group):
+    """A group that knows its commands by name and imports one only to run it."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        """Return the names, main command first."""
+        return list(COMMANDS)
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        """Import a command."""
+        if cmd_name not in COMMANDS:
+            return None
+        command: click.Command = importlib.import_module(f"precision_pin.cli.{cmd_name.replace('-', '_')}").command
+        return command
+
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        """Name the nearest command where there is none of that name."""
+        name = args[0] if args else ""
+        if name not in COMMANDS and not name.startswith("-"):
+            from precision_pin.errors import nearest
+
+            ctx.fail(f"no command named {name!r}; {nearest(name, COMMANDS)}")
+        return super().resolve_command(ctx, args)
+
+    def invoke(self, ctx: click.Context) -> object:
+        """Run the command; Ctrl-C ends it."""
+        try:
+            return super().invoke(ctx)
+        except KeyboardInterrupt:
+            raise _InterruptedError from None
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """List the commands without importing them."""
+        with formatter.section("Commands"):
+            formatter.write_dl(list(COMMANDS.items()))
+
+
+@click.group(cls=LateGroup, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110})
+@click.version_option(package_name="precision-pin")
+def cli() -> None:
+    """Accuracy budgets for robot arms: from a URDF and a sheet of error sources to the distribution of the
+    end-effector's pose error.
+
+    `precision-pin analyze` alone runs the paper's case. Data goes to stdout, progress and messages to stderr.
+    Exit codes: 0 done, 1 a specification is not met, 2 usage or bad input, 3 internal error, 130 interrupted,
+    143 terminated.
+    """  # noqa: D205
+
+
+def run() -> int:
+    """Run the command line and return its exit code; says what went wrong."""
+    prepare_streams()
+    interrupts.begin()
+    code = _code()
+    try:
+        raise_if_output_lost()
+    except InputError as error:
+        return code if code > EXIT_INPUT else _say(str(error), EXIT_INPUT)
+    return code
+
+
+def _code() -> int:
+    try:
+        code: int = cli.main(prog_name="precision-pin", standalone_mode=False) or 0
+        if interrupts.came() in (0, signal.SIGINT):  # Ctrl-C is the usual end of what is served
+            return code
+        return _interrupted(interrupts.came())
+    except (_InterruptedError, click.exceptions.Abort, KeyboardInterrupt):
+        return _interrupted(interrupts.came() or signal.SIGINT)
+    except click.exceptions.NoArgsIsHelpError as error:
+        error.show()
+        return EXIT_INPUT
+    except click.ClickException as error:
+        return _say(_usage_line(error), EXIT_INPUT)
+    except InputError as error:
+        return _say(str(error), EXIT_INPUT)
+    except Exception as error:  # noqa: BLE001 - the last resort
+        if interrupts.came():  # what a library made of it
+            return _interrupted(interrupts.came())
+        short = _shortage(error)
+        if short is not None:
+            return _say(str(Finding("error", "E_RESOURCES", short)), EXIT_INPUT)
+        # a bug is shown whole
+        what = error if isinstance(error, InternalError) else f"\n{traceback.format_exc()}"
+        return _say(f"internal error (a bug in precision-pin): {what}".replace(": \n", ":\n"), EXIT_INTERNAL)
+
+
+def _interrupted(number: int) -> int:
+    return _say(interrupts.NAMES[number], 128 + number)
+
+
+class _InterruptedError(Exception):
+    """Ctrl-C, kept from click, which would print an empty line for it."""
+
+
+def _usage_line(error: click.ClickException) -> str:
+    """Return a wrong command line's message as one line, with where help is."""
+    message = " ".join(error.format_message().split()).rstrip(".")
+    context = getattr(error, "ctx", None)
+    path = "precision-pin" if context is None else context.command_path
+    return f"{path}: error E_USAGE: {message}; see {path} --help"
+
+
+def _shortage(error: Exception) -> str | None:
+    """Return what the system did not give, where an error says so."""
+    text = str(error).casefold()
+    if isinstance(error, MemoryError):
+        return "there is not enough memory for this; fewer samples, poses or sources need less"
+    if isinstance(error, ImportError) and ("map segment" in text or "allocate" in text or "memory" in text):
+        return f"there is not enough memory to load the libraries ({' '.join(str(error).split())})"
+    if isinstance(error, RuntimeError) and "start new thread" in text:
+        return "the system lets no more threads start (a limit of processes or of memory; --threads 1 needs fewer)"
+    if isinstance(error, OSError) and error.errno in (errno.EMFILE, errno.ENFILE, errno.ENOMEM, errno.EAGAIN):
+        return f"{error.strerror}; a limit of this system or of this shell (ulimit -a)"
+    return None
+
+
+def _say(message: str, code: int) -> int:
+    click.echo(message, err=True)
+    return code

@@ -1,0 +1,90 @@
+"""Standard output and error that may be full, closed or gone.
+
+What goes wrong with them is kept until somebody asks, instead of coming out of every print, of the libraries' too, and of
+the interpreter when it ends. A message that cannot be shown is no reason to stop; data that cannot be is an error, unless
+its reader has gone, as ``head`` does, or there never was one.
+"""
+
+from __future__ import annotations
+
+import io
+import os
+import select
+import sys
+from contextlib import suppress
+from typing import Any, final
+
+from precision_pin.errors import OutputError
+
+__all__ = ["prepare_streams", "raise_if_output_lost"]
+
+
+@final
+class _Tolerant(io.RawIOBase):
+    """A descriptor that takes all there is to write, and forgets it after the first that failed."""
+
+    def __init__(self, descriptor: int) -> None:
+        self._descriptor = descriptor
+        self.error: OSError | None = None
+        self.told = False
+
+    def write(self, data: Any) -> int:
+        view = memoryview(data).cast("B")
+        while self.error is None:
+            try:
+                return os.write(self._descriptor, view)
+            except BlockingIOError:
+                select.select([], [self._descriptor], [])
+            except OSError as error:
+                self.error = error
+        return len(view)
+
+    def writable(self) -> bool:
+        return True
+
+    def fileno(self) -> int:
+        return self._descriptor
+
+    def isatty(self) -> bool:
+        return os.isatty(self._descriptor)
+
+
+def prepare_streams() -> None:
+    """Make stdout and stderr tolerant; what they cannot show of a name is escaped."""
+    for descriptor in range(3):
+        # a file that is opened later must not be taken for a stream, to which libraries write
+        try:
+            os.fstat(descriptor)
+        except OSError:
+            os.open(os.devnull, os.O_RDWR)
+    for name, descriptor in (("stdout", 1), ("stderr", 2)):
+        stream = getattr(sys, name)
+        if stream is None:
+            setattr(sys, name, io.TextIOWrapper(io.BufferedWriter(_Tolerant(descriptor)), "utf-8"))
+        elif type(stream) is io.TextIOWrapper and not isinstance(getattr(stream.buffer, "raw", None), _Tolerant):
+            with suppress(OSError):
+                if stream.fileno() == descriptor:
+                    lines = stream.line_buffering
+                    raw = _Tolerant(descriptor)
+                    setattr(sys, name, io.TextIOWrapper(io.BufferedWriter(raw), stream.encoding, line_buffering=lines))
+        if isinstance(getattr(sys, name), io.TextIOWrapper):
+            # names may hold what a terminal cannot show; that is no reason to stop
+            getattr(sys, name).reconfigure(errors="backslashreplace")
+
+
+def raise_if_output_lost() -> None:
+    """Raise what was wrong with the standard output, once, unless its reader has gone.
+
+    Raises
+    ------
+    OutputError
+        It could not be written.
+    """
+    with suppress(OSError, ValueError):
+        sys.stdout.flush()
+    raw = getattr(getattr(sys.stdout, "buffer", None), "raw", None)
+    if not isinstance(raw, _Tolerant) or raw.told:
+        return
+    if raw.error is not None and not isinstance(raw.error, BrokenPipeError):
+        raw.told = True
+        raise OutputError(f"cannot write to the standard output: {raw.error.strerror}")
