@@ -15,15 +15,16 @@ __all__ = ["pose_findings"]
 TRIED: Final = 64
 """Robots that are looked at for a spread."""
 MOST_NUMBERS: Final = 500
-"""Random numbers up to which the statics are tried too, for which every derivative is needed."""
+"""Random numbers up to which first order is looked at too, for which every derivative is needed."""
 _LARGEST_SQUARE: Final = 1e75
 _SEED: Final = 0
 
 
 def pose_findings(model: ErrorModel, pose: str, *, spread: bool = True) -> tuple[Finding, ...]:
-    """Return what an analysis at a pose would warn of, or refuse.
+    """Return what an analysis at a pose would say of the pose itself, and why it would refuse.
 
-    With more than 500 random numbers the statics are left to the analysis.
+    Of statics that are stretched the analysis alone warns: that is an assumption of the model, not a slip in the sheet. With
+    more than 500 random numbers some robots are tried, and first order is not.
 
     Parameters
     ----------
@@ -38,10 +39,8 @@ def pose_findings(model: ErrorModel, pose: str, *, spread: bool = True) -> tuple
         with np.errstate(over="raise"):
             at = model.at(pose)
             found = [*at.findings("exact")]
-            if at.space.size <= MOST_NUMBERS:
-                if max(np.abs(at.error_at_means).max() ** 2, np.abs(at.covariance).max()) > _LARGEST_SQUARE:
-                    raise OverflowError
-                found += model.statics_findings(at)
+            if at.space.size <= MOST_NUMBERS and _largest_square(at) > _LARGEST_SQUARE:
+                raise OverflowError
             if spread and not _varies(at):
                 message = "no source makes the error vary: every robot is alike, and no specification can be judged"
                 found.append(Finding("warning", "W_NOTHING_VARIES", message))
@@ -51,6 +50,10 @@ def pose_findings(model: ErrorModel, pose: str, *, spread: bool = True) -> tuple
     except InputError as error:
         return error.findings
     return tuple(found)
+
+
+def _largest_square(at: PoseModel) -> float:
+    return max(float(np.abs(at.error_at_means).max()) ** 2, float(np.abs(at.covariance).max()))
 
 
 def _varies(at: PoseModel) -> bool:

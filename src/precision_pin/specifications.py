@@ -43,7 +43,7 @@ def specification(text: str) -> Specification:
         unit = units.split(limit_text)[1]
         if not unit:
             raise UnitError(
-                f"the limit {limit_text} has no unit: '{limit_text} mm' limits the position, '{limit_text} mrad' the attitude"
+                f"{limit_text!r} has no unit: '{limit_text} mm' limits the position, '{limit_text} mrad' the attitude"
             )
         limit = units.parse(limit_text, units.LENGTH, units.ANGLE)
         required = _required(probability_text) if at else DEFAULT_PROBABILITY

@@ -48,7 +48,7 @@ QUANTITY_WORDS: Final = {
 } | {name: name for name in QUANTITIES}
 """What a user may call a quantity."""
 
-QUANTITY_PATTERN: Final = r"\|[^\W\d]++\||[^\W\d](?:[^\W\d]|\.(?=[^\W\d]))*+"
+QUANTITY_PATTERN: Final = r"\|[^\s|@]++\||[^\W\d](?:[^\W\d]|\.(?=[^\W\d]))*+"
 """Of a word that may be one of them: no digit, so that a number may follow without a blank."""
 
 _FORM: Final = re.compile(
