@@ -7,18 +7,19 @@ import math
 import unicodedata
 from collections.abc import Collection, Mapping
 from decimal import ROUND_CEILING, ROUND_FLOOR, ROUND_HALF_EVEN, Decimal
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 from precision_pin.mcpc import Mcpc
 from precision_pin.result import Analysis, Correlated
 from precision_pin.statistics import Distribution, SpecificationResult, format_inside
 from precision_pin.statistics.distribution import CONTENTS
-from precision_pin.tabular import ROUNDING, symbol, unit
+from precision_pin.tabular import ROUNDING, resting_on, symbol, unit
 
 if TYPE_CHECKING:
     from precision_pin.analyses.heading import Heading, PoseHeading
 
 __all__ = [
+    "NOTHING_VARIES",
     "aligned",
     "analysis_table",
     "inside",
@@ -29,6 +30,9 @@ __all__ = [
     "subject",
     "tolerance_bounds",
 ]
+
+NOTHING_VARIES: Final = "no source of the sheet makes it vary at this pose, so no tolerance was tried"
+"""Why there is nothing to judge."""
 
 _COLUMNS = ("mean", "std", "min", "max", "mode", 0.5, 0.95, 0.99, 0.9973)
 
@@ -59,6 +63,7 @@ def analysis_table(analysis: Analysis) -> str:
     ]
     lines += [line for group in analysis.correlations for line in _pairs(group)]
     lines += [_verdict(result) for result in analysis.summary.specifications]
+    lines += resting_on(analysis.assumed, analysis.sources)
     return "\n".join(lines)
 
 
@@ -158,12 +163,15 @@ def inside(result: SpecificationResult) -> tuple[str, str, str]:
 
 
 def _verdict(result: SpecificationResult) -> str:
-    share, low, high = inside(result)
-    return (
+    demand = (
         f"spec {result.quantity} within {1e3 * result.limit:.6g} {unit(result.quantity)} for "
-        f"{100 * result.required:.10g} %: {'MET' if result.met else 'NOT MET'} - {share} % inside, "
-        f"interval {low} to {high} %"
+        f"{100 * result.required:.10g} %: {result.verdict.upper()}"
     )
+    if result.verdict == "nothing to judge":
+        return f"{demand} - {NOTHING_VARIES}"
+    share, low, high = inside(result)
+    more = ": more samples decide it" if result.verdict == "undecided" else ""
+    return f"{demand} - {share} % inside, interval {low} to {high} %{more}"
 
 
 def mcpc_table(mcpc: Mcpc) -> str:
