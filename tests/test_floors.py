@@ -31,6 +31,7 @@ FLOORS = (
     "posture_loops",
     "postures",
     "chain",
+    "chain_findings",
     "mcpc",
     "terms",
     "sources",

@@ -128,7 +128,7 @@ def test_the_locks_hold_every_dependency_and_agree():
     run_time, tests = locked("requirements.lock"), locked("requirements-dev.lock")
     assert {plain(entry) for entry in project["dependencies"]} <= set(run_time)
     extras = project["optional-dependencies"]
-    wanted = {plain(entry) for extra in ("dev", "examples", "xarray") for entry in extras[extra]} - {"precision-pin"}
+    wanted = {plain(entry) for extra in ("dev", "xarray") for entry in extras[extra]} - {"precision-pin"}
     assert wanted <= set(tests)
     assert {name: tests.get(name) for name in run_time} == run_time
 

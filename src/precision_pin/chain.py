@@ -142,7 +142,8 @@ class Chain:
         if tip is None:
             if len(robot.leaves) != 1:
                 raise InputError(
-                    f"{robot.file} has {len(robot.leaves)} leaves; name one as the tip: {', '.join(sorted(robot.leaves))}"
+                    f"{robot.file} has {len(robot.leaves)} leaves; name one as the tip: {', '.join(sorted(robot.leaves))} "
+                    "(--tip, or tip: in a sheet)"
                 )
             tip = robot.leaves[0]
         robot.link(tip)

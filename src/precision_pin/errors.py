@@ -20,7 +20,7 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 __all__ = [
@@ -52,6 +52,9 @@ class Finding:
         What is wrong and what is allowed, one line.
     file, line
         Where, if known; lines count from 1.
+    subjects
+        The links and joints that a warning which lists several is about, as ``link 'name'``; all of them, where the
+        message may leave some out.
     """
 
     severity: Literal["error", "warning"]
@@ -59,6 +62,7 @@ class Finding:
     message: str
     file: str | None = None
     line: int | None = None
+    subjects: tuple[str, ...] = field(default=(), compare=False, repr=False)
 
     def __str__(self) -> str:
         where = self.file or "precision-pin"

@@ -2,18 +2,30 @@
 
 from __future__ import annotations
 
+import difflib
 import importlib.metadata
 import os
+from contextlib import suppress
 from pathlib import Path
 from typing import Final
 
 from precision_pin.errors import Finding, InputError, UnknownNameError, UrdfError
 
-__all__ = ["PAPER_SHEET", "example_urdfs", "resolve_robot", "shipped_sheet", "shipped_sheets"]
+__all__ = [
+    "PAPER_SHEET",
+    "example_urdfs",
+    "resolve_robot",
+    "shipped_sheet",
+    "shipped_sheets",
+    "similar_file",
+    "starting_sheet",
+]
 
 PREFIX: Final = "example:"
 ROBOTS: Final = Path(__file__).parent / "robots"
 SUFFIX: Final = ".errors.yaml"
+ROBOT_SUFFIXES: Final = (".urdf", ".xml")
+MOST_FILES: Final = 1000
 PAPER_SHEET: Final = ROBOTS / f"4dof{SUFFIX}"
 """The sheet of the paper's arm, beside its URDF."""
 
@@ -42,25 +54,72 @@ def resolve_robot(text: str, folder: str | os.PathLike[str] = ".") -> Path:
     Raises
     ------
     UrdfError
-        The text is empty.
+        The text is empty, or there is no such file; the message gives a robot that may be meant, if there is one.
     InputError
-        example-robot-data is not installed.
-    UnknownNameError
-        It has no such robot.
+        example-robot-data is not installed, or has no such robot.
     """
     if not text.strip():
         raise UrdfError([Finding("error", "E_FILE_MISSING", "the path of the robot is empty")])
-    if not text.startswith(PREFIX):
-        return Path(folder) / text
+    if text.startswith(PREFIX):
+        return _example(text.removeprefix(PREFIX))
+    path = Path(folder) / text
+    meant = None if os.path.lexists(path) else _meant(path)
+    if meant is not None:
+        message = f"there is no file {text!r}; did you mean {meant}?"
+        raise UrdfError([Finding("error", "E_FILE_MISSING", message, str(path))])
+    return path
+
+
+def _example(name: str) -> Path:
     known = example_urdfs()
     if not known:
         raise InputError(
-            f"{text}: the package example-robot-data is not installed (pip install 'precision-pin[examples]')"
+            f"{PREFIX}{name}: the package example-robot-data is not installed (pip install example-robot-data)"
         )
-    name = text.removeprefix(PREFIX)
-    if name not in known:
+    if name in known:
+        return known[name]
+    if not name:
+        raise InputError([Finding("error", "E_NAME", f"no example robot named ''; valid: {', '.join(known)}")])
+    folded = name.casefold()
+    longer = [other for other in known if folded in other.casefold()]
+    if not longer or folded in map(str.casefold, known):
         raise UnknownNameError("example robot", name, known)
-    return known[name]
+    message = f"no example robot named {name!r}; did you mean one of {', '.join(PREFIX + other for other in longer)}?"
+    raise InputError([Finding("error", "E_NAME", message)])
+
+
+def _meant(path: Path) -> str | None:
+    """Return what a robot that is not there may have been meant for: ``example:NAME``, or a file beside it."""
+    name = path.name.casefold().removesuffix(ROBOT_SUFFIXES[0]).removesuffix("_robot")
+    examples = {known.casefold(): PREFIX + known for known in example_urdfs()}
+    if name in examples:
+        return examples[name]
+    close = difflib.get_close_matches(name, examples, n=1) if not path.suffix and len(name) < 64 else []
+    return similar_file(path, ROBOT_SUFFIXES) or (examples[close[0]] if close else None)
+
+
+def similar_file(path: Path, suffixes: tuple[str, ...]) -> str | None:
+    """Return the file in the same folder whose name is most like one that is not there, None if none is.
+
+    Parameters
+    ----------
+    path
+        What is not there.
+    suffixes
+        How the names of those that count end.
+    """
+    names: list[str] = []
+    with suppress(OSError, ValueError), os.scandir(path.parent) as entries:
+        for _, entry in zip(range(MOST_FILES), entries, strict=False):
+            if entry.name.endswith(suffixes) and entry.is_file():
+                names.append(entry.name)
+    close = difflib.get_close_matches(path.name, sorted(names), n=1) if len(path.name) < 256 else []
+    return str(path.with_name(close[0])) if close else None
+
+
+def starting_sheet(robot: Path) -> str:
+    """Return the name of the sheet that ``init`` writes for a robot, into the folder where it runs."""
+    return robot.stem.removesuffix("_robot") + SUFFIX
 
 
 def shipped_sheets() -> dict[str, Path]:

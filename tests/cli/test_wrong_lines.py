@@ -84,7 +84,7 @@ WRONG = {
     "no tip where there are several": (("mcpc", "forked.urdf"), "2 leaves; name one as the tip: left, right"),
     "init without the tip it needs": (("init", "forked.urdf"), "2 leaves; name one as the tip: left, right"),
     # files
-    "missing robot": ((*A, "nosuch.urdf"), "nosuch.urdf: error E_FILE: "),
+    "missing robot": ((*A, "nosuch.urdf"), "nosuch.urdf: error E_FILE_MISSING: there is no file"),
     "missing robot with a sheet": ((*A, "nosuch.urdf", PAPER), "nosuch.urdf: error E_"),
     "missing sheet": ((*A, "nosuch.yaml"), "nosuch.yaml: error E_FILE: the sheet does not exist"),
     "missing robot for mcpc": (("mcpc", "nosuch.urdf"), "nosuch.urdf: error E_"),

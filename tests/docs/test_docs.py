@@ -4,7 +4,8 @@ In a page's ``python`` blocks, which share one namespace, ``# → text`` behind 
 ``console`` block every ``$`` line is a ``precision-pin`` command, ``# exit N`` behind it its exit code if not 0, and the
 lines below it, if any, what it prints (``...`` for anything). A ``yaml`` block with ``# file: NAME`` at its top is
 that file; any other is part of a sheet of the paper's arm. An ``xml`` block is the file that its first line names. Every
-page runs in a folder with the paper's arm and sheet.
+page runs in a folder with the paper's arm and sheet, and with nothing installed but what the first set-up line installs,
+unless it names an extra (``precision-pin[xarray]``).
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ import ast
 import contextlib
 import doctest
 import importlib
+import importlib.metadata
 import importlib.util
 import io
 import itertools
@@ -21,6 +23,7 @@ import re
 import shlex
 import shutil
 import sys
+import tomllib
 import types
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -30,6 +33,7 @@ import pytest
 
 from precision_pin import cli
 from precision_pin.errors import InputError
+from precision_pin.examples import example_urdfs
 from precision_pin.kernel import BLOCK
 from precision_pin.model import ErrorModel
 from precision_pin.parameters import MOST_OPERATIONS
@@ -44,6 +48,7 @@ DOCS = ROOT / "docs"
 PAGES = {path.relative_to(ROOT).as_posix(): path for path in (ROOT / "README.md", *sorted(DOCS.glob("*.md")))}
 LANGUAGES = {"python", "console", "yaml", "xml", "text"}
 HEAD = {"precision-pin": "1", "robot": "4dof.urdf", "tip": "tool"}
+OF_THE_RUNNER = {"pytest", "_pytest", "pluggy", "iniconfig", "xdist", "execnet"}
 SAME = doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE
 
 
@@ -85,8 +90,77 @@ def folder(tmp_path, monkeypatch) -> Path:
     return tmp_path
 
 
+@dataclass(frozen=True)
+class Hidden:
+    """A finder that has none of these modules, and stands before those that have."""
+
+    modules: set[str]
+
+    def find_spec(self, name: str, path: object = None, target: object = None) -> None:
+        if name.partition(".")[0] in self.modules:
+            raise ModuleNotFoundError(f"No module named {name!r}", name=name)
+
+
+def plain(name: str) -> str:
+    """Return the name of a distribution as PyPI normalises it."""
+    return re.sub(r"[-_.]+", "-", name).lower()
+
+
+def locked() -> set[str]:
+    """Return the names of the distributions that the first set-up line installs."""
+    text = (ROOT / "requirements.lock").read_text(encoding="utf-8")
+    return {"precision-pin", *re.findall(r"^([a-z0-9-]+)==", text, re.MULTILINE)}
+
+
+def set_up_like_a_reader(page: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Hide what the tests have installed and the first set-up line has not, unless the page names an extra."""
+    if re.search(r"precision-pin\[\w+\]", PAGES[page].read_text(encoding="utf-8")):
+        return
+    here, found = locked(), importlib.metadata.distribution
+
+    def distribution(name: str) -> importlib.metadata.Distribution:
+        if plain(name) not in here:
+            raise importlib.metadata.PackageNotFoundError(name)
+        return found(name)
+
+    hidden = {
+        module
+        for module, owners in importlib.metadata.packages_distributions().items()
+        if module not in OF_THE_RUNNER and not {plain(owner) for owner in owners} & here
+    }
+    for module in [name for name in sys.modules if name.partition(".")[0] in hidden]:
+        monkeypatch.delitem(sys.modules, module)
+    monkeypatch.setattr(sys, "meta_path", [Hidden(hidden), *sys.meta_path])
+    monkeypatch.setattr(importlib.metadata, "distribution", distribution)
+
+
+def test_a_reader_has_the_examples_and_not_what_only_the_tests_need(monkeypatch):
+    set_up_like_a_reader("README.md", monkeypatch)
+    assert example_urdfs()
+    with pytest.raises(ModuleNotFoundError):
+        importlib.import_module("xarray")
+    with pytest.raises(importlib.metadata.PackageNotFoundError):
+        importlib.metadata.distribution("hypothesis")
+
+
+def test_the_package_imports_nothing_that_is_neither_locked_nor_an_extra():
+    # Pinocchio is found by a path of its own, this package by its sources
+    owners = importlib.metadata.packages_distributions() | {"precision_pin": ["precision-pin"], "pinocchio": ["pin"]}
+    here = locked()
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    extras = " ".join(itertools.chain.from_iterable(project["optional-dependencies"].values()))
+    for path in (ROOT / "src" / "precision_pin").rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            names = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
+            names += [node.module or ""] if isinstance(node, ast.ImportFrom) and not node.level else []
+            for name in {name.partition(".")[0] for name in names} - sys.stdlib_module_names:
+                homes = set(map(plain, owners.get(name, [])))
+                assert homes & here or any(home in extras for home in homes), f"{path}: {name} is in no lock"
+
+
 @pytest.mark.parametrize("page", PAGES)
 def test_every_block_runs(page, folder, monkeypatch):
+    set_up_like_a_reader(page, monkeypatch)
     module = types.ModuleType(f"page_{re.sub(r'[^a-z]', '_', page)}")
     monkeypatch.setitem(sys.modules, module.__name__, module)
     for block in blocks(page):
@@ -339,11 +413,27 @@ def paths(value: object, path: str = "") -> Iterator[str]:
         yield path
 
 
-def test_codes_of_findings_exist():
+def test_every_code_has_a_row_and_every_row_a_code():
+    used: dict[str, str] = {}
+    for path in sorted((ROOT / "src" / "precision_pin").rglob("*.py")):
+        for code in re.findall(r"""["']([EW]_[A-Z0-9_]+)["']""", path.read_text(encoding="utf-8")):
+            used.setdefault(code, path.relative_to(ROOT).as_posix())
+    text = (DOCS / "codes.md").read_text(encoding="utf-8")
+    listed: list[str] = []
+    for cells in re.findall(r"^\| (`[EW]_.*?) \|", text, re.MULTILINE):
+        listed += re.findall(r"`([EW]_[A-Z0-9_]+)`", cells)
+    new = {code: path for code, path in used.items() if code not in listed}
+    assert not new, f"docs/codes.md has no row for {new}; say there what each means and what to do"
+    gone = [code for code in listed if code not in used]
+    assert not gone, f"docs/codes.md has rows for {gone}, which no file of the package uses"
+    assert len(listed) == len(set(listed)), "docs/codes.md has two rows for one code"
+
+
+def test_every_code_in_the_prose_exists():
     source = "".join(path.read_text(encoding="utf-8") for path in (ROOT / "src" / "precision_pin").rglob("*.py"))
-    for cells in rows("sheet.md", "code"):
-        for code in re.findall(r"[EW]_\w+", cells[0]):
-            assert f'"{code}"' in source, code
+    for page, path in PAGES.items():
+        for code in re.findall(r"`([EW]_[A-Z0-9_]+)`", path.read_text(encoding="utf-8")):
+            assert f'"{code}"' in source, f"{page}: {code}"
 
 
 def test_limits_in_the_prose_are_those_of_the_code():

@@ -21,7 +21,9 @@ from precision_pin.cli.common import (
     spec_option,
 )
 from precision_pin.cli.interrupts import raise_if_interrupted, unwinding
+from precision_pin.cli.notes import echo_note
 from precision_pin.cli.progress import compile_sampler, progress_bar
+from precision_pin.cli.targets import folder_target
 from precision_pin.cli.writing import echo_data, require_writable, whole_folder, write_text
 
 if TYPE_CHECKING:
@@ -93,10 +95,7 @@ def command(
         require_writable(Path(json_path))
         if journal is not None and os.path.realpath(journal) == os.path.realpath(json_path):
             raise click.UsageError("--journal and --json name the same file")
-    if out is not None:
-        if not out:
-            raise click.UsageError("--out names no folder")
-        require_writable(Path(out), folder=True)
+    folder = None if out is None else folder_target(out, json=True)
     sheet = read_sheet(arm["inputs"], arm["tip"], arm["base"], arm["package_dirs"])
     error_model = ErrorModel.from_sheet(sheet)
     where = chosen_pose(sheet, arm["pose"], arm["q"])
@@ -110,21 +109,21 @@ def command(
                     error_model, where, samples=samples, seed=seed, model=model, specifications=specifications,
                     until=until, findings=sheet.findings, threads=threads, processes=processes, executor=executor,
                     tasks_under_way=under_way, journal=journal, resume=resume, files={"sheet": sheet.file},
-                    progress=progress, tell=_say,
+                    progress=progress, tell=echo_note,
                 )  # fmt: skip
                 raise_if_interrupted()
         except KeyboardInterrupt as interrupt:
             for note in getattr(interrupt, "__notes__", ()):
-                _say(f"{note}; the same command with --resume goes on from there")
+                click.echo(f"{note}; the same command with --resume goes on from there", err=True)
             raise
     for line in analysis.warnings[len(sheet.findings) :]:
         click.echo(line, err=True)
     echo_data(analysis.to_json() if json_path == "-" else analysis_table(analysis))
     if json_path is not None and json_path != "-":
         write_text(Path(json_path), analysis.to_json() + "\n")
-    if out is not None:
-        _write_folder(analysis, Path(out))
-        click.echo(f"wrote {out}: analysis.json, position, attitude and components as PNG and SVG", err=True)
+    if folder is not None:
+        _write_folder(analysis, folder)
+        echo_note(f"wrote {out}: analysis.json, position, attitude and components as PNG and SVG")
     return 0 if all(result.met for result in analysis.summary.specifications) else EXIT_SPEC
 
 
@@ -133,10 +132,6 @@ def _check_together(workers: dict[str, object]) -> None:
     asked = [name for name, value in workers.items() if value is not None]
     if len(asked) > 1:
         raise click.UsageError(f"{' and '.join(asked)} exclude each other")
-
-
-def _say(line: str) -> None:
-    click.echo(line, err=True)
 
 
 def _write_folder(analysis: Analysis, folder: Path) -> None:

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING
 import click
 
 from precision_pin.cli import EXIT_INPUT
-from precision_pin.cli.common import Command, chain_options, find_inputs
+from precision_pin.cli.common import Command, chain_options, find_inputs, read_inputs
+from precision_pin.cli.notes import echo_note, quiet_option
 from precision_pin.cli.writing import echo_data
 from precision_pin.errors import Finding, InputError
 
@@ -22,6 +23,7 @@ __all__ = ["command"]
 @click.command("check", cls=Command)
 @click.argument("inputs", nargs=-1, metavar="[ROBOT.urdf] [SHEET.yaml]")
 @chain_options
+@quiet_option
 @click.option("--json", "as_json", is_flag=True, help="Print the findings as JSON.")
 def command(
     inputs: tuple[str, ...], tip: str | None, base: str | None, package_dirs: tuple[str, ...], as_json: bool
@@ -41,7 +43,7 @@ def command(
         if findings:
             echo_data("\n".join(map(str, findings)))
         if not errors:
-            click.echo(f"no errors, {len(findings)} warning{'' if len(findings) == 1 else 's'}", err=True)
+            echo_note(f"no errors, {len(findings)} warning{'' if len(findings) == 1 else 's'}")
     return EXIT_INPUT if errors else 0
 
 
@@ -60,10 +62,8 @@ def _findings(
         if (tip is None and base is None) or any(finding.severity == "error" for finding in findings):
             return findings
         return findings + _chain_findings(found.robot, tip, base)
-    from precision_pin.sheet import Overrides, read
-
     try:
-        sheet = read(found.sheet, overrides=Overrides(found.robot, tip, base, package_dirs))
+        sheet = read_inputs(found, tip, base, package_dirs)
     except InputError as error:
         return error.findings
     return sheet.findings + _pose_findings(sheet)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shlex
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,8 +11,9 @@ from typing import TYPE_CHECKING, Any, Final, TypedDict, TypeVar, final
 
 import click
 
+from precision_pin.cli.notes import echo_note, quiet_option
 from precision_pin.errors import Finding, InputError
-from precision_pin.examples import PAPER_SHEET, resolve_robot, shipped_sheet
+from precision_pin.examples import PAPER_SHEET, resolve_robot, shipped_sheet, similar_file, starting_sheet
 
 if TYPE_CHECKING:
     import numpy as np
@@ -32,17 +34,21 @@ __all__ = [
     "model_option",
     "one_pose_options",
     "q_option",
+    "read_inputs",
     "read_sheet",
     "seed_option",
     "spec_option",
 ]
+
+SHEET_SUFFIXES: Final = (".yaml", ".yml")
+MOST_LEAVES: Final = 6
 
 Decorated = TypeVar("Decorated", bound=Callable[..., Any])
 
 
 @final
 class Command(click.Command):
-    """A command that refuses an option given twice where one is meant, instead of taking the last in silence."""
+    """A command that refuses an option given twice where one is meant, and more than one robot and one sheet."""
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         """Read the arguments.
@@ -50,7 +56,7 @@ class Command(click.Command):
         Raises
         ------
         UsageError
-            An option with one value is given more than once.
+            An option with one value is given more than once, or there are more than two inputs.
         """
         if not ctx.resilient_parsing:
             order = self.make_parser(ctx).parse_args(list(args))[2]
@@ -59,7 +65,11 @@ class Command(click.Command):
                 if isinstance(option, click.Option) and not (option.multiple or option.is_flag) and times > 1:
                     message = f"{option.opts[0]} is given {times} times; {ctx.command_path} takes one"
                     raise click.UsageError(message, ctx)
-        return super().parse_args(ctx, args)
+        left = super().parse_args(ctx, args)
+        if len(ctx.params.get("inputs") or ()) > 2:
+            # before what an unquoted option value left behind is taken for the value
+            raise click.UsageError(_too_many(ctx.params["inputs"]), ctx)
+        return left
 
 
 @final
@@ -120,7 +130,7 @@ spec_option: Final = click.option(
 def one_pose_options(command: Decorated) -> Decorated:
     """Add the options of :class:`OnePoseOptions`."""
     pose = click.option("--pose", metavar="NAME", help="One of the sheet's poses; the first if left out.")
-    for option in (chain_options, q_option, pose, inputs_argument):
+    for option in (quiet_option, chain_options, q_option, pose, inputs_argument):
         command = option(command)
     return command
 
@@ -128,38 +138,57 @@ def one_pose_options(command: Decorated) -> Decorated:
 def find_inputs(arguments: Sequence[str], *, sheet_needed: bool) -> Inputs:
     """Return which of the arguments is the robot and which the sheet; with none, the paper's.
 
-    A robot alone goes with the sheet beside it, or, as ``example:NAME``, with the one that comes with this package, which
-    is then named on stderr.
+    A robot alone goes with the sheet beside it, or the one of its name in the working folder, where ``init`` writes it, or,
+    as ``example:NAME``, with the one that comes with this package; stderr says so for all but the first.
 
     Raises
     ------
     InputError
-        More than one of either, or a robot without a sheet where one is needed.
+        More than one of either, one that is not there, or a robot without a sheet where one is needed.
     """
     if not arguments:
         return Inputs(None, PAPER_SHEET)
-    sheets = [text for text in arguments if Path(text).suffix.lower() in (".yaml", ".yml")]
+    sheets = [text for text in arguments if Path(text).suffix.lower() in SHEET_SUFFIXES]
     robots = [text for text in arguments if text not in sheets]
     if len(robots) > 1 or len(sheets) > 1:
-        raise InputError(f"one robot and one sheet are expected, got {' '.join(arguments)}")
+        raise InputError(_too_many(arguments))
     robot = resolve_robot(robots[0]) if robots else None
     if sheets:
         return Inputs(robot, Path(sheets[0]))
     assert robot is not None
-    if not sheet_needed:
-        return Inputs(robot, None)
+    return Inputs(robot, _sheet_of(robots[0], robot) if sheet_needed else None)
+
+
+def _too_many(arguments: Sequence[str]) -> str:
+    return (
+        f"one robot and one sheet are expected, got {' '.join(arguments)}; a sheet's name ends in .yaml, and values with "
+        'blanks need quotes, as in --q "0 90 deg"'
+    )
+
+
+def _sheet_of(name: str, robot: Path) -> Path:
+    """Return the sheet that a robot alone goes with; a file that is no URDF is refused as such before any sheet is missed."""
+    from precision_pin import urdf
+
     if not os.path.isfile(robot):
-        raise InputError([Finding("error", "E_FILE", "the robot is not there, or is no file", str(robot))])
-    beside = robot.with_suffix(".errors.yaml")
-    if beside.is_file():
-        return Inputs(robot, beside)
-    shipped = shipped_sheet(robots[0])
+        urdf.read(robot)
+    beside, here = robot.with_suffix(".errors.yaml"), Path(starting_sheet(robot))
+    if os.path.isfile(beside):
+        if os.path.isfile(here) and not here.samefile(beside):
+            echo_note(f"{name}: with the sheet beside it, {beside}, not {here} of this folder")
+        return beside
+    if os.path.isfile(here):
+        echo_note(f"{name}: with the sheet of this folder, {here}")
+        return here
+    shipped = shipped_sheet(name)
     if shipped is not None:
-        click.echo(f"{robots[0]}: with the sheet that comes with precision-pin, {shipped}", err=True)
-        return Inputs(robot, shipped)
+        echo_note(f"{name}: with the sheet that comes with precision-pin, {shipped}")
+        return shipped
+    leaves = urdf.read(robot).leaves
+    branched = f" --tip TIP, with TIP one of {', '.join(leaves[:MOST_LEAVES])}" if len(leaves) > 1 else ""
     raise InputError(
-        f"no sheet of error sources for {robots[0]}; write one with: precision-pin init {robots[0]} "
-        f"(or name it; {beside.name} beside the robot is found by itself)"
+        f"no sheet of error sources for {name}; write one, which is then found by itself: "
+        f"precision-pin init {shlex.quote(name)}{branched}"
     )
 
 
@@ -171,13 +200,50 @@ def read_sheet(arguments: Sequence[str], tip: str | None, base: str | None, pack
     InputError
         Anything in them is wrong.
     """
-    from precision_pin.sheet import Overrides, read
-
-    found = find_inputs(arguments, sheet_needed=True)
-    assert found.sheet is not None
-    sheet = read(found.sheet, overrides=Overrides(found.robot, tip, base, package_dirs))
+    sheet = read_inputs(find_inputs(arguments, sheet_needed=True), tip, base, package_dirs)
     echo_findings(sheet.findings)
     return sheet
+
+
+def read_inputs(found: Inputs, tip: str | None, base: str | None, package_dirs: tuple[str, ...]) -> Sheet:
+    """Read the sheet of a command line, with its robot if one is given.
+
+    Raises
+    ------
+    InputError
+        Anything in them is wrong; first that the sheet is of another robot, if it names joints or links that this has not.
+    """
+    from precision_pin.sheet import Overrides, read
+
+    assert found.sheet is not None
+    if not os.path.lexists(found.sheet):
+        similar = similar_file(found.sheet, SHEET_SUFFIXES)
+        hint = f"did you mean {similar}?" if similar else "precision-pin init ROBOT.urdf writes one"
+        raise InputError([Finding("error", "E_FILE", f"the sheet does not exist; {hint}", str(found.sheet))])
+    try:
+        return read(found.sheet, overrides=Overrides(found.robot, tip, base, package_dirs))
+    except InputError as error:
+        own = _other_robot(found) if any(finding.code == "E_NAME" for finding in error.findings) else None
+        if own is None:
+            raise
+        message = f"this is a sheet of {own}, not of {found.robot}, which has not all of its joints and links"
+        raise InputError([Finding("error", "E_OTHER_ROBOT", message, str(found.sheet)), *error.findings]) from None
+
+
+def _other_robot(found: Inputs) -> str | None:
+    """Return what a sheet names as its robot, None where that is the one of the command line or cannot be told."""
+    from precision_pin.sheet.text import read_text
+
+    if found.sheet is None or found.robot is None:
+        return None
+    try:
+        data = read_text(found.sheet.read_text(encoding="utf-8-sig"), str(found.sheet)).data
+        named = str(data["robot"]) if isinstance(data, dict) else ""
+        own = resolve_robot(named, found.sheet.parent)
+        same = own.samefile(found.robot) if own.exists() else own.name == found.robot.name
+    except (InputError, KeyError, OSError, ValueError):
+        return None
+    return None if same else repr(named)
 
 
 def echo_findings(findings: Sequence[Finding]) -> None:

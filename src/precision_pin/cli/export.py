@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import csv
 import io
+import math
 import os
+import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Final, Unpack
 
@@ -19,9 +21,11 @@ from precision_pin.cli.common import (
     read_sheet,
     seed_option,
 )
+from precision_pin.cli.notes import echo_note
 from precision_pin.cli.progress import progress_bar
-from precision_pin.cli.writing import require_writable, whole_folder, write_text
-from precision_pin.errors import Finding, InputError
+from precision_pin.cli.targets import folder_target
+from precision_pin.cli.writing import whole_folder, write_text
+from precision_pin.errors import Finding, InputError, OutputError
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -31,6 +35,14 @@ if TYPE_CHECKING:
 __all__ = ["command"]
 
 MOST_UNITS: Final = 100_000
+FEW_UNITS: Final = 100
+"""Units that are written without an estimate."""
+TRIALS: Final = 4
+ROW: Final = 300
+"""Bytes of a row of the table."""
+LONG: Final = 10.0
+LARGE: Final = 100_000_000
+"""From how many seconds or bytes on an estimate is told."""
 HEAD: Final = ("unit", "file", "x_m", "y_m", "z_m", "rx_rad", "ry_rad", "rz_rad", "sha256")
 
 
@@ -56,16 +68,15 @@ def command(units: int, first: int, seed: int, out: str, **arm: Unpack[OnePoseOp
         raise InputError(f"--units {units}: from 1 to {MOST_UNITS} robots can be written")
     if not 0 <= first <= 2**64 - units:
         raise InputError(f"--first {first}: units {first} to {first + units - 1} do not exist, from 0 to 2^64 - 1")
-    if not out:
-        raise click.UsageError("--out names no folder")
-    folder = Path(out)
-    require_writable(folder, folder=True)
+    folder = folder_target(out, json=False)
     sheet = read_sheet(arm["inputs"], arm["tip"], arm["base"], arm["package_dirs"])
     model = ErrorModel.from_sheet(sheet)
     writer = AsBuilt.prepare(model, chosen_pose(sheet, arm["pose"], arm["q"]), sheet=Path(sheet.file).name)
     echo_findings((*writer.at.findings("exact"), *model.statics_findings(writer.at)))
     robot = Path(sheet.chain.robot.file)
     echo_findings((*_added(writer), *_lost_meshes(writer, robot.parent, folder)))
+    if units > FEW_UNITS:
+        _estimate(writer, seed, first, units, folder)
     digits = max(4, len(str(first + units - 1)))
     table = io.StringIO()
     rows = csv.writer(table, lineterminator="\n")
@@ -79,7 +90,46 @@ def command(units: int, first: int, seed: int, out: str, **arm: Unpack[OnePoseOp
             progress(1)
         write_text(stage / "units.csv", table.getvalue())
     more = f" to {names[-1]}" if units > 1 else ""
-    click.echo(f"wrote {out}: units.csv, {names[0]}{more}", err=True)
+    echo_note(f"wrote {out}: units.csv, {names[0]}{more}")
+
+
+def _estimate(writer: AsBuilt, seed: int, first: int, units: int, folder: Path) -> None:
+    """Tell how long the units take and how much they fill, where that is much.
+
+    Raises
+    ------
+    OutputError
+        The disk has not so much room.
+    """
+    seconds, largest = math.inf, 0
+    started = time.perf_counter()
+    for built in writer.units(seed, first, TRIALS):
+        # the first ones also prepare what the others share
+        seconds = min(seconds, time.perf_counter() - started)
+        largest = max(largest, len(built.text))
+        started = time.perf_counter()
+    home = next(path for path in (folder.absolute(), *folder.absolute().parents) if path.is_dir())
+    disk = os.statvfs(home)
+    taken = units * (math.ceil(largest / disk.f_frsize) * disk.f_frsize + ROW)
+    free = disk.f_bavail * disk.f_frsize
+    what = f"{units:,} robots take {_size(taken)}"
+    if taken > free or (disk.f_files > 0 and disk.f_favail <= units):
+        room = f"{_size(free)} are free" if taken > free else f"room for {disk.f_favail:,} files is left"
+        raise OutputError(
+            f"cannot write to the folder {folder}: {what}, and {room}; ask for fewer --units or another disk"
+        )
+    if taken >= LARGE or seconds * units >= LONG:
+        echo_note(f"{what} of {_size(free)} that are free, and some {_duration(seconds * units)}")
+
+
+def _size(size: float) -> str:
+    """Return a number of bytes as kB, MB or GB."""
+    unit, name = next(((unit, name) for unit, name in ((1e9, "GB"), (1e6, "MB")) if size >= unit), (1e3, "kB"))
+    return f"{size / unit:.0f} {name}" if size >= 10 * unit else f"{size / unit:.1f} {name}"
+
+
+def _duration(seconds: float) -> str:
+    return f"{seconds:.0f} s" if seconds < 100 else f"{seconds / 60:.0f} min"
 
 
 def _added(writer: AsBuilt) -> Iterator[Finding]:

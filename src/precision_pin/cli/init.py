@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import os
+import shlex
 from pathlib import Path
 
 import click
 
 from precision_pin.cli.common import Command, chain_options
+from precision_pin.cli.notes import echo_note, quiet_option
 from precision_pin.cli.writing import echo_data, require_writable, write_text
 from precision_pin.errors import OutputError
 
@@ -18,6 +20,7 @@ __all__ = ["command"]
 @click.argument("robot", metavar="ROBOT.urdf")
 @chain_options
 @click.option("--out", metavar="FILE", help="The sheet; ROBOT.errors.yaml in this folder if left out, - for stdout.")
+@quiet_option
 @click.option("--force", is_flag=True, help="Overwrite the sheet if it is there.")
 def command(
     robot: str, tip: str | None, base: str | None, package_dirs: tuple[str, ...], out: str | None, force: bool
@@ -28,12 +31,12 @@ def command(
     as it is: precision-pin analyze SHEET.
     """
     from precision_pin.chain import Chain
-    from precision_pin.examples import PREFIX, resolve_robot
+    from precision_pin.examples import PREFIX, resolve_robot, starting_sheet
     from precision_pin.outputs.scaffold import scaffold
     from precision_pin.urdf import read
 
     path = resolve_robot(robot)
-    target = Path(out) if out is not None else Path(f"{path.stem.removesuffix('_robot')}.errors.yaml")
+    target = Path(out) if out is not None else Path(starting_sheet(path))
     to_stdout = out == "-"
     if not to_stdout:
         require_writable(target)
@@ -48,7 +51,7 @@ def command(
         echo_data(text.removesuffix("\n"))
         return
     write_text(target, text)
-    click.echo(f"wrote {target}{what}; now: precision-pin analyze {target}", err=True)
+    echo_note(f"wrote {target}{what}; now: precision-pin analyze {shlex.quote(str(target))}")
 
 
 def _shipped(robot: str, tip: str | None, base: str | None) -> tuple[str | None, str]:

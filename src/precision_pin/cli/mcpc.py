@@ -7,7 +7,8 @@ import json
 
 import click
 
-from precision_pin.cli.common import Command, chain_options, echo_findings, find_inputs
+from precision_pin.cli.common import Command, chain_options, echo_findings, find_inputs, read_inputs
+from precision_pin.cli.notes import quiet_option
 from precision_pin.cli.writing import echo_data
 
 __all__ = ["command"]
@@ -16,6 +17,7 @@ __all__ = ["command"]
 @click.command("mcpc", cls=Command)
 @click.argument("inputs", nargs=-1, metavar="[ROBOT.urdf] [SHEET.yaml]")
 @chain_options
+@quiet_option
 @click.option("--json", "as_json", is_flag=True, help="Print the table as JSON, in rad and m.")
 def command(
     inputs: tuple[str, ...], tip: str | None, base: str | None, package_dirs: tuple[str, ...], as_json: bool
@@ -26,18 +28,17 @@ def command(
     """
     from precision_pin import mcpc, urdf
     from precision_pin.chain import Chain
+    from precision_pin.chain_findings import chain_findings
     from precision_pin.outputs.text import mcpc_table
 
     found = find_inputs(inputs, sheet_needed=False)
     if found.sheet is not None:
-        from precision_pin.sheet import Overrides, read
-
-        sheet = read(found.sheet, overrides=Overrides(found.robot, tip, base, package_dirs))
+        sheet = read_inputs(found, tip, base, package_dirs)
         chain, warnings = sheet.chain, sheet.findings
     else:
         assert found.robot is not None
-        robot = urdf.read(found.robot, package_dirs=package_dirs)
-        chain, warnings = Chain.from_robot(robot, tip, base), robot.findings
+        chain = Chain.from_robot(urdf.read(found.robot, package_dirs=package_dirs), tip, base)
+        warnings = chain_findings(chain)
     echo_findings(warnings)
     table = mcpc.from_chain(chain)
     if as_json:

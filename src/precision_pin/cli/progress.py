@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
-import click
-
 from precision_pin.cli.interrupts import raise_if_interrupted
+from precision_pin.cli.notes import echo_note, is_quiet
 
 __all__ = ["compile_sampler", "progress_bar"]
 
@@ -17,13 +16,16 @@ def compile_sampler() -> None:
     from precision_pin import kernel
 
     if not kernel.is_compiled():
-        click.echo("compiling the sampler, once on this machine: some 20 s", err=True)
+        echo_note("compiling the sampler, once on this machine: some 20 s")
         kernel.warm_up()
 
 
 @contextmanager
 def progress_bar(total: int, what: str, unit: str = "samples") -> Iterator[Callable[[int], None]]:
-    """Show progress on a terminal; yields what takes the steps, each of which an interrupt ends."""
+    """Show progress on a terminal, unless quiet; yields what takes the steps, each of which an interrupt ends."""
+    if is_quiet():
+        yield lambda _: raise_if_interrupted()
+        return
     from precision_pin.progress_bar import progress
 
     with progress(total, what, unit=unit) as step:

@@ -18,6 +18,8 @@ from precision_pin.cli.common import (
     read_sheet,
     seed_option,
 )
+from precision_pin.cli.notes import echo_note, quiet_option
+from precision_pin.cli.targets import folder_target
 from precision_pin.cli.writing import echo_data, require_writable, whole_folder, write_text
 from precision_pin.errors import Finding, InputError
 
@@ -75,6 +77,7 @@ class Question:
 def question_options(command: Decorated) -> Decorated:
     """Add the options of :class:`Shared`."""
     for option in (
+        quiet_option,
         click.option("--out", metavar="DIR", help="Write plots (PNG and SVG) and the result there."),
         click.option("--json", "json_path", metavar="FILE", help="Write the result as JSON; - prints it alone."),
         seed_option,
@@ -104,9 +107,7 @@ def ask(shared: Shared) -> Question:
     if shared["json_path"] not in (None, "-"):
         require_writable(Path(shared["json_path"]))
     if shared["out"] is not None:
-        if not shared["out"]:
-            raise click.UsageError("--out names no folder")
-        require_writable(Path(shared["out"]), folder=True)
+        folder_target(shared["out"], json=True)
     sheet = read_sheet(shared["inputs"], shared["tip"], shared["base"], shared["package_dirs"])
     poses = [chosen_pose(sheet, name, shared["q"]) for name in shared["pose_names"] or (None,)]
     return Question(sheet, ErrorModel.from_sheet(sheet), poses)
@@ -158,4 +159,4 @@ def answer(
         write_text(stage / f"{name}.json", result.to_json() + "\n")
         for k, file in enumerate(files):
             plots.save(figure(k), stage / file)
-    click.echo(f"wrote {out}: {name}.json, {', '.join(files)} as PNG and SVG", err=True)
+    echo_note(f"wrote {out}: {name}.json, {', '.join(files)} as PNG and SVG")

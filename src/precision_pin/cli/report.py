@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
-from pathlib import Path
 from typing import TYPE_CHECKING, Literal, Unpack, final
 
 import click
@@ -21,8 +20,10 @@ from precision_pin.cli.common import (
     seed_option,
     spec_option,
 )
+from precision_pin.cli.notes import echo_note
 from precision_pin.cli.progress import compile_sampler, progress_bar
-from precision_pin.cli.writing import require_writable, write_text
+from precision_pin.cli.targets import page_target
+from precision_pin.cli.writing import write_text
 
 if TYPE_CHECKING:
     from precision_pin.run import Progress
@@ -56,10 +57,7 @@ def command(
     check_samples(samples)
     check_seed(seed)
     specifications = [specification(text) for text in specs]
-    if not out:
-        raise click.UsageError("--out names no file")
-    target = Path(out)
-    require_writable(target)
+    target = page_target(out)
     package_dirs = arm["package_dirs"]
     sheet = read_sheet(arm["inputs"], arm["tip"], arm["base"], package_dirs)
     where = chosen_pose(sheet, arm["pose"], arm["q"])
@@ -91,7 +89,7 @@ def command(
     write_text(target, html)
     for line in results.analysis.warnings[len(sheet.findings) :]:
         click.echo(line, err=True)
-    click.echo(f"wrote {out} ({len(html.encode()) / 1e6:.1f} MB)", err=True)
+    echo_note(f"wrote {out} ({len(html.encode()) / 1e6:.1f} MB)")
     return 0 if all(result.met for result in results.analysis.summary.specifications) else EXIT_SPEC
 
 
@@ -106,7 +104,7 @@ class _Steps:
     @contextmanager
     def __call__(self, what: str, samples: int) -> Iterator[Progress]:
         self._done += 1
-        click.echo(f"{self._done}/{self._total} {what}", err=True)
+        echo_note(f"{self._done}/{self._total} {what}")
         with progress_bar(samples, what) as progress:
             yield progress
 

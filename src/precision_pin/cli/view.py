@@ -23,8 +23,9 @@ from precision_pin.cli.common import (
     seed_option,
 )
 from precision_pin.cli.interrupts import raise_if_interrupted, unwinding
+from precision_pin.cli.notes import echo_note, quiet_option
 from precision_pin.cli.progress import compile_sampler, progress_bar
-from precision_pin.cli.writing import require_writable
+from precision_pin.cli.targets import page_target
 from precision_pin.errors import Finding, InputError
 
 if TYPE_CHECKING:
@@ -63,6 +64,7 @@ CHUNK = 2**14
 @click.option("--out", metavar="PAGE.html", help="The page to write; served to this machine's browser if left out.")
 @click.option("--port", type=int, metavar="P", help="Where to serve it; any free port if left out.")
 @click.option("--no-browser", is_flag=True, help="Serve it, but open no browser.")
+@quiet_option
 def command(
     pose_names: tuple[str, ...],
     all_poses: bool,
@@ -101,8 +103,7 @@ def command(
     if out is not None and (port is not None or no_browser):
         option = "--no-browser" if port is None else "--port"
         raise InputError([Finding("error", "E_USAGE", f"{option} is for a page that is served, without --out")])
-    if out is not None:
-        require_writable(Path(out))
+    target = None if out is None else page_target(out)
 
     def read() -> Sheet:
         return read_sheet(arm["inputs"], arm["tip"], arm["base"], arm["package_dirs"])
@@ -119,14 +120,14 @@ def command(
         )
 
     sheet = read()
-    if out is None:
+    if target is None:
         files = [sheet.file, sheet.chain.robot.file, *([trajectory] if trajectory is not None else [])]
         with unwinding():
             _serve(page_of, sheet, read, [Path(file) for file in files], port or 0, open_browser=not no_browser)
         return
     text = page_of(sheet)
-    write_page(out, text)
-    click.echo(f"wrote {out} ({len(text.encode()) / 1e6:.1f} MB)", err=True)
+    write_page(target, text)
+    echo_note(f"wrote {out} ({len(text.encode()) / 1e6:.1f} MB)")
 
 
 @final

@@ -14,6 +14,7 @@ from pydantic import ValidationError
 
 from precision_pin import units
 from precision_pin.chain import EARTH, Chain
+from precision_pin.chain_findings import chain_findings
 from precision_pin.errors import Finding, InputError, SheetError, UrdfError, nearest
 from precision_pin.examples import resolve_robot
 from precision_pin.laws import Fixed
@@ -125,9 +126,8 @@ def read(
     findings.refuse()
     remark_on_sources(document, space, sources, findings)
     remark_on_poses(document, chain, findings)
-    found = (*chain.robot.findings, *findings.found)
-    # which of several leaves is meant is settled by now
-    warnings = tuple(finding for finding in found if finding.severity == "warning" and finding.code != "W_BRANCHED")
+    found = (*chain_findings(chain), *findings.found)
+    warnings = tuple(finding for finding in found if finding.severity == "warning")
     marked = tuple(rank for rank, k in enumerate(sources) if k in assumed)
     return Sheet(file, chain, space, tuple(sources.values()), poses, document.statics, warnings, marked)
 

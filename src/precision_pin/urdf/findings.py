@@ -68,7 +68,7 @@ class Findings:
         for (code, message), (line, names) in self._groups.items():
             listed = ", ".join(names[:MOST_NAMES])
             more = f" and {len(names) - MOST_NAMES} more" if len(names) > MOST_NAMES else ""
-            self.warning(code, f"{message} ({listed}{more})", line)
+            self._add("warning", code, f"{message} ({listed}{more})", line, tuple(names))
         self._groups = {}
         ordered = sorted(self._kept, key=lambda finding: finding.line or 0)
         for severity, code in (("error", "E_MORE"), ("warning", "W_MORE")):
@@ -78,7 +78,14 @@ class Findings:
                 ordered.append(Finding("error" if severity == "error" else "warning", code, message, self._file))
         return tuple(ordered)
 
-    def _add(self, severity: Literal["error", "warning"], code: str, message: str, line: int | None) -> None:
+    def _add(
+        self,
+        severity: Literal["error", "warning"],
+        code: str,
+        message: str,
+        line: int | None,
+        subjects: tuple[str, ...] = (),
+    ) -> None:
         self._count[severity] += 1
         if self._count[severity] <= MOST_FINDINGS:
-            self._kept.append(Finding(severity, code, message, self._file, line))
+            self._kept.append(Finding(severity, code, message, self._file, line, subjects))
