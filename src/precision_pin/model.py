@@ -8,17 +8,17 @@ from __future__ import annotations
 
 import itertools
 import os
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Final, Literal, TypeVar, cast, final
+from typing import Final, Literal, final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from precision_pin import se3
 from precision_pin.about_rest import terms_about_rest
-from precision_pin.chain import Chain, Factors, Load, Place, Posture
+from precision_pin.chain import Chain, Place, Posture
 from precision_pin.equilibrium import settle
 from precision_pin.errors import Finding, InputError, UnknownNameError
 from precision_pin.markup import Table, rendered
@@ -26,13 +26,12 @@ from precision_pin.sheet import Sheet
 from precision_pin.sheet import read as read_sheet
 from precision_pin.space import Draw, LabelledSpace, Space
 from precision_pin.table import TableLayout, TermTable
-from precision_pin.terms import Source, Term, labels, own_draws
+from precision_pin.terms import AskedSource, Source, Term, labels, own_draws
 from precision_pin.urdf import Joint
 
 __all__ = ["ErrorModel", "PoseModel", "TermTable"]
 
 Array = NDArray[np.float64]
-Said = TypeVar("Said")
 
 _AT_ONCE: Final = 4096
 """Poses whose joints are placed together."""
@@ -403,57 +402,12 @@ class ErrorModel:
         return PoseModel(posture, self.space, layout.at(posture, terms), terms)
 
     @cached_property
-    def _asked(self) -> tuple[_Asked, ...]:
+    def _asked(self) -> tuple[AskedSource, ...]:
         pairs = zip(self.sources, self.labels, strict=True)
-        return tuple(_Asked(source, LabelledSpace(self.space, label), self.chain) for source, label in pairs)
+        return tuple(AskedSource(source, LabelledSpace(self.space, label), self.chain) for source, label in pairs)
 
     def _make_terms(self, posture: Posture) -> tuple[Term, ...]:
         return tuple(itertools.chain.from_iterable(asked.terms(posture) for asked in self._asked))
-
-
-class _NeedsPosture(BaseException):
-    """A source reads of a posture what is not the same at all of them; no ``except Exception`` of its own hides it."""
-
-
-@final
-class _AnyPosture:
-    """Stands for a posture of which only the chain is known."""
-
-    def __init__(self, chain: Chain) -> None:
-        self.chain = chain
-
-    def __getattr__(self, name: str) -> object:
-        raise _NeedsPosture(name)
-
-
-@final
-class _Asked:
-    """A source, asked once only for what it says the same of every posture.
-
-    Whether it does is seen by asking it about a posture that tells no more than its chain. A source sees nothing else that
-    changes, and it makes the same of the same: it is frozen.
-    """
-
-    def __init__(self, source: Source, view: LabelledSpace, chain: Chain) -> None:
-        self._source, self._view = source, view
-        self._loads = self._of_any(source.loads, chain)
-        self._gravity = self._of_any(source.gravity, chain)
-        self._terms = self._of_any(source.terms, chain)
-
-    def loads(self, posture: Posture) -> Iterable[Load]:
-        return self._source.loads(posture, self._view) if self._loads is None else self._loads
-
-    def gravity(self, posture: Posture) -> Iterable[tuple[Array, Factors]]:
-        return self._source.gravity(posture, self._view) if self._gravity is None else self._gravity
-
-    def terms(self, posture: Posture) -> Iterable[Term]:
-        return self._source.terms(posture, self._view) if self._terms is None else self._terms
-
-    def _of_any(self, ask: Callable[[Posture, LabelledSpace], Iterator[Said]], chain: Chain) -> tuple[Said, ...] | None:
-        try:
-            return tuple(ask(cast("Posture", _AnyPosture(chain)), self._view))
-        except (_NeedsPosture, Exception):  # noqa: BLE001 - what is wrong with it comes up again at a posture
-            return None
 
 
 def _spread(at: PoseModel) -> tuple[float, float]:

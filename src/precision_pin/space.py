@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from enum import Enum
 from functools import cached_property
@@ -23,7 +23,7 @@ from precision_pin.errors import InputError, UnknownNameError
 from precision_pin.laws import FARTHEST_NORMAL, Fixed, Law
 from precision_pin.parameters import Component, Expression, Value
 
-__all__ = ["FARTHEST_NORMAL", "Draw", "LabelledSpace", "Scope", "Setting", "Space", "occasion"]
+__all__ = ["FARTHEST_NORMAL", "Draw", "Extension", "LabelledSpace", "Scope", "Setting", "Space", "occasion"]
 
 Array = NDArray[np.float64]
 
@@ -117,13 +117,12 @@ class Space:
     def __post_init__(self) -> None:
         names: set[str] = set()
         for draw in self.draws:
-            for name in {draw.name, *draw.components}:
-                if name in names or not name:
-                    raise InputError(f"two random numbers are named {name!r}; every draw needs a name of its own")
-                names.add(name)
+            _take_names(draw, names)
         self._check_correlations()
 
     def _check_correlations(self) -> None:
+        if not self.correlations:
+            return
         known = {draw.name: draw for draw in self.draws}
         taken: set[str] = set()
         for correlation in self.correlations:
@@ -215,11 +214,9 @@ class Space:
 
     def including(self, draws: Sequence[Draw]) -> Space:
         """Return the space with further draws; one that is there already, equal in all, is shared."""
-        known = {draw.name: draw for draw in self.draws}
-        for draw in draws:
-            if known.setdefault(draw.name, draw) != draw:
-                raise InputError(f"the draw {draw.name!r} is given twice with different laws or scopes")
-        return Space(tuple(known.values()), self.correlations)
+        extension = Extension(self)
+        extension.add(draws)
+        return extension.space()
 
     def parameter(self, name: str) -> Component:
         """Return the component of a name.
@@ -294,6 +291,58 @@ class Space:
         """Set the rows of correlated draws in ``x`` from independent normal numbers."""
         for name, scores in zip(correlation.names, correlation.mix(normals), strict=True):
             x[self.index[name]] = self._correlated[name].law.at_scores(scores[None])[0]
+
+
+def _take_names(draw: Draw, taken: set[str]) -> None:
+    own = {draw.name, *draw.components}
+    for name in own:
+        if name in taken or not name:
+            raise InputError(f"two random numbers are named {name!r}; every draw needs a name of its own")
+    taken |= own
+
+
+@final
+class Extension:
+    """Further draws for a space, added group by group, so that a group that cannot be added leaves the others be.
+
+    Parameters
+    ----------
+    space
+        What is extended.
+    """
+
+    def __init__(self, space: Space) -> None:
+        self._correlations = space.correlations
+        self._known = {draw.name: draw for draw in space.draws}
+        self._taken = {name for draw in space.draws for name in (draw.name, *draw.components)}
+
+    def add(self, draws: Iterable[Draw]) -> None:
+        """Add draws; one that is there already, equal in all, is shared.
+
+        Raises
+        ------
+        InputError
+            A draw of that name is there and differs, or one of another name has a component of that name. None of the
+            draws is added then.
+        """
+        added: dict[str, Draw] = {}
+        names: set[str] = set()
+        for draw in draws:
+            known = self._known.get(draw.name) or added.get(draw.name)
+            if known is None:
+                _take_names(draw, names)
+                added[draw.name] = draw
+            elif known != draw:
+                raise InputError(f"the draw {draw.name!r} is given twice with different laws or scopes")
+        shared = sorted(names & self._taken)
+        if shared:
+            raise InputError(f"two random numbers are named {shared[0]!r}; every draw needs a name of its own")
+        self._known |= added
+        self._taken |= names
+
+    def space(self) -> Space:
+        """Return the space with all that was added."""
+        return Space(tuple(self._known.values()), self._correlations)
 
 
 def check_seed(seed: int) -> None:
