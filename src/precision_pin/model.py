@@ -25,7 +25,7 @@ from precision_pin.markup import Table, rendered
 from precision_pin.sheet import Sheet
 from precision_pin.sheet import read as read_sheet
 from precision_pin.space import Draw, LabelledSpace, Space
-from precision_pin.table import TableLayout, TermTable
+from precision_pin.table import SlopeColumns, TableLayout, TermTable
 from precision_pin.terms import AskedSource, Source, Term, labels, own_draws
 from precision_pin.urdf import Joint
 
@@ -108,7 +108,10 @@ class PoseModel:
 
         Under gravity it is taken on the deflected arm, and differs from :meth:`linear`.
         """
-        return self.error_at_means, self.jacobian_parts.sum(axis=0)
+        jacobian = np.zeros((6, self.space.size))
+        for part in self.jacobian_parts:
+            jacobian[:, part.columns] += part.slopes
+        return self.error_at_means, jacobian
 
     @cached_property
     def error_at_means(self) -> Array:
@@ -116,24 +119,24 @@ class PoseModel:
         return self.exact(self.space.mean[:, None])[:, 0]
 
     @cached_property
-    def jacobian_parts(self) -> Array:
-        """What each target adds to the Jacobian of :attr:`tangent`, ``(K, 6, d)``; their sum is J."""
+    def jacobian_parts(self) -> tuple[SlopeColumns, ...]:
+        """What each target adds to the Jacobian of :attr:`tangent`; their sum is J."""
         table, mean = self.table, self.space.mean
         error = self.error_at_means
         moved = table.displacements(table.products(table.program.evaluate(mean[:, None])))[:, :, 0]
         tip = table.pose[:3, 3] + error[:3]
         turn = se3.left_jacobian_inverse(error[3:])
-        parts = np.zeros((len(table.targets), 6, self.space.size))
+        parts = []
         motion = np.eye(4)
         entries = zip(table.frames, moved, table.displacement_slopes(mean), strict=True)
-        for part, (frame, displacement, slope) in zip(parts, entries, strict=True):
-            turning = se3.left_jacobian(displacement[3:]) @ slope[3:]
-            twist = np.concatenate([slope[:3] + se3.skew(displacement[:3]) @ turning, turning])
+        for frame, displacement, local in entries:
+            turning = se3.left_jacobian(displacement[3:]) @ local.slopes[3:]
+            twist = np.concatenate([local.slopes[:3] + se3.skew(displacement[:3]) @ turning, turning])
             spatial = se3.adjoint(motion @ frame) @ twist
-            part[:3] = spatial[:3] - se3.skew(tip) @ spatial[3:]
-            part[3:] = turn @ spatial[3:]
+            slopes = np.concatenate([spatial[:3] - se3.skew(tip) @ spatial[3:], turn @ spatial[3:]])
+            parts.append(SlopeColumns(local.columns, slopes))
             motion = motion @ frame @ se3.displacement(displacement) @ se3.inverse(frame)
-        return parts
+        return tuple(parts)
 
     @property
     def jacobian(self) -> Array:
@@ -143,7 +146,7 @@ class PoseModel:
     @cached_property
     def covariance(self) -> Array:
         """Covariance of the tangent model, ``(6, 6)``: J Σ Jᵀ."""
-        return self.jacobian @ self.space.covariance @ self.jacobian.T
+        return self.space.block_covariance.between(self.jacobian, self.jacobian)
 
     def findings(self, model: str) -> tuple[Finding, ...]:
         """Return the warnings about this pose: limits and, for ``model`` "linear", superposition stretched."""

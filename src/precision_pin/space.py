@@ -18,9 +18,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from precision_pin import philox, special
-from precision_pin.correlation import Correlation, covariance_of
+from precision_pin.correlation import BlockCovariance, Correlation, covariance_of
 from precision_pin.errors import InputError, UnknownNameError
 from precision_pin.laws import FARTHEST_NORMAL, Fixed, Law
+from precision_pin.memory import check_memory
 from precision_pin.parameters import Component, Expression, Value
 
 __all__ = ["FARTHEST_NORMAL", "Draw", "Extension", "LabelledSpace", "Scope", "Setting", "Space", "occasion"]
@@ -181,31 +182,65 @@ class Space:
         return np.concatenate([np.zeros(0), *(draw.law.mean_vector for draw in self.draws)])
 
     @cached_property
-    def covariance(self) -> Array:
-        """Covariance of the components, ``(d, d)``."""
-        from scipy.linalg import block_diag  # late: it takes a while, and sampling does not need it
-
-        if not self.draws:
-            return np.zeros((0, 0))
-        matrix: Array = block_diag(*(draw.law.covariance for draw in self.draws))
-        laws = {draw.name: draw.law for draw in self.draws}
+    def block_covariance(self) -> BlockCovariance:
+        """Covariance of the components, in blocks of those that depend on one another."""
+        found = [draw.law.covariance for draw in self.draws]
+        variances = np.concatenate([np.zeros(0), *map(np.diag, found)])
+        blocks = [
+            (np.arange(columns.start, columns.stop), matrix)
+            for matrix, columns in zip(found, self.slices, strict=True)
+            if len(matrix) > 1
+        ]
+        laws = {draw.name: draw.law for draw in self.draws} if self.correlations else {}
         for correlation in self.correlations:
+            columns = np.array([self.index[name] for name in correlation.names])
+            matrix = np.diag(variances[columns])
             for (i, a), (j, b) in itertools.combinations(enumerate(correlation.names), 2):
-                value = covariance_of(laws[a], laws[b], correlation.matrix[i][j])
-                matrix[self.index[a], self.index[b]] = matrix[self.index[b], self.index[a]] = value
-        return matrix
+                matrix[i, j] = matrix[j, i] = covariance_of(laws[a], laws[b], correlation.matrix[i][j])
+            blocks.append((columns, matrix))
+        return BlockCovariance(variances, tuple(blocks))
+
+    @property
+    def covariance(self) -> Array:
+        """Covariance of the components, ``(d, d)``.
+
+        Raises
+        ------
+        InputError
+            There are so many that there is not memory enough.
+        """
+        self._check_dense("covariance")
+        return self._covariance
+
+    @cached_property
+    def _covariance(self) -> Array:
+        return self.block_covariance.dense
 
     @cached_property
     def pearson(self) -> Array:
         """Pearson correlation of the components, ``(d, d)``: what follows from laws and correlations.
 
         1 on the diagonal; 0 where one of two does not vary.
+
+        Raises
+        ------
+        InputError
+            There are so many that there is not memory enough.
         """
-        std = np.sqrt(np.diag(self.covariance))
+        self._check_dense("correlation")
+        return self.pearson_within(range(self.size))
+
+    def pearson_within(self, columns: Sequence[int]) -> Array:
+        """Return the Pearson correlation of some components, ``(n, n)``; see :attr:`pearson`."""
+        covariance = self.block_covariance.within(columns)
+        std = np.sqrt(np.diag(covariance))
         unit = np.where(std > 0, std, 1.0)
-        matrix: Array = self.covariance / np.outer(unit, unit)
+        matrix: Array = covariance / np.outer(unit, unit)
         np.fill_diagonal(matrix, 1.0)
         return matrix
+
+    def _check_dense(self, what: str) -> None:
+        check_memory(24.0 * self.size**2, f"the {what} of {self.size:,} numbers", "use block_covariance instead")
 
     @cached_property
     def intervals(self) -> tuple[tuple[float, float], ...]:

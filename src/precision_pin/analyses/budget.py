@@ -201,7 +201,7 @@ class _Sampled:
         self.at, self.confidence, self.group_draws = at, confidence, groups
         self.layout = kernel.compile_table(at)
         size, slices = at.space.size, at.space.slices
-        self.random = [bool(np.diag(at.space.covariance)[rows].any()) for rows in slices]
+        self.random = [bool(at.space.block_covariance.variances[rows].any()) for rows in slices]
         points = sobol.scrambled_points(2 * size, seed, samples // REPLICATES) if size else np.zeros((0, samples))
         self.points = points[:size]
         # groups that do not vary need no sampling: their indices are zero
@@ -237,8 +237,7 @@ class _Sampled:
         rows = self.at.space.slices[draw]
         factors = np.ones(self.at.space.size)
         factors[rows] = 0.5
-        covariance = self.at.space.covariance * np.outer(factors, factors)
-        variances = np.einsum("ij,jk,ik->i", self.at.jacobian, covariance, self.at.jacobian)
+        variances = self.at.space.block_covariance.variances_of(self.at.jacobian * factors)
         if not self.random[draw]:
             none = Estimate(0.0, (0.0, 0.0))
             return Halved(
@@ -317,7 +316,7 @@ def _together(at: PoseModel, group: tuple[int, ...], shares: Array) -> Array:
         return part
     columns = np.concatenate([np.arange(at.space.size)[at.space.slices[draw]] for draw in group])
     jacobian = at.jacobian[:, columns]
-    whole: Array = np.einsum("ij,jk,ik->i", jacobian, at.space.covariance[np.ix_(columns, columns)], jacobian)
+    whole: Array = np.einsum("ij,jk,ik->i", jacobian, at.space.block_covariance.within(columns), jacobian)
     return whole
 
 
