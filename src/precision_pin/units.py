@@ -190,7 +190,8 @@ def split(text: object) -> tuple[list[float], str]:
     """
     if isinstance(text, bool) or not isinstance(text, str | int | float):
         raise UnitError(f"expected a number with a unit, got {text!r}")
-    match = _TEXT.fullmatch(str(text))
+    # blanks are joined first: what follows would go through many of them again and again
+    match = _TEXT.fullmatch(" ".join(str(text).split()))
     if match is None or "," in match[1]:
         raise UnitError(f"expected a number with a unit such as '0.1 mm', got {str(text)!r}")
     written, unit = match[1].split(), (match[2] or "").strip()
@@ -201,7 +202,7 @@ def split(text: object) -> tuple[list[float], str]:
         raise UnitError(f"{str(text)!r} is not finite")
     for spelling, ours in _SPELLINGS:
         unit = unit.replace(spelling, ours)
-    return numbers, re.sub(r"\s*([*/^()])\s*", r"\1", unit)
+    return numbers, re.sub(r" ?([*/^()]) ?", r"\1", unit)
 
 
 def parse(text: object, *quantities: Quantity) -> float:
