@@ -11,6 +11,7 @@ PACKAGE = Path(__file__).parent.parent / "src" / "precision_pin"
 
 FLOORS = (
     "errors",
+    "memory",
     "compiled",
     "markup",
     "progress_bar",

@@ -15,13 +15,13 @@ from functools import cached_property, lru_cache
 from typing import Final, final
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from precision_pin import special
 from precision_pin.errors import InputError
 from precision_pin.laws import FARTHEST_NORMAL, Law, Lognormal, Normal, Uniform
 
-__all__ = ["LEAST_EIGENVALUE", "Correlation", "covariance_of"]
+__all__ = ["LEAST_EIGENVALUE", "BlockCovariance", "Correlation", "covariance_of"]
 
 Array = NDArray[np.float64]
 
@@ -148,6 +148,64 @@ class Correlation:
                 total = total + self.root[k, j] * normals[other]
             scores[target] = np.clip(total, -FARTHEST_NORMAL, FARTHEST_NORMAL)
         return scores
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class BlockCovariance:
+    """Covariance of d numbers, most of which are independent of one another.
+
+    Attributes
+    ----------
+    variances
+        ``(d,)``.
+    blocks
+        Columns ``(m,)`` of numbers that depend on one another, and their covariance ``(m, m)``; no column is in two.
+    """
+
+    variances: Array
+    blocks: tuple[tuple[NDArray[np.intp], Array], ...]
+
+    @property
+    def dense(self) -> Array:
+        """The matrix, ``(d, d)``."""
+        return self.within(np.arange(self.variances.size))
+
+    def times(self, vectors: Array) -> Array:
+        """Return the matrix times vectors ``(d, n)``."""
+        result: Array = self.variances[:, None] * vectors
+        for columns, block in self.blocks:
+            result[columns] = block @ vectors[columns]
+        return result
+
+    def between(self, one: Array, other: Array) -> Array:
+        """Return the covariance ``(p, q)`` of linear combinations with slopes ``(p, d)`` and ``(q, d)``."""
+        result: Array = one @ self.times(other.T)
+        return result
+
+    def variances_of(self, slopes: Array) -> Array:
+        """Return the variances ``(p,)`` of linear combinations with slopes ``(p, d)``."""
+        result: Array = np.einsum("ij,ji->i", slopes, self.times(slopes.T))
+        return result
+
+    def within(self, columns: ArrayLike) -> Array:
+        """Return the covariance ``(n, n)`` of n of the numbers."""
+        chosen = np.asarray(columns, dtype=np.intp)
+        result: Array = np.diag(self.variances[chosen])
+        if not self.blocks:
+            return result
+        place = np.full(self.variances.size, -1, dtype=np.intp)
+        place[chosen] = np.arange(chosen.size)
+        for members, block in self.blocks:
+            here = np.flatnonzero(place[members] >= 0)
+            if here.size:
+                result[np.ix_(place[members[here]], place[members[here]])] = block[np.ix_(here, here)]
+        return result
+
+    def scaled(self, factors: Array) -> BlockCovariance:
+        """Return the covariance of the numbers times factors ``(d,)``."""
+        blocks = ((columns, block * np.outer(factors[columns], factors[columns])) for columns, block in self.blocks)
+        return BlockCovariance(self.variances * factors**2, tuple(blocks))
 
 
 def _allowed(matrix: Array, i: int, j: int) -> tuple[float, float] | None:

@@ -18,10 +18,11 @@ A *finding* is one line about the input: ``file:line: error|warning CODE: what, 
 
 from __future__ import annotations
 
+import bisect
 import difflib
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Literal
+from typing import Final, Literal
 
 __all__ = [
     "Finding",
@@ -36,6 +37,10 @@ __all__ = [
     "UrdfError",
     "nearest",
 ]
+
+MOST_COMPARED: Final = 500
+LONGEST_COMPARED: Final = 100
+"""Names, and letters of a name, among which one that is meant is looked for."""
 
 
 @dataclass(frozen=True)
@@ -175,7 +180,11 @@ def nearest(name: str, valid: Iterable[str], *, most: int = 12) -> str:
     names = sorted(set(valid))
     if not names:
         return "there are none"
-    close = difflib.get_close_matches(name, names, n=3, cutoff=0.6)
+    beside = bisect.bisect(names, name)
+    # comparing takes long with very many names, or long ones: those that begin alike stand beside one another
+    near = names[max(beside - MOST_COMPARED // 2, 0) : beside + MOST_COMPARED // 2]
+    short = [candidate for candidate in near if len(candidate) <= LONGEST_COMPARED]
+    close = difflib.get_close_matches(name, short, n=3, cutoff=0.6) if len(name) <= LONGEST_COMPARED else []
     if not close:
         folded = {candidate.casefold(): candidate for candidate in names}
         close = [folded[name.casefold()]] if name.casefold() in folded else []

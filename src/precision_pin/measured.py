@@ -14,24 +14,36 @@ import csv
 import math
 import os
 import re
+import warnings
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final, final
+
+import numpy as np
+from numpy.typing import NDArray
 
 from precision_pin import units
 from precision_pin.errors import InputError, UnitError, UnknownNameError
 from precision_pin.units import Quantity
 
-__all__ = ["LARGEST_FILE", "Measured", "read"]
+__all__ = ["LARGEST_FILE", "NUMBER", "Measured", "numbers", "read"]
+
+Array = NDArray[np.float64]
 
 LARGEST_FILE: Final = 16 * 2**20
 
-_HEADING: Final = re.compile(r"([^\[\]]*?)\s*(?:\[([^\[\]]*)\])?")
-_NUMBER: Final = re.compile(r"[+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d+)?", re.ASCII)
+MOST_COLUMNS: Final = 1000
+"""Of a file; more are a file of another form, such as one with all numbers in its first line."""
+
+_HEADING: Final = re.compile(r"([^\[\]]+)(?:\[([^\[\]]*)\])?")
+NUMBER: Final = re.compile(r"[+-]?(?:\d++(?:\.\d*+)?|\.\d++)(?:[eE][+-]?\d++)?", re.ASCII)
+_NOT_PLAIN: Final = re.compile(r"[^0-9eE+\-., \t]")
+_LONGEST: Final = 40
 
 
 @final
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Measured:
     """What a file holds.
 
@@ -44,13 +56,13 @@ class Measured:
     units
         Of the columns, as written; empty for a plain number.
     rows
-        The numbers as they stand in the file, not in SI.
+        The numbers as they stand in the file, not in SI, ``(R, C)``.
     """
 
     file: str
     names: tuple[str, ...]
     units: tuple[str, ...]
-    rows: tuple[tuple[float, ...], ...]
+    rows: Array
 
     def unit(self, name: str) -> str:
         """Return a column's unit as written.
@@ -87,10 +99,11 @@ class Measured:
                 f"{self.file}: {unit!r} of the column {name!r} is not a unit of {wanted}; allowed: {allowed}"
             ) from None
         position = self.names.index(name)
-        values = tuple(row[position] * factor for row in self.rows)
-        if not all(map(math.isfinite, values)):
+        with np.errstate(over="ignore"):
+            values = self.rows[:, position] * factor
+        if not np.isfinite(values).all():
             raise InputError(f"{self.file}: the column {name!r} holds a number that is too large")
-        return values
+        return tuple(values.tolist())
 
 
 def read(path: str | os.PathLike[str]) -> Measured:
@@ -103,21 +116,48 @@ def read(path: str | os.PathLike[str]) -> Measured:
         or two of one name, a row of another length, what is not a number.
     """
     file = os.fspath(path)
-    header: list[tuple[str, str]] = []
-    rows: list[tuple[float, ...]] = []
     lines = [(number, line) for number, line in enumerate(_text(file).splitlines(), start=1) if not _is_comment(line)]
-    for number, line in lines:
-        where = f"{file}, line {number}"
-        cells = [cell.strip() for cell in next(csv.reader([line]))]
-        if not header:
-            header = _header(cells, where)
-            continue
-        if len(cells) != len(header):
-            raise InputError(f"{where}: {len(cells)} cells, but the header has {len(header)}")
-        rows.append(tuple(_number(cell, where) for cell in cells))
-    if not rows:
+    if len(lines) < 2:
         raise InputError(f"{file} holds no rows of numbers; a header such as 'x [mm], y [mm]' and rows belong there")
-    return Measured(file, tuple(name for name, _ in header), tuple(unit for _, unit in header), tuple(rows))
+    number, line = lines[0]
+    where = f"{file}, line {number}"
+    header = _header(_cells(line, where), where)
+    rows = numbers([line for _, line in lines[1:]], len(header))
+    if rows is None:
+        rows = np.array([_row(line, len(header), f"{file}, line {number}") for number, line in lines[1:]])
+    return Measured(file, tuple(name for name, _ in header), tuple(unit for _, unit in header), rows)
+
+
+def numbers(lines: Sequence[str], columns: int) -> Array | None:
+    """Return lines of plain numbers parted by commas all at once, ``(R, C)``.
+
+    None where any of them is something else: reading line by line then says which.
+    """
+    if any(map(_NOT_PLAIN.search, lines)):
+        return None
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")  # no lines, or none but blanks
+            found = np.loadtxt(lines, delimiter=",", comments=None, ndmin=2)
+    except (ValueError, UserWarning):
+        return None
+    return found if found.shape == (len(lines), columns) and np.isfinite(found).all() else None
+
+
+def _cells(line: str, where: str) -> list[str]:
+    if line.count('"') % 2:
+        raise InputError(f"{where}: a quotation mark is opened and not closed")
+    try:
+        return [cell.strip() for cell in next(csv.reader([line]))]
+    except csv.Error as error:
+        raise InputError(f"{where}: no row of cells parted by commas: {error}") from None
+
+
+def _row(line: str, columns: int, where: str) -> list[float]:
+    cells = _cells(line, where)
+    if len(cells) != columns:
+        raise InputError(f"{where}: {len(cells)} cells, but the header has {columns}")
+    return [_number(cell, where) for cell in cells]
 
 
 def _text(file: str) -> str:
@@ -139,21 +179,28 @@ def _is_comment(line: str) -> bool:
 
 
 def _header(cells: list[str], where: str) -> list[tuple[str, str]]:
-    header: list[tuple[str, str]] = []
+    if len(cells) > MOST_COLUMNS:
+        raise InputError(f"{where}: {len(cells):,} columns, at most {MOST_COLUMNS:,} are allowed")
+    header: dict[str, str] = {}
     for cell in cells:
         match = _HEADING.fullmatch(cell)
-        if match is None or not match[1]:
+        name = "" if match is None else match[1].rstrip()
+        if match is None or not name:
             hint = "; columns are parted by commas" if ";" in cell or "\t" in cell else ""
-            raise InputError(f"{where}: {cell!r} does not name a column such as 'x [mm]'{hint}")
-        if match[1] in (name for name, _ in header):
-            raise InputError(f"{where}: two columns are named {match[1]!r}")
-        header.append((match[1], (match[2] or "").strip()))
-    if all(_NUMBER.fullmatch(name) for name, _ in header):
+            raise InputError(f"{where}: {_shown(cell)} does not name a column such as 'x [mm]'{hint}")
+        if name in header:
+            raise InputError(f"{where}: two columns are named {_shown(name)}")
+        header[name] = (match[2] or "").strip()
+    if all(map(NUMBER.fullmatch, header)):
         raise InputError(f"{where}: the first row names the columns and their units, such as 'x [mm], y [mm]'")
-    return header
+    return list(header.items())
 
 
 def _number(cell: str, where: str) -> float:
-    if _NUMBER.fullmatch(cell) is None or not math.isfinite(float(cell)):
-        raise InputError(f"{where}: {cell!r} is not a number such as 0.012 or 1.2e-2")
+    if NUMBER.fullmatch(cell) is None or not math.isfinite(float(cell)):
+        raise InputError(f"{where}: {_shown(cell)} is not a number such as 0.012 or 1.2e-2")
     return float(cell)
+
+
+def _shown(cell: str) -> str:
+    return repr(cell if len(cell) <= _LONGEST else cell[:_LONGEST] + "…")

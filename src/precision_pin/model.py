@@ -8,31 +8,30 @@ from __future__ import annotations
 
 import itertools
 import os
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Final, Literal, TypeVar, cast, final
+from typing import Final, Literal, final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from precision_pin import se3
 from precision_pin.about_rest import terms_about_rest
-from precision_pin.chain import Chain, Factors, Load, Place, Posture
+from precision_pin.chain import Chain, Place, Posture
 from precision_pin.equilibrium import settle
 from precision_pin.errors import Finding, InputError, UnknownNameError
 from precision_pin.markup import Table, rendered
 from precision_pin.sheet import Sheet
 from precision_pin.sheet import read as read_sheet
 from precision_pin.space import Draw, LabelledSpace, Space
-from precision_pin.table import TableLayout, TermTable
-from precision_pin.terms import Source, Term, labels, own_draws
+from precision_pin.table import SlopeColumns, TableLayout, TermTable
+from precision_pin.terms import AskedSource, Source, Term, labels, own_draws
 from precision_pin.urdf import Joint
 
 __all__ = ["ErrorModel", "PoseModel", "TermTable"]
 
 Array = NDArray[np.float64]
-Said = TypeVar("Said")
 
 _AT_ONCE: Final = 4096
 """Poses whose joints are placed together."""
@@ -109,7 +108,10 @@ class PoseModel:
 
         Under gravity it is taken on the deflected arm, and differs from :meth:`linear`.
         """
-        return self.error_at_means, self.jacobian_parts.sum(axis=0)
+        jacobian = np.zeros((6, self.space.size))
+        for part in self.jacobian_parts:
+            jacobian[:, part.columns] += part.slopes
+        return self.error_at_means, jacobian
 
     @cached_property
     def error_at_means(self) -> Array:
@@ -117,24 +119,24 @@ class PoseModel:
         return self.exact(self.space.mean[:, None])[:, 0]
 
     @cached_property
-    def jacobian_parts(self) -> Array:
-        """What each target adds to the Jacobian of :attr:`tangent`, ``(K, 6, d)``; their sum is J."""
+    def jacobian_parts(self) -> tuple[SlopeColumns, ...]:
+        """What each target adds to the Jacobian of :attr:`tangent`; their sum is J."""
         table, mean = self.table, self.space.mean
         error = self.error_at_means
         moved = table.displacements(table.products(table.program.evaluate(mean[:, None])))[:, :, 0]
         tip = table.pose[:3, 3] + error[:3]
         turn = se3.left_jacobian_inverse(error[3:])
-        parts = np.zeros((len(table.targets), 6, self.space.size))
+        parts = []
         motion = np.eye(4)
         entries = zip(table.frames, moved, table.displacement_slopes(mean), strict=True)
-        for part, (frame, displacement, slope) in zip(parts, entries, strict=True):
-            turning = se3.left_jacobian(displacement[3:]) @ slope[3:]
-            twist = np.concatenate([slope[:3] + se3.skew(displacement[:3]) @ turning, turning])
+        for frame, displacement, local in entries:
+            turning = se3.left_jacobian(displacement[3:]) @ local.slopes[3:]
+            twist = np.concatenate([local.slopes[:3] + se3.skew(displacement[:3]) @ turning, turning])
             spatial = se3.adjoint(motion @ frame) @ twist
-            part[:3] = spatial[:3] - se3.skew(tip) @ spatial[3:]
-            part[3:] = turn @ spatial[3:]
+            slopes = np.concatenate([spatial[:3] - se3.skew(tip) @ spatial[3:], turn @ spatial[3:]])
+            parts.append(SlopeColumns(local.columns, slopes))
             motion = motion @ frame @ se3.displacement(displacement) @ se3.inverse(frame)
-        return parts
+        return tuple(parts)
 
     @property
     def jacobian(self) -> Array:
@@ -144,7 +146,7 @@ class PoseModel:
     @cached_property
     def covariance(self) -> Array:
         """Covariance of the tangent model, ``(6, 6)``: J Σ Jᵀ."""
-        return self.jacobian @ self.space.covariance @ self.jacobian.T
+        return self.space.block_covariance.between(self.jacobian, self.jacobian)
 
     def findings(self, model: str) -> tuple[Finding, ...]:
         """Return the warnings about this pose: limits and, for ``model`` "linear", superposition stretched."""
@@ -408,57 +410,12 @@ class ErrorModel:
         return PoseModel(posture, self.space, layout.at(posture, terms), terms)
 
     @cached_property
-    def _asked(self) -> tuple[_Asked, ...]:
+    def _asked(self) -> tuple[AskedSource, ...]:
         pairs = zip(self.sources, self.labels, strict=True)
-        return tuple(_Asked(source, LabelledSpace(self.space, label), self.chain) for source, label in pairs)
+        return tuple(AskedSource(source, LabelledSpace(self.space, label), self.chain) for source, label in pairs)
 
     def _make_terms(self, posture: Posture) -> tuple[Term, ...]:
         return tuple(itertools.chain.from_iterable(asked.terms(posture) for asked in self._asked))
-
-
-class _NeedsPosture(BaseException):
-    """A source reads of a posture what is not the same at all of them; no ``except Exception`` of its own hides it."""
-
-
-@final
-class _AnyPosture:
-    """Stands for a posture of which only the chain is known."""
-
-    def __init__(self, chain: Chain) -> None:
-        self.chain = chain
-
-    def __getattr__(self, name: str) -> object:
-        raise _NeedsPosture(name)
-
-
-@final
-class _Asked:
-    """A source, asked once only for what it says the same of every posture.
-
-    Whether it does is seen by asking it about a posture that tells no more than its chain. A source sees nothing else that
-    changes, and it makes the same of the same: it is frozen.
-    """
-
-    def __init__(self, source: Source, view: LabelledSpace, chain: Chain) -> None:
-        self._source, self._view = source, view
-        self._loads = self._of_any(source.loads, chain)
-        self._gravity = self._of_any(source.gravity, chain)
-        self._terms = self._of_any(source.terms, chain)
-
-    def loads(self, posture: Posture) -> Iterable[Load]:
-        return self._source.loads(posture, self._view) if self._loads is None else self._loads
-
-    def gravity(self, posture: Posture) -> Iterable[tuple[Array, Factors]]:
-        return self._source.gravity(posture, self._view) if self._gravity is None else self._gravity
-
-    def terms(self, posture: Posture) -> Iterable[Term]:
-        return self._source.terms(posture, self._view) if self._terms is None else self._terms
-
-    def _of_any(self, ask: Callable[[Posture, LabelledSpace], Iterator[Said]], chain: Chain) -> tuple[Said, ...] | None:
-        try:
-            return tuple(ask(cast("Posture", _AnyPosture(chain)), self._view))
-        except (_NeedsPosture, Exception):  # noqa: BLE001 - what is wrong with it comes up again at a posture
-            return None
 
 
 def _spread(at: PoseModel) -> tuple[float, float]:

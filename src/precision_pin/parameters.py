@@ -25,6 +25,7 @@ __all__ = [
     "Operation",
     "Operator",
     "Program",
+    "Slopes",
     "Value",
     "cos",
     "operations",
@@ -33,6 +34,9 @@ __all__ = [
 ]
 
 Array = NDArray[np.float64]
+
+Slopes = dict[int, float]
+"""Derivatives by the number of the component."""
 
 MOST_OPERATIONS: Final = 32
 """The most operations one parameter may take."""
@@ -234,8 +238,8 @@ class Program:
         values = self._registers(points)
         return np.array([values[k] for k in self.outputs]).reshape(len(self.outputs), points.shape[1])
 
-    def gradient(self, x: ArrayLike) -> Array:
-        """Return the derivatives ``(P, d)`` of the parameters at one point ``(d,)``.
+    def gradient(self, x: ArrayLike) -> tuple[Slopes, ...]:
+        """Return the derivatives of the P parameters at one point ``(d,)``, by component; those left out are zero.
 
         Raises
         ------
@@ -244,19 +248,19 @@ class Program:
         """
         point = np.asarray(x, dtype=float)
         values = self._registers(point[:, None])
-        slopes = [np.eye(self.components)[k] for k in range(self.components)]
-        slopes += [np.zeros(self.components) for _ in self.constants]
+        slopes: list[Slopes] = [{k: 1.0} for k in range(self.components)]
+        slopes += [{} for _ in self.constants]
         for step, (operator, left, right) in enumerate(self.operations):
             a, b = float(values[left][0]), float(values[right][0])
             result = float(values[self.components + len(self.constants) + step][0])
             try:
-                slopes.append(_slope(operator, a, b, result, slopes[left], slopes[right]))
+                slopes.append(_slopes(operator, a, b, result, slopes[left], slopes[right]))
             except (ZeroDivisionError, OverflowError):
                 raise InputError(
                     f"a parameter's formula has no finite derivative at its parameters' means "
                     f"({operator.name.lower()} of {a:g})"
                 ) from None
-        return np.array([slopes[k] for k in self.outputs]).reshape(len(self.outputs), self.components)
+        return tuple(slopes[k] for k in self.outputs)
 
     def _registers(self, x: Array) -> list[Array]:
         values = list(x) + [np.full(x.shape[1], constant) for constant in self.constants]
@@ -317,9 +321,14 @@ def _apply(operator: Operator, a: Array, b: Array) -> Array:
             return cosine
 
 
-def _slope(operator: Operator, a: float, b: float, result: float, da: Array, db: Array) -> Array:
-    if not da.any() and not db.any():
-        return np.zeros_like(da)
+def _slopes(operator: Operator, a: float, b: float, result: float, da: Slopes, db: Slopes) -> Slopes:
+    """Return the derivatives of an operation's result, by component."""
+    if not any(da.values()) and not any(db.values()):
+        return {}
+    return {k: _slope(operator, a, b, result, da.get(k, 0.0), db.get(k, 0.0)) for k in dict.fromkeys((*da, *db))}
+
+
+def _slope(operator: Operator, a: float, b: float, result: float, da: float, db: float) -> float:
     match operator:
         case Operator.ADD:
             return da + db

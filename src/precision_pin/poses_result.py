@@ -121,15 +121,14 @@ class PosesResult:
             if isinstance(pose, bool) or not isinstance(pose, int | np.integer) or not 0 <= pose < self.poses:
                 raise InputError(f"pose {pose!r}; the poses are numbered from 0 to {self.poses - 1}")
         space = self.error_model.space
-        covariance = space.covariance
+        covariance = space.block_covariance
         if one != other:
             shared = np.repeat(
                 [draw.scope is Scope.UNIT for draw in space.draws], [draw.law.size for draw in space.draws]
             )
-            covariance = covariance * np.outer(shared, shared)
+            covariance = covariance.scaled(shared.astype(float))
         here, there = (self.error_model.at(self.q[:, pose]).jacobian for pose in (one, other))
-        result: Array = here @ covariance @ there.T
-        return result
+        return covariance.between(here, there)
 
     def pose(self, name: str) -> int:
         """Return the number of the pose of a name.

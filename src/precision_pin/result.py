@@ -83,7 +83,7 @@ class Correlated:
         found = []
         for correlation in space.correlations:
             columns = [space.index[name] for name in correlation.names]
-            pearson = space.pearson[np.ix_(columns, columns)]
+            pearson = space.pearson_within(columns)
             found.append(cls(correlation.names, correlation.matrix, tuple(map(tuple, pearson.tolist()))))
         return tuple(found)
 

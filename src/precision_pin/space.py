@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from enum import Enum
 from functools import cached_property
@@ -18,12 +18,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from precision_pin import philox, special
-from precision_pin.correlation import Correlation, covariance_of
+from precision_pin.correlation import BlockCovariance, Correlation, covariance_of
 from precision_pin.errors import InputError, UnknownNameError
 from precision_pin.laws import FARTHEST_NORMAL, Fixed, Law
+from precision_pin.memory import check_memory
 from precision_pin.parameters import Component, Expression, Value
 
-__all__ = ["FARTHEST_NORMAL", "Draw", "LabelledSpace", "Scope", "Setting", "Space", "occasion"]
+__all__ = ["FARTHEST_NORMAL", "Draw", "Extension", "LabelledSpace", "Scope", "Setting", "Space", "occasion"]
 
 Array = NDArray[np.float64]
 
@@ -117,13 +118,12 @@ class Space:
     def __post_init__(self) -> None:
         names: set[str] = set()
         for draw in self.draws:
-            for name in {draw.name, *draw.components}:
-                if name in names or not name:
-                    raise InputError(f"two random numbers are named {name!r}; every draw needs a name of its own")
-                names.add(name)
+            _take_names(draw, names)
         self._check_correlations()
 
     def _check_correlations(self) -> None:
+        if not self.correlations:
+            return
         known = {draw.name: draw for draw in self.draws}
         taken: set[str] = set()
         for correlation in self.correlations:
@@ -182,31 +182,65 @@ class Space:
         return np.concatenate([np.zeros(0), *(draw.law.mean_vector for draw in self.draws)])
 
     @cached_property
-    def covariance(self) -> Array:
-        """Covariance of the components, ``(d, d)``."""
-        from scipy.linalg import block_diag  # late: it takes a while, and sampling does not need it
-
-        if not self.draws:
-            return np.zeros((0, 0))
-        matrix: Array = block_diag(*(draw.law.covariance for draw in self.draws))
-        laws = {draw.name: draw.law for draw in self.draws}
+    def block_covariance(self) -> BlockCovariance:
+        """Covariance of the components, in blocks of those that depend on one another."""
+        found = [draw.law.covariance for draw in self.draws]
+        variances = np.concatenate([np.zeros(0), *map(np.diag, found)])
+        blocks = [
+            (np.arange(columns.start, columns.stop), matrix)
+            for matrix, columns in zip(found, self.slices, strict=True)
+            if len(matrix) > 1
+        ]
+        laws = {draw.name: draw.law for draw in self.draws} if self.correlations else {}
         for correlation in self.correlations:
+            columns = np.array([self.index[name] for name in correlation.names])
+            matrix = np.diag(variances[columns])
             for (i, a), (j, b) in itertools.combinations(enumerate(correlation.names), 2):
-                value = covariance_of(laws[a], laws[b], correlation.matrix[i][j])
-                matrix[self.index[a], self.index[b]] = matrix[self.index[b], self.index[a]] = value
-        return matrix
+                matrix[i, j] = matrix[j, i] = covariance_of(laws[a], laws[b], correlation.matrix[i][j])
+            blocks.append((columns, matrix))
+        return BlockCovariance(variances, tuple(blocks))
+
+    @property
+    def covariance(self) -> Array:
+        """Covariance of the components, ``(d, d)``.
+
+        Raises
+        ------
+        InputError
+            There are so many that there is not memory enough.
+        """
+        self._check_dense("covariance")
+        return self._covariance
+
+    @cached_property
+    def _covariance(self) -> Array:
+        return self.block_covariance.dense
 
     @cached_property
     def pearson(self) -> Array:
         """Pearson correlation of the components, ``(d, d)``: what follows from laws and correlations.
 
         1 on the diagonal; 0 where one of two does not vary.
+
+        Raises
+        ------
+        InputError
+            There are so many that there is not memory enough.
         """
-        std = np.sqrt(np.diag(self.covariance))
+        self._check_dense("correlation")
+        return self.pearson_within(range(self.size))
+
+    def pearson_within(self, columns: Sequence[int]) -> Array:
+        """Return the Pearson correlation of some components, ``(n, n)``; see :attr:`pearson`."""
+        covariance = self.block_covariance.within(columns)
+        std = np.sqrt(np.diag(covariance))
         unit = np.where(std > 0, std, 1.0)
-        matrix: Array = self.covariance / np.outer(unit, unit)
+        matrix: Array = covariance / np.outer(unit, unit)
         np.fill_diagonal(matrix, 1.0)
         return matrix
+
+    def _check_dense(self, what: str) -> None:
+        check_memory(24.0 * self.size**2, f"the {what} of {self.size:,} numbers", "use block_covariance instead")
 
     @cached_property
     def intervals(self) -> tuple[tuple[float, float], ...]:
@@ -215,11 +249,9 @@ class Space:
 
     def including(self, draws: Sequence[Draw]) -> Space:
         """Return the space with further draws; one that is there already, equal in all, is shared."""
-        known = {draw.name: draw for draw in self.draws}
-        for draw in draws:
-            if known.setdefault(draw.name, draw) != draw:
-                raise InputError(f"the draw {draw.name!r} is given twice with different laws or scopes")
-        return Space(tuple(known.values()), self.correlations)
+        extension = Extension(self)
+        extension.add(draws)
+        return extension.space()
 
     def parameter(self, name: str) -> Component:
         """Return the component of a name.
@@ -294,6 +326,58 @@ class Space:
         """Set the rows of correlated draws in ``x`` from independent normal numbers."""
         for name, scores in zip(correlation.names, correlation.mix(normals), strict=True):
             x[self.index[name]] = self._correlated[name].law.at_scores(scores[None])[0]
+
+
+def _take_names(draw: Draw, taken: set[str]) -> None:
+    own = {draw.name, *draw.components}
+    for name in own:
+        if name in taken or not name:
+            raise InputError(f"two random numbers are named {name!r}; every draw needs a name of its own")
+    taken |= own
+
+
+@final
+class Extension:
+    """Further draws for a space, added group by group, so that a group that cannot be added leaves the others be.
+
+    Parameters
+    ----------
+    space
+        What is extended.
+    """
+
+    def __init__(self, space: Space) -> None:
+        self._correlations = space.correlations
+        self._known = {draw.name: draw for draw in space.draws}
+        self._taken = {name for draw in space.draws for name in (draw.name, *draw.components)}
+
+    def add(self, draws: Iterable[Draw]) -> None:
+        """Add draws; one that is there already, equal in all, is shared.
+
+        Raises
+        ------
+        InputError
+            A draw of that name is there and differs, or one of another name has a component of that name. None of the
+            draws is added then.
+        """
+        added: dict[str, Draw] = {}
+        names: set[str] = set()
+        for draw in draws:
+            known = self._known.get(draw.name) or added.get(draw.name)
+            if known is None:
+                _take_names(draw, names)
+                added[draw.name] = draw
+            elif known != draw:
+                raise InputError(f"the draw {draw.name!r} is given twice with different laws or scopes")
+        shared = sorted(names & self._taken)
+        if shared:
+            raise InputError(f"two random numbers are named {shared[0]!r}; every draw needs a name of its own")
+        self._known |= added
+        self._taken |= names
+
+    def space(self) -> Space:
+        """Return the space with all that was added."""
+        return Space(tuple(self._known.values()), self._correlations)
 
 
 def check_seed(seed: int) -> None:

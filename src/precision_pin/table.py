@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
@@ -17,7 +18,7 @@ from precision_pin.parameters import Expression, Operation, Program
 from precision_pin.space import Space
 from precision_pin.terms import MOST_FACTORS, JointValue, Target, Term
 
-__all__ = ["TableLayout", "TermTable"]
+__all__ = ["SlopeColumns", "TableLayout", "TermTable"]
 
 Array = NDArray[np.float64]
 
@@ -84,17 +85,45 @@ class TermTable:
             result[k] += twist[:, None] * product
         return result
 
-    def displacement_slopes(self, mean: Array) -> Array:
-        """Return the derivatives ``(K, 6, d)`` of the targets' displacements to the components, at ``(d,)`` values."""
-        gradient = np.concatenate([self.program.gradient(mean), np.zeros((1, mean.size))])
+    def displacement_slopes(self, mean: Array) -> tuple[SlopeColumns, ...]:
+        """Return the derivatives of each target's displacement to the components, at ``(d,)`` values."""
+        gradient = self.program.gradient(mean)
         padded = np.append(self.program.evaluate(mean[:, None])[:, 0], 1.0)
-        result = np.zeros((len(self.targets), 6, mean.size))
-        for k, twist, factors in zip(self.target, self.twists, self.factors, strict=True):
-            slope = np.zeros(mean.size)
-            for position in range(MOST_FACTORS):
-                slope += gradient[factors[position]] * padded[np.delete(factors, position)].prod()
-            result[k] += np.outer(twist, slope)
-        return result
+        sizes = np.array([*map(len, gradient), 0], dtype=np.intp)
+        begins = np.cumsum(sizes) - sizes
+        components = np.array([k for slopes in gradient for k in slopes], dtype=np.intp)
+        derivatives = np.array([slope for slopes in gradient for slope in slopes.values()])
+        # an entry for every component of every factor, each times the other two factors
+        others = np.stack(
+            [padded[self.factors[:, k - 2]] * padded[self.factors[:, k - 1]] for k in range(MOST_FACTORS)], axis=1
+        )
+        counts = sizes[self.factors].ravel()
+        entry = np.repeat(np.arange(counts.size), counts)
+        place = begins[self.factors].ravel()[entry] + np.arange(entry.size) - (np.cumsum(counts) - counts)[entry]
+        terms, component, slopes = _summed(
+            entry // MOST_FACTORS, components[place], (derivatives[place] * others.ravel()[entry])[None], mean.size
+        )
+        targets, component, slopes = _summed(self.target[terms], component, self.twists[terms].T * slopes, mean.size)
+        ends = np.searchsorted(targets, np.arange(len(self.targets) + 1))
+        return tuple(SlopeColumns(component[a:b], slopes[:, a:b]) for a, b in itertools.pairwise(ends.tolist()))
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class SlopeColumns:
+    """Derivatives ``(6, m)`` to some components, whose columns are ``(m,)``; those to all others are zero."""
+
+    columns: NDArray[np.intp]
+    slopes: Array
+
+
+def _summed(
+    rows: NDArray[np.intp], columns: NDArray[np.intp], values: Array, width: int
+) -> tuple[NDArray[np.intp], NDArray[np.intp], Array]:
+    """Return the entries of a matrix in the order of rows and columns; values ``(n, E)`` of one place are added in turn."""
+    keys, number = np.unique(rows * width + columns, return_inverse=True)
+    sums = np.array([np.bincount(number, weights=value, minlength=keys.size) for value in values])
+    return keys // max(width, 1), keys % max(width, 1), sums
 
 
 @final

@@ -12,23 +12,35 @@ import dataclasses
 import re
 import typing
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, partial
-from typing import Any, final
+from typing import Any, TypeVar, cast, final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from precision_pin.chain import Factors, Load, Place, Posture
+from precision_pin.chain import Chain, Factors, Load, Place, Posture
 from precision_pin.errors import Finding, InputError
 from precision_pin.laws import Law
 from precision_pin.parameters import Expression, Program, Value
 from precision_pin.space import Draw, LabelledSpace, Space, indexed
 
-__all__ = ["MOST_FACTORS", "JointValue", "Leaf", "Source", "Target", "Term", "at_means", "labels", "own_draws"]
+__all__ = [
+    "MOST_FACTORS",
+    "AskedSource",
+    "JointValue",
+    "Leaf",
+    "Source",
+    "Target",
+    "Term",
+    "at_means",
+    "labels",
+    "own_draws",
+]
 
 Array = NDArray[np.float64]
+Said = TypeVar("Said")
 
 MOST_FACTORS = 3
 """The most parameters one term may multiply."""
@@ -226,6 +238,68 @@ class Source(ABC):
         return (*found, *self.own_draws(label))
 
 
+class _NeedsPosture(BaseException):
+    """A source reads of a posture what is not the same at all of them; no ``except Exception`` of its own hides it."""
+
+
+@final
+class _AnyPosture:
+    """Stands for a posture of which only the chain is known."""
+
+    def __init__(self, chain: Chain) -> None:
+        self.chain = chain
+
+    def __getattr__(self, name: str) -> object:
+        raise _NeedsPosture(name)
+
+
+@final
+class AskedSource:
+    """A source, asked once only for what it says the same of every posture.
+
+    Whether it does is seen by asking it about a posture that tells no more than its chain. A source sees nothing else that
+    changes, and it makes the same of the same: it is frozen.
+
+    Parameters
+    ----------
+    source
+        The source.
+    view
+        The space as it sees it.
+    chain
+        The arm.
+    """
+
+    def __init__(self, source: Source, view: LabelledSpace, chain: Chain) -> None:
+        self._source, self._view = source, view
+        self._loads = self._of_any(source.loads, chain)
+        self._gravity = self._of_any(source.gravity, chain)
+        self._terms = self._of_any(source.terms, chain)
+
+    @property
+    def depends_on_posture(self) -> bool:
+        """Whether anything it says may differ from posture to posture."""
+        return self._loads is None or self._gravity is None or self._terms is None
+
+    def loads(self, posture: Posture) -> Iterable[Load]:
+        """Return its loads."""
+        return self._source.loads(posture, self._view) if self._loads is None else self._loads
+
+    def gravity(self, posture: Posture) -> Iterable[tuple[Array, Factors]]:
+        """Return what it adds to gravity."""
+        return self._source.gravity(posture, self._view) if self._gravity is None else self._gravity
+
+    def terms(self, posture: Posture) -> Iterable[Term]:
+        """Return its terms."""
+        return self._source.terms(posture, self._view) if self._terms is None else self._terms
+
+    def _of_any(self, ask: Callable[[Posture, LabelledSpace], Iterator[Said]], chain: Chain) -> tuple[Said, ...] | None:
+        try:
+            return tuple(ask(cast("Posture", _AnyPosture(chain)), self._view))
+        except (_NeedsPosture, Exception):  # noqa: BLE001 - what is wrong with it comes up again at a posture
+            return None
+
+
 def labels(sources: Sequence[Source]) -> tuple[str, ...]:
     """Return every source's label.
 
@@ -233,10 +307,13 @@ def labels(sources: Sequence[Source]) -> tuple[str, ...]:
     numbers and laws), so that neither the order of the sources nor, as a rule, another tolerance changes a label.
     """
     result = [source.label() for source in sources]
-    for label in set(result):
-        alike = [k for k, other in enumerate(result) if other == label]
-        alike.sort(key=lambda k: _rank(sources[k]))
-        for rank, k in enumerate(alike[1:], start=2):
+    alike: dict[str, list[int]] = {}
+    for k, label in enumerate(result):
+        alike.setdefault(label, []).append(k)
+    for label, numbers in alike.items():
+        if len(numbers) > 1:
+            numbers.sort(key=lambda k: _rank(sources[k]))
+        for rank, k in enumerate(numbers[1:], start=2):
             result[k] = f"{label}#{rank}"
     return tuple(result)
 

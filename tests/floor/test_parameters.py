@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from precision_pin.errors import InputError, InternalError
 from precision_pin.parameters import Component, Constant, Expression, Operation, Operator, Program, cos, sin, sqrt
@@ -45,6 +46,11 @@ def test_value_against_plain_arithmetic(ours: Any, plain: Any) -> None:
     np.testing.assert_allclose(seen, [expected], rtol=1e-15)
 
 
+def gradient(program: Program, point: list[float]) -> NDArray[np.float64]:
+    rows = program.gradient(point)
+    return np.array([[slopes.get(k, 0.0) for k in range(program.components)] for slopes in rows])
+
+
 @pytest.mark.parametrize(("ours", "plain"), FORMULAS)
 def test_gradient_against_the_complex_step(ours: Any, plain: Any) -> None:
     program = Program.compile([ours(A, B, C)], INDEX)
@@ -54,14 +60,14 @@ def test_gradient_against_the_complex_step(ours: Any, plain: Any) -> None:
             moved = [complex(value) for value in point]
             moved[k] += 1e-30j
             expected.append(complex(plain(*moved)).imag / 1e-30)
-        np.testing.assert_allclose(program.gradient(point), [expected], rtol=2e-14, atol=1e-15)
+        np.testing.assert_allclose(gradient(program, point), [expected], rtol=2e-14, atol=1e-15)
 
 
 def test_several_parameters_of_several_samples() -> None:
     program = Program.compile([A * B, C, Constant(2.5), A * B], INDEX)
     seen = program.evaluate(POINTS)
     np.testing.assert_array_equal(seen, [POINTS[0] * POINTS[1], POINTS[2], np.full(3, 2.5), POINTS[0] * POINTS[1]])
-    np.testing.assert_array_equal(program.gradient([2.0, 3.0, 5.0]), [[3, 2, 0], [0, 0, 1], [0, 0, 0], [3, 2, 0]])
+    np.testing.assert_array_equal(gradient(program, [2.0, 3.0, 5.0]), [[3, 2, 0], [0, 0, 1], [0, 0, 0], [3, 2, 0]])
 
 
 @pytest.mark.parametrize("samples", [0, 1, 7])
@@ -70,8 +76,8 @@ def test_shapes_where_nothing_is_random(samples: int) -> None:
     assert Program.compile([], INDEX).evaluate(np.ones((3, samples))).shape == (0, samples)
     assert Program.compile([], {}).evaluate(np.ones((0, samples))).shape == (0, samples)
     assert Program.compile([Constant(1.0)], {}).evaluate(np.ones((0, samples))).shape == (1, samples)
-    assert Program.compile([], INDEX).gradient(np.ones(3)).shape == (0, 3)
-    assert Program.compile([Constant(1.0)], {}).gradient(np.ones(0)).shape == (1, 0)
+    assert Program.compile([], INDEX).gradient(np.ones(3)) == ()
+    assert Program.compile([Constant(1.0)], {}).gradient(np.ones(0)) == ({},)
 
 
 def test_common_parts_are_computed_once() -> None:
@@ -183,7 +189,7 @@ def test_a_gradient_that_is_infinite_is_refused(formula: Any) -> None:
     [(lambda: A**0, 0.0), (lambda: A**1, 1.0), (lambda: A**2, 0.0), (lambda: sqrt(Constant(0.0) * 1) + A, 1.0)],
 )
 def test_gradients_at_zero(formula: Any, expected: float) -> None:
-    assert Program.compile([formula()], INDEX).gradient([0.0, 1.0, 1.0])[0, 0] == expected
+    assert gradient(Program.compile([formula()], INDEX), [0.0, 1.0, 1.0])[0, 0] == expected
 
 
 @pytest.mark.parametrize("number", [math.nan, math.inf, -math.inf])

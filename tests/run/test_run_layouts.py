@@ -266,7 +266,7 @@ def test_more_samples_than_memory_are_not_kept(samples: int) -> None:
 
 
 def test_free_memory_is_what_the_system_says(monkeypatch, tmp_path) -> None:
-    from precision_pin.run import memory
+    from precision_pin import memory
 
     (tmp_path / "meminfo").write_text("MemTotal: 9000 kB\nMemAvailable:    4800 kB\n")
     (tmp_path / "max").write_text("max\n")

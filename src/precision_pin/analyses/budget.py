@@ -38,8 +38,9 @@ from precision_pin.analyses.tangent_shares import (
     reaches,
 )
 from precision_pin.errors import InputError, UnknownNameError
+from precision_pin.memory import check_memory
 from precision_pin.model import ErrorModel, PoseModel
-from precision_pin.space import check_seed
+from precision_pin.space import Space, check_seed
 from precision_pin.statistics import COMPONENTS as COMPONENT_ROWS
 from precision_pin.statistics import NORMS as NORM_ROWS
 from precision_pin.statistics import QUANTITIES, check_confidence, quantity_values
@@ -50,6 +51,9 @@ Array = NDArray[np.float64]
 
 ROUNDING: Final = 1e-14
 """Spreads (m, rad) up to this are rounding."""
+
+MOST_NUMBERS: Final = 3e11
+"""The most random numbers that a budget may take: some ten minutes."""
 
 MARKED: Final = 0.95
 """Probability of the quantile that a halved tolerance is judged by."""
@@ -105,6 +109,7 @@ def budget(
     check_confidence(confidence)
     if not 0 < bound_at < np.inf:
         raise InputError(f"bound_at {bound_at!r}; it must be positive and finite, in standard deviations")
+    _check_cost(error_model.space, samples)
     return BudgetResult(
         heading=Heading.of(error_model, seed),
         samples=int(samples),
@@ -129,6 +134,25 @@ def check_points(samples: int) -> None:
             f"the number of samples must be {REPLICATES} times a power of two from 32 to 2^13 "
             f"({allowed[0]}, {allowed[1]}, … {allowed[-1]}), got {samples!r}"
         )
+
+
+def _check_cost(space: Space, samples: int) -> None:
+    """Refuse what would take hours: the model is sampled for each draw, and takes time with each draw.
+
+    Raises
+    ------
+    InputError
+        There are too many draws for so many samples, or too many for the memory.
+    """
+    draws, size = len(space.draws), space.size
+    evaluations = samples * (2 + 3 * draws)
+    if evaluations * size > MOST_NUMBERS:
+        raise InputError(
+            f"a budget of {draws:,} draws evaluates the model {evaluations:.2g} times, each time with {size:,} numbers: "
+            f"{evaluations * size:.1g} numbers in all, at most {MOST_NUMBERS:.0g} are allowed; ask for fewer samples or "
+            "merge draws"
+        )
+    check_memory(64.0 * size * samples, f"a budget of {size:,} numbers", "ask for fewer samples")
 
 
 def check_quantities(quantities: Sequence[str]) -> None:
@@ -201,7 +225,7 @@ class _Sampled:
         self.at, self.confidence, self.group_draws = at, confidence, groups
         self.layout = kernel.compile_table(at)
         size, slices = at.space.size, at.space.slices
-        self.random = [bool(np.diag(at.space.covariance)[rows].any()) for rows in slices]
+        self.random = [bool(at.space.block_covariance.variances[rows].any()) for rows in slices]
         points = sobol.scrambled_points(2 * size, seed, samples // REPLICATES) if size else np.zeros((0, samples))
         self.points = points[:size]
         # groups that do not vary need no sampling: their indices are zero
@@ -237,8 +261,7 @@ class _Sampled:
         rows = self.at.space.slices[draw]
         factors = np.ones(self.at.space.size)
         factors[rows] = 0.5
-        covariance = self.at.space.covariance * np.outer(factors, factors)
-        variances = np.einsum("ij,jk,ik->i", self.at.jacobian, covariance, self.at.jacobian)
+        variances = self.at.space.block_covariance.variances_of(self.at.jacobian * factors)
         if not self.random[draw]:
             none = Estimate(0.0, (0.0, 0.0))
             return Halved(
@@ -317,7 +340,7 @@ def _together(at: PoseModel, group: tuple[int, ...], shares: Array) -> Array:
         return part
     columns = np.concatenate([np.arange(at.space.size)[at.space.slices[draw]] for draw in group])
     jacobian = at.jacobian[:, columns]
-    whole: Array = np.einsum("ij,jk,ik->i", jacobian, at.space.covariance[np.ix_(columns, columns)], jacobian)
+    whole: Array = np.einsum("ij,jk,ik->i", jacobian, at.space.block_covariance.within(columns), jacobian)
     return whole
 
 

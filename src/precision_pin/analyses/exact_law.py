@@ -188,7 +188,7 @@ def _component(space: Space, quantity: str, mean: float, weights: Array, sampled
         if std > 0:
             shares.append(_Share(draw.law, direction, std, part_of(draw.law, direction)))
     bell = np.where(normal, weights, 0.0)
-    bell_std = math.sqrt(max(float(bell @ space.covariance @ bell), 0.0))
+    bell_std = math.sqrt(max(float(space.block_covariance.variances_of(bell[None])[0]), 0.0))
     total = math.hypot(bell_std, *(share.std for share in shares))
     if total <= ROUNDING:
         return ExactLaw(quantity, None, "does not vary at first order", mean=mean, std=0.0)

@@ -116,7 +116,7 @@ def _starts(at: PoseModel, specification: Specification) -> list[Array]:
     directions = (
         _NORM_STARTS if part == "norm" else np.tile(np.eye(3)[:, ["xyz".index(part)]] * [[1.0, -1.0]], _REPEATS)
     )
-    spread = np.sqrt(np.diag(at.space.covariance))
+    spread = np.sqrt(at.space.block_covariance.variances)
     ways = (at.jacobian[rows] * spread).T @ directions
     lengths = np.linalg.norm(ways, axis=0)
     # a little aside of the middle, where a gradient may vanish by symmetry

@@ -212,7 +212,7 @@ class Supports:
                 bodies.append(_body(draw.name, draw.law, float(k)))
         for group in groups:
             chosen = np.array([space.index[name] for name in group])
-            matrix = space.covariance[np.ix_(chosen, chosen)]
+            matrix = space.block_covariance.within(chosen)
             names.append(", ".join(group))
             columns.append(chosen)
             bodies.append(_Ellipsoid(k * JointNormal(tuple(map(tuple, matrix.tolist()))).root))

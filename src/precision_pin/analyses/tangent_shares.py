@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Iterable
 from typing import Final
@@ -34,18 +35,19 @@ UNCORRELATED: Final = 1e-12
 
 def correlated_groups(space: Space) -> tuple[tuple[int, ...], ...]:
     """Return the draws, by number, in groups that are independent of one another, in column order."""
-    scale = np.sqrt(np.diag(space.covariance))
-    linked = np.abs(space.covariance) > UNCORRELATED * np.outer(scale, scale)
+    draw_of = np.repeat(np.arange(len(space.draws)), [draw.law.size for draw in space.draws])
     group_of = list(range(len(space.draws)))
-    for k, rows in enumerate(space.slices):
-        for other in range(k):
-            if linked[rows, space.slices[other]].any():
-                old, new = group_of[k], group_of[other]
-                group_of = [new if group == old else group for group in group_of]
-    return tuple(
-        tuple(k for k, group in enumerate(group_of) if group == first)
-        for first in sorted(set(group_of), key=group_of.index)
-    )
+    for columns, matrix in space.block_covariance.blocks:
+        scale = np.sqrt(np.diag(matrix))
+        linked = np.abs(matrix) > UNCORRELATED * np.outer(scale, scale)
+        for row, column in np.argwhere(np.triu(linked, 1)).tolist():
+            joined = sorted({group_of[draw_of[columns[row]]], group_of[draw_of[columns[column]]]})
+            for k in draw_of[columns].tolist() if len(joined) > 1 else ():
+                group_of[k] = joined[0] if group_of[k] == joined[1] else group_of[k]
+    groups: dict[int, list[int]] = {}
+    for k, group in enumerate(group_of):
+        groups.setdefault(group, []).append(k)
+    return tuple(map(tuple, groups.values()))
 
 
 def by_draw(at: PoseModel) -> Array:
@@ -58,7 +60,13 @@ def by_draw(at: PoseModel) -> Array:
     for group in correlated_groups(at.space):
         columns = [_columns(at.space, [k]) for k in group]
         if len(group) <= shapley.MOST_PLAYERS:
-            result[list(group)] = shapley.effects(at.jacobian, at.space.covariance, columns)
+            together = list(itertools.chain.from_iterable(columns))
+            ends = np.cumsum([0, *map(len, columns)]).tolist()
+            result[list(group)] = shapley.effects(
+                at.jacobian[:, together],
+                at.space.block_covariance.within(together),
+                [list(range(a, b)) for a, b in itertools.pairwise(ends)],
+            )
     return result
 
 
@@ -70,7 +78,7 @@ def by_component(at: PoseModel, draw: int) -> Array | None:
     columns = _columns(at.space, [draw])
     if len(columns) == 1 or next(group for group in correlated_groups(at.space) if draw in group) != (draw,):
         return None
-    covariance = at.space.covariance[np.ix_(columns, columns)]
+    covariance = at.space.block_covariance.within(columns)
     jacobian = at.jacobian[:, columns]
     if np.array_equal(covariance, np.diag(np.diag(covariance))):
         plain: Array = (jacobian**2 * np.diag(covariance)).T
@@ -103,9 +111,10 @@ def by_place(at: PoseModel, chain: Chain) -> dict[str, Array]:
     v(S) = Var(Σ_S e_p). It is negative where a place undoes what others do with the same draws.
     """
     parts: dict[str, Array] = {}
-    for target, jacobian in zip(at.table.targets, at.jacobian_parts, strict=True):
+    with_error = at.space.block_covariance.times(at.jacobian.T)
+    for target, part in zip(at.table.targets, at.jacobian_parts, strict=True):
         name = place_name(target, chain)
-        parts[name] = parts.get(name, 0.0) + np.einsum("ij,jk,ik->i", jacobian, at.space.covariance, at.jacobian)
+        parts[name] = parts.get(name, 0.0) + np.einsum("ij,ji->i", part.slopes, with_error[part.columns])
     return parts
 
 

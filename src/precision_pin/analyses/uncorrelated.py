@@ -101,7 +101,7 @@ class Uncorrelated:
         pairs: list[Array] = []
         complete: list[bool] = []
         for group, known in zip(groups, moments, strict=True):
-            spread = space.covariance[np.ix_(group, group)]
+            spread = space.block_covariance.within(group)
             values, vectors = np.linalg.eigh(spread)
             varies = values > _FLAT * max(values.max(), 0.0)
             count = int(varies.sum())

@@ -6,7 +6,7 @@ is searched from below. Reads the term table and the tangent only.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Final
 
 import numpy as np
@@ -41,6 +41,8 @@ _NORMS: Final = {"position.norm": slice(0, 3), "attitude.norm": slice(3, 6)}
 _EXCHANGES: Final = 100
 _STEP: Final = 1e-4
 _GAIN: Final = 1e-12
+_NUMBERS_AT_ONCE: Final = 2**22
+"""Components of points that the exact model is evaluated at together, 8 bytes each."""
 
 
 def worst_case(
@@ -230,13 +232,16 @@ def _climbed(
         places[better], sizes[better] = aims[better], reached[better]
         improved = bool(better.any())
         for start in np.flatnonzero(~better):
-            single = np.repeat(places[start][None], len(groups), axis=0)
-            for group, columns in enumerate(groups):
-                single[group, columns] = aims[start, columns]
-            tried = _sizes(layout, rows, single)
+            tried = np.empty(len(groups))
+            for batch in _batches(len(groups), mean.size):
+                single = np.repeat(places[start][None], batch.size, axis=0)
+                for row, group in enumerate(batch.tolist()):
+                    single[row, groups[group]] = aims[start, groups[group]]
+                tried[batch] = _sizes(layout, rows, single)
             best = int(tried.argmax())
             if tried[best] > sizes[start] * (1 + _GAIN):
-                places[start], sizes[start], improved = single[best], tried[best], True
+                places[start, groups[best]] = aims[start, groups[best]]
+                sizes[start], improved = tried[best], True
         if not improved:
             break
     best = int(sizes.argmax())
@@ -248,12 +253,25 @@ def _toward(layout: kernel.CompiledTable, supports: Supports, rows: slice, place
     low, high = (mean + end for end in supports.ends)
     # inside the supports: beyond them a formula or a stiffness may have no value
     inside = np.clip(places, low, high)
-    step = np.diag(_STEP * (high - low))
-    upper, lower = np.minimum(inside[:, None] + step, high), np.maximum(inside[:, None] - step, low)
-    sizes = _sizes(layout, rows, np.concatenate([upper, lower]).reshape(-1, mean.size)).reshape(2, len(places), -1)
-    width = np.einsum("skk->sk", upper - lower)
-    slopes = np.divide(sizes[0] - sizes[1], width, out=np.zeros_like(width), where=width > 0)
+    step = _STEP * (high - low)
+    upper, lower = np.minimum(inside + step, high), np.maximum(inside - step, low)
+    sizes = np.empty((2, inside.size))
+    for moved in _batches(inside.size, mean.size):
+        start, column = np.divmod(moved, mean.size)
+        for end, values in enumerate((upper, lower)):
+            tried = inside[start]
+            tried[np.arange(moved.size), column] = values[start, column]
+            sizes[end, moved] = _sizes(layout, rows, tried)
+    width = upper - lower
+    slopes = np.divide((sizes[0] - sizes[1]).reshape(width.shape), width, out=np.zeros_like(width), where=width > 0)
     return mean + supports.points(slopes)
+
+
+def _batches(count: int, size: int) -> Iterator[NDArray[np.intp]]:
+    """Yield the numbers 0 … count - 1 of points of so many components, no more at once than take some memory."""
+    at_once = max(_NUMBERS_AT_ONCE // max(size, 1), 1)
+    for first in range(0, count, at_once):
+        yield np.arange(first, min(first + at_once, count))
 
 
 def _sizes(layout: kernel.CompiledTable, rows: slice, places: Array) -> Array:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import itertools
 import math
 import os
 from dataclasses import dataclass
@@ -12,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from precision_pin.errors import Finding, InputError, nearest
+from precision_pin.measured import NUMBER
 
 if TYPE_CHECKING:
     from precision_pin.chain import Chain
@@ -21,6 +23,7 @@ __all__ = ["Trajectory", "read_trajectory"]
 Array = NDArray[np.float64]
 
 _TIME: Final = "t"
+_LONGEST: Final = 40
 
 
 @final
@@ -75,7 +78,8 @@ def read_trajectory(path: str | os.PathLike[str], chain: Chain, most: int) -> Tr
         with open(path, encoding="utf-8-sig", newline="") as stream:
             reader = csv.reader(stream)
             # the line a row ends on, which is its only one unless it holds line breaks in quotes
-            rows = [(reader.line_num, [cell.strip() for cell in row]) for row in reader if any(map(str.strip, row))]
+            filled = ((reader.line_num, [cell.strip() for cell in row]) for row in reader if any(map(str.strip, row)))
+            rows = list(itertools.islice(filled, most + 2))
     except OSError as problem:
         raise wrong(f"cannot be read: {problem.strerror or problem}") from None
     except UnicodeDecodeError:
@@ -99,7 +103,7 @@ def read_trajectory(path: str | os.PathLike[str], chain: Chain, most: int) -> Tr
     if len(rows) < 2:
         raise wrong("no poses: no row follows the joint names", line)
     if len(rows) - 1 > most:
-        raise wrong(f"{len(rows) - 1} poses, at most {most}; leave rows out", rows[most + 1][0])
+        raise wrong(f"more than {most} poses; leave rows out", rows[most + 1][0])
     numbers = np.empty((len(rows) - 1, len(header)))
     for row, (line, cells) in enumerate(rows[1:]):
         if len(cells) != len(header):
@@ -107,7 +111,8 @@ def read_trajectory(path: str | os.PathLike[str], chain: Chain, most: int) -> Tr
         for column, cell in enumerate(cells):
             numbers[row, column] = _number(cell)
             if not math.isfinite(numbers[row, column]):
-                raise wrong(f"{header[column]}: {cell!r} is not a finite number", line)
+                shown = repr(cell if len(cell) <= _LONGEST else cell[:_LONGEST] + "…")
+                raise wrong(f"{header[column]}: {shown} is not a finite number", line)
         if timed and row and numbers[row, 0] < numbers[row - 1, 0]:
             raise wrong(f"the time goes back from {numbers[row - 1, 0]:g} s to {numbers[row, 0]:g} s", line)
     order = [header.index(name) for name in chain.joint_names]
@@ -115,7 +120,5 @@ def read_trajectory(path: str | os.PathLike[str], chain: Chain, most: int) -> Tr
 
 
 def _number(cell: str) -> float:
-    try:
-        return float(cell)
-    except ValueError:
-        return math.nan
+    # float() takes 1_000 and other digits than 0 to 9 as well
+    return float(cell) if NUMBER.fullmatch(cell) else math.nan

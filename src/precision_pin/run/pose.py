@@ -12,13 +12,13 @@ from numpy.typing import ArrayLike
 
 from precision_pin import kernel, progress_bar
 from precision_pin.errors import Finding, InputError
+from precision_pin.memory import check_kept
 from precision_pin.model import ErrorModel, PoseModel
 from precision_pin.result import Analysis, Correlated, Until
 from precision_pin.run.blocks import Work, check_samples, packages
 from precision_pin.run.executors import Submitter, chosen
 from precision_pin.run.identity import identity
 from precision_pin.run.journal import opened
-from precision_pin.run.memory import check_kept
 from precision_pin.run.planning import planned
 from precision_pin.run.sampling import Sampling
 from precision_pin.space import Scope, check_seed

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import itertools
 import typing
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from typing import Any, Final, final
 
 from pydantic import BaseModel, ValidationError
@@ -21,6 +24,9 @@ _SHAPES: Final = {
     "model_type": "keys with values belong here, {key: value}",
     "string_type": "one value belongs here",
 }
+MOST_ERRORS: Final = 100
+"""Errors of a sheet that are listed; reading ends where there are more."""
+
 _POSE: Final = "joint values in chain order with one unit, a list of values, or keys with values by joint belong here"
 
 
@@ -40,10 +46,11 @@ class Findings:
         self.text = text
         self.file = file
         self.found: list[Finding] = list(text.findings)
+        self._errors = 0
 
     def error(self, path: Path, message: str, code: str = "E_SHEET") -> None:
         """Add an error at a path."""
-        self.found.append(Finding("error", code, message, self.file, self.text.line(path)))
+        self._add([Finding("error", code, message, self.file, self.text.line(path))])
 
     def warning(self, path: Path, message: str, code: str) -> None:
         """Add a warning at a path."""
@@ -54,10 +61,12 @@ class Findings:
         if isinstance(error, SettingError):
             path = (*path, *error.below)
         if isinstance(error, UnknownNameError):
-            below = [other for other in self.text.lines if other and other[: len(path)] == path]
-            named = [other for other in below if self._value(other) == error.name]
-            path = next(iter((*named, *(other for other in below if other[-1] == error.name))), path)
-        self.found += [finding.at(self.file, self.text.line(path)) for finding in error.findings]
+            below = list(_within(self._value(path), path))
+            named = (where for where, value in below if where and value == error.name)
+            path = next(
+                itertools.chain(named, (where for where, _ in below if where and where[-1] == error.name)), path
+            )
+        self._add([finding.at(self.file, self.text.line(path)) for finding in error.findings])
 
     def take_validation(self, error: ValidationError, path: Path, model: type[BaseModel]) -> None:
         """Add pydantic's errors about what stands at a path."""
@@ -96,16 +105,40 @@ class Findings:
         Raises
         ------
         SheetError
-            With all findings, warnings too, in the order of their lines.
+            With all findings, warnings too, in the order of their lines; of very many the first ones.
         """
-        if any(finding.severity == "error" for finding in self.found):
-            raise SheetError(sorted(self.found, key=lambda finding: (finding.file or "", finding.line or 0)))
+        if not any(finding.severity == "error" for finding in self.found):
+            return
+        ordered = sorted(self.found, key=lambda finding: (finding.file or "", finding.line or 0))
+        errors = [finding for finding in ordered if finding.severity == "error"]
+        if len(errors) > MOST_ERRORS:
+            last = errors[MOST_ERRORS - 1]
+            ordered = ordered[: ordered.index(last) + 1]
+            ordered.append(
+                replace(last, code="E_SHEET", message=f"more than {MOST_ERRORS} errors; these are the first")
+            )
+        raise SheetError(ordered)
+
+    def _add(self, findings: Sequence[Finding]) -> None:
+        """Add findings, and refuse the sheet as soon as there are too many errors to be of use."""
+        self.found += findings
+        self._errors += sum(finding.severity == "error" for finding in findings)
+        if self._errors > MOST_ERRORS:
+            self.refuse()
 
     def _value(self, path: Path) -> Any:
         value = self.text.data
         for key in path:
             value = value[key]
         return value
+
+
+def _within(value: Any, path: Path) -> Iterator[tuple[Path, Any]]:
+    """Yield what stands at a path and all below it, in the order of the text."""
+    yield path, value
+    entries = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
+    for key, entry in entries:
+        yield from _within(entry, (*path, key))
 
 
 def _keys(model: type[BaseModel], location: Path) -> list[str]:

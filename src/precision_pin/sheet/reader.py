@@ -25,8 +25,8 @@ from precision_pin.sheet.schema import ASSUMED, Context, Document, source_model,
 from precision_pin.sheet.settings import NAME, NamedParameter, SettingError, parse_parameter
 from precision_pin.sheet.text import Path, Text, read_text
 from precision_pin.sources import catalogue
-from precision_pin.space import Draw, LabelledSpace, Space
-from precision_pin.terms import Source, labels
+from precision_pin.space import Draw, Extension, LabelledSpace, Space
+from precision_pin.terms import AskedSource, Source, labels
 from precision_pin.urdf import Joint, Robot
 from precision_pin.urdf import read as read_urdf
 
@@ -35,7 +35,7 @@ __all__ = ["Overrides", "Sheet", "parse_pose", "read"]
 Array = NDArray[np.float64]
 
 GRAVITIES: Final = {"earth": EARTH, "moon": (0.0, 0.0, -1.62), "none": (0.0, 0.0, 0.0)}
-LARGEST_FILE: Final = 2**20
+LARGEST_FILE: Final = 4 * 2**20
 _ANY_COMPONENT: Final = ("", ".x", ".y", *(f".{k}" for k in range(6)))
 
 
@@ -257,6 +257,9 @@ def _locked(document: Document, findings: Findings, robot: Robot) -> dict[str, f
 def _poses(document: Document, findings: Findings, chain: Chain) -> dict[str, Array]:
     poses: dict[str, Array] = {}
     for name, value in document.poses.items():
+        if name == "<<":
+            findings.error(("poses", name), "'<<' would merge keys, which a sheet cannot; write them out")
+            continue
         try:
             poses[name] = parse_pose(value, chain)
         except InputError as error:
@@ -337,23 +340,24 @@ def _try_terms(
     chain: Chain, space: Space, sources: Mapping[int, Source], poses: Mapping[str, Array], findings: Findings
 ) -> None:
     """Let every source make its terms at every pose, so that a wrong joint or link is found with its line."""
-    names = labels(list(sources.values()))
-    extended = space
+    extension = Extension(space)
     usable: list[tuple[Path, Source, str]] = []
-    for (k, source), label in zip(sources.items(), names, strict=True):
+    for (k, source), label in zip(sources.items(), labels(list(sources.values())), strict=True):
         path: Path = ("sources", k, source.kind())
         try:
-            extended = extended.including(source.draws(label))
+            extension.add(source.draws(label))
             usable.append((path, source, label))
         except InputError as error:
             findings.take(path, error)
-    places = list(poses.values()) or [np.zeros(len(chain.joints))]
-    for path, source, label in usable:
-        view = LabelledSpace(extended, label)
-        try:
-            for posture in map(chain.at, places):
-                loads, tilts = list(source.loads(posture, view)), list(source.gravity(posture, view))
-                for _ in source.terms(posture.with_loads(loads).with_tilts(tilts), view):
+    extended = extension.space()
+    asked = {path: AskedSource(source, LabelledSpace(extended, label), chain) for path, source, label in usable}
+    for posture in map(chain.at, poses.values() or [np.zeros(len(chain.joints))]):
+        for path, one in tuple(asked.items()):
+            try:
+                loads, tilts = list(one.loads(posture)), list(one.gravity(posture))
+                for _ in one.terms(posture.with_loads(loads).with_tilts(tilts)):
                     pass
-        except InputError as error:
-            findings.take(path, error)
+            except InputError as error:
+                findings.take(path, error)
+                del asked[path]
+        asked = {path: one for path, one in asked.items() if one.depends_on_posture}

@@ -5,13 +5,22 @@ Every scalar stays text: units.py reads the numbers, so that ``1e-4``, ``on`` an
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
 from typing import Any, Final, final
 
 from ruamel.yaml import YAML
 from ruamel.yaml.error import MarkedYAMLError, YAMLError
-from ruamel.yaml.events import CollectionEndEvent, CollectionStartEvent
-from ruamel.yaml.nodes import MappingNode
+from ruamel.yaml.events import (
+    AliasEvent,
+    CollectionEndEvent,
+    CollectionStartEvent,
+    DocumentStartEvent,
+    Event,
+    MappingStartEvent,
+    NodeEvent,
+    ScalarEvent,
+)
 
 from precision_pin.errors import Finding, SheetError
 
@@ -21,7 +30,7 @@ Path = tuple[str | int, ...]
 """Keys and positions from the top of a sheet."""
 
 MOST_LEVELS: Final = 12
-MOST_NODES: Final = 50_000
+MOST_NODES: Final = 100_000
 
 
 @final
@@ -50,6 +59,17 @@ class Text:
         return self.lines.get(path, 1)
 
 
+@final
+@dataclass(slots=True)
+class _Node:
+    """A scalar, whose text stands in ``text``; a list; or a mapping, whose entries are keys and values in turn."""
+
+    line: int
+    text: str | None = None
+    is_mapping: bool = False
+    entries: list[_Node] = field(default_factory=list)
+
+
 def read_text(text: str, file: str) -> Text:
     """Return the contents of YAML text.
 
@@ -59,76 +79,113 @@ def read_text(text: str, file: str) -> Text:
         Not YAML, or too large or deep.
     """
     findings: list[Finding] = []
+
+    def wrong(message: str, line: int | None) -> Finding:
+        return Finding("error", "E_YAML", message, file, line)
+
     try:
-        findings += _look_ahead(text, file)
-        root = YAML(typ="safe", pure=True).compose(text)
+        root = _compose(YAML(typ="safe", pure=True).parse(text), findings, wrong)
     except MarkedYAMLError as error:
         line = error.problem_mark.line + 1 if error.problem_mark else None
-        raise SheetError(
-            [Finding("error", "E_YAML", f"not YAML: {error.problem or error.context}", file, line)]
-        ) from None
-    except (YAMLError, ValueError) as error:
-        reason = str(error).splitlines()[0]
-        raise SheetError([Finding("error", "E_YAML", f"not YAML: {reason}", file, 1)]) from None
-    lines: dict[Path, int] = {}
-    count = 0
-
-    def convert(node: Any, path: Path) -> Any:
-        nonlocal count
-        count += 1
-        line = node.start_mark.line + 1
-        if count > MOST_NODES or len(path) > MOST_LEVELS:
-            raise _too_large(file, line)
-        lines.setdefault(path, line)
-        if isinstance(node.value, str):
-            return node.value
-        if not isinstance(node, MappingNode):
-            return [convert(item, (*path, k)) for k, item in enumerate(node.value)]
-        return convert_mapping(node, path)
-
-    def convert_mapping(node: Any, path: Path) -> dict[str, Any]:
-        result: dict[str, Any] = {}
-        for key_node, value_node in node.value:
-            line = key_node.start_mark.line + 1
-            key = key_node.value
-            if not isinstance(key, str):
-                findings.append(Finding("error", "E_YAML", "a key must be a word", file, line))
-            elif key in result:
-                first = lines[(*path, key)]
-                message = f"the key {key!r} stands twice, first in line {first}"
-                findings.append(Finding("error", "E_DUPLICATE_KEY", message, file, line))
-            else:
-                lines[(*path, key)] = line
-                result[key] = convert(value_node, (*path, key))
-        return result
-
-    data = convert(root, ()) if root is not None else None
-    return Text(data, lines, tuple(findings))
+        raise SheetError([wrong(f"not YAML: {error.problem or error.context}", line)]) from None
+    except (YAMLError, ValueError, OverflowError) as error:
+        # outside of its own errors the parser fails on numbers out of range, such as \UFFFFFFFF
+        raise SheetError([wrong(f"not YAML: {str(error).splitlines()[0]}", 1)]) from None
+    return _Conversion(file, findings, wrong).text(root)
 
 
-def _look_ahead(text: str, file: str) -> list[Finding]:
-    """Return findings about tags, from the stream of events.
+Wrong = Callable[[str, int | None], Finding]
 
-    Composing nests as deep as the text and knows no limit; this pass does not nest.
+
+def _compose(events: Iterable[Event], findings: list[Finding], wrong: Wrong) -> _Node | None:
+    """Return the tree of a stream of events, without recursion: text may nest as deep as it likes.
+
+    What an alias stands for becomes part of the tree as it is, once for every alias.
 
     Raises
     ------
     SheetError
-        Too large or deep.
+        Too large or deep, several documents, or an alias of nothing or of what holds it.
     """
-    findings: list[Finding] = []
-    level = 0
-    for count, event in enumerate(YAML(typ="safe", pure=True).parse(text)):
+    open_nodes: list[_Node] = [_Node(1)]
+    anchors: dict[str, _Node] = {}
+    documents = 0
+    for count, event in enumerate(events):
         line = event.start_mark.line + 1
-        level += isinstance(event, CollectionStartEvent) - isinstance(event, CollectionEndEvent)
-        if count > 2 * MOST_NODES or level > MOST_LEVELS:
-            raise _too_large(file, line)
-        if getattr(event, "tag", None) is not None:
-            message = f"the tag {event.tag} is not allowed; every value is plain text"
-            findings.append(Finding("error", "E_YAML", message, file, line))
-    return findings
+        if count > 2 * MOST_NODES or len(open_nodes) > MOST_LEVELS + 1:
+            raise SheetError([_too_large(wrong, line)])
+        if isinstance(event, CollectionEndEvent):
+            open_nodes.pop()
+        elif isinstance(event, DocumentStartEvent):
+            documents += 1
+            if documents > 1:
+                raise SheetError([wrong("not YAML: a sheet is a single document, this begins another one", line)])
+        elif isinstance(event, AliasEvent):
+            node = anchors.get(event.anchor)
+            if node is None or any(node is holder for holder in open_nodes):
+                reason = "names nothing above it" if node is None else "stands inside what it names"
+                raise SheetError([wrong(f"not YAML: the alias {event.anchor!r} {reason}", line)])
+            open_nodes[-1].entries.append(node)
+        elif isinstance(event, NodeEvent):
+            tag = getattr(event, "tag", None)
+            if tag is not None:
+                findings.append(wrong(f"the tag {tag} is not allowed; every value is plain text", line))
+            node = _Node(line, event.value if isinstance(event, ScalarEvent) else None)
+            node.is_mapping = isinstance(event, MappingStartEvent)
+            open_nodes[-1].entries.append(node)
+            if event.anchor is not None:
+                anchors[event.anchor] = node
+            if isinstance(event, CollectionStartEvent):
+                open_nodes.append(node)
+    return next(iter(open_nodes[0].entries), None)
 
 
-def _too_large(file: str, line: int) -> SheetError:
-    message = f"the sheet is too large or too deep: at most {MOST_NODES} entries, {MOST_LEVELS} levels"
-    return SheetError([Finding("error", "E_YAML", message, file, line)])
+@final
+class _Conversion:
+    """Turns a tree into plain data; as deep as the tree is, which is not deep unless aliases make it so."""
+
+    def __init__(self, file: str, findings: list[Finding], wrong: Wrong) -> None:
+        self._file, self._findings, self._wrong = file, findings, wrong
+        self._lines: dict[Path, int] = {}
+        self._count = 0
+
+    def text(self, root: _Node | None) -> Text:
+        data = None if root is None else self._convert(root, ())
+        return Text(data, self._lines, tuple(self._findings))
+
+    def _convert(self, node: _Node, path: Path) -> Any:
+        self._count += 1
+        if self._count > MOST_NODES or len(path) > MOST_LEVELS:
+            raise SheetError([_too_large(self._wrong, node.line)])
+        self._lines.setdefault(path, node.line)
+        if node.text is not None:
+            return self._word(node.text, node.line)
+        if node.is_mapping:
+            return self._convert_mapping(node, path)
+        return [self._convert(entry, (*path, k)) for k, entry in enumerate(node.entries)]
+
+    def _convert_mapping(self, node: _Node, path: Path) -> dict[str, Any]:
+        result: dict[str, Any] = {}
+        for key_node, value_node in zip(node.entries[::2], node.entries[1::2], strict=True):
+            if key_node.text is None:
+                self._findings.append(self._wrong("a key must be a word", key_node.line))
+                continue
+            key = self._word(key_node.text, key_node.line)
+            if key in result:
+                first = self._lines[(*path, key)]
+                message = f"the key {key!r} stands twice, first in line {first}"
+                self._findings.append(Finding("error", "E_DUPLICATE_KEY", message, self._file, key_node.line))
+            else:
+                self._lines[(*path, key)] = key_node.line
+                result[key] = self._convert(value_node, (*path, key))
+        return result
+
+    def _word(self, word: str, line: int) -> str:
+        if word.isascii() or not any("\ud800" <= letter <= "\udfff" for letter in word):
+            return word
+        self._findings.append(self._wrong("half of a surrogate pair, such as \\ud800, is no character", line))
+        return ""
+
+
+def _too_large(wrong: Wrong, line: int) -> Finding:
+    return wrong(f"the sheet is too large or too deep: at most {MOST_NODES:,} entries, {MOST_LEVELS} levels", line)

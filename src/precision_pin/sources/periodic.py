@@ -49,7 +49,7 @@ def amplitude_remarks(field: str, amplitude: Value, space: LabelledSpace) -> Ite
     if not isinstance(amplitude, Component):
         return
     column = space.space.index[amplitude.name]
-    mean, deviation = float(space.space.mean[column]), float(space.space.covariance[column, column]) ** 0.5
+    mean, deviation = float(space.space.mean[column]), float(space.space.block_covariance.variances[column]) ** 0.5
     if deviation > 0 and abs(mean) <= _ROUNDING * deviation:
         message = (
             f"{field} of {space.label} varies about zero, where first-order analyses see nothing of it; its phase is "

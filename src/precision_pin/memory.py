@@ -9,7 +9,7 @@ from typing import Final
 
 from precision_pin.errors import InputError
 
-__all__ = ["available_memory", "check_kept"]
+__all__ = ["available_memory", "check_kept", "check_memory"]
 
 _MEMORY: Final = Path("/proc/meminfo")
 _LIMIT, _USED = Path("/sys/fs/cgroup/memory.max"), Path("/sys/fs/cgroup/memory.current")
@@ -29,6 +29,30 @@ def available_memory() -> int | None:
     return min(found, default=None)
 
 
+def check_memory(needed: float, what: str, instead: str) -> None:
+    """Refuse what takes more memory than is free.
+
+    Parameters
+    ----------
+    needed
+        How many bytes it takes.
+    what
+        What it is, as "keeping 1,000 samples".
+    instead
+        What to do.
+
+    Raises
+    ------
+    InputError
+        There is not memory enough.
+    """
+    available = available_memory()
+    if available is not None and needed > available:
+        raise InputError(
+            f"{what} takes {needed / 1e9:,.1f} GB, {available / 1e9:,.1f} GB of memory are free; {instead}"
+        )
+
+
 def check_kept(samples: int) -> None:
     """Refuse to keep more errors, 48 bytes each, than there is memory for.
 
@@ -37,9 +61,9 @@ def check_kept(samples: int) -> None:
     InputError
         There is not memory enough.
     """
-    needed, available = 48 * samples, available_memory()
-    if available is not None and needed > available:
-        raise InputError(
-            f"keeping {samples:,} samples takes {needed / 1e9:,.1f} GB, {available / 1e9:,.1f} GB of memory are free; "
-            f"at most {available // 48:,} can be kept (the statistics do not need them)"
-        )
+    most = (available_memory() or 0) // 48
+    check_memory(
+        48.0 * samples,
+        f"keeping {samples:,} samples",
+        f"at most {most:,} can be kept (the statistics do not need them)",
+    )
