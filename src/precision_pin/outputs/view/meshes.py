@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from io import BytesIO
 from pathlib import Path
 from typing import Any, Final, final
 
@@ -11,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from precision_pin.urdf import Mesh, locate_mesh
-from precision_pin.urdf.findings import Findings
+from precision_pin.urdf.findings import Findings, shown
+from precision_pin.urdf.meshcontent import BrokenMeshError, MeshFile, read_mesh
 from precision_pin.urdf.meshes import MeshFiles
 
 from .scene import Colour
@@ -23,8 +25,6 @@ Array = NDArray[np.float64]
 MOST_FACES: Final = 120_000
 """The most triangles a page holds, about 2.5 MB."""
 
-# formats that may name further files: materials or buffers beside them
-_WITH_COMPANIONS: Final = (".obj", ".gltf")
 # corners closer than this share of the arm's length are one; the share grows until all surfaces fit
 _FINEST: Final = 1e-5
 _GROWTH: Final = 1.5
@@ -93,19 +93,21 @@ class MeshReader:
     def _read(self, filename: str, owner: str) -> tuple[Surface, ...]:
         folder = Path(self._file).resolve().parent
         findings = Findings(self._file)
-        MeshFiles(findings, folder, self._package_dirs, look_inside=True).check(filename, owner, 0)
+        MeshFiles(findings, folder, self._package_dirs, look_inside=False).check(filename, owner, 0)
         for finding in findings.result():
             raise UnreadableMeshError(finding.message)
         path = locate_mesh(filename, folder, self._package_dirs)
         if path is None:
-            raise UnreadableMeshError(f"{owner}: mesh {filename!r} is not found")
+            raise UnreadableMeshError(f"{owner}: mesh {shown(filename)} is not found")
         try:
-            surfaces = _load(path)
+            surfaces = _load(read_mesh(path.resolve()))
+        except BrokenMeshError as problem:
+            raise UnreadableMeshError(f"{owner}: mesh {shown(filename)}: {problem}") from None
         except Exception as problem:  # noqa: BLE001 - a broken file makes readers raise anything; the page goes on
             reason = " ".join(str(problem).split()) or type(problem).__name__
-            raise UnreadableMeshError(f"{owner}: mesh {filename!r} cannot be read: {reason[:120]}") from None
+            raise UnreadableMeshError(f"{owner}: mesh {shown(filename)} cannot be read: {shown(reason)}") from None
         if not surfaces:
-            raise UnreadableMeshError(f"{owner}: mesh {filename!r} holds no triangles")
+            raise UnreadableMeshError(f"{owner}: mesh {shown(filename)} holds no triangles")
         return surfaces
 
 
@@ -142,15 +144,30 @@ def _joined(surface: Surface, cell: float) -> Surface:
     return replace(surface, vertices=np.stack(means, axis=1), faces=kept)
 
 
-def _load(path: Path) -> tuple[Surface, ...]:
+@final
+class _Companions:
+    """Hands trimesh the files that were read beside a mesh, and no others: images are not looked at."""
+
+    def __init__(self, files: Mapping[str, bytes]) -> None:
+        self._files = files
+
+    def get(self, name: str) -> bytes:
+        if name not in self._files:
+            raise FileNotFoundError(name)
+        return self._files[name]
+
+    __getitem__ = get
+
+    def keys(self) -> list[str]:
+        return list(self._files)
+
+
+def _load(file: MeshFile) -> tuple[Surface, ...]:
     import trimesh
 
-    kind = path.suffix.lower()
-    if kind in _WITH_COMPANIONS:
-        scene = trimesh.load_scene(path, process=False)
-    else:
-        with path.open("rb") as stream:
-            scene = trimesh.load_scene(stream, file_type=kind[1:], process=False)
+    # without a resolver of ours trimesh opens whatever a file names: pipes, devices, addresses
+    resolver: Any = _Companions(file.companions)
+    scene = trimesh.load_scene(BytesIO(file.data), file_type=file.kind[1:], resolver=resolver, process=False)
     by_colour: dict[Colour | None, list[tuple[Array, NDArray[np.int64]]]] = {}
     for node in sorted(scene.graph.nodes_geometry):
         transform, name = scene.graph[node]
