@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from io import BytesIO
@@ -27,7 +28,9 @@ MOST_FACES: Final = 120_000
 
 # corners closer than this share of the arm's length are one; the share grows until all surfaces fit
 _FINEST: Final = 1e-5
-_GROWTH: Final = 1.5
+_GROWTH: Final = 2.0
+_MOST_TRIALS: Final = 8
+_ENOUGH: Final = 0.3
 _KEY_BITS: Final = 21
 
 
@@ -114,7 +117,8 @@ class MeshReader:
 def thinned(surfaces: Sequence[Surface], length: float, most_faces: int = MOST_FACES) -> tuple[Surface, ...]:
     """Return the surfaces with near corners joined, coarser until all have ``most_faces`` triangles or fewer.
 
-    Corners in one cell of a grid become their mean, triangles that shrink to a line go.
+    Corners in one cell of a grid become their mean, triangles that shrink to a line go. Where that leaves much less than
+    there is room for, as with triangles that do not hang together, every so manieth triangle is taken instead.
 
     Parameters
     ----------
@@ -123,12 +127,39 @@ def thinned(surfaces: Sequence[Surface], length: float, most_faces: int = MOST_F
     length
         The arm's length, m: cells are at least a hundred-thousandth of it.
     """
-    cell = _FINEST * length
-    result = tuple(_joined(one, cell) for one in surfaces)
-    while sum(len(one.faces) for one in result) > most_faces:
-        cell *= _GROWTH
-        result = tuple(_joined(one, cell) for one in result)
-    return result
+    finest = _FINEST * length
+    result = tuple(_joined(one, finest) for one in surfaces)
+    if _count(result) <= most_faces:
+        return result
+    # a surface of area A in cells of size c has about 2 A / c² triangles
+    fine, cell = finest, max(_GROWTH * finest, math.sqrt(sum(map(_area, result)) / most_faces))
+    coarse: float | None = None
+    for _ in range(_MOST_TRIALS):
+        trial = tuple(_joined(one, cell) for one in surfaces)
+        if _count(trial) > most_faces:
+            fine, result = cell, trial
+        elif _count(trial) >= _ENOUGH * most_faces:
+            return trial
+        else:
+            coarse = cell
+        cell = _GROWTH * fine if coarse is None else math.sqrt(fine * coarse)
+    step = math.ceil(_count(result) / most_faces)
+    return tuple(_with_faces(one, one.faces[::step]) for one in result)
+
+
+def _with_faces(surface: Surface, faces: NDArray[np.int64]) -> Surface:
+    """Return some of a surface's triangles, with the corners they have."""
+    used, renumbered = np.unique(faces, return_inverse=True)
+    return replace(surface, vertices=surface.vertices[used], faces=renumbered.reshape(-1, 3))
+
+
+def _count(surfaces: Sequence[Surface]) -> int:
+    return sum(len(one.faces) for one in surfaces)
+
+
+def _area(surface: Surface) -> float:
+    first, second, third = (surface.vertices[corner] for corner in surface.faces.T)
+    return float(np.linalg.norm(np.cross(second - first, third - first), axis=1).sum()) / 2
 
 
 def _joined(surface: Surface, cell: float) -> Surface:
@@ -141,7 +172,7 @@ def _joined(surface: Surface, cell: float) -> Surface:
     faces = renumbered[surface.faces]
     first, second, third = faces.T
     kept = faces[(first != second) & (second != third) & (third != first)]
-    return replace(surface, vertices=np.stack(means, axis=1), faces=kept)
+    return _with_faces(replace(surface, vertices=np.stack(means, axis=1)), kept)
 
 
 @final
