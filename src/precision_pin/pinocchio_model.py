@@ -1,12 +1,13 @@
 """The only user of Pinocchio: what it loads, checked against our own reading, and what it computes.
 
-One wrapper owns every call, because a wrong call ends the process by signal rather than by an exception.
+One wrapper owns every call, because a wrong call ends the process by signal rather than by an exception. Pinocchio never
+sees a name of the file: it keeps links and joints in one list of frames and refuses a name that occurs twice there.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any, final
 
 import numpy as np
@@ -62,15 +63,17 @@ class PinocchioModel:
         InternalError
             Pinocchio's model differs from our reading.
         """
-        full = pinocchio.buildModelFromXML(canonical(robot))
-        _verify(full, robot)
+        numbered = _numbered(robot)
+        names = {old.name: new.name for old, new in zip(robot.joints, numbered.joints, strict=True)}
+        full = pinocchio.buildModelFromXML(canonical(numbered))
+        _verify(full, numbered)
         reference = pinocchio.neutral(full)
-        for name, value in locked.items():
-            reference[full.joints[full.getJointId(name)].idx_q] = value
-        numbers = [full.getJointId(name) for name in locked]
+        numbers = [full.getJointId(names[name]) for name in locked]
+        for number, value in zip(numbers, locked.values(), strict=True):
+            reference[full.joints[number].idx_q] = value
         model = pinocchio.buildReducedModel(full, numbers, reference) if numbers else full
         model.gravity.linear = np.asarray(gravity, dtype=float)
-        return cls(model, tuple(int(model.getJointId(name)) for name in joints))
+        return cls(model, tuple(int(model.getJointId(names[name])) for name in joints))
 
     def with_mass(self, joint: int, placement: Array, mass: float, centre: ArrayLike) -> PinocchioModel:
         """Return the model with a point mass added to a body.
@@ -116,6 +119,28 @@ class PinocchioModel:
         for k, value in zip(self.joints, q, strict=True):
             values[self.model.joints[k].idx_q] = value
         return values
+
+
+def _numbered(robot: Robot) -> Robot:
+    """Return the robot with numbers for names: ``link000000``, ``joint000000`` … in the order of the names.
+
+    Readers of URDF sort by name, so the order of Pinocchio's joints, and of its sums, is that of the file's own names.
+    """
+    links = _numbers("link", (link.name for link in robot.links))
+    joints = _numbers("joint", (joint.name for joint in robot.joints))
+    return Robot(
+        "robot",
+        robot.file,
+        tuple(replace(link, name=links[link.name]) for link in robot.links),
+        tuple(
+            replace(joint, name=joints[joint.name], parent=links[joint.parent], child=links[joint.child])
+            for joint in robot.joints
+        ),
+    )
+
+
+def _numbers(kind: str, names: Iterable[str]) -> dict[str, str]:
+    return {name: f"{kind}{k:06d}" for k, name in enumerate(sorted(names, key=str.encode))}
 
 
 def _verify(model: Any, robot: Robot) -> None:

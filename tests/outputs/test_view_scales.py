@@ -98,3 +98,18 @@ def test_small_meshes_are_only_freed_of_doubled_corners():
     assert (len(joined.vertices), len(joined.faces), joined.colour) == (8, 12, (1, 0, 0, 1))
     found = {tuple(np.round(corner, 12)) for corner in joined.vertices}
     assert found == {tuple(np.round(corner, 12)) for corner in block.vertices}
+
+
+@pytest.mark.parametrize("size", [1e-3, 1e-2])
+def test_triangles_that_do_not_hang_together_are_never_thinned_to_none(size):
+    generator = np.random.default_rng(5)
+    corners = generator.uniform(-0.5, 0.5, (20_000, 1, 3)) + generator.normal(0, size, (20_000, 3, 3))
+    heap = Surface(corners.reshape(-1, 3), np.arange(60_000).reshape(-1, 3), None)
+    same = Surface(np.tile([[0.0, 0, 0], [0.3, 0, 0], [0, 0.3, 0]], (20_000, 1)), heap.faces, None)
+    for soup in (heap, same):
+        reduced, box = thinned([soup, Surface(np.eye(3), np.array([[0, 1, 2]]), None)], 1.0, most_faces=1000)
+        assert 200 < len(reduced.faces) <= 1000
+        assert len(reduced.vertices) <= 3000
+        assert reduced.faces.max() < len(reduced.vertices)
+        np.testing.assert_allclose(np.ptp(reduced.vertices, axis=0), np.ptp(soup.vertices, axis=0), atol=0.2)
+        assert len(box.faces) == 1

@@ -20,6 +20,8 @@ ELBOW_ORIGIN = '<origin xyz="0.4 0 0" rpy="0.1 0.2 0.3"/>'
 FORE_LINK = '<link name="fore">'
 CYLINDER = '<cylinder radius="0.05" length="0.4"/>'
 COLOR = '<color rgba="0.5 0.5 0.5 1"/>'
+USED = '<material name="grey"/>'
+FLANGE_CHILD = '<child link="tip"/>'
 END = "</robot>"
 LOOP = """<link name="a"/><link name="b"/>
 <joint name="ab" type="fixed"><parent link="a"/><child link="b"/></joint>
@@ -93,7 +95,10 @@ ERRORS = [
     (ELBOW, ELBOW.replace("continuous", "floating"), "E_JOINT_UNSUPPORTED", ["elbow", "floating"], "floating"),
     (ELBOW_AXIS, '<axis xyz="0 0 0"/>', "E_AXIS_ZERO", ["elbow"], '"0 0 0"/>\n  </joint>'),
     (ELBOW_AXIS, '<axis xyz="1e200 1e200 0"/>', "E_AXIS_NORM", ["elbow", "1e200"], "1e200"),
-    (ELBOW_AXIS, '<axis xyz="1e-200 0 0"/>', "E_AXIS_NORM", ["elbow", "1e-200"], "1e-200"),
+    (ELBOW_AXIS, '<axis xyz="1e-200 0 0"/>', "E_AXIS_ZERO", ["elbow", "1e-200"], "1e-200"),
+    (ELBOW_AXIS, '<axis xyz="0 -9e-7 0"/>', "E_AXIS_ZERO", ["elbow", "0 -9e-7 0"], "0 -9e-7"),
+    (ELBOW_AXIS, "<axis/>", "E_AXIS_ZERO", ["elbow", "no xyz"], "<axis/>"),
+    (ELBOW_AXIS, ELBOW_AXIS + '<mimic joint="flange"/>', "E_MIMIC", ["elbow", "flange", "fixed"], ELBOW),
     (ELBOW_AXIS, '<axis xyz="nan 0 0"/>', "E_NOT_FINITE", ["elbow", "nan"], "nan"),
     (SHOULDER_LIMIT, "", "E_LIMITS", ["shoulder", "no limit"], SHOULDER),
     (SHOULDER_LIMIT, SHOULDER_LIMIT.replace('"2"', '"-3"'), "E_LIMITS", ["shoulder", "-3"], '"-3"'),
@@ -135,6 +140,18 @@ WARNINGS = [
     (FORE_INERTIA, FORE_INERTIA.replace("0.02", "20000"), "W_UNITS", ["fore", "mm"], FORE_INERTIAL),
     (ELBOW_AXIS, '<axis xyz="0 -2 0"/>', "W_AXIS_NORM", ["elbow", "length 2"], "0 -2 0"),
     (ELBOW_AXIS, "", "W_AXIS_DEFAULT", ["elbow", "1 0 0"], ELBOW),
+    (ELBOW_AXIS, '<axis xyz="0 -1e-5 0"/>', "W_AXIS_NORM", ["elbow", "1e-05"], "1e-5"),
+    (ELBOW_AXIS, '<axis xmlns="urn:x" xyz="0 -1 0"/>', "W_UNKNOWN_ATTRIBUTE", ["elbow", "xmlns"], "urn:x"),
+    (ELBOW_AXIS, ELBOW_AXIS + "<limit/>", "W_LIMITS", ["elbow", "effort and velocity"], "<limit/>"),
+    (FLANGE_CHILD, FLANGE_CHILD + '<mimic joint="elbow"/>', "W_MIMIC", ["flange", "fixed"], "<mimic"),
+    # white space with which urdfdom drops the inertial or refuses the file
+    (FORE_MASS, '<mass value=" +1.5e0 "/>', "W_NUMBER_BLANKS", ["fore", "<mass> value", "urdfdom"], "+1.5e0"),
+    (FORE_MASS, '<mass value="1.5\n"/>', "W_NUMBER_BLANKS", ["fore", "<mass> value"], '"1.5'),
+    (FORE_INERTIA, FORE_INERTIA.replace('"0.02"/', '"0.02 "/'), "W_NUMBER_BLANKS", ["<inertia> izz"], '"0.02 "'),
+    ('xyz="0.15 0 0"', 'xyz="0.15&#9;0 0"', "W_NUMBER_BLANKS", ["fore", "<origin> xyz"], "0.15"),
+    ('xyz="0.15 0 0"', 'xyz="0.15\n0 0"', "W_NUMBER_BLANKS", ["fore", "<origin> xyz"], "0.15"),
+    (SHOULDER_LIMIT, SHOULDER_LIMIT.replace('"2"', '"2 "'), "W_NUMBER_BLANKS", ["shoulder", "<limit> upper"], '"2 "'),
+    (ELBOW_ORIGIN, '<origin xyz="0.4 0&#10;0" rpy="0.1 0.2 0.3"/>', "W_NUMBER_BLANKS", ["elbow"], "&#10;"),
     (SHOULDER_LIMIT, '<limit effort="50" velocity="1.5"/>', "W_LIMITS", ["lower and upper"], "<limit effort"),
     (SHOULDER_LIMIT, '<limit lower="-2" upper="2"/>', "W_LIMITS", ["effort and velocity"], '"2"/>'),
     (SHOULDER_LIMIT, SHOULDER_LIMIT.replace('"2"', '"inf"'), "W_LIMITS", ["upper infinite"], "inf"),
@@ -150,6 +167,11 @@ WARNINGS = [
     (FORE_INERTIA, FORE_INERTIA.replace("0.02", "0"), "W_INERTIA_ZERO", ["fore", "point mass"], FORE_LINK),
     (COLOR, COLOR.replace("0.5 0.5", "x y"), "W_MATERIAL", ["grey"], "x y"),
     (COLOR, COLOR.replace("0.5 0.5", "255 255"), "W_MATERIAL", ["grey", "between 0 and 1"], "255"),
+    (COLOR, "", "W_MATERIAL", ["grey", "neither color nor texture"], "<material"),
+    (END, "<material/></robot>", "W_MATERIAL", ["no name"], "<material/>"),
+    (USED, '<material name="gray"/>', "W_MATERIAL", ["upper", "gray", "nowhere"], "gray"),
+    (USED, "<material/>", "W_MATERIAL", ["upper", "without a name"], "<material/>"),
+    (USED, f'<material name="">{COLOR}</material>', "W_MATERIAL", ["upper", "without a name"], '<material name=""'),
     (CYLINDER, '<cylinder radius="-1" length="1"/>', "W_GEOMETRY", ["upper", "positive"], "<visual>"),
     (CYLINDER, '<capsule radius="1"/>', "W_GEOMETRY", ["upper", "capsule"], "<visual>"),
     (CYLINDER, '<mesh filename="" />', "W_MESH_MISSING", ["upper"], "<mesh"),
@@ -165,7 +187,10 @@ SILENT = [
     ('<?xml version="1.0"?>', '<?xml version="1.0" encoding="ISO-8859-1"?>'),
     ("\n", "\r\n"),
     ("\n", "\r"),
-    (FORE_MASS, '<mass value=" +1.5e0 "/>'),
+    (FORE_MASS, '<mass value=" +1.5e0"/>'),
+    (FORE_MASS, '<mass value="\n1.5"/>'),
+    (FORE_LINK, '<material name="bare"><texture filename="wood.png"/></material>' + FORE_LINK),
+    (ELBOW_AXIS, ELBOW_AXIS + '<limit effort="5" velocity="1"/>'),
     (FORE_MASS, '<mass value="&#49;.5"/>'),
     (FORE_MASS, "<mass value='1.5'/><!-- heavy -->"),
     (ELBOW_ORIGIN, '<origin xyz="0.4\t0\n0" rpy=" .1 2e-1\r\n0.3"/>'),
@@ -241,7 +266,8 @@ def test_mimics_in_a_circle_are_named(arm, findings_of):
         (b"", "E_XML_EMPTY"),
         (b" \n ", "E_XML_EMPTY"),
         (b"\xef\xbb\xbf", "E_XML_EMPTY"),
-        ("<robot name='a'/>".encode("utf-16"), "E_XML_ENCODING"),
+        ("<robot name='a'/>".encode("utf-16-le"), "E_XML_ENCODING"),
+        ("<robot name='a'/>".encode("utf-32"), "E_XML_ENCODING"),
         (b"<robot name='\xe9'/>", "E_XML_ENCODING"),
         (b"<sdf/>", "E_NO_ROBOT"),
         (b"<mujoco/>", "E_NO_ROBOT"),
@@ -259,6 +285,42 @@ def test_mimics_in_a_circle_are_named(arm, findings_of):
 )  # fmt: skip
 def test_whole_files_that_are_no_robot(findings_of, text, code):
     assert [found.code for found in findings_of(text)] == [code]
+
+
+DECLARED = '<?xml version="1.0" encoding="{}"?>'
+ENCODINGS = [
+    ("utf-8", "UTF-8"), ("utf-8-sig", "utf-8"), ("utf-16", "UTF-16"), ("utf-16", None), ("utf-16-le", "UTF-16"),
+    ("utf-16-be", "utf-16be"), ("latin-1", "ISO-8859-1"), ("iso-8859-15", "iso-8859-15"), ("cp1252", "windows-1252"),
+]  # fmt: skip
+MISTAKEN = [
+    ("utf-16", "UTF-8"), ("utf-16", "ISO-8859-1"), ("utf-16-be", "utf-16le"), ("utf-16-le", None), ("utf-8", "UTF-16"),
+    ("latin-1", "UTF-8"), ("latin-1", "US-ASCII"), ("latin-1", None), ("utf-8-sig", "ISO-8859-1"), ("utf-32", "utf-32"),
+    ("shift_jis", "shift_jis"), ("utf-7", "utf-7"), ("utf-8", "x-none"), ("cp037", "cp037"),
+]  # fmt: skip
+
+
+def _encoded(arm: str, written: str, declared: str | None) -> bytes:
+    text = arm.replace('<?xml version="1.0"?>', "" if declared is None else DECLARED.format(declared)).lstrip()
+    letters = "bêche" if written != "shift_jis" else "腕"
+    return text.replace("flange", letters).encode(written)
+
+
+@pytest.mark.parametrize(("written", "declared"), ENCODINGS)
+def test_declared_encodings_are_read(arm, written, declared):
+    robot = parse(_encoded(arm, written, declared), "arm.urdf")
+    assert robot.findings == ()
+    assert robot.joints[-1].name == "bêche"
+    plain = parse(arm.encode(), "arm.urdf")
+    assert [(one.name, one.origin.tolist()) for one in robot.joints[:-1]] == [
+        (one.name, one.origin.tolist()) for one in plain.joints[:-1]
+    ]
+
+
+@pytest.mark.parametrize(("written", "declared"), MISTAKEN)
+def test_other_encodings_are_refused_and_never_misread(arm, findings_of, written, declared):
+    (found,) = findings_of(_encoded(arm, written, declared))
+    assert found.code == "E_XML_ENCODING"
+    assert "UTF" in found.message or "ASCII" in found.message
 
 
 def _chain(links: int, kind: str) -> str:

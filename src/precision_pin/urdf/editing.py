@@ -10,7 +10,7 @@ from xml.parsers import expat
 from xml.sax.saxutils import quoteattr
 
 from .data import Vector
-from .xmltree import UTF8_MARK
+from .xmltree import UTF8_MARK, utf8_text
 
 __all__ = ["AddedFrame", "Placement", "UrdfText"]
 
@@ -77,7 +77,7 @@ class UrdfText:
     Attributes
     ----------
     data
-        The whole file.
+        The whole file; UTF-8 where it is written in another encoding.
     joints
         Where each joint's placement stands, by the joint's name.
     end
@@ -100,8 +100,9 @@ class UrdfText:
         data
             A file that `parse` accepts; anything else has no meaning here.
         """
-        scanner = _Scanner(data)
-        return cls(data, scanner.joints, scanner.end, tuple(dict.fromkeys(scanner.meshes)))
+        text = utf8_text(data)
+        scanner = _Scanner(text)
+        return cls(text, scanner.joints, scanner.end, tuple(dict.fromkeys(scanner.meshes)))
 
     def edited(
         self, placements: Mapping[str, Placement], added: Sequence[AddedFrame] = (), comment: Iterable[str] = ()

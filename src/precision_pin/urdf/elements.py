@@ -64,7 +64,7 @@ def check_attributes(node: Node, owner: str, findings: Findings) -> None:
         if name == "quat_xyzw":
             message = f"{owner}: quat_xyzw (URDF 1.1) is not read; write the rotation as rpy"
             findings.error("E_VERSION", message, node.line)
-        elif name not in valid and ":" not in name and name != "xmlns":
+        elif name not in valid and ":" not in name:
             message = f"unknown attribute {shown(name)} of <{node.tag}> is ignored; valid: {', '.join(sorted(valid))}"
             findings.grouped_warning("W_UNKNOWN_ATTRIBUTE", message, owner, node.line)
 

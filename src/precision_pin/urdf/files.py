@@ -4,11 +4,15 @@ from __future__ import annotations
 
 import os
 import stat
+from functools import cache
 
 from .findings import Findings, shown
 
-__all__ = ["read_regular_file"]
+__all__ = ["is_regular", "read_regular_file"]
 
+KERNEL_FOLDERS = (
+    "/proc", "/sys", "/sys/fs/cgroup", "/sys/kernel/debug", "/sys/kernel/tracing", "/sys/kernel/security", "/sys/fs/bpf",
+)  # fmt: skip
 MISSING = (FileNotFoundError, NotADirectoryError, ValueError)
 
 
@@ -25,14 +29,14 @@ def read_regular_file(path: str | os.PathLike[str], findings: Findings, *, most_
         The largest size that is read.
     """
     try:
-        kind = os.stat(path).st_mode
-        if not stat.S_ISREG(kind):
-            findings.error("E_FILE_KIND", f"this is {_kind_in_words(kind)}; a regular file is needed")
+        status = os.stat(path)
+        if not is_regular(status):
+            findings.error("E_FILE_KIND", f"this is {_kind_in_words(status)}; a regular file is needed")
             return None
         # non-blocking and checked again: the name may have been exchanged for a pipe in between
         descriptor = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_CLOEXEC", 0))
         with os.fdopen(descriptor, "rb") as stream:
-            if not stat.S_ISREG(os.fstat(stream.fileno()).st_mode):
+            if not is_regular(os.fstat(stream.fileno())):
                 findings.error("E_FILE_KIND", "this is not a regular file any more")
                 return None
             data = stream.read(most_bytes + 1)
@@ -54,7 +58,24 @@ def read_regular_file(path: str | os.PathLike[str], findings: Findings, *, most_
     return data
 
 
-def _kind_in_words(mode: int) -> str:
+def is_regular(status: os.stat_result) -> bool:
+    """Return whether this is a file of a disk: no directory, pipe or device, and nothing that the kernel makes up.
+
+    What lies below ``/proc`` and ``/sys`` claims to be regular, but its size is not known and reading it may have effects.
+    """
+    return stat.S_ISREG(status.st_mode) and status.st_dev not in _made_up()
+
+
+@cache
+def _made_up() -> frozenset[int]:
+    """Return the device numbers of the file systems that the kernel makes up."""
+    return frozenset(os.stat(folder).st_dev for folder in KERNEL_FOLDERS if os.path.ismount(folder))
+
+
+def _kind_in_words(status: os.stat_result) -> str:
+    mode = status.st_mode
+    if stat.S_ISREG(mode):
+        return "a file of the kernel (/proc or /sys)"
     if stat.S_ISDIR(mode):
         return "a directory"
     if stat.S_ISFIFO(mode):

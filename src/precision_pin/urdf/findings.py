@@ -11,6 +11,7 @@ __all__ = ["Findings", "hint", "shown"]
 
 MOST_FINDINGS = 1000
 MOST_NAMES = 6
+LONGEST_MESSAGE = 1500
 
 
 def shown(text: str, *, most: int = 80) -> str:
@@ -88,4 +89,10 @@ class Findings:
     ) -> None:
         self._count[severity] += 1
         if self._count[severity] <= MOST_FINDINGS:
-            self._kept.append(Finding(severity, code, message, self._file, line, subjects))
+            self._kept.append(Finding(severity, code, _one_line(message), self._file, line, subjects))
+
+
+def _one_line(message: str) -> str:
+    """Return a message of bounded length in which nothing can forge a line or turn the direction of writing."""
+    cut = message if len(message) <= LONGEST_MESSAGE else message[:LONGEST_MESSAGE] + "…"
+    return cut if cut.isprintable() else "".join(one if one.isprintable() else repr(one)[1:-1] for one in cut)

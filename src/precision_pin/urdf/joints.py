@@ -17,6 +17,7 @@ __all__ = ["check_mimics", "read_joint"]
 KINDS = ("revolute", "continuous", "prismatic", "fixed")
 UNSUPPORTED = ("floating", "planar")
 UNIT_TOLERANCE = 1e-6
+SHORTEST_AXIS = 1e-6
 LONGEST_AXIS = 1e6
 WIDEST_ANGLE = 4 * math.pi
 WIDEST_SHIFT = 20.0
@@ -84,20 +85,23 @@ def _end(node: Node, tag: str, owner: str, findings: Findings) -> str | None:
 
 def _axis(node: Node, owner: str, findings: Findings) -> Vector:
     element = node.first("axis")
-    if element is None or element.get("xyz") is None:
-        message = f"{owner} has no axis; the default 1 0 0 is taken"
-        findings.warning("W_AXIS_DEFAULT", message, node.line if element is None else element.line)
+    if element is None:
+        findings.warning("W_AXIS_DEFAULT", f"{owner} has no axis; the default 1 0 0 is taken", node.line)
+        return DEFAULT_AXIS
+    if element.get("xyz") is None:
+        message = f'{owner}: <axis> has no xyz, which other readers take as zero; <axis xyz="…"/> is needed'
+        findings.error("E_AXIS_ZERO", message, element.line)
         return DEFAULT_AXIS
     values = read_numbers(element, "xyz", 3, owner, findings)
     if values is None:
         return DEFAULT_AXIS
     written = shown(element.get("xyz") or "")
     length = math.hypot(*values)
-    if length == 0:
-        message = f"{owner}: axis {written} has no direction; a vector of length one is needed"
+    if length < SHORTEST_AXIS:
+        message = f"{owner}: axis {written} has as good as no direction; a vector of length one is needed"
         findings.error("E_AXIS_ZERO", message, element.line)
         return DEFAULT_AXIS
-    if not 1 / LONGEST_AXIS <= length <= LONGEST_AXIS:
+    if length > LONGEST_AXIS:
         message = f"{owner}: axis {written} is of length {length:.3g}; a vector of length one is needed"
         findings.error("E_AXIS_NORM", message, element.line)
         return DEFAULT_AXIS
@@ -225,13 +229,19 @@ def _dynamics(node: Node, owner: str, findings: Findings) -> None:
 
 
 def check_mimics(joints: tuple[Joint, ...], findings: Findings) -> None:
-    """Refuse a mimic of an unknown joint and a circle of mimics (``E_MIMIC``)."""
+    """Refuse a mimic of an unknown or a fixed joint, and a circle of mimics (``E_MIMIC``)."""
     by_name = {joint.name: joint for joint in joints}
     for joint in joints:
-        if joint.mimic is not None and joint.mimic.joint not in by_name:
-            target = joint.mimic.joint
-            message = f"joint {shown(joint.name)} mimics {shown(target)}, which does not exist{hint(target, by_name)}"
-            findings.error("E_MIMIC", message, joint.line)
+        if joint.mimic is None:
+            continue
+        target = joint.mimic.joint
+        followed = f"joint {shown(joint.name)} mimics {shown(target)}"
+        if target not in by_name:
+            findings.error("E_MIMIC", f"{followed}, which does not exist{hint(target, by_name)}", joint.line)
+        elif not by_name[target].moves:
+            findings.error(
+                "E_MIMIC", f"{followed}, which is fixed and has no value; a moving joint is needed", joint.line
+            )
     done: set[str] = set()
     for joint in joints:
         way: dict[str, Joint] = {}

@@ -40,6 +40,7 @@ class Looks:
     def __init__(self, findings: Findings, meshes: MeshFiles | None) -> None:
         self._findings = findings
         self._meshes = meshes
+        self._defined: set[str] = set()
 
     def materials(self, robot: Node) -> dict[str, Colour]:
         """Return the colours of the materials defined in ``<robot>`` or in any visual, by name."""
@@ -49,7 +50,7 @@ class Looks:
         for link in robot.named("link"):
             for visual in link.named("visual"):
                 for node in visual.named("material"):
-                    if node.first("color") is not None and node.get("name"):
+                    if node.get("name") and (node.first("color") is not None or node.first("texture") is not None):
                         self._material(node, f"link {shown(link.get('name') or '?')}", colours, top=False)
         return colours
 
@@ -65,15 +66,20 @@ class Looks:
 
     def _material(self, node: Node, owner: str, colours: dict[str, Colour], *, top: bool) -> None:
         name = node.get("name")
-        problem = None if name else "has no name"
-        if name and top and name in colours:
-            problem = "is defined twice; the first is taken"
         color = node.first("color")
-        if color is not None and problem is None and name is not None:
+        problem = None
+        if not name:
+            problem = "has no name"
+        elif top and name in self._defined:
+            problem = "is defined twice; the first is taken"
+        elif color is not None:
             try:
                 colours.setdefault(name, _colour(color))
             except _Bad as bad:
                 problem = str(bad)
+        elif node.first("texture") is None:
+            problem = "has neither color nor texture"
+        self._defined.add(name or "")
         if problem is not None:
             self._report_material(node, owner, problem)
 
@@ -109,15 +115,21 @@ class Looks:
         material = node.first("material")
         if material is None:
             return None
-        color = material.first("color")
-        if color is not None:
-            try:
-                return _colour(color)
-            except _Bad as bad:
-                if not material.get("name"):
-                    self._report_material(material, owner, str(bad))
-                return None
-        return colours.get(material.get("name") or "")
+        name, color = material.get("name") or "", material.first("color")
+        if not name:
+            message = "a material without a name, for which other readers leave the visual out"
+            self._findings.grouped_warning("W_MATERIAL", message, owner, material.line)
+        elif color is None and name not in self._defined:
+            message = f"material {shown(name)} is defined nowhere; what has it is drawn grey"
+            self._findings.grouped_warning("W_MATERIAL", message, owner, material.line)
+        if color is None:
+            return colours.get(name)
+        try:
+            return _colour(color)
+        except _Bad as bad:
+            if not name:
+                self._report_material(material, owner, str(bad))
+            return None
 
     def _geometry(self, node: Node, owner: str) -> Geometry | None:
         element = node.first("geometry")

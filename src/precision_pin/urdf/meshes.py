@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import os
 import re
-import stat
 from collections.abc import Sequence
 from pathlib import Path
 from typing import final
 
+from .files import is_regular
 from .findings import Findings, shown
-from .meshcontent import MESH_KINDS, mesh_problem
+from .meshcontent import MESH_KINDS, BrokenMeshError, read_mesh
 
 __all__ = ["MeshFiles", "locate_mesh"]
 
@@ -127,14 +127,15 @@ class MeshFiles:
         except (FileNotFoundError, NotADirectoryError):
             self._findings.warning("W_MESH_MISSING", f"{label} does not exist", line)
             return
-        if not stat.S_ISREG(status.st_mode):
+        if not is_regular(status):
             self._findings.warning("W_MESH_BAD", f"{label} is not a regular file", line)
         elif real.suffix.lower() not in MESH_KINDS:
             kinds = ", ".join(sorted(MESH_KINDS))
             self._findings.warning("W_MESH_BAD", f"{label} is of an unknown kind; known: {kinds}", line)
         elif self._look_inside:
-            problem = mesh_problem(real)
-            if problem is not None:
+            try:
+                read_mesh(real)
+            except BrokenMeshError as problem:
                 self._findings.warning("W_MESH_BAD", f"{label}: {problem}", line)
 
     def _allowed_folders(self) -> list[Path]:

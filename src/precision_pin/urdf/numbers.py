@@ -79,7 +79,19 @@ def read_numbers(
         message = f"{owner}: <{node.tag}> {attribute}={shown(text)} {result.reason}"
         findings.error(result.code, message, node.line)
         return None
+    if node.has_breaks or _is_misread(text, count):
+        message = (
+            "white space after a number, or other than blanks between numbers, is read as it stands, but urdfdom "
+            "(ROS, Gazebo, Pinocchio) drops the inertial or refuses the file; delete it"
+        )
+        findings.grouped_warning("W_NUMBER_BLANKS", message, f"{owner}: <{node.tag}> {attribute}", node.line)
     return result
+
+
+def _is_misread(text: str, count: int) -> bool:
+    """Return whether sound numbers stop urdfdom, which parts them at blanks and nothing else."""
+    pieces = [text] if count == 1 else text.split(" ")
+    return any(piece[-1].isspace() or len(piece.split()) > 1 for piece in pieces if piece)
 
 
 def read_vector(node: Node | None, attribute: str, owner: str, findings: Findings) -> tuple[float, float, float]:

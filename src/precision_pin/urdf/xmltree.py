@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import codecs
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from xml.parsers import expat
@@ -9,24 +11,40 @@ from xml.parsers import expat
 from .data import Limits
 from .findings import Findings, shown
 
-__all__ = ["Node", "parse_xml"]
+__all__ = ["Node", "parse_xml", "utf8_text"]
 
-UTF8_MARK = b"\xef\xbb\xbf"
-WIDE_MARKS = (b"\xff\xfe", b"\xfe\xff", b"\x00\x00\xfe\xff", b"<\x00", b"\x00<")
-UTF8_NAMES = {"utf-8", "utf8", "us-ascii", "ascii"}
-EIGHT_BIT_NAMES = {"iso-8859-1", "latin-1", "latin1", "iso-8859-15", "windows-1252", "cp1252"}
+UTF8_MARK = codecs.BOM_UTF8
+# encodings that may be declared, with Python's name; those of 16 bits need their mark or their declaration
+ENCODINGS = {
+    "utf-8": "utf-8", "utf8": "utf-8", "us-ascii": "ascii", "ascii": "ascii", "iso-8859-1": "latin-1", "latin-1": "latin-1",
+    "latin1": "latin-1", "iso-8859-15": "iso-8859-15", "windows-1252": "cp1252", "cp1252": "cp1252",
+    "utf-16": "utf-16", "utf-16le": "utf-16-le", "utf-16be": "utf-16-be",
+}  # fmt: skip
+WIDE = {"utf-16-le": (codecs.BOM_UTF16_LE, b"<\0"), "utf-16-be": (codecs.BOM_UTF16_BE, b"\0<")}
+READ = "UTF-8, UTF-16, ISO-8859-1, ISO-8859-15, windows-1252 and US-ASCII are read"
+DECLARATION = re.compile(r"""<\?xml\s[^>]*?\sencoding\s*=\s*["']([A-Za-z][A-Za-z0-9._-]*)["']""")
+LONGEST_DECLARATION = 400
+# a start tag up to a tab or line end in one of its attributes
+BREAK = re.compile(
+    rb"""<[^"'>]*(?:(?:"[^"\t\r\n]*"|'[^'\t\r\n]*')[^"'>]*)*(?:"[^"\t\r\n]*[\t\r\n]|'[^'\t\r\n]*[\t\r\n])"""
+)
 # below these children of <robot> nothing is read, so nothing is kept
 OPAQUE = {"gazebo", "transmission", "ros2_control", "sensor"}
 
 
 @dataclass(slots=True)
 class Node:
-    """One XML element: its tag, attributes, line (from 1) and child elements."""
+    """One XML element: its tag, attributes, line (from 1) and child elements.
+
+    ``has_breaks`` says of the origin of an inertial whether tabs or line ends stand in its attributes, which XML turns
+    into blanks.
+    """
 
     tag: str
     attributes: dict[str, str]
     line: int
     children: list[Node] = field(default_factory=list)
+    has_breaks: bool = False
 
     def get(self, attribute: str) -> str | None:
         """Return an attribute's text, or None."""
@@ -55,7 +73,7 @@ def parse_xml(data: bytes, findings: Findings, limits: Limits) -> Node | None:
     Parameters
     ----------
     data
-        The whole file. UTF-8, with or without a byte order mark; any line ends.
+        The whole file, in an encoding that `utf8_text` knows; any line ends.
     findings
         Receives ``E_XML_EMPTY``, ``E_XML_SYNTAX``, ``E_XML_ENCODING``, ``E_XML_DTD``, ``E_XML_DEPTH``,
         ``E_TOO_BIG`` or ``E_XACRO``.
@@ -69,30 +87,68 @@ def parse_xml(data: bytes, findings: Findings, limits: Limits) -> Node | None:
     return None
 
 
+def utf8_text(data: bytes) -> bytes:
+    """Return a file that `parse_xml` takes as UTF-8, and its declaration then says so; UTF-8 and ASCII stay as they are."""
+    text = _decoded(data)
+    return data if data.removeprefix(UTF8_MARK) == text.encode() else _with_declared_utf8(text).encode()
+
+
 def _plain_utf8(data: bytes, limits: Limits) -> bytes:
     if len(data) > limits.file_bytes:
         message = f"the file is over {limits.file_bytes} bytes; the limits can be raised"
         raise _Refused("E_TOO_BIG", message, None)
-    if data.startswith(WIDE_MARKS):
-        raise _Refused("E_XML_ENCODING", "the text is UTF-16 or UTF-32; save it as UTF-8", 1)
-    data = data.removeprefix(UTF8_MARK)
     if not data.strip():
         raise _Refused("E_XML_EMPTY", "the file is empty; a <robot> element is needed", 1)
-    nul = data.find(b"\0")
+    text = _decoded(data)
+    if not text.strip():
+        raise _Refused("E_XML_EMPTY", "the file is empty; a <robot> element is needed", 1)
+    nul = text.find("\0")
     if nul >= 0:
-        raise _Refused("E_XML_SYNTAX", "a NUL byte in the text; this is not XML", _line_of(data, nul))
+        raise _Refused("E_XML_SYNTAX", "a NUL byte in the text; this is not XML", _line_of(text[:nul]))
+    return _with_declared_utf8(text).encode()
+
+
+def _decoded(data: bytes) -> str:
+    """Return the text without its mark, by the mark and the declared encoding, which must agree."""
+    if data.startswith((codecs.BOM_UTF32_LE, codecs.BOM_UTF32_BE, b"<\0\0\0", b"\0\0\0<")):
+        raise _Refused("E_XML_ENCODING", f"the text is UTF-32; {READ}", 1)
+    wide = next((name for name, starts in WIDE.items() if data.startswith(starts)), None)
+    marked = wide or ("utf-8" if data.startswith(UTF8_MARK) else None)
+    start = data[:LONGEST_DECLARATION].decode(wide or "latin-1", "ignore")
+    declared = _declared_encoding(start.removeprefix("\ufeff").removeprefix(UTF8_MARK.decode("latin-1")))
+    encoding = "utf-8" if declared is None else ENCODINGS.get(declared.lower())
+    if encoding is None:
+        raise _Refused("E_XML_ENCODING", f"the declared encoding {shown(declared or '')} is not read; {READ}", 1)
+    if marked is not None and declared is not None and not marked.startswith(encoding):
+        raise _Refused("E_XML_ENCODING", f"the text is {marked.upper()}, but declared as {shown(declared)}", 1)
+    if wide is not None and declared is None and data.startswith(WIDE[wide][1]):
+        raise _Refused("E_XML_ENCODING", f"the text is {wide.upper()}, but neither marked nor declared so", 1)
+    if encoding.startswith("utf-16") and wide is None:
+        raise _Refused("E_XML_ENCODING", f"the text is declared as {shown(declared or '')}, but it is not", 1)
+    codec = marked or encoding
     try:
-        data.decode("utf-8")
+        return data.decode(codec).removeprefix("\ufeff")
     except UnicodeDecodeError as problem:
-        byte = data[problem.start]
-        message = f"byte 0x{byte:02x} is not UTF-8; save the file as UTF-8"
-        raise _Refused("E_XML_ENCODING", message, _line_of(data, problem.start)) from None
-    return data
+        before = data[: problem.start].decode(codec, "replace")
+        what = f"byte 0x{data[problem.start]:02x} is not {codec.upper()}"
+        raise _Refused(
+            "E_XML_ENCODING", f"{what}; save the file as UTF-8 or declare its encoding", _line_of(before)
+        ) from None
 
 
-def _line_of(data: bytes, position: int) -> int:
-    before = data[:position].replace(b"\r\n", b"\n")
-    return 1 + before.count(b"\n") + before.count(b"\r")
+def _declared_encoding(start: str) -> str | None:
+    match = DECLARATION.match(start)
+    return None if match is None else match[1]
+
+
+def _with_declared_utf8(text: str) -> str:
+    match = DECLARATION.match(text[:LONGEST_DECLARATION])
+    return text if match is None else text[: match.start(1)] + "UTF-8" + text[match.end(1) :]
+
+
+def _line_of(before: str) -> int:
+    """Return the line in which a text that goes before ends."""
+    return 1 + before.replace("\r\n", "\n").replace("\r", "\n").count("\n")
 
 
 class _Builder:
@@ -102,7 +158,7 @@ class _Builder:
 
     def __init__(self, data: bytes, limits: Limits) -> None:
         self._limits = limits
-        self._ascii = data.isascii()
+        self._data = data
         self._depth = 0
         self._opaque_depth: int | None = None
         self._elements = 0
@@ -127,11 +183,9 @@ class _Builder:
             raise _Refused("E_XACRO", message, line)
 
     def _declaration(self, version: str, encoding: str | None, standalone: int) -> None:
-        declared = (encoding or "utf-8").lower()
-        if declared in UTF8_NAMES or (declared in EIGHT_BIT_NAMES and self._ascii):
-            return
-        message = f"the declared encoding {shown(declared)} is not read; save the file as UTF-8"
-        raise _Refused("E_XML_ENCODING", message, 1)
+        # a declaration that was found before says UTF-8 by now
+        if encoding is not None and encoding.lower() != "utf-8":
+            raise _Refused("E_XML_ENCODING", f"the declared encoding {shown(encoding)} is not read; {READ}", 1)
 
     def _doctype(self, name: str, system: str | None, public: str | None, internal: int) -> None:
         line = self._parser.CurrentLineNumber
@@ -150,6 +204,8 @@ class _Builder:
             return
         node = Node(tag, attributes, line)
         if self._open:
+            if tag == "origin" and self._open[-1].tag == "inertial":
+                node.has_breaks = BREAK.match(self._data, self._parser.CurrentByteIndex) is not None
             self._open[-1].children.append(node)
         else:
             self.root = node

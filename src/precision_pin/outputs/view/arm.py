@@ -104,7 +104,7 @@ class _Drawing:
         self._parents = {joint.child: joint.parent for joint in self._chain.robot.joints}
         self._parts: list[Part] = []
         self._notes: list[str] = []
-        self._surfaces: list[tuple[tuple[str, ...], Surface, Colour, Array]] = []
+        self._surfaces: list[tuple[tuple[str, ...], Surface, Colour, Array, str]] = []
 
     def draw(self) -> tuple[tuple[Part, ...], tuple[str, ...]]:
         shown: set[int] = set()
@@ -153,21 +153,23 @@ class _Drawing:
             case Mesh() as mesh:
                 for number, surface in enumerate(self._reader.surfaces(mesh, owner)):
                     part = (*path, f"part{number}")
-                    self._surfaces.append((part, surface, surface.colour or colour, shape.origin))
+                    self._surfaces.append((part, surface, surface.colour or colour, shape.origin, owner))
 
     def _draw_surfaces(self) -> None:
         """Draw the meshes of all links, which share the page's room."""
         if not self._surfaces:
             return
-        paths, surfaces, colours, origins = zip(*self._surfaces, strict=True)
+        paths, surfaces, colours, origins, owners = zip(*self._surfaces, strict=True)
         before = sum(len(surface.faces) for surface in surfaces)
         reduced = thinned(surfaces, self._length)
         after = sum(len(surface.faces) for surface in reduced)
-        if after < before / 2:
+        if 0 < after < before / 2:
             self._notes.append(f"meshes thinned out from {before:,} to {after:,} triangles")
-        for path, surface, colour, origin in zip(paths, reduced, colours, origins, strict=True):
+        for path, surface, colour, origin, owner in zip(paths, reduced, colours, origins, owners, strict=True):
             if len(surface.faces):
                 self._scene.surface(path, surface.vertices, surface.faces, colour, origin)
+            else:
+                self._notes.append(f"{owner}: a mesh, or a part of one, is too small to be seen; it is not drawn")
 
     def _draw_rods(self, path: tuple[str, ...], link: Link) -> None:
         """Draw cylinders from a link's frame to the joints that it carries, and a ball at its frame."""

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from io import BytesIO
 from pathlib import Path
 from typing import Any, Final, final
 
@@ -11,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from precision_pin.urdf import Mesh, locate_mesh
-from precision_pin.urdf.findings import Findings
+from precision_pin.urdf.findings import Findings, shown
+from precision_pin.urdf.meshcontent import BrokenMeshError, MeshFile, read_mesh
 from precision_pin.urdf.meshes import MeshFiles
 
 from .scene import Colour
@@ -23,11 +26,11 @@ Array = NDArray[np.float64]
 MOST_FACES: Final = 120_000
 """The most triangles a page holds, about 2.5 MB."""
 
-# formats that may name further files: materials or buffers beside them
-_WITH_COMPANIONS: Final = (".obj", ".gltf")
 # corners closer than this share of the arm's length are one; the share grows until all surfaces fit
 _FINEST: Final = 1e-5
-_GROWTH: Final = 1.5
+_GROWTH: Final = 2.0
+_MOST_TRIALS: Final = 8
+_ENOUGH: Final = 0.3
 _KEY_BITS: Final = 21
 
 
@@ -93,26 +96,29 @@ class MeshReader:
     def _read(self, filename: str, owner: str) -> tuple[Surface, ...]:
         folder = Path(self._file).resolve().parent
         findings = Findings(self._file)
-        MeshFiles(findings, folder, self._package_dirs, look_inside=True).check(filename, owner, 0)
+        MeshFiles(findings, folder, self._package_dirs, look_inside=False).check(filename, owner, 0)
         for finding in findings.result():
             raise UnreadableMeshError(finding.message)
         path = locate_mesh(filename, folder, self._package_dirs)
         if path is None:
-            raise UnreadableMeshError(f"{owner}: mesh {filename!r} is not found")
+            raise UnreadableMeshError(f"{owner}: mesh {shown(filename)} is not found")
         try:
-            surfaces = _load(path)
+            surfaces = _load(read_mesh(path.resolve()))
+        except BrokenMeshError as problem:
+            raise UnreadableMeshError(f"{owner}: mesh {shown(filename)}: {problem}") from None
         except Exception as problem:  # noqa: BLE001 - a broken file makes readers raise anything; the page goes on
             reason = " ".join(str(problem).split()) or type(problem).__name__
-            raise UnreadableMeshError(f"{owner}: mesh {filename!r} cannot be read: {reason[:120]}") from None
+            raise UnreadableMeshError(f"{owner}: mesh {shown(filename)} cannot be read: {shown(reason)}") from None
         if not surfaces:
-            raise UnreadableMeshError(f"{owner}: mesh {filename!r} holds no triangles")
+            raise UnreadableMeshError(f"{owner}: mesh {shown(filename)} holds no triangles")
         return surfaces
 
 
 def thinned(surfaces: Sequence[Surface], length: float, most_faces: int = MOST_FACES) -> tuple[Surface, ...]:
     """Return the surfaces with near corners joined, coarser until all have ``most_faces`` triangles or fewer.
 
-    Corners in one cell of a grid become their mean, triangles that shrink to a line go.
+    Corners in one cell of a grid become their mean, triangles that shrink to a line go. Where that leaves much less than
+    there is room for, as with triangles that do not hang together, every so manieth triangle is taken instead.
 
     Parameters
     ----------
@@ -121,12 +127,39 @@ def thinned(surfaces: Sequence[Surface], length: float, most_faces: int = MOST_F
     length
         The arm's length, m: cells are at least a hundred-thousandth of it.
     """
-    cell = _FINEST * length
-    result = tuple(_joined(one, cell) for one in surfaces)
-    while sum(len(one.faces) for one in result) > most_faces:
-        cell *= _GROWTH
-        result = tuple(_joined(one, cell) for one in result)
-    return result
+    finest = _FINEST * length
+    result = tuple(_joined(one, finest) for one in surfaces)
+    if _count(result) <= most_faces:
+        return result
+    # a surface of area A in cells of size c has about 2 A / c² triangles
+    fine, cell = finest, max(_GROWTH * finest, math.sqrt(sum(map(_area, result)) / most_faces))
+    coarse: float | None = None
+    for _ in range(_MOST_TRIALS):
+        trial = tuple(_joined(one, cell) for one in surfaces)
+        if _count(trial) > most_faces:
+            fine, result = cell, trial
+        elif _count(trial) >= _ENOUGH * most_faces:
+            return trial
+        else:
+            coarse = cell
+        cell = _GROWTH * fine if coarse is None else math.sqrt(fine * coarse)
+    step = math.ceil(_count(result) / most_faces)
+    return tuple(_with_faces(one, one.faces[::step]) for one in result)
+
+
+def _with_faces(surface: Surface, faces: NDArray[np.int64]) -> Surface:
+    """Return some of a surface's triangles, with the corners they have."""
+    used, renumbered = np.unique(faces, return_inverse=True)
+    return replace(surface, vertices=surface.vertices[used], faces=renumbered.reshape(-1, 3))
+
+
+def _count(surfaces: Sequence[Surface]) -> int:
+    return sum(len(one.faces) for one in surfaces)
+
+
+def _area(surface: Surface) -> float:
+    first, second, third = (surface.vertices[corner] for corner in surface.faces.T)
+    return float(np.linalg.norm(np.cross(second - first, third - first), axis=1).sum()) / 2
 
 
 def _joined(surface: Surface, cell: float) -> Surface:
@@ -139,18 +172,33 @@ def _joined(surface: Surface, cell: float) -> Surface:
     faces = renumbered[surface.faces]
     first, second, third = faces.T
     kept = faces[(first != second) & (second != third) & (third != first)]
-    return replace(surface, vertices=np.stack(means, axis=1), faces=kept)
+    return _with_faces(replace(surface, vertices=np.stack(means, axis=1)), kept)
 
 
-def _load(path: Path) -> tuple[Surface, ...]:
+@final
+class _Companions:
+    """Hands trimesh the files that were read beside a mesh, and no others: images are not looked at."""
+
+    def __init__(self, files: Mapping[str, bytes]) -> None:
+        self._files = files
+
+    def get(self, name: str) -> bytes:
+        if name not in self._files:
+            raise FileNotFoundError(name)
+        return self._files[name]
+
+    __getitem__ = get
+
+    def keys(self) -> list[str]:
+        return list(self._files)
+
+
+def _load(file: MeshFile) -> tuple[Surface, ...]:
     import trimesh
 
-    kind = path.suffix.lower()
-    if kind in _WITH_COMPANIONS:
-        scene = trimesh.load_scene(path, process=False)
-    else:
-        with path.open("rb") as stream:
-            scene = trimesh.load_scene(stream, file_type=kind[1:], process=False)
+    # without a resolver of ours trimesh opens whatever a file names: pipes, devices, addresses
+    resolver: Any = _Companions(file.companions)
+    scene = trimesh.load_scene(BytesIO(file.data), file_type=file.kind[1:], resolver=resolver, process=False)
     by_colour: dict[Colour | None, list[tuple[Array, NDArray[np.int64]]]] = {}
     for node in sorted(scene.graph.nodes_geometry):
         transform, name = scene.graph[node]
