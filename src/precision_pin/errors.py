@@ -21,7 +21,9 @@ from __future__ import annotations
 import difflib
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Final, Literal
+
+from precision_pin.visible import one_line, shown, visible
 
 __all__ = [
     "Finding",
@@ -36,6 +38,11 @@ __all__ = [
     "UrdfError",
     "nearest",
 ]
+
+
+_LONGEST_FILE: Final = 260
+_LONGEST_COMPARED: Final = 200
+"""The longest name for which a similar one is looked for: the time for it grows with the square."""
 
 
 @dataclass(frozen=True)
@@ -61,10 +68,11 @@ class Finding:
     line: int | None = None
 
     def __str__(self) -> str:
-        where = self.file or "precision-pin"
+        """Return one line, whatever names stand in it: shortened and escaped."""
+        where = "precision-pin" if not self.file else visible(self.file, _LONGEST_FILE)
         if self.line is not None:
             where += f":{self.line}"
-        return f"{where}: {self.severity} {self.code}: {self.message}"
+        return f"{where}: {self.severity} {self.code}: {one_line(self.message)}"
 
     def at(self, file: str | None, line: int | None) -> Finding:
         """Return the same finding placed at a file and line, where it has none of its own."""
@@ -139,7 +147,7 @@ class UnknownNameError(InputError):
 
     def __init__(self, kind: str, name: str, valid: Iterable[str]) -> None:
         self.name = name
-        super().__init__(f"no {kind} named {name!r}; {nearest(name, valid)}")
+        super().__init__(f"no {kind} named {shown(name)}; {nearest(name, valid)}")
 
 
 class OutputError(InputError):
@@ -171,11 +179,12 @@ def nearest(name: str, valid: Iterable[str], *, most: int = 12) -> str:
     names = sorted(set(valid))
     if not names:
         return "there are none"
-    close = difflib.get_close_matches(name, names, n=3, cutoff=0.6)
+    comparable = [candidate for candidate in names if len(candidate) <= _LONGEST_COMPARED]
+    close = difflib.get_close_matches(name, comparable, n=3, cutoff=0.6) if len(name) <= _LONGEST_COMPARED else []
     if not close:
         folded = {candidate.casefold(): candidate for candidate in names}
         close = [folded[name.casefold()]] if name.casefold() in folded else []
     if close:
         return "did you mean " + " or ".join(repr(candidate) for candidate in close) + "?"
-    shown = ", ".join(names[:most])
-    return f"valid: {shown}" + (f", … ({len(names)} in all)" if len(names) > most else "")
+    listed = ", ".join(map(visible, names[:most]))
+    return f"valid: {listed}" + (f", … ({len(names)} in all)" if len(names) > most else "")

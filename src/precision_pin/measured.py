@@ -20,6 +20,7 @@ from typing import Final, final
 
 from precision_pin import units
 from precision_pin.errors import InputError, UnitError, UnknownNameError
+from precision_pin.input_files import note_input
 from precision_pin.units import Quantity
 
 __all__ = ["LARGEST_FILE", "Measured", "read"]
@@ -121,6 +122,7 @@ def read(path: str | os.PathLike[str]) -> Measured:
 
 
 def _text(file: str) -> str:
+    note_input(file)
     path = Path(file)
     try:
         if not path.is_file():

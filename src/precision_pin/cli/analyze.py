@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal, Unpack
@@ -22,12 +21,16 @@ from precision_pin.cli.common import (
 )
 from precision_pin.cli.interrupts import raise_if_interrupted, unwinding
 from precision_pin.cli.progress import compile_sampler, progress_bar
-from precision_pin.cli.writing import echo_data, require_writable, whole_folder, write_text
+from precision_pin.cli.streams import say
+from precision_pin.cli.writing import Outputs, echo_data, whole_folder, write_text
 
 if TYPE_CHECKING:
     from precision_pin.result import Analysis
 
 __all__ = ["command"]
+
+FILES = ("analysis.json", "position.*", "attitude.*", "components.*")
+"""What is written to a folder."""
 
 MOST_UNTIL = 10**9
 """The most samples until a result is precise enough, where no number is given."""
@@ -89,15 +92,9 @@ def command(
     _check_together({"--threads": threads, "--processes": processes, "--dask": dask})
     if resume and journal is None:
         raise click.UsageError("--resume needs the run's --journal FILE")
-    if json_path is not None and json_path != "-":
-        require_writable(Path(json_path))
-        if journal is not None and os.path.realpath(journal) == os.path.realpath(json_path):
-            raise click.UsageError("--journal and --json name the same file")
-    if out is not None:
-        if not out:
-            raise click.UsageError("--out names no folder")
-        require_writable(Path(out), folder=True)
-    sheet = read_sheet(arm["inputs"], arm["tip"], arm["base"], arm["package_dirs"])
+    outputs = Outputs({"--json": json_path, "--journal": journal}, out, FILES)
+    outputs.check()
+    sheet = read_sheet(arm["inputs"], arm["tip"], arm["base"], arm["package_dirs"], outputs)
     error_model = ErrorModel.from_sheet(sheet)
     where = chosen_pose(sheet, arm["pose"], arm["q"])
     compile_sampler()
@@ -110,12 +107,12 @@ def command(
                     error_model, where, samples=samples, seed=seed, model=model, specifications=specifications,
                     until=until, findings=sheet.findings, threads=threads, processes=processes, executor=executor,
                     tasks_under_way=under_way, journal=journal, resume=resume, files={"sheet": sheet.file},
-                    progress=progress, tell=_say,
+                    progress=progress, tell=say,
                 )  # fmt: skip
                 raise_if_interrupted()
         except KeyboardInterrupt as interrupt:
             for note in getattr(interrupt, "__notes__", ()):
-                _say(f"{note}; the same command with --resume goes on from there")
+                say(f"{note}; the same command with --resume goes on from there")
             raise
     for line in analysis.warnings[len(sheet.findings) :]:
         click.echo(line, err=True)
@@ -124,7 +121,7 @@ def command(
         write_text(Path(json_path), analysis.to_json() + "\n")
     if out is not None:
         _write_folder(analysis, Path(out))
-        click.echo(f"wrote {out}: analysis.json, position, attitude and components as PNG and SVG", err=True)
+        say(f"wrote {out}: analysis.json, position, attitude and components as PNG and SVG")
     return 0 if all(result.met for result in analysis.summary.specifications) else EXIT_SPEC
 
 
@@ -133,10 +130,6 @@ def _check_together(workers: dict[str, object]) -> None:
     asked = [name for name, value in workers.items() if value is not None]
     if len(asked) > 1:
         raise click.UsageError(f"{' and '.join(asked)} exclude each other")
-
-
-def _say(line: str) -> None:
-    click.echo(line, err=True)
 
 
 def _write_folder(analysis: Analysis, folder: Path) -> None:

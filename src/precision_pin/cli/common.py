@@ -10,13 +10,17 @@ from typing import TYPE_CHECKING, Any, Final, TypedDict, TypeVar, final
 
 import click
 
+from precision_pin.cli.resources import require_address_space
+from precision_pin.cli.streams import say
 from precision_pin.errors import Finding, InputError
 from precision_pin.examples import PAPER_SHEET, resolve_robot, shipped_sheet
+from precision_pin.input_files import noted_inputs
 
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
+    from precision_pin.cli.writing import Outputs
     from precision_pin.sheet import Sheet
 
 __all__ = [
@@ -61,6 +65,12 @@ class Command(click.Command):
                     raise click.UsageError(message, ctx)
         return super().parse_args(ctx, args)
 
+    def invoke(self, ctx: click.Context) -> Any:
+        """Run the command, if the libraries can be loaded; the doctor says what is wrong where they cannot."""
+        if self.name != "doctor":
+            require_address_space()
+        return super().invoke(ctx)
+
 
 @final
 @dataclass(frozen=True)
@@ -75,7 +85,12 @@ def chain_options(command: Decorated) -> Decorated:
     """Add the options that cut a chain out of a robot."""
     for option in (
         click.option(
-            "--package-dir", "package_dirs", multiple=True, metavar="DIR", help="Where ROS packages of meshes lie."
+            "--package-dir",
+            "package_dirs",
+            multiple=True,
+            type=click.Path(exists=True, file_okay=False),
+            metavar="DIR",
+            help="Where ROS packages of meshes lie.",
         ),
         click.option("--base", metavar="LINK", help="The link that stands still, in place of the sheet's or the root."),
         click.option("--tip", metavar="FRAME", help="The end-effector, in place of the sheet's or the only leaf."),
@@ -151,11 +166,11 @@ def find_inputs(arguments: Sequence[str], *, sheet_needed: bool) -> Inputs:
     if not os.path.isfile(robot):
         raise InputError([Finding("error", "E_FILE", "the robot is not there, or is no file", str(robot))])
     beside = robot.with_suffix(".errors.yaml")
-    if beside.is_file():
+    if os.path.isfile(beside):
         return Inputs(robot, beside)
     shipped = shipped_sheet(robots[0])
     if shipped is not None:
-        click.echo(f"{robots[0]}: with the sheet that comes with precision-pin, {shipped}", err=True)
+        say(f"{robots[0]}: with the sheet that comes with precision-pin, {shipped}")
         return Inputs(robot, shipped)
     raise InputError(
         f"no sheet of error sources for {robots[0]}; write one with: precision-pin init {robots[0]} "
@@ -163,19 +178,28 @@ def find_inputs(arguments: Sequence[str], *, sheet_needed: bool) -> Inputs:
     )
 
 
-def read_sheet(arguments: Sequence[str], tip: str | None, base: str | None, package_dirs: tuple[str, ...]) -> Sheet:
+def read_sheet(
+    arguments: Sequence[str],
+    tip: str | None,
+    base: str | None,
+    package_dirs: tuple[str, ...],
+    outputs: Outputs | None = None,
+) -> Sheet:
     """Read the sheet and robot of a command line and print what there is to warn of.
 
     Raises
     ------
     InputError
-        Anything in them is wrong.
+        Anything in them is wrong, or an output would be written over one of the files that were read.
     """
     from precision_pin.sheet import Overrides, read
 
     found = find_inputs(arguments, sheet_needed=True)
     assert found.sheet is not None
-    sheet = read(found.sheet, overrides=Overrides(found.robot, tip, base, package_dirs))
+    with noted_inputs() as inputs:
+        sheet = read(found.sheet, overrides=Overrides(found.robot, tip, base, package_dirs))
+    if outputs is not None:
+        outputs.refuse_inputs(inputs)
     echo_findings(sheet.findings)
     return sheet
 

@@ -20,7 +20,8 @@ from precision_pin.cli.common import (
     seed_option,
 )
 from precision_pin.cli.progress import progress_bar
-from precision_pin.cli.writing import require_writable, whole_folder, write_text
+from precision_pin.cli.streams import say
+from precision_pin.cli.writing import Outputs, whole_folder, write_text
 from precision_pin.errors import Finding, InputError
 
 if TYPE_CHECKING:
@@ -31,6 +32,7 @@ if TYPE_CHECKING:
 __all__ = ["command"]
 
 MOST_UNITS: Final = 100_000
+FILES: Final = ("units.csv", "*.unit*.urdf")
 HEAD: Final = ("unit", "file", "x_m", "y_m", "z_m", "rx_rad", "ry_rad", "rz_rad", "sha256")
 
 
@@ -56,11 +58,10 @@ def command(units: int, first: int, seed: int, out: str, **arm: Unpack[OnePoseOp
         raise InputError(f"--units {units}: from 1 to {MOST_UNITS} robots can be written")
     if not 0 <= first <= 2**64 - units:
         raise InputError(f"--first {first}: units {first} to {first + units - 1} do not exist, from 0 to 2^64 - 1")
-    if not out:
-        raise click.UsageError("--out names no folder")
     folder = Path(out)
-    require_writable(folder, folder=True)
-    sheet = read_sheet(arm["inputs"], arm["tip"], arm["base"], arm["package_dirs"])
+    outputs = Outputs(folder=out, names=FILES)
+    outputs.check()
+    sheet = read_sheet(arm["inputs"], arm["tip"], arm["base"], arm["package_dirs"], outputs)
     model = ErrorModel.from_sheet(sheet)
     writer = AsBuilt.prepare(model, chosen_pose(sheet, arm["pose"], arm["q"]), sheet=Path(sheet.file).name)
     echo_findings((*writer.at.findings("exact"), *model.statics_findings(writer.at)))
@@ -79,7 +80,7 @@ def command(units: int, first: int, seed: int, out: str, **arm: Unpack[OnePoseOp
             progress(1)
         write_text(stage / "units.csv", table.getvalue())
     more = f" to {names[-1]}" if units > 1 else ""
-    click.echo(f"wrote {out}: units.csv, {names[0]}{more}", err=True)
+    say(f"wrote {out}: units.csv, {names[0]}{more}")
 
 
 def _added(writer: AsBuilt) -> Iterator[Finding]:

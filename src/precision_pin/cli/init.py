@@ -8,8 +8,10 @@ from pathlib import Path
 import click
 
 from precision_pin.cli.common import Command, chain_options
-from precision_pin.cli.writing import echo_data, require_writable, write_text
+from precision_pin.cli.streams import say
+from precision_pin.cli.writing import Outputs, echo_data, write_text
 from precision_pin.errors import OutputError
+from precision_pin.input_files import noted_inputs
 
 __all__ = ["command"]
 
@@ -35,14 +37,19 @@ def command(
     target = Path(out) if out is not None else Path(f"{path.stem.removesuffix('_robot')}.errors.yaml")
     to_stdout = out == "-"
     if not to_stdout:
-        require_writable(target)
+        outputs = Outputs({"--out": out or str(target)})
+        outputs.check()
+        outputs.refuse_inputs([str(path)])
         if target.exists() and not force:
             raise OutputError(f"{target} exists; --force overwrites it, --out names another file")
-    chain = Chain.from_robot(read(path, package_dirs=package_dirs), tip, base)
+    with noted_inputs() as inputs:
+        chain = Chain.from_robot(read(path, package_dirs=package_dirs), tip, base)
+    if not to_stdout:
+        outputs.refuse_inputs(inputs)
     named = robot if robot.startswith(PREFIX) else os.path.relpath(path, Path() if to_stdout else target.parent)
     text = scaffold(chain, named)
     if to_stdout:
         echo_data(text.removesuffix("\n"))
         return
     write_text(target, text)
-    click.echo(f"wrote {target}; now: precision-pin analyze {target}", err=True)
+    say(f"wrote {target}; now: precision-pin analyze {target}")

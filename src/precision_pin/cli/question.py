@@ -18,7 +18,8 @@ from precision_pin.cli.common import (
     read_sheet,
     seed_option,
 )
-from precision_pin.cli.writing import echo_data, require_writable, whole_folder, write_text
+from precision_pin.cli.streams import say
+from precision_pin.cli.writing import Outputs, echo_data, whole_folder, write_text
 from precision_pin.errors import Finding, InputError
 
 if TYPE_CHECKING:
@@ -87,8 +88,15 @@ def question_options(command: Decorated) -> Decorated:
     return command
 
 
-def ask(shared: Shared) -> Question:
+def ask(shared: Shared, name: str) -> Question:
     """Return what the options ask about, refusing before any work what could not be written at its end.
+
+    Parameters
+    ----------
+    shared
+        The options.
+    name
+        Of the analysis, and so of its files.
 
     Raises
     ------
@@ -101,13 +109,9 @@ def ask(shared: Shared) -> Question:
     check_seed(shared["seed"])
     if shared["pose_names"] and shared["q"] is not None:
         raise InputError([Finding("error", "E_USAGE", "--pose and --q exclude each other")])
-    if shared["json_path"] not in (None, "-"):
-        require_writable(Path(shared["json_path"]))
-    if shared["out"] is not None:
-        if not shared["out"]:
-            raise click.UsageError("--out names no folder")
-        require_writable(Path(shared["out"]), folder=True)
-    sheet = read_sheet(shared["inputs"], shared["tip"], shared["base"], shared["package_dirs"])
+    outputs = Outputs({"--json": shared["json_path"]}, shared["out"], (f"{name}.*", f"{name}-*"))
+    outputs.check()
+    sheet = read_sheet(shared["inputs"], shared["tip"], shared["base"], shared["package_dirs"], outputs)
     poses = [chosen_pose(sheet, name, shared["q"]) for name in shared["pose_names"] or (None,)]
     return Question(sheet, ErrorModel.from_sheet(sheet), poses)
 
@@ -158,4 +162,4 @@ def answer(
         write_text(stage / f"{name}.json", result.to_json() + "\n")
         for k, file in enumerate(files):
             plots.save(figure(k), stage / file)
-    click.echo(f"wrote {out}: {name}.json, {', '.join(files)} as PNG and SVG", err=True)
+    say(f"wrote {out}: {name}.json, {', '.join(files)} as PNG and SVG")

@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
-from pathlib import Path
 from typing import TYPE_CHECKING, Literal, Unpack, final
 
 import click
@@ -22,7 +21,8 @@ from precision_pin.cli.common import (
     spec_option,
 )
 from precision_pin.cli.progress import compile_sampler, progress_bar
-from precision_pin.cli.writing import require_writable, write_text
+from precision_pin.cli.streams import say
+from precision_pin.cli.writing import PageOutput
 
 if TYPE_CHECKING:
     from precision_pin.run import Progress
@@ -36,7 +36,7 @@ __all__ = ["command"]
 @seed_option
 @model_option
 @spec_option
-@click.option("--out", required=True, metavar="FILE.html", help="The page to write.")
+@click.option("--out", required=True, metavar="FILE.html", help="The page to write; report.html in a folder.")
 def command(
     samples: int,
     seed: int,
@@ -58,10 +58,10 @@ def command(
     specifications = [specification(text) for text in specs]
     if not out:
         raise click.UsageError("--out names no file")
-    target = Path(out)
-    require_writable(target)
+    target = PageOutput(out, "report.html")
+    target.outputs.check()
     package_dirs = arm["package_dirs"]
-    sheet = read_sheet(arm["inputs"], arm["tip"], arm["base"], package_dirs)
+    sheet = read_sheet(arm["inputs"], arm["tip"], arm["base"], package_dirs, target.outputs)
     where = chosen_pose(sheet, arm["pose"], arm["q"])
     compile_sampler()
 
@@ -88,10 +88,10 @@ def command(
     )
     with step("drawing the page", 0):
         html = page(results)
-    write_text(target, html)
+    target.write(html)
     for line in results.analysis.warnings[len(sheet.findings) :]:
         click.echo(line, err=True)
-    click.echo(f"wrote {out} ({len(html.encode()) / 1e6:.1f} MB)", err=True)
+    say(f"wrote {target.path} ({len(html.encode()) / 1e6:.1f} MB)")
     return 0 if all(result.met for result in results.analysis.summary.specifications) else EXIT_SPEC
 
 

@@ -5,6 +5,8 @@ from __future__ import annotations
 import os
 import stat
 
+from precision_pin.input_files import note_input
+
 from .findings import Findings, shown
 
 __all__ = ["read_regular_file"]
@@ -24,6 +26,7 @@ def read_regular_file(path: str | os.PathLike[str], findings: Findings, *, most_
     most_bytes
         The largest size that is read.
     """
+    note_input(path)
     try:
         kind = os.stat(path).st_mode
         if not stat.S_ISREG(kind):

@@ -6,16 +6,12 @@ from collections.abc import Collection
 from typing import Literal, final
 
 from precision_pin.errors import Finding, nearest
+from precision_pin.visible import shown, visible
 
 __all__ = ["Findings", "hint", "shown"]
 
 MOST_FINDINGS = 1000
 MOST_NAMES = 6
-
-
-def shown(text: str, *, most: int = 80) -> str:
-    """Return text of the file quoted for a message: control characters escaped, cut to ``most``."""
-    return repr(text if len(text) <= most else text[:most] + "…")
 
 
 def hint(name: str, valid: Collection[str]) -> str:
@@ -66,7 +62,7 @@ class Findings:
     def result(self) -> tuple[Finding, ...]:
         """Return all findings in the order of their lines."""
         for (code, message), (line, names) in self._groups.items():
-            listed = ", ".join(names[:MOST_NAMES])
+            listed = ", ".join(map(visible, names[:MOST_NAMES]))
             more = f" and {len(names) - MOST_NAMES} more" if len(names) > MOST_NAMES else ""
             self.warning(code, f"{message} ({listed}{more})", line)
         self._groups = {}
