@@ -154,7 +154,7 @@ def _look(found: Disturbed, usual: Usual, before: dict[str, bytes], folder: Path
     expected = {name: data for name, data in usual.files.items() if name != "run.journal"}
     complete = files == expected and out == usual.out and (journal is not None or "journal" not in found.case)
     # what comes before the program's first line meets Python's own handlers
-    found.early = found.code in (-found.number, 1) and files == before and not out and "precision_pin/cli" not in err
+    found.early = found.code in (-found.number, 1) and files == before and not out and "in main\n" not in err
     if found.early and (found.code == -found.number or "KeyboardInterrupt" in err):
         return
     found.early = False

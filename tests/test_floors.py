@@ -10,7 +10,9 @@ import pytest
 PACKAGE = Path(__file__).parent.parent / "src" / "precision_pin"
 
 FLOORS = (
+    "visible",
     "errors",
+    "input_files",
     "memory",
     "compiled",
     "markup",

@@ -24,6 +24,8 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Final, Literal
 
+from precision_pin.visible import one_line, shown, visible
+
 __all__ = [
     "Finding",
     "InputError",
@@ -41,6 +43,8 @@ __all__ = [
 MOST_COMPARED: Final = 500
 LONGEST_COMPARED: Final = 100
 """Names, and letters of a name, among which one that is meant is looked for."""
+
+_LONGEST_FILE: Final = 260
 
 
 @dataclass(frozen=True)
@@ -70,10 +74,11 @@ class Finding:
     subjects: tuple[str, ...] = field(default=(), compare=False, repr=False)
 
     def __str__(self) -> str:
-        where = self.file or "precision-pin"
+        """Return one line, whatever names stand in it: shortened and escaped."""
+        where = "precision-pin" if not self.file else visible(self.file, _LONGEST_FILE)
         if self.line is not None:
             where += f":{self.line}"
-        return f"{where}: {self.severity} {self.code}: {self.message}"
+        return f"{where}: {self.severity} {self.code}: {one_line(self.message)}"
 
     def at(self, file: str | None, line: int | None) -> Finding:
         """Return the same finding placed at a file and line, where it has none of its own."""
@@ -148,7 +153,7 @@ class UnknownNameError(InputError):
 
     def __init__(self, kind: str, name: str, valid: Iterable[str]) -> None:
         self.name = name
-        super().__init__(f"no {kind} named {name!r}; {nearest(name, valid)}")
+        super().__init__(f"no {kind} named {shown(name)}; {nearest(name, valid)}")
 
 
 class OutputError(InputError):
@@ -190,5 +195,5 @@ def nearest(name: str, valid: Iterable[str], *, most: int = 12) -> str:
         close = [folded[name.casefold()]] if name.casefold() in folded else []
     if close:
         return "did you mean " + " or ".join(repr(candidate) for candidate in close) + "?"
-    shown = ", ".join(names[:most])
-    return f"valid: {shown}" + (f", … ({len(names)} in all)" if len(names) > most else "")
+    listed = ", ".join(map(visible, names[:most]))
+    return f"valid: {listed}" + (f", … ({len(names)} in all)" if len(names) > most else "")

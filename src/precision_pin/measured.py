@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 
 from precision_pin import units
 from precision_pin.errors import InputError, UnitError, UnknownNameError
+from precision_pin.input_files import note_input
 from precision_pin.units import Quantity
 
 __all__ = ["LARGEST_FILE", "NUMBER", "Measured", "numbers", "read"]
@@ -161,6 +162,7 @@ def _row(line: str, columns: int, where: str) -> list[float]:
 
 
 def _text(file: str) -> str:
+    note_input(file)
     path = Path(file)
     try:
         if not path.is_file():

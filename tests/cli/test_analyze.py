@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import math
 import signal
-import sys
 
 import pytest
 
@@ -234,18 +233,16 @@ def test_ctrl_c_ends_with_one_line(run, monkeypatch, new_files):
 
 
 def test_a_ctrl_c_that_a_library_has_swallowed_ends_the_run_all_the_same(run, monkeypatch, new_files):
-    from precision_pin.model import ErrorModel
+    import precision_pin.run
 
-    real = ErrorModel.from_sheet
+    real = precision_pin.run.monte_carlo
 
-    def swallowing(sheet: object) -> object:
+    def swallowing(*arguments: object, **settings: object) -> object:
         with contextlib.suppress(KeyboardInterrupt):
             signal.raise_signal(signal.SIGINT)
-        return real(sheet)
+        return real(*arguments, **settings)
 
-    monkeypatch.setattr(ErrorModel, "from_sheet", swallowing)
-    handler, hook = signal.getsignal(signal.SIGINT), sys.unraisablehook
+    monkeypatch.setattr(precision_pin.run, "monte_carlo", swallowing)
     outcome = run("analyze", "--samples", "10", "--json", "result.json")
     assert (outcome.code, outcome.out, outcome.err) == (130, "", "interrupted\n")
     assert new_files() == set()
-    assert (signal.getsignal(signal.SIGINT), sys.unraisablehook) == (handler, hook)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal, Unpack
@@ -23,13 +22,17 @@ from precision_pin.cli.common import (
 from precision_pin.cli.interrupts import raise_if_interrupted, unwinding
 from precision_pin.cli.notes import echo_note
 from precision_pin.cli.progress import compile_sampler, progress_bar
-from precision_pin.cli.targets import folder_target
-from precision_pin.cli.writing import echo_data, require_writable, whole_folder, write_text
+from precision_pin.cli.streams import say
+from precision_pin.cli.targets import check_folder_name
+from precision_pin.cli.writing import Outputs, echo_data, whole_folder, write_text
 
 if TYPE_CHECKING:
     from precision_pin.result import Analysis
 
 __all__ = ["command"]
+
+FILES = ("analysis.json", "position.*", "attitude.*", "components.*")
+"""What is written to a folder."""
 
 MOST_UNTIL = 10**9
 """The most samples until a result is precise enough, where no number is given."""
@@ -91,12 +94,10 @@ def command(
     _check_together({"--threads": threads, "--processes": processes, "--dask": dask})
     if resume and journal is None:
         raise click.UsageError("--resume needs the run's --journal FILE")
-    if json_path is not None and json_path != "-":
-        require_writable(Path(json_path))
-        if journal is not None and os.path.realpath(journal) == os.path.realpath(json_path):
-            raise click.UsageError("--journal and --json name the same file")
-    folder = None if out is None else folder_target(out, json=True)
-    sheet = read_sheet(arm["inputs"], arm["tip"], arm["base"], arm["package_dirs"])
+    outputs = Outputs({"--json": json_path, "--journal": journal}, out, FILES)
+    check_folder_name(out, json=True)
+    outputs.check()
+    sheet = read_sheet(arm["inputs"], arm["tip"], arm["base"], arm["package_dirs"], outputs)
     error_model = ErrorModel.from_sheet(sheet)
     where = chosen_pose(sheet, arm["pose"], arm["q"])
     compile_sampler()
@@ -114,15 +115,15 @@ def command(
                 raise_if_interrupted()
         except KeyboardInterrupt as interrupt:
             for note in getattr(interrupt, "__notes__", ()):
-                click.echo(f"{note}; the same command with --resume goes on from there", err=True)
+                say(f"{note}; the same command with --resume goes on from there")
             raise
     for line in analysis.warnings[len(sheet.findings) :]:
         click.echo(line, err=True)
     echo_data(analysis.to_json() if json_path == "-" else analysis_table(analysis))
     if json_path is not None and json_path != "-":
         write_text(Path(json_path), analysis.to_json() + "\n")
-    if folder is not None:
-        _write_folder(analysis, folder)
+    if out is not None:
+        _write_folder(analysis, Path(out))
         echo_note(f"wrote {out}: analysis.json, position, attitude and components as PNG and SVG")
     return 0 if all(result.met for result in analysis.summary.specifications) else EXIT_SPEC
 

@@ -12,13 +12,16 @@ from typing import TYPE_CHECKING, Any, Final, TypedDict, TypeVar, final
 import click
 
 from precision_pin.cli.notes import echo_note, quiet_option
+from precision_pin.cli.resources import require_address_space
 from precision_pin.errors import Finding, InputError
 from precision_pin.examples import PAPER_SHEET, resolve_robot, shipped_sheet, similar_file, starting_sheet
+from precision_pin.input_files import noted_inputs
 
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
+    from precision_pin.cli.writing import Outputs
     from precision_pin.sheet import Sheet
 
 __all__ = [
@@ -71,6 +74,12 @@ class Command(click.Command):
             raise click.UsageError(_too_many(ctx.params["inputs"]), ctx)
         return left
 
+    def invoke(self, ctx: click.Context) -> Any:
+        """Run the command, if the libraries can be loaded; the doctor says what is wrong where they cannot."""
+        if self.name != "doctor":
+            require_address_space()
+        return super().invoke(ctx)
+
 
 @final
 @dataclass(frozen=True)
@@ -85,7 +94,12 @@ def chain_options(command: Decorated) -> Decorated:
     """Add the options that cut a chain out of a robot."""
     for option in (
         click.option(
-            "--package-dir", "package_dirs", multiple=True, metavar="DIR", help="Where ROS packages of meshes lie."
+            "--package-dir",
+            "package_dirs",
+            multiple=True,
+            type=click.Path(exists=True, file_okay=False),
+            metavar="DIR",
+            help="Where ROS packages of meshes lie.",
         ),
         click.option("--base", metavar="LINK", help="The link that stands still, in place of the sheet's or the root."),
         click.option("--tip", metavar="FRAME", help="The end-effector, in place of the sheet's or the only leaf."),
@@ -192,15 +206,24 @@ def _sheet_of(name: str, robot: Path) -> Path:
     )
 
 
-def read_sheet(arguments: Sequence[str], tip: str | None, base: str | None, package_dirs: tuple[str, ...]) -> Sheet:
+def read_sheet(
+    arguments: Sequence[str],
+    tip: str | None,
+    base: str | None,
+    package_dirs: tuple[str, ...],
+    outputs: Outputs | None = None,
+) -> Sheet:
     """Read the sheet and robot of a command line and print what there is to warn of.
 
     Raises
     ------
     InputError
-        Anything in them is wrong.
+        Anything in them is wrong, or an output would be written over one of the files that were read.
     """
-    sheet = read_inputs(find_inputs(arguments, sheet_needed=True), tip, base, package_dirs)
+    with noted_inputs() as inputs:
+        sheet = read_inputs(find_inputs(arguments, sheet_needed=True), tip, base, package_dirs)
+    if outputs is not None:
+        outputs.refuse_inputs(inputs)
     echo_findings(sheet.findings)
     return sheet
 

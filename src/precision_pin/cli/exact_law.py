@@ -23,6 +23,6 @@ def command(samples: int, **shared: Unpack[Shared]) -> None:
     from precision_pin.analyses.exact_law import exact_law
     from precision_pin.outputs.exact_law_report import figure, table
 
-    question = ask(shared)
+    question = ask(shared, "exact-law")
     result = exact_law(question.model, question.poses, seed=shared["seed"], samples=samples)
     answer(shared, result, "exact-law", lambda: table(result), lambda pose: figure(result, pose))

@@ -23,8 +23,8 @@ from precision_pin.cli.common import (
 )
 from precision_pin.cli.notes import echo_note
 from precision_pin.cli.progress import progress_bar
-from precision_pin.cli.targets import folder_target
-from precision_pin.cli.writing import whole_folder, write_text
+from precision_pin.cli.targets import check_folder_name
+from precision_pin.cli.writing import Outputs, whole_folder, write_text
 from precision_pin.errors import Finding, InputError, OutputError
 
 if TYPE_CHECKING:
@@ -43,6 +43,7 @@ ROW: Final = 300
 LONG: Final = 10.0
 LARGE: Final = 100_000_000
 """From how many seconds or bytes on an estimate is told."""
+FILES: Final = ("units.csv", "*.unit*.urdf")
 HEAD: Final = ("unit", "file", "x_m", "y_m", "z_m", "rx_rad", "ry_rad", "rz_rad", "sha256")
 
 
@@ -68,8 +69,11 @@ def command(units: int, first: int, seed: int, out: str, **arm: Unpack[OnePoseOp
         raise InputError(f"--units {units}: from 1 to {MOST_UNITS} robots can be written")
     if not 0 <= first <= 2**64 - units:
         raise InputError(f"--first {first}: units {first} to {first + units - 1} do not exist, from 0 to 2^64 - 1")
-    folder = folder_target(out, json=False)
-    sheet = read_sheet(arm["inputs"], arm["tip"], arm["base"], arm["package_dirs"])
+    folder = Path(out)
+    outputs = Outputs(folder=out, names=FILES)
+    check_folder_name(out, json=False)
+    outputs.check()
+    sheet = read_sheet(arm["inputs"], arm["tip"], arm["base"], arm["package_dirs"], outputs)
     model = ErrorModel.from_sheet(sheet)
     writer = AsBuilt.prepare(model, chosen_pose(sheet, arm["pose"], arm["q"]), sheet=Path(sheet.file).name)
     echo_findings((*writer.at.findings("exact"), *model.statics_findings(writer.at)))

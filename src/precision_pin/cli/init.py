@@ -10,8 +10,9 @@ import click
 
 from precision_pin.cli.common import Command, chain_options
 from precision_pin.cli.notes import echo_note, quiet_option
-from precision_pin.cli.writing import echo_data, require_writable, write_text
+from precision_pin.cli.writing import Outputs, echo_data, write_text
 from precision_pin.errors import OutputError
+from precision_pin.input_files import noted_inputs
 
 __all__ = ["command"]
 
@@ -39,14 +40,19 @@ def command(
     target = Path(out) if out is not None else Path(starting_sheet(path))
     to_stdout = out == "-"
     if not to_stdout:
-        require_writable(target)
+        outputs = Outputs({"--out": out or str(target)})
+        outputs.check()
+        outputs.refuse_inputs([str(path)])
         if target.exists() and not force:
             raise OutputError(f"{target} exists; --force overwrites it, --out names another file")
-    text, what = _shipped(robot, tip, base)
-    if text is None:
-        chain = Chain.from_robot(read(path, package_dirs=package_dirs), tip, base)
-        named = robot if robot.startswith(PREFIX) else os.path.relpath(path, Path() if to_stdout else target.parent)
-        text = scaffold(chain, named)
+    with noted_inputs() as inputs:
+        text, what = _shipped(robot, tip, base)
+        if text is None:
+            chain = Chain.from_robot(read(path, package_dirs=package_dirs), tip, base)
+            named = robot if robot.startswith(PREFIX) else os.path.relpath(path, Path() if to_stdout else target.parent)
+            text = scaffold(chain, named)
+    if not to_stdout:
+        outputs.refuse_inputs(inputs)
     if to_stdout:
         echo_data(text.removesuffix("\n"))
         return

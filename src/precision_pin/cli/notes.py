@@ -6,6 +6,8 @@ from typing import Final
 
 import click
 
+from precision_pin.cli.streams import say
+
 __all__ = ["echo_note", "is_quiet", "quiet_option"]
 
 _QUIET: Final = f"{__name__}.quiet"
@@ -33,4 +35,4 @@ def is_quiet() -> bool:
 def echo_note(line: str) -> None:
     """Print a line on stderr that is no warning and no error: what is being done, which file is used or was written."""
     if not is_quiet():
-        click.echo(line, err=True)
+        say(line)

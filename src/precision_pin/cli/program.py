@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import errno
 import importlib
 import signal
 import traceback
@@ -10,8 +9,10 @@ import traceback
 import click
 
 from precision_pin.cli import COMMANDS, EXIT_INPUT, EXIT_INTERNAL, interrupts
+from precision_pin.cli.resources import shortage
 from precision_pin.cli.streams import prepare_streams, raise_if_output_lost
-from precision_pin.errors import Finding, InputError, InternalError
+from precision_pin.errors import InputError, InternalError
+from precision_pin.visible import one_line, shown
 
 __all__ = ["run"]
 
@@ -38,7 +39,7 @@ class LateGroup(click.Group):
         if name not in COMMANDS and not name.startswith("-"):
             from precision_pin.errors import nearest
 
-            ctx.fail(f"no command named {name!r}; {nearest(name, COMMANDS)}")
+            ctx.fail(f"no command named {shown(name)}; {nearest(name, COMMANDS)}")
         return super().resolve_command(ctx, args)
 
     def invoke(self, ctx: click.Context) -> object:
@@ -96,9 +97,9 @@ def _code() -> int:
     except Exception as error:  # noqa: BLE001 - the last resort
         if interrupts.came():  # what a library made of it
             return _interrupted(interrupts.came())
-        short = _shortage(error)
-        if short is not None:
-            return _say(str(Finding("error", "E_RESOURCES", short)), EXIT_INPUT)
+        lack = shortage(error)
+        if lack is not None:
+            return _say(str(lack), EXIT_INPUT)
         # a bug is shown whole
         what = error if isinstance(error, InternalError) else f"\n{traceback.format_exc()}"
         return _say(f"internal error (a bug in precision-pin): {what}".replace(": \n", ":\n"), EXIT_INTERNAL)
@@ -114,24 +115,10 @@ class _InterruptedError(Exception):
 
 def _usage_line(error: click.ClickException) -> str:
     """Return a wrong command line's message as one line, with where help is."""
-    message = " ".join(error.format_message().split()).rstrip(".")
+    message = one_line(" ".join(error.format_message().split()).rstrip("."))
     context = getattr(error, "ctx", None)
     path = "precision-pin" if context is None else context.command_path
     return f"{path}: error E_USAGE: {message}; see {path} --help"
-
-
-def _shortage(error: Exception) -> str | None:
-    """Return what the system did not give, where an error says so."""
-    text = str(error).casefold()
-    if isinstance(error, MemoryError):
-        return "there is not enough memory for this; fewer samples, poses or sources need less"
-    if isinstance(error, ImportError) and ("map segment" in text or "allocate" in text or "memory" in text):
-        return f"there is not enough memory to load the libraries ({' '.join(str(error).split())})"
-    if isinstance(error, RuntimeError) and "start new thread" in text:
-        return "the system lets no more threads start (a limit of processes or of memory; --threads 1 needs fewer)"
-    if isinstance(error, OSError) and error.errno in (errno.EMFILE, errno.ENFILE, errno.ENOMEM, errno.EAGAIN):
-        return f"{error.strerror}; a limit of this system or of this shell (ulimit -a)"
-    return None
 
 
 def _say(message: str, code: int) -> int:

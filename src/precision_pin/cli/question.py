@@ -19,8 +19,8 @@ from precision_pin.cli.common import (
     seed_option,
 )
 from precision_pin.cli.notes import echo_note, quiet_option
-from precision_pin.cli.targets import folder_target
-from precision_pin.cli.writing import echo_data, require_writable, whole_folder, write_text
+from precision_pin.cli.targets import check_folder_name
+from precision_pin.cli.writing import Outputs, echo_data, whole_folder, write_text
 from precision_pin.errors import Finding, InputError
 
 if TYPE_CHECKING:
@@ -90,8 +90,15 @@ def question_options(command: Decorated) -> Decorated:
     return command
 
 
-def ask(shared: Shared) -> Question:
+def ask(shared: Shared, name: str) -> Question:
     """Return what the options ask about, refusing before any work what could not be written at its end.
+
+    Parameters
+    ----------
+    shared
+        The options.
+    name
+        Of the analysis, and so of its files.
 
     Raises
     ------
@@ -104,11 +111,10 @@ def ask(shared: Shared) -> Question:
     check_seed(shared["seed"])
     if shared["pose_names"] and shared["q"] is not None:
         raise InputError([Finding("error", "E_USAGE", "--pose and --q exclude each other")])
-    if shared["json_path"] not in (None, "-"):
-        require_writable(Path(shared["json_path"]))
-    if shared["out"] is not None:
-        folder_target(shared["out"], json=True)
-    sheet = read_sheet(shared["inputs"], shared["tip"], shared["base"], shared["package_dirs"])
+    outputs = Outputs({"--json": shared["json_path"]}, shared["out"], (f"{name}.*", f"{name}-*"))
+    check_folder_name(shared["out"], json=True)
+    outputs.check()
+    sheet = read_sheet(shared["inputs"], shared["tip"], shared["base"], shared["package_dirs"], outputs)
     poses = [chosen_pose(sheet, name, shared["q"]) for name in shared["pose_names"] or (None,)]
     return Question(sheet, ErrorModel.from_sheet(sheet), poses)
 

@@ -32,7 +32,7 @@ def command(specs: tuple[str, ...], samples: int, **shared: Unpack[Shared]) -> i
 
     check_samples(samples)
     specifications = [specification(text) for text in specs]
-    question = ask(shared)
+    question = ask(shared, "reliability")
     known = question.sheet.findings
     compile_sampler()
     with progress_bar(samples * len(question.poses), "sampling") as progress:

@@ -22,8 +22,8 @@ from precision_pin.cli.common import (
 )
 from precision_pin.cli.notes import echo_note
 from precision_pin.cli.progress import compile_sampler, progress_bar
-from precision_pin.cli.targets import page_target
-from precision_pin.cli.writing import write_text
+from precision_pin.cli.targets import check_page_name
+from precision_pin.cli.writing import PageOutput
 
 if TYPE_CHECKING:
     from precision_pin.run import Progress
@@ -37,7 +37,7 @@ __all__ = ["command"]
 @seed_option
 @model_option
 @spec_option
-@click.option("--out", required=True, metavar="FILE.html", help="The page to write.")
+@click.option("--out", required=True, metavar="FILE.html", help="The page to write; report.html in a folder.")
 def command(
     samples: int,
     seed: int,
@@ -57,9 +57,11 @@ def command(
     check_samples(samples)
     check_seed(seed)
     specifications = [specification(text) for text in specs]
-    target = page_target(out)
+    check_page_name(out)
+    target = PageOutput(out, "report.html")
+    target.outputs.check()
     package_dirs = arm["package_dirs"]
-    sheet = read_sheet(arm["inputs"], arm["tip"], arm["base"], package_dirs)
+    sheet = read_sheet(arm["inputs"], arm["tip"], arm["base"], package_dirs, target.outputs)
     where = chosen_pose(sheet, arm["pose"], arm["q"])
     compile_sampler()
 
@@ -86,10 +88,10 @@ def command(
     )
     with step("drawing the page", 0):
         html = page(results)
-    write_text(target, html)
+    target.write(html)
     for line in results.analysis.warnings[len(sheet.findings) :]:
         click.echo(line, err=True)
-    echo_note(f"wrote {out} ({len(html.encode()) / 1e6:.1f} MB)")
+    echo_note(f"wrote {target.path} ({len(html.encode()) / 1e6:.1f} MB)")
     return 0 if all(result.met for result in results.analysis.summary.specifications) else EXIT_SPEC
 
 

@@ -14,9 +14,12 @@ import sys
 from contextlib import suppress
 from typing import Any, final
 
-from precision_pin.errors import OutputError
+import click
 
-__all__ = ["prepare_streams", "raise_if_output_lost"]
+from precision_pin.errors import OutputError
+from precision_pin.visible import one_line
+
+__all__ = ["prepare_streams", "raise_if_output_lost", "say"]
 
 
 @final
@@ -70,6 +73,11 @@ def prepare_streams() -> None:
         if isinstance(getattr(sys, name), io.TextIOWrapper):
             # names may hold what a terminal cannot show; that is no reason to stop
             getattr(sys, name).reconfigure(errors="backslashreplace")
+
+
+def say(line: str) -> None:
+    """Print a line on stderr; a name in it cannot make two of it."""
+    click.echo(one_line(line), err=True)
 
 
 def raise_if_output_lost() -> None:

@@ -1,4 +1,4 @@
-"""What ``--out`` names: a page, or a folder; refused before any work where the name says something else."""
+"""What ``--out`` may be called: a page, or a folder."""
 
 from __future__ import annotations
 
@@ -6,10 +6,9 @@ import os
 from pathlib import Path
 from typing import Final
 
-from precision_pin.cli.writing import require_writable
 from precision_pin.errors import OutputError
 
-__all__ = ["folder_target", "page_target"]
+__all__ = ["check_folder_name", "check_page_name"]
 
 PAGES: Final = (".html", ".htm")
 FILES: Final = (
@@ -18,47 +17,41 @@ FILES: Final = (
 """Suffixes of files, in a name that is meant for a folder; others are part of a folder's name."""
 
 
-def page_target(out: str) -> Path:
-    """Return where ``--out`` says that a page goes.
+def check_page_name(out: str) -> None:
+    """Refuse a name of a page that promises another format; a folder, a device or a pipe may have any name.
 
     Raises
     ------
     OutputError
-        The name is not one of an HTML file, nor of a device or a pipe, or it cannot be written.
+        The name is not one of an HTML file.
     """
     if not out:
         raise OutputError("--out names no file; a page is HTML: --out NAME.html")
-    target = Path(out)
-    is_stream = os.path.exists(out) and not os.path.isfile(out) and not os.path.isdir(out)
-    if not (is_stream or os.path.isdir(out) or target.suffix.lower() in PAGES):
-        name = (target / "page.html") if out.endswith(os.sep) else target.with_suffix(PAGES[0])
+    is_file = not os.path.lexists(out) or os.path.isfile(out)
+    if is_file and not out.endswith(os.sep) and Path(out).suffix.lower() not in PAGES:
+        name = Path(out).with_suffix(PAGES[0])
         raise OutputError(f"cannot write {out}: the page is HTML and its name ends in .html; give --out {name}")
-    require_writable(target)
-    return target
 
 
-def folder_target(out: str, *, json: bool) -> Path:
-    """Return the folder that ``--out`` names.
+def check_folder_name(out: str | None, *, json: bool) -> None:
+    """Refuse a name of a folder that is one of a file.
 
     Parameters
     ----------
     out
-        The option's value.
+        The option's value, None where it is not given.
     json
         Whether the command has ``--json``, which is what a name ending in .json is meant for.
 
     Raises
     ------
     OutputError
-        The name is one of a file, or nothing can be written there.
+        The name ends as that of a file.
     """
-    if not out:
-        raise OutputError("--out names no folder")
-    target = Path(out)
-    suffix = target.suffix.lower()
-    if suffix in FILES and not out.endswith(os.sep) and not os.path.lexists(out):
+    if not out or out.endswith(os.sep) or os.path.lexists(out):
+        return
+    suffix = Path(out).suffix.lower()
+    if suffix in FILES:
         meant = f"for the result in one file give --json {out}" if json and suffix == ".json" else None
-        meant = meant or f"give --out {target.with_suffix('')}"
+        meant = meant or f"give --out {Path(out).with_suffix('')}"
         raise OutputError(f"cannot write to the folder {out}: --out takes a folder, and this names a file; {meant}")
-    require_writable(target, folder=True)
-    return target

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from precision_pin.errors import Finding, InputError, nearest
+from precision_pin.input_files import note_input
 from precision_pin.measured import NUMBER
 
 if TYPE_CHECKING:
@@ -70,6 +71,7 @@ def read_trajectory(path: str | os.PathLike[str], chain: Chain, most: int) -> Tr
         The file cannot be read, names other joints, or holds what is no finite number; one line that says where.
     """
     file = os.fspath(path)
+    note_input(file)
 
     def wrong(message: str, line: int | None = None) -> InputError:
         return InputError([Finding("error", "E_TRAJECTORY", message, file, line)])

@@ -25,7 +25,8 @@ from precision_pin.cli.common import (
 from precision_pin.cli.interrupts import raise_if_interrupted, unwinding
 from precision_pin.cli.notes import echo_note, quiet_option
 from precision_pin.cli.progress import compile_sampler, progress_bar
-from precision_pin.cli.targets import page_target
+from precision_pin.cli.targets import check_page_name
+from precision_pin.cli.writing import PageOutput
 from precision_pin.errors import Finding, InputError
 
 if TYPE_CHECKING:
@@ -61,7 +62,11 @@ CHUNK = 2**14
 @seed_option
 @model_option
 @click.option("--factor", type=float, metavar="K", help="Exaggeration at first; chosen to be seen if left out.")
-@click.option("--out", metavar="PAGE.html", help="The page to write; served to this machine's browser if left out.")
+@click.option(
+    "--out",
+    metavar="PAGE.html",
+    help="The page to write, or its folder; served to this machine's browser if left out.",
+)
 @click.option("--port", type=int, metavar="P", help="Where to serve it; any free port if left out.")
 @click.option("--no-browser", is_flag=True, help="Serve it, but open no browser.")
 @quiet_option
@@ -83,7 +88,7 @@ def command(
     Without arguments: the paper's arm and sheet. Several poses get a slider. Without --out the page is served to this
     machine only, until Ctrl-C, and made anew whenever the sheet or the robot changes.
     """
-    from precision_pin.outputs.view import MOST_POINTS, page, write_page
+    from precision_pin.outputs.view import MOST_POINTS, page
     from precision_pin.run import check_samples
     from precision_pin.space import check_seed
 
@@ -103,10 +108,16 @@ def command(
     if out is not None and (port is not None or no_browser):
         option = "--no-browser" if port is None else "--port"
         raise InputError([Finding("error", "E_USAGE", f"{option} is for a page that is served, without --out")])
-    target = None if out is None else page_target(out)
+    if out is not None:
+        check_page_name(out)
+    target = None if out is None else PageOutput(out, "view.html")
+    outputs = None if target is None else target.outputs
+    if outputs is not None:
+        outputs.check()
+        outputs.refuse_inputs([] if trajectory is None else [trajectory])
 
     def read() -> Sheet:
-        return read_sheet(arm["inputs"], arm["tip"], arm["base"], arm["package_dirs"])
+        return read_sheet(arm["inputs"], arm["tip"], arm["base"], arm["package_dirs"], outputs)
 
     def page_of(sheet: Sheet) -> str:
         return page(
@@ -126,8 +137,8 @@ def command(
             _serve(page_of, sheet, read, [Path(file) for file in files], port or 0, open_browser=not no_browser)
         return
     text = page_of(sheet)
-    write_page(target, text)
-    echo_note(f"wrote {out} ({len(text.encode()) / 1e6:.1f} MB)")
+    target.write(text)
+    echo_note(f"wrote {target.path} ({len(text.encode()) / 1e6:.1f} MB)")
 
 
 @final

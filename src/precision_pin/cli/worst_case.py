@@ -27,7 +27,7 @@ def command(k: float, samples: int, **shared: Unpack[Shared]) -> None:
     from precision_pin.run import check_samples
 
     check_samples(samples)
-    question = ask(shared)
+    question = ask(shared, "worst-case")
     known = question.sheet.findings
     compile_sampler()
     with progress_bar(samples * len(question.poses), "sampling") as progress:

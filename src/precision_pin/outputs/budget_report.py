@@ -24,6 +24,7 @@ from precision_pin.outputs.drawing import BLACK, BLUE, SKY
 from precision_pin.outputs.layout import DOUBLE_COLUMN, labelled, legend_below, new_figure, set_height, style
 from precision_pin.outputs.text import aligned, subject
 from precision_pin.tabular import percent, plus_minus, symbol, unit
+from precision_pin.visible import shown as quoted
 
 __all__ = ["draw_rows", "figure", "ranked", "source_name", "table"]
 
@@ -81,7 +82,7 @@ def figure(result: BudgetResult, pose: int = 0) -> Figure:
         for axes, vector in zip(panels, VECTORS, strict=True):
             _bars(axes, found, vector)
         name = _shown(found.pose.name)
-        made.suptitle(f"Error budget{f', pose {name!r}' if name else ''}")
+        made.suptitle(f"Error budget{f', pose {quoted(name)}' if name else ''}")
         caption = f"exact model, {result.samples:,} points, seed {result.heading.seed}; "
         legend_below(made, labelled(panels[:1]), 3, [f"{caption}intervals at {100 * result.confidence:g} % confidence"])
         set_height(made, 42 + 2 * 6.0 * bars)

@@ -13,6 +13,8 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 
+from precision_pin.visible import visible
+
 if TYPE_CHECKING:
     from precision_pin.analyses.heading import Heading, PoseHeading
 
@@ -97,8 +99,9 @@ def wrapped(text: str, figure: Figure) -> list[str]:
 
 def caption(what: str, heading: Heading, pose: PoseHeading) -> list[str]:
     """Return what a figure of 174 mm shows, and of which arm at which pose, in lines."""
-    named = f" at pose {pose.name}" if pose.name else ""
-    return textwrap.wrap(f"{what} of {heading.robot}, {heading.base} to {heading.tip}{named}", _CAPTION_CHARACTERS)
+    named = f" at pose {visible(pose.name)}" if pose.name else ""
+    arm = f"{visible(heading.robot)}, {visible(heading.base)} to {visible(heading.tip)}"
+    return textwrap.wrap(f"{what} of {arm}{named}", _CAPTION_CHARACTERS)
 
 
 def labelled(panels: Iterable[Axes]) -> dict[str, Any]:

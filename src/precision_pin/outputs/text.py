@@ -14,6 +14,7 @@ from precision_pin.result import Analysis, Correlated
 from precision_pin.statistics import Distribution, SpecificationResult, format_inside
 from precision_pin.statistics.distribution import CONTENTS
 from precision_pin.tabular import ROUNDING, resting_on, symbol, unit
+from precision_pin.visible import shown, visible
 
 if TYPE_CHECKING:
     from precision_pin.analyses.heading import Heading, PoseHeading
@@ -44,7 +45,7 @@ def analysis_table(analysis: Analysis) -> str:
     """
     pose = pose_text(analysis.pose_name, analysis.q, analysis.sliding_joints)
     lines = [
-        f"{analysis.robot}: {analysis.base} to {analysis.tip}, pose {pose}",
+        f"{visible(analysis.robot)}: {visible(analysis.base)} to {visible(analysis.tip)}, pose {pose}",
         f"{analysis.samples:,} samples, seed {analysis.seed}, {analysis.model} model, statics {analysis.statics}; "
         "errors in base axes, intervals and digits at "
         f"{analysis.summary.confidence:.0%} confidence",
@@ -70,16 +71,18 @@ def analysis_table(analysis: Analysis) -> str:
 def pose_text(name: str, q: Mapping[str, float], sliding_joints: Collection[str]) -> str:
     """Return a pose's name and joint values, in degrees and m."""
     values = ", ".join(
-        f"{joint} {plain(value)} m" if joint in sliding_joints else f"{joint} {plain(math.degrees(value))}°"
+        f"{visible(joint)} {plain(value)} m"
+        if joint in sliding_joints
+        else f"{visible(joint)} {plain(math.degrees(value))}°"
         for joint, value in q.items()
     )
-    return f"{name!r} ({values})" if name else f"({values})"
+    return f"{shown(name)} ({values})" if name else f"({values})"
 
 
 def subject(heading: Heading, pose: PoseHeading) -> str:
     """Return the arm, the ends of its chain and the pose of a result."""
     stands = pose_text(pose.name, pose.q, pose.sliding_joints)
-    return f"{heading.robot}: {heading.base} to {heading.tip}, pose {stands}"
+    return f"{visible(heading.robot)}: {visible(heading.base)} to {visible(heading.tip)}, pose {stands}"
 
 
 def _header() -> list[str]:
@@ -136,10 +139,11 @@ def tolerance_bounds(distribution: Distribution, content: float) -> str:
 
 def _pairs(group: Correlated) -> list[str]:
     """Return a line for each pair of correlated parameters."""
+    names = [visible(name) for name in group.parameters]
     return [
-        f"correlation of {group.parameters[i]} and {group.parameters[j]}: {group.scores[i][j]:.4g} of the normal scores, "
+        f"correlation of {names[i]} and {names[j]}: {group.scores[i][j]:.4g} of the normal scores, "
         f"{group.pearson[i][j]:.4g} of the numbers (Pearson)"
-        for i, j in itertools.combinations(range(len(group.parameters)), 2)
+        for i, j in itertools.combinations(range(len(names)), 2)
     ]
 
 
@@ -196,7 +200,8 @@ def plain(value: float) -> str:
 
 
 def aligned(rows: list[list[str]]) -> list[str]:
-    """Return rows of cells as lines, the first two columns to the left."""
+    """Return rows of cells as lines, the first two columns to the left; names in them are shortened and escaped."""
+    rows = [[visible(cell, 120) for cell in row] for row in rows]
     widths = [max(map(_columns, column)) for column in zip(*rows, strict=True)]
     lines = []
     for row in rows:

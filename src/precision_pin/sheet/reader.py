@@ -17,6 +17,7 @@ from precision_pin.chain import EARTH, Chain
 from precision_pin.chain_findings import chain_findings
 from precision_pin.errors import Finding, InputError, SheetError, UrdfError, nearest
 from precision_pin.examples import resolve_robot
+from precision_pin.input_files import note_input
 from precision_pin.laws import Fixed
 from precision_pin.sheet.correlations import correlated_space
 from precision_pin.sheet.findings import Findings
@@ -133,6 +134,7 @@ def read(
 
 
 def _contents(file: str) -> str:
+    note_input(file)
     try:
         if not FilePath(file).is_file():
             what = "is not a regular file" if FilePath(file).exists() else "does not exist"

@@ -6,6 +6,8 @@ import os
 import stat
 from functools import cache
 
+from precision_pin.input_files import note_input
+
 from .findings import Findings, shown
 
 __all__ = ["is_regular", "read_regular_file"]
@@ -28,6 +30,7 @@ def read_regular_file(path: str | os.PathLike[str], findings: Findings, *, most_
     most_bytes
         The largest size that is read.
     """
+    note_input(path)
     try:
         status = os.stat(path)
         if not is_regular(status):

@@ -6,17 +6,12 @@ from collections.abc import Collection
 from typing import Literal, final
 
 from precision_pin.errors import Finding, nearest
+from precision_pin.visible import one_line, shown, visible
 
 __all__ = ["Findings", "hint", "shown"]
 
 MOST_FINDINGS = 1000
 MOST_NAMES = 6
-LONGEST_MESSAGE = 1500
-
-
-def shown(text: str, *, most: int = 80) -> str:
-    """Return text of the file quoted for a message: control characters escaped, cut to ``most``."""
-    return repr(text if len(text) <= most else text[:most] + "…")
 
 
 def hint(name: str, valid: Collection[str]) -> str:
@@ -67,7 +62,7 @@ class Findings:
     def result(self) -> tuple[Finding, ...]:
         """Return all findings in the order of their lines."""
         for (code, message), (line, names) in self._groups.items():
-            listed = ", ".join(names[:MOST_NAMES])
+            listed = ", ".join(map(visible, names[:MOST_NAMES]))
             more = f" and {len(names) - MOST_NAMES} more" if len(names) > MOST_NAMES else ""
             self._add("warning", code, f"{message} ({listed}{more})", line, tuple(names))
         self._groups = {}
@@ -89,10 +84,4 @@ class Findings:
     ) -> None:
         self._count[severity] += 1
         if self._count[severity] <= MOST_FINDINGS:
-            self._kept.append(Finding(severity, code, _one_line(message), self._file, line, subjects))
-
-
-def _one_line(message: str) -> str:
-    """Return a message of bounded length in which nothing can forge a line or turn the direction of writing."""
-    cut = message if len(message) <= LONGEST_MESSAGE else message[:LONGEST_MESSAGE] + "…"
-    return cut if cut.isprintable() else "".join(one if one.isprintable() else repr(one)[1:-1] for one in cut)
+            self._kept.append(Finding(severity, code, one_line(message), self._file, line, subjects))

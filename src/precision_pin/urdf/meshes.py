@@ -8,6 +8,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import final
 
+from precision_pin.input_files import note_input
+
 from .files import is_regular
 from .findings import Findings, shown
 from .meshcontent import MESH_KINDS, BrokenMeshError, read_mesh
@@ -102,6 +104,8 @@ class MeshFiles:
             return
         try:
             path = locate_mesh(filename, self._folder, self._package_dirs)
+            if path is not None:
+                note_input(path)
             if path is None:
                 package = filename[len("package://") :].partition("/")[0]
                 message = f"mesh package {shown(package)} is not found; give its folder (--package-dir)"

@@ -1,0 +1,63 @@
+"""What the system gives this process: limits on its memory, heeded before libraries that abort are loaded."""
+
+from __future__ import annotations
+
+import errno
+import os
+import resource
+from typing import Final
+
+from precision_pin.errors import Finding, InputError
+
+__all__ = ["require_address_space", "shortage"]
+
+NEEDED: Final = 10**9
+"""Bytes of address space; with less, C++ libraries abort while they are loaded."""
+
+AMPLE: Final = 8 * 10**9
+"""With less, the threads of linear algebra, each of which reserves some of it, are left out."""
+
+
+def require_address_space() -> None:
+    """Refuse a limit of address space that the libraries cannot be loaded in.
+
+    Raises
+    ------
+    InputError
+        There is such a limit.
+    """
+    limit = _address_space()
+    if limit is None:
+        return
+    if limit < NEEDED:
+        message = f"the address space is limited to {limit / 1e6:.0f} MB (ulimit -v); at least {NEEDED / 1e6:.0f} MB are needed"
+        raise InputError([Finding("error", "E_RESOURCES", message)])
+    if limit < AMPLE:
+        os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+
+def shortage(error: Exception) -> InputError | None:
+    """Return what the system did not give, where an error comes of that."""
+    message = _message(error)
+    return None if message is None else InputError([Finding("error", "E_RESOURCES", message)])
+
+
+def _message(error: Exception) -> str | None:
+    text = str(error).casefold()
+    if isinstance(error, MemoryError) or "bad_alloc" in text or "cannot allocate memory" in text:
+        return "there is not enough memory for this; fewer samples, poses or sources need less"
+    if isinstance(error, RuntimeError) and "start new thread" in text:
+        return "the system lets no more threads start (a limit of processes or memory); --threads 1 needs the fewest"
+    if isinstance(error, OSError) and error.errno in (errno.EMFILE, errno.ENFILE, errno.ENOMEM, errno.EAGAIN):
+        return f"{error.strerror}; a limit of this system or of this shell (ulimit -a)"
+    limit = _address_space()
+    if limit is not None and limit < AMPLE:
+        # libraries say it in many ways: a segment that cannot be mapped, a function without a result
+        what = f"{type(error).__name__}: {error}"
+        return f"this does not fit into the address space, which is limited to {limit / 1e6:.0f} MB ({what})"
+    return None
+
+
+def _address_space() -> int | None:
+    limit = resource.getrlimit(resource.RLIMIT_AS)[0]
+    return None if limit == resource.RLIM_INFINITY else limit

@@ -1,0 +1,49 @@
+"""Names and texts that users give, as messages, tables and figures show them: on one line, and not without end.
+
+A name may hold a line break, a mark that turns the direction of writing, a terminal's command, or a million letters;
+what is shown of it is what it is made of, cut where it is long.
+"""
+
+from __future__ import annotations
+
+import re
+from typing import Final
+
+__all__ = ["LONGEST_LINE", "one_line", "shortened", "shown", "visible"]
+
+LONGEST_LINE: Final = 2000
+"""Characters of a message."""
+
+_LONGEST_NAME: Final = 80
+_LONGEST_WORD: Final = 260
+"""As long as a file's name may be."""
+
+_WORD: Final = re.compile(rf"\S{{{_LONGEST_WORD + 1},}}")
+
+
+def shortened(text: str, most: int = _LONGEST_NAME) -> str:
+    """Return a text of at most so many characters: what is too long loses its middle."""
+    if len(text) <= most:
+        return text
+    tail = most // 4
+    return f"{text[: most - tail - 1]}…{text[len(text) - tail :]}"
+
+
+def visible(text: str, most: int = _LONGEST_NAME) -> str:
+    """Return a name shortened, with escapes for what does not print: control, format and unassigned characters."""
+    text = shortened(text, most)
+    if text.isprintable():
+        return text
+    return "".join(one if one.isprintable() else repr(one)[1:-1] for one in text)
+
+
+def shown(text: str, most: int = _LONGEST_NAME) -> str:
+    """Return a name in quotes for a message, as :func:`visible` shows it."""
+    return repr(shortened(text, most))
+
+
+def one_line(text: str, most: int = LONGEST_LINE) -> str:
+    """Return a message as a line: what does not print is escaped, long words and a long whole lose their middle."""
+    # cut first, so that no search goes through millions of characters
+    text = visible(shortened(text, 10 * most), 10 * most)
+    return shortened(_WORD.sub(lambda word: shortened(word[0], _LONGEST_WORD // 2), text), most)
