@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from typing import Final
 
@@ -60,6 +61,9 @@ def specification(text: str) -> Specification:
         raise InputError(f"specification {text!r}: {word} is limited by {'an angle' if is_length else 'a length'}")
     if not limit > 0:
         raise InputError(f"specification {text!r}: the limit must be positive")
+    if not is_length and limit >= math.pi:
+        meant = "deg, or mrad" if unit == "rad" else "mrad"
+        raise InputError(f"specification {text!r}: no attitude error is larger than half a turn; did you mean {meant}?")
     return Specification(QUANTITY_WORDS[word], limit, required)
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import re
+import shutil
 
 import pytest
 
@@ -75,6 +76,14 @@ def test_each_quantity_is_judged_by_what_moves_it(run: Run, folder) -> None:
     assert "W_NOTHING" not in outcome.err
 
 
+def test_an_error_of_one_size_that_changes_its_side_is_judged(run: Run, folder) -> None:
+    (folder / "sides.yaml").write_text(
+        HEAD + "sources:\n  - length: {frame: tool, parameters: {two_point: 1 mm}}\n", "utf-8"
+    )
+    outcome = run("analyze", "sides.yaml", "--samples", "300", "--spec", "1.1 mm", "--json", "-")
+    assert [entry["verdict"] for entry in outcome.json["spec"]] == ["met"]
+
+
 def test_a_rare_value_that_no_sample_met_is_judged(run: Run, folder) -> None:
     # 1e-9 of the robots are off by 2 mm: 300 samples all alike hold 95 %, as Clopper and Pearson have it
     text = (
@@ -84,6 +93,12 @@ def test_a_rare_value_that_no_sample_met_is_judged(run: Run, folder) -> None:
     outcome = run("analyze", "rare.yaml", "--samples", "300", "--spec", "1 mm", "--json", "-")
     assert outcome.code == 0
     assert [entry["verdict"] for entry in outcome.json["spec"]] == ["met"]
+
+
+def test_a_large_limit_of_the_attitude_is_told_in_degrees_too(run: Run, folder) -> None:
+    outcome = run("analyze", "--samples", "300", "--spec", "0.5 rad", "--spec", "20 mrad")
+    assert "attitude.norm within 500 mrad (28.65 deg) for 95 %: MET" in outcome.out
+    assert "attitude.norm within 20 mrad for 95 %: MET" in outcome.out
 
 
 @pytest.mark.parametrize("samples", [1, 10, 72, 73])
@@ -131,6 +146,15 @@ def test_init_starts_from_the_sheet_with_sources(run: Run, folder, name: str) ->
     assert "the sheet with sources that comes with precision-pin" in outcome.err
     assert (folder / f"{name}.errors.yaml").read_text("utf-8") == shipped_sheets()[name].read_text("utf-8")
     assert run("check", f"{name}.errors.yaml").code == 0
+
+
+def test_init_names_the_sheet_with_sources_of_an_arm_of_the_same_name(run: Run, folder) -> None:
+    if "ur5" not in example_urdfs():
+        pytest.skip("example-robot-data is not installed")
+    shutil.copy(example_urdfs()["ur5"], folder / "mine.urdf")
+    outcome = run("init", "mine.urdf", "--tip", "tool0")
+    assert outcome.code == 0
+    assert "(with sources: precision-pin init example:ur5, if this is such an arm)" in outcome.err
 
 
 def test_init_drafts_where_the_chain_is_another(run: Run, folder) -> None:

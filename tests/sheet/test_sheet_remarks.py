@@ -80,7 +80,7 @@ class TestTolerances:
             ("± deg", "expected a number with a unit"),
             ("±0.02 mm", "'mm' in '0.02 mm' is not a unit of angle"),
             ("1 mm ± 0.02 deg", "'mm' in '1 mm' is not a unit of angle"),
-            ("±0.1 ±0.2 deg", "expected a number with a unit"),
+            ("±0.1 ±0.2 deg", "is not a unit of angle"),
         ],
     )
     def test_wrong_ones_get_one_line(self, refuse: Refuse, written: str, says: str) -> None:
@@ -230,6 +230,12 @@ class TestUnitsOfAngles:
     )
     def test_of_errors(self, load: Load, source: str, asks: bool) -> None:
         assert warnings(load(with_sources(source))) == ([("W_ANGLE_UNIT", 8)] if asks else [])
+
+    def test_of_locked_joints(self, load: Load) -> None:
+        text = HEAD.replace("0 10 30 0 deg", "0 10 30 deg").replace("poses:", "locked: {joint4: 45 rad}\nposes:")
+        (finding,) = load(text + "sources:\n" + VARIES.replace("joint4", "joint3")).findings
+        assert (finding.code, finding.line) == ("W_ANGLE_UNIT", 4)
+        assert "locked: joint4 at 45 rad is 2578 deg; did you mean deg?" in finding.message
 
     def test_of_parameters(self, load: Load) -> None:
         text = with_sources("joint_offset: {joint: joint1, offset: a}").replace(

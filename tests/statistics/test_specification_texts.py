@@ -54,6 +54,8 @@ def test_an_absolute_value_may_be_written_so() -> None:
         ("dw 1 mm", "no quantity of a specification named 'dw'"),
         ("dx 1 mrad", "dx is limited by a length"),
         ("|δ| 1 mm", "|δ| is limited by an angle"),
+        ("5 rad", "no attitude error is larger than half a turn; did you mean deg, or mrad?"),
+        ("rx 200 deg", "no attitude error is larger than half a turn; did you mean mrad?"),
     ],
 )
 def test_slips_get_one_line(text: str, says: str) -> None:

@@ -32,7 +32,7 @@ def command(
     as it is: precision-pin analyze SHEET.
     """
     from precision_pin.chain import Chain
-    from precision_pin.examples import PREFIX, resolve_robot, starting_sheet
+    from precision_pin.examples import PREFIX, example_urdfs, resolve_robot, shipped_sheet, starting_sheet
     from precision_pin.outputs.scaffold import scaffold
     from precision_pin.urdf import read
 
@@ -51,6 +51,9 @@ def command(
             chain = Chain.from_robot(read(path, package_dirs=package_dirs), tip, base)
             named = robot if robot.startswith(PREFIX) else os.path.relpath(path, Path() if to_stdout else target.parent)
             text = scaffold(chain, named)
+            alike = f"{PREFIX}{chain.robot.name}"
+            if shipped_sheet(alike) is not None and robot != alike and chain.robot.name in example_urdfs():
+                what += f" (with sources: precision-pin init {alike}, if this is such an arm)"
     if not to_stdout:
         outputs.refuse_inputs(inputs)
     if to_stdout:

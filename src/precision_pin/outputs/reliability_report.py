@@ -16,7 +16,7 @@ from precision_pin.analyses.reliability_result import ReliabilityResult, Specifi
 from precision_pin.analyses.strata import Stratum
 from precision_pin.outputs.drawing import BLUE, GREEN, SKY, VERMILION
 from precision_pin.outputs.layout import DOUBLE_COLUMN, LINE_HEIGHT, caption, new_figure, set_height, shortened, style
-from precision_pin.outputs.text import NOTHING_VARIES, aligned, subject
+from precision_pin.outputs.text import NOTHING_VARIES, aligned, demanded, subject
 from precision_pin.tabular import resting_on, symbol, unit
 
 __all__ = ["figure", "table"]
@@ -99,7 +99,6 @@ def _specification_lines(entry: SpecificationReliability) -> list[str]:
 
 
 def _verdict(entry: SpecificationReliability) -> str:
-    specification = entry.specification
     interval = entry.best.interval
     if entry.verdict == "nothing to judge":
         said = NOTHING_VARIES
@@ -108,10 +107,7 @@ def _verdict(entry: SpecificationReliability) -> str:
     else:
         span = in_words(interval) if interval[0] else f"below {rounded(interval[1], interval)}"
         said = f"P(failure) {span} by sampling" if entry.met else f"P(failure) NOT RESOLVED, {span}"
-    return (
-        f"{specification.quantity} within {1e3 * specification.limit:.6g} {unit(specification.quantity)} for "
-        f"{100 * specification.required:.10g} %: {entry.verdict.upper()} - {said}"
-    )
+    return f"{demanded(entry.specification)}: {entry.verdict.upper()} - {said}"
 
 
 def _form_lines(entry: SpecificationReliability) -> list[str]:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Final
 
 from precision_pin.mcpc import Mcpc
 from precision_pin.result import Analysis, Correlated
-from precision_pin.statistics import Distribution, SpecificationResult, format_inside
+from precision_pin.statistics import Distribution, Specification, SpecificationResult, format_inside
 from precision_pin.statistics.distribution import CONTENTS
 from precision_pin.tabular import ROUNDING, resting_on, symbol, unit
 from precision_pin.visible import shown, visible
@@ -23,6 +23,7 @@ __all__ = [
     "NOTHING_VARIES",
     "aligned",
     "analysis_table",
+    "demanded",
     "inside",
     "mcpc_table",
     "plain",
@@ -34,6 +35,8 @@ __all__ = [
 
 NOTHING_VARIES: Final = "no source of the sheet makes it vary at this pose, so no tolerance was tried"
 """Why there is nothing to judge."""
+
+_LARGE_ANGLE: Final = 0.1
 
 _COLUMNS = ("mean", "std", "min", "max", "mode", 0.5, 0.95, 0.99, 0.9973)
 
@@ -166,11 +169,15 @@ def inside(result: SpecificationResult) -> tuple[str, str, str]:
     return f"{share:f}", f"{low.quantize(place, ROUND_FLOOR):f}", f"{high.quantize(place, ROUND_CEILING):f}"
 
 
+def demanded(specification: Specification | SpecificationResult) -> str:
+    """Return what a specification demands; of a large angle in degrees too."""
+    of, limit = specification.quantity, specification.limit
+    degrees = f" ({math.degrees(limit):.4g} deg)" if of.startswith("attitude") and limit >= _LARGE_ANGLE else ""
+    return f"{of} within {1e3 * limit:.6g} {unit(of)}{degrees} for {100 * specification.required:.10g} %"
+
+
 def _verdict(result: SpecificationResult) -> str:
-    demand = (
-        f"spec {result.quantity} within {1e3 * result.limit:.6g} {unit(result.quantity)} for "
-        f"{100 * result.required:.10g} %: {result.verdict.upper()}"
-    )
+    demand = f"spec {demanded(result)}: {result.verdict.upper()}"
     if result.verdict == "nothing to judge":
         return f"{demand} - {NOTHING_VARIES}"
     share, low, high = inside(result)

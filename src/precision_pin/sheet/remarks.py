@@ -112,6 +112,10 @@ def remark_on_poses(document: Document, chain: Chain, findings: Findings) -> Non
     if not document.poses:
         message = "there are no poses; what is asked about has to be given with --q"
         findings.warning((), message, "W_NO_POSES")
+    turning = {joint.name: joint for joint in chain.robot.joints if joint.kind != "prismatic"}
+    remark = _pose_question(document.locked, turning)
+    if remark is not None:
+        findings.warning(("locked",), f"locked: {remark}", "W_ANGLE_UNIT")
     for name, value in document.poses.items():
         remark = pose_remark(value, chain)
         if remark is not None:

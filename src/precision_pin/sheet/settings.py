@@ -30,10 +30,9 @@ __all__ = [
 NAME: Final = re.compile(r"[^\W\d][\w.\[\]#-]*")
 LAW_KEYS: Final = tuple(LAWS)
 OPTION_KEYS: Final = ("mean", "k", "truncated", "centre", "probability", "correlation", "scope")
-TOLERANCE_PATTERN: Final = r"^([^±]*?)(?:±|\+/-|\+-)([^±]*)$"
-"""Of a tolerance written as text: a mean or nothing, ± (or +- or +/-), the half-width."""
+TOLERANCE_PATTERN: Final = r"±|\+/-|\+-"
+"""Of the sign in a tolerance written as text: before it a mean or nothing, behind it the half-width."""
 
-_TOLERANCE: Final = re.compile(TOLERANCE_PATTERN, re.DOTALL)
 _HERE: Final = FilePath()
 
 
@@ -124,10 +123,12 @@ def _is_bare_number(value: object) -> bool:
 
 def tolerance_law(value: object) -> dict[str, str] | None:
     """Return the law that ``±0.02 deg`` or ``1 ± 0.05 kg`` says, a uniform one; ``None`` for what is no tolerance."""
-    match = _TOLERANCE.fullmatch(value) if isinstance(value, str) else None
-    if match is None:
+    if not isinstance(value, str):
         return None
-    mean, half_width = (part.strip() for part in match.groups())
+    sign = re.search(TOLERANCE_PATTERN, value)
+    if sign is None:
+        return None
+    mean, half_width = value[: sign.start()].strip(), value[sign.end() :].strip()
     if not mean:
         return {"uniform": half_width}
     if _is_bare_number(mean):

@@ -231,9 +231,9 @@ def varying_quantities(state: State, spread: ArrayLike | None = None) -> NDArray
     """
     seen: NDArray[np.bool_] = state.highest - state.lowest > NO_SPREAD
     if spread is not None:
-        parts = np.asarray(spread) > NO_SPREAD
-        seen[list(COMPONENTS)] |= parts
-        seen[list(NORMS)] |= parts.reshape(2, 3).any(axis=1)
+        seen[list(COMPONENTS)] |= np.asarray(spread) > NO_SPREAD
+    # a norm may be the same for all directions: an error on a circle is no constant
+    seen[list(NORMS)] |= seen[list(COMPONENTS)].reshape(2, 3).any(axis=1)
     return seen
 
 

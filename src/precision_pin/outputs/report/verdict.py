@@ -27,12 +27,16 @@ def verdict(results: Results) -> Html:
     """Return whether every specification is met; without one, how large the errors are. Then what it rests on."""
     specifications = results.analysis.summary.specifications
     if not specifications:
-        return section("verdict", "Result", _sizes(results), _resting(results))
+        still = not any(results.analysis.summary.varying)
+        alike = [paragraph(element("strong", "No source makes the error vary: every robot is alike."))] if still else []
+        return section("verdict", "Result", *alike, _sizes(results), _resting(results))
     met = sum(result.met for result in specifications)
     if len(specifications) == 1:
         words = _WORDS[specifications[0].verdict]
     else:
-        words = f"{met} of {len(specifications)} specifications are met"
+        others = [result.verdict for result in specifications if result.verdict in ("undecided", "nothing to judge")]
+        counts = [f"{others.count(verdict)} {verdict}" for verdict in dict.fromkeys(others)]
+        words = ", ".join([f"{met} of {len(specifications)} specifications are met", *counts])
     good = met == len(specifications)
     headline = paragraph(element("strong", words), ".", class_="verdict met" if good else "verdict failed")
     return section("verdict", "Verdict", headline, _resting(results), _specifications(results), _rule(results))
