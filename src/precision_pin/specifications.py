@@ -2,20 +2,22 @@
 
 from __future__ import annotations
 
+import math
 import re
 from typing import Final
 
 from precision_pin import units
 from precision_pin.errors import InputError, UnitError, UnknownNameError
 from precision_pin.statistics import Specification
-from precision_pin.statistics.precision import QUANTITY_WORDS
+from precision_pin.statistics.precision import QUANTITY_PATTERN, QUANTITY_WORDS
 
 __all__ = ["DEFAULT_PROBABILITY", "specification"]
 
 DEFAULT_PROBABILITY: Final = 0.95
 """What is required where a specification names no probability."""
 
-_FORM: Final = re.compile(r"\s*([A-Za-z_][A-Za-z_.]*)?\s*([^@]+?)\s*(?:@\s*(.+?)\s*)?", re.DOTALL)
+_FORM: Final = re.compile(rf"({QUANTITY_PATTERN})?\s*+(?:(?:<=|<|≤)\s*+)?(\S.*)", re.DOTALL)
+_LEAST_PER_CENT: Final = 0.01
 
 
 def specification(text: str) -> Specification:
@@ -25,32 +27,52 @@ def specification(text: str) -> Specification:
     ----------
     text
         ``[QUANTITY] LIMIT [@ PROBABILITY]``. The quantity is position (the default of a length), attitude (the default
-        of an angle), a component x, y, z, rx, ry, rz, or a name as in the JSON such as ``position.x``; the limit a
-        length or an angle; the probability 95 % if left out.
+        of an angle), a component x, y, z, rx, ry, rz, a name as in the tables such as ``dx`` or ``|d|``, or as in the JSON
+        such as ``position.x``; ≤ may follow it; the limit a length or an angle; the probability 95 % if left out.
 
     Raises
     ------
     InputError
         Not of this form, a limit that is not positive, or a probability outside 0 to 1.
     """
-    match = _FORM.fullmatch(text)
-    if match is None:
+    demand, at, probability_text = (part.strip() for part in text.partition("@"))
+    match = _FORM.fullmatch(demand)
+    if match is None or (at and not probability_text):
         raise InputError(f"specification {text!r} is not understood; write it as '0.5 mm @ 99.73 %' or 'x 0.2 mm'")
-    word, limit_text, probability_text = match.groups()
+    word, limit_text = match.groups()
     try:
+        unit = units.split(limit_text)[1]
+        if not unit:
+            raise UnitError(
+                f"{limit_text!r} has no unit: '{limit_text} mm' limits the position, '{limit_text} mrad' the attitude"
+            )
         limit = units.parse(limit_text, units.LENGTH, units.ANGLE)
-        required = DEFAULT_PROBABILITY if probability_text is None else units.parse(probability_text, units.RATIO)
+        required = _required(probability_text) if at else DEFAULT_PROBABILITY
     except UnitError as error:
         raise InputError(f"specification {text!r}: {error.findings[0].message}") from None
-    is_length = units.split(limit_text)[1] in units.LENGTH.units
+    is_length = unit in units.LENGTH.units
     if word is None:
         word = "position" if is_length else "attitude"
+    # what is limited is the absolute value, which may be written so: |dx|
+    word = word if word in QUANTITY_WORDS else word.strip("|")
     if word not in QUANTITY_WORDS:
         raise UnknownNameError("quantity of a specification", word, QUANTITY_WORDS)
     if QUANTITY_WORDS[word].startswith("position") != is_length:
         raise InputError(f"specification {text!r}: {word} is limited by {'an angle' if is_length else 'a length'}")
     if not limit > 0:
         raise InputError(f"specification {text!r}: the limit must be positive")
-    if not 0 < required < 1:
-        raise InputError(f"specification {text!r}: the probability must lie above 0 and below 1 (or 100 %)")
+    if not is_length and limit >= math.pi:
+        meant = "deg, or mrad" if unit == "rad" else "mrad"
+        raise InputError(f"specification {text!r}: no attitude error is larger than half a turn; did you mean {meant}?")
     return Specification(QUANTITY_WORDS[word], limit, required)
+
+
+def _required(text: str) -> float:
+    """Return the probability asked for; one that is written in per cent and below 1 % is refused as a slip."""
+    value = units.parse_probability(text)
+    if value < _LEAST_PER_CENT and units.split(text)[1] == "%":
+        raise UnitError(
+            f"{text} is fewer than one robot in a hundred; did you mean '{100 * units.split(text)[0][0]:g} %'? "
+            f"(or the plain ratio {value:g})"
+        )
+    return value

@@ -42,6 +42,7 @@ __all__ = [
     "PerJoint",
     "Quantity",
     "parse",
+    "parse_probability",
     "parse_vector",
     "split",
 ]
@@ -166,6 +167,7 @@ QUANTITIES: Final = (
 MOST_NAMED: Final = 3
 """The most quantities that a message names with all their units."""
 
+_PER_CENT: Final = 100
 _NUMBER: Final = r"[+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d+)?"
 _TEXT: Final = re.compile(rf"\s*({_NUMBER}(?:[\s,]+{_NUMBER})*)\s*(\D.*)?", re.ASCII | re.DOTALL)
 _SPELLINGS: Final = (
@@ -190,7 +192,8 @@ def split(text: object) -> tuple[list[float], str]:
     """
     if isinstance(text, bool) or not isinstance(text, str | int | float):
         raise UnitError(f"expected a number with a unit, got {text!r}")
-    match = _TEXT.fullmatch(str(text))
+    # blanks are joined first: what follows would go through many of them again and again
+    match = _TEXT.fullmatch(" ".join(str(text).split()))
     if match is None or "," in match[1]:
         raise UnitError(f"expected a number with a unit such as '0.1 mm', got {str(text)!r}")
     written, unit = match[1].split(), (match[2] or "").strip()
@@ -201,7 +204,7 @@ def split(text: object) -> tuple[list[float], str]:
         raise UnitError(f"{str(text)!r} is not finite")
     for spelling, ours in _SPELLINGS:
         unit = unit.replace(spelling, ours)
-    return numbers, re.sub(r"\s*([*/^()])\s*", r"\1", unit)
+    return numbers, re.sub(r" ?([*/^()]) ?", r"\1", unit)
 
 
 def parse(text: object, *quantities: Quantity) -> float:
@@ -220,6 +223,27 @@ def parse(text: object, *quantities: Quantity) -> float:
         Malformed number, a missing unit, or one that belongs to none of the quantities.
     """
     return parse_vector(text, *quantities, count=1)[0]
+
+
+def parse_probability(text: str) -> float:
+    """Return a probability, ``95 %`` or ``0.95``.
+
+    Raises
+    ------
+    UnitError
+        No such number, or one that is not above 0 and below 1.
+    """
+    value = parse(text, RATIO)
+    if 0 < value < 1:
+        return value
+    allowed = "the probability must lie above 0 and below 1 (or 100 %)"
+    if 1 < value < _PER_CENT and not split(text)[1]:
+        raise UnitError(f"{allowed}; did you mean '{text.strip()} %'?")
+    if value == 1:
+        raise UnitError(
+            f"{allowed}: no number of samples shows that all robots are inside; ask for less, such as 99.9 %"
+        )
+    raise UnitError(allowed)
 
 
 def parse_vector(text: object, *quantities: Quantity, count: int | None = None) -> list[float]:
@@ -254,7 +278,8 @@ def parse_vector(text: object, *quantities: Quantity, count: int | None = None) 
         named = "quantity"
         allowed = ", ".join(quantity.si for quantity in quantities if quantity.si) + ", and multiples of these"
     if not unit:
-        raise UnitError(f"{str(text)!r} has no unit; a {named} needs one of: {allowed}")
+        article = "an" if named[0] in "aeiou" else "a"
+        raise UnitError(f"{str(text)!r} has no unit; {article} {named} needs one of: {allowed}")
     raise UnitError(f"{unit!r} in {str(text)!r} is not a unit of {named}; allowed: {allowed}")
 
 

@@ -34,7 +34,10 @@ WRONG = {
     "seed of 65 bits": ((*A, "--seed", str(2**64)), "seed must be a whole number from 0 to 2\\^64 - 1"),
     "seed in words": ((*A, "--seed", "random"), "'random' is not a valid integer"),
     # specifications
-    "spec without a unit": ((*A, "--spec", "0.5"), "'0.5' has no unit; a length or angle needs one of: m,"),
+    "spec without a unit": (
+        (*A, "--spec", "0.5"),
+        "'0.5' has no unit: '0.5 mm' limits the position, '0.5 mrad' the attitude",
+    ),
     "spec with a wrong unit": ((*A, "--spec", "0.5 kg"), "'kg' in '0.5 kg' is not a unit of length or angle"),
     "spec of an unknown quantity": ((*A, "--spec", "w 0.5 mm"), "quantity of a specification named 'w'"),
     "position limited by an angle": ((*A, "--spec", "x 1 mrad"), "x is limited by a length"),

@@ -25,7 +25,7 @@ from precision_pin.statistics.distribution import Distribution
 from precision_pin.statistics.plan import QUANTITIES
 from precision_pin.statistics.summary import Summary
 
-__all__ = ["QUANTITY_WORDS", "Precision", "Target", "reached", "target"]
+__all__ = ["QUANTITY_PATTERN", "QUANTITY_WORDS", "Precision", "Target", "reached", "target"]
 
 QUANTITY_WORDS: Final = {
     "position": "position.norm",
@@ -36,11 +36,24 @@ QUANTITY_WORDS: Final = {
     "rx": "attitude.x",
     "ry": "attitude.y",
     "rz": "attitude.z",
+    # as tables have them
+    "|d|": "position.norm",
+    "dx": "position.x",
+    "dy": "position.y",
+    "dz": "position.z",
+    "|δ|": "attitude.norm",
+    "δx": "attitude.x",
+    "δy": "attitude.y",
+    "δz": "attitude.z",
 } | {name: name for name in QUANTITIES}
 """What a user may call a quantity."""
 
+QUANTITY_PATTERN: Final = r"\|[^\s|@]++\||[^\W\d](?:[^\W\d]|\.(?=[^\W\d]))*+"
+"""Of a word that may be one of them: no digit, so that a number may follow without a blank."""
+
 _FORM: Final = re.compile(
-    r"\s*(?:([A-Za-z_][A-Za-z_.]*)(?:\s+|(?=[-+.\d])))?(mean|std|[-+.\d]\S*(?:\s+(?:%|ppm))?)\s+to\s+(\S.*?)\s*",
+    rf"(?:({QUANTITY_PATTERN})(?:\s+|(?=[-+.\d])))?"
+    r"(mean|std|[-+.\d]\S*(?:\s+(?:%|ppm))?)\s+to\s+(\S.*)",
     re.DOTALL,
 )
 _UNITS: Final = tuple(unit for quantity in (units.LENGTH, units.ANGLE, units.RATIO) for unit in quantity.units if unit)
@@ -113,9 +126,9 @@ def target(text: str) -> Target:
     ----------
     text
         ``[QUANTITY] STATISTIC to TOLERANCE``: the quantity as in :func:`precision_pin.specification` (position, attitude,
-        x, y, z, rx, ry, rz, or a name such as ``position.x``; if left out, position, or attitude where the tolerance is an
-        angle); the statistic ``mean``, ``std`` or the probability of a quantile, as ``95 %`` or ``0.95``; the tolerance a
-        length or an angle, or a share of the statistic such as ``1 %``.
+        x, y, z, rx, ry, rz, or a name such as ``dx``, ``|d|`` or ``position.x``; if left out, position, or attitude where
+        the tolerance is an angle); the statistic ``mean``, ``std`` or the probability of a quantile, as ``95 %`` or
+        ``0.95``; the tolerance a length or an angle, or a share of the statistic such as ``1 %``.
 
     Raises
     ------
@@ -124,22 +137,23 @@ def target(text: str) -> Target:
     UnknownNameError
         There is no such quantity.
     """
-    match = _FORM.fullmatch(text)
+    match = _FORM.fullmatch(text.strip())
     if match is None:
         raise InputError(f"target {text!r} is not understood; write it as {_EXAMPLES}")
     word, statistic, tolerance_text = match.groups()
     try:
-        probability = None if statistic in ("mean", "std") else units.parse(statistic, units.RATIO)
+        probability = None if statistic in ("mean", "std") else units.parse_probability(statistic)
         unit = units.split(tolerance_text)[1]
+        if not unit:
+            raise UnitError(
+                f"the tolerance {tolerance_text} has no unit; it is a length, an angle or a share, such as "
+                f"'{tolerance_text} mm' or '1 %'"
+            )
         if unit not in _UNITS:
             raise UnitError(f"a tolerance is a length, an angle or a share; {unit!r} is none of {', '.join(_UNITS)}")
         tolerance = units.parse(tolerance_text, units.LENGTH, units.ANGLE, units.RATIO)
     except UnitError as error:
         raise InputError(f"target {text!r}: {error.findings[0].message}") from None
-    if not unit:
-        raise InputError(
-            f"target {text!r}: the tolerance has no unit; it is a length, an angle, or a share such as 1 %"
-        )
     if word is None:
         word = "attitude" if unit in units.ANGLE.units else "position"
     if word not in QUANTITY_WORDS:
@@ -149,8 +163,6 @@ def target(text: str) -> Target:
     if not relative and quantity.startswith("position") != (unit in units.LENGTH.units):
         one = "a length" if quantity.startswith("position") else "an angle"
         raise InputError(f"target {text!r}: the tolerance of {word} is {one}, or a share such as 1 %")
-    if probability is not None and not 0 < probability < 1:
-        raise InputError(f"target {text!r}: the probability must lie above 0 and below 1 (or 100 %)")
     if not tolerance > 0:
         raise InputError(f"target {text!r}: the tolerance must be positive")
     return Target(quantity, statistic if probability is None else probability, tolerance, relative)
