@@ -41,6 +41,7 @@ FLOORS = (
     "about_rest",
     "model",
     "statistics",
+    "pose_checks",
     "kernel_loops",
     "kernel_draws",
     "kernel_layout",

@@ -209,6 +209,8 @@ class ErrorModel:
     ----------
     chain, sources, poses, statics
         As given.
+    assumed
+        Labels of the sources that the sheet marks as assumptions.
     labels
         Each source's label.
     space
@@ -231,6 +233,7 @@ class ErrorModel:
         self.labels = labels(self.sources)
         self.space = space.including(own_draws(self.sources, self.labels))
         self.poses = {name: chain.configuration(q) for name, q in (poses or {}).items()}
+        self.assumed: tuple[str, ...] = ()
         self._layout: TableLayout | None = None
 
     @classmethod
@@ -254,7 +257,9 @@ class ErrorModel:
     @classmethod
     def from_sheet(cls, sheet: Sheet) -> ErrorModel:
         """Return the model of a sheet already read."""
-        return cls(sheet.chain, sheet.space, sheet.sources, sheet.poses, sheet.statics)
+        model = cls(sheet.chain, sheet.space, sheet.sources, sheet.poses, sheet.statics)
+        model.assumed = tuple(model.labels[k] for k in sheet.assumed)
+        return model
 
     def configuration(self, q: ArrayLike | Mapping[str, float] | str | None = None) -> Array:
         """Return joint values in chain order, given so, by joint name, by a pose's name, or as the first pose.

@@ -29,6 +29,7 @@ from precision_pin.tabular import (
     number,
     optional,
     plus_minus,
+    resting_on,
     symbol,
     unit,
 )
@@ -122,6 +123,10 @@ class Analysis:
     makers
         The parameters, by name, of the units that made the largest errors of ``summary.largest_position`` and
         ``largest_attitude``, by unit. ``space.sample(seed, unit, 1)`` draws a unit again.
+    assumed
+        The sources, by label, that the sheet marks as assumptions.
+    sources
+        How many sources there are.
     until
         The targets at which sampling was to end.
     warnings
@@ -144,6 +149,8 @@ class Analysis:
     sliding_joints: tuple[str, ...] = ()
     correlations: tuple[Correlated, ...] = ()
     makers: Mapping[int, Mapping[str, float]] = field(default_factory=dict)
+    assumed: tuple[str, ...] = ()
+    sources: int = 0
     until: tuple[Until, ...] = ()
     warnings: tuple[str, ...] = ()
     errors: Array | None = field(default=None, repr=False)
@@ -186,6 +193,7 @@ class Analysis:
             "confidence": self.summary.confidence,
             "versions": versions(),
             "warnings": list(self.warnings),
+            "assumed": list(self.assumed),
             "nominal": {"position": self.nominal[:3].tolist(), "attitude": self.nominal[3:].tolist()},
             **self.summary.to_dict(),
             "largest": {
@@ -335,7 +343,7 @@ class Analysis:
                     f"{100 * spec.required:.10g} %",
                     f"{100 * spec.probability:.6g} %",
                     f"{100 * spec.interval[0]:.6g} to {100 * spec.interval[1]:.6g} %",
-                    "met" if spec.met else "NOT MET",
+                    spec.verdict if spec.met else spec.verdict.upper(),
                 )
                 for spec in self.summary.specifications
             ],
@@ -347,6 +355,7 @@ class Analysis:
                 f"{joint_text(self.q, self.sliding_joints)}; base axes",
                 f"{self.samples:,} samples, seed {self.seed}, {self.model} model, statics {self.statics}; "
                 f"± half of an interval at {100 * self.summary.confidence:g} % confidence, - not resolved",
+                *resting_on(self.assumed, self.sources),
                 *self.warnings,
             ],
         )

@@ -30,6 +30,7 @@ __all__ = [
     "plus_minus",
     "pose_labels",
     "quantity_label",
+    "resting_on",
     "symbol",
     "unit",
 ]
@@ -105,6 +106,16 @@ def joint_text(q: Mapping[str, float], sliding_joints: Sequence[str]) -> str:
         else f"{joint} {math.degrees(value):.{_DIGITS}g}°"
         for joint, value in q.items()
     )
+
+
+def resting_on(assumed: Sequence[str], sources: int) -> list[str]:
+    """Return a line that says which of so many sources are assumptions, by their labels; none where there are none."""
+    if not assumed:
+        return []
+    kinds = ", ".join(dict.fromkeys(label.partition("[")[0] for label in assumed))
+    return [
+        f"rests on assumptions: {len(assumed):,} of {sources:,} sources are marked as assumed in the sheet ({kinds})"
+    ]
 
 
 def pose_labels(names: Sequence[str]) -> list[str]:

@@ -15,7 +15,7 @@ from precision_pin.examples import PAPER_SHEET
 TOP = [
     "schema", "complete", "robot", "base", "tip", "axes", "pose", "samples", "seed", "model", "statics", "scopes",
     "confidence", "versions", "warnings", "position", "attitude", "nominal", "covariance", "covariance_interval", "spec",
-    "largest",
+    "largest", "assumed",
 ]  # fmt: skip
 STATISTICS = [
     "mean", "std", "min", "max", "mode", "quantiles", "quantile_interval", "quantile_error",
@@ -80,8 +80,8 @@ def test_every_key_and_type(run):
     assert np.shape(data["covariance"]) == (6, 6)
     assert len(data["spec"]) == 2
     for entry in data["spec"]:
-        assert sorted(entry) == sorted(["quantity", "limit", "required", "probability", "interval", "met"])
-        assert isinstance(entry["met"], bool)
+        assert sorted(entry) == sorted(["quantity", "limit", "required", "probability", "interval", "met", "verdict"])
+        assert entry["met"] is (entry["verdict"] == "met")
         low, high = entry["interval"]
         assert 0 <= low <= entry["probability"] <= high <= 1
     intervals = np.array(data["covariance_interval"], dtype=float)

@@ -177,7 +177,7 @@ def test_wrong_command_lines(run, folder, contents, case):
         '<robot name="a" xmlns:xacro="http://www.ros.org/wiki/xacro">\n<xacro:arm/></robot>'
     )
     (folder / "taken" / "units.csv").mkdir(parents=True)
-    soft = (folder / "4dof.errors.yaml").read_text("utf-8") + "  - frame: {joint: joint2, rx: 200 deg}\n"
+    soft = (folder / "4dof.errors.yaml").read_text("utf-8") + "  - frame: {joint: joint2, rx: {fixed: 200 deg}}\n"
     (folder / "soft.yaml").write_text(soft, "utf-8")
     before = contents()
     outcome = run("export", *arguments)

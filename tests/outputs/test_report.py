@@ -36,6 +36,7 @@ from precision_pin.outputs.report.verdict import verdict
 from precision_pin.outputs.view import script_hashes
 from precision_pin.run import monte_carlo
 from precision_pin.specifications import specification
+from precision_pin.statistics import SpecificationResult
 
 SECTIONS = (
     "verdict", "assumptions", "distributions", "budget", "worst-case", "exact-law", "mcpc", "parameters", "view",
@@ -226,6 +227,44 @@ def test_verdict_against_specifications(model):
 def test_verdict_against_one_specification(model, limit, words):
     results = sampled_again(model, specifications=[specification(limit)])
     assert words in Reader(verdict(results).text).text
+
+
+@pytest.mark.parametrize(
+    ("interval", "varies", "words"),
+    [
+        ((0.99, 1.0), True, "The specification is met."),
+        ((0.90, 0.94), True, "The specification is not met."),
+        ((0.90, 0.99), True, "Whether the specification is met is undecided: the samples are too few."),
+        ((0.99, 1.0), False, "There is nothing to judge: no source of the sheet makes it vary at this pose"),
+    ],
+)
+def test_only_what_is_met_is_shown_as_met(interval, varies, words):
+    results, _ = paper()
+    summary = dataclasses.replace(
+        results.analysis.summary,
+        specifications=(SpecificationResult("position.norm", 1e-3, 0.95, interval[1], interval, varies),),
+    )
+    found = dataclasses.replace(results, analysis=dataclasses.replace(results.analysis, summary=summary))
+    made = verdict(found).text
+    assert words in Reader(made).text
+    assert ('class="verdict met"' in made) == (words == "The specification is met.")
+    assert ('class="good"' in made) == (words == "The specification is met.")
+    several = dataclasses.replace(summary, specifications=summary.specifications * 2)
+    found = dataclasses.replace(results, analysis=dataclasses.replace(results.analysis, summary=several))
+    assert ('class="verdict met"' in verdict(found).text) == (words == "The specification is met.")
+
+
+def test_a_result_says_what_it_rests_on_and_where_nothing_varies():
+    results, _ = paper()
+    analysis = results.analysis
+    assert "assumptions" not in Reader(verdict(results).text).text
+    assumed = dataclasses.replace(analysis, assumed=("length[a]", "length[b]", "payload[tool]"), sources=5)
+    text = Reader(verdict(dataclasses.replace(results, analysis=assumed)).text).text
+    assert "Rests on assumptions: 3 of 5 sources are marked as assumed in the sheet (length, payload)." in text
+    still = dataclasses.replace(analysis, summary=dataclasses.replace(analysis.summary, varying=(False,) * 8))
+    made = verdict(dataclasses.replace(results, analysis=still)).text
+    assert "No source makes the error vary" in Reader(made).text
+    assert "verdict met" not in made
 
 
 def test_budget_is_that_of_the_analysis(model, reader):

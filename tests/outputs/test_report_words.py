@@ -149,7 +149,7 @@ def test_intervals_are_rounded_outwards():
 
 
 def test_a_share_that_just_misses_is_not_printed_as_what_is_required():
-    result = SpecificationResult("position.norm", 1e-3, 0.9973, 0.99729, (0.997299, 0.99740), met=False)
+    result = SpecificationResult("position.norm", 1e-3, 0.9973, 0.99729, (0.997299, 0.99740))
     assert inside(result) == ("99.729", "99.729", "99.740")
     low = float(inside(result)[1])
     assert low < 99.73

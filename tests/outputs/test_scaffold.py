@@ -226,7 +226,7 @@ def test_a_vertical_slide(tmp_path: Path) -> None:
     body = link("base") + link("car", 3.0) + joint("lift", "base", "car", "prismatic", limits='lower="0.1" upper="0.5"')
     path = toy(tmp_path, body)
     text = scaffold(Chain.from_urdf(path), path.name)
-    assert "  - joint_offset: {joint: lift, offset: {normal: 0.05 mm}}" in text
+    assert "  - joint_offset: {joint: lift, offset: {normal: 0.05 mm}, assumed: true}" in text
     assert "joint: lift, compliance: {uniform: 1e-7 m/N, mean: 5e-7 m/N}" in text
     assert "strain wave" not in text
     model = ErrorModel.load(written(text, tmp_path))

@@ -201,7 +201,7 @@ def test_dictionary_has_exactly_the_keys_of_the_schema() -> None:
             assert entry["quantile_interval"]["0.9973"] is None
             low, high = entry["quantile_interval"]["0.5"]
             assert low < entry["quantiles"]["0.5"] < high
-    assert set(read["spec"][0]) == {"quantity", "limit", "required", "probability", "interval", "met"}
+    assert set(read["spec"][0]) == {"quantity", "limit", "required", "probability", "interval", "met", "verdict"}
     assert np.shape(read["covariance"]) == (6, 6)
     assert np.shape(read["covariance_interval"]) == (6, 6, 2)
     assert read["covariance"][0][0] == pytest.approx(read["position"]["x"]["std"] ** 2, rel=1e-12)

@@ -35,6 +35,10 @@ class Heading:
         ``"nominal"`` or ``"equilibrium"``.
     seed
         64-bit seed of everything sampled.
+    assumed
+        The sources, by label, that the sheet marks as assumptions.
+    sources
+        How many sources there are.
     """
 
     robot: str
@@ -42,12 +46,15 @@ class Heading:
     tip: str
     statics: str
     seed: int
+    assumed: tuple[str, ...] = ()
+    sources: int = 0
 
     @classmethod
     def of(cls, error_model: ErrorModel, seed: int) -> Heading:
         """Return the heading of a model's analysis."""
         chain = error_model.chain
-        return cls(os.path.basename(chain.robot.file), chain.base, chain.tip, error_model.statics, int(seed))
+        arm = (os.path.basename(chain.robot.file), chain.base, chain.tip, error_model.statics)
+        return cls(*arm, int(seed), error_model.assumed, len(error_model.sources))
 
     def to_dict(self, schema: str) -> dict[str, Any]:
         """Return the first keys of a result's JSON."""
@@ -60,6 +67,7 @@ class Heading:
             "axes": "base",
             "statics": self.statics,
             "seed": self.seed,
+            "assumed": list(self.assumed),
             "versions": versions(),
         }
 

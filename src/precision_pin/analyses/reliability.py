@@ -148,6 +148,7 @@ def _of_specification(
         contradictions=found.verdict.contradictions,
         remarks=found.remarks,
         strata=found.strata,
+        varies=counted.varies,
     )
 
 

@@ -16,8 +16,17 @@ from precision_pin.analyses.heading import Heading, PoseHeading
 from precision_pin.analyses.strata import Strata
 from precision_pin.errors import UnknownNameError
 from precision_pin.markup import Table, rendered
-from precision_pin.statistics import Specification
-from precision_pin.tabular import MOST_POSES, data_frame, interval_columns, joint_text, number, pose_labels, unit
+from precision_pin.statistics import Specification, Verdict, judge
+from precision_pin.tabular import (
+    MOST_POSES,
+    data_frame,
+    interval_columns,
+    joint_text,
+    number,
+    pose_labels,
+    resting_on,
+    unit,
+)
 
 if TYPE_CHECKING:
     import pandas  # type: ignore[import-untyped]
@@ -94,6 +103,8 @@ class SpecificationReliability:
         Where FORM differs from the best estimate, one line each: common, and no contradiction.
     strata
         The parts by rare values of laws that jump that were looked at, and the probability of what was not.
+    varies
+        Whether the quantity varies at all.
     """
 
     specification: Specification
@@ -106,6 +117,7 @@ class SpecificationReliability:
     contradictions: tuple[str, ...]
     remarks: tuple[str, ...]
     strata: Strata
+    varies: bool = True
 
     @property
     def disagreements(self) -> tuple[str, ...]:
@@ -124,9 +136,16 @@ class SpecificationReliability:
         return 1 - high, 1 - low
 
     @property
+    def verdict(self) -> Verdict:
+        """As :attr:`precision_pin.statistics.SpecificationResult.verdict`, by the best estimate's interval."""
+        low, high = self.best.interval
+        allowed = 1 - self.specification.required
+        return judge(holds=high <= allowed, fails=low > allowed, varies=self.varies)
+
+    @property
     def met(self) -> bool:
-        """Whether the lower end of the interval reaches what is required."""
-        return self.best.interval[1] <= 1 - self.specification.required
+        """Whether the verdict is that it is met."""
+        return self.verdict == "met"
 
     def to_dict(self) -> dict[str, Any]:
         """Return the entry of ``spec`` as the JSON has it."""
@@ -137,6 +156,7 @@ class SpecificationReliability:
             "probability": self.probability,
             "interval": list(self.interval),
             "met": self.met,
+            "verdict": self.verdict,
             "resolved": self.resolved,
             "reason": self.reason or None,
             "failure": {
@@ -221,8 +241,8 @@ class ReliabilityResult:
         """Return the specifications as a data frame, m and rad: a row for each at every pose.
 
         Columns ``quantity``, ``limit``, ``required``; ``probability`` (of keeping the limit) and ``failure`` (of exceeding
-        it) with ``…_lower`` and ``…_upper``; ``met``, ``resolved``, ``method``; ``form`` and ``beta``, what the nearest
-        design point gives. Of methods: a row for each method besides, with its ``failure``, ``variation``,
+        it) with ``…_lower`` and ``…_upper``; ``met``, ``verdict``, ``resolved``, ``method``; ``form`` and ``beta``, what the
+        nearest design point gives. Of methods: a row for each method besides, with its ``failure``, ``variation``,
         ``evaluations`` and ``resolved``. ``attrs`` say how it was computed.
 
         Parameters
@@ -284,6 +304,7 @@ class ReliabilityResult:
                 f"exact model, {self.samples:,} plain samples, seed {of.seed}, statics {of.statics}; intervals at "
                 f"{100 * self.confidence:g} % confidence; β: distance of the nearest design point",
                 *disagreements,
+                *resting_on(of.assumed, of.sources),
                 *self.warnings,
             ],
         )
@@ -303,6 +324,7 @@ def _columns(entry: SpecificationReliability) -> dict[str, Any]:
         **interval_columns("probability", entry.probability, entry.interval),
         **interval_columns("failure", entry.best.probability, entry.best.interval),
         "met": entry.met,
+        "verdict": entry.verdict,
         "resolved": entry.resolved,
         "method": entry.best.method,
         "form": number(entry.form.probability),
@@ -329,5 +351,5 @@ def _cells(entry: SpecificationReliability) -> list[str]:
         entry.best.method,
         "-" if nearest is None else f"{nearest.probability:.3g}",
         "-" if nearest is None else f"{nearest.beta:.4g}",
-        "met" if entry.met else "NOT MET",
+        entry.verdict if entry.met else entry.verdict.upper(),
     ]

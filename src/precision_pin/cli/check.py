@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import click
 
@@ -10,6 +12,9 @@ from precision_pin.cli import EXIT_INPUT
 from precision_pin.cli.common import Command, chain_options, find_inputs
 from precision_pin.cli.writing import echo_data
 from precision_pin.errors import Finding, InputError
+
+if TYPE_CHECKING:
+    from precision_pin.sheet import Sheet
 
 __all__ = ["command"]
 
@@ -22,6 +27,8 @@ def command(
     inputs: tuple[str, ...], tip: str | None, base: str | None, package_dirs: tuple[str, ...], as_json: bool
 ) -> int:
     """Check a URDF, or a sheet and the URDF it names, and list every finding with file and line.
+
+    A sheet is tried at each of its poses, as `analyze` would take it.
 
     Exit code 2 if there is an error; warnings alone pass.
     """
@@ -56,9 +63,24 @@ def _findings(
     from precision_pin.sheet import Overrides, read
 
     try:
-        return read(found.sheet, overrides=Overrides(found.robot, tip, base, package_dirs)).findings
+        sheet = read(found.sheet, overrides=Overrides(found.robot, tip, base, package_dirs))
     except InputError as error:
         return error.findings
+    return sheet.findings + _pose_findings(sheet)
+
+
+def _pose_findings(sheet: Sheet) -> tuple[Finding, ...]:
+    """Return what an analysis would warn of, or refuse, at each of the sheet's poses."""
+    from precision_pin.model import ErrorModel
+    from precision_pin.pose_checks import pose_findings
+
+    model = ErrorModel.from_sheet(sheet)
+    varies = not any(finding.code in ("W_NO_SOURCES", "W_NOTHING_VARIES") for finding in sheet.findings)
+    return tuple(
+        replace(finding, message=f"pose {name!r}: {finding.message}", file=finding.file or sheet.file)
+        for name in sheet.poses
+        for finding in pose_findings(model, name, spread=varies)
+    )
 
 
 def _chain_findings(robot: object, tip: str | None, base: str | None) -> tuple[Finding, ...]:

@@ -194,7 +194,7 @@ def chosen_pose(sheet: Sheet, pose: str | None, q: str | None) -> str | NDArray[
     InputError
         Wrong joint values, or nothing to choose from.
     """
-    from precision_pin.sheet import parse_pose
+    from precision_pin.sheet import parse_pose, pose_remark
 
     if pose is not None and q is not None:
         raise InputError([Finding("error", "E_USAGE", "--pose and --q exclude each other")])
@@ -204,9 +204,13 @@ def chosen_pose(sheet: Sheet, pose: str | None, q: str | None) -> str | NDArray[
             raise InputError([Finding("error", "E_POSE", message, sheet.file)])
         return pose
     try:
-        return parse_pose(_joint_values(q), sheet.chain)
+        values = _joint_values(q)
+        found = parse_pose(values, sheet.chain)
+        remark = pose_remark(values, sheet.chain)
+        echo_findings([] if remark is None else [Finding("warning", "W_ANGLE_UNIT", f"--q: {remark}")])
+        return found
     except InputError as error:
-        raise InputError([Finding("error", "E_POSE", f"--q: {found.message}") for found in error.findings]) from None
+        raise InputError([Finding("error", "E_POSE", f"--q: {wrong.message}") for wrong in error.findings]) from None
 
 
 def _joint_values(text: str) -> str | list[str] | dict[str, str]:

@@ -24,10 +24,11 @@ def command(
 ) -> None:
     """Write a commented sheet for a URDF: every joint and link of the chain, with starting tolerances to replace.
 
-    ROBOT may be example:NAME. The sheet runs as it is: precision-pin analyze SHEET.
+    ROBOT may be example:NAME; where a sheet with sources comes with precision-pin for it, that one is written. The sheet runs
+    as it is: precision-pin analyze SHEET.
     """
     from precision_pin.chain import Chain
-    from precision_pin.examples import PREFIX, resolve_robot
+    from precision_pin.examples import PREFIX, example_urdfs, resolve_robot, shipped_sheet
     from precision_pin.outputs.scaffold import scaffold
     from precision_pin.urdf import read
 
@@ -38,11 +39,32 @@ def command(
         require_writable(target)
         if target.exists() and not force:
             raise OutputError(f"{target} exists; --force overwrites it, --out names another file")
-    chain = Chain.from_robot(read(path, package_dirs=package_dirs), tip, base)
-    named = robot if robot.startswith(PREFIX) else os.path.relpath(path, Path() if to_stdout else target.parent)
-    text = scaffold(chain, named)
+    text, what = _shipped(robot, tip, base)
+    if text is None:
+        chain = Chain.from_robot(read(path, package_dirs=package_dirs), tip, base)
+        named = robot if robot.startswith(PREFIX) else os.path.relpath(path, Path() if to_stdout else target.parent)
+        text = scaffold(chain, named)
+        alike = f"{PREFIX}{chain.robot.name}"
+        if shipped_sheet(alike) is not None and robot != alike and chain.robot.name in example_urdfs():
+            what += f" (with sources: precision-pin init {alike}, if this is such an arm)"
     if to_stdout:
         echo_data(text.removesuffix("\n"))
         return
     write_text(target, text)
-    click.echo(f"wrote {target}; now: precision-pin analyze {target}", err=True)
+    click.echo(f"wrote {target}{what}; now: precision-pin analyze {target}", err=True)
+
+
+def _shipped(robot: str, tip: str | None, base: str | None) -> tuple[str | None, str]:
+    """Return the sheet that comes with this package for a robot and its chain, None if there is none, and what to say."""
+    from precision_pin.examples import shipped_sheet
+    from precision_pin.sheet import read
+
+    file = shipped_sheet(robot)
+    if file is None:
+        return None, ", all its numbers assumptions"
+    chain = read(file).chain
+    if tip in (None, chain.tip) and base in (None, chain.base):
+        return file.read_text(encoding="utf-8"), ", the sheet with sources that comes with precision-pin"
+    return None, (
+        f", all its numbers assumptions (the sheet with sources that comes with precision-pin is of {chain.base} to {chain.tip})"
+    )

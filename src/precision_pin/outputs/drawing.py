@@ -184,8 +184,7 @@ def _mark_limit(axes: Axes, distribution: Distribution, ruler: _Ruler, result: S
     if not drawn:
         label += " (beyond this axis)"
         axes.plot([], [], color=GREEN, linestyle=_LIMIT_DASHES, linewidth=1.4)
-    verdict = "met" if result.met else "not met"
-    label += f":\n{_percentages(result)}\n{100 * result.required:.6g} % required: {verdict}"
+    label += f":\n{_percentages(result)}\n{100 * result.required:.6g} % required: {result.verdict}"
     for side in drawn:
         axes.axvline(ruler(side), color=GREEN, linestyle=_LIMIT_DASHES, linewidth=1.4)
     axes.get_lines()[-1].set_label(label)

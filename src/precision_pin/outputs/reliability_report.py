@@ -16,8 +16,8 @@ from precision_pin.analyses.reliability_result import ReliabilityResult, Specifi
 from precision_pin.analyses.strata import Stratum
 from precision_pin.outputs.drawing import BLUE, GREEN, SKY, VERMILION
 from precision_pin.outputs.layout import DOUBLE_COLUMN, LINE_HEIGHT, caption, new_figure, set_height, shortened, style
-from precision_pin.outputs.text import aligned, subject
-from precision_pin.tabular import symbol, unit
+from precision_pin.outputs.text import NOTHING_VARIES, aligned, demanded, subject
+from precision_pin.tabular import resting_on, symbol, unit
 
 __all__ = ["figure", "table"]
 
@@ -39,7 +39,7 @@ def table(result: ReliabilityResult) -> str:
         for specification in entry.specifications:
             lines += ["", *_specification_lines(specification)]
         blocks.append("\n".join(lines))
-    return "\n\n".join(blocks)
+    return "\n\n".join([*blocks, *resting_on(heading.assumed, heading.sources)])
 
 
 def figure(result: ReliabilityResult, which: int = 0) -> Figure:
@@ -99,17 +99,15 @@ def _specification_lines(entry: SpecificationReliability) -> list[str]:
 
 
 def _verdict(entry: SpecificationReliability) -> str:
-    specification = entry.specification
     interval = entry.best.interval
-    if entry.resolved:
+    if entry.verdict == "nothing to judge":
+        said = NOTHING_VARIES
+    elif entry.resolved:
         said = f"P(failure) {entry.best.probability:.3g} ({in_words(entry.best.interval)}, {entry.best.method})"
     else:
         span = in_words(interval) if interval[0] else f"below {rounded(interval[1], interval)}"
         said = f"P(failure) {span} by sampling" if entry.met else f"P(failure) NOT RESOLVED, {span}"
-    return (
-        f"{specification.quantity} within {1e3 * specification.limit:.6g} {unit(specification.quantity)} for "
-        f"{100 * specification.required:.10g} %: {'MET' if entry.met else 'NOT MET'} - {said}"
-    )
+    return f"{demanded(entry.specification)}: {entry.verdict.upper()} - {said}"
 
 
 def _form_lines(entry: SpecificationReliability) -> list[str]:
@@ -146,7 +144,7 @@ def _rare(part: Stratum) -> str:
 
 def _explained(entry: SpecificationReliability) -> list[str]:
     """Return why the probability is not resolved, and what the verdict rests on where methods disagree or have no answer."""
-    if entry.resolved and not entry.contradictions:
+    if entry.verdict == "nothing to judge" or (entry.resolved and not entry.contradictions):
         return []
     counted = next(estimate for estimate in entry.estimates if estimate.method == SAMPLING)
     failures = round(counted.probability * counted.evaluations)
@@ -195,8 +193,7 @@ def _draw_methods(axes: Axes, entry: SpecificationReliability) -> None:
     axes.set_xlabel("probability of failure (line: allowed)")
     limited = entry.specification
     axes.set_title(
-        f"{symbol(limited.quantity)} within {1e3 * limited.limit:.6g} {unit(limited.quantity)}: "
-        f"{'met' if entry.met else 'not met'}",
+        f"{symbol(limited.quantity)} within {1e3 * limited.limit:.6g} {unit(limited.quantity)}: {entry.verdict}",
         fontsize=7.5,
     )
 

@@ -26,6 +26,7 @@ from precision_pin.outputs.starting import (
     reach,
     round_125,
 )
+from precision_pin.sheet.schema import ASSUMED
 from precision_pin.sheet.settings import LAW_KEYS, OPTION_KEYS
 from precision_pin.sources import catalogue
 from precision_pin.urdf import Joint
@@ -44,6 +45,7 @@ RIGIDITY_SPREAD: Final = 0.1
 _ALUMINIUM: Final = (70e9, 26e9)
 """Moduli of elasticity and of shear, Pa."""
 
+_MARK: Final = f"{ASSUMED}: true"
 _MANY: Final = 12
 _WIDTH: Final = 110
 _PLAIN: Final = re.compile(r"(?:\.{0,2}/)?[A-Za-z_][A-Za-z0-9_./-]*")
@@ -107,7 +109,8 @@ def _head(chain: Chain, robot_text: str) -> Lines:
         f"# Error sheet of the robot {_escaped(chain.robot.name)}, drafted by `precision-pin init`.",
         "# It runs as it stands: precision-pin analyze THIS_FILE",
         '# No number here was measured on this robot. What is marked "assumption" is a starting tolerance: replace it by',
-        "# what a drawing, a data sheet or a calibration says. A tolerance is a half-width, ± about the mean.",
+        "# what a drawing, a data sheet or a calibration says, and delete its 'assumed: true': until then every verdict says",
+        "# that it rests on assumptions. A tolerance is a half-width, ± about the mean.",
         "precision-pin: 1",
         f"robot: {quoted(robot_text)}",
         f"tip: {quoted(chain.tip)}" + (f"    # other leaves: {some}" if others else ""),
@@ -248,7 +251,7 @@ def _payload(chain: Chain) -> Lines:
     example = f"{round_125(0.05 * mass) if mass else 1.0:.3g} kg"
     return [
         "  # Payload: none yet. It loads the joints and links below; com: in the axes of the link that it hangs on.",
-        f"  # - payload: {{at: {quoted(chain.tip)}, mass: {example}, com: 0 0 0 mm}}",
+        f"  # - payload: {{at: {quoted(chain.tip)}, mass: {example}, com: 0 0 0 mm, {_MARK}}}",
     ]
 
 
@@ -267,7 +270,9 @@ def _joint_offsets(chain: Chain) -> Lines:
         lines += _comment(text, "  # ")
     for joint in chain.joints:
         offset = SLIDE_OFFSET if joint.kind == "prismatic" else ANGLE_OFFSET
-        lines.append(f"  - joint_offset: {{joint: {quoted(joint.name)}, offset: {{normal: {offset}}}}}    # assumption")
+        lines.append(
+            f"  - joint_offset: {{joint: {quoted(joint.name)}, offset: {{normal: {offset}}}, {_MARK}}}    # assumption"
+        )
     return lines
 
 
@@ -281,7 +286,7 @@ def _axes(chain: Chain) -> Lines:
     return [
         *_comment(text, "  # "),
         *(
-            f"  - axis_install: {{joint: {quoted(name)}, radius: {SEAT_RADIUS}, span: {span}}}    # assumption"
+            f"  - axis_install: {{joint: {quoted(name)}, radius: {SEAT_RADIUS}, span: {span}, {_MARK}}}    # assumption"
             for name in chain.joint_names
         ),
     ]
@@ -310,7 +315,7 @@ def _compliances(chain: Chain, survey: Survey) -> Lines:
 def _compliance(joint: Joint, mean: float) -> str:
     unit = "m/N" if joint.kind == "prismatic" else "rad/(N*m)"
     law = f"{{uniform: {_short(COMPLIANCE_SPREAD * mean)} {unit}, mean: {_short(mean)} {unit}}}"
-    return f"- joint_compliance: {{joint: {quoted(joint.name)}, compliance: {law}}}"
+    return f"- joint_compliance: {{joint: {quoted(joint.name)}, compliance: {law}, {_MARK}}}"
 
 
 def _lengths(chain: Chain) -> Lines:
@@ -329,7 +334,7 @@ def _lengths(chain: Chain) -> Lines:
         what = (
             f"joint: {quoted(chain.joint_names[link])}" if link < len(chain.joints) else f"frame: {quoted(chain.tip)}"
         )
-        entry = f"- length: {{{what}, parameters: {{uniform: {tolerance * 1e3:.3g} mm}}}}"
+        entry = f"- length: {{{what}, parameters: {{uniform: {tolerance * 1e3:.3g} mm}}, {_MARK}}}"
         lines.append(f"  {entry}    # assumption: class {grade}; {between}, {length * 1e3:.5g} mm")
     return lines
 
@@ -355,7 +360,7 @@ def _beams(chain: Chain) -> Lines:
             f"{name}: {{uniform: {_short(RIGIDITY_SPREAD * value)} N*m^2, mean: {_short(value)} N*m^2}}"
             for name, value in (("EI", bending), ("GI", torsion))
         )
-        lines.append(f"  # - beam: {{link: {quoted(names[link])}, {laws_text}}}")
+        lines.append(f"  # - beam: {{link: {quoted(names[link])}, {laws_text}, {_MARK}}}")
     return lines
 
 

@@ -7,20 +7,22 @@ import math
 import unicodedata
 from collections.abc import Collection, Mapping
 from decimal import ROUND_CEILING, ROUND_FLOOR, ROUND_HALF_EVEN, Decimal
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 from precision_pin.mcpc import Mcpc
 from precision_pin.result import Analysis, Correlated
-from precision_pin.statistics import Distribution, SpecificationResult, format_inside
+from precision_pin.statistics import Distribution, Specification, SpecificationResult, format_inside
 from precision_pin.statistics.distribution import CONTENTS
-from precision_pin.tabular import ROUNDING, symbol, unit
+from precision_pin.tabular import ROUNDING, resting_on, symbol, unit
 
 if TYPE_CHECKING:
     from precision_pin.analyses.heading import Heading, PoseHeading
 
 __all__ = [
+    "NOTHING_VARIES",
     "aligned",
     "analysis_table",
+    "demanded",
     "inside",
     "mcpc_table",
     "plain",
@@ -29,6 +31,11 @@ __all__ = [
     "subject",
     "tolerance_bounds",
 ]
+
+NOTHING_VARIES: Final = "no source of the sheet makes it vary at this pose, so no tolerance was tried"
+"""Why there is nothing to judge."""
+
+_LARGE_ANGLE: Final = 0.1
 
 _COLUMNS = ("mean", "std", "min", "max", "mode", 0.5, 0.95, 0.99, 0.9973)
 
@@ -59,6 +66,7 @@ def analysis_table(analysis: Analysis) -> str:
     ]
     lines += [line for group in analysis.correlations for line in _pairs(group)]
     lines += [_verdict(result) for result in analysis.summary.specifications]
+    lines += resting_on(analysis.assumed, analysis.sources)
     return "\n".join(lines)
 
 
@@ -157,13 +165,20 @@ def inside(result: SpecificationResult) -> tuple[str, str, str]:
     return f"{share:f}", f"{low.quantize(place, ROUND_FLOOR):f}", f"{high.quantize(place, ROUND_CEILING):f}"
 
 
+def demanded(specification: Specification | SpecificationResult) -> str:
+    """Return what a specification demands; of a large angle in degrees too."""
+    of, limit = specification.quantity, specification.limit
+    degrees = f" ({math.degrees(limit):.4g} deg)" if of.startswith("attitude") and limit >= _LARGE_ANGLE else ""
+    return f"{of} within {1e3 * limit:.6g} {unit(of)}{degrees} for {100 * specification.required:.10g} %"
+
+
 def _verdict(result: SpecificationResult) -> str:
+    demand = f"spec {demanded(result)}: {result.verdict.upper()}"
+    if result.verdict == "nothing to judge":
+        return f"{demand} - {NOTHING_VARIES}"
     share, low, high = inside(result)
-    return (
-        f"spec {result.quantity} within {1e3 * result.limit:.6g} {unit(result.quantity)} for "
-        f"{100 * result.required:.10g} %: {'MET' if result.met else 'NOT MET'} - {share} % inside, "
-        f"interval {low} to {high} %"
-    )
+    more = ": more samples decide it" if result.verdict == "undecided" else ""
+    return f"{demand} - {share} % inside, interval {low} to {high} %{more}"
 
 
 def mcpc_table(mcpc: Mcpc) -> str:

@@ -168,10 +168,12 @@ def monte_carlo(
             workers.close(done=done)
     chain = error_model.chain
     error, _ = at.tangent
-    summary = finish(plan, sampling.state, confidence)
+    spread = np.sqrt(np.maximum(np.diag(at.covariance), 0.0))
+    summary = finish(plan, sampling.state, confidence, spread=spread)
     precisions = [reached(wanted, summary) for wanted in targets]
     warnings = (
         *findings, *at.findings(model), *error_model.statics_findings(at),
+        *_constant(summary, findings),
         *_coarse(summary),
         *(_missed(text, one, summary.samples) for text, one in zip(until, precisions, strict=True) if not one.reached),
     )  # fmt: skip
@@ -190,6 +192,8 @@ def monte_carlo(
         correlations=Correlated.all_of(at.space),
         summary=summary,
         makers=_makers(work.layout, int(seed), summary),
+        assumed=error_model.assumed,
+        sources=len(error_model.sources),
         until=tuple(Until(text, one) for text, one in zip(until, precisions, strict=True)),
         warnings=tuple(str(finding) for finding in warnings),
         errors=sampling.errors,
@@ -227,6 +231,14 @@ def _check_resolved(wanted: Target, found: Precision, summary: Summary) -> None:
             f"the {wanted.statistic:.6g} quantile of {wanted.quantity} is kept to {error:.2g} {unit} only, the "
             f"tolerance asked for is {found.tolerance:.2g} {unit}; ask for a larger one, or for the exact law"
         )
+
+
+def _constant(summary: Summary, known: Sequence[Finding]) -> list[Finding]:
+    """Return a warning where the error does not vary at all, unless the sheet's findings say so already."""
+    if any(summary.varying) or any(finding.code in ("W_NO_SOURCES", "W_NOTHING_VARIES") for finding in known):
+        return []
+    message = "no source makes the error vary at this pose: every robot is alike, and no specification can be judged"
+    return [Finding("warning", "W_NOTHING_VARIES", message)]
 
 
 def _coarse(summary: Summary) -> list[Finding]:

@@ -19,13 +19,13 @@ from precision_pin.examples import resolve_robot
 from precision_pin.laws import Fixed
 from precision_pin.sheet.correlations import correlated_space
 from precision_pin.sheet.findings import Findings
-from precision_pin.sheet.remarks import few_samples
-from precision_pin.sheet.schema import Context, Document, source_model, used_quantities
-from precision_pin.sheet.settings import NAME, NamedParameter, SettingError, parse_law
+from precision_pin.sheet.remarks import remark_on_poses, remark_on_sources
+from precision_pin.sheet.schema import ASSUMED, Context, Document, source_model, used_quantities
+from precision_pin.sheet.settings import NAME, NamedParameter, SettingError, parse_parameter
 from precision_pin.sheet.text import Path, Text, read_text
 from precision_pin.sources import catalogue
 from precision_pin.space import Draw, LabelledSpace, Space
-from precision_pin.terms import Source, labels, own_draws
+from precision_pin.terms import Source, labels
 from precision_pin.urdf import Joint, Robot
 from precision_pin.urdf import read as read_urdf
 
@@ -59,6 +59,8 @@ class Sheet:
         ``"nominal"``: loads at the undeflected pose; ``"equilibrium"``: on the arm at rest under them.
     findings
         Warnings about sheet and URDF.
+    assumed
+        Which of the sources, by position, the sheet marks as assumptions.
     """
 
     file: str
@@ -68,6 +70,7 @@ class Sheet:
     poses: Mapping[str, Array]
     statics: Literal["nominal", "equilibrium"]
     findings: tuple[Finding, ...]
+    assumed: tuple[int, ...] = ()
 
 
 @final
@@ -111,7 +114,7 @@ def read(
     arm_is_known = not wrong & {"robot", "tip", "base", "locked"}
     chain = _chain(document, findings, overrides, folder) if arm_is_known else None
     slides = {} if chain is None else dict(zip(chain.joint_names, map(bool, chain.prismatic), strict=True))
-    sources = _sources(document, findings, known, Context(named, slides, folder))
+    sources, assumed = _sources(document, findings, known, Context(named, slides, folder))
     draws = tuple(dict.fromkeys(parameter.draw for parameter in named.values()))
     space = correlated_space(draws, document.correlations, findings, unread)
     if chain is None:
@@ -120,11 +123,13 @@ def read(
     poses = _poses(document, findings, chain)
     _try_terms(chain, space, sources, poses, findings)
     findings.refuse()
-    _remark(space, sources, findings)
+    remark_on_sources(document, space, sources, findings)
+    remark_on_poses(document, chain, findings)
     found = (*chain.robot.findings, *findings.found)
     # which of several leaves is meant is settled by now
     warnings = tuple(finding for finding in found if finding.severity == "warning" and finding.code != "W_BRANCHED")
-    return Sheet(file, chain, space, tuple(sources.values()), poses, document.statics, warnings)
+    marked = tuple(rank for rank, k in enumerate(sources) if k in assumed)
+    return Sheet(file, chain, space, tuple(sources.values()), poses, document.statics, warnings, marked)
 
 
 def _contents(file: str) -> str:
@@ -187,9 +192,7 @@ def _parameters(
             findings.error(path, f"{name!r} cannot name a parameter: letters, digits and _ . - after a letter")
             continue
         try:
-            if not isinstance(law, dict):
-                raise InputError("a law belongs here, such as {uniform: 0.1 mm}")
-            parameter = parse_law(name, law, quantities, folder)
+            parameter = parse_parameter(name, law, quantities, folder)
         except InputError as error:
             findings.take(path, error)
             unread += [name + suffix for suffix in _ANY_COMPONENT]
@@ -293,9 +296,10 @@ def _parse_at(where: str | int, text: str, quantity: units.Quantity) -> float:
 
 def _sources(
     document: Document, findings: Findings, known: Mapping[str, type[Source]], context: Context
-) -> dict[int, Source]:
-    """Return the sources that could be read, by their position in the sheet."""
+) -> tuple[dict[int, Source], set[int]]:
+    """Return the sources that could be read, by their position in the sheet, and which of them are marked as assumed."""
     sources: dict[int, Source] = {}
+    assumed: set[int] = set()
     for k, entry in enumerate(document.sources):
         path: Path = ("sources", k)
         if not isinstance(entry, dict) or len(entry) != 1:
@@ -310,6 +314,13 @@ def _sources(
             findings.error((*path, name), f"the settings of {name} are missing: {{key: value, …}}")
             continue
         model = source_model(known[name])
+        if ASSUMED in settings and ASSUMED not in model.model_fields:
+            mark = settings[ASSUMED]
+            settings = {key: value for key, value in settings.items() if key != ASSUMED}
+            if mark not in ("true", "false"):
+                findings.error((*path, name, ASSUMED), f"{ASSUMED} must be true or false, got {str(mark)[:40]!r}")
+            elif mark == "true":
+                assumed.add(k)
         try:
             valid = model.model_validate(settings, context=context)
         except ValidationError as error:
@@ -319,7 +330,7 @@ def _sources(
             sources[k] = known[name](**{field: getattr(valid, field) for field in model.model_fields})
         except InputError as error:
             findings.take((*path, name), error)
-    return sources
+    return sources, assumed
 
 
 def _try_terms(
@@ -346,23 +357,3 @@ def _try_terms(
                     pass
         except InputError as error:
             findings.take(path, error)
-
-
-def _remark(space: Space, sources: Mapping[int, Source], findings: Findings) -> None:
-    """Warn of what a sheet without error says that is seldom meant."""
-    names = labels(list(sources.values()))
-    extended = space.including(own_draws(list(sources.values()), names))
-    for draw in space.draws:
-        _remark_on_samples(("parameters", draw.name), draw, findings)
-    for (k, source), label in zip(sources.items(), names, strict=True):
-        path: Path = ("sources", k, source.kind())
-        for draw in source.draws(label):
-            _remark_on_samples(path, draw, findings)
-        for remark in source.remarks(LabelledSpace(extended, label)):
-            findings.warning(path, remark.message, remark.code)
-
-
-def _remark_on_samples(path: Path, draw: Draw, findings: Findings) -> None:
-    remark = few_samples(draw.law)
-    if remark is not None:
-        findings.warning(path, f"{draw.name}: {remark}", "W_FEW_SAMPLES")

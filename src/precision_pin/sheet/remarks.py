@@ -3,18 +3,132 @@
 from __future__ import annotations
 
 import math
-from typing import Final
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any, Final
 
 import numpy as np
 
-from precision_pin import special
+from precision_pin import special, units
+from precision_pin.chain import Chain
+from precision_pin.errors import InputError
 from precision_pin.laws import Empirical, Law, Rows
+from precision_pin.sheet.findings import Findings
+from precision_pin.sheet.schema import Document
+from precision_pin.sheet.text import Path
+from precision_pin.space import Draw, LabelledSpace, Space
+from precision_pin.terms import Source, labels, own_draws
+from precision_pin.urdf import Joint
 
-__all__ = ["FEW", "few_samples"]
+__all__ = ["DEVIATIONS", "FEW", "few_samples", "pose_remark", "remark_on_poses", "remark_on_sources"]
 
 FEW: Final = 30
 """Below so many measured samples the spread of what is drawn from them is warned of."""
 _CONFIDENCE: Final = 0.95
+
+_PLACE: Final = ("x", "y", "z", "rx", "ry", "rz")
+DEVIATIONS: Final[Mapping[str, tuple[str, ...]]] = {
+    "encoder": ("offset", "scale"),
+    "frame": _PLACE,
+    "joint_offset": ("offset",),
+    "length": ("parameters",),
+    "levelling": ("rx", "ry", "rz"),
+    "mcpc": ("alpha", "beta", "gamma", "x", "y", "z"),
+    "mounting": _PLACE,
+    "transmission": ("lead_error",),
+}
+"""Settings that say how far something is off, by kind: zero if all is well, so that a number alone is a constant error."""
+
+LARGE_ANGLE: Final = math.radians(2)
+"""An error as large as that, written in rad, is asked about."""
+MOST_TURNS: Final = 2
+"""Turns beyond which the value of a joint without limits, written in rad, is asked about."""
+_LARGE_BY_NATURE: Final = frozenset(("roll", "period"))
+_SLIP: Final = 0.002
+"""How near to a multiple of π/4 a number is that was rounded from it."""
+
+
+def remark_on_sources(document: Document, space: Space, sources: Mapping[int, Source], findings: Findings) -> None:
+    """Warn of what a sheet without error says that is seldom meant."""
+    names = labels(list(sources.values()))
+    extended = space.including(own_draws(list(sources.values()), names))
+    for draw in space.draws:
+        _remark_on_samples(("parameters", draw.name), draw, findings)
+    for (k, source), label in zip(sources.items(), names, strict=True):
+        path: Path = ("sources", k, source.kind())
+        for draw in source.draws(label):
+            _remark_on_samples(path, draw, findings)
+        for remark in source.remarks(LabelledSpace(extended, label)):
+            findings.warning(path, remark.message, remark.code)
+    if not sources:
+        message = "there are no error sources: every robot is perfect, and no specification can be judged"
+        findings.warning(("sources",), message, "W_NO_SOURCES")
+    elif not any(np.any(draw.law.covariance) for draw in extended.draws):
+        message = "no source varies: every robot is alike, and no specification can be judged"
+        findings.warning(("sources",), message, "W_NOTHING_VARIES")
+    _remark_on_constants(document, sources, findings)
+    _remark_on_angles(document, sources, findings)
+
+
+def _remark_on_samples(path: Path, draw: Draw, findings: Findings) -> None:
+    remark = few_samples(draw.law)
+    if remark is not None:
+        findings.warning(path, f"{draw.name}: {remark}", "W_FEW_SAMPLES")
+
+
+def _remark_on_constants(document: Document, sources: Mapping[int, Source], findings: Findings) -> None:
+    """Warn of numbers that stand alone where an error belongs, all of them in one line."""
+    found = [
+        (("sources", k, source.kind(), *below), text)
+        for k, source in sources.items()
+        for below, text in _constants(source, document.sources[k][source.kind()])
+    ]
+    if found:
+        path, text = found[0]
+        key, size = path[3], text.lstrip(" +-")
+        message = (
+            f"{key}: {text} is a constant error, the same in every robot{_more(found)}; a tolerance is ±{size} (that is "
+            f"{{uniform: {size}}}), a constant that is meant {{fixed: {text}}}"
+        )
+        findings.warning(path, message, "W_CONSTANT")
+
+
+def _remark_on_angles(document: Document, sources: Mapping[int, Source], findings: Findings) -> None:
+    """Ask about errors written in rad that are large angles, all of them in one line."""
+    parts: list[tuple[Path, Any]] = [(("parameters", name), law) for name, law in document.parameters.items()]
+    parts += [(("sources", k), document.sources[k]) for k in sources]
+    found = [((*path, *below), text) for path, part in parts for below, text in _large_angles(part)]
+    if found:
+        path, text = found[0]
+        message = f"{text!r} is an error of more than 2 deg{_more(found)}; did you mean deg, or mrad?"
+        findings.warning(path, message, "W_ANGLE_UNIT")
+
+
+def _more(found: Sequence[object]) -> str:
+    return f" (and {len(found) - 1:,} more like it)" if len(found) > 1 else ""
+
+
+def remark_on_poses(document: Document, chain: Chain, findings: Findings) -> None:
+    """Warn of poses whose unit looks wrong, or that there are none."""
+    if not document.poses:
+        message = "there are no poses; what is asked about has to be given with --q"
+        findings.warning((), message, "W_NO_POSES")
+    turning = {joint.name: joint for joint in chain.robot.joints if joint.kind != "prismatic"}
+    remark = _pose_question(document.locked, turning)
+    if remark is not None:
+        findings.warning(("locked",), f"locked: {remark}", "W_ANGLE_UNIT")
+    for name, value in document.poses.items():
+        remark = pose_remark(value, chain)
+        if remark is not None:
+            findings.warning(("poses", name), f"pose {name!r}: {remark}", "W_ANGLE_UNIT")
+
+
+def pose_remark(value: str | list[str] | Mapping[str, str], chain: Chain) -> str | None:
+    """Return a question about the units of a pose that can be read; ``None`` where there is nothing to ask."""
+    if isinstance(value, str):
+        numbers, unit = units.split(value)
+        value = [f"{number!r} {unit}" for number in numbers]
+    written = value if isinstance(value, Mapping) else dict(zip(chain.joint_names, value, strict=True))
+    return _pose_question(written, {joint.name: joint for joint in chain.joints if joint.kind != "prismatic"})
 
 
 def few_samples(law: Law) -> str | None:
@@ -46,3 +160,78 @@ def few_samples(law: Law) -> str | None:
         f"n - 1), and the true one may be up to {most:.1f} times theirs ({_CONFIDENCE:.0%} confidence, for normal numbers); "
         f"give a law with its spread, or {FEW} samples"
     )
+
+
+def _constants(source: Source, settings: Mapping[str, Any]) -> Iterator[tuple[Path, str]]:
+    """Yield where a source has a number alone for an error, and the text of it.
+
+    Parameters
+    ----------
+    source
+        As read: a law is a draw there, a number a number.
+    settings
+        As they stand in the sheet.
+    """
+    for key in DEVIATIONS.get(source.kind(), ()):
+        value = getattr(source, key)
+        for k, entry in enumerate(value if isinstance(value, tuple) else (value,)):
+            if isinstance(entry, float) and entry != 0:
+                written = settings.get(key, "")
+                path: Path = (key, k) if isinstance(written, list) else (key,)
+                yield path, str(written[k] if isinstance(written, list) else written)
+                if not isinstance(written, list):
+                    break  # several numbers in one text
+
+
+def _large_angles(value: object, below: Path = ()) -> Iterator[tuple[Path, str]]:
+    """Yield where, inside a source's settings or a law, an angle is written in rad that is large for an error."""
+    if isinstance(value, Mapping):
+        for key, entry in value.items():
+            if key not in _LARGE_BY_NATURE:
+                yield from _large_angles(entry, (*below, key))
+    elif isinstance(value, list):
+        for k, entry in enumerate(value):
+            yield from _large_angles(entry, (*below, k))
+    elif isinstance(value, str) and value.endswith("rad"):
+        try:
+            numbers, unit = units.split(value.lstrip(" ±+-/"))
+        except InputError:
+            return
+        if unit == "rad" and max(map(abs, numbers)) >= LARGE_ANGLE:
+            yield below, value
+
+
+def _pose_question(written: Mapping[str, str], joints: Mapping[str, Joint]) -> str | None:
+    """Return a question about joint values whose unit looks wrong; ``None`` where there is nothing to ask.
+
+    Degrees are taken for written as rad where a value is outside the joint's limits, or beyond two turns where it has
+    none, and would be inside them in degrees. Radians are taken for written as degrees where all values are small and one is
+    a multiple of π/4.
+
+    Parameters
+    ----------
+    written
+        Text with a unit, by joint.
+    joints
+        The joints that turn.
+    """
+    small, slips = True, []
+    for name, text in written.items():
+        if name not in joints:
+            continue
+        (number, *_), unit = units.split(text)
+        if unit == "rad" and _is_rather_in_degrees(number, joints[name]):
+            return f"{name} at {number:g} rad is {math.degrees(number):.4g} deg; did you mean deg?"
+        if unit in ("deg", "°"):
+            small = small and abs(number) <= 2 * math.pi
+            eighths = abs(number) / (math.pi / 4)
+            if round(eighths) and abs(eighths - round(eighths)) * math.pi / 4 < _SLIP and number != round(number):
+                slips.append(f"{name} at {number:g} deg looks like {round(eighths) / 4:g} π; did you mean rad?")
+    return slips[0] if small and slips else None
+
+
+def _is_rather_in_degrees(number: float, joint: Joint) -> bool:
+    limit = None if joint.kind == "continuous" else joint.limit
+    if limit is None or math.isinf(limit.lower) or math.isinf(limit.upper):
+        return abs(number) > MOST_TURNS * 2 * math.pi
+    return not limit.lower <= number <= limit.upper and limit.lower <= math.radians(number) <= limit.upper

@@ -23,15 +23,34 @@ from pydantic import (
 
 from precision_pin.errors import InputError
 from precision_pin.laws import Law
-from precision_pin.sheet.settings import LAW_KEYS, NamedParameter, SettingError, parse_number, parse_setting
+from precision_pin.sheet.settings import (
+    LAW_KEYS,
+    TOLERANCE_PATTERN,
+    NamedParameter,
+    SettingError,
+    parse_number,
+    parse_setting,
+    tolerance_law,
+)
 from precision_pin.sheet.text import Path
 from precision_pin.sources import catalogue
 from precision_pin.terms import Source
 from precision_pin.units import PerEntry, PerJoint, Quantity, parse_vector
 
-__all__ = ["Context", "Document", "SettingReason", "json_schema", "part_of", "source_model", "used_quantities"]
+__all__ = [
+    "ASSUMED",
+    "Context",
+    "Document",
+    "SettingReason",
+    "json_schema",
+    "part_of",
+    "source_model",
+    "used_quantities",
+]
 
 VERSION = "1"
+ASSUMED: Final = "assumed"
+"""The key of any source that says that its numbers are assumptions."""
 _LAW: Final = {"title": "law"}
 
 
@@ -102,6 +121,7 @@ def json_schema(kinds: Mapping[str, type[Source]] | None = None) -> dict[str, An
     for name, kind in (kinds or catalogue()).items():
         definition = _with_references(source_model(kind).model_json_schema())
         definitions |= definition.pop("$defs", {})
+        definition["properties"][ASSUMED] = {"type": ["boolean", "string"], "enum": [True, False, "true", "false"]}
         definitions[name] = definition
         choices.append(
             {
@@ -114,7 +134,8 @@ def json_schema(kinds: Mapping[str, type[Source]] | None = None) -> dict[str, An
     # a YAML reader with types of its own takes the version for a number
     schema["properties"]["precision-pin"] |= {"const": 1, "type": "integer"}
     schema["properties"]["sources"]["items"] = {"oneOf": choices}
-    schema["properties"]["parameters"]["additionalProperties"] = {"$ref": "#/$defs/law"}
+    tolerance = {"type": "string", "pattern": TOLERANCE_PATTERN}
+    schema["properties"]["parameters"]["additionalProperties"] = {"anyOf": [{"$ref": "#/$defs/law"}, tolerance]}
     schema["properties"]["correlations"]["items"] = _correlation_schema()
     schema["$defs"] = definitions
     schema["$schema"] = "https://json-schema.org/draft/2020-12/schema"
@@ -255,7 +276,7 @@ def _read_tuple(notes: Notes) -> Any:
         try:
             if isinstance(value, list):
                 return tuple(_read_entry(k, entry, quantities, _context(info)) for k, entry in enumerate(value))
-            if isinstance(value, str) and len(value.split()) > 2:
+            if isinstance(value, str) and len(value.split()) > 2 and tolerance_law(value) is None:
                 return tuple(parse_vector(value, *quantities))
             return (_setting(value, quantities, _context(info)),)
         except InputError as error:
@@ -322,7 +343,10 @@ def _quantity_schema(notes: Notes) -> dict[str, Any]:
 
 
 def _setting_schema(notes: Notes) -> dict[str, Any]:
-    text = {"type": "string", "description": f"a number and one of: {_units(notes)}; or a parameter's name"}
+    text = {
+        "type": "string",
+        "description": f"a number and one of: {_units(notes)}; ± before it: a tolerance; or a parameter's name",
+    }
     return {"anyOf": [text, _LAW]}
 
 

@@ -14,11 +14,25 @@ from precision_pin.sheet.law_settings import LAWS, OPTIONS, LawReader, SettingEr
 from precision_pin.space import Draw, Setting
 from precision_pin.units import Quantity
 
-__all__ = ["LAW_KEYS", "OPTION_KEYS", "NamedParameter", "SettingError", "parse_law", "parse_number", "parse_setting"]
+__all__ = [
+    "LAW_KEYS",
+    "OPTION_KEYS",
+    "TOLERANCE_PATTERN",
+    "NamedParameter",
+    "SettingError",
+    "parse_law",
+    "parse_number",
+    "parse_parameter",
+    "parse_setting",
+    "tolerance_law",
+]
 
 NAME: Final = re.compile(r"[^\W\d][\w.\[\]#-]*")
 LAW_KEYS: Final = tuple(LAWS)
 OPTION_KEYS: Final = ("mean", "k", "truncated", "centre", "probability", "correlation", "scope")
+TOLERANCE_PATTERN: Final = r"±|\+/-|\+-"
+"""Of the sign in a tolerance written as text: before it a mean or nothing, behind it the half-width."""
+
 _HERE: Final = FilePath()
 
 
@@ -47,8 +61,8 @@ def parse_number(value: object, quantities: Sequence[Quantity]) -> float:
     InputError
         A law, a name, or a wrong number.
     """
-    if isinstance(value, Mapping):
-        raise InputError("a plain quantity belongs here, not a law")
+    if isinstance(value, Mapping) or tolerance_law(value) is not None:
+        raise InputError("a plain quantity belongs here, not a law or a tolerance")
     return units.parse(value, *quantities)
 
 
@@ -60,7 +74,7 @@ def parse_setting(
     Parameters
     ----------
     value
-        Text or a law as a mapping.
+        Text, such as ``0.1 mm``, ``±0.1 mm`` or ``a1``, or a law as a mapping.
     quantities
         What may stand here.
     named
@@ -75,8 +89,9 @@ def parse_setting(
     UnknownNameError
         A name that is no parameter.
     """
-    if isinstance(value, Mapping):
-        parameter = parse_law("", value, quantities, folder)
+    law = value if isinstance(value, Mapping) else tolerance_law(value)
+    if law is not None:
+        parameter = parse_law("", law, quantities, folder)
         if parameter.draw.law.size != 1:
             raise InputError("a law of several numbers must be named under parameters: and used by component")
         return parameter.draw
@@ -89,7 +104,53 @@ def parse_setting(
             is_one = " or ".join(quantity.name for quantity in named[name].quantities)
             raise UnitError(f"the parameter {name!r} is a {is_one}, but a {wanted} belongs here")
         return name
-    return units.parse(value, *quantities)
+    try:
+        return units.parse(value, *quantities)
+    except UnitError as error:
+        if not _is_bare_number(value):
+            raise
+        message = error.findings[0].message
+        more = f"with its unit the number is the same in every robot, with ± before it, as '±{value} UNIT', a tolerance"
+        raise UnitError(f"{message}; {more}") from None
+
+
+def _is_bare_number(value: object) -> bool:
+    try:
+        return not units.split(value)[1]
+    except UnitError:
+        return False
+
+
+def tolerance_law(value: object) -> dict[str, str] | None:
+    """Return the law that ``±0.02 deg`` or ``1 ± 0.05 kg`` says, a uniform one; ``None`` for what is no tolerance."""
+    if not isinstance(value, str):
+        return None
+    sign = re.search(TOLERANCE_PATTERN, value)
+    if sign is None:
+        return None
+    mean, half_width = value[: sign.start()].strip(), value[sign.end() :].strip()
+    if not mean:
+        return {"uniform": half_width}
+    if _is_bare_number(mean):
+        mean = f"{mean} {units.split(half_width)[1]}"
+    return {"uniform": half_width, "mean": mean}
+
+
+def parse_parameter(name: str, value: object, quantities: Sequence[Quantity], folder: FilePath) -> NamedParameter:
+    """Return a named parameter: a law, or a tolerance as text.
+
+    Raises
+    ------
+    InputError
+        Neither, or as :func:`parse_law`.
+    """
+    law = value if isinstance(value, Mapping) else tolerance_law(value)
+    if law is None:
+        raise InputError(
+            "a law belongs here, such as {uniform: 0.1 mm}, or a tolerance such as ±0.1 mm; a number that does not vary is "
+            "{fixed: 0.1 mm}"
+        )
+    return parse_law(name, law, quantities, folder)
 
 
 def parse_law(

@@ -22,7 +22,16 @@ from precision_pin.statistics.intervals import (
 )
 from precision_pin.statistics.plan import COMPONENTS, NORMS, QUANTITIES, Plan, Specification
 from precision_pin.statistics.sketch import BINS, COLUMNS, sketch_columns, sketch_edges
-from precision_pin.statistics.summary import Extreme, SpecificationResult, Summary, VectorDistribution, finish
+from precision_pin.statistics.summary import (
+    NO_SPREAD,
+    Extreme,
+    SpecificationResult,
+    Summary,
+    VectorDistribution,
+    Verdict,
+    finish,
+    judge,
+)
 
 __all__ = [
     "BINS",
@@ -30,6 +39,7 @@ __all__ = [
     "COMPONENTS",
     "LARGEST",
     "NORMS",
+    "NO_SPREAD",
     "QUANTITIES",
     "Distribution",
     "Extreme",
@@ -40,11 +50,13 @@ __all__ = [
     "State",
     "Summary",
     "VectorDistribution",
+    "Verdict",
     "check_confidence",
     "clopper_pearson",
     "finish",
     "format_inside",
     "format_supported",
+    "judge",
     "largest_of",
     "merge",
     "observe",

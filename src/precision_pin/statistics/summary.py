@@ -7,10 +7,10 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import final
+from typing import Final, Literal, final
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from precision_pin.errors import InternalError, UnknownNameError
 from precision_pin.statistics.accumulate import State
@@ -20,9 +20,42 @@ from precision_pin.statistics.moment_intervals import Moments
 from precision_pin.statistics.plan import COMPONENTS, NORMS, QUANTITIES, Plan, Specification
 from precision_pin.statistics.sketch import sketch_edges
 
-__all__ = ["Extreme", "SpecificationResult", "Summary", "VectorDistribution", "finish"]
+__all__ = [
+    "NO_SPREAD",
+    "Extreme",
+    "SpecificationResult",
+    "Summary",
+    "VectorDistribution",
+    "Verdict",
+    "finish",
+    "judge",
+    "varying_quantities",
+]
 
 Array = NDArray[np.float64]
+
+Verdict = Literal["met", "not met", "undecided", "nothing to judge"]
+
+NO_SPREAD: Final = 1e-12
+"""Errors that differ by less (m, rad) are one error: that is rounding on an arm of metres."""
+
+
+def judge(*, holds: bool, fails: bool, varies: bool = True) -> Verdict:
+    """Return the verdict on a specification.
+
+    Parameters
+    ----------
+    holds, fails
+        Whether the whole interval of the probability is enough, or too little.
+    varies
+        Whether the quantity differs from robot to robot at all. Where it does not, no tolerance was tried: that it is
+        inside shows nothing.
+    """
+    if fails:
+        return "not met"
+    if not varies:
+        return "nothing to judge"
+    return "met" if holds else "undecided"
 
 
 @final
@@ -53,8 +86,8 @@ class SpecificationResult:
         Share of samples with |quantity| ≤ limit, counted exactly.
     interval
         Its Clopper-Pearson interval.
-    met
-        Whether the lower end of the interval reaches what is required.
+    varies
+        Whether the quantity varies at all.
     """
 
     quantity: str
@@ -62,7 +95,21 @@ class SpecificationResult:
     required: float
     probability: float
     interval: tuple[float, float]
-    met: bool
+    varies: bool = True
+
+    @property
+    def verdict(self) -> Verdict:
+        """``"met"`` if the lower end of the interval reaches what is required, ``"not met"`` if the upper end does not.
+
+        Between the two ``"undecided"``; ``"nothing to judge"`` if the quantity is inside, but does not vary.
+        """
+        low, high = self.interval
+        return judge(holds=low >= self.required, fails=high < self.required, varies=self.varies)
+
+    @property
+    def met(self) -> bool:
+        """Whether the verdict is that it is met."""
+        return self.verdict == "met"
 
     def to_dict(self) -> dict[str, object]:
         """Return the entry of ``spec`` in the ``precision-pin/analysis/1`` schema."""
@@ -73,6 +120,7 @@ class SpecificationResult:
             "probability": self.probability,
             "interval": list(self.interval),
             "met": self.met,
+            "verdict": self.verdict,
         }
 
 
@@ -112,6 +160,8 @@ class Summary:
         ``(6,)`` mean error [d; δ].
     covariance
         ``(6, 6)`` sample covariance, divisor N − 1; None for a single sample.
+    varying
+        Which of the eight quantities differ from robot to robot, in the order of `QUANTITIES`.
     specifications
         One result for each specification of the plan, in its order.
     largest_position, largest_attitude
@@ -124,6 +174,7 @@ class Summary:
     attitude: VectorDistribution
     mean: Array
     covariance: Array | None
+    varying: tuple[bool, ...]
     specifications: tuple[SpecificationResult, ...]
     largest_position: tuple[Extreme, ...]
     largest_attitude: tuple[Extreme, ...]
@@ -168,7 +219,25 @@ class Summary:
         }
 
 
-def finish(plan: Plan, state: State, confidence: float = 0.95) -> Summary:
+def varying_quantities(state: State, spread: ArrayLike | None = None) -> NDArray[np.bool_]:
+    """Return which of the eight quantities vary, ``(8,)``: in the samples or, where these are all alike, to first order.
+
+    Parameters
+    ----------
+    state
+        The samples.
+    spread
+        ``(6,)`` standard deviations of the components to first order, which rare values have that no sample met.
+    """
+    seen: NDArray[np.bool_] = state.highest - state.lowest > NO_SPREAD
+    if spread is not None:
+        seen[list(COMPONENTS)] |= np.asarray(spread) > NO_SPREAD
+    # a norm may be the same for all directions: an error on a circle is no constant
+    seen[list(NORMS)] |= seen[list(COMPONENTS)].reshape(2, 3).any(axis=1)
+    return seen
+
+
+def finish(plan: Plan, state: State, confidence: float = 0.95, *, spread: ArrayLike | None = None) -> Summary:
     """Return what the accumulated samples say.
 
     Parameters
@@ -179,6 +248,8 @@ def finish(plan: Plan, state: State, confidence: float = 0.95) -> Summary:
         At least one sample.
     confidence
         Of every interval, between 0 and 1.
+    spread
+        As for :func:`varying_quantities`.
 
     Raises
     ------
@@ -192,6 +263,7 @@ def finish(plan: Plan, state: State, confidence: float = 0.95) -> Summary:
         raise InternalError("no samples to summarise")
     if state.inside.size != len(plan.specifications):
         raise InternalError(f"a state of {state.inside.size} specifications for a plan of {len(plan.specifications)}")
+    varying = varying_quantities(state, spread)
     means = np.clip(plan.centre + state.sums / state.count, state.lowest, state.highest)
     covariance = _covariance(state)
     deviations = None if covariance is None else _deviations(state, covariance)
@@ -206,8 +278,9 @@ def finish(plan: Plan, state: State, confidence: float = 0.95) -> Summary:
         attitude=VectorDistribution(*distributions[4:]),
         mean=means[list(COMPONENTS)],
         covariance=covariance,
+        varying=tuple(map(bool, varying)),
         specifications=tuple(
-            _specification_result(specification, int(inside), state.count, confidence)
+            _specification_result(specification, int(inside), state.count, confidence, bool(varying[specification.row]))
             for specification, inside in zip(plan.specifications, state.inside, strict=True)
         ),
         largest_position=_extremes(state, 0),
@@ -299,14 +372,13 @@ def _distribution(
 
 
 def _specification_result(
-    specification: Specification, inside: int, samples: int, confidence: float
+    specification: Specification, inside: int, samples: int, confidence: float, varying: bool
 ) -> SpecificationResult:
-    interval = clopper_pearson(inside, samples, confidence)
     return SpecificationResult(
         quantity=specification.quantity,
         limit=specification.limit,
         required=specification.required,
         probability=inside / samples,
-        interval=interval,
-        met=interval[0] >= specification.required,
+        interval=clopper_pearson(inside, samples, confidence),
+        varies=varying,
     )

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from precision_pin.outputs.text import inside
-from precision_pin.statistics import Distribution, SpecificationResult
-from precision_pin.tabular import quantity_label, symbol, unit
+from typing import Final
+
+from precision_pin.outputs.text import NOTHING_VARIES, inside
+from precision_pin.statistics import Distribution, SpecificationResult, Verdict
+from precision_pin.tabular import quantity_label, resting_on, symbol, unit
 
 from .elements import Child, Html, element, joined, paragraph, section, table
 from .numbers import milli_interval, statistic
@@ -13,21 +15,36 @@ from .results import Results
 __all__ = ["verdict"]
 
 _UNASKED = (0.95, 0.9973)
+_WORDS: Final[dict[Verdict, str]] = {
+    "met": "The specification is met",
+    "not met": "The specification is not met",
+    "undecided": "Whether the specification is met is undecided: the samples are too few",
+    "nothing to judge": f"There is nothing to judge: {NOTHING_VARIES}",
+}
 
 
 def verdict(results: Results) -> Html:
-    """Return whether every specification is met; without one, how large the errors are."""
+    """Return whether every specification is met; without one, how large the errors are. Then what it rests on."""
     specifications = results.analysis.summary.specifications
     if not specifications:
-        return section("verdict", "Result", _sizes(results))
+        still = not any(results.analysis.summary.varying)
+        alike = [paragraph(element("strong", "No source makes the error vary: every robot is alike."))] if still else []
+        return section("verdict", "Result", *alike, _sizes(results), _resting(results))
     met = sum(result.met for result in specifications)
     if len(specifications) == 1:
-        words = "The specification is met" if met else "The specification is not met"
+        words = _WORDS[specifications[0].verdict]
     else:
-        words = f"{met} of {len(specifications)} specifications are met"
+        others = [result.verdict for result in specifications if result.verdict in ("undecided", "nothing to judge")]
+        counts = [f"{others.count(verdict)} {verdict}" for verdict in dict.fromkeys(others)]
+        words = ", ".join([f"{met} of {len(specifications)} specifications are met", *counts])
     good = met == len(specifications)
     headline = paragraph(element("strong", words), ".", class_="verdict met" if good else "verdict failed")
-    return section("verdict", "Verdict", headline, _specifications(results), _rule(results))
+    return section("verdict", "Verdict", headline, _resting(results), _specifications(results), _rule(results))
+
+
+def _resting(results: Results) -> Html:
+    lines = resting_on(results.analysis.assumed, results.analysis.sources)
+    return joined([paragraph(element("strong", f"{line[:1].upper()}{line[1:]}.")) for line in lines])
 
 
 def _specifications(results: Results) -> Html:
@@ -40,7 +57,7 @@ def _specifications(results: Results) -> Html:
                 f"{100 * result.required:.10g} %",
                 f"{share} %",
                 f"[{low}, {high}] %",
-                element("strong", "met" if result.met else "not met", class_="good" if result.met else "bad"),
+                element("strong", result.verdict, class_="good" if result.met else "bad"),
             ]
         )
     header = ["limit", "required inside", "inside", f"interval at {_confidence(results)}", "verdict"]
@@ -56,7 +73,7 @@ def _limit(result: SpecificationResult) -> str:
 def _rule(results: Results) -> Html:
     return paragraph(
         f"“Inside” is the share of {results.analysis.samples:,} sampled robots within the limit. A specification is met when "
-        "the lower end of the interval reaches what is required.",
+        "the lower end of the interval reaches what is required, not met when the upper end does not, and undecided between.",
         class_="note",
     )
 
