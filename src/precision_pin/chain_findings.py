@@ -13,7 +13,7 @@ from precision_pin.urdf.findings import shown
 
 __all__ = ["chain_findings"]
 
-_ABOUT_ONE: Final = re.compile(r"""(?:link|joint) (?:'(?:[^'\\]|\\.)*'|"(?:[^"\\]|\\.)*")""")
+_ABOUT_ONE: Final = re.compile(r"""(?:the )?(link|joint) (?:name )?('(?:[^'\\]|\\.)*'|"(?:[^"\\]|\\.)*")""")
 """A warning about one link or joint begins with it."""
 _OF_A_LOAD: Final = {"W_MASS_LARGE", "W_UNITS"}
 """Questions about a mass or a length; wherever it hangs on the arm, its weight bends it."""
@@ -68,4 +68,4 @@ def _subjects(finding: Finding) -> set[str]:
     if finding.subjects:
         return set(finding.subjects)
     one = _ABOUT_ONE.match(finding.message)
-    return {one[0]} if one is not None else set()
+    return {f"{one[1]} {one[2]}"} if one is not None else set()

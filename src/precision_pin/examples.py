@@ -108,13 +108,14 @@ def similar_file(path: Path, suffixes: tuple[str, ...]) -> str | None:
     suffixes
         How the names of those that count end.
     """
-    names: list[str] = []
+    stems: dict[str, str] = {}
     with suppress(OSError, ValueError), os.scandir(path.parent) as entries:
         for _, entry in zip(range(MOST_FILES), entries, strict=False):
             if entry.name.endswith(suffixes) and entry.is_file():
-                names.append(entry.name)
-    close = difflib.get_close_matches(path.name, sorted(names), n=1) if len(path.name) < 256 else []
-    return str(path.with_name(close[0])) if close else None
+                stems[os.path.splitext(entry.name)[0]] = entry.name
+    stem = os.path.splitext(path.name)[0]
+    close = difflib.get_close_matches(stem, sorted(stems), n=1) if len(stem) < 256 else []
+    return str(path.with_name(stems[close[0]])) if close else None
 
 
 def starting_sheet(robot: Path) -> str:
