@@ -112,7 +112,7 @@ def read(
     overrides = overrides or Overrides()
     known = catalogue() | {kind.kind(): kind for kind in kinds}
     folder = FilePath(file).parent
-    named, unread = _parameters(document, findings, used_quantities(known.values()), folder)
+    named, unread = _parameters(document, findings, used_quantities(tuple(known.values())), folder)
     arm_is_known = not wrong & {"robot", "tip", "base", "locked"}
     chain = _chain(document, findings, overrides, folder) if arm_is_known else None
     slides = {} if chain is None else dict(zip(chain.joint_names, map(bool, chain.prismatic), strict=True))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import types
 import typing
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import MISSING, dataclass, fields, is_dataclass
 from functools import cache
 from pathlib import Path as FilePath
@@ -194,14 +194,15 @@ def _holds_law(hint: Any) -> bool:
 Notes = tuple[Quantity | PerJoint | PerEntry, ...]
 
 
-def used_quantities(kinds: Iterable[type]) -> tuple[Quantity, ...]:
+@cache
+def used_quantities(kinds: tuple[type, ...]) -> tuple[Quantity, ...]:
     """Return every quantity that some random setting of the kinds takes, so that a bare number fits none by accident."""
     found: dict[Quantity, None] = {}
     for kind in kinds:
         for hint in typing.get_type_hints(kind, include_extras=True).values():
             part = part_of(hint)
             if part is not None:
-                found |= dict.fromkeys(used_quantities([part]))
+                found |= dict.fromkeys(used_quantities((part,)))
             for note in typing.get_args(hint)[1:] if _holds_law(hint) else ():
                 found |= dict.fromkeys(_either(note))
     return tuple(found)

@@ -1,0 +1,1 @@
+"""Sheets made, respelt and broken at random, and what must hold of each."""
