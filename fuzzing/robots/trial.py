@@ -32,6 +32,20 @@ SLOWEST = 5.0
 """Seconds that one robot may take."""
 LONGEST_LINE = 3000
 """Characters of a finding."""
+EXPLAINED = (
+    (r"limit has no (effort|velocity)", {"W_LIMITS"}),
+    (r"(upper|lower|effort|(?<!_)velocity) value \(.*\) is not a valid float", {"W_NUMBER_BLANKS", "W_LIMITS"}),
+    (r"(damping|friction) value .* is not a valid float", {"W_NUMBER_BLANKS"}),
+    (r"mimic (multiplier|offset) value .* is not a valid float", {"W_NUMBER_BLANKS"}),
+    (r"dynamics element specified with no damping and no friction", {"W_DYNAMICS"}),
+    (r"k_velocity|k_position|soft_upper_limit|soft_lower_limit|rising value|falling value", {"W_IGNORED"}),
+    (r"material '.*' is not unique", {"W_MATERIAL"}),
+    (r"Could not parse inertial element", {"W_NUMBER_BLANKS"}),
+    (r"Malformed (parent origin|axis) element", {"W_NUMBER_BLANKS"}),
+)
+"""What urdfdom says where it refuses or drops what is loaded here, and the findings of which one must tell of it."""
+LOOKS = re.compile(r"visual|collision|[Mm]aterial|[Gg]eometry|[Mm]esh|color")
+"""What it says of looks only: it leaves them out."""
 DRAWN = 10
 """Every so many a robot is also read from a file and drawn."""
 NO_CHAIN = re.compile(
@@ -202,13 +216,18 @@ def _compare_urdfdom(data: bytes, robot: Robot, plain: PlainReading, chance: ran
         return  # it reads every file as if it were UTF-8
     theirs = read_urdfdom(text)
     kind = _kind_of(theirs.log)
+    told = [codes for pattern, codes in EXPLAINED if re.search(pattern, theirs.log, re.DOTALL)]
+    if any(codes.isdisjoint(outcome.codes) for codes in told) or (
+        theirs.log and not told and not LOOKS.search(theirs.log)
+    ):
+        outcome.problems.append(f"urdfdom complains, without a finding here: {theirs.log[:300]!r}; {outcome.codes}")
     if theirs.model is None:
         outcome.remarks.append(f"urdfdom refuses: {kind}")
-        if not outcome.codes:
-            outcome.problems.append(f"urdfdom refuses, without a finding here: {theirs.log[:200]!r}")
+        if not told:
+            outcome.problems.append(f"urdfdom refuses for another reason: {theirs.log[:300]!r}; {outcome.codes}")
         return
-    if theirs.log and not outcome.codes:
-        outcome.problems.append(f"urdfdom logs an error, without a finding here: {theirs.log[:200]!r}")
+    if theirs.log and not told:
+        outcome.remarks.append("urdfdom leaves looks out")
     values = {joint.name: chance.uniform(-3, 3) for joint in robot.moving_joints}
     if set(theirs.model.names) != {"universe", *values}:
         outcome.problems.append(f"urdfdom finds other joints: {kind}")

@@ -8,6 +8,7 @@ import time
 import pytest
 
 from precision_pin.urdf import Cylinder, Inertial, Limit, Limits, Shape, parse
+from precision_pin.urdf.editing import Placement, UrdfText
 
 SHOULDER_LIMIT = '<limit lower="-2" upper="2" effort="50" velocity="1.5"/>'
 ELBOW_AXIS = '<axis xyz="0 -1 0"/>'
@@ -144,6 +145,8 @@ WARNINGS = [
     (ELBOW_AXIS, '<axis xmlns="urn:x" xyz="0 -1 0"/>', "W_UNKNOWN_ATTRIBUTE", ["elbow", "xmlns"], "urn:x"),
     (ELBOW_AXIS, ELBOW_AXIS + "<limit/>", "W_LIMITS", ["elbow", "effort and velocity"], "<limit/>"),
     (FLANGE_CHILD, FLANGE_CHILD + '<mimic joint="elbow"/>', "W_MIMIC", ["flange", "fixed"], "<mimic"),
+    (FLANGE_CHILD, FLANGE_CHILD + "<limit/>", "W_LIMITS", ["flange", "fixed", "effort and velocity"], "<limit/>"),
+    (FLANGE_CHILD, FLANGE_CHILD + '<limit effort="x" velocity="1"/>', "W_LIMITS", ["flange", "effort missing or"], '"x"'),
     # white space with which urdfdom drops the inertial or refuses the file
     (FORE_MASS, '<mass value=" +1.5e0 "/>', "W_NUMBER_BLANKS", ["fore", "<mass> value", "urdfdom"], "+1.5e0"),
     (FORE_MASS, '<mass value="1.5\n"/>', "W_NUMBER_BLANKS", ["fore", "<mass> value"], '"1.5'),
@@ -191,6 +194,7 @@ SILENT = [
     (FORE_MASS, '<mass value="\n1.5"/>'),
     (FORE_LINK, '<material name="bare"><texture filename="wood.png"/></material>' + FORE_LINK),
     (ELBOW_AXIS, ELBOW_AXIS + '<limit effort="5" velocity="1"/>'),
+    (FLANGE_CHILD, FLANGE_CHILD + '<limit effort="5" velocity="1"/><axis xyz="0 0 0"/>'),
     (FORE_MASS, '<mass value="&#49;.5"/>'),
     (FORE_MASS, "<mass value='1.5'/><!-- heavy -->"),
     (ELBOW_ORIGIN, '<origin xyz="0.4\t0\n0" rpy=" .1 2e-1\r\n0.3"/>'),
@@ -314,6 +318,16 @@ def test_declared_encodings_are_read(arm, written, declared):
     assert [(one.name, one.origin.tolist()) for one in robot.joints[:-1]] == [
         (one.name, one.origin.tolist()) for one in plain.joints[:-1]
     ]
+
+
+@pytest.mark.parametrize(("written", "declared"), ENCODINGS)
+def test_placements_are_changed_in_any_encoding(arm, written, declared):
+    data = _encoded(arm, written, declared)
+    edited = UrdfText.scan(data).edited({"bêche": Placement((1.0, 2.0, 3.0), None)}, comment=["of our bêche"])
+    robot = parse(edited, "arm.urdf")
+    assert robot.findings == ()
+    assert (robot.joints[-1].name, robot.joints[-1].xyz, robot.joints[-1].rpy) == ("bêche", (1, 2, 3), (0, 0.5, 0))
+    assert edited.decode("utf-8-sig").count("of our bêche") == 1
 
 
 @pytest.mark.parametrize(("written", "declared"), MISTAKEN)

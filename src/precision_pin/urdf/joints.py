@@ -8,7 +8,7 @@ from typing import cast
 from .data import Joint, JointKind, Limit, Mimic, Vector
 from .elements import check_attributes, check_children, read_name
 from .findings import Findings, hint, shown
-from .numbers import read_numbers, read_vector
+from .numbers import BadNumbers, is_misread, parse_numbers, read_numbers, read_vector
 from .units import check_angle, check_length
 from .xmltree import Node
 
@@ -45,6 +45,8 @@ def read_joint(node: Node, findings: Findings) -> Joint | None:
     moves = kind in ("revolute", "continuous", "prismatic")
     axis = _axis(node, owner, findings) if moves else DEFAULT_AXIS
     limit = _limit(node, kind, owner, findings) if moves else None
+    if kind == "fixed":
+        _check_unused_limit(node, owner, findings)
     mimic = _mimic(node, kind, name, owner, findings)
     _dynamics(node, owner, findings)
     for tag in ("safety_controller", "calibration"):
@@ -140,6 +142,24 @@ def _limit(node: Node, kind: str | None, owner: str, findings: Findings) -> Limi
         if values["lower"] is not None or values["upper"] is not None:
             _check_range(lower, upper, kind, owner, element.line, findings)
     return Limit(lower, upper, math.inf if effort is None else effort, math.inf if velocity is None else velocity)
+
+
+def _check_unused_limit(node: Node, owner: str, findings: Findings) -> None:
+    """Warn of a fixed joint's limit over which other readers stumble; it is not used."""
+    element = node.first("limit")
+    if element is None:
+        return
+    wrong = [name for name in ("effort", "velocity") if element.get(name) is None]
+    for name in ("lower", "upper", "effort", "velocity"):
+        text = element.get(name)
+        if text is not None and (isinstance(parse_numbers(text, 1), BadNumbers) or is_misread(text, 1)):
+            wrong.append(name)
+    if wrong:
+        message = (
+            f"{owner} is fixed; its <limit> is ignored, but urdfdom (ROS, Gazebo, Pinocchio) refuses the file for it: "
+            f"{' and '.join(wrong)} missing or not a plain number"
+        )
+        findings.warning("W_LIMITS", message, element.line)
 
 
 def _open_limits(

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from .findings import Findings, shown
 from .xmltree import Node
 
-__all__ = ["ZERO3", "BadNumbers", "parse_numbers", "read_numbers", "read_vector"]
+__all__ = ["ZERO3", "BadNumbers", "is_misread", "parse_numbers", "read_numbers", "read_vector"]
 
 ZERO3 = (0.0, 0.0, 0.0)
 PLAIN = re.compile(r"[+-]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][+-]?[0-9]+)?")
@@ -79,7 +79,7 @@ def read_numbers(
         message = f"{owner}: <{node.tag}> {attribute}={shown(text)} {result.reason}"
         findings.error(result.code, message, node.line)
         return None
-    if node.has_breaks or _is_misread(text, count):
+    if node.has_breaks or is_misread(text, count):
         message = (
             "white space after a number, or other than blanks between numbers, is read as it stands, but urdfdom "
             "(ROS, Gazebo, Pinocchio) drops the inertial or refuses the file; delete it"
@@ -88,7 +88,7 @@ def read_numbers(
     return result
 
 
-def _is_misread(text: str, count: int) -> bool:
+def is_misread(text: str, count: int) -> bool:
     """Return whether sound numbers stop urdfdom, which parts them at blanks and nothing else."""
     pieces = [text] if count == 1 else text.split(" ")
     return any(piece[-1].isspace() or len(piece.split()) > 1 for piece in pieces if piece)
