@@ -164,7 +164,8 @@ def _look(found: Disturbed, usual: Usual, before: dict[str, bytes], folder: Path
         found.wrong.append(f"exit code {found.code}, but not all is written")
     if "Traceback" in err or "Exception ignored" in err:
         found.wrong.append(f"traceback: {err[-300:]!r}")
-    found.wrong += [f"{name} is left" for name in files if ".part" in name or ".precision-pin" in name]
+    left = [name for name in files if ".part" in name or ".precision-pin" in name]
+    found.wrong += [f"{left[0]} is left, and {len(left) - 1} more"] if left else []
     found.wrong += [f"{name} is not whole" for name, data in files.items() if expected.get(name, data) != data]
     for parent in {Path(name).parent for name in expected} - {Path()}:
         there = [name for name in expected if Path(name).parent == parent and name in files]

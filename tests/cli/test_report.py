@@ -56,7 +56,7 @@ def test_exit_code_says_whether_the_specifications_are_met(run, folder):
         (("--out", "page.html", "missing.yaml"), "does not exist"),
         (("--out", "page.html", "--model", "best"), "best"),
         (("--out", "nowhere/page.html"), "does not exist"),
-        (("--out", "."), "it is a folder"),
+        (("--out", "4dof.urdf/"), "it is a file"),
         (("--out", ""), "--out names no file"),
         ((), "--out"),
     ],

@@ -118,7 +118,7 @@ def command(
                 say(f"{note}; the same command with --resume goes on from there")
             raise
     for line in analysis.warnings[len(sheet.findings) :]:
-        click.echo(line, err=True)
+        say(line)
     echo_data(analysis.to_json() if json_path == "-" else analysis_table(analysis))
     if json_path is not None and json_path != "-":
         write_text(Path(json_path), analysis.to_json() + "\n")

@@ -150,7 +150,7 @@ def answer(
         Something cannot be written.
     """
     for line in warnings:
-        click.echo(line, err=True)
+        say(line)
     json_path, out = shared["json_path"], shared["out"]
     echo_data(result.to_json() if json_path == "-" else text())
     if json_path is not None and json_path != "-":

@@ -90,7 +90,7 @@ def command(
         html = page(results)
     target.write(html)
     for line in results.analysis.warnings[len(sheet.findings) :]:
-        click.echo(line, err=True)
+        say(line)
     echo_note(f"wrote {target.path} ({len(html.encode()) / 1e6:.1f} MB)")
     return 0 if all(result.met for result in results.analysis.summary.specifications) else EXIT_SPEC
 

@@ -251,7 +251,8 @@ def whole_folder(path: Path) -> Iterator[Path]:
         def undo() -> None:
             shutil.rmtree(stage, ignore_errors=True)
             for folder in missing:
-                folder.rmdir()
+                with suppress(OSError):
+                    folder.rmdir()
 
         with undone(undo):
             try:
@@ -260,10 +261,9 @@ def whole_folder(path: Path) -> Iterator[Path]:
                 yield stage
                 _move_all(stage, target, path)
             except BaseException:
-                with suppress(OSError):
-                    undo()
+                undo()
                 raise
-    except (OSError, ValueError) as error:
+    except OSError as error:
         raise _unwritable(f"cannot write to the folder {path}", error) from None
 
 

@@ -25,6 +25,7 @@ from precision_pin.outputs.layout import (
 )
 from precision_pin.outputs.text import aligned, subject
 from precision_pin.tabular import ROUNDING, quantity_label, symbol, unit
+from precision_pin.visible import one_line
 
 __all__ = ["figure", "method_rows", "table"]
 
@@ -48,7 +49,7 @@ def table(result: ExactLawResult) -> str:
                     "",
                     *aligned([_METHOD_HEADER, *methods] if methods else []),
                     *_missing(entry),
-                    *entry.warnings,
+                    *map(one_line, entry.warnings),
                 ]
             )
         )
@@ -119,7 +120,7 @@ def method_rows(entry: PoseLaws) -> list[list[str]]:
 
 
 def _missing(entry: PoseLaws) -> list[str]:
-    return [f"{symbol(law.quantity)}: {law.reason}" for law in entry.laws.values() if law.law is None]
+    return [one_line(f"{symbol(law.quantity)}: {law.reason}") for law in entry.laws.values() if law.law is None]
 
 
 def _milli(value: float, std: float, most: int = 12) -> str:
@@ -135,7 +136,7 @@ def _draw(axes: Axes, law: ExactLaw) -> None:
     if law.law is None or law.agreement is None:
         axes.set_yticks([])
         axes.set_xticks([])
-        for line, words in enumerate(textwrap.wrap(law.reason, 30)):
+        for line, words in enumerate(textwrap.wrap(one_line(law.reason, 300), 30)):
             axes.text(0.03, 0.88 - 0.12 * line, words, transform=axes.transAxes)
         return
     x, density, _ = law.curve
