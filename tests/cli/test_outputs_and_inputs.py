@@ -23,6 +23,10 @@ def files(folder):
     """Make links to the inputs, a robot with a mesh, tables whose names are those of outputs."""
     os.symlink("4dof.urdf", folder / "soft.urdf")
     os.link(folder / "4dof.urdf", folder / "hard.urdf")
+    # pages are refused by their names first: these could be pages
+    os.symlink("4dof.errors.yaml", folder / "sheet.html")
+    os.link(folder / "4dof.urdf", folder / "robot.html")
+    os.symlink("way.csv", folder / "way.html")
     (folder / "plots").mkdir()
     for number, table in enumerate(("table.csv", "plots/analysis.json", "plots/budget-3.png", "units.csv")):
         (folder / table).write_text(TABLE)
@@ -49,10 +53,10 @@ INPUTS = {
     "worst case": ("worst-case", "4dof.errors.yaml", "--json", "4dof.urdf"),
     "exact law": ("exact-law", "4dof.errors.yaml", "--json", "4dof.urdf"),
     "reliability": ("reliability", "4dof.errors.yaml", "--spec", "1 mm", "--json", "4dof.urdf"),
-    "report over the sheet": ("report", "4dof.errors.yaml", "--out", "4dof.errors.yaml"),
-    "report over the robot": ("report", "4dof.errors.yaml", "--out", "soft.urdf"),
-    "view over the sheet": ("view", "4dof.errors.yaml", "--out", "4dof.errors.yaml"),
-    "view over the trajectory": ("view", "4dof.errors.yaml", "--trajectory", "way.csv", "--out", "way.csv"),
+    "report over the sheet": ("report", "4dof.errors.yaml", "--out", "sheet.html"),
+    "report over the robot": ("report", "4dof.errors.yaml", "--out", "robot.html"),
+    "view over the sheet": ("view", "4dof.errors.yaml", "--out", "sheet.html"),
+    "view over the trajectory": ("view", "4dof.errors.yaml", "--trajectory", "way.csv", "--out", "way.html"),
     "export over a table": ("export", "table3.yaml", "--out", "."),
     "init over the robot": ("init", "4dof.urdf", "--force", "--out", "4dof.urdf"),
     "init over a mesh": ("init", "mesh.urdf", "--force", "--out", "part.stl"),
@@ -74,8 +78,8 @@ TOO_LONG = {
     "json": (*A, "--json", LONG),
     "out": (*A, "--out", LONG),
     "journal": (*A, "--journal", LONG),
-    "report": ("report", "--out", LONG),
-    "view": ("view", "--out", LONG),
+    "report": ("report", "--out", LONG + ".html"),
+    "view": ("view", "--out", LONG + ".html"),
     "export": ("export", "--out", LONG),
     "init": ("init", "4dof.urdf", "--out", LONG),
     "robot": ("analyze", LONG + ".urdf"),

@@ -19,6 +19,7 @@ from precision_pin.cli.common import (
     seed_option,
 )
 from precision_pin.cli.notes import echo_note, quiet_option
+from precision_pin.cli.streams import say
 from precision_pin.cli.targets import check_folder_name
 from precision_pin.cli.writing import Outputs, echo_data, whole_folder, write_text
 from precision_pin.errors import Finding, InputError

@@ -22,6 +22,7 @@ from precision_pin.cli.common import (
 )
 from precision_pin.cli.notes import echo_note
 from precision_pin.cli.progress import compile_sampler, progress_bar
+from precision_pin.cli.streams import say
 from precision_pin.cli.targets import check_page_name
 from precision_pin.cli.writing import PageOutput
 
