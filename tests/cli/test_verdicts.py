@@ -49,6 +49,7 @@ class TestNothingVaries:
         assert [line for line in checked.out.splitlines() if code in line]
         outcome = run("reliability", "none.yaml", "--samples", "300", "--spec", "1 mm", "--json", "found.json")
         assert outcome.code == 1
+        assert len(re.findall("W_NO_SOURCES|W_NOTHING_VARIES", outcome.err)) == 1
         assert "position.norm within 1 mm for 95 %: NOTHING TO JUDGE - no source" in outcome.out
         (pose,) = json.loads((folder / "found.json").read_text("utf-8"))["poses"]
         assert [(entry["met"], entry["verdict"]) for entry in pose["spec"]] == [(False, "nothing to judge")]

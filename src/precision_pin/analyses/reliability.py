@@ -83,7 +83,7 @@ def reliability(
     for pose in listed_poses(poses):
         analysis = monte_carlo(
             error_model, pose, samples=samples, seed=seed, specifications=specifications, confidence=confidence,
-            progress=progress,
+            findings=findings, progress=progress,
         )  # fmt: skip
         warnings += [line for line in analysis.warnings if line not in warnings]
         at = error_model.at(pose)

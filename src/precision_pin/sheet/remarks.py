@@ -99,7 +99,7 @@ def _remark_on_angles(document: Document, sources: Mapping[int, Source], finding
     found = [((*path, *below), text) for path, part in parts for below, text in _large_angles(part)]
     if found:
         path, text = found[0]
-        message = f"{text!r} is an error of more than 2 deg{_more(found)}; did you mean deg, or mrad?"
+        message = f"{text!r} is an error of 2 deg or more{_more(found)}; did you mean deg, or mrad?"
         findings.warning(path, message, "W_ANGLE_UNIT")
 
 
