@@ -54,19 +54,20 @@ def resolve_robot(text: str, folder: str | os.PathLike[str] = ".") -> Path:
     Raises
     ------
     UrdfError
-        The text is empty, or there is no such file; the message gives a robot that may be meant, if there is one.
+        The text is empty.
     InputError
-        example-robot-data is not installed, or has no such robot.
+        example-robot-data is not installed or has no such robot, or there is no such file and another one may be meant,
+        which the message gives.
     """
     if not text.strip():
         raise UrdfError([Finding("error", "E_FILE_MISSING", "the path of the robot is empty")])
     if text.startswith(PREFIX):
         return _example(text.removeprefix(PREFIX))
     path = Path(folder) / text
-    meant = None if os.path.lexists(path) else _meant(path)
+    meant = None if os.path.lexists(path) or text.endswith(os.sep) else _meant(path)
     if meant is not None:
-        message = f"there is no file {text!r}; did you mean {meant}?"
-        raise UrdfError([Finding("error", "E_FILE_MISSING", message, str(path))])
+        # names no file of its own, so that a sheet can say in which line it stands
+        raise InputError([Finding("error", "E_FILE_MISSING", f"there is no file {text!r}; did you mean {meant}?")])
     return path
 
 
@@ -94,7 +95,7 @@ def _meant(path: Path) -> str | None:
     examples = {known.casefold(): PREFIX + known for known in example_urdfs()}
     if name in examples:
         return examples[name]
-    close = difflib.get_close_matches(name, examples, n=1) if not path.suffix and len(name) < 64 else []
+    close = difflib.get_close_matches(name, examples, n=1, cutoff=0.65) if not path.suffix and len(name) < 64 else []
     return similar_file(path, ROBOT_SUFFIXES) or (examples[close[0]] if close else None)
 
 

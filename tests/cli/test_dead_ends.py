@@ -71,11 +71,35 @@ def test_a_file_of_another_format_is_called_by_its_name(run, folder, command, fi
 )
 def test_a_robot_that_is_not_there_gives_the_one_that_is_meant(run, command, typed, meant):
     line = error_of(run(command, typed, *WITH_ROBOT[command]))
-    assert line == f"{typed}: error E_FILE_MISSING: there is no file {typed!r}; did you mean {meant}?"
+    assert line == f"precision-pin: error E_FILE_MISSING: there is no file {typed!r}; did you mean {meant}?"
 
 
-def test_a_robot_like_no_other_gives_no_hint(run):
-    assert error_of(run("analyze", "nosuch.urdf")).endswith(": there is no file 'nosuch.urdf'")
+@pytest.mark.parametrize("typed", ["nosuch.urdf", "robots", "robots/"])
+def test_a_robot_like_no_other_gives_no_hint(run, typed):
+    assert error_of(run("analyze", typed)).endswith(f": there is no file {typed!r}".replace("/'", "'"))
+
+
+def test_the_robot_that_a_sheet_names_gives_the_one_that_is_meant(run, folder):
+    (folder / "mine.yaml").write_text("precision-pin: 1\nrobot: ur5\nsources: []\n")
+    line = error_of(run("check", "mine.yaml"))
+    assert line == "mine.yaml:2: error E_FILE_MISSING: there is no file 'ur5'; did you mean example:ur5?"
+
+
+@pytest.mark.parametrize("command", WITH_ROBOT)
+def test_a_sheet_and_a_robot_of_the_other_ones_name(run, folder, command):
+    (folder / "4dof.errors.yaml").rename(folder / "sheet.txt")
+    (folder / "4dof.urdf").rename(folder / "robot.yaml")
+    if command != "init":
+        assert "sheet.txt: error E_FILE_KIND: this is a sheet" in error_of(
+            run(command, "sheet.txt", *WITH_ROBOT[command])
+        )
+        assert "robot.yaml: error E_FILE_KIND: this is XML" in error_of(
+            run(command, "robot.yaml", *WITH_ROBOT[command])
+        )
+
+
+def test_an_option_without_its_value_points_to_the_commands_own_help(run):
+    assert error_of(run("analyze", "--samples")).endswith("see precision-pin analyze --help")
 
 
 def test_an_example_of_a_longer_name_is_given(run):

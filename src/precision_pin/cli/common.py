@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import shlex
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -62,7 +63,11 @@ class Command(click.Command):
             An option with one value is given more than once, or there are more than two inputs.
         """
         if not ctx.resilient_parsing:
-            order = self.make_parser(ctx).parse_args(list(args))[2]
+            try:
+                order = self.make_parser(ctx).parse_args(list(args))[2]
+            except click.UsageError as error:
+                error.ctx = error.ctx or ctx
+                raise
             for option in dict.fromkeys(order):
                 times = order.count(option)
                 if isinstance(option, click.Option) and not (option.multiple or option.is_flag) and times > 1:
@@ -167,10 +172,31 @@ def find_inputs(arguments: Sequence[str], *, sheet_needed: bool) -> Inputs:
     if len(robots) > 1 or len(sheets) > 1:
         raise InputError(_too_many(arguments))
     robot = resolve_robot(robots[0]) if robots else None
+    _refuse_misnamed(robot, Path(sheets[0]) if sheets else None)
     if sheets:
         return Inputs(robot, Path(sheets[0]))
     assert robot is not None
     return Inputs(robot, _sheet_of(robots[0], robot) if sheet_needed else None)
+
+
+def _refuse_misnamed(robot: Path | None, sheet: Path | None) -> None:
+    """Refuse a sheet that would be read as a robot for its name, or a robot that would be read as a sheet."""
+    if robot is not None and re.search(rb"^precision-pin:", _beginning(robot), re.MULTILINE):
+        message = "this is a sheet; name it .yaml or .yml, so that it is taken for one"
+        raise InputError([Finding("error", "E_FILE_KIND", message, str(robot))])
+    if sheet is not None and _beginning(sheet).lstrip().startswith(b"<"):
+        message = "this is XML, not a sheet; name a robot .urdf, so that it is taken for one"
+        raise InputError([Finding("error", "E_FILE_KIND", message, str(sheet))])
+
+
+def _beginning(path: Path) -> bytes:
+    try:
+        if not path.is_file():
+            return b""
+        with path.open("rb") as stream:
+            return stream.read(2000)
+    except (OSError, ValueError):
+        return b""
 
 
 def _too_many(arguments: Sequence[str]) -> str:
@@ -289,7 +315,7 @@ def chosen_pose(sheet: Sheet, pose: str | None, q: str | None) -> str | NDArray[
         raise InputError([Finding("error", "E_USAGE", "--pose and --q exclude each other")])
     if q is None:
         if pose is None and not sheet.poses:
-            message = "the sheet has no poses; give joint values with --q"
+            message = "the sheet has no poses; give joint values with --q, or name some under poses:"
             raise InputError([Finding("error", "E_POSE", message, sheet.file)])
         return pose
     try:
