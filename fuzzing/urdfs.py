@@ -18,13 +18,12 @@ import click
 from fuzzing.robots.mutations import mutant
 from fuzzing.robots.trial import Outcome, try_robot
 
-__all__ = ["command", "first_words"]
+__all__ = ["command", "outcomes"]
 
 LONGEST = 30.0
 """Seconds after which a process is ended."""
 MEMORY = 4 << 30
 """Bytes of address space of a process."""
-REPORTED = 200
 
 
 @dataclass
@@ -35,14 +34,14 @@ class Tally:
     refused: int = 0
     codes: Counter[str] = field(default_factory=Counter)
     remarks: Counter[str] = field(default_factory=Counter)
-    problems: list[tuple[int, str]] = field(default_factory=list)
+    problems: list[str] = field(default_factory=list)
 
-    def add(self, number: int, outcome: Outcome) -> None:
+    def add(self, outcome: Outcome) -> None:
         self.loaded += outcome.loaded
         self.refused += not outcome.loaded
         self.codes.update(set(outcome.codes))
         self.remarks.update(set(outcome.remarks))
-        self.problems += [(number, problem) for problem in outcome.problems]
+        self.problems += outcome.problems
 
 
 @click.command("urdfs")
@@ -63,12 +62,14 @@ def command(count: int, seed: int, start: int, write: Path | None) -> None:
     tally = Tally()
     began = time.monotonic()
     for done, (number, outcome) in enumerate(outcomes(seed, start, count), start=1):
-        tally.add(number, outcome)
+        tally.add(outcome)
+        for problem in outcome.problems:
+            click.echo(f"seed {seed} number {number}: {problem}")
         if done % 1000 == 0:
             click.echo(
                 f"{done} of {count}, {len(tally.problems)} did not hold, {time.monotonic() - began:.0f} s", err=True
             )
-    _report(tally, seed)
+    _report(tally, seed, began)
     sys.exit(1 if tally.problems else 0)
 
 
@@ -111,19 +112,13 @@ def _work(pipe: Connection, seed: int, start: int, stop: int) -> None:
             pipe.send(try_robot(mutant(seed, number), f"{seed}/{number}", Path(folder), pipe.send))
 
 
-def first_words(problem: str) -> str:
-    """Return what groups problems of one kind."""
-    return problem[:60]
-
-
-def _report(tally: Tally, seed: int) -> None:
-    click.echo(f"{tally.loaded} robots accepted, {tally.refused} refused, seed {seed}")
+def _report(tally: Tally, seed: int, began: float) -> None:
+    seconds = time.monotonic() - began
+    click.echo(f"seed {seed}: {tally.loaded} robots accepted, {tally.refused} refused, in {seconds:.0f} s")
     for title, counter in (("findings", tally.codes), ("known differences", tally.remarks)):
         click.echo(f"{title}:")
         for name, count in counter.most_common():
             click.echo(f"  {count:7d}  {name}")
     click.echo(f"{len(tally.problems)} did not hold")
-    for name, count in Counter(first_words(problem) for _, problem in tally.problems).most_common():
+    for name, count in Counter(problem[:60] for problem in tally.problems).most_common():
         click.echo(f"  {count:7d}  {name}")
-    for number, problem in tally.problems[:REPORTED]:
-        click.echo(f"seed {seed} number {number}: {problem}")

@@ -210,10 +210,10 @@ def _numbers(joint: Joint) -> tuple[object, ...]:
 
 
 def _compare_urdfdom(data: bytes, robot: Robot, plain: PlainReading, chance: random.Random, outcome: Outcome) -> None:
-    try:
-        text = data.decode("ascii" if b"encoding=" in data and b'"UTF-8"' not in data[:80] else "utf-8")
-    except UnicodeDecodeError:
+    declared_otherwise = b"encoding=" in data and b'"UTF-8"' not in data[:80]
+    if b"\0" in data or (declared_otherwise and not data.isascii()):
         return  # it reads every file as if it were UTF-8
+    text = data.decode("utf-8")
     theirs = read_urdfdom(text)
     kind = _kind_of(theirs.log)
     told = [codes for pattern, codes in EXPLAINED if re.search(pattern, theirs.log, re.DOTALL)]

@@ -102,6 +102,9 @@ class MeshFiles:
             message = f"{label} is not a local file; it is not fetched"
             self._findings.warning("W_MESH_PATH", message, line)
             return
+        if scheme == "package" and _leaves_its_package(filename):
+            self._findings.warning("W_MESH_PATH", f"{label} leaves its package; it is not opened", line)
+            return
         try:
             path = locate_mesh(filename, self._folder, self._package_dirs)
             if path is not None:
@@ -151,6 +154,16 @@ class MeshFiles:
         packages = (folder for folder in self._folder.parents if (folder / "package.xml").is_file())
         package = next(packages, None)
         return allowed if package is None else [*allowed, package]
+
+
+def _leaves_its_package(filename: str) -> bool:
+    """Return whether a ``package://`` name goes up beyond its package, which need not exist."""
+    depth = 0
+    for part in filename[len("package://") :].split("/"):
+        depth += -1 if part == ".." else part not in ("", ".")
+        if depth < 1:
+            return part not in ("", ".")
+    return False
 
 
 def _package_root(path: Path, folder: Path, package_dirs: Sequence[Path]) -> Path | None:
