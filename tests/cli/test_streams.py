@@ -7,6 +7,7 @@ import io
 import os
 import subprocess
 import sys
+import threading
 from pathlib import Path
 
 import pytest
@@ -82,6 +83,16 @@ def test_what_the_system_does_not_give(error, words):
     assert found is not None
     assert str(found).startswith("precision-pin: error E_RESOURCES: ")
     assert words in str(found)
+
+
+def test_threads_that_do_not_start(run, monkeypatch):
+    def refused(_: object) -> None:
+        raise RuntimeError("can't start new thread")
+
+    monkeypatch.setattr(threading.Thread, "start", refused)
+    outcome = run("mcpc")
+    assert (outcome.code, outcome.out, outcome.err.count("\n")) == (2, "", 1)
+    assert "E_RESOURCES: the system lets no thread start" in outcome.err
 
 
 def test_a_bug_is_no_shortage():
