@@ -200,17 +200,19 @@ def command(count: int, seed: int, only: str) -> None:
         click.echo(f"{case}: exit code {usual[case].code} after {usual[case].seconds:.1f} s")
     random_numbers = random.Random(seed)
     codes: dict[str, Counter[str]] = {case: Counter() for case in usual}
-    failures = 0
+    failures, latest = 0, 0.0
     for trial in range(count):
         case = list(usual)[trial % len(usual)]
         number = random_numbers.choice((signal.SIGINT, signal.SIGTERM, *SIGNALS))
         after = random_numbers.uniform(0.0, usual[case].seconds)
         found = disturb(case, usual[case], number, after, whole_group=random_numbers.random() < 0.3)
+        latest = max(latest, after) if found.early else latest
         codes[case][f"{found.number.name} {'before the first line' if found.early else found.code}"] += 1
         for wrong in found.wrong:
             failures += 1
             click.echo(f"trial {trial}, {case}, {number.name} after {after:.3f} s: {wrong}")
     for case, counted in codes.items():
         click.echo(f"{case}: " + ", ".join(f"{what}: {times}" for what, times in sorted(counted.items())))
+    click.echo(f"the latest before the first line: after {latest:.3f} s")
     click.echo(f"{count} signals, {failures} failures")
     sys.exit(1 if failures else 0)

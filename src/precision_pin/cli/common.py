@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Final, TypedDict, TypeVar, final
 import click
 
 from precision_pin.cli.notes import echo_note, quiet_option
-from precision_pin.cli.resources import require_address_space
+from precision_pin.cli.resources import require_resources
 from precision_pin.errors import Finding, InputError
 from precision_pin.examples import PAPER_SHEET, resolve_robot, shipped_sheet, similar_file, starting_sheet
 from precision_pin.input_files import noted_inputs
@@ -82,7 +82,7 @@ class Command(click.Command):
     def invoke(self, ctx: click.Context) -> Any:
         """Run the command, if the libraries can be loaded; the doctor says what is wrong where they cannot."""
         if self.name != "doctor":
-            require_address_space()
+            require_resources()
         return super().invoke(ctx)
 
 

@@ -70,10 +70,16 @@ def begin() -> None:
         return
     import threading
 
-    reading, _state.wakeup = os.pipe()
-    os.set_blocking(_state.wakeup, False)
-    signal.set_wakeup_fd(_state.wakeup, warn_on_full_buffer=False)
-    threading.Thread(target=_watch, args=(reading,), daemon=True, name="signals").start()
+    reading, writing = os.pipe()
+    try:
+        threading.Thread(target=_watch, args=(reading,), daemon=True, name="signals").start()
+    except RuntimeError:  # no more threads; what needs them says so
+        os.close(reading)
+        os.close(writing)
+        return
+    _state.wakeup = writing
+    os.set_blocking(writing, False)
+    signal.set_wakeup_fd(writing, warn_on_full_buffer=False)
 
 
 def end() -> None:

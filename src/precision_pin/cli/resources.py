@@ -5,11 +5,12 @@ from __future__ import annotations
 import errno
 import os
 import resource
+import threading
 from typing import Final
 
 from precision_pin.errors import Finding, InputError
 
-__all__ = ["require_address_space", "shortage"]
+__all__ = ["require_resources", "shortage"]
 
 NEEDED: Final = 10**9
 """Bytes of address space; with less, C++ libraries abort while they are loaded."""
@@ -17,9 +18,12 @@ NEEDED: Final = 10**9
 AMPLE: Final = 8 * 10**9
 """With less, the threads of linear algebra, each of which reserves some of it, are left out."""
 
+MOST_TRIED: Final = 128
+"""The most threads of linear algebra."""
 
-def require_address_space() -> None:
-    """Refuse a limit of address space that the libraries cannot be loaded in.
+
+def require_resources() -> None:
+    """Refuse limits with which the libraries cannot be loaded: of address space, and of threads.
 
     Raises
     ------
@@ -27,19 +31,45 @@ def require_address_space() -> None:
         There is such a limit.
     """
     limit = _address_space()
-    if limit is None:
-        return
-    if limit < NEEDED:
-        message = f"the address space is limited to {limit / 1e6:.0f} MB (ulimit -v); at least {NEEDED / 1e6:.0f} MB are needed"
-        raise InputError([Finding("error", "E_RESOURCES", message)])
-    if limit < AMPLE:
+    if limit is not None and limit < NEEDED:
+        raise _lack(
+            f"the address space is limited to {limit / 1e6:.0f} MB (ulimit -v); at least {NEEDED / 1e6:.0f} MB are needed"
+        )
+    wanted = min(os.cpu_count() or 1, MOST_TRIED)
+    started = _started(wanted)
+    if not started:
+        raise _lack("the system lets no thread start (a limit of processes or of memory, ulimit -a)")
+    if started < wanted or (limit is not None and limit < AMPLE):
+        # libraries of linear algebra would send this process a SIGINT for want of threads
         os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+
+def _started(wanted: int) -> int:
+    """Return how many threads of so many could be started at a time."""
+    go = threading.Event()
+    threads = [threading.Thread(target=go.wait) for _ in range(wanted)]
+    started = 0
+    try:
+        for thread in threads:
+            thread.start()
+            started += 1
+    except (RuntimeError, MemoryError):
+        pass
+    finally:
+        go.set()
+        for thread in threads[:started]:
+            thread.join()
+    return started
 
 
 def shortage(error: Exception) -> InputError | None:
     """Return what the system did not give, where an error comes of that."""
     message = _message(error)
-    return None if message is None else InputError([Finding("error", "E_RESOURCES", message)])
+    return None if message is None else _lack(message)
+
+
+def _lack(message: str) -> InputError:
+    return InputError([Finding("error", "E_RESOURCES", message)])
 
 
 def _message(error: Exception) -> str | None:
