@@ -11,6 +11,9 @@ PACKAGE = Path(__file__).parent.parent / "src" / "precision_pin"
 
 FLOORS = (
     "errors",
+    "arrays",
+    "arguments",
+    "call_warnings",
     "compiled",
     "markup",
     "progress_bar",
@@ -25,6 +28,7 @@ FLOORS = (
     "sections",
     "space",
     "urdf",
+    "configurations",
     "joint_table",
     "pinocchio_model",
     "places",

@@ -3,17 +3,22 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from typing import Final
 
 from precision_pin import units
+from precision_pin.arguments import check_text, shown
 from precision_pin.errors import InputError, UnitError, UnknownNameError
 from precision_pin.statistics import Specification
 from precision_pin.statistics.precision import QUANTITY_WORDS
 
-__all__ = ["DEFAULT_PROBABILITY", "specification"]
+__all__ = ["DEFAULT_PROBABILITY", "Specifications", "listed_specifications", "specification"]
 
 DEFAULT_PROBABILITY: Final = 0.95
 """What is required where a specification names no probability."""
+
+Specifications = Specification | str | Sequence[Specification | str]
+"""Limits as the analyses take them: one or several, each a specification or its text."""
 
 _FORM: Final = re.compile(r"\s*([A-Za-z_][A-Za-z_.]*)?\s*([^@]+?)\s*(?:@\s*(.+?)\s*)?", re.DOTALL)
 
@@ -33,7 +38,7 @@ def specification(text: str) -> Specification:
     InputError
         Not of this form, a limit that is not positive, or a probability outside 0 to 1.
     """
-    match = _FORM.fullmatch(text)
+    match = _FORM.fullmatch(check_text("a specification", text, "0.5 mm @ 99.73 %"))
     if match is None:
         raise InputError(f"specification {text!r} is not understood; write it as '0.5 mm @ 99.73 %' or 'x 0.2 mm'")
     word, limit_text, probability_text = match.groups()
@@ -54,3 +59,18 @@ def specification(text: str) -> Specification:
     if not 0 < required < 1:
         raise InputError(f"specification {text!r}: the probability must lie above 0 and below 1 (or 100 %)")
     return Specification(QUANTITY_WORDS[word], limit, required)
+
+
+def listed_specifications(given: Specifications) -> tuple[Specification, ...]:
+    """Return specifications one by one, texts among them read.
+
+    Raises
+    ------
+    InputError
+        Something that is neither a specification nor its text, or a text that is none.
+    """
+    if isinstance(given, Specification | str):
+        given = (given,)
+    if not isinstance(given, list | tuple):
+        raise InputError(f"specifications must be a list of specifications or of texts, got {shown(given)}")
+    return tuple(one if isinstance(one, Specification) else specification(one) for one in given)

@@ -221,7 +221,7 @@ def test_root_and_mix_are_the_cholesky_root_in_alphabetical_order() -> None:
         (("a", "b"), [[1, 0.5], [0.5]], r"has 2 rows of 1 and 2 numbers"),
         (("a", "b", "c"), [[1, 0.5], [0.5, 1]], "expected 3 of 3"),
         (("a", "b"), [[1, 0.5], [0.4, 1]], "correlation of 'a' and 'b' is 0.5 in one place and 0.4 in the other"),
-        (("a", "b"), [[1, math.nan], [math.nan, 1]], "correlation of 'a' and 'b' is nan"),
+        (("a", "b"), [[1, math.nan], [math.nan, 1]], "correlation matrix must be rows of finite numbers"),
         (("a", "b"), [[1, 0.5], [0.5, 2]], "correlation of 'b' with itself is 2, it must be 1"),
         (("a", "b"), [[1, 1.2], [1.2, 1]], "correlation of 'a' and 'b' is 1.2; it must lie between -1 and 1"),
         (("a", "b"), [[1, -1], [-1, 1]], "one parameter"),

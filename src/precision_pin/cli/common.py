@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Final, TypedDict, TypeVar, final
 
 import click
 
-from precision_pin.errors import Finding, InputError
+from precision_pin.errors import Finding, InputError, PrecisionPinWarning
 from precision_pin.examples import PAPER_SHEET, resolve_robot, shipped_sheet
 
 if TYPE_CHECKING:
@@ -60,6 +61,12 @@ class Command(click.Command):
                     message = f"{option.opts[0]} is given {times} times; {ctx.command_path} takes one"
                     raise click.UsageError(message, ctx)
         return super().parse_args(ctx, args)
+
+    def invoke(self, ctx: click.Context) -> object:
+        """Run the command; what the package warns of stands among the findings that it prints itself."""
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", PrecisionPinWarning)
+            return super().invoke(ctx)
 
 
 @final
