@@ -236,7 +236,7 @@ def test_the_dataset_of_one_sample_has_no_numbers_it_cannot_have(arm):
         ({"samples": True}, "whole number"),
         ({"seed": -1}, "from 0 to"),
         ({"seed": 0.0}, "whole number"),
-        ({"model": "quadratic"}, "linear or exact"),
+        ({"model": "quadratic"}, "exact or linear"),
         ({"confidence": 95}, "above 0 and below 1"),
         ({"q": [0, 0, 0]}, "3 joint values for 4 joints"),
         ({"q": {"joint1": 0}}, "joint2, joint3, joint4"),

@@ -71,7 +71,7 @@ def check_whole(what: str, value: object, least: int, most: int, limits: str = "
         It is none, or out of range.
     """
     if isinstance(value, bool) or not isinstance(value, int | np.integer) or not least <= value <= most:
-        allowed = limits or f"from {least:,} to {most:,}"
+        allowed = limits or f"from {least} to {most}"
         raise InputError(f"{what} must be a whole number {allowed}, got {shown(value)}")
     return int(value)
 
@@ -291,11 +291,11 @@ def check_path(what: str, value: object) -> str:
     Raises
     ------
     InputError
-        It is no path, or an empty one.
+        It is no path.
     """
     if not isinstance(value, str | os.PathLike):
         raise InputError(f"{what} must be the path of a file, got {shown(value)}")
     path = os.fspath(value)
-    if not isinstance(path, str) or not path:
+    if not isinstance(path, str):
         raise InputError(f"{what} must be the path of a file, got {shown(value)}")
     return path

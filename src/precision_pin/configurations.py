@@ -104,7 +104,7 @@ class Configurations:
                 hint = "; in an array, not a list, joints are rows" if len(poses) == len(self.names) else ""
                 raise InputError(f"pose {number} of the list: {error.findings[0].message}{hint}") from None
         if not columns:
-            raise InputError("no poses to take joint values from; give at least one")
+            raise InputError("no poses to sample or place; give at least one")
         return fix_copy(np.column_stack(columns))
 
     def _in_order(self, q: Mapping[str, object]) -> tuple[str, ...]:

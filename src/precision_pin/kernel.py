@@ -351,7 +351,7 @@ def stage_of(model: Model) -> int:
     InputError
         It is neither ``"exact"`` nor ``"linear"``.
     """
-    check_choice("model", model, tuple(_STAGES))
+    check_choice("model", model, ("exact", "linear"))
     return _STAGES[model]
 
 

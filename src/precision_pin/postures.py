@@ -118,12 +118,10 @@ class Postures:
     ----------
     q
         Joint values in chain order, rad and m, ``(n, P)``.
-    constants
-        The chain.
     """
 
     q: Array
-    constants: ChainConstants = field(repr=False)
+    _constants: ChainConstants = field(repr=False)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "q", read_only(self.q))
@@ -146,7 +144,7 @@ class Postures:
     @returns_read_only
     def joint_axes(self) -> Array:
         """Unit axis of every joint in base axes, ``(n, 3, P)``."""
-        axes: Array = np.einsum("nijp,nj->nip", self.joint_poses[:, :3, :3], self.constants.axes)
+        axes: Array = np.einsum("nijp,nj->nip", self.joint_poses[:, :3, :3], self._constants.axes)
         return axes
 
     @property
@@ -190,7 +188,7 @@ class Postures:
         from precision_pin import posture_loops
         from precision_pin.compiled import call
 
-        constants = self.constants
+        constants = self._constants
         arguments = (
             *posture_loops.room(self.q.shape[0]),
             _within_reach(self.q, constants.slides),
