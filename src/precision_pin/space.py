@@ -290,8 +290,15 @@ class Space:
 
     def inverse(self, uniforms: ArrayLike) -> Array:
         """Return the numbers ``(d, N)`` for given uniform numbers ``(d, N)``, every law by its inverse."""
-        u = check_numbers("uniforms", uniforms, (self.size, None))
-        if ((u <= 0) | (u >= 1)).any():
+        # many numbers, and only read: arrays are not copied
+        u = (
+            uniforms
+            if type(uniforms) is np.ndarray and uniforms.dtype == np.float64
+            else check_numbers("uniforms", uniforms)
+        )
+        if u.ndim != 2 or len(u) != self.size:
+            raise InputError(f"uniforms of shape {u.shape}, expected ({self.size}, N)")
+        if u.size and not (u.min() > 0 and u.max() < 1):
             raise InputError("uniforms must lie above 0 and below 1")
         x = np.empty_like(u)
         for draw, rows in zip(self.draws, self.slices, strict=True):

@@ -79,7 +79,7 @@ class Specification:
         what = f"specification of {self.quantity}:"
         limit = check_number(f"{what} limit", self.limit, "above 0", lambda limit: limit > 0)
         required = check_number(
-            f"{what} probability", self.required, "above 0 and below 1", lambda share: 0 < share < 1
+            f"{what} probability", self.required, "a share above 0 % and below 100 %", lambda share: 0 < share < 1
         )
         object.__setattr__(self, "limit", limit)
         object.__setattr__(self, "required", required)
