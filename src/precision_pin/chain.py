@@ -16,7 +16,19 @@ from typing import Final, final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from precision_pin.errors import Finding, InputError, UnknownNameError
+from precision_pin.arguments import (
+    check_instance,
+    check_mapping,
+    check_name,
+    check_number,
+    check_numbers,
+    check_path,
+    check_text,
+)
+from precision_pin.arrays import fix_fields, read_only, returns_read_only
+from precision_pin.call_warnings import add, warns_at_end
+from precision_pin.configurations import Configurations
+from precision_pin.errors import Finding, InputError
 from precision_pin.joint_table import joint_table, spaced
 from precision_pin.markup import rendered
 from precision_pin.pinocchio_model import PinocchioModel
@@ -87,6 +99,9 @@ class Chain:
     loads: tuple[Load, ...]
     pinocchio: PinocchioModel = field(repr=False)
 
+    def __post_init__(self) -> None:
+        fix_fields(self)
+
     @classmethod
     def from_urdf(
         cls,
@@ -122,7 +137,7 @@ class Chain:
         InputError
             Several leaves and no tip, no moving joint on the chain, or a mimic joint on it.
         """
-        return cls.from_robot(read(path), tip, base, gravity, locked)
+        return cls.from_robot(read(check_path("the path of the URDF", path)), tip, base, gravity, locked)
 
     @classmethod
     def from_robot(
@@ -134,11 +149,15 @@ class Chain:
         locked: Mapping[str, float] | None = None,
     ) -> Chain:
         """Cut the chain out of a robot already read; see :meth:`from_urdf`."""
-        down = _numbers("gravity", gravity)
-        if down.shape != (3,) or not np.isfinite(down).all():
-            raise InputError("gravity must be three finite numbers, in base axes")
+        check_instance("robot", robot, Robot, "as urdf.read makes it")
+        down = check_numbers("gravity", gravity, (3,), "three finite numbers, in base axes")
+        if locked is not None:
+            locked = {
+                name: check_number(f"the value at which {name!r} is locked", value)
+                for name, value in check_mapping("locked joints", locked).items()
+            }
         if base is not None:
-            robot.link(base)
+            robot.link(check_text("the name of the base link", base))
         if tip is None:
             if len(robot.leaves) != 1:
                 raise InputError(
@@ -146,7 +165,7 @@ class Chain:
                     "(--tip, or tip: in a sheet)"
                 )
             tip = robot.leaves[0]
-        robot.link(tip)
+        robot.link(check_text("the name of the tip link", tip))
         rooted = rerooted(robot, base) if base is not None and base != robot.root else robot
         way = rooted.path(rooted.root, tip)
         joints = tuple(joint for joint in way if joint.kind != "fixed" and joint.name not in (locked or {}))
@@ -178,21 +197,30 @@ class Chain:
         return tuple(joint.name for joint in self.joints)
 
     @cached_property
+    def configurations(self) -> Configurations:
+        """Reads joint values of the chain."""
+        return Configurations(self.joints)
+
+    @cached_property
+    @returns_read_only
     def axes(self) -> Array:
         """Unit axis of each joint in its own frame, ``(n, 3)``."""
         return np.array([joint.axis for joint in self.joints])
 
     @cached_property
+    @returns_read_only
     def prismatic(self) -> NDArray[np.bool_]:
         """Which joints slide, ``(n,)``."""
         return np.array([joint.kind == "prismatic" for joint in self.joints])
 
     @cached_property
+    @returns_read_only
     def reversed_joints(self) -> NDArray[np.bool_]:
         """Which joints the chain passes against the file, because the base lies beyond them, ``(n,)``."""
         return np.array([joint.reversed for joint in self.joints])
 
     @cached_property
+    @returns_read_only
     def written_axes(self) -> Array:
         """Unit axis of each joint in its own frame as the file writes it, ``(n, 3)``: reversed joints have the other one."""
         return np.array([joint.written_axis for joint in self.joints])
@@ -211,9 +239,7 @@ class Chain:
         UnknownNameError
             The chain has no such joint.
         """
-        if name not in self.joint_names:
-            raise UnknownNameError("joint on the chain", name, self.joint_names)
-        return self.joint_names.index(name)
+        return self.joint_names.index(check_name("joint on the chain", name, self.joint_names))
 
     def link_frame(self, name: str) -> LinkFrame:
         """Return where a URDF link stands.
@@ -223,9 +249,7 @@ class Chain:
         UnknownNameError
             The robot has no such link.
         """
-        if name not in self.link_frames:
-            raise UnknownNameError("link", name, (link.name for link in self.robot.links))
-        return self.link_frames[name]
+        return self.link_frames[check_name("link", name, self.link_frames)]
 
     def end(self, link: int) -> Place:
         """Return the place at a chain link's far end: joint i+1's origin frame before it turns, or the tip."""
@@ -264,29 +288,23 @@ class Chain:
         UnknownNameError
             No such joint on the chain.
         """
-        if isinstance(q, Mapping):
-            q = [q[name] for name in self._in_order(q)]
-        values = _numbers("joint values", q)
-        if values.shape != (len(self.joints),):
-            raise InputError(
-                f"{values.size} joint values for {len(self.joints)} joints; expected {', '.join(self.joint_names)}"
-            )
-        if not np.isfinite(values).all():
-            raise InputError("joint values must be finite")
-        return values
+        return self.configurations.one(q)
 
     def at(self, q: ArrayLike | Mapping[str, float]) -> Posture:
         """Return the chain at a configuration (rad and m, in chain order or by joint name)."""
         values = self.configuration(q)
         return Posture(self, values, self.pinocchio.joint_poses(values), self.loads)
 
-    def at_many(self, q: ArrayLike | Mapping[str, ArrayLike]) -> Postures:
+    @warns_at_end
+    def at_many(self, q: ArrayLike | Mapping[str, ArrayLike] | Sequence[object]) -> Postures:
         """Return the chain at P configurations at once.
 
         Parameters
         ----------
         q
-            ``(n, P)``, rad and m, in chain order; or for every joint's name its P values, or one for all.
+            An array ``(n, P)``, rad and m, in chain order: poses are columns. Or a list of P poses, each as for :meth:`at`. Or
+            for every joint's name its P values, or one for all. Of a square array nobody can tell rows from columns: it is
+            taken as columns, with a warning, unless its rows lie outside the joints' limits and its columns do not.
 
         Raises
         ------
@@ -295,20 +313,12 @@ class Chain:
         UnknownNameError
             No such joint on the chain.
         """
-        if isinstance(q, Mapping):
-            rows = [np.atleast_1d(_numbers(f"values of {name}", q[name])) for name in self._in_order(q)]
-            if len({row.shape for row in rows if row.size != 1}) > 1 or any(row.ndim != 1 for row in rows):
-                raise InputError("the joints have different numbers of values; each needs one, or one for each pose")
-            q = np.array(np.broadcast_arrays(*rows))
-        values = np.array(_numbers("joint values", q), order="C")
-        if values.ndim != 2 or len(values) != len(self.joints):
-            turned = "; poses are columns, so transpose it" if values.shape[1:] == (len(self.joints),) else ""
-            raise InputError(
-                f"joint values of shape {values.shape} for many poses, expected ({len(self.joints)}, P): "
-                f"a row for each of {', '.join(self.joint_names)}{turned}"
-            )
-        if not np.isfinite(values).all():
-            raise InputError("joint values must be finite")
+        values = self.configurations.many(q)
+        add(self.configurations.doubts(q))
+        return self.at_columns(values)
+
+    def at_columns(self, values: Array) -> Postures:
+        """Return the chain at values ``(n, P)`` that :attr:`configurations` read, or some of their columns."""
         return Postures(values, self._constants)
 
     def with_payload(self, mass: float, centre: Sequence[float] = (0.0, 0.0, 0.0), at: str | None = None) -> Chain:
@@ -330,12 +340,9 @@ class Chain:
         UnknownNameError
             The robot has no such link.
         """
-        where = self.link_frame(at or self.tip)
-        lever = _numbers("the centre of a payload", centre)
-        if not 0 <= mass < np.inf:
-            raise InputError(f"the mass of a payload must be zero or more and finite, got {mass} kg")
-        if lever.shape != (3,) or not np.isfinite(lever).all():
-            raise InputError(f"the centre of a payload must be three finite numbers, got {centre}")
+        where = self.link_frame(self.tip if at is None else at)
+        lever = check_numbers("the centre of a payload", centre, (3,), "three finite numbers")
+        mass = check_number("the mass of a payload", mass, "zero or more and finite", lambda kg: kg >= 0)
         moments = ((mass * np.array([1.0, *lever]), ()),)
         load = Load(where.link, where.frame, where.entry(lever), along=False, moments=moments)
         model = self.pinocchio.with_mass(where.link - 1, where.frame, mass, lever)
@@ -379,15 +386,6 @@ class Chain:
     def _constants(self) -> ChainConstants:
         return ChainConstants.of(self.placements, self.axes, self.prismatic, self._alignments, self.gravity, self.loads)
 
-    def _in_order(self, q: Mapping[str, object]) -> tuple[str, ...]:
-        """Return the joints' names, each of which ``q`` has a value for."""
-        for name in q:
-            self.joint_index(name)
-        missing = [name for name in self.joint_names if name not in q]
-        if missing:
-            raise InputError(f"no value for the joints {', '.join(missing)}")
-        return self.joint_names
-
 
 @final
 @dataclass(frozen=True, eq=False)
@@ -419,34 +417,44 @@ class Posture:
     deflection: Deflection | None = None
     tilts: tuple[tuple[Array, Factors], ...] = ()
 
+    def __post_init__(self) -> None:
+        for name in ("q", "joint_poses"):
+            object.__setattr__(self, name, read_only(getattr(self, name)))
+
     @cached_property
+    @returns_read_only
     def link_poses(self) -> Array:
         """Axes of every chain link in the base, ``(n+1, 4, 4)``."""
         return np.concatenate([np.eye(4)[None], self.joint_poses])
 
     @cached_property
+    @returns_read_only
     def loaded_link_poses(self) -> Array:
         """Axes of every chain link in the base as loads see them, ``(n+1, 4, 4)``."""
         return self.link_poses if self.deflection is None else self.deflection.links
 
     @cached_property
+    @returns_read_only
     def loaded_ends(self) -> Array:
         """Far end of every chain link in the base as loads see it, ``(n+1, 4, 4)``."""
         return self.link_poses @ self.chain.placements if self.deflection is None else self.deflection.ends
 
     @cached_property
+    @returns_read_only
     def pose(self) -> Array:
         """Tip in the base, ``(4, 4)``."""
         pose: Array = self.link_poses[-1] @ self.chain.placements[-1]
         return pose
 
     @cached_property
+    @returns_read_only
     def joint_axes(self) -> Array:
         """Unit axis of every joint in base axes, ``(n, 3)``."""
         axes: Array = np.einsum("nij,nj->ni", self.joint_poses[:, :3, :3], self.chain.axes)
         return axes
 
     @cached_property
+    @returns_read_only
     def joint_jacobian(self) -> Array:
         """Derivative of the tip's pose to the joint values, base axes at the tip, ``(6, n)``."""
         arms = self.pose[:3, 3] - self.joint_poses[:, :3, 3]
@@ -463,6 +471,7 @@ class Posture:
         return self._statics[0]
 
     @cached_property
+    @returns_read_only
     def link_wrench(self) -> Array:
         """Force and moment ``(n+1, 6)`` which everything beyond it puts on each chain link's far end, by Pinocchio.
 
@@ -596,12 +605,6 @@ class Posture:
         }
 
     @cached_property
+    @returns_read_only
     def _statics(self) -> tuple[Array, Array]:
         return self.chain.pinocchio.statics(self.q)
-
-
-def _numbers(what: str, values: object) -> Array:
-    try:
-        return np.asarray(values, dtype=float)
-    except (TypeError, ValueError):
-        raise InputError(f"{what} must be numbers, got {values!r}") from None

@@ -18,6 +18,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from precision_pin import special
+from precision_pin.arguments import check_items, check_number, check_numbers, check_text, shown
+from precision_pin.arrays import returns_read_only
 from precision_pin.errors import InputError
 from precision_pin.laws import FARTHEST_NORMAL, Law, Lognormal, Normal, Uniform
 
@@ -61,6 +63,11 @@ class Correlation:
     matrix: tuple[tuple[float, ...], ...]
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "names", check_items("the names of a correlation", self.names, str))
+        if not isinstance(self.matrix, tuple | list | np.ndarray) or any(np.ndim(row) != 1 for row in self.matrix):
+            raise InputError(f"the correlation matrix must be rows of numbers, got {shown(self.matrix)}")
+        rows = [check_numbers("the correlation matrix", row, (None,), "rows of finite numbers") for row in self.matrix]
+        object.__setattr__(self, "matrix", tuple([tuple(row.tolist()) for row in rows]))
         size = len(self.names)
         if size < 2:
             raise InputError("a correlation needs at least two parameters")
@@ -114,7 +121,9 @@ class Correlation:
     @classmethod
     def pair(cls, first: str, second: str, correlation: float) -> Correlation:
         """Return the correlation of two draws."""
-        return cls((first, second), ((1.0, correlation), (correlation, 1.0)))
+        names = (check_text("first of a correlation", first), check_text("second of a correlation", second))
+        value = check_number("the correlation of a pair", correlation)
+        return cls(names, ((1.0, value), (value, 1.0)))
 
     @cached_property
     def order(self) -> tuple[int, ...]:
@@ -125,6 +134,7 @@ class Correlation:
         return tuple(sorted(range(len(self.names)), key=self.names.__getitem__))
 
     @cached_property
+    @returns_read_only
     def root(self) -> Array:
         """Lower-triangular L, rows and columns in alphabetical order of the names; L L^T is the matrix."""
         matrix = np.array(self.matrix)[np.ix_(self.order, self.order)]

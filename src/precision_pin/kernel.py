@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from precision_pin import kernel_loops
+from precision_pin.arguments import check_choice
 from precision_pin.compiled import call, is_kept
 from precision_pin.errors import InputError
 from precision_pin.kernel_layout import CompiledTable, lay_out, lay_out_many
@@ -350,8 +351,7 @@ def stage_of(model: Model) -> int:
     InputError
         It is neither ``"exact"`` nor ``"linear"``.
     """
-    if model not in tuple(_STAGES):
-        raise InputError(f"model must be exact or linear, got {model!r}")
+    check_choice("model", model, ("exact", "linear"))
     return _STAGES[model]
 
 

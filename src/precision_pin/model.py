@@ -18,6 +18,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from precision_pin import se3
 from precision_pin.about_rest import terms_about_rest
+from precision_pin.arguments import check_choice, check_instance, check_items, check_mapping, check_numbers, check_path
+from precision_pin.arrays import returns_read_only
+from precision_pin.call_warnings import add, warns_at_end
 from precision_pin.chain import Chain, Place, Posture
 from precision_pin.equilibrium import settle
 from precision_pin.errors import Finding, InputError, UnknownNameError
@@ -26,10 +29,10 @@ from precision_pin.sheet import Sheet
 from precision_pin.sheet import read as read_sheet
 from precision_pin.space import Draw, LabelledSpace, Space
 from precision_pin.table import SlopeColumns, TableLayout, TermTable
-from precision_pin.terms import AskedSource, Source, Term, labels, own_draws
+from precision_pin.terms import AskedSource, Source, Term, fix_settings, labels, own_draws
 from precision_pin.urdf import Joint
 
-__all__ = ["ErrorModel", "PoseModel", "TermTable"]
+__all__ = ["ErrorModel", "PoseModel", "TermTable", "limit_findings"]
 
 Array = NDArray[np.float64]
 
@@ -103,6 +106,7 @@ class PoseModel:
         return np.concatenate([shift, se3.log_rotation(motion[:3, :3])])
 
     @cached_property
+    @returns_read_only
     def tangent(self) -> tuple[Array, Array]:
         """First-order model of :meth:`exact` at the components' means: ``(e0 (6,), J (6, d))``.
 
@@ -114,6 +118,7 @@ class PoseModel:
         return self.error_at_means, jacobian
 
     @cached_property
+    @returns_read_only
     def error_at_means(self) -> Array:
         """The error of :meth:`exact` with every component at its mean, ``(6,)``."""
         return self.exact(self.space.mean[:, None])[:, 0]
@@ -144,6 +149,7 @@ class PoseModel:
         return self.tangent[1]
 
     @cached_property
+    @returns_read_only
     def covariance(self) -> Array:
         """Covariance of the tangent model, ``(6, 6)``: J Σ Jᵀ."""
         return self.space.block_covariance.between(self.jacobian, self.jacobian)
@@ -184,9 +190,12 @@ class PoseModel:
         return rendered(title, [Table(columns, rows, words=2)], [f"{pose}; base axes", counts])
 
     def _check(self, x: ArrayLike) -> Array:
-        values = np.asarray(x, dtype=float)
+        # not copied, unlike other arrays: many samples are many numbers, and only read
+        values = x if type(x) is np.ndarray and x.dtype == np.float64 else check_numbers("x", x)
         if values.ndim != 2 or values.shape[0] != self.space.size:
             raise InputError(f"x has shape {values.shape}, expected ({self.space.size}, N): rows as in model.space")
+        if not np.isfinite(values).all():
+            raise InputError("x must be finite")
         return values
 
 
@@ -227,14 +236,15 @@ class ErrorModel:
         poses: Mapping[str, ArrayLike | Mapping[str, float]] | None = None,
         statics: Literal["nominal", "equilibrium"] = "nominal",
     ) -> None:
-        if statics not in ("nominal", "equilibrium"):
-            raise InputError(f"statics must be nominal or equilibrium, got {statics!r}")
+        check_choice("statics", statics, ("nominal", "equilibrium"))
+        check_instance("chain", chain, Chain, "as Chain.from_urdf makes it")
+        check_instance("space", space, Space, "of the named draws")
         self.statics = statics
         self.chain = chain
-        self.sources = tuple(sources)
+        self.sources = tuple(fix_settings(source) for source in check_items("the sources", sources, Source))  # type: ignore[type-abstract]
         self.labels = labels(self.sources)
         self.space = space.including(own_draws(self.sources, self.labels))
-        self.poses = {name: chain.configuration(q) for name, q in (poses or {}).items()}
+        self.poses = _named_poses(chain, {} if poses is None else poses)
         self.assumed: tuple[str, ...] = ()
         self._layout: TableLayout | None = None
 
@@ -254,11 +264,13 @@ class ErrorModel:
         SheetError, UrdfError
             Carry every finding at once.
         """
-        return cls.from_sheet(read_sheet(path, kinds=kinds))
+        listed = check_items("the kinds of sources", kinds, type)
+        return cls.from_sheet(read_sheet(check_path("the path of the sheet", path), kinds=listed))
 
     @classmethod
     def from_sheet(cls, sheet: Sheet) -> ErrorModel:
         """Return the model of a sheet already read."""
+        check_instance("sheet", sheet, Sheet, "as sheet.read makes it; ErrorModel.load takes a path")
         model = cls(sheet.chain, sheet.space, sheet.sources, sheet.poses, sheet.statics)
         model.assumed = tuple(model.labels[k] for k in sheet.assumed)
         return model
@@ -283,15 +295,36 @@ class ErrorModel:
             return self.poses[q]
         return self.chain.configuration(q)
 
+    def configurations(
+        self, q: ArrayLike | Mapping[str, ArrayLike] | Sequence[object]
+    ) -> tuple[Array, tuple[str, ...]]:
+        """Return the joint values ``(n, P)`` of many poses and their names, empty where one has none; see :meth:`at_many`."""
+        if isinstance(q, str):
+            q = [q]
+        listed = isinstance(q, list | tuple)
+        names = tuple(one if isinstance(one, str) else "" for one in q) if listed else ()  # type: ignore[union-attr]
+        if any(names):
+            q = [self.configuration(one) if isinstance(one, str) else one for one in q]  # type: ignore[union-attr]
+        values = self.chain.configurations.many(q)
+        add(self.chain.configurations.doubts(q))
+        return values, names or ("",) * values.shape[1]
+
     def pose_name(self, q: object) -> str:
         """Return the name of the pose that :meth:`configuration` makes of ``q``, empty where it has none."""
         return q if isinstance(q, str) else next(iter(self.poses), "") if q is None else ""
 
+    @warns_at_end
     def at(self, q: ArrayLike | Mapping[str, float] | str | None = None) -> PoseModel:
-        """Return the model at a pose; ``q`` as in :meth:`configuration`."""
-        return self._at(self.chain.at(self.configuration(q)))
+        """Return the model at a pose; ``q`` as in :meth:`configuration`.
 
-    def at_many(self, q: ArrayLike | Mapping[str, ArrayLike]) -> Iterator[PoseModel]:
+        Warns where joint values lie outside their limits, and of the other findings of the posture.
+        """
+        at = self._at(self.chain.at(self.configuration(q)))
+        add(at.posture.findings)
+        return at
+
+    @warns_at_end
+    def at_many(self, q: ArrayLike | Mapping[str, ArrayLike] | Sequence[object]) -> Iterator[PoseModel]:
         """Return the model at P poses, made one after another as they are asked for.
 
         As :meth:`at` gives them, to rounding; the joints' poses are computed for many at once.
@@ -299,7 +332,8 @@ class ErrorModel:
         Parameters
         ----------
         q
-            ``(n, P)``, or P values for every joint's name, as in :meth:`precision_pin.chain.Chain.at_many`.
+            As for :meth:`precision_pin.chain.Chain.at_many`: an array ``(n, P)``, a list of poses (names too), or P values for
+            every joint's name.
 
         Raises
         ------
@@ -308,7 +342,8 @@ class ErrorModel:
         UnknownNameError
             No such joint on the chain.
         """
-        values = self.chain.at_many(q).q
+        values, _ = self.configurations(q)
+        add(limit_findings(self.chain, values))
         return (self._at(bare) for first in range(0, values.shape[1], _AT_ONCE) for bare in self._bare(values, first))
 
     def statics_findings(self, at: PoseModel) -> tuple[Finding, ...]:
@@ -391,7 +426,7 @@ class ErrorModel:
 
     def _bare(self, values: Array, first: int) -> Iterator[Posture]:
         """Yield the postures, with the chain's own loads, of `_AT_ONCE` configurations out of ``(n, P)``."""
-        many = self.chain.at_many(values[:, first : first + _AT_ONCE])
+        many = self.chain.at_columns(values[:, first : first + _AT_ONCE])
         poses = np.ascontiguousarray(np.moveaxis(many.joint_poses, -1, 0))
         for k in range(len(many)):
             yield Posture(self.chain, many.q[:, k].copy(), poses[k], self.chain.loads)
@@ -441,6 +476,31 @@ def _bending_findings(at: PoseModel) -> tuple[Finding, ...]:
         f"{20 * turn**2:.1g} % of the deflection"
     )
     return (Finding("warning", "W_DEFLECTION", message),)
+
+
+def limit_findings(chain: Chain, values: Array) -> tuple[Finding, ...]:
+    """Return a warning where poses ``(n, P)`` lie outside the joints' limits: how many, and the first of them in full."""
+    outside = chain.configurations.outside(values)
+    poses = np.flatnonzero(outside.any(axis=0))
+    if not poses.size:
+        return ()
+    first = int(poses[0])
+    joint = chain.joints[int(np.flatnonzero(outside[:, first])[0])]
+    message = (
+        f"{poses.size:,} of {values.shape[1]:,} poses lie outside joint limits, the first of them pose {first}, with the joint "
+        f"{joint.name} at {values[chain.joint_index(joint.name), first]:.6g} {'m' if joint.kind == 'prismatic' else 'rad'}"
+    )
+    return (Finding("warning", "W_JOINT_LIMIT", message, chain.robot.file, joint.line),)
+
+
+def _named_poses(chain: Chain, poses: Mapping[str, ArrayLike | Mapping[str, float]]) -> dict[str, Array]:
+    found = {}
+    for name, q in check_mapping("the poses", poses).items():
+        try:
+            found[name] = chain.configuration(q)
+        except InputError as error:
+            raise InputError(f"pose {name!r}: {error.findings[0].message}") from None
+    return found
 
 
 def _joint_value(joint: Joint, value: float) -> str:

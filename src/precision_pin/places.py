@@ -9,6 +9,8 @@ from typing import Final, final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from precision_pin.arguments import check_numbers
+from precision_pin.arrays import fix_fields
 from precision_pin.errors import InputError, UnknownNameError
 from precision_pin.parameters import Expression
 from precision_pin.urdf import Joint, Robot
@@ -50,6 +52,11 @@ class Place:
     order: tuple[int, int]
     name: str
     frame: Array = field(compare=False, repr=False)
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.frame, np.ndarray) or self.frame.shape != (4, 4) or self.frame.flags.writeable:
+            frame = check_numbers(f"the frame of the place {self.name!r}", self.frame, (4, 4))
+            object.__setattr__(self, "frame", frame)
 
     @property
     def is_seat(self) -> bool:
@@ -115,6 +122,9 @@ class LinkFrame:
     stretch: Array | None = None
     is_own: bool = False
 
+    def __post_init__(self) -> None:
+        fix_fields(self)
+
     def entry(self, centre: ArrayLike) -> Array:
         """Return where a weight enters the chain link, in the chain link's axes, ``(3,)``.
 
@@ -163,6 +173,16 @@ class Load:
     moments: tuple[tuple[Array, Factors], ...]
     stretch: Array | None = None
 
+    def __post_init__(self) -> None:
+        for name, shape in (("frame", (4, 4)), ("attachment", (3,)), ("stretch", (2, 3))):
+            if getattr(self, name) is not None:
+                object.__setattr__(self, name, check_numbers(f"{name} of a load", getattr(self, name), shape))
+        moments = tuple(
+            (check_numbers("mass and first moment of a load", values, (4,)), factors)
+            for values, factors in self.moments
+        )
+        object.__setattr__(self, "moments", moments)
+
 
 @final
 @dataclass(frozen=True, eq=False)
@@ -180,6 +200,9 @@ class Deflection:
     links: Array
     ends: Array
     bending: Array
+
+    def __post_init__(self) -> None:
+        fix_fields(self)
 
 
 def locked_values(robot: Robot, joints: Sequence[Joint], locked: Mapping[str, float]) -> dict[str, float]:

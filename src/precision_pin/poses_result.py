@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any, Final, final
 import numpy as np
 from numpy.typing import NDArray
 
-from precision_pin.errors import InputError, UnknownNameError
+from precision_pin.arguments import check_name, check_whole
+from precision_pin.arrays import fix_fields
 from precision_pin.model import ErrorModel
 from precision_pin.result import versions
 from precision_pin.space import Scope
@@ -64,6 +65,8 @@ class PosesResult:
         What was counted.
     probability, probability_interval
         ``(S, P)`` and ``(S, 2, P)``: share of the samples inside, and its Clopper-Pearson interval.
+    warnings
+        One line each.
     """
 
     robot: str
@@ -89,6 +92,10 @@ class PosesResult:
     probability: Array
     probability_interval: Array
     error_model: ErrorModel = field(repr=False)
+    warnings: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        fix_fields(self)
 
     @property
     def poses(self) -> int:
@@ -117,9 +124,7 @@ class PosesResult:
         InputError
             There is no such pose.
         """
-        for pose in (one, other):
-            if isinstance(pose, bool) or not isinstance(pose, int | np.integer) or not 0 <= pose < self.poses:
-                raise InputError(f"pose {pose!r}; the poses are numbered from 0 to {self.poses - 1}")
+        one, other = (check_whole("the number of a pose", pose, 0, self.poses - 1) for pose in (one, other))
         space = self.error_model.space
         covariance = space.block_covariance
         if one != other:
@@ -138,9 +143,7 @@ class PosesResult:
         UnknownNameError
             No pose has it.
         """
-        if not name or name not in self.names:
-            raise UnknownNameError("pose", name, [known for known in self.names if known])
-        return self.names.index(name)
+        return self.names.index(check_name("pose", name, [known for known in self.names if known]))
 
     def to_xarray(self) -> xarray.Dataset:
         """Return the result as a dataset, m and rad, not-a-number where the samples do not resolve a number.

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from precision_pin import se3
+from precision_pin.arrays import read_only, returns_read_only
 from precision_pin.places import Load
 
 __all__ = ["ChainConstants", "Postures", "alignment"]
@@ -94,7 +95,7 @@ class ChainConstants:
                 carried[load.link] += [moments[0], *turned]
         return cls(
             axes=axes,
-            slides=slides,
+            slides=np.array(slides),
             slanted=(aligned[:-1] != np.eye(3)).any(axis=(1, 2)),
             aligned=aligned,
             turns=before @ placements[:, :3, :3] @ aligned,
@@ -117,12 +118,13 @@ class Postures:
     ----------
     q
         Joint values in chain order, rad and m, ``(n, P)``.
-    constants
-        The chain.
     """
 
     q: Array
-    constants: ChainConstants = field(repr=False)
+    _constants: ChainConstants = field(repr=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "q", read_only(self.q))
 
     def __len__(self) -> int:
         return int(self.q.shape[1])
@@ -139,9 +141,10 @@ class Postures:
         return self._poses[:-1]
 
     @cached_property
+    @returns_read_only
     def joint_axes(self) -> Array:
         """Unit axis of every joint in base axes, ``(n, 3, P)``."""
-        axes: Array = np.einsum("nijp,nj->nip", self.joint_poses[:, :3, :3], self.constants.axes)
+        axes: Array = np.einsum("nijp,nj->nip", self.joint_poses[:, :3, :3], self._constants.axes)
         return axes
 
     @property
@@ -164,12 +167,14 @@ class Postures:
         return self._rates[2]
 
     @cached_property
+    @returns_read_only
     def _poses(self) -> Array:
         result = np.empty((len(self.q) + 1, 4, 4, len(self)))
         self._run(result, _NOTHING, _NOTHING, _NOTHING)
         return result
 
     @cached_property
+    @returns_read_only
     def _rates(self) -> tuple[Array, Array, Array]:
         joints, count = self.q.shape
         # one piece of memory: large ones are quicker to get
@@ -183,7 +188,7 @@ class Postures:
         from precision_pin import posture_loops
         from precision_pin.compiled import call
 
-        constants = self.constants
+        constants = self._constants
         arguments = (
             *posture_loops.room(self.q.shape[0]),
             _within_reach(self.q, constants.slides),

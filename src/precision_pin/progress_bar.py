@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
-from precision_pin.errors import InputError
+from precision_pin.arguments import check_number, check_text, check_whole
 
 __all__ = ["progress"]
 
@@ -42,8 +42,10 @@ def progress(
     --------
     ``with pp.progress(10**7) as advance: pp.monte_carlo(model, samples=10**7, progress=advance)``
     """
-    if isinstance(total, bool) or not isinstance(total, int) or total < 0:
-        raise InputError(f"the total of a progress bar must be a whole number of zero or more, got {total!r}")
+    check_whole("the total of a progress bar", total, 0, 2**63, "of zero or more")
+    check_text("what, before a progress bar,", what)
+    check_number("the delay of a progress bar", delay, "zero or more and finite", lambda seconds: seconds >= 0)
+    check_text("the unit of a progress bar", unit)
     # tqdm shows nothing where stderr is no terminal; a notebook's is none
     in_kernel = type(sys.stderr).__module__.startswith("ipykernel")
     with _tqdm(in_kernel)(

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, Final, final
 import numpy as np
 from numpy.typing import NDArray
 
+from precision_pin.arrays import fix_fields
 from precision_pin.errors import InputError
 from precision_pin.markup import Table, rendered
 from precision_pin.space import Space
@@ -154,6 +155,9 @@ class Analysis:
     until: tuple[Until, ...] = ()
     warnings: tuple[str, ...] = ()
     errors: Array | None = field(default=None, repr=False)
+
+    def __post_init__(self) -> None:
+        fix_fields(self)
 
     @property
     def samples(self) -> int:

@@ -19,14 +19,17 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from precision_pin import kernel, progress_bar
+from precision_pin.arguments import check_instance, check_whole
+from precision_pin.call_warnings import add, warns_at_end
 from precision_pin.errors import InputError
 from precision_pin.kernel_joined import JoinedTables, is_alike
 from precision_pin.kernel_loops import NORM_COLUMNS, SUMS
 from precision_pin.kernel_poses import MOST_TOGETHER, NormBlocks, norm_edges, observe_norms
-from precision_pin.model import ErrorModel
+from precision_pin.model import ErrorModel, limit_findings
 from precision_pin.poses_result import LEVELS, PosesResult
-from precision_pin.run import Progress, available_cores
+from precision_pin.run import Progress, available_cores, check_progress
 from precision_pin.space import MOST_POSES, Scope, check_seed
+from precision_pin.specifications import Specifications, listed_specifications
 from precision_pin.statistics import (
     COMPONENTS,
     NORMS,
@@ -53,15 +56,16 @@ _TASK: Final = 512
 """Blocks times poses of a task, a fraction of a second."""
 
 
+@warns_at_end
 def sample_poses(
     error_model: ErrorModel,
-    q: ArrayLike | Mapping[str, ArrayLike] | Sequence[str],
     /,
+    q: ArrayLike | Mapping[str, ArrayLike] | Sequence[object],
     *,
     samples: int = 10_000,
     seed: int = 0,
     model: Model = "exact",
-    specifications: Sequence[Specification] = (),
+    specifications: Specifications = (),
     confidence: float = 0.95,
     threads: int | None = None,
     progress: Progress | bool | None = None,
@@ -77,7 +81,9 @@ def sample_poses(
     error_model
         Chain, draws and sources.
     q
-        The poses: ``(n, P)`` joint values (rad, m) in chain order, P values for every joint's name, or names of poses.
+        The poses: an array ``(n, P)`` of joint values (rad, m) in chain order, poses in columns; a list of poses, each a name,
+        joint values in chain order or by name; or P values for every joint's name. A square array is taken as columns, with a
+        warning where joint limits do not tell.
     samples
         How many built robots, at most 2³² - 1.
     seed
@@ -85,7 +91,7 @@ def sample_poses(
     model
         ``"exact"`` multiplies the displaced chain out, ``"linear"`` superposes (eqs 12-17).
     specifications
-        Limits to count against.
+        Limits to count against: one or a list, each as :func:`precision_pin.specification` makes it or its text.
     confidence
         Of every interval.
     threads
@@ -101,15 +107,19 @@ def sample_poses(
     UnknownNameError
         No such pose or joint.
     """
+    check_instance("error_model", error_model, ErrorModel, "as ErrorModel.load makes it")
     check_seed(seed)
-    _check_whole("the number of samples", samples, MOST_SAMPLES)
+    check_whole("the number of samples", samples, 1, MOST_SAMPLES)
     if threads is not None:
-        _check_whole("threads", threads, MOST_THREADS)
+        check_whole("threads", threads, 1, MOST_THREADS)
+    check_progress(progress)
     kernel.stage_of(model)
     check_confidence(confidence)
     values, names = _poses(error_model, q)
     count = values.shape[1]
-    work = _Work(model, int(seed), int(samples), tuple(specifications))
+    work = _Work(model, int(seed), int(samples), listed_specifications(specifications))
+    found = limit_findings(error_model.chain, values)
+    add(found)
     parts: list[dict[str, Array]] = []
     with ExitStack() as stack:
         total = count * work.samples
@@ -145,6 +155,7 @@ def sample_poses(
         confidence=confidence,
         specifications=work.specifications,
         error_model=error_model,
+        warnings=tuple(map(str, found)),
         **{name: np.concatenate([part[name] for part in parts], axis=-1) for name in parts[0]},
     )
 
@@ -152,24 +163,11 @@ def sample_poses(
 # poses ---------------------------------------------------------------------------------------------------------------
 
 
-def _check_whole(what: str, number: int, most: int) -> None:
-    if isinstance(number, bool) or not isinstance(number, int | np.integer) or not 1 <= number <= most:
-        raise InputError(f"{what} must be a whole number from 1 to {most}, got {number!r}")
-
-
 def _poses(
-    error_model: ErrorModel, q: ArrayLike | Mapping[str, ArrayLike] | Sequence[str]
+    error_model: ErrorModel, q: ArrayLike | Mapping[str, ArrayLike] | Sequence[object]
 ) -> tuple[Array, tuple[str, ...]]:
     """Return joint values ``(n, P)`` and the poses' names."""
-    listed = [q] if isinstance(q, str) else list(q) if isinstance(q, list | tuple) else []
-    if listed and all(isinstance(name, str) for name in listed):
-        names = tuple(str(name) for name in listed)
-        values = np.stack([error_model.configuration(name) for name in names], axis=1)
-    else:
-        if isinstance(q, list | tuple) and not listed:
-            raise InputError("no poses to sample; give at least one")
-        values = error_model.chain.at_many(q).q
-        names = ("",) * values.shape[1]
+    values, names = error_model.configurations(q)
     if not names:
         raise InputError("no poses to sample; give at least one")
     drawn_anew = any(draw.scope is not Scope.UNIT for draw in error_model.space.draws)

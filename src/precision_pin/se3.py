@@ -157,7 +157,7 @@ def inverse(transform: ArrayLike) -> Array:
 
 def compose(*transforms: ArrayLike) -> Array:
     """Return the product of poses, each ``(4, 4)`` or ``(4, 4, N)``, left to right."""
-    result = np.asarray(transforms[0], dtype=float)
+    result = np.array(transforms[0], dtype=float)  # a copy: of one pose the product is no view
     for transform in transforms[1:]:
         right = np.asarray(transform, dtype=float)
         if result.ndim == right.ndim == 2:

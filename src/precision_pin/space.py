@@ -18,6 +18,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from precision_pin import philox, special
+from precision_pin.arguments import check_instance, check_items, check_name, check_numbers, check_text, check_whole
+from precision_pin.arrays import returns_read_only
 from precision_pin.correlation import BlockCovariance, Correlation, covariance_of
 from precision_pin.errors import InputError, UnknownNameError
 from precision_pin.laws import FARTHEST_NORMAL, Fixed, Law
@@ -51,8 +53,8 @@ def occasion(scope: Scope, pose: int = 0, visit: int = 0) -> int:
     InputError
         More than 2²⁰-1 poses or 4095 visits.
     """
-    if not 0 <= pose < MOST_POSES or not 0 <= visit < MOST_VISITS:
-        raise InputError(f"pose {pose} or visit {visit} is out of range: below {MOST_POSES} and {MOST_VISITS}")
+    check_whole("the pose", pose, 0, MOST_POSES - 1)
+    check_whole("the visit", visit, 0, MOST_VISITS - 1)
     match scope:
         case Scope.UNIT:
             return 0
@@ -81,6 +83,11 @@ class Draw:
     name: str
     law: Law
     scope: Scope = Scope.UNIT
+
+    def __post_init__(self) -> None:
+        check_text("the name of a draw", self.name)
+        check_instance(f"the law of the draw {self.name!r}", self.law, Law, "such as Normal(0.1e-3)")  # type: ignore[type-abstract]
+        check_instance(f"the scope of the draw {self.name!r}", self.scope, Scope, "such as Scope.UNIT")
 
     @property
     def components(self) -> tuple[str, ...]:
@@ -116,6 +123,9 @@ class Space:
     correlations: tuple[Correlation, ...] = ()
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "draws", check_items("the draws of a space", self.draws, Draw))
+        correlations = check_items("the correlations of a space", self.correlations, Correlation)
+        object.__setattr__(self, "correlations", correlations)
         names: set[str] = set()
         for draw in self.draws:
             _take_names(draw, names)
@@ -177,6 +187,7 @@ class Space:
         return len(self.components)
 
     @cached_property
+    @returns_read_only
     def mean(self) -> Array:
         """Mean of the components, ``(d,)``."""
         return np.concatenate([np.zeros(0), *(draw.law.mean_vector for draw in self.draws)])
@@ -213,10 +224,12 @@ class Space:
         return self._covariance
 
     @cached_property
+    @returns_read_only
     def _covariance(self) -> Array:
         return self.block_covariance.dense
 
     @cached_property
+    @returns_read_only
     def pearson(self) -> Array:
         """Pearson correlation of the components, ``(d, d)``: what follows from laws and correlations.
 
@@ -250,7 +263,7 @@ class Space:
     def including(self, draws: Sequence[Draw]) -> Space:
         """Return the space with further draws; one that is there already, equal in all, is shared."""
         extension = Extension(self)
-        extension.add(draws)
+        extension.add(check_items("the draws", draws, Draw))
         return extension.space()
 
     def parameter(self, name: str) -> Component:
@@ -261,9 +274,7 @@ class Space:
         UnknownNameError
             There is no such component.
         """
-        if name not in self.index:
-            raise UnknownNameError("parameter", name, self.components)
-        return Component(name)
+        return Component(check_name("parameter", name, self.index))
 
     def sample(self, seed: int, first: int, count: int, *, pose: int = 0, visit: int = 0) -> Array:
         """Return the numbers of units ``first … first + count - 1``.
@@ -289,9 +300,11 @@ class Space:
             for the uniforms; normal numbers are Box-Muller of a pair (cosine for the even unit, sine for the odd).
         """
         check_seed(seed)
-        seed, first, count = int(seed), int(first), int(count)
-        if first < 0 or count < 0 or first + count > 2**64:
-            raise InputError(f"units {first} to {first + count} do not exist: from 0 to 2^64")
+        seed = int(seed)
+        first = check_whole("first, the number of a unit,", first, 0, 2**64 - 1, "from 0 to 2^64 - 1")
+        count = check_whole("count", count, 0, 2**64 - first, "of units, the last of them 2^64 - 1 or below")
+        check_whole("the pose", pose, 0, MOST_POSES - 1)
+        check_whole("the visit", visit, 0, MOST_VISITS - 1)
         units = philox.Units(seed, first, count)
         x = np.empty((self.size, count))
         for draw, rows in zip(self.draws, self.slices, strict=True):
@@ -309,7 +322,16 @@ class Space:
 
     def inverse(self, uniforms: ArrayLike) -> Array:
         """Return the numbers ``(d, N)`` for given uniform numbers ``(d, N)``, every law by its inverse."""
-        u = np.asarray(uniforms, dtype=float)
+        # many numbers, and only read: arrays are not copied
+        u = (
+            uniforms
+            if type(uniforms) is np.ndarray and uniforms.dtype == np.float64
+            else check_numbers("uniforms", uniforms)
+        )
+        if u.ndim != 2 or len(u) != self.size:
+            raise InputError(f"uniforms of shape {u.shape}, expected ({self.size}, N)")
+        if u.size and not (u.min() > 0 and u.max() < 1):
+            raise InputError("uniforms must lie above 0 and below 1")
         x = np.empty_like(u)
         for draw, rows in zip(self.draws, self.slices, strict=True):
             x[rows] = draw.law.inverse(u[rows])
@@ -388,8 +410,7 @@ def check_seed(seed: int) -> None:
     InputError
         The seed is not in 0 … 2⁶⁴-1.
     """
-    if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or not 0 <= seed < 2**64:
-        raise InputError(f"the seed must be a whole number from 0 to 2^64 - 1, got {seed!r}")
+    check_whole("the seed", seed, 0, 2**64 - 1, "from 0 to 2^64 - 1")
 
 
 @final

@@ -4,20 +4,25 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Sequence
 from typing import Final
 
 from precision_pin import units
+from precision_pin.arguments import check_text, shown
 from precision_pin.errors import InputError, UnitError, UnknownNameError
 from precision_pin.statistics import Specification
 from precision_pin.statistics.precision import QUANTITY_PATTERN, QUANTITY_WORDS
 
-__all__ = ["DEFAULT_PROBABILITY", "specification"]
+__all__ = ["DEFAULT_PROBABILITY", "Specifications", "listed_specifications", "specification"]
 
 DEFAULT_PROBABILITY: Final = 0.95
 """What is required where a specification names no probability."""
 
 _FORM: Final = re.compile(rf"({QUANTITY_PATTERN})?\s*+(?:(?:<=|<|≤)\s*+)?(\S.*)", re.DOTALL)
 _LEAST_PER_CENT: Final = 0.01
+
+Specifications = Specification | str | Sequence[Specification | str]
+"""Limits as the analyses take them: one or several, each a specification or its text."""
 
 
 def specification(text: str) -> Specification:
@@ -35,7 +40,9 @@ def specification(text: str) -> Specification:
     InputError
         Not of this form, a limit that is not positive, or a probability outside 0 to 1.
     """
-    demand, at, probability_text = (part.strip() for part in text.partition("@"))
+    demand, at, probability_text = (
+        part.strip() for part in check_text("a specification", text, "0.5 mm @ 99.73 %").partition("@")
+    )
     match = _FORM.fullmatch(demand)
     if match is None or (at and not probability_text):
         raise InputError(f"specification {text!r} is not understood; write it as '0.5 mm @ 99.73 %' or 'x 0.2 mm'")
@@ -76,3 +83,18 @@ def _required(text: str) -> float:
             f"(or the plain ratio {value:g})"
         )
     return value
+
+
+def listed_specifications(given: Specifications) -> tuple[Specification, ...]:
+    """Return specifications one by one, texts among them read.
+
+    Raises
+    ------
+    InputError
+        Something that is neither a specification nor its text, or a text that is none.
+    """
+    if isinstance(given, Specification | str):
+        given = (given,)
+    if not isinstance(given, list | tuple):
+        raise InputError(f"specifications must be a list of specifications or of texts, got {shown(given)}")
+    return tuple(one if isinstance(one, Specification) else specification(one) for one in given)

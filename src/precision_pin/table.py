@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from precision_pin import se3
+from precision_pin.arrays import fix_fields, returns_read_only
 from precision_pin.chain import Chain, Place, Posture
 from precision_pin.errors import InternalError
 from precision_pin.parameters import Expression, Operation, Program
@@ -56,6 +57,9 @@ class TermTable:
     twists: Array
     factors: NDArray[np.intp]
 
+    def __post_init__(self) -> None:
+        fix_fields(self)
+
     @classmethod
     def build(cls, posture: Posture, space: Space, terms: Iterable[Term]) -> TermTable:
         """Return the table of terms at a posture, in chain order."""
@@ -63,6 +67,7 @@ class TermTable:
         return TableLayout.of(listed, space).at(posture, listed)
 
     @cached_property
+    @returns_read_only
     def sensitivities(self) -> Array:
         """Derivative of the tip's error to each target's displacement, undisplaced chain, ``(K, 6, 6)``."""
         result = np.zeros((len(self.targets), 6, 6))

@@ -20,6 +20,7 @@ from typing import Any, TypeVar, cast, final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from precision_pin.arguments import check_flag, check_items, check_number, check_numbers, shown
 from precision_pin.chain import Chain, Factors, Load, Place, Posture
 from precision_pin.errors import Finding, InputError
 from precision_pin.laws import Law
@@ -35,6 +36,7 @@ __all__ = [
     "Target",
     "Term",
     "at_means",
+    "fix_settings",
     "labels",
     "own_draws",
 ]
@@ -85,9 +87,15 @@ class Term:
     loaded: bool = False
 
     def __post_init__(self) -> None:
+        if not isinstance(self.target, JointValue | Place):
+            raise InputError(f"the target of a term must be a JointValue or a Place, got {shown(self.target)}")
         size = 1 if isinstance(self.target, JointValue) else 6
-        if self.twist.shape != (size,) or not np.isfinite(self.twist).all():
-            raise InputError(f"a term on {self.target} needs a twist of {size} finite numbers, got {self.twist}")
+        twist = check_numbers("the twist of a term", self.twist, (size,), f"{size} finite numbers for its target")
+        object.__setattr__(self, "twist", twist)
+        if type(self.factors) is not tuple or not all(isinstance(factor, Expression) for factor in self.factors):
+            object.__setattr__(self, "factors", check_items("the factors of a term", self.factors, Expression))
+        if not isinstance(self.loaded, bool):
+            object.__setattr__(self, "loaded", check_flag("loaded, of a term,", self.loaded))
         if len(self.factors) > MOST_FACTORS:
             raise InputError(
                 f"a term on {self.target} has {len(self.factors)} factors, at most {MOST_FACTORS} are allowed"
@@ -99,13 +107,13 @@ class Term:
 
         More than three factors: the first ones become one formula, their product.
         """
-        scaled = np.atleast_1d(np.asarray(twist, dtype=float))
+        scaled = np.atleast_1d(check_numbers("the twist of a term", twist))
         factors: list[Expression] = []
         for value in values:
             if isinstance(value, Expression):
                 factors.append(value)
             else:
-                scaled = scaled * value
+                scaled = scaled * check_number("a factor of a term", value, "a number or a parameter")
         while len(factors) > MOST_FACTORS:
             factors[:2] = [factors[0] * factors[1]]
         return cls(target, scaled, tuple(factors), loaded)
@@ -298,6 +306,27 @@ class AskedSource:
             return tuple(ask(cast("Posture", _AnyPosture(chain)), self._view))
         except (_NeedsPosture, Exception):  # noqa: BLE001 - what is wrong with it comes up again at a posture
             return None
+
+
+def fix_settings(source: Source) -> Source:
+    """Return a source whose settings cannot be changed from outside: lists as tuples, arrays as copies."""
+    if not dataclasses.is_dataclass(source):
+        raise InputError(f"a source must be a frozen data class, got {shown(source)}")
+    settings = source.settings()
+    fixed = {name: _fixed(value) for name, value in settings.items()}
+    if all(fixed[name] is value for name, value in settings.items()):
+        return source
+    return dataclasses.replace(source, **fixed)
+
+
+def _fixed(value: object) -> object:
+    if isinstance(value, list):
+        return tuple(map(_fixed, value))
+    if isinstance(value, np.ndarray) and value.flags.writeable:
+        copy = np.array(value)
+        copy.flags.writeable = False
+        return copy
+    return value
 
 
 def labels(sources: Sequence[Source]) -> tuple[str, ...]:

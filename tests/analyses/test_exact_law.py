@@ -411,13 +411,20 @@ def test_several_poses_and_json():
         ("paper", 1),
         ([0.1, 0.2], 1),
         (np.zeros(4), 1),
-        (np.zeros((3, 4)), 3),
         (["a", "b"], 2),
         ([None, {}], 2),
     ],
 )
 def test_poses_are_one_or_several(poses, count):
     assert len(listed_poses(poses)) == count
+
+
+def test_an_array_of_several_poses_is_refused():
+    """Elsewhere poses are columns, and of a square array nobody can tell."""
+    with pytest.raises(
+        pp.InputError, match=r"list\(array\) where they are rows, list\(array.T\) where they are columns"
+    ):
+        listed_poses(np.zeros((3, 4)))
 
 
 def test_bad_settings():

@@ -154,6 +154,7 @@ ARM = """<robot name="arm"><link name="base"/><link name="tool"/><joint name="jo
   <joint name="bolt" type="fixed"><parent link="link"/><child link="tool"/><origin xyz="1 0 0"/></joint></robot>"""
 
 
+@pytest.mark.filterwarnings("ignore:.*use analyze:precision_pin.errors.PrecisionPinWarning")
 def test_a_law_that_is_not_that_of_the_exact_model_is_said():
     """A link along x turned by θ: dx = cos θ - 1 does not vary at first order, dy = sin θ bends for ±1.5 rad."""
     chain = chain_of(ARM, tip="tool", gravity=(0, 0, 0))

@@ -474,8 +474,8 @@ def test_deviations_of_variances():
         ({"samples": 512}, "32 times a power of two"),
         ({"samples": 2**25}, "32 times a power of two"),
         ({"seed": -1}, "seed must be a whole number"),
-        ({"confidence": 1.0}, "confidence 1.0"),
-        ({"confidence": math.nan}, "confidence nan"),
+        ({"confidence": 1.0}, "confidence must be above 0 and below 1, got 1.0"),
+        ({"confidence": math.nan}, "confidence must be above 0 and below 1, got nan"),
     ],
 )
 def test_wrong_settings_get_one_line(paper, settings, says):

@@ -230,9 +230,13 @@ def test_wrong_joint_values_are_refused(q, message):
         ({"tip": "base"}, InputError, "no joint moves between 'base' and 'base'"),
         ({"tip": "tool", "gravity": (0, 0)}, InputError, "gravity must be three finite numbers"),
         ({"tip": "tool", "gravity": (0, 0, float("nan"))}, InputError, "gravity must be three finite numbers"),
-        ({"tip": "tool", "gravity": "down"}, InputError, "gravity must be numbers"),
+        ({"tip": "tool", "gravity": "down"}, InputError, "gravity must be three finite numbers.*'down'"),
         ({"tip": "tool", "locked": {"finger": 0.0}}, UnknownNameError, "no joint to lock named 'finger'"),
-        ({"tip": "tool", "locked": {"finger_joint": float("nan")}}, InputError, "locked at nan, which is not finite"),
+        (
+            {"tip": "tool", "locked": {"finger_joint": float("nan")}},
+            InputError,
+            "is locked must be a finite number, got nan",
+        ),
         ({"tip": "tool", "locked": {f"joint{k}": 0.0 for k in range(1, 8)}}, InputError, "no joint moves"),
     ],
 )

@@ -163,7 +163,7 @@ def test_payload_at_the_tip_by_default_and_none_of_zero_mass():
         ((float("inf"),), InputError, "mass of a payload must be zero or more and finite"),
         ((1.0, (0, 0)), InputError, "centre of a payload must be three finite numbers"),
         ((1.0, (0, 0, float("nan"))), InputError, "centre of a payload must be three finite numbers"),
-        ((1.0, "there"), InputError, "centre of a payload must be numbers"),
+        ((1.0, "there"), InputError, "centre of a payload must be three finite numbers.*'there'"),
         ((1.0, (0, 0, 0), "tol"), UnknownNameError, "no link named 'tol'; did you mean 'tool'"),
     ],
 )

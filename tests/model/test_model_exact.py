@@ -62,6 +62,7 @@ def frames_and_offsets(chain: Chain, joint_errors, ends, seats) -> ErrorModel:
 
 @pytest.mark.parametrize("turn", [1e-4, 0.02, 0.12])
 @pytest.mark.parametrize("name", ["seven", "ur5", "panda", "tiago"])
+@pytest.mark.filterwarnings("ignore:.*W_JOINT_LIMIT")
 def test_pinocchio_with_a_virtual_joint_for_every_error(name, turn):
     """Three slides and a ball at every end and seat; at the largest size about 1.5 to 2.5 rad of turns in all."""
     tips = {"ur5": "tool0", "panda": "panda_hand_tcp", "tiago": "arm_tool_link"}
@@ -182,9 +183,9 @@ def test_values_of_the_wrong_shape_are_refused(x):
 def test_terms_are_checked():
     chain = seven_joint_arm()
     for target, twist, message in (
-        (JointValue(0), np.zeros(6), "twist of 1 finite"),
-        (chain.end(1), np.zeros(1), "twist of 6 finite"),
-        (chain.end(1), np.full(6, np.nan), "twist of 6 finite"),
+        (JointValue(0), np.zeros(6), "must be 1 finite"),
+        (chain.end(1), np.zeros(1), "must be 6 finite"),
+        (chain.end(1), np.full(6, np.nan), "must be 6 finite"),
     ):
         with pytest.raises(InputError, match=message):
             Term(target, twist)

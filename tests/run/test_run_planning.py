@@ -113,6 +113,7 @@ def test_bins_that_turn_out_too_wide_are_told():
     assert found.quantile(0.5) == pytest.approx(np.quantile(errors[0], 0.5), abs=3e-11)
 
 
+@pytest.mark.filterwarnings("ignore:.*W_BINS")
 def test_a_result_warns_of_quantiles_in_wide_bins():
     """Offsets that jump in one robot of a thousand: a stretched arm's dz is zero or a product of jumps, no pilot tells which."""
     found = pp.monte_carlo(

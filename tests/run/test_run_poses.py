@@ -114,6 +114,7 @@ def test_poses_do_not_depend_on_those_beside_them_but_for_rounding() -> None:
     np.testing.assert_allclose(together.mean[:, 4], again.mean(axis=1), rtol=1e-10)
 
 
+@pytest.mark.filterwarnings("ignore:.*W_SQUARE_POSES")
 def test_covariance_between_poses_against_samples() -> None:
     samples, pairs = 40_000, [(0, 1), (1, 0), (2, 3), (1, 1)]
     found = sample_poses(MIXED, Q[:, :4], samples=10, seed=5)
@@ -220,5 +221,5 @@ def test_errors_far_too_large(std: float, message: str) -> None:
 def test_between_poses_that_do_not_exist() -> None:
     found = sample_poses(MODEL, Q[:, :2], samples=3)
     for wrong in (-1, 2, True, 0.5):
-        with pytest.raises(InputError, match="numbered from 0 to 1"):
+        with pytest.raises(InputError, match="number of a pose must be a whole number from 0 to 1"):
             found.between(0, wrong)  # type: ignore[arg-type]

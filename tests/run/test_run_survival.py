@@ -263,7 +263,8 @@ def test_a_changed_input_is_told(started: Any, tmp_path: Path) -> None:
         (tmp_path / file.name).write_bytes(file.read_bytes())
 
     def refused(*arguments: str) -> str:
-        process = started("4dof.errors.yaml", "--journal", "j", "--samples", "100", *arguments)
+        samples = () if "--samples" in arguments else ("--samples", "100")
+        process = started("4dof.errors.yaml", "--journal", "j", *samples, *arguments)
         _, err = process.communicate(timeout=60)
         assert process.returncode == 2
         return without_warnings(err).removeprefix("precision-pin: error E_INPUT: the journal j is ")

@@ -77,6 +77,7 @@ def test_a_run_that_was_stopped_goes_on_to_the_same_end(tmp_path: Path) -> None:
         pp.monte_carlo(MODEL, samples=10**8, until=["95 % to 0.04 mm"], journal=journal, resume=True)
 
 
+@pytest.mark.filterwarnings("ignore:.*W_UNTIL")
 def test_samples_that_do_not_suffice_are_told_with_how_many_would() -> None:
     found = pp.monte_carlo(MODEL, samples=3 * BLOCK + 5, until=["mean to 1 um"])
     assert found.samples == 3 * BLOCK + 5

@@ -37,6 +37,8 @@ from precision_pin.analyses.tangent_shares import (
     owners,
     reaches,
 )
+from precision_pin.arguments import check_instance, check_number, shown
+from precision_pin.call_warnings import warns_at_end
 from precision_pin.errors import InputError, UnknownNameError
 from precision_pin.memory import check_memory
 from precision_pin.model import ErrorModel, PoseModel
@@ -71,11 +73,13 @@ _TOGETHER: Final = np.array(
 )
 
 
+@warns_at_end
 def budget(
     error_model: ErrorModel,
-    poses: Pose | Sequence[Pose] = None,
     /,
+    poses: Pose | Sequence[Pose] = None,
     *,
+    q: Pose | Sequence[Pose] = None,
     seed: int = 0,
     samples: int = 16_384,
     confidence: float = 0.95,
@@ -87,8 +91,9 @@ def budget(
     ----------
     error_model
         Chain, draws and sources.
-    poses
-        The first pose if left out; a pose's name, joint values in chain order or by name; or a list of such.
+    poses, q
+        The first pose if left out; a pose's name, joint values in chain order or by name; or a list of such. Two names of one
+        argument.
     seed
         64-bit seed of the sampled indices and quantiles.
     samples
@@ -104,11 +109,11 @@ def budget(
     InputError
         A wrong pose, seed, number of samples, confidence or bound; errors too large to compute with.
     """
+    check_instance("error_model", error_model, ErrorModel, "as ErrorModel.load makes it")
     check_seed(seed)
     check_points(samples)
     check_confidence(confidence)
-    if not 0 < bound_at < np.inf:
-        raise InputError(f"bound_at {bound_at!r}; it must be positive and finite, in standard deviations")
+    check_number("bound_at, in standard deviations,", bound_at, "positive and finite", lambda value: value > 0)
     _check_cost(error_model.space, samples)
     return BudgetResult(
         heading=Heading.of(error_model, seed),
@@ -116,7 +121,9 @@ def budget(
         confidence=confidence,
         bound_at=bound_at,
         marked=MARKED,
-        poses=tuple(_at_pose(error_model, pose, seed, samples, confidence, bound_at) for pose in listed_poses(poses)),
+        poses=tuple(
+            _at_pose(error_model, pose, seed, samples, confidence, bound_at) for pose in listed_poses(poses, q)
+        ),
     )
 
 
@@ -129,10 +136,10 @@ def check_points(samples: int) -> None:
         It is not.
     """
     allowed = [REPLICATES << k for k in range(5, 14)]
-    if isinstance(samples, bool) or samples not in allowed:
+    if isinstance(samples, bool) or not isinstance(samples, int | np.integer) or samples not in allowed:
         raise InputError(
             f"the number of samples must be {REPLICATES} times a power of two from 32 to 2^13 "
-            f"({allowed[0]}, {allowed[1]}, … {allowed[-1]}), got {samples!r}"
+            f"({allowed[0]}, {allowed[1]}, … {allowed[-1]}), got {shown(samples)}"
         )
 
 

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from scipy import special
 
 from precision_pin.analyses.strata import FARTHEST, Jump
+from precision_pin.arrays import fix_fields
 
 __all__ = ["FARTHEST", "DesignPoint", "Form", "Margin", "form", "towards_surface"]
 
@@ -68,6 +69,9 @@ class DesignPoint:
     beta: float
     importance: Array
     stratum: int = 0
+
+    def __post_init__(self) -> None:
+        fix_fields(self)
 
     @property
     def probability(self) -> float:

@@ -31,6 +31,8 @@ from precision_pin.analyses.inversion import (
 from precision_pin.analyses.normal_norm import NormalNorm
 from precision_pin.analyses.parts import Part, part_of
 from precision_pin.analyses.quantile_bounds import quantile_bounds
+from precision_pin.arguments import check_instance, check_whole
+from precision_pin.call_warnings import add, warns_at_end
 from precision_pin.errors import InputError
 from precision_pin.laws import Fixed, JointNormal, Law, Normal
 from precision_pin.model import ErrorModel, PoseModel
@@ -62,11 +64,13 @@ _EFFORT: Final = 2e7
 _NORMS: Final = {"position.norm": slice(0, 3), "attitude.norm": slice(3, 6)}
 
 
+@warns_at_end
 def exact_law(
     error_model: ErrorModel,
-    poses: Pose | Sequence[Pose] = None,
     /,
+    poses: Pose | Sequence[Pose] = None,
     *,
+    q: Pose | Sequence[Pose] = None,
     seed: int = 0,
     samples: int = 100_000,
     confidence: float = 0.999,
@@ -77,8 +81,8 @@ def exact_law(
     ----------
     error_model
         Chain, draws and sources.
-    poses
-        A pose (a name, joint values, or None for the model's first) or a list of such.
+    poses, q
+        A pose (a name, joint values, or None for the model's first) or a list of such; two names of one argument.
     seed, samples, confidence
         Of the samples of the tangent model that the laws are compared with.
 
@@ -87,14 +91,14 @@ def exact_law(
     InputError
         A wrong pose, seed, number of samples or confidence; draws that are correlated and not normal.
     """
+    check_instance("error_model", error_model, ErrorModel, "as ErrorModel.load makes it")
     check_seed(seed)
-    if isinstance(samples, bool) or not isinstance(samples, int | np.integer) or not 100 <= samples <= MOST_SAMPLES:
-        raise InputError(f"the number of samples must be a whole number from 100 to {MOST_SAMPLES:,}, got {samples!r}")
+    check_whole("the number of samples", samples, 100, MOST_SAMPLES)
     check_confidence(confidence)
     _refuse_copulas(error_model.space)
     deviations = error_model.space.sample(seed, 0, int(samples)) - error_model.space.mean[:, None]
     found = []
-    for pose in listed_poses(poses):
+    for pose in listed_poses(poses, q):
         at = error_model.at(pose)
         error, jacobian = at.tangent
         sampled = error[:, None] + jacobian @ deviations
@@ -103,6 +107,7 @@ def exact_law(
             laws[name] = _component(at.space, name, float(error[row]), jacobian[row], sampled[row], confidence)
         ordered = {name: laws[name] for name in QUANTITIES}
         warnings = _bends(at, ordered, deviations[:, :COMPARED])
+        add(warnings)
         found.append(PoseLaws(PoseHeading.of(error_model, pose, at), ordered, warnings))
     return ExactLawResult(Heading.of(error_model, seed), int(samples), float(confidence), tuple(found))
 

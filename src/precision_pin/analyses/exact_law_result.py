@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from precision_pin.analyses.heading import Heading, PoseHeading
 from precision_pin.analyses.inversion import NumberLaw
 from precision_pin.analyses.normal_norm import NormalNorm
+from precision_pin.arrays import fix_fields
 from precision_pin.markup import Table, rendered
 from precision_pin.tabular import MOST_POSES, data_frame, joint_text, milli, number, pose_labels, symbol, unit
 
@@ -61,6 +62,9 @@ class Agreement:
     slack: float
     edges: Array
     counts: NDArray[np.intp]
+
+    def __post_init__(self) -> None:
+        fix_fields(self)
 
     @property
     def agrees(self) -> bool:

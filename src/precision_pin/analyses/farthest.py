@@ -21,6 +21,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 
+from precision_pin.arrays import fix_fields
+
 __all__ = ["MOST_CELLS", "TOLERANCE", "Farthest", "farthest", "quadratic_bound"]
 
 Array = NDArray[np.float64]
@@ -57,6 +59,9 @@ class Farthest:
     lower: float
     upper: float
     cells: int
+
+    def __post_init__(self) -> None:
+        fix_fields(self)
 
     @property
     def certified(self) -> bool:

@@ -106,14 +106,29 @@ class PoseHeading:
         return {"name": self.name, "q": dict(self.q)}
 
 
-def listed_poses(poses: Pose | Sequence[Pose]) -> list[Pose]:
+def listed_poses(poses: Pose | Sequence[Pose], q: Pose | Sequence[Pose] = None) -> list[Pose]:
     """Return poses one by one: a row of numbers is one pose, any other list several.
+
+    Parameters
+    ----------
+    poses, q
+        Two names of one argument.
 
     Raises
     ------
     InputError
-        An empty list, or more than 10,000.
+        Both are given; an empty list, or more than 10,000 poses; an array of several poses, of which nobody can tell whether
+        they are its rows or its columns.
     """
+    if q is not None:
+        if poses is not None:
+            raise InputError("poses and q mean the same; give one of them")
+        poses = q
+    if isinstance(poses, np.ndarray) and poses.ndim > 1:
+        raise InputError(
+            f"poses in an array of shape {poses.shape}: give a list of poses instead, list(array) where they are rows, "
+            "list(array.T) where they are columns"
+        )
     numbers = isinstance(poses, list | tuple) and all(isinstance(entry, int | float | np.number) for entry in poses)
     is_row = (numbers and len(poses) > 0) or (isinstance(poses, np.ndarray) and poses.ndim == 1 and poses.size > 0)  # type: ignore[arg-type]
     several: list[Pose] = (

@@ -29,6 +29,7 @@ from scipy import optimize, special
 
 from precision_pin.analyses.parts import Lines, Part
 from precision_pin.analyses.quantile_bounds import quantile_bounds
+from precision_pin.arrays import fix_fields
 
 __all__ = ["ConvolvedLaw", "NormalLaw", "NumberLaw", "SeriesLaw", "SingleLaw", "Summand", "certified_series"]
 
@@ -308,6 +309,9 @@ class SeriesLaw(NumberLaw):
     beyond: float = 0.0
     rounding: float = ROUNDING
 
+    def __post_init__(self) -> None:
+        fix_fields(self)
+
     @property
     def low(self) -> float:  # type: ignore[override]
         """The support's lower end."""
@@ -446,6 +450,9 @@ class Summand:
     envelope: Callable[[Array], Array]
     characteristic: Callable[[Array], NDArray[np.complex128]]
     characteristic_error: float = 1e-15
+
+    def __post_init__(self) -> None:
+        fix_fields(self)
 
 
 def certified_series(mean: float, std: float, summands: Sequence[Summand], largest_error: float) -> SeriesLaw | float:

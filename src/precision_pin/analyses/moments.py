@@ -36,7 +36,9 @@ from precision_pin.analyses.moments_closed import closed_moments
 from precision_pin.analyses.moments_control import Control, thin
 from precision_pin.analyses.moments_result import Measured, Method, MomentsResult, PoseMoments, Remainder
 from precision_pin.analyses.replicates import REPLICATES, jackknife
-from precision_pin.errors import InputError, UnknownNameError
+from precision_pin.arguments import check_callable, check_instance, check_name, shown
+from precision_pin.call_warnings import warns_at_end
+from precision_pin.errors import InputError
 from precision_pin.model import ErrorModel, PoseModel
 from precision_pin.run import Progress
 from precision_pin.space import check_seed
@@ -62,11 +64,13 @@ _TRIANGLE: Final = np.triu_indices(3)
 _ROUNDING: Final = 1e-14
 
 
+@warns_at_end
 def moments(
     error_model: ErrorModel,
-    poses: Pose | Sequence[Pose] = None,
     /,
+    poses: Pose | Sequence[Pose] = None,
     *,
+    q: Pose | Sequence[Pose] = None,
     samples: int = 65_536,
     seed: int = 0,
     method: Method = "control",
@@ -79,8 +83,8 @@ def moments(
     ----------
     error_model
         Chain, draws and sources.
-    poses
-        A pose (a name, joint values, or None for the model's first) or a list of such.
+    poses, q
+        A pose (a name, joint values, or None for the model's first) or a list of such; two names of one argument.
     samples
         At each pose: 32 replicates of a power of two from 32 to 2¹⁹. The memory taken does not depend on it.
     seed
@@ -103,9 +107,11 @@ def moments(
     UnknownNameError
         There is no such method.
     """
+    check_instance("error_model", error_model, ErrorModel, "as ErrorModel.load makes it")
     check_seed(seed)
-    if method not in get_args(Method):
-        raise UnknownNameError("method", str(method), get_args(Method))
+    check_name("method", method, get_args(Method))
+    if progress is not None:
+        check_callable("progress", progress)
     count = _replicate(samples)
     check_confidence(confidence)
     if method.startswith("sobol") and error_model.space.size > MOST_NUMBERS:
@@ -119,7 +125,8 @@ def moments(
         samples=0 if method == "closed" else REPLICATES * count,
         confidence=float(confidence),
         poses=tuple(
-            _at_pose(error_model, pose, method, count, int(seed), confidence, progress) for pose in listed_poses(poses)
+            _at_pose(error_model, pose, method, count, int(seed), confidence, progress)
+            for pose in listed_poses(poses, q)
         ),
     )
 
@@ -130,7 +137,7 @@ def _replicate(samples: int) -> int:
     if isinstance(samples, bool) or not isinstance(samples, int | np.integer) or samples not in allowed:
         raise InputError(
             f"the number of samples must be {REPLICATES} times a power of two from 2^{SMALLEST} to 2^{LARGEST} "
-            f"({allowed[0]:,}, {allowed[1]:,}, … {allowed[-1]:,}), got {samples!r}"
+            f"({allowed[0]:,}, {allowed[1]:,}, … {allowed[-1]:,}), got {shown(samples)}"
         )
     return int(samples) // REPLICATES
 

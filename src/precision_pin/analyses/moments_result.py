@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from precision_pin.analyses.heading import Heading, PoseHeading
+from precision_pin.arrays import fix_fields
 from precision_pin.markup import Table, rendered
 from precision_pin.statistics import COMPONENTS, NORMS, QUANTITIES
 from precision_pin.tabular import (
@@ -61,6 +62,9 @@ class Measured:
     standard_error: Array | None = None
     half_width: Array | None = None
 
+    def __post_init__(self) -> None:
+        fix_fields(self)
+
     def interval(self, *index: int) -> tuple[float, float] | None:
         """Return the interval of one of the numbers; ``None`` of a closed form and of what is not resolved."""
         if self.half_width is None or not np.isfinite(self.half_width[index]):
@@ -105,6 +109,9 @@ class Remainder:
     last_mean: Array
     last_covariance: Array | None
 
+    def __post_init__(self) -> None:
+        fix_fields(self)
+
     def to_dict(self) -> dict[str, Any]:
         """Return lists, null for what there is not."""
         return {
@@ -145,6 +152,9 @@ class PoseMoments:
     norm_variance: Measured | None
     remainder: Remainder | None
     warnings: tuple[str, ...]
+
+    def __post_init__(self) -> None:
+        fix_fields(self)
 
     @property
     def variance(self) -> Measured:

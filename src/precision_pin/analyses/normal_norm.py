@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from scipy import optimize, special
 
 from precision_pin.analyses.quantile_bounds import quantile_bounds
+from precision_pin.arrays import fix_fields
 
 __all__ = ["NormalNorm"]
 
@@ -49,6 +50,9 @@ class NormalNorm:
 
     centre: Array
     matrix: Array
+
+    def __post_init__(self) -> None:
+        fix_fields(self)
 
     @property
     def method(self) -> str:

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from scipy import special
 
 from precision_pin.analyses.lognormal_transform import LOGNORMAL_ERROR, lognormal_characteristic, lognormal_envelope
+from precision_pin.arrays import fix_fields
 from precision_pin.laws import (
     FARTHEST_NORMAL,
     Arcsine,
@@ -423,6 +424,9 @@ class Lines(Part):
     shares: Array
     begins: Array
     stops: Array
+
+    def __post_init__(self) -> None:
+        fix_fields(self)
 
     @classmethod
     def of(cls, shares: Array, begins: Array, stops: Array) -> Lines:

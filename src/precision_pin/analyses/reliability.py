@@ -24,9 +24,12 @@ from precision_pin.analyses.reliability_result import (
     SpecificationReliability,
 )
 from precision_pin.analyses.strata import Stratum
+from precision_pin.arguments import check_instance, check_items
+from precision_pin.call_warnings import warns_at_end
 from precision_pin.errors import Finding, InputError
 from precision_pin.model import ErrorModel, PoseModel
 from precision_pin.run import Progress, monte_carlo
+from precision_pin.specifications import Specifications, listed_specifications
 from precision_pin.statistics import Specification, SpecificationResult, quantity_values
 
 __all__ = ["reliability"]
@@ -43,17 +46,19 @@ _REPEATS: Final = 4
 _ASIDE: Final = 0.3
 
 
+@warns_at_end
 def reliability(
     error_model: ErrorModel,
-    specifications: Sequence[Specification],
-    poses: Pose | Sequence[Pose] = None,
     /,
+    specifications: Specifications,
+    poses: Pose | Sequence[Pose] = None,
     *,
+    q: Pose | Sequence[Pose] = None,
     seed: int = 0,
     samples: int = 100_000,
     confidence: float = 0.95,
     findings: Sequence[Finding] = (),
-    progress: Progress | None = None,
+    progress: Progress | bool | None = None,
 ) -> ReliabilityResult:
     """Return the probability that the exact model's error keeps each specification, by several methods.
 
@@ -62,9 +67,10 @@ def reliability(
     error_model
         Chain, draws and sources.
     specifications
-        Limits of position, attitude or a component; see :func:`precision_pin.specification`.
-    poses
-        A pose (a name, joint values, or None for the model's first) or a list of such.
+        Limits of position, attitude or a component, one or a list, each as :func:`precision_pin.specification` makes it or
+        its text.
+    poses, q
+        A pose (a name, joint values, or None for the model's first) or a list of such; two names of one argument.
     seed, samples, confidence
         Of plain sampling; seed and confidence of the other methods too.
     findings
@@ -77,12 +83,14 @@ def reliability(
     InputError
         No specification, a wrong pose, seed, number of samples or confidence, or errors too large to compute with.
     """
-    if not specifications:
+    check_instance("error_model", error_model, ErrorModel, "as ErrorModel.load makes it")
+    listed = listed_specifications(specifications)
+    if not listed:
         raise InputError("no specification is given; state at least one, such as '0.5 mm @ 99.73 %'")
-    found, warnings = [], [str(finding) for finding in findings]
-    for pose in listed_poses(poses):
+    found, warnings = [], [str(finding) for finding in check_items("findings", findings, Finding)]
+    for pose in listed_poses(poses, q):
         analysis = monte_carlo(
-            error_model, pose, samples=samples, seed=seed, specifications=specifications, confidence=confidence,
+            error_model, pose, samples=samples, seed=seed, specifications=listed, confidence=confidence,
             findings=findings, progress=progress,
         )  # fmt: skip
         warnings += [line for line in analysis.warnings if line not in warnings]
@@ -90,7 +98,7 @@ def reliability(
         layout = kernel.compile_table(at)
         results = [
             _of_specification(at, layout, specification, counted, samples, seed, confidence)
-            for specification, counted in zip(specifications, analysis.summary.specifications, strict=True)
+            for specification, counted in zip(listed, analysis.summary.specifications, strict=True)
         ]
         found.append(PoseReliability(PoseHeading.of(error_model, pose, at), tuple(results)))
     return ReliabilityResult(

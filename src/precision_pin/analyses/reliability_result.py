@@ -14,6 +14,7 @@ from precision_pin.analyses.design_points import Form
 from precision_pin.analyses.estimates import Estimate, in_words
 from precision_pin.analyses.heading import Heading, PoseHeading
 from precision_pin.analyses.strata import Strata
+from precision_pin.arrays import fix_fields
 from precision_pin.errors import UnknownNameError
 from precision_pin.markup import Table, rendered
 from precision_pin.statistics import Specification, Verdict, judge
@@ -64,6 +65,9 @@ class LikelyFailure:
     parameters: Mapping[str, float]
     error: Array
     importance: Mapping[str, float]
+
+    def __post_init__(self) -> None:
+        fix_fields(self)
 
     def to_dict(self) -> dict[str, Any]:
         """Return the point as the JSON has it."""

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
+from precision_pin.arrays import fix_fields
 from precision_pin.laws import Circle, Disc, Empirical, Law, Rows, TwoPoint
 from precision_pin.laws.law import cumulative
 from precision_pin.space import Draw, Space
@@ -59,6 +60,9 @@ class Jump:
 
     row: int
     edges: Array
+
+    def __post_init__(self) -> None:
+        fix_fields(self)
 
     def pieces(self, normals: Array) -> NDArray[np.intp]:
         """Return between which edges each sample ``(d, N)`` lies, ``(N,)``."""
@@ -104,6 +108,9 @@ class Stratum:
     cuts: Mapping[str, tuple[Array, ...]] = field(default_factory=dict)
     combinations: tuple[tuple[int, ...], ...] = ((),)
     shares: Array = field(default_factory=lambda: np.ones(1))
+
+    def __post_init__(self) -> None:
+        fix_fields(self)
 
     @property
     def rare(self) -> tuple[str, ...]:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from precision_pin.analyses.design_points import Margin
 from precision_pin.analyses.estimates import LARGEST_VARIATION, Estimate, log_normal_interval, plain_estimate
+from precision_pin.arrays import fix_fields
 from precision_pin.statistics import clopper_pearson
 
 __all__ = ["REPLICATES", "Subset", "subset_simulation"]
@@ -46,6 +47,9 @@ class Subset:
     failures: Array
     counted: tuple[int, int]
     highest: float
+
+    def __post_init__(self) -> None:
+        fix_fields(self)
 
 
 def subset_simulation(margin: Margin, size: int, *, seed: int, samples: int, confidence: float) -> Subset:

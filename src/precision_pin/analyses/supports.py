@@ -16,6 +16,8 @@ from typing import Final, final
 import numpy as np
 from numpy.typing import NDArray
 
+from precision_pin.arguments import check_number
+from precision_pin.arrays import fix_fields
 from precision_pin.errors import InputError
 from precision_pin.laws import Circle, Disc, JointNormal, Law, Normal, Rows
 from precision_pin.space import Space
@@ -185,6 +187,9 @@ class Supports:
     bodies: tuple[Body, ...]
     cut: tuple[str, ...]
 
+    def __post_init__(self) -> None:
+        fix_fields(self)
+
     @classmethod
     def of(cls, space: Space, k: float) -> Supports:
         """Return the supports, laws that are not bounded cut at k standard deviations.
@@ -199,8 +204,7 @@ class Supports:
         InputError
             k is not positive and finite, or a law of several numbers is not bounded and of unknown form.
         """
-        if not (isinstance(k, int | float | np.number) and math.isfinite(k) and k > 0):
-            raise InputError(f"k, where unbounded laws are cut, must be positive and finite, got {k!r}")
+        k = check_number("k, where unbounded laws are cut,", k, "positive and finite", lambda value: value > 0)
         cut = tuple(draw.name for draw in space.draws if not _is_bounded(draw.law))
         groups = _normal_groups(space)
         grouped = {name for group in groups for name in group}

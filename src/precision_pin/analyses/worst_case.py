@@ -24,9 +24,11 @@ from precision_pin.analyses.worst_case_result import (
     PoseWorstCase,
     WorstCaseResult,
 )
+from precision_pin.arguments import check_instance, check_items
+from precision_pin.call_warnings import warns_at_end
 from precision_pin.errors import Finding
 from precision_pin.model import ErrorModel, PoseModel
-from precision_pin.run import Progress, monte_carlo
+from precision_pin.run import Progress, check_samples, monte_carlo
 from precision_pin.statistics import Distribution
 
 __all__ = ["farthest_error", "worst_case"]
@@ -45,17 +47,19 @@ _NUMBERS_AT_ONCE: Final = 2**22
 """Components of points that the exact model is evaluated at together, 8 bytes each."""
 
 
+@warns_at_end
 def worst_case(
     error_model: ErrorModel,
-    poses: Pose | Sequence[Pose] = None,
     /,
+    poses: Pose | Sequence[Pose] = None,
     *,
+    q: Pose | Sequence[Pose] = None,
     seed: int = 0,
     samples: int = 100_000,
     k: float = 3.0,
     confidence: float = 0.95,
     findings: Sequence[Finding] = (),
-    progress: Progress | None = None,
+    progress: Progress | bool | None = None,
 ) -> WorstCaseResult:
     """Bound the error of the first-order model over the supports of the draws, and search the exact model.
 
@@ -66,8 +70,8 @@ def worst_case(
     ----------
     error_model
         Chain, draws and sources.
-    poses
-        A pose (a name, joint values, or None for the model's first) or a list of such.
+    poses, q
+        A pose (a name, joint values, or None for the model's first) or a list of such; two names of one argument.
     seed, samples, confidence
         Of the samples of the exact model that are shown beside the bounds.
     k
@@ -82,9 +86,11 @@ def worst_case(
     InputError
         A wrong pose, seed, k or number of samples, an unbounded law that cannot be cut, or errors too large to compute.
     """
+    check_instance("error_model", error_model, ErrorModel, "as ErrorModel.load makes it")
+    check_samples(samples)
     supports = Supports.of(error_model.space, k)
-    chosen = listed_poses(poses)
-    results, warnings = [], [str(finding) for finding in findings]
+    chosen = listed_poses(poses, q)
+    results, warnings = [], [str(finding) for finding in check_items("findings", findings, Finding)]
     for q in chosen:
         result, found = _at_pose(error_model, q, supports, seed, samples, confidence, progress)
         results.append(result)
@@ -108,7 +114,7 @@ def _at_pose(
     seed: int,
     samples: int,
     confidence: float,
-    progress: Progress | None,
+    progress: Progress | bool | None,
 ) -> tuple[PoseWorstCase, tuple[str, ...]]:
     analysis = monte_carlo(
         error_model, q, samples=samples, seed=seed, confidence=confidence, keep_samples=samples <= MOST_KEPT,

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from precision_pin.analyses.farthest import Farthest
 from precision_pin.analyses.heading import Heading, PoseHeading
+from precision_pin.arrays import fix_fields
 from precision_pin.markup import Table, rendered
 from precision_pin.statistics import QUANTITIES, Distribution
 from precision_pin.tabular import MOST_POSES, data_frame, dataset, joint_text, milli, pose_labels, symbol, unit
@@ -96,6 +97,9 @@ class ExactMaximum:
     parameters: Mapping[str, float]
     starts: int
 
+    def __post_init__(self) -> None:
+        fix_fields(self)
+
 
 @final
 @dataclass(frozen=True, eq=False)
@@ -133,6 +137,9 @@ class NormBound:
     exact_norm: float
     found: ExactMaximum
     seen: Distribution
+
+    def __post_init__(self) -> None:
+        fix_fields(self)
 
     @property
     def exceeded(self) -> bool:
@@ -192,6 +199,9 @@ class PoseWorstCase:
     components: tuple[ComponentBound, ...]
     position: NormBound
     attitude: NormBound
+
+    def __post_init__(self) -> None:
+        fix_fields(self)
 
     def to_dict(self) -> dict[str, Any]:
         """Return the numbers, SI."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import re
 import shlex
+import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,7 +15,7 @@ import click
 
 from precision_pin.cli.notes import echo_note, quiet_option
 from precision_pin.cli.resources import require_resources
-from precision_pin.errors import Finding, InputError
+from precision_pin.errors import Finding, InputError, PrecisionPinWarning
 from precision_pin.examples import PAPER_SHEET, resolve_robot, shipped_sheet, similar_file, starting_sheet
 from precision_pin.input_files import noted_inputs
 
@@ -80,10 +81,15 @@ class Command(click.Command):
         return left
 
     def invoke(self, ctx: click.Context) -> Any:
-        """Run the command, if the libraries can be loaded; the doctor says what is wrong where they cannot."""
+        """Run the command, if the libraries can be loaded; the doctor says what is wrong where they cannot.
+
+        What the package warns of stands among the findings that the command prints itself.
+        """
         if self.name != "doctor":
             require_resources()
-        return super().invoke(ctx)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", PrecisionPinWarning)
+            return super().invoke(ctx)
 
 
 @final

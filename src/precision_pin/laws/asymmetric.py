@@ -13,8 +13,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from precision_pin import special
+from precision_pin.arguments import check_number, check_numbers
+from precision_pin.arrays import returns_read_only
 from precision_pin.errors import InputError
-from precision_pin.laws.law import FARTHEST_NORMAL, Array, Law, check_finite, check_size, in_chunks
+from precision_pin.laws.law import FARTHEST_NORMAL, Array, Law, in_chunks, take_number, take_rows, take_size
 
 __all__ = ["Empirical", "Lognormal", "TwoPoint"]
 
@@ -61,8 +63,8 @@ class Lognormal(Law):
     mean: float
 
     def __post_init__(self) -> None:
-        check_size("the standard deviation of a lognormal law", self.std)
-        check_size("the mean of a lognormal law", self.mean, zero=False)
+        take_size(self, "std", "the standard deviation of a lognormal law")
+        take_size(self, "mean", "the mean of a lognormal law", zero=False)
         if not self.std <= WIDEST_LOGNORMAL * self.mean:
             raise InputError(
                 f"the standard deviation of a lognormal law is at most {WIDEST_LOGNORMAL:g} times its mean, "
@@ -149,10 +151,12 @@ class TwoPoint(_BoundedLaw):
     probability: float = 0.5
 
     def __post_init__(self) -> None:
-        check_size("the half-width of a two-point law", self.half_width)
-        check_finite("the centre of a two-point law", self.centre)
-        if not 0 < self.probability < 1:
-            raise InputError(f"the probability of a two-point law lies above 0 and below 1, got {self.probability!r}")
+        take_size(self, "half_width", "the half-width of a two-point law")
+        take_number(self, "centre", "the centre of a two-point law")
+        probability = check_number(
+            "the probability of a two-point law", self.probability, "above 0 and below 1", lambda value: 0 < value < 1
+        )
+        object.__setattr__(self, "probability", probability)
 
     @property
     def ends(self) -> tuple[float, float]:
@@ -211,11 +215,10 @@ class Empirical(_BoundedLaw):
     quantiles: tuple[tuple[float, float], ...]
 
     def __post_init__(self) -> None:
+        take_rows(self, "quantiles", "the quantiles of an empirical law", 2)
         if len(self.quantiles) < 2:
             raise InputError("an empirical law needs at least two quantiles")
         p, x = self._knots
-        if not np.isfinite(p).all() or not np.isfinite(x).all():
-            raise InputError("an empirical law holds a number that is not finite")
         if p[0] != 0 or p[-1] != 1:
             raise InputError(
                 f"the quantiles of an empirical law go from probability 0 to 1, these from {p[0]:g} to {p[-1]:g}"
@@ -238,9 +241,12 @@ class Empirical(_BoundedLaw):
         InputError
             No sample, or one that is not finite.
         """
-        x = sorted(map(float, samples))
-        if not x or not all(map(math.isfinite, x)):
-            raise InputError("an empirical law needs at least one sample, all of them finite")
+        listed = list(samples) if isinstance(samples, Iterable) and not isinstance(samples, str | bytes) else samples
+        x = np.sort(
+            check_numbers("the samples of an empirical law", listed, (None,), "a list of finite numbers")
+        ).tolist()
+        if not x:
+            raise InputError("an empirical law needs at least one sample")
         inner = [((k + 0.5) / len(x), value) for k, value in enumerate(x)]
         return cls(((0.0, x[0]), *inner, (1.0, x[-1])))
 
@@ -254,13 +260,13 @@ class Empirical(_BoundedLaw):
         return count if np.array_equal(p[1:-1], (np.arange(count) + 0.5) / count) else None
 
     @cached_property
+    @returns_read_only
     def _knots(self) -> tuple[Array, Array]:
         table = np.array(self.quantiles, dtype=float)
-        if table.ndim != 2 or table.shape[1] != 2:
-            raise InputError("the quantiles of an empirical law are pairs of a probability and a value")
         return table[:, 0].copy(), table[:, 1].copy()
 
     @cached_property
+    @returns_read_only
     def segments(self) -> Array:
         """The straight lines ``(s, 4)``: the probability and value at which each begins, its slope, the value at its end."""
         p, x = self._knots

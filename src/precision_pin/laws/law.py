@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from typing import ClassVar, Final, Literal, final
@@ -11,9 +10,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from precision_pin import special
+from precision_pin.arguments import check_number, check_numbers, shown
 from precision_pin.errors import InputError
 
-__all__ = ["FARTHEST_NORMAL", "Array", "Law", "check_finite", "check_size", "cumulative", "in_chunks"]
+__all__ = ["FARTHEST_NORMAL", "Array", "Law", "cumulative", "in_chunks", "take_number", "take_rows", "take_size"]
 
 Array = NDArray[np.float64]
 
@@ -98,28 +98,49 @@ def cumulative(scores: Array) -> Array:
     return value
 
 
-def check_size(what: str, value: float, *, zero: bool = True) -> None:
-    """Refuse what is not a finite number of zero or more (above zero without ``zero``).
+def take_size(law: Law, field: str, what: str, *, zero: bool = True) -> None:
+    """Keep a field as a float; refuse what is not a finite number of zero or more (above zero without ``zero``).
 
     Raises
     ------
     InputError
         It is not.
     """
-    if not math.isfinite(value) or value < 0 or (value == 0 and not zero):
-        raise InputError(f"{what} must be {'zero or more' if zero else 'positive'} and finite, got {value!r}")
+    allowed = f"{'zero or more' if zero else 'positive'} and finite"
+    size = check_number(what, getattr(law, field), allowed, lambda value: value > 0 or (value == 0 and zero))
+    object.__setattr__(law, field, size)
 
 
-def check_finite(what: str, value: float) -> None:
-    """Refuse what is not a finite number.
+def take_number(law: Law, field: str, what: str) -> None:
+    """Keep a field as a float; refuse what is not a finite number.
 
     Raises
     ------
     InputError
         It is not.
     """
-    if not math.isfinite(value):
-        raise InputError(f"{what} must be finite, got {value!r}")
+    object.__setattr__(law, field, check_number(what, getattr(law, field)))
+
+
+def take_rows(law: Law, field: str, what: str, columns: int | None = None) -> Array:
+    """Keep a field as rows of floats, as tuples, and return it; refuse what is not finite numbers in rows of one length.
+
+    Raises
+    ------
+    InputError
+        It is not.
+    """
+    given = getattr(law, field)
+    if isinstance(given, list | tuple) and all(isinstance(row, list | tuple) for row in given):
+        for k, row in enumerate(given):
+            if len(row) != len(given[0]):
+                raise InputError(f"row {k + 1} of {what} has {len(row)} numbers, the first {len(given[0])}")
+    rows = "at least one row of " + ("finite numbers" if columns is None else f"{columns} finite numbers")
+    table = check_numbers(what, given, (None, columns), rows)
+    if not table.size:
+        raise InputError(f"{what} must be {rows}, got {shown(given)}")
+    object.__setattr__(law, field, tuple(map(tuple, table.tolist())))
+    return table
 
 
 def in_chunks(

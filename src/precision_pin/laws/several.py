@@ -11,8 +11,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from precision_pin import special
+from precision_pin.arguments import check_items, check_numbers, shown
+from precision_pin.arrays import returns_read_only
 from precision_pin.errors import InputError
-from precision_pin.laws.law import FARTHEST_NORMAL, Array, Law, check_size, in_chunks
+from precision_pin.laws.law import FARTHEST_NORMAL, Array, Law, in_chunks, take_rows, take_size
 from precision_pin.philox import direction
 
 __all__ = ["Circle", "Disc", "JointNormal", "Rows"]
@@ -51,7 +53,7 @@ class Disc(_PlaneLaw):
     radius: float
 
     def __post_init__(self) -> None:
-        check_size("the radius of a disc law", self.radius)
+        take_size(self, "radius", "the radius of a disc law")
 
     @property
     def covariance(self) -> Array:
@@ -79,7 +81,7 @@ class Circle(_PlaneLaw):
     radius: float
 
     def __post_init__(self) -> None:
-        check_size("the radius of a circle law", self.radius)
+        take_size(self, "radius", "the radius of a circle law")
 
     @property
     def covariance(self) -> Array:
@@ -120,14 +122,14 @@ class JointNormal(Law):
     centre: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
+        covariance = take_rows(self, "matrix", "the (square) covariance of a joint normal law")
         size = len(self.matrix)
-        if not size or any(len(row) != size for row in self.matrix):
+        if covariance.shape != (size, size):
             raise InputError("the covariance of a joint normal law must be square")
-        if self.centre and len(self.centre) != size:
-            raise InputError(f"the mean of a joint normal law has {len(self.centre)} numbers, expected {size}")
-        covariance = self.covariance
-        if not np.isfinite(covariance).all() or not np.isfinite(self.mean_vector).all():
-            raise InputError("the covariance and mean of a joint normal law must be finite")
+        centre = check_numbers("the mean of a joint normal law", self.centre, (None,), f"{size} finite numbers")
+        if centre.size not in (0, size):
+            raise InputError(f"the mean of a joint normal law has {centre.size} numbers, expected {size}")
+        object.__setattr__(self, "centre", tuple(centre.tolist()))
         scale = np.sqrt(np.maximum(np.diag(covariance), 0))
         slack = 1e-9 * np.outer(scale, scale)
         if (np.abs(covariance - covariance.T) > slack).any():
@@ -217,17 +219,14 @@ class Rows(Law):
     names: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        if not self.table or not self.table[0]:
-            raise InputError("a law of rows needs at least one row of at least one number")
-        for k, row in enumerate(self.table):
-            if len(row) != len(self.table[0]):
-                raise InputError(f"row {k + 1} of a law of rows has {len(row)} numbers, the first {len(self.table[0])}")
-        if not np.isfinite(self.array).all():
-            raise InputError("a law of rows holds a number that is not finite")
-        if self.names and (len(self.names) != self.size or len(set(self.names)) != self.size or not all(self.names)):
-            raise InputError(f"a law of rows of {self.size} numbers needs as many different names, got {self.names}")
+        take_rows(self, "table", "a law of rows")
+        names = check_items("the names of a law of rows", self.names, str)
+        if names and (len(names) != self.size or len(set(names)) != self.size or not all(names)):
+            raise InputError(f"a law of rows of {self.size} numbers needs as many different names, got {shown(names)}")
+        object.__setattr__(self, "names", names)
 
     @cached_property
+    @returns_read_only
     def array(self) -> Array:
         """The rows, ``(rows, size)``."""
         return np.array(self.table, dtype=float)

@@ -11,11 +11,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from precision_pin import special
-from precision_pin.errors import InputError
-from precision_pin.laws.law import FARTHEST_NORMAL, Array, Law, check_finite, check_size
+from precision_pin.arguments import check_number
+from precision_pin.laws.law import FARTHEST_NORMAL, Array, Law, take_number, take_size
 
 __all__ = ["Arcsine", "Fixed", "Normal", "Triangular", "TruncatedNormal", "Uniform"]
 
+_NOT_NEGATIVE: Final = "zero or more and finite"
 SMALLEST_K: Final = 1e-3
 """Smallest k of a truncated normal law; its samples are exact to 1e-16/k of its half-width."""
 
@@ -69,7 +70,7 @@ class Fixed(_ScalarLaw):
     mean: float
 
     def __post_init__(self) -> None:
-        check_finite("the value of a fixed law", self.mean)
+        take_number(self, "mean", "the value of a fixed law")
 
     @property
     def variance(self) -> float:
@@ -98,8 +99,8 @@ class Uniform(_ScalarLaw):
     mean: float = 0.0
 
     def __post_init__(self) -> None:
-        check_size("the half-width of a uniform law", self.half_width)
-        check_finite("the mean of a uniform law", self.mean)
+        take_size(self, "half_width", "the half-width of a uniform law")
+        take_number(self, "mean", "the mean of a uniform law")
 
     @property
     def variance(self) -> float:
@@ -129,8 +130,8 @@ class Triangular(_ScalarLaw):
     mean: float = 0.0
 
     def __post_init__(self) -> None:
-        check_size("the half-width of a triangular law", self.half_width)
-        check_finite("the mean of a triangular law", self.mean)
+        take_size(self, "half_width", "the half-width of a triangular law")
+        take_number(self, "mean", "the mean of a triangular law")
 
     @property
     def variance(self) -> float:
@@ -168,14 +169,14 @@ class Normal(_ScalarLaw):
     mean: float = 0.0
 
     def __post_init__(self) -> None:
-        check_size("the standard deviation of a normal law", self.std)
-        check_finite("the mean of a normal law", self.mean)
+        take_size(self, "std", "the standard deviation of a normal law")
+        take_number(self, "mean", "the mean of a normal law")
 
     @classmethod
     def from_half_width(cls, half_width: float, mean: float = 0.0, *, k: float = 3.0) -> Normal:
         """Return the law whose half-width is k standard deviations."""
-        check_size("k", k, zero=False)
-        return cls(half_width / k, mean)
+        half = check_number("the half-width of a normal law", half_width, _NOT_NEGATIVE, lambda value: value >= 0)
+        return cls(half / check_number("k", k, "positive and finite", lambda value: value > 0), mean)
 
     @property
     def variance(self) -> float:
@@ -211,13 +212,11 @@ class TruncatedNormal(_ScalarLaw):
     k: float = 3.0
 
     def __post_init__(self) -> None:
-        check_size("the standard deviation of a truncated normal law", self.std)
-        check_finite("the mean of a truncated normal law", self.mean)
-        if not SMALLEST_K <= self.k < math.inf:
-            raise InputError(
-                f"k of a truncated normal law must be finite and at least {SMALLEST_K}, got {self.k!r}; "
-                "cut off closer to its mean the law is uniform"
-            )
+        take_size(self, "std", "the standard deviation of a truncated normal law")
+        take_number(self, "mean", "the mean of a truncated normal law")
+        allowed = f"finite and at least {SMALLEST_K} (cut off closer to its mean the law is uniform)"
+        k = check_number("k of a truncated normal law", self.k, allowed, lambda value: value >= SMALLEST_K)
+        object.__setattr__(self, "k", k)
 
     @property
     def variance(self) -> float:
@@ -254,8 +253,8 @@ class Arcsine(_ScalarLaw):
     mean: float = 0.0
 
     def __post_init__(self) -> None:
-        check_size("the half-width of an arcsine law", self.half_width)
-        check_finite("the mean of an arcsine law", self.mean)
+        take_size(self, "half_width", "the half-width of an arcsine law")
+        take_number(self, "mean", "the mean of an arcsine law")
 
     @property
     def variance(self) -> float:

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from precision_pin import se3
+from precision_pin.arguments import check_choice, check_instance, check_numbers
 from precision_pin.errors import InputError
 from precision_pin.mcpc.parameters import Array, Mcpc, axial_motion, finite_array, tilt, tilt_angles
 
@@ -54,8 +55,8 @@ def parameter_errors(mcpc: Mcpc, displacements: ArrayLike, chart: Literal["compl
     InputError
         Wrong shape, a number that is not finite, a pose that is not rigid, an unknown chart.
     """
-    if chart not in ("complete", "offsets"):
-        raise InputError(f"mcpc chart: {chart!r} is not 'complete' or 'offsets'")
+    check_instance("mcpc", mcpc, Mcpc, "as mcpc.from_chain makes it")
+    check_choice("mcpc chart", chart, ("complete", "offsets"))
     n = mcpc.joint_count
     result = np.zeros(5 * n + 6)
     carried = np.eye(4)
@@ -95,7 +96,7 @@ def frame_displacements(mcpc: Mcpc, parameter_errors: ArrayLike) -> Array:
     InputError
         There are not 5n+6 finite numbers.
     """
-    n = mcpc.joint_count
+    n = check_instance("mcpc", mcpc, Mcpc, "as mcpc.from_chain makes it").joint_count
     errors = mcpc.checked_errors(parameter_errors)
     actual = mcpc.perturbed(errors)
     result = np.empty((n + 1, 4, 4))
@@ -109,10 +110,7 @@ def frame_displacements(mcpc: Mcpc, parameter_errors: ArrayLike) -> Array:
 def _poses(displacements: ArrayLike, count: int) -> Array:
     """Return the displacements as ``(count, 4, 4)`` rigid motions."""
     what = "mcpc displacements"
-    try:
-        given = np.asarray(displacements, dtype=float)
-    except (TypeError, ValueError):
-        raise InputError(f"{what}: not an array of numbers; needs ({count}, 6) or ({count}, 4, 4)") from None
+    given = check_numbers(what, displacements, needs=f"({count}, 6) or ({count}, 4, 4)")
     if given.shape == (count, 6):
         return np.array([se3.displacement(six) for six in finite_array(what, given, (count, 6))])
     if given.shape != (count, 4, 4):

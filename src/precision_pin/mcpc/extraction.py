@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from precision_pin import se3
+from precision_pin.arguments import check_instance, shown
 from precision_pin.errors import InputError
 from precision_pin.mcpc.parameters import Z_AXIS, Array, Mcpc, axial_motion, half_open, tilt, tilt_angles
 
@@ -68,6 +69,11 @@ def from_chain(chain: JointChain) -> Mcpc:
     chain
         Any chain of revolute and prismatic joints.
     """
+    for name in ("joint_names", "placements", "axes", "prismatic"):
+        if not hasattr(chain, name):
+            raise InputError(
+                f"chain must have joint_names, placements, axes and prismatic, as a Chain has, got {shown(chain)}"
+            )
     joints = len(chain.joint_names)
     placements = np.asarray(chain.placements, dtype=float)
     axes = np.vstack([np.asarray(chain.axes, dtype=float).reshape(joints, 3), Z_AXIS])
@@ -116,7 +122,7 @@ def joint_placements(mcpc: Mcpc) -> tuple[Array, Array]:
     Its joint frames are the MCPC frames (after their constant turn); its forward kinematics is
     ``mcpc.forward_kinematics``. To keep a robot's own joint frames use `to_placements`.
     """
-    n = mcpc.joint_count
+    n = check_instance("mcpc", mcpc, Mcpc, "as mcpc.from_chain makes it").joint_count
     placements = np.array([mcpc.link_pose(i) @ (mcpc.joint_pose(i + 1) if i < n else np.eye(4)) for i in range(n + 1)])
     placements[0] = axial_motion(mcpc.base_turn, 0.0) @ placements[0]
     return placements, np.tile(Z_AXIS, (n, 1))

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from precision_pin import se3
+from precision_pin.arguments import check_numbers
 from precision_pin.errors import InputError
 from precision_pin.markup import Table, rendered
 
@@ -337,15 +338,9 @@ class Mcpc:
 
 def finite_array(what: str, value: ArrayLike, shape: tuple[int, ...]) -> Array:
     """Return a read-only float copy of the given shape, or raise InputError naming ``what``."""
-    try:
-        array = np.array(value, dtype=float)
-    except (TypeError, ValueError):
-        raise InputError(f"{what}: not an array of numbers; needs shape {shape}") from None
+    array = check_numbers(what, value, needs=f"an array of shape {shape}")
     if array.shape != shape:
         raise InputError(f"{what}: shape {array.shape} is not {shape}")
-    if not np.isfinite(array).all():
-        raise InputError(f"{what}: every number must be finite")
-    array.flags.writeable = False
     return array
 
 

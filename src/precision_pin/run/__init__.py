@@ -8,13 +8,14 @@ stopped and went on.
 from precision_pin.run.blocks import MOST_SAMPLES, check_samples
 from precision_pin.run.cluster import dask_cluster
 from precision_pin.run.executors import Submitter, available_cores
-from precision_pin.run.pose import Progress, monte_carlo
+from precision_pin.run.pose import Progress, check_progress, monte_carlo
 
 __all__ = [
     "MOST_SAMPLES",
     "Progress",
     "Submitter",
     "available_cores",
+    "check_progress",
     "check_samples",
     "dask_cluster",
     "monte_carlo",

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from precision_pin import kernel
+from precision_pin.arguments import check_whole
 from precision_pin.errors import InputError
 from precision_pin.result import versions
 from precision_pin.statistics import Plan
@@ -30,8 +31,7 @@ def check_samples(samples: int) -> None:
     InputError
         It is not.
     """
-    if isinstance(samples, bool) or not isinstance(samples, int | np.integer) or not 1 <= samples <= MOST_SAMPLES:
-        raise InputError(f"the number of samples must be a whole number from 1 to {MOST_SAMPLES:.0e}, got {samples!r}")
+    check_whole("the number of samples", samples, 1, MOST_SAMPLES, f"from 1 to {MOST_SAMPLES:.0e}")
 
 
 @lru_cache(maxsize=1)

@@ -14,6 +14,7 @@ from multiprocessing.connection import Connection
 from queue import SimpleQueue
 from typing import Any, Final, Protocol, final
 
+from precision_pin.arguments import check_whole
 from precision_pin.errors import InputError, PrecisionPinError
 from precision_pin.kernel import Blocks
 from precision_pin.run.blocks import Work
@@ -269,10 +270,8 @@ def chosen(
     if len(asked) > 1:
         raise InputError(f"{' and '.join(asked)} exclude each other; give one of threads, processes and executor")
     for name, number in (("threads", threads), ("processes", processes), ("tasks_under_way", tasks_under_way)):
-        if number is not None and (
-            isinstance(number, bool) or not isinstance(number, int) or not 1 <= number <= MOST_WORKERS
-        ):
-            raise InputError(f"{name} must be a whole number from 1 to {MOST_WORKERS}, got {number!r}")
+        if number is not None:
+            check_whole(name, number, 1, MOST_WORKERS)
     if tasks_under_way is not None and executor is None:
         raise InputError("tasks_under_way goes with an executor")
     if processes is not None:

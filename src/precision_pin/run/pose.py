@@ -11,6 +11,16 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from precision_pin import kernel, progress_bar
+from precision_pin.arguments import (
+    check_callable,
+    check_flag,
+    check_instance,
+    check_items,
+    check_mapping,
+    check_path,
+    shown,
+)
+from precision_pin.call_warnings import add, warns_at_end
 from precision_pin.errors import Finding, InputError
 from precision_pin.memory import check_kept
 from precision_pin.model import ErrorModel, PoseModel
@@ -22,10 +32,10 @@ from precision_pin.run.journal import opened
 from precision_pin.run.planning import planned
 from precision_pin.run.sampling import Sampling
 from precision_pin.space import Scope, check_seed
+from precision_pin.specifications import Specifications, listed_specifications
 from precision_pin.statistics import (
     QUANTITIES,
     Plan,
-    Specification,
     State,
     Summary,
     check_confidence,
@@ -34,7 +44,7 @@ from precision_pin.statistics import (
 )
 from precision_pin.statistics.precision import Precision, Target, reached, target
 
-__all__ = ["Progress", "monte_carlo"]
+__all__ = ["Progress", "check_progress", "monte_carlo"]
 
 _LARGEST_SQUARE: Final = 1e75
 """Squares of errors beyond this are refused, m² or rad²: of fourth powers, which intervals rest on, there is no sum."""
@@ -48,16 +58,17 @@ Progress = Callable[[int], None]
 """Told how many samples have been added since it was last called."""
 
 
+@warns_at_end
 def monte_carlo(
     error_model: ErrorModel,
-    q: ArrayLike | Mapping[str, float] | str | None = None,
     /,
+    q: ArrayLike | Mapping[str, float] | str | None = None,
     *,
     samples: int = 100_000,
     seed: int = 0,
     model: Literal["exact", "linear"] = "exact",
-    specifications: Sequence[Specification] = (),
-    until: Sequence[str] = (),
+    specifications: Specifications = (),
+    until: str | Sequence[str] = (),
     keep_samples: bool = False,
     confidence: float = 0.95,
     findings: Sequence[Finding] = (),
@@ -74,7 +85,8 @@ def monte_carlo(
     """Sample the pose error at one pose (section 4 of Wei, Jia and Chen, 2015).
 
     The result has the same bits whatever computes it, and however often it is stopped and resumed, on machines of one
-    type.
+    type. What stretches an assumption, such as joint values outside their limits, stands in the result's ``warnings`` and is
+    told by Python's ``warnings`` too, as :class:`precision_pin.errors.PrecisionPinWarning`; ``findings`` are not told again.
 
     Parameters
     ----------
@@ -89,10 +101,11 @@ def monte_carlo(
     model
         ``"exact"`` multiplies the displaced chain out, ``"linear"`` superposes (eqs 12-17).
     specifications
-        Limits to count against.
+        Limits to count against: one or a list, each as :func:`precision_pin.specification` makes it or its text.
     until
-        How precise the result is to become, as ``"95 % to 0.01 mm"`` (see :func:`precision_pin.statistics.precision.target`):
-        sampling ends as soon as all of them are reached, looking after 1, 2, 4, 8 … blocks of 16,384 samples.
+        How precise the result is to become, one target or a list, as ``"95 % to 0.01 mm"`` (see
+        :func:`precision_pin.statistics.precision.target`): sampling ends as soon as all of them are reached, looking after 1,
+        2, 4, 8 … blocks of 16,384 samples.
     keep_samples
         Keep every error, ``(6, samples)``.
     confidence
@@ -130,10 +143,23 @@ def monte_carlo(
     OutputError
         The journal cannot be written.
     """
+    check_instance("error_model", error_model, ErrorModel, "as ErrorModel.load makes it")
     check_samples(samples)
     check_seed(seed)
     kernel.stage_of(model)
     check_confidence(confidence)
+    specifications = listed_specifications(specifications)
+    until = (until,) if isinstance(until, str) else check_items("until, targets,", until, str)
+    findings = check_items("findings", findings, Finding)
+    check_flag("keep_samples", keep_samples)
+    check_flag("resume", resume)
+    if journal is not None:
+        check_path("the journal", journal)
+    for name, path in check_mapping("files", {} if files is None else files).items():
+        check_path(f"{name} among the files", path)
+    check_progress(progress)
+    if tell is not None:
+        check_callable("tell", tell)
     if resume and journal is None:
         raise InputError("there is nothing to resume from without a journal")
     if keep_samples:
@@ -171,12 +197,13 @@ def monte_carlo(
     spread = np.sqrt(np.maximum(np.diag(at.covariance), 0.0))
     summary = finish(plan, sampling.state, confidence, spread=spread)
     precisions = [reached(wanted, summary) for wanted in targets]
-    warnings = (
-        *findings, *at.findings(model), *error_model.statics_findings(at),
+    found = (
+        *at.findings(model), *error_model.statics_findings(at),
         *_constant(summary, findings),
         *_coarse(summary),
         *(_missed(text, one, summary.samples) for text, one in zip(until, precisions, strict=True) if not one.reached),
     )  # fmt: skip
+    add(found)
     return Analysis(
         robot=os.path.basename(chain.robot.file),
         base=chain.base,
@@ -195,9 +222,21 @@ def monte_carlo(
         assumed=error_model.assumed,
         sources=len(error_model.sources),
         until=tuple(Until(text, one) for text, one in zip(until, precisions, strict=True)),
-        warnings=tuple(str(finding) for finding in warnings),
+        warnings=tuple(str(finding) for finding in (*findings, *found)),
         errors=sampling.errors,
     )
+
+
+def check_progress(progress: object) -> None:
+    """Refuse what is neither a function of a number of samples, nor true or false, nor left out.
+
+    Raises
+    ------
+    InputError
+        It is none of them.
+    """
+    if progress is not None and not isinstance(progress, bool) and not callable(progress):
+        raise InputError(f"progress must be a function, or True for a bar, got {shown(progress)}")
 
 
 def _enough(

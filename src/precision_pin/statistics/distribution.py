@@ -10,7 +10,9 @@ from typing import Final, final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from precision_pin.errors import InputError, UnknownNameError
+from precision_pin.arguments import check_number, check_numbers, check_whole
+from precision_pin.arrays import fix_fields
+from precision_pin.errors import UnknownNameError
 from precision_pin.statistics.digits import MOST_DIGITS, significant_digits
 from precision_pin.statistics.intervals import quantile_ranks, tolerance_ranks, upper_bound_rank
 from precision_pin.statistics.mode import Peak, smoothed_peak
@@ -39,6 +41,9 @@ class Histogram:
 
     edges: Array
     density: Array
+
+    def __post_init__(self) -> None:
+        fix_fields(self)
 
 
 @final
@@ -81,6 +86,9 @@ class Distribution:
     bin_upper: Array = field(repr=False)
     bin_cumulative: NDArray[np.int64] = field(repr=False)
     skewness: tuple[float, float] = field(default=(math.nan, math.nan), repr=False)
+
+    def __post_init__(self) -> None:
+        fix_fields(self)
 
     @property
     def is_norm(self) -> bool:
@@ -185,11 +193,11 @@ class Distribution:
 
     def cdf(self, value: float) -> float:
         """Return the share of samples at or below a value, interpolated inside its bin of the sketch."""
-        return float(self.cumulative(np.array([value]))[0])
+        return float(self.cumulative(np.array([check_number("value", value)]))[0])
 
     def cumulative(self, values: ArrayLike) -> Array:
         """Return `cdf` of an array of values."""
-        points = np.asarray(values, dtype=float)
+        points = check_numbers("values", values)
         # the interpolant stands at both ends of every occupied bin and is level between bins
         ends = np.stack((self.bin_lower, self.bin_upper), axis=1).ravel()
         counts = np.stack((self._before, self.bin_cumulative), axis=1).ravel()
@@ -201,7 +209,7 @@ class Distribution:
 
         A specification of the plan is counted exactly instead.
         """
-        if limit < 0:
+        if check_number("limit", limit) < 0:
             return 0.0
         return self.cdf(limit) - (self.cdf(-limit) if self.min < -limit else 0.0)
 
@@ -217,7 +225,9 @@ class Distribution:
         span = self.max - self.min
         if span == 0:
             return None
-        if bars is None:
+        if bars is not None:
+            check_whole("bars", bars, 1, 10**6)
+        else:
             fewest = 1 + math.ceil(math.log2(self.samples))
             width = 2 * (self._quantile(0.75) - self._quantile(0.25)) * self.samples ** (-1 / 3)
             advised = math.ceil(span / width) if width > span / _MOST_BARS else _MOST_BARS
@@ -412,6 +422,4 @@ def _listed(interval: tuple[float, float] | None) -> list[float] | None:
 
 
 def _level(p: float) -> float:
-    if not 0 < p < 1:
-        raise InputError(f"quantile of probability {p!r}; it must lie above 0 and below 1")
-    return p
+    return check_number("the probability of a quantile", p, "above 0 and below 1", lambda share: 0 < share < 1)

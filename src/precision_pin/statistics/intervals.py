@@ -12,7 +12,7 @@ from functools import lru_cache
 
 from scipy.special import bdtr, betainc, betaincinv
 
-from precision_pin.errors import InputError
+from precision_pin.arguments import check_number
 
 __all__ = [
     "check_confidence",
@@ -32,8 +32,7 @@ def check_confidence(confidence: float) -> None:
     InputError
         It does not.
     """
-    if not 0 < confidence < 1:
-        raise InputError(f"confidence {confidence!r}; it must lie above 0 and below 1")
+    check_number("confidence", confidence, "above 0 and below 1", lambda share: 0 < share < 1)
 
 
 @lru_cache(maxsize=1024)

@@ -27,6 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import stdtrit
 
+from precision_pin.arrays import fix_fields
 from precision_pin.statistics.skewed_means import studentised
 
 __all__ = ["Moments"]
@@ -70,6 +71,9 @@ class Moments:
     samples: int
     confidence: float
     skewness: tuple[float, float]
+
+    def __post_init__(self) -> None:
+        fix_fields(self)
 
     @property
     def mean_interval(self) -> Interval | None:

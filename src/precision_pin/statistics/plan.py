@@ -9,7 +9,8 @@ from typing import Final, final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from precision_pin.errors import InputError, InternalError, UnknownNameError
+from precision_pin.arguments import check_name, check_number
+from precision_pin.errors import InternalError
 
 __all__ = ["COMPONENTS", "NORMS", "QUANTITIES", "Plan", "Specification"]
 
@@ -74,15 +75,14 @@ class Specification:
     required: float
 
     def __post_init__(self) -> None:
-        if self.quantity not in QUANTITIES:
-            raise UnknownNameError("quantity", self.quantity, QUANTITIES)
-        if not (math.isfinite(self.limit) and self.limit > 0):
-            raise InputError(f"specification of {self.quantity}: limit {self.limit!r}; it must be above 0")
-        if not 0 < self.required < 1:
-            raise InputError(
-                f"specification of {self.quantity}: probability {self.required!r}; "
-                "it must lie above 0 % and below 100 %"
-            )
+        check_name("quantity", self.quantity, QUANTITIES)
+        what = f"specification of {self.quantity}:"
+        limit = check_number(f"{what} limit", self.limit, "above 0", lambda limit: limit > 0)
+        required = check_number(
+            f"{what} probability", self.required, "a share above 0 % and below 100 %", lambda share: 0 < share < 1
+        )
+        object.__setattr__(self, "limit", limit)
+        object.__setattr__(self, "required", required)
 
     @property
     def row(self) -> int:

@@ -20,6 +20,7 @@ from dataclasses import dataclass
 from typing import Final, final
 
 from precision_pin import units
+from precision_pin.arguments import check_text
 from precision_pin.errors import InputError, UnitError, UnknownNameError
 from precision_pin.statistics.distribution import Distribution
 from precision_pin.statistics.plan import QUANTITIES
@@ -137,7 +138,7 @@ def target(text: str) -> Target:
     UnknownNameError
         There is no such quantity.
     """
-    match = _FORM.fullmatch(text.strip())
+    match = _FORM.fullmatch(check_text("until, a target,", text, "95 % to 0.01 mm").strip())
     if match is None:
         raise InputError(f"target {text!r} is not understood; write it as {_EXAMPLES}")
     word, statistic, tolerance_text = match.groups()

@@ -12,7 +12,9 @@ from typing import Final, Literal, final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from precision_pin.errors import InternalError, UnknownNameError
+from precision_pin.arguments import check_name
+from precision_pin.arrays import fix_fields, returns_read_only
+from precision_pin.errors import InternalError
 from precision_pin.statistics.accumulate import State
 from precision_pin.statistics.distribution import Distribution
 from precision_pin.statistics.intervals import check_confidence, clopper_pearson
@@ -179,7 +181,11 @@ class Summary:
     largest_position: tuple[Extreme, ...]
     largest_attitude: tuple[Extreme, ...]
 
+    def __post_init__(self) -> None:
+        fix_fields(self)
+
     @cached_property
+    @returns_read_only
     def covariance_interval(self) -> Array | None:
         """Ends of the intervals of the covariances, ``(6, 6, 2)``, not-a-number where not resolved; None for one sample.
 
@@ -200,9 +206,7 @@ class Summary:
         UnknownNameError
             There is no such quantity.
         """
-        if quantity not in QUANTITIES:
-            raise UnknownNameError("quantity", quantity, QUANTITIES)
-        vector, part = quantity.split(".")
+        vector, part = check_name("quantity", quantity, QUANTITIES).split(".")
         found: Distribution = getattr(self.position if vector == "position" else self.attitude, part)
         return found
 

@@ -1,0 +1,55 @@
+"""Arrays that cannot be changed from outside: copies of what is handed in, read-only views of what is handed out."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from functools import wraps
+from typing import Any, Concatenate, ParamSpec, TypeVar, cast
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+__all__ = ["fix_copy", "fix_fields", "read_only", "returns_read_only"]
+
+Thing = TypeVar("Thing")
+Owner = TypeVar("Owner")
+Given = ParamSpec("Given")
+
+
+def read_only(value: Thing) -> Thing:
+    """Return a view of an array that cannot be written, of a tuple of such the same; anything else as it is."""
+    if isinstance(value, np.ndarray):
+        if value.flags.writeable:
+            view = value.view()
+            view.flags.writeable = False
+            return cast("Thing", view)
+        return value
+    if type(value) is tuple:
+        return cast("Thing", tuple([read_only(one) for one in cast("tuple[object, ...]", value)]))
+    return value
+
+
+def fix_copy(values: ArrayLike) -> NDArray[np.float64]:
+    """Return a copy as an array of numbers that cannot be written."""
+    copy = np.array(values, dtype=float, order="C")
+    copy.flags.writeable = False
+    return copy
+
+
+def returns_read_only(method: Callable[Concatenate[Owner, Given], Thing]) -> Callable[Concatenate[Owner, Given], Thing]:
+    """Make a method return arrays that cannot be written; stands inside ``cached_property``."""
+
+    @wraps(method)
+    def made(self: Owner, /, *arguments: Given.args, **options: Given.kwargs) -> Thing:
+        return read_only(method(self, *arguments, **options))
+
+    return made
+
+
+def fix_fields(instance: Any) -> None:
+    """Make the arrays in the fields of a frozen data class read-only, from its ``__post_init__``; they are not copied."""
+    for field in dataclasses.fields(instance):
+        value = getattr(instance, field.name)
+        if isinstance(value, np.ndarray | tuple):
+            object.__setattr__(instance, field.name, read_only(value))

@@ -1,0 +1,49 @@
+"""Warnings of public functions by Python's ``warnings``: each line once a call, however many functions take part in it.
+
+A function that users call is marked with :func:`warns_at_end`; whatever runs inside it adds findings with :func:`add`. The
+outermost call tells them when it is done, as :class:`~precision_pin.errors.PrecisionPinWarning` at the line of the caller.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Iterable
+from contextvars import ContextVar
+from functools import wraps
+from typing import Final, ParamSpec, TypeVar
+
+from precision_pin.errors import Finding, PrecisionPinWarning
+
+__all__ = ["add", "warns_at_end"]
+
+Given = ParamSpec("Given")
+Result = TypeVar("Result")
+
+_added: Final[ContextVar[list[str] | None]] = ContextVar("added", default=None)
+
+
+def add(findings: Iterable[Finding | str]) -> None:
+    """Have the call under way warn of findings; without one, nobody is told."""
+    lines = _added.get()
+    if lines is not None:
+        lines.extend(map(str, findings))
+
+
+def warns_at_end(function: Callable[Given, Result]) -> Callable[Given, Result]:
+    """Make a public function warn of what was found, unless it is part of another call, which then does."""
+
+    @wraps(function)
+    def called(*arguments: Given.args, **options: Given.kwargs) -> Result:
+        if _added.get() is not None:
+            return function(*arguments, **options)
+        lines: list[str] = []
+        before = _added.set(lines)
+        try:
+            result = function(*arguments, **options)
+        finally:
+            _added.reset(before)
+        for line in dict.fromkeys(lines):
+            warnings.warn(line, PrecisionPinWarning, stacklevel=2)
+        return result
+
+    return called

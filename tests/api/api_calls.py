@@ -1,0 +1,389 @@
+"""The public calls of the package with valid arguments, and what may be given in place of one by mistake."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+import numpy as np
+
+import precision_pin as pp
+from precision_pin.errors import PrecisionPinError
+from precision_pin.examples import PAPER_SHEET
+from precision_pin.statistics import Specification
+from precision_pin.terms import JointValue
+
+POSE = [0.1, 0.2, 0.3, 0.4]
+
+
+def anything(*arguments: Any, **options: Any) -> None:
+    """Take anything and give nothing."""
+
+
+class Strange:
+    """Knows nothing and can do nothing."""
+
+    def __repr__(self) -> str:
+        return "<Strange>"
+
+
+MISTAKES: dict[str, Any] = {
+    "nothing": None,
+    "true": True,
+    "minus one": -1,
+    "zero": 0,
+    "one half": 0.5,
+    "large": 10**400,
+    "nan": float("nan"),
+    "infinity": float("inf"),
+    "complex": 1j,
+    "word": "nonsense",
+    "digits": "3",
+    "empty text": "",
+    "bytes": b"3",
+    "empty list": [],
+    "empty tuple": (),
+    "empty mapping": {},
+    "list of words": ["nonsense", "x"],
+    "list of nothing": [None],
+    "ragged": [[1.0], [2.0, 3.0]],
+    "unknown key": {"nonsense": 1.0},
+    "set": {1.0},
+    "array of three axes": np.zeros((2, 3, 4)),
+    "array of nan": np.full(4, np.nan),
+    "array of text": np.array(["a", "b"]),
+    "array of objects": np.array([object(), object()]),
+    "strange": Strange(),
+    "type": int,
+    "function": anything,
+}
+"""What stands where something else belongs."""
+
+
+@dataclass(frozen=True)
+class Call:
+    """A public call with valid arguments.
+
+    ``fine`` names the mistakes that are none: by argument, those that have a documented meaning.
+    """
+
+    name: str
+    function: Callable[..., Any]
+    arguments: dict[str, Any]
+    fine: dict[str, str]
+    words: dict[str, str]
+
+    def run(self, **changed: Any) -> Any:
+        """Call with some arguments changed; returns what is made, an iterator's items too."""
+        given = {**self.arguments, **changed}
+        parameters = inspect.signature(self.function).parameters.values()
+        several = [entry.name for entry in parameters if entry.kind is entry.VAR_POSITIONAL]
+        first = [
+            given.pop(entry.name)
+            for entry in parameters
+            if entry.kind is entry.POSITIONAL_ONLY or (several and entry.kind is entry.POSITIONAL_OR_KEYWORD)
+        ]
+        for name in several:
+            given_last = given.pop(name)
+            first += given_last if isinstance(given_last, list | tuple) else [given_last]
+        made = self.function(*first, **given)
+        return list(made) if inspect.isgenerator(made) else made
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What became of a mistake."""
+
+    call: str
+    argument: str
+    mistake: str
+    kind: str
+    text: str
+
+
+def outcome(call: Call, argument: str, mistake: str) -> Outcome:
+    """Make a mistake and see."""
+    try:
+        made = call.run(**{argument: MISTAKES[mistake]})
+    except PrecisionPinError as error:
+        text = str(error)
+        word = call.words.get(argument, argument)
+        kind = "several lines" if "\n" in text else "refused" if named(word, text) else "not named"
+        return Outcome(call.name, argument, mistake, kind, text)
+    except Exception as error:  # noqa: BLE001 - that is what is looked for
+        return Outcome(call.name, argument, mistake, type(error).__name__, str(error))
+    fine = mistake in call.fine.get(argument, "").split(", ")
+    return Outcome(call.name, argument, mistake, "fine" if fine else "accepted", repr(made)[:100])
+
+
+def named(word: str, text: str) -> bool:
+    """Whether a message says of which argument it is."""
+    text = text.lower()
+    return any(
+        one.lower() in text
+        for choice in word.split("|")
+        for one in (choice, choice.replace("_", " "), choice.replace("_", "-"))
+    )
+
+
+WHOLE = ""
+NUMBER = "zero, one half, minus one"
+POSITIVE = "one half"
+NOT_NEGATIVE = "zero, one half"
+OPTIONAL = "nothing"
+FILE = "path|3|nonsense"
+POSE_FINE = "nothing"
+SEVERAL = "nothing, list of nothing"
+NO_SPECIFICATION = "empty list, empty tuple"
+
+
+@cache
+def model() -> pp.ErrorModel:
+    """Return the paper's arm."""
+    return pp.ErrorModel.load(PAPER_SHEET)
+
+
+def calls() -> Iterator[Call]:
+    """Yield every public call."""
+    arm = model()
+    chain, space = arm.chain, arm.space
+    at = arm.at()
+    x = space.sample(0, 0, 3)
+
+    def call(
+        label: str,
+        function: Callable[..., Any],
+        arguments: dict[str, Any],
+        words: dict[str, str] | None = None,
+        /,
+        **fine: str,
+    ) -> Call:
+        return Call(label, function, arguments, fine, words or {})
+
+    pose_words = {
+        "q": "joint|pose",
+        "poses": "pose|joint",
+        "error_model": "ErrorModel",
+        "specifications": "specification",
+    }
+    sampled = {"seed": 3, "samples": 64, "confidence": 0.9}
+    sampled_fine = {"seed": "zero", "samples": WHOLE, "confidence": POSITIVE}
+    yield call(
+        "monte_carlo",
+        pp.monte_carlo,
+        {
+            "error_model": arm, "q": POSE, **sampled, "model": "exact",
+            "specifications": [Specification("position.x", 1e-3, 0.9)],
+            "until": [], "keep_samples": False, "findings": [], "threads": 1, "processes": None, "executor": None,
+            "tasks_under_way": None, "journal": None, "resume": False, "files": {}, "progress": None, "tell": None,
+        },
+        pose_words | {"journal": "journal", "files": "file", "until": "until|target"},
+        q=POSE_FINE, **sampled_fine, specifications=NO_SPECIFICATION, until="empty list, empty tuple",
+        keep_samples="true", findings="empty list, empty tuple", threads=OPTIONAL, processes=OPTIONAL, executor=OPTIONAL,
+        tasks_under_way=OPTIONAL, journal="nothing, word, digits", resume=WHOLE, files="nothing, empty mapping",
+        progress="nothing, true, function, type", tell="nothing, function, type",
+    )  # fmt: skip
+    yield call(
+        "sample_poses",
+        pp.sample_poses,
+        {
+            "error_model": arm, "q": np.tile(np.array(POSE)[:, None], 2), **sampled, "model": "exact",
+            "specifications": [], "threads": 1, "progress": None,
+        },
+        pose_words | {"q": "pose|joint"},
+        **sampled_fine, specifications=NO_SPECIFICATION, threads=OPTIONAL, progress="nothing, true, function, type",
+    )  # fmt: skip
+    yield call(
+        "reliability",
+        pp.reliability,
+        {"error_model": arm, "specifications": "200 mm @ 99 %", "poses": POSE, "findings": [], "progress": None, **sampled},
+        pose_words,
+        poses=SEVERAL, **sampled_fine, findings="empty list, empty tuple", progress="nothing, true, function, type",
+    )  # fmt: skip
+    yield call(
+        "worst_case",
+        pp.worst_case,
+        {"error_model": arm, "poses": POSE, **sampled, "k": 3.0, "findings": [], "progress": None},
+        pose_words,
+        poses=SEVERAL, **sampled_fine, k=POSITIVE, findings="empty list, empty tuple", progress="nothing, true, function, type",
+    )  # fmt: skip
+    yield call(
+        "moments",
+        pp.moments,
+        {"error_model": arm, "poses": POSE, "seed": 1, "samples": 1024, "method": "plain", "confidence": 0.9, "progress": None},
+        pose_words,
+        poses=SEVERAL, **sampled_fine, progress="nothing, function, type",
+    )  # fmt: skip
+    yield call(
+        "budget",
+        pp.budget,
+        {"error_model": arm, "poses": POSE, "seed": 1, "samples": 1024, "confidence": 0.9, "bound_at": 3.0},
+        pose_words,
+        poses=SEVERAL, **sampled_fine, bound_at=POSITIVE,
+    )  # fmt: skip
+    yield call(
+        "exact_law",
+        pp.exact_law,
+        {"error_model": arm, "poses": POSE, "seed": 1, "samples": 100, "confidence": 0.9},
+        pose_words,
+        poses=SEVERAL, **sampled_fine,
+    )  # fmt: skip
+    yield call("specification", pp.specification, {"text": "0.5 mm @ 95 %"}, {"text": "specification"})
+    yield call(
+        "Specification", Specification, {"quantity": "position.x", "limit": 1e-3, "required": 0.9},
+        {"required": "probability"}, limit=POSITIVE, required=POSITIVE,
+    )  # fmt: skip
+    yield call("Chain.at", chain.at, {"q": POSE}, {"q": "joint"})
+    yield call("Chain.configuration", chain.configuration, {"q": POSE}, {"q": "joint"})
+    yield call("Chain.at_many", chain.at_many, {"q": np.zeros((4, 3))}, {"q": "joint"})
+    yield call("Chain.joint_index", chain.joint_index, {"name": "joint1"}, {"name": "joint"})
+    yield call("Chain.link_frame", chain.link_frame, {"name": chain.tip}, {"name": "link"})
+    yield call("Chain.frame_place", chain.frame_place, {"name": chain.tip}, {"name": "link"})
+    yield call(
+        "Chain.with_payload", chain.with_payload, {"mass": 1.0, "centre": [0.0, 0.0, 0.1], "at": chain.tip},
+        {"centre": "centre", "at": "link"}, mass=NOT_NEGATIVE, at=OPTIONAL,
+    )  # fmt: skip
+    urdf = chain.robot.file
+    yield call(
+        "Chain.from_urdf",
+        pp.Chain.from_urdf,
+        {"path": urdf, "tip": chain.tip, "base": chain.base, "gravity": [0, 0, -9.81], "locked": {}},
+        {"tip": "link", "base": "link", "locked": "lock", "path": FILE},
+        tip=OPTIONAL, base=OPTIONAL, locked="nothing, empty mapping",
+    )  # fmt: skip
+    yield call(
+        "Chain.from_robot",
+        pp.Chain.from_robot,
+        {"robot": chain.robot, "tip": chain.tip, "base": chain.base, "gravity": [0, 0, -9.81], "locked": {}},
+        {"tip": "link", "base": "link", "locked": "lock"},
+        tip=OPTIONAL, base=OPTIONAL, locked="nothing, empty mapping",
+    )  # fmt: skip
+    yield call(
+        "ErrorModel",
+        pp.ErrorModel,
+        {"chain": chain, "space": space, "sources": arm.sources, "poses": {"home": POSE}, "statics": "nominal"},
+        {"sources": "source", "poses": "pose|joint"},
+        sources="empty list, empty tuple", poses="nothing, empty mapping",
+    )  # fmt: skip
+    yield call("ErrorModel.load", pp.ErrorModel.load, {"path": PAPER_SHEET, "kinds": ()}, {"kinds": "kind", "path": FILE},
+               kinds="empty list, empty tuple")  # fmt: skip
+    yield call("ErrorModel.from_sheet", pp.ErrorModel.from_sheet, {"sheet": _sheet()})
+    yield call("ErrorModel.at", arm.at, {"q": POSE}, {"q": "joint|pose"}, q=POSE_FINE)
+    yield call("ErrorModel.configuration", arm.configuration, {"q": POSE}, {"q": "joint|pose"}, q=POSE_FINE)
+    yield call("ErrorModel.at_many", arm.at_many, {"q": np.zeros((4, 2))}, {"q": "joint|pose"})
+    yield call("PoseModel.linear", at.linear, {"x": x})
+    yield call("PoseModel.exact", at.exact, {"x": x})
+    yield call("Space", pp.Space, {"draws": (pp.Draw("a", pp.Uniform(1.0)), pp.Draw("b", pp.Uniform(1.0))),
+                                   "correlations": (pp.Correlation.pair("a", "b", 0.5),)},
+               {"draws": "draw|parameter", "correlations": "correlation"}, correlations="empty list, empty tuple")  # fmt: skip
+    yield call("Space.sample", space.sample, {"seed": 0, "first": 0, "count": 2, "pose": 0, "visit": 0}, None,
+               seed="zero", first="zero", count="zero", pose="zero", visit="zero")  # fmt: skip
+    yield call("Space.inverse", space.inverse, {"uniforms": np.full((space.size, 2), 0.5)})
+    yield call("Space.parameter", space.parameter, {"name": space.components[0]}, {"name": "parameter"})
+    yield call("Space.including", space.including, {"draws": [pp.Draw("new", pp.Uniform(1.0))]}, {"draws": "draw"},
+               draws="empty list, empty tuple")  # fmt: skip
+    yield call("Draw", pp.Draw, {"name": "a", "law": pp.Uniform(1.0), "scope": pp.Scope.UNIT},
+               name="word, digits, empty text")  # fmt: skip
+    yield call("Correlation", pp.Correlation, {"names": ("a", "b"), "matrix": ((1.0, 0.5), (0.5, 1.0))},
+               {"names": "correlation", "matrix": "correlation"}, names="list of words, array of text")  # fmt: skip
+    yield call("Correlation.pair", pp.Correlation.pair, {"first": "a", "second": "b", "correlation": 0.5},
+               {"first": "correlation", "second": "correlation"}, correlation="one half, zero",
+               first="word, digits, empty text", second="word, digits, empty text")  # fmt: skip
+    for law, arguments, fine in (
+        (pp.Fixed, {"mean": 1.0}, {"mean": NUMBER}),
+        (pp.Uniform, {"half_width": 1.0, "mean": 0.0}, {"half_width": NOT_NEGATIVE, "mean": NUMBER}),
+        (pp.Triangular, {"half_width": 1.0, "mean": 0.0}, {"half_width": NOT_NEGATIVE, "mean": NUMBER}),
+        (pp.Arcsine, {"half_width": 1.0, "mean": 0.0}, {"half_width": NOT_NEGATIVE, "mean": NUMBER}),
+        (pp.Normal, {"std": 1.0, "mean": 0.0}, {"std": NOT_NEGATIVE, "mean": NUMBER}),
+        (pp.Normal.from_half_width, {"half_width": 1.0, "mean": 0.0, "k": 3.0},
+         {"half_width": NOT_NEGATIVE, "mean": NUMBER, "k": POSITIVE}),
+        (pp.TruncatedNormal, {"std": 1.0, "mean": 0.0, "k": 3.0}, {"std": NOT_NEGATIVE, "mean": NUMBER, "k": POSITIVE}),
+        (pp.Lognormal, {"std": 0.5, "mean": 1.0}, {"std": NOT_NEGATIVE, "mean": POSITIVE}),
+        (pp.TwoPoint, {"half_width": 1.0, "centre": 0.0, "probability": 0.5},
+         {"half_width": NOT_NEGATIVE, "centre": NUMBER, "probability": POSITIVE}),
+        (pp.Circle, {"radius": 1.0}, {"radius": NOT_NEGATIVE}),
+        (pp.Disc, {"radius": 1.0}, {"radius": NOT_NEGATIVE}),
+        (pp.JointNormal, {"matrix": ((1.0, 0.0), (0.0, 1.0)), "centre": (0.0, 0.0)}, {"centre": "empty list, empty tuple"}),
+        (pp.Empirical, {"quantiles": ((0.0, 0.0), (1.0, 1.0))}, {}),
+        (pp.Empirical.from_samples, {"samples": [0.0, 1.0, 3.0]}, {"samples": "set"}),
+        (pp.Rows, {"table": ((0.0, 1.0), (1.0, 2.0)), "names": ("a", "b")},
+         {"names": "empty list, empty tuple, list of words, array of text"}),
+    ):  # fmt: skip
+        words = {
+            "std": "standard deviation", "matrix": "covariance", "centre": "mean" if law is pp.JointNormal else "centre",
+            "quantiles": "empirical", "samples": "sample", "table": "rows", "names": "names",
+            "mean": "fixed" if law is pp.Fixed else "mean",
+        }  # fmt: skip
+        yield call(law.__qualname__, law, arguments, words, **fine)
+    yield call("Term", pp.Term, {"target": JointValue(0), "twist": np.ones(1), "factors": (), "loaded": False},
+               {"target": "target", "factors": "factor"}, factors="empty list, empty tuple", loaded="true")  # fmt: skip
+    yield call("Term.of", pp.Term.of,
+               {"target": JointValue(0), "twist": [1.0], "values": [space.parameter("a1")], "loaded": False},
+               {"values": "factor"}, twist=NUMBER, values=f"{NUMBER}, empty list, empty tuple", loaded="true")  # fmt: skip
+    arm_mcpc = pp.mcpc.from_chain(chain)
+    yield call("mcpc.from_chain", pp.mcpc.from_chain, {"chain": chain})
+    yield call("mcpc.parameter_errors", pp.mcpc.parameter_errors,
+               {"mcpc": arm_mcpc, "displacements": np.zeros((5, 6)), "chart": "complete"})  # fmt: skip
+    yield call(
+        "mcpc.frame_displacements", pp.mcpc.frame_displacements, {"mcpc": arm_mcpc, "parameter_errors": np.zeros(26)}
+    )
+    yield call("mcpc.joint_placements", pp.mcpc.joint_placements, {"mcpc": arm_mcpc})
+    for name in ("forward_kinematics", "jacobian", "jacobian_base", "propagation"):
+        yield call(f"Mcpc.{name}", getattr(arm_mcpc, name), {"q": POSE}, {"q": "joint values"})
+    yield call("Mcpc.perturbed", arm_mcpc.perturbed, {"parameter_errors": np.zeros(26)})
+    poses = pp.sample_poses(arm, [next(iter(arm.poses)), POSE], samples=64)
+    yield call("PosesResult.between", poses.between, {"one": 0, "other": 1}, {"one": "pose", "other": "pose"},
+               one="zero", other="zero")  # fmt: skip
+    yield call("PosesResult.pose", poses.pose, {"name": "paper"}, {"name": "pose"})
+    analysis = pp.monte_carlo(arm, POSE, samples=1000)
+    norm = analysis.position.norm
+    for method in ("quantile", "quantile_interval", "quantile_error"):
+        yield call(f"Distribution.{method}", getattr(norm, method), {"p": 0.5}, {"p": "probability"}, p=POSITIVE)
+    yield call(
+        "Distribution.tolerance_bounds",
+        norm.tolerance_bounds,
+        {"content": 0.95},
+        {"content": "probability"},
+        content=POSITIVE,
+    )
+    yield call(
+        "Distribution.interval",
+        norm.interval,
+        {"statistic": "mean"},
+        {"statistic": "quantile|statistic"},
+        statistic=POSITIVE,
+    )
+    yield call(
+        "Distribution.half_width",
+        norm.half_width,
+        {"statistic": "mean"},
+        {"statistic": "quantile|statistic"},
+        statistic=POSITIVE,
+    )
+    yield call("Distribution.cdf", norm.cdf, {"value": 0.1}, {}, value=NUMBER)
+    yield call(
+        "Distribution.cumulative",
+        norm.cumulative,
+        {"values": [0.1]},
+        {},
+        values=f"{NUMBER}, empty list, empty tuple, array of three axes",
+    )
+    yield call("Distribution.probability_inside", norm.probability_inside, {"limit": 0.1}, {}, limit=NUMBER)
+    yield call("Distribution.histogram", norm.histogram, {"bars": 3}, {}, bars=OPTIONAL)
+    yield call("Summary.distribution", analysis.summary.distribution, {"quantity": "position.x"})
+    yield call("progress", _shown, {"total": 3, "what": "sampling", "delay": 0.7, "unit": "samples"}, {},
+               total="zero", what="word, digits, empty text", delay=NOT_NEGATIVE, unit="word, digits, empty text")  # fmt: skip
+
+
+def _sheet() -> Any:
+    from precision_pin.sheet import read
+
+    return read(PAPER_SHEET)
+
+
+def _shown(total: int, what: str, delay: float, unit: str) -> None:
+    with pp.progress(total, what, delay=delay, unit=unit) as advance:
+        advance(1)
