@@ -11,6 +11,7 @@ PACKAGE = Path(__file__).parent.parent / "src" / "precision_pin"
 
 FLOORS = (
     "errors",
+    "compile_ahead",
     "compiled",
     "markup",
     "progress_bar",
@@ -44,6 +45,7 @@ FLOORS = (
     "kernel_loops",
     "kernel_draws",
     "kernel_layout",
+    "kernel_parts",
     "kernel_joined",
     "kernel",
     "kernel_poses",
