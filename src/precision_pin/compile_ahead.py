@@ -29,6 +29,9 @@ Report = Callable[[float], None]
 MOST_WORKERS: Final = 3
 """The longest part takes a third of all."""
 
+PATIENCE: Final = 300.0
+"""Seconds to wait for an answer."""
+
 _TICK: Final = 0.1
 _PROGRAM: Final = (
     "import json, sys; sys.path[:] = json.loads(sys.argv[1]); "
@@ -53,7 +56,7 @@ class Job:
 
     module: str
     function: str
-    arguments: tuple[bool | str | None, ...]
+    arguments: tuple[bool | float | str | None, ...]
     weight: float
     last: bool = False
 
@@ -71,20 +74,17 @@ def shown_by(report: Callable[[], Any]) -> Iterator[None]:
 _shown: Final[list[Callable[[], Any]]] = []
 _served: Final[list[bool]] = []
 """Not empty in a process that others have asked: it starts none itself."""
-_one_at_a_time: Final = threading.Lock()
 
 
 def compile_jobs(jobs: Sequence[Job]) -> None:
     """Have jobs done by other processes, the longest first; return when they are, or cannot be."""
     if _served or not sys.executable or getattr(sys, "frozen", False):
         return
-    with _one_at_a_time:
-        show = _shown[-1] if _shown else None
-        if show is None:
-            _compile(jobs, lambda share: None)
-        else:
-            with show() as report:
-                _compile(jobs, report)
+    if _shown:
+        with _shown[-1]() as report:
+            _compile(jobs, report)
+    else:
+        _compile(jobs, lambda share: None)
 
 
 def _compile(jobs: Sequence[Job], report: Report) -> None:
@@ -93,7 +93,7 @@ def _compile(jobs: Sequence[Job], report: Report) -> None:
     try:
         crew.do(first)
         crew.do([job for job in jobs if job.last])
-    except OSError:  # no process can be started
+    except OSError:  # no process can be started, or what was started is none of ours
         return
     finally:
         crew.end()
@@ -114,8 +114,8 @@ class _Crew:
         self._workers: list[subprocess.Popen[str]] = []
         self._idle: list[subprocess.Popen[str]] = []
         self._answers: queue.SimpleQueue[tuple[subprocess.Popen[str], Job, bool]] = queue.SimpleQueue()
-        self._done = 0.0
-        self._began = time.monotonic()
+        self._done = self._told = 0.0
+        self._began = self._heard = time.monotonic()
 
     def do(self, jobs: Sequence[Job]) -> None:
         """Do jobs; those that fail are left undone.
@@ -124,6 +124,8 @@ class _Crew:
         ------
         OSError
             No process can be started.
+        TimeoutError
+            None has answered for `PATIENCE`.
         """
         waiting, running = list(jobs), dict[subprocess.Popen[str], tuple[Job, float]]()
         while waiting or running:
@@ -135,8 +137,11 @@ class _Crew:
             try:
                 worker, job, alive = self._answers.get(timeout=_TICK)
             except queue.Empty:
+                if time.monotonic() - self._heard > PATIENCE:
+                    raise TimeoutError from None
                 self._tell(running)
                 continue
+            self._heard = time.monotonic()
             del running[worker]
             self._done += job.weight
             if alive:
@@ -189,7 +194,8 @@ class _Crew:
         # seconds for a unit of weight on one of the processes; at first that of a common machine
         pace = (now - self._began) * self._size / self._done if self._done else 1.0
         likely = sum(job.weight * min((now - begun) / (pace * job.weight), 0.95) for job, begun in running.values())
-        self._report(min((self._done + likely) / self._weight, 1.0))
+        self._told = min(max(self._told, (self._done + likely) / self._weight), 1.0)
+        self._report(self._told)
 
 
 # in the other processes ----------------------------------------------------------------------------------------------

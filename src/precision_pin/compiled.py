@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import gc
 import pickle
+import threading
 from collections.abc import Callable, Hashable, Iterator
 from contextlib import contextmanager, suppress
 from functools import partial
@@ -110,10 +111,11 @@ def call(
         with np.errstate(all="ignore"):
             return function(*arguments)
     if (function, variant) not in _ready:
-        if ahead is not None and not is_kept(function, arguments):
-            ahead()
-        make_ready(function, arguments)
-        _ready.add((function, variant))
+        with _making_ready:
+            if ahead is not None and not is_kept(function, arguments):
+                ahead()
+            make_ready(function, arguments)
+            _ready.add((function, variant))
     return function(*arguments)
 
 
@@ -171,6 +173,8 @@ _TROUBLES: Final = (
 
 _ready: Final[set[tuple[Any, Hashable]]] = set()
 """The functions and variants that are compiled or loaded in this process."""
+
+_making_ready: Final = threading.Lock()
 
 _all_kept: Final[dict[Path, list[Any]]] = {}
 """What is kept on disk, by source file."""
