@@ -6,18 +6,35 @@ disk that fills while the code is saved. None of them may keep anything from bei
 
 from __future__ import annotations
 
+import gc
 import pickle
-from collections.abc import Callable
-from contextlib import suppress
-from functools import cache, partial
+import threading
+from collections.abc import Callable, Hashable, Iterator
+from contextlib import contextmanager, suppress
+from functools import partial
 from pathlib import Path
 from typing import Any, Final, TypeVar, cast
 
 import numba
 import numpy as np
+from numba.core.caching import NullCache
+from numba.core.errors import NumbaError
 from numba.core.registry import cpu_target
 
-__all__ = ["INTERPRETED", "apart", "call", "contracted", "is_kept", "kept", "plain", "within"]
+__all__ = [
+    "INTERPRETED",
+    "apart",
+    "call",
+    "can_keep",
+    "contracted",
+    "is_kept",
+    "kept",
+    "kept_part",
+    "kept_part_within",
+    "make_ready",
+    "plain",
+    "within",
+]
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
@@ -27,12 +44,17 @@ INTERPRETED: Final = bool(_configuration.DISABLE_JIT)
 
 # numba's types do not know all options; _nrt=False: references are not counted, which costs atomic operations at every
 # view of an array; hence no arrays can be made inside
-_njit: Any = partial(numba.njit, error_model="numpy", nogil=True, _nrt=False)
+_outermost: Any = partial(numba.njit, error_model="numpy", nogil=True, _nrt=False, no_cfunc_wrapper=True)
+# what Python never calls: the code that would take its arguments from Python takes a quarter of the time to compile
+_inner: Any = partial(_outermost, no_cpython_wrapper=True)
 
 
 def plain(function: Function) -> Function:
-    """Compile with plain IEEE arithmetic; a division by zero gives infinity, as in numpy. It makes no arrays."""
-    return cast("Function", _njit(no_cfunc_wrapper=True)(function))
+    """Compile with plain IEEE arithmetic; a division by zero gives infinity, as in numpy. It makes no arrays.
+
+    Like all but what is `kept`, only compiled code may call it.
+    """
+    return cast("Function", _inner()(function))
 
 
 def within(function: Function) -> Function:
@@ -40,56 +62,99 @@ def within(function: Function) -> Function:
 
     Numba hands this down: what such a function calls is compiled into it, too, unless it is `apart`.
     """
-    return cast("Function", _njit(no_cfunc_wrapper=True, forceinline=True)(function))
+    return cast("Function", _inner(forceinline=True)(function))
 
 
 def contracted(function: Function) -> Function:
     """Compile allowing fused multiply-add, and no other liberty: infinities and NaN stay what they are."""
-    return cast("Function", _njit(no_cfunc_wrapper=True, fastmath={"contract"})(function))
+    return cast("Function", _inner(fastmath={"contract"})(function))
 
 
 def apart(function: Function) -> Function:
     """Compile as `contracted`, but not into its callers: among theirs, its constants would find no registers."""
-    return cast("Function", _njit(no_cfunc_wrapper=True, forceinline=False, fastmath={"contract"})(function))
+    return cast("Function", _inner(forceinline=False, fastmath={"contract"})(function))
 
 
 def kept(function: Function) -> Function:
     """Compile an outermost function as `plain`, kept on disk; without a disk to keep it on, in every process."""
-    try:
-        return cast("Function", _njit(cache=True)(function))
-    except RuntimeError:  # neither the package nor the home can be written: numba refuses to cache
-        return plain(function)
+    return cast("Function", _kept(_outermost, function))
 
 
-def call(function: Any, arguments: tuple[Any, ...]) -> Any:
+def kept_part(function: Function) -> Function:
+    """Compile as `plain`, kept on disk by itself: several outermost functions share it, and other processes compile it."""
+    return cast("Function", _kept(_inner, function))
+
+
+def kept_part_within(function: Function) -> Function:
+    """Compile as `within`, kept on disk as a `kept_part`."""
+    return cast("Function", _kept(partial(_inner, forceinline=True), function))
+
+
+def call(
+    function: Any, arguments: tuple[Any, ...], variant: Hashable = None, ahead: Callable[[], None] | None = None
+) -> Any:
     """Return what an outermost function returns, compiled or loaded when first called.
 
-    A cache that cannot be used is deleted; if that does not help, the function is compiled for this process alone. All
-    of this happens before anything is computed, so that calling again is safe.
+    A cache that cannot be used is deleted; if that does not help, this process goes without one. All of this happens
+    before anything is computed.
+
+    Parameters
+    ----------
+    function, arguments
+        What to call.
+    variant
+        Tells apart arguments that are of different types to numba.
+    ahead
+        Is called before the function has to be compiled: compiles it, or parts of it, into the cache.
     """
     if INTERPRETED:
         with np.errstate(all="ignore"):
             return function(*arguments)
-    if function not in _alone:
-        for remedy in (_delete_cache, _alone.add):
-            try:
-                return function(*arguments)
-            except _TROUBLES:
-                remedy(function)
-    return _compiled_alone(function)(*arguments)
+    if (function, variant) not in _ready:
+        with _making_ready:
+            if ahead is not None and not is_kept(function, arguments):
+                ahead()
+            make_ready(function, arguments)
+            _ready.add((function, variant))
+    return function(*arguments)
 
 
-def is_kept(function: Any) -> bool:
-    """Return whether an outermost function is compiled, in this process or in numba's cache, as far as can be told."""
-    if INTERPRETED or function.signatures or function in _alone:
+def make_ready(function: Any, arguments: tuple[Any, ...]) -> None:
+    """Compile a function for arguments, or load it."""
+    types = _types_of(arguments)
+    for remedy in (_delete_cache, _forgo_cache, None):
+        try:
+            with _no_garbage_collection():
+                function.compile(types)
+            if types in function.overloads:
+                return
+            # two processes that save two variants at once may swap them: the code loaded is another's
+        except _TROUBLES:
+            if remedy is None:
+                raise
+        if remedy is not None:
+            remedy(_file_of(function))
+    raise RuntimeError(f"{function.py_func.__name__} cannot be compiled")
+
+
+def is_kept(function: Any, arguments: tuple[Any, ...]) -> bool:
+    """Return whether a function is compiled for arguments, in this process or in numba's cache, as far as can be told."""
+    if INTERPRETED:
+        return True
+    types = _types_of(arguments)
+    if types in function.overloads:
         return True
     try:
         # numba has no public way to ask; the index reads as empty if it is of another version or source
-        keys = function._cache._cache_file._load_index()
         processor = cpu_target.target_context.codegen().magic_tuple()
-        return any(processor in key for key in keys)
+        return any(key[:2] == (types, processor) for key in function._cache._cache_file._load_index())
     except _TROUBLES:
         return False
+
+
+def can_keep(function: Any) -> bool:
+    """Return whether there is a place on disk for a function."""
+    return not INTERPRETED and function.stats.cache_path is not None
 
 
 _TROUBLES: Final = (
@@ -102,21 +167,56 @@ _TROUBLES: Final = (
     ImportError,
     AttributeError,
     RuntimeError,
+    NumbaError,  # what becomes of the others where they befall a part
 )
 """What unpickling a damaged file, or reading or writing one, raises."""
 
-_alone: Final[set[Any]] = set()
-"""The functions of which no cache could be used in this process."""
+_ready: Final[set[tuple[Any, Hashable]]] = set()
+"""The functions and variants that are compiled or loaded in this process."""
+
+_making_ready: Final = threading.Lock()
+
+_all_kept: Final[dict[Path, list[Any]]] = {}
+"""What is kept on disk, by source file."""
 
 
-@cache
-def _compiled_alone(function: Any) -> Any:
-    return plain(function.py_func)
+def _kept(decorator: Any, function: Function) -> Any:
+    try:
+        compiled = decorator(cache=True)(function)
+    except RuntimeError:  # neither the package nor the home can be written: numba refuses to cache
+        return decorator()(function)
+    _all_kept.setdefault(_file_of(function), []).append(compiled)
+    return compiled
 
 
-def _delete_cache(function: Any) -> None:
-    if function.stats.cache_path is not None:
-        file = Path(function.py_func.__code__.co_filename).stem
-        for path in Path(function.stats.cache_path).glob(f"{file}.{function.py_func.__name__}-*"):
-            with suppress(OSError):
-                path.unlink()
+def _types_of(arguments: tuple[Any, ...]) -> tuple[Any, ...]:
+    return tuple(map(numba.typeof, arguments))
+
+
+@contextmanager
+def _no_garbage_collection() -> Iterator[None]:
+    """Let the collector rest: a compiler makes many objects and leaves few, among which it would look all the time."""
+    enabled = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if enabled:
+            gc.enable()
+
+
+def _file_of(function: Any) -> Path:
+    return Path(getattr(function, "py_func", function).__code__.co_filename)
+
+
+def _delete_cache(source: Path) -> None:
+    for function in _all_kept.get(source, ()):
+        if function.stats.cache_path is not None:
+            for path in Path(function.stats.cache_path).glob(f"{source.stem}.{function.py_func.__name__}-*"):
+                with suppress(OSError):
+                    path.unlink()
+
+
+def _forgo_cache(source: Path) -> None:
+    for function in _all_kept.get(source, ()):
+        function._cache = NullCache()

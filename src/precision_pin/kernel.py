@@ -14,7 +14,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final, Literal, final
+from functools import partial
+from typing import TYPE_CHECKING, Any, Final, Literal, final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -23,6 +24,7 @@ from precision_pin import kernel_loops
 from precision_pin.arguments import check_choice
 from precision_pin.compiled import call, is_kept
 from precision_pin.errors import InputError
+from precision_pin.kernel_draws import rare_laws
 from precision_pin.kernel_layout import CompiledTable, lay_out, lay_out_many
 from precision_pin.kernel_loops import (
     ANGLE,
@@ -40,8 +42,9 @@ from precision_pin.kernel_loops import (
     WIDE,
     Counting,
     Motions,
+    Wanted,
 )
-from precision_pin.parameters import Program
+from precision_pin.kernel_parts import compile_parts, empty_table
 from precision_pin.space import Space, check_seed
 from precision_pin.statistics import COLUMNS, LARGEST, Plan, State, largest_of, start
 
@@ -64,6 +67,7 @@ __all__ = [
     "room",
     "sample",
     "stage_of",
+    "variant_of",
     "warm_up",
     "workspace",
 ]
@@ -338,9 +342,10 @@ def accumulate(
     return found.added_to(start(plan) if state is None else state)
 
 
-def is_compiled() -> bool:
-    """Return whether the loops are compiled, in this process or in numba's cache, as far as can be told."""
-    return is_kept(kernel_loops.run)
+def is_compiled(rare: Wanted = None, linear: Wanted = None) -> bool:
+    """Return whether a variant of the loops is compiled, in this process or in numba's cache, as far as can be told."""
+    layout, stage = empty_table(rare), LINEAR if linear else EXACT
+    return is_kept(kernel_loops.run, _arguments(layout, stage, _ONE_UNIT))
 
 
 def stage_of(model: Model) -> int:
@@ -355,20 +360,20 @@ def stage_of(model: Model) -> int:
     return _STAGES[model]
 
 
-def warm_up() -> None:
-    """Compile the sampler, or load it from numba's cache; whatever samples first does so by itself."""
-    from precision_pin.table import TermTable
+def variant_of(space: Space, model: Model) -> tuple[Wanted, Wanted]:
+    """Return which variant of the loops samples a model of a space: with rare laws, of the linear model.
 
-    nothing = TermTable(
-        pose=np.eye(4),
-        targets=(),
-        frames=np.zeros((0, 4, 4)),
-        program=Program(0, (), (), ()),
-        target=np.zeros(0, dtype=np.intp),
-        twists=np.zeros((0, 6)),
-        factors=np.zeros((0, 3), dtype=np.intp),
-    )
-    _run(lay_out(nothing, Space()), EXACT, _Units(0, 0, 0, 1, 0, 0))
+    Raises
+    ------
+    InputError
+        There is no such model.
+    """
+    return rare_laws(space), True if stage_of(model) == LINEAR else None
+
+
+def warm_up(rare: Wanted = None, linear: Wanted = None) -> None:
+    """Compile a variant of the loops, or load it from numba's cache; whatever samples first does so by itself."""
+    _run(empty_table(rare), LINEAR if linear else EXACT, _ONE_UNIT)
 
 
 # inside --------------------------------------------------------------------------------------------------------------
@@ -387,6 +392,9 @@ class _Units:
     count: int
     pose: int
     visit: int
+
+
+_ONE_UNIT: Final = _Units(0, 0, 0, 1, 0, 0)
 
 
 def _check_units(first: int, count: int) -> int:
@@ -411,7 +419,20 @@ def workspace(rows: int) -> Array:
     return room[begin : begin + rows * STRIDE]
 
 
-def _run(
+def _run(layout: CompiledTable, stage: int, units: _Units, **given: Any) -> None:
+    """Run the compiled loops over samples, with what `_arguments` takes, and raise what stopped them."""
+    check_seed(units.seed)
+    arguments = _arguments(layout, stage, units, **given)
+    if not units.count:
+        return
+    linear: Wanted = True if stage == LINEAR else None
+    ahead = partial(compile_parts, layout.rare, linear, __name__)
+    reason, where = map(int, call(kernel_loops.run, arguments, (layout.rare, linear), ahead))
+    if reason:
+        raise InputError(f"sample {units.first + where}: {REASONS[reason]}")
+
+
+def _arguments(
     layout: CompiledTable,
     stage: int,
     units: _Units,
@@ -422,12 +443,8 @@ def _run(
     motions: Motions | None = None,
     plan: Plan | None = None,
     into: Blocks | None = None,
-) -> None:
-    """Run the compiled loops over samples and raise what stopped them."""
-    check_seed(units.seed)
-    words = layout.words(units.pose, units.visit)
-    if not units.count:
-        return
+) -> tuple[Any, ...]:
+    """Return what the compiled loops are called with."""
     centre, scale = (np.zeros(8), np.ones(8)) if plan is None else (plan.centre, plan.scale)
     specifications = () if plan is None else plan.specifications
     counting = Counting(
@@ -436,7 +453,7 @@ def _run(
         limit_rows=np.array([specification.row for specification in specifications], dtype=np.uint64),
         limits=np.array([specification.limit for specification in specifications], dtype=float),
     )
-    arguments = (
+    return (
         *room(),
         workspace(layout.rows),
         layout.draws,
@@ -444,8 +461,10 @@ def _run(
         layout.superposition,
         layout.motions if motions is None else motions,
         stage,
+        layout.rare,
+        True if stage == LINEAR else None,
         np.uint64(units.seed),
-        words,
+        layout.words(units.pose, units.visit),
         np.uint64(units.first),
         int(units.skip),
         int(units.count),
@@ -461,6 +480,3 @@ def _run(
         np.zeros((2, LARGEST)) if into is None else into.largest,
         np.zeros((2, LARGEST), dtype=np.int64) if into is None else into.largest_units,
     )
-    reason, where = map(int, call(kernel_loops.run, arguments))
-    if reason:
-        raise InputError(f"sample {units.first + where}: {REASONS[reason]}")

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import special
 
 from precision_pin.errors import InputError
-from precision_pin.kernel_loops import STRIDE, Draws
+from precision_pin.kernel_loops import STRIDE, Draws, Wanted
 from precision_pin.laws import (
     FARTHEST_NORMAL,
     Arcsine,
@@ -30,7 +31,21 @@ from precision_pin.laws import (
 )
 from precision_pin.space import Space
 
-__all__ = ["Interval", "drawn", "frozen", "frozen_offsets", "intervals", "lay_out_draws", "offset", "offsets"]
+__all__ = [
+    "COMMON_LAWS",
+    "Interval",
+    "drawn",
+    "frozen",
+    "frozen_offsets",
+    "intervals",
+    "lay_out_draws",
+    "offset",
+    "offsets",
+    "rare_laws",
+]
+
+COMMON_LAWS: Final = (Fixed, Uniform, Triangular, Normal, TruncatedNormal)
+"""Laws whose loops are always compiled; those of others, and of correlation, where they are wanted."""
 
 Array = NDArray[np.float64]
 Interval = tuple[float, float]
@@ -58,6 +73,12 @@ def frozen(values: ArrayLike, *shape: int) -> Array:
     array = np.array(values, dtype=float).reshape(shape or -1)
     array.flags.writeable = False
     return array
+
+
+def rare_laws(space: Space) -> Wanted:
+    """Return whether a space needs loops that are compiled where they are wanted only."""
+    common = all(isinstance(draw.law, COMMON_LAWS) for draw in space.draws) and not space.correlations
+    return None if common else True
 
 
 def drawn(law: Law, columns: slice) -> range:

@@ -21,8 +21,9 @@ from precision_pin.kernel_draws import (
     lay_out_draws,
     offset,
     offsets,
+    rare_laws,
 )
-from precision_pin.kernel_loops import FINE, NARROW, WIDE, Draws, Formulas, Motions, Superposition
+from precision_pin.kernel_loops import FINE, NARROW, WIDE, Draws, Formulas, Motions, Superposition, Wanted
 from precision_pin.parameters import Operator
 from precision_pin.space import Scope, Space, occasion
 
@@ -80,6 +81,11 @@ class CompiledTable:
         """The scope of each stream of ``draws``."""
         draws = zip(self.space.draws, self.space.slices, strict=True)
         return tuple(draw.scope for draw, columns in draws for _ in drawn(draw.law, columns))
+
+    @cached_property
+    def rare(self) -> Wanted:
+        """Whether the space needs loops that are compiled where they are wanted only."""
+        return rare_laws(self.space)
 
     def words(self, pose: int, visit: int) -> NDArray[np.uint64]:
         """Return the last counter word of every stream drawn, in the order of ``draws.streams``."""

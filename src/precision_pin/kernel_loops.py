@@ -20,14 +20,14 @@ same on machines of one type, and numbers within rounding on others.
 from __future__ import annotations
 
 import math
-from typing import Any, Final, NamedTuple
+from typing import Any, Final, Literal, NamedTuple
 
 import numba
 import numpy as np
 from numba.extending import intrinsic
 from numpy.typing import NDArray
 
-from precision_pin.compiled import INTERPRETED, apart, contracted, kept, plain, within
+from precision_pin.compiled import INTERPRETED, apart, contracted, kept, kept_part, kept_part_within, plain, within
 
 __all__ = [
     "ANGLE",
@@ -55,6 +55,7 @@ __all__ = [
     "Formulas",
     "Motions",
     "Superposition",
+    "Wanted",
     "run",
     "run_poses",
 ]
@@ -64,6 +65,8 @@ Offsets = NDArray[np.uint64]
 Bins = NDArray[np.uint32]
 Scalar = Any
 """A number inside compiled code: an offset (np.uint64), an index or a double."""
+Wanted = Literal[True] | None
+"""True, or None: to numba another type, for which what it stands for is left out and takes no time to compile."""
 
 TILE: Final = 128
 """Samples worked on together."""
@@ -410,7 +413,7 @@ def _after_two_rounds(products: Offsets, i: Scalar, same_0: Scalar, same_2: Scal
     return products[_TILE + i] ^ same_0, products[_PAIRS + i], products[i] ^ same_2, same_3
 
 
-@plain
+@kept_part
 def uniforms(
     w: Array, rows: Offsets, streams: Offsets, words: Offsets, seed: Scalar, first_pair: Scalar, products: Offsets
 ) -> None:
@@ -730,46 +733,48 @@ def joint_law(w: Array, row: Scalar, size: Scalar, root: Array) -> None:
             w[target + i] += mean
 
 
-@within
-def apply_laws(w: Array, draws: Draws) -> None:
-    """Turn the rows of uniform numbers into the components of the space."""
+@kept_part_within
+def apply_laws(w: Array, draws: Draws, rare: Wanted) -> None:
+    """Turn the rows of uniform numbers into the components of the space; rare laws where they are wanted."""
     normals(w, draws.normal_rows, draws.normal)
-    for k in range(draws.group_starts.size - 1):
-        correlate(w, draws.group_rows[draws.group_starts[k] : draws.group_starts[k + 1]], draws.group_roots[k])
-    for k in range(draws.cumulated_rows.size):
-        uniforms_again(w, draws.cumulated_rows[k])
+    if rare is not None:
+        for k in range(draws.group_starts.size - 1):
+            correlate(w, draws.group_rows[draws.group_starts[k] : draws.group_starts[k + 1]], draws.group_roots[k])
+        for k in range(draws.cumulated_rows.size):
+            uniforms_again(w, draws.cumulated_rows[k])
     for k in range(draws.uniform_rows.size):
         uniform_law(w, draws.uniform_rows[k], draws.uniform[k, 0], draws.uniform[k, 1])
     for k in range(draws.triangular_rows.size):
         triangular_law(w, draws.triangular_rows[k], draws.triangular[k, 0], draws.triangular[k, 1])
-    for k in range(draws.scaled_rows.size):
-        row = draws.scaled_rows[k]
-        mean, std = draws.scaled[k, 0], draws.scaled[k, 1]
-        for i in range(_TILE):
-            w[row + i] = mean + std * w[row + i]
     for k in range(draws.truncated_rows.size):
         law = draws.truncated[k]
         truncated_law(w, draws.truncated_rows[k], law[0], law[1], law[2], law[3], law[4])
-    for k in range(draws.disc_rows.size):
-        disc_law(w, draws.disc_rows[k], draws.disc[k])
-    for k in range(draws.circle_rows.size):
-        circle_law(w, draws.circle_rows[k], draws.circle[k])
-    for k in range(draws.joint_rows.size):
-        joint_law(w, draws.joint_rows[k], draws.joint_sizes[k], draws.joint_roots[k])
-    for k in range(draws.lognormal_rows.size):
-        law = draws.lognormal[k]
-        lognormal_law(w, draws.lognormal_rows[k], law[0], law[1], law[2])
-    for k in range(draws.arcsine_rows.size):
-        arcsine_law(w, draws.arcsine_rows[k], draws.arcsine[k, 0], draws.arcsine[k, 1])
-    for k in range(draws.two_point_rows.size):
-        law = draws.two_point[k]
-        two_point_law(w, draws.two_point_rows[k], law[0], law[1], law[2])
-    for k in range(draws.empirical_rows.size):
-        first, last = draws.empirical_starts[k], draws.empirical_starts[k + 1]
-        empirical_law(w, draws.empirical_rows[k], draws.empirical, first, last)
-    for k in range(draws.table_rows.size):
-        shape = draws.table_shapes[k]
-        table_law(w, draws.table_rows[k], shape[0], shape[1], shape[2], draws.table)
+    if rare is not None:
+        for k in range(draws.scaled_rows.size):
+            row = draws.scaled_rows[k]
+            mean, std = draws.scaled[k, 0], draws.scaled[k, 1]
+            for i in range(_TILE):
+                w[row + i] = mean + std * w[row + i]
+        for k in range(draws.disc_rows.size):
+            disc_law(w, draws.disc_rows[k], draws.disc[k])
+        for k in range(draws.circle_rows.size):
+            circle_law(w, draws.circle_rows[k], draws.circle[k])
+        for k in range(draws.joint_rows.size):
+            joint_law(w, draws.joint_rows[k], draws.joint_sizes[k], draws.joint_roots[k])
+        for k in range(draws.lognormal_rows.size):
+            law = draws.lognormal[k]
+            lognormal_law(w, draws.lognormal_rows[k], law[0], law[1], law[2])
+        for k in range(draws.arcsine_rows.size):
+            arcsine_law(w, draws.arcsine_rows[k], draws.arcsine[k, 0], draws.arcsine[k, 1])
+        for k in range(draws.two_point_rows.size):
+            law = draws.two_point[k]
+            two_point_law(w, draws.two_point_rows[k], law[0], law[1], law[2])
+        for k in range(draws.empirical_rows.size):
+            first, last = draws.empirical_starts[k], draws.empirical_starts[k + 1]
+            empirical_law(w, draws.empirical_rows[k], draws.empirical, first, last)
+        for k in range(draws.table_rows.size):
+            shape = draws.table_shapes[k]
+            table_law(w, draws.table_rows[k], shape[0], shape[1], shape[2], draws.table)
 
 
 # derived parameters and products -------------------------------------------------------------------------------------
@@ -784,7 +789,7 @@ def _multiply(w: Array, factors: Offsets, results: Offsets) -> None:
             w[result + i] = w[a + i] * w[b + i]
 
 
-@within
+@kept_part_within
 def _derive(w: Array, formulas: Formulas) -> Scalar:
     """Evaluate the operations and products; return how many results are not finite."""
     failures = 0
@@ -1061,7 +1066,7 @@ def _part(starts: Offsets, k: Scalar) -> Any:
     return starts[k + k], starts[k + k + _ONE], starts[k + k + _TWO]
 
 
-@within
+@kept_part_within
 def _displace(s: Array, w: Array, motions: Motions, skipped: Scalar, count: Scalar, sampled: bool) -> Scalar:
     """Compose all targets from the tip to the base; return the sample of which a target turns by π or more, or -1.
 
@@ -1120,7 +1125,7 @@ def _displace(s: Array, w: Array, motions: Motions, skipped: Scalar, count: Scal
     return -1
 
 
-@within
+@kept_part_within
 def _superpose(s: Array, w: Array, superposition: Superposition, pose: Scalar) -> None:
     """Write the linear model's six numbers where `_displace` leaves them."""
     shift_rows, shifts, turn_rows, turns, starts = superposition
@@ -1168,7 +1173,7 @@ def _not_finite(s: Array, skipped: Scalar, count: Scalar, sampled: bool) -> Scal
     return -1
 
 
-@plain
+@kept_part
 def _keep_largest(s: Array, count: Scalar, first: Scalar, largest: Array, units: NDArray[np.int64]) -> None:
     """Keep the largest norms, largest first, of equal ones the earlier unit's."""
     least_distance, least_angle = largest[0, LARGEST - 1], largest[1, LARGEST - 1]
@@ -1240,7 +1245,7 @@ def _measure_some(s: Array, centre: Array, count: Scalar) -> Scalar:
     return failures
 
 
-@plain
+@kept_part
 def _measure(s: Array, centre: Array, count: Scalar) -> Scalar:
     """Write the norms and all residuals; add these into their lanes, and let smallest and largest values take in the tile's.
 
@@ -1278,7 +1283,7 @@ def _measure(s: Array, centre: Array, count: Scalar) -> Scalar:
     return failures
 
 
-@plain
+@kept_part
 def _find_bins(s: Array, bins: Bins, held: Scalar, inverse_scale: Array) -> None:
     """Write in which bins of the sketch the residuals fall; there is room for `HELD` tiles, quantity by quantity.
 
@@ -1344,7 +1349,7 @@ def _count_inside(s: Array, count: Scalar, counting: Counting, inside: NDArray[n
         inside[k] += kept
 
 
-@plain
+@kept_part
 def _add_products(s: Array) -> None:
     """Add the products of the residuals' rows into their lanes: of two components each, then of each norm."""
     for begin in range(_ZERO, _TILE, _U(4 * LANES)):
@@ -1449,6 +1454,8 @@ def run(
     superposition: Superposition,
     motions: Motions,
     stage: Scalar,
+    rare: Wanted,
+    linear: Wanted,
     seed: Scalar,
     words: Offsets,
     first: Scalar,
@@ -1476,7 +1483,9 @@ def run(
     draws, formulas, superposition, motions
         The layout.
     stage
-        `DRAW`, `LINEAR` or `EXACT`.
+        `DRAW`, or any other.
+    rare, linear
+        Whether there are rare laws, and whether the model is the linear one.
     seed, words
         Key and, for each stream, the last counter word.
     first, skip, count
@@ -1511,7 +1520,7 @@ def run(
         skipped = skip if tile == 0 else 0
         if sampled:
             uniforms(w, draws.stream_rows, draws.streams, words, seed, (first >> _ONE) + _U(tile) * _PAIRS, products)
-            apply_laws(w, draws)
+            apply_laws(w, draws, rare)
         else:
             for k in range(components):
                 offset = _U(k * STRIDE)
@@ -1530,7 +1539,7 @@ def run(
             sample = _failed_formula(w, formulas, skipped, size, sampled)
             if sample >= 0:
                 return FORMULA, begin + sample
-        if stage == LINEAR:
+        if linear is not None:
             _superpose(s, w, superposition, _ZERO)
         else:
             sample = _displace(s, w, motions, skipped, size, sampled)
@@ -1584,7 +1593,8 @@ def run_poses(
     formulas: Formulas,
     superposition: Superposition,
     motions: Motions,
-    stage: Scalar,
+    rare: Wanted,
+    linear: Wanted,
     seed: Scalar,
     unit_words: Offsets,
     words: Offsets,
@@ -1619,8 +1629,8 @@ def run_poses(
         All poses' entries, one behind the other.
     motions
         All poses' entries, one behind the other; starts ``(P, 2 K + 1)``, arms ``(P, K, 3)``, series ``(P, K + 1)``.
-    stage
-        `LINEAR` or `EXACT`.
+    rare, linear
+        As in `run`.
     seed, first, count
         As in `run`.
     centre, inverse_scale
@@ -1637,6 +1647,8 @@ def run_poses(
     tuple
         Why the run stopped (0: it did not), at which pose and sample.
     """
+    # not the constants themselves, which numba takes for other types: it would compile what they are given to anew
+    nobody, sampled = np.int64(0), count > 0
     together = workspaces.shape[0]
     for t in range(together):
         w = workspaces[t]
@@ -1655,7 +1667,7 @@ def run_poses(
             w = workspaces[tile - begin]
             pair = (first >> _ONE) + _U(tile) * _PAIRS
             uniforms(w, unit_draws.stream_rows, unit_draws.streams, unit_words, seed, pair, products)
-            apply_laws(w, unit_draws)
+            apply_laws(w, unit_draws, rare)
             if _derive(w, unit_formulas):
                 size = TILE if count - tile * TILE > TILE else count - tile * TILE
                 sample = _failed_formula(w, unit_formulas, 0, size, True)
@@ -1680,15 +1692,15 @@ def run_poses(
                 if draws.stream_rows.size:
                     pair = (first >> _ONE) + _U(tile) * _PAIRS
                     uniforms(w, draws.stream_rows, draws.streams, words[pose], seed, pair, products)
-                    apply_laws(w, draws)
+                    apply_laws(w, draws, rare)
                 if _derive(w, formulas):
                     sample = _failed_formula(w, formulas, 0, size, True)
                     if sample >= 0:
                         return FORMULA, pose, tile * TILE + sample
-                if stage == LINEAR:
+                if linear is not None:
                     _superpose(s, w, superposition, _U(pose))
                 else:
-                    sample = _displace(s, w, at, 0, size, True)
+                    sample = _displace(s, w, at, nobody, size, sampled)
                     if sample >= 0:
                         return ANGLE, pose, tile * TILE + sample
                 for k in range(_U(LANE_DOUBLES)):

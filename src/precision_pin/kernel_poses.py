@@ -16,6 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Final, final
 
 import numpy as np
@@ -39,11 +40,14 @@ from precision_pin.kernel_joined import JoinedTables
 from precision_pin.kernel_loops import (
     HELD,
     LANE_DOUBLES,
+    LINEAR,
     NORM_COLUMNS,
     NORM_EXPONENTS,
     NORM_MANTISSA,
     SUMS,
+    Wanted,
 )
+from precision_pin.kernel_parts import compile_parts, empty_table
 from precision_pin.space import check_seed
 from precision_pin.statistics import COLUMNS, LARGEST, NORMS, Plan
 
@@ -53,6 +57,7 @@ __all__ = [
     "norm_edges",
     "observe_norms",
     "observe_poses",
+    "warm_up",
 ]
 
 Array = NDArray[np.float64]
@@ -174,6 +179,12 @@ def observe_norms(
     )
 
 
+def warm_up(rare: Wanted = None, linear: Wanted = None) -> None:
+    """Compile a variant of the loops over poses, or load it from numba's cache; what samples first does so by itself."""
+    plan = Plan(np.zeros(8), np.ones(8), ())
+    observe_norms([empty_table(rare)], [plan], "linear" if linear else "exact", 0, 0, 1, samples=1)
+
+
 # inside --------------------------------------------------------------------------------------------------------------
 
 
@@ -215,7 +226,7 @@ def _run(
 ) -> _Counts:
     """Run the compiled loops over the poses and raise what stopped them; keep no largest errors: the small sketch."""
     check_seed(units.seed)
-    stage = stage_of(model)
+    linear: Wanted = True if stage_of(model) == LINEAR else None
     joined = tables if isinstance(tables, JoinedTables) else JoinedTables.of(tables)
     poses = len(joined.layouts)
     if len(plans) != poses:
@@ -232,7 +243,7 @@ def _run(
         largest=np.full((poses, 2, largest), -np.inf),
         largest_units=np.full((poses, 2, largest), -1),
     )
-    rows = joined.layouts[0].rows
+    rows, variant = joined.layouts[0].rows, (joined.layouts[0].rare, linear)
     arguments = (
         *room(),
         workspace(rows * tiles).reshape(tiles, -1),
@@ -243,7 +254,7 @@ def _run(
         joined.formulas,
         joined.superposition,
         joined.motions,
-        stage,
+        *variant,
         np.uint64(units.seed),
         np.zeros(joined.unit_draws.streams.size, dtype=np.uint64),
         joined.words(units.first_pose, units.visit),
@@ -262,7 +273,8 @@ def _run(
         counts.largest,
         counts.largest_units,
     )
-    reason, pose, where = map(int, call(kernel_loops.run_poses, arguments))
+    ahead = partial(compile_parts, *variant, __name__)
+    reason, pose, where = map(int, call(kernel_loops.run_poses, arguments, variant, ahead))
     if reason:
         raise InputError(f"pose {units.first_pose + pose}, sample {units.first + where}: {REASONS[reason]}")
     return counts

@@ -6,11 +6,14 @@ import sys
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import Any
+from typing import Any, Final
 
 from precision_pin.arguments import check_number, check_text, check_whole
+from precision_pin.compile_ahead import shown_by
 
-__all__ = ["progress"]
+__all__ = ["COMPILING", "compilation", "progress"]
+
+COMPILING: Final = "compiling the sampler, once on this machine"
 
 
 @contextmanager
@@ -20,7 +23,8 @@ def progress(
     """Show a progress bar while the body of a ``with`` runs; yields what is told of every step.
 
     In a notebook it is a bar below the cell (text where ipywidgets is not installed), on a terminal a line on stderr,
-    elsewhere nothing. It goes when the body ends, also by an error or an interrupted kernel.
+    elsewhere nothing. It goes when the body ends, also by an error or an interrupted kernel. That the sampler is compiled,
+    once on a machine, is shown likewise.
 
     Parameters
     ----------
@@ -46,23 +50,35 @@ def progress(
     check_text("what, before a progress bar,", what)
     check_number("the delay of a progress bar", delay, "zero or more and finite", lambda seconds: seconds >= 0)
     check_text("the unit of a progress bar", unit)
-    # tqdm shows nothing where stderr is no terminal; a notebook's is none
-    in_kernel = type(sys.stderr).__module__.startswith("ipykernel")
-    with _tqdm(in_kernel)(
-        total=total,
-        desc=what,
-        unit=f" {unit}",
-        unit_scale=True,
-        delay=delay,
-        leave=False,
-        disable=False if in_kernel else None,
-        file=sys.stderr,
-    ) as bar:
+    with (
+        shown_by(compilation),
+        _bar(total=total, desc=what, unit=f" {unit}", unit_scale=True, delay=delay) as bar,
+    ):
 
         def advance(count: int) -> None:
             bar.update(count)
 
         yield advance
+
+
+@contextmanager
+def compilation() -> Iterator[Callable[[float], None]]:
+    """Show a bar as `progress` does while the sampler is compiled; yields what takes the share done, 0 to 1."""
+    with _bar(
+        total=1.0, desc=COMPILING, bar_format="{desc}: {percentage:3.0f}%|{bar:20}| {elapsed}<{remaining}"
+    ) as bar:
+
+        def show(share: float) -> None:
+            bar.n = max(bar.n, share)
+            bar.refresh()
+
+        yield show
+
+
+def _bar(**shape: Any) -> Any:
+    """Return tqdm's bar; it shows nothing where stderr is no terminal, but in a notebook, whose is none."""
+    in_kernel = type(sys.stderr).__module__.startswith("ipykernel")
+    return _tqdm(in_kernel)(leave=False, disable=False if in_kernel else None, file=sys.stderr, **shape)
 
 
 def _tqdm(in_kernel: bool) -> Any:

@@ -104,7 +104,7 @@ def test_ctrl_c_in_a_long_run(executable, folder, new_files, after):
     assert (process.returncode, out) == (130, "")
     # where the sampler had never run on this machine, that it is being compiled was said before
     assert re.fullmatch(r"(compiling the sampler[^\n]*\n)?interrupted\n", err)
-    assert taken < 5 or "compiling" in err  # an interrupt that the compiler swallows is heeded when it is done
+    assert taken < 5
     assert new_files() == set()
 
 
@@ -120,7 +120,7 @@ def test_ctrl_c_while_the_sampler_is_compiled(executable, folder, new_files, tmp
         assert process.stderr.readline().startswith("compiling the sampler")
         time.sleep(1.5)
         process.send_signal(signal.SIGINT)
-        out, err = process.communicate(timeout=60)
+        out, err = process.communicate(timeout=5)
     finally:
         process.kill()
     assert (process.returncode, out, err) == (130, "", "interrupted\n")

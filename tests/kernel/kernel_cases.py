@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import inspect
 from typing import Any
 
 import numpy as np
+from numba import njit
 from scipy.spatial.transform import Rotation
 
 from precision_pin.laws import Circle, Disc, Fixed, JointNormal, Law, Normal, Triangular, TruncatedNormal, Uniform
@@ -30,6 +32,17 @@ EVERY_LAW = Space(
         Draw("narrow", TruncatedNormal(1.0, 0.0, 0.2)),
     )
 )
+
+
+def from_python(function: Any) -> Any:
+    """Return a function of the compiled loops, which only compiled code may call, as Python calls it."""
+    return njit(error_model="numpy")(lambda *arguments: function(*arguments))
+
+
+def compiled_variants(function: Any) -> list[Any]:
+    """Return for which kinds of laws and models an outermost function is compiled: the types of those arguments."""
+    place = list(inspect.signature(function.py_func).parameters).index("rare")
+    return [signature[place : place + 2] for signature in function.signatures]
 
 
 def every_formula(space: Space) -> list[Expression]:

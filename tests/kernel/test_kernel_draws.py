@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy import special, stats
 
-from kernel.kernel_cases import COVARIANCE, EVERY_LAW, plain_table
+from kernel.kernel_cases import COVARIANCE, EVERY_LAW, from_python, plain_table
 from precision_pin import kernel
 from precision_pin import kernel_loops as loops
 from precision_pin.errors import InputError
@@ -34,12 +34,12 @@ def ulps(value: np.ndarray, expected: np.ndarray) -> float:
 def row_of(function, uniforms, *arguments, rows=1):
     """Apply a law's loop to given uniform numbers, a tile at a time: ``(rows, N)`` → ``(rows, N)``."""
     given = np.asarray(uniforms, dtype=float).reshape(rows, -1)
-    result = np.empty_like(given)
+    result, compiled = np.empty_like(given), from_python(function)
     for begin in range(0, given.shape[1], loops.TILE):
         part = given[:, begin : begin + loops.TILE]
         w = np.full(rows * loops.STRIDE, 0.5)
         w.reshape(rows, -1)[:, : part.shape[1]] = part
-        function(w, np.uint64(0), *arguments)
+        compiled(w, np.uint64(0), *arguments)
         result[:, begin : begin + loops.TILE] = w.reshape(rows, -1)[:, : part.shape[1]]
     return result
 
@@ -104,11 +104,11 @@ def test_logarithm_and_turned_are_within_two_units_in_the_last_place() -> None:
     u = np.concatenate(
         [np.random.default_rng(1).random(20_000), 2.0 ** -np.arange(1, 54), 1 - 2.0 ** -np.arange(2, 54)]
     )
-    assert ulps(np.array([loops.logarithm(x) for x in u]), np.log(u)) <= 2
+    assert ulps(np.array([*map(from_python(loops.logarithm), u)]), np.log(u)) <= 2
     quarters = np.concatenate([k / 4 * (1 + s * 2.0 ** -np.arange(8, 52)) for k in (1, 2, 3) for s in (1, -1)])
     eighths = np.concatenate([k / 8 * (1 + s * 2.0 ** -np.arange(8, 52)) for k in (1, 3, 5, 7) for s in (1, -1)])
     turns = np.concatenate([u, quarters, eighths, [0.0, 0.25, 0.5, 0.75, 1.0]])
-    sine, cosine = np.transpose([loops.turned(t, 1.0) for t in turns])
+    sine, cosine = np.transpose([*map(from_python(loops.turned), turns, np.ones(turns.size))])
     # the fractions of a turn beyond the nearest eighth are exact, and small enough for numpy's own rounding of 2πr
     eighth = np.rint(8 * turns)
     rest = 2 * math.pi * (turns - eighth / 8)
@@ -124,10 +124,10 @@ def test_logarithm_and_turned_are_within_two_units_in_the_last_place() -> None:
 
 def test_normal_scores_equal_scipy_far_into_the_tail() -> None:
     p = np.concatenate([np.linspace(1e-6, 0.5, 5001), np.geomspace(math.exp(-25), 0.5, 5001)])
-    scores = np.array([loops.normal_score(x) for x in p])
+    scores = np.array([*map(from_python(loops.normal_score), p)])
     np.testing.assert_allclose(scores, special.ndtri(p), rtol=3e-15, atol=1e-16)
     p = np.geomspace(1e-300, math.exp(-25), 5001)
-    scores = np.array([loops.far_normal_score(x) for x in p])
+    scores = np.array([*map(from_python(loops.far_normal_score), p)])
     np.testing.assert_allclose(scores, special.ndtri(p), rtol=3e-15)
 
 
@@ -177,7 +177,7 @@ def test_a_joint_normal_has_the_root_and_mean_of_its_covariance() -> None:
     w = np.zeros((3, loops.STRIDE))
     w[:, : loops.TILE] = z
     k = [draw.name for draw in EVERY_LAW.draws if draw.name in ("joint", "pair")].index("joint")
-    loops.joint_law(w.reshape(-1), np.uint64(0), np.uint64(3), LAYOUT.draws.joint_roots[k])
+    from_python(loops.joint_law)(w.reshape(-1), np.uint64(0), np.uint64(3), LAYOUT.draws.joint_roots[k])
     expected = np.array([[0.1], [0.2], [0.3]]) + np.linalg.cholesky(np.array(COVARIANCE)) @ z
     np.testing.assert_allclose(w[:, : loops.TILE], expected, rtol=0, atol=1e-14)
 

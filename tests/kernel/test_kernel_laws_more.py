@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from scipy import special, stats
 
-from kernel.kernel_cases import plain_table
+from kernel.kernel_cases import from_python, plain_table
 from precision_pin import kernel, laws
 from precision_pin import kernel_loops as loops
 from precision_pin.correlation import Correlation
@@ -192,21 +192,21 @@ def test_exponential_is_within_two_units_in_the_last_place() -> None:
     rng = np.random.default_rng(1)
     x = np.concatenate([rng.uniform(-690, 690, 20_000), rng.normal(size=20_000), [0.0, -1e-300, 1e-17]])
     x = np.concatenate([x, np.arange(-60, 61) * math.log(2) / 2, (np.arange(-60, 61) + 1e-9) * math.log(2) / 2])
-    assert ulps(np.array([loops.exponential(value) for value in x]), np.exp(x)) <= 2
-    assert loops.exponential(0.0) == 1.0
+    assert ulps(np.array([*map(from_python(loops.exponential), x)]), np.exp(x)) <= 2
+    assert from_python(loops.exponential)(0.0) == 1.0
 
 
 def test_cumulative_equals_scipy_far_into_the_tail() -> None:
     z = np.concatenate([np.linspace(-8.6, 8.6, 17_201), np.geomspace(1e-12, 8.6, 500), -np.geomspace(1e-12, 8.6, 500)])
-    seen = np.array([loops.cumulative(value) for value in z])
+    seen = np.array([*map(from_python(loops.cumulative), z)])
     # scipy squares a rounded number: 37 ulp of the exponent at the end
     np.testing.assert_allclose(seen, stats.norm.cdf(z), rtol=2e-14)
     lower = z[z < 0][::7]
     power = np.array([float((-(Decimal(value) ** 2) / 2).exp()) for value in lower])
     expected = special.erfcx(-lower / math.sqrt(2)) / 2 * power
-    np.testing.assert_allclose(np.array([loops.cumulative(value) for value in lower]), expected, rtol=1e-15)
+    np.testing.assert_allclose(np.array([*map(from_python(loops.cumulative), lower)]), expected, rtol=1e-15)
     assert ulps(seen[z > 0], laws.law.cumulative(z[z > 0])) <= 2
-    assert loops.cumulative(0.0) == pytest.approx(0.5, rel=2e-16)
+    assert from_python(loops.cumulative)(0.0) == pytest.approx(0.5, rel=2e-16)
 
 
 # a grid of uniform numbers of the form (2j + 1)/2⁵³, ends included, that is symmetric about one half
@@ -217,12 +217,12 @@ GRID = np.concatenate([GRID, 1 - GRID])
 
 def row_of(function, given, *arguments):
     """Apply a law's loop to given numbers, a tile at a time."""
-    result = np.empty_like(given)
+    result, compiled = np.empty_like(given), from_python(function)
     for begin in range(0, given.size, loops.TILE):
         part = given[begin : begin + loops.TILE]
         w = np.full(loops.STRIDE, 0.5)
         w[: part.size] = part
-        function(w, np.uint64(0), *arguments)
+        compiled(w, np.uint64(0), *arguments)
         result[begin : begin + loops.TILE] = w[: part.size]
     return result
 
@@ -257,7 +257,7 @@ def test_the_largest_uniform_number_chooses_the_last_row(count: int) -> None:
     table = np.arange(2.0 * count)
     w = np.zeros(2 * loops.STRIDE)
     w[:3] = 2.0**-53, 0.5, 1 - 2.0**-53
-    loops.table_law(w, np.uint64(0), np.uint64(2), np.uint64(count), np.uint64(0), table)
+    from_python(loops.table_law)(w, np.uint64(0), np.uint64(2), np.uint64(count), np.uint64(0), table)
     assert w[:3].tolist() == [0.0, 2.0 * (count // 2), 2.0 * (count - 1)]
     assert w[loops.STRIDE : loops.STRIDE + 3].tolist() == [1.0, 2.0 * (count // 2) + 1, 2.0 * count - 1]
 
@@ -269,6 +269,6 @@ def test_correlate_is_the_mixing_of_numpy() -> None:
     places = [4, 0, 5, 2]
     w[places, : loops.TILE] = n[list(group.order)]
     rows = np.array([place * loops.STRIDE for place in places], dtype=np.uint64)
-    loops.correlate(w.reshape(-1), rows, np.pad(group.root, ((0, 2), (0, 2))))
+    from_python(loops.correlate)(w.reshape(-1), rows, np.pad(group.root, ((0, 2), (0, 2))))
     np.testing.assert_array_equal(w[places, : loops.TILE], group.mix(n)[list(group.order)])
     assert (w[[1, 3]] == 0).all()

@@ -8,15 +8,31 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numba
 import numpy as np
 import pytest
 
 import precision_pin
-from kernel.kernel_cases import EVERY_LAW, random_table
-from precision_pin import kernel, kernel_loops
-from precision_pin.compiled import INTERPRETED
+from kernel.kernel_cases import EVERY_LAW, compiled_variants, plain_table, random_table
+from precision_pin import compiled, kernel, kernel_loops, kernel_parts, kernel_poses
+from precision_pin.compiled import INTERPRETED, kept
+from precision_pin.correlation import Correlation
+from precision_pin.laws import (
+    Arcsine,
+    Circle,
+    Disc,
+    JointNormal,
+    Law,
+    Lognormal,
+    Normal,
+    Triangular,
+    TruncatedNormal,
+    Uniform,
+)
+from precision_pin.space import Draw, Scope, Space
 from precision_pin.statistics import Plan, Specification
 
+MODELS: tuple[kernel.Model, ...] = ("exact", "linear")
 PACKAGE = Path(precision_pin.__file__).parent
 TESTS = Path(__file__).parents[1]
 
@@ -28,9 +44,9 @@ from kernel.kernel_cases import random_table
 from precision_pin import kernel
 at = random_table(4, targets=3, terms=9, shift=1e-3, turn=1e-3)
 layout = kernel.compile_table(at)
-before = kernel.is_compiled()
+before = kernel.is_compiled(layout.rare)
 errors = kernel.errors(layout, "exact", 1, 0, 20)
-assert kernel.is_compiled()
+assert kernel.is_compiled(layout.rare)
 print(before, np.abs(errors - at.exact(at.space.sample(1, 0, 20))).max() < 1e-12, errors.tobytes().hex())
 """
 
@@ -73,9 +89,64 @@ def test_one_compilation_serves_every_table() -> None:
         plan = Plan(np.zeros(8), np.ones(8), (Specification("position.x", 1.0, 0.5),))
         kernel.accumulate(layout, plan, "exact", np.int64(1), np.int64(0), np.uint8(1), samples=np.int32(20))
     kernel.warm_up()
-    if not INTERPRETED:
-        assert len(kernel_loops.run.signatures) == 1
     assert kernel.is_compiled()
+    if not INTERPRETED:
+        seen = compiled_variants(kernel_loops.run)
+        assert len(set(seen)) == len(seen) <= 4  # with and without rare laws, exact and linear
+
+
+@pytest.mark.skipif(INTERPRETED, reason="nothing is compiled")
+@pytest.mark.parametrize("name", kernel_parts.PARTS)
+def test_parts_compiled_ahead_are_those_that_the_loops_ask_for(name: str) -> None:
+    """A part of which the types differed would be compiled twice: ahead for nothing, then with the loops."""
+    for variant in ((None, None), (True, None), (None, True)):
+        kernel.warm_up(*variant)
+        kernel_poses.warm_up(*variant)
+    function = getattr(kernel_loops, name)
+    ahead = {tuple(map(numba.typeof, kernel_parts.part_arguments(name, rare))) for rare in (None, True)}
+    asked = {*function.overloads, *(key[0] for key in function._cache._cache_file._load_index())}
+    assert asked <= ahead
+
+
+def test_loops_with_rare_laws_give_the_same_bits_where_there_are_none() -> None:
+    space = Space((Draw("u", Uniform(0.1)), Draw("n", Normal(0.2)), Draw("t", Triangular(0.3), Scope.VISIT)))
+    at = plain_table(space, np.array([np.eye(4)] * 3), np.random.default_rng(1).normal(size=(3, 6)))
+    common, rare = kernel.compile_table(at), kernel.compile_table(at)
+    assert common.rare is None
+    rare.__dict__["rare"] = True
+    for model in MODELS:
+        np.testing.assert_array_equal(kernel.errors(common, model, 1, 0, 999), kernel.errors(rare, model, 1, 0, 999))
+
+
+@pytest.mark.parametrize("draw", [Disc(1.0), Circle(0.7), JointNormal(((1.0,),)), Lognormal(0.3, 1.0), Arcsine(0.1)])
+def test_laws_that_the_common_loops_do_not_draw_are_known_as_rare(draw: Law) -> None:
+    assert kernel.variant_of(Space((Draw("a", Normal(1.0)), Draw("b", draw))), "exact") == (True, None)
+
+
+def test_correlated_common_laws_are_rare() -> None:
+    draws = (Draw("a", Normal(1.0)), Draw("b", Uniform(1.0)), Draw("c", TruncatedNormal(1.0, 0.0, 2.0)))
+    assert kernel.variant_of(Space(draws), "linear") == (None, True)
+    assert kernel.variant_of(Space(draws, (Correlation.pair("a", "b", 0.5),)), "exact") == (True, None)
+
+
+@pytest.mark.skipif(INTERPRETED, reason="nothing is compiled")
+def test_code_of_another_variant_in_the_cache_is_not_taken(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Two processes that save two variants at once may leave an index that names the other's file."""
+
+    @kept
+    def double(x: float) -> float:
+        return 2 * x
+
+    def load_another(*_: object) -> None:
+        double.overloads["another"] = None
+
+    compiled.make_ready(double, (1.0,))
+    assert double.signatures == [(numba.float64,)]
+    double.overloads.clear()
+    with monkeypatch.context() as patched:
+        patched.setattr(double, "compile", load_another)
+        with pytest.raises(RuntimeError, match="cannot be compiled"):
+            compiled.make_ready(double, (1.0,))
 
 
 @pytest.mark.slow
@@ -84,9 +155,12 @@ def test_a_cache_is_used_and_a_damaged_one_replaced(tmp_path: Path) -> None:
     first = run(source, cache=cache)
     assert first[:2] == ["False", "True"]
     assert run(source, cache=cache) == ["True", *first[1:]]
-    for name in ("*.nbc", "*.nbi"):
-        (file,) = cache.rglob(f"kernel_loops.run-{name}")
+    for name in ("run-*.nbc", "run-*.nbi", "_displace-*.nbc", "uniforms-*.nbi"):
+        (file,) = cache.rglob(f"kernel_loops.{name}")
         file.write_bytes(file.read_bytes()[:20])
+        if not name.startswith("run"):
+            for outermost in cache.rglob("kernel_loops.run-*"):
+                outermost.unlink()  # so that the part is needed
         assert run(source, cache=cache)[1:] == first[1:]
     assert run(source, cache=cache) == ["True", *first[1:]]
 

@@ -98,7 +98,7 @@ def same(one: Any, other: Any) -> bool:
 
 def test_work_can_be_sent_and_is_not_compiled_anew_where_it_arrives() -> None:
     task = work(3, 2 * BLOCK)
-    kernel.warm_up()
+    in_one_go(task)
     before = len(kernel_loops.run.signatures)
     sent = pickle.loads(pickle.dumps(task))
     for field in fields(kernel.CompiledTable):

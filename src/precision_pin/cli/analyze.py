@@ -100,7 +100,7 @@ def command(
     sheet = read_sheet(arm["inputs"], arm["tip"], arm["base"], arm["package_dirs"], outputs)
     error_model = ErrorModel.from_sheet(sheet)
     where = chosen_pose(sheet, arm["pose"], arm["q"])
-    compile_sampler()
+    compile_sampler(error_model.space, model)
     with ExitStack() as stack:
         executor, under_way = (None, None) if dask is None else stack.enter_context(dask_cluster(dask))
         progress = stack.enter_context(progress_bar(samples, "sampling"))

@@ -37,7 +37,7 @@ def command(samples: int, quantities: tuple[str, ...], **shared: Unpack[Shared])
     check_points(samples)
     check_quantities(quantities)
     question = ask(shared, "budget")
-    compile_sampler()
+    compile_sampler(question.model.space)
     result = budget(question.model, question.poses, seed=shared["seed"], samples=samples)
     warnings = dict.fromkeys(line for pose in result.poses for line in pose.warnings)
     answer(

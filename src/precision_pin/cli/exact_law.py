@@ -7,6 +7,7 @@ from typing import Unpack
 import click
 
 from precision_pin.cli.common import Command
+from precision_pin.cli.progress import compile_sampler
 from precision_pin.cli.question import Shared, answer, ask, question_options
 
 __all__ = ["command"]
@@ -24,5 +25,6 @@ def command(samples: int, **shared: Unpack[Shared]) -> None:
     from precision_pin.outputs.exact_law_report import figure, table
 
     question = ask(shared, "exact-law")
+    compile_sampler(question.model.space)
     result = exact_law(question.model, question.poses, seed=shared["seed"], samples=samples)
     answer(shared, result, "exact-law", lambda: table(result), lambda pose: figure(result, pose))

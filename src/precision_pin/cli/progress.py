@@ -2,22 +2,34 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
+from typing import TYPE_CHECKING, Literal
 
 from precision_pin.cli.interrupts import raise_if_interrupted
 from precision_pin.cli.notes import echo_note, is_quiet
 
+if TYPE_CHECKING:
+    from precision_pin.space import Space
+
 __all__ = ["compile_sampler", "progress_bar"]
 
 
-def compile_sampler() -> None:
-    """Compile the sampler where that was never done on this machine, and say so."""
+def compile_sampler(space: Space, model: Literal["exact", "linear"] = "exact") -> None:
+    """Compile what samples a model where that was never done on this machine, and show how far that is."""
     from precision_pin import kernel
+    from precision_pin.compile_ahead import shown_by
+    from precision_pin.progress_bar import COMPILING, compilation
 
-    if not kernel.is_compiled():
-        echo_note("compiling the sampler, once on this machine: some 20 s")
-        kernel.warm_up()
+    variant = kernel.variant_of(space, model)
+    if kernel.is_compiled(*variant):
+        return
+    if not sys.stderr.isatty():
+        echo_note(f"{COMPILING}: some 8 s")
+    with nullcontext() if is_quiet() else shown_by(compilation):
+        kernel.warm_up(*variant)
+    raise_if_interrupted()
 
 
 @contextmanager

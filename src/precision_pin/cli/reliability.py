@@ -34,7 +34,7 @@ def command(specs: tuple[str, ...], samples: int, **shared: Unpack[Shared]) -> i
     specifications = [specification(text) for text in specs]
     question = ask(shared, "reliability")
     known = question.sheet.findings
-    compile_sampler()
+    compile_sampler(question.model.space)
     with progress_bar(samples * len(question.poses), "sampling") as progress:
         result = reliability(
             question.model,

@@ -64,10 +64,12 @@ def command(
     package_dirs = arm["package_dirs"]
     sheet = read_sheet(arm["inputs"], arm["tip"], arm["base"], package_dirs, target.outputs)
     where = chosen_pose(sheet, arm["pose"], arm["q"])
-    compile_sampler()
-
+    from precision_pin.model import ErrorModel
     from precision_pin.outputs.report import STEPS, collect, page
 
+    space = ErrorModel.from_sheet(sheet).space
+    compile_sampler(space)
+    compile_sampler(space, model)
     options: dict[str, tuple[str | None, ...]] = {"--pose": (arm["pose"],), "--q": (arm["q"],)}
     options |= {"--tip": (arm["tip"],), "--base": (arm["base"],)}
     options |= {"--package-dir": tuple(map(_name, package_dirs)), "--samples": (str(samples),), "--seed": (str(seed),)}

@@ -177,7 +177,7 @@ def _sampled(
     from precision_pin.outputs.view import Shown
 
     error_model = ErrorModel.from_sheet(sheet)
-    compile_sampler()
+    compile_sampler(error_model.space, model)
     shown = []
     findings: list[tuple[Finding, ...]] = []
     with progress_bar(samples * len(poses), "sampling") as progress:

@@ -29,7 +29,7 @@ def command(k: float, samples: int, **shared: Unpack[Shared]) -> None:
     check_samples(samples)
     question = ask(shared, "worst-case")
     known = question.sheet.findings
-    compile_sampler()
+    compile_sampler(question.model.space)
     with progress_bar(samples * len(question.poses), "sampling") as progress:
         result = worst_case(
             question.model,
