@@ -10,10 +10,12 @@ from precision_pin.errors import Finding, InputError
 from precision_pin.model import ErrorModel, PoseModel
 from precision_pin.statistics import NO_SPREAD
 
-__all__ = ["pose_findings"]
+__all__ = ["MOST_POSES", "pose_findings"]
 
 TRIED: Final = 64
 """Robots that are looked at for a spread."""
+MOST_POSES: Final = 200
+"""Poses of a sheet that are tried; of more the limits are looked at, which takes no time."""
 MOST_NUMBERS: Final = 500
 """Random numbers up to which first order is looked at too, for which every derivative is needed."""
 _LARGEST_SQUARE: Final = 1e75

@@ -179,6 +179,12 @@ class TestCheckAtPoses:
         assert "W_JOINT_LIMIT: pose 'reach': joint joint2 at 400 deg is outside its limits -180 to 180 deg" in line
         assert line.replace("pose 'reach': ", "") in run("analyze", "out.yaml", "--samples", "10").err
 
+    def test_limits_are_told_of_very_many_poses(self, run: Run, folder) -> None:
+        more = "".join(f"  p{k}: 0 0 {400 if k == 299 else 0} 0 deg\n" for k in range(300))
+        (folder / "many.yaml").write_text(HEAD + more + TURNS, "utf-8")
+        (line,) = run("check", "many.yaml").out.splitlines()
+        assert "pose 'p299': joint joint3 at 400 deg" in line
+
     def test_what_analyze_refuses_at_a_pose_is_an_error(self, run: Run, folder) -> None:
         soft = "sources:\n  - frame: {joint: joint2, rx: {uniform: 1 deg, mean: 200 deg}}\n"
         (folder / "soft.yaml").write_text(HEAD + soft, "utf-8")

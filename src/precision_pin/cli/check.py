@@ -70,16 +70,16 @@ def _findings(
 
 
 def _pose_findings(sheet: Sheet) -> tuple[Finding, ...]:
-    """Return what an analysis would warn of, or refuse, at each of the sheet's poses."""
+    """Return what an analysis would warn of, or refuse, at each of the sheet's poses; of very many poses the limits alone."""
     from precision_pin.model import ErrorModel
-    from precision_pin.pose_checks import pose_findings
+    from precision_pin.pose_checks import MOST_POSES, pose_findings
 
     model = ErrorModel.from_sheet(sheet)
     varies = not any(finding.code in ("W_NO_SOURCES", "W_NOTHING_VARIES") for finding in sheet.findings)
     return tuple(
         replace(finding, message=f"pose {name!r}: {finding.message}", file=finding.file or sheet.file)
-        for name in sheet.poses
-        for finding in pose_findings(model, name, spread=varies)
+        for rank, (name, q) in enumerate(sheet.poses.items())
+        for finding in (pose_findings(model, name, spread=varies) if rank < MOST_POSES else sheet.chain.at(q).findings)
     )
 
 
