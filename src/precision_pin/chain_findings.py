@@ -14,7 +14,7 @@ from precision_pin.urdf.findings import shown
 __all__ = ["chain_findings"]
 
 _ABOUT_ONE: Final = re.compile(r"""(?:the )?(link|joint) (?:name )?('(?:[^'\\]|\\.)*'|"(?:[^"\\]|\\.)*")""")
-"""A warning about one link or joint begins with it."""
+"""A warning about a link or joint begins with it, and so does an entry of one that lists several."""
 _OF_A_LOAD: Final = {"W_MASS_LARGE", "W_UNITS"}
 """Questions about a mass or a length; wherever it hangs on the arm, its weight bends it."""
 
@@ -64,8 +64,6 @@ def _named(what: str, name: str) -> str:
 
 
 def _subjects(finding: Finding) -> set[str]:
-    """Return the links and joints that a warning is about; none if it is about something else."""
-    if finding.subjects:
-        return set(finding.subjects)
-    one = _ABOUT_ONE.match(finding.message)
-    return {f"{one[1]} {one[2]}"} if one is not None else set()
+    """Return the links and joints that a warning is about; none if it is about something else too."""
+    named = [_ABOUT_ONE.match(text) for text in finding.subjects or (finding.message,)]
+    return {f"{one[1]} {one[2]}" for one in named if one is not None} if all(named) else set()

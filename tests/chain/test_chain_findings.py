@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
 import precision_pin as pp
 from precision_pin import urdf
 from precision_pin.chain import Chain
 from precision_pin.chain_findings import chain_findings
+from precision_pin.errors import Finding
 from precision_pin.examples import example_urdfs
 
 MOVING = '<joint name="{0}" type="revolute"><parent link="{1}"/><child link="{2}"/><axis xyz="0 0 1"/>{3}</joint>'
@@ -76,7 +79,30 @@ def test_a_weight_that_hangs_on_the_chain_stays_wherever_it_is():
     assert line.startswith("W_OFF_CHAIN: 3 warnings about links and joints off the chain (W_MASS_LARGE, 2 W_NEUTRAL)")
 
 
+def test_warnings_about_the_robot_itself_stay():
+    text = robot(many=2).replace(b'<link name="base"/>', b'<link name="base"/><odd/><link name="x"><odd/></link>', 1)
+    text = text.replace(
+        b'<joint name="wheel"', MOVING.format("spare", "base", "x", LIMIT).encode() + b'<joint name="wheel"'
+    )
+    shown = chain_findings(Chain.from_robot(urdf.parse(text, "r.urdf"), "forearm"))
+    assert [finding.message.partition(" is ignored")[0] for finding in shown[:-1]] == [
+        "unknown element <odd> in <robot>"
+    ]
+    assert "W_UNKNOWN_ELEMENT" in shown[-1].message
+
+
+@pytest.mark.parametrize("place", ["link 'forearm': <mass> value", "link 'forearm'", "joint 'elbow'"])
+def test_a_list_whose_entries_say_more_than_a_name_is_understood(place):
+    whole = urdf.parse(robot(many=2), "r.urdf")
+    on = Finding("warning", "W_X", "read as it stands (…)", "r.urdf", 1, (place, "link 'cart': <mass> value"))
+    off = Finding("warning", "W_Y", "read as it stands (…)", "r.urdf", 1, ("link 'cart': <mass> value",))
+    chain = Chain.from_robot(replace(whole, findings=(*whole.findings, on, off)), "forearm")
+    codes = [finding.code for finding in chain_findings(chain)]
+    assert codes == ["W_X", "W_OFF_CHAIN"]
+
+
 def test_one_warning_off_the_chain_is_given_as_it_is():
+    # the grip is on this chain, the wheel is not
     chain = Chain.from_robot(urdf.parse(robot(), "r.urdf"), "finger")
     assert [finding.message for finding in chain_findings(chain)] == [
         "joint 'grip': zero lies outside the limits 0.5 … 1",
