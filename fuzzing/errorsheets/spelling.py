@@ -24,8 +24,9 @@ def respelt(data: Any, generator: random.Random) -> tuple[Any, dict[str, str]]:
     """Return a sheet that says the same, and the new name of every parameter that has one."""
     names: dict[str, str] = {}
     if generator.random() < 0.5:
-        for name in data.get("parameters", {}):
-            names[name] = f"{generator.choice(['zz_', 'A', 'Ünit'])}{name}"
+        # names keep their order, by which sources of one label are told apart
+        prefix = generator.choice(["zz_", "A", "Ünit"])
+        names = {name: prefix + name for name in data.get("parameters", {})}
     return _respelt(data, generator, names, ()), names
 
 

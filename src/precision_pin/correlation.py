@@ -30,6 +30,12 @@ Array = NDArray[np.float64]
 LEAST_EIGENVALUE: Final = 1e-6
 """A matrix with a smaller eigenvalue is refused: numbers that always move together are one parameter."""
 
+MOST_TOGETHER: Final = 500
+"""The most parameters of one correlation."""
+
+_MOST_REPAIRED: Final = 40
+"""Up to so many, the entry is looked for that makes a matrix right when changed alone."""
+
 _REACH: Final = 9.0
 _RULES: Final = tuple(np.polynomial.legendre.leggauss(nodes) for nodes in (12, 4, 2))
 _SHORT: Final = (math.inf, 0.1, 0.01)
@@ -71,9 +77,14 @@ class Correlation:
         size = len(self.names)
         if size < 2:
             raise InputError("a correlation needs at least two parameters")
-        for a, b in itertools.combinations(self.names, 2):
-            if a == b:
-                raise InputError(f"the correlation names {a!r} twice")
+        if size > MOST_TOGETHER:
+            raise InputError(
+                f"a correlation of {size:,} parameters has a matrix of {size**2:,} numbers, each with an integral over both "
+                f"laws; at most {MOST_TOGETHER} can be correlated together"
+            )
+        if len(set(self.names)) < size:
+            twice = next(name for k, name in enumerate(self.names) if name in self.names[:k])
+            raise InputError(f"the correlation names {twice!r} twice")
         if len(self.matrix) != size or any(len(row) != size for row in self.matrix):
             shape = " and ".join(sorted({str(len(row)) for row in self.matrix}))
             raise InputError(
@@ -101,7 +112,8 @@ class Correlation:
         if values[0] >= LEAST_EIGENVALUE:
             return
         repairs = []
-        for i, j in itertools.combinations(range(len(matrix)), 2):
+        # each takes time with the cube of the size
+        for i, j in itertools.combinations(range(len(matrix)), 2) if len(matrix) <= _MOST_REPAIRED else ():
             allowed = _allowed(matrix, i, j)
             if allowed is not None and not allowed[0] < matrix[i, j] < allowed[1]:
                 change = min(abs(matrix[i, j] - end) for end in allowed)

@@ -12,7 +12,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from enum import Enum
 from functools import cached_property
-from typing import final
+from typing import Final, final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -32,6 +32,9 @@ Array = NDArray[np.float64]
 
 MOST_POSES = 2**20 - 1
 MOST_VISITS = 4095
+
+_UNCHECKED: Final = 2**28
+"""Bytes below which asking what is free takes longer than it is worth."""
 
 
 class Scope(Enum):
@@ -195,7 +198,7 @@ class Space:
     @cached_property
     def block_covariance(self) -> BlockCovariance:
         """Covariance of the components, in blocks of those that depend on one another."""
-        found = [draw.law.covariance for draw in self.draws]
+        found = [_covariance_of(draw) for draw in self.draws]
         variances = np.concatenate([np.zeros(0), *map(np.diag, found)])
         blocks = [
             (np.arange(columns.start, columns.stop), matrix)
@@ -305,6 +308,7 @@ class Space:
         count = check_whole("count", count, 0, 2**64 - first, "of units, the last of them 2^64 - 1 or below")
         check_whole("the pose", pose, 0, MOST_POSES - 1)
         check_whole("the visit", visit, 0, MOST_VISITS - 1)
+        self._check_sampled(count)
         units = philox.Units(seed, first, count)
         x = np.empty((self.size, count))
         for draw, rows in zip(self.draws, self.slices, strict=True):
@@ -332,12 +336,18 @@ class Space:
             raise InputError(f"uniforms of shape {u.shape}, expected ({self.size}, N)")
         if u.size and not (u.min() > 0 and u.max() < 1):
             raise InputError("uniforms must lie above 0 and below 1")
+        self._check_sampled(u.shape[1])
         x = np.empty_like(u)
         for draw, rows in zip(self.draws, self.slices, strict=True):
             x[rows] = draw.law.inverse(u[rows])
         for correlation in self.correlations:
             self._take(correlation, special.ndtri(u[[self.index[name] for name in correlation.names]]), x)
         return x
+
+    def _check_sampled(self, count: int) -> None:
+        needed = 24.0 * self.size * count  # the numbers, and what they are made from
+        if needed > _UNCHECKED:
+            check_memory(needed, f"sampling {self.size:,} numbers {count:,} times at once", "sample a part at a time")
 
     @cached_property
     def _correlated(self) -> dict[str, Draw]:
@@ -348,6 +358,16 @@ class Space:
         """Set the rows of correlated draws in ``x`` from independent normal numbers."""
         for name, scores in zip(correlation.names, correlation.mix(normals), strict=True):
             x[self.index[name]] = self._correlated[name].law.at_scores(scores[None])[0]
+
+
+def _covariance_of(draw: Draw) -> Array:
+    try:
+        matrix = draw.law.covariance
+    except (OverflowError, FloatingPointError):
+        matrix = np.array([[np.inf]])
+    if not np.isfinite(matrix).all():
+        raise InputError(f"the variance of {draw.name!r} is beyond any number; its tolerance is far too large")
+    return matrix
 
 
 def _take_names(draw: Draw, taken: set[str]) -> None:

@@ -26,7 +26,7 @@ from precision_pin.analyses.worst_case_result import (
 )
 from precision_pin.arguments import check_instance, check_items
 from precision_pin.call_warnings import warns_at_end
-from precision_pin.errors import Finding
+from precision_pin.errors import Finding, InputError
 from precision_pin.model import ErrorModel, PoseModel
 from precision_pin.run import Progress, check_samples, monte_carlo
 from precision_pin.statistics import Distribution
@@ -37,6 +37,9 @@ Array = NDArray[np.float64]
 
 MOST_KEPT: Final = 1_000_000
 """Up to so many samples the largest one is among the starting points of the search of the exact model."""
+
+MOST_NUMBERS: Final = 10_000
+"""Random numbers up to which the worst case is looked for, which takes time with their square."""
 
 _COMPONENTS: Final = tuple(f"{vector}.{axis}" for vector in ("position", "attitude") for axis in "xyz")
 _NORMS: Final = {"position.norm": slice(0, 3), "attitude.norm": slice(3, 6)}
@@ -88,6 +91,12 @@ def worst_case(
     """
     check_instance("error_model", error_model, ErrorModel, "as ErrorModel.load makes it")
     check_samples(samples)
+    size = error_model.space.size
+    if size > MOST_NUMBERS:
+        raise InputError(
+            f"a worst case of {size:,} random numbers takes {2 * size**2:.1g} numbers for each step of its search, since the "
+            f"model is evaluated for each of them; at most {MOST_NUMBERS:,} are allowed: merge draws"
+        )
     supports = Supports.of(error_model.space, k)
     chosen = listed_poses(poses, q)
     results, warnings = [], [str(finding) for finding in check_items("findings", findings, Finding)]

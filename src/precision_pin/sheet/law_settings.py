@@ -143,8 +143,8 @@ class LawReader:
                 ("correlation",), f"correlation must be {size} rows of {size} plain numbers: [[1, …], …]"
             )
         try:
-            matrix = np.array([[float(entry) for entry in row] for row in rows])
-        except (TypeError, ValueError):
+            matrix = np.array([[units.parse(entry, units.RATIO) for entry in row] for row in rows])
+        except (InputError, ValueError):  # no numbers, or rows that are not of one length
             raise SettingError(("correlation",), "correlation must be rows of plain numbers") from None
         if matrix.shape != (size, size) or not (np.diag(matrix) == 1).all() or not (matrix == matrix.T).all():
             raise SettingError(
