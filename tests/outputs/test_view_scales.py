@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -107,7 +109,9 @@ def test_triangles_that_do_not_hang_together_are_never_thinned_to_none(size):
     heap = Surface(corners.reshape(-1, 3), np.arange(60_000).reshape(-1, 3), None)
     same = Surface(np.tile([[0.0, 0, 0], [0.3, 0, 0], [0, 0.3, 0]], (20_000, 1)), heap.faces, None)
     for soup in (heap, same):
-        reduced, box = thinned([soup, Surface(np.eye(3), np.array([[0, 1, 2]]), None)], 1.0, most_faces=1000)
+        dust = Surface(1e-9 * np.eye(3), np.array([[0, 1, 2]]), None)
+        reduced, gone, box = thinned([soup, dust, replace(dust, vertices=np.eye(3))], 1.0, most_faces=1000)
+        assert len(gone.faces) == 0
         assert 200 < len(reduced.faces) <= 1000
         assert len(reduced.vertices) <= 3000
         assert reduced.faces.max() < len(reduced.vertices)

@@ -117,6 +117,7 @@ BAD: dict[str, tuple[str, bytes]] = {
     "view.gltf": ("view", json.dumps(gltf(bufferViews=[{"buffer": 0, "byteLength": 999}] * 2)).encode()),
     "buffer.gltf": ("claims 99", json.dumps(gltf(buffers=[{"byteLength": 99, "uri": "data:,"}])).encode()),
     "parents.gltf": ("two parents", json.dumps(gltf(nodes=PARENTS)).encode()),
+    "twins.gltf": ("two parents", json.dumps(gltf(nodes=[{"children": [1, 1]}, {"mesh": 0}])).encode()),
     "circle.gltf": ("circle", json.dumps(gltf(nodes=[{"children": [1]}, {"children": [0]}])).encode()),
     "deep.gltf": ("deep", b'{"a":' * 100_000 + b"1" + b"}" * 100_000),
     "list.gltf": ("not a glTF", b"[1]"),

@@ -153,8 +153,9 @@ def _check_nodes(tree: Mapping[str, Any], triangles: list[int]) -> None:
     for k, node in enumerate(nodes):
         total += triangles[_index(node["mesh"], triangles)] if "mesh" in node else 0
         for child in node.get("children", []):
-            if parents.setdefault(_index(child, nodes), k) != k or child == k:
+            if _index(child, nodes) in parents or child == k:
                 raise BrokenMeshError("holds a node with two parents")
+            parents[child] = k
     roots = {_index(root, nodes) for scene in tree.get("scenes", []) for root in scene.get("nodes", [])}
     if any(root in parents for root in roots) or _has_circle(parents):
         raise BrokenMeshError("holds nodes in a circle")

@@ -29,7 +29,7 @@ MOST_FACES: Final = 120_000
 # corners closer than this share of the arm's length are one; the share grows until all surfaces fit
 _FINEST: Final = 1e-5
 _GROWTH: Final = 2.0
-_MOST_TRIALS: Final = 8
+_MOST_TRIALS: Final = 6
 _ENOUGH: Final = 0.3
 _KEY_BITS: Final = 21
 
@@ -128,14 +128,14 @@ def thinned(surfaces: Sequence[Surface], length: float, most_faces: int = MOST_F
         The arm's length, m: cells are at least a hundred-thousandth of it.
     """
     finest = _FINEST * length
-    result = tuple(_joined(one, finest) for one in surfaces)
-    if _count(result) <= most_faces:
-        return result
+    whole = result = tuple(_joined(one, finest) for one in surfaces)
+    if _count(whole) <= most_faces:
+        return whole
     # a surface of area A in cells of size c has about 2 A / c² triangles
     fine, cell = finest, max(_GROWTH * finest, math.sqrt(sum(map(_area, result)) / most_faces))
     coarse: float | None = None
     for _ in range(_MOST_TRIALS):
-        trial = tuple(_joined(one, cell) for one in surfaces)
+        trial = tuple(_joined(one, cell) for one in whole)
         if _count(trial) > most_faces:
             fine, result = cell, trial
         elif _count(trial) >= _ENOUGH * most_faces:
@@ -163,6 +163,8 @@ def _area(surface: Surface) -> float:
 
 
 def _joined(surface: Surface, cell: float) -> Surface:
+    if not len(surface.faces):
+        return surface
     lowest = surface.vertices.min(axis=0)
     cell = max(cell, float(np.ptp(surface.vertices, axis=0).max()) / 2 ** (_KEY_BITS - 1))
     grid = np.floor((surface.vertices - lowest) / cell).astype(np.int64)
