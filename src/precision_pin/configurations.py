@@ -80,11 +80,11 @@ class Configurations:
 
     def outside(self, values: Array) -> NDArray[np.bool_]:
         """Return which joint values ``(n, P)`` lie outside their limits."""
-        low, high = self._limits
+        low, high = self.limits
         return (values < low[:, None]) | (values > high[:, None])
 
     @cached_property
-    def _limits(self) -> tuple[Array, Array]:
+    def limits(self) -> tuple[Array, Array]:
         """Lowest and highest value of each joint, infinite where it has no limits."""
         limits = [
             (-np.inf, np.inf)

@@ -344,6 +344,10 @@ class ErrorModel:
         """
         values, _ = self.configurations(q)
         add(limit_findings(self.chain, values))
+        return self.at_columns(values)
+
+    def at_columns(self, values: Array) -> Iterator[PoseModel]:
+        """Return the model at poses ``(n, P)`` as :meth:`configurations` reads them, one after another."""
         return (self._at(bare) for first in range(0, values.shape[1], _AT_ONCE) for bare in self._bare(values, first))
 
     def statics_findings(self, at: PoseModel) -> tuple[Finding, ...]:

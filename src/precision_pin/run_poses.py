@@ -178,7 +178,7 @@ def _poses(
 
 def _tasks(error_model: ErrorModel, values: Array, work: _Work) -> Iterator[tuple[_Group, int, int]]:
     """Yield each group of poses with the blocks to observe, laid out as they are asked for."""
-    models = error_model.at_many(values)
+    models = error_model.at_columns(values)
     first_pose = 0
     blocks = -(-work.samples // kernel.BLOCK)
     while together := list(islice(models, MOST_TOGETHER)):

@@ -300,12 +300,12 @@ def twisted(value):
     ("call", "message"),
     [
         (lambda arm: mcpc.parameter_errors(arm, np.zeros((4, 6))), r"shape \(4, 6\) is not \(5, 6\) or \(5, 4, 4\)"),
-        (lambda arm: mcpc.parameter_errors(arm, np.full((5, 6), np.nan)), "every number must be finite"),
-        (lambda arm: mcpc.parameter_errors(arm, [["x"] * 6] * 5), "not an array of numbers"),
+        (lambda arm: mcpc.parameter_errors(arm, np.full((5, 6), np.nan)), "mcpc displacements must be finite"),
+        (lambda arm: mcpc.parameter_errors(arm, [["x"] * 6] * 5), "mcpc displacements must be numbers"),
         (lambda arm: mcpc.parameter_errors(arm, twisted(1e-6)), "number 3 is not a rigid motion"),
-        (lambda arm: mcpc.parameter_errors(arm, twisted(np.inf)), "every number must be finite"),
+        (lambda arm: mcpc.parameter_errors(arm, twisted(np.inf)), "mcpc displacements must be finite"),
         (lambda arm: mcpc.parameter_errors(arm, [np.diag([1, 1, -1, 1])] * 5), "number 0 is not a rigid motion"),
-        (lambda arm: mcpc.parameter_errors(arm, np.zeros((5, 6)), chart="dh"), "'dh' is not 'complete' or 'offsets'"),
+        (lambda arm: mcpc.parameter_errors(arm, np.zeros((5, 6)), chart="dh"), "must be complete or offsets, got 'dh'"),
         (lambda arm: mcpc.frame_displacements(arm, np.zeros(6)), r"shape \(6,\) is not \(26,\)"),
     ],
 )

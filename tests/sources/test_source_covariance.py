@@ -97,7 +97,7 @@ SKEW[0, 1] = 0.5
         ({"joint": "hinge", "std": STD, "correlation": rows(NEGATIVE)}, "negative eigenvalue"),
         ({"joint": "hinge", "matrix": rows(-np.eye(6))}, "negative variance"),
         ({"joint": "hinge", "matrix": ((1.0,),)}, "matrix: of covariance must be 6 rows of 6 numbers"),
-        ({"joint": "hinge", "matrix": rows(np.full((6, 6), np.nan))}, "must be finite"),
+        ({"joint": "hinge", "matrix": rows(np.full((6, 6), np.nan))}, "finite numbers"),
         ({"joint": "hinge", "std": STD, "scope": "day"}, "scope: of covariance must be unit, pose or visit, got 'day'"),
     ],
 )

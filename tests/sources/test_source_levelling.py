@@ -33,6 +33,7 @@ def test_by_hand_and_against_a_turned_base_and_turned_gravity():
     check_levelling(levelling)
 
 
+@pytest.mark.filterwarnings("ignore:.*W_SUPERPOSITION")
 def test_from_a_sheet_through_every_engine(tmp_path):
     model = ErrorModel.load(written(tmp_path, SHEET))
     assert {"levelling[base].rx", "levelling[base].ry"} < set(model.space.components)

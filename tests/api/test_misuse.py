@@ -1,0 +1,50 @@
+"""Wrong arguments of every public function end in one line that names the argument."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+import precision_pin as pp
+from api.api_calls import MISTAKES, calls, outcome
+
+MADE_BY_THE_PACKAGE = {"Analysis", "PosesResult", "Posture", "Postures"}
+NOT_CALLED = {"InputError", "PrecisionPinError", "Scope", "Source", "mcpc", "sources"}
+
+
+def test_every_public_name_is_called() -> None:
+    called = {call.name.partition(".")[0] for call in calls()}
+    assert set(pp.__all__) - called == MADE_BY_THE_PACKAGE - called | NOT_CALLED - {"mcpc"}
+
+
+def test_valid_calls_are_let_pass() -> None:
+    for call in calls():
+        if call.name not in ("reliability", "budget", "worst_case"):  # slow, and in their own tests
+            call.run()
+
+
+@pytest.mark.filterwarnings("ignore::precision_pin.errors.PrecisionPinWarning")
+def test_every_mistake_is_refused_in_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    wrong, count = [], 0
+    for call in calls():
+        for argument in call.arguments:
+            fine = call.fine.get(argument, "").split(", ")
+            for mistake in MISTAKES:
+                if mistake not in fine:
+                    count += 1
+                    found = outcome(call, argument, mistake)
+                    wrong += [found] if found.kind != "refused" else []
+    assert wrong == []
+    assert count > 4500
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore::precision_pin.errors.PrecisionPinWarning")
+def test_what_looks_like_a_mistake_and_is_none_is_let_pass(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    for call in calls():
+        for argument, names in call.fine.items():
+            for mistake in filter(None, names.split(", ")):
+                assert outcome(call, argument, mistake).kind == "fine", (call.name, argument, mistake)
