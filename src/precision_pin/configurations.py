@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from precision_pin.arguments import check_mapping, check_name, check_numbers
-from precision_pin.arrays import fix_copy
+from precision_pin.arrays import fix_copy, returns_read_only
 from precision_pin.errors import Finding, InputError
 from precision_pin.urdf import Joint
 
@@ -84,6 +84,7 @@ class Configurations:
         return (values < low[:, None]) | (values > high[:, None])
 
     @cached_property
+    @returns_read_only
     def limits(self) -> tuple[Array, Array]:
         """Lowest and highest value of each joint, infinite where it has no limits."""
         limits = [

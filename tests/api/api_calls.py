@@ -134,7 +134,7 @@ NUMBER = "zero, one half, minus one"
 POSITIVE = "one half"
 NOT_NEGATIVE = "zero, one half"
 OPTIONAL = "nothing"
-FILE = "path|3|nonsense"
+FILE = "path|file|3|nonsense"
 POSE_FINE = "nothing"
 SEVERAL = "nothing, list of nothing"
 NO_SPECIFICATION = "empty list, empty tuple"
@@ -238,7 +238,7 @@ def calls() -> Iterator[Call]:
     )  # fmt: skip
     yield call("Chain.at", chain.at, {"q": POSE}, {"q": "joint"})
     yield call("Chain.configuration", chain.configuration, {"q": POSE}, {"q": "joint"})
-    yield call("Chain.at_many", chain.at_many, {"q": np.zeros((4, 3))}, {"q": "joint"})
+    yield call("Chain.at_many", chain.at_many, {"q": np.zeros((4, 3))}, {"q": "joint|pose"})
     yield call("Chain.joint_index", chain.joint_index, {"name": "joint1"}, {"name": "joint"})
     yield call("Chain.link_frame", chain.link_frame, {"name": chain.tip}, {"name": "link"})
     yield call("Chain.frame_place", chain.frame_place, {"name": chain.tip}, {"name": "link"})

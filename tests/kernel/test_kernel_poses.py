@@ -240,7 +240,7 @@ def test_wrong_inputs_are_told_in_a_line() -> None:
         observe(layouts, plans, "exact", -1, 0, 1)
     with pytest.raises(InputError, match="none beyond the last sample"):
         observe(layouts, plans, "exact", 0, 1, 1, samples=10)
-    with pytest.raises(InputError, match="pose 1048575 or visit 0 is out of range"):
+    with pytest.raises(InputError, match="the pose must be a whole number from 0 to 1048574, got 1048575"):
         observe(layouts, plans, "exact", 0, 0, 1, first_pose=2**20 - 2)
 
 
