@@ -66,7 +66,7 @@ class PinocchioModel:
         numbered = _numbered(robot)
         names = {old.name: new.name for old, new in zip(robot.joints, numbered.joints, strict=True)}
         full = pinocchio.buildModelFromXML(canonical(numbered))
-        _verify(full, numbered)
+        _verify(full, numbered, [link.name for link in robot.links])
         reference = pinocchio.neutral(full)
         numbers = [full.getJointId(names[name]) for name in locked]
         for number, value in zip(numbers, locked.values(), strict=True):
@@ -143,8 +143,12 @@ def _numbers(kind: str, names: Iterable[str]) -> dict[str, str]:
     return {name: f"{kind}{k:06d}" for k, name in enumerate(sorted(names, key=str.encode))}
 
 
-def _verify(model: Any, robot: Robot) -> None:
-    """Compare names, masses, centres and forward kinematics; a difference is a bug in our canonical form."""
+def _verify(model: Any, robot: Robot, written: Sequence[str]) -> None:
+    """Compare names, masses, centres and forward kinematics; a difference is a bug in our canonical form.
+
+    ``written`` gives the links' names in the file, for messages.
+    """
+    names = {link.name: name for link, name in zip(robot.links, written, strict=True)}
     moving = [joint for joint in robot.joints if joint.kind != "fixed"]
     if sorted(model.names) != sorted(["universe", *(joint.name for joint in moving)]):
         raise InternalError(f"{robot.file}: Pinocchio loaded the joints {sorted(model.names)[:8]} …")
@@ -165,11 +169,13 @@ def _verify(model: Any, robot: Robot) -> None:
         theirs[number] = np.array([inertia.mass, *(inertia.mass * inertia.lever)])
     for link in robot.links:
         if not model.existFrame(link.name, pinocchio.FrameType.BODY):
-            raise InternalError(f"{robot.file}: Pinocchio did not load the link {link.name!r}")
+            raise InternalError(f"{robot.file}: Pinocchio did not load the link {names[link.name]!r}")
         number = model.getFrameId(link.name, pinocchio.FrameType.BODY)
         frame = model.frames[number]
         if np.abs(data.oMf[number].homogeneous - ours[link.name]).max() > AGREEMENT * reach:
-            raise InternalError(f"{robot.file}: Pinocchio places the link {link.name!r} elsewhere than the URDF says")
+            raise InternalError(
+                f"{robot.file}: Pinocchio places the link {names[link.name]!r} elsewhere than the URDF says"
+            )
         if link.inertial is not None:
             local = frame.placement.homogeneous
             centre = local[:3, :3] @ np.asarray(link.inertial.com) + local[:3, 3]
@@ -182,8 +188,10 @@ def _verify(model: Any, robot: Robot) -> None:
                 abs(fixed.mass - mass), float(np.abs(fixed.mass * fixed.lever - mass * np.array(centre)).max())
             )
             if difference > AGREEMENT * max(1.0, mass) * reach:
-                raise InternalError(f"{robot.file}: Pinocchio lost mass of the link {link.name!r}")
+                raise InternalError(f"{robot.file}: Pinocchio lost mass of the link {names[link.name]!r}")
     for link_name, number in bodies.items():
         scale = max(1.0, float(moments[number][0])) * reach
         if np.abs(moments[number] - theirs[number]).max() > AGREEMENT * scale:
-            raise InternalError(f"{robot.file}: Pinocchio lost mass of the link {link_name!r} or one fixed to it")
+            raise InternalError(
+                f"{robot.file}: Pinocchio lost mass of the link {names[link_name]!r} or one fixed to it"
+            )
