@@ -166,9 +166,10 @@ def _watch(reading: int) -> None:
     import time
 
     number = os.read(reading, 1)
-    os.close(reading)
     if not number:
+        os.close(reading)
         return
+    # it stays open: the interpreter complains where a further signal cannot be written to it
     deadline = time.monotonic() + (LONG_PATIENCE if _state.unwinding else PATIENCE)
     while time.monotonic() < deadline or _state.held:
         time.sleep(0.05)
