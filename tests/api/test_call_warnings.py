@@ -13,7 +13,7 @@ from click.testing import CliRunner
 
 import precision_pin as pp
 from api.api_calls import model
-from precision_pin.cli import cli
+from precision_pin.cli.program import cli
 from precision_pin.errors import PrecisionPinWarning
 from precision_pin.examples import resolve_robot
 

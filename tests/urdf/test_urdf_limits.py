@@ -8,10 +8,11 @@ import pytest
 
 from precision_pin.outputs.view.meshes import MOST_FACES
 from precision_pin.urdf import Limits
-from precision_pin.urdf.findings import LONGEST_MESSAGE, MOST_FINDINGS
+from precision_pin.urdf.findings import MOST_FINDINGS
 from precision_pin.urdf.meshcontent import MOST_BYTES, MOST_TEXT_BYTES
 from precision_pin.urdf.meshscenes import MOST_DEPTH, MOST_TRIANGLES
 from precision_pin.urdf.xmltree import ENCODINGS
+from precision_pin.visible import LONGEST_LINE
 
 ROOT = Path(__file__).parent.parent.parent
 LIMITS = Limits()
@@ -38,7 +39,7 @@ LIMITS = Limits()
         ),
         ("SECURITY.md", f"every instance counted; {MOST_DEPTH} levels |"),
         ("SECURITY.md", f"| {MOST_FACES:,} triangles, 200 poses, 100,000 samples |"),
-        ("SECURITY.md", f"cut to {LONGEST_MESSAGE:,} characters and {MOST_FINDINGS:,} of a kind"),
+        ("SECURITY.md", f"cut to {LONGEST_LINE:,} characters and {MOST_FINDINGS:,} of a kind"),
     ],
 )
 def test_limits_of_the_pages_are_those_of_the_code(page, stated):
