@@ -312,7 +312,13 @@ def test_every_command_has_a_section_and_every_exit_code_a_row():
     text = (DOCS / "command-line.md").read_text(encoding="utf-8")
     assert set(cli.COMMANDS) <= set(re.findall(r"^## `([\w-]+)`", text, re.MULTILINE))
     codes = {int(cells[0]) for cells in rows("command-line.md", "exit code")}
-    assert codes == {0, cli.EXIT_SPEC, cli.EXIT_INPUT, cli.EXIT_INTERNAL, *(128 + number for number in cli.interrupts.NAMES)}
+    assert codes == {
+        0,
+        cli.EXIT_SPEC,
+        cli.EXIT_INPUT,
+        cli.EXIT_INTERNAL,
+        *(128 + number for number in cli.interrupts.NAMES),
+    }
 
 
 def test_the_keys_of_the_result_are_those_of_the_page(folder, monkeypatch):
