@@ -6,6 +6,9 @@ import re
 import tomllib
 from pathlib import Path
 
+from packaging.utils import canonicalize_name
+from packaging.version import Version
+
 ROOT = Path(__file__).parent.parent
 UNBOUNDED = {"types-tqdm"}
 
@@ -22,7 +25,8 @@ def test_the_lowest_versions_are_those_of_pyproject() -> None:
     assert {name for name, lowest in named.items() if lowest is None} == UNBOUNDED
     lines = (ROOT / "requirements-lowest.txt").read_text(encoding="utf-8").splitlines()
     lowest = dict(line.split("==") for line in lines if not line.startswith("#"))
-    assert lowest == {name: version for name, version in named.items() if name not in UNBOUNDED}
+    bounds = {canonicalize_name(name): version for name, version in named.items() if version is not None}
+    assert {name: Version(lowest[name]) for name in bounds} == {name: Version(text) for name, text in bounds.items()}
 
 
 def test_every_python_that_ci_runs_is_named() -> None:

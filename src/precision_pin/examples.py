@@ -53,14 +53,12 @@ def resolve_robot(text: str, folder: str | os.PathLike[str] = ".") -> Path:
 
     Raises
     ------
-    UrdfError
-        The text is empty.
     InputError
-        example-robot-data is not installed or has no such robot, or there is no such file and another one may be meant,
+        The text is empty, example-robot-data is not installed or has no such robot, or there is no such file and another one may be meant,
         which the message gives.
     """
     if not text.strip():
-        raise UrdfError([Finding("error", "E_FILE_MISSING", "the path of the robot is empty")])
+        raise InputError([Finding("error", "E_FILE_MISSING", "the path of the robot is empty")])
     if text.startswith(PREFIX):
         return _example(text.removeprefix(PREFIX))
     path = Path(folder) / text

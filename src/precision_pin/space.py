@@ -97,6 +97,23 @@ class Draw:
         """Names of the numbers drawn."""
         return tuple(self.name + suffix for suffix in self.law.components)
 
+    @property
+    def covariance(self) -> Array:
+        """Covariance of the numbers drawn, ``(size, size)``.
+
+        Raises
+        ------
+        InputError
+            It is beyond any number.
+        """
+        try:
+            matrix = self.law.covariance
+        except (OverflowError, FloatingPointError):
+            matrix = np.array([[np.inf]])
+        if not np.isfinite(matrix).all():
+            raise InputError(f"the variance of {self.name!r} is beyond any number; its tolerance is far too large")
+        return matrix
+
 
 Setting = float | str | Law | Draw | Expression
 """What a source's setting may be: a number (SI), a parameter's name, a law, a draw, or a formula."""
@@ -198,7 +215,7 @@ class Space:
     @cached_property
     def block_covariance(self) -> BlockCovariance:
         """Covariance of the components, in blocks of those that depend on one another."""
-        found = [_covariance_of(draw) for draw in self.draws]
+        found = [draw.covariance for draw in self.draws]
         variances = np.concatenate([np.zeros(0), *map(np.diag, found)])
         blocks = [
             (np.arange(columns.start, columns.stop), matrix)
@@ -334,9 +351,9 @@ class Space:
         )
         if u.ndim != 2 or len(u) != self.size:
             raise InputError(f"uniforms of shape {u.shape}, expected ({self.size}, N)")
+        self._check_sampled(u.shape[1])
         if u.size and not (u.min() > 0 and u.max() < 1):
             raise InputError("uniforms must lie above 0 and below 1")
-        self._check_sampled(u.shape[1])
         x = np.empty_like(u)
         for draw, rows in zip(self.draws, self.slices, strict=True):
             x[rows] = draw.law.inverse(u[rows])
@@ -358,16 +375,6 @@ class Space:
         """Set the rows of correlated draws in ``x`` from independent normal numbers."""
         for name, scores in zip(correlation.names, correlation.mix(normals), strict=True):
             x[self.index[name]] = self._correlated[name].law.at_scores(scores[None])[0]
-
-
-def _covariance_of(draw: Draw) -> Array:
-    try:
-        matrix = draw.law.covariance
-    except (OverflowError, FloatingPointError):
-        matrix = np.array([[np.inf]])
-    if not np.isfinite(matrix).all():
-        raise InputError(f"the variance of {draw.name!r} is beyond any number; its tolerance is far too large")
-    return matrix
 
 
 def _take_names(draw: Draw, taken: set[str]) -> None:

@@ -48,15 +48,19 @@ _SLIP: Final = 0.002
 
 
 def remark_on_sources(document: Document, space: Space, sources: Mapping[int, Source], findings: Findings) -> None:
-    """Warn of what a sheet without error says that is seldom meant."""
+    """Warn of what a sheet without error says that is seldom meant; refuse laws that are too wide to compute with."""
     names = labels(list(sources.values()))
     extended = space.including(own_draws(list(sources.values()), names))
+    placed: list[tuple[Path, Source, str]] = [
+        (("sources", k, source.kind()), source, label) for (k, source), label in zip(sources.items(), names, strict=True)
+    ]
     for draw in space.draws:
-        _remark_on_samples(("parameters", draw.name), draw, findings)
-    for (k, source), label in zip(sources.items(), names, strict=True):
-        path: Path = ("sources", k, source.kind())
+        _remark_on_draw(("parameters", draw.name), draw, findings)
+    for path, source, label in placed:
         for draw in source.draws(label):
-            _remark_on_samples(path, draw, findings)
+            _remark_on_draw(path, draw, findings)
+    findings.refuse()
+    for path, source, label in placed:
         for remark in source.remarks(LabelledSpace(extended, label)):
             findings.warning(path, remark.message, remark.code)
     if not sources:
@@ -69,7 +73,12 @@ def remark_on_sources(document: Document, space: Space, sources: Mapping[int, So
     _remark_on_angles(document, sources, findings)
 
 
-def _remark_on_samples(path: Path, draw: Draw, findings: Findings) -> None:
+def _remark_on_draw(path: Path, draw: Draw, findings: Findings) -> None:
+    try:
+        _ = draw.covariance
+    except InputError as error:
+        findings.take(path, error)
+        return
     remark = few_samples(draw.law)
     if remark is not None:
         findings.warning(path, f"{draw.name}: {remark}", "W_FEW_SAMPLES")
