@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from precision_pin import special
 from precision_pin.arguments import check_items, check_number, check_numbers, check_text, shown
-from precision_pin.arrays import returns_read_only
+from precision_pin.arrays import fix_fields, returns_read_only
 from precision_pin.errors import InputError
 from precision_pin.laws import FARTHEST_NORMAL, Law, Lognormal, Normal, Uniform
 
@@ -187,6 +187,9 @@ class BlockCovariance:
 
     variances: Array
     blocks: tuple[tuple[NDArray[np.intp], Array], ...]
+
+    def __post_init__(self) -> None:
+        fix_fields(self)
 
     @property
     def dense(self) -> Array:

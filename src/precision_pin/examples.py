@@ -9,7 +9,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Final
 
-from precision_pin.errors import Finding, InputError, UnknownNameError, UrdfError
+from precision_pin.errors import Finding, InputError, UnknownNameError
 
 __all__ = [
     "PAPER_SHEET",
@@ -54,8 +54,8 @@ def resolve_robot(text: str, folder: str | os.PathLike[str] = ".") -> Path:
     Raises
     ------
     InputError
-        The text is empty, example-robot-data is not installed or has no such robot, or there is no such file and another one may be meant,
-        which the message gives.
+        The text is empty, example-robot-data is not installed or has no such robot, or there is no such file and another
+        one may be meant, which the message gives.
     """
     if not text.strip():
         raise InputError([Finding("error", "E_FILE_MISSING", "the path of the robot is empty")])

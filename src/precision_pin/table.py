@@ -121,6 +121,9 @@ class SlopeColumns:
     columns: NDArray[np.intp]
     slopes: Array
 
+    def __post_init__(self) -> None:
+        fix_fields(self)
+
 
 def _summed(
     rows: NDArray[np.intp], columns: NDArray[np.intp], values: Array, width: int

@@ -96,6 +96,7 @@ def test_four_installed_axes_turn_the_tool_by_eight_milliradians():
     assert max(shares[8:]) == 0.0
 
 
+@pytest.mark.filterwarnings("ignore:.*W_NOTHING_VARIES")
 def test_without_tolerances_the_worst_case_is_the_error_that_is_there():
     chain = Chain.from_urdf(PAPER_SHEET.parent / "4dof.urdf", gravity=(0, 0, 0))
     for law in (Fixed(2e-3), Uniform(0.0, mean=2e-3)):
@@ -351,6 +352,7 @@ def test_a_seven_joint_arm_with_correlated_and_shared_draws():
     assert wider.first_order.lower > position.first_order.upper
 
 
+@pytest.mark.filterwarnings("ignore:.*W_NOTHING_VARIES")
 def test_draws_that_share_a_parameter_cannot_do_their_worst_apart():
     """A length that stands in two places against each other: its worst cases cancel."""
     chain = Chain.from_urdf(PAPER_SHEET.parent / "4dof.urdf", gravity=(0, 0, 0))

@@ -192,9 +192,7 @@ def test_several_tips_say_how_to_name_one(run):
 
 
 @pytest.mark.parametrize("command", ["report", "view"])
-@pytest.mark.parametrize(
-    ("name", "instead"), [("x.pdf", "x.html"), ("x", "x.html"), ("x.html.gz", "x.html.html"), ("x/", "x/page.html")]
-)
+@pytest.mark.parametrize(("name", "instead"), [("x.pdf", "x.html"), ("x", "x.html"), ("x.html.gz", "x.html.html")])
 def test_a_page_is_html_and_its_name_says_so(run, contents, command, name, instead):
     before = contents()
     line = error_of(run(command, *FEW, "--out", name))

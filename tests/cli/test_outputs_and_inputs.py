@@ -62,7 +62,7 @@ INPUTS = {
     "init over a mesh": ("init", "mesh.urdf", "--force", "--out", "part.stl"),
 }
 MEETING = {
-    "json and journal": ((*A, "--json", "new", "--journal", "./new"), "--json and --journal name the same file"),
+    "json and journal": ((*A, "--json", "new", "--journal", "./new"), "--journal and --json name the same file"),
     "json and folder": ((*A, "--json", "new", "--out", "new"), "--json and --out name the same place"),
     "json in the folder": ((*A, "--json", "plots/analysis.json", "--out", "plots"), "lies in the folder of --out"),
     "journal in the folder": ((*A, "--journal", "plots/j", "--out", "plots"), "lies in the folder of --out"),

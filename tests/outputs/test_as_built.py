@@ -143,6 +143,7 @@ def example(name: str) -> tuple[Path, str, str | None, dict[str, float]]:
 # --- geometry at every pose ---
 
 
+@pytest.mark.filterwarnings("ignore:.*W_JOINT_LIMIT")
 @pytest.mark.parametrize("name", ["ur5", "panda", "kinova"])
 def test_geometric_errors_are_reproduced_at_every_pose_for_known_arms(name):
     path, tip, base, locked = example(name)
@@ -506,6 +507,7 @@ def test_no_error_no_change(tmp_path):
         assert COMMENT.sub(b"", built.text, count=1) == AWKWARD.encode()
 
 
+@pytest.mark.filterwarnings("ignore:.*W_JOINT_LIMIT")
 @pytest.mark.parametrize("name", ["ur5", "panda", "kinova", "xarm7"])
 def test_only_origins_change_in_files_of_others(name):
     path, tip, base, locked = example(name)

@@ -94,7 +94,7 @@ def command(
     _check_together({"--threads": threads, "--processes": processes, "--dask": dask})
     if resume and journal is None:
         raise click.UsageError("--resume needs the run's --journal FILE")
-    outputs = Outputs({"--json": json_path, "--journal": journal}, out, FILES)
+    outputs = Outputs({"--journal": journal, "--json": json_path}, out, FILES)
     check_folder_name(out, json=True)
     outputs.check()
     sheet = read_sheet(arm["inputs"], arm["tip"], arm["base"], arm["package_dirs"], outputs)

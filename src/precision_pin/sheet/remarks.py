@@ -52,7 +52,8 @@ def remark_on_sources(document: Document, space: Space, sources: Mapping[int, So
     names = labels(list(sources.values()))
     extended = space.including(own_draws(list(sources.values()), names))
     placed: list[tuple[Path, Source, str]] = [
-        (("sources", k, source.kind()), source, label) for (k, source), label in zip(sources.items(), names, strict=True)
+        (("sources", k, source.kind()), source, label)
+        for (k, source), label in zip(sources.items(), names, strict=True)
     ]
     for draw in space.draws:
         _remark_on_draw(("parameters", draw.name), draw, findings)
