@@ -44,6 +44,8 @@ EXPLAINED = (
     (r"Malformed (parent origin|axis) element", {"W_NUMBER_BLANKS"}),
 )
 """What urdfdom says where it refuses or drops what is loaded here, and the findings of which one must tell of it."""
+SPACED = re.compile(r"Unable to parse component \[[^\]]*[\t\r\n][^\]]*\]")
+"""What it says of line ends and tabs between the numbers of a joint's vector, which XML takes for blanks: legal and silent."""
 LOOKS = re.compile(r"visual|collision|[Mm]aterial|[Gg]eometry|[Mm]esh|color")
 """What it says of looks only: it leaves them out."""
 DRAWN = 10
@@ -216,7 +218,12 @@ def _compare_urdfdom(data: bytes, robot: Robot, plain: PlainReading, chance: ran
     text = data.decode("utf-8")
     theirs = read_urdfdom(text)
     kind = _kind_of(theirs.log)
+    if SPACED.search(theirs.log):
+        outcome.remarks.append("urdfdom does not take line ends and tabs between numbers")
+        return
     told = [codes for pattern, codes in EXPLAINED if re.search(pattern, theirs.log, re.DOTALL)]
+    if theirs.model is None and not theirs.log:
+        told.append({"W_DYNAMICS"})  # Pinocchio refuses a negative friction without a word
     if any(codes.isdisjoint(outcome.codes) for codes in told) or (
         theirs.log and not told and not LOOKS.search(theirs.log)
     ):

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import codecs
 import math
 import time
 
 import pytest
 
+from precision_pin.errors import UrdfError
 from precision_pin.urdf import Cylinder, Inertial, Limit, Limits, Shape, parse
 from precision_pin.urdf.editing import Placement, UrdfText
 
@@ -318,6 +320,13 @@ def test_declared_encodings_are_read(arm, written, declared):
     assert [(one.name, one.origin.tolist()) for one in robot.joints[:-1]] == [
         (one.name, one.origin.tolist()) for one in plain.joints[:-1]
     ]
+
+
+def test_two_byte_order_marks_are_not_xml(arm):
+    with pytest.raises(UrdfError) as caught:
+        parse(2 * codecs.BOM_UTF8 + arm.encode(), "arm.urdf")
+    (finding,) = caught.value.findings
+    assert (finding.code, finding.line) == ("E_XML_SYNTAX", 1)
 
 
 @pytest.mark.parametrize(("written", "declared"), ENCODINGS)

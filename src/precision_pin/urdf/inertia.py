@@ -57,7 +57,7 @@ def check_inertias(links: tuple[Link, ...], robot: Robot | None, findings: Findi
         code, why = WHAT[verdict]
         message = f"{owner}: principal moments of inertia {_listed(moments)} kg·m²: {why}"
         body = bodies.get(link.name)
-        if body is None or body.links == 1 or _verdict(_moments(body.tensor), body.mass) in WHAT:
+        if body is None or body.links == 1 or not _is_physical(body):
             findings.error(code, message, link.line)
         else:
             message += f"; let pass, as the whole rigid body of {body.links} links it is fixed in is physical"
@@ -73,6 +73,11 @@ def _verdict(moments: Array, mass: float) -> Verdict:
     if moments[2] > (moments[0] + moments[1]) + ROUNDING * moments[2]:
         return "triangle"
     return "physical"
+
+
+def _is_physical(body: _Body) -> bool:
+    # huge numbers may have overflowed on the way
+    return bool(np.isfinite(body.tensor).all()) and _verdict(_moments(body.tensor), body.mass) not in WHAT
 
 
 def _moments(tensor: Array) -> Array:
@@ -105,9 +110,10 @@ def _bodies(robot: Robot) -> dict[str, _Body]:
             top[joint.child] = top[joint.parent]
             poses[joint.child] = poses[joint.parent] @ joint.origin
     bodies: dict[str, _Body] = {}
-    for link in robot.links:
-        body = bodies.get(top[link.name], _Body(0, 0.0, np.zeros(3), np.zeros((3, 3))))
-        bodies[top[link.name]] = _joined(body, link.inertial, poses[link.name])
+    with np.errstate(over="ignore", invalid="ignore"):
+        for link in robot.links:
+            body = bodies.get(top[link.name], _Body(0, 0.0, np.zeros(3), np.zeros((3, 3))))
+            bodies[top[link.name]] = _joined(body, link.inertial, poses[link.name])
     return {name: bodies[at] for name, at in top.items()}
 
 

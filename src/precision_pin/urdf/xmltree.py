@@ -102,6 +102,8 @@ def _plain_utf8(data: bytes, limits: Limits) -> bytes:
     text = _decoded(data)
     if not text.strip():
         raise _Refused("E_XML_EMPTY", "the file is empty; a <robot> element is needed", 1)
+    if text.startswith("\ufeff"):
+        raise _Refused("E_XML_SYNTAX", "two byte-order marks at the beginning; one is allowed", 1)
     nul = text.find("\0")
     if nul >= 0:
         raise _Refused("E_XML_SYNTAX", "a NUL byte in the text; this is not XML", _line_of(text[:nul]))
