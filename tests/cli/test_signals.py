@@ -29,6 +29,7 @@ def heeded(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
         raise Left(code)
 
     monkeypatch.setattr(os, "_exit", leave)
+    signal.signal(signal.SIGHUP, signal.SIG_DFL)  # as nohup, under which tests may run, it would stay ignored
     interrupts.take_over()
     yield
     interrupts.end()

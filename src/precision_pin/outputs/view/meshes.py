@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from io import BytesIO
@@ -200,7 +201,9 @@ def _load(file: MeshFile) -> tuple[Surface, ...]:
 
     # without a resolver of ours trimesh opens whatever a file names: pipes, devices, addresses
     resolver: Any = _Companions(file.companions)
-    scene = trimesh.load_scene(BytesIO(file.data), file_type=file.kind[1:], resolver=resolver, process=False)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # what the libraries say of themselves
+        scene = trimesh.load_scene(BytesIO(file.data), file_type=file.kind[1:], resolver=resolver, process=False)
     by_colour: dict[Colour | None, list[tuple[Array, NDArray[np.int64]]]] = {}
     for node in sorted(scene.graph.nodes_geometry):
         transform, name = scene.graph[node]
