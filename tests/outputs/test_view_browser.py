@@ -371,6 +371,7 @@ def test_in_the_dark_the_panel_is_dark_and_legible(context, tmp_path, paper):
         assert bool(text > 200) is dark
 
 
+@pytest.mark.filterwarnings("ignore:.*W_JOINT_LIMIT")
 @pytest.mark.skipif(not example_urdfs(), reason="example-robot-data is not installed")
 @pytest.mark.parametrize(
     ("name", "tip"), [("ur5", "tool0"), ("panda", "panda_hand_tcp"), ("kinova", "j2s6s200_end_effector")]
