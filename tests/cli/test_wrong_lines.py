@@ -16,7 +16,7 @@ WRONG = {
     "unknown command": (("analyse",), "no command named 'analyse'; did you mean 'analyze'?"),
     "unknown command far from any": (("qqq",), "valid: analyze, .*check, "),
     "option before the command": (("--samples", "10", "analyze"), "--samples"),
-    "unknown option": (("analyze", "--sampels", "10"), "No such option '--sampels'.*--samples"),
+    "unknown option": (("analyze", "--sampels", "10"), "No such option:? '?--sampels'?.*--samples"),
     "option without its value": (("analyze", "--seed"), "'--seed' requires an argument"),
     "unknown model": (("analyze", "--model", "quadratic"), "'quadratic' is not one of 'exact', 'linear'"),
     "flag with a value": (("check", "--json=yes"), "--json"),
