@@ -74,16 +74,17 @@ class Disturbed:
     wrong: list[str] = field(default_factory=list)
 
 
-def _heed_hang_up() -> None:
-    # nohup, under which the attack may run, has it ignored
-    signal.signal(signal.SIGHUP, signal.SIG_DFL)
+def _heed_signals() -> None:
+    # nohup, or a shell that starts the attack in the background, has some of them ignored
+    for number in SIGNALS:
+        signal.signal(number, signal.SIG_DFL)
 
 
 def _begin(arguments: tuple[str, ...], folder: Path) -> subprocess.Popen[bytes]:
     return subprocess.Popen(
         [sys.executable, "-m", "precision_pin", *arguments],
         cwd=folder,
-        preexec_fn=_heed_hang_up,
+        preexec_fn=_heed_signals,
         stdin=subprocess.DEVNULL,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
