@@ -284,7 +284,7 @@ class Chain:
         Raises
         ------
         InputError
-            Wrong count, missing joint, or a value that is no finite number.
+            Wrong count, missing joint, or a value that is no finite number; a joint slid beyond 1000 km.
         UnknownNameError
             No such joint on the chain.
         """
@@ -309,7 +309,7 @@ class Chain:
         Raises
         ------
         InputError
-            Another shape, a missing joint, or a value that is no finite number.
+            Another shape, a missing joint, or a value that is no finite number; a joint slid beyond 1000 km.
         UnknownNameError
             No such joint on the chain.
         """

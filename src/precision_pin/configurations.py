@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import final
+from typing import Final, final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -18,6 +18,9 @@ from precision_pin.urdf import Joint
 __all__ = ["Configurations"]
 
 Array = NDArray[np.float64]
+
+LONGEST: Final = 1e6
+"""Metres a joint may slide; of larger values too few digits are left for errors of nanometres."""
 
 
 @final
@@ -41,6 +44,7 @@ class Configurations:
             raise InputError(
                 f"{values.size} joint values for {len(self.names)} joints; expected {', '.join(self.names)}"
             )
+        self._check_travel(values[:, None])
         return values
 
     def many(self, q: ArrayLike | Mapping[str, ArrayLike] | Sequence[object]) -> Array:
@@ -59,6 +63,7 @@ class Configurations:
                 f"joint values of shape {values.shape} for many poses, expected ({len(self.names)}, P): "
                 f"a row for each of {', '.join(self.names)}{turned}"
             )
+        self._check_travel(values)
         return values
 
     def doubts(self, q: object) -> tuple[Finding, ...]:
@@ -107,6 +112,16 @@ class Configurations:
         if not columns:
             raise InputError("no poses to sample or place; give at least one")
         return fix_copy(np.column_stack(columns))
+
+    def _check_travel(self, values: Array) -> None:
+        """Refuse values ``(n, P)`` of joints that slide beyond `LONGEST`."""
+        slides = np.array([joint.kind == "prismatic" for joint in self.joints], dtype=bool)
+        too_far = (np.abs(values) > LONGEST) & slides[:, None]
+        if too_far.any():
+            joint, pose = np.argwhere(too_far)[0]
+            raise InputError(
+                f"joint value {values[joint, pose]:g} m of {self.names[joint]}; a joint slides {LONGEST:,.0f} m at most"
+            )
 
     def _in_order(self, q: Mapping[str, object]) -> tuple[str, ...]:
         """Return the joints' names, each of which ``q`` has a value for."""

@@ -102,7 +102,7 @@ class Measured:
         position = self.names.index(name)
         with np.errstate(over="ignore"):
             values = self.rows[:, position] * factor
-        if not np.isfinite(values).all():
+        if not (np.abs(values) <= units.LARGEST).all():
             raise InputError(f"{self.file}: the column {name!r} holds a number that is too large")
         return tuple(values.tolist())
 

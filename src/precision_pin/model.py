@@ -89,9 +89,16 @@ class PoseModel:
         Raises
         ------
         InputError
-            A target turns by π or more, where rotation vectors are no longer unique.
+            A target turns by π or more, where rotation vectors are no longer unique; or an error overflows.
         """
         values = self._check(x)
+        try:
+            with np.errstate(over="raise", invalid="raise"):
+                return self._multiply_out(values)
+        except FloatingPointError:
+            raise InputError("an error is beyond any number; the tolerances or loads are far too large") from None
+
+    def _multiply_out(self, values: Array) -> Array:
         moved = self.table.displacements(self.table.products(self.table.program.evaluate(values)))
         motion = np.broadcast_to(np.eye(4)[:, :, None], (4, 4, values.shape[1]))
         for frame, displacement in zip(self.table.frames, moved, strict=True):

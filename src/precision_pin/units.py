@@ -25,6 +25,7 @@ __all__ = [
     "BENDING_RIGIDITY",
     "DENSITY",
     "FORCE",
+    "LARGEST",
     "LENGTH",
     "LINEAR_COMPLIANCE",
     "LINEAR_STIFFNESS",
@@ -164,6 +165,9 @@ QUANTITIES: Final = (
     DENSITY,
 )
 
+LARGEST: Final = 1e50
+"""The largest number, in SI, that is read: squares of products of three of them are still numbers."""
+
 MOST_NAMED: Final = 3
 """The most quantities that a message names with all their units."""
 
@@ -269,8 +273,8 @@ def parse_vector(text: object, *quantities: Quantity, count: int | None = None) 
     for quantity in quantities:
         if unit in quantity.units:
             values = [number * quantity.units[unit] for number in numbers]
-            if not all(math.isfinite(value) for value in values):
-                raise UnitError(f"{str(text)!r} is too large")
+            if not all(abs(value) <= LARGEST for value in values):
+                raise UnitError(f"{str(text)!r} is too large; at most {LARGEST:g} {quantity.si}".rstrip())
             return values
     named = " or ".join(quantity.name for quantity in quantities)
     allowed = ", ".join(dict.fromkeys(unit for quantity in quantities for unit in quantity.units))

@@ -220,6 +220,16 @@ def test_wrong_joint_values_are_refused(q, message):
         chain_of(ARM, tip="tool").at(q)
 
 
+def test_a_joint_slides_within_reason_and_turns_at_will():
+    chain = chain_of(ARM, tip="tool")  # the fourth joint slides
+    for q in ([0, 0, 0, 1e308, 0, 0, 0], [0, 0, 0, -1.1e6, 0, 0, 0]):
+        with pytest.raises(InputError, match=r"joint value .* m of joint4; a joint slides 1,000,000 m at most"):
+            chain.at(q)
+        with pytest.raises(InputError, match=r"joint value .* m of joint4; a joint slides 1,000,000 m at most"):
+            chain.at_many(np.array([np.zeros(7), q]).T)
+    assert np.isfinite(chain.at([0, 1e15, 0, 0, 0, 0, 0]).pose).all()
+
+
 @pytest.mark.parametrize(
     ("settings", "error", "message"),
     [

@@ -192,6 +192,7 @@ def test_a_pipe_is_refused_and_not_waited_for(run, folder, name):
     ("old", "new"),
     [
         ("a1: {uniform: 0.05 mm}", "a1: {uniform: 1e300 m}"),
+        ("a1: {uniform: 0.05 mm}", "a1: {uniform: 1e45 m}"),
         ("a1: {uniform: 0.05 mm}", "a1: {normal: 1 m, k: 1e-300}"),
         ("a1: {uniform: 0.05 mm}", "a1: {normal: 1 m, k: 1e-100}"),
         ("mass: 1 kg", "mass: 1e300 kg"),
@@ -209,6 +210,6 @@ def test_numbers_beyond_all_reason(run, folder, contents, old, new):
     before = contents()
     outcome = run("analyze", "absurd.yaml", "--samples", "500", "--out", "plots")
     assert (outcome.code, outcome.out) == (2, "")
-    assert re.search("far too large|must lie|positive|beyond", outcome.err)
+    assert re.search("too large|must lie|positive|beyond", outcome.err)
     assert all(LINE.fullmatch(line) for line in outcome.err_lines)
     assert contents() == before

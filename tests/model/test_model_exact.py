@@ -96,6 +96,13 @@ def test_a_total_turn_of_nearly_pi_and_places_beyond_it():
         at.exact(np.zeros((0, 1)))
 
 
+@pytest.mark.parametrize("far", [{"x": 1.7e308}, {"rx": 1e200}])
+def test_errors_beyond_any_number_are_refused(far):
+    at = ErrorModel(seven_joint_arm(), Space(), [Frame(frame="tool", **far)] * 2).at(SEVEN_Q)
+    with pytest.raises(InputError, match="beyond any number"):
+        at.exact(np.zeros((0, 1)))
+
+
 def test_a_place_adds_what_several_sources_do_to_it():
     """Not the product of their motions: Σd and Σδ make one E."""
     chain = seven_joint_arm()

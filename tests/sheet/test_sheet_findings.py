@@ -114,6 +114,7 @@ MISTAKES = [
     ("    scope: visit", "    truncated: yes", "E_INPUT", "true or false"),
     ("    normal: 0.06 kg", "    normal: {sigma: 0.02 kg}", "E_INPUT", "{std:"),
     ("{disc: 0.1 mm}", "{joint_normal: 1 mm}", "E_INPUT", "standard deviations"),
+    ("{disc: 0.1 mm}", "{joint_normal: {std: [1e308 m, 1 mm]}}", "E_UNIT", "too large"),
     ("{disc: 0.1 mm}", "{joint_normal: {std: []}}", "E_INPUT", "standard deviations"),
     ("{disc: 0.1 mm}", "{joint_normal: {std: [1 mm, 1 deg]}}", "E_UNIT", "not a unit of length"),
     ("{disc: 0.1 mm}", "{joint_normal: {std: [1 mm, 1 mm]}, mean: 1 mm}", "E_INPUT", "list of 2"),

@@ -235,9 +235,9 @@ def _gravity(document: Document, findings: Findings) -> tuple[float, ...]:
         return GRAVITIES[document.gravity]
     try:
         return tuple(units.parse_vector(document.gravity, units.ACCELERATION, count=3))
-    except InputError:
+    except InputError as error:
         allowed = ", ".join(GRAVITIES)
-        message = f"gravity {document.gravity!r} is not understood: three numbers with m/s^2, or one of {allowed}"
+        message = f"gravity: {error.findings[0].message}; it takes three numbers with m/s^2, or one of {allowed}"
         findings.error(("gravity",), message)
         return EARTH
 
