@@ -165,7 +165,15 @@ def _compare(one: ErrorModel | None, other: ErrorModel | None, names: dict[str, 
             here, there = one.at(name), other.at(name)
             _close("error at the means", here.error_at_means, there.error_at_means, outcome, floor=ROUNDING)
             close = CLOSE_AT_REST if one.statics == "equilibrium" else CLOSE
-            _close("Jacobian", here.jacobian, there.jacobian[:, where], outcome, close=close)
+            # derivatives times spreads, so that what is rounding of the arm's size is known as that
+            _close(
+                "Jacobian",
+                here.jacobian * spread,
+                there.jacobian[:, where] * spread,
+                outcome,
+                floor=ROUNDING,
+                close=close,
+            )
         except InputError:
             continue
 

@@ -166,7 +166,8 @@ QUANTITIES: Final = (
 )
 
 LARGEST: Final = 1e50
-"""The largest number, in SI, that is read: squares of products of three of them are still numbers."""
+SMALLEST: Final = 1e-50
+"""The largest number, in SI, that is read, and the smallest but 0: squares of products of three are still numbers."""
 
 MOST_NAMED: Final = 3
 """The most quantities that a message names with all their units."""
@@ -275,6 +276,8 @@ def parse_vector(text: object, *quantities: Quantity, count: int | None = None) 
             values = [number * quantity.units[unit] for number in numbers]
             if not all(abs(value) <= LARGEST for value in values):
                 raise UnitError(f"{str(text)!r} is too large; at most {LARGEST:g} {quantity.si}".rstrip())
+            if any(0 < abs(value) < SMALLEST for value in values):
+                raise UnitError(f"{str(text)!r} is too small; at least {SMALLEST:g} {quantity.si}, or 0".rstrip())
             return values
     named = " or ".join(quantity.name for quantity in quantities)
     allowed = ", ".join(dict.fromkeys(unit for quantity in quantities for unit in quantity.units))

@@ -210,6 +210,6 @@ def test_numbers_beyond_all_reason(run, folder, contents, old, new):
     before = contents()
     outcome = run("analyze", "absurd.yaml", "--samples", "500", "--out", "plots")
     assert (outcome.code, outcome.out) == (2, "")
-    assert re.search("too large|must lie|positive|beyond", outcome.err)
+    assert re.search("too large|too small|must lie|positive|beyond", outcome.err)
     assert all(LINE.fullmatch(line) for line in outcome.err_lines)
     assert contents() == before

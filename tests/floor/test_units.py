@@ -133,10 +133,11 @@ def test_every_unit_of_another_quantity_is_refused() -> None:
         ("1e308 kN*m^2", units.BENDING_RIGIDITY),
         ("-1e48 t", units.MASS),
         ("1.1e50", units.RATIO),
+        ("9e-48 mm", units.LENGTH),
     ],
 )
-def test_number_too_large_in_si_is_refused(text: str, quantity: units.Quantity) -> None:
-    with pytest.raises(UnitError, match="too large"):
+def test_number_too_large_or_small_in_si_is_refused(text: str, quantity: units.Quantity) -> None:
+    with pytest.raises(UnitError, match=r"too (large; at most 1e[+]50|small; at least 1e-50)"):
         units.parse(text, quantity)
 
 

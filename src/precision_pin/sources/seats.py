@@ -7,12 +7,14 @@ the axis are the same in space wherever the base is.
 
 from __future__ import annotations
 
-from typing import Literal
+import math
+from typing import Final, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from precision_pin.chain import Chain, Factors, Posture
+from precision_pin.errors import InputError
 
 __all__ = ["PadsOn", "height_above_seat", "seat_axes", "seat_wrench", "shift_of_point", "wrench_at"]
 
@@ -20,6 +22,9 @@ Array = NDArray[np.float64]
 
 PadsOn = Literal["child", "parent"]
 """The link that a sliding joint's pads are fixed to."""
+
+_APART: Final = 1e-12
+"""Heights that differ by less, relatively, are known to too few digits."""
 
 
 def seat_axes(chain: Chain, joint: int) -> Array:
@@ -56,7 +61,14 @@ def shift_of_point(height: float, other: float) -> Array:
 
     The axis stays where it is at the ``other`` height: one of the two points of eqs 18 and 19. By virtual work the
     transpose makes the radial force on a bearing there, of two, out of a wrench on the seat.
+
+    Raises
+    ------
+    InputError
+        The heights are one and the same, to rounding.
     """
+    if math.isclose(height, other, rel_tol=_APART, abs_tol=0.0):
+        raise InputError(f"the span is too small: at {height:g} m along the axis both bearings are at one place")
     share, slope = other / (other - height), 1 / (height - other)
     return np.array([[share, 0], [0, share], [0, 0], [0, -slope], [slope, 0], [0, 0]])
 
