@@ -9,14 +9,15 @@ from typing import Any, Final, Literal, final
 import numpy as np
 from numpy.typing import NDArray
 
-from precision_pin import kernel, se3
-from precision_pin.kernel import CompiledTable
-from precision_pin.laws import Normal, Uniform
-from precision_pin.model import PoseModel
-from precision_pin.parameters import Component, Program
-from precision_pin.space import Draw, Space
+from precision_pin import se3
+from precision_pin.draws.expressions import Component, Program
+from precision_pin.draws.laws import Normal, Uniform
+from precision_pin.draws.space import Draw, Space
+from precision_pin.kernel import sampler
+from precision_pin.kernel.sampler import CompiledTable
+from precision_pin.model.error_model import PoseModel
 from precision_pin.statistics import Plan
-from precision_pin.table import TermTable
+from precision_pin.terms.table import TermTable
 
 __all__ = [
     "AXES",
@@ -131,9 +132,9 @@ class Prepared:
 
     def sample(self, model: Literal["exact", "linear"], blocks: int) -> None:
         """Draw, displace and count whole blocks of samples."""
-        kernel.observe_blocks(self.layout, self.plan, model, 0, 0, blocks)
+        sampler.observe_blocks(self.layout, self.plan, model, 0, 0, blocks)
 
 
 def prepared(at: PoseModel) -> Prepared:
     """Lay an error model out."""
-    return Prepared(kernel.compile_table(at), Plan.from_moments(at.error_at_means, at.covariance))
+    return Prepared(sampler.compile_table(at), Plan.from_moments(at.error_at_means, at.covariance))

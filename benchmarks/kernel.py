@@ -18,16 +18,16 @@ from benchmarks import cases, loops, others
 from benchmarks.sampler import BLOCKS, run_uncounted
 from benchmarks.tables import Part, Ratio, Table, figure, times
 from benchmarks.timing import Work, nanoseconds
-from precision_pin import kernel
-from precision_pin.examples import PAPER_SHEET
-from precision_pin.model import ErrorModel
+from precision_pin.kernel import sampler
+from precision_pin.model.error_model import ErrorModel
+from precision_pin.robot.examples import PAPER_SHEET
 
 __all__ = ["AGREEMENT", "EXACT", "Comparison", "check_agreement", "installed_libraries", "measure", "written_by_hand"]
 
 AGREEMENT: Final = 1e-9
 """Largest difference allowed between two ways, m or rad; the errors are of 1e-4."""
 
-BULK: Final = 4 * kernel.BLOCK
+BULK: Final = 4 * sampler.BLOCK
 EXACT: Final = "precision-pin, exact"
 COPIED: Final = "Pinocchio, a displaced copy of the model"
 PLAIN: Final = "Pinocchio, displaced placements"
@@ -73,7 +73,7 @@ def check_agreement(ways: Mapping[str, loops.Errors]) -> None:
         One of them differs by more than `AGREEMENT`.
     """
     x = cases.draw_with_numpy(np.random.default_rng(0), 300)
-    expected = kernel.errors_at(kernel.compile_table(cases.ur5()), "exact", x)
+    expected = sampler.errors_at(sampler.compile_table(cases.ur5()), "exact", x)
     for name, errors in ways.items():
         gap = float(np.abs(errors(x) - expected).max())
         if not gap < AGREEMENT:
@@ -97,7 +97,7 @@ def compared(turns: int) -> Comparison:
     check_agreement({name: other.errors for name, other in libraries.items()})
     random = np.random.default_rng(1)
     ready = cases.prepared(cases.ur5())
-    ours = BLOCKS * kernel.BLOCK
+    ours = BLOCKS * sampler.BLOCK
     works = {EXACT: Work(partial(ready.sample, "exact", BLOCKS), ours)}
     for name, (errors, count) in by_hand.items():
         works[name] = Work(partial(errors, cases.draw_with_numpy(random, count)), count)
@@ -147,7 +147,7 @@ def stages(turns: int) -> Part:
     works = {}
     for arm, at in arms.items():
         ready = cases.prepared(at)
-        samples = BLOCKS * kernel.BLOCK
+        samples = BLOCKS * sampler.BLOCK
         works[f"{arm}: draw"] = Work(partial(run_uncounted, ready.layout, "draw", samples), samples)
         works[f"{arm}: linear"] = Work(partial(ready.sample, "linear", BLOCKS), samples)
         works[f"{arm}: exact"] = Work(partial(ready.sample, "exact", BLOCKS), samples)

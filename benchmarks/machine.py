@@ -8,7 +8,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Final
 
-from precision_pin.run.executors import available_cores
+from precision_pin.sampling.workers import available_cores
 
 __all__ = ["described"]
 

@@ -36,9 +36,9 @@ def main() -> None:
     """Sample, and print what it took as JSON."""
     way, samples = sys.argv[1], int(sys.argv[2])
     from benchmarks.loops import statistics_with_numpy
-    from precision_pin.examples import PAPER_SHEET
-    from precision_pin.model import ErrorModel
-    from precision_pin.run import monte_carlo
+    from precision_pin.model.error_model import ErrorModel
+    from precision_pin.robot.examples import PAPER_SHEET
+    from precision_pin.sampling import monte_carlo
 
     model = ErrorModel.load(PAPER_SHEET)
     at = model.at()

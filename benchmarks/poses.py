@@ -18,10 +18,11 @@ from numpy.typing import NDArray
 from benchmarks import cases, loops
 from benchmarks.tables import Part, Ratio, Table, figure, times
 from benchmarks.timing import Work, nanoseconds
-from precision_pin import kernel, se3
-from precision_pin.kernel_joined import JoinedTables
-from precision_pin.kernel_poses import MOST_TOGETHER, observe_norms, observe_poses
-from precision_pin.model import PoseModel
+from precision_pin import se3
+from precision_pin.kernel import sampler
+from precision_pin.kernel.many_poses import MOST_TOGETHER, observe_norms, observe_poses
+from precision_pin.kernel.pose_arrays import JoinedTables
+from precision_pin.model.error_model import PoseModel
 from precision_pin.statistics import Plan
 
 __all__ = ["measure", "ur5_at"]
@@ -60,9 +61,9 @@ class Together:
     def of(cls, models: Sequence[PoseModel]) -> Together:
         """Lay the poses out."""
         plans = [Plan.from_moments(at.error_at_means, at.covariance) for at in models]
-        return cls(JoinedTables.of(kernel.compile_tables(models)), plans)
+        return cls(JoinedTables.of(sampler.compile_tables(models)), plans)
 
-    def norms(self, model: kernel.Model, blocks: int) -> None:
+    def norms(self, model: sampler.Model, blocks: int) -> None:
         """Draw once, displace at every pose and count what a map needs."""
         observe_norms(self.tables, self.plans, model, 0, 0, blocks)
 
@@ -73,7 +74,7 @@ class Together:
     def one_at_a_time(self, blocks: int) -> None:
         """Draw, displace and count, one pose after another."""
         for layout, plan in zip(self.tables.layouts, self.plans, strict=True):
-            kernel.observe_blocks(layout, plan, "exact", 0, 0, blocks)
+            sampler.observe_blocks(layout, plan, "exact", 0, 0, blocks)
 
 
 def check_agreement(models: Sequence[PoseModel]) -> None:
@@ -85,7 +86,7 @@ def check_agreement(models: Sequence[PoseModel]) -> None:
         A mean differs by more than 1e-12 m or rad.
     """
     plans = [Plan(np.zeros(8), np.ones(8))] * len(models)
-    found = observe_norms(kernel.compile_tables(models), plans, "exact", 0, 0, 1, samples=1000)
+    found = observe_norms(sampler.compile_tables(models), plans, "exact", 0, 0, 1, samples=1000)
     x = models[0].space.sample(0, 0, 1000)
     for sums, at in zip(found.sums[:, 0], models, strict=True):
         gap = float(np.abs(sums[[1, 2, 3, 5, 6, 7]] / 1000 - at.exact(x).mean(axis=1)).max())
@@ -102,7 +103,7 @@ def measure(turns: int) -> Part:
     for poses in POSES:
         groups = [Together.of(models[k : min(k + MOST_TOGETHER, poses)]) for k in range(0, poses, MOST_TOGETHER)]
         blocks = max(1, 8 // poses)
-        samples = blocks * kernel.BLOCK * poses
+        samples = blocks * sampler.BLOCK * poses
         jacobian = np.concatenate([at.jacobian for at in models[:poses]])
         x = random.standard_normal((36, PRODUCT))
         out = np.empty((6 * poses, PRODUCT))
@@ -145,7 +146,7 @@ def measure(turns: int) -> Part:
     return Part((table,), ratios)
 
 
-def _each(groups: Sequence[Together], model: kernel.Model, blocks: int) -> None:
+def _each(groups: Sequence[Together], model: sampler.Model, blocks: int) -> None:
     for group in groups:
         group.norms(model, blocks)
 

@@ -22,9 +22,9 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import numpy as np
 import pinocchio
 
-from precision_pin.chain import Chain
-from precision_pin.examples import shipped_sheets
-from precision_pin.model import ErrorModel
+from precision_pin.model.error_model import ErrorModel
+from precision_pin.robot.chain import Chain
+from precision_pin.robot.examples import shipped_sheets
 
 ARMS = {"4dof": "the paper's arm", "ur5": "UR5", "panda": "Panda"}
 TURNS = 7

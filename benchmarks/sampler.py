@@ -7,17 +7,17 @@ from __future__ import annotations
 
 from typing import Final
 
-from precision_pin import kernel, kernel_loops
-from precision_pin.kernel import CompiledTable
+from precision_pin.kernel import loops, sampler
+from precision_pin.kernel.sampler import CompiledTable
 
 __all__ = ["BLOCKS", "run_uncounted"]
 
 BLOCKS: Final = 16
 """Blocks of samples in a call, as many as a thread is given at a time."""
 
-_STAGES: Final = {"draw": kernel_loops.DRAW, "linear": kernel_loops.LINEAR, "exact": kernel_loops.EXACT}
+_STAGES: Final = {"draw": loops.DRAW, "linear": loops.LINEAR, "exact": loops.EXACT}
 
 
 def run_uncounted(layout: CompiledTable, stage: str, samples: int) -> None:
     """Draw ``samples`` samples and, for the stages "linear" and "exact", compute their errors; forget all of it."""
-    kernel._run(layout, _STAGES[stage], kernel._Units(0, 0, 0, samples, 0, 0))
+    sampler._run(layout, _STAGES[stage], sampler._Units(0, 0, 0, samples, 0, 0))

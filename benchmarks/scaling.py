@@ -15,11 +15,11 @@ from benchmarks import cases, memory
 from benchmarks.sampler import BLOCKS
 from benchmarks.tables import Part, Ratio, Table, figure
 from benchmarks.timing import Work, best_times, nanoseconds
-from precision_pin import kernel
-from precision_pin.examples import PAPER_SHEET
-from precision_pin.model import ErrorModel
-from precision_pin.run import monte_carlo
-from precision_pin.run.executors import available_cores
+from precision_pin.kernel import sampler as kernel
+from precision_pin.model.error_model import ErrorModel
+from precision_pin.robot.examples import PAPER_SHEET
+from precision_pin.sampling import monte_carlo
+from precision_pin.sampling.workers import available_cores
 
 __all__ = ["Line", "Scaling", "fitted", "measure"]
 

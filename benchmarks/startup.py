@@ -14,8 +14,8 @@ from typing import Final
 
 from benchmarks.tables import Part, Ratio, Table, figure
 from benchmarks.timing import Work, best_times
-from precision_pin import kernel
-from precision_pin.examples import PAPER_SHEET
+from precision_pin.kernel import sampler
+from precision_pin.robot.examples import PAPER_SHEET
 
 __all__ = ["measure"]
 
@@ -35,7 +35,7 @@ COLD: Final = "precision-pin analyze, the first of all: the sampler is compiled"
 
 def measure(quick: bool) -> Part:
     """Measure the time that passes from start to end of each; the best of several, of the cold start one, left out if quick."""
-    kernel.warm_up()
+    sampler.warm_up()
     with tempfile.TemporaryDirectory() as folder:
         works = {name: Work(partial(_run, words, folder), 1) for name, words in STARTS.items()}
         seconds = best_times(works, 2 if quick else 8, time.perf_counter)

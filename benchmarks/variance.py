@@ -27,17 +27,18 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from precision_pin import examples, kernel
-from precision_pin.analyses.moments import moments
-from precision_pin.analyses.moments_result import Method, PoseMoments
-from precision_pin.analyses.sobol import REPLICATES, scrambled_points
-from precision_pin.chain import Chain
-from precision_pin.laws import Normal, Uniform
-from precision_pin.model import ErrorModel
+from precision_pin.analyses.budget.sobol import REPLICATES, scrambled_points
+from precision_pin.analyses.moments.moments import moments
+from precision_pin.analyses.moments.moments_result import Method, PoseMoments
+from precision_pin.draws.laws import Normal, Uniform
+from precision_pin.draws.space import Space
+from precision_pin.kernel import sampler
+from precision_pin.model.error_model import ErrorModel
+from precision_pin.robot import examples
+from precision_pin.robot.chain import Chain
+from precision_pin.robot.urdf import parse
 from precision_pin.sources.frame import Frame
-from precision_pin.space import Space
 from precision_pin.statistics import Plan
-from precision_pin.urdf import parse
 
 Array = NDArray[np.float64]
 
@@ -118,10 +119,10 @@ def span(factors: Array) -> str:
 def factors(model: ErrorModel, samples: int, seeds: int) -> Iterator[str]:
     """Yield the lines of one case."""
     at = model.at()
-    layout = kernel.compile_table(at)
+    layout = sampler.compile_table(at)
     plan = Plan.from_moments(at.error_at_means, at.covariance)
-    blocks = max(1, samples // kernel.BLOCK)
-    plain_time = timed(lambda: kernel.accumulate(layout, plan, "exact", 0, 0, blocks)) / (blocks * kernel.BLOCK)
+    blocks = max(1, samples // sampler.BLOCK)
+    plain_time = timed(lambda: sampler.accumulate(layout, plan, "exact", 0, 0, blocks)) / (blocks * sampler.BLOCK)
     yield f"{at.space.size} random numbers; plain sampling {1e9 * plain_time:.0f} ns a sample, one thread"
     plain = [Numbers.of(moments(model, method="plain", samples=samples, seed=k).poses[0]) for k in range(seeds)]
     spread = np.sqrt(np.diagonal(at.covariance))
@@ -173,17 +174,17 @@ def closed(model: ErrorModel, best: list[Numbers], spread: Array, varies: NDArra
 
 
 def quantiles(
-    model: ErrorModel, layout: kernel.CompiledTable, samples: int, seeds: int, plain_time: float
+    model: ErrorModel, layout: sampler.CompiledTable, samples: int, seeds: int, plain_time: float
 ) -> Iterator[str]:
     """Yield the factors of quantiles of |d|."""
     space = model.at().space
 
     def by_sobol(seed: int) -> Array:
         x = space.inverse(scrambled_points(space.size, seed, samples // REPLICATES))
-        value: Array = np.quantile(norms(kernel.errors_at(layout, "exact", x)), LEVELS)
+        value: Array = np.quantile(norms(sampler.errors_at(layout, "exact", x)), LEVELS)
         return value
 
-    random = [np.quantile(norms(kernel.errors(layout, "exact", k, 0, samples)), LEVELS) for k in range(seeds)]
+    random = [np.quantile(norms(sampler.errors(layout, "exact", k, 0, samples)), LEVELS) for k in range(seeds)]
     cost = timed(lambda: by_sobol(0)) / samples
     even = [by_sobol(k) for k in range(seeds)]
     ratios = np.var(random, axis=0) / np.var(even, axis=0)

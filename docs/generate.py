@@ -21,13 +21,13 @@ import click
 
 from precision_pin import units
 from precision_pin.cli import COMMANDS
+from precision_pin.draws.laws import Law
+from precision_pin.draws.space import Scope
 from precision_pin.errors import InputError
-from precision_pin.laws import Law
 from precision_pin.sheet.schema import Document, json_schema, used_quantities
 from precision_pin.sheet.settings import LAW_KEYS, OPTION_KEYS, parse_law
 from precision_pin.sources import catalogue
-from precision_pin.space import Scope
-from precision_pin.terms import Source
+from precision_pin.terms.term import Source
 from precision_pin.units import PerEntry, PerJoint, Quantity
 
 PAGES: Final = Path(__file__).parent

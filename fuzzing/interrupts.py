@@ -18,7 +18,7 @@ from typing import final
 
 import click
 
-from precision_pin.examples import PAPER_SHEET
+from precision_pin.robot.examples import PAPER_SHEET
 
 __all__ = ["CASES", "Disturbed", "Usual", "disturb", "run_undisturbed"]
 

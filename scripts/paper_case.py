@@ -11,9 +11,9 @@ import sys
 from pathlib import Path
 
 import precision_pin as pp
-from precision_pin.examples import PAPER_SHEET
-from precision_pin.outputs import plots
-from precision_pin.outputs.text import analysis_table
+from precision_pin.outputs.monte_carlo import figures
+from precision_pin.outputs.monte_carlo.table import analysis_table
+from precision_pin.robot.examples import PAPER_SHEET
 
 
 def main(folder: Path) -> None:
@@ -22,8 +22,12 @@ def main(folder: Path) -> None:
         print(analysis_table(pp.monte_carlo(model, "paper", samples=samples, seed=0)), end="\n\n")
     result = pp.monte_carlo(model, "paper", samples=100_000, seed=0)
     folder.mkdir(parents=True, exist_ok=True)
-    plots.save(plots.figure_position(result.summary, title="Position error, the paper's arm", seed=0), folder / "fig5")
-    plots.save(plots.figure_attitude(result.summary, title="Attitude error, the paper's arm", seed=0), folder / "fig6")
+    figures.save(
+        figures.figure_position(result.summary, title="Position error, the paper's arm", seed=0), folder / "fig5"
+    )
+    figures.save(
+        figures.figure_attitude(result.summary, title="Attitude error, the paper's arm", seed=0), folder / "fig6"
+    )
     print(f"wrote {folder / 'fig5'} and {folder / 'fig6'} as .png and .svg")
 
 

@@ -11,9 +11,9 @@ from pathlib import Path
 
 import numpy as np
 
-from precision_pin.examples import PAPER_SHEET
-from precision_pin.model import ErrorModel
+from precision_pin.model.error_model import ErrorModel
 from precision_pin.outputs.view import Shown, page, write_page
+from precision_pin.robot.examples import PAPER_SHEET
 
 SEED = 1
 SAMPLES = 5_000

@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 import precision_pin as pp
-from precision_pin.examples import PAPER_SHEET
+from precision_pin.robot.examples import PAPER_SHEET
 
 SNIPPET = """
 import precision_pin as pp

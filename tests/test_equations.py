@@ -16,10 +16,11 @@ import pinocchio
 import pytest
 from scipy import stats
 
-from precision_pin import examples
-from precision_pin.chain import Chain, Load
-from precision_pin.laws import Uniform
-from precision_pin.model import ErrorModel
+from precision_pin.draws.laws import Uniform
+from precision_pin.draws.space import Draw, LabelledSpace, Space
+from precision_pin.model.error_model import ErrorModel
+from precision_pin.robot import examples
+from precision_pin.robot.chain import Chain, Load
 from precision_pin.sources.axis_install import AxisInstall
 from precision_pin.sources.beam import Beam
 from precision_pin.sources.joint_compliance import JointCompliance
@@ -27,7 +28,6 @@ from precision_pin.sources.joint_offset import JointOffset
 from precision_pin.sources.length import Length
 from precision_pin.sources.mcpc import Mcpc
 from precision_pin.sources.payload import Payload
-from precision_pin.space import Draw, LabelledSpace, Space
 from support.oracles import displacements
 from support.plain_robot import PlainRobot, chain_of, joint, link, robot
 

@@ -1,8 +1,9 @@
-"""The structure: a module imports only modules of lower floors, and C++ has one door."""
+"""The structure: imports go down by folder, no circle between files, one file for C++."""
 
 from __future__ import annotations
 
 import ast
+from graphlib import TopologicalSorter
 from pathlib import Path
 
 import pytest
@@ -12,63 +13,31 @@ PACKAGE = Path(__file__).parent.parent / "src" / "precision_pin"
 FLOORS = (
     "visible",
     "errors",
-    "input_files",
-    "memory",
-    "arrays",
-    "arguments",
     "call_warnings",
-    "compile_ahead",
-    "compiled",
-    "markup",
-    "progress_bar",
-    "units",
-    "measured",
-    "special",
     "se3",
-    "philox",
-    "laws",
-    "correlation",
-    "parameters",
-    "sections",
-    "space",
-    "urdf",
-    "configurations",
-    "joint_table",
-    "pinocchio_model",
-    "places",
-    "posture_loops",
-    "postures",
-    "chain",
-    "chain_findings",
-    "mcpc",
+    "units",
+    "compile_ahead",
+    "jit",
+    "inputs",
+    "display",
+    "draws",
+    "robot",
     "terms",
     "sources",
-    "examples",
     "sheet",
-    "table",
-    "equilibrium",
-    "about_rest",
-    "model",
     "statistics",
-    "pose_checks",
-    "kernel_loops",
-    "kernel_draws",
-    "kernel_layout",
-    "kernel_parts",
-    "kernel_joined",
+    "model",
     "kernel",
-    "kernel_poses",
-    "specifications",
-    "tabular",
-    "result",
-    "poses_result",
-    "run",
-    "run_poses",
+    "sampling",
     "analyses",
     "outputs",
     "cli",
     "__main__",
 )
+"""Files and folders of the package, the lowest first."""
+
+APART = ("old_paths",)
+"""What imports modules by name only."""
 
 MODULES = sorted(path for path in PACKAGE.rglob("*.py") if "robots" not in path.parts)
 
@@ -94,17 +63,47 @@ def imported_modules(path: Path) -> set[str]:
     return names
 
 
+def dotted(path: Path) -> str:
+    parts = ["precision_pin", *path.relative_to(PACKAGE).with_suffix("").parts]
+    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+
+
+def imported_files(path: Path) -> set[str]:
+    """Return the package's files that a file imports when it is loaded; what it imports in a function comes later."""
+    files = {dotted(file) for file in MODULES}
+    names: set[str] = set()
+    waiting: list[ast.AST] = [ast.parse(path.read_text(encoding="utf-8"))]
+    while waiting:
+        node = waiting.pop()
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda):
+            continue
+        if isinstance(node, ast.If) and "TYPE_CHECKING" in ast.dump(node.test):
+            continue
+        if isinstance(node, ast.ImportFrom) and node.module:
+            inner = {f"{node.module}.{alias.name}" for alias in node.names}
+            names |= inner & files or {node.module}
+        waiting += ast.iter_child_nodes(node)
+    return names & files - {dotted(path)}
+
+
 def test_every_module_has_a_floor() -> None:
-    rooms = {room(path) for path in MODULES} - {"__init__"}
-    assert rooms <= set(FLOORS)
-    assert set(FLOORS) <= rooms
+    assert {room(path) for path in MODULES} - {"__init__", *APART} == set(FLOORS)
+
+
+def test_no_folder_of_the_package_is_crowded() -> None:
+    assert len([path for path in PACKAGE.glob("*.py") if not path.name.startswith("__")]) <= 10
+
+
+def test_files_import_each_other_in_no_circle() -> None:
+    graph = {dotted(path): imported_files(path) for path in MODULES}
+    tuple(TopologicalSorter(graph).static_order())
 
 
 @pytest.mark.parametrize("path", MODULES, ids=lambda path: str(path.relative_to(PACKAGE)))
 def test_imports_go_down_only(path: Path) -> None:
     own = room(path)
-    if own == "__init__":
-        return  # the package's front door names every room, late
+    if own in ("__init__", *APART):
+        return  # the package itself names what users need, late
     for name in imported_modules(path):
         if name.startswith("precision_pin."):
             other = name.split(".")[1]
@@ -130,7 +129,7 @@ def test_sources_and_analyses_do_not_know_each_other(path: Path) -> None:
 def test_no_file_is_two_rooms() -> None:
     lengths = {str(path.relative_to(PACKAGE)): len(path.read_text(encoding="utf-8").splitlines()) for path in MODULES}
     # all compiled code stays in one file: numba's cache does not see an edit of a callee in another file
-    too_long = {name: length for name, length in lengths.items() if length > 620 and name != "kernel_loops.py"}
+    too_long = {name: length for name, length in lengths.items() if length > 620 and name != "kernel/loops.py"}
     assert too_long == {}
 
 

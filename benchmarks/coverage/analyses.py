@@ -19,17 +19,18 @@ from numpy.typing import NDArray
 
 import precision_pin as pp
 from benchmarks.coverage.row import Coverage
-from precision_pin import kernel, laws
-from precision_pin.analyses.budget_result import Estimate
-from precision_pin.analyses.exact_law_result import LEVELS
-from precision_pin.analyses.moments_result import Measured, Method
-from precision_pin.analyses.supports import Supports
-from precision_pin.chain import Chain
-from precision_pin.examples import PAPER_SHEET
-from precision_pin.model import ErrorModel
+from precision_pin.analyses.budget.budget_result import Estimate
+from precision_pin.analyses.exact_law.exact_law_result import LEVELS
+from precision_pin.analyses.moments.moments_result import Measured, Method
+from precision_pin.analyses.worst_case.convex_bodies import Supports
+from precision_pin.draws import laws
+from precision_pin.draws.space import Draw, Space
+from precision_pin.kernel import sampler
+from precision_pin.model.error_model import ErrorModel
+from precision_pin.robot.chain import Chain
+from precision_pin.robot.examples import PAPER_SHEET
+from precision_pin.robot.urdf import parse
 from precision_pin.sources.joint_offset import JointOffset
-from precision_pin.space import Draw, Space
-from precision_pin.urdf import parse
 
 __all__ = ["measure"]
 
@@ -209,7 +210,7 @@ def _shipped(sheet: str, runs: int, *, long: bool) -> list[Coverage]:
     draw = max(pp.budget(model, samples=1024).poses[0].draws, key=lambda line: line.share["position"] or 0.0).name
     rows = at.space.slices[[one.name for one in at.space.draws].index(draw)]
     count = LONG_SAMPLES // 4 if long else LONG_SAMPLES // 40
-    layout = kernel.compile_table(at)
+    layout = sampler.compile_table(at)
     generator = np.random.default_rng(5)
     parts: list[tuple[Array, Array, Array]] = []
     for _ in range(10):
@@ -217,7 +218,7 @@ def _shipped(sheet: str, runs: int, *, long: bool) -> list[Coverage]:
         less, changed = x.copy(), x.copy()
         less[rows] = (x[rows] + at.space.mean[rows, None]) / 2
         changed[rows] = others[rows]
-        parts.append(tuple(kernel.errors_at(layout, "exact", numbers)[:3] for numbers in (x, less, changed)))  # type: ignore[arg-type]
+        parts.append(tuple(sampler.errors_at(layout, "exact", numbers)[:3] for numbers in (x, less, changed)))  # type: ignore[arg-type]
     errors, halved, mixed = (np.concatenate([part[k] for part in parts], axis=1) for k in range(3))
     variance = float(errors.var(axis=1).sum())
     total = float(((errors - mixed) ** 2).mean(axis=1).sum()) / 2 / variance

@@ -14,14 +14,14 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from benchmarks.coverage.row import Coverage
-from precision_pin import kernel
-from precision_pin.examples import PAPER_SHEET
-from precision_pin.laws import Law, Lognormal, Normal, TwoPoint
-from precision_pin.model import ErrorModel, PoseModel
-from precision_pin.outputs import text
-from precision_pin.run.planning import planned
+from precision_pin.draws.laws import Law, Lognormal, Normal, TwoPoint
+from precision_pin.draws.space import Draw, Space
+from precision_pin.kernel import sampler
+from precision_pin.model.error_model import ErrorModel, PoseModel
+from precision_pin.outputs.monte_carlo import table
+from precision_pin.robot.examples import PAPER_SHEET
+from precision_pin.sampling.planning import planned
 from precision_pin.sources import JointOffset
-from precision_pin.space import Draw, Space
 from precision_pin.statistics import (
     Distribution,
     Plan,
@@ -126,7 +126,7 @@ class Tally:
         shown: tuple[str | float, ...] = ("mean", "std", "mode", *found.levels)
         for which in shown:
             ends = found.interval(which)
-            held = ends is not None and _within(float(text.statistic(found, which)), (1e3 * ends[0], 1e3 * ends[1]))
+            held = ends is not None and _within(float(table.statistic(found, which)), (1e3 * ends[0], 1e3 * ends[1]))
             self.add("digits printed", given=ends is not None, held=held)
 
     def rows(self, case: str, truth: str) -> list[Coverage]:
@@ -311,19 +311,19 @@ def _models() -> list[tuple[str, PoseModel]]:
 
 def _of_model(name: str, at: PoseModel, runs: int) -> list[Coverage]:
     """Measure an error model at a pose, norms and components apart; the truth is a longer run's of another seed."""
-    layout = kernel.compile_table(at)
-    values = quantity_values(kernel.errors(layout, "exact", TRUTH_SEED, 0, TRUTH))
+    layout = sampler.compile_table(at)
+    values = quantity_values(sampler.errors(layout, "exact", TRUTH_SEED, 0, TRUTH))
     truths = [_sampled(row, is_norm=k % 4 == 0) for k, row in enumerate(values)]
     parts, norms = Tally(), Tally()
     for seed in range(runs):
         plan = planned(at, layout, "exact", seed)
-        found = finish(plan, kernel.accumulate(layout, plan, "exact", seed, 0, 1))
+        found = finish(plan, sampler.accumulate(layout, plan, "exact", seed, 0, 1))
         for row, truth in enumerate(truths):
             quantity = ("position", "attitude")[row // 4] + "." + ("norm", "x", "y", "z")[row % 4]
             distribution = found.distribution(quantity)
             if truth.std > 1e-12:
                 (parts if row % 4 else norms).add_distribution(distribution, truth)
-    case = f"{name}, {kernel.BLOCK:,} samples"
+    case = f"{name}, {sampler.BLOCK:,} samples"
     return [
         *norms.rows(f"norms of {case}", f"{TRUTH:,} samples"),
         *parts.rows(f"components of {case}", f"{TRUTH:,} samples"),

@@ -12,12 +12,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from precision_pin.chain import Chain
 from precision_pin.errors import Finding, InputError, UrdfError
 from precision_pin.outputs.view.arm import draw_arm
 from precision_pin.outputs.view.scene import Scene
-from precision_pin.urdf import Joint, Robot, check, parse, read
-from precision_pin.urdf.editing import Placement, UrdfText
+from precision_pin.robot.chain import Chain
+from precision_pin.robot.urdf import Joint, Robot, check, parse, read
+from precision_pin.robot.urdf.editing import Placement, UrdfText
 
 from .second_reading import PlainReading
 from .urdfdom import read_urdfdom

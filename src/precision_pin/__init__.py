@@ -9,92 +9,96 @@ from __future__ import annotations
 import importlib
 from typing import TYPE_CHECKING, Any, Final
 
+from precision_pin import old_paths
+
 if TYPE_CHECKING:
-    from precision_pin import mcpc as mcpc
     from precision_pin import sources as sources
-    from precision_pin.analyses.budget import budget as budget
-    from precision_pin.analyses.exact_law import exact_law as exact_law
-    from precision_pin.analyses.moments import moments as moments
-    from precision_pin.analyses.reliability import reliability as reliability
-    from precision_pin.analyses.worst_case import worst_case as worst_case
-    from precision_pin.chain import Chain as Chain
-    from precision_pin.chain import Posture as Posture
-    from precision_pin.correlation import Correlation as Correlation
+    from precision_pin.analyses.budget.budget import budget as budget
+    from precision_pin.analyses.exact_law.exact_law import exact_law as exact_law
+    from precision_pin.analyses.moments.moments import moments as moments
+    from precision_pin.analyses.reliability.reliability import reliability as reliability
+    from precision_pin.analyses.worst_case.worst_case import worst_case as worst_case
+    from precision_pin.display.progress import progress as progress
+    from precision_pin.draws.correlation import Correlation as Correlation
+    from precision_pin.draws.laws import Arcsine as Arcsine
+    from precision_pin.draws.laws import Circle as Circle
+    from precision_pin.draws.laws import Disc as Disc
+    from precision_pin.draws.laws import Empirical as Empirical
+    from precision_pin.draws.laws import Fixed as Fixed
+    from precision_pin.draws.laws import JointNormal as JointNormal
+    from precision_pin.draws.laws import Lognormal as Lognormal
+    from precision_pin.draws.laws import Normal as Normal
+    from precision_pin.draws.laws import Rows as Rows
+    from precision_pin.draws.laws import Triangular as Triangular
+    from precision_pin.draws.laws import TruncatedNormal as TruncatedNormal
+    from precision_pin.draws.laws import TwoPoint as TwoPoint
+    from precision_pin.draws.laws import Uniform as Uniform
+    from precision_pin.draws.space import Draw as Draw
+    from precision_pin.draws.space import Scope as Scope
+    from precision_pin.draws.space import Space as Space
     from precision_pin.errors import InputError as InputError
     from precision_pin.errors import PrecisionPinError as PrecisionPinError
-    from precision_pin.laws import Arcsine as Arcsine
-    from precision_pin.laws import Circle as Circle
-    from precision_pin.laws import Disc as Disc
-    from precision_pin.laws import Empirical as Empirical
-    from precision_pin.laws import Fixed as Fixed
-    from precision_pin.laws import JointNormal as JointNormal
-    from precision_pin.laws import Lognormal as Lognormal
-    from precision_pin.laws import Normal as Normal
-    from precision_pin.laws import Rows as Rows
-    from precision_pin.laws import Triangular as Triangular
-    from precision_pin.laws import TruncatedNormal as TruncatedNormal
-    from precision_pin.laws import TwoPoint as TwoPoint
-    from precision_pin.laws import Uniform as Uniform
-    from precision_pin.model import ErrorModel as ErrorModel
-    from precision_pin.poses_result import PosesResult as PosesResult
-    from precision_pin.postures import Postures as Postures
-    from precision_pin.progress_bar import progress as progress
-    from precision_pin.result import Analysis as Analysis
-    from precision_pin.run import monte_carlo as monte_carlo
-    from precision_pin.run_poses import sample_poses as sample_poses
-    from precision_pin.space import Draw as Draw
-    from precision_pin.space import Scope as Scope
-    from precision_pin.space import Space as Space
-    from precision_pin.specifications import specification as specification
-    from precision_pin.terms import Source as Source
-    from precision_pin.terms import Term as Term
+    from precision_pin.model.error_model import ErrorModel as ErrorModel
+    from precision_pin.robot import mcpc as mcpc
+    from precision_pin.robot.chain import Chain as Chain
+    from precision_pin.robot.chain import Posture as Posture
+    from precision_pin.robot.postures import Postures as Postures
+    from precision_pin.sampling import monte_carlo as monte_carlo
+    from precision_pin.sampling.many_poses import sample_poses as sample_poses
+    from precision_pin.sampling.poses_result import PosesResult as PosesResult
+    from precision_pin.sampling.result import Analysis as Analysis
+    from precision_pin.statistics.specification import specification as specification
+    from precision_pin.terms.term import Source as Source
+    from precision_pin.terms.term import Term as Term
+
+old_paths.install()
 
 _HOMES: Final = {
-    "Analysis": "result",
-    "Arcsine": "laws",
-    "Chain": "chain",
-    "Circle": "laws",
-    "Correlation": "correlation",
-    "Disc": "laws",
-    "Draw": "space",
-    "Empirical": "laws",
-    "ErrorModel": "model",
-    "Fixed": "laws",
+    "Analysis": "sampling.result",
+    "Arcsine": "draws.laws",
+    "Chain": "robot.chain",
+    "Circle": "draws.laws",
+    "Correlation": "draws.correlation",
+    "Disc": "draws.laws",
+    "Draw": "draws.space",
+    "Empirical": "draws.laws",
+    "ErrorModel": "model.error_model",
+    "Fixed": "draws.laws",
     "InputError": "errors",
-    "JointNormal": "laws",
-    "Lognormal": "laws",
-    "Normal": "laws",
-    "Posture": "chain",
-    "PosesResult": "poses_result",
-    "Postures": "postures",
+    "JointNormal": "draws.laws",
+    "Lognormal": "draws.laws",
+    "Normal": "draws.laws",
+    "Posture": "robot.chain",
+    "PosesResult": "sampling.poses_result",
+    "Postures": "robot.postures",
     "PrecisionPinError": "errors",
-    "Rows": "laws",
-    "Scope": "space",
+    "Rows": "draws.laws",
+    "Scope": "draws.space",
     "Source": "terms",
-    "Space": "space",
+    "Space": "draws.space",
     "Term": "terms",
-    "Triangular": "laws",
-    "TruncatedNormal": "laws",
-    "TwoPoint": "laws",
-    "Uniform": "laws",
-    "budget": "analyses.budget",
-    "exact_law": "analyses.exact_law",
-    "moments": "analyses.moments",
-    "monte_carlo": "run",
-    "progress": "progress_bar",
-    "reliability": "analyses.reliability",
-    "sample_poses": "run_poses",
-    "specification": "specifications",
-    "worst_case": "analyses.worst_case",
+    "Triangular": "draws.laws",
+    "TruncatedNormal": "draws.laws",
+    "TwoPoint": "draws.laws",
+    "Uniform": "draws.laws",
+    "budget": "analyses.budget.budget",
+    "exact_law": "analyses.exact_law.exact_law",
+    "moments": "analyses.moments.moments",
+    "monte_carlo": "sampling",
+    "progress": "display.progress",
+    "reliability": "analyses.reliability.reliability",
+    "sample_poses": "sampling.many_poses",
+    "specification": "statistics.specification",
+    "worst_case": "analyses.worst_case.worst_case",
 }
-_ROOMS: Final = ("mcpc", "sources")
+_MODULES: Final = {"mcpc": "robot.mcpc", "sources": "sources"}
 
-__all__ = [*sorted(_HOMES), *_ROOMS]
+__all__ = [*sorted(_HOMES), *_MODULES]
 
 
 def __getattr__(name: str) -> Any:
-    if name in _ROOMS:
-        return importlib.import_module(f"{__name__}.{name}")
+    if name in _MODULES:
+        return importlib.import_module(f"{__name__}.{_MODULES[name]}")
     if name in _HOMES:
         return getattr(importlib.import_module(f"{__name__}.{_HOMES[name]}"), name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

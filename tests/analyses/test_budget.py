@@ -9,17 +9,17 @@ import numpy as np
 import pytest
 
 import precision_pin as pp
-from precision_pin import kernel
-from precision_pin.analyses.budget_result import VECTORS
-from precision_pin.analyses.tangent_shares import by_draw, correlated_groups, owners
-from precision_pin.correlation import Correlation
+from precision_pin.analyses.budget.budget_result import VECTORS
+from precision_pin.analyses.budget.shares import by_draw, correlated_groups, owners
+from precision_pin.draws.correlation import Correlation
+from precision_pin.draws.laws import Disc, Fixed, Normal, Uniform
+from precision_pin.draws.space import Draw, Space
 from precision_pin.errors import InputError, UnknownNameError
-from precision_pin.examples import PAPER_SHEET
-from precision_pin.laws import Disc, Fixed, Normal, Uniform
-from precision_pin.model import ErrorModel
+from precision_pin.kernel import sampler
+from precision_pin.model.error_model import ErrorModel
+from precision_pin.robot.examples import PAPER_SHEET
 from precision_pin.sources.frame import Frame
 from precision_pin.sources.joint_offset import JointOffset
-from precision_pin.space import Draw, Space
 from support.engines import GANTRY
 from support.plain_robot import chain_of
 from support.sheets import SEVEN_Q, everything, seven_joint_arm
@@ -115,11 +115,11 @@ def test_closed_form_sampling_and_freezing_agree_on_the_papers_arm(paper, paper_
     """Freezing each draw at its mean, plain random numbers; tolerance of 5 standard errors of the estimate."""
     at = paper.at()
     count = 200_000
-    layout = kernel.compile_table(at)
+    layout = sampler.compile_table(at)
     x = at.space.sample(99, 0, count)
 
     def variances(values):
-        found = kernel.errors_at(layout, "exact", values).var(axis=1)
+        found = sampler.errors_at(layout, "exact", values).var(axis=1)
         return np.array([found[:3].sum(), found[3:].sum(), *found])
 
     whole = variances(x)

@@ -12,14 +12,14 @@ from matplotlib.text import Text
 
 import precision_pin as pp
 from precision_pin.cli import main
-from precision_pin.correlation import Correlation
+from precision_pin.draws.correlation import Correlation
+from precision_pin.draws.laws import Normal, Uniform
+from precision_pin.draws.space import Draw, Space
 from precision_pin.errors import UnknownNameError
-from precision_pin.examples import PAPER_SHEET
-from precision_pin.laws import Normal, Uniform
-from precision_pin.model import ErrorModel
-from precision_pin.outputs.budget_report import figure, table
+from precision_pin.model.error_model import ErrorModel
+from precision_pin.outputs.budget.budget_report import figure, table
+from precision_pin.robot.examples import PAPER_SHEET
 from precision_pin.sources.frame import Frame
-from precision_pin.space import Draw, Space
 from support.engines import GANTRY
 from support.plain_robot import chain_of
 

@@ -11,20 +11,21 @@ import pytest
 from scipy import integrate, special, stats
 
 import precision_pin as pp
-from precision_pin import examples, laws
-from precision_pin.analyses.exact_law import LEVELS, exact_law
-from precision_pin.analyses.heading import listed_poses
-from precision_pin.analyses.inversion import ConvolvedLaw, Summand, certified_series
-from precision_pin.analyses.normal_norm import NormalNorm
-from precision_pin.analyses.parts import Lines, part_of
-from precision_pin.chain import Chain
+from precision_pin.analyses.exact_law.exact_law import LEVELS, exact_law
+from precision_pin.analyses.exact_law.fourier_inversion import ConvolvedLaw, Summand, certified_series
+from precision_pin.analyses.exact_law.normal_norm import NormalNorm
+from precision_pin.analyses.exact_law.projection import Lines, part_of
+from precision_pin.analyses.provenance import listed_poses
 from precision_pin.cli import main
-from precision_pin.correlation import Correlation
-from precision_pin.model import ErrorModel
-from precision_pin.outputs.exact_law_report import figure, table
+from precision_pin.draws import laws
+from precision_pin.draws.correlation import Correlation
+from precision_pin.draws.space import Draw, Space
+from precision_pin.model.error_model import ErrorModel
+from precision_pin.outputs.exact_law.exact_law_report import figure, table
+from precision_pin.robot import examples
+from precision_pin.robot.chain import Chain
 from precision_pin.sources.joint_offset import JointOffset
 from precision_pin.sources.length import Length
-from precision_pin.space import Draw, Space
 from support.plain_robot import chain_of, joint, link, robot
 
 MM = 1e-3
@@ -359,8 +360,8 @@ def test_the_papers_arm_against_a_million_samples():
 
 def test_a_wrong_law_is_noticed():
     """Planted fault: the spread is 3 % off."""
-    from precision_pin.analyses.exact_law import agreement_of
-    from precision_pin.analyses.inversion import NormalLaw
+    from precision_pin.analyses.exact_law.exact_law import agreement_of
+    from precision_pin.analyses.exact_law.fourier_inversion import NormalLaw
 
     rising = np.sort(np.random.default_rng(0).normal(size=100_000))
     assert agreement_of(NormalLaw(0.0, 1.0), rising, 0.999, 1.0).agrees

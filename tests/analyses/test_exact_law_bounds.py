@@ -11,16 +11,20 @@ import numpy as np
 import pytest
 from scipy import special
 
-from precision_pin import laws
-from precision_pin.analyses.exact_law import exact_law
-from precision_pin.analyses.exact_law_result import bound_text, quantile_digits
-from precision_pin.analyses.inversion import ConvolvedLaw
-from precision_pin.analyses.lognormal_transform import LOGNORMAL_ERROR, lognormal_characteristic, lognormal_envelope
-from precision_pin.analyses.parts import part_of
-from precision_pin.chain import Chain
-from precision_pin.model import ErrorModel
+from precision_pin.analyses.exact_law.exact_law import exact_law
+from precision_pin.analyses.exact_law.exact_law_result import bound_text, quantile_digits
+from precision_pin.analyses.exact_law.fourier_inversion import ConvolvedLaw
+from precision_pin.analyses.exact_law.lognormal_transform import (
+    LOGNORMAL_ERROR,
+    lognormal_characteristic,
+    lognormal_envelope,
+)
+from precision_pin.analyses.exact_law.projection import part_of
+from precision_pin.draws import laws
+from precision_pin.draws.space import Draw, Space
+from precision_pin.model.error_model import ErrorModel
+from precision_pin.robot.chain import Chain
 from precision_pin.sources.joint_offset import JointOffset
-from precision_pin.space import Draw, Space
 from support.plain_robot import chain_of, joint, link, robot
 
 

@@ -10,16 +10,17 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from precision_pin import examples, laws
-from precision_pin.analyses.moments import moments
-from precision_pin.analyses.moments_control import Control
-from precision_pin.analyses.moments_result import Measured, deviations
-from precision_pin.correlation import Correlation
+from precision_pin.analyses.moments.moments import moments
+from precision_pin.analyses.moments.moments_control import Control
+from precision_pin.analyses.moments.moments_result import Measured, deviations
+from precision_pin.draws import laws
+from precision_pin.draws.correlation import Correlation
+from precision_pin.draws.space import Draw, Space
 from precision_pin.errors import InputError, UnknownNameError
-from precision_pin.model import ErrorModel
-from precision_pin.run import monte_carlo
+from precision_pin.model.error_model import ErrorModel
+from precision_pin.robot import examples
+from precision_pin.sampling import monte_carlo
 from precision_pin.sources.joint_offset import JointOffset
-from precision_pin.space import Draw, Space
 from support.plain_robot import chain_of, joint, link, robot
 
 SAMPLED = ("control", "sobol", "sobol-control", "plain")

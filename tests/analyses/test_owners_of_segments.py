@@ -8,9 +8,9 @@ import sys
 import pytest
 
 import precision_pin as pp
-from precision_pin.analyses.tangent_shares import owners
+from precision_pin.analyses.budget.shares import owners
 from precision_pin.cli import main
-from precision_pin.model import ErrorModel
+from precision_pin.model.error_model import ErrorModel
 from precision_pin.outputs.report.quantities import quantities_of
 from support.plain_robot import joint, link, robot
 

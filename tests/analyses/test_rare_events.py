@@ -10,9 +10,7 @@ from benchmarks.coverage import rare
 from scipy import integrate, stats
 
 import precision_pin as pp
-from precision_pin import laws
-from precision_pin.analyses.design_points import DesignPoint, Form, form
-from precision_pin.analyses.estimates import (
+from precision_pin.analyses.reliability.estimates import (
     Estimate,
     agree,
     in_words,
@@ -23,13 +21,15 @@ from precision_pin.analyses.estimates import (
     skewed_interval,
     summed,
 )
-from precision_pin.analyses.importance import importance_sampling
-from precision_pin.analyses.rare_events import rare_events
-from precision_pin.analyses.strata import Stratum, from_normals, stratified
-from precision_pin.analyses.subset import subset_simulation
-from precision_pin.correlation import Correlation
-from precision_pin.outputs.reliability_report import table
-from precision_pin.space import Draw, Space
+from precision_pin.analyses.reliability.form import DesignPoint, Form, form
+from precision_pin.analyses.reliability.importance import importance_sampling
+from precision_pin.analyses.reliability.rare_events import rare_events
+from precision_pin.analyses.reliability.strata import Stratum, from_normals, stratified
+from precision_pin.analyses.reliability.subset import subset_simulation
+from precision_pin.draws import laws
+from precision_pin.draws.correlation import Correlation
+from precision_pin.draws.space import Draw, Space
+from precision_pin.outputs.reliability.reliability_report import table
 from precision_pin.statistics import Specification, clopper_pearson
 from support.sliding import slides
 
@@ -104,9 +104,10 @@ def test_failures_that_the_mixture_misses_are_not_resolved(monkeypatch):
 
     # no centre is made of a failure, so that only the check is left
     monkeypatch.setattr(
-        "precision_pin.analyses.importance.towards_surface", lambda margin, samples, jumps, steps: samples[:, :0]
+        "precision_pin.analyses.reliability.importance.towards_surface",
+        lambda margin, samples, jumps, steps: samples[:, :0],
     )
-    monkeypatch.setattr("precision_pin.analyses.importance._MOST_CLOUDS", 0)
+    monkeypatch.setattr("precision_pin.analyses.reliability.importance._MOST_CLOUDS", 0)
     one_side = [DesignPoint(np.array([beta, 0.0, 0.0]), beta, np.array([1.0, 0, 0]))]
     subset = subset_simulation(margin, 3, seed=0, samples=2000, confidence=0.95)
     found = importance_sampling(

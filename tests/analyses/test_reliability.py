@@ -11,17 +11,18 @@ import pytest
 from scipy import stats
 
 import precision_pin as pp
-from precision_pin import examples, laws
-from precision_pin.analyses.design_points import form
-from precision_pin.analyses.importance import importance_sampling
-from precision_pin.analyses.reliability import reliability
-from precision_pin.analyses.strata import from_normals
-from precision_pin.analyses.subset import subset_simulation
+from precision_pin.analyses.reliability.form import form
+from precision_pin.analyses.reliability.importance import importance_sampling
+from precision_pin.analyses.reliability.reliability import reliability
+from precision_pin.analyses.reliability.strata import from_normals
+from precision_pin.analyses.reliability.subset import subset_simulation
 from precision_pin.cli import main
-from precision_pin.correlation import Correlation
-from precision_pin.model import ErrorModel
-from precision_pin.outputs.reliability_report import figure, table
-from precision_pin.space import Draw, Space
+from precision_pin.draws import laws
+from precision_pin.draws.correlation import Correlation
+from precision_pin.draws.space import Draw, Space
+from precision_pin.model.error_model import ErrorModel
+from precision_pin.outputs.reliability.reliability_report import figure, table
+from precision_pin.robot import examples
 from precision_pin.statistics import Specification
 from support.sliding import slides
 

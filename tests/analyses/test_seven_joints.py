@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import precision_pin as pp
-from precision_pin.examples import resolve_robot
+from precision_pin.robot.examples import resolve_robot
 from precision_pin.sources.joint_offset import JointOffset
 from precision_pin.sources.length import Length
 

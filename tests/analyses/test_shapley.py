@@ -8,7 +8,7 @@ import math
 import numpy as np
 import pytest
 
-from precision_pin.analyses import shapley
+from precision_pin.analyses.budget import shapley
 from precision_pin.errors import InputError
 
 COVARIANCE = np.array(

@@ -12,14 +12,11 @@ import pytest
 from scipy import stats
 
 import precision_pin as pp
-from precision_pin.analyses.supports import Supports
-from precision_pin.analyses.worst_case import farthest_error
-from precision_pin.analyses.worst_case_result import bound_milli
-from precision_pin.chain import Chain
-from precision_pin.correlation import Correlation
-from precision_pin.errors import InputError
-from precision_pin.examples import PAPER_SHEET
-from precision_pin.laws import (
+from precision_pin.analyses.worst_case.convex_bodies import Supports
+from precision_pin.analyses.worst_case.worst_case import farthest_error
+from precision_pin.analyses.worst_case.worst_case_result import bound_milli
+from precision_pin.draws.correlation import Correlation
+from precision_pin.draws.laws import (
     Circle,
     Disc,
     Fixed,
@@ -33,11 +30,14 @@ from precision_pin.laws import (
     TwoPoint,
     Uniform,
 )
-from precision_pin.model import ErrorModel
-from precision_pin.outputs.worst_case_report import table
+from precision_pin.draws.space import Draw, Space
+from precision_pin.errors import InputError
+from precision_pin.model.error_model import ErrorModel
+from precision_pin.outputs.worst_case.worst_case_report import table
+from precision_pin.robot.chain import Chain
+from precision_pin.robot.examples import PAPER_SHEET
 from precision_pin.sources.joint_offset import JointOffset
 from precision_pin.sources.length import Length
-from precision_pin.space import Draw, Space
 from support.sheets import PAPER_Q, SEVEN_Q, everything, named, seven_joint_arm
 
 TURNED = ((0.0, 0.0, 0.0), (0.0, 0.6, 0.0))

@@ -12,14 +12,14 @@ from matplotlib.figure import Figure
 from matplotlib.text import Text
 
 import precision_pin as pp
-from precision_pin import kernel
 from precision_pin.cli import main
-from precision_pin.examples import PAPER_SHEET
-from precision_pin.laws import Fixed, JointNormal
-from precision_pin.model import ErrorModel
-from precision_pin.outputs.worst_case_report import figure, table
+from precision_pin.draws.laws import Fixed, JointNormal
+from precision_pin.draws.space import Draw, Space
+from precision_pin.kernel import sampler
+from precision_pin.model.error_model import ErrorModel
+from precision_pin.outputs.worst_case.worst_case_report import figure, table
+from precision_pin.robot.examples import PAPER_SHEET
 from precision_pin.sources.joint_offset import JointOffset
-from precision_pin.space import Draw, Space
 from support.sheets import SEVEN_Q, everything, seven_joint_arm
 
 
@@ -41,7 +41,7 @@ def run(tmp_path, monkeypatch, capsys):
 
 
 def test_the_papers_arm_takes_less_than_five_seconds(run):
-    kernel.warm_up()
+    sampler.warm_up()
     begin = time.perf_counter()
     code, out, _ = run()
     assert time.perf_counter() - begin < 5

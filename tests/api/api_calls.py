@@ -12,9 +12,9 @@ import numpy as np
 
 import precision_pin as pp
 from precision_pin.errors import PrecisionPinError
-from precision_pin.examples import PAPER_SHEET
+from precision_pin.robot.examples import PAPER_SHEET
 from precision_pin.statistics import Specification
-from precision_pin.terms import JointValue
+from precision_pin.terms.term import JointValue
 
 POSE = [0.1, 0.2, 0.3, 0.4]
 

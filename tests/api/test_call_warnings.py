@@ -15,7 +15,7 @@ import precision_pin as pp
 from api.api_calls import model
 from precision_pin.cli.program import cli
 from precision_pin.errors import PrecisionPinWarning
-from precision_pin.examples import resolve_robot
+from precision_pin.robot.examples import resolve_robot
 
 ARM = pp.ErrorModel(
     pp.Chain.from_urdf(model().chain.robot.file, model().chain.tip, gravity=(0, 0, 0)),

@@ -15,7 +15,7 @@ from typing import Any
 import pytest
 
 from precision_pin.cli import main
-from precision_pin.examples import PAPER_SHEET
+from precision_pin.robot.examples import PAPER_SHEET
 
 GANTRY = """<?xml version="1.0"?>
 <robot name="gantry">

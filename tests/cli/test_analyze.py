@@ -226,23 +226,23 @@ def test_ctrl_c_ends_with_one_line(run, monkeypatch, new_files):
     def interrupted(*arguments: object) -> object:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("precision_pin.model.PoseModel.findings", interrupted)
+    monkeypatch.setattr("precision_pin.model.error_model.PoseModel.findings", interrupted)
     outcome = run("analyze", "--samples", "10", "--out", "plots", "--json", "result.json")
     assert (outcome.code, outcome.out, outcome.err) == (130, "", "interrupted\n")
     assert new_files() == set()
 
 
 def test_a_ctrl_c_that_a_library_has_swallowed_ends_the_run_all_the_same(run, monkeypatch, new_files):
-    import precision_pin.run
+    import precision_pin.sampling
 
-    real = precision_pin.run.monte_carlo
+    real = precision_pin.sampling.monte_carlo
 
     def swallowing(*arguments: object, **settings: object) -> object:
         with contextlib.suppress(KeyboardInterrupt):
             signal.raise_signal(signal.SIGINT)
         return real(*arguments, **settings)
 
-    monkeypatch.setattr(precision_pin.run, "monte_carlo", swallowing)
+    monkeypatch.setattr(precision_pin.sampling, "monte_carlo", swallowing)
     outcome = run("analyze", "--samples", "10", "--json", "result.json")
     assert (outcome.code, outcome.out, outcome.err) == (130, "", "interrupted\n")
     assert new_files() == set()

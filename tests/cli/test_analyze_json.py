@@ -10,7 +10,7 @@ import pytest
 from scipy.special import betaincinv
 
 import precision_pin as pp
-from precision_pin.examples import PAPER_SHEET
+from precision_pin.robot.examples import PAPER_SHEET
 
 TOP = [
     "schema", "complete", "robot", "base", "tip", "axes", "pose", "samples", "seed", "model", "statics", "scopes",

@@ -9,7 +9,7 @@ import pytest
 
 from precision_pin.cli import COMMANDS, export
 from precision_pin.cli.targets import check_folder_name, check_page_name
-from precision_pin.examples import example_urdfs, shipped_sheets
+from precision_pin.robot.examples import example_urdfs, shipped_sheets
 
 SDF = '<sdf version="1.6"><model name="arm"><link name="base"/></model></sdf>\n'
 XACRO = '<robot name="arm" xmlns:xacro="http://ros.org/wiki/xacro"><xacro:property name="a" value="1"/></robot>\n'

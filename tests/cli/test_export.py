@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 
 from cli.conftest import LONG
-from precision_pin.chain import Chain
-from precision_pin.model import ErrorModel
+from precision_pin.model.error_model import ErrorModel
+from precision_pin.robot.chain import Chain
 from support.plain_robot import PlainRobot, pose_error
 
 HEAD = ["unit", "file", "x_m", "y_m", "z_m", "rx_rad", "ry_rad", "rz_rad", "sha256"]

@@ -12,7 +12,7 @@ import pytest
 from ruamel.yaml import YAML
 
 from precision_pin.cli import COMMANDS
-from precision_pin.examples import PAPER_SHEET
+from precision_pin.robot.examples import PAPER_SHEET
 
 FINDING = re.compile(r"[^:\n]+(:\d+)?: (error|warning) [EW]_[A-Z_]+: .+")
 

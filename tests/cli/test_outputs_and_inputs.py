@@ -101,7 +101,9 @@ def refused(outcome):
 
 @pytest.mark.parametrize("case", INPUTS)
 def test_no_input_is_written_over(run, files, contents, monkeypatch, case):
-    monkeypatch.setattr("precision_pin.model.ErrorModel.from_sheet", lambda *_: pytest.fail("work was begun"))
+    monkeypatch.setattr(
+        "precision_pin.model.error_model.ErrorModel.from_sheet", lambda *_: pytest.fail("work was begun")
+    )
     before = contents()
     assert re.search(r"cannot write \S+: it is an input of this command", refused(run(*INPUTS[case])))
     assert contents() == before

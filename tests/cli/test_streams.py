@@ -104,7 +104,7 @@ def test_a_lack_of_memory_in_a_command_is_one_line(run, monkeypatch):
     def greedy(*_: object) -> object:
         raise MemoryError
 
-    monkeypatch.setattr("precision_pin.model.ErrorModel.from_sheet", greedy)
+    monkeypatch.setattr("precision_pin.model.error_model.ErrorModel.from_sheet", greedy)
     outcome = run("analyze")
     assert (outcome.code, outcome.out, outcome.err.count("\n")) == (2, "", 1)
     assert "E_RESOURCES" in outcome.err

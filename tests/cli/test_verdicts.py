@@ -9,7 +9,7 @@ import shutil
 
 import pytest
 
-from precision_pin.examples import example_urdfs, shipped_sheets
+from precision_pin.robot.examples import example_urdfs, shipped_sheets
 
 from .conftest import Run
 

@@ -32,16 +32,16 @@ from pathlib import Path
 import pytest
 
 from precision_pin import cli
+from precision_pin.draws.expressions import MOST_OPERATIONS
+from precision_pin.draws.space import FARTHEST_NORMAL, MOST_POSES, MOST_VISITS
 from precision_pin.errors import InputError
-from precision_pin.examples import example_urdfs
-from precision_pin.kernel import BLOCK
-from precision_pin.model import ErrorModel
-from precision_pin.parameters import MOST_OPERATIONS
+from precision_pin.kernel.sampler import BLOCK
+from precision_pin.model.error_model import ErrorModel
+from precision_pin.robot.examples import example_urdfs
 from precision_pin.sheet.reader import LARGEST_FILE
 from precision_pin.sheet.schema import Document
 from precision_pin.sheet.text import MOST_LEVELS, MOST_NODES
 from precision_pin.sources import catalogue
-from precision_pin.space import FARTHEST_NORMAL, MOST_POSES, MOST_VISITS
 
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"

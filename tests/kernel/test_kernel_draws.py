@@ -9,19 +9,19 @@ import pytest
 from scipy import special, stats
 
 from kernel.kernel_cases import COVARIANCE, EVERY_LAW, from_python, plain_table
-from precision_pin import kernel
-from precision_pin import kernel_loops as loops
+from precision_pin.draws.expressions import Operator
+from precision_pin.draws.laws import Circle, Disc, Law, Normal, Triangular, TruncatedNormal, Uniform
+from precision_pin.draws.space import Draw, Scope, Space
 from precision_pin.errors import InputError
-from precision_pin.laws import Circle, Disc, Law, Normal, Triangular, TruncatedNormal, Uniform
-from precision_pin.parameters import Operator
-from precision_pin.space import Draw, Scope, Space
+from precision_pin.kernel import loops as loops
+from precision_pin.kernel import sampler
 from precision_pin.statistics import LARGEST, sketch
 
 ALPHA = 1e-6
 
 
-def layout_of(space: Space) -> kernel.CompiledTable:
-    return kernel.compile_table(plain_table(space, np.zeros((0, 4, 4)), np.zeros((0, 6))))
+def layout_of(space: Space) -> sampler.CompiledTable:
+    return sampler.compile_table(plain_table(space, np.zeros((0, 4, 4)), np.zeros((0, 6))))
 
 
 LAYOUT = layout_of(EVERY_LAW)
@@ -60,7 +60,7 @@ def test_numbers_repeated_in_the_compiled_file_are_those_of_their_owners() -> No
 )
 def test_draws_are_those_of_the_space(seed: int, first: int, count: int, pose: int, visit: int) -> None:
     expected = EVERY_LAW.sample(seed, first, count, pose=pose, visit=visit)
-    drawn = kernel.sample(LAYOUT, seed, first, count, pose=pose, visit=visit)
+    drawn = sampler.sample(LAYOUT, seed, first, count, pose=pose, visit=visit)
     for draw, rows in zip(EVERY_LAW.draws, EVERY_LAW.slices, strict=True):
         if draw.name in ("uniform", "triangular", "modulus", "fixed"):
             np.testing.assert_array_equal(drawn[rows], expected[rows], err_msg=draw.name)
@@ -77,14 +77,14 @@ def test_a_uniform_number_has_the_bits_of_the_space(mean: float) -> None:
     scopes = [Scope.UNIT, Scope.UNIT, Scope.POSE, Scope.VISIT]
     space = Space(tuple(Draw(f"a{k}", *both) for k, both in enumerate(zip(laws, scopes, strict=True))))
     expected = space.sample(3, 5, 20_000, pose=2, visit=7)
-    drawn = kernel.sample(layout_of(space), 3, 5, 20_000, pose=2, visit=7)
+    drawn = sampler.sample(layout_of(space), 3, 5, 20_000, pose=2, visit=7)
     np.testing.assert_array_equal(drawn[[0, 2, 3]], expected[[0, 2, 3]])
 
 
 def test_a_standard_normal_number_is_that_of_the_space_within_rounding() -> None:
     space = Space((Draw("z", Normal(1.0)),))
     expected = space.sample(3, 0, 200_000)
-    assert ulps(kernel.sample(layout_of(space), 3, 0, 200_000), expected) <= 5
+    assert ulps(sampler.sample(layout_of(space), 3, 0, 200_000), expected) <= 5
     assert np.abs(expected).max() < 6
 
 
@@ -92,10 +92,10 @@ def test_a_standard_normal_number_is_that_of_the_space_within_rounding() -> None
 def test_a_scope_repeats_its_numbers_exactly_where_it_should(scope: Scope) -> None:
     layout = layout_of(Space((Draw("a", Normal(1.0), scope),)))
     same_pose = np.array_equal(
-        kernel.sample(layout, 1, 0, 50, pose=2, visit=0), kernel.sample(layout, 1, 0, 50, pose=2, visit=1)
+        sampler.sample(layout, 1, 0, 50, pose=2, visit=0), sampler.sample(layout, 1, 0, 50, pose=2, visit=1)
     )
     same_unit = np.array_equal(
-        kernel.sample(layout, 1, 0, 50, pose=2, visit=0), kernel.sample(layout, 1, 0, 50, pose=3, visit=0)
+        sampler.sample(layout, 1, 0, 50, pose=2, visit=0), sampler.sample(layout, 1, 0, 50, pose=3, visit=0)
     )
     assert (same_unit, same_pose) == (scope is Scope.UNIT, scope is not Scope.VISIT)
 
@@ -195,7 +195,7 @@ def test_a_joint_normal_has_the_root_and_mean_of_its_covariance() -> None:
     ids=lambda value: type(value).__name__ if isinstance(value, Law) else "",
 )
 def test_a_million_draws_follow_the_law(law: Law, expected) -> None:
-    drawn = kernel.sample(layout_of(Space((Draw("a", law),))), 20_240_101, 0, 1_000_000)
+    drawn = sampler.sample(layout_of(Space((Draw("a", law),))), 20_240_101, 0, 1_000_000)
     for row in drawn:
         assert stats.kstest(row, expected.cdf).pvalue > ALPHA
     # neighbouring units and the two numbers of a draw are independent
@@ -210,15 +210,15 @@ def test_a_million_draws_follow_the_law(law: Law, expected) -> None:
 def test_what_is_not_a_seed_or_a_unit_is_refused() -> None:
     for seed in (-1, 2**64, 1.5):
         with pytest.raises(InputError, match="seed"):
-            kernel.sample(LAYOUT, seed, 0, 5)
+            sampler.sample(LAYOUT, seed, 0, 5)
     for first, count in ((-1, 5), (0, -1), (2**63 - 4, 5), (1.0, 5)):
         with pytest.raises(InputError, match="units are numbered from 0"):
-            kernel.sample(LAYOUT, 0, first, count)
-    last = kernel.sample(LAYOUT, 0, 2**63 - 5, 5)
+            sampler.sample(LAYOUT, 0, first, count)
+    last = sampler.sample(LAYOUT, 0, 2**63 - 5, 5)
     np.testing.assert_allclose(last, EVERY_LAW.sample(0, 2**63 - 5, 5), rtol=0, atol=2e-15)
     with pytest.raises(InputError, match="pose"):
-        kernel.sample(LAYOUT, 0, 0, 5, pose=2**20)
-    assert kernel.sample(LAYOUT, 0, 0, 0).shape == (EVERY_LAW.size, 0)
+        sampler.sample(LAYOUT, 0, 0, 5, pose=2**20)
+    assert sampler.sample(LAYOUT, 0, 0, 0).shape == (EVERY_LAW.size, 0)
 
 
 def test_an_unknown_law_is_refused_by_name() -> None:

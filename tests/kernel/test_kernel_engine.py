@@ -10,14 +10,14 @@ import pytest
 from scipy.linalg import expm, logm
 
 from kernel.kernel_cases import EVERY_LAW, plain_table, pose_model, random_frame, random_table, single_formula
-from precision_pin import kernel
+from precision_pin.draws.expressions import Component, Program, sqrt
+from precision_pin.draws.laws import Fixed, Normal, Uniform
+from precision_pin.draws.space import Draw, Space
 from precision_pin.errors import InputError
-from precision_pin.kernel_loops import FINE, NARROW, WIDE
-from precision_pin.laws import Fixed, Normal, Uniform
-from precision_pin.model import ErrorModel
-from precision_pin.parameters import Component, Program, sqrt
-from precision_pin.space import Draw, Space
-from precision_pin.table import TermTable
+from precision_pin.kernel import sampler
+from precision_pin.kernel.loops import FINE, NARROW, WIDE
+from precision_pin.model.error_model import ErrorModel
+from precision_pin.terms.table import TermTable
 
 SHEET = Path(__file__).parents[2] / "robots" / "4dof.errors.yaml"
 
@@ -33,14 +33,14 @@ def test_both_models_equal_the_oracle_on_random_tables(seed: int) -> None:
     at = random_table(
         seed, targets=int(rng.integers(1, 15)), terms=int(rng.integers(1, 80)), shift=10 * turn, turn=turn
     )
-    layout = kernel.compile_table(at)
+    layout = sampler.compile_table(at)
     x = EVERY_LAW.sample(seed, 5, 1000, pose=1, visit=2)
     for name, oracle in (("linear", at.linear), ("exact", at.exact)):
         expected = oracle(x)
-        assert worst(kernel.errors_at(layout, name, x), expected) < 1e-12
-        assert worst(kernel.errors(layout, name, seed, 5, 1000, pose=1, visit=2), expected) < 1e-12
+        assert worst(sampler.errors_at(layout, name, x), expected) < 1e-12
+        assert worst(sampler.errors(layout, name, seed, 5, 1000, pose=1, visit=2), expected) < 1e-12
         # relative to the errors themselves as well, although these may be micrometres
-        assert np.abs(kernel.errors_at(layout, name, x) - expected).max() < 1e-12 + 1e-9 * np.abs(expected).max()
+        assert np.abs(sampler.errors_at(layout, name, x) - expected).max() < 1e-12 + 1e-9 * np.abs(expected).max()
 
 
 @pytest.mark.parametrize(("turn", "series"), [(1e-4, FINE), (3e-3, NARROW), (0.03, WIDE)])
@@ -69,13 +69,13 @@ def test_any_number_of_terms_of_one_and_two_factors(turn: float, series: int, sl
             factors=np.array([*of_first, *of_second], dtype=np.intp),
         )
         at = pose_model(space, table)
-        layout = kernel.compile_table(at)
+        layout = sampler.compile_table(at)
         assert singles < 13 or layout.motions.series[-1] == series
         for name, oracle in (("linear", at.linear), ("exact", at.exact)):
             expected = oracle(x)
             # of sums of up to 40 terms of 0.01 m and of the turn
             np.testing.assert_allclose(
-                kernel.errors_at(layout, name, x), expected, rtol=0, atol=1e-14 * (1 + 20 * turn)
+                sampler.errors_at(layout, name, x), expected, rtol=0, atol=1e-14 * (1 + 20 * turn)
             )
 
 
@@ -83,9 +83,9 @@ def test_the_exact_model_keeps_its_relative_accuracy_where_errors_are_tiny() -> 
     space = Space((Draw("a", Uniform(1.0)), Draw("b", Uniform(1.0))))
     twists = 1e-9 * np.random.default_rng(0).normal(size=(2, 6))
     at = plain_table(space, [random_frame(np.random.default_rng(k)) for k in (1, 2)], twists)
-    layout = kernel.compile_table(at)
+    layout = sampler.compile_table(at)
     # at 1e-9 second order is 1e-18: the linear model is the exact one to 1e-9 of its size
-    exact, linear = (kernel.errors(layout, model, 0, 0, 500) for model in ("exact", "linear"))
+    exact, linear = (sampler.errors(layout, model, 0, 0, 500) for model in ("exact", "linear"))
     assert np.abs(exact - linear).max() < 1e-8 * np.abs(linear).max()
 
 
@@ -94,28 +94,28 @@ def test_up_to_three_radians_of_total_error() -> None:
     space = Space(tuple(Draw(f"a{k}", Uniform(1.0)) for k in range(5)))
     frames = [random_frame(rng) for _ in range(5)]
     at = plain_table(space, frames, rng.normal(size=(5, 6)) * 0.7, tip=random_frame(rng))
-    layout = kernel.compile_table(at)
+    layout = sampler.compile_table(at)
     x = space.sample(1, 0, 20_000)
     expected = at.exact(x)
     angle = np.linalg.norm(expected[3:], axis=0)
     below = angle < 3.0
     assert angle[below].max() > 2.9
     assert (layout.motions.series == WIDE).all()
-    assert worst(kernel.errors_at(layout, "exact", x)[:, below], expected[:, below]) < 1e-12
+    assert worst(sampler.errors_at(layout, "exact", x)[:, below], expected[:, below]) < 1e-12
     # beyond π the shorter way round is taken, as the oracle does
-    assert worst(np.linalg.norm(kernel.errors_at(layout, "exact", x)[3:], axis=0), angle) < 1e-11
+    assert worst(np.linalg.norm(sampler.errors_at(layout, "exact", x)[3:], axis=0), angle) < 1e-11
 
 
 @pytest.mark.parametrize(("largest", "series"), [(math.pi, WIDE), (0.2499, NARROW), (0.00999, FINE)])
 def test_one_target_up_to_half_a_turn(largest: float, series: int) -> None:
     axis = np.array([1.0, -2.0, 0.5]) / np.linalg.norm([1.0, -2.0, 0.5])
     at = plain_table(Space((Draw("a", Uniform(largest)),)), np.eye(4)[None], [[0, 0, 0, *axis]])
-    layout = kernel.compile_table(at)
+    layout = sampler.compile_table(at)
     assert layout.motions.series.tolist() == [series, series]
     edge = [0.2499999, 0.25, 0.2500001] if largest > 1 else []
     angle = np.concatenate([np.linspace(-largest, largest, 1003)[1:-1], [1e-300, 1e-12, *edge]])
     expected = np.outer(np.concatenate([np.zeros(3), axis]), angle)
-    np.testing.assert_allclose(kernel.errors_at(layout, "exact", angle[None]), expected, rtol=2e-15, atol=1e-300)
+    np.testing.assert_allclose(sampler.errors_at(layout, "exact", angle[None]), expected, rtol=2e-15, atol=1e-300)
 
 
 @pytest.mark.parametrize(
@@ -138,11 +138,11 @@ def test_series_on_either_side_of_the_switches_equal_matrix_exponentials(largest
         [[0.1, 0.2, 0.3, 0.6, 0.0, 0.8], [0.3, 0.0, -0.2, 0.0, 1.0, 0.0]],
         tip=random_frame(rng),
     )
-    layout = kernel.compile_table(at)
+    layout = sampler.compile_table(at)
     assert layout.largest_angle == pytest.approx(largest, rel=1e-9)
     assert layout.motions.series.tolist() == series
     x = at.space.sample(0, 0, 40)
-    found = kernel.errors(layout, "exact", 0, 0, 40)
+    found = sampler.errors(layout, "exact", 0, 0, 40)
     for values, error in zip(x.T, found.T, strict=True):
         motion = np.eye(4)
         for frame, twist, value in zip(at.table.frames, at.table.twists, values, strict=True):
@@ -165,37 +165,37 @@ def test_one_joint_by_hand() -> None:
     tip = np.eye(4)
     tip[0, 3] = 1.0
     at = plain_table(Space((Draw("a", Fixed(1e-3)),)), np.eye(4)[None], [[0, 0, 0, 0, 0, 1.0]], tip=tip)
-    layout = kernel.compile_table(at)
-    exact = kernel.errors(layout, "exact", 0, 0, 3)
+    layout = sampler.compile_table(at)
+    exact = sampler.errors(layout, "exact", 0, 0, 3)
     expected = [-2 * math.sin(5e-4) ** 2, math.sin(1e-3), 0, 0, 0, 1e-3]
     np.testing.assert_allclose(exact, np.tile(expected, (3, 1)).T, rtol=1e-15, atol=0)
-    np.testing.assert_array_equal(kernel.errors(layout, "linear", 0, 0, 1)[:, 0], [0, 1e-3, 0, 0, 0, 1e-3])
+    np.testing.assert_array_equal(sampler.errors(layout, "linear", 0, 0, 1)[:, 0], [0, 1e-3, 0, 0, 0, 1e-3])
 
 
 def test_the_papers_arm_with_its_sheet() -> None:
     at = ErrorModel.load(SHEET).at()
-    layout = kernel.compile_table(at)
+    layout = sampler.compile_table(at)
     x = at.space.sample(3, 0, 3000)
-    np.testing.assert_allclose(kernel.errors(layout, "exact", 3, 0, 3000), at.exact(x), rtol=0, atol=5e-15)
-    np.testing.assert_allclose(kernel.errors(layout, "linear", 3, 0, 3000), at.linear(x), rtol=0, atol=1e-16)
+    np.testing.assert_allclose(sampler.errors(layout, "exact", 3, 0, 3000), at.exact(x), rtol=0, atol=5e-15)
+    np.testing.assert_allclose(sampler.errors(layout, "linear", 3, 0, 3000), at.linear(x), rtol=0, atol=1e-16)
 
 
 def test_values_that_no_draw_can_give_are_served_all_the_same() -> None:
     at = plain_table(Space((Draw("a", Uniform(1e-3)),)), np.eye(4)[None], [[0, 0, 1.0, 0, 0, 1.0]])
-    layout = kernel.compile_table(at)
+    layout = sampler.compile_table(at)
     assert (layout.motions.series == FINE).all()
-    found = kernel.errors_at(layout, "exact", [[2.5, 1e-3]])
+    found = sampler.errors_at(layout, "exact", [[2.5, 1e-3]])
     np.testing.assert_allclose(found[5], [2.5, 1e-3], rtol=2e-15)
 
 
 def test_nothing_random_and_nothing_at_all() -> None:
     no_draws = Space(())
     at = plain_table(no_draws, np.zeros((0, 4, 4)), np.zeros((0, 6)))
-    layout = kernel.compile_table(at)
+    layout = sampler.compile_table(at)
     for model in ("exact", "linear"):
-        assert not kernel.errors(layout, model, 0, 3, 7).any()
-        assert kernel.errors_at(layout, model, np.zeros((0, 4))).shape == (6, 4)
-        assert kernel.errors_at(layout, model, np.zeros((0, 0))).shape == (6, 0)
+        assert not sampler.errors(layout, model, 0, 3, 7).any()
+        assert sampler.errors_at(layout, model, np.zeros((0, 4))).shape == (6, 4)
+        assert sampler.errors_at(layout, model, np.zeros((0, 0))).shape == (6, 0)
 
 
 @pytest.mark.parametrize(
@@ -214,15 +214,15 @@ def test_nothing_random_and_nothing_at_all() -> None:
 )
 def test_a_formula_that_fails_is_refused_and_named_with_its_sample(formula, law, allowed: bool) -> None:
     at = single_formula(formula, law)
-    layout = kernel.compile_table(at)
+    layout = sampler.compile_table(at)
     x = at.space.sample(1, 0, 600)
     if allowed:
-        assert worst(kernel.errors_at(layout, "exact", x), at.exact(x)) < 1e-12
+        assert worst(sampler.errors_at(layout, "exact", x), at.exact(x)) < 1e-12
         return
     with pytest.raises(InputError):
         at.exact(x)
     with pytest.raises(InputError, match=r"sample \d+: a parameter's formula fails") as failure:
-        kernel.errors_at(layout, "exact", x)
+        sampler.errors_at(layout, "exact", x)
     sample = int(str(failure.value).split("sample ")[1].split(":")[0])
     with pytest.raises(InputError):
         at.exact(x[:, [sample]])
@@ -232,49 +232,49 @@ def test_a_formula_that_fails_is_refused_and_named_with_its_sample(formula, law,
 
 def test_a_failure_counts_only_among_the_units_asked_for() -> None:
     at = single_formula(sqrt(Component("a")), Uniform(1.0, 0.9))
-    layout = kernel.compile_table(at)
+    layout = sampler.compile_table(at)
     bad = np.flatnonzero(at.space.sample(1, 0, 3000)[0] < 0)
     for unit in bad[:20].tolist():
         with pytest.raises(InputError, match=f"sample {unit}: "):
-            kernel.errors(layout, "exact", 1, unit, 1)
+            sampler.errors(layout, "exact", 1, unit, 1)
         # neither the unit before, in the same pair, nor those after, in the same tile, may be the reason
         last = int(bad[bad > unit][0])
-        assert np.isfinite(kernel.errors(layout, "exact", 1, unit + 1, last - unit - 1)).all()
+        assert np.isfinite(sampler.errors(layout, "exact", 1, unit + 1, last - unit - 1)).all()
 
 
 def test_a_target_that_turns_by_pi_is_refused_in_the_exact_model_only() -> None:
     at = plain_table(Space((Draw("a", Normal(1.0)),)), np.eye(4)[None], [[0, 0, 0, 0, 0, 1.0]])
-    layout = kernel.compile_table(at)
+    layout = sampler.compile_table(at)
     unit = int(np.flatnonzero(np.abs(at.space.sample(5, 0, 20_000)[0]) >= math.pi)[0])
     with pytest.raises(InputError, match=f"sample {unit}: an error turns a place by half a turn or more"):
-        kernel.errors(layout, "exact", 5, 0, 20_000)
-    assert kernel.errors(layout, "exact", 5, 0, unit).shape == (6, unit)
-    assert kernel.errors(layout, "exact", 5, unit + 1, 1).shape == (6, 1)
-    kernel.errors(layout, "linear", 5, 0, 20_000)
+        sampler.errors(layout, "exact", 5, 0, 20_000)
+    assert sampler.errors(layout, "exact", 5, 0, unit).shape == (6, unit)
+    assert sampler.errors(layout, "exact", 5, unit + 1, 1).shape == (6, 1)
+    sampler.errors(layout, "linear", 5, 0, 20_000)
 
 
 def test_errors_that_are_not_finite_are_refused() -> None:
     at = single_formula(Component("a"), Fixed(1e300), scale=1e10)
-    layout = kernel.compile_table(at)
+    layout = sampler.compile_table(at)
     for model in ("exact", "linear"):
         with pytest.raises(InputError, match="sample 0: the error is not a finite number"):
-            kernel.errors(layout, model, 0, 0, 1)
+            sampler.errors(layout, model, 0, 0, 1)
 
 
 def test_wrong_arguments_are_refused() -> None:
-    layout = kernel.compile_table(single_formula(Component("a")))
+    layout = sampler.compile_table(single_formula(Component("a")))
     with pytest.raises(InputError, match=r"shape \(2, 3\), expected \(1, N\)"):
-        kernel.errors_at(layout, "exact", np.zeros((2, 3)))
+        sampler.errors_at(layout, "exact", np.zeros((2, 3)))
     with pytest.raises(InputError, match="not a finite number"):
-        kernel.errors_at(layout, "exact", [[math.nan]])
+        sampler.errors_at(layout, "exact", [[math.nan]])
     with pytest.raises(InputError, match="exact or linear"):
-        kernel.errors(layout, "quadratic", 0, 0, 1)
+        sampler.errors(layout, "quadratic", 0, 0, 1)
 
 
 def test_bounds_of_components_and_angles_hold() -> None:
     for seed in range(6):
         at = random_table(seed, targets=5, terms=30, shift=0.1, turn=1e-3, slides=0.0)
-        layout = kernel.compile_table(at)
+        layout = sampler.compile_table(at)
         x = np.concatenate([EVERY_LAW.sample(seed, 0, 5000), EVERY_LAW.inverse(np.full((EVERY_LAW.size, 1), 0.999))], 1)
         assert (x >= layout.lowest[:, None]).all()
         assert (x <= layout.highest[:, None]).all()

@@ -11,10 +11,9 @@ import pytest
 from scipy import special, stats
 
 from kernel.kernel_cases import from_python, plain_table
-from precision_pin import kernel, laws
-from precision_pin import kernel_loops as loops
-from precision_pin.correlation import Correlation
-from precision_pin.laws import (
+from precision_pin.draws import laws
+from precision_pin.draws.correlation import Correlation
+from precision_pin.draws.laws import (
     Arcsine,
     Empirical,
     Law,
@@ -26,7 +25,9 @@ from precision_pin.laws import (
     TwoPoint,
     Uniform,
 )
-from precision_pin.space import Draw, Scope, Space
+from precision_pin.draws.space import Draw, Scope, Space
+from precision_pin.kernel import loops as loops
+from precision_pin.kernel import sampler
 from support.sampling_checks import exact_failures, sampling_failures
 
 SLOPES = ((0.0, -1.0), (0.3, -0.2), (0.6, 0.0), (0.9, 0.3), (1.0, 2.0))
@@ -64,8 +65,8 @@ SAME_BITS = ("two", "gap", "many", "rows", "single")
 """Laws of uniform numbers that need only + - × ÷."""
 
 
-def layout_of(space: Space) -> kernel.CompiledTable:
-    return kernel.compile_table(plain_table(space, np.zeros((0, 4, 4)), np.zeros((0, 6))))
+def layout_of(space: Space) -> sampler.CompiledTable:
+    return sampler.compile_table(plain_table(space, np.zeros((0, 4, 4)), np.zeros((0, 6))))
 
 
 LAYOUT = layout_of(SPACE)
@@ -77,7 +78,7 @@ LAYOUT = layout_of(SPACE)
 )
 def test_draws_are_those_of_the_space(seed: int, first: int, count: int, pose: int, visit: int) -> None:
     expected = SPACE.sample(seed, first, count, pose=pose, visit=visit)
-    drawn = kernel.sample(LAYOUT, seed, first, count, pose=pose, visit=visit)
+    drawn = sampler.sample(LAYOUT, seed, first, count, pose=pose, visit=visit)
     for draw, rows in zip(SPACE.draws, SPACE.slices, strict=True):
         if draw.name in SAME_BITS:
             np.testing.assert_array_equal(drawn[rows], expected[rows], err_msg=draw.name)
@@ -87,14 +88,14 @@ def test_draws_are_those_of_the_space(seed: int, first: int, count: int, pose: i
 def test_draws_are_those_of_plain_python() -> None:
     space = Space(tuple(draw for draw in SPACE.draws if draw.name != "many"), SPACE.correlations)
     layout = layout_of(space)
-    assert exact_failures(lambda *units: kernel.sample(layout, *units), space, seed=9, units=range(7, 27)) == []
+    assert exact_failures(lambda *units: sampler.sample(layout, *units), space, seed=9, units=range(7, 27)) == []
 
 
 def test_no_check_finds_fault_at_1e6_draws() -> None:
     left_out = ("many", "gap")  # values with a probability of their own: not for Kolmogorov's test
     space = Space(tuple(draw for draw in SPACE.draws if draw.name not in left_out), SPACE.correlations)
     layout = layout_of(space)
-    assert sampling_failures(lambda *units: kernel.sample(layout, *units), space) == []
+    assert sampling_failures(lambda *units: sampler.sample(layout, *units), space) == []
 
 
 @pytest.mark.parametrize(
@@ -104,7 +105,7 @@ def test_scopes_are_honoured(name: str) -> None:
     """The same bits where nothing is drawn again, others where it is, as in numpy."""
     row = SPACE.index[name]
     home, visit, pose, both = (
-        kernel.sample(LAYOUT, 1, 0, 64, pose=p, visit=v)[row] for p, v in ((2, 0), (2, 1), (3, 0), (3, 1))
+        sampler.sample(LAYOUT, 1, 0, 64, pose=p, visit=v)[row] for p, v in ((2, 0), (2, 1), (3, 0), (3, 1))
     )
     scope = next(draw.scope for draw in SPACE.draws if name in draw.components)
     assert np.array_equal(home, visit) == (scope is not Scope.VISIT)
@@ -113,7 +114,7 @@ def test_scopes_are_honoured(name: str) -> None:
 
 
 def test_samples_stay_between_the_bounds_and_the_bounds_are_the_law_s() -> None:
-    drawn = kernel.sample(LAYOUT, 3, 0, 300_000)
+    drawn = sampler.sample(LAYOUT, 3, 0, 300_000)
     assert (drawn >= LAYOUT.lowest[:, None]).all()
     assert (drawn <= LAYOUT.highest[:, None]).all()
     expected = {
@@ -128,21 +129,21 @@ def test_samples_stay_between_the_bounds_and_the_bounds_are_the_law_s() -> None:
 
 
 def test_any_slice_and_any_number_of_threads_give_the_same_bits() -> None:
-    whole = kernel.sample(LAYOUT, 5, 0, 40_000)
+    whole = sampler.sample(LAYOUT, 5, 0, 40_000)
     for first, count in ((0, 1), (1, 1), (255, 3), (16_383, 2), (4097, 700)):
-        np.testing.assert_array_equal(kernel.sample(LAYOUT, 5, first, count), whole[:, first : first + count])
+        np.testing.assert_array_equal(sampler.sample(LAYOUT, 5, first, count), whole[:, first : first + count])
     with ThreadPoolExecutor(4) as pool:
-        parts = list(pool.map(lambda first: kernel.sample(LAYOUT, 5, first, 1250), range(0, 40_000, 1250)))
+        parts = list(pool.map(lambda first: sampler.sample(LAYOUT, 5, first, 1250), range(0, 40_000, 1250)))
     np.testing.assert_array_equal(np.concatenate(parts, axis=1), whole)
 
 
 def test_other_draws_and_groups_change_no_bit() -> None:
-    kept = kernel.sample(LAYOUT, 5, 3, 500)
+    kept = sampler.sample(LAYOUT, 5, 3, 500)
     new = (Draw("aa", Normal(1.0)), Draw("zz", Arcsine(1.0)))
     turned = Correlation(("t", "u", "l", "n"), tuple(tuple(MATRIX[i][j] for j in (2, 0, 3, 1)) for i in (2, 0, 3, 1)))
     groups = (SPACE.correlations[2], turned, SPACE.correlations[1], Correlation.pair("aa", "zz", 0.5))
     other = Space((*new, *SPACE.draws[::-1]), groups)
-    again = kernel.sample(layout_of(other), 5, 3, 500)
+    again = sampler.sample(layout_of(other), 5, 3, 500)
     for name in SPACE.components:
         np.testing.assert_array_equal(again[other.index[name]], kept[SPACE.index[name]], err_msg=name)
 
@@ -151,7 +152,7 @@ def test_identity_gives_normal_laws_the_numbers_they_have_alone() -> None:
     draws = (Draw("a", Normal(2.0, 1.0)), Draw("b", Lognormal(0.3, 1.0)), Draw("c", Normal(1.0)))
     mixed = Space(draws, (Correlation(("c", "a", "b"), ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))),))
     np.testing.assert_array_equal(mixed.sample(3, 5, 1000), Space(draws).sample(3, 5, 1000))
-    drawn, alone = kernel.sample(layout_of(mixed), 3, 5, 1000), kernel.sample(layout_of(Space(draws)), 3, 5, 1000)
+    drawn, alone = sampler.sample(layout_of(mixed), 3, 5, 1000), sampler.sample(layout_of(Space(draws)), 3, 5, 1000)
     np.testing.assert_array_equal(drawn[1], alone[1])
     # the compiled sampler multiplies by the standard deviation elsewhere
     np.testing.assert_allclose(drawn, alone, rtol=0, atol=2e-15)
@@ -160,9 +161,9 @@ def test_identity_gives_normal_laws_the_numbers_they_have_alone() -> None:
 def test_errors_at_given_numbers_beyond_a_law_are_those_of_numpy() -> None:
     space = Space((Draw("l", Lognormal(0.3, 1.0)), Draw("s", TwoPoint(0.01))))
     model = plain_table(space, np.tile(np.eye(4), (2, 1, 1)), np.eye(6)[[0, 5]], tip=np.eye(4))
-    layout = kernel.compile_table(model)
+    layout = sampler.compile_table(model)
     x = np.array([[0.5, 40.0, -3.0], [0.01, 2.0, -1.0]])
-    np.testing.assert_allclose(kernel.errors_at(layout, "exact", x), model.exact(x), rtol=0, atol=1e-13)
+    np.testing.assert_allclose(sampler.errors_at(layout, "exact", x), model.exact(x), rtol=0, atol=1e-13)
 
 
 def test_the_tangent_covariance_holds_the_correlation() -> None:
@@ -171,7 +172,7 @@ def test_the_tangent_covariance_holds_the_correlation() -> None:
     model = plain_table(space, np.tile(np.eye(4), (2, 1, 1)), np.eye(6)[[0, 0]])
     assert model.covariance[0, 0] == pytest.approx(space.covariance.sum(), rel=1e-14)
     assert space.covariance[0, 1] > 0.4e-6
-    drawn = kernel.errors(kernel.compile_table(model), "linear", 1, 0, 1_000_000)[0]
+    drawn = sampler.errors(sampler.compile_table(model), "linear", 1, 0, 1_000_000)[0]
     deviation = drawn - space.mean.sum()
     error = (deviation**2).std() / 1000
     assert abs((deviation**2).mean() - space.covariance.sum()) < stats.norm.isf(5e-7) * error

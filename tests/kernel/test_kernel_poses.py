@@ -10,19 +10,19 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from kernel.kernel_cases import EVERY_LAW, compiled_variants, pose_model, random_frame, random_table
-from precision_pin import kernel, kernel_loops, kernel_poses
-from precision_pin.compiled import INTERPRETED
-from precision_pin.correlation import Correlation
+from precision_pin.draws.correlation import Correlation
+from precision_pin.draws.expressions import Component, Program
+from precision_pin.draws.laws import Circle, Empirical, Fixed, Normal, Rows, Uniform
+from precision_pin.draws.space import Draw, Scope, Space
 from precision_pin.errors import InputError
-from precision_pin.kernel import BLOCK, Blocks
-from precision_pin.kernel_joined import JoinedTables
-from precision_pin.kernel_loops import WIDE
-from precision_pin.laws import Circle, Empirical, Fixed, Normal, Rows, Uniform
-from precision_pin.model import PoseModel
-from precision_pin.parameters import Component, Program
-from precision_pin.space import Draw, Scope, Space
+from precision_pin.jit import INTERPRETED
+from precision_pin.kernel import loops, many_poses, sampler
+from precision_pin.kernel.loops import WIDE
+from precision_pin.kernel.pose_arrays import JoinedTables
+from precision_pin.kernel.sampler import BLOCK, Blocks
+from precision_pin.model.error_model import PoseModel
 from precision_pin.statistics import Plan, Specification
-from precision_pin.table import TermTable
+from precision_pin.terms.table import TermTable
 
 SPECIFICATIONS = (
     Specification("position.norm", 5e-3, 0.5),
@@ -65,17 +65,17 @@ def assert_as_one_at_a_time(
     models: list[PoseModel], model: Any, samples: int, *, pose: int = 0, visit: int = 0
 ) -> None:
     """Compare both ways of observing many poses with one pose after another."""
-    layouts, plans = kernel.compile_tables(models), planned(models)
+    layouts, plans = sampler.compile_tables(models), planned(models)
     blocks = -(-samples // BLOCK)
     units: dict[str, Any] = {"samples": samples, "first_pose": pose, "visit": visit}
     tables = JoinedTables.of(layouts)
-    found = kernel_poses.observe_poses(tables, plans, model, 7, 0, blocks, **units)
-    norms = kernel_poses.observe_norms(tables, plans, model, 7, 0, blocks, **units)
-    edges = kernel_poses.norm_edges()
+    found = many_poses.observe_poses(tables, plans, model, 7, 0, blocks, **units)
+    norms = many_poses.observe_norms(tables, plans, model, 7, 0, blocks, **units)
+    edges = many_poses.norm_edges()
     assert norms.count == samples
     for p, (at, plan) in enumerate(zip(models, plans, strict=True)):
-        alone = kernel.compile_table(at)
-        expected = kernel.observe_blocks(
+        alone = sampler.compile_table(at)
+        expected = sampler.observe_blocks(
             alone, plan, model, 7, 0, blocks, samples=samples, keep_errors=True, pose=pose + p, visit=visit
         )
         assert_same_bits(found[p], expected)
@@ -101,7 +101,7 @@ def test_all_scopes_formulas_and_products_have_the_bits_of_one_pose_at_a_time(mo
 @pytest.mark.parametrize("turn", [0.02, 0.08, 0.2])
 def test_wide_angles(turn: float) -> None:
     models = at_poses(12, 4, targets=3, terms=6, shift=1e-2, turn=turn)
-    layouts = kernel.compile_tables(models)
+    layouts = sampler.compile_tables(models)
     assert any((layout.motions.series == WIDE).any() for layout in layouts)
     assert_as_one_at_a_time(models, "exact", 700)
 
@@ -125,8 +125,8 @@ def test_a_turn_of_nearly_half_a_turn_at_one_pose_of_many() -> None:
         )
         models.append(pose_model(space, table))
     assert_as_one_at_a_time(models, "exact", 1000)
-    layouts = kernel.compile_tables(models)
-    errors = kernel.errors(layouts[1], "exact", 0, 0, 4000, pose=1)
+    layouts = sampler.compile_tables(models)
+    errors = sampler.errors(layouts[1], "exact", 0, 0, 4000, pose=1)
     assert np.linalg.norm(errors[3:], axis=0).max() > 2.9
 
 
@@ -167,50 +167,50 @@ def test_laws_of_every_kind_are_split_by_scope() -> None:
 
 def test_poses_laid_out_together_are_those_laid_out_alone() -> None:
     models = at_poses(5, 8, targets=5, terms=30, shift=1e-3, turn=1e-2)
-    for at, together in zip(models, kernel.compile_tables(models), strict=True):
-        alone = kernel.compile_table(at)
+    for at, together in zip(models, sampler.compile_tables(models), strict=True):
+        alone = sampler.compile_table(at)
         assert together.largest_angle == alone.largest_angle
         assert together.rows == alone.rows
         for one, other in zip(
             (*together.superposition, *together.motions), (*alone.superposition, *alone.motions), strict=True
         ):
             np.testing.assert_array_equal(one, other)
-    assert kernel.compile_tables([]) == []
+    assert sampler.compile_tables([]) == []
 
 
 def test_poses_laid_out_alone_can_be_joined() -> None:
     models = at_poses(6, 3, targets=2, terms=9, shift=1e-3, turn=1e-3)
     plans = planned(models)
-    alone = kernel_poses.observe_poses([kernel.compile_table(at) for at in models], plans, "exact", 0, 0, 1, samples=90)
-    together = kernel_poses.observe_poses(kernel.compile_tables(models), plans, "exact", 0, 0, 1, samples=90)
+    alone = many_poses.observe_poses([sampler.compile_table(at) for at in models], plans, "exact", 0, 0, 1, samples=90)
+    together = many_poses.observe_poses(sampler.compile_tables(models), plans, "exact", 0, 0, 1, samples=90)
     for one, other in zip(alone, together, strict=True):
         assert_same_bits(one, other)
 
 
 def test_a_block_depends_on_nothing_but_its_number() -> None:
     models = at_poses(9, 3, targets=3, terms=9, shift=1e-3, turn=1e-3)
-    layouts, plans = kernel.compile_tables(models), planned(models)
-    both = kernel_poses.observe_norms(layouts, plans, "exact", 5, 2, 2)
-    second = kernel_poses.observe_norms(layouts[1:], plans[1:], "exact", 5, 3, 1, first_pose=1)
+    layouts, plans = sampler.compile_tables(models), planned(models)
+    both = many_poses.observe_norms(layouts, plans, "exact", 5, 2, 2)
+    second = many_poses.observe_norms(layouts[1:], plans[1:], "exact", 5, 3, 1, first_pose=1)
     np.testing.assert_array_equal(both.sums[1:, 1], second.sums[:, 0])
 
 
 def test_one_compilation_serves_every_table() -> None:
     for seed in range(3):
         models = at_poses(seed, seed + 1, targets=seed, terms=3 * seed, shift=0.0, turn=1e-3)
-        kernel_poses.observe_norms(kernel.compile_tables(models), planned(models), "exact", 0, 0, 1, samples=9)
+        many_poses.observe_norms(sampler.compile_tables(models), planned(models), "exact", 0, 0, 1, samples=9)
         plans = [Plan(np.zeros(8), np.ones(8))] * len(models)
-        kernel_poses.observe_poses(
-            kernel.compile_tables(models), plans, "linear", np.int64(1), np.uint8(0), np.int32(1), samples=np.int64(3)
+        many_poses.observe_poses(
+            sampler.compile_tables(models), plans, "linear", np.int64(1), np.uint8(0), np.int32(1), samples=np.int64(3)
         )
     if not INTERPRETED:
-        seen = compiled_variants(kernel_loops.run_poses)
+        seen = compiled_variants(loops.run_poses)
         assert len(set(seen)) == len(seen) <= 4  # with and without rare laws, exact and linear
 
 
 def test_the_small_sketch_is_as_fine_as_it_says() -> None:
-    edges = kernel_poses.norm_edges()
-    assert edges.shape == (kernel_loops.NORM_COLUMNS + 1,)
+    edges = many_poses.norm_edges()
+    assert edges.shape == (loops.NORM_COLUMNS + 1,)
     assert edges[0] == -np.inf
     assert edges[-1] == np.inf
     np.testing.assert_array_equal(edges, -edges[::-1])
@@ -218,14 +218,14 @@ def test_the_small_sketch_is_as_fine_as_it_says() -> None:
     nearest = np.minimum(np.abs(inner[:-1]), np.abs(inner[1:]))
     assert (widths <= np.maximum(1 / 16, nearest / 32)).all()
     assert inner[-1] >= 15.5
-    assert 2 * 4 * kernel_loops.NORM_COLUMNS + 8 * kernel_loops.LANE_DOUBLES < 10_240
+    assert 2 * 4 * loops.NORM_COLUMNS + 8 * loops.LANE_DOUBLES < 10_240
 
 
 def test_wrong_inputs_are_told_in_a_line() -> None:
     models = at_poses(3, 2, targets=2, terms=9, shift=1e-3, turn=1e-3)
-    layouts, plans = kernel.compile_tables(models), planned(models)
-    other = kernel.compile_tables(at_poses(4, 1, targets=3, terms=9, shift=1e-3, turn=1e-3))
-    observe = kernel_poses.observe_norms
+    layouts, plans = sampler.compile_tables(models), planned(models)
+    other = sampler.compile_tables(at_poses(4, 1, targets=3, terms=9, shift=1e-3, turn=1e-3))
+    observe = many_poses.observe_norms
     with pytest.raises(InputError, match="no poses to sample"):
         observe([], [], "exact", 0, 0, 1)
     with pytest.raises(InputError, match="2 poses and 1 plans"):
@@ -249,7 +249,7 @@ def test_what_cannot_be_computed_is_told_with_pose_and_sample(scope: Scope) -> N
     space = Space((Draw("a", Uniform(1.0), scope), Draw("b", Uniform(1.0))))
     plans = [Plan(np.zeros(8), np.ones(8))] * 2
 
-    def layouts(reach: float, formula: Any = None) -> list[kernel.CompiledTable]:
+    def layouts(reach: float, formula: Any = None) -> list[sampler.CompiledTable]:
         twists = np.zeros((2, 6))
         program = PROGRAM if formula is None else Program.compile([formula, Component("b")], space.index)
         models = []
@@ -258,12 +258,12 @@ def test_what_cannot_be_computed_is_told_with_pose_and_sample(scope: Scope) -> N
             twists[0, 5] = size
             table = TermTable(np.eye(4), (None, None), np.array([np.eye(4)] * 2), program, TARGET, twists, FACTORS)  # type: ignore[arg-type]
             models.append(pose_model(space, table))
-        return kernel.compile_tables(models)
+        return sampler.compile_tables(models)
 
     turning = layouts(4.0)
     x = space.sample(0, 0, 1000, pose=1)[0]
     first = int(np.flatnonzero(np.abs(4.0 * x) >= np.pi)[0])
-    for observe in (kernel_poses.observe_norms, kernel_poses.observe_poses):
+    for observe in (many_poses.observe_norms, many_poses.observe_poses):
         with pytest.raises(InputError, match=r"pose 1, sample \d+: an error turns a place by half a turn") as caught:
             observe(turning, plans, "exact", 0, 0, 1, samples=1000)
         told = int(str(caught.value).split("sample ")[1].split(":")[0])
@@ -274,4 +274,4 @@ def test_what_cannot_be_computed_is_told_with_pose_and_sample(scope: Scope) -> N
         with pytest.raises(InputError, match=r"pose 1, sample \d+: the error is not a finite number"):
             observe(layouts(1e200), plans, "linear", 0, 0, 1, samples=300)
     # beyond the last sample nothing is refused
-    assert kernel_poses.observe_norms(turning, plans, "exact", 0, 0, 1, samples=first or 1).count == (first or 1)
+    assert many_poses.observe_norms(turning, plans, "exact", 0, 0, 1, samples=first or 1).count == (first or 1)

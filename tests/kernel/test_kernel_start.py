@@ -14,10 +14,9 @@ import pytest
 
 import precision_pin
 from kernel.kernel_cases import EVERY_LAW, compiled_variants, plain_table, random_table
-from precision_pin import compiled, kernel, kernel_loops, kernel_parts, kernel_poses
-from precision_pin.compiled import INTERPRETED, kept
-from precision_pin.correlation import Correlation
-from precision_pin.laws import (
+from precision_pin import jit
+from precision_pin.draws.correlation import Correlation
+from precision_pin.draws.laws import (
     Arcsine,
     Circle,
     Disc,
@@ -29,10 +28,12 @@ from precision_pin.laws import (
     TruncatedNormal,
     Uniform,
 )
-from precision_pin.space import Draw, Scope, Space
+from precision_pin.draws.space import Draw, Scope, Space
+from precision_pin.jit import INTERPRETED, kept
+from precision_pin.kernel import loops, many_poses, parts, sampler
 from precision_pin.statistics import Plan, Specification
 
-MODELS: tuple[kernel.Model, ...] = ("exact", "linear")
+MODELS: tuple[sampler.Model, ...] = ("exact", "linear")
 PACKAGE = Path(precision_pin.__file__).parent
 TESTS = Path(__file__).parents[1]
 
@@ -41,7 +42,7 @@ import time
 began = time.perf_counter()
 import numpy as np
 from kernel.kernel_cases import random_table
-from precision_pin import kernel
+from precision_pin.kernel import sampler as kernel
 at = random_table(4, targets=3, terms=9, shift=1e-3, turn=1e-3)
 layout = kernel.compile_table(at)
 before = kernel.is_compiled(layout.rare)
@@ -77,33 +78,33 @@ def copied(directory: Path) -> Path:
 
 def test_one_compilation_serves_every_table() -> None:
     for seed in range(3):
-        layout = kernel.compile_table(random_table(seed, targets=seed, terms=3 * seed, shift=0.0, turn=1e-3))
-        kernel.errors(layout, "exact", 0, 0, 5)
-        kernel.errors_at(layout, "linear", np.ones((EVERY_LAW.size, 2)))
-        kernel.sample(layout, 0, 1, 5)
+        layout = sampler.compile_table(random_table(seed, targets=seed, terms=3 * seed, shift=0.0, turn=1e-3))
+        sampler.errors(layout, "exact", 0, 0, 5)
+        sampler.errors_at(layout, "linear", np.ones((EVERY_LAW.size, 2)))
+        sampler.sample(layout, 0, 1, 5)
         # what numpy hands about must not be another type to numba
         fixed = np.ones((EVERY_LAW.size, 2), dtype=np.float32, order="F")
         fixed.flags.writeable = False
-        kernel.errors_at(layout, "exact", fixed)
-        kernel.errors(layout, "exact", np.uint64(3), np.uint64(5), np.int32(7))
+        sampler.errors_at(layout, "exact", fixed)
+        sampler.errors(layout, "exact", np.uint64(3), np.uint64(5), np.int32(7))
         plan = Plan(np.zeros(8), np.ones(8), (Specification("position.x", 1.0, 0.5),))
-        kernel.accumulate(layout, plan, "exact", np.int64(1), np.int64(0), np.uint8(1), samples=np.int32(20))
-    kernel.warm_up()
-    assert kernel.is_compiled()
+        sampler.accumulate(layout, plan, "exact", np.int64(1), np.int64(0), np.uint8(1), samples=np.int32(20))
+    sampler.warm_up()
+    assert sampler.is_compiled()
     if not INTERPRETED:
-        seen = compiled_variants(kernel_loops.run)
+        seen = compiled_variants(loops.run)
         assert len(set(seen)) == len(seen) <= 4  # with and without rare laws, exact and linear
 
 
 @pytest.mark.skipif(INTERPRETED, reason="nothing is compiled")
-@pytest.mark.parametrize("name", kernel_parts.PARTS)
+@pytest.mark.parametrize("name", parts.PARTS)
 def test_parts_compiled_ahead_are_those_that_the_loops_ask_for(name: str) -> None:
     """A part of which the types differed would be compiled twice: ahead for nothing, then with the loops."""
     for variant in ((None, None), (True, None), (None, True)):
-        kernel.warm_up(*variant)
-        kernel_poses.warm_up(*variant)
-    function = getattr(kernel_loops, name)
-    ahead = {tuple(map(numba.typeof, kernel_parts.part_arguments(name, rare))) for rare in (None, True)}
+        sampler.warm_up(*variant)
+        many_poses.warm_up(*variant)
+    function = getattr(loops, name)
+    ahead = {tuple(map(numba.typeof, parts.part_arguments(name, rare))) for rare in (None, True)}
     asked = {*function.overloads, *(key[0] for key in function._cache._cache_file._load_index())}
     assert asked <= ahead
 
@@ -111,22 +112,22 @@ def test_parts_compiled_ahead_are_those_that_the_loops_ask_for(name: str) -> Non
 def test_loops_with_rare_laws_give_the_same_bits_where_there_are_none() -> None:
     space = Space((Draw("u", Uniform(0.1)), Draw("n", Normal(0.2)), Draw("t", Triangular(0.3), Scope.VISIT)))
     at = plain_table(space, np.array([np.eye(4)] * 3), np.random.default_rng(1).normal(size=(3, 6)))
-    common, rare = kernel.compile_table(at), kernel.compile_table(at)
+    common, rare = sampler.compile_table(at), sampler.compile_table(at)
     assert common.rare is None
     rare.__dict__["rare"] = True
     for model in MODELS:
-        np.testing.assert_array_equal(kernel.errors(common, model, 1, 0, 999), kernel.errors(rare, model, 1, 0, 999))
+        np.testing.assert_array_equal(sampler.errors(common, model, 1, 0, 999), sampler.errors(rare, model, 1, 0, 999))
 
 
 @pytest.mark.parametrize("draw", [Disc(1.0), Circle(0.7), JointNormal(((1.0,),)), Lognormal(0.3, 1.0), Arcsine(0.1)])
 def test_laws_that_the_common_loops_do_not_draw_are_known_as_rare(draw: Law) -> None:
-    assert kernel.variant_of(Space((Draw("a", Normal(1.0)), Draw("b", draw))), "exact") == (True, None)
+    assert sampler.variant_of(Space((Draw("a", Normal(1.0)), Draw("b", draw))), "exact") == (True, None)
 
 
 def test_correlated_common_laws_are_rare() -> None:
     draws = (Draw("a", Normal(1.0)), Draw("b", Uniform(1.0)), Draw("c", TruncatedNormal(1.0, 0.0, 2.0)))
-    assert kernel.variant_of(Space(draws), "linear") == (None, True)
-    assert kernel.variant_of(Space(draws, (Correlation.pair("a", "b", 0.5),)), "exact") == (True, None)
+    assert sampler.variant_of(Space(draws), "linear") == (None, True)
+    assert sampler.variant_of(Space(draws, (Correlation.pair("a", "b", 0.5),)), "exact") == (True, None)
 
 
 @pytest.mark.skipif(INTERPRETED, reason="nothing is compiled")
@@ -140,13 +141,13 @@ def test_code_of_another_variant_in_the_cache_is_not_taken(monkeypatch: pytest.M
     def load_another(*_: object) -> None:
         double.overloads["another"] = None
 
-    compiled.make_ready(double, (1.0,))
+    jit.make_ready(double, (1.0,))
     assert double.signatures == [(numba.float64,)]
     double.overloads.clear()
     with monkeypatch.context() as patched:
         patched.setattr(double, "compile", load_another)
         with pytest.raises(RuntimeError, match="cannot be compiled"):
-            compiled.make_ready(double, (1.0,))
+            jit.make_ready(double, (1.0,))
 
 
 @pytest.mark.slow
@@ -156,11 +157,11 @@ def test_a_cache_is_used_and_a_damaged_one_replaced(tmp_path: Path) -> None:
     assert first[:2] == ["False", "True"]
     assert run(source, cache=cache) == ["True", *first[1:]]
     for name in ("*.nbc", "*.nbi"):
-        (file,) = cache.rglob(f"kernel_loops.run-{name}")
+        (file,) = cache.rglob(f"loops.run-{name}")
         file.write_bytes(file.read_bytes()[:20])
         assert run(source, cache=cache)[1:] == first[1:]
-    for file in cache.rglob("kernel_loops.*"):
-        if file.name.startswith("kernel_loops.run-"):
+    for file in cache.rglob("loops.*"):
+        if file.name.startswith("loops.run-"):
             file.unlink()  # so that the parts are needed
         elif file.suffix == ".nbc":
             file.write_bytes(file.read_bytes()[:20])
@@ -181,8 +182,8 @@ def test_without_any_place_for_a_cache_the_sampler_still_works(tmp_path: Path) -
 
 @pytest.mark.slow
 def test_the_loops_run_as_plain_python(tmp_path: Path) -> None:
-    compiled = run(PACKAGE.parent, cache=None)
+    jit = run(PACKAGE.parent, cache=None)
     interpreted = run(PACKAGE.parent, cache=None, NUMBA_DISABLE_JIT="1")
     assert interpreted[:2] == ["True", "True"]
-    first, second = (np.frombuffer(bytes.fromhex(printed[2])) for printed in (compiled, interpreted))
+    first, second = (np.frombuffer(bytes.fromhex(printed[2])) for printed in (jit, interpreted))
     np.testing.assert_allclose(first, second, rtol=0, atol=1e-15)

@@ -6,21 +6,21 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from precision_pin import kernel
-from precision_pin.chain import Chain
+from precision_pin.draws.expressions import Component
+from precision_pin.draws.laws import Fixed, Law, Lognormal, Uniform
+from precision_pin.draws.space import Draw, Space
 from precision_pin.errors import InputError
-from precision_pin.examples import PAPER_SHEET
-from precision_pin.laws import Fixed, Law, Lognormal, Uniform
-from precision_pin.model import ErrorModel
-from precision_pin.parameters import Component
+from precision_pin.kernel import sampler
+from precision_pin.model.error_model import ErrorModel
+from precision_pin.robot.chain import Chain
+from precision_pin.robot.examples import PAPER_SHEET
 from precision_pin.sources.beam import Beam
 from precision_pin.sources.frame import Frame
 from precision_pin.sources.joint_compliance import JointCompliance
 from precision_pin.sources.joint_offset import JointOffset
 from precision_pin.sources.length import Length
 from precision_pin.sources.payload import Payload
-from precision_pin.space import Draw, Space
-from precision_pin.terms import Source
+from precision_pin.terms.term import Source
 from support.checks.common import one_link
 from support.exact_rods import rods_error
 from support.settled import settled_errors
@@ -98,7 +98,7 @@ def test_stiffnesses_that_vary_one_by_one(arm):
     errors = at.exact(x)
     alone = settled_errors(model, model.poses["paper"], x)
     assert (np.linalg.norm((errors - alone)[:3], axis=0) < 1e-3 * np.linalg.norm(alone[:3], axis=0)).all()
-    sampled = kernel.errors(kernel.compile_table(at), "exact", 3, 0, 40)
+    sampled = sampler.errors(sampler.compile_table(at), "exact", 3, 0, 40)
     np.testing.assert_allclose(sampled, errors, rtol=0, atol=1e-13)
     assert model.statics_findings(at) == ()
 

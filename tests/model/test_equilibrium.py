@@ -10,11 +10,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from precision_pin.chain import Chain
-from precision_pin.examples import PAPER_SHEET
-from precision_pin.laws import Disc, Fixed, Normal, Uniform
-from precision_pin.model import ErrorModel
-from precision_pin.parameters import Component
+from precision_pin.draws.expressions import Component
+from precision_pin.draws.laws import Disc, Fixed, Normal, Uniform
+from precision_pin.draws.space import Draw, Space
+from precision_pin.model.error_model import ErrorModel
+from precision_pin.robot.chain import Chain
+from precision_pin.robot.examples import PAPER_SHEET
 from precision_pin.sources.beam import Beam
 from precision_pin.sources.frame import Frame
 from precision_pin.sources.joint_compliance import JointCompliance
@@ -22,8 +23,7 @@ from precision_pin.sources.joint_offset import JointOffset
 from precision_pin.sources.length import Length
 from precision_pin.sources.payload import Payload
 from precision_pin.sources.profiles import Segment
-from precision_pin.space import Draw, Space
-from precision_pin.terms import JointValue
+from precision_pin.terms.term import JointValue
 from support.exact_rods import rods_error
 from support.plain_robot import chain_of, joint, link, robot
 from support.settled import settled_errors

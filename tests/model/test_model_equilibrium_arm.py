@@ -10,16 +10,16 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from precision_pin.chain import Chain
-from precision_pin.examples import PAPER_SHEET
-from precision_pin.laws import Uniform
-from precision_pin.model import ErrorModel
-from precision_pin.parameters import Component
+from precision_pin.draws.expressions import Component
+from precision_pin.draws.laws import Uniform
+from precision_pin.draws.space import Draw, Space
+from precision_pin.model.error_model import ErrorModel
+from precision_pin.robot.chain import Chain
+from precision_pin.robot.examples import PAPER_SHEET
 from precision_pin.sources.beam import Beam
 from precision_pin.sources.joint_compliance import JointCompliance
 from precision_pin.sources.length import Length
 from precision_pin.sources.payload import Payload
-from precision_pin.space import Draw, Space
 from support.checks.beam import integrals
 from support.plain_robot import inserted, motion, pose_error
 from support.sheets import PAPER_Q

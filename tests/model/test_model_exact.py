@@ -7,15 +7,15 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from precision_pin.chain import Chain, Place
+from precision_pin.draws.laws import Uniform
+from precision_pin.draws.space import Draw, LabelledSpace, Space
 from precision_pin.errors import InputError, InternalError
-from precision_pin.examples import PAPER_SHEET, example_urdfs
-from precision_pin.laws import Uniform
-from precision_pin.model import ErrorModel
+from precision_pin.model.error_model import ErrorModel
+from precision_pin.robot.chain import Chain, Place
+from precision_pin.robot.examples import PAPER_SHEET, example_urdfs
 from precision_pin.sources.frame import Frame
 from precision_pin.sources.joint_offset import JointOffset
-from precision_pin.space import Draw, LabelledSpace, Space
-from precision_pin.terms import JointValue, Source, Term
+from precision_pin.terms.term import JointValue, Source, Term
 from support.oracles import displaced_pose, displacements, virtual_joint_pose
 from support.plain_robot import inserted, pose_error
 from support.sheets import PAPER_Q, SEVEN_Q, everything, seven_joint_arm

@@ -10,16 +10,16 @@ import numpy as np
 import pytest
 
 from precision_pin import units
-from precision_pin.chain import Posture
+from precision_pin.draws.laws import Normal, Uniform
+from precision_pin.draws.space import LabelledSpace, Setting, Space
 from precision_pin.errors import SheetError
-from precision_pin.examples import PAPER_SHEET
-from precision_pin.laws import Normal, Uniform
-from precision_pin.model import ErrorModel
-from precision_pin.run import monte_carlo
+from precision_pin.model.error_model import ErrorModel
+from precision_pin.robot.chain import Posture
+from precision_pin.robot.examples import PAPER_SHEET
+from precision_pin.sampling import monte_carlo
 from precision_pin.sources import catalogue
 from precision_pin.sources.frame import Frame
-from precision_pin.space import LabelledSpace, Setting, Space
-from precision_pin.terms import Source, Term
+from precision_pin.terms.term import Source, Term
 from support.oracles import displaced_pose, displacements
 from support.plain_robot import pose_error
 from support.sheets import SEVEN_Q, seven_joint_arm

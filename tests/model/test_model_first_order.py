@@ -5,15 +5,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from precision_pin.chain import Chain
-from precision_pin.examples import PAPER_SHEET
-from precision_pin.laws import Normal, Triangular, Uniform
-from precision_pin.model import ErrorModel
+from precision_pin.draws.laws import Normal, Triangular, Uniform
+from precision_pin.draws.space import Space
+from precision_pin.model.error_model import ErrorModel
+from precision_pin.robot.chain import Chain
+from precision_pin.robot.examples import PAPER_SHEET
 from precision_pin.sources.beam import Beam
 from precision_pin.sources.joint_compliance import JointCompliance
 from precision_pin.sources.joint_offset import JointOffset
 from precision_pin.sources.payload import Payload
-from precision_pin.space import Space
 from support.checks.common import one_link
 from support.sheets import PAPER_Q, SEVEN_Q, everything, geometry, loads, named, seven_joint_arm, spread_out
 

@@ -14,14 +14,16 @@ import yourdfpy
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from precision_pin import urdf
-from precision_pin.chain import Chain
+from precision_pin.draws.laws import Disc, Normal, Uniform
+from precision_pin.draws.space import Draw, Scope, Space
 from precision_pin.errors import InputError, InternalError, UrdfError
-from precision_pin.examples import PAPER_SHEET, example_urdfs
-from precision_pin.laws import Disc, Normal, Uniform
-from precision_pin.model import ErrorModel
-from precision_pin.outputs.as_built import AsBuilt
-from precision_pin.outputs.pose_dependence import frozen_sources
+from precision_pin.model.error_model import ErrorModel
+from precision_pin.outputs.as_built.pose_dependence import frozen_sources
+from precision_pin.outputs.as_built.urdf import AsBuilt
+from precision_pin.robot import urdf
+from precision_pin.robot.chain import Chain
+from precision_pin.robot.examples import PAPER_SHEET, example_urdfs
+from precision_pin.robot.urdf.editing import AddedFrame, Placement, UrdfText
 from precision_pin.sources.axis_install import AxisInstall
 from precision_pin.sources.backlash import Backlash
 from precision_pin.sources.encoder import Encoder
@@ -32,8 +34,6 @@ from precision_pin.sources.length import Length
 from precision_pin.sources.mcpc import Mcpc
 from precision_pin.sources.mounting import Mounting
 from precision_pin.sources.transmission import Transmission
-from precision_pin.space import Draw, Scope, Space
-from precision_pin.urdf.editing import AddedFrame, Placement, UrdfText
 from support.plain_robot import PlainRobot, joint, link, pose_error, random_arm, robot
 from support.sheets import everything
 

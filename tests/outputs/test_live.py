@@ -27,12 +27,12 @@ import pytest
 from playwright.sync_api import BrowserContext, Page
 
 from outputs.view_cases import arm_text, made_up_errors
-from precision_pin.chain import Chain
+from precision_pin.draws.space import Space
 from precision_pin.errors import Finding, InputError, OutputError, SheetError
-from precision_pin.model import ErrorModel
+from precision_pin.model.error_model import ErrorModel
 from precision_pin.outputs.view import Shown, page
 from precision_pin.outputs.view.live import serve
-from precision_pin.space import Space
+from precision_pin.robot.chain import Chain
 from support.browser import chromium, complaints, needs_chromium, outside_requests, visited
 
 HOSTILE = "</title><script>document.title = 'owned'</script><img src=x onerror=alert(1)>\u202e"

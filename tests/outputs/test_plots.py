@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.text import Text
 
 from precision_pin.errors import OutputError
-from precision_pin.outputs import plots
+from precision_pin.outputs.monte_carlo import figures as plots
 from precision_pin.statistics import Plan, Specification, Summary, finish, observe, start
 
 SPECIFICATIONS = (

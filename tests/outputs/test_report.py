@@ -25,18 +25,18 @@ from outputs.report_cases import (
     results_of,
     write_hostile,
 )
-from precision_pin.analyses.budget import budget
-from precision_pin.analyses.exact_law import exact_law
-from precision_pin.analyses.worst_case import worst_case
-from precision_pin.examples import PAPER_SHEET, example_urdfs
-from precision_pin.model import ErrorModel
-from precision_pin.outputs.report import page
-from precision_pin.outputs.report.distributions import distributions
-from precision_pin.outputs.report.verdict import verdict
+from precision_pin.analyses.budget.budget import budget
+from precision_pin.analyses.exact_law.exact_law import exact_law
+from precision_pin.analyses.worst_case.worst_case import worst_case
+from precision_pin.model.error_model import ErrorModel
+from precision_pin.outputs.monte_carlo.section import distributions
+from precision_pin.outputs.monte_carlo.verdict import verdict
+from precision_pin.outputs.report.page import page
 from precision_pin.outputs.view import script_hashes
-from precision_pin.run import monte_carlo
-from precision_pin.specifications import specification
+from precision_pin.robot.examples import PAPER_SHEET, example_urdfs
+from precision_pin.sampling import monte_carlo
 from precision_pin.statistics import SpecificationResult
+from precision_pin.statistics.specification import specification
 
 SECTIONS = (
     "verdict", "assumptions", "distributions", "budget", "worst-case", "exact-law", "mcpc", "parameters", "view",

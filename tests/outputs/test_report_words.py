@@ -11,8 +11,7 @@ import pytest
 
 from outputs.report_cases import Reader, paper
 from precision_pin import units
-from precision_pin.examples import PAPER_SHEET
-from precision_pin.laws import (
+from precision_pin.draws.laws import (
     Arcsine,
     Circle,
     Disc,
@@ -27,13 +26,15 @@ from precision_pin.laws import (
     TwoPoint,
     Uniform,
 )
-from precision_pin.model import ErrorModel
-from precision_pin.outputs.report.elements import Html, element, table
+from precision_pin.draws.space import Draw, Space
+from precision_pin.model.error_model import ErrorModel
+from precision_pin.outputs.kit.html import Html, element, table
+from precision_pin.outputs.monte_carlo.table import inside
 from precision_pin.outputs.report.lawwords import law_in_words
 from precision_pin.outputs.report.numbers import bracketed
 from precision_pin.outputs.report.quantities import quantities_of
 from precision_pin.outputs.report.wording import without_folders
-from precision_pin.outputs.text import inside
+from precision_pin.robot.examples import PAPER_SHEET
 from precision_pin.sources.axis_install import AxisInstall
 from precision_pin.sources.beam import Beam
 from precision_pin.sources.clearance import Clearance
@@ -43,7 +44,6 @@ from precision_pin.sources.frame import Frame
 from precision_pin.sources.joint_compliance import JointCompliance
 from precision_pin.sources.length import Length
 from precision_pin.sources.profiles import Segment
-from precision_pin.space import Draw, Space
 from precision_pin.statistics import SpecificationResult
 from support.sheets import seven_joint_arm
 

@@ -14,12 +14,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from ruamel.yaml import YAML
 
-from precision_pin.chain import Chain
 from precision_pin.errors import InputError
-from precision_pin.examples import PAPER_SHEET, example_urdfs, resolve_robot
-from precision_pin.model import ErrorModel
-from precision_pin.outputs.scaffold import quoted, scaffold
-from precision_pin.outputs.starting import Survey, general_tolerance, round_125
+from precision_pin.model.error_model import ErrorModel
+from precision_pin.outputs.scaffold.sheet import quoted, scaffold
+from precision_pin.outputs.scaffold.starting_tolerances import Survey, general_tolerance, round_125
+from precision_pin.robot.chain import Chain
+from precision_pin.robot.examples import PAPER_SHEET, example_urdfs, resolve_robot
 from precision_pin.sheet import read
 from precision_pin.sheet.settings import LAW_KEYS
 from precision_pin.sources import catalogue

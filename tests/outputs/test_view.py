@@ -32,10 +32,10 @@ from outputs.view_cases import (
     visual,
 )
 from precision_pin.errors import InputError
-from precision_pin.examples import PAPER_SHEET, example_urdfs
-from precision_pin.model import ErrorModel
+from precision_pin.model.error_model import ErrorModel
 from precision_pin.outputs.view import DEFAULT_POINTS, MOST_POINTS, MOST_POSES, Shown, script_hashes
-from precision_pin.urdf import read
+from precision_pin.robot.examples import PAPER_SHEET, example_urdfs
+from precision_pin.robot.urdf import read
 
 BOX = visual('<box size="0.1 0.2 0.3"/>', '<origin xyz="0.01 0.02 0.03" rpy="0.1 0.2 0.3"/>', "1 0 0 0.5")
 ROLLER = visual('<cylinder radius="0.05" length="0.4"/>', '<origin xyz="0.25 0 0" rpy="0 1.2 0"/>', "0 0.4 1 1")
@@ -385,8 +385,8 @@ def test_a_given_factor_is_where_the_slider_starts(paper):
 @pytest.mark.skipif(not example_urdfs(), reason="example-robot-data is not installed")
 @pytest.mark.parametrize(("name", "tip"), [("ur5", "tool0"), ("so101", "gripper_frame_link")])
 def test_real_arms_with_every_point_make_pages_under_6_mb(name, tip):
-    from precision_pin.chain import Chain
-    from precision_pin.space import Space
+    from precision_pin.draws.space import Space
+    from precision_pin.robot.chain import Chain
 
     chain = Chain.from_urdf(example_urdfs()[name], tip=tip)
     at = ErrorModel(chain, Space(), []).at(np.full(len(chain.joints), 0.3))

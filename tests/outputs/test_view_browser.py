@@ -28,12 +28,12 @@ from outputs.view_cases import (
     simple_page,
 )
 from precision_pin import se3
-from precision_pin.chain import Chain
-from precision_pin.examples import PAPER_SHEET, example_urdfs
-from precision_pin.model import ErrorModel
+from precision_pin.draws.space import Space
+from precision_pin.model.error_model import ErrorModel
 from precision_pin.outputs.view import Shown, script_hashes
 from precision_pin.outputs.view.ellipsoids import ellipsoids
-from precision_pin.space import Space
+from precision_pin.robot.chain import Chain
+from precision_pin.robot.examples import PAPER_SHEET, example_urdfs
 from support.browser import Visit, chromium, complaints, needs_chromium, outside_requests, visited
 from support.sheets import SEVEN_Q, everything, seven_joint_arm
 

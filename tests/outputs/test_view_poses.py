@@ -19,13 +19,14 @@ from outputs.view_cases import (
     pose_model,
     simple_page,
 )
-from precision_pin import mcpc, se3
+from precision_pin import se3
 from precision_pin.errors import InputError
-from precision_pin.examples import PAPER_SHEET
-from precision_pin.model import ErrorModel
+from precision_pin.model.error_model import ErrorModel
 from precision_pin.outputs.view import Shown
 from precision_pin.outputs.view.ellipsoids import ellipsoids
-from precision_pin.urdf import read
+from precision_pin.robot import mcpc
+from precision_pin.robot.examples import PAPER_SHEET
+from precision_pin.robot.urdf import read
 from support.sheets import SEVEN_Q, everything, seven_joint_arm
 
 # a hand beyond the first joint's link, a plate between fixed joints on the way, a grip that moves on its own

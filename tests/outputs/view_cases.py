@@ -14,10 +14,10 @@ import numpy as np
 import umsgpack
 
 from precision_pin import se3
-from precision_pin.chain import Chain
-from precision_pin.model import ErrorModel, PoseModel
+from precision_pin.draws.space import Space
+from precision_pin.model.error_model import ErrorModel, PoseModel
 from precision_pin.outputs.view import Shown, page
-from precision_pin.space import Space
+from precision_pin.robot.chain import Chain
 
 HOSTILE = "</script><img src=x onerror=alert(1)>"
 TYPES = {0x12: np.uint8, 0x15: np.int32, 0x16: np.uint32, 0x17: np.float32}

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from precision_pin.errors import Finding, InputError
-from precision_pin.examples import PAPER_SHEET
+from precision_pin.robot.examples import PAPER_SHEET
 from precision_pin.sheet import Sheet, read
 
 ARM = (PAPER_SHEET.parent / "4dof.urdf").read_text(encoding="utf-8")

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from precision_pin.laws import Empirical, Normal, Rows
+from precision_pin.draws.laws import Empirical, Normal, Rows
 from precision_pin.sheet.remarks import FEW, few_samples
 
 from .conftest import Load

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from precision_pin.draws.laws import Circle, Disc, Fixed, JointNormal, Law, Normal, Triangular, TruncatedNormal, Uniform
+from precision_pin.draws.space import Draw, Scope
 from precision_pin.errors import SheetError
-from precision_pin.examples import PAPER_SHEET
-from precision_pin.laws import Circle, Disc, Fixed, JointNormal, Law, Normal, Triangular, TruncatedNormal, Uniform
-from precision_pin.model import ErrorModel
+from precision_pin.model.error_model import ErrorModel
+from precision_pin.robot.examples import PAPER_SHEET
 from precision_pin.sheet import Sheet, parse_pose, read
-from precision_pin.space import Draw, Scope
 
 from .conftest import Load, Write
 

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from ruamel.yaml import YAML
 
-from precision_pin.correlation import Correlation
+from precision_pin.draws.correlation import Correlation
+from precision_pin.draws.laws import Arcsine, Empirical, Law, Lognormal, Rows, TwoPoint
+from precision_pin.draws.space import Draw, Scope
 from precision_pin.errors import Finding
-from precision_pin.laws import Arcsine, Empirical, Law, Lognormal, Rows, TwoPoint
-from precision_pin.model import ErrorModel
+from precision_pin.model.error_model import ErrorModel
 from precision_pin.sheet import json_schema
-from precision_pin.space import Draw, Scope
 
 from .conftest import Load, Refuse, Write
 

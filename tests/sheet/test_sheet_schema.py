@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 from ruamel.yaml import YAML
 
-from precision_pin.examples import PAPER_SHEET
+from precision_pin.robot.examples import PAPER_SHEET
 from precision_pin.sheet import json_schema
 from precision_pin.sheet.settings import LAW_KEYS
 from precision_pin.sources import catalogue

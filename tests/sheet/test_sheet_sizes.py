@@ -16,14 +16,14 @@ from scipy.linalg import block_diag
 
 import precision_pin
 import precision_pin as pp
-from precision_pin import measured
-from precision_pin.correlation import BlockCovariance, Correlation
+from precision_pin.draws.correlation import BlockCovariance, Correlation
+from precision_pin.draws.laws import Disc, JointNormal, Normal, Uniform
+from precision_pin.draws.space import Draw, Extension, Space
 from precision_pin.errors import InputError, SheetError, UnknownNameError
-from precision_pin.laws import Disc, JointNormal, Normal, Uniform
-from precision_pin.model import ErrorModel
+from precision_pin.inputs import csv_columns
+from precision_pin.model.error_model import ErrorModel
 from precision_pin.sheet import read
 from precision_pin.sheet.text import read_text
-from precision_pin.space import Draw, Extension, Space
 
 from .conftest import Load, Refuse
 
@@ -146,10 +146,10 @@ def test_rows_read_at_once_are_those_read_one_by_one(tmp_path: Path) -> None:
     path = tmp_path / "table.csv"
     path.write_text("x [mm], y [mm]\n" + "\n# more\n".join(f" {a} ,{b}" for a, b in written) + "\n")
     expected = [[float(a), float(b)] for a, b in written]
-    np.testing.assert_array_equal(measured.read(path).rows, expected)
+    np.testing.assert_array_equal(csv_columns.read(path).rows, expected)
     # one cell in quotes: line by line
     path.write_text(path.read_text().replace(written[7][1], f'"{written[7][1]}"'))
-    np.testing.assert_array_equal(measured.read(path).rows, expected)
+    np.testing.assert_array_equal(csv_columns.read(path).rows, expected)
 
 
 @pytest.mark.parametrize(
@@ -179,7 +179,7 @@ def test_tables_that_are_none(tmp_path: Path, text: str, message: str) -> None:
     path.write_text(text, encoding="utf-8")
     start = time.process_time()
     with pytest.raises(InputError, match=message) as caught:
-        measured.read(path)
+        csv_columns.read(path)
     assert time.process_time() - start < 1
     assert len(str(caught.value)) < 400 + len(str(path))
 
@@ -187,7 +187,7 @@ def test_tables_that_are_none(tmp_path: Path, text: str, message: str) -> None:
 def test_lines_may_end_in_a_carriage_return_alone(tmp_path: Path) -> None:
     path = tmp_path / "table.csv"
     path.write_bytes(b"\xef\xbb\xbfx [mm]\r1\r2\r")
-    np.testing.assert_array_equal(measured.read(path).rows, [[1.0], [2.0]])
+    np.testing.assert_array_equal(csv_columns.read(path).rows, [[1.0], [2.0]])
 
 
 # regular expressions -----------------------------------------------------------------------------

@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from precision_pin.examples import PAPER_SHEET
-from precision_pin.laws import Law, Normal, Uniform
-from precision_pin.model import ErrorModel
+from precision_pin.draws.laws import Law, Normal, Uniform
+from precision_pin.draws.space import Space
+from precision_pin.model.error_model import ErrorModel
+from precision_pin.robot.examples import PAPER_SHEET
 from precision_pin.sheet import read
 from precision_pin.sources.encoder import Encoder
 from precision_pin.sources.transmission import Transmission
-from precision_pin.space import Space
-from precision_pin.terms import JointValue
+from precision_pin.terms.term import JointValue
 from support.checks.common import evaluated, one_link
 from support.engines import written
 

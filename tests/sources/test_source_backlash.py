@@ -3,17 +3,17 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from precision_pin import examples
-from precision_pin.chain import Chain
+from precision_pin.draws.laws import Normal, Uniform
+from precision_pin.draws.space import Scope, Space
 from precision_pin.errors import InputError, SheetError, UnknownNameError
-from precision_pin.laws import Normal, Uniform
-from precision_pin.model import ErrorModel
+from precision_pin.model.error_model import ErrorModel
+from precision_pin.robot import examples
+from precision_pin.robot.chain import Chain
 from precision_pin.sources import backlash
 from precision_pin.sources.backlash import Backlash
 from precision_pin.sources.joint_compliance import JointCompliance
 from precision_pin.sources.payload import Payload
-from precision_pin.space import Scope, Space
-from precision_pin.terms import JointValue
+from precision_pin.terms.term import JointValue
 from support.checks.backlash import check_backlash
 from support.checks.common import evaluated, one_link
 from support.plain_robot import chain_of, joint, link, robot

@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 from scipy import integrate
 
-from precision_pin.chain import Load
+from precision_pin.draws.expressions import Component
+from precision_pin.draws.laws import Uniform
+from precision_pin.draws.space import Draw, LabelledSpace, Space
 from precision_pin.errors import InputError
-from precision_pin.laws import Uniform
-from precision_pin.model import ErrorModel
-from precision_pin.parameters import Component
+from precision_pin.model.error_model import ErrorModel
+from precision_pin.robot.chain import Load
 from precision_pin.sources import beam
 from precision_pin.sources.beam import Beam, point_flexibility, stretch_flexibility, weight_flexibility
-from precision_pin.space import Draw, LabelledSpace, Space
 from support.checks.beam import beam_loads, check_beam, integrals
 from support.checks.common import Q7, evaluated, in_base, one_link
 from support.plain_robot import PlainRobot, chain_of, joint, link, random_arm, robot

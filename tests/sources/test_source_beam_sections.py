@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 from numpy.polynomial.legendre import leggauss
 
+from precision_pin.draws.expressions import Component, Program
+from precision_pin.draws.laws import Fixed, Normal, Uniform
+from precision_pin.draws.space import Draw, Space
 from precision_pin.errors import InputError, UnknownNameError
-from precision_pin.laws import Fixed, Normal, Uniform
-from precision_pin.model import ErrorModel
-from precision_pin.parameters import Component, Program
-from precision_pin.sections import MATERIALS, Section, box, rod, tube
+from precision_pin.model.error_model import ErrorModel
 from precision_pin.sources.beam import Beam
+from precision_pin.sources.cross_sections import MATERIALS, Section, box, rod, tube
 from precision_pin.sources.profiles import Segment
-from precision_pin.space import Draw, Space
 from support.beam_elements import torsion_constant
 from support.checks.common import evaluated, one_link
 

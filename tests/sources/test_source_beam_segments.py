@@ -7,15 +7,15 @@ import pytest
 from scipy import integrate
 from scipy.spatial.transform import Rotation
 
-from precision_pin.chain import Load
+from precision_pin.draws.expressions import Component
+from precision_pin.draws.laws import Uniform
+from precision_pin.draws.space import Draw, LabelledSpace, Space
 from precision_pin.errors import InputError
-from precision_pin.laws import Uniform
-from precision_pin.model import ErrorModel
-from precision_pin.parameters import Component
+from precision_pin.model.error_model import ErrorModel
+from precision_pin.robot.chain import Load
 from precision_pin.sources.beam import Beam
 from precision_pin.sources.joint_compliance import JointCompliance
 from precision_pin.sources.profiles import Segment
-from precision_pin.space import Draw, LabelledSpace, Space
 from support.beam_elements import Piece, cantilever
 from support.checks.common import evaluated, one_link
 from support.plain_robot import chain_of, joint, link, robot

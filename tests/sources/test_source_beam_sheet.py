@@ -7,16 +7,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from precision_pin import kernel
+from precision_pin.draws.laws import Normal, Uniform
+from precision_pin.draws.space import Draw, Space
 from precision_pin.errors import SheetError
-from precision_pin.examples import PAPER_SHEET
-from precision_pin.laws import Normal, Uniform
-from precision_pin.model import ErrorModel
+from precision_pin.kernel import sampler
+from precision_pin.model.error_model import ErrorModel
+from precision_pin.robot.examples import PAPER_SHEET
 from precision_pin.sheet import json_schema
 from precision_pin.sources.beam import Beam
 from precision_pin.sources.payload import Payload
 from precision_pin.sources.profiles import Segment
-from precision_pin.space import Draw, Space
 
 TEXT = """\
 precision-pin: 1
@@ -100,10 +100,10 @@ def test_the_sheet_is_the_same_as_python(folder):
 @pytest.mark.parametrize("statics", ["nominal", "equilibrium"])
 def test_every_engine_reads_it(folder, statics):
     at = load(folder, TEXT.replace("poses:", f"statics: {statics}\nposes:")).at("paper")
-    layout = kernel.compile_table(at)
+    layout = sampler.compile_table(at)
     x = at.space.sample(5, 0, 200)
     for name, oracle in (("linear", at.linear), ("exact", at.exact)):
-        np.testing.assert_allclose(kernel.errors_at(layout, name, x), oracle(x), rtol=1e-11, atol=1e-15)
+        np.testing.assert_allclose(sampler.errors_at(layout, name, x), oracle(x), rtol=1e-11, atol=1e-15)
     error, jacobian = at.tangent
     mean = at.space.mean[:, None]
     np.testing.assert_allclose(error, at.exact(mean)[:, 0], rtol=1e-14)

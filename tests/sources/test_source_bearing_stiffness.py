@@ -4,16 +4,16 @@ import numpy as np
 import pytest
 from scipy import optimize
 
-from precision_pin import examples
-from precision_pin.chain import Chain, Load
+from precision_pin.draws.expressions import Component
+from precision_pin.draws.laws import Normal, TruncatedNormal, Uniform
+from precision_pin.draws.space import Draw, LabelledSpace, Space
 from precision_pin.errors import InputError, SheetError, UnknownNameError
-from precision_pin.laws import Normal, TruncatedNormal, Uniform
-from precision_pin.model import ErrorModel
-from precision_pin.parameters import Component
+from precision_pin.model.error_model import ErrorModel
+from precision_pin.robot import examples
+from precision_pin.robot.chain import Chain, Load
 from precision_pin.sources import bearing_stiffness
 from precision_pin.sources.bearing_stiffness import BearingStiffness
 from precision_pin.sources.payload import Payload
-from precision_pin.space import Draw, LabelledSpace, Space
 from support.checks.bearing_stiffness import check_bearing_stiffness
 from support.checks.common import Q7, evaluated, in_base, one_link
 from support.plain_robot import chain_of, joint, link, random_arm, robot

@@ -4,16 +4,16 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from precision_pin import examples
-from precision_pin.chain import Chain
+from precision_pin.draws.laws import Normal, Uniform
+from precision_pin.draws.space import Scope, Space
 from precision_pin.errors import InputError, SheetError, UnknownNameError
-from precision_pin.laws import Normal, Uniform
-from precision_pin.model import ErrorModel
+from precision_pin.model.error_model import ErrorModel
+from precision_pin.robot import examples
+from precision_pin.robot.chain import Chain
 from precision_pin.sources import clearance
 from precision_pin.sources.clearance import Clearance
 from precision_pin.sources.joint_compliance import JointCompliance
 from precision_pin.sources.payload import Payload
-from precision_pin.space import Scope, Space
 from support.checks.clearance import check_clearance
 from support.checks.common import MM, evaluated, one_link
 from support.plain_robot import chain_of, joint, link, robot

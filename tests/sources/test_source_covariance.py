@@ -3,12 +3,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from precision_pin.draws.space import Draw, Scope, Space
 from precision_pin.errors import InputError, SheetError
-from precision_pin.model import ErrorModel
+from precision_pin.model.error_model import ErrorModel
 from precision_pin.sources import covariance
 from precision_pin.sources.covariance import Covariance
 from precision_pin.sources.frame import Frame
-from precision_pin.space import Draw, Scope, Space
 from support.checks.common import Q7, one_link
 from support.checks.covariance import CORRELATION, STD, check_covariance, rows
 from support.engines import check_engines, check_no_spread, written

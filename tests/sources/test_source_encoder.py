@@ -3,12 +3,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from precision_pin.draws.laws import Uniform
+from precision_pin.draws.space import Scope, Space
 from precision_pin.errors import InputError, SheetError
-from precision_pin.laws import Uniform
-from precision_pin.model import ErrorModel
+from precision_pin.model.error_model import ErrorModel
 from precision_pin.sources import encoder
 from precision_pin.sources.encoder import Encoder
-from precision_pin.space import Scope, Space
 from support.checks.common import one_link
 from support.checks.encoder import ARCSEC, check_encoder
 from support.engines import check_engines, check_no_spread, written

@@ -3,12 +3,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from precision_pin.draws.laws import Normal
+from precision_pin.draws.space import Space
 from precision_pin.errors import InputError
-from precision_pin.laws import Normal
-from precision_pin.model import ErrorModel
+from precision_pin.model.error_model import ErrorModel
 from precision_pin.sources import frame
 from precision_pin.sources.frame import Frame
-from precision_pin.space import Space
 from support.checks.common import Q7, one_link
 from support.checks.frame import check_frame
 from support.plain_robot import chain_of, inserted, pose_error, random_arm

@@ -2,12 +2,12 @@ from __future__ import annotations
 
 import pytest
 
+from precision_pin.draws.laws import Normal, Uniform
+from precision_pin.draws.space import Space
 from precision_pin.errors import InputError
-from precision_pin.laws import Normal, Uniform
-from precision_pin.model import ErrorModel
+from precision_pin.model.error_model import ErrorModel
 from precision_pin.sources import joint_compliance
 from precision_pin.sources.joint_compliance import JointCompliance
-from precision_pin.space import Space
 from support.checks.common import one_link
 from support.checks.joint_compliance import check_joint_compliance
 

@@ -3,12 +3,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from precision_pin.draws.laws import Uniform
+from precision_pin.draws.space import Draw, Space
 from precision_pin.errors import InputError, UnknownNameError
-from precision_pin.laws import Uniform
-from precision_pin.model import ErrorModel
+from precision_pin.model.error_model import ErrorModel
 from precision_pin.sources import length
 from precision_pin.sources.length import Length
-from precision_pin.space import Draw, Space
 from support.checks.common import one_link
 from support.checks.length import check_length
 

@@ -3,16 +3,16 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from precision_pin.draws.expressions import Component, Operation
+from precision_pin.draws.laws import Normal, Uniform
+from precision_pin.draws.space import Space
 from precision_pin.errors import SheetError
-from precision_pin.laws import Normal, Uniform
-from precision_pin.model import ErrorModel
-from precision_pin.parameters import Component, Operation
+from precision_pin.model.error_model import ErrorModel
 from precision_pin.sources import levelling
 from precision_pin.sources.joint_compliance import JointCompliance
 from precision_pin.sources.levelling import Levelling
 from precision_pin.sources.mounting import Mounting
-from precision_pin.space import Space
-from precision_pin.terms import JointValue, Term
+from precision_pin.terms.term import JointValue, Term
 from support.checks.common import Q7, one_link
 from support.checks.levelling import check_levelling
 from support.engines import check_engines, check_no_spread, written

@@ -3,14 +3,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from precision_pin import mcpc as mcpc_package
+from precision_pin.draws.laws import Uniform
+from precision_pin.draws.space import Space
 from precision_pin.errors import InputError
-from precision_pin.examples import PAPER_SHEET
-from precision_pin.laws import Uniform
-from precision_pin.model import ErrorModel
+from precision_pin.model.error_model import ErrorModel
+from precision_pin.robot import mcpc as mcpc_package
+from precision_pin.robot.examples import PAPER_SHEET
 from precision_pin.sources import mcpc
 from precision_pin.sources.mcpc import Mcpc
-from precision_pin.space import Space
 from support.checks.common import Q7
 from support.checks.mcpc import check_mcpc
 from support.plain_robot import chain_of, pose_error, random_arm

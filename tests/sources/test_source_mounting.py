@@ -3,13 +3,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from precision_pin.draws.laws import Normal, Uniform
+from precision_pin.draws.space import Space
 from precision_pin.errors import InputError, SheetError, UnknownNameError
-from precision_pin.laws import Normal, Uniform
-from precision_pin.model import ErrorModel
+from precision_pin.model.error_model import ErrorModel
 from precision_pin.sources import mounting
 from precision_pin.sources.joint_compliance import JointCompliance
 from precision_pin.sources.mounting import Mounting
-from precision_pin.space import Space
 from support.checks.common import Q7, one_link
 from support.checks.mounting import NAMES, check_mounting
 from support.engines import check_engines, check_no_spread, written

@@ -3,13 +3,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from precision_pin.draws.laws import Normal, Uniform
+from precision_pin.draws.space import Space
 from precision_pin.errors import InputError, UnknownNameError
-from precision_pin.laws import Normal, Uniform
-from precision_pin.model import ErrorModel
+from precision_pin.model.error_model import ErrorModel
 from precision_pin.sources import payload
 from precision_pin.sources.beam import Beam
 from precision_pin.sources.payload import Payload
-from precision_pin.space import Space
 from support.checks.common import Q7, evaluated, one_link
 from support.checks.payload import check_payload
 from support.plain_robot import chain_of, random_arm

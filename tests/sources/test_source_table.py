@@ -5,13 +5,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from precision_pin import kernel
+from precision_pin.draws.space import Scope, Space
 from precision_pin.errors import InputError, SheetError
-from precision_pin.model import ErrorModel
-from precision_pin.run import monte_carlo
+from precision_pin.kernel import sampler
+from precision_pin.model.error_model import ErrorModel
+from precision_pin.sampling import monte_carlo
 from precision_pin.sources import table
 from precision_pin.sources.table import Table
-from precision_pin.space import Scope, Space
 from support.checks.common import one_link
 from support.checks.table import PLANE, check_table
 from support.engines import check_engines, check_no_spread, written
@@ -78,8 +78,10 @@ def test_two_places_with_one_file_draw_their_own_rows(plane):
 @pytest.mark.parametrize("scope", ["unit", "pose", "visit"])
 def test_scope(plane, scope):
     model = ErrorModel(one_link(), Space(), [Table(frame="tool", file=plane, scope=scope)])
-    layout = kernel.compile_table(model.at([0.0]))
-    home, visit, pose = (kernel.errors(layout, "exact", 1, 0, 50, pose=p, visit=v) for p, v in ((0, 0), (0, 1), (1, 0)))
+    layout = sampler.compile_table(model.at([0.0]))
+    home, visit, pose = (
+        sampler.errors(layout, "exact", 1, 0, 50, pose=p, visit=v) for p, v in ((0, 0), (0, 1), (1, 0))
+    )
     assert np.array_equal(home, visit) == (scope != "visit")
     assert np.array_equal(home, pose) == (scope == "unit")
 
@@ -165,7 +167,7 @@ def test_bad_sheets_give_one_line(tmp_path, plane, settings, message):
 
 
 def test_a_file_that_is_too_large_is_refused(tmp_path, monkeypatch):
-    monkeypatch.setattr("precision_pin.measured.LARGEST_FILE", 10)
+    monkeypatch.setattr("precision_pin.inputs.csv_columns.LARGEST_FILE", 10)
     (tmp_path / "large.csv").write_text(PLANE, encoding="utf-8")
     with pytest.raises(InputError, match=r"large\.csv is larger than"):
         Table(joint="hinge", file=tmp_path / "large.csv")

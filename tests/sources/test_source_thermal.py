@@ -3,12 +3,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from precision_pin.draws.laws import Uniform
+from precision_pin.draws.space import Space
 from precision_pin.errors import InputError, SheetError, UnknownNameError
-from precision_pin.laws import Uniform
-from precision_pin.model import ErrorModel
+from precision_pin.model.error_model import ErrorModel
 from precision_pin.sources import thermal
 from precision_pin.sources.thermal import Thermal
-from precision_pin.space import Space
 from support.checks.common import Q7, one_link
 from support.checks.thermal import check_thermal
 from support.engines import check_engines, check_no_spread, written

@@ -3,14 +3,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from precision_pin.draws.laws import Normal, Uniform
+from precision_pin.draws.space import Space
 from precision_pin.errors import InputError, SheetError
-from precision_pin.laws import Normal, Uniform
-from precision_pin.model import ErrorModel
+from precision_pin.model.error_model import ErrorModel
 from precision_pin.sources import transmission
 from precision_pin.sources.joint_compliance import JointCompliance
 from precision_pin.sources.payload import Payload
 from precision_pin.sources.transmission import Transmission
-from precision_pin.space import Space
 from support.checks.common import one_link
 from support.checks.transmission import check_transmission
 from support.engines import check_engines, check_no_spread, written

@@ -10,10 +10,11 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from precision_pin.analyses.tangent_shares import by_place
-from precision_pin.chain import Chain
-from precision_pin.laws import Uniform
-from precision_pin.model import ErrorModel
+from precision_pin.analyses.budget.shares import by_place
+from precision_pin.draws.laws import Uniform
+from precision_pin.draws.space import Space
+from precision_pin.model.error_model import ErrorModel
+from precision_pin.robot.chain import Chain
 from precision_pin.sources.axis_install import AxisInstall
 from precision_pin.sources.backlash import Backlash
 from precision_pin.sources.beam import Beam
@@ -28,7 +29,6 @@ from precision_pin.sources.payload import Payload
 from precision_pin.sources.profiles import Segment
 from precision_pin.sources.thermal import Thermal
 from precision_pin.sources.transmission import Transmission
-from precision_pin.space import Space
 from support.checks.beam import integrals
 from support.checks.common import evaluated, in_base
 from support.plain_robot import PlainRobot, chain_of, joint, link, robot, unit

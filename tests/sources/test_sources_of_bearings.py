@@ -5,19 +5,19 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from precision_pin import kernel
-from precision_pin.chain import Chain
+from precision_pin.draws.expressions import Component
+from precision_pin.draws.laws import Normal, Uniform
+from precision_pin.draws.space import Draw, Space
 from precision_pin.errors import InputError
-from precision_pin.laws import Normal, Uniform
-from precision_pin.model import ErrorModel
-from precision_pin.parameters import Component
+from precision_pin.kernel import sampler
+from precision_pin.model.error_model import ErrorModel
+from precision_pin.robot.chain import Chain
 from precision_pin.sources.backlash import Backlash
 from precision_pin.sources.beam import Beam
 from precision_pin.sources.bearing_stiffness import BearingStiffness
 from precision_pin.sources.clearance import Clearance
 from precision_pin.sources.payload import Payload
-from precision_pin.space import Draw, Space
-from precision_pin.terms import Source, at_means
+from precision_pin.terms.term import Source, at_means
 from support.plain_robot import PlainRobot, chain_of, joint, link, random_arm
 from support.sheets import SEVEN_Q
 
@@ -121,13 +121,13 @@ def test_the_compiled_sampler_draws_and_moves_as_the_clear_model():
     chain = chain_of(random_arm(51, prismatic=(4,)), tip="tool", gravity=GRAVITY)
     model = ErrorModel(chain, Space((K,)), on_every_joint(chain))
     at = model.at(SEVEN_Q)
-    layout = kernel.compile_table(at)
+    layout = sampler.compile_table(at)
     for pose, visit in ((0, 0), (2, 5)):
         x = model.space.sample(7, 10, 50, pose=pose, visit=visit)
-        np.testing.assert_allclose(kernel.sample(layout, 7, 10, 50, pose=pose, visit=visit), x, rtol=1e-12, atol=1e-15)
+        np.testing.assert_allclose(sampler.sample(layout, 7, 10, 50, pose=pose, visit=visit), x, rtol=1e-12, atol=1e-15)
     for engine in ("linear", "exact"):
         expected = getattr(at, engine)(x)
-        np.testing.assert_allclose(kernel.errors_at(layout, engine, x), expected, rtol=1e-9, atol=1e-14)
+        np.testing.assert_allclose(sampler.errors_at(layout, engine, x), expected, rtol=1e-9, atol=1e-14)
 
 
 def test_numbers_at_the_means_of_their_factors():

@@ -6,11 +6,11 @@ import time
 
 import pytest
 
+from precision_pin.display.tables import symbol
 from precision_pin.errors import InputError
-from precision_pin.specifications import specification
 from precision_pin.statistics import QUANTITIES
 from precision_pin.statistics.precision import target
-from precision_pin.tabular import symbol
+from precision_pin.statistics.specification import specification
 
 
 @pytest.mark.parametrize("quantity", QUANTITIES)

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
-from precision_pin.examples import PAPER_SHEET
-from precision_pin.model import ErrorModel
-from precision_pin.run import monte_carlo
+from precision_pin.model.error_model import ErrorModel
+from precision_pin.robot.examples import PAPER_SHEET
+from precision_pin.sampling import monte_carlo
 from support.oracles import displaced_pose, displacements
 from support.plain_robot import pose_error
 

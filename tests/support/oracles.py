@@ -9,9 +9,9 @@ import numpy as np
 import pinocchio
 from scipy.spatial.transform import Rotation
 
-from precision_pin.chain import Chain, Place
-from precision_pin.parameters import Component, Constant, Expression, Operation, Operator
-from precision_pin.terms import JointValue, Term
+from precision_pin.draws.expressions import Component, Constant, Expression, Operation, Operator
+from precision_pin.robot.chain import Chain, Place
+from precision_pin.terms.term import JointValue, Term
 from support.plain_robot import inserted, motion
 
 

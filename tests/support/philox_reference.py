@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from precision_pin.laws import (
+from precision_pin.draws.laws import (
     Arcsine,
     Circle,
     Disc,
@@ -30,7 +30,7 @@ from precision_pin.laws import (
     TwoPoint,
     Uniform,
 )
-from precision_pin.space import Scope, Space
+from precision_pin.draws.space import Scope, Space
 
 Array = NDArray[np.float64]
 

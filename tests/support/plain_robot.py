@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from precision_pin.chain import Chain
-from precision_pin.urdf import parse
+from precision_pin.robot.chain import Chain
+from precision_pin.robot.urdf import parse
 
 GRAVITY = (0.0, 0.0, -9.81)
 

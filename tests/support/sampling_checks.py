@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from precision_pin.laws import (
+from precision_pin.draws.laws import (
     Arcsine,
     Circle,
     Disc,
@@ -34,7 +34,7 @@ from precision_pin.laws import (
     TwoPoint,
     Uniform,
 )
-from precision_pin.space import Space
+from precision_pin.draws.space import Space
 from support import philox_reference
 
 Array = NDArray[np.float64]

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from precision_pin.chain import Chain
-from precision_pin.laws import Disc, JointNormal, Normal, Triangular, Uniform
-from precision_pin.model import ErrorModel
-from precision_pin.parameters import Component
+from precision_pin.draws.expressions import Component
+from precision_pin.draws.laws import Disc, JointNormal, Normal, Triangular, Uniform
+from precision_pin.draws.space import Draw, Scope, Space
+from precision_pin.model.error_model import ErrorModel
+from precision_pin.robot.chain import Chain
 from precision_pin.sources.axis_install import AxisInstall
 from precision_pin.sources.beam import Beam
 from precision_pin.sources.frame import Frame
@@ -16,8 +17,7 @@ from precision_pin.sources.joint_offset import JointOffset
 from precision_pin.sources.length import Length
 from precision_pin.sources.mcpc import Mcpc
 from precision_pin.sources.payload import Payload
-from precision_pin.space import Draw, Scope, Space
-from precision_pin.terms import Source
+from precision_pin.terms.term import Source
 from support.plain_robot import chain_of, random_arm
 
 SEVEN_Q = (0.3, -0.7, 1.1, 0.2, -1.3, 0.8, 0.5)

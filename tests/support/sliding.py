@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from precision_pin.model import ErrorModel
+from precision_pin.draws.space import Space
+from precision_pin.model.error_model import ErrorModel
 from precision_pin.sources.joint_offset import JointOffset
-from precision_pin.space import Space
 from support.plain_robot import chain_of, joint, link, robot
 
 

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from precision_pin.analyses.replicates import REPLICATES
-from precision_pin.space import Space
+from precision_pin.draws.space import Space
 
 __all__ = ["MOST_SKEWNESS", "Marginals", "law_breaks"]
 

@@ -27,7 +27,7 @@ from precision_pin.cli.targets import check_folder_name
 from precision_pin.cli.writing import Outputs, echo_data, whole_folder, write_text
 
 if TYPE_CHECKING:
-    from precision_pin.result import Analysis
+    from precision_pin.sampling.result import Analysis
 
 __all__ = ["command"]
 
@@ -78,12 +78,12 @@ def command(
     Without arguments: the paper's arm and sheet, from inside the package. ROBOT may be example:NAME. The result does not
     depend on what samples it: threads, processes or a cluster, at one go or resumed.
     """
-    from precision_pin.model import ErrorModel
-    from precision_pin.outputs.text import analysis_table
-    from precision_pin.run import check_samples, dask_cluster, monte_carlo
-    from precision_pin.space import check_seed
-    from precision_pin.specifications import specification
+    from precision_pin.draws.space import check_seed
+    from precision_pin.model.error_model import ErrorModel
+    from precision_pin.outputs.monte_carlo.table import analysis_table
+    from precision_pin.sampling import check_samples, dask_cluster, monte_carlo
     from precision_pin.statistics.precision import target
+    from precision_pin.statistics.specification import specification
 
     samples = samples if samples is not None else MOST_UNTIL if until else 100_000
     check_samples(samples)
@@ -136,14 +136,14 @@ def _check_together(workers: dict[str, object]) -> None:
 
 
 def _write_folder(analysis: Analysis, folder: Path) -> None:
-    from precision_pin.outputs import plots
+    from precision_pin.outputs.monte_carlo import figures
 
     summary, seed = analysis.summary, analysis.seed
     with whole_folder(folder) as stage:
         write_text(stage / "analysis.json", analysis.to_json() + "\n")
         for name, figure in (
-            ("position", plots.figure_position(summary, seed=seed)),
-            ("attitude", plots.figure_attitude(summary, seed=seed)),
-            ("components", plots.figure_components(summary, seed=seed)),
+            ("position", figures.figure_position(summary, seed=seed)),
+            ("attitude", figures.figure_attitude(summary, seed=seed)),
+            ("components", figures.figure_components(summary, seed=seed)),
         ):
-            plots.save(figure, stage / name)
+            figures.save(figure, stage / name)

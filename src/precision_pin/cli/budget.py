@@ -6,9 +6,9 @@ from typing import Unpack
 
 import click
 
+from precision_pin.cli.analysis_command import Shared, answer, ask, question_options
 from precision_pin.cli.common import Command
 from precision_pin.cli.progress import compile_sampler
-from precision_pin.cli.question import Shared, answer, ask, question_options
 
 __all__ = ["command"]
 
@@ -30,9 +30,9 @@ def command(samples: int, quantities: tuple[str, ...], **shared: Unpack[Shared])
 
     Without arguments: the paper's arm and sheet, from inside the package. ROBOT may be example:NAME.
     """
-    from precision_pin.analyses.budget import budget, check_points, check_quantities
-    from precision_pin.analyses.budget_result import VECTORS
-    from precision_pin.outputs.budget_report import figure, table
+    from precision_pin.analyses.budget.budget import budget, check_points, check_quantities
+    from precision_pin.analyses.budget.budget_result import VECTORS
+    from precision_pin.outputs.budget.budget_report import figure, table
 
     check_points(samples)
     check_quantities(quantities)

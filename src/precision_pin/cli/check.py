@@ -50,7 +50,7 @@ def command(
 def _findings(
     inputs: tuple[str, ...], tip: str | None, base: str | None, package_dirs: tuple[str, ...]
 ) -> tuple[Finding, ...]:
-    from precision_pin import urdf
+    from precision_pin.robot import urdf
 
     try:
         found = find_inputs(inputs, sheet_needed=False)
@@ -71,8 +71,8 @@ def _findings(
 
 def _pose_findings(sheet: Sheet) -> tuple[Finding, ...]:
     """Return what an analysis would warn of, or refuse, at each of the sheet's poses; of very many poses the limits alone."""
-    from precision_pin.model import ErrorModel
-    from precision_pin.pose_checks import MOST_POSES, pose_findings
+    from precision_pin.model.error_model import ErrorModel
+    from precision_pin.model.pose_checks import MOST_POSES, pose_findings
 
     model = ErrorModel.from_sheet(sheet)
     varies = not any(finding.code in ("W_NO_SOURCES", "W_NOTHING_VARIES") for finding in sheet.findings)
@@ -84,7 +84,7 @@ def _pose_findings(sheet: Sheet) -> tuple[Finding, ...]:
 
 
 def _chain_findings(robot: object, tip: str | None, base: str | None) -> tuple[Finding, ...]:
-    from precision_pin.chain import Chain
+    from precision_pin.robot.chain import Chain
 
     try:
         Chain.from_urdf(str(robot), tip, base)

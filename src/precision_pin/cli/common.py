@@ -16,8 +16,8 @@ import click
 from precision_pin.cli.notes import echo_note, quiet_option
 from precision_pin.cli.resources import require_resources
 from precision_pin.errors import Finding, InputError, PrecisionPinWarning
-from precision_pin.examples import PAPER_SHEET, resolve_robot, shipped_sheet, similar_file, starting_sheet
-from precision_pin.input_files import noted_inputs
+from precision_pin.inputs.files import noted_inputs
+from precision_pin.robot.examples import PAPER_SHEET, resolve_robot, shipped_sheet, similar_file, starting_sheet
 
 if TYPE_CHECKING:
     import numpy as np
@@ -214,7 +214,7 @@ def _too_many(arguments: Sequence[str]) -> str:
 
 def _sheet_of(name: str, robot: Path) -> Path:
     """Return the sheet that a robot alone goes with; a file that is no URDF is refused as such before any sheet is missed."""
-    from precision_pin import urdf
+    from precision_pin.robot import urdf
 
     if not os.path.isfile(robot):
         urdf.read(robot)

@@ -6,9 +6,9 @@ from typing import Unpack
 
 import click
 
+from precision_pin.cli.analysis_command import Shared, answer, ask, question_options
 from precision_pin.cli.common import Command
 from precision_pin.cli.progress import compile_sampler
-from precision_pin.cli.question import Shared, answer, ask, question_options
 
 __all__ = ["command"]
 
@@ -21,8 +21,8 @@ def command(samples: int, **shared: Unpack[Shared]) -> None:
 
     Without arguments: the paper's arm and sheet, from inside the package. ROBOT may be example:NAME.
     """
-    from precision_pin.analyses.exact_law import exact_law
-    from precision_pin.outputs.exact_law_report import figure, table
+    from precision_pin.analyses.exact_law.exact_law import exact_law
+    from precision_pin.outputs.exact_law.exact_law_report import figure, table
 
     question = ask(shared, "exact-law")
     compile_sampler(question.model.space)

@@ -30,7 +30,7 @@ from precision_pin.errors import Finding, InputError, OutputError
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from precision_pin.outputs.as_built import AsBuilt
+    from precision_pin.outputs.as_built.urdf import AsBuilt
 
 __all__ = ["command"]
 
@@ -60,9 +60,9 @@ def command(units: int, first: int, seed: int, out: str, **arm: Unpack[OnePoseOp
     each at the pose. The units are those that analyze samples. A file holds the errors of the built robot at every pose
     and all errors (loads, draws for a pose or a visit) at the export pose.
     """
-    from precision_pin.model import ErrorModel
-    from precision_pin.outputs.as_built import AsBuilt
-    from precision_pin.space import check_seed
+    from precision_pin.draws.space import check_seed
+    from precision_pin.model.error_model import ErrorModel
+    from precision_pin.outputs.as_built.urdf import AsBuilt
 
     check_seed(seed)
     if not 1 <= units <= MOST_UNITS:

@@ -12,7 +12,7 @@ from precision_pin.cli.common import Command, chain_options
 from precision_pin.cli.notes import echo_note, quiet_option
 from precision_pin.cli.writing import Outputs, echo_data, write_text
 from precision_pin.errors import OutputError
-from precision_pin.input_files import noted_inputs
+from precision_pin.inputs.files import noted_inputs
 
 __all__ = ["command"]
 
@@ -31,10 +31,10 @@ def command(
     ROBOT may be example:NAME; where a sheet with sources comes with precision-pin for it, that one is written. The sheet runs
     as it is: precision-pin analyze SHEET.
     """
-    from precision_pin.chain import Chain
-    from precision_pin.examples import PREFIX, example_urdfs, resolve_robot, shipped_sheet, starting_sheet
-    from precision_pin.outputs.scaffold import scaffold
-    from precision_pin.urdf import read
+    from precision_pin.outputs.scaffold.sheet import scaffold
+    from precision_pin.robot.chain import Chain
+    from precision_pin.robot.examples import PREFIX, example_urdfs, resolve_robot, shipped_sheet, starting_sheet
+    from precision_pin.robot.urdf import read
 
     path = resolve_robot(robot)
     target = Path(out) if out is not None else Path(starting_sheet(path))
@@ -65,7 +65,7 @@ def command(
 
 def _shipped(robot: str, tip: str | None, base: str | None) -> tuple[str | None, str]:
     """Return the sheet that comes with this package for a robot and its chain, None if there is none, and what to say."""
-    from precision_pin.examples import shipped_sheet
+    from precision_pin.robot.examples import shipped_sheet
     from precision_pin.sheet import read
 
     file = shipped_sheet(robot)

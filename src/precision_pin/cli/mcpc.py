@@ -26,10 +26,10 @@ def command(
 
     Without arguments: the paper's arm.
     """
-    from precision_pin import mcpc, urdf
-    from precision_pin.chain import Chain
-    from precision_pin.chain_findings import chain_findings
-    from precision_pin.outputs.text import mcpc_table
+    from precision_pin.outputs.monte_carlo.table import mcpc_table
+    from precision_pin.robot import mcpc, urdf
+    from precision_pin.robot.chain import Chain
+    from precision_pin.robot.chain_findings import chain_findings
 
     found = find_inputs(inputs, sheet_needed=False)
     if found.sheet is not None:

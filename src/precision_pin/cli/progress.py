@@ -11,24 +11,24 @@ from precision_pin.cli.interrupts import raise_if_interrupted
 from precision_pin.cli.notes import echo_note, is_quiet
 
 if TYPE_CHECKING:
-    from precision_pin.space import Space
+    from precision_pin.draws.space import Space
 
 __all__ = ["compile_sampler", "progress_bar"]
 
 
 def compile_sampler(space: Space, model: Literal["exact", "linear"] = "exact") -> None:
     """Compile what samples a model where that was never done on this machine, and show how far that is."""
-    from precision_pin import kernel
     from precision_pin.compile_ahead import shown_by
-    from precision_pin.progress_bar import COMPILING, compilation
+    from precision_pin.display.progress import COMPILING, compilation
+    from precision_pin.kernel import sampler
 
-    variant = kernel.variant_of(space, model)
-    if kernel.is_compiled(*variant):
+    variant = sampler.variant_of(space, model)
+    if sampler.is_compiled(*variant):
         return
     if not sys.stderr.isatty():
         echo_note(f"{COMPILING}: some 8 s")
     with nullcontext() if is_quiet() else shown_by(compilation):
-        kernel.warm_up(*variant)
+        sampler.warm_up(*variant)
     raise_if_interrupted()
 
 
@@ -38,7 +38,7 @@ def progress_bar(total: int, what: str, unit: str = "samples") -> Iterator[Calla
     if is_quiet():
         yield lambda _: raise_if_interrupted()
         return
-    from precision_pin.progress_bar import progress
+    from precision_pin.display.progress import progress
 
     with progress(total, what, unit=unit) as step:
 

@@ -7,9 +7,9 @@ from typing import Unpack
 import click
 
 from precision_pin.cli import EXIT_SPEC
+from precision_pin.cli.analysis_command import Shared, answer, ask, question_options
 from precision_pin.cli.common import Command
 from precision_pin.cli.progress import compile_sampler, progress_bar
-from precision_pin.cli.question import Shared, answer, ask, question_options
 
 __all__ = ["command"]
 
@@ -25,10 +25,10 @@ def command(specs: tuple[str, ...], samples: int, **shared: Unpack[Shared]) -> i
 
     Without arguments: the paper's arm and sheet, from inside the package. ROBOT may be example:NAME.
     """
-    from precision_pin.analyses.reliability import reliability
-    from precision_pin.outputs.reliability_report import figure, table
-    from precision_pin.run import check_samples
-    from precision_pin.specifications import specification
+    from precision_pin.analyses.reliability.reliability import reliability
+    from precision_pin.outputs.reliability.reliability_report import figure, table
+    from precision_pin.sampling import check_samples
+    from precision_pin.statistics.specification import specification
 
     check_samples(samples)
     specifications = [specification(text) for text in specs]

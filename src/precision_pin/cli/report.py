@@ -27,7 +27,7 @@ from precision_pin.cli.targets import check_page_name
 from precision_pin.cli.writing import PageOutput
 
 if TYPE_CHECKING:
-    from precision_pin.run import Progress
+    from precision_pin.sampling import Progress
 
 __all__ = ["command"]
 
@@ -51,9 +51,9 @@ def command(
 
     Without arguments: the paper's arm and sheet, from inside the package. ROBOT may be example:NAME.
     """
-    from precision_pin.run import check_samples
-    from precision_pin.space import check_seed
-    from precision_pin.specifications import specification
+    from precision_pin.draws.space import check_seed
+    from precision_pin.sampling import check_samples
+    from precision_pin.statistics.specification import specification
 
     check_samples(samples)
     check_seed(seed)
@@ -64,8 +64,9 @@ def command(
     package_dirs = arm["package_dirs"]
     sheet = read_sheet(arm["inputs"], arm["tip"], arm["base"], package_dirs, target.outputs)
     where = chosen_pose(sheet, arm["pose"], arm["q"])
-    from precision_pin.model import ErrorModel
-    from precision_pin.outputs.report import STEPS, collect, page
+    from precision_pin.model.error_model import ErrorModel
+    from precision_pin.outputs.report.collect import STEPS, collect
+    from precision_pin.outputs.report.page import page
 
     space = ErrorModel.from_sheet(sheet).space
     compile_sampler(space)

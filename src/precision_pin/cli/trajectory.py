@@ -13,11 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from precision_pin.errors import Finding, InputError, nearest
-from precision_pin.input_files import note_input
-from precision_pin.measured import NUMBER
+from precision_pin.inputs.csv_columns import NUMBER
+from precision_pin.inputs.files import note_input
 
 if TYPE_CHECKING:
-    from precision_pin.chain import Chain
+    from precision_pin.robot.chain import Chain
 
 __all__ = ["Trajectory", "read_trajectory"]
 

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from precision_pin.kernel import CompiledTable
+    from precision_pin.kernel.sampler import CompiledTable
     from precision_pin.outputs.view import Shown
     from precision_pin.sheet import Sheet
 
@@ -88,9 +88,9 @@ def command(
     Without arguments: the paper's arm and sheet. Several poses get a slider. Without --out the page is served to this
     machine only, until Ctrl-C, and made anew whenever the sheet or the robot changes.
     """
+    from precision_pin.draws.space import check_seed
     from precision_pin.outputs.view import MOST_POINTS, page
-    from precision_pin.run import check_samples
-    from precision_pin.space import check_seed
+    from precision_pin.sampling import check_samples
 
     check_samples(samples)
     check_seed(seed)
@@ -144,7 +144,7 @@ def command(
 @final
 @dataclass(frozen=True)
 class _Pose:
-    """A pose asked for, as :meth:`precision_pin.model.ErrorModel.at` takes it, and its name."""
+    """A pose asked for, as :meth:`precision_pin.model.error_model.ErrorModel.at` takes it, and its name."""
 
     where: str | NDArray[np.float64] | None
     name: str | None
@@ -172,8 +172,8 @@ def _sampled(
     poses: Sequence[_Pose], sheet: Sheet, samples: int, seed: int, model: Literal["exact", "linear"]
 ) -> list[Shown]:
     """Return the errors of the same units at every pose, and print what there is to warn of."""
-    from precision_pin import kernel
-    from precision_pin.model import ErrorModel
+    from precision_pin.kernel import sampler
+    from precision_pin.model.error_model import ErrorModel
     from precision_pin.outputs.view import Shown
 
     error_model = ErrorModel.from_sheet(sheet)
@@ -184,7 +184,7 @@ def _sampled(
         for number, pose in enumerate(poses):
             at = error_model.at(pose.where)
             findings.append((*at.findings(model), *error_model.statics_findings(at)))
-            errors = _drawn(kernel.compile_table(at), model, seed, samples, number, progress)
+            errors = _drawn(sampler.compile_table(at), model, seed, samples, number, progress)
             shown.append(Shown(at, errors, pose.name, number))
     echo_findings(_gathered(findings))
     return shown
@@ -200,12 +200,12 @@ def _drawn(
 ) -> NDArray[np.float64]:
     import numpy as np
 
-    from precision_pin import kernel
+    from precision_pin.kernel import sampler
 
     chunks = []
     for first in range(0, samples, CHUNK):
         count = min(CHUNK, samples - first)
-        chunks.append(kernel.errors(table, model, seed, first, count, pose=pose))
+        chunks.append(sampler.errors(table, model, seed, first, count, pose=pose))
         progress(count)
     return np.concatenate(chunks, axis=1)
 

@@ -6,9 +6,9 @@ from typing import Unpack
 
 import click
 
+from precision_pin.cli.analysis_command import Shared, answer, ask, question_options
 from precision_pin.cli.common import Command
 from precision_pin.cli.progress import compile_sampler, progress_bar
-from precision_pin.cli.question import Shared, answer, ask, question_options
 
 __all__ = ["command"]
 
@@ -22,9 +22,9 @@ def command(k: float, samples: int, **shared: Unpack[Shared]) -> None:
 
     Without arguments: the paper's arm and sheet, from inside the package. ROBOT may be example:NAME.
     """
-    from precision_pin.analyses.worst_case import worst_case
-    from precision_pin.outputs.worst_case_report import figure, table
-    from precision_pin.run import check_samples
+    from precision_pin.analyses.worst_case.worst_case import worst_case
+    from precision_pin.outputs.worst_case.worst_case_report import figure, table
+    from precision_pin.sampling import check_samples
 
     check_samples(samples)
     question = ask(shared, "worst-case")

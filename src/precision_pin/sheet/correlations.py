@@ -6,12 +6,12 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from precision_pin import units
-from precision_pin.correlation import Correlation
+from precision_pin.draws.correlation import Correlation
+from precision_pin.draws.space import Draw, Space
 from precision_pin.errors import InputError
 from precision_pin.sheet.findings import Findings
 from precision_pin.sheet.settings import SettingError
 from precision_pin.sheet.text import Path
-from precision_pin.space import Draw, Space
 
 __all__ = ["correlated_space"]
 

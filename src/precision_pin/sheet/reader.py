@@ -13,12 +13,15 @@ from numpy.typing import NDArray
 from pydantic import ValidationError
 
 from precision_pin import units
-from precision_pin.chain import EARTH, Chain
-from precision_pin.chain_findings import chain_findings
+from precision_pin.draws.laws import Fixed
+from precision_pin.draws.space import Draw, Extension, LabelledSpace, Space
 from precision_pin.errors import Finding, InputError, SheetError, UrdfError, nearest
-from precision_pin.examples import resolve_robot
-from precision_pin.input_files import note_input
-from precision_pin.laws import Fixed
+from precision_pin.inputs.files import note_input
+from precision_pin.robot.chain import EARTH, Chain
+from precision_pin.robot.chain_findings import chain_findings
+from precision_pin.robot.examples import resolve_robot
+from precision_pin.robot.urdf import Joint, Robot
+from precision_pin.robot.urdf import read as read_urdf
 from precision_pin.sheet.correlations import correlated_space
 from precision_pin.sheet.findings import Findings
 from precision_pin.sheet.remarks import remark_on_poses, remark_on_sources
@@ -26,10 +29,7 @@ from precision_pin.sheet.schema import ASSUMED, Context, Document, source_model,
 from precision_pin.sheet.settings import NAME, NamedParameter, SettingError, parse_parameter
 from precision_pin.sheet.text import Path, Text, read_text
 from precision_pin.sources import catalogue
-from precision_pin.space import Draw, Extension, LabelledSpace, Space
-from precision_pin.terms import AskedSource, Source, labels
-from precision_pin.urdf import Joint, Robot
-from precision_pin.urdf import read as read_urdf
+from precision_pin.terms.term import AskedSource, Source, labels
 
 __all__ = ["Overrides", "Sheet", "parse_pose", "read"]
 

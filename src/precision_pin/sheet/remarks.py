@@ -8,16 +8,17 @@ from typing import Any, Final
 
 import numpy as np
 
-from precision_pin import special, units
-from precision_pin.chain import Chain
+from precision_pin import units
+from precision_pin.draws import lazy_special
+from precision_pin.draws.laws import Empirical, Law, Rows
+from precision_pin.draws.space import Draw, LabelledSpace, Space
 from precision_pin.errors import InputError
-from precision_pin.laws import Empirical, Law, Rows
+from precision_pin.robot.chain import Chain
+from precision_pin.robot.urdf import Joint
 from precision_pin.sheet.findings import Findings
 from precision_pin.sheet.schema import Document
 from precision_pin.sheet.text import Path
-from precision_pin.space import Draw, LabelledSpace, Space
-from precision_pin.terms import Source, labels, own_draws
-from precision_pin.urdf import Joint
+from precision_pin.terms.term import Source, labels, own_draws
 
 __all__ = ["DEVIATIONS", "FEW", "few_samples", "pose_remark", "remark_on_poses", "remark_on_sources"]
 
@@ -164,7 +165,7 @@ def few_samples(law: Law) -> str | None:
     if not varies.any():
         return f"{count} measured samples that are all the same have no spread; give a law with a tolerance about them"
     factor = float((drawn[varies] / spread[varies]).min())
-    most = math.sqrt((count - 1) / (2 * float(special.gammaincinv((count - 1) / 2, 1 - _CONFIDENCE))))
+    most = math.sqrt((count - 1) / (2 * float(lazy_special.gammaincinv((count - 1) / 2, 1 - _CONFIDENCE))))
     return (
         f"{count} measured samples: the standard deviation of what is drawn from them is {factor:.2f} of theirs (divisor "
         f"n - 1), and the true one may be up to {most:.1f} times theirs ({_CONFIDENCE:.0%} confidence, for normal numbers); "

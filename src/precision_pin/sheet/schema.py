@@ -21,8 +21,8 @@ from pydantic import (
     create_model,
 )
 
+from precision_pin.draws.laws import Law
 from precision_pin.errors import InputError
-from precision_pin.laws import Law
 from precision_pin.sheet.settings import (
     LAW_KEYS,
     TOLERANCE_PATTERN,
@@ -34,7 +34,7 @@ from precision_pin.sheet.settings import (
 )
 from precision_pin.sheet.text import Path
 from precision_pin.sources import catalogue
-from precision_pin.terms import Source
+from precision_pin.terms.term import Source
 from precision_pin.units import PerEntry, PerJoint, Quantity, parse_vector
 
 __all__ = [

@@ -9,9 +9,9 @@ from pathlib import Path as FilePath
 from typing import Any, Final, final
 
 from precision_pin import units
+from precision_pin.draws.space import Draw, Setting
 from precision_pin.errors import InputError, UnitError, UnknownNameError, nearest
-from precision_pin.sheet.law_settings import LAWS, OPTIONS, LawReader, SettingError
-from precision_pin.space import Draw, Setting
+from precision_pin.sheet.law_reader import LAWS, OPTIONS, LawReader, SettingError
 from precision_pin.units import Quantity
 
 __all__ = [

@@ -1,6 +1,6 @@
 """Error sources, one file for each kind.
 
-A kind is a module here with one :class:`~precision_pin.terms.Source` in it; nothing else lists them. The sheet's schema
+A kind is a module here with one :class:`~precision_pin.terms.term.Source` in it; nothing else lists them. The sheet's schema
 and the documentation's catalogue derive from the classes.
 """
 
@@ -11,7 +11,7 @@ import inspect
 import pkgutil
 from functools import cache
 
-from precision_pin.terms import Source
+from precision_pin.terms.term import Source
 
 __all__ = ["catalogue"]
 
@@ -29,7 +29,9 @@ def catalogue() -> dict[str, type[Source]]:
 
 
 def __getattr__(name: str) -> type[Source]:
-    for source in catalogue().values():
-        if source.__name__ == name:
-            return source
+    # names of modules are asked for too, while they are imported: then the catalogue is not complete
+    if name[:1].isupper():
+        for source in catalogue().values():
+            if source.__name__ == name:
+                return source
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -9,11 +9,11 @@ from typing import Annotated, final
 import numpy as np
 
 from precision_pin import units
-from precision_pin.chain import Place, Posture
+from precision_pin.draws.laws import Disc
+from precision_pin.draws.space import Draw, LabelledSpace, Scope
 from precision_pin.errors import InputError
-from precision_pin.laws import Disc
-from precision_pin.space import Draw, LabelledSpace, Scope
-from precision_pin.terms import Source, Term
+from precision_pin.robot.chain import Place, Posture
+from precision_pin.terms.term import Source, Term
 
 __all__ = ["AxisInstall"]
 

@@ -9,11 +9,11 @@ from typing import Annotated, Literal, final
 import numpy as np
 
 from precision_pin import units
-from precision_pin.chain import Posture
+from precision_pin.draws.laws import Uniform
+from precision_pin.draws.space import Draw, LabelledSpace, Scope, Setting
 from precision_pin.errors import InputError
-from precision_pin.laws import Uniform
-from precision_pin.space import Draw, LabelledSpace, Scope, Setting
-from precision_pin.terms import JointValue, Source, Term, at_means
+from precision_pin.robot.chain import Posture
+from precision_pin.terms.term import JointValue, Source, Term, at_means
 
 __all__ = ["Backlash"]
 

@@ -11,14 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from precision_pin import se3, units
-from precision_pin.chain import Chain, Factors, Load, Posture
+from precision_pin.draws.expressions import Expression, Value
+from precision_pin.draws.space import LabelledSpace, Setting
 from precision_pin.errors import InputError, UnknownNameError
-from precision_pin.parameters import Expression, Value
+from precision_pin.robot.chain import Chain, Factors, Load, Posture
 from precision_pin.se3 import rotation_about
 from precision_pin.sources.bent_shape import BentShape
 from precision_pin.sources.profiles import Profile, Segment, Stretch, ends, stretches
-from precision_pin.space import LabelledSpace, Setting
-from precision_pin.terms import Source, Term
+from precision_pin.terms.term import Source, Term
 
 __all__ = ["Beam", "beam_axes", "point_flexibility", "stretch_flexibility", "weight_flexibility"]
 
@@ -63,7 +63,7 @@ class Beam(Profile, OnLink):
     segments somewhat late, at 1.05 of it where one half has a quarter of the other's rigidity. Source: section 3.2 and
     eq 21 of Wei, Jia and Chen (2015), which prints θ_z before θ_y and gives EI and GI in N·m/rad; here EI and GI are
     rigidities in N·m², and stiffnesses of the whole link in N·m/rad are settings of their own (``EI = k l``). Sections:
-    :mod:`precision_pin.sections`.
+    :mod:`precision_pin.sources.cross_sections`.
 
     Attributes
     ----------

@@ -9,12 +9,12 @@ from typing import Annotated, Final, final
 import numpy as np
 
 from precision_pin import units
-from precision_pin.chain import Posture
+from precision_pin.draws.expressions import Value
+from precision_pin.draws.space import LabelledSpace, Setting
 from precision_pin.errors import InputError
-from precision_pin.parameters import Value
+from precision_pin.robot.chain import Posture
 from precision_pin.sources.seats import PadsOn, height_above_seat, seat_axes, seat_wrench, wrench_at
-from precision_pin.space import LabelledSpace, Setting
-from precision_pin.terms import Source, Term
+from precision_pin.terms.term import Source, Term
 
 __all__ = ["BearingStiffness"]
 

@@ -8,7 +8,7 @@ from typing import Final, final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from precision_pin.chain import Posture
+from precision_pin.robot.chain import Posture
 
 __all__ = ["BentShape"]
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from precision_pin.chain import Chain, Place
 from precision_pin.errors import InputError
+from precision_pin.robot.chain import Chain, Place
 
 __all__ = ["check_choice", "chosen_place"]
 

@@ -9,13 +9,13 @@ from typing import Annotated, Literal, final
 import numpy as np
 
 from precision_pin import units
-from precision_pin.chain import Posture
+from precision_pin.draws.expressions import Value
+from precision_pin.draws.laws import Circle, Disc, Uniform
+from precision_pin.draws.space import Draw, LabelledSpace, Scope, Setting, indexed
 from precision_pin.errors import InputError
-from precision_pin.laws import Circle, Disc, Uniform
-from precision_pin.parameters import Value
+from precision_pin.robot.chain import Posture
 from precision_pin.sources.seats import PadsOn, height_above_seat, seat_axes, seat_wrench, shift_of_point
-from precision_pin.space import Draw, LabelledSpace, Scope, Setting, indexed
-from precision_pin.terms import Source, Term, at_means
+from precision_pin.terms.term import Source, Term, at_means
 
 __all__ = ["Clearance"]
 

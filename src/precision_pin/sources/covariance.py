@@ -9,12 +9,12 @@ from typing import Annotated, Final, Literal, final
 import numpy as np
 
 from precision_pin import units
-from precision_pin.chain import Posture
+from precision_pin.draws.laws import JointNormal
+from precision_pin.draws.space import Draw, LabelledSpace, Scope
 from precision_pin.errors import InputError
-from precision_pin.laws import JointNormal
+from precision_pin.robot.chain import Posture
 from precision_pin.sources.chosen_place import check_choice, chosen_place
-from precision_pin.space import Draw, LabelledSpace, Scope
-from precision_pin.terms import Source, Term
+from precision_pin.terms.term import Source, Term
 
 __all__ = ["Covariance"]
 

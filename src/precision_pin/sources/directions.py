@@ -8,8 +8,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from precision_pin.chain import Posture
 from precision_pin.errors import InputError
+from precision_pin.robot.chain import Posture
 
 __all__ = ["direction_of"]
 

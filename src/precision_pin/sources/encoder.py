@@ -8,12 +8,12 @@ from dataclasses import dataclass
 from typing import Annotated, Literal, final
 
 from precision_pin import units
-from precision_pin.chain import Posture
+from precision_pin.draws.laws import Uniform
+from precision_pin.draws.space import Draw, LabelledSpace, Scope, Setting
 from precision_pin.errors import Finding, InputError
-from precision_pin.laws import Uniform
+from precision_pin.robot.chain import Posture
 from precision_pin.sources.periodic import amplitude_remarks, periodic_terms, phase_draw
-from precision_pin.space import Draw, LabelledSpace, Scope, Setting
-from precision_pin.terms import JointValue, Source, Term
+from precision_pin.terms.term import JointValue, Source, Term
 
 __all__ = ["Encoder"]
 

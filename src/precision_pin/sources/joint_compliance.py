@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from typing import Annotated, final
 
 from precision_pin import units
-from precision_pin.chain import Posture
-from precision_pin.space import LabelledSpace, Setting
-from precision_pin.terms import JointValue, Source, Term
+from precision_pin.draws.space import LabelledSpace, Setting
+from precision_pin.robot.chain import Posture
+from precision_pin.terms.term import JointValue, Source, Term
 
 __all__ = ["JointCompliance"]
 

@@ -9,11 +9,11 @@ from typing import Annotated, final
 import numpy as np
 
 from precision_pin import units
-from precision_pin.chain import Posture
+from precision_pin.draws.space import LabelledSpace, Setting
 from precision_pin.errors import InputError
+from precision_pin.robot.chain import Posture
 from precision_pin.sources.directions import direction_of
-from precision_pin.space import LabelledSpace, Setting
-from precision_pin.terms import Source, Term
+from precision_pin.terms.term import Source, Term
 
 __all__ = ["Length"]
 

@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from precision_pin import units
-from precision_pin.chain import Factors, Posture
-from precision_pin.parameters import Expression
-from precision_pin.space import LabelledSpace, Setting
-from precision_pin.terms import Source, Term
+from precision_pin.draws.expressions import Expression
+from precision_pin.draws.space import LabelledSpace, Setting
+from precision_pin.robot.chain import Factors, Posture
+from precision_pin.terms.term import Source, Term
 
 __all__ = ["Levelling"]
 

@@ -9,10 +9,10 @@ from typing import Annotated, Literal, final
 import numpy as np
 
 from precision_pin import units
-from precision_pin.chain import Chain, Place, Posture
+from precision_pin.draws.space import LabelledSpace, Setting
 from precision_pin.errors import InputError
-from precision_pin.space import LabelledSpace, Setting
-from precision_pin.terms import Source, Term
+from precision_pin.robot.chain import Chain, Place, Posture
+from precision_pin.terms.term import Source, Term
 
 __all__ = ["Mounting"]
 

@@ -9,11 +9,11 @@ from typing import Annotated, final
 import numpy as np
 
 from precision_pin import units
-from precision_pin.chain import Factors, Load, Posture
+from precision_pin.draws.expressions import Expression, Value
+from precision_pin.draws.space import LabelledSpace, Setting
 from precision_pin.errors import InputError
-from precision_pin.parameters import Expression, Value
-from precision_pin.space import LabelledSpace, Setting
-from precision_pin.terms import Source, Term, at_means
+from precision_pin.robot.chain import Factors, Load, Posture
+from precision_pin.terms.term import Source, Term, at_means
 
 __all__ = ["Payload"]
 

@@ -6,11 +6,11 @@ import math
 from collections.abc import Iterator
 from typing import Final
 
+from precision_pin.draws.expressions import Component, Value
+from precision_pin.draws.laws import Circle
+from precision_pin.draws.space import Draw, LabelledSpace, Scope
 from precision_pin.errors import Finding
-from precision_pin.laws import Circle
-from precision_pin.parameters import Component, Value
-from precision_pin.space import Draw, LabelledSpace, Scope
-from precision_pin.terms import JointValue, Term
+from precision_pin.terms.term import JointValue, Term
 
 __all__ = ["amplitude_remarks", "periodic_terms", "phase_draw"]
 

@@ -12,11 +12,12 @@ from typing import Annotated, Final, Literal, final
 
 import numpy as np
 
-from precision_pin import sections, units
+from precision_pin import units
+from precision_pin.draws.expressions import Component, Value
+from precision_pin.draws.space import LabelledSpace, Setting
 from precision_pin.errors import InputError, UnknownNameError
-from precision_pin.parameters import Component, Value
-from precision_pin.sections import MATERIALS, Section
-from precision_pin.space import LabelledSpace, Setting
+from precision_pin.sources import cross_sections
+from precision_pin.sources.cross_sections import MATERIALS, Section
 
 __all__ = ["Profile", "Segment", "Stretch", "ends", "stretches"]
 
@@ -186,7 +187,7 @@ class Stretch:
                         "narrow or truncate their laws"
                     )
         make: Callable[..., Section] = (
-            Section if self.profile.section == "general" else getattr(sections, self.profile.section)
+            Section if self.profile.section == "general" else getattr(cross_sections, self.profile.section)
         )
         return make(**dimensions)
 

@@ -13,8 +13,8 @@ from typing import Final, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from precision_pin.chain import Chain, Factors, Posture
 from precision_pin.errors import InputError
+from precision_pin.robot.chain import Chain, Factors, Posture
 
 __all__ = ["PadsOn", "height_above_seat", "seat_axes", "seat_wrench", "shift_of_point", "wrench_at"]
 

@@ -10,13 +10,14 @@ from typing import Final, Literal, final
 
 import numpy as np
 
-from precision_pin import measured, units
-from precision_pin.chain import Posture
+from precision_pin import units
+from precision_pin.draws.laws import Rows
+from precision_pin.draws.space import Draw, LabelledSpace, Scope
 from precision_pin.errors import InputError, nearest
-from precision_pin.laws import Rows
+from precision_pin.inputs import csv_columns
+from precision_pin.robot.chain import Posture
 from precision_pin.sources.chosen_place import check_choice, chosen_place
-from precision_pin.space import Draw, LabelledSpace, Scope
-from precision_pin.terms import Source, Term
+from precision_pin.terms.term import Source, Term
 
 __all__ = ["Table"]
 
@@ -79,7 +80,7 @@ class Table(Source):
 
     @cached_property
     def _law(self) -> Rows:
-        table = measured.read(self.file)
+        table = csv_columns.read(self.file)
         for name in table.names:
             if name not in _COLUMNS:
                 raise InputError(f"{table.file}: unknown column {name!r}: {nearest(name, _COLUMNS)}")

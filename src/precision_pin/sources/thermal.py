@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from precision_pin import units
-from precision_pin.chain import Posture
+from precision_pin.draws.space import LabelledSpace, Setting
 from precision_pin.errors import InputError
+from precision_pin.robot.chain import Posture
 from precision_pin.sources.directions import direction_of
-from precision_pin.space import LabelledSpace, Setting
-from precision_pin.terms import Source, Term
+from precision_pin.terms.term import Source, Term
 
 __all__ = ["Thermal"]
 

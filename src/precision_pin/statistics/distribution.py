@@ -10,9 +10,9 @@ from typing import Final, final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from precision_pin.arguments import check_number, check_numbers, check_whole
-from precision_pin.arrays import fix_fields
 from precision_pin.errors import UnknownNameError
+from precision_pin.inputs.arguments import check_number, check_numbers, check_whole
+from precision_pin.inputs.arrays import fix_fields
 from precision_pin.statistics.digits import MOST_DIGITS, significant_digits
 from precision_pin.statistics.intervals import quantile_ranks, tolerance_ranks, upper_bound_rank
 from precision_pin.statistics.mode import Peak, smoothed_peak

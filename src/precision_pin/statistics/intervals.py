@@ -12,7 +12,7 @@ from functools import lru_cache
 
 from scipy.special import bdtr, betainc, betaincinv
 
-from precision_pin.arguments import check_number
+from precision_pin.inputs.arguments import check_number
 
 __all__ = [
     "check_confidence",

@@ -27,7 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import stdtrit
 
-from precision_pin.arrays import fix_fields
+from precision_pin.inputs.arrays import fix_fields
 from precision_pin.statistics.skewed_means import studentised
 
 __all__ = ["Moments"]

@@ -9,8 +9,8 @@ from typing import Final, final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from precision_pin.arguments import check_name, check_number
 from precision_pin.errors import InternalError
+from precision_pin.inputs.arguments import check_name, check_number
 
 __all__ = ["COMPONENTS", "NORMS", "QUANTITIES", "Plan", "Specification"]
 

@@ -20,8 +20,8 @@ from dataclasses import dataclass
 from typing import Final, final
 
 from precision_pin import units
-from precision_pin.arguments import check_text
 from precision_pin.errors import InputError, UnitError, UnknownNameError
+from precision_pin.inputs.arguments import check_text
 from precision_pin.statistics.distribution import Distribution
 from precision_pin.statistics.plan import QUANTITIES
 from precision_pin.statistics.summary import Summary

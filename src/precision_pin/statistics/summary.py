@@ -12,9 +12,9 @@ from typing import Final, Literal, final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from precision_pin.arguments import check_name
-from precision_pin.arrays import fix_fields, returns_read_only
 from precision_pin.errors import InternalError
+from precision_pin.inputs.arguments import check_name
+from precision_pin.inputs.arrays import fix_fields, returns_read_only
 from precision_pin.statistics.accumulate import State
 from precision_pin.statistics.distribution import Distribution
 from precision_pin.statistics.intervals import check_confidence, clopper_pearson

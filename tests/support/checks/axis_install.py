@@ -7,9 +7,9 @@ from types import ModuleType
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from precision_pin.chain import Chain
-from precision_pin.model import ErrorModel
-from precision_pin.space import Space
+from precision_pin.draws.space import Space
+from precision_pin.model.error_model import ErrorModel
+from precision_pin.robot.chain import Chain
 from support.checks.common import MM, evaluated, same
 from support.plain_robot import (
     chain_of,

@@ -8,9 +8,9 @@ from types import ModuleType
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from precision_pin.chain import Load
-from precision_pin.laws import Uniform
-from precision_pin.space import LabelledSpace, Space
+from precision_pin.draws.laws import Uniform
+from precision_pin.draws.space import LabelledSpace, Space
+from precision_pin.robot.chain import Load
 from support.checks.common import Q7, evaluated, in_base, one_link, same
 from support.plain_robot import (
     PlainRobot,

@@ -6,7 +6,7 @@ from types import ModuleType
 
 import numpy as np
 
-from precision_pin.laws import Uniform
+from precision_pin.draws.laws import Uniform
 from support.checks.clearance import GRAVITY, free_body
 from support.checks.common import Q7, evaluated, in_base, one_link, same
 from support.plain_robot import PlainRobot, chain_of, random_arm

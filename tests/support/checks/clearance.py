@@ -6,10 +6,10 @@ from types import ModuleType
 
 import numpy as np
 
-from precision_pin.laws import Circle, Disc
-from precision_pin.model import ErrorModel
+from precision_pin.draws.laws import Circle, Disc
+from precision_pin.draws.space import Scope, Space
+from precision_pin.model.error_model import ErrorModel
 from precision_pin.sources.axis_install import AxisInstall
-from precision_pin.space import Scope, Space
 from support.checks.common import MM, Q7, evaluated, in_base, one_link, same
 from support.plain_robot import PlainRobot, chain_of, random_arm
 

@@ -6,10 +6,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from precision_pin.chain import Chain, Posture
-from precision_pin.model import ErrorModel
-from precision_pin.space import Draw, Space
-from precision_pin.terms import Source
+from precision_pin.draws.space import Draw, Space
+from precision_pin.model.error_model import ErrorModel
+from precision_pin.robot.chain import Chain, Posture
+from precision_pin.terms.term import Source
 from support.oracles import displacements
 from support.plain_robot import (
     chain_of,

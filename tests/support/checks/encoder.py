@@ -6,9 +6,9 @@ from types import ModuleType
 
 import numpy as np
 
-from precision_pin.laws import Normal, Uniform
-from precision_pin.space import Scope
-from precision_pin.terms import JointValue
+from precision_pin.draws.laws import Normal, Uniform
+from precision_pin.draws.space import Scope
+from precision_pin.terms.term import JointValue
 from support.checks.common import evaluated, one_link, same
 
 ARCSEC = np.pi / 648000

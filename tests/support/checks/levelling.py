@@ -8,11 +8,11 @@ from types import ModuleType
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from precision_pin.laws import Normal, Uniform
+from precision_pin.draws.laws import Normal, Uniform
 from precision_pin.sources.beam import Beam
 from precision_pin.sources.joint_compliance import JointCompliance
 from precision_pin.sources.payload import Payload
-from precision_pin.terms import JointValue
+from precision_pin.terms.term import JointValue
 from support.checks.common import Q7, evaluated, one_link, same
 from support.plain_robot import chain_of, joint, link, random_arm
 

@@ -6,7 +6,7 @@ from types import ModuleType
 
 import numpy as np
 
-from precision_pin import mcpc as parameters_of
+from precision_pin.robot import mcpc as parameters_of
 from support.checks.common import Q7, evaluated, same
 from support.plain_robot import (
     chain_of,

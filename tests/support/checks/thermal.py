@@ -6,7 +6,7 @@ from types import ModuleType
 
 import numpy as np
 
-from precision_pin.laws import Normal, Uniform
+from precision_pin.draws.laws import Normal, Uniform
 from support.checks.common import Q7, evaluated, in_base, one_link, same
 from support.plain_robot import PlainRobot, chain_of, inserted, pose_error, random_arm
 

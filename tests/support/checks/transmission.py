@@ -6,8 +6,8 @@ from types import ModuleType
 
 import numpy as np
 
-from precision_pin.laws import Uniform
-from precision_pin.terms import JointValue
+from precision_pin.draws.laws import Uniform
+from precision_pin.terms.term import JointValue
 from support.checks.common import Q7, evaluated, one_link, same
 from support.plain_robot import PlainRobot, chain_of, random_arm
 

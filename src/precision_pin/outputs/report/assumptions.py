@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import itertools
 
-from precision_pin.result import Correlated
-from precision_pin.tabular import milli
-
-from .elements import Child, Html, definitions, element, items, joined, paragraph, section
-from .results import Missing, Results
-from .wording import without_folders
+from precision_pin.display.tables import milli
+from precision_pin.outputs.kit.html import Child, Html, definitions, element, items, joined, paragraph, section
+from precision_pin.outputs.report.collect import Missing, Results
+from precision_pin.outputs.report.wording import without_folders
+from precision_pin.sampling.result import Correlated
 
 __all__ = ["assumptions"]
 

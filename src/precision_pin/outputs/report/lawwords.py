@@ -10,7 +10,7 @@ from typing import Final, final
 import numpy as np
 
 from precision_pin import units
-from precision_pin.laws import (
+from precision_pin.draws.laws import (
     Arcsine,
     Circle,
     Disc,

@@ -5,10 +5,10 @@ from __future__ import annotations
 from decimal import ROUND_CEILING, ROUND_FLOOR, Decimal
 from typing import Final
 
-from precision_pin import tabular
-from precision_pin.outputs import text
+from precision_pin.display import tables
+from precision_pin.display.tables import ROUNDING
+from precision_pin.outputs.monte_carlo import table
 from precision_pin.statistics import Distribution
-from precision_pin.tabular import ROUNDING
 
 __all__ = ["MISSING", "bracketed", "milli_interval", "outward", "percent", "shown", "statistic"]
 
@@ -42,12 +42,12 @@ def milli_interval(distribution: Distribution, level: float) -> str:
 
 def statistic(distribution: Distribution, which: str | float) -> str:
     """Return a statistic (``mean``, ``std``, …, or a quantile's probability) in mm or mrad, as far as it is resolved."""
-    return shown(text.statistic(distribution, which))
+    return shown(table.statistic(distribution, which))
 
 
 def percent(share: float | None) -> str:
     """Return a share in per cent."""
-    return shown(tabular.percent(share))
+    return shown(tables.percent(share))
 
 
 def shown(cell: str) -> str:

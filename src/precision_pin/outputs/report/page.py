@@ -5,19 +5,19 @@ from __future__ import annotations
 import importlib.resources
 from typing import Final
 
-from .assumptions import assumptions
-from .bounds import bounds
-from .causes import causes
-from .distributions import distributions
-from .elements import Html, element, joined, paragraph
-from .exactness import exactness
-from .geometry import geometry
-from .parameters import parameters
-from .reproduction import reproduction
-from .results import Results
-from .scene import policy_hashes, scene
-from .verdict import verdict
-from .wording import subject
+from precision_pin.outputs.budget.section import causes
+from precision_pin.outputs.exact_law.section import exactness
+from precision_pin.outputs.kit.html import Html, element, joined, paragraph
+from precision_pin.outputs.mcpc import geometry
+from precision_pin.outputs.monte_carlo.section import distributions
+from precision_pin.outputs.monte_carlo.verdict import verdict
+from precision_pin.outputs.report.assumptions import assumptions
+from precision_pin.outputs.report.collect import Results
+from precision_pin.outputs.report.parameters import parameters
+from precision_pin.outputs.report.reproduction import reproduction
+from precision_pin.outputs.report.scene import policy_hashes, scene
+from precision_pin.outputs.report.wording import subject
+from precision_pin.outputs.worst_case.section import bounds
 
 __all__ = ["page"]
 

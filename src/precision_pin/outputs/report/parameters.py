@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from precision_pin.analyses.tangent_shares import owners
+from precision_pin.analyses.budget.shares import owners
+from precision_pin.outputs.kit.html import Child, Html, items, paragraph, section, table
+from precision_pin.outputs.report.collect import Results
+from precision_pin.outputs.report.lawwords import law_in_words
+from precision_pin.outputs.report.quantities import quantities_of
 from precision_pin.units import Quantity
-
-from .elements import Child, Html, items, paragraph, section, table
-from .lawwords import law_in_words
-from .quantities import quantities_of
-from .results import Results
 
 __all__ = ["parameters"]
 

@@ -7,11 +7,11 @@ from collections.abc import Iterator
 from typing import Final
 
 from precision_pin import units
-from precision_pin.chain import Chain
-from precision_pin.laws import Law
-from precision_pin.model import ErrorModel
-from precision_pin.space import Draw
-from precision_pin.terms import Source
+from precision_pin.draws.laws import Law
+from precision_pin.draws.space import Draw
+from precision_pin.model.error_model import ErrorModel
+from precision_pin.robot.chain import Chain
+from precision_pin.terms.term import Source
 from precision_pin.units import PerJoint, Quantity
 
 __all__ = ["quantities_of"]

@@ -6,10 +6,9 @@ import platform
 import shlex
 from importlib import metadata
 
-from precision_pin.result import versions
-
-from .elements import Child, Html, definitions, element, joined, paragraph, section, table
-from .results import Results
+from precision_pin.outputs.kit.html import Child, Html, definitions, element, joined, paragraph, section, table
+from precision_pin.outputs.report.collect import Results
+from precision_pin.sampling.result import versions
 
 __all__ = ["reproduction"]
 

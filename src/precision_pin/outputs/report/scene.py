@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from precision_pin.markup import escaped
+from precision_pin.display.html import escaped
+from precision_pin.display.tables import milli
+from precision_pin.outputs.kit.html import Html, paragraph, section
+from precision_pin.outputs.kit.svg import figure
+from precision_pin.outputs.report.collect import Results
+from precision_pin.outputs.report.static_picture import cloud_factor, sketch
+from precision_pin.outputs.report.wording import subject
 from precision_pin.outputs.view import Shown, page, script_hashes
-from precision_pin.tabular import milli
-
-from .elements import Html, paragraph, section
-from .figures import figure
-from .results import Results
-from .sketch import cloud_factor, sketch
-from .wording import subject
 
 __all__ = ["policy_hashes", "scene"]
 

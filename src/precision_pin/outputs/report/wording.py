@@ -5,10 +5,9 @@ from __future__ import annotations
 import re
 from typing import Final
 
-from precision_pin.outputs.text import pose_text
-
-from .elements import Html, paragraph
-from .results import Missing, Results
+from precision_pin.outputs.kit.html import Html, paragraph
+from precision_pin.outputs.monte_carlo.table import pose_text
+from precision_pin.outputs.report.collect import Missing, Results
 
 __all__ = ["left_out", "subject", "without_folders"]
 

@@ -5,8 +5,8 @@ commands, which the bundled viewer (MeshCat and three.js) of the ``meshcat`` pac
 scripts of the page's own add what shows errors, from numbers.
 """
 
-from .page import page, script_hashes, write_page
-from .scales import DEFAULT_POINTS, MOST_POINTS, MOST_POSES
-from .shown import Shown
+from precision_pin.outputs.view.page import page, script_hashes, write_page
+from precision_pin.outputs.view.scales import DEFAULT_POINTS, MOST_POINTS, MOST_POSES
+from precision_pin.outputs.view.shown import Shown
 
 __all__ = ["DEFAULT_POINTS", "MOST_POINTS", "MOST_POSES", "Shown", "page", "script_hashes", "write_page"]

@@ -11,14 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from precision_pin import se3
-from precision_pin.chain import Posture
-from precision_pin.places import ORDER_FRAME
-from precision_pin.terms import JointValue, Target
-from precision_pin.urdf import Box, Cylinder, Link, Mesh, Shape, Sphere
-
-from .meshes import MeshReader, Surface, UnreadableMeshError, thinned
-from .scales import arm_length
-from .scene import Colour, Scene, rotation_to
+from precision_pin.outputs.view.meshes import MeshReader, Surface, UnreadableMeshError, thinned
+from precision_pin.outputs.view.scales import arm_length
+from precision_pin.outputs.view.scene import Colour, Scene, rotation_to
+from precision_pin.robot.chain import Posture
+from precision_pin.robot.places import ORDER_FRAME
+from precision_pin.robot.urdf import Box, Cylinder, Link, Mesh, Shape, Sphere
+from precision_pin.terms.term import JointValue, Target
 
 __all__ = ["Part", "draw_arm"]
 

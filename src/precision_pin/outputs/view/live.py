@@ -26,8 +26,8 @@ from stat import S_ISREG
 from string import Template
 from typing import Any, Final, final
 
+from precision_pin.display.html import escaped
 from precision_pin.errors import InputError, OutputError
-from precision_pin.markup import escaped
 
 __all__ = ["serve"]
 

@@ -13,12 +13,11 @@ from typing import Any, Final, final
 import numpy as np
 from numpy.typing import NDArray
 
-from precision_pin.urdf import Mesh, locate_mesh
-from precision_pin.urdf.findings import Findings, shown
-from precision_pin.urdf.meshcontent import BrokenMeshError, MeshFile, read_mesh
-from precision_pin.urdf.meshes import MeshFiles
-
-from .scene import Colour
+from precision_pin.outputs.view.scene import Colour
+from precision_pin.robot.urdf import Mesh, locate_mesh
+from precision_pin.robot.urdf.findings import Findings, shown
+from precision_pin.robot.urdf.meshcontent import BrokenMeshError, MeshFile, read_mesh
+from precision_pin.robot.urdf.meshes import MeshFiles
 
 __all__ = ["MOST_FACES", "MeshReader", "Surface", "UnreadableMeshError", "thinned"]
 

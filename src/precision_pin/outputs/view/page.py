@@ -18,15 +18,22 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from precision_pin.chain import Posture
+from precision_pin.display.html import escaped
 from precision_pin.errors import InputError, InternalError, OutputError
-from precision_pin.markup import escaped
-
-from .arm import draw_arm
-from .poses import MOST_FRAMES, PoseData, columns, mcpc_frames
-from .scales import DEFAULT_POINTS, MOST_POINTS, MOST_POSES, ColourScale, arm_length, default_factor, round_number
-from .scene import Colour, Scene, viewer_script
-from .shown import Shown
+from precision_pin.outputs.view.arm import draw_arm
+from precision_pin.outputs.view.poses import MOST_FRAMES, PoseData, columns, mcpc_frames
+from precision_pin.outputs.view.scales import (
+    DEFAULT_POINTS,
+    MOST_POINTS,
+    MOST_POSES,
+    ColourScale,
+    arm_length,
+    default_factor,
+    round_number,
+)
+from precision_pin.outputs.view.scene import Colour, Scene, viewer_script
+from precision_pin.outputs.view.shown import Shown
+from precision_pin.robot.chain import Posture
 
 __all__ = ["page", "script_hashes", "write_page"]
 

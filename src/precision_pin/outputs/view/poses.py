@@ -10,14 +10,13 @@ from typing import Any, Final, final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from precision_pin import mcpc
-from precision_pin.chain import Posture
+from precision_pin.display.html import escaped
 from precision_pin.errors import InputError
-from precision_pin.markup import escaped
-
-from .arm import Part
-from .ellipsoids import ellipsoids
-from .shown import Shown
+from precision_pin.outputs.view.arm import Part
+from precision_pin.outputs.view.ellipsoids import ellipsoids
+from precision_pin.outputs.view.shown import Shown
+from precision_pin.robot import mcpc
+from precision_pin.robot.chain import Posture
 
 __all__ = ["MOST_FRAMES", "MOST_GHOSTS", "PoseData", "columns", "mcpc_frames"]
 

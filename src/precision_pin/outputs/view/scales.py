@@ -9,7 +9,7 @@ from typing import Final, final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from precision_pin.chain import Posture
+from precision_pin.robot.chain import Posture
 
 __all__ = ["DEFAULT_POINTS", "MOST_POINTS", "MOST_POSES", "ColourScale", "arm_length", "default_factor", "round_number"]
 

@@ -8,7 +8,7 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
-from precision_pin.model import PoseModel
+from precision_pin.model.error_model import PoseModel
 
 __all__ = ["Shown"]
 
@@ -29,7 +29,7 @@ class Shown:
     name
         The pose's name, for the caption; ``None`` for a pose without one.
     pose
-        Number of the pose that the draws of pose scope were made for, as in :meth:`precision_pin.space.Space.sample`.
+        Number of the pose that the draws of pose scope were made for, as in :meth:`precision_pin.draws.space.Space.sample`.
     """
 
     pose_model: PoseModel

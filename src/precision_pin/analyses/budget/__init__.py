@@ -1,0 +1,1 @@
+"""Which tolerance makes how much of the error."""

@@ -1,0 +1,436 @@
+"""What a budget found."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Final, Literal, final
+
+from precision_pin.analyses.provenance import Heading, PoseHeading
+from precision_pin.display.html import Table, rendered
+from precision_pin.display.tables import (
+    MOST_POSES,
+    data_frame,
+    dataset,
+    interval_columns,
+    joint_text,
+    number,
+    plus_minus,
+    pose_labels,
+)
+from precision_pin.errors import UnknownNameError
+from precision_pin.statistics import QUANTITIES
+
+if TYPE_CHECKING:
+    import pandas  # type: ignore[import-untyped]
+    import xarray
+
+__all__ = [
+    "SCHEMA",
+    "VECTORS",
+    "BudgetResult",
+    "DrawShare",
+    "Estimate",
+    "Group",
+    "Halved",
+    "PlaceShare",
+    "PoseBudget",
+    "Shares",
+    "SourceShare",
+    "Sums",
+]
+
+SCHEMA: Final = "precision-pin/budget/1"
+
+VECTORS: Final = ("position", "attitude")
+"""Quantities of all three components: the variance is E|d - E d|², the trace of the covariance."""
+
+ASSUMPTIONS: Final = (
+    "share: closed form, tangent model at the means; of position and attitude: share of the trace of the covariance",
+    "share of correlated draws or components: Shapley effects of the linear model",
+    "first, total: Sobol indices of the exact model; intervals are for each number by itself",
+    "a draw that several sources name is a line of its own among the sources",
+    "joints and links: covariance of their part with the whole, negative where one undoes what others do",
+    "worst_case: share of the half-width of the first-order range of a component; unbounded laws reach bound_at deviations",
+    "null: does not vary, or is not resolved (too few points for tails or rare values of the laws, a jump at the quantile)",
+    "halved: the draw's deviation from its mean is halved, all else unchanged; std in closed form, quantile sampled",
+)
+
+Shares = Mapping[str, float | None]
+"""Shares by quantity: position, attitude, position.x … attitude.z; None where the quantity does not vary."""
+
+
+@final
+@dataclass(frozen=True)
+class Estimate:
+    """A sampled number with its interval."""
+
+    value: float
+    interval: tuple[float, float]
+
+    @property
+    def half_width(self) -> float:
+        """Half the width of the interval."""
+        return (self.interval[1] - self.interval[0]) / 2
+
+
+@final
+@dataclass(frozen=True)
+class Halved:
+    """What halving one draw's tolerance gives.
+
+    Attributes
+    ----------
+    std
+        New standard deviations, m and rad, closed form; of position and attitude the root of the trace.
+    quantile
+        New quantile of |d| and |δ|, m and rad, by ``position.norm`` and ``attitude.norm``; ``None`` where the points do not
+        resolve it.
+    change
+        How much less or more that is, same random numbers.
+    """
+
+    std: Mapping[str, float]
+    quantile: Mapping[str, Estimate | None]
+    change: Mapping[str, Estimate | None]
+
+
+@final
+@dataclass(frozen=True)
+class DrawShare:
+    """One draw's part.
+
+    Attributes
+    ----------
+    name, scope
+        The draw.
+    unbounded
+        Whether its reach is infinite somewhere, and was taken at ``bound_at`` standard deviations.
+    share
+        Of the variance, closed form; Shapley effects where draws are correlated.
+    components
+        The same for each of several numbers drawn together, by name.
+    reach
+        Half-width of what it does to each component at the most, first order, m and rad.
+    worst_case
+        Share of the sum of all draws' reaches.
+    halved
+        What a tolerance half as wide would give.
+    """
+
+    name: str
+    scope: str
+    unbounded: bool
+    share: Shares
+    components: Mapping[str, Shares]
+    reach: Mapping[str, float]
+    worst_case: Shares
+    halved: Halved
+
+
+@final
+@dataclass(frozen=True)
+class Group:
+    """Sobol indices of a draw, or of several that are correlated with one another.
+
+    Attributes
+    ----------
+    draws
+        Which.
+    share
+        Closed form.
+    first, total
+        Of the exact model, by quantity: the two vectors, norms and components; ``None`` where nothing varies or the points
+        do not resolve it.
+    nonlinear
+        Quantities of which index and closed form differ by more than one percentage point beside the interval.
+    """
+
+    draws: tuple[str, ...]
+    share: Shares
+    first: Mapping[str, Estimate | None]
+    total: Mapping[str, Estimate | None]
+    nonlinear: tuple[str, ...]
+
+
+@final
+@dataclass(frozen=True)
+class SourceShare:
+    """A source's own draws, or one draw that several sources (or none) name."""
+
+    sources: tuple[str, ...]
+    draws: tuple[str, ...]
+    share: Shares
+
+
+@final
+@dataclass(frozen=True)
+class PlaceShare:
+    """What happens at a joint or on a chain link."""
+
+    name: str
+    share: Shares
+
+
+@final
+@dataclass(frozen=True)
+class Sums:
+    """The sum checks of one quantity.
+
+    Attributes
+    ----------
+    closed
+        Sum of the closed-form shares: 1 to rounding.
+    first
+        Sum of the first-order indices: 1 where the exact model has no interactions, less where it has.
+    std
+        Standard deviation of the tangent model, m or rad.
+    variance
+        Variance of the exact model, sampled; ``None`` where the points do not resolve it.
+    """
+
+    closed: float | None
+    first: Estimate | None
+    std: float | None
+    variance: Estimate | None
+
+
+@final
+@dataclass(frozen=True)
+class PoseBudget:
+    """The budget at one pose.
+
+    Attributes
+    ----------
+    pose
+        Which.
+    nominal
+        Error with every parameter at its mean, ``[d; δ]``.
+    std
+        Standard deviations of the tangent model, m and rad.
+    quantile
+        Quantile of |d| and |δ| of the exact model; ``None`` where the points do not resolve it.
+    reach
+        Half-width of the range of every component, first order.
+    draws, groups, sources, places
+        Who causes how much.
+    sums
+        Sum checks by quantity.
+    warnings
+        One line each.
+    """
+
+    pose: PoseHeading
+    nominal: tuple[float, ...]
+    std: Mapping[str, float]
+    quantile: Mapping[str, Estimate | None]
+    reach: Mapping[str, float]
+    draws: tuple[DrawShare, ...]
+    groups: tuple[Group, ...]
+    sources: tuple[SourceShare, ...]
+    places: tuple[PlaceShare, ...]
+    sums: Mapping[str, Sums]
+    warnings: tuple[str, ...]
+
+    @property
+    def ranked(self) -> tuple[DrawShare, ...]:
+        """The draws, the largest share of position first; equal ones, to rounding, as they stand."""
+        return tuple(sorted(self.draws, key=lambda draw: -round(draw.share.get("position") or 0.0, 9)))
+
+    def draw(self, name: str) -> DrawShare:
+        """Return a draw's line."""
+        return next(line for line in self.draws if line.name == name)
+
+    def group(self, name: str) -> Group:
+        """Return the group that a draw belongs to."""
+        return next(line for line in self.groups if name in line.draws)
+
+
+@final
+@dataclass(frozen=True)
+class BudgetResult:
+    """Error budgets of a model.
+
+    Attributes
+    ----------
+    heading
+        Of what, with which seed.
+    samples, confidence, bound_at, marked
+        How it was computed: points in each set, confidence of every interval, standard deviations that unbounded laws
+        reach, probability of the quantiles.
+    poses
+        One budget each.
+    """
+
+    heading: Heading
+    samples: int
+    confidence: float
+    bound_at: float
+    marked: float
+    poses: tuple[PoseBudget, ...]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the result as the ``precision-pin/budget/1`` schema has it, SI units, base axes."""
+        return {
+            **self.heading.to_dict(SCHEMA),
+            "samples": self.samples,
+            "confidence": self.confidence,
+            "bound_at": self.bound_at,
+            "marked": self.marked,
+            "assumptions": list(ASSUMPTIONS),
+            "poses": [dataclasses.asdict(one) | {"pose": one.pose.to_dict()} for one in self.poses],
+        }
+
+    def to_json(self) -> str:
+        """Return :meth:`to_dict` as text; what does not vary or is not resolved is null."""
+        return json.dumps(self.to_dict(), indent=2, ensure_ascii=False, allow_nan=False)
+
+    def to_pandas(self, lines: Literal["draws", "sources", "places"] = "draws") -> pandas.DataFrame:
+        """Return shares as a data frame: a row for each pose, line and quantity, not-a-number for what there is not.
+
+        Quantities are position, attitude, position.norm … attitude.z. Columns of draws: ``share``; ``first`` and ``total``
+        (Sobol indices, of draws that are correlated with no other) with ``…_lower`` and ``…_upper``; ``reach`` (m, rad)
+        and ``worst_case``; ``halved_std`` (m, rad); of norms ``halved_quantile`` and ``halved_change`` (m, rad) with their
+        intervals. Sources and places (joints and links) have a ``share``. ``attrs`` say how it was computed.
+
+        Parameters
+        ----------
+        lines
+            Of what: ``"draws"``, ``"sources"`` or ``"places"``.
+
+        Raises
+        ------
+        UnknownNameError
+            Of anything else.
+        InputError
+            pandas is not installed.
+        """
+        if lines not in ("draws", "sources", "places"):
+            raise UnknownNameError("table of a budget", lines, ("draws", "sources", "places"))
+        labels = pose_labels([pose.pose.name for pose in self.poses])
+        found = {"draws": _draw_rows, "sources": _source_rows, "places": _place_rows}[lines]
+        rows = [
+            ((label, *key), columns)
+            for label, pose in zip(labels, self.poses, strict=True)
+            for key, columns in found(pose)
+        ]
+        attributes = {
+            **self.heading.to_dict(SCHEMA),
+            "samples": self.samples,
+            "confidence": self.confidence,
+            "bound_at": self.bound_at,
+            "marked": self.marked,
+            "assumptions": list(ASSUMPTIONS),
+            "warnings": [line for pose in self.poses for line in pose.warnings],
+            "poses": {label: dict(pose.pose.q) for label, pose in zip(labels, self.poses, strict=True)},
+        }
+        return data_frame(["pose", lines.removesuffix("s"), "quantity"], rows, attributes)
+
+    def to_xarray(self) -> xarray.Dataset:
+        """Return the shares of the draws as a dataset over pose, draw and quantity, variables as :meth:`to_pandas` has them.
+
+        Raises
+        ------
+        InputError
+            xarray is not installed.
+        """
+        return dataset(self.to_pandas())
+
+    def __repr__(self) -> str:
+        of = self.heading
+        return (
+            f"<BudgetResult of {of.robot!r}, {of.base!r} to {of.tip!r}: poses {len(self.poses)}, draws "
+            f"{len(self.poses[0].draws)}, {self.samples:,} points, seed {of.seed}>"
+        )
+
+    def _repr_html_(self) -> str:
+        """Return what a notebook shows: shares in per cent, largest first, the half-width of each interval behind ±."""
+        of = self.heading
+        columns = (
+            *("draw", "per", "d: share [%]", "S1 [%]", "ST [%]", "δ: share [%]", "ST [%]"),
+            f"halved: {100 * self.marked:g} % of |d| [mm]",
+        )
+        tables = [
+            Table(columns, [_cells(pose, draw) for draw in pose.ranked], _pose_heading(pose, self.marked), words=2)
+            for pose in self.poses[:MOST_POSES]
+        ]
+        hidden = len(self.poses) - len(tables)
+        return rendered(
+            f"Error budget of {of.robot}: {of.base} to {of.tip}",
+            tables,
+            [
+                *([f"… and {hidden:,} more poses"] if hidden else []),
+                "share: of the variance, closed form, first order; S1, ST: first-order and total index of the exact model, "
+                "%; halved: what halving this tolerance alone changes",
+                f"{self.samples:,} points a set, seed {of.seed}, statics {of.statics}; ± half of an interval at "
+                f"{100 * self.confidence:g} % confidence",
+                *dict.fromkeys(line for pose in self.poses for line in pose.warnings),
+            ],
+        )
+
+
+_Rows = Iterator[tuple[tuple[str, str], dict[str, float]]]
+
+
+def _draw_rows(pose: PoseBudget) -> _Rows:
+    for draw in pose.draws:
+        group = pose.group(draw.name)
+        for quantity in (*VECTORS, *QUANTITIES):
+            alone = len(group.draws) == 1
+            row = {"share": number(draw.share.get(quantity))}
+            row |= _estimated("first", group.first.get(quantity) if alone else None)
+            row |= _estimated("total", group.total.get(quantity) if alone else None)
+            row["reach"] = number(draw.reach.get(quantity))
+            row["worst_case"] = number(draw.worst_case.get(quantity))
+            row["halved_std"] = number(draw.halved.std.get(quantity))
+            row |= _estimated("halved_quantile", draw.halved.quantile.get(quantity))
+            row |= _estimated("halved_change", draw.halved.change.get(quantity))
+            yield (draw.name, quantity), row
+
+
+def _source_rows(pose: PoseBudget) -> _Rows:
+    for line in pose.sources:
+        # a draw that several sources name is a line of its own
+        name = line.sources[0] if len(line.sources) == 1 else line.draws[0]
+        for quantity, share in line.share.items():
+            yield (name, quantity), {"share": number(share)}
+
+
+def _place_rows(pose: PoseBudget) -> _Rows:
+    for line in pose.places:
+        for quantity, share in line.share.items():
+            yield (line.name, quantity), {"share": number(share)}
+
+
+def _estimated(name: str, estimate: Estimate | None) -> dict[str, float]:
+    return interval_columns(name, estimate and estimate.value, estimate and estimate.interval)
+
+
+def _cells(pose: PoseBudget, draw: DrawShare) -> list[str]:
+    """Return a row of the table in a notebook."""
+    group = pose.group(draw.name)
+    alone = len(group.draws) == 1
+
+    def index(sampled: Mapping[str, Estimate | None], vector: str) -> str:
+        return _scaled(sampled[vector] if alone else None, 100)
+
+    shares = {vector: draw.share.get(vector) for vector in VECTORS}
+    position, attitude = ("-" if share is None else f"{100 * share + 0.0:.2f}" for share in shares.values())
+    indices = [index(group.first, "position"), index(group.total, "position")]
+    halved = _scaled(draw.halved.change["position.norm"], 1e3)
+    return [draw.name, draw.scope, position, *indices, attitude, index(group.total, "attitude"), halved]
+
+
+def _scaled(estimate: Estimate | None, factor: float) -> str:
+    return "-" if estimate is None else plus_minus(factor * estimate.value, factor * estimate.half_width, decimals=3)
+
+
+def _pose_heading(pose: PoseBudget, marked: float) -> str:
+    quantiles = "; ".join(
+        f"{100 * marked:g} % of {symbol} within {_scaled(pose.quantile[f'{vector}.norm'], 1e3)} {unit}"
+        for vector, symbol, unit in zip(VECTORS, ("|d|", "|δ|"), ("mm", "mrad"), strict=True)
+    )
+    name = f"pose {pose.pose.name!r}: " if pose.pose.name else ""
+    return f"{name}{joint_text(pose.pose.q, pose.pose.sliding_joints)}; {quantiles}"

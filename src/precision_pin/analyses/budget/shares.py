@@ -1,0 +1,172 @@
+"""Who causes how much of the variance and reach of the first-order model: by draw, source and place, in closed form."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterable
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from precision_pin.analyses.budget import shapley
+from precision_pin.draws.expressions import Component, Expression, Operation
+from precision_pin.draws.space import Draw, Space
+from precision_pin.model.error_model import ErrorModel, PoseModel
+from precision_pin.robot.chain import Chain
+from precision_pin.terms.term import JointValue, Target
+
+__all__ = [
+    "by_component",
+    "by_draw",
+    "by_place",
+    "correlated_groups",
+    "owners",
+    "place_name",
+    "reaches",
+]
+
+Array = NDArray[np.float64]
+
+UNCORRELATED: Final = 1e-12
+"""Correlations up to this are rounding."""
+
+
+def correlated_groups(space: Space) -> tuple[tuple[int, ...], ...]:
+    """Return the draws, by number, in groups that are independent of one another, in column order."""
+    draw_of = np.repeat(np.arange(len(space.draws)), [draw.law.size for draw in space.draws])
+    group_of = list(range(len(space.draws)))
+    for columns, matrix in space.block_covariance.blocks:
+        scale = np.sqrt(np.diag(matrix))
+        linked = np.abs(matrix) > UNCORRELATED * np.outer(scale, scale)
+        for row, column in np.argwhere(np.triu(linked, 1)).tolist():
+            joined = sorted({group_of[draw_of[columns[row]]], group_of[draw_of[columns[column]]]})
+            for k in draw_of[columns].tolist() if len(joined) > 1 else ():
+                group_of[k] = joined[0] if group_of[k] == joined[1] else group_of[k]
+    groups: dict[int, list[int]] = {}
+    for k, group in enumerate(group_of):
+        groups.setdefault(group, []).append(k)
+    return tuple(map(tuple, groups.values()))
+
+
+def by_draw(at: PoseModel) -> Array:
+    """Return each draw's part of the variances of the tangent model, ``(draws, 6)``.
+
+    ``J_g Σ_g J_gᵀ``; where draws are correlated, their Shapley effects. Of more than twelve draws correlated with one
+    another, not-a-number.
+    """
+    result = np.full((len(at.space.draws), 6), np.nan)
+    for group in correlated_groups(at.space):
+        columns = [_columns(at.space, [k]) for k in group]
+        if len(group) <= shapley.MOST_PLAYERS:
+            together = list(itertools.chain.from_iterable(columns))
+            ends = np.cumsum([0, *map(len, columns)]).tolist()
+            result[list(group)] = shapley.effects(
+                at.jacobian[:, together],
+                at.space.block_covariance.within(together),
+                [list(range(a, b)) for a, b in itertools.pairwise(ends)],
+            )
+    return result
+
+
+def by_component(at: PoseModel, draw: int) -> Array | None:
+    """Return the parts of one draw's components, ``(size, 6)``: Shapley effects where they are correlated.
+
+    None for a single number, for a draw that is correlated with others, and for more than twelve correlated numbers.
+    """
+    columns = _columns(at.space, [draw])
+    if len(columns) == 1 or next(group for group in correlated_groups(at.space) if draw in group) != (draw,):
+        return None
+    covariance = at.space.block_covariance.within(columns)
+    jacobian = at.jacobian[:, columns]
+    if np.array_equal(covariance, np.diag(np.diag(covariance))):
+        plain: Array = (jacobian**2 * np.diag(covariance)).T
+        return plain
+    if len(columns) > shapley.MOST_PLAYERS:
+        return None
+    return shapley.effects(jacobian, covariance, [[k] for k in range(len(columns))])
+
+
+def reaches(at: PoseModel, bound_at: float) -> Array:
+    """Return how far each draw moves every component from its mean at the most, first order, ``(draws, 6)``, m and rad.
+
+    Half of the way from lowest to highest, ``(h(w) + h(-w))/2`` with w the draw's part of a row of J; k standard
+    deviations where the law is unbounded.
+    """
+    result = np.zeros((len(at.space.draws), 6))
+    for row, (draw, columns) in enumerate(zip(at.space.draws, at.space.slices, strict=True)):
+        for component, slopes in enumerate(at.jacobian[:, columns]):
+            reach = (draw.law.support(slopes) + draw.law.support(-slopes)) / 2
+            if not math.isfinite(reach):
+                reach = bound_at * math.sqrt(max(float(slopes @ draw.law.covariance @ slopes), 0.0))
+            result[row, component] = reach
+    return result
+
+
+def by_place(at: PoseModel, chain: Chain) -> dict[str, Array]:
+    """Return each joint's and chain link's part of the variances, ``(6,)`` by name, base to tip.
+
+    The error is a sum over places, ``e = Σ e_p``; the part of one is ``Cov(e_p, e)``, the Shapley value of the game
+    v(S) = Var(Σ_S e_p). It is negative where a place undoes what others do with the same draws.
+    """
+    parts: dict[str, Array] = {}
+    with_error = at.space.block_covariance.times(at.jacobian.T)
+    for target, part in zip(at.table.targets, at.jacobian_parts, strict=True):
+        name = place_name(target, chain)
+        parts[name] = parts.get(name, 0.0) + np.einsum("ij,ji->i", part.slopes, with_error[part.columns])
+    return parts
+
+
+def place_name(target: Target, chain: Chain) -> str:
+    """Return the joint whose value or seat a target is, or the chain link that carries it."""
+    joints = chain.joint_names
+    if isinstance(target, JointValue):
+        return joints[target.joint]
+    if target.joint is not None:
+        return joints[target.joint]
+    start = joints[target.link - 1] if target.link else chain.base
+    end = joints[target.link] if target.link < len(joints) else chain.tip
+    return f"link from {start} to {end}"
+
+
+def owners(error_model: ErrorModel) -> tuple[tuple[str, ...], ...]:
+    """Return for each draw the labels of the sources whose settings hold or name it, in the order of the sources."""
+    draw_of = {name: draw.name for draw in error_model.space.draws for name in draw.components}
+    found: dict[str, list[str]] = {draw.name: [] for draw in error_model.space.draws}
+    for source, label in zip(error_model.sources, error_model.labels, strict=True):
+        settings = (leaf.value for leaf in source.leaves(label) if leaf.may_be_random)
+        named = {draw_of[name] for setting in settings for name in _names_in(setting) if name in draw_of}
+        for name in named | {draw.name for draw in source.draws(label)}:
+            found[name].append(label)
+    return tuple(tuple(found[draw.name]) for draw in error_model.space.draws)
+
+
+def _columns(space: Space, draws: Iterable[int]) -> list[int]:
+    return [column for k in draws for column in range(space.slices[k].start, space.slices[k].stop)]
+
+
+def _names_in(setting: object) -> set[str]:
+    match setting:
+        case str():
+            return {setting}
+        case Draw():
+            return set(setting.components)
+        case Component():
+            return {setting.name}
+        case Operation() as formula:
+            return _components_of(formula)
+        case _:
+            return set()
+
+
+def _components_of(formula: Operation) -> set[str]:
+    """Return what a formula names; parts that are shared are looked at once."""
+    seen: set[Expression] = set()
+    waiting: list[Expression] = [formula]
+    while waiting:
+        part = waiting.pop()
+        if part not in seen:
+            seen.add(part)
+            waiting += part.arguments if isinstance(part, Operation) else ()
+    return {part.name for part in seen if isinstance(part, Component)}

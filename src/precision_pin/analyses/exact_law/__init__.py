@@ -1,0 +1,1 @@
+"""The distribution of the first-order error, by Fourier inversion."""

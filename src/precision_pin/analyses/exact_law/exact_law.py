@@ -1,0 +1,324 @@
+"""The exact law of the first-order model: no sampling, the tails included.
+
+A component of the tangent model ``e0 + J (x - mean)`` is a sum of independent numbers, one for each draw; its law follows
+from their characteristic functions (:mod:`precision_pin.analyses.exact_law.fourier_inversion`).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final, final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from precision_pin.analyses.exact_law.exact_law_result import LEVELS, Agreement, ExactLaw, ExactLawResult, PoseLaws
+from precision_pin.analyses.exact_law.fourier_inversion import (
+    MOST_PIECES,
+    MOST_TERMS,
+    ConvolvedLaw,
+    NormalLaw,
+    NumberLaw,
+    SeriesLaw,
+    SingleLaw,
+    Summand,
+    certified_series,
+)
+from precision_pin.analyses.exact_law.normal_norm import NormalNorm
+from precision_pin.analyses.exact_law.projection import Part, part_of
+from precision_pin.analyses.exact_law.quantile_bounds import quantile_bounds
+from precision_pin.analyses.provenance import Heading, Pose, PoseHeading, listed_poses
+from precision_pin.call_warnings import add, warns_at_end
+from precision_pin.display.tables import symbol
+from precision_pin.draws.laws import Fixed, JointNormal, Law, Normal
+from precision_pin.draws.space import Space, check_seed
+from precision_pin.errors import InputError
+from precision_pin.inputs.arguments import check_instance, check_whole
+from precision_pin.kernel import sampler
+from precision_pin.model.error_model import ErrorModel, PoseModel
+from precision_pin.statistics import QUANTITIES, check_confidence, quantity_values
+
+__all__ = ["LEVELS", "Agreement", "ExactLaw", "ExactLawResult", "PoseLaws", "exact_law"]
+
+Array = NDArray[np.float64]
+
+LARGEST_ERROR: Final = 1e-6
+"""A law whose cumulative probabilities cannot be certified to this is not given."""
+
+ROUNDING: Final = 1e-14
+"""Spreads (m, rad) up to this are rounding."""
+
+MOST_SAMPLES: Final = 10_000_000
+
+COMPARED: Final = 10_000
+"""So many of the samples are also put through the exact model."""
+
+CERTAIN: Final = 1 - 1e-6
+"""Confidence at which the exact model is said to follow another law."""
+
+_NEGLIGIBLE: Final = 1e-12
+_BINS: Final = 60
+_EFFORT: Final = 2e7
+_NORMS: Final = {"position.norm": slice(0, 3), "attitude.norm": slice(3, 6)}
+
+
+@warns_at_end
+def exact_law(
+    error_model: ErrorModel,
+    /,
+    poses: Pose | Sequence[Pose] = None,
+    *,
+    q: Pose | Sequence[Pose] = None,
+    seed: int = 0,
+    samples: int = 100_000,
+    confidence: float = 0.999,
+) -> ExactLawResult:
+    """Return the law of every component of the first-order model, and of the norms where all draws are normal.
+
+    Parameters
+    ----------
+    error_model
+        Chain, draws and sources.
+    poses, q
+        A pose (a name, joint values, or None for the model's first) or a list of such; two names of one argument.
+    seed, samples, confidence
+        Of the samples of the tangent model that the laws are compared with.
+
+    Raises
+    ------
+    InputError
+        A wrong pose, seed, number of samples or confidence; draws that are correlated and not normal.
+    """
+    check_instance("error_model", error_model, ErrorModel, "as ErrorModel.load makes it")
+    check_seed(seed)
+    check_whole("the number of samples", samples, 100, MOST_SAMPLES)
+    check_confidence(confidence)
+    _refuse_copulas(error_model.space)
+    deviations = error_model.space.sample(seed, 0, int(samples)) - error_model.space.mean[:, None]
+    found = []
+    for pose in listed_poses(poses, q):
+        at = error_model.at(pose)
+        error, jacobian = at.tangent
+        sampled = error[:, None] + jacobian @ deviations
+        laws = {name: _norm(at, name, sampled, confidence) for name in _NORMS}
+        for row, name in enumerate(name for name in QUANTITIES if name not in _NORMS):
+            laws[name] = _component(at.space, name, float(error[row]), jacobian[row], sampled[row], confidence)
+        ordered = {name: laws[name] for name in QUANTITIES}
+        warnings = _bends(at, ordered, deviations[:, :COMPARED])
+        add(warnings)
+        found.append(PoseLaws(PoseHeading.of(error_model, pose, at), ordered, warnings))
+    return ExactLawResult(Heading.of(error_model, seed), int(samples), float(confidence), tuple(found))
+
+
+def _bends(at: PoseModel, laws: dict[str, ExactLaw], deviations: Array) -> tuple[str, ...]:
+    """Return a line for each quantity whose law is plainly not that of the exact model."""
+    try:
+        errors = sampler.errors_at(sampler.compile_table(at), "exact", at.space.mean[:, None] + deviations)
+    except InputError as error:
+        return (f"the exact model could not be compared: {error.findings[0].message}",)
+    lines = []
+    for values, (name, law) in zip(quantity_values(errors), laws.items(), strict=True):
+        if law.law is not None and law.std is not None:
+            agreement = agreement_of(law.law, np.sort(values), CERTAIN, law.std, _EFFORT / 10)
+            if not agreement.agrees:
+                lines.append(
+                    f"{symbol(name)}: {values.size:,} samples of the exact model lie {agreement.distance:.2g} from this law, "
+                    f"chance explains {agreement.band:.2g}; the model bends within the tolerances, use analyze"
+                )
+        elif law.std == 0 and float(values.std()) > ROUNDING:
+            lines.append(f"{symbol(name)}: does not vary at first order, but does in the exact model; use analyze")
+    return tuple(lines)
+
+
+def _refuse_copulas(space: Space) -> None:
+    laws = {draw.name: draw.law for draw in space.draws}
+    for correlation in space.correlations:
+        for name in correlation.names:
+            if not isinstance(laws[name], Normal):
+                raise InputError(
+                    f"{name!r} is correlated ({', '.join(correlation.names)}) and not normal: its sums have no exact law "
+                    "here; use analyze, or make all draws of the correlation normal"
+                )
+
+
+def _is_normal(law: Law) -> bool:
+    return isinstance(law, Normal | JointNormal | Fixed)
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class _Share:
+    """A draw that is not normal, along the weights of a component."""
+
+    law: Law
+    weights: Array
+    std: float
+    part: Part | None
+
+    @property
+    def ends(self) -> tuple[float, float]:
+        """Between which it lies."""
+        if self.part is not None:
+            return self.part.ends
+        middle = float(self.weights @ self.law.mean_vector)
+        return -self.law.support(-self.weights) - middle, self.law.support(self.weights) - middle
+
+    @property
+    def summand(self) -> Summand:
+        """What a series needs; of a law defined elsewhere no bound is known but 1."""
+        part = self.part
+        if part is not None:
+            return Summand(part.within, part.is_bounded, part.envelope, part.characteristic, part.characteristic_error)
+        ends = self.ends
+        return Summand(lambda score: ends, True, np.ones_like, self._characteristic, _UNKNOWN_ERROR)
+
+    def _characteristic(self, frequency: Array) -> NDArray[np.complex128]:
+        """Return E exp(i ω w·(x - mean))."""
+        turn = np.exp(-1j * frequency * float(self.weights @ self.law.mean_vector))
+        value: NDArray[np.complex128] = self.law.characteristic(self.weights[:, None] * frequency) * turn
+        return value
+
+
+def _component(space: Space, quantity: str, mean: float, weights: Array, sampled: Array, confidence: float) -> ExactLaw:
+    normal = np.zeros(space.size, dtype=bool)
+    shares = []
+    for draw, columns in zip(space.draws, space.slices, strict=True):
+        if _is_normal(draw.law):
+            normal[columns] = True
+            continue
+        direction = weights[columns]
+        std = math.sqrt(max(float(direction @ draw.law.covariance @ direction), 0.0))
+        if std > 0:
+            shares.append(_Share(draw.law, direction, std, part_of(draw.law, direction)))
+    bell = np.where(normal, weights, 0.0)
+    bell_std = math.sqrt(max(float(space.block_covariance.variances_of(bell[None])[0]), 0.0))
+    total = math.hypot(bell_std, *(share.std for share in shares))
+    if total <= ROUNDING:
+        return ExactLaw(quantity, None, "does not vary at first order", mean=mean, std=0.0)
+    kept = [share for share in shares if share.std > _NEGLIGIBLE * total]
+    left_out = sum(share.std for share in shares if share.std <= _NEGLIGIBLE * total)
+    if bell_std <= _NEGLIGIBLE * total:
+        left_out, bell_std = left_out + bell_std, 0.0
+    contributors = len(kept) + (bell_std > 0)
+    law = _law_of(mean, kept, bell_std)
+    # a left-out number moves the cumulative law by no more than the density times itself, a few standard deviations
+    error = math.inf if isinstance(law, str) else law.error + 10 * left_out / total
+    if isinstance(law, str) or error > LARGEST_ERROR:
+        reason = law if isinstance(law, str) else _UNCERTIFIED
+        return ExactLaw(quantity, None, reason, mean=mean, std=total, contributors=contributors)
+    return _with_samples(quantity, law, mean, total, contributors, error, sampled, confidence)
+
+
+_UNCERTIFIED: Final = "not certified: too few of its draws have a density (values with a probability of their own)"
+_TOO_MANY: Final = (
+    "not certified: {terms:,} terms leave an error of {error:.0e} in the cumulative law, more than {largest:g}; the draws are "
+    "too unlike: wide tails, and a characteristic function that falls slowly"
+)
+_UNKNOWN_ERROR: Final = 1e-13
+
+
+def _law_of(mean: float, shares: Sequence[_Share], bell_std: float) -> NumberLaw | str:
+    """Return the law of a sum, or why there is none."""
+    if not shares:
+        return NormalLaw(mean, bell_std)
+    parts = [share.part for share in shares if share.part is not None]
+    if not bell_std and len(parts) == len(shares) <= 2:
+        if len(parts) == 1:
+            return SingleLaw(mean, parts[0])
+        pair = ConvolvedLaw.of(mean, *parts)
+        if pair.pieces <= MOST_PIECES:
+            return pair
+    low, high = (sum(share.ends[side] for share in shares) for side in (0, 1))
+    if not math.isfinite(low) or not math.isfinite(high):
+        return "a law defined outside precision-pin has no bounds"
+
+    series = certified_series(mean, bell_std, [share.summand for share in shares], LARGEST_ERROR)
+    if isinstance(series, SeriesLaw):
+        return series
+    if math.isinf(series):
+        return _UNCERTIFIED
+    return _TOO_MANY.format(terms=MOST_TERMS, error=series, largest=LARGEST_ERROR)
+
+
+def _norm(at: PoseModel, quantity: str, sampled: Array, confidence: float) -> ExactLaw:
+    rows = _NORMS[quantity]
+    error, jacobian = at.tangent
+    covariance = at.covariance[rows, rows]
+    total = math.sqrt(max(float(np.trace(covariance)), 0.0))
+    if total <= ROUNDING:
+        size = float(np.linalg.norm(error[rows]))
+        return ExactLaw(quantity, None, "does not vary at first order", mean=size, std=0.0)
+    others = [
+        draw.name
+        for draw, columns in zip(at.space.draws, at.space.slices, strict=True)
+        if not _is_normal(draw.law)
+        and float(np.trace(jacobian[rows, columns] @ draw.law.covariance @ jacobian[rows, columns].T))
+        > (_NEGLIGIBLE * total) ** 2
+    ]
+    if others:
+        named = ", ".join(others[:2]) + (f" and {len(others) - 2} more" if len(others) > 2 else "")
+        return ExactLaw(quantity, None, f"not available: only of normal draws, and these are not: {named}")
+    law = NormalNorm(error[rows], covariance)
+    mean, std = law.moments
+    sizes = np.linalg.norm(sampled[rows], axis=0)
+    return _with_samples(quantity, law, mean, std, 1, law.error, sizes, confidence)
+
+
+def _with_samples(
+    quantity: str,
+    law: NumberLaw | NormalNorm,
+    mean: float,
+    std: float,
+    contributors: int,
+    error: float,
+    sampled: Array,
+    confidence: float,
+) -> ExactLaw:
+    quantiles = tuple(law.quantile(p) for p in LEVELS)
+    bounds = quantile_bounds(law, np.array(LEVELS), np.array(quantiles))
+    return ExactLaw(
+        quantity,
+        law,
+        mean=mean,
+        std=std,
+        contributors=contributors,
+        error=error,
+        quantiles=quantiles,
+        quantile_errors=tuple(bounds.tolist()),
+        agreement=agreement_of(law, np.sort(sampled), confidence, std),
+    )
+
+
+def agreement_of(
+    law: NumberLaw | NormalNorm, rising: Array, confidence: float, std: float, effort: float = _EFFORT
+) -> Agreement:
+    """Return how far sorted samples ``(N,)`` lie from a law of this standard deviation.
+
+    Every m-th sample is looked at, m as the time that the law takes demands; between two, both cumulative laws rise, so
+    that the distance grows by m/N at most.
+    """
+    match law:
+        case SeriesLaw():
+            cost = 100 + law.terms / 4
+        case ConvolvedLaw():
+            cost = 105.0 * law.pieces
+        case NormalNorm():
+            cost = 2e5
+        case _:
+            cost = 100.0
+    count = rising.size
+    step = max(1, math.ceil(2 * count * cost / effort))
+    looked = np.unique(np.append(np.arange(0, count, step), count - 1))
+    x = rising[looked]
+    # a value with a probability of its own is sampled with rounding, and must be found on both sides of it
+    shift = 1e-9 * std
+    above, below = law.cumulative(x + shift), law.cumulative(x - shift)
+    up_to = np.searchsorted(rising, x, side="right") / count
+    before = np.searchsorted(rising, x, side="left") / count
+    slack = (step - 1) / count
+    distance = float(max((up_to - above).max(), (below - before).max(), 0.0)) + slack
+    counts, edges = np.histogram(rising, bins=_BINS)
+    band = math.sqrt(math.log(2 / (1 - confidence)) / (2 * count))
+    return Agreement(count, distance, band, confidence, slack, edges, counts)

@@ -1,0 +1,339 @@
+"""What the exact laws of a model are."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Final, final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from precision_pin.analyses.exact_law.fourier_inversion import NumberLaw
+from precision_pin.analyses.exact_law.normal_norm import NormalNorm
+from precision_pin.analyses.provenance import Heading, PoseHeading
+from precision_pin.display.html import Table, rendered
+from precision_pin.display.tables import MOST_POSES, data_frame, joint_text, milli, number, pose_labels, symbol, unit
+from precision_pin.inputs.arrays import fix_fields
+
+if TYPE_CHECKING:
+    import pandas  # type: ignore[import-untyped]
+
+__all__ = ["LEVELS", "Agreement", "ExactLaw", "ExactLawResult", "PoseLaws", "bound_text", "quantile_digits"]
+
+Array = NDArray[np.float64]
+
+SCHEMA: Final = "precision-pin/exact-law/1"
+LEVELS: Final = (0.00135, 0.01, 0.05, 0.5, 0.95, 0.99, 0.9973, 0.99865)
+ASSUMPTIONS: Final = (
+    "first-order (tangent) model at the means of the draws",
+    "the norm is available where all draws that matter are normal",
+)
+
+_CURVE: Final = 241
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Agreement:
+    """How far samples of the tangent model lie from the exact law.
+
+    Attributes
+    ----------
+    samples
+        How many.
+    distance
+        Kolmogorov distance: the largest difference of the two cumulative laws, rounded up by at most ``slack``.
+    band
+        What it stays below with the confidence stated: √(ln(2/α)/2N) (Dvoretzky, Kiefer and Wolfowitz 1956; Massart 1990).
+    confidence
+        1 - α.
+    slack
+        By how much the distance may be too large.
+    edges, counts
+        Histogram of the samples.
+    """
+
+    samples: int
+    distance: float
+    band: float
+    confidence: float
+    slack: float
+    edges: Array
+    counts: NDArray[np.intp]
+
+    def __post_init__(self) -> None:
+        fix_fields(self)
+
+    @property
+    def agrees(self) -> bool:
+        """Whether the distance is within the band."""
+        return self.distance - self.slack <= self.band
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class ExactLaw:
+    """The law of one quantity.
+
+    Attributes
+    ----------
+    quantity
+        ``position.x`` … ``attitude.z`` or a norm; m or rad, base axes.
+    law
+        Gives ``cumulative``, ``density`` and ``quantile``; ``None`` where there is none.
+    reason
+        Why there is none.
+    mean, std
+        Of the quantity; of a norm that is not available, ``None``.
+    contributors
+        How many draws matter; normal ones count as one.
+    error
+        Bound of the error of every cumulative probability, of a number within rounding of the one asked for.
+    quantiles, quantile_errors
+        At :data:`LEVELS`, and the bound of the error of each.
+    agreement
+        With samples of the tangent model.
+    """
+
+    quantity: str
+    law: NumberLaw | NormalNorm | None
+    reason: str = ""
+    mean: float | None = None
+    std: float | None = None
+    contributors: int = 0
+    error: float = 0.0
+    quantiles: tuple[float, ...] = ()
+    quantile_errors: tuple[float, ...] = ()
+    agreement: Agreement | None = None
+
+    @property
+    def curve(self) -> tuple[Array, Array, Array]:
+        """Values from 4.5 standard deviations below the mean to as many above, density and cumulative law there."""
+        if self.law is None or self.mean is None or self.std is None:
+            return np.zeros(0), np.zeros(0), np.zeros(0)
+        low = max(self.mean - 4.5 * self.std, self.law.low)
+        high = min(self.mean + 4.5 * self.std, self.law.high)
+        x = np.linspace(low, high, _CURVE)
+        return x, self.law.density(x), self.law.cumulative(x)
+
+    def shown_quantiles(self, digits: int) -> dict[float, tuple[float, int]]:
+        """Return the quantiles by level, each with the digits that it is known to, of so many at the most."""
+        return {
+            level: (value, quantile_digits(value, error, digits))
+            for level, value, error in zip(LEVELS, self.quantiles, self.quantile_errors, strict=False)
+        }
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the law as the JSON has it, SI units; null for what is not known."""
+        result: dict[str, Any] = {
+            "mean": self.mean,
+            "std": self.std,
+            "contributors": self.contributors,
+            "method": None if self.law is None else self.law.method,
+            "not_available": self.reason or None,
+        }
+        if self.law is None or self.agreement is None:
+            return result
+        x, density, cumulative = self.curve
+        return result | {
+            "support": [self.law.low, self.law.high],
+            "cumulative_error": self.error,
+            "quantiles": {f"{p:g}": value for p, value in zip(LEVELS, self.quantiles, strict=True)},
+            "quantile_error": {f"{p:g}": _finite(e) for p, e in zip(LEVELS, self.quantile_errors, strict=True)},
+            "agreement": {
+                "samples": self.agreement.samples,
+                "distance": self.agreement.distance,
+                "band": self.agreement.band,
+                "confidence": self.agreement.confidence,
+                "agrees": self.agreement.agrees,
+            },
+            "curve": {
+                "value": x.tolist(),
+                "density": [_finite(value) for value in density.tolist()],
+                "cumulative": cumulative.tolist(),
+            },
+        }
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class PoseLaws:
+    """The laws at one pose.
+
+    Attributes
+    ----------
+    pose
+        Which.
+    laws
+        The eight quantities by name.
+    warnings
+        Where samples of the exact model do not follow the law of the first order, one line each.
+    """
+
+    pose: PoseHeading
+    laws: dict[str, ExactLaw]
+    warnings: tuple[str, ...] = ()
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the pose and its laws."""
+        return {
+            "pose": self.pose.to_dict(),
+            "laws": {name: law.to_dict() for name, law in self.laws.items()},
+            "warnings": list(self.warnings),
+        }
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class ExactLawResult:
+    """Exact laws at one or several poses.
+
+    Attributes
+    ----------
+    heading
+        Of what.
+    samples, confidence
+        Of the agreement.
+    poses
+        One entry for each.
+    """
+
+    heading: Heading
+    samples: int
+    confidence: float
+    poses: tuple[PoseLaws, ...]
+
+    @property
+    def agrees(self) -> bool:
+        """Whether every law agrees with its samples."""
+        laws = [law for pose in self.poses for law in pose.laws.values()]
+        return all(law.agreement.agrees for law in laws if law.agreement is not None)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the result as the ``precision-pin/exact-law/1`` schema has it, SI units."""
+        return self.heading.to_dict(SCHEMA) | {
+            "model": "tangent",
+            "samples": self.samples,
+            "confidence": self.confidence,
+            "assumptions": list(ASSUMPTIONS),
+            "poses": [pose.to_dict() for pose in self.poses],
+        }
+
+    def to_json(self) -> str:
+        """Return :meth:`to_dict` as text."""
+        return json.dumps(self.to_dict(), indent=2, ensure_ascii=False, allow_nan=False)
+
+    def to_pandas(self) -> pandas.DataFrame:
+        """Return the laws as a data frame, m and rad: a row for each pose and quantity, not-a-number for what there is not.
+
+        Columns ``mean``, ``std``, ``contributors``, ``cumulative_error``; ``quantile_0.95``, … with ``…_error``, the bound
+        of its error; ``distance`` and ``band`` of the agreement with samples. ``attrs`` say how it was computed.
+
+        Raises
+        ------
+        InputError
+            pandas is not installed.
+        """
+        labels = pose_labels([pose.pose.name for pose in self.poses])
+        rows = [
+            ((label, name), _columns(law))
+            for label, pose in zip(labels, self.poses, strict=True)
+            for name, law in pose.laws.items()
+        ]
+        attributes: dict[str, Any] = {
+            **self.heading.to_dict(SCHEMA),
+            "model": "tangent",
+            "samples": self.samples,
+            "confidence": self.confidence,
+            "assumptions": list(ASSUMPTIONS),
+            "warnings": [line for pose in self.poses for line in pose.warnings],
+            "poses": {label: dict(pose.pose.q) for label, pose in zip(labels, self.poses, strict=True)},
+        }
+        return data_frame(["pose", "quantity"], rows, attributes)
+
+    def __repr__(self) -> str:
+        of = self.heading
+        laws = [law for pose in self.poses for law in pose.laws.values()]
+        known = sum(law.law is not None for law in laws)
+        return (
+            f"<ExactLawResult of {of.robot!r}, {of.base!r} to {of.tip!r}: poses {len(self.poses)}, {known} of {len(laws)} "
+            f"laws known, {'in agreement' if self.agrees else 'NOT in agreement'} with {self.samples:,} samples, "
+            f"seed {of.seed}>"
+        )
+
+    def _repr_html_(self) -> str:
+        """Return what a notebook shows: mean, spread and quantiles in mm and mrad, and how exact they are."""
+        of = self.heading
+        columns = (
+            "",
+            "unit",
+            "mean",
+            "std",
+            *(f"{100 * level:g} %" for level in _SHOWN),
+            "draws",
+            "error of F",
+            "samples",
+        )
+        tables, missing = [], []
+        for pose in self.poses[:MOST_POSES]:
+            name = f"pose {pose.pose.name!r}: " if pose.pose.name else ""
+            rows = [_cells(law) for law in pose.laws.values()]
+            tables.append(Table(columns, rows, name + joint_text(pose.pose.q, pose.pose.sliding_joints), words=2))
+            missing += [f"{symbol(law.quantity)}: {law.reason}" for law in pose.laws.values() if law.law is None]
+        hidden = len(self.poses) - len(tables)
+        return rendered(
+            f"Exact law of the first-order model of {of.robot}: {of.base} to {of.tip}",
+            tables,
+            [
+                *([f"… and {hidden:,} more poses"] if hidden else []),
+                *dict.fromkeys(missing),
+                *dict.fromkeys(line for pose in self.poses for line in pose.warnings),
+                f"error of F: bound of the error of every cumulative probability; compared with {self.samples:,} samples of "
+                f"the same model, seed {of.seed}, at {100 * self.confidence:g} % confidence; statics {of.statics}",
+            ],
+        )
+
+
+_SHOWN: Final = (0.00135, 0.05, 0.5, 0.95, 0.9973)
+
+
+def _columns(law: ExactLaw) -> dict[str, float]:
+    row = {"mean": number(law.mean), "std": number(law.std), "contributors": law.contributors}
+    row["cumulative_error"] = law.error if law.law is not None else math.nan
+    for rank, level in enumerate(LEVELS):
+        row[f"quantile_{level}"] = law.quantiles[rank] if law.quantiles else math.nan
+        row[f"quantile_{level}_error"] = law.quantile_errors[rank] if law.quantile_errors else math.nan
+    row["distance"] = law.agreement.distance if law.agreement is not None else math.nan
+    row["band"] = law.agreement.band if law.agreement is not None else math.nan
+    return row
+
+
+def _cells(law: ExactLaw) -> list[str]:
+    """Return a row of the table in a notebook."""
+    cells = [symbol(law.quantity), unit(law.quantity), milli(law.mean), milli(law.std)]
+    quantiles = {level: milli(*known) for level, known in law.shown_quantiles(6).items()}
+    cells += [quantiles.get(level, "-") for level in _SHOWN]
+    if law.law is None or law.agreement is None:
+        return [*cells, "-", "-", "-"]
+    return [*cells, str(law.contributors), bound_text(law.error), "agree" if law.agreement.agrees else "DISAGREE"]
+
+
+def bound_text(bound: float) -> str:
+    """Return a bound with one digit, rounded up."""
+    if bound <= 0:
+        return "0"
+    place = 10.0 ** math.floor(math.log10(bound))
+    return f"{math.ceil(bound / place * (1 - 1e-12)) * place:.0e}"
+
+
+def quantile_digits(value: float, error: float, digits: int) -> int:
+    """Return how many digits of a quantile its error leaves, of so many at the most."""
+    if not value or not error:
+        return digits
+    return max(1, min(digits, math.floor(math.log10(abs(value))) - math.ceil(math.log10(2 * error)) + 1))
+
+
+def _finite(value: float) -> float | None:
+    return value if math.isfinite(value) else None

@@ -1,0 +1,509 @@
+"""The law of one number that is a sum of independent parts: in closed form, by convolution, or as a Fourier series.
+
+Of many parts the characteristic function is a product. On a support of length 2L, the density is its own Fourier series
+(Poisson's summation; Abate and Whitt, Queueing Systems 10, 1992): with ω_k = kπ/L and φ about the middle c,
+
+    f(c + y) = (1/2L) (1 + 2 Re Σ φ(ω_k) exp(-i ω_k y)),
+    F(c + y) = (y + L)/2L + Re Σ (i/kπ) φ(ω_k) (exp(-i ω_k y) - (-1)^k).
+
+Bounded parts leave no other error than cutting the series at K, at most (2/π) Σ_{k>K} |φ(ω_k)|/k, which bounds of |φ|
+that never rise turn into a number. Unbounded parts add what lies beyond the ends chosen. A wide lognormal part, whose ends
+are far and whose |φ| falls slowly, is cut the nearer the larger the error aimed at. Rounding is bounded along with it: that
+of the characteristic function, of the phases kπy, which grows with k as the coefficients fall, and of the sums.
+
+A cumulative probability at x is that at a number within a few units of rounding of x, as x - mean is itself rounded.
+"""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Final, final
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import optimize, special
+
+from precision_pin.analyses.exact_law.projection import Lines, Part
+from precision_pin.analyses.exact_law.quantile_bounds import quantile_bounds
+from precision_pin.inputs.arrays import fix_fields
+
+__all__ = ["ConvolvedLaw", "NormalLaw", "NumberLaw", "SeriesLaw", "SingleLaw", "Summand", "certified_series"]
+
+Array = NDArray[np.float64]
+
+ROUNDING: Final = 1e-14
+"""Bound of the rounding of a cumulative law in closed form."""
+
+UNIT: Final = 0.5**53
+"""Rounding of one number, relative."""
+
+FARTHEST: Final = 9.0
+"""Standard deviations beyond which a normal number is left out: probability 2.3e-19."""
+
+MOST_TERMS: Final = 2**20
+MOST_PIECES: Final = 2000
+_AIMS: Final = (
+    (1e-14, 2**15, FARTHEST),
+    (1e-12, 2**18, 7.5),
+    (1e-10, MOST_TERMS, 6.8),
+    (1e-8, MOST_TERMS, 6.2),
+    (3e-7, MOST_TERMS, 5.5),
+)
+"""Error to reach by the cut, terms that it may take, standard deviations at which unbounded parts end."""
+
+
+class NumberLaw(ABC):
+    """The law of one number.
+
+    Attributes
+    ----------
+    mean
+        Its mean.
+    low, high
+        What lies outside has a probability below the error.
+    method
+        How it is computed, in words.
+    error
+        Bound of the error of :meth:`cumulative`, rounding of x apart.
+    """
+
+    mean: float
+    low: float
+    high: float
+
+    @property
+    @abstractmethod
+    def method(self) -> str:
+        """How it is computed, in words."""
+
+    @property
+    @abstractmethod
+    def error(self) -> float:
+        """Bound of the error of :meth:`cumulative`."""
+
+    @abstractmethod
+    def cumulative(self, x: Array) -> Array:
+        """Return P(number ≤ x), ``(N,)``."""
+
+    @abstractmethod
+    def density(self, x: Array) -> Array:
+        """Return the density ``(N,)``, not-a-number where there is none."""
+
+    @final
+    def quantile(self, p: float) -> float:
+        """Return the smallest value with at least this probability at or below it (0 < p < 1), by Brent's method."""
+
+        def excess(x: float) -> float:
+            return float(self.cumulative(np.array([x]))[0]) - p
+
+        if excess(self.low) >= 0:
+            return self.low
+        if excess(self.high) <= 0:
+            return self.high
+        root: float = optimize.brentq(excess, self.low, self.high, xtol=1e-16 * (self.high - self.low), rtol=1e-15)
+        return root
+
+    @final
+    def quantile_error(self, p: float) -> float:
+        """Return the bound of :meth:`quantile`'s error."""
+        return float(quantile_bounds(self, np.array([p]), np.array([self.quantile(p)]))[0])
+
+
+@final
+@dataclass(frozen=True)
+class NormalLaw(NumberLaw):
+    """A normal number."""
+
+    mean: float
+    std: float
+
+    @property
+    def low(self) -> float:  # type: ignore[override]
+        """Nine standard deviations down."""
+        return self.mean - FARTHEST * self.std
+
+    @property
+    def high(self) -> float:  # type: ignore[override]
+        """Nine standard deviations up."""
+        return self.mean + FARTHEST * self.std
+
+    @property
+    def method(self) -> str:
+        """Closed form."""
+        return "normal law"
+
+    @property
+    def error(self) -> float:
+        """Rounding."""
+        return ROUNDING
+
+    def cumulative(self, x: Array) -> Array:
+        """Return Φ((x - mean)/σ)."""
+        value: Array = special.ndtr((x - self.mean) / self.std)
+        return value
+
+    def density(self, x: Array) -> Array:
+        """Return φ((x - mean)/σ)/σ."""
+        value: Array = np.exp(-(((x - self.mean) / self.std) ** 2) / 2) / (math.sqrt(2 * math.pi) * self.std)
+        return value
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class SingleLaw(NumberLaw):
+    """One part alone."""
+
+    mean: float
+    part: Part
+
+    @property
+    def low(self) -> float:  # type: ignore[override]
+        """The part's lower end."""
+        return self.mean + self.part.ends[0]
+
+    @property
+    def high(self) -> float:  # type: ignore[override]
+        """The part's upper end."""
+        return self.mean + self.part.ends[1]
+
+    @property
+    def method(self) -> str:
+        """Closed form."""
+        return "closed form of one draw"
+
+    @property
+    def error(self) -> float:
+        """Rounding."""
+        return ROUNDING
+
+    def cumulative(self, x: Array) -> Array:
+        """Return the part's."""
+        return self.part.cumulative(x - self.mean)
+
+    def density(self, x: Array) -> Array:
+        """Return the part's."""
+        return self.part.density(x - self.mean)
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class ConvolvedLaw(NumberLaw):
+    """Two parts: ``F(x) = ∫ F₁(x - z(s)) w(s) ds`` along the second's parameter.
+
+    The integral is cut at every kink of either, and each piece taken by the double exponential rule (Takahasi and Mori,
+    1974), which minds no singularity at an end.
+    """
+
+    mean: float
+    kept: Part
+    integrated: Part
+
+    @classmethod
+    def of(cls, mean: float, one: Part, other: Part) -> ConvolvedLaw:
+        """Return the law; the part whose density is the rougher is integrated along."""
+        kept, integrated = (one, other) if _roughness(one) <= _roughness(other) else (other, one)
+        return cls(mean, kept, integrated)
+
+    @property
+    def pieces(self) -> int:
+        """Into how many the integral is cut."""
+        return len(self.kept.kinks) + len(self.integrated.breaks) - 1
+
+    @property
+    def low(self) -> float:  # type: ignore[override]
+        """Sum of the lower ends."""
+        return self.mean + self.kept.ends[0] + self.integrated.ends[0]
+
+    @property
+    def high(self) -> float:  # type: ignore[override]
+        """Sum of the upper ends."""
+        return self.mean + self.kept.ends[1] + self.integrated.ends[1]
+
+    @property
+    def method(self) -> str:
+        """Convolution."""
+        return "convolution of two draws"
+
+    @property
+    def error(self) -> float:
+        """Of the double exponential rule, found on sums with a closed form."""
+        return 1e-11
+
+    def cumulative(self, x: Array) -> Array:
+        """Return the integral of F₁."""
+        value = self._integral(self.kept.cumulative, x)
+        inside = (x >= self.low) & (x < self.high)
+        return np.where(inside, np.clip(value, 0, 1), np.where(x >= self.high, 1.0, 0.0))
+
+    def density(self, x: Array) -> Array:
+        """Return the integral of f₁."""
+        return self._integral(self.kept.density, x)
+
+    def _integral(self, function: Callable[[Array], Array], x: Array) -> Array:
+        shares, weights = _double_exponential()
+        step = max(1, 2_000_000 // (self.pieces * shares.size))
+        parts = [np.zeros(0)]
+        for first in range(0, x.size, step):
+            z = x[first : first + step] - self.mean
+            breaks = np.array(self.integrated.breaks)
+            cuts = self.integrated.parameter(z[:, None] - np.array(self.kept.kinks))
+            edges = np.sort(np.concatenate([cuts, np.broadcast_to(breaks, (z.size, breaks.size))], axis=1), axis=1)
+            lengths = np.diff(edges, axis=1)[:, :, None]
+            s = edges[:, :-1, None] + lengths * shares
+            values = function(z[:, None, None] - self.integrated.position(s)) * self.integrated.weight(s)
+            parts.append((values * (lengths * weights)).sum(axis=(1, 2)))
+        return np.concatenate(parts)
+
+
+def _roughness(part: Part) -> int:
+    """Return 2 for lines, 1 for a density without bound (|φ| falls slower than 1/ω), 0 otherwise."""
+    if isinstance(part, Lines):
+        return 2
+    far = np.array([2.0**60, 2.0**62]) / max(abs(end) for end in part.ends)
+    first, second = part.envelope(far)
+    return int(second > 0.3 * first)
+
+
+def _double_exponential() -> tuple[Array, Array]:
+    """Return nodes in (0, 1) and weights of the double exponential rule."""
+    t = np.arange(-52, 53) / 16
+    inner = math.pi / 2 * np.sinh(t)
+    shares = special.expit(2 * inner)
+    weights = math.pi / 2 * np.cosh(t) / (2 * np.cosh(inner) ** 2) / 16
+    return shares, weights / weights.sum()
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class SeriesLaw(NumberLaw):
+    """A Fourier series on the support.
+
+    Attributes
+    ----------
+    mean
+        The number's mean.
+    middle, half_length
+        The support: mean + middle ± half_length.
+    coefficients
+        φ(ω_k) about the middle, ``(K + 1,)``; the first is 1.
+    truncation
+        Bound of what the cut changes in the cumulative law.
+    density_truncation
+        As much of the density; infinite where the bounds do not tell.
+    beyond
+        Probability beyond the support.
+    rounding
+        Bound of the rounding of the cumulative law.
+    """
+
+    mean: float
+    middle: float
+    half_length: float
+    coefficients: NDArray[np.complex128]
+    truncation: float
+    density_truncation: float
+    beyond: float = 0.0
+    rounding: float = ROUNDING
+
+    def __post_init__(self) -> None:
+        fix_fields(self)
+
+    @property
+    def low(self) -> float:  # type: ignore[override]
+        """The support's lower end."""
+        return self.mean + self.middle - self.half_length
+
+    @property
+    def high(self) -> float:  # type: ignore[override]
+        """The support's upper end."""
+        return self.mean + self.middle + self.half_length
+
+    @property
+    def terms(self) -> int:
+        """K."""
+        return self.coefficients.size - 1
+
+    @property
+    def method(self) -> str:
+        """Inversion, with the number of terms."""
+        return f"inversion of the characteristic function, {self.terms} terms"
+
+    @property
+    def error(self) -> float:
+        """Truncation, what lies beyond the support, and rounding."""
+        return self.truncation + self.beyond + self.rounding
+
+    def cumulative(self, x: Array) -> Array:
+        """Return the series of F."""
+        y = (x - self.mean - self.middle) / self.half_length
+        inner = np.clip(y, -1.0, 1.0)
+        value: Array = (inner + 1) / 2 + _sum(self._slopes, inner) - self._start
+        return np.where(y <= -1, 0.0, np.where(y >= 1, 1.0, np.clip(value, 0.0, 1.0)))
+
+    def density(self, x: Array) -> Array:
+        """Return the series of f."""
+        y = (x - self.mean - self.middle) / self.half_length
+        value = _sum(self._heights, np.clip(y, -1.0, 1.0)) / self.half_length
+        return np.where(np.abs(y) < 1, np.maximum(value, 0.0), 0.0)
+
+    @cached_property
+    def _slopes(self) -> NDArray[np.complex128]:
+        k = np.arange(1, self.terms + 1)
+        return _arranged(np.concatenate([[0.0], 1j * self.coefficients[1:] / (np.pi * k)]))
+
+    @cached_property
+    def _heights(self) -> NDArray[np.complex128]:
+        return _arranged(np.concatenate([[0.5], self.coefficients[1:]]))
+
+    @cached_property
+    def _start(self) -> float:
+        return float(_sum(self._slopes, np.array([-1.0]))[0])
+
+
+def _arranged(coefficients: NDArray[np.complex128]) -> NDArray[np.complex128]:
+    """Return coefficients as a table ``(columns, rows)``, k = columns · row + column; zeros fill it up."""
+    columns = _columns(coefficients.size)
+    padded = np.zeros(-(-coefficients.size // columns) * columns, dtype=complex)
+    padded[: coefficients.size] = coefficients
+    return np.ascontiguousarray(padded.reshape(-1, columns).T)
+
+
+def _columns(size: int) -> int:
+    return 1 << max(0, math.ceil(math.log2(size) / 2))
+
+
+def _sum(table: NDArray[np.complex128], y: Array) -> Array:
+    """Return Re Σ c_k exp(-i k π y): powers of exp(-iπy) in two steps, so that few exponentials are needed."""
+    columns, rows = table.shape
+    step = max(1, 2_000_000 // (rows + columns))
+    parts = [np.zeros(0)]
+    for first in range(0, y.size, step):
+        turn = -1j * np.pi * y[first : first + step, None]
+        fine = np.exp(turn * np.arange(columns))
+        coarse = np.exp(turn * (columns * np.arange(rows)))
+        parts.append(((fine @ table) * coarse).sum(axis=1).real)
+    return np.concatenate(parts)
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class _Bounds:
+    """Bounds of |φ|, and what they say about a cut at K."""
+
+    envelopes: Sequence[Callable[[Array], Array]]
+    std: float
+    half_length: float
+
+    @cached_property
+    def _octaves(self) -> Array:
+        powers: Array = np.exp2(np.arange(160, dtype=float))
+        return powers
+
+    def bound(self, omega: Array) -> Array:
+        """Return a bound of |φ|."""
+        with np.errstate(under="ignore", over="ignore"):
+            result = np.exp(-((self.std * omega) ** 2) / 2)
+            for envelope in self.envelopes:
+                result = result * envelope(omega)
+        return result
+
+    def truncations(self, terms: int) -> tuple[float, float]:
+        """Return the bounds of the errors of F and f; the sums over octaves (2^j K, 2^(j+1) K]."""
+        omega = terms * np.pi / self.half_length * self._octaves
+        with np.errstate(under="ignore", over="ignore"):
+            bound = self.bound(omega)
+            densities = bound * self._octaves * terms / self.half_length
+        return 2 / math.pi * math.log(2) * _converged(bound), _converged(densities)
+
+
+def _converged(terms: Array) -> float:
+    """Return the sum, infinite where the terms have not died out: it would grow with more of them."""
+    total = float(terms.sum())
+    return total * (1 + 1e-9) if terms[-1] <= 1e-15 * total or total < 1e-250 else math.inf
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Summand:
+    """One independent part of a sum, as its series needs it.
+
+    Attributes
+    ----------
+    ends
+        Returns ends beyond which no more lies than beyond ± a number of standard deviations of a normal law.
+    is_bounded
+        Whether nothing lies there.
+    envelope
+        Returns a bound of |φ| that never rises, for ω ``(n,)``.
+    characteristic
+        Returns φ of the deviation from the mean, for ω ``(n,)``.
+    characteristic_error
+        Bound of its error, rounding of ω apart.
+    """
+
+    ends: Callable[[float], tuple[float, float]]
+    is_bounded: bool
+    envelope: Callable[[Array], Array]
+    characteristic: Callable[[Array], NDArray[np.complex128]]
+    characteristic_error: float = 1e-15
+
+    def __post_init__(self) -> None:
+        fix_fields(self)
+
+
+def certified_series(mean: float, std: float, summands: Sequence[Summand], largest_error: float) -> SeriesLaw | float:
+    """Return the series of a law with as many terms as its certified error needs; else the least error there is.
+
+    Parameters
+    ----------
+    mean
+        Of the number.
+    std
+        Of its normal parts together.
+    summands
+        Its other parts.
+    largest_error
+        A law of a larger error is not computed.
+    """
+    for aim, most, score in _AIMS:
+        ends = [summand.ends(min(score, FARTHEST)) for summand in summands]
+        low, high = (sum(end[side] for end in ends) + sign * score * std for side, sign in ((0, -1), (1, 1)))
+        half_length = (high - low) / 2
+        bounds = _Bounds([summand.envelope for summand in summands], std, half_length)
+        terms = 64
+        while bounds.truncations(terms)[0] > aim and terms < most:
+            terms *= 2
+        if bounds.truncations(terms)[0] <= aim:
+            break
+    truncation, density_truncation = bounds.truncations(terms)
+    unbounded = sum(not summand.is_bounded for summand in summands) + (std > 0)
+    beyond = float(2 * special.ndtr(-score)) * unbounded
+    if truncation + beyond > largest_error:
+        return truncation + beyond
+    middle = (low + high) / 2
+    omega = np.arange(terms + 1, dtype=float) * (np.pi / half_length)
+    coefficients = np.exp(-((std * omega) ** 2) / 2 - 1j * omega * middle)
+    for summand in summands:
+        coefficients *= summand.characteristic(omega)
+    rounding = _rounding(bounds.bound(omega[1:]), summands)
+    return SeriesLaw(mean, middle, half_length, coefficients, truncation, density_truncation, beyond, rounding)
+
+
+def _rounding(bounds: Array, summands: Sequence[Summand]) -> float:
+    """Return the bound of the rounding of a cumulative law with these bounds of |φ(ω_k)|, k from 1 on.
+
+    A phase of kπ is off by no more than a few units of its own, and moves a term φ/kπ by as many units of φ; the parts'
+    characteristic functions by their own errors; the sums add a unit for each term of an inner row.
+    """
+    k = np.arange(1, bounds.size + 1)
+    terms = float((bounds / (np.pi * k)).sum())
+    phases = 4.0 * (2 + len(summands))
+    functions = sum(summand.characteristic_error for summand in summands)
+    sums = _columns(bounds.size + 1) + 16.0
+    return (
+        UNIT * (8 + 2 * sums * terms + phases * float(bounds.sum())) + functions * (1 + math.log(bounds.size)) / np.pi
+    )

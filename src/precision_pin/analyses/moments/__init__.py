@@ -1,0 +1,1 @@
+"""Mean and covariance of the error of the displaced chain."""

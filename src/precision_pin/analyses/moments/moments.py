@@ -1,0 +1,356 @@
+"""Mean and covariance of the exact error with far fewer samples than plain sampling takes.
+
+Two ways that go together. *Control variate* (Hammersley and Handscomb, Monte Carlo Methods, 1964, chapter 5): mean and
+covariance of a polynomial close to the exact error, the tangent and products of two numbers, are known, so only the
+difference of the exact model from it is sampled, on the same random numbers
+(:mod:`precision_pin.analyses.moments.moments_control`). *Randomised quasi-Monte Carlo* (Owen, 1995): scrambled Sobol points in
+place of random ones.
+
+Samples come in 32 independent replicates. With t the polynomial less its mean, y the exact error less that mean,
+g = y - t, C the polynomial's covariance, and a bar the mean over a replicate,
+
+    mean       mean of the polynomial + average of ḡ
+    covariance C + average of (t gᵀ + g tᵀ + g gᵀ)‾ - average over a ≠ b of (ȳ_a ȳ_bᵀ - t̄_a t̄_bᵀ)
+
+The coefficient of the control is one: it is so close that estimating a better one gains nothing, and one keeps the
+estimate unbiased. The products of means of *different* replicates make the covariance unbiased for Sobol points too, which
+depend on one another inside a replicate. Without control t is zero. Standard errors are the jackknife's over replicates,
+intervals Student's with 31 degrees of freedom, wider where the replicates are skewed
+(:mod:`precision_pin.analyses.replicates`; L'Ecuyer, Nakayama, Owen and Tuffin, Winter Simulation Conference 2023, on nets).
+What tails or rare values of the laws carry that the samples cannot know (:mod:`precision_pin.analyses.marginals`) is not
+resolved.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import Final, cast, final, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from precision_pin.analyses.marginals import Marginals, law_breaks
+from precision_pin.analyses.moments.moments_closed import closed_moments
+from precision_pin.analyses.moments.moments_control import Control, thin
+from precision_pin.analyses.moments.moments_result import Measured, Method, MomentsResult, PoseMoments, Remainder
+from precision_pin.analyses.provenance import Heading, Pose, PoseHeading, listed_poses
+from precision_pin.analyses.replicates import REPLICATES, jackknife
+from precision_pin.call_warnings import warns_at_end
+from precision_pin.draws.space import check_seed
+from precision_pin.errors import InputError
+from precision_pin.inputs.arguments import check_callable, check_instance, check_name, shown
+from precision_pin.kernel import sampler
+from precision_pin.model.error_model import ErrorModel, PoseModel
+from precision_pin.sampling import Progress
+from precision_pin.statistics import NORMS, Plan, check_confidence
+
+__all__ = ["Measured", "MomentsResult", "PoseMoments", "Remainder", "moments"]
+
+Array = NDArray[np.float64]
+
+SMALLEST, LARGEST = 5, 19
+"""A replicate has 2⁵ to 2¹⁹ samples."""
+
+PILOT: Final = 1024
+"""Samples, used for nothing else, that tell how the norms follow the control."""
+
+MOST_NUMBERS: Final = 21_201
+"""The most dimensions a Sobol net of scipy has."""
+
+_BLOCK: Final = 8192
+_BITS: Final = 30
+_VECTORS: Final = (slice(0, 3), slice(3, 6))
+_TRIANGLE: Final = np.triu_indices(3)
+_ROUNDING: Final = 1e-14
+
+
+@warns_at_end
+def moments(
+    error_model: ErrorModel,
+    /,
+    poses: Pose | Sequence[Pose] = None,
+    *,
+    q: Pose | Sequence[Pose] = None,
+    samples: int = 65_536,
+    seed: int = 0,
+    method: Method = "control",
+    confidence: float = 0.95,
+    progress: Progress | None = None,
+) -> MomentsResult:
+    """Return mean and covariance of the exact error, and mean and variance of its norms, with their errors.
+
+    Parameters
+    ----------
+    error_model
+        Chain, draws and sources.
+    poses, q
+        A pose (a name, joint values, or None for the model's first) or a list of such; two names of one argument.
+    samples
+        At each pose: 32 replicates of a power of two from 32 to 2¹⁹. The memory taken does not depend on it.
+    seed
+        64-bit seed. The random samples are units 0, 1, … as in :func:`precision_pin.monte_carlo`.
+    method
+        ``"control"``: random samples, the tangent and the most important products as control variate. ``"sobol"``:
+        scrambled Sobol points, every law by its inverse. ``"sobol-control"``: both. ``"plain"``: random samples only.
+        ``"closed"``: no samples; Taylor terms up to the fourth order in the spread, see
+        :mod:`precision_pin.analyses.moments.moments_closed`.
+    confidence
+        Of every interval, each by itself.
+    progress
+        Told how many samples have been added since it was last called.
+
+    Raises
+    ------
+    InputError
+        A wrong pose, seed, number of samples or confidence; errors too large to compute with; more random numbers than a
+        Sobol net has dimensions.
+    UnknownNameError
+        There is no such method.
+    """
+    check_instance("error_model", error_model, ErrorModel, "as ErrorModel.load makes it")
+    check_seed(seed)
+    check_name("method", method, get_args(Method))
+    if progress is not None:
+        check_callable("progress", progress)
+    count = _replicate(samples)
+    check_confidence(confidence)
+    if method.startswith("sobol") and error_model.space.size > MOST_NUMBERS:
+        raise InputError(
+            f"the model has {error_model.space.size:,} random numbers, a Sobol net at most {MOST_NUMBERS:,} dimensions; "
+            "use method 'control'"
+        )
+    return MomentsResult(
+        heading=Heading.of(error_model, seed),
+        method=method,
+        samples=0 if method == "closed" else REPLICATES * count,
+        confidence=float(confidence),
+        poses=tuple(
+            _at_pose(error_model, pose, method, count, int(seed), confidence, progress)
+            for pose in listed_poses(poses, q)
+        ),
+    )
+
+
+def _replicate(samples: int) -> int:
+    """Return the samples of a replicate."""
+    allowed = [REPLICATES << k for k in range(SMALLEST, LARGEST + 1)]
+    if isinstance(samples, bool) or not isinstance(samples, int | np.integer) or samples not in allowed:
+        raise InputError(
+            f"the number of samples must be {REPLICATES} times a power of two from 2^{SMALLEST} to 2^{LARGEST} "
+            f"({allowed[0]:,}, {allowed[1]:,}, … {allowed[-1]:,}), got {shown(samples)}"
+        )
+    return int(samples) // REPLICATES
+
+
+def _at_pose(
+    error_model: ErrorModel,
+    pose: Pose,
+    method: Method,
+    count: int,
+    seed: int,
+    confidence: float,
+    progress: Progress | None,
+) -> PoseMoments:
+    try:
+        with np.errstate(over="raise"):
+            at = error_model.at(pose)
+            nominal, covariance = at.error_at_means, at.covariance
+            plan = Plan.from_moments(nominal, covariance)
+    except (OverflowError, FloatingPointError):
+        raise InputError(
+            "the errors at this pose are beyond any number; the tolerances or loads are far too large"
+        ) from None
+    norm_mean = norm_variance = remainder = None
+    if method == "closed":
+        closed = closed_moments(at)
+        mean, covariance_found = Measured(closed.mean), Measured(closed.covariance)
+        remainder = Remainder(closed.order, closed.last_mean, closed.last_covariance)
+    else:
+        sampled = _Sampled(at, plan.centre[list(NORMS)], method, count, seed, progress)
+        mean, covariance_found, norm_mean, norm_variance = sampled.estimates(confidence)
+    return PoseMoments(
+        pose=PoseHeading.of(error_model, pose, at),
+        nominal=nominal.copy(),
+        mean=mean,
+        covariance=covariance_found,
+        norm_mean=norm_mean,
+        norm_variance=norm_variance,
+        remainder=remainder,
+        warnings=tuple(str(finding) for finding in (*at.findings("exact"), *error_model.statics_findings(at))),
+    )
+
+
+@final
+class _Sampled:
+    """Means of products over every replicate, and what follows from them.
+
+    The rows multiplied are: 1, the control t (6, with control only), g or y (6), the norms less a constant (2).
+    """
+
+    def __init__(
+        self, at: PoseModel, centre: Array, method: Method, count: int, seed: int, progress: Progress | None
+    ) -> None:
+        self._at = at
+        self._layout = sampler.compile_table(at)
+        self._centre = centre
+        self._count = count
+        self._seed = seed
+        self._net = method.startswith("sobol")
+        self._control = Control.of(at) if method.endswith("control") else None
+        size = 15 if self._control else 9
+        totals = np.zeros((REPLICATES, size, size))
+        for replicate in range(REPLICATES):
+            for x, errors in self._blocks(replicate):
+                rows = self._rows(x, errors)
+                totals[replicate] += _gram(rows)
+                if progress is not None:
+                    progress(errors.shape[1])
+        self._products = totals / count
+        self._follows = self._pilot(self._control) if self._control else np.zeros((2, 2, 9))
+
+    def estimates(self, confidence: float) -> tuple[Measured, Measured, Measured, Measured]:
+        """Return mean ``(6,)``, covariance ``(6, 6)``, mean and variance of the norms ``(2,)``."""
+        found = jackknife(self._statistic, confidence)
+        found = found.where(self._resolved(found.value, found.replicate_variance))
+        pieces = [
+            Measured(*(part.reshape(shape) for part in parts))
+            for shape, *parts in zip(
+                ((6,), (6, 6), (2,), (2,)),
+                *(np.split(array, (6, 42, 44)) for array in (found.value, found.standard_error, found.half_width)),
+                strict=True,
+            )
+        ]
+        return cast("tuple[Measured, Measured, Measured, Measured]", tuple(pieces))
+
+    def _resolved(self, values: Array, replicate_variance: Array) -> NDArray[np.bool_]:
+        """Return which estimates the samples can know, ``(46,)``."""
+        space = self._at.space
+        if not space.size:
+            return np.ones(values.size, dtype=bool)
+        marginals = Marginals.of(space.size, self._count, is_net=self._net, breaks=law_breaks(space))
+        x = space.inverse(marginals.uniforms)
+        rows = self._rows(x, sampler.errors_at(self._layout, "exact", x))
+        rest, norms = marginals.centred(rows[-8:-2]), rows[-2:]
+        squares = rest[:, None] * rest
+        if self._control:
+            tangent = rows[1:7]
+            products = tangent[:, None] * tangent
+            crossed = tangent[:, None] * rest
+            squares = squares + crossed + crossed.swapaxes(0, 1)
+            controls = _controls(tangent.T, np.moveaxis(products, 2, 0) - self._control.covariance)
+            norms = norms - np.einsum("vc,mvc->vm", self._follows[:, 0], controls)
+            off = np.einsum("vc,mvc->vm", self._follows[:, 1], controls)
+        else:
+            off = np.zeros_like(norms)
+        # of a variance of norms, the square about their mean
+        about = (rows[-2:] ** 2 - off) - 2 * (values[42:44] - self._centre)[:, None] * norms
+        contributions = np.concatenate([rest, squares.reshape(36, -1), norms, about])
+        return marginals.resolved(contributions, replicate_variance)
+
+    def _statistic(self, used: NDArray[np.bool_]) -> Array:
+        """Return all estimates from some of the replicates, in one row."""
+        products = self._products[used]
+        ones = products[:, 0]
+        rest, norms = ones[:, -8:-2], ones[:, -2:]
+        mean = (self._control.mean if self._control else self._at.error_at_means) + rest.mean(axis=0)
+        covariance = products[:, -8:-2, -8:-2].mean(axis=0)
+        squares = products[:, [-2, -1], [-2, -1]]
+        if self._control:
+            tangent = ones[:, 1:7]
+            mixed = products[:, 1:7, -8:-2].mean(axis=0)
+            covariance = covariance + mixed + mixed.T + self._control.covariance
+            covariance = covariance - _crossed(tangent + rest) + _crossed(tangent)
+            off = _controls(tangent, products[:, 1:7, 1:7] - self._control.covariance)
+            # of both norms: what a replicate's t and t tᵀ, known to be off their means, add to the norm and to its square
+            norms = norms - np.einsum("vc,rvc->rv", self._follows[:, 0], off)
+            squares = squares - np.einsum("vc,rvc->rv", self._follows[:, 1], off)
+        else:
+            covariance = covariance - _crossed(rest)
+        covariance = (covariance + covariance.T) / 2
+        variance = squares.mean(axis=0) - np.diagonal(_crossed(norms))
+        return np.concatenate([mean, covariance.ravel(), self._centre + norms.mean(axis=0), variance])
+
+    def _pilot(self, control: Control) -> Array:
+        """Return how the norms and their squares follow t and t tᵀ, ``(2 vectors, 2, 9)``.
+
+        From samples of their own: coefficients found on the samples themselves would bias the estimate.
+        """
+        x = sampler.sample(self._layout, self._seed, REPLICATES * self._count, PILOT)
+        rows = self._rows(x, sampler.errors_at(self._layout, "exact", x))
+        tangent, norms = rows[1:7].T, rows[-2:]
+        controls = _controls(tangent, tangent[:, :, None] * tangent[:, None, :] - control.covariance)
+        result = np.zeros((2, 2, 9))
+        for vector, norm in enumerate(norms):
+            spread = controls[:, vector].std(axis=0)
+            # t and t tᵀ are made comparable; what is rounding is left out
+            least = np.repeat([_ROUNDING, _ROUNDING**2], (3, 6))
+            scale = np.where(spread > least, spread, np.inf)
+            design = np.column_stack([np.ones(PILOT), controls[:, vector] / scale])
+            targets = np.column_stack([norm, norm**2])
+            solution = np.linalg.lstsq(design, targets, rcond=1e-9)[0]
+            result[vector] = solution[1:].T / scale
+        return result
+
+    def _blocks(self, replicate: int) -> Iterator[tuple[Array | None, Array]]:
+        """Yield components and errors, ``(d, N)`` and ``(6, N)``; no components where they are not needed."""
+        size = self._at.space.size
+        points = self._points(replicate) if self._net and size else None
+        for first in range(0, self._count, _BLOCK):
+            count = min(_BLOCK, self._count - first)
+            unit = replicate * self._count + first
+            if points is not None:
+                x = self._at.space.inverse(next(points))
+            elif self._control:
+                x = sampler.sample(self._layout, self._seed, unit, count)
+            else:
+                yield None, sampler.errors(self._layout, "exact", self._seed, unit, count)
+                continue
+            yield x, sampler.errors_at(self._layout, "exact", x)
+
+    def _points(self, replicate: int) -> Iterator[Array]:
+        """Yield the points of one scramble, ``(d, N)`` inside (0, 1)."""
+        # half a second to import, for these methods only
+        from scipy.stats import qmc
+
+        # the keyword of every scipy since 1.14; the newer one, rng, is not known to all of them
+        generator = np.random.default_rng([self._seed, replicate])
+        net = qmc.Sobol(self._at.space.size, scramble=True, bits=_BITS, seed=generator)
+        while True:
+            points = net.random(min(_BLOCK, self._count)).T + 0.5**_BITS / 2
+            yield np.ascontiguousarray(points)
+
+    def _rows(self, x: Array | None, errors: Array) -> Array:
+        """Return the rows that are multiplied, ``(9 or 15, N)``."""
+        rows = np.empty((15 if self._control else 9, errors.shape[1]))
+        rows[0] = 1.0
+        np.subtract(errors, self._at.error_at_means[:, None], out=rows[-8:-2])
+        if self._control and x is not None:
+            rows[1:7] = self._control.deviations(x)
+            rows[-8:-2] -= rows[1:7] + (self._control.mean - self._at.error_at_means)[:, None]
+        for row, vector in enumerate(_VECTORS, start=-2):
+            rows[row] = np.sqrt((errors[vector] ** 2).sum(axis=0)) - self._centre[row]
+        return rows
+
+
+def _crossed(means: Array) -> Array:
+    """Return the average of m_a m_bᵀ over a ≠ b, ``(k, k)``, for means ``(R, k)``: without bias E m (E m)ᵀ."""
+    count = len(means)
+    total = means.sum(axis=0)
+    result: Array = (np.outer(total, total) - means.T @ means) / (count * (count - 1))
+    return result
+
+
+def _gram(rows: Array) -> Array:
+    """Return rows times rows transposed."""
+    result = np.zeros((len(rows), len(rows)))
+    for columns in thin(rows.shape[1], result.size):
+        result += rows[:, columns] @ rows[:, columns].T
+    return result
+
+
+def _controls(means: Array, off: Array) -> Array:
+    """Return t and t tᵀ less its mean of both vectors, ``(R, 2, 9)``, for ``(R, 6)`` and ``(R, 6, 6)``."""
+    parts = [
+        np.concatenate([means[:, rows], off[:, rows, rows][:, _TRIANGLE[0], _TRIANGLE[1]]], axis=1) for rows in _VECTORS
+    ]
+    return np.stack(parts, axis=1)

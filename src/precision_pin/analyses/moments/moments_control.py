@@ -1,0 +1,165 @@
+"""A control variate for the exact error: the tangent, and the products of two numbers that matter most beside it.
+
+The tangent alone misses what is a product of numbers of mean zero, such as an amplitude and the sine of a phase. Mean and
+covariance of the polynomial are known, whatever its coefficients; so differences do for second derivatives, and leaving
+products out costs variance, never truth.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import Final, final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from precision_pin.analyses.moments.uncorrelated import STEP, ErrorAround, Uncorrelated
+from precision_pin.errors import InputError
+from precision_pin.model.error_model import PoseModel
+
+__all__ = ["Control", "thin"]
+
+Array = NDArray[np.float64]
+
+MOST_PRODUCTS: Final = 512
+"""Kept at most: 54 numbers have 1,485, of which 200 matter at all."""
+
+MOST_COMPONENTS: Final = 256
+"""Of models with more, products are not looked for: their number grows with the square."""
+
+_THIN: Final = 2**18
+"""Products of matrices smaller than this stay on one thread of BLAS, which is faster for thin ones."""
+
+_LEAST: Final = 1e-10
+"""Of the variance of all products, what the last one kept adds at least."""
+
+_ROUNDING: Final = 1e-14
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Control:
+    """A polynomial in the components x, with ξ = x less their means: ``e0 + J ξ + Σ c_p ξ_a(p) ξ_b(p)``.
+
+    Attributes
+    ----------
+    mean, covariance
+        ``(6,)`` and ``(6, 6)``, of the polynomial.
+    centre
+        ``(d,)`` means of the components.
+    jacobian
+        J, ``(6, d)``.
+    shift
+        ``(6,)`` what J x and the products are off by on average.
+    used
+        The components that are multiplied, ``(U,)``.
+    first, second
+        a and b of every product, as rows of those used, ``(P,)``.
+    coefficients
+        ``(6, P)``.
+    """
+
+    mean: Array
+    covariance: Array
+    centre: Array
+    jacobian: Array
+    shift: Array
+    used: NDArray[np.intp]
+    first: NDArray[np.intp]
+    second: NDArray[np.intp]
+    coefficients: Array
+
+    @classmethod
+    def of(cls, at: PoseModel) -> Control:
+        """Return the control variate of a pose's exact error."""
+        numbers = Uncorrelated.of(at.space)
+        # a product of two components is one of two numbers only where each number moves one component alone
+        usable = np.flatnonzero(numbers.known & (np.count_nonzero(numbers.columns, axis=0) == 1))
+        found = None
+        if 0 < usable.size <= MOST_COMPONENTS:
+            with suppress(InputError):  # draws so wide that there is no error at their edge: the tangent must do
+                found = _second_derivatives(at, numbers, usable)
+        bends = np.zeros((6, usable.size, usable.size)) if found is None else found
+        sizes = _variances(numbers, usable, bends)
+        whole = np.diagonal(at.covariance) + sizes.sum(axis=(1, 2))
+        parts = np.einsum("ikm,i->km", sizes, 1 / np.where(whole > _ROUNDING**2, whole, np.inf))
+        ranked = np.argsort(-parts, axis=None, kind="stable")[:MOST_PRODUCTS]
+        ranked = ranked[parts.flat[ranked] > _LEAST * parts.sum()]
+        k, m = np.unravel_index(ranked, parts.shape)
+        chosen = bends[:, k, m] * np.where(k == m, 0.5, 1.0)
+        k, m = usable[k], usable[m]
+        components = np.array([np.flatnonzero(column)[0] for column in numbers.columns.T], dtype=np.intp)
+        spread = numbers.columns[components, np.arange(numbers.size)]
+        used, rows = np.unique(np.concatenate([components[k], components[m]]), return_inverse=True)
+        curved = chosen[:, k == m].sum(axis=1)
+        return cls(
+            mean=at.error_at_means + curved,
+            covariance=at.covariance + _beyond_tangent(at.jacobian @ numbers.columns, numbers, k, m, chosen),
+            centre=at.space.mean,
+            jacobian=at.jacobian,
+            shift=at.jacobian @ at.space.mean + curved,
+            used=used,
+            first=rows[: k.size],
+            second=rows[k.size :],
+            coefficients=chosen / (spread[k] * spread[m]),
+        )
+
+    def deviations(self, x: Array) -> Array:
+        """Return the polynomial less its mean, ``(6, N)``, for components ``(d, N)``."""
+        result = np.empty((6, x.shape[1]))
+        work = 6 * max(len(self.centre), self.first.size)
+        for columns in thin(x.shape[1], work):
+            part = x[:, columns]
+            result[:, columns] = self.jacobian @ part - self.shift[:, None]
+            if self.first.size:
+                centred = part[self.used] - self.centre[self.used, None]
+                result[:, columns] += self.coefficients @ (centred[self.first] * centred[self.second])
+        return result
+
+
+def thin(count: int, work: int) -> Iterator[slice]:
+    """Yield columns, so many at a time that a product with ``work`` multiplications a column stays on one thread."""
+    step = max(64, _THIN // max(work, 1))
+    return (slice(first, min(first + step, count)) for first in range(0, count, step))
+
+
+def _second_derivatives(at: PoseModel, numbers: Uncorrelated, usable: NDArray[np.intp]) -> Array:
+    """Return f_km of the exact error for k ≤ m and 0 elsewhere, ``(6, K, K)``."""
+    exact = ErrorAround(at)
+    steps = STEP * numbers.columns[:, usable]
+    middle = exact.at(np.zeros((at.space.size, 1)))
+    result = np.zeros((6, usable.size, usable.size))
+    for k in range(usable.size):
+        others = steps[:, k + 1 :]
+        own = steps[:, [k]]
+        around = exact.at(np.concatenate([own, -own, own + others, own - others, others - own, -own - others], axis=1))
+        result[:, k, k] = (around[:, 0] + around[:, 1] - 2 * middle[:, 0]) / STEP**2
+        pp, pm, mp, mm = np.split(around[:, 2:], 4, axis=1)
+        result[:, k, k + 1 :] = (pp - pm - mp + mm) / (4 * STEP**2)
+    return result
+
+
+def _variances(numbers: Uncorrelated, usable: NDArray[np.intp], bends: Array) -> Array:
+    """Return the variance that each product by itself adds to each component, ``(6, K, K)``."""
+    weights = numbers.pairs[np.ix_(usable, usable)].copy()
+    np.fill_diagonal(weights, (numbers.fourth[usable] - 1) / 4)
+    result: Array = bends**2 * weights
+    return result
+
+
+def _beyond_tangent(
+    first: Array, numbers: Uncorrelated, k: NDArray[np.intp], m: NDArray[np.intp], chosen: Array
+) -> Array:
+    """Return what products ``chosen ζ_k ζ_m`` add to the covariance of the tangent, ``(6, 6)``."""
+    squares = np.zeros((6, numbers.size))
+    alone = k == m
+    squares[:, k[alone]] = chosen[:, alone]
+    weights = numbers.pairs - 1
+    np.fill_diagonal(weights, numbers.fourth - 1)
+    crossed = (first * numbers.third) @ squares.T
+    mixed = chosen[:, ~alone]
+    result: Array = crossed + crossed.T + squares @ weights @ squares.T
+    result += (mixed * numbers.pairs[k[~alone], m[~alone]]) @ mixed.T
+    return result

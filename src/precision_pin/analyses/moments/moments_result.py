@@ -1,0 +1,336 @@
+"""What the moments of an error are."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Final, Literal, final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from precision_pin.analyses.provenance import Heading, PoseHeading
+from precision_pin.display.html import Table, rendered
+from precision_pin.display.tables import (
+    MOST_POSES,
+    data_frame,
+    interval_columns,
+    joint_text,
+    plus_minus,
+    pose_labels,
+    symbol,
+    unit,
+)
+from precision_pin.inputs.arrays import fix_fields
+from precision_pin.statistics import COMPONENTS, NORMS, QUANTITIES
+
+if TYPE_CHECKING:
+    import pandas  # type: ignore[import-untyped]
+
+__all__ = ["Measured", "Method", "MomentsResult", "PoseMoments", "Remainder"]
+
+Array = NDArray[np.float64]
+Method = Literal["control", "sobol", "sobol-control", "plain", "closed"]
+
+SCHEMA: Final = "precision-pin/moments/1"
+
+_WORDS: Final[dict[str, str]] = {
+    "control": "random samples, a polynomial as control variate",
+    "sobol": "32 scrambles of a Sobol net",
+    "sobol-control": "32 scrambles of a Sobol net, a polynomial as control variate",
+    "plain": "random samples",
+    "closed": "closed form",
+}
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Measured:
+    """Numbers with their standard errors.
+
+    Attributes
+    ----------
+    value
+        Any shape; m, rad and products of these; not-a-number where the samples do not resolve it.
+    standard_error
+        Of each; ``None`` of a closed form.
+    half_width
+        Half of each one's interval; ``None`` of a closed form.
+    """
+
+    value: Array
+    standard_error: Array | None = None
+    half_width: Array | None = None
+
+    def __post_init__(self) -> None:
+        fix_fields(self)
+
+    def interval(self, *index: int) -> tuple[float, float] | None:
+        """Return the interval of one of the numbers; ``None`` of a closed form and of what is not resolved."""
+        if self.half_width is None or not np.isfinite(self.half_width[index]):
+            return None
+        middle, half = float(self.value[index]), float(self.half_width[index])
+        return middle - half, middle + half
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return lists, null for what there is not or is not resolved."""
+        return {
+            "value": _listed(self.value),
+            "standard_error": None if self.standard_error is None else _listed(self.standard_error),
+            "half_width": None if self.half_width is None else _listed(self.half_width),
+        }
+
+
+def _listed(values: Array) -> Any:
+    """Return an array as lists, null for not-a-number."""
+    known = values.astype(object)
+    known[~np.isfinite(values)] = None
+    return known.tolist()
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Remainder:
+    """How far a closed form goes.
+
+    Attributes
+    ----------
+    order
+        Of the last terms, in powers of the spread: 4, or 2 where moments of the draws are not known. The first terms left
+        out are of the next order; with symmetric laws, of the next even one.
+    last_mean
+        ``(6,)`` the terms of the mean beyond the second order (at order 2: those of the second), a measure of what is
+        left out, not a bound.
+    last_covariance
+        ``(6, 6)`` the terms of the covariance beyond J Σ Jᵀ; ``None`` at order 2.
+    """
+
+    order: int
+    last_mean: Array
+    last_covariance: Array | None
+
+    def __post_init__(self) -> None:
+        fix_fields(self)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return lists, null for what there is not."""
+        return {
+            "order": self.order,
+            "last_mean": self.last_mean.tolist(),
+            "last_covariance": None if self.last_covariance is None else self.last_covariance.tolist(),
+        }
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class PoseMoments:
+    """The moments at one pose, base axes.
+
+    Attributes
+    ----------
+    pose
+        Which.
+    nominal
+        ``(6,)`` error with every component at its mean.
+    mean
+        ``(6,)`` of ``[d; δ]``, m and rad.
+    covariance
+        ``(6, 6)``.
+    norm_mean, norm_variance
+        ``(2,)`` of |d| and |δ|, m and rad; ``None`` of a closed form.
+    remainder
+        What a closed form leaves out; ``None`` of samples.
+    warnings
+        One line each.
+    """
+
+    pose: PoseHeading
+    nominal: Array
+    mean: Measured
+    covariance: Measured
+    norm_mean: Measured | None
+    norm_variance: Measured | None
+    remainder: Remainder | None
+    warnings: tuple[str, ...]
+
+    def __post_init__(self) -> None:
+        fix_fields(self)
+
+    @property
+    def variance(self) -> Measured:
+        """The diagonal of the covariance, ``(6,)``."""
+        whole = self.covariance
+        return Measured(
+            np.diagonal(whole.value).copy(),
+            None if whole.standard_error is None else np.diagonal(whole.standard_error).copy(),
+            None if whole.half_width is None else np.diagonal(whole.half_width).copy(),
+        )
+
+    @property
+    def std(self) -> Measured:
+        """Standard deviations of the components, ``(6,)``."""
+        return deviations(self.variance)
+
+    @property
+    def norm_std(self) -> Measured | None:
+        """Standard deviations of |d| and |δ|, ``(2,)``."""
+        return None if self.norm_variance is None else deviations(self.norm_variance)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the pose and its moments."""
+        return {
+            "pose": self.pose.to_dict(),
+            "nominal": self.nominal.tolist(),
+            "mean": self.mean.to_dict(),
+            "std": self.std.to_dict(),
+            "covariance": self.covariance.to_dict(),
+            "norm_mean": None if self.norm_mean is None else self.norm_mean.to_dict(),
+            "norm_std": None if self.norm_std is None else self.norm_std.to_dict(),
+            "norm_variance": None if self.norm_variance is None else self.norm_variance.to_dict(),
+            "remainder": None if self.remainder is None else self.remainder.to_dict(),
+            "warnings": list(self.warnings),
+        }
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class MomentsResult:
+    """Mean and covariance of the exact error at one or several poses.
+
+    Attributes
+    ----------
+    heading
+        Of what, with which seed.
+    method, samples, confidence
+        How it was computed; a closed form takes no samples.
+    poses
+        One entry for each.
+    """
+
+    heading: Heading
+    method: Method
+    samples: int
+    confidence: float
+    poses: tuple[PoseMoments, ...]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the result as the ``precision-pin/moments/1`` schema has it, SI units."""
+        return self._head() | {"poses": [pose.to_dict() for pose in self.poses]}
+
+    def to_json(self) -> str:
+        """Return :meth:`to_dict` as text."""
+        return json.dumps(self.to_dict(), indent=2, ensure_ascii=False, allow_nan=False)
+
+    def to_pandas(self) -> pandas.DataFrame:
+        """Return mean and standard deviation as a data frame, m and rad: a row for each pose and quantity.
+
+        Columns ``mean`` and ``std``, each with ``_lower`` and ``_upper``; not-a-number for what there is not. ``attrs`` say
+        how it was computed.
+
+        Raises
+        ------
+        InputError
+            pandas is not installed.
+        """
+        labels = pose_labels([pose.pose.name for pose in self.poses])
+        rows = [
+            (
+                (label, quantity),
+                {
+                    key: number
+                    for name, entry in zip(("mean", "std"), _entries(pose, row), strict=True)
+                    for key, number in interval_columns(name, *(entry or (None, None))).items()
+                },
+            )
+            for label, pose in zip(labels, self.poses, strict=True)
+            for row, quantity in enumerate(QUANTITIES)
+        ]
+        attributes = self._head() | {
+            "poses": {label: dict(pose.pose.q) for label, pose in zip(labels, self.poses, strict=True)},
+            "warnings": [line for pose in self.poses for line in pose.warnings],
+        }
+        return data_frame(["pose", "quantity"], rows, attributes)
+
+    def __repr__(self) -> str:
+        of = self.heading
+        return (
+            f"<MomentsResult of {of.robot!r}, {of.base!r} to {of.tip!r}: poses {len(self.poses)}, {self.method}, "
+            f"{self.samples:,} samples, seed {of.seed}>"
+        )
+
+    def _repr_html_(self) -> str:
+        """Return what a notebook shows: mean and standard deviation in mm and mrad, half an interval behind ±."""
+        of = self.heading
+        tables = []
+        for pose in self.poses[:MOST_POSES]:
+            name = f"pose {pose.pose.name!r}: " if pose.pose.name else ""
+            rows = [
+                [symbol(quantity), unit(quantity), *(_cell(entry) for entry in _entries(pose, row))]
+                for row, quantity in enumerate(QUANTITIES)
+            ]
+            heading = name + joint_text(pose.pose.q, pose.pose.sliding_joints)
+            tables.append(Table(("", "unit", "mean", "standard deviation"), rows, heading, words=2))
+        hidden = len(self.poses) - len(tables)
+        if self.method == "closed":
+            orders = sorted({pose.remainder.order for pose in self.poses if pose.remainder is not None})
+            how = f"{_WORDS[self.method]} up to order {' and '.join(map(str, orders))} in the spread"
+        else:
+            how = (
+                f"{_WORDS[self.method]}: {self.samples:,} in all, seed {of.seed}; ± half of an interval at "
+                f"{100 * self.confidence:g} % confidence, - not resolved"
+            )
+        return rendered(
+            f"Moments of the error of {of.robot}: {of.base} to {of.tip}",
+            tables,
+            [
+                *([f"… and {hidden:,} more poses"] if hidden else []),
+                f"{how}; exact model, base axes, statics {of.statics}",
+                *dict.fromkeys(line for pose in self.poses for line in pose.warnings),
+            ],
+        )
+
+    def _head(self) -> dict[str, Any]:
+        return self.heading.to_dict(SCHEMA) | {
+            "model": "exact",
+            "method": self.method,
+            "samples": self.samples,
+            "confidence": self.confidence,
+        }
+
+
+def deviations(variance: Measured) -> Measured:
+    """Return standard deviations, each with an interval that holds it where that of its variance does."""
+    value = np.sqrt(np.maximum(variance.value, 0.0))
+    if variance.standard_error is None or variance.half_width is None:
+        return Measured(value)
+    low, high = (np.sqrt(np.maximum(variance.value + sign * variance.half_width, 0.0)) for sign in (-1.0, 1.0))
+    safe = np.where(value > 0, value, 1.0)
+    error = np.where(value > 0, variance.standard_error / (2 * safe), np.sqrt(variance.standard_error))
+    return Measured(value, error, np.maximum(high - value, value - low))
+
+
+_Entry = tuple[float, tuple[float, float] | None] | None
+
+
+def _entries(pose: PoseMoments, row: int) -> tuple[_Entry, _Entry]:
+    """Return mean and standard deviation of a quantity, by its row of the eight, each with its interval."""
+    if row in NORMS:
+        index = NORMS.index(row)
+        pair: tuple[Measured | None, Measured | None] = (pose.norm_mean, pose.norm_std)
+    else:
+        index = COMPONENTS.index(row)
+        pair = (pose.mean, pose.std)
+    mean, std = (None if one is None else (float(one.value[index]), one.interval(index)) for one in pair)
+    return mean, std
+
+
+def _cell(entry: _Entry) -> str:
+    """Return a number in mm or mrad with half of its interval."""
+    if entry is None:
+        return "-"
+    value, interval = entry
+    if np.isnan(value):
+        return "-"
+    half = 0.0 if interval is None else (interval[1] - interval[0]) / 2
+    # nobody reads digits below a picometre
+    return plus_minus(1e3 * value, 1e3 * half, decimals=9)

@@ -1,0 +1,139 @@
+"""What stands at the top of an analysis's result, and how poses are given to one."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Final, final
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from precision_pin.errors import InputError
+from precision_pin.model.error_model import ErrorModel, PoseModel
+from precision_pin.sampling.result import versions
+
+__all__ = ["Heading", "Pose", "PoseHeading", "listed_poses"]
+
+Pose = ArrayLike | Mapping[str, float] | str | None
+"""A pose's name, joint values in chain order or by name; ``None`` for the model's first pose."""
+
+MOST_POSES: Final = 10_000
+
+
+@final
+@dataclass(frozen=True)
+class Heading:
+    """Of what, with which seed.
+
+    Attributes
+    ----------
+    robot, base, tip
+        The URDF and the ends of the chain.
+    statics
+        ``"nominal"`` or ``"equilibrium"``.
+    seed
+        64-bit seed of everything sampled.
+    assumed
+        The sources, by label, that the sheet marks as assumptions.
+    sources
+        How many sources there are.
+    """
+
+    robot: str
+    base: str
+    tip: str
+    statics: str
+    seed: int
+    assumed: tuple[str, ...] = ()
+    sources: int = 0
+
+    @classmethod
+    def of(cls, error_model: ErrorModel, seed: int) -> Heading:
+        """Return the heading of a model's analysis."""
+        chain = error_model.chain
+        arm = (os.path.basename(chain.robot.file), chain.base, chain.tip, error_model.statics)
+        return cls(*arm, int(seed), error_model.assumed, len(error_model.sources))
+
+    def to_dict(self, schema: str) -> dict[str, Any]:
+        """Return the first keys of a result's JSON."""
+        return {
+            "schema": schema,
+            "complete": True,
+            "robot": self.robot,
+            "base": self.base,
+            "tip": self.tip,
+            "axes": "base",
+            "statics": self.statics,
+            "seed": self.seed,
+            "assumed": list(self.assumed),
+            "versions": versions(),
+        }
+
+
+@final
+@dataclass(frozen=True)
+class PoseHeading:
+    """Which pose.
+
+    Attributes
+    ----------
+    name
+        Its name, empty if it has none.
+    q
+        Value of each joint, rad or m.
+    sliding_joints
+        Which of them slide.
+    """
+
+    name: str
+    q: Mapping[str, float]
+    sliding_joints: tuple[str, ...] = ()
+
+    @classmethod
+    def of(cls, error_model: ErrorModel, pose: Pose, at: PoseModel) -> PoseHeading:
+        """Return the heading of a pose."""
+        chain = error_model.chain
+        return cls(
+            error_model.pose_name(pose),
+            dict(zip(chain.joint_names, map(float, at.posture.q), strict=True)),
+            tuple(joint.name for joint in chain.joints if joint.kind == "prismatic"),
+        )
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the keys of a pose."""
+        return {"name": self.name, "q": dict(self.q)}
+
+
+def listed_poses(poses: Pose | Sequence[Pose], q: Pose | Sequence[Pose] = None) -> list[Pose]:
+    """Return poses one by one: a row of numbers is one pose, any other list several.
+
+    Parameters
+    ----------
+    poses, q
+        Two names of one argument.
+
+    Raises
+    ------
+    InputError
+        Both are given; an empty list, or more than 10,000 poses; an array of several poses, of which nobody can tell whether
+        they are its rows or its columns.
+    """
+    if q is not None:
+        if poses is not None:
+            raise InputError("poses and q mean the same; give one of them")
+        poses = q
+    if isinstance(poses, np.ndarray) and poses.ndim > 1:
+        raise InputError(
+            f"poses in an array of shape {poses.shape}: give a list of poses instead, list(array) where they are rows, "
+            "list(array.T) where they are columns"
+        )
+    numbers = isinstance(poses, list | tuple) and all(isinstance(entry, int | float | np.number) for entry in poses)
+    is_row = (numbers and len(poses) > 0) or (isinstance(poses, np.ndarray) and poses.ndim == 1 and poses.size > 0)  # type: ignore[arg-type]
+    several: list[Pose] = (
+        list(poses) if isinstance(poses, list | tuple | np.ndarray) and not is_row else [poses]  # type: ignore[list-item]
+    )
+    if not 0 < len(several) <= MOST_POSES:
+        raise InputError(f"{len(several)} poses are given; name 1 to {MOST_POSES:,}, or none for the model's first")
+    return several

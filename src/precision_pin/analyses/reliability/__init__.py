@@ -1,0 +1,1 @@
+"""How rarely a specification is missed."""

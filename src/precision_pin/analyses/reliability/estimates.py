@@ -1,0 +1,301 @@
+"""A probability of failure as one method gives it: estimates, their intervals, which to go by."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from decimal import ROUND_CEILING, ROUND_FLOOR, Decimal
+from typing import Final, final
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import special
+
+from precision_pin.analyses.reliability.form import Form
+from precision_pin.statistics import clopper_pearson
+from precision_pin.statistics.skewed_means import studentised
+
+__all__ = [
+    "LARGEST_UNKNOWN",
+    "LARGEST_VARIATION",
+    "SAMPLING",
+    "WIDENING",
+    "Estimate",
+    "Verdict",
+    "agree",
+    "in_words",
+    "judged",
+    "log_normal_interval",
+    "plain_estimate",
+    "remarks",
+    "rounded",
+    "skewed_interval",
+    "summed",
+]
+
+Array = NDArray[np.float64]
+
+LARGEST_VARIATION: Final = 0.3
+"""An estimate with a larger coefficient of variation is not resolved."""
+
+ENOUGH_VARIATION: Final = 0.1
+"""With a smaller coefficient of variation, plain sampling decides alone."""
+
+LARGEST_UNKNOWN: Final = 0.1
+"""Largest share of the probability that may lie where a method has no estimate."""
+
+WIDENING: Final = 1.1
+"""By how much intervals of weighted and of conditional samples are wider: their standard errors are estimates themselves."""
+
+SAMPLING: Final = "sampling"
+_FEWEST_DIGITS: Final = 3
+_MOST_DIGITS: Final = 9
+_AGREEING: Final = 0.99
+"""Two estimates agree where the interval of their difference at this confidence holds 0."""
+
+
+@final
+@dataclass(frozen=True)
+class Estimate:
+    """A probability of failure with its uncertainty.
+
+    Attributes
+    ----------
+    method
+        ``"sampling"``, ``"importance sampling"`` or ``"subset simulation"``.
+    probability
+        Of failure.
+    interval
+        At the confidence stated.
+    variation
+        Coefficient of variation, infinite where no failure was met.
+    evaluations
+        Of the error model.
+    resolved
+        Whether it may be relied on; the reason why not stands in ``note``.
+    note
+        In words.
+    """
+
+    method: str
+    probability: float
+    interval: tuple[float, float]
+    variation: float
+    evaluations: int
+    resolved: bool
+    note: str = ""
+
+    def to_dict(self) -> dict[str, object]:
+        """Return the estimate as the JSON has it; null for an infinite coefficient of variation."""
+        return {
+            "method": self.method,
+            "probability": self.probability,
+            "interval": list(self.interval),
+            "coefficient_of_variation": self.variation if math.isfinite(self.variation) else None,
+            "evaluations": self.evaluations,
+            "resolved": self.resolved,
+            "note": self.note or None,
+        }
+
+
+@final
+@dataclass(frozen=True)
+class Verdict:
+    """Which estimate to go by.
+
+    Attributes
+    ----------
+    best
+        The estimate.
+    resolved
+        Whether it is; otherwise it is plain sampling's, of which only the interval tells.
+    reason
+        Why not, in words; empty where it is.
+    contradictions
+        Which estimates contradict each other, one line each.
+    """
+
+    best: Estimate
+    resolved: bool
+    reason: str
+    contradictions: tuple[str, ...]
+
+
+def plain_estimate(failures: int, samples: int, confidence: float, method: str = SAMPLING) -> Estimate:
+    """Return the estimate of counted failures with its Clopper-Pearson interval."""
+    share = failures / samples
+    variation = math.sqrt((1 - share) / failures) if failures else math.inf
+    enough = variation <= LARGEST_VARIATION
+    note = "" if enough else f"not resolved: {failures} failures among {samples:,} samples"
+    return Estimate(method, share, clopper_pearson(failures, samples, confidence), variation, samples, enough, note)
+
+
+def skewed_interval(mean: float, error: float, skewness: float, count: int, confidence: float) -> tuple[float, float]:
+    """Return the interval of a mean whose terms are skewed (Hall, *J. R. Statist. Soc. B* 54, 1992).
+
+    The studentised mean is transformed by a cubic that takes its skewness out; the interval is that of a normal number,
+    transformed back. Without skewness it is that of the central limit theorem. It is a tenth wider.
+
+    Parameters
+    ----------
+    mean, error
+        Of the terms, and its standard error.
+    skewness
+        Of the terms.
+    count
+        How many terms.
+    confidence
+        Of the interval.
+    """
+    score = float(special.ndtri((1 + confidence) / 2))
+    low, high = (mean - WIDENING * error * float(studentised(z, skewness / math.sqrt(count))) for z in (score, -score))
+    return max(0.0, low), min(1.0, high)
+
+
+def log_normal_interval(values: Array, confidence: float) -> tuple[float, float]:
+    """Return the interval of the mean of positive, about log-normal numbers (Cox's method with Student's t, Olsson, 2005).
+
+    It is a tenth wider.
+    """
+    logs = np.log(values)
+    count, square = values.size, float(logs.var(ddof=1))
+    error = math.sqrt(square / count + square**2 / (2 * (count - 1)))
+    reach = WIDENING * float(special.stdtrit(count - 1, (1 + confidence) / 2)) * error
+    middle = float(logs.mean()) + square / 2
+    return math.exp(middle - reach), min(1.0, math.exp(middle + reach))
+
+
+def summed(method: str, parts: Sequence[tuple[float, Estimate]], unknown: float, evaluations: int = 0) -> Estimate:
+    """Return Σ p_s P_s of the strata that a method was asked about.
+
+    Intervals are recovered from those of the parts: squares of the distances from estimate to end add up (Zou and Donner,
+    *Statistics in Medicine* 27, 2008). What is known only to lie below something adds to the upper end.
+
+    Parameters
+    ----------
+    method
+        Its name.
+    parts
+        Probability of each stratum, and the estimate within.
+    unknown
+        Probability of what was not looked at.
+    evaluations
+        Besides those of the parts.
+    """
+    if len(parts) == 1 and not unknown and not evaluations:
+        return parts[0][1]
+    known = [(share, part) for share, part in parts if part.resolved]
+    bounds = unknown + math.fsum(share * part.interval[1] for share, part in parts if not part.resolved)
+    probability = math.fsum(share * part.probability for share, part in known)
+    below = math.sqrt(math.fsum((share * (part.probability - part.interval[0])) ** 2 for share, part in known))
+    above = math.sqrt(math.fsum((share * (part.interval[1] - part.probability)) ** 2 for share, part in known))
+    errors = math.sqrt(
+        math.fsum((share * part.probability * part.variation) ** 2 for share, part in known if part.probability)
+    )
+    variation = errors / probability if probability else math.inf
+    resolved = bool(probability) and bounds <= LARGEST_UNKNOWN * probability and variation <= LARGEST_VARIATION
+    notes = [part.note for _, part in parts if part.note]
+    note = ""
+    if not resolved:
+        note = notes[0] if notes else f"not resolved: nothing is known of strata of {bounds:.2g} together"
+    return Estimate(
+        method,
+        probability,
+        (max(0.0, probability - below), min(1.0, probability + above + bounds)),
+        variation,
+        evaluations + sum(part.evaluations for _, part in parts),
+        resolved,
+        note,
+    )
+
+
+def agree(one: Estimate, other: Estimate) -> bool:
+    """Return whether two estimates may be of one probability.
+
+    Of plain sampling that counted too few failures to decide alone, only the counts are used: its Clopper-Pearson interval
+    must hold the other estimate. Of two others, ln(P₁/P₂) must lie within the distance at which their intervals, as those of
+    log-normal estimates at 99 %, hold 0.
+    """
+    for plain, rare in ((one, other), (other, one)):
+        if plain.method == SAMPLING and plain.variation > ENOUGH_VARIATION:
+            return plain.interval[0] <= rare.probability <= plain.interval[1]
+    if not one.probability or not other.probability:
+        return one.probability == other.probability
+    spreads = [math.log1p(estimate.variation**2) for estimate in (one, other)]
+    reach = float(special.ndtri((1 + _AGREEING) / 2)) * math.sqrt(sum(spreads))
+    return abs(math.log(one.probability / other.probability)) <= reach
+
+
+def judged(estimates: Sequence[Estimate]) -> Verdict:
+    """Return the estimate to go by.
+
+    Plain sampling where it varies by at most a tenth. Else the first of the other resolved ones in the order given, never
+    the one that claims to be the surest: an estimate that is too low claims to be surer. None of them may contradict the
+    others or the samples; and where the samples hold too few failures to be an estimate, there must be two of them.
+
+    Parameters
+    ----------
+    estimates
+        Plain sampling first.
+    """
+    plain, others = estimates[0], [estimate for estimate in estimates[1:] if estimate.resolved]
+    lines = tuple(
+        f"{one.method} ({_said(one)}) and {other.method} ({_said(other)}) disagree"
+        for k, one in enumerate((plain, *others))
+        for other in others[k:]
+        if not agree(one, other)
+    )
+    if plain.variation <= ENOUGH_VARIATION:
+        return Verdict(plain, True, "", lines)
+    if lines:
+        return Verdict(plain, False, "the methods disagree", lines)
+    if plain.resolved:
+        return Verdict(others[0] if others else plain, True, "", ())
+    if len(others) < 2:
+        which = f"only {others[0].method} gave an estimate" if others else "no method gave an estimate"
+        return Verdict(plain, False, f"{which}, and two that agree are needed", ())
+    return Verdict(others[0], True, "", ())
+
+
+def remarks(verdict: Verdict, searched: Form) -> tuple[str, ...]:
+    """Return where FORM differs from the best estimate, which is common and no contradiction: failure surfaces are curved."""
+    best, span = verdict.best, searched.range
+    if span is None:
+        if verdict.resolved and best.interval[0] > 0:
+            return (
+                f"FORM's search from {searched.starts} starts led to no design point; {best.method} found failures",
+            )
+        return ()
+    if span[0] > best.interval[1] or span[1] < best.interval[0]:
+        which = f"FORM ({span[0]:.3g})" if span[0] == span[1] else f"FORM ({in_words(span)} for all its design points)"
+        return (
+            f"{which} lies outside the interval of {best.method} ({in_words(best.interval)}): the failure surface is curved",
+        )
+    return ()
+
+
+def _said(estimate: Estimate) -> str:
+    if estimate.method == SAMPLING:
+        failures = round(estimate.probability * estimate.evaluations)
+        return f"{failures} failures among {estimate.evaluations:,}, {in_words(estimate.interval)}"
+    return f"{estimate.probability:.3g}, {in_words(estimate.interval)}"
+
+
+def in_words(interval: tuple[float, float]) -> str:
+    """Return an interval with at least three digits, its ends rounded outwards: what is printed holds what was computed."""
+    low, high = interval
+    return f"{rounded(low, interval, down=True)} to {rounded(high, interval)}"
+
+
+def rounded(end: float, interval: tuple[float, float], *, down: bool = False) -> str:
+    """Return an end of an interval rounded outwards, with as many digits as leave it less than twice as wide."""
+    if not end:
+        return "0"
+    low, high = interval
+    rounding = ROUND_FLOOR if down else ROUND_CEILING
+    for digits in range(_FEWEST_DIGITS, _MOST_DIGITS + 1):
+        step = Decimal(1).scaleb(Decimal(end).adjusted() - digits + 1)
+        if 2 * step <= Decimal(high) - Decimal(low) or digits == _MOST_DIGITS:
+            break
+    return f"{float(Decimal(end).quantize(step, rounding=rounding)):.{digits}g}"

@@ -1,0 +1,303 @@
+"""FORM: the most likely failures, searched from many sides.
+
+In standard normal numbers u, the point of the failure surface nearest to the origin is the most likely failure; its
+distance β is the reliability index, Φ(-β) the probability beyond the tangent plane there, and the squares of the unit
+vector towards it tell how much each number matters (Hasofer and Lind 1974; Rackwitz and Fiessler 1978).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Final, final
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import special
+
+from precision_pin.analyses.reliability.strata import FARTHEST, Jump
+from precision_pin.inputs.arrays import fix_fields
+
+__all__ = ["FARTHEST", "DesignPoint", "Form", "Margin", "form", "towards_surface"]
+
+Array = NDArray[np.float64]
+Margin = Callable[[Array], Array]
+"""What is left up to failure, ``(N,)``, for standard normal numbers ``(d, N)``; negative where it fails."""
+
+_STEP: Final = 1e-4
+_MOST_STEPS: Final = 40
+_MOST_BEYOND: Final = 12
+_LENGTHS: Final = np.array([4.0, 2.0, 1.0, 0.5, 0.25, 2.0**-3, 2.0**-4, 2.0**-6, 2.0**-8, 2.0**-11])
+_SUFFICIENT: Final = 0.1
+"""Share of the decrease that the slope of the merit promises (Armijo)."""
+
+_TOLERANCE: Final = 1e-7
+_LOOSE: Final = 3e-4
+_APART: Final = 2e-2
+_AT_ONCE: Final = 16_384
+
+_BULGE_RADIUS: Final = 1.1
+_BULGE_LIFT: Final = 0.75
+"""Radius of a bulge and how far it moves the surface, in distances of the point (Der Kiureghian and Dakessian, 1998)."""
+
+_MOST_ROUNDS: Final = 8
+_MOST_BULGES: Final = 12
+"""With more points found than these, the surface curves round the origin and every point of it is one."""
+
+_BULGE_STARTS: Final = 8
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class DesignPoint:
+    """A point of the failure surface nearest to the origin among its neighbours.
+
+    Attributes
+    ----------
+    u
+        Standard normal numbers, ``(d,)``.
+    beta
+        Its distance, negative where the origin itself fails.
+    importance
+        Squares of the unit vector towards it, ``(d,)``, with the sum 1.
+    stratum
+        Of which stratum the numbers are.
+    """
+
+    u: Array
+    beta: float
+    importance: Array
+    stratum: int = 0
+
+    def __post_init__(self) -> None:
+        fix_fields(self)
+
+    @property
+    def probability(self) -> float:
+        """Φ(-β)."""
+        return float(special.ndtr(-self.beta))
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Form:
+    """What the search found.
+
+    Attributes
+    ----------
+    points
+        Distinct design points, nearest first; empty where the searches met none within 8.2.
+    starts
+        From how many points it started.
+    bounds
+        Range of the probability where it is that of several strata; else it follows from the points.
+    """
+
+    points: tuple[DesignPoint, ...]
+    starts: int
+    bounds: tuple[float, float] | None = None
+
+    @property
+    def probability(self) -> float | None:
+        """Φ(-β) of the nearest point."""
+        return self.points[0].probability if self.points else None
+
+    @property
+    def range(self) -> tuple[float, float] | None:
+        """Between the largest single probability and the sum of all: the bounds of a union of half spaces."""
+        if self.bounds is not None or not self.points:
+            return self.bounds
+        if self.points[0].beta < 0:
+            return self.points[0].probability, self.points[0].probability
+        return self.points[0].probability, min(1.0, sum(point.probability for point in self.points))
+
+
+def form(margin: Margin, size: int, starts: Sequence[Array], jumps: Sequence[Jump] = ()) -> Form:
+    """Return the distinct design points that the searches from ``starts``, each ``(d,)``, lead to.
+
+    Each step is that of Hasofer, Lind, Rackwitz and Fiessler, of the length that makes the merit |u|²/2 + c |g| least among
+    those that lower it sufficiently (Zhang and Der Kiureghian, 1995); gradients are central differences. Then what was
+    found is removed by bulges of the surface, and the search goes on until it finds nothing new.
+
+    Parameters
+    ----------
+    margin
+        The limit state.
+    size
+        d, how many numbers.
+    starts
+        Where to begin.
+    jumps
+        Numbers whose values jump; a search stays between the jumps that it begins between.
+    """
+    if not size:
+        return Form((), len(starts))
+    at_origin = float(margin(np.zeros((size, 1)))[0])
+    search = _Search(margin, jumps, abs(at_origin) or 1.0)
+    begin = search.settled(np.array(starts, dtype=float).reshape(-1, size).T)
+    ends, good = search.run(begin, _MOST_STEPS)
+    distinct = _distinct([], ends[:, good])
+    tried = len(starts)
+    if at_origin > 0:
+        sides = 2 * np.random.Generator(np.random.Philox(1)).standard_normal((size, _BULGE_STARTS))
+        for _ in range(_MOST_ROUNDS):
+            if not distinct or len(distinct) > _MOST_BULGES:
+                break
+            first = search.settled(np.concatenate([sides, begin[:, :_BULGE_STARTS]], axis=1))
+            bulged = _Search(_with_bulges(search, np.array(distinct).T), jumps, search.scale)
+            met, well = bulged.run(first, _MOST_STEPS)
+            tried += first.shape[1]
+            ends, good = search.run(met[:, well], _MOST_STEPS)
+            more = _distinct(distinct, ends[:, good])
+            if len(more) == len(distinct):
+                break
+            distinct = more
+    points = []
+    for u in sorted(distinct, key=lambda u: float(np.linalg.norm(u))):
+        distance = float(np.linalg.norm(u))
+        towards = u / max(distance, 1e-300)
+        if distance < 1e-9:
+            slope = search.with_gradients(u[:, None])[1][:, 0]
+            towards = slope / max(float(np.linalg.norm(slope)), 1e-300)
+        points.append(DesignPoint(u, math.copysign(distance, at_origin), towards**2))
+    return Form(tuple(points), tried)
+
+
+def towards_surface(margin: Margin, samples: Array, jumps: Sequence[Jump], steps: int) -> Array:
+    """Return points ``(d, M)`` of the failure surface, at most one for each sample ``(d, N)``, on its side of the origin.
+
+    A few steps of the search drop what does not matter; then the surface is met along the ray.
+    """
+    size = samples.shape[0]
+    if not samples.size:
+        return samples
+    at_origin = float(margin(np.zeros((size, 1)))[0])
+    search = _Search(margin, jumps, abs(at_origin) or 1.0)
+    ends, _ = search.run(search.settled(samples), steps)
+    factors = np.linspace(0.5, 1.5, 21)
+    rays = (ends[:, :, None] * factors).reshape(size, -1)
+    values = search.values(rays).reshape(ends.shape[1], factors.size)
+    crossing = (values[:, :-1] >= 0) & (values[:, 1:] < 0)
+    met = crossing.any(axis=1)
+    k = crossing.argmax(axis=1)[met]
+    before, after = values[met, k], values[met, k + 1]
+    factor = factors[k] + (factors[1] - factors[0]) * before / (before - after)
+    points: Array = ends[:, met] * factor
+    return points[:, np.linalg.norm(points, axis=0) <= FARTHEST]
+
+
+def _distinct(known: list[Array], points: Array) -> list[Array]:
+    out = list(known)
+    for u in points.T[np.argsort(np.linalg.norm(points, axis=0), kind="stable")]:
+        apart = _APART * max(1.0, float(np.linalg.norm(u)))
+        if all(float(np.linalg.norm(u - other)) > apart for other in out):
+            out.append(u)
+    return out
+
+
+def _with_bulges(search: _Search, points: Array) -> Margin:
+    """Return the margin, raised about points ``(d, P)`` so that the surface lies farther out there."""
+    _, slopes = search.with_gradients(points)
+    distances = np.maximum(np.linalg.norm(points, axis=0), 1e-3)
+    reach = (_BULGE_RADIUS * distances) ** 2
+    height = _BULGE_LIFT * distances * np.linalg.norm(slopes, axis=0) / (1 - (_BULGE_LIFT / _BULGE_RADIUS) ** 2) ** 2
+
+    def margin(u: Array) -> Array:
+        squares = (u**2).sum(axis=0)[:, None] - 2 * u.T @ points + (points**2).sum(axis=0)
+        raised: Array = search.margin(u) + np.maximum(1 - squares / reach, 0.0) ** 2 @ height
+        return raised
+
+    return margin
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class _Search:
+    """Searches side by side; ``scale`` is what a margin counts as small against."""
+
+    margin: Margin
+    jumps: Sequence[Jump]
+    scale: float
+
+    def settled(self, starts: Array) -> Array:
+        """Return the starts with numbers that jump put where their piece is nearest to the origin."""
+        out = starts.copy()
+        for jump in self.jumps:
+            out[jump.row] = jump.nearest(jump.pieces(starts))
+        return out
+
+    def values(self, u: Array) -> Array:
+        parts = [self.margin(u[:, first : first + _AT_ONCE]) for first in range(0, u.shape[1], _AT_ONCE)]
+        return np.concatenate([np.zeros(0), *parts])
+
+    def with_gradients(self, u: Array) -> tuple[Array, Array]:
+        """Return margins ``(S,)`` and their central differences ``(d, S)``, zero for numbers that jump."""
+        size, count = u.shape
+        rows = np.array(sorted(set(range(size)) - {jump.row for jump in self.jumps}), dtype=int)
+        steps = np.zeros((rows.size, size))
+        steps[np.arange(rows.size), rows] = _STEP
+        moved = np.concatenate([u[None], u[None] + steps[:, :, None], u[None] - steps[:, :, None]])
+        values = self.values(np.moveaxis(moved, 0, 1).reshape(size, -1)).reshape(-1, count)
+        gradients = np.zeros((size, count))
+        gradients[rows] = (values[1 : rows.size + 1] - values[rows.size + 1 :]) / (2 * _STEP)
+        return values[0], gradients
+
+    def run(self, starts: Array, most: int) -> tuple[Array, NDArray[np.bool_]]:
+        """Return where the searches end ``(d, S)`` and which of them settled within 8.2 on the surface."""
+        u = starts.copy()
+        good = np.zeros(u.shape[1], dtype=bool)
+        beyond = np.zeros(u.shape[1], dtype=int)
+        active = np.arange(u.shape[1])
+        held = [jump.row for jump in self.jumps]
+        for _ in range(most):
+            if not active.size:
+                break
+            here = u[:, active]
+            value, gradient = self.with_gradients(here)
+            square = (gradient**2).sum(axis=0)
+            flat = square <= (1e-12 * self.scale) ** 2
+            factor = ((gradient * here).sum(axis=0) - value) / np.where(flat, 1.0, square)
+            aim = factor * gradient
+            aim[held] = here[held]
+            length = np.linalg.norm(aim, axis=0)
+            far = length > FARTHEST
+            aim[:, far] *= FARTHEST / length[far]
+            beyond[active] = np.where(far, beyond[active] + 1, 0)
+            direction = aim - here
+            step = np.linalg.norm(direction, axis=0)
+            good[active] = ~flat & ~far & (np.abs(value) <= 1e-6 * self.scale)
+            good[active] &= step <= _LOOSE * np.maximum(1.0, length)
+            settled = ~far & (np.abs(value) <= _TOLERANCE * self.scale) & (step <= _TOLERANCE * 10)
+            go = ~flat & ~settled & (beyond[active] <= _MOST_BEYOND)
+            active, here, value, gradient, direction = (
+                active[go], here[:, go], value[go], gradient[:, go], direction[:, go],
+            )  # fmt: skip
+            better, moved = self._line_search(here, value, gradient, direction)
+            u[:, active[moved]] = better[:, moved]
+            active = active[moved]
+        return u, good
+
+    def _line_search(
+        self, u: Array, value: Array, gradient: Array, direction: Array
+    ) -> tuple[Array, NDArray[np.bool_]]:
+        """Return the points of least merit among those that lower it sufficiently, and where there is one."""
+        size, count = u.shape
+        norms = np.maximum(np.linalg.norm(u, axis=0), np.linalg.norm(u + direction, axis=0))
+        square = (gradient**2).sum(axis=0)
+        penalty = 2 * np.maximum(norms, 1.0) / np.sqrt(square)
+        merit = (u**2).sum(axis=0) / 2 + penalty * np.abs(value)
+        slope = (u * direction).sum(axis=0) + penalty * np.sign(value) * (gradient * direction).sum(axis=0)
+        straight = u[:, :, None] + direction[:, :, None] * _LENGTHS
+        ahead = self.values(straight.reshape(size, -1)).reshape(count, _LENGTHS.size)
+        # the surface bends away from the straight line: what the slope did not foresee is taken back along the gradient
+        unforeseen = ahead - value[:, None] - _LENGTHS * (gradient * direction).sum(axis=0)[:, None]
+        bent = straight - (unforeseen / square[:, None]) * gradient[:, :, None]
+        bent *= np.minimum(1.0, FARTHEST / np.maximum(np.linalg.norm(bent, axis=0), 1e-300))
+        tried = np.concatenate([straight, bent], axis=2)
+        values = np.concatenate([ahead, self.values(bent.reshape(size, -1)).reshape(ahead.shape)], axis=1)
+        merits = (tried**2).sum(axis=0) / 2 + penalty[:, None] * np.abs(values)
+        wanted = merit[:, None] + _SUFFICIENT * np.tile(_LENGTHS, 2) * np.minimum(slope, 0.0)[:, None]
+        enough = (merits <= wanted) & (merits < merit[:, None])
+        best = np.where(enough, merits, np.inf).argmin(axis=1)
+        return tried[:, np.arange(count), best], enough.any(axis=1)

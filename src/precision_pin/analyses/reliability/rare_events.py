@@ -1,0 +1,210 @@
+"""How probable a failure is, by all methods, stratum by stratum, and what to go by."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Final, final
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import special
+
+from precision_pin.analyses.reliability.estimates import Estimate, Verdict, judged, remarks, summed
+from precision_pin.analyses.reliability.form import FARTHEST, DesignPoint, Form, form
+from precision_pin.analyses.reliability.importance import METHOD as IMPORTANCE
+from precision_pin.analyses.reliability.importance import importance_sampling
+from precision_pin.analyses.reliability.strata import Strata, Stratum, stratified
+from precision_pin.analyses.reliability.subset import METHOD as SUBSET
+from precision_pin.analyses.reliability.subset import Subset, subset_simulation
+from precision_pin.draws.space import Space
+
+__all__ = ["RareEvents", "rare_events"]
+
+Array = NDArray[np.float64]
+
+IMPORTANCE_SAMPLES: Final = 20_000
+SUBSET_SAMPLES: Final = 2_000
+"""In each level of each replicate."""
+
+NEGLIGIBLE: Final = 1e-9
+"""The least upper end for a stratum of which no method has an estimate, even if levels down to 1e-12 met no failure."""
+
+SMALL: Final = 0.01
+"""A stratum whose probability is a smaller share of what was found already is not looked at."""
+
+_STARTS_OF_FAILURES: Final = 12
+_MARGIN_OF_BOUND: Final = 10.0
+"""By how much the upper end for such a stratum lies above the largest number that any method saw."""
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class RareEvents:
+    """What the methods found.
+
+    Attributes
+    ----------
+    estimates
+        Plain sampling first.
+    verdict
+        What to go by.
+    form
+        The design points of all strata, nearest first.
+    strata
+        What was looked at; the remainder is what was not.
+    remarks
+        Where FORM differs, one line each.
+    """
+
+    estimates: tuple[Estimate, ...]
+    verdict: Verdict
+    form: Form
+    strata: Strata
+    remarks: tuple[str, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class _Part:
+    """What was found within a stratum."""
+
+    stratum: Stratum
+    form: Form
+    estimates: tuple[Estimate, ...]
+
+
+def rare_events(
+    space: Space,
+    margin: Callable[[Array], Array],
+    starts: Sequence[Array],
+    plain: Estimate,
+    seed: int,
+    confidence: float,
+) -> RareEvents:
+    """Return the probability that a margin is below zero, by all methods.
+
+    Parameters
+    ----------
+    space
+        The draws.
+    margin
+        What is left up to failure, ``(N,)``, for component values ``(d, N)``.
+    starts
+        Where FORM begins, standard normal numbers ``(d,)``.
+    plain
+        Plain sampling's estimate.
+    seed, confidence
+        Of the sampling, and of the intervals.
+    """
+    if not space.size:
+        verdict, nothing = judged([plain]), Form((), 0)
+        return RareEvents((plain,), verdict, nothing, Strata((Stratum(space),)), ())
+    strata = stratified(space, margin)
+    parts: list[_Part] = []
+    unknown, found = strata.remainder, 0.0
+    for number, stratum in enumerate(strata.parts):
+        if number and not stratum.certain and stratum.probability <= SMALL * found:
+            unknown += stratum.probability
+            continue
+        part = _within(stratum, margin, starts, np.random.SeedSequence((seed, number)), confidence)
+        parts.append(part)
+        found += stratum.probability * max(entry.probability for entry in part.estimates)
+    searched = _together(parts, unknown)
+    rare = [
+        summed(method, [(part.stratum.probability, part.estimates[k]) for part in parts], unknown)
+        for k, method in enumerate((IMPORTANCE, SUBSET))
+    ]
+    estimates = (plain, *rare)
+    verdict = judged(estimates)
+    looked_at = Strata(tuple(part.stratum for part in parts), unknown)
+    return RareEvents(estimates, verdict, searched, looked_at, remarks(verdict, searched))
+
+
+def _within(
+    stratum: Stratum,
+    margin_of_values: Callable[[Array], Array],
+    starts: Sequence[Array],
+    seeds: np.random.SeedSequence,
+    confidence: float,
+) -> _Part:
+    """Return what is found within a stratum: its importance sampling, its subset simulation, its design points."""
+    size = stratum.space.size
+
+    def margin(normals: Array) -> Array:
+        return margin_of_values(stratum.values(normals))
+
+    if stratum.certain:
+        failed = margin(stratum.middles) < 0
+        fails = float(stratum.shares @ failed)
+        sure = Estimate("", fails, (fails, fails), 0.0, failed.size, True)
+        failing = stratum.middles[:, failed][:, : bool(stratum.rare)]
+        return _Part(stratum, _all_fails(failing), (replace(sure, method=IMPORTANCE), replace(sure, method=SUBSET)))
+    first, second = (int(word) for word in seeds.generate_state(2, np.uint64))
+    subset = subset_simulation(margin, size, seed=first, samples=SUBSET_SAMPLES, confidence=confidence)
+    # failures lie wherever there are any, and lead to design points that no symmetry tells of
+    searched = form(margin, size, [*starts, *_some(subset.failures)], stratum.jumps)
+    shifted = importance_sampling(
+        margin, size, searched.points, seed=second, samples=IMPORTANCE_SAMPLES, confidence=confidence,
+        failures=subset.failures, expected=subset.estimate.probability, jumps=stratum.jumps,
+    )  # fmt: skip
+    if not searched.points and stratum.rare and float(margin(np.zeros((size, 1)))[0]) < 0:
+        searched = _all_fails(np.zeros((size, 1)), searched.starts)
+    return _Part(stratum, searched, _bounded(stratum, subset, shifted))
+
+
+def _all_fails(points: Array, starts: int = 0) -> Form:
+    """Return points ``(d, P)`` as design points where no failure surface is met: all fails there, as far as was searched."""
+    nothing = np.zeros(points.shape[0])
+    return Form(tuple(DesignPoint(u, -FARTHEST, nothing) for u in points.T), starts)
+
+
+def _some(failures: Array) -> list[Array]:
+    step = max(1, failures.shape[1] // _STARTS_OF_FAILURES)
+    return list(failures.T[::step][:_STARTS_OF_FAILURES])
+
+
+def _bounded(stratum: Stratum, subset: Subset, shifted: Estimate) -> tuple[Estimate, ...]:
+    """Return both estimates within a stratum; where there is none, an upper end stands for it.
+
+    It is that of the first level's counts, or ten times what either method or any replicate saw if that is less.
+    """
+    estimates = (shifted, subset.estimate)
+    if stratum.probability == 1:
+        return estimates
+    low, high = subset.estimate.interval
+    high = min(high, max(NEGLIGIBLE, _MARGIN_OF_BOUND * max(subset.highest, shifted.probability)))
+    return tuple(entry if entry.resolved else replace(entry, interval=(min(low, high), high)) for entry in estimates)
+
+
+def _together(parts: Sequence[_Part], unknown: float) -> Form:
+    """Return the design points of all strata, each with the probability of its stratum taken into its distance."""
+    if len(parts) == 1 and parts[0].stratum.probability == 1:
+        return parts[0].form
+    points: list[DesignPoint] = []
+    low, high = 0.0, unknown
+    for number, part in enumerate(parts):
+        points += [_of_stratum(point, part.stratum, number) for point in part.form.points]
+        span = part.form.range
+        if part.stratum.certain:
+            span = (part.estimates[0].probability,) * 2
+        if span is not None:
+            low += part.stratum.probability * span[0]
+            high += part.stratum.probability * span[1]
+    points.sort(key=lambda point: abs(point.beta))
+    starts = sum(part.form.starts for part in parts)
+    return Form(tuple(points), starts, (low, min(high, 1.0)) if points else None)
+
+
+def _of_stratum(point: DesignPoint, stratum: Stratum, number: int) -> DesignPoint:
+    """Return a design point with the index of Φ(-β) times the stratum's probability; its rare draws take what is added."""
+    within = min(max(point.beta, -8.0), 38.0)
+    beta = -float(special.ndtri_exp(special.log_ndtr(-within) + math.log(stratum.probability)))
+    rare = stratum.rare_at(point.u)
+    if not rare or beta <= 0:
+        return replace(point, beta=beta, stratum=number)
+    own = max(point.beta, 0.0) ** 2 / beta**2
+    importance = point.importance * min(own, 1.0)
+    rows = [stratum.space.index[draw.components[0]] for draw in stratum.space.draws if draw.name in rare]
+    importance[rows] += (1 - min(own, 1.0)) / len(rows)
+    return replace(point, beta=beta, importance=importance, stratum=number)

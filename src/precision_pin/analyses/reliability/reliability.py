@@ -1,0 +1,179 @@
+"""The probability that the error stays inside a limit, down to where plain sampling sees nothing.
+
+Plain sampling, FORM, importance sampling and subset simulation answer the same question on the exact model; where they
+contradict each other, the result says so.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from precision_pin.analyses.provenance import Heading, Pose, PoseHeading, listed_poses
+from precision_pin.analyses.reliability.estimates import plain_estimate
+from precision_pin.analyses.reliability.form import DesignPoint
+from precision_pin.analyses.reliability.rare_events import rare_events
+from precision_pin.analyses.reliability.reliability_result import (
+    LikelyFailure,
+    PoseReliability,
+    ReliabilityResult,
+    SpecificationReliability,
+)
+from precision_pin.analyses.reliability.strata import Stratum
+from precision_pin.call_warnings import warns_at_end
+from precision_pin.errors import Finding, InputError
+from precision_pin.inputs.arguments import check_instance, check_items
+from precision_pin.kernel import sampler
+from precision_pin.model.error_model import ErrorModel, PoseModel
+from precision_pin.sampling import Progress, monte_carlo
+from precision_pin.statistics import Specification, SpecificationResult, quantity_values
+from precision_pin.statistics.specification import Specifications, listed_specifications
+
+__all__ = ["reliability"]
+
+Array = NDArray[np.float64]
+
+LISTED: Final = 3
+"""How many design points are told in full."""
+
+_NORM_STARTS: Final = np.array([n for n in np.ndindex(3, 3, 3) if n != (1, 1, 1)], dtype=float).T - 1.0
+"""The 26 directions to faces, edges and corners of a cube."""
+
+_REPEATS: Final = 4
+_ASIDE: Final = 0.3
+
+
+@warns_at_end
+def reliability(
+    error_model: ErrorModel,
+    /,
+    specifications: Specifications,
+    poses: Pose | Sequence[Pose] = None,
+    *,
+    q: Pose | Sequence[Pose] = None,
+    seed: int = 0,
+    samples: int = 100_000,
+    confidence: float = 0.95,
+    findings: Sequence[Finding] = (),
+    progress: Progress | bool | None = None,
+) -> ReliabilityResult:
+    """Return the probability that the exact model's error keeps each specification, by several methods.
+
+    Parameters
+    ----------
+    error_model
+        Chain, draws and sources.
+    specifications
+        Limits of position, attitude or a component, one or a list, each as :func:`precision_pin.specification` makes it or
+        its text.
+    poses, q
+        A pose (a name, joint values, or None for the model's first) or a list of such; two names of one argument.
+    seed, samples, confidence
+        Of plain sampling; seed and confidence of the other methods too.
+    findings
+        Warnings to carry along, such as those of the sheet.
+    progress
+        Told how many plain samples have been added since it was last called.
+
+    Raises
+    ------
+    InputError
+        No specification, a wrong pose, seed, number of samples or confidence, or errors too large to compute with.
+    """
+    check_instance("error_model", error_model, ErrorModel, "as ErrorModel.load makes it")
+    listed = listed_specifications(specifications)
+    if not listed:
+        raise InputError("no specification is given; state at least one, such as '0.5 mm @ 99.73 %'")
+    found, warnings = [], [str(finding) for finding in check_items("findings", findings, Finding)]
+    for pose in listed_poses(poses, q):
+        analysis = monte_carlo(
+            error_model, pose, samples=samples, seed=seed, specifications=listed, confidence=confidence,
+            findings=findings, progress=progress,
+        )  # fmt: skip
+        warnings += [line for line in analysis.warnings if line not in warnings]
+        at = error_model.at(pose)
+        layout = sampler.compile_table(at)
+        results = [
+            _of_specification(at, layout, specification, counted, samples, seed, confidence)
+            for specification, counted in zip(listed, analysis.summary.specifications, strict=True)
+        ]
+        found.append(PoseReliability(PoseHeading.of(error_model, pose, at), tuple(results)))
+    return ReliabilityResult(
+        Heading.of(error_model, seed), int(samples), float(confidence), tuple(found), tuple(warnings)
+    )
+
+
+def _margin(layout: sampler.CompiledTable, specification: Specification) -> Callable[[Array], Array]:
+    """Return what is left up to the limit, in limits, for component values."""
+
+    def margin(x: Array) -> Array:
+        errors = sampler.errors_at(layout, "exact", x)
+        value: Array = 1 - np.abs(quantity_values(errors)[specification.row]) / specification.limit
+        return value
+
+    return margin
+
+
+def _starts(at: PoseModel, specification: Specification) -> list[Array]:
+    """Return where the search begins: the tangent's steepest ways out, from all sides, two standard deviations away."""
+    rows = slice(0, 3) if specification.quantity.startswith("position") else slice(3, 6)
+    part = specification.quantity.rpartition(".")[2]
+    directions = (
+        _NORM_STARTS if part == "norm" else np.tile(np.eye(3)[:, ["xyz".index(part)]] * [[1.0, -1.0]], _REPEATS)
+    )
+    spread = np.sqrt(at.space.block_covariance.variances)
+    ways = (at.jacobian[rows] * spread).T @ directions
+    lengths = np.linalg.norm(ways, axis=0)
+    # a little aside of the middle, where a gradient may vanish by symmetry
+    aside = _ASIDE * np.random.Generator(np.random.Philox(0)).standard_normal(ways.shape)
+    out = 2 * np.divide(ways, lengths, out=np.zeros_like(ways), where=lengths > 0)
+    return list((out + aside).T)
+
+
+def _of_specification(
+    at: PoseModel,
+    layout: sampler.CompiledTable,
+    specification: Specification,
+    counted: SpecificationResult,
+    samples: int,
+    seed: int,
+    confidence: float,
+) -> SpecificationReliability:
+    inside = round(counted.probability * samples)
+    plain = plain_estimate(samples - inside, samples, confidence)
+    found = rare_events(at.space, _margin(layout, specification), _starts(at, specification), plain, seed, confidence)
+    return SpecificationReliability(
+        specification=specification,
+        estimates=found.estimates,
+        best=found.verdict.best,
+        resolved=found.verdict.resolved,
+        reason=found.verdict.reason,
+        form=found.form,
+        failures=tuple(_told(at, layout, point, found.strata.parts) for point in found.form.points[:LISTED]),
+        contradictions=found.verdict.contradictions,
+        remarks=found.remarks,
+        strata=found.strata,
+        varies=counted.varies,
+    )
+
+
+def _told(at: PoseModel, layout: sampler.CompiledTable, point: DesignPoint, strata: Sequence[Stratum]) -> LikelyFailure:
+    """Return a design point in the terms of the model: parameters, error, importance of each draw."""
+    x = strata[point.stratum].values(point.u[:, None])
+    groups = {draw.name: draw.name for draw in at.space.draws}
+    for correlation in at.space.correlations:
+        groups |= dict.fromkeys(correlation.names, " + ".join(correlation.names))
+    shares: dict[str, float] = {}
+    for draw, columns in zip(at.space.draws, at.space.slices, strict=True):
+        name = groups[draw.name]
+        shares[name] = shares.get(name, 0.0) + float(point.importance[columns].sum())
+    return LikelyFailure(
+        beta=point.beta,
+        probability=point.probability,
+        parameters=dict(zip(at.space.components, map(float, x[:, 0]), strict=True)),
+        error=sampler.errors_at(layout, "exact", x)[:, 0],
+        importance=dict(sorted(shares.items(), key=lambda entry: -entry[1])),
+    )

@@ -1,0 +1,359 @@
+"""What the reliability analysis found."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Final, Literal, final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from precision_pin.analyses.provenance import Heading, PoseHeading
+from precision_pin.analyses.reliability.estimates import Estimate, in_words
+from precision_pin.analyses.reliability.form import Form
+from precision_pin.analyses.reliability.strata import Strata
+from precision_pin.display.html import Table, rendered
+from precision_pin.display.tables import (
+    MOST_POSES,
+    data_frame,
+    interval_columns,
+    joint_text,
+    number,
+    pose_labels,
+    resting_on,
+    unit,
+)
+from precision_pin.errors import UnknownNameError
+from precision_pin.inputs.arrays import fix_fields
+from precision_pin.statistics import Specification, Verdict, judge
+
+if TYPE_CHECKING:
+    import pandas  # type: ignore[import-untyped]
+
+__all__ = ["LikelyFailure", "PoseReliability", "ReliabilityResult", "SpecificationReliability"]
+
+Array = NDArray[np.float64]
+
+SCHEMA: Final = "precision-pin/reliability/1"
+ASSUMPTIONS: Final = (
+    "exact model: the displaced chain multiplied out",
+    "FORM and importance sampling in independent standard normal numbers; discs without polar angles",
+)
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class LikelyFailure:
+    """A design point in the terms of the model.
+
+    Attributes
+    ----------
+    beta, probability
+        Reliability index and Φ(-β).
+    parameters
+        Value of each component there, SI.
+    error
+        The exact error there, ``(6,)``, m and rad.
+    importance
+        Share of each draw (correlated ones together) in β², largest first; the sum is 1.
+    """
+
+    beta: float
+    probability: float
+    parameters: Mapping[str, float]
+    error: Array
+    importance: Mapping[str, float]
+
+    def __post_init__(self) -> None:
+        fix_fields(self)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the point as the JSON has it."""
+        return {
+            "beta": self.beta,
+            "probability": self.probability,
+            "parameters": dict(self.parameters),
+            "error": {"position": self.error[:3].tolist(), "attitude": self.error[3:].tolist()},
+            "importance": dict(self.importance),
+        }
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class SpecificationReliability:
+    """One specification at one pose.
+
+    Attributes
+    ----------
+    specification
+        The demand.
+    estimates
+        Of the probability of failure, plain sampling first.
+    best
+        The one to go by.
+    resolved
+        Whether it is; otherwise ``best`` is plain sampling, of which only the interval tells.
+    reason
+        Why it is not, in words.
+    form
+        The design points.
+    failures
+        The first of them in the terms of the model.
+    contradictions
+        Which methods contradict each other, one line each.
+    remarks
+        Where FORM differs from the best estimate, one line each: common, and no contradiction.
+    strata
+        The parts by rare values of laws that jump that were looked at, and the probability of what was not.
+    varies
+        Whether the quantity varies at all.
+    """
+
+    specification: Specification
+    estimates: tuple[Estimate, ...]
+    best: Estimate
+    resolved: bool
+    reason: str
+    form: Form
+    failures: tuple[LikelyFailure, ...]
+    contradictions: tuple[str, ...]
+    remarks: tuple[str, ...]
+    strata: Strata
+    varies: bool = True
+
+    @property
+    def disagreements(self) -> tuple[str, ...]:
+        """Contradictions and remarks."""
+        return (*self.contradictions, *self.remarks)
+
+    @property
+    def probability(self) -> float:
+        """That the error stays inside the limit."""
+        return 1 - self.best.probability
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """Of :attr:`probability`."""
+        low, high = self.best.interval
+        return 1 - high, 1 - low
+
+    @property
+    def verdict(self) -> Verdict:
+        """As :attr:`precision_pin.statistics.SpecificationResult.verdict`, by the best estimate's interval."""
+        low, high = self.best.interval
+        allowed = 1 - self.specification.required
+        return judge(holds=high <= allowed, fails=low > allowed, varies=self.varies)
+
+    @property
+    def met(self) -> bool:
+        """Whether the verdict is that it is met."""
+        return self.verdict == "met"
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the entry of ``spec`` as the JSON has it."""
+        return {
+            "quantity": self.specification.quantity,
+            "limit": self.specification.limit,
+            "required": self.specification.required,
+            "probability": self.probability,
+            "interval": list(self.interval),
+            "met": self.met,
+            "verdict": self.verdict,
+            "resolved": self.resolved,
+            "reason": self.reason or None,
+            "failure": {
+                "probability": self.best.probability,
+                "interval": list(self.best.interval),
+                "method": self.best.method,
+            },
+            "methods": [estimate.to_dict() for estimate in self.estimates],
+            "form": {
+                "probability": self.form.probability,
+                "range": None if self.form.range is None else list(self.form.range),
+                "design_points": len(self.form.points),
+                "starts": self.form.starts,
+                "points": [failure.to_dict() for failure in self.failures],
+            },
+            "strata": [
+                {"probability": part.probability, "rare": list(part.rare), "combinations": len(part.combinations)}
+                for part in self.strata.parts
+            ],
+            "unexamined": self.strata.remainder,
+            "disagreements": list(self.disagreements),
+        }
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class PoseReliability:
+    """All specifications at one pose."""
+
+    pose: PoseHeading
+    specifications: tuple[SpecificationReliability, ...]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the pose with its specifications."""
+        return {"pose": self.pose.to_dict(), "spec": [entry.to_dict() for entry in self.specifications]}
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class ReliabilityResult:
+    """Reliability at one or several poses.
+
+    Attributes
+    ----------
+    heading
+        Of what.
+    samples, confidence
+        Plain samples, and the confidence of every interval.
+    poses
+        One entry for each.
+    warnings
+        One line each.
+    """
+
+    heading: Heading
+    samples: int
+    confidence: float
+    poses: tuple[PoseReliability, ...]
+    warnings: tuple[str, ...] = ()
+
+    @property
+    def met(self) -> bool:
+        """Whether every specification is met at every pose."""
+        return all(entry.met for pose in self.poses for entry in pose.specifications)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the result as the ``precision-pin/reliability/1`` schema has it, SI units."""
+        return self.heading.to_dict(SCHEMA) | {
+            "model": "exact",
+            "samples": self.samples,
+            "confidence": self.confidence,
+            "assumptions": list(ASSUMPTIONS),
+            "warnings": list(self.warnings),
+            "poses": [pose.to_dict() for pose in self.poses],
+        }
+
+    def to_json(self) -> str:
+        """Return :meth:`to_dict` as text."""
+        return json.dumps(self.to_dict(), indent=2, ensure_ascii=False, allow_nan=False)
+
+    def to_pandas(self, lines: Literal["specifications", "methods"] = "specifications") -> pandas.DataFrame:
+        """Return the specifications as a data frame, m and rad: a row for each at every pose.
+
+        Columns ``quantity``, ``limit``, ``required``; ``probability`` (of keeping the limit) and ``failure`` (of exceeding
+        it) with ``…_lower`` and ``…_upper``; ``met``, ``verdict``, ``resolved``, ``method``; ``form`` and ``beta``, what the
+        nearest design point gives. Of methods: a row for each method besides, with its ``failure``, ``variation``,
+        ``evaluations`` and ``resolved``. ``attrs`` say how it was computed.
+
+        Parameters
+        ----------
+        lines
+            Of what: ``"specifications"`` or ``"methods"``.
+
+        Raises
+        ------
+        UnknownNameError
+            Of anything else.
+        InputError
+            pandas is not installed.
+        """
+        if lines not in ("specifications", "methods"):
+            raise UnknownNameError("table of a reliability analysis", lines, ("specifications", "methods"))
+        labels = pose_labels([pose.pose.name for pose in self.poses])
+        entries = [
+            ((label, _demand(entry.specification)), entry)
+            for label, pose in zip(labels, self.poses, strict=True)
+            for entry in pose.specifications
+        ]
+        attributes = {key: value for key, value in self.to_dict().items() if key != "poses"}
+        attributes["poses"] = {label: dict(pose.pose.q) for label, pose in zip(labels, self.poses, strict=True)}
+        if lines == "specifications":
+            rows = [(key, _columns(entry)) for key, entry in entries]
+            return data_frame(["pose", "specification"], rows, attributes)
+        methods = [
+            ((*key, estimate.method), _method_columns(estimate))
+            for key, entry in entries
+            for estimate in entry.estimates
+        ]
+        return data_frame(["pose", "specification", "method"], methods, attributes)
+
+    def __repr__(self) -> str:
+        of = self.heading
+        demands = [entry for pose in self.poses for entry in pose.specifications]
+        return (
+            f"<ReliabilityResult of {of.robot!r}, {of.base!r} to {of.tip!r}: {sum(entry.met for entry in demands)} of "
+            f"{len(demands)} specifications met, {self.samples:,} samples, seed {of.seed}>"
+        )
+
+    def _repr_html_(self) -> str:
+        """Return what a notebook shows: the verdict on every specification."""
+        of = self.heading
+        tables = []
+        for pose in self.poses[:MOST_POSES]:
+            name = f"pose {pose.pose.name!r}: " if pose.pose.name else ""
+            rows = [_cells(entry) for entry in pose.specifications]
+            columns = ("specification", "P(failure)", "interval", "by", "FORM", "β", "")
+            tables.append(Table(columns, rows, name + joint_text(pose.pose.q, pose.pose.sliding_joints)))
+        hidden = len(self.poses) - len(tables)
+        disagreements = [line for pose in self.poses for entry in pose.specifications for line in entry.disagreements]
+        return rendered(
+            f"Reliability of {of.robot}: {of.base} to {of.tip}",
+            tables,
+            [
+                *([f"… and {hidden:,} more poses"] if hidden else []),
+                f"exact model, {self.samples:,} plain samples, seed {of.seed}, statics {of.statics}; intervals at "
+                f"{100 * self.confidence:g} % confidence; β: distance of the nearest design point",
+                *disagreements,
+                *resting_on(of.assumed, of.sources),
+                *self.warnings,
+            ],
+        )
+
+
+def _demand(specification: Specification) -> str:
+    """Return a specification as it may be written in one text."""
+    milli = f"{1e3 * specification.limit:.10g} {unit(specification.quantity)}"
+    return f"{specification.quantity} {milli} @ {100 * specification.required:.10g} %"
+
+
+def _columns(entry: SpecificationReliability) -> dict[str, Any]:
+    return {
+        "quantity": entry.specification.quantity,
+        "limit": entry.specification.limit,
+        "required": entry.specification.required,
+        **interval_columns("probability", entry.probability, entry.interval),
+        **interval_columns("failure", entry.best.probability, entry.best.interval),
+        "met": entry.met,
+        "verdict": entry.verdict,
+        "resolved": entry.resolved,
+        "method": entry.best.method,
+        "form": number(entry.form.probability),
+        "beta": entry.form.points[0].beta if entry.form.points else np.nan,
+    }
+
+
+def _method_columns(estimate: Estimate) -> dict[str, Any]:
+    return {
+        **interval_columns("failure", estimate.probability, estimate.interval),
+        "variation": estimate.variation,
+        "evaluations": estimate.evaluations,
+        "resolved": estimate.resolved,
+    }
+
+
+def _cells(entry: SpecificationReliability) -> list[str]:
+    """Return a row of the table in a notebook."""
+    nearest = entry.form.points[0] if entry.form.points else None
+    return [
+        _demand(entry.specification),
+        f"{entry.best.probability:.3g}" if entry.resolved else "not resolved",
+        in_words(entry.best.interval),
+        entry.best.method,
+        "-" if nearest is None else f"{nearest.probability:.3g}",
+        "-" if nearest is None else f"{nearest.beta:.4g}",
+        entry.verdict if entry.met else entry.verdict.upper(),
+    ]

@@ -1,0 +1,1 @@
+"""The largest error that bounded tolerances can make together."""

@@ -1,0 +1,282 @@
+"""What the draws of a space can take: bounded convex bodies about their means, and how far they reach in a direction.
+
+The support function of a body K is h(w) = max w·x over x in K; the x that attains it, its support point, is the
+gradient of h (Rockafellar, Convex Analysis, 1970, corollary 23.5.3). Laws that are not bounded are cut at a stated
+number of standard deviations k.
+"""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Final, final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from precision_pin.draws.laws import Circle, Disc, JointNormal, Law, Normal, Rows
+from precision_pin.draws.space import Space
+from precision_pin.errors import InputError
+from precision_pin.inputs.arguments import check_number
+from precision_pin.inputs.arrays import fix_fields
+
+__all__ = ["Body", "Supports"]
+
+Array = NDArray[np.float64]
+
+_STEP: Final = 1e-7
+"""Of the central differences that give the support point of a law known by its support function only."""
+
+
+class Body(ABC):
+    """A bounded set of deviations of m numbers from their means, given by the support function of its convex hull."""
+
+    @abstractmethod
+    def heights(self, directions: Array) -> Array:
+        """Return h(w), ``(N,)``, for w ``(N, m)``."""
+
+    @abstractmethod
+    def points(self, directions: Array) -> Array:
+        """Return the support points, ``(N, m)``, for w ``(N, m)``; any point of the set where w is zero."""
+
+    @property
+    @abstractmethod
+    def centre(self) -> Array:
+        """Centre of an ellipsoid or box, ``(m,)``; zero for other bodies."""
+
+    @property
+    @abstractmethod
+    def roots(self) -> tuple[Array, ...] | None:
+        """Matrices ``(m, p)`` with h(w) = w·centre + Σ |rootᵀ w|, or None if the body has no such form."""
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class _Box(Body):
+    """Every number between two ends, ``low`` and ``high`` ``(m,)``."""
+
+    low: Array
+    high: Array
+    middle: Array
+    """Taken where a number does not matter: the median, which every law can take."""
+
+    def heights(self, directions: Array) -> Array:
+        value: Array = np.maximum(directions * self.low, directions * self.high).sum(axis=1)
+        return value
+
+    def points(self, directions: Array) -> Array:
+        return np.where(directions > 0, self.high, np.where(directions < 0, self.low, self.middle))
+
+    @property
+    def centre(self) -> Array:
+        value: Array = (self.low + self.high) / 2
+        return value
+
+    @property
+    def roots(self) -> tuple[Array, ...]:
+        half = (self.high - self.low) / 2
+        return tuple(column[:, None] for column in np.diag(half))
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class _Ellipsoid(Body):
+    """root·v over |v| ≤ 1, ``root`` ``(m, m)``; a disc, its rim, or what a joint normal law stays in."""
+
+    root: Array
+
+    def heights(self, directions: Array) -> Array:
+        value: Array = np.linalg.norm(directions @ self.root, axis=1)
+        return value
+
+    def points(self, directions: Array) -> Array:
+        seen = directions @ self.root
+        # scaled first: a subnormal length has too few digits to divide by
+        largest = np.abs(seen).max(axis=1, keepdims=True)
+        seen = np.divide(seen, largest, out=np.zeros_like(seen), where=largest > 0)
+        seen[largest[:, 0] == 0, 0] = 1.0
+        value: Array = (seen / np.linalg.norm(seen, axis=1, keepdims=True)) @ self.root.T
+        return value
+
+    @property
+    def centre(self) -> Array:
+        return np.zeros(len(self.root))
+
+    @property
+    def roots(self) -> tuple[Array, ...]:
+        return (self.root,)
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class _Points(Body):
+    """A few points, ``(n, m)``."""
+
+    places: Array
+
+    def heights(self, directions: Array) -> Array:
+        value: Array = (directions @ self.places.T).max(axis=1)
+        return value
+
+    def points(self, directions: Array) -> Array:
+        value: Array = self.places[(directions @ self.places.T).argmax(axis=1)]
+        return value
+
+    @property
+    def centre(self) -> Array:
+        return np.zeros(self.places.shape[1])
+
+    @property
+    def roots(self) -> None:
+        return None
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class _Described(Body):
+    """What a law of several numbers says of its support, where nothing more is known of it."""
+
+    law: Law
+
+    def heights(self, directions: Array) -> Array:
+        mean = self.law.mean_vector
+        return np.array([self.law.support(direction) - direction @ mean for direction in directions])
+
+    def points(self, directions: Array) -> Array:
+        result = np.empty_like(directions)
+        for k, direction in enumerate(directions):
+            step = _STEP * (np.linalg.norm(direction) or 1.0)
+            ends = direction + step * np.concatenate([np.eye(direction.size), -np.eye(direction.size)])
+            upper, lower = np.split(self.heights(ends), 2)
+            result[k] = (upper - lower) / (2 * step)
+        return result
+
+    @property
+    def centre(self) -> Array:
+        return np.zeros(self.law.size)
+
+    @property
+    def roots(self) -> None:
+        return None
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Supports:
+    """What all draws of a space can take, as deviations from the means.
+
+    Attributes
+    ----------
+    space
+        The draws.
+    names
+        What is bounded together: a draw, or normal draws that are correlated, joined by commas.
+    columns
+        The components of each.
+    bodies
+        What each can take.
+    cut
+        Names of the draws whose law is not bounded and was cut.
+    """
+
+    space: Space
+    names: tuple[str, ...]
+    columns: tuple[NDArray[np.intp], ...]
+    bodies: tuple[Body, ...]
+    cut: tuple[str, ...]
+
+    def __post_init__(self) -> None:
+        fix_fields(self)
+
+    @classmethod
+    def of(cls, space: Space, k: float) -> Supports:
+        """Return the supports, laws that are not bounded cut at k standard deviations.
+
+        A normal law is cut at mean ± kσ, a joint normal law at the ellipsoid (x - mean)ᵀ Σ⁻¹ (x - mean) = k², any other
+        law of one number at the quantiles that a normal law has at ± k of its standard deviations. Normal laws that are
+        correlated are one joint normal law. Other correlated draws each keep their own set: a copula with correlations
+        between -1 and 1 excludes no combination.
+
+        Raises
+        ------
+        InputError
+            k is not positive and finite, or a law of several numbers is not bounded and of unknown form.
+        """
+        k = check_number("k, where unbounded laws are cut,", k, "positive and finite", lambda value: value > 0)
+        cut = tuple(draw.name for draw in space.draws if not _is_bounded(draw.law))
+        groups = _normal_groups(space)
+        grouped = {name for group in groups for name in group}
+        names, columns, bodies = [], [], []
+        for draw, rows in zip(space.draws, space.slices, strict=True):
+            if draw.name not in grouped:
+                names.append(draw.name)
+                columns.append(np.arange(rows.start, rows.stop))
+                bodies.append(_body(draw.name, draw.law, float(k)))
+        for group in groups:
+            chosen = np.array([space.index[name] for name in group])
+            matrix = space.block_covariance.within(chosen)
+            names.append(", ".join(group))
+            columns.append(chosen)
+            bodies.append(_Ellipsoid(k * JointNormal(tuple(map(tuple, matrix.tolist()))).root))
+        return cls(space, tuple(names), tuple(columns), tuple(bodies), cut)
+
+    def heights(self, weights: Array) -> Array:
+        """Return h of every body, ``(bodies, N)``, for weights ``(N, d)`` of the components."""
+        parts = [body.heights(weights[:, rows]) for body, rows in zip(self.bodies, self.columns, strict=True)]
+        return np.array(parts).reshape(-1, len(weights))
+
+    def points(self, weights: Array) -> Array:
+        """Return the support points, deviations ``(N, d)``, for weights ``(N, d)``."""
+        result = np.empty(weights.shape)
+        for body, rows in zip(self.bodies, self.columns, strict=True):
+            result[:, rows] = body.points(weights[:, rows])
+        return result
+
+    @cached_property
+    def ends(self) -> tuple[Array, Array]:
+        """Lowest and highest deviation of every component, ``(d,)`` each."""
+        low, high = np.empty(self.space.size), np.empty(self.space.size)
+        for body, rows in zip(self.bodies, self.columns, strict=True):
+            axes = np.eye(rows.size)
+            low[rows], high[rows] = -body.heights(-axes), body.heights(axes)
+        return low, high
+
+
+def _normal_groups(space: Space) -> list[tuple[str, ...]]:
+    laws = {draw.name: draw.law for draw in space.draws}
+    return [
+        correlation.names
+        for correlation in space.correlations
+        if all(isinstance(laws[name], Normal) for name in correlation.names)
+    ]
+
+
+def _ends(law: Law, number: int) -> tuple[float, float]:
+    direction = np.zeros(law.size)
+    direction[number] = 1.0
+    return -law.support(-direction), law.support(direction)
+
+
+def _is_bounded(law: Law) -> bool:
+    return all(math.isfinite(end) for number in range(law.size) for end in _ends(law, number))
+
+
+def _body(name: str, law: Law, k: float) -> Body:
+    match law:
+        case Disc(radius=radius) | Circle(radius=radius):
+            return _Ellipsoid(radius * np.eye(2))
+        case JointNormal():
+            return _Ellipsoid(k * law.root)
+        case Rows():
+            return _Points(np.unique(law.array, axis=0) - law.mean_vector)
+    bounded = _is_bounded(law)
+    if law.size > 1:
+        if not bounded:
+            raise InputError(f"the law of {name} is not bounded, and where to cut it is not known; truncate it")
+        return _Described(law)
+    ends = np.array(_ends(law, 0)) if bounded else law.at_scores(np.array([[-k, k]]))[0]
+    middle = law.inverse(np.full((1, 1), 0.5))[0]
+    mean = law.mean_vector
+    return _Box(ends[:1] - mean, ends[1:] - mean, middle - mean)

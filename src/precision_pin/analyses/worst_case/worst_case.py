@@ -1,0 +1,295 @@
+"""The worst case: how large the pose error can become if every draw does its worst at once.
+
+The first-order model e = e0 + J (x - x̄) over the supports of the draws is bounded from above, certified; the exact model
+is searched from below. Reads the term table and the tangent only.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from precision_pin.analyses.provenance import Heading, Pose, PoseHeading, listed_poses
+from precision_pin.analyses.worst_case.convex_bodies import Supports
+from precision_pin.analyses.worst_case.largest_norm import Farthest, farthest, quadratic_bound
+from precision_pin.analyses.worst_case.worst_case_result import (
+    ComponentBound,
+    Contribution,
+    ExactMaximum,
+    NormBound,
+    PoseWorstCase,
+    WorstCaseResult,
+)
+from precision_pin.call_warnings import warns_at_end
+from precision_pin.errors import Finding, InputError
+from precision_pin.inputs.arguments import check_instance, check_items
+from precision_pin.kernel import sampler
+from precision_pin.model.error_model import ErrorModel, PoseModel
+from precision_pin.sampling import Progress, check_samples, monte_carlo
+from precision_pin.statistics import Distribution
+
+__all__ = ["farthest_error", "worst_case"]
+
+Array = NDArray[np.float64]
+
+MOST_KEPT: Final = 1_000_000
+"""Up to so many samples the largest one is among the starting points of the search of the exact model."""
+
+MOST_NUMBERS: Final = 10_000
+"""Random numbers up to which the worst case is looked for, which takes time with their square."""
+
+_COMPONENTS: Final = tuple(f"{vector}.{axis}" for vector in ("position", "attitude") for axis in "xyz")
+_NORMS: Final = {"position.norm": slice(0, 3), "attitude.norm": slice(3, 6)}
+_EXCHANGES: Final = 100
+_STEP: Final = 1e-4
+_GAIN: Final = 1e-12
+_NUMBERS_AT_ONCE: Final = 2**22
+"""Components of points that the exact model is evaluated at together, 8 bytes each."""
+
+
+@warns_at_end
+def worst_case(
+    error_model: ErrorModel,
+    /,
+    poses: Pose | Sequence[Pose] = None,
+    *,
+    q: Pose | Sequence[Pose] = None,
+    seed: int = 0,
+    samples: int = 100_000,
+    k: float = 3.0,
+    confidence: float = 0.95,
+    findings: Sequence[Finding] = (),
+    progress: Progress | bool | None = None,
+) -> WorstCaseResult:
+    """Bound the error of the first-order model over the supports of the draws, and search the exact model.
+
+    A component i lies within e0ᵢ ± h(± Jᵀeᵢ), h the sum of the draws' support functions. The norm is at most the largest
+    u·e0 + h(Jᵀu) over unit vectors u, found globally by branch and bound; see
+    :mod:`precision_pin.analyses.worst_case.largest_norm`.
+
+    Parameters
+    ----------
+    error_model
+        Chain, draws and sources.
+    poses, q
+        A pose (a name, joint values, or None for the model's first) or a list of such; two names of one argument.
+    seed, samples, confidence
+        Of the samples of the exact model that are shown beside the bounds.
+    k
+        Where unbounded laws are cut, standard deviations.
+    findings
+        Warnings to carry along, such as those of the sheet.
+    progress
+        Told how many samples have been added since it was last called.
+
+    Raises
+    ------
+    InputError
+        A wrong pose, seed, k or number of samples, an unbounded law that cannot be cut, or errors too large to compute.
+    """
+    check_instance("error_model", error_model, ErrorModel, "as ErrorModel.load makes it")
+    check_samples(samples)
+    size = error_model.space.size
+    if size > MOST_NUMBERS:
+        raise InputError(
+            f"a worst case of {size:,} random numbers takes {2 * size**2:.1g} numbers for each step of its search, since the "
+            f"model is evaluated for each of them; at most {MOST_NUMBERS:,} are allowed: merge draws"
+        )
+    supports = Supports.of(error_model.space, k)
+    chosen = listed_poses(poses, q)
+    results, warnings = [], [str(finding) for finding in check_items("findings", findings, Finding)]
+    for q in chosen:
+        result, found = _at_pose(error_model, q, supports, seed, samples, confidence, progress)
+        results.append(result)
+        warnings += [line for line in found if line not in warnings]
+    return WorstCaseResult(
+        heading=Heading.of(error_model, seed),
+        samples=int(samples),
+        confidence=confidence,
+        k=float(k),
+        cut=supports.cut,
+        draws=len(error_model.space.draws),
+        poses=tuple(results),
+        warnings=tuple(warnings),
+    )
+
+
+def _at_pose(
+    error_model: ErrorModel,
+    q: Pose,
+    supports: Supports,
+    seed: int,
+    samples: int,
+    confidence: float,
+    progress: Progress | bool | None,
+) -> tuple[PoseWorstCase, tuple[str, ...]]:
+    analysis = monte_carlo(
+        error_model, q, samples=samples, seed=seed, confidence=confidence, keep_samples=samples <= MOST_KEPT,
+        progress=progress,
+    )  # fmt: skip
+    at = error_model.at(q)
+    error, jacobian = at.tangent
+    reach_up = supports.heights(jacobian).sum(axis=0)
+    reach_down = supports.heights(-jacobian).sum(axis=0)
+    components = []
+    for row, quantity in enumerate(_COMPONENTS):
+        seen = analysis.summary.distribution(quantity)
+        low, high = float(error[row] - reach_down[row]), float(error[row] + reach_up[row])
+        components.append(ComponentBound(quantity, low, high, (seen.min, seen.max)))
+    layout = sampler.compile_table(at)
+    norms = []
+    for quantity, rows in _NORMS.items():
+        sampled = None
+        if analysis.errors is not None:
+            largest = int(np.linalg.norm(analysis.errors[rows], axis=0).argmax())
+            sampled = at.space.sample(seed, largest, 1)[:, 0]
+        norms.append(_bound(at, layout, supports, rows, quantity, analysis.summary.distribution(quantity), sampled))
+    result = PoseWorstCase(
+        heading=PoseHeading.of(error_model, q, at),
+        error_at_means=error,
+        components=tuple(components),
+        position=norms[0],
+        attitude=norms[1],
+    )
+    return result, analysis.warnings
+
+
+def _bound(
+    at: PoseModel,
+    layout: sampler.CompiledTable,
+    supports: Supports,
+    rows: slice,
+    quantity: str,
+    seen: Distribution,
+    sampled: Array | None,
+) -> NormBound:
+    error, jacobian = at.tangent[0][rows], at.tangent[1][rows]
+    bound = farthest_error(error, jacobian, supports)
+    weights = bound.direction @ jacobian
+    shares = supports.heights(weights[None])[:, 0]
+    x = at.space.mean + supports.points(weights[None])[0]
+    exact = sampler.errors_at(layout, "exact", x[:, None])[:, 0]
+    directions = np.concatenate([bound.direction[None], -bound.direction[None], np.eye(3), -np.eye(3)])
+    starts = at.space.mean + supports.points(directions @ jacobian)
+    if sampled is not None:
+        inside = sampled if not supports.cut else _toward(layout, supports, rows, sampled[None], at.space.mean)[0]
+        starts = np.concatenate([starts, inside[None]])
+    place, size = _climbed(layout, supports, rows, starts, at.space.mean)
+    contributions = [
+        Contribution(name, tuple(at.space.components[column] for column in columns), float(share))
+        for name, columns, share in zip(supports.names, supports.columns, shares, strict=True)
+    ]
+    return NormBound(
+        quantity=quantity,
+        first_order=bound,
+        nominal=float(bound.direction @ error),
+        contributions=tuple(sorted(contributions, key=lambda entry: -entry.value)),
+        parameters=dict(zip(at.space.components, map(float, x), strict=True)),
+        exact_error=exact,
+        exact_norm=float(np.linalg.norm(exact[rows])),
+        found=ExactMaximum(
+            norm=size,
+            error=sampler.errors_at(layout, "exact", place[:, None])[:, 0],
+            parameters=dict(zip(at.space.components, map(float, place), strict=True)),
+            starts=len(starts),
+        ),
+        seen=seen,
+    )
+
+
+def farthest_error(error: Array, jacobian: Array, supports: Supports) -> Farthest:
+    """Return the largest norm of e0 + J (x - x̄) over the supports.
+
+    Parameters
+    ----------
+    error, jacobian
+        e0 ``(3,)`` and J ``(3, d)``.
+    supports
+        What the d components can take.
+    """
+
+    def heights(directions: Array) -> Array:
+        value: Array = directions @ error + supports.heights(directions @ jacobian).sum(axis=0)
+        return value
+
+    def touch(directions: Array) -> Array:
+        value: Array = error + supports.points(directions @ jacobian) @ jacobian.T
+        return value
+
+    def bound(direction: Array) -> float:
+        centre, roots = error.copy(), []
+        for body, columns in zip(supports.bodies, supports.columns, strict=True):
+            if body.roots is None:
+                return np.inf
+            centre += jacobian[:, columns] @ body.centre
+            roots += [jacobian[:, columns] @ root for root in body.roots]
+        return quadratic_bound(centre, roots, direction)
+
+    return farthest(heights, touch, bound)
+
+
+def _climbed(
+    layout: sampler.CompiledTable, supports: Supports, rows: slice, starts: Array, mean: Array
+) -> tuple[Array, float]:
+    """Return the best point ``(d,)`` and |error| there that climbing the exact model from ``(S, d)`` leads to.
+
+    Each step takes the draws to their support points along the gradient (Frank and Wolfe with a whole step): all of them,
+    or, where that does not help, the one that helps most. Every point lies in the supports, whatever their form.
+    """
+    places, sizes = starts.copy(), _sizes(layout, rows, starts)
+    groups = supports.columns
+    for _ in range(_EXCHANGES if groups else 0):
+        aims = _toward(layout, supports, rows, places, mean)
+        reached = _sizes(layout, rows, aims)
+        better = reached > sizes * (1 + _GAIN)
+        places[better], sizes[better] = aims[better], reached[better]
+        improved = bool(better.any())
+        for start in np.flatnonzero(~better):
+            tried = np.empty(len(groups))
+            for batch in _batches(len(groups), mean.size):
+                single = np.repeat(places[start][None], batch.size, axis=0)
+                for row, group in enumerate(batch.tolist()):
+                    single[row, groups[group]] = aims[start, groups[group]]
+                tried[batch] = _sizes(layout, rows, single)
+            best = int(tried.argmax())
+            if tried[best] > sizes[start] * (1 + _GAIN):
+                places[start, groups[best]] = aims[start, groups[best]]
+                sizes[start], improved = tried[best], True
+        if not improved:
+            break
+    best = int(sizes.argmax())
+    return places[best], float(sizes[best])
+
+
+def _toward(layout: sampler.CompiledTable, supports: Supports, rows: slice, places: Array, mean: Array) -> Array:
+    """Return the points of the supports ``(S, d)`` farthest along the gradient of |error| at points ``(S, d)``."""
+    low, high = (mean + end for end in supports.ends)
+    # inside the supports: beyond them a formula or a stiffness may have no value
+    inside = np.clip(places, low, high)
+    step = _STEP * (high - low)
+    upper, lower = np.minimum(inside + step, high), np.maximum(inside - step, low)
+    sizes = np.empty((2, inside.size))
+    for moved in _batches(inside.size, mean.size):
+        start, column = np.divmod(moved, mean.size)
+        for end, values in enumerate((upper, lower)):
+            tried = inside[start]
+            tried[np.arange(moved.size), column] = values[start, column]
+            sizes[end, moved] = _sizes(layout, rows, tried)
+    width = upper - lower
+    slopes = np.divide((sizes[0] - sizes[1]).reshape(width.shape), width, out=np.zeros_like(width), where=width > 0)
+    return mean + supports.points(slopes)
+
+
+def _batches(count: int, size: int) -> Iterator[NDArray[np.intp]]:
+    """Yield the numbers 0 … count - 1 of points of so many components, no more at once than take some memory."""
+    at_once = max(_NUMBERS_AT_ONCE // max(size, 1), 1)
+    for first in range(0, count, at_once):
+        yield np.arange(first, min(first + at_once, count))
+
+
+def _sizes(layout: sampler.CompiledTable, rows: slice, places: Array) -> Array:
+    value: Array = np.linalg.norm(sampler.errors_at(layout, "exact", places.T)[rows], axis=0)
+    return value

@@ -1,0 +1,398 @@
+"""What the worst case at one pose or several is, with all that is needed to reproduce it."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Final, final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from precision_pin.analyses.provenance import Heading, PoseHeading
+from precision_pin.analyses.worst_case.largest_norm import Farthest
+from precision_pin.display.html import Table, rendered
+from precision_pin.display.tables import MOST_POSES, data_frame, dataset, joint_text, milli, pose_labels, symbol, unit
+from precision_pin.inputs.arrays import fix_fields
+from precision_pin.statistics import QUANTITIES, Distribution
+
+if TYPE_CHECKING:
+    import pandas  # type: ignore[import-untyped]
+    import xarray
+
+__all__ = [
+    "SCHEMA",
+    "SEEN_LEVEL",
+    "ComponentBound",
+    "Contribution",
+    "ExactMaximum",
+    "NormBound",
+    "PoseWorstCase",
+    "WorstCaseResult",
+    "bound_milli",
+]
+
+Array = NDArray[np.float64]
+
+SCHEMA: Final = "precision-pin/worst-case/1"
+SEEN_LEVEL: Final = 0.9973
+"""Which quantile of the samples stands beside the bound."""
+
+BENT: Final = 1e-3
+"""Up to this share of the bound the exact model may go beyond it before that is said."""
+
+_ROUNDING: Final = 1e-14
+
+
+@final
+@dataclass(frozen=True)
+class Contribution:
+    """What a draw adds to the worst first-order error of a norm.
+
+    Attributes
+    ----------
+    draw
+        Its name; those of normal draws that are correlated are joined by commas.
+    components
+        Names of its numbers.
+    value
+        m or rad; zero or more if its mean is one of the values it can take, or between them.
+    """
+
+    draw: str
+    components: tuple[str, ...]
+    value: float
+
+
+@final
+@dataclass(frozen=True)
+class ComponentBound:
+    """Ends between which a component of the first-order model lies (m or rad), and the smallest and largest seen."""
+
+    quantity: str
+    low: float
+    high: float
+    seen: tuple[float, float]
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class ExactMaximum:
+    """The largest error of the exact model that a local search found: a lower bound of the largest there is.
+
+    Attributes
+    ----------
+    norm, error
+        |d| or |δ| (m, rad) and the whole error ``(6,)``.
+    parameters
+        Where: values of all components, SI.
+    starts
+        From how many points the search went.
+    """
+
+    norm: float
+    error: Array
+    parameters: Mapping[str, float]
+    starts: int
+
+    def __post_init__(self) -> None:
+        fix_fields(self)
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class NormBound:
+    """The worst case of |d| or |δ|.
+
+    Attributes
+    ----------
+    quantity
+        ``"position.norm"`` or ``"attitude.norm"``.
+    first_order
+        The largest norm of the first-order model and the direction of that error.
+    nominal
+        What the error at the means adds, u·e0 along that direction u (m, rad).
+    contributions
+        What each draw adds, h(Jᵀu), largest first; with ``nominal`` they add up to the worst case.
+    parameters
+        Values of the components that attain it, SI.
+    exact_error
+        The exact model's error there, ``(6,)``.
+    exact_norm
+        Its norm.
+    found
+        The largest error of the exact model found.
+    seen
+        The distribution of the samples; its ``max`` is the largest seen.
+    """
+
+    quantity: str
+    first_order: Farthest
+    nominal: float
+    contributions: tuple[Contribution, ...]
+    parameters: Mapping[str, float]
+    exact_error: Array
+    exact_norm: float
+    found: ExactMaximum
+    seen: Distribution
+
+    def __post_init__(self) -> None:
+        fix_fields(self)
+
+    @property
+    def exceeded(self) -> bool:
+        """Whether the exact model goes beyond the bound of its first order by more than a thousandth of it."""
+        return self.found.norm > self.first_order.upper * (1 + BENT) + _ROUNDING
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the numbers, SI."""
+        bound = self.first_order
+        interval = self.seen.quantile_interval(SEEN_LEVEL)
+        return {
+            "first_order": {
+                "lower": bound.lower,
+                "upper": bound.upper,
+                "certified": bound.certified,
+                "cells": bound.cells,
+                "direction": bound.direction.tolist(),
+                "nominal": self.nominal,
+                "contributions": {entry.draw: entry.value for entry in self.contributions},
+                "parameters": dict(self.parameters),
+            },
+            "exact_there": {"norm": self.exact_norm, "error": self.exact_error.tolist()},
+            "exact_found": {
+                "norm": self.found.norm,
+                "error": self.found.error.tolist(),
+                "parameters": dict(self.found.parameters),
+                "starts": self.found.starts,
+                "exceeds_first_order": self.exceeded,
+            },
+            "seen": {
+                "max": self.seen.max,
+                "quantile": {str(SEEN_LEVEL): self.seen.quantile(SEEN_LEVEL)},
+                "quantile_interval": {str(SEEN_LEVEL): None if interval is None else list(interval)},
+            },
+        }
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class PoseWorstCase:
+    """The worst case at one pose.
+
+    Attributes
+    ----------
+    heading
+        The pose.
+    error_at_means
+        e0, ``(6,)``.
+    components
+        The six components of the error.
+    position, attitude
+        |d| and |δ|.
+    """
+
+    heading: PoseHeading
+    error_at_means: Array
+    components: tuple[ComponentBound, ...]
+    position: NormBound
+    attitude: NormBound
+
+    def __post_init__(self) -> None:
+        fix_fields(self)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the numbers, SI."""
+        return {
+            "pose": self.heading.to_dict(),
+            "nominal": {"position": self.error_at_means[:3].tolist(), "attitude": self.error_at_means[3:].tolist()},
+            "components": {
+                entry.quantity: {"first_order": [entry.low, entry.high], "seen": list(entry.seen)}
+                for entry in self.components
+            },
+            "position": self.position.to_dict(),
+            "attitude": self.attitude.to_dict(),
+        }
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class WorstCaseResult:
+    """The worst case at one pose or several, with all that is needed to reproduce it.
+
+    Attributes
+    ----------
+    heading
+        Robot, base, tip, statics and seed.
+    samples, confidence
+        Of what is shown beside the bounds.
+    k
+        Where unbounded laws are cut, standard deviations.
+    cut
+        The draws whose laws were cut.
+    draws
+        How many draws there are.
+    poses
+        One entry for each pose.
+    warnings
+        One line each.
+    """
+
+    heading: Heading
+    samples: int
+    confidence: float
+    k: float
+    cut: tuple[str, ...]
+    draws: int
+    poses: tuple[PoseWorstCase, ...]
+    warnings: tuple[str, ...] = ()
+
+    @property
+    def assumptions(self) -> tuple[str, ...]:
+        """What the numbers rest on, one sentence each."""
+        cut = (
+            f"unbounded laws are cut at k = {self.k:g} standard deviations, beyond which samples may lie: "
+            f"{', '.join(self.cut)}"
+            if self.cut
+            else "every law is bounded"
+        )
+        return (
+            "the bound is that of the first-order model about the means; the exact model may go beyond it",
+            "the exact maximum is the largest that a local search found, a lower bound of the largest there is",
+            cut,
+        )
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the result as the ``precision-pin/worst-case/1`` schema has it, SI units."""
+        return {
+            **self.heading.to_dict(SCHEMA),
+            "samples": self.samples,
+            "model": "exact",
+            "confidence": self.confidence,
+            "k": self.k,
+            "cut": list(self.cut),
+            "assumptions": list(self.assumptions),
+            "warnings": list(self.warnings),
+            "poses": [pose.to_dict() for pose in self.poses],
+        }
+
+    def to_json(self) -> str:
+        """Return :meth:`to_dict` as text; what the samples do not resolve is null."""
+        return json.dumps(self.to_dict(), indent=2, ensure_ascii=False, allow_nan=False)
+
+    def to_pandas(self) -> pandas.DataFrame:
+        """Return the worst case as a data frame, m and rad: a row for each pose and quantity.
+
+        ``low`` and ``high`` are the ends of the first-order model's range (a norm has no ``low``); ``attained`` is the
+        largest norm that was shown to be reached, ``exact_there`` the exact model's norm at the same parameters,
+        ``exact_found`` the largest that was found (not-a-number for components); ``seen_min`` and ``seen_max`` are the
+        smallest and largest of the samples. ``attrs`` say how it was computed.
+
+        Raises
+        ------
+        InputError
+            pandas is not installed.
+        """
+        labels = pose_labels([pose.heading.name for pose in self.poses])
+        rows = [
+            ((label, quantity), columns)
+            for label, pose in zip(labels, self.poses, strict=True)
+            for quantity, columns in _rows(pose).items()
+        ]
+        attributes = {key: value for key, value in self.to_dict().items() if key != "poses"}
+        attributes["poses"] = {label: dict(pose.heading.q) for label, pose in zip(labels, self.poses, strict=True)}
+        return data_frame(["pose", "quantity"], rows, attributes)
+
+    def to_xarray(self) -> xarray.Dataset:
+        """Return the worst case as a dataset over pose and quantity, variables as :meth:`to_pandas` has them.
+
+        Raises
+        ------
+        InputError
+            xarray is not installed.
+        """
+        return dataset(self.to_pandas())
+
+    def __repr__(self) -> str:
+        of = self.heading
+        largest = max(pose.position.first_order.upper for pose in self.poses)
+        return (
+            f"<WorstCaseResult of {of.robot!r}, {of.base!r} to {of.tip!r}: poses {len(self.poses)}, draws {self.draws}, "
+            f"first-order |d| at most {1e3 * largest:.4g} mm, seed {of.seed}>"
+        )
+
+    def _repr_html_(self) -> str:
+        """Return what a notebook shows: the bounds beside what the exact model reaches and what was seen."""
+        of = self.heading
+        columns = ("", "unit", "first order, from", "to", "exact, found", "smallest seen", "largest seen")
+        fields = ("exact_found", "seen_min", "seen_max")
+        tables = [
+            Table(
+                columns,
+                [
+                    [
+                        symbol(name),
+                        unit(name),
+                        bound_milli(row["low"], up=False),
+                        bound_milli(row["high"], up=True),
+                        *(milli(row[field]) for field in fields),
+                    ]
+                    for name, row in _rows(pose).items()
+                ],
+                (f"pose {pose.heading.name!r}: " if pose.heading.name else "")
+                + joint_text(pose.heading.q, pose.heading.sliding_joints),
+                words=2,
+            )
+            for pose in self.poses[:MOST_POSES]
+        ]
+        hidden = len(self.poses) - len(tables)
+        return rendered(
+            f"Worst case of {of.robot}: {of.base} to {of.tip}",
+            tables,
+            [
+                *([f"… and {hidden:,} more poses"] if hidden else []),
+                *self.assumptions,
+                f"seen: among {self.samples:,} samples, seed {of.seed}, exact model, statics {of.statics}; base axes",
+                *self.warnings,
+            ],
+        )
+
+
+def bound_milli(value: float, *, up: bool, digits: int = 6) -> str:
+    """Return a bound in mm or mrad, rounded outwards; ``-`` for none."""
+    text = milli(value, digits)
+    shown, exact = (math.nan, math.nan) if text == "-" else (float(text), 1e3 * value)
+    if exact == 0 or not (shown < exact if up else shown > exact):
+        return text
+    step = 10.0 ** (math.floor(math.log10(abs(exact))) - digits + 1)
+    return f"{shown + (step if up else -step):.{digits}g}"
+
+
+def _rows(pose: PoseWorstCase) -> dict[str, dict[str, float]]:
+    """Return what is told of every quantity, norms before their components."""
+    rows = {
+        bound.quantity: {
+            "low": np.nan,
+            "high": bound.first_order.upper,
+            "attained": bound.first_order.lower,
+            "exact_there": bound.exact_norm,
+            "exact_found": bound.found.norm,
+            "seen_min": bound.seen.min,
+            "seen_max": bound.seen.max,
+        }
+        for bound in (pose.position, pose.attitude)
+    }
+    nothing = dict.fromkeys(("attained", "exact_there", "exact_found"), np.nan)
+    rows |= {
+        entry.quantity: {
+            "low": entry.low,
+            "high": entry.high,
+            **nothing,
+            "seen_min": entry.seen[0],
+            "seen_max": entry.seen[1],
+        }
+        for entry in pose.components
+    }
+    return {quantity: rows[quantity] for quantity in QUANTITIES}

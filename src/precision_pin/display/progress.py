@@ -1,0 +1,93 @@
+"""A progress bar for scripts and notebooks."""
+
+from __future__ import annotations
+
+import sys
+import warnings
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any, Final
+
+from precision_pin.compile_ahead import shown_by
+from precision_pin.inputs.arguments import check_number, check_text, check_whole
+
+__all__ = ["COMPILING", "compilation", "progress"]
+
+COMPILING: Final = "compiling the sampler, once on this machine"
+
+
+@contextmanager
+def progress(
+    total: int, what: str = "sampling", *, delay: float = 0.7, unit: str = "samples"
+) -> Iterator[Callable[[int], None]]:
+    """Show a progress bar while the body of a ``with`` runs; yields what is told of every step.
+
+    In a notebook it is a bar below the cell (text where ipywidgets is not installed), on a terminal a line on stderr,
+    elsewhere nothing. It goes when the body ends, also by an error or an interrupted kernel. That the sampler is compiled,
+    once on a machine, is shown likewise.
+
+    Parameters
+    ----------
+    total
+        How many steps there will be.
+    what
+        Stands before the bar.
+    delay
+        Seconds before it is shown.
+    unit
+        What a step is.
+
+    Raises
+    ------
+    InputError
+        The total is not a whole number of zero or more.
+
+    Examples
+    --------
+    ``with pp.progress(10**7) as advance: pp.monte_carlo(model, samples=10**7, progress=advance)``
+    """
+    check_whole("the total of a progress bar", total, 0, 2**63, "of zero or more")
+    check_text("what, before a progress bar,", what)
+    check_number("the delay of a progress bar", delay, "zero or more and finite", lambda seconds: seconds >= 0)
+    check_text("the unit of a progress bar", unit)
+    with (
+        shown_by(compilation),
+        _bar(total=total, desc=what, unit=f" {unit}", unit_scale=True, delay=delay) as bar,
+    ):
+
+        def advance(count: int) -> None:
+            bar.update(count)
+
+        yield advance
+
+
+@contextmanager
+def compilation() -> Iterator[Callable[[float], None]]:
+    """Show a bar as `progress` does while the sampler is compiled; yields what takes the share done, 0 to 1."""
+    with _bar(
+        total=1.0, desc=COMPILING, bar_format="{desc}: {percentage:3.0f}%|{bar:20}| {elapsed}<{remaining}"
+    ) as bar:
+
+        def show(share: float) -> None:
+            bar.n = max(bar.n, share)
+            bar.refresh()
+
+        yield show
+
+
+def _bar(**shape: Any) -> Any:
+    """Return tqdm's bar; it shows nothing where stderr is no terminal, but in a notebook, whose is none."""
+    in_kernel = type(sys.stderr).__module__.startswith("ipykernel")
+    return _tqdm(in_kernel)(leave=False, disable=False if in_kernel else None, file=sys.stderr, **shape)
+
+
+def _tqdm(in_kernel: bool) -> Any:
+    """Return tqdm's class for where this runs; that ipywidgets is missing in a notebook is no news."""
+    if not in_kernel:
+        from tqdm import tqdm as plain
+
+        return plain
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        from tqdm.auto import tqdm
+    return tqdm

@@ -1,0 +1,330 @@
+"""Correlation between draws of one number: a Gaussian copula.
+
+The matrix given is that of normal scores. Draw i has the score z_i = Σ_j L_ij n_j, with n independent standard normal
+numbers, each of its own draw's stream, and L L^T the matrix, and the value F_i⁻¹(Φ(z_i)). Laws stay what they are; their
+Pearson correlation is not the scores', and follows from :func:`covariance_of`. (Nelsen, An Introduction to Copulas, 2nd
+ed., 2006, section 2.3; Cario and Nelson, 1997, who call the result NORTA.)
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from typing import Final, final
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from precision_pin.draws import lazy_special
+from precision_pin.draws.laws import FARTHEST_NORMAL, Law, Lognormal, Normal, Uniform
+from precision_pin.errors import InputError
+from precision_pin.inputs.arguments import check_items, check_number, check_numbers, check_text, shown
+from precision_pin.inputs.arrays import fix_fields, returns_read_only
+
+__all__ = ["LEAST_EIGENVALUE", "BlockCovariance", "Correlation", "covariance_of"]
+
+Array = NDArray[np.float64]
+
+LEAST_EIGENVALUE: Final = 1e-6
+"""A matrix with a smaller eigenvalue is refused: numbers that always move together are one parameter."""
+
+MOST_TOGETHER: Final = 500
+"""The most parameters of one correlation."""
+
+_MOST_REPAIRED: Final = 40
+"""Up to so many, the entry is looked for that makes a matrix right when changed alone."""
+
+_REACH: Final = 9.0
+_RULES: Final = tuple(np.polynomial.legendre.leggauss(nodes) for nodes in (12, 4, 2))
+_SHORT: Final = (math.inf, 0.1, 0.01)
+"""Panels that are no longer, in units of the kernel's width, take the rule of as many nodes."""
+
+_ROWS: Final = 64
+
+
+@final
+@dataclass(frozen=True)
+class Correlation:
+    """Correlation of several draws of one number.
+
+    Attributes
+    ----------
+    names
+        The draws.
+    matrix
+        Correlation of their normal scores, row by row.
+
+    Raises
+    ------
+    InputError
+        Fewer than two names, one that stands twice, a matrix of another size, not symmetric, without 1 on its diagonal,
+        or not positive definite. The pair named then is the one whose entry, changed alone and by the least, would make
+        it so; where no single entry can, the one whose C_ij v_i v_j pulls the smallest eigenvalue down most, v its
+        eigenvector.
+    """
+
+    names: tuple[str, ...]
+    matrix: tuple[tuple[float, ...], ...]
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "names", check_items("the names of a correlation", self.names, str))
+        if not isinstance(self.matrix, tuple | list | np.ndarray) or any(np.ndim(row) != 1 for row in self.matrix):
+            raise InputError(f"the correlation matrix must be rows of numbers, got {shown(self.matrix)}")
+        rows = [check_numbers("the correlation matrix", row, (None,), "rows of finite numbers") for row in self.matrix]
+        object.__setattr__(self, "matrix", tuple([tuple(row.tolist()) for row in rows]))
+        size = len(self.names)
+        if size < 2:
+            raise InputError("a correlation needs at least two parameters")
+        if size > MOST_TOGETHER:
+            raise InputError(
+                f"a correlation of {size:,} parameters has a matrix of {size**2:,} numbers, each with an integral over both "
+                f"laws; at most {MOST_TOGETHER} can be correlated together"
+            )
+        if len(set(self.names)) < size:
+            twice = next(name for k, name in enumerate(self.names) if name in self.names[:k])
+            raise InputError(f"the correlation names {twice!r} twice")
+        if len(self.matrix) != size or any(len(row) != size for row in self.matrix):
+            shape = " and ".join(sorted({str(len(row)) for row in self.matrix}))
+            raise InputError(
+                f"the correlation matrix of {', '.join(self.names)} has {len(self.matrix)} rows of {shape or 'no'} numbers, "
+                f"expected {size} of {size}"
+            )
+        for (i, a), (j, b) in itertools.combinations(enumerate(self.names), 2):
+            upper, lower = self.matrix[i][j], self.matrix[j][i]
+            if upper != lower:
+                raise InputError(
+                    f"the correlation of {a!r} and {b!r} is {upper:g} in one place and {lower:g} in the other"
+                )
+            if not -1 < upper < 1:
+                raise InputError(
+                    f"the correlation of {a!r} and {b!r} is {upper:g}; it must lie between -1 and 1 "
+                    "(what always moves together is one parameter)"
+                )
+        for k, name in enumerate(self.names):
+            if self.matrix[k][k] != 1:
+                raise InputError(f"the correlation of {name!r} with itself is {self.matrix[k][k]:g}, it must be 1")
+        self._check_definite(np.array(self.matrix))
+
+    def _check_definite(self, matrix: Array) -> None:
+        values, vectors = np.linalg.eigh(matrix)
+        if values[0] >= LEAST_EIGENVALUE:
+            return
+        repairs = []
+        # each takes time with the cube of the size
+        for i, j in itertools.combinations(range(len(matrix)), 2) if len(matrix) <= _MOST_REPAIRED else ():
+            allowed = _allowed(matrix, i, j)
+            if allowed is not None and not allowed[0] < matrix[i, j] < allowed[1]:
+                change = min(abs(matrix[i, j] - end) for end in allowed)
+                repairs.append(
+                    (change, i, j, f"does not go with the others, which leave {allowed[0]:.3g} to {allowed[1]:.3g}")
+                )
+        if not repairs:
+            pull = np.triu(matrix * np.outer(vectors[:, 0], vectors[:, 0]), 1)
+            repairs.append((0.0, *divmod(int(np.argmin(pull)), len(matrix)), "contradicts the others most"))
+        _, i, j, reason = min(repairs)
+        raise InputError(
+            f"the correlation matrix of {', '.join(self.names)} is not positive definite (smallest eigenvalue "
+            f"{values[0]:.3g}, at least {LEAST_EIGENVALUE:g} is needed): "
+            f"the {matrix[i, j]:g} of {self.names[i]!r} and {self.names[j]!r} {reason}"
+        )
+
+    @classmethod
+    def pair(cls, first: str, second: str, correlation: float) -> Correlation:
+        """Return the correlation of two draws."""
+        names = (check_text("first of a correlation", first), check_text("second of a correlation", second))
+        value = check_number("the correlation of a pair", correlation)
+        return cls(names, ((1.0, value), (value, 1.0)))
+
+    @cached_property
+    def order(self) -> tuple[int, ...]:
+        """Positions of the names in alphabetical order, in which they are made to depend on one another.
+
+        So the numbers do not depend on the order in which the names are given.
+        """
+        return tuple(sorted(range(len(self.names)), key=self.names.__getitem__))
+
+    @cached_property
+    @returns_read_only
+    def root(self) -> Array:
+        """Lower-triangular L, rows and columns in alphabetical order of the names; L L^T is the matrix."""
+        matrix = np.array(self.matrix)[np.ix_(self.order, self.order)]
+        root = np.zeros_like(matrix)
+        for k in range(len(self.names)):
+            root[k, k] = math.sqrt(matrix[k, k] - (root[k, :k] ** 2).sum())
+            for i in range(k + 1, len(self.names)):
+                root[i, k] = (matrix[i, k] - (root[i, :k] * root[k, :k]).sum()) / root[k, k]
+        return root
+
+    def mix(self, normals: Array) -> Array:
+        """Return normal scores ``(m, N)`` for independent normal numbers ``(m, N)``, both in the order of the names.
+
+        None is farther out than any single normal number drawn, 8.6; less than one in 10¹⁶ would be.
+        """
+        scores = np.empty_like(normals)
+        for k, target in enumerate(self.order):
+            # in written order: matrix products of numpy depend on how many columns there are
+            total = self.root[k, k] * normals[target]
+            for j, other in enumerate(self.order[:k]):
+                total = total + self.root[k, j] * normals[other]
+            scores[target] = np.clip(total, -FARTHEST_NORMAL, FARTHEST_NORMAL)
+        return scores
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class BlockCovariance:
+    """Covariance of d numbers, most of which are independent of one another.
+
+    Attributes
+    ----------
+    variances
+        ``(d,)``.
+    blocks
+        Columns ``(m,)`` of numbers that depend on one another, and their covariance ``(m, m)``; no column is in two.
+    """
+
+    variances: Array
+    blocks: tuple[tuple[NDArray[np.intp], Array], ...]
+
+    def __post_init__(self) -> None:
+        fix_fields(self)
+
+    @property
+    def dense(self) -> Array:
+        """The matrix, ``(d, d)``."""
+        return self.within(np.arange(self.variances.size))
+
+    def times(self, vectors: Array) -> Array:
+        """Return the matrix times vectors ``(d, n)``."""
+        result: Array = self.variances[:, None] * vectors
+        for columns, block in self.blocks:
+            result[columns] = block @ vectors[columns]
+        return result
+
+    def between(self, one: Array, other: Array) -> Array:
+        """Return the covariance ``(p, q)`` of linear combinations with slopes ``(p, d)`` and ``(q, d)``."""
+        result: Array = one @ self.times(other.T)
+        return result
+
+    def variances_of(self, slopes: Array) -> Array:
+        """Return the variances ``(p,)`` of linear combinations with slopes ``(p, d)``."""
+        result: Array = np.einsum("ij,ji->i", slopes, self.times(slopes.T))
+        return result
+
+    def within(self, columns: ArrayLike) -> Array:
+        """Return the covariance ``(n, n)`` of n of the numbers."""
+        chosen = np.asarray(columns, dtype=np.intp)
+        result: Array = np.diag(self.variances[chosen])
+        if not self.blocks:
+            return result
+        place = np.full(self.variances.size, -1, dtype=np.intp)
+        place[chosen] = np.arange(chosen.size)
+        for members, block in self.blocks:
+            here = np.flatnonzero(place[members] >= 0)
+            if here.size:
+                result[np.ix_(place[members[here]], place[members[here]])] = block[np.ix_(here, here)]
+        return result
+
+    def scaled(self, factors: Array) -> BlockCovariance:
+        """Return the covariance of the numbers times factors ``(d,)``."""
+        blocks = ((columns, block * np.outer(factors[columns], factors[columns])) for columns, block in self.blocks)
+        return BlockCovariance(self.variances * factors**2, tuple(blocks))
+
+
+def _allowed(matrix: Array, i: int, j: int) -> tuple[float, float] | None:
+    """Return between what an entry must lie for the matrix to be positive definite; ``None`` if no number is right.
+
+    The partial correlation of the two, given all others, lies between -1 and 1.
+    """
+    others = [k for k in range(len(matrix)) if k not in (i, j)]
+    pair = matrix[np.ix_(others, (i, j))]
+    rest = matrix[np.ix_(others, others)]
+    if others and np.linalg.eigvalsh(rest)[0] <= 0:
+        return None
+    explained = pair.T @ np.linalg.solve(rest, pair)
+    left = 1 - np.diag(explained)
+    if (left <= 0).any():
+        return None
+    reach = math.sqrt(float(left.prod()))
+    return float(explained[0, 1]) - reach, float(explained[0, 1]) + reach
+
+
+@lru_cache(maxsize=1024)
+def covariance_of(first: Law, second: Law, correlation: float) -> float:
+    """Return the covariance of two numbers whose normal scores are correlated.
+
+    Closed forms where there are: normal, uniform (6/π asin(ρ/2), Pearson 1907) and lognormal pairs. Else, with
+    g_i = F_i⁻¹ ∘ Φ, the double integral of g_1(x) g_2(y) against the bivariate normal density by composite
+    Gauss-Legendre, panels split where a law jumps or bends and no wider than the density's ridge.
+
+    Parameters
+    ----------
+    first, second
+        Laws of one number.
+    correlation
+        Of their normal scores, between -1 and 1.
+
+    Returns
+    -------
+    float
+        Within 1e-9 of the product of the standard deviations.
+    """
+    if correlation == 0:
+        return 0.0
+    match first, second:
+        case Normal(std=a), Normal(std=b):
+            return correlation * a * b
+        case Uniform(half_width=a), Uniform(half_width=b):
+            return a * b * 2 / math.pi * math.asin(correlation / 2)
+        case Lognormal(mean=a), Lognormal(mean=b):
+            return a * b * math.expm1(correlation * first.log_std * second.log_std)
+        case (Normal(std=a), other) | (other, Normal(std=a)):
+            z, weighted = _nodes(other, 1.0, _REACH)
+            return a * correlation * float((weighted * z).sum())
+        case (Lognormal(mean=a) as skew, other) | (other, Lognormal(mean=a) as skew):
+            # weighting z by exp(τz - τ²/2) shifts its density by τ
+            shift = correlation * skew.log_std
+            z, weighted = _nodes(other, 1.0, _REACH + abs(shift))
+            return a * float((weighted * np.expm1(shift * z - shift**2 / 2)).sum())
+        case _:
+            return _double_integral(first, second, correlation)
+
+
+def _double_integral(first: Law, second: Law, correlation: float) -> float:
+    width = math.sqrt((1 - correlation) * (1 + correlation))
+    x, outer = _nodes(first, width, _REACH)
+    y, inner = _nodes(second, width, _REACH)
+    # of the density of y at x, less what _nodes has in it already
+    inner = inner * np.exp(y**2 / 2) / width
+    total = 0.0
+    for first_row in range(0, x.size, _ROWS):
+        rows = slice(first_row, first_row + _ROWS)
+        middle = correlation * x[rows]
+        near = slice(*np.searchsorted(y, [middle.min() - _REACH * width, middle.max() + _REACH * width]).tolist())
+        ridge = np.exp(-(((y[near] - middle[:, None]) / width) ** 2) / 2)
+        total += float(outer[rows] @ (ridge * inner[near]).sum(axis=1))
+    return total
+
+
+def _nodes(law: Law, width: float, reach: float) -> tuple[Array, Array]:
+    """Return normal scores, rising, and (value - mean) × density × weight at each.
+
+    The panels are split where the law jumps or bends, and no wider than ``width`` or 1.
+    """
+    count = math.ceil(2 * reach / min(width, 1.0))
+    bends = lazy_special.ndtri(np.array(law.breaks, dtype=float))
+    edges = np.unique(np.concatenate([np.linspace(-reach, reach, count + 1), bends[np.abs(bends) < reach]]))
+    begin, length = edges[:-1], np.diff(edges)
+    nodes, weights = [], []
+    for rule, (points, shares) in enumerate(_RULES):
+        shortest = _SHORT[rule + 1] if rule + 1 < len(_RULES) else 0.0
+        chosen = (length > shortest * width) & (length <= _SHORT[rule] * width)
+        nodes.append((begin[chosen, None] + length[chosen, None] * (points + 1) / 2).ravel())
+        weights.append((length[chosen, None] * shares / 2).ravel())
+    z, weight = np.concatenate(nodes), np.concatenate(weights)
+    rising = np.argsort(z, kind="stable")
+    z, weight = z[rising], weight[rising]
+    deviation = law.at_scores(z[None])[0] - law.mean_vector[0]
+    return z, deviation * weight * np.exp(-(z**2) / 2) / math.sqrt(2 * math.pi)

@@ -1,0 +1,163 @@
+"""What every law gives."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from typing import ClassVar, Final, Literal, final
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from precision_pin.draws import lazy_special
+from precision_pin.errors import InputError
+from precision_pin.inputs.arguments import check_number, check_numbers, shown
+
+__all__ = ["FARTHEST_NORMAL", "Array", "Law", "cumulative", "in_chunks", "take_number", "take_rows", "take_size"]
+
+Array = NDArray[np.float64]
+
+FARTHEST_NORMAL: Final = 8.6
+"""No normal number drawn lies farther out, in standard deviations: the smallest uniform number is 2⁻⁵³."""
+
+_CHUNK: Final = 2**20
+
+
+class Law(ABC):
+    """A distribution of one or several numbers.
+
+    Attributes
+    ----------
+    variates
+        What :meth:`sample` is fed: ``"uniform"`` on (0, 1) or standard ``"normal"`` numbers.
+    """
+
+    variates: ClassVar[Literal["uniform", "normal"]] = "uniform"
+
+    @property
+    def size(self) -> int:
+        """How many numbers the law draws together."""
+        return 1
+
+    @property
+    def components(self) -> tuple[str, ...]:
+        """Suffix of each component's name, empty for a single number."""
+        return ("",)
+
+    @abstractmethod
+    def sample(self, variates: Array) -> Array:
+        """Return samples ``(size, N)`` from as many independent variates ``(size, N)``."""
+
+    @property
+    @abstractmethod
+    def mean_vector(self) -> Array:
+        """Mean, ``(size,)``."""
+
+    @property
+    @abstractmethod
+    def covariance(self) -> Array:
+        """Covariance, ``(size, size)``."""
+
+    @abstractmethod
+    def support(self, direction: ArrayLike) -> float:
+        """Return h(w), the largest w·x over the support, for w ``(size,)``; infinite if unbounded."""
+
+    @abstractmethod
+    def characteristic(self, frequency: ArrayLike) -> NDArray[np.complex128]:
+        """Return E exp(i t·x) for t ``(size, …)``."""
+
+    def interval(self, number: int) -> tuple[float, float]:
+        """Return what a number of the law (0-based) stays between in every sample.
+
+        Its support; of a law fed with normal numbers, what numbers up to 8.6 standard deviations out give.
+        """
+        direction = np.zeros(self.size)
+        direction[number] = 1.0
+        return -self.support(-direction), self.support(direction)
+
+    @property
+    def breaks(self) -> tuple[float, ...]:
+        """Uniform numbers between 0 and 1 at which the inverse of a law of one number jumps or bends; none by default."""
+        return ()
+
+    @final
+    def inverse(self, uniforms: Array) -> Array:
+        """Return samples from uniform numbers only (quasi-random points), whatever :attr:`variates` is."""
+        return self.sample(uniforms if self.variates == "uniform" else lazy_special.ndtri(uniforms))
+
+    @final
+    def at_scores(self, scores: Array) -> Array:
+        """Return samples from standard normal numbers only (correlated draws), whatever :attr:`variates` is."""
+        return self.sample(scores if self.variates == "normal" else cumulative(scores))
+
+
+def cumulative(scores: Array) -> Array:
+    """Return Φ of normal scores; from the lower tail, so that every engine rounds alike near 1."""
+    tail = lazy_special.ndtr(-np.abs(scores))
+    value: Array = np.where(scores > 0, 1 - tail, tail)
+    return value
+
+
+def take_size(law: Law, field: str, what: str, *, zero: bool = True) -> None:
+    """Keep a field as a float; refuse what is not a finite number of zero or more (above zero without ``zero``).
+
+    Raises
+    ------
+    InputError
+        It is not.
+    """
+    allowed = f"{'zero or more' if zero else 'positive'} and finite"
+    size = check_number(what, getattr(law, field), allowed, lambda value: value > 0 or (value == 0 and zero))
+    object.__setattr__(law, field, size)
+
+
+def take_number(law: Law, field: str, what: str) -> None:
+    """Keep a field as a float; refuse what is not a finite number.
+
+    Raises
+    ------
+    InputError
+        It is not.
+    """
+    object.__setattr__(law, field, check_number(what, getattr(law, field)))
+
+
+def take_rows(law: Law, field: str, what: str, columns: int | None = None) -> Array:
+    """Keep a field as rows of floats, as tuples, and return it; refuse what is not finite numbers in rows of one length.
+
+    Raises
+    ------
+    InputError
+        It is not.
+    """
+    given = getattr(law, field)
+    if isinstance(given, list | tuple) and all(isinstance(row, list | tuple) for row in given):
+        for k, row in enumerate(given):
+            if len(row) != len(given[0]):
+                raise InputError(f"row {k + 1} of {what} has {len(row)} numbers, the first {len(given[0])}")
+    rows = "at least one row of " + ("finite numbers" if columns is None else f"{columns} finite numbers")
+    table = check_numbers(what, given, (None, columns), rows)
+    if not table.size:
+        raise InputError(f"{what} must be {rows}, got {shown(given)}")
+    object.__setattr__(law, field, tuple(map(tuple, table.tolist())))
+    return table
+
+
+def in_chunks(
+    function: Callable[[Array], NDArray[np.complex128]], frequency: Array, width: int
+) -> NDArray[np.complex128]:
+    """Return a function ``(m, T) → (T,)`` of frequencies ``(m, …)``, called for so few at a time that memory suffices.
+
+    Parameters
+    ----------
+    function
+        Needs about ``width`` numbers for each of its T columns.
+    frequency
+        ``(m, …)``.
+    width
+        Numbers in memory for each frequency.
+    """
+    flat = frequency.reshape(frequency.shape[0], -1)
+    step = max(1, _CHUNK // max(width, 1))
+    parts = [function(flat[:, first : first + step]) for first in range(0, flat.shape[1], step)]
+    return np.concatenate([np.zeros(0, dtype=complex), *parts]).reshape(frequency.shape[1:])

@@ -1,0 +1,147 @@
+"""Philox4x32-10, the counter-based random generator, as plain numpy.
+
+Source: Salmon, Moraes, Dror, Shaw, "Parallel random numbers: as easy as 1, 2, 3", SC11, 2011. A number depends only
+on (seed, stream, occasion, unit): any sample can be replayed alone and threads do not matter.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Final, final
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["Units", "direction", "philox4x32", "stream_of", "streams_of", "uniforms"]
+
+_MULTIPLIERS: Final = (np.uint64(0xD2511F53), np.uint64(0xCD9E8D57))
+_WEYL: Final = (0x9E3779B9, 0xBB67AE85)
+_ROUNDS: Final = 10
+_LOW: Final = np.uint64(0xFFFFFFFF)
+_HALF: Final = np.uint64(32)
+
+
+def philox4x32(counter: NDArray[np.uint64], key: tuple[int, int]) -> NDArray[np.uint64]:
+    """Return the four 32-bit words of each counter.
+
+    Parameters
+    ----------
+    counter
+        ``(4, N)`` words below 2³².
+    key
+        Two words below 2³².
+
+    Returns
+    -------
+    NDArray
+        ``(4, N)`` words below 2³², held as 64-bit numbers.
+    """
+    c0, c1, c2, c3 = counter
+    k0, k1 = key
+    for _ in range(_ROUNDS):
+        first = _MULTIPLIERS[0] * c0
+        second = _MULTIPLIERS[1] * c2
+        c0, c1, c2, c3 = (
+            (second >> _HALF) ^ c1 ^ np.uint64(k0),
+            second & _LOW,
+            (first >> _HALF) ^ c3 ^ np.uint64(k1),
+            first & _LOW,
+        )
+        k0 = (k0 + _WEYL[0]) & 0xFFFFFFFF
+        k1 = (k1 + _WEYL[1]) & 0xFFFFFFFF
+    return np.array([c0, c1, c2, c3])
+
+
+def stream_of(name: str) -> int:
+    """Return the stream of a name: the first 32 bits of its BLAKE2s digest, read little-endian."""
+    return int.from_bytes(hashlib.blake2s(name.encode()).digest()[:4], "little")
+
+
+def streams_of(names: Iterable[str]) -> dict[str, int]:
+    """Return the stream of every name, no two alike.
+
+    Of two names with one stream, the later in alphabetical order is hashed again as ``name#1``, ``name#2``, …
+    until it is free, so that the order of the names never matters.
+    """
+    streams: dict[str, int] = {}
+    taken: set[int] = set()
+    for name in sorted(set(names)):
+        stream, attempt = stream_of(name), 0
+        while stream in taken:
+            attempt += 1
+            stream = stream_of(f"{name}#{attempt}")
+        taken.add(stream)
+        streams[name] = stream
+    return streams
+
+
+def uniforms(seed: int, stream: int, occasion: int, first_pair: int, pairs: int) -> NDArray[np.float64]:
+    """Return the uniform numbers of units ``2·first_pair … 2·(first_pair + pairs) - 1``.
+
+    Parameters
+    ----------
+    seed
+        64-bit key.
+    stream
+        32-bit word, one for each component of a draw.
+    occasion
+        32-bit word: 0 for unit scope, see :func:`precision_pin.draws.space.occasion`.
+    first_pair, pairs
+        Which pairs of units (even, odd).
+
+    Returns
+    -------
+    NDArray
+        ``(2, pairs)``: row 0 the even units, row 1 the odd ones; each ``(2j+1)/2⁵³`` with j the top 52 bits of its
+        64, hence never 0 or 1 and symmetric about one half.
+    """
+    index = np.arange(first_pair, first_pair + pairs, dtype=np.uint64)
+    fixed = np.ones(pairs, dtype=np.uint64)
+    counter = np.array([index & _LOW, index >> _HALF, fixed * np.uint64(stream), fixed * np.uint64(occasion)])
+    words = philox4x32(counter, (seed & 0xFFFFFFFF, seed >> 32))
+    bits = np.array([words[0] | (words[1] << _HALF), words[2] | (words[3] << _HALF)])
+    whole = (bits >> np.uint64(12)).astype(np.float64)
+    result: NDArray[np.float64] = (2 * whole + 1) * 2.0**-53
+    return result
+
+
+def direction(turns: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return cos 2πu and sin 2πu ``(2, N)`` for numbers u of turns, 0 to 1; quarters are taken off before any rounding."""
+    quarters = np.rint(4 * turns)
+    angle = 2 * np.pi * (turns - quarters / 4)
+    cosine, sine = np.cos(angle), np.sin(angle)
+    which = quarters.astype(int) % 4
+    result: NDArray[np.float64] = np.array(
+        [np.choose(which, [cosine, -sine, -cosine, sine]), np.choose(which, [sine, cosine, -sine, -cosine])]
+    )
+    return result
+
+
+@final
+@dataclass(frozen=True)
+class Units:
+    """The random numbers of units ``first … first + count - 1``, for a 64-bit seed."""
+
+    seed: int
+    first: int
+    count: int
+
+    def uniforms(self, stream: int, word: int) -> NDArray[np.float64]:
+        """Return uniform numbers ``(count,)``."""
+        return self._in_order(self._pairs(stream, word))
+
+    def normals(self, stream: int, word: int) -> NDArray[np.float64]:
+        """Return normal numbers ``(count,)``: Box-Muller of each pair, cosine for the even unit, sine for the odd one."""
+        pairs = self._pairs(stream, word)
+        return self._in_order(np.sqrt(-2 * np.log(pairs[0])) * direction(pairs[1]))
+
+    def _pairs(self, stream: int, word: int) -> NDArray[np.float64]:
+        first = self.first // 2
+        return uniforms(self.seed, stream, word, first, (self.first + self.count + 1) // 2 - first)
+
+    def _in_order(self, pairs: NDArray[np.float64]) -> NDArray[np.float64]:
+        skipped = self.first % 2
+        ordered: NDArray[np.float64] = pairs.T.reshape(-1)[skipped : skipped + self.count]
+        return ordered

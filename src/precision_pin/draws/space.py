@@ -1,0 +1,533 @@
+"""The space of random numbers: draws, their scopes, and where each number comes from.
+
+A sample is (unit, pose, visit). The column order of the space is the order of its draws; the random
+numbers themselves depend on names only, so that adding or reordering draws changes no other draw.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from enum import Enum
+from functools import cached_property
+from typing import Final, final
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from precision_pin.draws import lazy_special, philox
+from precision_pin.draws.correlation import BlockCovariance, Correlation, covariance_of
+from precision_pin.draws.expressions import Component, Expression, Value
+from precision_pin.draws.laws import FARTHEST_NORMAL, Fixed, Law
+from precision_pin.errors import InputError, UnknownNameError
+from precision_pin.inputs.arguments import (
+    check_instance,
+    check_items,
+    check_name,
+    check_numbers,
+    check_text,
+    check_whole,
+)
+from precision_pin.inputs.arrays import returns_read_only
+from precision_pin.inputs.memory import check_memory
+
+__all__ = ["FARTHEST_NORMAL", "Draw", "Extension", "LabelledSpace", "Scope", "Setting", "Space", "occasion"]
+
+Array = NDArray[np.float64]
+
+MOST_POSES = 2**20 - 1
+MOST_VISITS = 4095
+
+_UNCHECKED: Final = 2**28
+"""Bytes below which asking what is free takes longer than it is worth."""
+
+
+class Scope(Enum):
+    """How often a draw is made."""
+
+    UNIT = "unit"
+    """Once for each built robot."""
+    POSE = "pose"
+    """Once for each robot and pose."""
+    VISIT = "visit"
+    """Each time a robot comes to a pose."""
+
+
+def occasion(scope: Scope, pose: int = 0, visit: int = 0) -> int:
+    """Return the last counter word of a draw (0-based pose and visit).
+
+    Raises
+    ------
+    InputError
+        More than 2²⁰-1 poses or 4095 visits.
+    """
+    check_whole("the pose", pose, 0, MOST_POSES - 1)
+    check_whole("the visit", visit, 0, MOST_VISITS - 1)
+    match scope:
+        case Scope.UNIT:
+            return 0
+        case Scope.POSE:
+            return (pose + 1) * 4096
+        case Scope.VISIT:
+            return (pose + 1) * 4096 + visit + 1
+
+
+@final
+@dataclass(frozen=True)
+class Draw:
+    """The unit of randomness: a law with a name and a scope.
+
+    Attributes
+    ----------
+    name
+        Names the stream of random numbers. Inside a source's setting it may be empty: the draw is then named
+        after the place where it stands, ``source[joint or link].field``.
+    law
+        What is drawn.
+    scope
+        How often.
+    """
+
+    name: str
+    law: Law
+    scope: Scope = Scope.UNIT
+
+    def __post_init__(self) -> None:
+        check_text("the name of a draw", self.name)
+        check_instance(f"the law of the draw {self.name!r}", self.law, Law, "such as Normal(0.1e-3)")  # type: ignore[type-abstract]
+        check_instance(f"the scope of the draw {self.name!r}", self.scope, Scope, "such as Scope.UNIT")
+
+    @property
+    def components(self) -> tuple[str, ...]:
+        """Names of the numbers drawn."""
+        return tuple(self.name + suffix for suffix in self.law.components)
+
+    @property
+    def covariance(self) -> Array:
+        """Covariance of the numbers drawn, ``(size, size)``.
+
+        Raises
+        ------
+        InputError
+            It is beyond any number.
+        """
+        try:
+            matrix = self.law.covariance
+        except (OverflowError, FloatingPointError):
+            matrix = np.array([[np.inf]])
+        if not np.isfinite(matrix).all():
+            raise InputError(f"the variance of {self.name!r} is beyond any number; its tolerance is far too large")
+        return matrix
+
+
+Setting = float | str | Law | Draw | Expression
+"""What a source's setting may be: a number (SI), a parameter's name, a law, a draw, or a formula."""
+
+
+@final
+@dataclass(frozen=True)
+class Space:
+    """Draws in column order, and which of them are correlated.
+
+    Attributes
+    ----------
+    draws
+        In column order.
+    correlations
+        Each of several draws of one number and one scope; a draw belongs to one at most. The numbers depend on the names
+        only: neither other draws nor the order of anything changes them.
+
+    Raises
+    ------
+    InputError
+        Two different draws, or a draw and a component of another, share a name. A correlation of what is no draw here,
+        or of draws that are fixed, of several numbers, of different scopes, or correlated already.
+    """
+
+    draws: tuple[Draw, ...] = ()
+    correlations: tuple[Correlation, ...] = ()
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "draws", check_items("the draws of a space", self.draws, Draw))
+        correlations = check_items("the correlations of a space", self.correlations, Correlation)
+        object.__setattr__(self, "correlations", correlations)
+        names: set[str] = set()
+        for draw in self.draws:
+            _take_names(draw, names)
+        self._check_correlations()
+
+    def _check_correlations(self) -> None:
+        if not self.correlations:
+            return
+        known = {draw.name: draw for draw in self.draws}
+        taken: set[str] = set()
+        for correlation in self.correlations:
+            for name in correlation.names:
+                if name not in known:
+                    owner = next((draw.name for draw in self.draws if name in draw.components), None)
+                    if owner is not None:
+                        raise InputError(
+                            f"{name!r} is one of several numbers of {owner!r}, which a correlation cannot take"
+                        )
+                    raise UnknownNameError("parameter", name, (draw.name for draw in self.draws if draw.law.size == 1))
+                draw, first = known[name], known[correlation.names[0]]
+                if draw.law.size != 1:
+                    raise InputError(f"{name!r} draws {draw.law.size} numbers; a correlation is between single ones")
+                if isinstance(draw.law, Fixed):
+                    raise InputError(f"{name!r} is fixed, it cannot be correlated")
+                if draw.scope is not first.scope:
+                    raise InputError(
+                        f"{first.name!r} is drawn for each {first.scope.value}, {name!r} for each {draw.scope.value}; "
+                        "what is correlated has one scope"
+                    )
+                if name in taken:
+                    raise InputError(f"{name!r} stands in two correlations; put all that belongs together into one")
+                taken.add(name)
+
+    @cached_property
+    def components(self) -> tuple[str, ...]:
+        """Names of the d numbers, in column order."""
+        return tuple(name for draw in self.draws for name in draw.components)
+
+    @cached_property
+    def index(self) -> dict[str, int]:
+        """Column of each component."""
+        return {name: k for k, name in enumerate(self.components)}
+
+    @cached_property
+    def slices(self) -> tuple[slice, ...]:
+        """Columns of each draw."""
+        ends = np.cumsum([0, *(draw.law.size for draw in self.draws)])
+        return tuple(slice(int(a), int(b)) for a, b in itertools.pairwise(ends))
+
+    @cached_property
+    def streams(self) -> tuple[int, ...]:
+        """32-bit stream of each component."""
+        streams = philox.streams_of(self.components)
+        return tuple(streams[name] for name in self.components)
+
+    @property
+    def size(self) -> int:
+        """The number of components, d."""
+        return len(self.components)
+
+    @cached_property
+    @returns_read_only
+    def mean(self) -> Array:
+        """Mean of the components, ``(d,)``."""
+        return np.concatenate([np.zeros(0), *(draw.law.mean_vector for draw in self.draws)])
+
+    @cached_property
+    def block_covariance(self) -> BlockCovariance:
+        """Covariance of the components, in blocks of those that depend on one another."""
+        found = [draw.covariance for draw in self.draws]
+        variances = np.concatenate([np.zeros(0), *map(np.diag, found)])
+        blocks = [
+            (np.arange(columns.start, columns.stop), matrix)
+            for matrix, columns in zip(found, self.slices, strict=True)
+            if len(matrix) > 1
+        ]
+        laws = {draw.name: draw.law for draw in self.draws} if self.correlations else {}
+        for correlation in self.correlations:
+            columns = np.array([self.index[name] for name in correlation.names])
+            matrix = np.diag(variances[columns])
+            for (i, a), (j, b) in itertools.combinations(enumerate(correlation.names), 2):
+                matrix[i, j] = matrix[j, i] = covariance_of(laws[a], laws[b], correlation.matrix[i][j])
+            blocks.append((columns, matrix))
+        return BlockCovariance(variances, tuple(blocks))
+
+    @property
+    def covariance(self) -> Array:
+        """Covariance of the components, ``(d, d)``.
+
+        Raises
+        ------
+        InputError
+            There are so many that there is not memory enough.
+        """
+        self._check_dense("covariance")
+        return self._covariance
+
+    @cached_property
+    @returns_read_only
+    def _covariance(self) -> Array:
+        return self.block_covariance.dense
+
+    @cached_property
+    @returns_read_only
+    def pearson(self) -> Array:
+        """Pearson correlation of the components, ``(d, d)``: what follows from laws and correlations.
+
+        1 on the diagonal; 0 where one of two does not vary.
+
+        Raises
+        ------
+        InputError
+            There are so many that there is not memory enough.
+        """
+        self._check_dense("correlation")
+        return self.pearson_within(range(self.size))
+
+    def pearson_within(self, columns: Sequence[int]) -> Array:
+        """Return the Pearson correlation of some components, ``(n, n)``; see :attr:`pearson`."""
+        covariance = self.block_covariance.within(columns)
+        std = np.sqrt(np.diag(covariance))
+        unit = np.where(std > 0, std, 1.0)
+        matrix: Array = covariance / np.outer(unit, unit)
+        np.fill_diagonal(matrix, 1.0)
+        return matrix
+
+    def _check_dense(self, what: str) -> None:
+        check_memory(24.0 * self.size**2, f"the {what} of {self.size:,} numbers", "use block_covariance instead")
+
+    @cached_property
+    def intervals(self) -> tuple[tuple[float, float], ...]:
+        """What each component stays between in every sample; see :meth:`precision_pin.draws.laws.Law.interval`."""
+        return tuple(draw.law.interval(k) for draw in self.draws for k in range(draw.law.size))
+
+    def including(self, draws: Sequence[Draw]) -> Space:
+        """Return the space with further draws; one that is there already, equal in all, is shared."""
+        extension = Extension(self)
+        extension.add(check_items("the draws", draws, Draw))
+        return extension.space()
+
+    def parameter(self, name: str) -> Component:
+        """Return the component of a name.
+
+        Raises
+        ------
+        UnknownNameError
+            There is no such component.
+        """
+        return Component(check_name("parameter", name, self.index))
+
+    def sample(self, seed: int, first: int, count: int, *, pose: int = 0, visit: int = 0) -> Array:
+        """Return the numbers of units ``first … first + count - 1``.
+
+        Parameters
+        ----------
+        seed
+            64-bit seed.
+        first, count
+            Which units.
+        pose, visit
+            Which pose and visit, 0-based.
+
+        Raises
+        ------
+        InputError
+            A seed, unit, pose or visit out of range.
+
+        Returns
+        -------
+        NDArray
+            ``(d, count)``, numbered as docs/reproducibility.md says: see :mod:`precision_pin.draws.philox`
+            for the uniforms; normal numbers are Box-Muller of a pair (cosine for the even unit, sine for the odd).
+        """
+        check_seed(seed)
+        seed = int(seed)
+        first = check_whole("first, the number of a unit,", first, 0, 2**64 - 1, "from 0 to 2^64 - 1")
+        count = check_whole("count", count, 0, 2**64 - first, "of units, the last of them 2^64 - 1 or below")
+        check_whole("the pose", pose, 0, MOST_POSES - 1)
+        check_whole("the visit", visit, 0, MOST_VISITS - 1)
+        self._check_sampled(count)
+        units = philox.Units(seed, first, count)
+        x = np.empty((self.size, count))
+        for draw, rows in zip(self.draws, self.slices, strict=True):
+            if isinstance(draw.law, Fixed):
+                x[rows] = draw.law.mean
+            elif draw.name not in self._correlated:
+                word = occasion(draw.scope, pose, visit)
+                make = units.normals if draw.law.variates == "normal" else units.uniforms
+                x[rows] = draw.law.sample(np.array([make(stream, word) for stream in self.streams[rows]]))
+        for correlation in self.correlations:
+            columns = [self.index[name] for name in correlation.names]
+            word = occasion(self._correlated[correlation.names[0]].scope, pose, visit)
+            self._take(correlation, np.array([units.normals(self.streams[column], word) for column in columns]), x)
+        return x
+
+    def inverse(self, uniforms: ArrayLike) -> Array:
+        """Return the numbers ``(d, N)`` for given uniform numbers ``(d, N)``, every law by its inverse."""
+        # many numbers, and only read: arrays are not copied
+        u = (
+            uniforms
+            if type(uniforms) is np.ndarray and uniforms.dtype == np.float64
+            else check_numbers("uniforms", uniforms)
+        )
+        if u.ndim != 2 or len(u) != self.size:
+            raise InputError(f"uniforms of shape {u.shape}, expected ({self.size}, N)")
+        self._check_sampled(u.shape[1])
+        if u.size and not (u.min() > 0 and u.max() < 1):
+            raise InputError("uniforms must lie above 0 and below 1")
+        x = np.empty_like(u)
+        for draw, rows in zip(self.draws, self.slices, strict=True):
+            x[rows] = draw.law.inverse(u[rows])
+        for correlation in self.correlations:
+            self._take(correlation, lazy_special.ndtri(u[[self.index[name] for name in correlation.names]]), x)
+        return x
+
+    def _check_sampled(self, count: int) -> None:
+        needed = 24.0 * self.size * count  # the numbers, and what they are made from
+        if needed > _UNCHECKED:
+            check_memory(needed, f"sampling {self.size:,} numbers {count:,} times at once", "sample a part at a time")
+
+    @cached_property
+    def _correlated(self) -> dict[str, Draw]:
+        names = {name for correlation in self.correlations for name in correlation.names}
+        return {draw.name: draw for draw in self.draws if draw.name in names}
+
+    def _take(self, correlation: Correlation, normals: Array, x: Array) -> None:
+        """Set the rows of correlated draws in ``x`` from independent normal numbers."""
+        for name, scores in zip(correlation.names, correlation.mix(normals), strict=True):
+            x[self.index[name]] = self._correlated[name].law.at_scores(scores[None])[0]
+
+
+def _take_names(draw: Draw, taken: set[str]) -> None:
+    own = {draw.name, *draw.components}
+    for name in own:
+        if name in taken or not name:
+            raise InputError(f"two random numbers are named {name!r}; every draw needs a name of its own")
+    taken |= own
+
+
+@final
+class Extension:
+    """Further draws for a space, added group by group, so that a group that cannot be added leaves the others be.
+
+    Parameters
+    ----------
+    space
+        What is extended.
+    """
+
+    def __init__(self, space: Space) -> None:
+        self._correlations = space.correlations
+        self._known = {draw.name: draw for draw in space.draws}
+        self._taken = {name for draw in space.draws for name in (draw.name, *draw.components)}
+
+    def add(self, draws: Iterable[Draw]) -> None:
+        """Add draws; one that is there already, equal in all, is shared.
+
+        Raises
+        ------
+        InputError
+            A draw of that name is there and differs, or one of another name has a component of that name. None of the
+            draws is added then.
+        """
+        added: dict[str, Draw] = {}
+        names: set[str] = set()
+        for draw in draws:
+            known = self._known.get(draw.name) or added.get(draw.name)
+            if known is None:
+                _take_names(draw, names)
+                added[draw.name] = draw
+            elif known != draw:
+                raise InputError(f"the draw {draw.name!r} is given twice with different laws or scopes")
+        shared = sorted(names & self._taken)
+        if shared:
+            raise InputError(f"two random numbers are named {shared[0]!r}; every draw needs a name of its own")
+        self._known |= added
+        self._taken |= names
+
+    def space(self) -> Space:
+        """Return the space with all that was added."""
+        return Space(tuple(self._known.values()), self._correlations)
+
+
+def check_seed(seed: int) -> None:
+    """Refuse a seed that is not a 64-bit number.
+
+    Raises
+    ------
+    InputError
+        The seed is not in 0 … 2⁶⁴-1.
+    """
+    check_whole("the seed", seed, 0, 2**64 - 1, "from 0 to 2^64 - 1")
+
+
+@final
+@dataclass(frozen=True)
+class LabelledSpace:
+    """The space as one source sees it: what its settings stand for.
+
+    Attributes
+    ----------
+    space
+        All draws of the model.
+    label
+        The source's label, ``kind[joint or link]``, before which its own draws are named.
+    """
+
+    space: Space
+    label: str
+
+    def value(self, field: str, setting: Setting) -> Value:
+        """Return a setting as a number or an expression.
+
+        Parameters
+        ----------
+        field
+            The setting's name; an unnamed law is the draw ``label.field``.
+        setting
+            A number, a parameter's name, a law, a draw or a formula.
+
+        Raises
+        ------
+        UnknownNameError
+            The name of a parameter that does not exist.
+        """
+        match setting:
+            case Expression():
+                return setting
+            case str():
+                return self.space.parameter(setting)
+            case Draw(name=name):
+                return self.space.parameter(name or f"{self.label}.{field}")
+            case Law():
+                return self.space.parameter(f"{self.label}.{field}")
+            case _:
+                number = float(setting)
+                if not math.isfinite(number):
+                    raise InputError(f"{field} of {self.label} is {number}, which is not finite")
+                return number
+
+    def positive(self, field: str, setting: Setting, *, zero: bool = False) -> Value:
+        """Return a setting that must be positive (or zero, if allowed) in every sample; see :meth:`value`.
+
+        Raises
+        ------
+        InputError
+            The number, or the law's support, reaches below; a normal law must keep its mean 8.6 standard deviations
+            away, farther than any sample lies.
+        """
+        value = self.value(field, setting)
+        lowest = self._lowest(value)
+        if lowest < 0 or (lowest == 0 and not zero):
+            what = "negative" if zero else "zero or negative"
+            raise InputError(
+                f"{field} of {self.label} can become {what} (as low as {lowest:.6g}); narrow or truncate its law"
+            )
+        return value
+
+    def _lowest(self, value: Value) -> float:
+        """Return the lowest number that a setting takes in any sample; a formula is taken at its word."""
+        if not isinstance(value, Expression):
+            return value
+        if not isinstance(value, Component):
+            return math.inf
+        return self.space.intervals[self.space.index[value.name]][0]
+
+    def values(self, field: str, settings: Sequence[Setting]) -> tuple[Value, ...]:
+        """Return several settings of one field; the second and later are named ``field[1]``, ``field[2]``, …."""
+        return tuple(self.value(indexed(field, k), setting) for k, setting in enumerate(settings))
+
+    def component(self, name: str) -> Component:
+        """Return a component of one of the source's own draws, ``label.name``."""
+        return self.space.parameter(f"{self.label}.{name}")
+
+
+def indexed(field: str, k: int) -> str:
+    """Return the name of the k-th of several values of a field; the first has none."""
+    return field if k == 0 else f"{field}[{k}]"

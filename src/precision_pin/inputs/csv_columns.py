@@ -1,0 +1,208 @@
+"""Measured numbers in CSV files, with their units in the header.
+
+    x [mm], rx [mrad]
+    0.012, -0.3
+    0.008, 0.1
+
+The first row names the columns, each with its unit in brackets (none for a plain number). Columns are parted by commas,
+numbers have a point. Blank lines and lines that begin with ``#`` do not count.
+"""
+
+from __future__ import annotations
+
+import csv
+import math
+import os
+import re
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final, final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from precision_pin import units
+from precision_pin.errors import InputError, UnitError, UnknownNameError
+from precision_pin.inputs.files import note_input
+from precision_pin.units import Quantity
+
+__all__ = ["LARGEST_FILE", "NUMBER", "Measured", "numbers", "read"]
+
+Array = NDArray[np.float64]
+
+LARGEST_FILE: Final = 16 * 2**20
+
+MOST_COLUMNS: Final = 1000
+"""Of a file; more are a file of another form, such as one with all numbers in its first line."""
+
+_HEADING: Final = re.compile(r"([^\[\]]+)(?:\[([^\[\]]*)\])?")
+NUMBER: Final = re.compile(r"[+-]?(?:\d++(?:\.\d*+)?|\.\d++)(?:[eE][+-]?\d++)?", re.ASCII)
+_NOT_PLAIN: Final = re.compile(r"[^0-9eE+\-., \t]")
+_LONGEST: Final = 40
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Measured:
+    """What a file holds.
+
+    Attributes
+    ----------
+    file
+        Its name, for messages.
+    names
+        Of the columns.
+    units
+        Of the columns, as written; empty for a plain number.
+    rows
+        The numbers as they stand in the file, not in SI, ``(R, C)``.
+    """
+
+    file: str
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    rows: Array
+
+    def unit(self, name: str) -> str:
+        """Return a column's unit as written.
+
+        Raises
+        ------
+        UnknownNameError
+            There is no such column.
+        """
+        if name not in self.names:
+            raise UnknownNameError(f"column in {self.file}", name, self.names)
+        return self.units[self.names.index(name)]
+
+    def column(self, name: str, *quantities: Quantity) -> tuple[float, ...]:
+        """Return a column's numbers in SI.
+
+        Raises
+        ------
+        InputError
+            There is no such column, it has no unit or one of another quantity, or a number is too large.
+        """
+        unit = self.unit(name)
+        wanted = " or ".join(quantity.name for quantity in quantities)
+        if not unit and not any("" in quantity.units for quantity in quantities):
+            si = quantities[0].si
+            raise UnitError(
+                f"{self.file}: the column {name!r} has no unit; write that of a {wanted} behind its name: {name} [{si}]"
+            )
+        try:
+            factor = units.parse(f"1 {unit}", *quantities)
+        except UnitError:
+            allowed = ", ".join(dict.fromkeys(unit for quantity in quantities for unit in quantity.units if unit))
+            raise UnitError(
+                f"{self.file}: {unit!r} of the column {name!r} is not a unit of {wanted}; allowed: {allowed}"
+            ) from None
+        position = self.names.index(name)
+        with np.errstate(over="ignore"):
+            values = self.rows[:, position] * factor
+        if not (np.abs(values) <= units.LARGEST).all():
+            raise InputError(f"{self.file}: the column {name!r} holds a number that is too large")
+        return tuple(values.tolist())
+
+
+def read(path: str | os.PathLike[str]) -> Measured:
+    """Read a file.
+
+    Raises
+    ------
+    InputError
+        It is not there, cannot be read or is larger than 16 MiB; or, with its line: no header, a column without a name
+        or two of one name, a row of another length, what is not a number.
+    """
+    file = os.fspath(path)
+    lines = [(number, line) for number, line in enumerate(_text(file).splitlines(), start=1) if not _is_comment(line)]
+    if len(lines) < 2:
+        raise InputError(f"{file} holds no rows of numbers; a header such as 'x [mm], y [mm]' and rows belong there")
+    number, line = lines[0]
+    where = f"{file}, line {number}"
+    header = _header(_cells(line, where), where)
+    rows = numbers([line for _, line in lines[1:]], len(header))
+    if rows is None:
+        rows = np.array([_row(line, len(header), f"{file}, line {number}") for number, line in lines[1:]])
+    return Measured(file, tuple(name for name, _ in header), tuple(unit for _, unit in header), rows)
+
+
+def numbers(lines: Sequence[str], columns: int) -> Array | None:
+    """Return lines of plain numbers parted by commas all at once, ``(R, C)``.
+
+    None where any of them is something else: reading line by line then says which.
+    """
+    if any(map(_NOT_PLAIN.search, lines)):
+        return None
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")  # no lines, or none but blanks
+            found = np.loadtxt(lines, delimiter=",", comments=None, ndmin=2)
+    except (ValueError, UserWarning):
+        return None
+    return found if found.shape == (len(lines), columns) and np.isfinite(found).all() else None
+
+
+def _cells(line: str, where: str) -> list[str]:
+    if line.count('"') % 2:
+        raise InputError(f"{where}: a quotation mark is opened and not closed")
+    try:
+        return [cell.strip() for cell in next(csv.reader([line]))]
+    except csv.Error as error:
+        raise InputError(f"{where}: no row of cells parted by commas: {error}") from None
+
+
+def _row(line: str, columns: int, where: str) -> list[float]:
+    cells = _cells(line, where)
+    if len(cells) != columns:
+        raise InputError(f"{where}: {len(cells)} cells, but the header has {columns}")
+    return [_number(cell, where) for cell in cells]
+
+
+def _text(file: str) -> str:
+    note_input(file)
+    path = Path(file)
+    try:
+        if not path.is_file():
+            raise InputError(f"{file} {'is not a regular file' if path.exists() else 'does not exist'}")
+        if path.stat().st_size > LARGEST_FILE:
+            raise InputError(f"{file} is larger than {LARGEST_FILE >> 20} MiB")
+        return path.read_text(encoding="utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise InputError(f"{file} is not UTF-8 text (byte {error.start})") from None
+    except (OSError, ValueError) as error:
+        raise InputError(f"{file} cannot be read: {getattr(error, 'strerror', None) or error}") from None
+
+
+def _is_comment(line: str) -> bool:
+    return not line.strip() or line.lstrip().startswith("#")
+
+
+def _header(cells: list[str], where: str) -> list[tuple[str, str]]:
+    if len(cells) > MOST_COLUMNS:
+        raise InputError(f"{where}: {len(cells):,} columns, at most {MOST_COLUMNS:,} are allowed")
+    header: dict[str, str] = {}
+    for cell in cells:
+        match = _HEADING.fullmatch(cell)
+        name = "" if match is None else match[1].rstrip()
+        if match is None or not name:
+            hint = "; columns are parted by commas" if ";" in cell or "\t" in cell else ""
+            raise InputError(f"{where}: {_shown(cell)} does not name a column such as 'x [mm]'{hint}")
+        if name in header:
+            raise InputError(f"{where}: two columns are named {_shown(name)}")
+        header[name] = (match[2] or "").strip()
+    if all(map(NUMBER.fullmatch, header)):
+        raise InputError(f"{where}: the first row names the columns and their units, such as 'x [mm], y [mm]'")
+    return list(header.items())
+
+
+def _number(cell: str, where: str) -> float:
+    if NUMBER.fullmatch(cell) is None or not math.isfinite(float(cell)):
+        raise InputError(f"{where}: {_shown(cell)} is not a number such as 0.012 or 1.2e-2")
+    return float(cell)
+
+
+def _shown(cell: str) -> str:
+    return repr(cell if len(cell) <= _LONGEST else cell[:_LONGEST] + "…")

@@ -1,0 +1,440 @@
+"""Turning a term table into the arrays that the compiled loops read."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from functools import cached_property, reduce
+from itertools import groupby, pairwise
+from typing import TYPE_CHECKING, Final, final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from precision_pin.draws.expressions import Operator
+from precision_pin.draws.space import Scope, Space, occasion
+from precision_pin.kernel.draw_arrays import (
+    Interval,
+    drawn,
+    frozen,
+    frozen_offsets,
+    intervals,
+    lay_out_draws,
+    offset,
+    offsets,
+    rare_laws,
+)
+from precision_pin.kernel.loops import FINE, NARROW, WIDE, Draws, Formulas, Motions, Superposition, Wanted
+
+if TYPE_CHECKING:
+    from precision_pin.terms.table import TermTable
+
+__all__ = ["CompiledTable", "lay_out", "lay_out_many"]
+
+Array = NDArray[np.float64]
+Column = tuple[int, ...]
+"""One row, or two that are multiplied."""
+
+_FINE_UP_TO: Final = 0.01 * (1 - 1e-9)
+_NARROW_UP_TO: Final = 0.25 * (1 - 1e-9)
+"""Angles (rad) that are served by the shortest and the short series."""
+
+_NEGLIGIBLE: Final = 2.0**-58
+_LARGEST_POWER: Final = 8
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class CompiledTable:
+    """An error model at one pose as arrays: nothing about it is compiled anew, whatever the robot.
+
+    Attributes
+    ----------
+    space
+        Its draws.
+    targets
+        K, how many targets displace the chain.
+    rows
+        Rows of a workspace.
+    draws, formulas, superposition, motions
+        What the compiled loops read, see :mod:`precision_pin.kernel.loops`.
+    lowest, highest
+        ``(d,)`` what a component drawn by Box-Muller or by inverse stays between.
+    largest_angle
+        Bound on the sum of all targets' turns over all samples, rad; infinite where none is known.
+    """
+
+    space: Space
+    targets: int
+    rows: int
+    draws: Draws
+    formulas: Formulas
+    superposition: Superposition
+    motions: Motions
+    lowest: Array
+    highest: Array
+    largest_angle: float
+
+    @cached_property
+    def scopes(self) -> tuple[Scope, ...]:
+        """The scope of each stream of ``draws``."""
+        draws = zip(self.space.draws, self.space.slices, strict=True)
+        return tuple(draw.scope for draw, columns in draws for _ in drawn(draw.law, columns))
+
+    @cached_property
+    def rare(self) -> Wanted:
+        """Whether the space needs loops that are compiled where they are wanted only."""
+        return rare_laws(self.space)
+
+    def words(self, pose: int, visit: int) -> NDArray[np.uint64]:
+        """Return the last counter word of every stream drawn, in the order of ``draws.streams``."""
+        occasions = {scope: occasion(scope, pose, visit) for scope in dict.fromkeys(self.scopes)}
+        return np.array([occasions[scope] for scope in self.scopes], dtype=np.uint64)
+
+
+def lay_out(table: TermTable, space: Space) -> CompiledTable:
+    """Return the arrays of a term table.
+
+    Raises
+    ------
+    InputError
+        The compiled sampler does not know a law.
+    """
+    return lay_out_many((table,), space)[0]
+
+
+def lay_out_many(tables: Sequence[TermTable], space: Space) -> list[CompiledTable]:
+    """Return the arrays of term tables, each as `lay_out` makes them by itself, bit by bit.
+
+    Tables one after another that share targets, program and factors, as one model's at several poses do, share draws and
+    formulas afterwards.
+
+    Raises
+    ------
+    InputError
+        The compiled sampler does not know a law.
+    """
+    found: list[CompiledTable] = []
+    for _, alike in groupby(tables, key=lambda table: (id(table.program), id(table.target), id(table.factors))):
+        found += _lay_out_alike(list(alike), space)
+    return found
+
+
+def _lay_out_alike(tables: Sequence[TermTable], space: Space) -> list[CompiledTable]:
+    rows = _Rows(space)
+    formulas, program_rows = _lay_out_formulas(tables[0], rows)
+    products = _Products(rows, program_rows)
+    columns = [products.column(factors[factors >= 0]) for factors in tables[0].factors]
+    draws, all_formulas = lay_out_draws(space, rows.constants), products.appended_to(formulas)
+    lowest = frozen([low for low, _ in rows.intervals[: space.size]])
+    highest = frozen([high for _, high in rows.intervals[: space.size]])
+    return [
+        CompiledTable(
+            space=space,
+            targets=len(tables[0].targets),
+            rows=len(rows.intervals),
+            draws=draws,
+            formulas=all_formulas,
+            superposition=superposition,
+            motions=motions,
+            lowest=lowest,
+            highest=highest,
+            largest_angle=angle,
+        )
+        for superposition, motions, angle in _lay_out_displacements(tables, columns, rows)
+    ]
+
+
+@final
+class _Rows:
+    """Rows handed out one after another, each with an interval its numbers stay in; components come first."""
+
+    def __init__(self, space: Space) -> None:
+        self.intervals = intervals(space)
+        self.constants: dict[float, int] = {}
+
+    def add(self, interval: Interval) -> int:
+        self.intervals.append(interval)
+        return len(self.intervals) - 1
+
+    def constant(self, value: float) -> int:
+        if value not in self.constants:
+            self.constants[value] = self.add((value, value))
+        return self.constants[value]
+
+
+# derived parameters and products -------------------------------------------------------------------------------------
+
+
+def _lay_out_formulas(table: TermTable, rows: _Rows) -> tuple[list[tuple[int, int, int, int]], list[int]]:
+    """Return the operations ``(operator, left, right, result)`` and the row of each parameter."""
+    program = table.program
+    register = [*range(program.components), *(rows.constant(value) for value in program.constants)]
+    steps: list[tuple[int, int, int, int]] = []
+
+    def apply(operator: Operator, left: int, right: int) -> int:
+        result = rows.add(_applied(operator, rows.intervals[left], rows.intervals[right]))
+        steps.append((int(operator), left, right, result))
+        return result
+
+    for operator, left, right in program.operations:
+        a, b = register[left], register[right]
+        low, high = rows.intervals[b]
+        if operator is Operator.POWER and low == high and low in range(1, _LARGEST_POWER + 1):
+            # a small whole power is a few products, and a product costs a hundredth of a power
+            result = a
+            for _ in range(int(low) - 1):
+                result = apply(Operator.MULTIPLY, result, a)
+            register.append(result)
+        else:
+            register.append(apply(operator, a, b))
+    return steps, [register[output] for output in program.outputs]
+
+
+@final
+class _Products:
+    """The distinct products of parameters that are factors of further products, a row for each."""
+
+    def __init__(self, rows: _Rows, parameters: Sequence[int]) -> None:
+        self._rows = rows
+        self._parameters = parameters
+        self._known: dict[tuple[int, ...], int] = {}
+        self._factors: list[tuple[int, int]] = []
+        self._results: list[int] = []
+
+    def column(self, factors: NDArray[np.intp]) -> Column:
+        """Return one or two rows whose product is that of parameters; of none, a row of ones."""
+        if not factors.size:
+            return (self._rows.constant(1.0),)
+        key = tuple(sorted(self._parameters[factor] for factor in factors))
+        return key if len(key) == 1 else (self._row(key[:-1]), key[-1])
+
+    def _row(self, key: tuple[int, ...]) -> int:
+        if len(key) == 1:
+            return key[0]
+        if key not in self._known:
+            left, right = self._row(key[:-1]), key[-1]
+            intervals = self._rows.intervals
+            self._known[key] = self._rows.add(_multiplied(intervals[left], intervals[right]))
+            self._factors.append((left, right))
+            self._results.append(self._known[key])
+        return self._known[key]
+
+    def appended_to(self, steps: Sequence[tuple[int, int, int, int]]) -> Formulas:
+        """Return the operations and, after them, the products."""
+        operators = np.array([step[0] for step in steps], dtype=np.int64)
+        operators.flags.writeable = False
+        return Formulas(
+            operators=operators,
+            left=offsets([step[1] for step in steps]),
+            right=offsets([step[2] for step in steps]),
+            results=offsets([step[3] for step in steps]),
+            product_factors=frozen_offsets(
+                np.array([(offset(a), offset(b)) for a, b in self._factors], dtype=np.uint64).reshape(-1, 2)
+            ),
+            products=offsets(self._results),
+        )
+
+
+def _applied(operator: Operator, a: Interval, b: Interval) -> Interval:
+    """Return an interval that holds the operation's results; all numbers where nothing better is known."""
+    everything = (-math.inf, math.inf)
+    match operator:
+        case Operator.ADD:
+            ends = [a[0] + b[0], a[1] + b[1]]
+        case Operator.SUBTRACT:
+            ends = [a[0] - b[1], a[1] - b[0]]
+        case Operator.MULTIPLY:
+            ends = [x * y for x in a for y in b]
+        case Operator.DIVIDE:
+            if b[0] <= 0 <= b[1]:
+                return everything
+            ends = [x / y for x in a for y in b]
+        case Operator.POWER:
+            if a[0] <= 0 or math.inf in a:
+                return everything
+            try:
+                ends = [x**y for x in a for y in b]
+            except OverflowError:
+                return everything
+        case Operator.SQRT:
+            ends = [math.sqrt(max(x, 0.0)) for x in a]
+        case Operator.SIN | Operator.COS:
+            return (-1.0, 1.0)
+    if any(map(math.isnan, ends)):
+        return everything
+    # outwards by more than the rounding of either end and of the samples' own operation
+    low, high = min(ends), max(ends)
+    return low - 1e-14 * abs(low), high + 1e-14 * abs(high)
+
+
+def _multiplied(a: Interval, b: Interval) -> Interval:
+    return _applied(Operator.MULTIPLY, a, b)
+
+
+# displacements -------------------------------------------------------------------------------------------------------
+
+
+def _lay_out_displacements(
+    tables: Sequence[TermTable], columns: Sequence[Column], rows: _Rows
+) -> list[tuple[Superposition, Motions, float]]:
+    """Return, for each table, both models and the bound on the sum of the targets' turns.
+
+    Numbers are added and multiplied one by one, not by a matrix product, whose bits depend on how many there are.
+    """
+    count = len(tables[0].targets)
+    poses, frames, twists = _stack(tables, "pose"), _stack(tables, "frames"), _stack(tables, "twists")
+    target = tables[0].target
+    turned = _turned(frames[:, target, :3, :3], twists[:, :, 3:])
+    shifted = _turned(frames[:, target, :3, :3], twists[:, :, :3])
+    arms = poses[:, None, :3, 3] - frames[:, :, :3, 3]
+    lever = -arms[:, target]
+    carried = shifted + np.stack(
+        [
+            lever[..., (k + 1) % 3] * turned[..., (k + 2) % 3] - lever[..., (k + 2) % 3] * turned[..., (k + 1) % 3]
+            for k in range(3)
+        ],
+        axis=-1,
+    )
+    sums = [_Sum.of(columns, carried, range(len(columns))), _Sum.of(columns, turned, range(len(columns)))]
+    angles = np.zeros((len(tables), count))
+    for place, k in enumerate(reversed(range(count))):
+        terms = np.flatnonzero(target == k).tolist()
+        shift, turn = _Sum.of(columns, shifted, terms), _Sum.of(columns, turned, terms)
+        angles[:, place] = _bound(turn, rows)
+        sums += [shift, _Sum(turn.columns, turn.vectors / 2)]
+    total = np.zeros(len(tables))
+    for column in angles.T:
+        total = total + column
+    reach = np.concatenate([angles, total[:, None]], axis=1)
+    series = np.where(reach <= _FINE_UP_TO, FINE, np.where(reach <= _NARROW_UP_TO, NARROW, WIDE))
+    # a table's entries are those that are not zero: nearly always the same ones at all poses
+    kept = np.concatenate([part.vectors.any(axis=-1) for part in sums], axis=1)
+    patterns, numbers = np.unique(kept, axis=0, return_inverse=True)
+    found: dict[int, tuple[Superposition, Motions, float]] = {}
+    for number, pattern in enumerate(patterns):
+        alike = np.flatnonzero(numbers.reshape(-1) == number)
+        made = _assembled(sums, pattern, alike, arms[alike][:, ::-1], series[alike])
+        found |= {pose: (*both, float(total[pose])) for pose, both in zip(alike.tolist(), made, strict=True)}
+    return [found[pose] for pose in range(len(tables))]
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class _Sum:
+    """A vector as a sum ``vector × column``: the columns, and a vector for each at every pose, ``(P, columns, 3)``."""
+
+    columns: list[Column]
+    vectors: Array
+
+    @classmethod
+    def of(cls, columns: Sequence[Column], vectors: Array, terms: Iterable[int]) -> _Sum:
+        """Return the sum of terms with vectors ``(P, T, 3)``; those of one column are added up."""
+        moved: dict[Column, Array] = {}
+        for term in terms:
+            column = columns[term]
+            moved[column] = moved[column] + vectors[:, term] if column in moved else vectors[:, term]
+        stacked = np.stack([_without_dust(vector) for vector in moved.values()], axis=1) if moved else vectors[:, :0]
+        return cls(list(moved), stacked)
+
+    def entries(self, kept: NDArray[np.bool_], poses: NDArray[np.intp], *, least: int = 0, filler: int = 0) -> _Entries:
+        """Return the entries at some poses, at least so many of single rows."""
+        chosen = np.flatnonzero(kept).tolist()
+        single = [k for k in chosen if len(self.columns[k]) == 1]
+        double = [k for k in chosen if len(self.columns[k]) == 2]
+        rows = [self.columns[k][0] for k in single]
+        others = max(len(rows) - least, 0)
+        # the loops take six, five, four or three at once
+        size = least + others + {1: 2, 2: 1}.get(others % 6, 0)
+        rows += ([self.columns[k][0] for k in chosen[:1]] or [filler]) * (size - len(rows))
+        sets = -(-len(double) // 3)
+        factors = [row for k in double for row in self.columns[k]]
+        factors += factors[:1] * (6 * sets - len(factors))
+        own, vectors = self.vectors[poses], np.zeros((len(poses), size + 6 * sets, 3))
+        vectors[:, : len(single)] = own[:, single]
+        vectors[:, [size + 6 * (k // 3) + k % 3 for k in range(len(double))]] = own[:, double]
+        return _Entries(rows + factors, vectors, size)
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class _Entries:
+    """Entries of a sum as `precision_pin.kernel.loops.Motions` has them: rows, vectors, how many are of single rows."""
+
+    rows: list[int]
+    vectors: Array
+    single: int
+
+    @property
+    def sizes(self) -> tuple[int, int]:
+        return self.single, len(self.rows) - self.single
+
+
+def _stack(tables: Sequence[TermTable], name: str) -> Array:
+    stacked: Array = np.stack([getattr(table, name) for table in tables])
+    return stacked
+
+
+def _turned(rotation: Array, vector: Array) -> Array:
+    """Return rotations ``(…, 3, 3)`` times vectors ``(…, 3)``."""
+    parts = rotation * vector[..., None, :]
+    result: Array = parts[..., 0] + parts[..., 1] + parts[..., 2]
+    return result
+
+
+def _without_dust(vector: Array) -> Array:
+    """Return vectors ``(P, 3)`` without components that are rounding errors of their direction."""
+    return np.where(np.abs(vector) > _NEGLIGIBLE * np.abs(vector).max(axis=-1, keepdims=True), vector, 0.0)
+
+
+def _bound(turn: _Sum, rows: _Rows) -> Array:
+    """Return how far a target may turn at each pose, ``(P,)``, rad; infinite where no bound is known."""
+    reach = np.zeros((len(turn.vectors), 3))
+    with np.errstate(invalid="ignore", over="ignore"):
+        for k, column in enumerate(turn.columns):
+            vector = np.abs(turn.vectors[:, k])
+            interval: Interval = reduce(_multiplied, (rows.intervals[row] for row in column))
+            furthest = max(map(abs, interval))
+            reach = reach + np.where(vector.any(axis=-1, keepdims=True), vector * furthest, 0.0)
+        bound = np.sqrt(reach[:, 0] * reach[:, 0] + reach[:, 1] * reach[:, 1] + reach[:, 2] * reach[:, 2])
+    return np.nan_to_num(bound, nan=math.inf, posinf=math.inf)
+
+
+def _assembled(
+    sums: Sequence[_Sum], kept: NDArray[np.bool_], poses: NDArray[np.intp], arms: Array, series: NDArray[np.int64]
+) -> Iterable[tuple[Superposition, Motions]]:
+    """Yield both models at the poses where the same entries are kept."""
+    ends = np.cumsum([0, *(len(part.columns) for part in sums)]).tolist()
+    of_part = [kept[begin:end] for begin, end in pairwise(ends)]
+    listed = [part.entries(own, poses) for part, own in zip(sums[:2], of_part[:2], strict=True)]
+    for shift, turn, shift_kept, turn_kept in zip(sums[2::2], sums[3::2], of_part[2::2], of_part[3::2], strict=True):
+        least = 3 if turn_kept.any() else 0
+        turns = turn.entries(turn_kept, poses, least=least)
+        listed += [shift.entries(shift_kept, poses, least=least, filler=turns.rows[0] if least else 0), turns]
+    # the superposition's, then shifts and turns of the targets, tip first
+    parts = [listed[0:1], listed[1:2], listed[2::2], listed[3::2]]
+    row_offsets = [offsets([row for entries in part for row in entries.rows]) for part in parts]
+    vectors = [
+        frozen(together, *together.shape)
+        for part in parts
+        for together in [np.concatenate([np.zeros((len(poses), 0, 3)), *(entries.vectors for entries in part)], axis=1)]
+    ]
+    starts = [np.cumsum([0, *(size for entries in part for size in entries.sizes)]) for part in parts]
+    superposed, shift_starts, turn_starts = map(frozen_offsets, (np.stack(starts[:2], axis=1), *starts[2:]))
+    all_arms, all_series = frozen(arms, *arms.shape), np.array(series, dtype=np.int64)
+    all_series.flags.writeable = False
+    for k in range(len(poses)):
+        yield (
+            Superposition(row_offsets[0], vectors[0][k], row_offsets[1], vectors[1][k], superposed),
+            Motions(
+                shift_starts,
+                row_offsets[2],
+                vectors[2][k],
+                turn_starts,
+                row_offsets[3],
+                vectors[3][k],
+                all_arms[k],
+                all_series[k],
+            ),
+        )

@@ -1,0 +1,1729 @@
+"""The compiled loops of the sampler: draw, derive, displace, compose, count.
+
+All compiled code of the package stands in this one file (numba does not see that a cached function is stale when a
+function it calls changes in another file). It knows nothing of robots: everything arrives as arrays, laid out by
+:mod:`precision_pin.kernel.arrays`.
+
+Samples are worked on in *tiles* of `TILE`. One *row* of a workspace holds one quantity of a tile; rows stand `STRIDE`
+doubles apart and are named by the offset of their first element, an unsigned integer (signed offsets make numba test
+for negative indices, which keeps LLVM from vectorising). Rows that every model has stand in an array of their own, the
+*scratch* `s`, those of its parameters in `w`: what is in one array would be tested for overlap before every loop, which
+takes as long as the loop. Sampled tiles hold the even units first, then the odd ones, as Philox and Box-Muller give
+them; they are put in order only where a result leaves the tile.
+
+Floating-point contraction (fused multiply-add) is allowed in what is marked `contracted` only: logarithms, normal
+numbers, discs' directions, displacements. All else, uniform numbers and sums included, is plain IEEE arithmetic in a
+written order. No mathematical library is called but for powers, sines and cosines in derived formulas. So bits are the
+same on machines of one type, and numbers within rounding on others.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, Final, Literal, NamedTuple
+
+import numba
+import numpy as np
+from numba.extending import intrinsic
+from numpy.typing import NDArray
+
+from precision_pin.jit import INTERPRETED, apart, contracted, kept, kept_part, kept_part_within, plain, within
+
+__all__ = [
+    "ANGLE",
+    "ATOM",
+    "DRAW",
+    "EXACT",
+    "FINE",
+    "FORMULA",
+    "HELD",
+    "LANE_DOUBLES",
+    "LARGEST",
+    "LINEAR",
+    "NARROW",
+    "NORM_COLUMNS",
+    "NORM_EXPONENTS",
+    "NORM_MANTISSA",
+    "NOT_FINITE",
+    "SCRATCH",
+    "STRIDE",
+    "SUMS",
+    "TILE",
+    "WIDE",
+    "Counting",
+    "Draws",
+    "Formulas",
+    "Motions",
+    "Superposition",
+    "Wanted",
+    "run",
+    "run_poses",
+]
+
+Array = NDArray[np.float64]
+Offsets = NDArray[np.uint64]
+Bins = NDArray[np.uint32]
+Scalar = Any
+"""A number inside compiled code: an offset (np.uint64), an index or a double."""
+Wanted = Literal[True] | None
+"""True, or None: to numba another type, for which what it stands for is left out and takes no time to compile."""
+
+TILE: Final = 128
+"""Samples worked on together."""
+STRIDE: Final = TILE + 8
+"""Doubles from one row to the next; not a power of two, so that rows do not fall on the same cache lines."""
+ATOM: Final = 1 << 14
+"""Samples of one partial sum, that of :func:`precision_pin.statistics.observe`."""
+LANES: Final = 16
+HELD: Final = 16
+"""Tiles of which the bins are found before they are counted."""
+LARGEST: Final = 10
+"""How many of the largest errors are kept."""
+SUMS: Final = 31
+"""Partial sums of an atom: 8 residuals, 21 products of two components (upper triangle by rows), 2 squared norms."""
+
+LANE_DOUBLES: Final = (SUMS + 16) * LANES
+"""What a pose's lanes take: those of the sums, of the eight smallest and of the eight largest values."""
+
+NORM_MANTISSA: Final = 5
+NORM_EXPONENTS: Final = (-4, 4)
+NORM_COLUMNS: Final = 2 * (1 + ((NORM_EXPONENTS[1] - NORM_EXPONENTS[0]) << NORM_MANTISSA))
+"""Columns of the small sketch of a norm, 514: as the large one, with 32 bins an octave and eight octaves on each side."""
+
+FINE, NARROW, WIDE = 0, 1, 2
+"""Which series serve a target's turn."""
+DRAW, LINEAR, EXACT = 0, 1, 2
+"""How far a tile is worked on."""
+FORMULA, ANGLE, NOT_FINITE = 1, 2, 3
+"""Why a run stopped."""
+
+_U = np.uint64
+
+# rows of the scratch: the eight quantities, where the tip's displacement e and the quaternion's vector v are built up too;
+# the quaternion's scalar; of one target, what is collected of half its rotation vector X, a multiple G of that, and a
+# function C of its length
+_D, _E0, _E1, _E2, _T, _V0, _V1, _V2, _V, _X0, _X1, _X2, _G0, _G1, _G2, _C = (_U(row * STRIDE) for row in range(16))
+# the residuals take the place of G and C, so that the scratch stays near the processor
+_RESIDUALS: Final = _G0
+_R0, _R1, _R2, _R3, _R4, _R5, _R6, _R7 = (_RESIDUALS + _U(q * STRIDE) for q in range(8))
+_LANES: Final = _U(20 * STRIDE)
+(
+    _P0, _P1, _P2, _P3, _P4, _P5, _P6, _P7, _P8, _P9, _P10, _P11, _P12, _P13, _P14, _P15, _P16, _P17, _P18, _P19, _P20,
+    _P21, _P22,
+) = (_LANES + _U((8 + k) * LANES) for k in range(23))  # fmt: skip
+SCRATCH: Final = 20 + -(-(SUMS + 16) * LANES // STRIDE)
+"""Rows of the scratch."""
+
+_TILE = _U(TILE)
+_PAIRS = _U(TILE // 2)
+_EIGHTH = _U(TILE // 8)
+_STRIDE = _U(STRIDE)
+_LANE = _U(LANES)
+_ZERO, _ONE, _TWO, _THREE, _FOUR, _FIVE, _SIX, _TWELVE, _HALF_WORD, _MANTISSA, _SIGN_FROM_FOUR = (
+    _U(k) for k in (0, 1, 2, 3, 4, 5, 6, 12, 32, 52, 61)
+)
+_MULTIPLIER_0, _MULTIPLIER_1 = _U(0xD2511F53), _U(0xCD9E8D57)
+_WEYL_0, _WEYL_1 = _U(0x9E3779B9), _U(0xBB67AE85)
+_LOW = _U(0xFFFFFFFF)
+_BITS_OF_ONE = _U(0x3FF0000000000000)
+_ONE_LESS = 1.0 - 2.0**-53
+_ROUND_TO_WHOLE = 1.5 * 2.0**52
+_ROUND_TO_EIGHTH = 1.5 * 2.0**49
+_BITS_OF_2_52 = _U(0x4330000000000000)
+_ROOT_OF_HALF = math.sqrt(0.5)
+_QUARTER_TURN_SQUARED = (math.pi / 2) ** 2
+_FAR_TAIL = math.exp(-25.0)
+_ALL_BUT_SIGN, _SIGN = np.int32(0x7FFFFFFF), np.int32(31)
+_HIGH_HALF = _U(0xFFFFFFFFF8000000)
+_BIAS = _U(1023)
+
+# polynomials, highest power first
+# (2 artanh(√z/2)/√z - 1)/z up to z = 0.03, sin(2π√z)/√z and cos(2π√z) up to z = 1/256, within 1e-15, 3e-16 and 3e-17 of
+# their values: interpolated at Chebyshev nodes
+_ARTANH = (
+    9.019753805148336e-05, 0.00043399051425642025, 0.002232143255777381, 0.012499999998508662, 0.08333333333333423,
+)  # fmt: skip
+_SINE = (
+    -15.05071314565728, 42.05850583775351, -76.70585938733862, 81.60524927576472, -41.34170224039968,
+    6.283185307179586,
+)  # fmt: skip
+_COSINE = (
+    -26.335385167684986, 60.24425228323669, -85.45681645024156, 64.9393940220264, -19.739208802178542, 1.0,
+)  # fmt: skip
+# near the root of two; its logarithm less that of two is the difference of the two double numbers within 3e-21
+_ROOT_OF_TWO, _ITS_LOGARITHM = 1.414213562372734, 0.3465735902797174
+_CENTRE = (
+    2.5090809287301226727e3, 3.3430575583588128105e4, 6.7265770927008700853e4, 4.5921953931549871457e4,
+    1.3731693765509461125e4, 1.9715909503065514427e3, 1.3314166789178437745e2, 3.3871328727963666080e0,
+)  # fmt: skip
+_CENTRE_BELOW = (
+    5.2264952788528545610e3, 2.8729085735721942674e4, 3.9307895800092710610e4, 2.1213794301586595867e4,
+    5.3941960214247511077e3, 6.8718700749205790830e2, 4.2313330701600911252e1, 1.0,
+)  # fmt: skip
+_TAIL = (
+    7.74545014278341407640e-4, 2.27238449892691845833e-2, 2.41780725177450611770e-1, 1.27045825245236838258e0,
+    3.64784832476320460504e0, 5.76949722146069140550e0, 4.63033784615654529590e0, 1.42343711074968357734e0,
+)  # fmt: skip
+_TAIL_BELOW = (
+    1.05075007164441684324e-9, 5.47593808499534494600e-4, 1.51986665636164571966e-2, 1.48103976427480074590e-1,
+    6.89767334985100004550e-1, 1.67638483018380384940e0, 2.05319162663775882187e0, 1.0,
+)  # fmt: skip
+_FAR = (
+    2.01033439929228813265e-7, 2.71155556874348757815e-5, 1.24266094738807843860e-3, 2.65321895265761230930e-2,
+    2.96560571828504891230e-1, 1.78482653991729133580e0, 5.46378491116411436990e0, 6.65790464350110377720e0,
+)  # fmt: skip
+_FAR_BELOW = (
+    2.04426310338993978564e-15, 1.42151175831644588870e-7, 1.84631831751005468180e-5, 7.86869131145613259100e-4,
+    1.48753612908506148525e-2, 1.36929880922735805310e-1, 5.99832206555887937690e-1, 1.0,
+)  # fmt: skip
+_EXPONENTIAL = (
+    4.13813679705723846039e-08, -1.65339022054652515390e-06, 6.61375632143793436117e-05,
+    -2.77777777770155933842e-03, 1.66666666666666019037e-01,
+)  # fmt: skip
+# Φ(-z) exp(z²/2), 0 ≤ z ≤ 8.65, within 2.6e-18 of itself: interpolated at Chebyshev nodes of (z - 2.5)/(z + 2.5)
+_MILLS = (
+    0.398942277294474654756, 12.6671510236808289922, 191.785311942068851348, 1807.15013551905889277,
+    11648.2058378305628335, 53256.6653173253926117, 173206.594692038836659, 389109.250073612829344,
+    555453.844886661102395, 397174.710960185426643,
+)  # fmt: skip
+_MILLS_BELOW = (
+    1.0, 31.7518382136494508159, 481.734516006812416409, 4561.60461497557840297, 29676.4737803928290264,
+    137960.744566166715363, 462414.16719060097007, 1100069.97552553588879, 1773118.43149761954608,
+    1744706.82940626728931, 794349.421920370853286,
+)  # fmt: skip
+# tan √s/√s and 2 cos² √s up to s = 0.005² and to 1/64, atan √t/√t up to t = tan² 0.005 and to tan² 1/8, within 9e-17:
+# interpolated at Chebyshev nodes
+_FINE_TANGENT = (0.13333535716592487, 0.3333333333143598, 1.0)
+_FINE_COSINE = (0.6666635726618821, -1.9999999999760678, 2.0)
+_FINE_ARC = (0.19999502750452347, -0.3333333332948705, 1.0)
+_TANGENT = (
+    0.009033635110796896, 0.021866481700786467, 0.053968278373067606, 0.13333333324387606, 0.3333333333334532, 1.0,
+)  # fmt: skip
+_COSINE_SQUARED = (
+    -0.0002817933128400379, 0.00634919960538201, -0.08888888883643706, 0.6666666666664887, -1.9999999999999998, 2.0,
+)  # fmt: skip
+_SHORT_ARC = (
+    0.07334546520721653, -0.09083216624042942, 0.1111102868070088, -0.14285713831346633, 0.19999999998806048,
+    -0.33333333333332155, 1.0,
+)  # fmt: skip
+# Taylor series of cos √s, sin √s/√s and atan √t/√t
+_LONG_COSINE = tuple((-1) ** k / math.factorial(2 * k) for k in range(11, -1, -1))
+_LONG_SINC = tuple((-1) ** k / math.factorial(2 * k + 1) for k in range(11, -1, -1))
+_LONG_ARC = tuple((-1) ** k / (2 * k + 1) for k in range(20, -1, -1))
+
+# numbers of other files are repeated here, not imported: numba would not see them change; a test compares them
+_ADD, _SUBTRACT, _MULTIPLY, _DIVIDE, _POWER, _SQRT, _SIN, _COS = range(8)  # precision_pin.draws.expressions.Operator
+_SHIFT, _OFFSET, _BINS = 43, 1011 << 9, 10_241  # precision_pin.statistics.sketch
+_FARTHEST = 8.6  # precision_pin.draws.laws.FARTHEST_NORMAL
+
+_NORM_SHIFT = _U(52 - NORM_MANTISSA)
+_NORM_OFFSET = _U(((1023 + NORM_EXPONENTS[0]) << NORM_MANTISSA) - 1)
+_NORM_LAST = _U(NORM_COLUMNS // 2 - 1)
+
+
+class Draws(NamedTuple):
+    """The components of a space by kind of law; every ``*rows`` are row offsets."""
+
+    fixed_rows: Offsets
+    fixed_values: Array
+    stream_rows: Offsets
+    streams: Offsets
+    normal_rows: Offsets
+    """Normal laws but the correlated ones; and what other laws begin with: correlated, jointly normal, lognormal ones."""
+    normal: Array
+    """``(k, 2)`` mean, -2 times the variance."""
+    group_starts: Offsets
+    """Correlated rows: those of group g are ``group_rows[starts[g] … starts[g + 1]]``."""
+    group_rows: Offsets
+    group_roots: Array
+    """``(groups, m, m)`` root of the scores' correlation, padded to the largest m by zeros."""
+    cumulated_rows: Offsets
+    """Which become uniform numbers again."""
+    uniform_rows: Offsets
+    uniform: Array
+    """``(k, 2)`` mean, half-width."""
+    triangular_rows: Offsets
+    triangular: Array
+    """``(k, 2)`` mean, half-width."""
+    scaled_rows: Offsets
+    """Correlated normal laws, of standard normal numbers."""
+    scaled: Array
+    """``(k, 2)`` mean, standard deviation."""
+    truncated_rows: Offsets
+    truncated: Array
+    """``(k, 5)`` mean, standard deviation, k, Φ(-k), Φ(k) - Φ(-k)."""
+    disc_rows: Offsets
+    disc: Array
+    """``(k,)`` radius; y stands one row after x."""
+    circle_rows: Offsets
+    circle: Array
+    """``(k,)`` radius; y stands one row after x."""
+    joint_rows: Offsets
+    joint_roots: Array
+    """``(k, m + 1, m)`` the mean, then the root of the covariance, padded to the largest m by zeros."""
+    joint_sizes: Offsets
+    lognormal_rows: Offsets
+    lognormal: Array
+    """``(k, 3)`` mean, σ of the logarithm, σ²/2."""
+    arcsine_rows: Offsets
+    arcsine: Array
+    """``(k, 2)`` mean, half-width."""
+    two_point_rows: Offsets
+    two_point: Array
+    """``(k, 3)`` centre, half-width, threshold."""
+    empirical_rows: Offsets
+    empirical_starts: Offsets
+    """The lines of law k are ``empirical[starts[k] … starts[k + 1]]``."""
+    empirical: Array
+    """``(lines, 4)`` probability and value at which each begins, slope, value at its end."""
+    table_rows: Offsets
+    table_shapes: Offsets
+    """``(k, 3)`` numbers in a row, rows, position of the first number in ``table``."""
+    table: Array
+
+
+class Formulas(NamedTuple):
+    """Derived parameters, and products of parameters that are factors of further products."""
+
+    operators: NDArray[np.int64]
+    left: Offsets
+    right: Offsets
+    results: Offsets
+    product_factors: Offsets
+    """``(k, 2)``."""
+    products: Offsets
+
+
+class Superposition(NamedTuple):
+    """The linear model's two vectors as sums, see `Motions`; at many poses, one pose behind the other."""
+
+    shift_rows: Offsets
+    shifts: Array
+    turn_rows: Offsets
+    turns: Array
+    starts: Offsets
+    """``(2 P + 1, 2)`` as `Motions`' starts, of shifts and of turns."""
+
+
+class Motions(NamedTuple):
+    """The targets, tip first: of each two vectors in base axes, d and half its δ, as sums of two parts.
+
+    First ``vector × row``: entries ``starts[2 k] … starts[2 k + 1] - 1`` of target k. A target that turns has at least
+    three of each; all others are filled up with vectors of zero where there are one or two more than a multiple of six.
+    Then, up to ``starts[2 k + 2] - 1``, sets of six entries that hold three terms ``vector × row × row``: their six rows,
+    and three vectors in the place of six.
+    """
+
+    shift_starts: Offsets
+    """``(2 K + 1,)``."""
+    shift_rows: Offsets
+    shifts: Array
+    """``(entries, 3)``."""
+    turn_starts: Offsets
+    """``(2 K + 1,)``."""
+    turn_rows: Offsets
+    turns: Array
+    """``(entries, 3)``."""
+    arms: Array
+    """``(K, 3)`` from each pivot to the undisplaced tip, base axes."""
+    series: NDArray[np.int64]
+    """``(K + 1,)`` `FINE`, `NARROW` or `WIDE`: for turns up to 0.01 rad, 0.25 rad or π of a target, at last of all."""
+
+
+class Counting(NamedTuple):
+    """What is subtracted, how it is binned, and which limits are counted."""
+
+    centre: Array
+    inverse_scale: Array
+    limit_rows: Offsets
+    limits: Array
+
+
+if INTERPRETED:
+
+    def _float_of(bits: Any) -> Any:
+        return _U(bits).view(np.float64)
+
+    def _bits_of(value: Any) -> Any:
+        return np.float64(value).view(np.uint64)
+
+else:
+
+    @intrinsic
+    def _float_of(context: Any, bits: Any) -> Any:
+        """Return the double of 64 bits."""
+        del context, bits
+
+        def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+            return builder.bitcast(arguments[0], context.get_value_type(signature.return_type))
+
+        return numba.float64(numba.uint64), generate
+
+    @intrinsic
+    def _bits_of(context: Any, value: Any) -> Any:
+        """Return the 64 bits of a double."""
+        del context, value
+
+        def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+            return builder.bitcast(arguments[0], context.get_value_type(signature.return_type))
+
+        return numba.uint64(numba.float64), generate
+
+
+# random numbers ----------------------------------------------------------------------------------------------------
+
+
+@plain
+def _round(c: Any, key_0: Scalar, key_1: Scalar) -> Any:
+    """Return the four words after a round; only their low halves count, the high ones hold what is left over."""
+    a, b = _MULTIPLIER_0 * (c[0] & _LOW), _MULTIPLIER_1 * (c[2] & _LOW)
+    return (b >> _HALF_WORD) ^ c[1] ^ key_0, b, (a >> _HALF_WORD) ^ c[3] ^ key_1, a
+
+
+@plain
+def _uniform(product: Scalar, word: Scalar, key: Scalar) -> Scalar:
+    """Return (2j + 1)/2⁵³, j the top 52 of the 64 bits that one product of the last round makes; every step is exact.
+
+    Their upper half is the product's lower one; the lower half is its upper one, mixed with a word and the key. The key
+    is mixed in last: so written, two instructions less are needed.
+    """
+    bits = ((product << _HALF_WORD) | (product >> _HALF_WORD)) ^ (word & _LOW)
+    return _float_of((bits >> _TWELVE) ^ (_BITS_OF_ONE | (key >> _TWELVE))) - _ONE_LESS
+
+
+@plain
+def _last_round(c: Any, key_0: Scalar, key_1: Scalar) -> tuple[Scalar, Scalar]:
+    """Return the two uniform numbers that four words give after a last round."""
+    a, b = _MULTIPLIER_0 * (c[0] & _LOW), _MULTIPLIER_1 * (c[2] & _LOW)
+    return _uniform(b, c[1], key_0), _uniform(a, c[3], key_1)
+
+
+@plain
+def _share(products: Offsets, low: Scalar, mask: Scalar) -> None:
+    """Write what the first two rounds of a tile's pairs have in common for all streams: two products, the second's upper half."""
+    for i in range(_PAIRS):
+        first = _MULTIPLIER_0 * (low + i)
+        second = _MULTIPLIER_1 * (((first >> _HALF_WORD) ^ mask) & _LOW)
+        products[i], products[_PAIRS + i], products[_TILE + i] = first, second, second >> _HALF_WORD
+
+
+@plain
+def _after_two_rounds(products: Offsets, i: Scalar, same_0: Scalar, same_2: Scalar, same_3: Scalar) -> Any:
+    """Return the four words of a pair after the second round."""
+    return products[_TILE + i] ^ same_0, products[_PAIRS + i], products[i] ^ same_2, same_3
+
+
+@kept_part
+def uniforms(
+    w: Array, rows: Offsets, streams: Offsets, words: Offsets, seed: Scalar, first_pair: Scalar, products: Offsets
+) -> None:
+    """Fill rows with uniform numbers, as `precision_pin.draws.philox.uniforms`: even units first, then odd ones.
+
+    The first pair's number is a multiple of half a tile, so that all pairs' upper counter words are the same. Then of the four
+    products of the first two rounds two are the same for all pairs, and two for all streams with one last word; these
+    stand in ``products``, which has room for 3/2 `TILE` words.
+    """
+    low, high = first_pair & _LOW, first_pair >> _HALF_WORD
+    key_0, key_1 = seed & _LOW, seed >> _HALF_WORD
+    next_0, next_1 = (key_0 + _WEYL_0) & _LOW, (key_1 + _WEYL_1) & _LOW
+    for k in range(rows.size):
+        if k == 0 or words[k] != words[k - 1]:
+            _share(products, low, words[k] ^ key_1)
+        row = rows[k]
+        other = _MULTIPLIER_1 * streams[k]
+        same_3 = _MULTIPLIER_0 * (((other >> _HALF_WORD) ^ high ^ key_0) & _LOW)
+        same_0, same_2 = other ^ next_0, (same_3 >> _HALF_WORD) ^ next_1
+        for i in range(_EIGHTH):
+            # four pairs a turn, so that their chains of multiplications overlap
+            j, m, n = i + _EIGHTH, i + _TWO * _EIGHTH, i + _THREE * _EIGHTH
+            a = _after_two_rounds(products, i, same_0, same_2, same_3)
+            b = _after_two_rounds(products, j, same_0, same_2, same_3)
+            c = _after_two_rounds(products, m, same_0, same_2, same_3)
+            d = _after_two_rounds(products, n, same_0, same_2, same_3)
+            x, y = next_0, next_1
+            # seven rounds more; a loop of more than five is not unrolled, and then nothing is vectorised
+            for _ in range(4):
+                x, y = (x + _WEYL_0) & _LOW, (y + _WEYL_1) & _LOW
+                a, b, c, d = _round(a, x, y), _round(b, x, y), _round(c, x, y), _round(d, x, y)
+            for _ in range(3):
+                x, y = (x + _WEYL_0) & _LOW, (y + _WEYL_1) & _LOW
+                a, b, c, d = _round(a, x, y), _round(b, x, y), _round(c, x, y), _round(d, x, y)
+            x, y = (x + _WEYL_0) & _LOW, (y + _WEYL_1) & _LOW
+            even, odd = row + i, row + _PAIRS + i
+            w[even], w[odd] = _last_round(a, x, y)
+            w[even + _EIGHTH], w[odd + _EIGHTH] = _last_round(b, x, y)
+            w[even + _TWO * _EIGHTH], w[odd + _TWO * _EIGHTH] = _last_round(c, x, y)
+            w[even + _THREE * _EIGHTH], w[odd + _THREE * _EIGHTH] = _last_round(d, x, y)
+
+
+@plain
+def _polynomial(z: Scalar, coefficients: Any) -> Scalar:
+    value = coefficients[0]
+    for k in range(1, len(coefficients)):
+        value = value * z + coefficients[k]
+    return value
+
+
+@contracted
+def _series(z: Scalar, coefficients: Any) -> Scalar:
+    value = coefficients[0]
+    for k in range(1, len(coefficients)):
+        value = value * z + coefficients[k]
+    return value
+
+
+@contracted
+def logarithm(x: Scalar) -> Scalar:
+    """Return log x of a normal number, within 2 ulp: 2 artanh(s/2) of s = 2(m - c)/(m + c), x = 2ᵉ m.
+
+    c is 1 or near √2, whichever is nearer to m.
+    """
+    # m from 2^(-1/4) to 2^(3/4)
+    shifted = _bits_of(x) + _U(0x0005175F00000000)
+    exponent = _float_of((shifted >> _MANTISSA) | _BITS_OF_2_52) - (2.0**52 + 1023.0)
+    m = _float_of((shifted & _U(0x000FFFFFFFFFFFFF)) + _U(0x3FEAE8A100000000))
+    above = m > 1.19
+    c = _ROOT_OF_TWO if above else 1.0
+    f = m - c  # exact
+    s = (f + f) / (m + c)
+    z = s * s
+    whole = exponent * 0.6931471805599453 + (_ITS_LOGARITHM if above else 0.0)
+    return whole + (s + s * z * _series(z, _ARTANH))
+
+
+@contracted
+def _octant(u: Scalar) -> Any:
+    """Return u in eighths of a turn, as bits, whether they are odd, and cosine and sine of 2πu but for quarter turns.
+
+    Where they are odd both are √2 times too long; so the series need to reach only to 1/16 of a turn.
+    """
+    rounded = u + _ROUND_TO_EIGHTH
+    eighths = _bits_of(rounded)
+    r = u - (rounded - _ROUND_TO_EIGHTH)  # exact
+    z = r * r
+    s, c = r * _series(z, _SINE), _series(z, _COSINE)
+    diagonal = (eighths & _ONE) != _ZERO
+    return eighths, diagonal, c - s if diagonal else c, c + s if diagonal else s
+
+
+@contracted
+def _quarters(eighths: Scalar, x: Scalar, y: Scalar, length: Scalar) -> tuple[Scalar, Scalar]:
+    """Return length × (y, x), turned by the quarter turns in the eighths."""
+    signed = _float_of(_bits_of(length) ^ ((eighths & _FOUR) << _SIGN_FROM_FOUR))
+    odd = (eighths & _TWO) != _ZERO
+    return signed * (x if odd else y), signed * (-y if odd else x)
+
+
+@contracted
+def turned(u: Scalar, radius: Scalar) -> tuple[Scalar, Scalar]:
+    """Return radius × sin 2πu and radius × cos 2πu for 0 ≤ u ≤ 1, for a radius of 1 within 4e-16, near 0 within 2 ulp."""
+    eighths, diagonal, x, y = _octant(u)
+    return _quarters(eighths, x, y, radius * (_ROOT_OF_HALF if diagonal else 1.0))
+
+
+@plain
+def normal_score(p: Scalar) -> Scalar:
+    """Return Φ⁻¹(p) for e⁻²⁵ ≤ p ≤ 0.575: algorithm AS 241 (Wichura, Applied Statistics 37, 1988), PPND16."""
+    q = p - 0.5
+    r = 0.180625 - q * q
+    t = np.sqrt(-logarithm(p)) - 1.6
+    central = q >= -0.425
+    above = q * _polynomial(r, _CENTRE) if central else -_polynomial(t, _TAIL)
+    below = _polynomial(r, _CENTRE_BELOW) if central else _polynomial(t, _TAIL_BELOW)
+    return above / below
+
+
+@plain
+def far_normal_score(p: Scalar) -> Scalar:
+    """Return Φ⁻¹(p) for p < e⁻²⁵, by the same algorithm."""
+    r = np.sqrt(-logarithm(p)) - 5.0
+    return -_polynomial(r, _FAR) / _polynomial(r, _FAR_BELOW)
+
+
+@plain
+def exponential(x: Scalar) -> Scalar:
+    """Return exp x for |x| < 700, within 1 ulp; the method and coefficients of fdlibm's e_exp.c."""
+    rounded = x * 1.44269504088896338700e00 + _ROUND_TO_WHOLE
+    k = rounded - _ROUND_TO_WHOLE
+    high = x - k * 6.93147180369123816490e-01
+    low = k * 1.90821492927058770002e-10
+    r = high - low
+    z = r * r
+    c = r - z * _polynomial(z, _EXPONENTIAL)
+    return (1.0 - ((low - r * c / (2.0 - c)) - high)) * _float_of((_bits_of(rounded) + _BIAS) << _MANTISSA)
+
+
+@plain
+def cumulative(z: Scalar) -> Scalar:
+    """Return Φ(z) for |z| ≤ 8.65, the lower tail within a few ulp, as `precision_pin.draws.laws.law.cumulative`."""
+    a = abs(z)
+    # the square of the high half is exact
+    high = _float_of(_bits_of(a) & _HIGH_HALF)
+    rest = 0.5 * (a - high) * (a + high)
+    power = exponential(-0.5 * high * high) * (1.0 - rest * (1.0 - 0.5 * rest))
+    tail = _polynomial(a, _MILLS) / _polynomial(a, _MILLS_BELOW) * power
+    return 1.0 - tail if z > 0.0 else tail
+
+
+@apart
+def normals(w: Array, rows: Offsets, laws: Array) -> None:
+    """Turn rows of uniform numbers into normal ones, by mean and -2σ²: Box-Muller of each pair (even unit, odd unit)."""
+    # first all logarithms, then the rest: the constants of one loop fit into the registers, those of both do not
+    for k in range(rows.size):
+        row = rows[k]
+        for i in range(_PAIRS):
+            w[row + i] = logarithm(w[row + i])
+    for k in range(rows.size):
+        row, mean, factor = rows[k], laws[k, 0], laws[k, 1]
+        half = 0.5 * factor
+        for i in range(_PAIRS):
+            eighths, diagonal, c, s = _octant(w[row + _PAIRS + i])
+            reach = np.sqrt((half if diagonal else factor) * w[row + i])
+            y, x = _quarters(eighths, c, s, reach)
+            w[row + i] = mean + x
+            w[row + _PAIRS + i] = mean + y
+
+
+@plain
+def correlate(w: Array, rows: Offsets, root: Array) -> None:
+    """Mix rows of standard normal numbers, the last row first, as `precision_pin.draws.correlation.Correlation.mix`."""
+    for back in range(rows.size):
+        k = rows.size - 1 - back
+        target = rows[k]
+        for i in range(_TILE):
+            w[target + i] = root[k, k] * w[target + i]
+        for j in range(k):
+            other, factor = rows[j], root[k, j]
+            for i in range(_TILE):
+                w[target + i] += factor * w[other + i]
+        for i in range(_TILE):
+            score = w[target + i]
+            score = score if score > -_FARTHEST else -_FARTHEST
+            w[target + i] = score if score < _FARTHEST else _FARTHEST
+
+
+@plain
+def uniforms_again(w: Array, row: Scalar) -> None:
+    """Turn a row of standard normal numbers into uniform ones."""
+    for i in range(_TILE):
+        w[row + i] = cumulative(w[row + i])
+
+
+@plain
+def lognormal_law(w: Array, row: Scalar, mean: Scalar, sigma: Scalar, half_square: Scalar) -> None:
+    """Turn standard normal numbers into `precision_pin.draws.laws.Lognormal`."""
+    for i in range(_TILE):
+        w[row + i] = mean * exponential(sigma * w[row + i] - half_square)
+
+
+@plain
+def arcsine_law(w: Array, row: Scalar, mean: Scalar, half_width: Scalar) -> None:
+    """Turn uniform numbers into `precision_pin.draws.laws.Arcsine`."""
+    for i in range(_TILE):
+        u = w[row + i] - 0.5
+        size = turned(0.5 * abs(u), 1.0)[0]
+        w[row + i] = mean + half_width * (size if u > 0.0 else -size)
+
+
+@plain
+def two_point_law(w: Array, row: Scalar, centre: Scalar, half_width: Scalar, threshold: Scalar) -> None:
+    """Turn uniform numbers into `precision_pin.draws.laws.TwoPoint`."""
+    for i in range(_TILE):
+        w[row + i] = centre + (half_width if w[row + i] > threshold else -half_width)
+
+
+@plain
+def empirical_law(w: Array, row: Scalar, lines: Array, first: Scalar, last: Scalar) -> None:
+    """Turn uniform numbers into `precision_pin.draws.laws.Empirical`, by bisection of the lines ``first … last - 1``."""
+    for i in range(_TILE):
+        u = w[row + i]
+        low, high = first, last
+        while high - low > _ONE:
+            middle = (low + high) >> _ONE
+            if lines[middle, 0] <= u:
+                low = middle
+            else:
+                high = middle
+        value = lines[low, 1] + lines[low, 2] * (u - lines[low, 0])
+        end = lines[low, 3]
+        w[row + i] = value if value < end else end
+
+
+@plain
+def table_law(w: Array, row: Scalar, size: Scalar, count: Scalar, first: Scalar, table: Array) -> None:
+    """Turn the first of ``size`` rows of uniform numbers into `precision_pin.draws.laws.Rows`."""
+    for i in range(_TILE):
+        # below count: the product of count and a uniform number rounds to less
+        begin = first + size * _U(w[row + i] * np.float64(count))
+        for k in range(size):
+            w[row + _U(k) * _STRIDE + i] = table[begin + _U(k)]
+
+
+@plain
+def uniform_law(w: Array, row: Scalar, mean: Scalar, half_width: Scalar) -> None:
+    """Turn uniform numbers into `precision_pin.draws.laws.Uniform`."""
+    for i in range(_TILE):
+        # exactly twice the half-width times exactly half of 2u - 1: one addition less
+        w[row + i] = mean + (half_width + half_width) * (w[row + i] - 0.5)
+
+
+@plain
+def triangular_law(w: Array, row: Scalar, mean: Scalar, half_width: Scalar) -> None:
+    """Turn uniform numbers into `precision_pin.draws.laws.Triangular`."""
+    for i in range(_TILE):
+        u = w[row + i]
+        tail = u if u < 0.5 else 1.0 - u
+        size = 1.0 - np.sqrt(2.0 * tail)
+        w[row + i] = mean + half_width * (size if u > 0.5 else -size)
+
+
+@plain
+def truncated_law(w: Array, row: Scalar, mean: Scalar, std: Scalar, k: Scalar, cut: Scalar, share: Scalar) -> None:
+    """Turn uniform numbers into `precision_pin.draws.laws.TruncatedNormal`."""
+    far = 0
+    for i in range(_TILE):
+        u = w[row + i]
+        p = cut + (u if u < 0.5 else 1.0 - u) * share
+        far += 1 if p < _FAR_TAIL else 0
+    if far:  # about once in 10¹¹ numbers, so that the others do not pay for it
+        for i in range(_TILE):
+            u = w[row + i]
+            p = cut + (u if u < 0.5 else 1.0 - u) * share
+            score = far_normal_score(p) if p < _FAR_TAIL else normal_score(p)
+            size = std * (-score if -score < k else k)
+            w[row + i] = mean + (size if u > 0.5 else -size)
+    else:
+        for i in range(_TILE):
+            u = w[row + i]
+            score = normal_score(cut + (u if u < 0.5 else 1.0 - u) * share)
+            size = std * (-score if -score < k else k)
+            w[row + i] = mean + (size if u > 0.5 else -size)
+
+
+@plain
+def disc_law(w: Array, row: Scalar, radius: Scalar) -> None:
+    """Turn two rows of uniform numbers into `precision_pin.draws.laws.Disc`."""
+    for i in range(_TILE):
+        w[row + _STRIDE + i], w[row + i] = turned(w[row + _STRIDE + i], radius * np.sqrt(w[row + i]))
+
+
+@plain
+def circle_law(w: Array, row: Scalar, radius: Scalar) -> None:
+    """Turn the second of two rows of uniform numbers into `precision_pin.draws.laws.Circle`."""
+    for i in range(_TILE):
+        w[row + _STRIDE + i], w[row + i] = turned(w[row + _STRIDE + i], radius)
+
+
+@plain
+def joint_law(w: Array, row: Scalar, size: Scalar, root: Array) -> None:
+    """Turn rows of standard normal numbers into `precision_pin.draws.laws.JointNormal`, the last row first."""
+    for back in range(size):
+        k = size - _ONE - _U(back)
+        target = row + k * _STRIDE
+        own = root[k + _ONE, k]
+        for i in range(_TILE):
+            w[target + i] = own * w[target + i]
+        for j in range(k):
+            other = row + _U(j) * _STRIDE
+            factor = root[k + _ONE, j]
+            for i in range(_TILE):
+                w[target + i] += factor * w[other + i]
+        mean = root[_ZERO, k]
+        for i in range(_TILE):
+            w[target + i] += mean
+
+
+@kept_part_within
+def apply_laws(w: Array, draws: Draws, rare: Wanted) -> None:
+    """Turn the rows of uniform numbers into the components of the space; rare laws where they are wanted."""
+    normals(w, draws.normal_rows, draws.normal)
+    if rare is not None:
+        for k in range(draws.group_starts.size - 1):
+            correlate(w, draws.group_rows[draws.group_starts[k] : draws.group_starts[k + 1]], draws.group_roots[k])
+        for k in range(draws.cumulated_rows.size):
+            uniforms_again(w, draws.cumulated_rows[k])
+    for k in range(draws.uniform_rows.size):
+        uniform_law(w, draws.uniform_rows[k], draws.uniform[k, 0], draws.uniform[k, 1])
+    for k in range(draws.triangular_rows.size):
+        triangular_law(w, draws.triangular_rows[k], draws.triangular[k, 0], draws.triangular[k, 1])
+    for k in range(draws.truncated_rows.size):
+        law = draws.truncated[k]
+        truncated_law(w, draws.truncated_rows[k], law[0], law[1], law[2], law[3], law[4])
+    if rare is not None:
+        for k in range(draws.scaled_rows.size):
+            row = draws.scaled_rows[k]
+            mean, std = draws.scaled[k, 0], draws.scaled[k, 1]
+            for i in range(_TILE):
+                w[row + i] = mean + std * w[row + i]
+        for k in range(draws.disc_rows.size):
+            disc_law(w, draws.disc_rows[k], draws.disc[k])
+        for k in range(draws.circle_rows.size):
+            circle_law(w, draws.circle_rows[k], draws.circle[k])
+        for k in range(draws.joint_rows.size):
+            joint_law(w, draws.joint_rows[k], draws.joint_sizes[k], draws.joint_roots[k])
+        for k in range(draws.lognormal_rows.size):
+            law = draws.lognormal[k]
+            lognormal_law(w, draws.lognormal_rows[k], law[0], law[1], law[2])
+        for k in range(draws.arcsine_rows.size):
+            arcsine_law(w, draws.arcsine_rows[k], draws.arcsine[k, 0], draws.arcsine[k, 1])
+        for k in range(draws.two_point_rows.size):
+            law = draws.two_point[k]
+            two_point_law(w, draws.two_point_rows[k], law[0], law[1], law[2])
+        for k in range(draws.empirical_rows.size):
+            first, last = draws.empirical_starts[k], draws.empirical_starts[k + 1]
+            empirical_law(w, draws.empirical_rows[k], draws.empirical, first, last)
+        for k in range(draws.table_rows.size):
+            shape = draws.table_shapes[k]
+            table_law(w, draws.table_rows[k], shape[0], shape[1], shape[2], draws.table)
+
+
+# derived parameters and products -------------------------------------------------------------------------------------
+
+
+@plain
+def _multiply(w: Array, factors: Offsets, results: Offsets) -> None:
+    """Write products of two rows."""
+    for k in range(results.size):
+        a, b, result = factors[k, 0], factors[k, 1], results[k]
+        for i in range(_TILE):
+            w[result + i] = w[a + i] * w[b + i]
+
+
+@kept_part_within
+def _derive(w: Array, formulas: Formulas) -> Scalar:
+    """Evaluate the operations and products; return how many results are not finite."""
+    failures = 0
+    for step in range(formulas.operators.size):
+        operator = formulas.operators[step]
+        a, b, result = formulas.left[step], formulas.right[step], formulas.results[step]
+        if operator == _ADD:
+            for i in range(_TILE):
+                w[result + i] = w[a + i] + w[b + i]
+        elif operator == _SUBTRACT:
+            for i in range(_TILE):
+                w[result + i] = w[a + i] - w[b + i]
+        elif operator == _MULTIPLY:
+            for i in range(_TILE):
+                w[result + i] = w[a + i] * w[b + i]
+        elif operator == _DIVIDE:
+            for i in range(_TILE):
+                w[result + i] = w[a + i] / w[b + i]
+        elif operator == _POWER:
+            for i in range(_TILE):
+                w[result + i] = w[a + i] ** w[b + i]
+        elif operator == _SQRT:
+            for i in range(_TILE):
+                w[result + i] = np.sqrt(w[a + i])
+        elif operator == _SIN:
+            for i in range(_TILE):
+                w[result + i] = np.sin(w[a + i])
+        elif operator == _COS:
+            for i in range(_TILE):
+                w[result + i] = np.cos(w[a + i])
+        for i in range(_TILE):
+            failures += 0 if abs(w[result + i]) < np.inf else 1
+    _multiply(w, formulas.product_factors, formulas.products)
+    return failures
+
+
+# displacing the chain ------------------------------------------------------------------------------------------------
+
+
+@within
+def _two(rows: Offsets, vectors: Array, k: Scalar) -> Any:
+    """Return the rows and the vectors of entries ``k, k + 1``."""
+    m = k + _ONE
+    return (rows[k], rows[m]), (
+        (vectors[k, 0], vectors[k, 1], vectors[k, 2]),
+        (vectors[m, 0], vectors[m, 1], vectors[m, 2]),
+    )
+
+
+@within
+def _three(rows: Offsets, vectors: Array, k: Scalar) -> Any:
+    """Return the rows and the vectors of entries ``k, k + 1, k + 2``."""
+    first, second = _two(rows, vectors, k)
+    n = k + _TWO
+    return (*first, rows[n]), (*second, (vectors[n, 0], vectors[n, 1], vectors[n, 2]))
+
+
+@contracted
+def _add(s: Array, w: Array, result: Scalar, rows: Any, vectors: Any) -> None:
+    """Add ``vector × row`` of a few entries to three rows of the scratch."""
+    one, two, three = result, result + _STRIDE, result + _U(2 * STRIDE)
+    for i in range(_TILE):
+        p = w[rows[0] + i]
+        x, y, z = vectors[0][0] * p, vectors[0][1] * p, vectors[0][2] * p
+        for n in range(1, len(rows)):
+            q = w[rows[n] + i]
+            x, y, z = x + vectors[n][0] * q, y + vectors[n][1] * q, z + vectors[n][2] * q
+        s[one + i] += x
+        s[two + i] += y
+        s[three + i] += z
+
+
+@within
+def _mix(s: Array, w: Array, result: Scalar, start: Scalar, stop: Scalar, rows: Offsets, vectors: Array) -> None:
+    """Add ``vector × row`` to three rows of the scratch, for entries ``start … stop - 1``, six, five, four or three at once."""
+    k = start
+    while k < stop:
+        left = stop - k
+        if left >= _SIX:
+            (a, b), (c, d) = _three(rows, vectors, k), _three(rows, vectors, k + _THREE)
+            _add(s, w, result, a + c, b + d)
+            k += _SIX
+        elif left == _FIVE:
+            (a, b), (e, f) = _three(rows, vectors, k), _two(rows, vectors, k + _THREE)
+            _add(s, w, result, a + e, b + f)
+            k += _FIVE
+        elif left == _FOUR:
+            (e, f), (g, h) = _two(rows, vectors, k), _two(rows, vectors, k + _TWO)
+            _add(s, w, result, e + g, f + h)
+            k += _FOUR
+        else:
+            a, b = _three(rows, vectors, k)
+            _add(s, w, result, a, b)
+            k += _THREE
+
+
+@contracted
+def _mix_products(
+    s: Array, w: Array, result: Scalar, start: Scalar, stop: Scalar, rows: Offsets, vectors: Array
+) -> None:
+    """Add ``vector × row × row`` to three rows of the scratch, for sets of six entries from ``start`` to ``stop - 1``."""
+    one, two, three = result, result + _STRIDE, result + _U(2 * STRIDE)
+    k = start
+    while k < stop:
+        (a, b, c), ((px, py, pz), (qx, qy, qz), (rx, ry, rz)) = _three(rows, vectors, k)
+        m = k + _THREE
+        d, e, f = rows[m], rows[m + _ONE], rows[m + _TWO]
+        for i in range(_TILE):
+            p, q, r = w[a + i] * w[b + i], w[c + i] * w[d + i], w[e + i] * w[f + i]
+            s[one + i] += px * p + qx * q + rx * r
+            s[two + i] += py * p + qy * q + ry * r
+            s[three + i] += pz * p + qz * q + rz * r
+        k += _SIX
+
+
+@plain
+def _clear(s: Array, row: Scalar) -> None:
+    """Fill three rows of the scratch with zeros."""
+    for i in range(_TILE):
+        s[row + i] = 0.0
+        s[row + _STRIDE + i] = 0.0
+        s[row + _U(2 * STRIDE) + i] = 0.0
+
+
+@contracted
+def _turn(
+    s: Array, w: Array, k: Scalar, rows: Offsets, vectors: Array, tangents: Any, cosines: Any, collected: Any
+) -> None:
+    """Write G = tan|h| h/|h| and C = 2 cos²|h| of half a rotation vector h: three entries, and X unless that is None."""
+    (a, b, c), ((ax, ay, az), (bx, by, bz), (cx, cy, cz)) = _three(rows, vectors, k)
+    for i in range(_TILE):
+        p, q, r = w[a + i], w[b + i], w[c + i]
+        x = ax * p + bx * q + cx * r
+        y = ay * p + by * q + cy * r
+        z = az * p + bz * q + cz * r
+        if collected is not None:
+            x, y, z = x + s[_X0 + i], y + s[_X1 + i], z + s[_X2 + i]
+            s[_X0 + i], s[_X1 + i], s[_X2 + i] = 0.0, 0.0, 0.0
+        square = x * x + y * y + z * z
+        tangent = _series(square, tangents)
+        s[_G0 + i] = tangent * x
+        s[_G1 + i] = tangent * y
+        s[_G2 + i] = tangent * z
+        s[_C + i] = _series(square, cosines)
+
+
+@contracted
+def _and_crossed(
+    px: Scalar, py: Scalar, pz: Scalar, gx: Scalar, gy: Scalar, gz: Scalar, ux: Scalar, uy: Scalar, uz: Scalar
+) -> tuple[Scalar, Scalar, Scalar]:
+    """Return p + G × u."""
+    return px + gy * uz - gz * uy, py + gz * ux - gx * uz, pz + gx * uy - gy * ux
+
+
+@contracted
+def _begin(s: Array, w: Array, k: Scalar, rows: Offsets, vectors: Array, rx: Scalar, ry: Scalar, rz: Scalar) -> None:
+    """Turn and shift, as `_carry`, what is at rest."""
+    (a, b, c), ((ax, ay, az), (bx, by, bz), (cx, cy, cz)) = _three(rows, vectors, k)
+    for i in range(_TILE):
+        gx, gy, gz, factor = s[_G0 + i], s[_G1 + i], s[_G2 + i], s[_C + i]
+        ux, uy, uz = _and_crossed(rx, ry, rz, gx, gy, gz, rx, ry, rz)
+        p, q, r = w[a + i], w[b + i], w[c + i]
+        ex, ey, ez = ax * p + bx * q + cx * r, ay * p + by * q + cy * r, az * p + bz * q + cz * r
+        s[_E0 + i], s[_E1 + i], s[_E2 + i] = _and_crossed(ex, ey, ez, gx, gy, gz, factor * ux, factor * uy, factor * uz)
+        s[_V + i] = 1.0
+        s[_V0 + i] = gx
+        s[_V1 + i] = gy
+        s[_V2 + i] = gz
+
+
+@contracted
+def _carry(s: Array, w: Array, k: Scalar, rows: Offsets, vectors: Array, rx: Scalar, ry: Scalar, rz: Scalar) -> None:
+    """Turn and shift what lies beyond a target: e ← e + (Rot - 1)(r + e) + three entries, q ← (1, G) q.
+
+    (Rot - 1) p = G × C (p + G × p), in which nothing cancels; q is a multiple of the rotation's quaternion.
+    """
+    (a, b, c), ((ax, ay, az), (bx, by, bz), (cx, cy, cz)) = _three(rows, vectors, k)
+    for i in range(_TILE):
+        gx, gy, gz, factor = s[_G0 + i], s[_G1 + i], s[_G2 + i], s[_C + i]
+        ex, ey, ez = s[_E0 + i], s[_E1 + i], s[_E2 + i]
+        px, py, pz = rx + ex, ry + ey, rz + ez
+        ux, uy, uz = _and_crossed(px, py, pz, gx, gy, gz, px, py, pz)
+        p, q, r = w[a + i], w[b + i], w[c + i]
+        ex, ey, ez = ex + ax * p + bx * q + cx * r, ey + ay * p + by * q + cy * r, ez + az * p + bz * q + cz * r
+        s[_E0 + i], s[_E1 + i], s[_E2 + i] = _and_crossed(ex, ey, ez, gx, gy, gz, factor * ux, factor * uy, factor * uz)
+        v, x, y, z = s[_V + i], s[_V0 + i], s[_V1 + i], s[_V2 + i]
+        s[_V + i] = v - gx * x - gy * y - gz * z
+        s[_V0 + i], s[_V1 + i], s[_V2 + i] = _and_crossed(x + v * gx, y + v * gy, z + v * gz, gx, gy, gz, x, y, z)
+
+
+@plain
+def _too_far(s: Array, skipped: Scalar, count: Scalar, sampled: bool) -> Scalar:
+    """Return the first sample of which the half rotation vector X is π/2 long or more, or -1."""
+    beyond = 0
+    for i in range(_TILE):
+        x, y, z = s[_X0 + i], s[_X1 + i], s[_X2 + i]
+        beyond += 0 if x * x + y * y + z * z < _QUARTER_TURN_SQUARED else 1
+    if beyond:
+        for sample in range(skipped, count):
+            i = _place_of(sample, sampled)
+            x, y, z = s[_X0 + i], s[_X1 + i], s[_X2 + i]
+            if not x * x + y * y + z * z < _QUARTER_TURN_SQUARED:
+                return sample
+    return -1
+
+
+@contracted
+def _carry_wide(s: Array, rx: Scalar, ry: Scalar, rz: Scalar) -> None:
+    """Turn what lies beyond a target as `_carry`, by the quaternion of the half rotation vector X, |X| < π/2."""
+    for i in range(_TILE):
+        x, y, z = s[_X0 + i], s[_X1 + i], s[_X2 + i]
+        square = x * x + y * y + z * z
+        sinc = _series(square, _LONG_SINC)
+        s[_C + i] = _series(square, _LONG_COSINE)
+        s[_G0 + i] = sinc * x
+        s[_G1 + i] = sinc * y
+        s[_G2 + i] = sinc * z
+    for i in range(_TILE):
+        a, x, y, z = s[_C + i], s[_G0 + i], s[_G1 + i], s[_G2 + i]
+        px, py, pz = rx + s[_E0 + i], ry + s[_E1 + i], rz + s[_E2 + i]
+        ux = a * px + (y * pz - z * py)
+        uy = a * py + (z * px - x * pz)
+        uz = a * pz + (x * py - y * px)
+        s[_E0 + i] += 2.0 * (y * uz - z * uy)
+        s[_E1 + i] += 2.0 * (z * ux - x * uz)
+        s[_E2 + i] += 2.0 * (x * uy - y * ux)
+        b, vx, vy, vz = s[_V + i], s[_V0 + i], s[_V1 + i], s[_V2 + i]
+        s[_V + i] = a * b - x * vx - y * vy - z * vz
+        s[_V0 + i] = a * vx + b * x + (y * vz - z * vy)
+        s[_V1 + i] = a * vy + b * y + (z * vx - x * vz)
+        s[_V2 + i] = a * vz + b * z + (x * vy - y * vx)
+
+
+@contracted
+def _rotation_vector_narrow(s: Array, arc: Any) -> None:
+    """Turn the quaternion's vector into the rotation vector, in place: 2 atan(|v|/w) v/|v|, up to 0.25 rad."""
+    for i in range(_TILE):
+        x, y, z = s[_V0 + i], s[_V1 + i], s[_V2 + i]
+        g = 1.0 / s[_V + i]
+        scale = 2.0 * g * _series((x * x + y * y + z * z) * g * g, arc)
+        s[_V0 + i] = scale * x
+        s[_V1 + i] = scale * y
+        s[_V2 + i] = scale * z
+
+
+@contracted
+def _rotation_vector_wide(s: Array) -> None:
+    """As `_rotation_vector_narrow`, up to π, with the angle halved twice more; the angle is in [0, π]."""
+    for i in range(_TILE):
+        x, y, z, a = s[_V0 + i], s[_V1 + i], s[_V2 + i], s[_V + i]
+        sign = 1.0 if a >= 0.0 else -1.0
+        square = x * x + y * y + z * z
+        g = 1.0 / (np.sqrt(a * a + square) + abs(a))
+        t = square * g * g
+        h = 1.0 / (1.0 + np.sqrt(1.0 + t))
+        scale = sign * 8.0 * g * h * _series(t * h * h, _LONG_ARC)
+        s[_V0 + i] = scale * x
+        s[_V1 + i] = scale * y
+        s[_V2 + i] = scale * z
+
+
+@plain
+def _stay(s: Array) -> None:
+    """Let no sample be displaced."""
+    _clear(s, _E0)
+    _clear(s, _V0)
+    for i in range(_TILE):
+        s[_V + i] = 1.0
+
+
+@within
+def _part(starts: Offsets, k: Scalar) -> Any:
+    """Return where the entries of single rows begin, where those of products do, and where both end."""
+    return starts[k + k], starts[k + k + _ONE], starts[k + k + _TWO]
+
+
+@kept_part_within
+def _displace(s: Array, w: Array, motions: Motions, skipped: Scalar, count: Scalar, sampled: bool) -> Scalar:
+    """Compose all targets from the tip to the base; return the sample of which a target turns by π or more, or -1.
+
+    The tip's displacement e and the rotation q, not the pose, are carried along, so that nothing cancels. X is zero
+    before and after.
+    """
+    turn_rows, turns, shift_rows, shifts = motions.turn_rows, motions.turns, motions.shift_rows, motions.shifts
+    at_rest = True
+    targets = motions.arms.shape[0]
+    for k in range(_U(targets)):
+        turn, turn_products, turn_end = _part(motions.turn_starts, k)
+        shift, shift_products, shift_end = _part(motions.shift_starts, k)
+        rx, ry, rz = motions.arms[k, 0], motions.arms[k, 1], motions.arms[k, 2]
+        if turn < turn_end:
+            # of single rows, all but the last three of a turn are collected, and the first three of a shift go with it
+            own = turn_products - _THREE
+            _mix(s, w, _X0, turn, own, turn_rows, turns)
+            _mix_products(s, w, _X0, turn_products, turn_end, turn_rows, turns)
+            if motions.series[k] == WIDE:
+                rows, vectors = _three(turn_rows, turns, own)
+                _add(s, w, _X0, rows, vectors)
+                sample = _too_far(s, skipped, count, sampled)
+                if sample >= 0:
+                    return sample
+                if at_rest:
+                    _stay(s)
+                _carry_wide(s, rx, ry, rz)
+                rows, vectors = _three(shift_rows, shifts, shift)
+                _add(s, w, _E0, rows, vectors)
+                _clear(s, _X0)
+            else:
+                if motions.series[k] != FINE:
+                    _turn(s, w, own, turn_rows, turns, _TANGENT, _COSINE_SQUARED, True)
+                elif turn + _THREE < turn_end:
+                    _turn(s, w, own, turn_rows, turns, _FINE_TANGENT, _FINE_COSINE, True)
+                else:
+                    _turn(s, w, own, turn_rows, turns, _FINE_TANGENT, _FINE_COSINE, None)
+                if at_rest:
+                    _begin(s, w, shift, shift_rows, shifts, rx, ry, rz)
+                else:
+                    _carry(s, w, shift, shift_rows, shifts, rx, ry, rz)
+            shift += _THREE
+        elif at_rest:
+            _stay(s)
+        at_rest = False
+        _mix(s, w, _E0, shift, shift_products, shift_rows, shifts)
+        _mix_products(s, w, _E0, shift_products, shift_end, shift_rows, shifts)
+    if at_rest:
+        _stay(s)
+    if motions.series[targets] == WIDE:
+        _rotation_vector_wide(s)
+    elif motions.series[targets] == NARROW:
+        _rotation_vector_narrow(s, _SHORT_ARC)
+    else:
+        _rotation_vector_narrow(s, _FINE_ARC)
+    return -1
+
+
+@kept_part_within
+def _superpose(s: Array, w: Array, superposition: Superposition, pose: Scalar) -> None:
+    """Write the linear model's six numbers where `_displace` leaves them."""
+    shift_rows, shifts, turn_rows, turns, starts = superposition
+    begin, products, end = _part(starts, pose)
+    _clear(s, _E0)
+    _clear(s, _V0)
+    _mix(s, w, _E0, begin[0], products[0], shift_rows, shifts)
+    _mix_products(s, w, _E0, products[0], end[0], shift_rows, shifts)
+    _mix(s, w, _V0, begin[1], products[1], turn_rows, turns)
+    _mix_products(s, w, _V0, products[1], end[1], turn_rows, turns)
+
+
+# counting ------------------------------------------------------------------------------------------------------------
+
+
+@plain
+def _place_of(sample: Scalar, sampled: bool) -> Scalar:
+    """Return where in a row a sample of the tile stands."""
+    if sampled:
+        return _U((sample >> 1) + (sample & 1) * (TILE // 2))
+    return _U(sample)
+
+
+@plain
+def _norms(s: Array) -> Scalar:
+    """Write the two norms; return how many samples are not finite."""
+    failures = 0
+    for part in range(_TWO):
+        norm = part * _U(4 * STRIDE)
+        for i in range(_TILE):
+            x, y, z = s[norm + _STRIDE + i], s[norm + _U(2 * STRIDE) + i], s[norm + _U(3 * STRIDE) + i]
+            length = np.sqrt(x * x + y * y + z * z)
+            s[norm + i] = length
+            failures += 0 if length < np.inf else 1
+    return failures
+
+
+@plain
+def _not_finite(s: Array, skipped: Scalar, count: Scalar, sampled: bool) -> Scalar:
+    """Return the first sample that is not finite, or -1."""
+    for sample in range(skipped, count):
+        i = _place_of(sample, sampled)
+        if not (s[_D + i] < np.inf and s[_T + i] < np.inf):
+            return sample
+    return -1
+
+
+@kept_part
+def _keep_largest(s: Array, count: Scalar, first: Scalar, largest: Array, units: NDArray[np.int64]) -> None:
+    """Keep the largest norms, largest first, of equal ones the earlier unit's."""
+    least_distance, least_angle = largest[0, LARGEST - 1], largest[1, LARGEST - 1]
+    above = 0
+    for i in range(_TILE):
+        above += 1 if (s[_D + i] > least_distance) | (s[_T + i] > least_angle) else 0
+    if above:
+        for row in range(2):
+            values = _U(row) * _FOUR * _STRIDE
+            for sample in range(count):
+                value = s[values + _place_of(sample, True)]
+                place = LARGEST
+                while place > 0 and value > largest[row, place - 1]:
+                    place -= 1
+                if place < LARGEST:
+                    for k in range(LARGEST - 1, place, -1):
+                        largest[row, k] = largest[row, k - 1]
+                        units[row, k] = units[row, k - 1]
+                    largest[row, place] = value
+                    units[row, place] = np.int64(first) + sample
+
+
+@within
+def _four(s: Array, first: Scalar, step: Scalar) -> Any:
+    return s[first], s[first + step], s[first + _TWO * step], s[first + _THREE * step]
+
+
+@within
+def _put_four(s: Array, first: Scalar, step: Scalar, values: Any) -> None:
+    s[first], s[first + step], s[first + _TWO * step], s[first + _THREE * step] = values
+
+
+@within
+def _lesser(a: Any, b: Any) -> Any:
+    return (
+        b[0] if b[0] < a[0] else a[0],
+        b[1] if b[1] < a[1] else a[1],
+        b[2] if b[2] < a[2] else a[2],
+        b[3] if b[3] < a[3] else a[3],
+    )
+
+
+@within
+def _greater(a: Any, b: Any) -> Any:
+    return (
+        b[0] if b[0] > a[0] else a[0],
+        b[1] if b[1] > a[1] else a[1],
+        b[2] if b[2] > a[2] else a[2],
+        b[3] if b[3] > a[3] else a[3],
+    )
+
+
+@plain
+def _measure_some(s: Array, centre: Array, count: Scalar) -> Scalar:
+    """Do as `_measure` with a tile's first samples, one by one; the others' residuals are zero."""
+    failures = _norms(s)
+    for q in range(_U(8)):
+        for i in range(_TILE):
+            lane = _LANES + q * _LANE + i % _LANE
+            residual = 0.0
+            if (i + i if i < _PAIRS else i + i - (_TILE - _ONE)) < _U(count):
+                value = s[q * _STRIDE + i]
+                residual = value - centre[q]
+                low, high = lane + _U(SUMS) * _LANE, lane + _U(SUMS + 8) * _LANE
+                s[low] = value if value < s[low] else s[low]
+                s[high] = value if value > s[high] else s[high]
+            s[_RESIDUALS + q * _STRIDE + i] = residual
+            s[lane] += residual
+    return failures
+
+
+@kept_part
+def _measure(s: Array, centre: Array, count: Scalar) -> Scalar:
+    """Write the norms and all residuals; add these into their lanes, and let smallest and largest values take in the tile's.
+
+    All in one loop: the square roots take so long that the rest is done meanwhile. Return how many samples are not finite.
+    """
+    if count < TILE:
+        return _measure_some(s, centre, count)
+    failures = 0
+    for part in range(_TWO):
+        rows = part * _FOUR * _STRIDE
+        sums = _LANES + part * _FOUR * _LANE
+        lows, highs = sums + _U(SUMS) * _LANE, sums + _U(SUMS + 8) * _LANE
+        middle = _four(centre, part * _FOUR, _ONE)
+        for lane in range(_LANE):
+            total, low, high = _four(s, sums + lane, _LANE), _four(s, lows + lane, _LANE), _four(s, highs + lane, _LANE)
+            for k in range(_U(TILE // LANES)):
+                i = rows + k * _LANE + lane
+                _, x, y, z = _four(s, i, _STRIDE)
+                length = np.sqrt(x * x + y * y + z * z)
+                s[i] = length
+                failures += 0 if length < np.inf else 1
+                values = (length, x, y, z)
+                low, high = _lesser(low, values), _greater(high, values)
+                residuals = (length - middle[0], x - middle[1], y - middle[2], z - middle[3])
+                _put_four(s, _RESIDUALS + i, _STRIDE, residuals)
+                total = (
+                    total[0] + residuals[0],
+                    total[1] + residuals[1],
+                    total[2] + residuals[2],
+                    total[3] + residuals[3],
+                )
+            _put_four(s, sums + lane, _LANE, total)
+            _put_four(s, lows + lane, _LANE, low)
+            _put_four(s, highs + lane, _LANE, high)
+    return failures
+
+
+@kept_part
+def _find_bins(s: Array, bins: Bins, held: Scalar, inverse_scale: Array) -> None:
+    """Write in which bins of the sketch the residuals fall; there is room for `HELD` tiles, quantity by quantity.
+
+    Only the upper halves of the scaled residuals are looked at: they stand behind the tiles.
+    """
+    for q in range(_U(8)):
+        residuals, halves, factor = _RESIDUALS + q * _STRIDE, (_U(8 * HELD) + q) * _TILE, inverse_scale[q]
+        for i in range(_TILE):
+            bins[halves + i] = np.uint32(_bits_of(s[residuals + i] * factor) >> _HALF_WORD)
+    for q in range(_U(8)):
+        first, halves = (q * _U(HELD) + _U(held)) * _TILE, (_U(8 * HELD) + q) * _TILE
+        zero = np.int32(q * _U(2 * _BINS) + _U(_BINS))
+        for i in range(_TILE):
+            half = np.int32(bins[halves + i])
+            magnitude = np.int32(((half & _ALL_BUT_SIGN) >> np.int32(_SHIFT - 32)) - np.int32(_OFFSET - 1))
+            magnitude = np.int32(min(max(magnitude, np.int32(0)), np.int32(_BINS - 1)))
+            # from zero on upwards, or of what is negative from zero - 1 on downwards
+            bins[first + i] = np.uint32(zero + np.int32(magnitude ^ np.int32(half >> _SIGN)))
+
+
+@plain
+def _count_bins(bins: Bins, first: Scalar, tiles: Scalar, count: Scalar, sketch: NDArray[np.uint32]) -> None:
+    """Count the samples of so many tiles, of the last one only ``count``, in the bins where they fall."""
+    last = first + (_U(tiles) - _ONE) * _TILE
+    for i in range(first, last + _TILE):
+        sketch[bins[i]] += np.uint32(1)
+    for sample in range(count, TILE):
+        sketch[bins[last + _place_of(sample, True)]] -= np.uint32(1)
+
+
+@plain
+def _count_all_bins(bins: Bins, tiles: Scalar, count: Scalar, sketch: NDArray[np.uint32]) -> None:
+    """Count what `_find_bins` found, each quantity of all tiles by itself: its part of the sketch stays near."""
+    for q in range(_U(8)):
+        _count_bins(bins, q * _U(HELD) * _TILE, tiles, count, sketch)
+
+
+@plain
+def _sketch_norms(s: Array, bins: Bins, count: Scalar, inverse_scale: Array, sketch: NDArray[np.uint32]) -> None:
+    """Count the residuals of the two norms in the small sketch."""
+    for part in range(_TWO):
+        residuals, first = _RESIDUALS + part * _U(4 * STRIDE), part * _U(NORM_COLUMNS)
+        factor = inverse_scale[part * _FOUR]
+        for i in range(_TILE):
+            scaled = s[residuals + i] * factor
+            shifted = _bits_of(abs(scaled)) >> _NORM_SHIFT
+            magnitude = shifted - _NORM_OFFSET if shifted > _NORM_OFFSET else _ZERO
+            magnitude = magnitude if magnitude < _NORM_LAST else _NORM_LAST
+            bins[i] = np.uint32(first + (_NORM_LAST - magnitude if scaled < 0.0 else _NORM_LAST + _ONE + magnitude))
+        _count_bins(bins, _ZERO, 1, count, sketch)
+
+
+@plain
+def _count_inside(s: Array, count: Scalar, counting: Counting, inside: NDArray[np.int64]) -> None:
+    """Count the samples inside each specification."""
+    for k in range(counting.limits.size):
+        row, limit = counting.limit_rows[k] * _STRIDE, counting.limits[k]
+        kept = 0
+        for i in range(_TILE):
+            kept += 1 if abs(s[row + i]) <= limit else 0
+        for sample in range(count, TILE):
+            kept -= 1 if abs(s[row + _place_of(sample, True)]) <= limit else 0
+        inside[k] += kept
+
+
+@kept_part
+def _add_products(s: Array) -> None:
+    """Add the products of the residuals' rows into their lanes: of two components each, then of each norm."""
+    for begin in range(_ZERO, _TILE, _U(4 * LANES)):
+        for lane in range(_LANE):
+            xx, xy, xz, xa, xb, xc = (
+                s[_P0 + lane],
+                s[_P1 + lane],
+                s[_P2 + lane],
+                s[_P3 + lane],
+                s[_P4 + lane],
+                s[_P5 + lane],
+            )
+            yy, yz, ya, yb, yc = s[_P6 + lane], s[_P7 + lane], s[_P8 + lane], s[_P9 + lane], s[_P10 + lane]
+            zz, za, zb, zc = s[_P11 + lane], s[_P12 + lane], s[_P13 + lane], s[_P14 + lane]
+            aa, ab, ac = s[_P15 + lane], s[_P16 + lane], s[_P17 + lane]
+            bb, bc = s[_P18 + lane], s[_P19 + lane]
+            cc = s[_P20 + lane]
+            dd, tt = s[_P21 + lane], s[_P22 + lane]
+            for turn in range(_FOUR):
+                i = begin + turn * _LANE + lane
+                d, x, y, z = s[_R0 + i], s[_R1 + i], s[_R2 + i], s[_R3 + i]
+                t, a, b, c = s[_R4 + i], s[_R5 + i], s[_R6 + i], s[_R7 + i]
+                xx, xy, xz, xa, xb, xc = xx + x * x, xy + x * y, xz + x * z, xa + x * a, xb + x * b, xc + x * c
+                yy, yz, ya, yb, yc = yy + y * y, yz + y * z, ya + y * a, yb + y * b, yc + y * c
+                zz, za, zb, zc = zz + z * z, za + z * a, zb + z * b, zc + z * c
+                aa, ab, ac = aa + a * a, ab + a * b, ac + a * c
+                bb, bc = bb + b * b, bc + b * c
+                cc = cc + c * c
+                dd, tt = dd + d * d, tt + t * t
+            s[_P0 + lane], s[_P1 + lane], s[_P2 + lane], s[_P3 + lane], s[_P4 + lane], s[_P5 + lane] = (
+                xx,
+                xy,
+                xz,
+                xa,
+                xb,
+                xc,
+            )
+            s[_P6 + lane], s[_P7 + lane], s[_P8 + lane], s[_P9 + lane], s[_P10 + lane] = yy, yz, ya, yb, yc
+            s[_P11 + lane], s[_P12 + lane], s[_P13 + lane], s[_P14 + lane] = zz, za, zb, zc
+            s[_P15 + lane], s[_P16 + lane], s[_P17 + lane] = aa, ab, ac
+            s[_P18 + lane], s[_P19 + lane] = bb, bc
+            s[_P20 + lane] = cc
+            s[_P21 + lane], s[_P22 + lane] = dd, tt
+
+
+@plain
+def _fold(s: Array, sums: Array) -> None:
+    """Fold each sum's lanes in halves and empty them."""
+    for k in range(_U(SUMS)):
+        lanes = _LANES + k * _LANE
+        half = LANES // 2
+        while half:
+            for lane in range(_U(half)):
+                s[lanes + lane] += s[lanes + _U(half) + lane]
+            half //= 2
+        sums[k] = s[lanes]
+        for lane in range(_LANE):
+            s[lanes + lane] = 0.0
+
+
+@plain
+def _empty_lanes(s: Array, lowest: Array, highest: Array) -> None:
+    """Begin with sums of nothing, and with these smallest and largest values."""
+    for i in range(_U(SUMS * LANES)):
+        s[_LANES + i] = 0.0
+    for q in range(_U(8)):
+        for lane in range(_LANE):
+            s[_LANES + (_U(SUMS) + q) * _LANE + lane] = lowest[q]
+            s[_LANES + (_U(SUMS + 8) + q) * _LANE + lane] = highest[q]
+
+
+@plain
+def _fold_extremes(s: Array, lowest: Array, highest: Array) -> None:
+    """Fold the lanes' smallest and largest values."""
+    for q in range(_U(8)):
+        for lane in range(_LANE):
+            low = s[_LANES + (_U(SUMS) + q) * _LANE + lane]
+            high = s[_LANES + (_U(SUMS + 8) + q) * _LANE + lane]
+            lowest[q] = low if low < lowest[q] else lowest[q]
+            highest[q] = high if high > highest[q] else highest[q]
+
+
+@plain
+def _failed_formula(w: Array, formulas: Formulas, skipped: Scalar, count: Scalar, sampled: bool) -> Scalar:
+    """Return the first sample of which an operation's result is not finite, or -1."""
+    for sample in range(skipped, count):
+        i = _place_of(sample, sampled)
+        for step in range(formulas.results.size):
+            if not abs(w[formulas.results[step] + i]) < np.inf:
+                return sample
+    return -1
+
+
+@kept
+def run(
+    s: Array,
+    bins: Bins,
+    products: Offsets,
+    w: Array,
+    draws: Draws,
+    formulas: Formulas,
+    superposition: Superposition,
+    motions: Motions,
+    stage: Scalar,
+    rare: Wanted,
+    linear: Wanted,
+    seed: Scalar,
+    words: Offsets,
+    first: Scalar,
+    skip: Scalar,
+    count: Scalar,
+    given: Array,
+    kept_components: Array,
+    kept_errors: Array,
+    counting: Counting,
+    sums: Array,
+    lowest: Array,
+    highest: Array,
+    sketch: NDArray[np.uint32],
+    inside: NDArray[np.int64],
+    largest: Array,
+    largest_units: NDArray[np.int64],
+) -> tuple[Scalar, Scalar]:
+    """Work through samples tile by tile.
+
+    Parameters
+    ----------
+    s, bins, products, w
+        Room: `SCRATCH` rows; ``(8 · (HELD + 1) · TILE,)``; ``(3/2 · TILE,)``; the rows that the
+        offsets name. All begin at multiples of 64 bytes but the bins.
+    draws, formulas, superposition, motions
+        The layout.
+    stage
+        `DRAW`, or any other.
+    rare, linear
+        Whether there are rare laws, and whether the model is the linear one.
+    seed, words
+        Key and, for each stream, the last counter word.
+    first, skip, count
+        First unit, a multiple of `TILE`, how many samples at the beginning nobody asked for (they may fail), and how many
+        samples with them.
+    given
+        ``(d, count)`` component values to use, or no columns: draw them.
+    kept_components, kept_errors
+        ``(d, count)`` and ``(6, count)`` to fill, or no columns.
+    counting, sums, lowest, highest, sketch, inside, largest, largest_units
+        What to subtract; ``(atoms, SUMS)`` partial sums, none: count nothing; ``(8,)``; ``(8,)``; ``(8 · COLUMNS,)``;
+        ``(S,)``; ``(2, LARGEST)`` and their units; the last six to add to.
+
+    Returns
+    -------
+    tuple
+        Why the run stopped (0: it did not) and at which sample.
+    """
+    for row in range(draws.fixed_rows.size):
+        for i in range(_TILE):
+            w[draws.fixed_rows[row] + i] = draws.fixed_values[row]
+    _clear(s, _X0)
+    counted = sums.shape[0] > 0
+    if counted:
+        _empty_lanes(s, lowest, highest)
+    sampled = given.shape[1] == 0
+    components = given.shape[0]
+    tiles = (count + TILE - 1) // TILE
+    for tile in range(tiles):
+        begin = tile * TILE
+        size = TILE if count - begin > TILE else count - begin
+        skipped = skip if tile == 0 else 0
+        if sampled:
+            uniforms(w, draws.stream_rows, draws.streams, words, seed, (first >> _ONE) + _U(tile) * _PAIRS, products)
+            apply_laws(w, draws, rare)
+        else:
+            for k in range(components):
+                offset = _U(k * STRIDE)
+                for i in range(size):
+                    w[offset + _U(i)] = given[k, begin + i]
+                for i in range(size, TILE):
+                    w[offset + _U(i)] = given[k, begin]
+        if kept_components.shape[1]:
+            for k in range(components):
+                offset = _U(k * STRIDE)
+                for i in range(size):
+                    kept_components[k, begin + i] = w[offset + _place_of(i, sampled)]
+        if stage == DRAW:
+            continue
+        if _derive(w, formulas):
+            sample = _failed_formula(w, formulas, skipped, size, sampled)
+            if sample >= 0:
+                return FORMULA, begin + sample
+        if linear is not None:
+            _superpose(s, w, superposition, _ZERO)
+        else:
+            sample = _displace(s, w, motions, skipped, size, sampled)
+            if sample >= 0:
+                return ANGLE, begin + sample
+        failures = _measure(s, counting.centre, size) if counted else _norms(s)
+        if failures:
+            sample = _not_finite(s, skipped, size, sampled)
+            if sample >= 0:
+                return NOT_FINITE, begin + sample
+        if kept_errors.shape[1]:
+            for c in range(6):
+                offset = _U((c + 1 + c // 3) * STRIDE)
+                for i in range(size):
+                    kept_errors[c, begin + i] = s[offset + _place_of(i, sampled)]
+        if counted:
+            _keep_largest(s, size, first + _U(begin), largest, largest_units)
+            _count_inside(s, size, counting, inside)
+            _add_products(s)
+            held = tile % HELD
+            _find_bins(s, bins, held, counting.inverse_scale)
+            if held == HELD - 1 or tile == tiles - 1:
+                _count_all_bins(bins, held + 1, size, sketch)
+            if (begin + TILE) % ATOM == 0 or tile == tiles - 1:
+                _fold(s, sums[begin // ATOM])
+    if counted:
+        _fold_extremes(s, lowest, highest)
+    return 0, 0
+
+
+# many poses ----------------------------------------------------------------------------------------------------------
+
+
+@plain
+def _keep_lanes(s: Array, lanes: Array) -> None:
+    """Put the lanes aside."""
+    for k in range(_U(LANE_DOUBLES)):
+        lanes[k] = s[_LANES + k]
+
+
+@kept
+def run_poses(
+    s: Array,
+    bins: Bins,
+    products: Offsets,
+    workspaces: Array,
+    lanes: Array,
+    unit_draws: Draws,
+    draws: Draws,
+    unit_formulas: Formulas,
+    formulas: Formulas,
+    superposition: Superposition,
+    motions: Motions,
+    rare: Wanted,
+    linear: Wanted,
+    seed: Scalar,
+    unit_words: Offsets,
+    words: Offsets,
+    first: Scalar,
+    count: Scalar,
+    centre: Array,
+    inverse_scale: Array,
+    limit_rows: Offsets,
+    limits: Array,
+    norms_only: bool,
+    sums: Array,
+    lowest: Array,
+    highest: Array,
+    sketch: NDArray[np.uint32],
+    inside: NDArray[np.int64],
+    largest: Array,
+    largest_units: NDArray[np.int64],
+) -> tuple[Scalar, Scalar, Scalar]:
+    """Work through samples of P poses; what is drawn once for a unit is drawn once for all poses.
+
+    Parameters
+    ----------
+    s, bins, products, workspaces
+        Room as `run`'s, the last ``(T, rows)`` of tiles that are worked on together, T ≤ `HELD`.
+    lanes
+        ``(P, LANE_DOUBLES)`` room.
+    unit_draws, unit_formulas, unit_words
+        What is done once for a tile.
+    draws, formulas, words
+        What is done at every pose; ``words`` are ``(P, streams)``.
+    superposition
+        All poses' entries, one behind the other.
+    motions
+        All poses' entries, one behind the other; starts ``(P, 2 K + 1)``, arms ``(P, K, 3)``, series ``(P, K + 1)``.
+    rare, linear
+        As in `run`.
+    seed, first, count
+        As in `run`.
+    centre, inverse_scale
+        ``(P, 8)``.
+    limit_rows, limits
+        ``(S,)`` quantities and their limits.
+    norms_only
+        Keep the small sketches of the two norms instead of the large ones of all, and no largest errors.
+    sums, lowest, highest, sketch, inside, largest, largest_units
+        As in `run`, each with P in front.
+
+    Returns
+    -------
+    tuple
+        Why the run stopped (0: it did not), at which pose and sample.
+    """
+    # not the constants themselves, which numba takes for other types: it would compile what they are given to anew
+    nobody, sampled = np.int64(0), count > 0
+    together = workspaces.shape[0]
+    for t in range(together):
+        w = workspaces[t]
+        for row in range(unit_draws.fixed_rows.size):
+            for i in range(_TILE):
+                w[unit_draws.fixed_rows[row] + i] = unit_draws.fixed_values[row]
+    _clear(s, _X0)
+    poses = centre.shape[0]
+    for pose in range(poses):
+        _empty_lanes(s, lowest[pose], highest[pose])
+        _keep_lanes(s, lanes[pose])
+    tiles = (count + TILE - 1) // TILE
+    for begin in range(0, tiles, together):
+        end = begin + together if begin + together < tiles else tiles
+        for tile in range(begin, end):
+            w = workspaces[tile - begin]
+            pair = (first >> _ONE) + _U(tile) * _PAIRS
+            uniforms(w, unit_draws.stream_rows, unit_draws.streams, unit_words, seed, pair, products)
+            apply_laws(w, unit_draws, rare)
+            if _derive(w, unit_formulas):
+                size = TILE if count - tile * TILE > TILE else count - tile * TILE
+                sample = _failed_formula(w, unit_formulas, 0, size, True)
+                if sample >= 0:
+                    return FORMULA, 0, tile * TILE + sample
+        for pose in range(poses):
+            at = Motions(
+                motions.shift_starts[pose],
+                motions.shift_rows,
+                motions.shifts,
+                motions.turn_starts[pose],
+                motions.turn_rows,
+                motions.turns,
+                motions.arms[pose],
+                motions.series[pose],
+            )
+            counting = Counting(centre[pose], inverse_scale[pose], limit_rows, limits)
+            own_lanes, own_sketch, own_inside = lanes[pose], sketch[pose], inside[pose]
+            for tile in range(begin, end):
+                w = workspaces[tile - begin]
+                size = TILE if count - tile * TILE > TILE else count - tile * TILE
+                if draws.stream_rows.size:
+                    pair = (first >> _ONE) + _U(tile) * _PAIRS
+                    uniforms(w, draws.stream_rows, draws.streams, words[pose], seed, pair, products)
+                    apply_laws(w, draws, rare)
+                if _derive(w, formulas):
+                    sample = _failed_formula(w, formulas, 0, size, True)
+                    if sample >= 0:
+                        return FORMULA, pose, tile * TILE + sample
+                if linear is not None:
+                    _superpose(s, w, superposition, _U(pose))
+                else:
+                    sample = _displace(s, w, at, nobody, size, sampled)
+                    if sample >= 0:
+                        return ANGLE, pose, tile * TILE + sample
+                for k in range(_U(LANE_DOUBLES)):
+                    s[_LANES + k] = own_lanes[k]
+                if _measure(s, counting.centre, size):
+                    sample = _not_finite(s, 0, size, True)
+                    if sample >= 0:
+                        return NOT_FINITE, pose, tile * TILE + sample
+                if not norms_only:
+                    _keep_largest(s, size, first + _U(tile * TILE), largest[pose], largest_units[pose])
+                _count_inside(s, size, counting, own_inside)
+                _add_products(s)
+                if norms_only:
+                    _sketch_norms(s, bins, size, counting.inverse_scale, own_sketch)
+                else:
+                    _find_bins(s, bins, tile - begin, counting.inverse_scale)
+                    if tile == end - 1:
+                        _count_all_bins(bins, end - begin, size, own_sketch)
+                if (tile + 1) * TILE % ATOM == 0 or tile == tiles - 1:
+                    _fold(s, sums[pose, tile * TILE // ATOM])
+                _keep_lanes(s, own_lanes)
+    for pose in range(poses):
+        for k in range(_U(LANE_DOUBLES)):
+            s[_LANES + k] = lanes[pose, k]
+        _fold_extremes(s, lowest[pose], highest[pose])
+    return 0, 0, 0

@@ -1,0 +1,280 @@
+"""The compiled sampler over many poses of one arm: what is drawn once for a built robot is drawn once for all of them.
+
+A unit's draws of unit scope are the same at every pose; those of pose and visit scope are made anew at each. So drawing
+costs one pose's time however many poses there are, and what remains is displacing and counting.
+
+`observe_poses` gives what :func:`precision_pin.kernel.sampler.observe_blocks` gives at each pose, bit by bit. `observe_norms`
+keeps what a map needs, in 4 kB a pose instead of 656: the moments of all six components, counts inside specifications,
+and a small sketch of |d| and |δ| alone.
+
+The small sketch is that of :mod:`precision_pin.statistics.sketch` with 32 bins an octave, from 1/16 to 16 of the planned
+spread on each side of the planned mean (`norm_edges`). A bin that holds v, in units of the spread from the mean, is at
+most ``max(1/16, |v|/32)`` wide up to 16; the outermost bins are open, and cut at the smallest and largest value seen.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import Final, final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from precision_pin.draws.space import check_seed
+from precision_pin.errors import InputError
+from precision_pin.jit import call
+from precision_pin.kernel import loops
+from precision_pin.kernel.loops import (
+    HELD,
+    LANE_DOUBLES,
+    LINEAR,
+    NORM_COLUMNS,
+    NORM_EXPONENTS,
+    NORM_MANTISSA,
+    SUMS,
+    Wanted,
+)
+from precision_pin.kernel.parts import compile_parts, empty_table
+from precision_pin.kernel.pose_arrays import JoinedTables
+from precision_pin.kernel.sampler import (
+    BLOCK,
+    REASONS,
+    Blocks,
+    CompiledTable,
+    Model,
+    check_blocks,
+    room,
+    stage_of,
+    workspace,
+)
+from precision_pin.statistics import COLUMNS, LARGEST, NORMS, Plan
+
+__all__ = [
+    "MOST_TOGETHER",
+    "NormBlocks",
+    "norm_edges",
+    "observe_norms",
+    "observe_poses",
+    "warm_up",
+]
+
+Array = NDArray[np.float64]
+
+MOST_TOGETHER: Final = 64
+"""Poses that are best worked on together: drawing is then next to nothing, and what is kept stays in the cache."""
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class NormBlocks:
+    """What consecutive blocks gave at P poses, as far as a map needs it.
+
+    Attributes
+    ----------
+    count
+        Samples at each pose.
+    lowest, highest
+        ``(P, 2)`` smallest and largest |d| and |δ|.
+    sums
+        ``(P, blocks, 31)`` as in :class:`precision_pin.kernel.sampler.Blocks`, to the bit.
+    sketch
+        ``(P, 2, 514)`` counts of |d| and |δ| between `norm_edges`.
+    inside
+        ``(P, S)`` samples inside each specification.
+    """
+
+    count: int
+    lowest: Array
+    highest: Array
+    sums: Array
+    sketch: NDArray[np.uint32]
+    inside: NDArray[np.int64]
+
+
+def norm_edges() -> Array:
+    """Return the 515 ascending edges of the small sketch, in units of the planned spread from the planned mean."""
+    first, last = ((1023 + exponent) << NORM_MANTISSA for exponent in NORM_EXPONENTS)
+    magnitude = (np.arange(first, last + 1, dtype=np.int64) << (52 - NORM_MANTISSA)).view(np.float64)
+    edges = np.concatenate(([0.0], magnitude[:-1], [np.inf]))
+    result: Array = np.concatenate((-edges[::-1], edges[1:]))
+    return result
+
+
+def observe_poses(
+    tables: Sequence[CompiledTable] | JoinedTables,
+    plans: Sequence[Plan],
+    model: Model,
+    seed: int,
+    first_block: int,
+    blocks: int,
+    *,
+    samples: int | None = None,
+    first_pose: int = 0,
+    visit: int = 0,
+) -> list[Blocks]:
+    """Return what blocks give at P poses: the bits of :func:`precision_pin.kernel.sampler.observe_blocks` at each.
+
+    Parameters
+    ----------
+    tables
+        One model at the poses.
+    plans
+        For each pose; with the same specifications.
+    model, seed, first_block, blocks, samples, visit
+        As in :func:`precision_pin.kernel.sampler.observe_blocks`.
+    first_pose
+        Number of the first pose, for draws of pose and visit scope; the others follow.
+
+    Raises
+    ------
+    InputError
+        No poses, or not as many plans; poses of different models; plans with different specifications; or as
+        :func:`precision_pin.kernel.sampler.observe_blocks`, with the pose's number.
+    """
+    units = _Units(seed, *check_blocks(first_block, blocks, samples), first_pose, visit)
+    counts = _run(tables, plans, model, units, 8 * COLUMNS, LARGEST, tiles=HELD)
+    return [
+        Blocks(
+            count=units.count,
+            lowest=counts.lowest[pose],
+            highest=counts.highest[pose],
+            sums=counts.sums[pose],
+            sketch=counts.sketch[pose].reshape(8, COLUMNS),
+            inside=counts.inside[pose],
+            largest=counts.largest[pose],
+            largest_units=counts.largest_units[pose],
+            errors=None,
+        )
+        for pose in range(len(plans))
+    ]
+
+
+def observe_norms(
+    tables: Sequence[CompiledTable] | JoinedTables,
+    plans: Sequence[Plan],
+    model: Model,
+    seed: int,
+    first_block: int,
+    blocks: int,
+    *,
+    samples: int | None = None,
+    first_pose: int = 0,
+    visit: int = 0,
+) -> NormBlocks:
+    """Return what blocks give at P poses, as far as a map needs it; other threads run meanwhile.
+
+    Parameters and errors as in `observe_poses`. Of the plans' scales only those of the norms are used.
+    """
+    units = _Units(seed, *check_blocks(first_block, blocks, samples), first_pose, visit)
+    counts = _run(tables, plans, model, units, 2 * NORM_COLUMNS, 0, tiles=1)
+    return NormBlocks(
+        count=units.count,
+        lowest=counts.lowest[:, NORMS],
+        highest=counts.highest[:, NORMS],
+        sums=counts.sums,
+        sketch=counts.sketch.reshape(-1, 2, NORM_COLUMNS),
+        inside=counts.inside,
+    )
+
+
+def warm_up(rare: Wanted = None, linear: Wanted = None) -> None:
+    """Compile a variant of the loops over poses, or load it from numba's cache; what samples first does so by itself."""
+    plan = Plan(np.zeros(8), np.ones(8), ())
+    observe_norms([empty_table(rare)], [plan], "linear" if linear else "exact", 0, 0, 1, samples=1)
+
+
+# inside --------------------------------------------------------------------------------------------------------------
+
+
+@final
+@dataclass(frozen=True)
+class _Units:
+    """Which units, at which poses and visit."""
+
+    seed: int
+    first: int
+    count: int
+    first_pose: int
+    visit: int
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class _Counts:
+    """What the loops fill, P in front of everything."""
+
+    sums: Array
+    lowest: Array
+    highest: Array
+    sketch: NDArray[np.uint32]
+    inside: NDArray[np.int64]
+    largest: Array
+    largest_units: NDArray[np.int64]
+
+
+def _run(
+    tables: Sequence[CompiledTable] | JoinedTables,
+    plans: Sequence[Plan],
+    model: Model,
+    units: _Units,
+    columns: int,
+    largest: int,
+    *,
+    tiles: int,
+) -> _Counts:
+    """Run the compiled loops over the poses and raise what stopped them; keep no largest errors: the small sketch."""
+    check_seed(units.seed)
+    linear: Wanted = True if stage_of(model) == LINEAR else None
+    joined = tables if isinstance(tables, JoinedTables) else JoinedTables.of(tables)
+    poses = len(joined.layouts)
+    if len(plans) != poses:
+        raise InputError(f"{poses} poses and {len(plans)} plans; one plan for each pose")
+    specifications = plans[0].specifications
+    if any(plan.specifications != specifications for plan in plans):
+        raise InputError("the plans of poses that are sampled together have different specifications")
+    counts = _Counts(
+        sums=np.zeros((poses, -(-units.count // BLOCK), SUMS)),
+        lowest=np.full((poses, 8), np.inf),
+        highest=np.full((poses, 8), -np.inf),
+        sketch=np.zeros((poses, columns), dtype=np.uint32),
+        inside=np.zeros((poses, len(specifications)), dtype=np.int64),
+        largest=np.full((poses, 2, largest), -np.inf),
+        largest_units=np.full((poses, 2, largest), -1),
+    )
+    rows, variant = joined.layouts[0].rows, (joined.layouts[0].rare, linear)
+    arguments = (
+        *room(),
+        workspace(rows * tiles).reshape(tiles, -1),
+        np.empty((poses, LANE_DOUBLES)),
+        joined.unit_draws,
+        joined.draws,
+        joined.unit_formulas,
+        joined.formulas,
+        joined.superposition,
+        joined.motions,
+        *variant,
+        np.uint64(units.seed),
+        np.zeros(joined.unit_draws.streams.size, dtype=np.uint64),
+        joined.words(units.first_pose, units.visit),
+        np.uint64(units.first),
+        int(units.count),
+        np.array([plan.centre for plan in plans]),
+        np.array([1 / plan.scale for plan in plans]),
+        np.array([specification.row for specification in specifications], dtype=np.uint64),
+        np.array([specification.limit for specification in specifications], dtype=float),
+        largest == 0,
+        counts.sums,
+        counts.lowest,
+        counts.highest,
+        counts.sketch,
+        counts.inside,
+        counts.largest,
+        counts.largest_units,
+    )
+    ahead = partial(compile_parts, *variant, __name__)
+    reason, pose, where = map(int, call(loops.run_poses, arguments, variant, ahead))
+    if reason:
+        raise InputError(f"pose {units.first_pose + pose}, sample {units.first + where}: {REASONS[reason]}")
+    return counts

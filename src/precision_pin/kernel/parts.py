@@ -1,0 +1,89 @@
+"""The parts of the compiled loops, for compiling them side by side: which there are, and what types they are given."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, Final
+
+import numpy as np
+
+from precision_pin.compile_ahead import Job, compile_jobs
+from precision_pin.draws.expressions import Program
+from precision_pin.draws.laws import Disc
+from precision_pin.draws.space import Draw, Space
+from precision_pin.jit import can_keep, make_ready
+from precision_pin.kernel import loops
+from precision_pin.kernel.arrays import CompiledTable, lay_out
+from precision_pin.kernel.loops import HELD, LARGEST, SCRATCH, STRIDE, TILE, Wanted
+from precision_pin.terms.table import TermTable
+
+__all__ = ["PARTS", "compile_part", "compile_parts", "empty_table", "part_arguments"]
+
+PARTS: Final[Mapping[str, float]] = {
+    "_displace": 2.4,
+    "apply_laws": 1.3,
+    "_superpose": 1.4,
+    "_measure": 0.8,
+    "uniforms": 0.5,
+    "_derive": 0.5,
+    "_keep_largest": 0.3,
+    "_add_products": 0.3,
+    "_find_bins": 0.3,
+}
+"""The parts, and about how many seconds each takes to compile."""
+
+_RARE: Final = 1.5
+_TOGETHER: Final = 3.5
+"""Seconds that rare laws take more; and that the outermost function takes when the parts are there."""
+
+
+def empty_table(rare: Wanted = None) -> CompiledTable:
+    """Return the layout of a model whose tip stays where it is; with a rare law if that is wanted."""
+    table = TermTable(
+        pose=np.eye(4),
+        targets=(),
+        frames=np.zeros((0, 4, 4)),
+        program=Program(0, (), (), ()),
+        target=np.zeros(0, dtype=np.intp),
+        twists=np.zeros((0, 6)),
+        factors=np.zeros((0, 3), dtype=np.intp),
+    )
+    return lay_out(table, Space((Draw("disc", Disc(1.0)),) if rare else ()))
+
+
+def part_arguments(name: str, rare: Wanted = None) -> tuple[Any, ...]:
+    """Return arguments of the types that a part is called with; it is never called with these themselves."""
+    layout = empty_table(rare)
+    s, w, eight = np.zeros(SCRATCH * STRIDE), np.zeros(layout.rows * STRIDE), np.zeros(8)
+    bins, words, offset = np.zeros(8 * (HELD + 1) * TILE, np.uint32), np.zeros(0, np.uint64), np.uint64(0)
+    largest = np.zeros((2, LARGEST))
+    draws = layout.draws
+    return {
+        "_displace": (s, w, layout.motions, 0, 0, True),
+        "apply_laws": (w, draws, rare),
+        "_superpose": (s, w, layout.superposition, offset),
+        "_measure": (s, eight, 0),
+        "uniforms": (w, draws.stream_rows, draws.streams, words, offset, offset, words),
+        "_derive": (w, layout.formulas),
+        "_keep_largest": (s, 0, offset, largest, largest.astype(np.int64)),
+        "_add_products": (s,),
+        "_find_bins": (s, bins, 0, eight),
+    }[name]
+
+
+def compile_part(name: str, rare: Wanted) -> None:
+    """Compile a part into the cache."""
+    make_ready(getattr(loops, name), part_arguments(name, rare))
+
+
+def compile_parts(rare: Wanted, linear: Wanted, module: str) -> None:
+    """Compile the parts of a variant side by side by other processes, then what the module's ``warm_up`` does."""
+    if not can_keep(loops.run):
+        return
+    unused = "_displace" if linear else "_superpose"
+    jobs = [
+        Job(__name__, "compile_part", (name, rare), seconds + (_RARE if rare and name == "apply_laws" else 0.0))
+        for name, seconds in PARTS.items()
+        if name != unused
+    ]
+    compile_jobs([*jobs, Job(module, "warm_up", (rare, linear), _TOGETHER, last=True)])

@@ -1,0 +1,236 @@
+"""One error model laid out at many poses: what is the same at all of them, and what is not.
+
+Draws of unit scope, and what formulas make of them alone, are the same at every pose; they are taken out, to be done once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any, final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from precision_pin.draws.space import Scope, occasion
+from precision_pin.errors import InputError
+from precision_pin.kernel import loops
+from precision_pin.kernel.arrays import CompiledTable
+from precision_pin.kernel.loops import Draws, Formulas, Motions, Superposition
+
+__all__ = ["JoinedTables", "is_alike"]
+
+Rows = NDArray[np.uint64]
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class JoinedTables:
+    """One error model laid out at P poses, with what they share taken out.
+
+    Attributes
+    ----------
+    layouts
+        The poses.
+    unit_draws, unit_formulas
+        What is done once for all poses.
+    draws, formulas
+        What is done at each.
+    scopes
+        Scope of each stream of ``draws``.
+    superposition, motions
+        All poses one behind the other, as :func:`precision_pin.kernel.loops.run_poses` takes them.
+    """
+
+    layouts: tuple[CompiledTable, ...]
+    unit_draws: Draws
+    unit_formulas: Formulas
+    draws: Draws
+    formulas: Formulas
+    scopes: tuple[Scope, ...]
+    superposition: Superposition
+    motions: Motions
+
+    @classmethod
+    def of(cls, layouts: Sequence[CompiledTable]) -> JoinedTables:
+        """Join layouts; those of one model made together by :func:`precision_pin.kernel.sampler.compile_tables` join faster.
+
+        Raises
+        ------
+        InputError
+            No layouts, or layouts with different draws, targets or formulas.
+        """
+        if not layouts:
+            raise InputError("no poses to sample; give at least one")
+        first = layouts[0]
+        if not all(is_alike(first, other) for other in layouts[1:]):
+            raise InputError(
+                "poses that are sampled together must be of one model: with the same draws, targets and formulas"
+            )
+        varying = _varying(first)
+        unit_formulas, formulas = _split_formulas(first.formulas, varying)
+        return cls(
+            layouts=tuple(layouts),
+            unit_draws=_chosen_draws(first.draws, np.setdiff1d(_all_rows(first.draws), varying)),
+            unit_formulas=unit_formulas,
+            draws=_chosen_draws(first.draws, varying),
+            formulas=formulas,
+            scopes=tuple(scope for scope in first.scopes if scope is not Scope.UNIT),
+            superposition=_joined_superpositions(layouts),
+            motions=_joined_motions(layouts),
+        )
+
+    def words(self, first_pose: int, visit: int) -> Rows:
+        """Return the last counter word of every stream of ``draws`` at every pose, ``(P, streams)``."""
+        poses = range(first_pose, first_pose + len(self.layouts))
+        occasions = {scope: [occasion(scope, pose, visit) for pose in poses] for scope in dict.fromkeys(self.scopes)}
+        columns = [np.zeros((len(poses), 0))] + [np.array(occasions[scope])[:, None] for scope in self.scopes]
+        return np.concatenate(columns, axis=1).astype(np.uint64)
+
+
+def is_alike(one: CompiledTable, other: CompiledTable) -> bool:
+    """Return whether two layouts have the same draws and formulas, in the same places: those of one model do."""
+    if one.draws is other.draws and one.formulas is other.formulas:
+        return True
+    pairs = [*zip(one.draws, other.draws, strict=True), *zip(one.formulas, other.formulas, strict=True)]
+    return (
+        one.rows == other.rows
+        and one.targets == other.targets
+        and one.space.draws == other.space.draws
+        and all(np.array_equal(a, b) for a, b in pairs)
+    )
+
+
+# draws and formulas by scope -----------------------------------------------------------------------------------------
+
+
+def _varying(layout: CompiledTable) -> Rows:
+    """Return the rows that are not the same at every pose: draws of pose and visit scope and what is made of them."""
+    space = layout.space
+    found = {
+        component * loops.STRIDE
+        for draw, columns in zip(space.draws, space.slices, strict=True)
+        if draw.scope is not Scope.UNIT
+        for component in range(columns.start, columns.stop)
+    } - set(layout.draws.fixed_rows.tolist())
+    formulas = layout.formulas
+    steps = [
+        *zip(formulas.left.tolist(), formulas.right.tolist(), formulas.results.tolist(), strict=True),
+        *(
+            (*factors, result)
+            for factors, result in zip(formulas.product_factors.tolist(), formulas.products.tolist(), strict=True)
+        ),
+    ]
+    for left, right, result in steps:
+        if left in found or right in found:
+            found.add(result)
+    return np.array(sorted(found), dtype=np.uint64)
+
+
+def _all_rows(draws: Draws) -> Rows:
+    rows = [getattr(draws, name) for name in draws._fields if name.endswith("_rows")]
+    return np.unique(np.concatenate(rows))
+
+
+def _chosen_draws(draws: Draws, rows: Rows) -> Draws:
+    """Return the draws that stand in rows."""
+
+    def chosen(name: str, *beside: str) -> dict[str, NDArray[Any]]:
+        kept = np.isin(getattr(draws, name), rows)
+        return {field: getattr(draws, field)[kept] for field in (name, *beside)}
+
+    groups = [
+        k for k, (begin, _) in enumerate(pairwise(draws.group_starts.tolist())) if draws.group_rows[begin] in rows
+    ]
+    laws = [k for k, row in enumerate(draws.empirical_rows) if row in rows]
+    group_starts, group_rows = _chosen_runs(draws.group_starts, draws.group_rows, groups)
+    line_starts, lines = _chosen_runs(draws.empirical_starts, draws.empirical, laws)
+    parts = {
+        **draws._asdict(),
+        **chosen("fixed_rows", "fixed_values"),
+        **chosen("stream_rows", "streams"),
+        **chosen("cumulated_rows"),
+        **chosen("uniform_rows", "uniform"),
+        **chosen("triangular_rows", "triangular"),
+        **chosen("normal_rows", "normal"),
+        **chosen("scaled_rows", "scaled"),
+        **chosen("truncated_rows", "truncated"),
+        **chosen("disc_rows", "disc"),
+        **chosen("circle_rows", "circle"),
+        **chosen("joint_rows", "joint_roots", "joint_sizes"),
+        **chosen("lognormal_rows", "lognormal"),
+        **chosen("arcsine_rows", "arcsine"),
+        **chosen("two_point_rows", "two_point"),
+        **chosen("empirical_rows"),
+        **chosen("table_rows", "table_shapes"),
+        "group_starts": group_starts,
+        "group_rows": group_rows,
+        "group_roots": draws.group_roots[groups],
+        "empirical_starts": line_starts,
+        "empirical": lines,
+    }
+    return Draws(**{name: _frozen(part) for name, part in parts.items()})
+
+
+def _chosen_runs(starts: Rows, values: NDArray[Any], chosen: Sequence[int]) -> tuple[Rows, NDArray[Any]]:
+    """Return where runs ``values[starts[k] … starts[k + 1]]`` begin when only some are left, and those."""
+    runs = [values[int(starts[k]) : int(starts[k + 1])] for k in chosen]
+    return np.cumsum([0, *map(len, runs)]).astype(np.uint64), np.concatenate([values[:0], *runs])
+
+
+def _split_formulas(formulas: Formulas, varying: Rows) -> tuple[Formulas, Formulas]:
+    """Return what is the same at every pose, and what is not."""
+    steps, products = np.isin(formulas.results, varying), np.isin(formulas.products, varying)
+    unit, each = (
+        Formulas(
+            operators=_frozen(formulas.operators[of_steps]),
+            left=_frozen(formulas.left[of_steps]),
+            right=_frozen(formulas.right[of_steps]),
+            results=_frozen(formulas.results[of_steps]),
+            product_factors=_frozen(formulas.product_factors[of_products]),
+            products=_frozen(formulas.products[of_products]),
+        )
+        for of_steps, of_products in ((~steps, ~products), (steps, products))
+    )
+    return unit, each
+
+
+def _frozen(array: NDArray[Any]) -> NDArray[Any]:
+    """Return an array of our own that cannot be written: numba takes others for another type."""
+    own = np.array(array, order="C")
+    own.flags.writeable = False
+    return own
+
+
+# poses one behind the other ------------------------------------------------------------------------------------------
+
+
+def _joined_entries(parts: Sequence[Superposition | Motions]) -> dict[str, NDArray[Any]]:
+    return {
+        name: _frozen(np.concatenate([getattr(part, name) for part in parts]))
+        for name in ("shift_rows", "shifts", "turn_rows", "turns")
+    }
+
+
+def _joined_superpositions(layouts: Sequence[CompiledTable]) -> Superposition:
+    parts = [layout.superposition for layout in layouts]
+    before = np.cumsum([(0, 0), *(part.starts[-1] for part in parts)], axis=0).astype(np.uint64)
+    starts = [part.starts[:-1] + begin for part, begin in zip(parts, before[:-1], strict=True)]
+    return Superposition(**_joined_entries(parts), starts=_frozen(np.concatenate([*starts, before[-1:]])))
+
+
+def _joined_motions(layouts: Sequence[CompiledTable]) -> Motions:
+    parts = [layout.motions for layout in layouts]
+
+    def starts(name: str, rows: str) -> Rows:
+        before = np.cumsum([0, *(getattr(part, rows).size for part in parts[:-1])]).astype(np.uint64)
+        return np.stack([getattr(part, name) for part in parts]) + before[:, None]
+
+    return Motions(
+        **_joined_entries(parts),
+        shift_starts=_frozen(starts("shift_starts", "shift_rows")),
+        turn_starts=_frozen(starts("turn_starts", "turn_rows")),
+        arms=_frozen(np.stack([part.arms for part in parts])),
+        series=_frozen(np.stack([part.series for part in parts])),
+    )

@@ -1,0 +1,538 @@
+"""The error model: sources, draws and chain make the term table of a pose; clear numpy evaluates it.
+
+The engines here are the oracle of the compiled kernel. Errors are ``[d; δ]`` of the tip in base axes (m, rad):
+``d = p' - p``, ``δ = Log(R' Rᵀ)``.
+"""
+
+from __future__ import annotations
+
+import itertools
+import os
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Final, Literal, final
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from precision_pin import se3
+from precision_pin.call_warnings import add, warns_at_end
+from precision_pin.display.html import Table, rendered
+from precision_pin.draws.space import Draw, LabelledSpace, Space
+from precision_pin.errors import Finding, InputError, UnknownNameError
+from precision_pin.inputs.arguments import (
+    check_choice,
+    check_instance,
+    check_items,
+    check_mapping,
+    check_numbers,
+    check_path,
+)
+from precision_pin.inputs.arrays import returns_read_only
+from precision_pin.model.about_rest import terms_about_rest
+from precision_pin.model.equilibrium import settle
+from precision_pin.robot.chain import Chain, Place, Posture
+from precision_pin.robot.urdf import Joint
+from precision_pin.sheet import Sheet
+from precision_pin.sheet import read as read_sheet
+from precision_pin.terms.table import SlopeColumns, TableLayout, TermTable
+from precision_pin.terms.term import AskedSource, Source, Term, fix_settings, labels, own_draws
+
+__all__ = ["ErrorModel", "PoseModel", "TermTable", "limit_findings"]
+
+Array = NDArray[np.float64]
+
+_AT_ONCE: Final = 4096
+"""Poses whose joints are placed together."""
+
+_TRIED: Final = 1000
+_TRIED_SEED: Final = 0
+_TRIED_RANKS: Final = ((9, 0.005), (0, 0.02))
+"""Robots settled one by one to try equilibrium statics: by rank from the farthest, with the share they may be off."""
+_NO_MATTER: Final = 1e-9
+_LARGEST_TURN: Final = 0.15
+"""Turn of a link's end by loads (rad) beyond which a warning is given: a bent cantilever's deflection is out by 0.4 %."""
+
+_COMPONENTS: Final = ("dx", "dy", "dz", "δx", "δy", "δz")
+_UNITS: Final = (*["mm"] * 3, *["mrad"] * 3)
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class PoseModel:
+    """The error model at one pose.
+
+    Attributes
+    ----------
+    posture
+        The undisplaced chain, with all loads.
+    space
+        Draws in column order.
+    table
+        The terms.
+    """
+
+    posture: Posture
+    space: Space
+    table: TermTable
+    terms: tuple[Term, ...]
+
+    def linear(self, x: ArrayLike) -> Array:
+        """Return the errors ``(6, N)`` by superposition (eqs 12-17), for component values ``(d, N)``.
+
+        Σ J_target · twist · product of factors, with J at the undisplaced chain.
+        """
+        values = self._check(x)
+        moved = self.table.displacements(self.table.products(self.table.program.evaluate(values)))
+        result: Array = np.einsum("kij,kjn->in", self.table.sensitivities, moved)
+        return result
+
+    def exact(self, x: ArrayLike) -> Array:
+        """Return the errors ``(6, N)`` of the displaced chain multiplied out, for component values ``(d, N)``.
+
+        ``T' = Π (T_k E_k T_k⁻¹) · T`` over the targets in chain order, T_k their undisplaced poses.
+
+        Raises
+        ------
+        InputError
+            A target turns by π or more, where rotation vectors are no longer unique; or an error overflows.
+        """
+        values = self._check(x)
+        try:
+            with np.errstate(over="raise", invalid="raise"):
+                return self._multiply_out(values)
+        except FloatingPointError:
+            raise InputError("an error is beyond any number; the tolerances or loads are far too large") from None
+
+    def _multiply_out(self, values: Array) -> Array:
+        moved = self.table.displacements(self.table.products(self.table.program.evaluate(values)))
+        motion = np.broadcast_to(np.eye(4)[:, :, None], (4, 4, values.shape[1]))
+        for frame, displacement in zip(self.table.frames, moved, strict=True):
+            if np.sqrt((displacement[3:] ** 2).sum(axis=0)).max(initial=0.0) >= np.pi:
+                raise InputError(
+                    "an error turns a place by half a turn or more; the tolerances or loads are far too large"
+                )
+            inserted = se3.compose(frame, se3.displacement(displacement), se3.inverse(frame))
+            motion = se3.compose(motion, inserted)
+        tip = self.table.pose[:3, 3]
+        shift = np.einsum("ijn,j->in", motion[:3, :3], tip) + motion[:3, 3] - tip[:, None]
+        return np.concatenate([shift, se3.log_rotation(motion[:3, :3])])
+
+    @cached_property
+    @returns_read_only
+    def tangent(self) -> tuple[Array, Array]:
+        """First-order model of :meth:`exact` at the components' means: ``(e0 (6,), J (6, d))``.
+
+        Under gravity it is taken on the deflected arm, and differs from :meth:`linear`.
+        """
+        jacobian = np.zeros((6, self.space.size))
+        for part in self.jacobian_parts:
+            jacobian[:, part.columns] += part.slopes
+        return self.error_at_means, jacobian
+
+    @cached_property
+    @returns_read_only
+    def error_at_means(self) -> Array:
+        """The error of :meth:`exact` with every component at its mean, ``(6,)``."""
+        return self.exact(self.space.mean[:, None])[:, 0]
+
+    @cached_property
+    def jacobian_parts(self) -> tuple[SlopeColumns, ...]:
+        """What each target adds to the Jacobian of :attr:`tangent`; their sum is J."""
+        table, mean = self.table, self.space.mean
+        error = self.error_at_means
+        moved = table.displacements(table.products(table.program.evaluate(mean[:, None])))[:, :, 0]
+        tip = table.pose[:3, 3] + error[:3]
+        turn = se3.left_jacobian_inverse(error[3:])
+        parts = []
+        motion = np.eye(4)
+        entries = zip(table.frames, moved, table.displacement_slopes(mean), strict=True)
+        for frame, displacement, local in entries:
+            turning = se3.left_jacobian(displacement[3:]) @ local.slopes[3:]
+            twist = np.concatenate([local.slopes[:3] + se3.skew(displacement[:3]) @ turning, turning])
+            spatial = se3.adjoint(motion @ frame) @ twist
+            slopes = np.concatenate([spatial[:3] - se3.skew(tip) @ spatial[3:], turn @ spatial[3:]])
+            parts.append(SlopeColumns(local.columns, slopes))
+            motion = motion @ frame @ se3.displacement(displacement) @ se3.inverse(frame)
+        return tuple(parts)
+
+    @property
+    def jacobian(self) -> Array:
+        """Derivative of :meth:`exact` at the components' means, ``(6, d)``."""
+        return self.tangent[1]
+
+    @cached_property
+    @returns_read_only
+    def covariance(self) -> Array:
+        """Covariance of the tangent model, ``(6, 6)``: J Σ Jᵀ."""
+        return self.space.block_covariance.between(self.jacobian, self.jacobian)
+
+    def findings(self, model: str) -> tuple[Finding, ...]:
+        """Return the warnings about this pose: limits and, for ``model`` "linear", superposition stretched."""
+        if model != "linear" or not self.space.size:
+            return self.posture.findings
+        superposed = self.linear(self.space.mean[:, None])[:, 0]
+        gap = float(np.linalg.norm((superposed - self.error_at_means)[:3]))
+        spread, negligible = _spread(self)
+        if gap <= negligible:
+            return self.posture.findings
+        message = (
+            f"with every parameter at its mean, superposition places the tip {gap * 1e3:.3g} mm away from the "
+            f"displaced chain, more than a tenth of the spread of {spread * 1e3:.3g} mm; the exact model has no such error"
+        )
+        return (*self.posture.findings, Finding("warning", "W_SUPERPOSITION", message))
+
+    def __repr__(self) -> str:
+        return f"<PoseModel of {self.posture!r}: terms {len(self.terms)}, random numbers {self.space.size}>"
+
+    def _repr_html_(self) -> str:
+        """Return what a notebook shows: error at the means and first-order spread, mm and mrad."""
+        chain = self.posture.chain
+        title = f"{os.path.basename(chain.robot.file)}: {chain.base} to {chain.tip}, first order at one pose"
+        pose = ", ".join(map(_joint_value, chain.joints, self.posture.q))
+        counts = f"{len(self.terms)} terms, {len(self.space.draws)} draws of {self.space.size} numbers"
+        try:
+            spread = np.sqrt(np.diag(self.covariance))
+        except InputError as error:
+            return rendered(title, [], [pose, counts, error.findings[0].message])
+        rows = [
+            [name, unit, f"{1e3 * mean:.6g}", f"{1e3 * std:.6g}"]
+            for name, unit, mean, std in zip(_COMPONENTS, _UNITS, self.error_at_means, spread, strict=True)
+        ]
+        columns = ("", "unit", "error at the means", "standard deviation")
+        return rendered(title, [Table(columns, rows, words=2)], [f"{pose}; base axes", counts])
+
+    def _check(self, x: ArrayLike) -> Array:
+        # not copied, unlike other arrays: many samples are many numbers, and only read
+        values = x if type(x) is np.ndarray and x.dtype == np.float64 else check_numbers("x", x)
+        if values.ndim != 2 or values.shape[0] != self.space.size:
+            raise InputError(f"x has shape {values.shape}, expected ({self.space.size}, N): rows as in model.space")
+        if not np.isfinite(values).all():
+            raise InputError("x must be finite")
+        return values
+
+
+@final
+class ErrorModel:
+    """A chain with its error sources.
+
+    Parameters
+    ----------
+    chain
+        The chain.
+    space
+        The draws that have names of their own (a sheet's ``parameters``).
+    sources
+        Error sources, in any order. Laws that stand in their settings become draws of the model.
+    poses
+        Named configurations, the first one the default.
+    statics
+        ``"nominal"``: loads at the undeflected pose, as in the paper. ``"equilibrium"``: on the arm at rest under them.
+
+    Attributes
+    ----------
+    chain, sources, poses, statics
+        As given.
+    assumed
+        Labels of the sources that the sheet marks as assumptions.
+    labels
+        Each source's label.
+    space
+        All draws, the named ones first.
+    """
+
+    def __init__(
+        self,
+        chain: Chain,
+        space: Space,
+        sources: Sequence[Source],
+        poses: Mapping[str, ArrayLike | Mapping[str, float]] | None = None,
+        statics: Literal["nominal", "equilibrium"] = "nominal",
+    ) -> None:
+        check_choice("statics", statics, ("nominal", "equilibrium"))
+        check_instance("chain", chain, Chain, "as Chain.from_urdf makes it")
+        check_instance("space", space, Space, "of the named draws")
+        self.statics = statics
+        self.chain = chain
+        self.sources = tuple(fix_settings(source) for source in check_items("the sources", sources, Source))  # type: ignore[type-abstract]
+        self.labels = labels(self.sources)
+        self.space = space.including(own_draws(self.sources, self.labels))
+        self.poses = _named_poses(chain, {} if poses is None else poses)
+        self.assumed: tuple[str, ...] = ()
+        self._layout: TableLayout | None = None
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str], kinds: Iterable[type[Source]] = ()) -> ErrorModel:
+        """Read a sheet and the robot it names.
+
+        Parameters
+        ----------
+        path
+            The YAML sheet.
+        kinds
+            Source classes beyond those of the package.
+
+        Raises
+        ------
+        SheetError, UrdfError
+            Carry every finding at once.
+        """
+        listed = check_items("the kinds of sources", kinds, type)
+        return cls.from_sheet(read_sheet(check_path("the path of the sheet", path), kinds=listed))
+
+    @classmethod
+    def from_sheet(cls, sheet: Sheet) -> ErrorModel:
+        """Return the model of a sheet already read."""
+        check_instance("sheet", sheet, Sheet, "as sheet.read makes it; ErrorModel.load takes a path")
+        model = cls(sheet.chain, sheet.space, sheet.sources, sheet.poses, sheet.statics)
+        model.assumed = tuple(model.labels[k] for k in sheet.assumed)
+        return model
+
+    def configuration(self, q: ArrayLike | Mapping[str, float] | str | None = None) -> Array:
+        """Return joint values in chain order, given so, by joint name, by a pose's name, or as the first pose.
+
+        Raises
+        ------
+        UnknownNameError
+            No such pose or joint.
+        InputError
+            Wrong joint values, or none given and the model has no poses.
+        """
+        if q is None:
+            if not self.poses:
+                raise InputError("the model has no poses; give joint values")
+            return next(iter(self.poses.values()))
+        if isinstance(q, str):
+            if q not in self.poses:
+                raise UnknownNameError("pose", q, self.poses)
+            return self.poses[q]
+        return self.chain.configuration(q)
+
+    def configurations(
+        self, q: ArrayLike | Mapping[str, ArrayLike] | Sequence[object]
+    ) -> tuple[Array, tuple[str, ...]]:
+        """Return the joint values ``(n, P)`` of many poses and their names, empty where one has none; see :meth:`at_many`."""
+        if isinstance(q, str):
+            q = [q]
+        listed = isinstance(q, list | tuple)
+        names = tuple(one if isinstance(one, str) else "" for one in q) if listed else ()  # type: ignore[union-attr]
+        if any(names):
+            q = [self.configuration(one) if isinstance(one, str) else one for one in q]  # type: ignore[union-attr]
+        values = self.chain.configurations.many(q)
+        add(self.chain.configurations.doubts(q))
+        return values, names or ("",) * values.shape[1]
+
+    def pose_name(self, q: object) -> str:
+        """Return the name of the pose that :meth:`configuration` makes of ``q``, empty where it has none."""
+        return q if isinstance(q, str) else next(iter(self.poses), "") if q is None else ""
+
+    @warns_at_end
+    def at(self, q: ArrayLike | Mapping[str, float] | str | None = None) -> PoseModel:
+        """Return the model at a pose; ``q`` as in :meth:`configuration`.
+
+        Warns where joint values lie outside their limits, and of the other findings of the posture.
+        """
+        at = self._at(self.chain.at(self.configuration(q)))
+        add(at.posture.findings)
+        return at
+
+    @warns_at_end
+    def at_many(self, q: ArrayLike | Mapping[str, ArrayLike] | Sequence[object]) -> Iterator[PoseModel]:
+        """Return the model at P poses, made one after another as they are asked for.
+
+        As :meth:`at` gives them, to rounding; the joints' poses are computed for many at once.
+
+        Parameters
+        ----------
+        q
+            As for :meth:`precision_pin.robot.chain.Chain.at_many`: an array ``(n, P)``, a list of poses (names too), or P
+            values for every joint's name.
+
+        Raises
+        ------
+        InputError
+            Wrong joint values, at once; what :meth:`at` refuses, when its turn comes.
+        UnknownNameError
+            No such joint on the chain.
+        """
+        values, _ = self.configurations(q)
+        add(limit_findings(self.chain, values))
+        return self.at_columns(values)
+
+    def at_columns(self, values: Array) -> Iterator[PoseModel]:
+        """Return the model at poses ``(n, P)`` as :meth:`configurations` reads them, one after another."""
+        return (self._at(bare) for first in range(0, values.shape[1], _AT_ONCE) for bare in self._bare(values, first))
+
+    def statics_findings(self, at: PoseModel) -> tuple[Finding, ...]:
+        """Return warnings where the statics are stretched.
+
+        ``W_DEFLECTION``: a link bends so far that formulas for small deflections are out. ``W_STATICS``: of nominal statics,
+        where they put the tip elsewhere than the arm at rest by more than a tenth of the spread that tolerances cause; of
+        equilibrium statics, where robots that are settled one by one rest elsewhere than the model says by more than 0.5 %
+        (the 99 % robot of a thousand) or 2 % (the farthest).
+        """
+        if not any(term.loaded for term in at.terms):
+            return ()
+        stretched = self._nominal_findings(at) if self.statics == "nominal" else self._equilibrium_findings(at)
+        return (*_bending_findings(at), *stretched)
+
+    def _nominal_findings(self, at: PoseModel) -> tuple[Finding, ...]:
+        spread, negligible = _spread(at)
+        try:
+            settled = settle(at.posture, self.space, self._make_terms, within=1e-3 * negligible)
+        except InputError as error:
+            return (Finding("warning", "W_STATICS", f"{error.findings[0].message}; nominal statics hide it"),)
+        rest = PoseModel(at.posture, self.space, settled.table, settled.terms)
+        gap = float(np.linalg.norm((rest.error_at_means - at.error_at_means)[:3]))
+        if gap <= negligible:
+            return ()
+        message = (
+            f"loads at the undeflected pose (statics: nominal) put the tip {gap * 1e3:.3g} mm away from where the arm "
+            f"comes to rest, more than a tenth of the spread of {spread * 1e3:.3g} mm; statics: equilibrium follows it"
+        )
+        return (Finding("warning", "W_STATICS", message),)
+
+    def _equilibrium_findings(self, at: PoseModel) -> tuple[Finding, ...]:
+        x = self.space.sample(_TRIED_SEED, 0, _TRIED)
+        errors = at.exact(x)
+        found: dict[str, str] = {}
+        for rank, allowed in _TRIED_RANKS:
+            for rows, what, unit in ((slice(0, 3), "|d|", "mm"), (slice(3, 6), "|δ|", "mrad")):
+                sizes = np.linalg.norm(errors[rows], axis=0)
+                robot = int(np.argsort(-sizes, kind="stable")[rank])
+                try:
+                    settled = settle(at.posture, self.space, self._make_terms, values=x[:, robot])
+                except InputError as error:
+                    message = f"of {_TRIED:,} robots the one with {what} {1e3 * sizes[robot]:.3g} {unit} fails: "
+                    return (Finding("warning", "W_STATICS", message + error.findings[0].message),)
+                alone = PoseModel(at.posture, self.space, settled.table, settled.terms).exact(x[:, [robot]])[:, 0]
+                size = float(np.linalg.norm(alone[rows]))
+                if abs(sizes[robot] - size) > allowed * size + _NO_MATTER:
+                    found[what] = f"{what} {1e3 * sizes[robot]:.4g} {unit} for {1e3 * size:.4g}"
+        if not found:
+            return ()
+        message = (
+            f"stiffness or load vary so much that equilibrium statics are stretched: of {_TRIED:,} robots settled one by one "
+            f"the model gives {' and '.join(found.values())}"
+        )
+        return (Finding("warning", "W_STATICS", message),)
+
+    def __repr__(self) -> str:
+        counts = f"sources {len(self.sources)}, draws {len(self.space.draws)}, poses {len(self.poses)}"
+        return f"<ErrorModel of {self.chain!r}: {counts}>"
+
+    def _repr_html_(self) -> str:
+        """Return what a notebook shows: sources with their settings, draws with laws and scopes, poses."""
+        chain = self.chain
+        sources = [[label, _settings(source)] for label, source in zip(self.labels, self.sources, strict=True)]
+        draws = [[draw.name, repr(draw.law), draw.scope.value] for draw in self.space.draws]
+        poses = [[name, ", ".join(map(_joint_value, chain.joints, q))] for name, q in self.poses.items()]
+        tables = (
+            Table(("source", "settings (SI)"), sources, f"Sources: {len(sources)}", words=2),
+            Table(("draw", "law (SI)", "drawn for each"), draws, f"Draws: {len(draws)}", words=3),
+            Table(("pose", "joint values"), poses, f"Poses: {len(poses)}", words=2),
+        )
+        return rendered(
+            f"Error model of {os.path.basename(chain.robot.file)}: {chain.base} to {chain.tip}",
+            [table for table in tables if table.rows],
+            [
+                *(f"correlated: {', '.join(group.names)}" for group in self.space.correlations),
+                f"statics {self.statics}",
+            ],
+        )
+
+    def _bare(self, values: Array, first: int) -> Iterator[Posture]:
+        """Yield the postures, with the chain's own loads, of `_AT_ONCE` configurations out of ``(n, P)``."""
+        many = self.chain.at_columns(values[:, first : first + _AT_ONCE])
+        poses = np.ascontiguousarray(np.moveaxis(many.joint_poses, -1, 0))
+        for k in range(len(many)):
+            yield Posture(self.chain, many.q[:, k].copy(), poses[k], self.chain.loads)
+
+    def _at(self, bare: Posture) -> PoseModel:
+        """Return the model at a posture with the chain's own loads."""
+        posture = bare.with_loads([load for asked in self._asked for load in asked.loads(bare)])
+        posture = posture.with_tilts([tilt for asked in self._asked for tilt in asked.gravity(bare)])
+        if self.statics == "nominal":
+            terms = self._make_terms(posture)
+        else:
+            terms = terms_about_rest(settle(posture, self.space, self._make_terms))
+        layout = self._layout
+        if layout is None or not layout.fits(terms):
+            layout = self._layout = TableLayout.of(terms, self.space)
+        return PoseModel(posture, self.space, layout.at(posture, terms), terms)
+
+    @cached_property
+    def _asked(self) -> tuple[AskedSource, ...]:
+        pairs = zip(self.sources, self.labels, strict=True)
+        return tuple(AskedSource(source, LabelledSpace(self.space, label), self.chain) for source, label in pairs)
+
+    def _make_terms(self, posture: Posture) -> tuple[Term, ...]:
+        return tuple(itertools.chain.from_iterable(asked.terms(posture) for asked in self._asked))
+
+
+def _spread(at: PoseModel) -> tuple[float, float]:
+    """Return the spread of the tip's position, and how far apart two places of it are that need no warning, m."""
+    spread = float(np.sqrt(np.trace(at.covariance[:3, :3])))
+    return spread, max(0.1 * spread, 1e-9)
+
+
+def _bending_findings(at: PoseModel) -> tuple[Finding, ...]:
+    """Return a warning about the place that loads turn farthest, every parameter at its mean, where that is too far."""
+    loaded = TermTable.build(at.posture, at.space, [term for term in at.terms if term.loaded])
+    moved = loaded.displacements(loaded.products(loaded.program.evaluate(at.space.mean[:, None])))[:, 3:, 0]
+    turns = {
+        target.name: float(np.linalg.norm(turn))
+        for target, turn in zip(loaded.targets, moved, strict=True)
+        if isinstance(target, Place)
+    }
+    name, turn = max(turns.items(), key=lambda entry: entry[1], default=("", 0.0))
+    if turn <= _LARGEST_TURN:
+        return ()
+    message = (
+        f"loads turn the {name} by {turn:.2g} rad: formulas for small deflections are out by some "
+        f"{20 * turn**2:.1g} % of the deflection"
+    )
+    return (Finding("warning", "W_DEFLECTION", message),)
+
+
+def limit_findings(chain: Chain, values: Array) -> tuple[Finding, ...]:
+    """Return a warning where poses ``(n, P)`` lie outside the joints' limits: how many, and the first of them in full."""
+    outside = chain.configurations.outside(values)
+    poses = np.flatnonzero(outside.any(axis=0))
+    if not poses.size:
+        return ()
+    first = int(poses[0])
+    joint = chain.joints[int(np.flatnonzero(outside[:, first])[0])]
+    message = (
+        f"{poses.size:,} of {values.shape[1]:,} poses lie outside joint limits, the first of them pose {first}, with the joint "
+        f"{joint.name} at {values[chain.joint_index(joint.name), first]:.6g} {'m' if joint.kind == 'prismatic' else 'rad'}"
+    )
+    return (Finding("warning", "W_JOINT_LIMIT", message, chain.robot.file, joint.line),)
+
+
+def _named_poses(chain: Chain, poses: Mapping[str, ArrayLike | Mapping[str, float]]) -> dict[str, Array]:
+    found = {}
+    for name, q in check_mapping("the poses", poses).items():
+        try:
+            found[name] = chain.configuration(q)
+        except InputError as error:
+            raise InputError(f"pose {name!r}: {error.findings[0].message}") from None
+    return found
+
+
+def _joint_value(joint: Joint, value: float) -> str:
+    if joint.kind == "prismatic":
+        return f"{joint.name} {1e3 * value:.6g} mm"
+    return f"{joint.name} {np.degrees(value):.6g}°"
+
+
+def _settings(source: Source) -> str:
+    """Return a source's settings without those that are left out; a draw by its name, or its law if it has none."""
+    texts = []
+    for name, value in source.settings().items():
+        if isinstance(value, Draw):
+            texts.append(f"{name}={value.name or value.law!r}")
+        elif value is not None and value != ():
+            texts.append(f"{name}={value!r}")
+    return ", ".join(texts)

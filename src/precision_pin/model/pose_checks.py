@@ -1,0 +1,69 @@
+"""What there is to say about a model at a pose before anything is sampled in earnest."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+
+from precision_pin.errors import Finding, InputError
+from precision_pin.model.error_model import ErrorModel, PoseModel
+from precision_pin.statistics import NO_SPREAD
+
+__all__ = ["MOST_POSES", "pose_findings"]
+
+TRIED: Final = 64
+"""Robots that are looked at for a spread."""
+MOST_POSES: Final = 200
+"""Poses of a sheet that are tried; of more the limits are looked at, which takes no time."""
+MOST_NUMBERS: Final = 500
+"""Random numbers up to which first order is looked at too, for which every derivative is needed."""
+_LARGEST_SQUARE: Final = 1e75
+_SEED: Final = 0
+
+
+def pose_findings(model: ErrorModel, pose: str, *, spread: bool = True) -> tuple[Finding, ...]:
+    """Return what an analysis at a pose would say of the pose itself, and why it would refuse.
+
+    Of statics that are stretched the analysis alone warns: that is an assumption of the model, not a slip in the sheet. With
+    more than 500 random numbers some robots are tried, and first order is not.
+
+    Parameters
+    ----------
+    model
+        The model.
+    pose
+        The name of the pose.
+    spread
+        Warn where no error varies.
+    """
+    try:
+        with np.errstate(over="raise"):
+            at = model.at(pose)
+            found = [*at.findings("exact")]
+            if at.space.size <= MOST_NUMBERS and _largest_square(at) > _LARGEST_SQUARE:
+                raise OverflowError
+            if spread and not _varies(at):
+                message = "no source makes the error vary: every robot is alike, and no specification can be judged"
+                found.append(Finding("warning", "W_NOTHING_VARIES", message))
+    except (OverflowError, FloatingPointError):
+        message = "the errors are beyond any number; the tolerances or loads are far too large"
+        return (Finding("error", "E_INPUT", message),)
+    except InputError as error:
+        return error.findings
+    return tuple(found)
+
+
+def _largest_square(at: PoseModel) -> float:
+    return max(float(np.abs(at.error_at_means).max()) ** 2, float(np.abs(at.covariance).max()))
+
+
+def _varies(at: PoseModel) -> bool:
+    """Return whether robots differ, to first order or as some that are tried."""
+    if not at.space.size:
+        return False
+    if at.space.size <= MOST_NUMBERS and float(np.diag(at.covariance).max()) > NO_SPREAD**2:
+        return True
+    errors = at.exact(at.space.sample(_SEED, 0, TRIED))
+    # of very many numbers none may have met a rare value
+    return bool(np.ptp(errors, axis=1).max() > NO_SPREAD) or at.space.size > MOST_NUMBERS

@@ -1,0 +1,1 @@
+"""URDFs of robots as they may be built."""

@@ -1,0 +1,307 @@
+"""A budget as text and as a bar chart."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import Final
+
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.font_manager import FontProperties, findfont, get_font
+
+from precision_pin.analyses.budget.budget import check_quantities
+from precision_pin.analyses.budget.budget_result import (
+    VECTORS,
+    BudgetResult,
+    DrawShare,
+    Estimate,
+    Group,
+    PoseBudget,
+    SourceShare,
+)
+from precision_pin.display.tables import percent, plus_minus, symbol, unit
+from precision_pin.outputs.kit.draw_distribution import BLACK, BLUE, SKY
+from precision_pin.outputs.kit.figure_style import DOUBLE_COLUMN, labelled, legend_below, new_figure, set_height, style
+from precision_pin.outputs.monte_carlo.table import aligned, subject
+from precision_pin.visible import shown as quoted
+
+__all__ = ["draw_rows", "figure", "ranked", "source_name", "table"]
+
+MOST_LINES: Final = 20
+MOST_BARS: Final = 12
+MOST_CHARACTERS: Final = 48
+MOST_DECIMALS: Final = 3
+
+
+def table(result: BudgetResult, quantities: Sequence[str] = VECTORS) -> str:
+    """Return the budget of every pose: per cent, mm and mrad, half-widths of intervals behind ±.
+
+    Parameters
+    ----------
+    result
+        What was found.
+    quantities
+        One block each: ``position``, ``attitude``, ``position.norm``, ``position.x``, …
+
+    Raises
+    ------
+    UnknownNameError
+        No such quantity.
+    """
+    check_quantities(quantities)
+    lines = []
+    for pose in result.poses:
+        lines += _heads(result, pose)
+        for quantity in quantities:
+            lines += ["", _headline(result, pose, quantity), *aligned(_draw_rows(pose, quantity))]
+        shown = list(dict.fromkeys(quantity for quantity in quantities if not quantity.endswith(".norm"))) or [*VECTORS]
+        lines += ["", *aligned(_share_rows("source", shown, ((source_name(s), s.share) for s in pose.sources)))]
+        lines += ["", *aligned(_share_rows("joint or link", shown, ((p.name, p.share) for p in pose.places)))]
+        lines += ["", *_notes(result, pose, quantities), ""]
+    return "\n".join(lines).rstrip()
+
+
+def figure(result: BudgetResult, pose: int = 0) -> Figure:
+    """Return bars of the first-order and total Sobol indices of position and attitude, largest first, 174 mm wide.
+
+    Diamonds are the closed-form shares; whiskers the intervals.
+
+    Parameters
+    ----------
+    result
+        What was found.
+    pose
+        Which of its poses.
+    """
+    found = result.poses[pose]
+    bars = max(1, min(MOST_BARS, len(found.groups)))
+    with style():
+        made = new_figure(DOUBLE_COLUMN)
+        panels = made.subplots(2, 1)
+        for axes, vector in zip(panels, VECTORS, strict=True):
+            _bars(axes, found, vector)
+        name = _shown(found.pose.name)
+        made.suptitle(f"Error budget{f', pose {quoted(name)}' if name else ''}")
+        caption = f"exact model, {result.samples:,} points, seed {result.heading.seed}; "
+        legend_below(made, labelled(panels[:1]), 3, [f"{caption}intervals at {100 * result.confidence:g} % confidence"])
+        set_height(made, 42 + 2 * 6.0 * bars)
+    return made
+
+
+# text --------------------------------------------------------------------------------------------
+
+
+def _heads(result: BudgetResult, pose: PoseBudget) -> list[str]:
+    of = result.heading
+    return [
+        subject(of, pose.pose),
+        f"exact model at {result.samples:,} points a set, seed {of.seed}, statics {of.statics}; base axes; "
+        f"± half of an interval at {100 * result.confidence:g} % confidence",
+        "share: of the variance, closed form, first order; S1, ST: first-order and total Sobol index; "
+        "halved: this tolerance alone",
+    ]
+
+
+def _headline(result: BudgetResult, pose: PoseBudget, quantity: str) -> str:
+    sums = pose.sums[quantity]
+    parts = []
+    if sums.std is not None:
+        parts.append(f"std {1e3 * sums.std:.5g} {unit(quantity)} in closed form")
+    if sums.variance is None:
+        parts.append("std not resolved by sampling")
+    elif sums.variance.value > 0:
+        low, sampled, high = (math.sqrt(max(end, 0.0)) for end in _three(sums.variance))
+        half = max(high - sampled, sampled - low)
+        parts.append(f"std {plus_minus(1e3 * sampled, 1e3 * half, decimals=6)} {unit(quantity)} sampled")
+    norm = f"{quantity.partition('.')[0]}.norm"
+    if quantity in (*VECTORS, norm):
+        marked = pose.quantile[norm]
+        within = "not resolved" if marked is None else f"within {_milli(marked, decimals=6)} {unit(norm)}"
+        parts.append(f"{100 * result.marked:g} % of {symbol(norm)} {within}")
+    return f"{quantity}: {'; '.join(parts)}"
+
+
+def _draw_rows(pose: PoseBudget, quantity: str) -> list[list[str]]:
+    norm = f"{quantity.partition('.')[0]}.norm"
+    component = quantity not in (*VECTORS, norm)
+    header = ["draw", "drawn per", "share %", "S1 %", "ST %"]
+    header += ["worst case %"] if component else []
+    header += [f"halved: std {unit(quantity)}"] if quantity != norm else []
+    header += [f"its change of the quantile {unit(quantity)}"] if not component else []
+
+    def further(draw: DrawShare) -> list[str]:
+        cells = [percent(draw.worst_case.get(quantity))] if component else []
+        cells += [f"{1e3 * draw.halved.std[quantity]:.5g}"] if quantity != norm else []
+        if not component:
+            cells.append(_milli(draw.halved.change[norm], decimals=MOST_DECIMALS, signed=True))
+        return cells
+
+    return [header, *draw_rows(pose, quantity, MOST_LINES, further, len(header) - 5, nonlinear="*")]
+
+
+def draw_rows(
+    pose: PoseBudget,
+    quantity: str,
+    most: int,
+    further: Callable[[DrawShare], list[str]],
+    columns: int,
+    *,
+    nonlinear: str = "",
+) -> list[list[str]]:
+    """Return the shares of draws, the largest first, of those beyond ``most`` together, of correlated groups, the sum.
+
+    Parameters
+    ----------
+    pose
+        The budget.
+    quantity
+        Shares of what.
+    most
+        How many draws have a row of their own.
+    further
+        Returns what stands behind a draw's name, scope, share, S1 and ST, all in per cent.
+    columns
+        How many cells that is.
+    nonlinear
+        Stands behind ST where the exact model is not linear.
+    """
+
+    def indices(group: Group) -> list[str]:
+        mark = nonlinear if quantity in group.nonlinear else ""
+        return [_percent(group.first[quantity]), _percent(group.total[quantity]) + mark]
+
+    empty = [""] * columns
+    draws = ranked(pose, quantity)
+    rows = []
+    for draw in draws[:most]:
+        group = pose.group(draw.name)
+        alone = indices(group) if len(group.draws) == 1 else ["-", "-"]
+        rows.append([draw.name, draw.scope, percent(draw.share.get(quantity)), *alone, *further(draw)])
+    if len(draws) > most:
+        rest = [draw.share.get(quantity) for draw in draws[most:]]
+        together = None if None in rest else math.fsum(share for share in rest if share is not None)
+        rows.append([f"{len(rest)} more", "", percent(together), "", "", *empty])
+    for group in pose.groups:
+        if len(group.draws) > 1:
+            name = f"correlated: {' + '.join(group.draws)}"
+            rows.append([name, "", percent(group.share.get(quantity)), *indices(group), *empty])
+    sums = pose.sums[quantity]
+    return [*rows, ["sum", "", percent(sums.closed), _percent(sums.first), "", *empty]]
+
+
+def ranked(pose: PoseBudget, quantity: str) -> list[DrawShare]:
+    """Return the draws, the largest share of a quantity first; by total index where there are no shares."""
+
+    def rank(draw: DrawShare) -> float:
+        share = draw.share.get(quantity)
+        total = pose.group(draw.name).total[quantity]
+        return share if share is not None else -1.0 if total is None else total.value
+
+    return sorted(pose.draws, key=rank, reverse=True)
+
+
+def _share_rows(
+    heading: str, quantities: Sequence[str], lines: Iterable[tuple[str, Mapping[str, float | None]]]
+) -> list[list[str]]:
+    sorted_lines = sorted(lines, key=lambda line: line[1][quantities[0]] or 0.0, reverse=True)
+    rows = [[heading, "", *(f"{quantity} %" for quantity in quantities)]]
+    rows += [
+        [name, "", *(percent(share[quantity]) for quantity in quantities)] for name, share in sorted_lines[:MOST_LINES]
+    ]
+    if len(sorted_lines) > MOST_LINES:
+        rows.append([f"{len(sorted_lines) - MOST_LINES} more", "", *("" for _ in quantities)])
+    return rows
+
+
+def source_name(line: SourceShare) -> str:
+    """Return what a source's line is called; one of a draw that several sources name, after the draw."""
+    if len(line.sources) == 1:
+        return line.sources[0]
+    return f"{line.draws[0]}: {', '.join(line.sources) if line.sources else 'no source'}"
+
+
+def _notes(result: BudgetResult, pose: PoseBudget, quantities: Sequence[str]) -> list[str]:
+    notes = [
+        "a draw that several sources name is a line of its own; a joint's or link's share is its covariance with the whole"
+    ]
+    if any(quantity in group.nonlinear for group in pose.groups for quantity in quantities):
+        notes.append("*: share and index are more than one percentage point apart; the exact model is not linear here")
+    if any(pose.sums[quantity].variance is None for quantity in quantities):
+        notes.append("- among the indices: not resolved; too few points for the tails or the rare values of the laws")
+    if any(draw.unbounded for draw in pose.draws) and set(quantities) - {*VECTORS, "position.norm", "attitude.norm"}:
+        notes.append(f"worst case: unbounded laws are cut off at {result.bound_at:g} standard deviations")
+    return notes
+
+
+def _three(estimate: Estimate) -> tuple[float, float, float]:
+    low, high = estimate.interval
+    return low, estimate.value, high
+
+
+def _milli(estimate: Estimate | None, *, decimals: int, signed: bool = False) -> str:
+    """Return an estimate in mm or mrad."""
+    if estimate is None:
+        return "-"
+    return plus_minus(1e3 * estimate.value, 1e3 * estimate.half_width, decimals=decimals, signed=signed)
+
+
+def _percent(estimate: Estimate | None) -> str:
+    return (
+        "-" if estimate is None else plus_minus(100 * estimate.value, 100 * estimate.half_width, decimals=MOST_DECIMALS)
+    )
+
+
+# figure ------------------------------------------------------------------------------------------
+
+
+def _bars(axes: Axes, pose: PoseBudget, vector: str) -> None:
+    """Draw one vector's bars; the indices of what does not fit are left out and counted in the axis's label."""
+    groups = sorted(pose.groups, key=lambda group: _largest(group, vector), reverse=True)
+    shown = groups[:MOST_BARS]
+    for offset, which, colour, label in (
+        (-0.2, "first", BLUE, "first-order index"),
+        (0.2, "total", SKY, "total index"),
+    ):
+        found = [getattr(group, which)[vector] for group in shown]
+        axes.barh(
+            [row + offset for row in range(len(shown))],
+            [0.0 if one is None else 100 * one.value for one in found],
+            xerr=[0.0 if one is None else 100 * one.half_width for one in found],
+            height=0.36,
+            color=colour,
+            label=label,
+            error_kw={"elinewidth": 0.6, "capsize": 1.2, "capthick": 0.6},
+        )
+    axes.plot(
+        [100 * (group.share[vector] or 0.0) for group in shown],
+        range(len(shown)),
+        linestyle="none",
+        marker="D",
+        markersize=3,
+        markerfacecolor="white",
+        markeredgecolor=BLACK,
+        markeredgewidth=0.6,
+        label="closed form, first order",
+    )
+    axes.set_yticks(range(len(shown)), [_shortened(_shown(" + ".join(group.draws))) for group in shown])
+    axes.set_ylim(len(shown) - 0.4, -0.6)
+    axes.set_xlim(left=min(0.0, axes.get_xlim()[0]))
+    left_out = len(groups) - len(shown)
+    more = f" ({left_out} smaller ones not shown)" if left_out else ""
+    axes.set_xlabel(f"share of the variance of the {vector} error [%]{more}")
+
+
+def _largest(group: Group, vector: str) -> float:
+    total = group.total[vector]
+    return -1.0 if total is None else total.value
+
+
+def _shortened(name: str) -> str:
+    return name if len(name) <= MOST_CHARACTERS else f"{name[: MOST_CHARACTERS - 1]}…"
+
+
+def _shown(name: str) -> str:
+    """Return a name with a box for what the font of the figures does not have."""
+    known = get_font(findfont(FontProperties(family="DejaVu Sans"))).get_charmap()
+    return "".join(character if ord(character) in known else "□" for character in name)

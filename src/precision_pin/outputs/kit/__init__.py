@@ -1,0 +1,1 @@
+"""What outputs are made of: the style of figures, HTML elements, SVG."""

@@ -1,0 +1,132 @@
+"""What the figures share: size, style, caption, legend. Made without pyplot, so no global state is touched."""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any, Final
+
+import matplotlib as mpl
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
+
+from precision_pin.visible import visible
+
+if TYPE_CHECKING:
+    from precision_pin.analyses.provenance import Heading, PoseHeading
+
+__all__ = [
+    "DOUBLE_COLUMN",
+    "LINE_HEIGHT",
+    "SINGLE_COLUMN",
+    "caption",
+    "labelled",
+    "legend_below",
+    "new_figure",
+    "set_height",
+    "shortened",
+    "style",
+    "wrapped",
+]
+
+SINGLE_COLUMN: Final = 85.0
+"""Width of a figure of one quantity, mm."""
+
+DOUBLE_COLUMN: Final = 174.0
+"""Width of a figure of several, mm."""
+
+LINE_HEIGHT: Final = 3.6
+"""Of a line of text, mm."""
+
+_MILLIMETRES_PER_INCH: Final = 25.4
+_CHARACTERS_PER_MILLIMETRE: Final = 0.62
+_CAPTION_CHARACTERS: Final = 105
+_STYLE: Final[Any] = {
+    "font.family": "DejaVu Sans",
+    "font.size": 7.5,
+    "axes.titlesize": 8,
+    "axes.labelsize": 7.5,
+    "xtick.labelsize": 7,
+    "ytick.labelsize": 7,
+    "legend.fontsize": 7,
+    "legend.title_fontsize": 7,
+    "figure.titlesize": 8,
+    "axes.linewidth": 0.6,
+    "xtick.major.width": 0.6,
+    "ytick.major.width": 0.6,
+    "lines.linewidth": 1.0,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.unicode_minus": True,
+    "text.usetex": False,
+    "text.parse_math": False,
+    "svg.fonttype": "path",
+    "svg.hashsalt": "precision-pin",
+    "savefig.bbox": None,
+    "savefig.facecolor": "white",
+    "path.simplify": True,
+}
+
+
+@contextmanager
+def style() -> Iterator[None]:
+    """Draw in the package's style within this context."""
+    with mpl.rc_context(_STYLE):
+        yield
+
+
+def new_figure(width: float) -> Figure:
+    """Return an empty figure of a width in mm."""
+    inches = (width / _MILLIMETRES_PER_INCH, 1.0)
+    figure = Figure(figsize=inches, layout=ConstrainedLayoutEngine(w_pad=0.06, h_pad=0.05))
+    FigureCanvasAgg(figure)
+    return figure
+
+
+def set_height(figure: Figure, height: float) -> None:
+    """Set the height of a figure in mm."""
+    figure.set_size_inches(figure.get_size_inches()[0], height / _MILLIMETRES_PER_INCH)
+
+
+def wrapped(text: str, figure: Figure) -> list[str]:
+    """Return a text in lines that a figure has room for."""
+    width = figure.get_size_inches()[0] * _MILLIMETRES_PER_INCH
+    return textwrap.wrap(text, int(width * _CHARACTERS_PER_MILLIMETRE))
+
+
+def caption(what: str, heading: Heading, pose: PoseHeading) -> list[str]:
+    """Return what a figure of 174 mm shows, and of which arm at which pose, in lines."""
+    named = f" at pose {visible(pose.name)}" if pose.name else ""
+    arm = f"{visible(heading.robot)}, {visible(heading.base)} to {visible(heading.tip)}"
+    return textwrap.wrap(f"{what} of {arm}{named}", _CAPTION_CHARACTERS)
+
+
+def labelled(panels: Iterable[Axes]) -> dict[str, Any]:
+    """Return what has a label in some axes, by its label; what is in several stands once."""
+    found: dict[str, Any] = {}
+    for axes in panels:
+        for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
+            found.setdefault(label, handle)
+    return found
+
+
+def legend_below(figure: Figure, entries: Mapping[str, Any], columns: int, lines: Sequence[str] = ()) -> None:
+    """Add a legend below all axes, where it covers nothing, under the lines of a caption."""
+    figure.legend(
+        list(entries.values()),
+        list(entries),
+        loc="outside lower center",
+        ncols=columns,
+        frameon=False,
+        title="\n".join(lines),
+        handlelength=2.6,
+    )
+
+
+def shortened(name: str, most: int) -> str:
+    """Return a name without its middle if it is longer than ``most`` characters."""
+    half = (most - 1) // 2
+    return name if len(name) <= most else f"{name[:half]}…{name[-half:]}"

@@ -1,0 +1,249 @@
+"""Pictures of the pose error's distribution: histograms and cumulative curves.
+
+Functions take a `Summary` or a `Distribution` of one and return matplotlib objects made without pyplot,
+so no global state is touched. Text is 7 pt or larger when a figure is printed at its own size (85 mm wide
+for one quantity, 174 mm for the six components), colours are those of Okabe and Ito (2008), which stay apart
+for colour-blind readers, and every line differs in its dashes as well.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
+from pathlib import Path
+from typing import Any, Final
+
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from precision_pin.errors import OutputError
+from precision_pin.outputs.kit.draw_distribution import (
+    DisplayUnit,
+    display_unit,
+    draw_cumulative,
+    draw_histogram,
+    moments_text,
+)
+from precision_pin.outputs.kit.figure_style import (
+    DOUBLE_COLUMN,
+    LINE_HEIGHT,
+    SINGLE_COLUMN,
+    labelled,
+    legend_below,
+    new_figure,
+    set_height,
+    style,
+    wrapped,
+)
+from precision_pin.statistics import Distribution, SpecificationResult, Summary
+
+__all__ = [
+    "DisplayUnit",
+    "cumulative",
+    "display_unit",
+    "figure_attitude",
+    "figure_components",
+    "figure_position",
+    "histogram",
+    "save",
+]
+
+DOTS_PER_INCH: Final = 200
+
+_Draw = Callable[[Axes, Distribution, DisplayUnit, Sequence[SpecificationResult]], None]
+
+
+def histogram(
+    distribution: Distribution,
+    *,
+    title: str = "",
+    unit: DisplayUnit | None = None,
+    seed: int | None = None,
+    specifications: Sequence[SpecificationResult] = (),
+    axes: Axes | None = None,
+) -> Axes:
+    """Draw the probability density with mean, quantiles (and their intervals) and limits marked.
+
+    Parameters
+    ----------
+    distribution
+        What is drawn.
+    title
+        Above the figure, wrapped to its width.
+    unit
+        Of the values; chosen from them if None. An axis takes a smaller one where they span far less.
+    seed
+        Named in the caption if given, together with N.
+    specifications
+        Those of this quantity are marked, others are left out.
+    axes
+        Where to draw. None makes a figure of its own with title, legend and caption; on given axes the
+        lines carry labels, and legend and caption are the caller's.
+    """
+    return _alone_or_on(axes, distribution, draw_histogram, title, unit, seed, specifications)
+
+
+def cumulative(
+    distribution: Distribution,
+    *,
+    title: str = "",
+    unit: DisplayUnit | None = None,
+    seed: int | None = None,
+    specifications: Sequence[SpecificationResult] = (),
+    axes: Axes | None = None,
+) -> Axes:
+    """Draw the cumulative distribution, marked as the histogram is; arguments as in `histogram`."""
+    return _alone_or_on(axes, distribution, draw_cumulative, title, unit, seed, specifications)
+
+
+def figure_position(
+    summary: Summary, *, title: str = "Position error", seed: int | None = None, unit: DisplayUnit | None = None
+) -> Figure:
+    """Return the distribution of |d|, density above and cumulative below (the paper's figure 5), 85 mm wide.
+
+    Parameters
+    ----------
+    summary
+        What is drawn; its specifications of ``position.norm`` are marked.
+    title
+        Above the figure, wrapped to its width.
+    seed
+        Named in the caption if given.
+    unit
+        Of the values; chosen from them if None. An axis takes a smaller one where they span far less.
+    """
+    return _figure_of_norm(summary, summary.position.norm, title, seed, unit)
+
+
+def figure_attitude(
+    summary: Summary, *, title: str = "Attitude error", seed: int | None = None, unit: DisplayUnit | None = None
+) -> Figure:
+    """Return the distribution of |δ| (the paper's figure 6); arguments as in `figure_position`."""
+    return _figure_of_norm(summary, summary.attitude.norm, title, seed, unit)
+
+
+def figure_components(
+    summary: Summary,
+    *,
+    title: str = "Components of the pose error, base axes",
+    seed: int | None = None,
+    position_unit: DisplayUnit | None = None,
+    attitude_unit: DisplayUnit | None = None,
+) -> Figure:
+    """Return the densities of dx, dy, dz, δx, δy, δz as two rows of three, 174 mm wide.
+
+    Parameters
+    ----------
+    summary
+        What is drawn; its specifications of components are marked.
+    title
+        Above the figure, wrapped to its width.
+    seed
+        Named in the caption if given.
+    position_unit, attitude_unit
+        Of the values; chosen from them if None. An axis takes a smaller one where they span far less.
+    """
+    with style():
+        figure = new_figure(DOUBLE_COLUMN)
+        grid = figure.subplots(2, 3)
+        rows = ((summary.position, position_unit), (summary.attitude, attitude_unit))
+        for row, (vector, given) in zip(grid, rows, strict=True):
+            parts = (vector.x, vector.y, vector.z)
+            unit = given or display_unit(*parts)
+            for axes, part in zip(row, parts, strict=True):
+                draw_histogram(axes, part, unit, summary.specifications)
+                axes.set_title(moments_text(part, unit), fontsize=7)
+        entries: dict[str, Any] = {}
+        for label, handle in labelled(grid.flat).items():
+            entries.setdefault(label.split(":")[0], handle)
+        _finish(figure, 95.0, title, entries, summary, seed, columns=4)
+    return figure
+
+
+def save(figure: Figure, path_without_suffix: str | os.PathLike[str]) -> tuple[Path, Path]:
+    """Write a figure as PNG (200 dpi) and SVG, the same bytes for the same figure, and return both paths.
+
+    Both are written beside their places first and then moved there, so neither is ever seen half-written.
+
+    Raises
+    ------
+    OutputError
+        The folder does not exist or cannot be written to.
+    """
+    base = Path(path_without_suffix)
+    targets = (base.with_name(f"{base.name}.png"), base.with_name(f"{base.name}.svg"))
+    temporaries = [target.with_name(f".{target.name}.{os.getpid()}.part") for target in targets]
+    metadata = ({"Software": None}, {"Date": None, "Creator": "precision-pin"})
+    try:
+        with style():
+            for target, temporary, entries in zip(targets, temporaries, metadata, strict=True):
+                figure.savefig(temporary, dpi=DOTS_PER_INCH, format=target.suffix[1:], metadata=entries)
+        for target, temporary in zip(targets, temporaries, strict=True):
+            temporary.replace(target)
+    except OSError as error:
+        reason = error.strerror or str(error)
+        raise OutputError(f"cannot write {targets[0]} and .svg: {reason}; give a writable folder") from None
+    finally:
+        for temporary in temporaries:
+            with suppress(OSError):
+                temporary.unlink(missing_ok=True)
+    return targets
+
+
+# figures --------------------------------------------------------------------------------
+
+
+def _figure_of_norm(
+    summary: Summary, norm: Distribution, title: str, seed: int | None, unit: DisplayUnit | None
+) -> Figure:
+    with style():
+        figure = new_figure(SINGLE_COLUMN)
+        upper, lower = figure.subplots(2, 1, sharex=True)
+        draw_histogram(upper, norm, unit or display_unit(norm), summary.specifications)
+        draw_cumulative(lower, norm, unit or display_unit(norm), summary.specifications)
+        upper.set_xlabel("")
+        _finish(figure, 85.0, title, labelled([upper]), norm, seed, columns=1)
+    return figure
+
+
+def _alone_or_on(
+    axes: Axes | None,
+    distribution: Distribution,
+    draw: _Draw,
+    title: str,
+    unit: DisplayUnit | None,
+    seed: int | None,
+    specifications: Sequence[SpecificationResult],
+) -> Axes:
+    with style():
+        own = axes if axes is not None else new_figure(SINGLE_COLUMN).subplots()
+        draw(own, distribution, unit or display_unit(distribution), specifications)
+        if axes is not None:
+            own.set_title(title)
+            return own
+        figure = own.get_figure(root=True)
+        assert figure is not None
+        _finish(figure, 50.0, title, labelled([own]), distribution, seed, columns=1)
+    return own
+
+
+def _finish(
+    figure: Figure,
+    height: float,
+    title: str,
+    entries: Mapping[str, Any],
+    counted: Distribution | Summary,
+    seed: int | None,
+    *,
+    columns: int,
+) -> None:
+    """Add title, legend and caption outside the axes, where they cover nothing, and set the height (mm)."""
+    caption = f"N = {counted.samples:,}" + ("" if seed is None else f", seed {seed}")
+    caption += f"; intervals at {100 * counted.confidence:g} % confidence"
+    above, below = wrapped(title, figure), wrapped(caption, figure)
+    if above:
+        figure.suptitle("\n".join(above))
+    legend_below(figure, entries, columns, below)
+    lines = len(above) + len(below) + sum(1 + label.count("\n") for label in entries) / columns
+    set_height(figure, height + lines * LINE_HEIGHT)

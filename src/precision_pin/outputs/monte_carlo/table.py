@@ -1,0 +1,226 @@
+"""Results as text for a terminal."""
+
+from __future__ import annotations
+
+import itertools
+import math
+import unicodedata
+from collections.abc import Collection, Mapping
+from decimal import ROUND_CEILING, ROUND_FLOOR, ROUND_HALF_EVEN, Decimal
+from typing import TYPE_CHECKING, Final
+
+from precision_pin.display.tables import ROUNDING, resting_on, symbol, unit
+from precision_pin.robot.mcpc import Mcpc
+from precision_pin.sampling.result import Analysis, Correlated
+from precision_pin.statistics import Distribution, Specification, SpecificationResult, format_inside
+from precision_pin.statistics.distribution import CONTENTS
+from precision_pin.visible import shown, visible
+
+if TYPE_CHECKING:
+    from precision_pin.analyses.provenance import Heading, PoseHeading
+
+__all__ = [
+    "NOTHING_VARIES",
+    "aligned",
+    "analysis_table",
+    "demanded",
+    "inside",
+    "mcpc_table",
+    "plain",
+    "pose_text",
+    "statistic",
+    "subject",
+    "tolerance_bounds",
+]
+
+NOTHING_VARIES: Final = "no source of the sheet makes it vary at this pose, so no tolerance was tried"
+"""Why there is nothing to judge."""
+
+_LARGE_ANGLE: Final = 0.1
+
+_COLUMNS = ("mean", "std", "min", "max", "mode", 0.5, 0.95, 0.99, 0.9973)
+
+
+def analysis_table(analysis: Analysis) -> str:
+    """Return what a designer wants to read of an analysis: error statistics in mm and mrad.
+
+    Only the digits that the sampling supports are printed; min and max are the smallest and largest seen.
+    """
+    pose = pose_text(analysis.pose_name, analysis.q, analysis.sliding_joints)
+    lines = [
+        f"{visible(analysis.robot)}: {visible(analysis.base)} to {visible(analysis.tip)}, pose {pose}",
+        f"{analysis.samples:,} samples, seed {analysis.seed}, {analysis.model} model, statics {analysis.statics}; "
+        "errors in base axes, intervals and digits at "
+        f"{analysis.summary.confidence:.0%} confidence",
+        "",
+        *aligned([_header(), *_rows(analysis)]),
+        "",
+        "tolerance bounds: so many of all robots lie between them, of |d| and |δ| below, "
+        f"{analysis.summary.confidence:.0%} sure",
+        *aligned([_bounds_header(), *_bounds(analysis)]),
+        "",
+        "min and max are the smallest and largest seen, not bounds; - is not resolved by this many samples",
+        f"mode: peak of the histogram smoothed by {_bandwidths(analysis)}",
+        "error with every parameter at its mean: "
+        f"d = ({', '.join(map(_thousandfold, analysis.nominal[:3]))}) mm, "
+        f"δ = ({', '.join(map(_thousandfold, analysis.nominal[3:]))}) mrad",
+    ]
+    lines += [line for group in analysis.correlations for line in _pairs(group)]
+    lines += [_verdict(result) for result in analysis.summary.specifications]
+    lines += resting_on(analysis.assumed, analysis.sources)
+    return "\n".join(lines)
+
+
+def pose_text(name: str, q: Mapping[str, float], sliding_joints: Collection[str]) -> str:
+    """Return a pose's name and joint values, in degrees and m."""
+    values = ", ".join(
+        f"{visible(joint)} {plain(value)} m"
+        if joint in sliding_joints
+        else f"{visible(joint)} {plain(math.degrees(value))}°"
+        for joint, value in q.items()
+    )
+    return f"{shown(name)} ({values})" if name else f"({values})"
+
+
+def subject(heading: Heading, pose: PoseHeading) -> str:
+    """Return the arm, the ends of its chain and the pose of a result."""
+    stands = pose_text(pose.name, pose.q, pose.sliding_joints)
+    return f"{visible(heading.robot)}: {visible(heading.base)} to {visible(heading.tip)}, pose {stands}"
+
+
+def _header() -> list[str]:
+    return ["", "", *(column if isinstance(column, str) else f"{100 * column:.4g} %" for column in _COLUMNS)]
+
+
+def _rows(analysis: Analysis) -> list[list[str]]:
+    rows = []
+    for vector in (analysis.position, analysis.attitude):
+        for part in (vector.norm, vector.x, vector.y, vector.z):
+            rows.append([symbol(part.quantity), unit(part.quantity), *(statistic(part, column) for column in _COLUMNS)])
+    return rows
+
+
+def _bounds_header() -> list[str]:
+    return ["", "", *(f"{100 * content:.4g} % of robots" for content in CONTENTS)]
+
+
+def _bounds(analysis: Analysis) -> list[list[str]]:
+    return [
+        [symbol(part.quantity), unit(part.quantity), *(tolerance_bounds(part, content) for content in CONTENTS)]
+        for vector in (analysis.position, analysis.attitude)
+        for part in (vector.norm, vector.x, vector.y, vector.z)
+    ]
+
+
+def statistic(distribution: Distribution, which: str | float) -> str:
+    """Return a statistic (``mean``, ``std``, …, or a quantile's probability) in mm or mrad; ``-`` where not resolved."""
+    value = distribution.quantile(which) if isinstance(which, float) else getattr(distribution, which)
+    interval = distribution.interval(which)
+    if value is None or interval is None:
+        return "-"
+    if max(abs(distribution.min), abs(distribution.max)) < ROUNDING:
+        return "0"
+    return format_inside(1e3 * value, (1e3 * interval[0], 1e3 * interval[1]), most=5)
+
+
+def tolerance_bounds(distribution: Distribution, content: float) -> str:
+    """Return the bounds of a share of all units in mm or mrad, rounded outwards; ``-`` where not resolved."""
+    bounds = distribution.tolerance_bounds(content)
+    if bounds is None:
+        return "-"
+    if max(abs(distribution.min), abs(distribution.max)) < ROUNDING:
+        return "0"
+    # to a hundredth of the spread, or five digits where there is none
+    size = distribution.std or abs(bounds[1]) / 1000 or 1.0
+    place = Decimal(1).scaleb(Decimal(1e3 * size).adjusted() - 2)
+    low, high = (
+        (Decimal(1000) * Decimal(end)).quantize(place, way)
+        for end, way in zip(bounds, (ROUND_FLOOR, ROUND_CEILING), strict=True)
+    )
+    return f"{high + 0:f}" if distribution.is_norm else f"{low + 0:f} to {high + 0:f}"
+
+
+def _pairs(group: Correlated) -> list[str]:
+    """Return a line for each pair of correlated parameters."""
+    names = [visible(name) for name in group.parameters]
+    return [
+        f"correlation of {names[i]} and {names[j]}: {group.scores[i][j]:.4g} of the normal scores, "
+        f"{group.pearson[i][j]:.4g} of the numbers (Pearson)"
+        for i, j in itertools.combinations(range(len(names)), 2)
+    ]
+
+
+def _bandwidths(analysis: Analysis) -> str:
+    parts = []
+    for norm in (analysis.position.norm, analysis.attitude.norm):
+        width = norm.mode_bandwidth
+        parts.append(f"{symbol(norm.quantity)} {'-' if width is None else f'{1e3 * width:.2g} {unit(norm.quantity)}'}")
+    return ", ".join(parts)
+
+
+def inside(result: SpecificationResult) -> tuple[str, str, str]:
+    """Return the share inside a limit and the ends of its interval in per cent; what is printed fits the verdict."""
+    low, high = (Decimal(end) * 100 for end in result.interval)
+    required = Decimal(f"{100 * result.required:.10g}").normalize()
+    # as many digits as the demand has, at least two of the interval's width; the ends are rounded outwards
+    decimals = max(1 - (high - low).adjusted(), -int(required.as_tuple().exponent), 0)
+    place = Decimal(1).scaleb(-decimals)
+    share = (Decimal(result.probability) * 100).quantize(place, ROUND_HALF_EVEN)
+    return f"{share:f}", f"{low.quantize(place, ROUND_FLOOR):f}", f"{high.quantize(place, ROUND_CEILING):f}"
+
+
+def demanded(specification: Specification | SpecificationResult) -> str:
+    """Return what a specification demands; of a large angle in degrees too."""
+    of, limit = specification.quantity, specification.limit
+    degrees = f" ({math.degrees(limit):.4g} deg)" if of.startswith("attitude") and limit >= _LARGE_ANGLE else ""
+    return f"{of} within {1e3 * limit:.6g} {unit(of)}{degrees} for {100 * specification.required:.10g} %"
+
+
+def _verdict(result: SpecificationResult) -> str:
+    demand = f"spec {demanded(result)}: {result.verdict.upper()}"
+    if result.verdict == "nothing to judge":
+        return f"{demand} - {NOTHING_VARIES}"
+    share, low, high = inside(result)
+    more = ": more samples decide it" if result.verdict == "undecided" else ""
+    return f"{demand} - {share} % inside, interval {low} to {high} %{more}"
+
+
+def mcpc_table(mcpc: Mcpc) -> str:
+    """Return the MCPC parameters as the paper's Table 1 lays them out, in degrees and mm."""
+    rows = [["i", "joint", "offset °", "α °", "β °", "γ °", "x mm", "y mm", "z mm"]]
+    for row in mcpc.table:
+        gamma = "" if row.gamma is None else plain(math.degrees(row.gamma))
+        z = "" if row.z is None else plain(1e3 * row.z)
+        turns = [plain(math.degrees(value)) for value in (row.turn, row.alpha, row.beta)]
+        joint = "base" if row.joint is None else f"{row.joint} (slides)" if row.prismatic else row.joint
+        rows.append([str(row.link), joint, *turns, gamma, plain(1e3 * row.x), plain(1e3 * row.y), z])
+    return "\n".join(aligned(rows))
+
+
+def _thousandfold(value: float) -> str:
+    return f"{1e3 * value if abs(value) > ROUNDING else 0.0:.4g}"
+
+
+def plain(value: float) -> str:
+    """Return a number in full but for rounding."""
+    return f"{round(value, 9) + 0.0:.9g}"
+
+
+def aligned(rows: list[list[str]]) -> list[str]:
+    """Return rows of cells as lines, the first two columns to the left; names in them are shortened and escaped."""
+    rows = [[visible(cell, 120) for cell in row] for row in rows]
+    widths = [max(map(_columns, column)) for column in zip(*rows, strict=True)]
+    lines = []
+    for row in rows:
+        blanks = [" " * (width - _columns(cell)) for cell, width in zip(row, widths, strict=True)]
+        cells = [
+            cell + blank if k < 2 else blank + cell for k, (cell, blank) in enumerate(zip(row, blanks, strict=True))
+        ]
+        lines.append("  ".join(cells).rstrip())
+    return lines
+
+
+def _columns(text: str) -> int:
+    """Return how many columns of a terminal a text fills; letters of East Asia fill two, accents none."""
+    wide = sum(unicodedata.east_asian_width(character) in "WF" for character in text)
+    return len(text) + wide - sum(unicodedata.combining(character) != 0 for character in text)

@@ -1,0 +1,187 @@
+"""Everything a report is made of, computed for one pose."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final, Literal, TypeVar, final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from precision_pin.analyses.budget.budget import budget
+from precision_pin.analyses.budget.budget_result import BudgetResult
+from precision_pin.analyses.exact_law.exact_law import ExactLawResult, exact_law
+from precision_pin.analyses.provenance import Pose
+from precision_pin.analyses.worst_case.worst_case import worst_case
+from precision_pin.analyses.worst_case.worst_case_result import WorstCaseResult
+from precision_pin.errors import InputError
+from precision_pin.model.error_model import ErrorModel, PoseModel
+from precision_pin.robot import mcpc
+from precision_pin.robot.mcpc import Mcpc
+from precision_pin.sampling import Progress, monte_carlo
+from precision_pin.sampling.result import Analysis
+from precision_pin.sheet import Sheet
+from precision_pin.statistics import Specification
+
+__all__ = ["STEPS", "Missing", "Results", "Step", "collect"]
+
+Array = NDArray[np.float64]
+Found = TypeVar("Found")
+Step = Callable[[str, int], AbstractContextManager[Progress]]
+"""Given what is done next and how many samples it takes (0: none), returns what is told of the progress."""
+
+STEPS: Final = 6
+"""Five analyses, and drawing the page."""
+
+CLOUD: Final = 5_000
+"""Samples that the 3-D view shows at most."""
+
+_COMPARED: Final = 100_000
+
+
+@final
+@dataclass(frozen=True)
+class Missing:
+    """Stands for a result that this model does not have.
+
+    Attributes
+    ----------
+    reason
+        Why, one line.
+    """
+
+    reason: str
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Results:
+    """What a report shows.
+
+    Attributes
+    ----------
+    sheet, model, at
+        What was analysed, and the model at the pose.
+    analysis
+        The sampled distribution.
+    budget, worst_case, exact_law, mcpc
+        The other analyses, or why there is none.
+    cloud
+        The first of the sampled errors ``(6, n)``, m and rad, base axes.
+    command
+        The words of the command line that makes the report again.
+    package_dirs
+        Folders of packages of meshes.
+    digests
+        SHA-256 of the files read, by name.
+    """
+
+    sheet: Sheet
+    model: ErrorModel
+    at: PoseModel
+    analysis: Analysis
+    budget: BudgetResult | Missing
+    worst_case: WorstCaseResult | Missing
+    exact_law: ExactLawResult | Missing
+    mcpc: Mcpc | Missing
+    cloud: Array
+    command: tuple[str, ...]
+    package_dirs: tuple[str, ...]
+    digests: tuple[tuple[str, str], ...]
+
+    @property
+    def folders(self) -> tuple[str, ...]:
+        """Folders of this machine, which a report does not name."""
+        files = (self.sheet.file, self.model.chain.robot.file)
+        near = [folder for file in files for folder in (os.path.dirname(file), os.path.dirname(os.path.realpath(file)))]
+        known = [*near, *self.package_dirs, os.getcwd(), os.path.expanduser("~")]
+        absolute = {os.path.abspath(folder) for folder in known} | {folder for folder in known if folder}
+        return tuple(sorted(absolute - {os.curdir, os.sep}, key=lambda folder: (-len(folder), folder)))
+
+
+def collect(
+    sheet: Sheet,
+    pose: Pose,
+    *,
+    samples: int,
+    seed: int,
+    model: Literal["exact", "linear"],
+    specifications: Sequence[Specification],
+    command: Sequence[str],
+    package_dirs: Sequence[str],
+    step: Step,
+) -> Results:
+    """Run every analysis of a report at one pose.
+
+    Parameters
+    ----------
+    sheet
+        As read.
+    pose
+        A pose's name, joint values, or None for the sheet's first.
+    samples, seed, model, specifications
+        As for :func:`~precision_pin.sampling.monte_carlo`. Budget and worst case are those of the exact model, exact laws
+        those of the first-order model.
+    command
+        The words of the command line, for the report.
+    package_dirs
+        Folders of packages of meshes.
+    step
+        Told of each step.
+
+    Raises
+    ------
+    InputError
+        A wrong pose, number of samples or seed; errors too large to compute with. An analysis besides the sampling that
+        refuses the model is left out instead, with its reason.
+    """
+    error_model = ErrorModel.from_sheet(sheet)
+    with step("sampling", samples) as progress:
+        analysis = monte_carlo(
+            error_model, pose, samples=samples, seed=seed, model=model, specifications=specifications,
+            findings=sheet.findings, progress=progress,
+        )  # fmt: skip
+    at = error_model.at(pose)
+    with step("error budget", 0):
+        shares = _tried(lambda: budget(error_model, [pose], seed=seed))
+    with step("worst case", samples) as progress:
+        bounds = _tried(lambda: worst_case(error_model, [pose], seed=seed, samples=samples, progress=progress))
+    with step("exact law", 0):
+        laws = _tried(lambda: exact_law(error_model, [pose], seed=seed, samples=_COMPARED))
+    with step("MCPC parameters", 0):
+        geometry = _tried(lambda: mcpc.from_chain(error_model.chain))
+    x = at.space.sample(seed, 0, min(samples, CLOUD))
+    return Results(
+        sheet=sheet,
+        model=error_model,
+        at=at,
+        analysis=analysis,
+        budget=shares,
+        worst_case=bounds,
+        exact_law=laws,
+        mcpc=geometry,
+        cloud=at.linear(x) if model == "linear" else at.exact(x),
+        command=tuple(command),
+        package_dirs=tuple(package_dirs),
+        digests=tuple(_digest(file) for file in (error_model.chain.robot.file, sheet.file)),
+    )
+
+
+def _tried(analysis: Callable[[], Found]) -> Found | Missing:
+    try:
+        return analysis()
+    except InputError as error:
+        return Missing("; ".join(finding.message for finding in error.findings))
+
+
+def _digest(file: str) -> tuple[str, str]:
+    try:
+        content = Path(file).read_bytes()
+    except OSError as error:
+        raise InputError(f"{file} cannot be read any more: {error.strerror or error}") from None
+    return os.path.basename(file), hashlib.sha256(content).hexdigest()

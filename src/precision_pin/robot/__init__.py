@@ -1,0 +1,1 @@
+"""The nominal robot: its file, its chain, poses, loads and statics."""

@@ -1,0 +1,610 @@
+"""A base-to-tip chain out of a URDF tree, and the chain at one configuration.
+
+*Chain link* i = 0…n is everything rigid between joint i and joint i+1 (1-based joints; 0 is the base side, n carries
+the tip). Its axes are those of joint i's URDF frame after it turned, for link 0 those of the base link. Arrays over
+joints are 0-based: ``axes[0]`` belongs to joint 1.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Final, final
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from precision_pin.call_warnings import add, warns_at_end
+from precision_pin.display.html import rendered
+from precision_pin.errors import Finding, InputError
+from precision_pin.inputs.arguments import (
+    check_instance,
+    check_mapping,
+    check_name,
+    check_number,
+    check_numbers,
+    check_path,
+    check_text,
+)
+from precision_pin.inputs.arrays import fix_fields, read_only, returns_read_only
+from precision_pin.robot.configurations import Configurations
+from precision_pin.robot.joint_table import joint_table, spaced
+from precision_pin.robot.pinocchio_model import PinocchioModel
+from precision_pin.robot.places import (
+    ORDER_END,
+    ORDER_FRAME,
+    ORDER_SEAT,
+    Deflection,
+    Factors,
+    LinkFrame,
+    Load,
+    Place,
+    link_frames,
+    locked_values,
+    own_loads,
+)
+from precision_pin.robot.postures import ChainConstants, Postures, alignment
+from precision_pin.robot.urdf import Joint, Robot, read, rerooted
+
+__all__ = ["EARTH", "Chain", "Deflection", "Factors", "LinkFrame", "Load", "Place", "Posture"]
+
+Array = NDArray[np.float64]
+
+_Weight = tuple[list[float], list[tuple[Factors, float, float, float, float]]]
+"""A load in the base: its frame's origin, and of its moments the factors, mass and first moment in base axes."""
+_NOTHING: Final = (0.0, 0.0, 0.0, 0.0)
+
+EARTH: Final = (0.0, 0.0, -9.81)
+"""Default gravity, base axes, m/s²."""
+
+_NAMED: Final = 8
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Chain:
+    """The moving joints and rigid links between a base and a tip.
+
+    Attributes
+    ----------
+    robot
+        The mechanism, rooted at the base.
+    base, tip
+        Link names.
+    gravity
+        Base axes, m/s², ``(3,)``.
+    joints
+        The chain's n joints, base to tip.
+    locked
+        Value of every joint that moves but is not among them.
+    placements
+        ``(n+1, 4, 4)``: from joint i's frame after it turned (base for i = 0) to joint i+1's origin frame before it
+        turns (the tip for i = n).
+    link_frames
+        Every URDF link.
+    loads
+        The weights of the URDF's links, and payloads.
+    """
+
+    robot: Robot
+    base: str
+    tip: str
+    gravity: Array
+    joints: tuple[Joint, ...]
+    locked: Mapping[str, float]
+    placements: Array
+    link_frames: Mapping[str, LinkFrame]
+    loads: tuple[Load, ...]
+    pinocchio: PinocchioModel = field(repr=False)
+
+    def __post_init__(self) -> None:
+        fix_fields(self)
+
+    @classmethod
+    def from_urdf(
+        cls,
+        path: str | os.PathLike[str],
+        tip: str | None = None,
+        base: str | None = None,
+        gravity: Sequence[float] = EARTH,
+        locked: Mapping[str, float] | None = None,
+    ) -> Chain:
+        """Read a URDF strictly and cut the chain out of it.
+
+        Parameters
+        ----------
+        path
+            The URDF.
+        tip
+            The link that is the end-effector; the only leaf if left out.
+        base
+            The link that stands still; the root if left out. Any link may be the base.
+        gravity
+            In the base link's axes, m/s².
+        locked
+            Values (rad or m) at which joints stand still; joints off the chain that are not named stand at zero, or at
+            the limit nearest to it. Mimic joints follow a joint off the chain; one that mimics a joint on the chain
+            stands where that joint's zero puts it. A joint on the chain may be locked too.
+
+        Raises
+        ------
+        UrdfError
+            The file cannot be used; carries every finding.
+        UnknownNameError
+            No such link or joint.
+        InputError
+            Several leaves and no tip, no moving joint on the chain, or a mimic joint on it.
+        """
+        return cls.from_robot(read(check_path("the path of the URDF", path)), tip, base, gravity, locked)
+
+    @classmethod
+    def from_robot(
+        cls,
+        robot: Robot,
+        tip: str | None = None,
+        base: str | None = None,
+        gravity: Sequence[float] = EARTH,
+        locked: Mapping[str, float] | None = None,
+    ) -> Chain:
+        """Cut the chain out of a robot already read; see :meth:`from_urdf`."""
+        check_instance("robot", robot, Robot, "as urdf.read makes it")
+        down = check_numbers("gravity", gravity, (3,), "three finite numbers, in base axes")
+        if locked is not None:
+            locked = {
+                name: check_number(f"the value at which {name!r} is locked", value)
+                for name, value in check_mapping("locked joints", locked).items()
+            }
+        if base is not None:
+            robot.link(check_text("the name of the base link", base))
+        if tip is None:
+            if len(robot.leaves) != 1:
+                raise InputError(
+                    f"{robot.file} has {len(robot.leaves)} leaves; name one as the tip: {', '.join(sorted(robot.leaves))} "
+                    "(--tip, or tip: in a sheet)"
+                )
+            tip = robot.leaves[0]
+        robot.link(check_text("the name of the tip link", tip))
+        rooted = rerooted(robot, base) if base is not None and base != robot.root else robot
+        way = rooted.path(rooted.root, tip)
+        joints = tuple(joint for joint in way if joint.kind != "fixed" and joint.name not in (locked or {}))
+        if not joints:
+            raise InputError(f"no joint moves between {rooted.root!r} and {tip!r}; choose another base or tip")
+        for joint in joints:
+            if joint.mimic is not None:
+                raise InputError(
+                    f"the joint {joint.name!r} on the chain mimics {joint.mimic.joint!r}; lock it to keep it still"
+                )
+        stilled = locked_values(rooted, joints, locked or {})
+        frames, placements = link_frames(rooted, tip, joints, stilled)
+        return cls(
+            robot=rooted,
+            base=rooted.root,
+            tip=tip,
+            gravity=down,
+            joints=joints,
+            locked=stilled,
+            placements=placements,
+            link_frames=frames,
+            loads=own_loads(rooted, frames),
+            pinocchio=PinocchioModel.load(rooted, [joint.name for joint in joints], stilled, tuple(down)),
+        )
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """Names of the n joints, base to tip."""
+        return tuple(joint.name for joint in self.joints)
+
+    @cached_property
+    def configurations(self) -> Configurations:
+        """Reads joint values of the chain."""
+        return Configurations(self.joints)
+
+    @cached_property
+    @returns_read_only
+    def axes(self) -> Array:
+        """Unit axis of each joint in its own frame, ``(n, 3)``."""
+        return np.array([joint.axis for joint in self.joints])
+
+    @cached_property
+    @returns_read_only
+    def prismatic(self) -> NDArray[np.bool_]:
+        """Which joints slide, ``(n,)``."""
+        return np.array([joint.kind == "prismatic" for joint in self.joints])
+
+    @cached_property
+    @returns_read_only
+    def reversed_joints(self) -> NDArray[np.bool_]:
+        """Which joints the chain passes against the file, because the base lies beyond them, ``(n,)``."""
+        return np.array([joint.reversed for joint in self.joints])
+
+    @cached_property
+    @returns_read_only
+    def written_axes(self) -> Array:
+        """Unit axis of each joint in its own frame as the file writes it, ``(n, 3)``: reversed joints have the other one."""
+        return np.array([joint.written_axis for joint in self.joints])
+
+    def runs_backwards(self, link: int) -> bool:
+        """Return whether a chain link's far end is the end that the file has nearer its root: where its own joint sits."""
+        if link < len(self.joints):
+            return bool(self.reversed_joints[link])
+        return self.robot.path(self.base, self.tip)[-1].reversed
+
+    def joint_index(self, name: str) -> int:
+        """Return a joint's position, 0-based.
+
+        Raises
+        ------
+        UnknownNameError
+            The chain has no such joint.
+        """
+        return self.joint_names.index(check_name("joint on the chain", name, self.joint_names))
+
+    def link_frame(self, name: str) -> LinkFrame:
+        """Return where a URDF link stands.
+
+        Raises
+        ------
+        UnknownNameError
+            The robot has no such link.
+        """
+        return self.link_frames[check_name("link", name, self.link_frames)]
+
+    def end(self, link: int) -> Place:
+        """Return the place at a chain link's far end: joint i+1's origin frame before it turns, or the tip."""
+        return self._places[link][0]
+
+    def seat(self, link: int) -> Place:
+        """Return the place where the next joint sits, after the link's end and in the same frame."""
+        return self._places[link][1]
+
+    def frame_place(self, name: str) -> Place:
+        """Return the place at a URDF link's frame on the way from base to tip; the tip's is the last link's end.
+
+        Raises
+        ------
+        InputError
+            The link is on a branch: moving it does not move the tip.
+        """
+        where = self.link_frame(name)
+        if where.path_rank is None:
+            raise InputError(f"{name!r} is not on the way from {self.base!r} to {self.tip!r}: moving it moves nothing")
+        if name == self.tip:
+            return self.end(where.link)
+        return Place(where.link, (ORDER_FRAME, where.path_rank), f"frame {name}", where.frame)
+
+    def axis_alignment(self, joint: int) -> Array:
+        """Return the smallest rotation that brings a joint's z onto its axis in the file; for -z half a turn about x."""
+        return alignment(self.written_axes[joint])
+
+    def configuration(self, q: ArrayLike | Mapping[str, float]) -> Array:
+        """Return joint values ``(n,)`` in chain order, given in that order or by name.
+
+        Raises
+        ------
+        InputError
+            Wrong count, missing joint, or a value that is no finite number; a joint slid beyond 1000 km.
+        UnknownNameError
+            No such joint on the chain.
+        """
+        return self.configurations.one(q)
+
+    def at(self, q: ArrayLike | Mapping[str, float]) -> Posture:
+        """Return the chain at a configuration (rad and m, in chain order or by joint name)."""
+        values = self.configuration(q)
+        return Posture(self, values, self.pinocchio.joint_poses(values), self.loads)
+
+    @warns_at_end
+    def at_many(self, q: ArrayLike | Mapping[str, ArrayLike] | Sequence[object]) -> Postures:
+        """Return the chain at P configurations at once.
+
+        Parameters
+        ----------
+        q
+            An array ``(n, P)``, rad and m, in chain order: poses are columns. Or a list of P poses, each as for :meth:`at`. Or
+            for every joint's name its P values, or one for all. Of a square array nobody can tell rows from columns: it is
+            taken as columns, with a warning, unless its rows lie outside the joints' limits and its columns do not.
+
+        Raises
+        ------
+        InputError
+            Another shape, a missing joint, or a value that is no finite number; a joint slid beyond 1000 km.
+        UnknownNameError
+            No such joint on the chain.
+        """
+        values = self.configurations.many(q)
+        add(self.configurations.doubts(q))
+        return self.at_columns(values)
+
+    def at_columns(self, values: Array) -> Postures:
+        """Return the chain at values ``(n, P)`` that :attr:`configurations` read, or some of their columns."""
+        return Postures(values, self._constants)
+
+    def with_payload(self, mass: float, centre: Sequence[float] = (0.0, 0.0, 0.0), at: str | None = None) -> Chain:
+        """Return the chain with a payload.
+
+        Parameters
+        ----------
+        mass
+            kg.
+        centre
+            Its centre of mass in the frame it hangs on, m.
+        at
+            The URDF link it hangs on; the tip if left out.
+
+        Raises
+        ------
+        InputError
+            The mass is negative, or a number is missing or not finite.
+        UnknownNameError
+            The robot has no such link.
+        """
+        where = self.link_frame(self.tip if at is None else at)
+        lever = check_numbers("the centre of a payload", centre, (3,), "three finite numbers")
+        mass = check_number("the mass of a payload", mass, "zero or more and finite", lambda kg: kg >= 0)
+        moments = ((mass * np.array([1.0, *lever]), ()),)
+        load = Load(where.link, where.frame, where.entry(lever), along=False, moments=moments)
+        model = self.pinocchio.with_mass(where.link - 1, where.frame, mass, lever)
+        return replace(self, loads=(*self.loads, load), pinocchio=model)
+
+    def __repr__(self) -> str:
+        joints = ", ".join(map(repr, self.joint_names[:_NAMED])) + (", …" if len(self.joints) > _NAMED else "")
+        file = os.path.basename(self.robot.file)
+        return f"<Chain of {file!r}, {self.base!r} to {self.tip!r}: joints {joints}>"
+
+    def _repr_html_(self) -> str:
+        """Return what a notebook shows: the joints with their limits, and where each stands behind the one before."""
+        still = ", ".join(f"{name} {value:.6g}" for name, value in self.locked.items())
+        return rendered(
+            f"{os.path.basename(self.robot.file)}: {self.base} to {self.tip}, {len(self.joints)} joints",
+            [joint_table(self.joints, self.placements, self.tip)],
+            [
+                "x y z, roll pitch yaw: where a joint's frame stands in the one before it, that one not turned",
+                f"gravity {spaced(self.gravity)} m/s², base axes",
+                *([f"locked (rad, m): {still}"] if still else []),
+            ],
+        )
+
+    @cached_property
+    def _places(self) -> tuple[tuple[Place, Place], ...]:
+        """End and seat of every chain link."""
+        far = enumerate(zip((*self.joint_names, self.tip), self.placements, strict=True))
+        return tuple(
+            (
+                Place(link, (ORDER_END, 0), f"end of link {link} ({name})", frame),
+                Place(link, (ORDER_SEAT, 0), f"seat of link {link} ({name})", frame),
+            )
+            for link, (name, frame) in far
+        )
+
+    @cached_property
+    def _alignments(self) -> tuple[Array, ...]:
+        return tuple(alignment(axis) for axis in self.axes)
+
+    @cached_property
+    def _constants(self) -> ChainConstants:
+        return ChainConstants.of(self.placements, self.axes, self.prismatic, self._alignments, self.gravity, self.loads)
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Posture:
+    """A chain at one configuration, undisplaced.
+
+    Attributes
+    ----------
+    chain
+        The chain.
+    q
+        Joint values in chain order, ``(n,)``.
+    joint_poses
+        Each joint's frame after it turned, in the base, ``(n, 4, 4)``, by Pinocchio; by compiled loops where the
+        posture is one of many.
+    loads
+        The weights on the chain: its own, and those that sources add.
+    deflection
+        Where the chain stands under load; ``None`` where loads are taken on the undisplaced arm. It moves the loads, not
+        the places.
+    tilts
+        What sources add to gravity: vectors ``(3,)``, base axes, m/s², with the parameters that multiply them.
+    """
+
+    chain: Chain
+    q: Array
+    joint_poses: Array
+    loads: tuple[Load, ...]
+    deflection: Deflection | None = None
+    tilts: tuple[tuple[Array, Factors], ...] = ()
+
+    def __post_init__(self) -> None:
+        for name in ("q", "joint_poses"):
+            object.__setattr__(self, name, read_only(getattr(self, name)))
+
+    @cached_property
+    @returns_read_only
+    def link_poses(self) -> Array:
+        """Axes of every chain link in the base, ``(n+1, 4, 4)``."""
+        return np.concatenate([np.eye(4)[None], self.joint_poses])
+
+    @cached_property
+    @returns_read_only
+    def loaded_link_poses(self) -> Array:
+        """Axes of every chain link in the base as loads see them, ``(n+1, 4, 4)``."""
+        return self.link_poses if self.deflection is None else self.deflection.links
+
+    @cached_property
+    @returns_read_only
+    def loaded_ends(self) -> Array:
+        """Far end of every chain link in the base as loads see it, ``(n+1, 4, 4)``."""
+        return self.link_poses @ self.chain.placements if self.deflection is None else self.deflection.ends
+
+    @cached_property
+    @returns_read_only
+    def pose(self) -> Array:
+        """Tip in the base, ``(4, 4)``."""
+        pose: Array = self.link_poses[-1] @ self.chain.placements[-1]
+        return pose
+
+    @cached_property
+    @returns_read_only
+    def joint_axes(self) -> Array:
+        """Unit axis of every joint in base axes, ``(n, 3)``."""
+        axes: Array = np.einsum("nij,nj->ni", self.joint_poses[:, :3, :3], self.chain.axes)
+        return axes
+
+    @cached_property
+    @returns_read_only
+    def joint_jacobian(self) -> Array:
+        """Derivative of the tip's pose to the joint values, base axes at the tip, ``(6, n)``."""
+        arms = self.pose[:3, 3] - self.joint_poses[:, :3, 3]
+        slide = self.chain.prismatic[:, None]
+        linear = np.where(slide, self.joint_axes, np.cross(self.joint_axes, arms))
+        return np.concatenate([linear, np.where(slide, 0.0, self.joint_axes)], axis=1).T
+
+    @cached_property
+    def load_torque(self) -> Array:
+        """Torque (N·m) or force (N) that the weight of robot and chain payload puts on the joints, ``(n,)``.
+
+        By Pinocchio, minus its generalised gravity (eq 23's τ). Payloads that sources add are not in it.
+        """
+        return self._statics[0]
+
+    @cached_property
+    @returns_read_only
+    def link_wrench(self) -> Array:
+        """Force and moment ``(n+1, 6)`` which everything beyond it puts on each chain link's far end, by Pinocchio.
+
+        At and in the axes of the link's end; zero for the last link, whose own loads count on the link.
+        """
+        wrenches = np.zeros((len(self.chain.joints) + 1, 6))
+        for i, wrench in enumerate(self._statics[1]):
+            end = self.link_poses[i] @ self.chain.placements[i]
+            turn = end[:3, :3].T @ self.joint_poses[i][:3, :3]
+            shift = end[:3, :3].T @ (self.joint_poses[i][:3, 3] - end[:3, 3])
+            force = turn @ wrench[:3]
+            wrenches[i] = np.concatenate([force, turn @ wrench[3:] + np.cross(shift, force)])
+        return wrenches
+
+    @cached_property
+    def findings(self) -> tuple[Finding, ...]:
+        """Warnings: joint values outside their limits, and mimic joints that stand still though they would follow."""
+        found = []
+        values = dict(zip(self.chain.joint_names, self.q, strict=True)) | dict(self.chain.locked)
+        for joint in self.chain.robot.joints:
+            mimic = joint.mimic
+            if mimic is None or mimic.joint not in self.chain.joint_names:
+                continue
+            due = mimic.multiplier * values[mimic.joint] + mimic.offset
+            if abs(due - values[joint.name]) > 1e-9:
+                message = (
+                    f"joint {joint.name} mimics {mimic.joint}, so it would stand at {due:.6g} here, but is kept at "
+                    f"{values[joint.name]:.6g}, and the weight beyond it too; lock it where it matters"
+                )
+                found.append(Finding("warning", "W_MIMIC", message, self.chain.robot.file, joint.line))
+        for joint, value in zip(self.chain.joints, self.q, strict=True):
+            limit = joint.limit
+            if limit is not None and joint.kind != "continuous" and not limit.lower <= value <= limit.upper:
+                scale, unit = (1.0, "m") if joint.kind == "prismatic" else (180 / np.pi, "deg")
+                stands, low, high = (f"{scale * x:.6g}" for x in (value, limit.lower, limit.upper))
+                message = f"joint {joint.name} at {stands} {unit} is outside its limits {low} to {high} {unit}"
+                found.append(Finding("warning", "W_JOINT_LIMIT", message, self.chain.robot.file, joint.line))
+        return tuple(found)
+
+    def __repr__(self) -> str:
+        chain, values = self.chain, spaced(self.q)
+        return f"<Posture of {os.path.basename(chain.robot.file)!r}, {chain.base!r} to {chain.tip!r}, at {values}>"
+
+    def with_loads(self, loads: Sequence[Load]) -> Posture:
+        """Return the posture with further weights."""
+        return replace(self, loads=(*self.loads, *loads)) if loads else self
+
+    def with_tilts(self, tilts: Sequence[tuple[Array, Factors]]) -> Posture:
+        """Return the posture with further parts of gravity."""
+        return replace(self, tilts=(*self.tilts, *tilts)) if tilts else self
+
+    def place_pose(self, place: Place) -> Array:
+        """Return a place's pose in the base, ``(4, 4)``."""
+        pose: Array = self.link_poses[place.link] @ place.frame
+        return pose
+
+    def wrench_basis(self, load: Load, point: ArrayLike) -> Array:
+        """Return force and moment about a point per unit of a load's mass and first moments.
+
+        Parameters
+        ----------
+        load
+            The weight.
+        point
+            ``(3,)``, base axes, m.
+
+        Returns
+        -------
+        NDArray
+            ``(6, 4)``, base axes: ``F = m g``, ``M = (R s + m (o - point)) × g`` with s the first moment in the load's
+            frame (rotation R, origin o), g the chain's gravity.
+        """
+        frame, weight = self.loaded_link_poses[load.link] @ load.frame, self.chain.gravity
+        basis = np.zeros((6, 4))
+        basis[:3, 0] = weight
+        basis[3:, 0] = np.cross(frame[:3, 3] - np.asarray(point, dtype=float), weight)
+        basis[3:, 1:] = np.cross(frame[:3, :3].T, weight).T
+        return basis
+
+    def wrench_on(self, loads: Sequence[Load], point: ArrayLike) -> dict[Factors, Array]:
+        """Return the wrench ``(6,)`` of loads about a point, base axes, by the parameters that multiply it."""
+        x, y, z = np.asarray(point, dtype=float).tolist()
+        # mass and first moment about the point, by the part of gravity that pulls at them and by their factors
+        sums: dict[tuple[int, Factors], tuple[float, float, float, float]] = {}
+        for load in loads:
+            (o_x, o_y, o_z), pieces = self._weights.get(load) or self._weigh([load])[load]
+            for part in range(1 + len(self.tilts)):
+                for factors, mass, s_x, s_y, s_z in pieces:
+                    m, h_x, h_y, h_z = sums.get((part, factors), _NOTHING)
+                    sums[part, factors] = (
+                        m + mass,
+                        h_x + (s_x + mass * (o_x - x)),
+                        h_y + (s_y + mass * (o_y - y)),
+                        h_z + (s_z + mass * (o_z - z)),
+                    )
+        pulls = [(self.chain.gravity.tolist(), ()), *((tilt.tolist(), factors) for tilt, factors in self.tilts)]
+        total: dict[Factors, Array] = {}
+        for (part, factors), (m, h_x, h_y, h_z) in sums.items():
+            (g_x, g_y, g_z), tilting = pulls[part]
+            moment = (h_y * g_z - h_z * g_y, h_z * g_x - h_x * g_z, h_x * g_y - h_y * g_x)
+            wrench = np.array((m * g_x, m * g_y, m * g_z, *moment))
+            key = (*factors, *tilting)
+            total[key] = total[key] + wrench if key in total else wrench
+        return total
+
+    def torque_on(self, joint: int) -> dict[Factors, float]:
+        """Return what the loads put on a joint (0-based), N·m or N, by the parameters that multiply it."""
+        beyond = [load for load in self.loads if load.link > joint]
+        rows = slice(0, 3) if self.chain.prismatic[joint] else slice(3, 6)
+        frame = self.loaded_link_poses[joint + 1]
+        axis = frame[:3, :3] @ self.chain.axes[joint]
+        wrenches = self.wrench_on(beyond, frame[:3, 3])
+        return {factors: float(axis @ wrench[rows]) for factors, wrench in wrenches.items()}
+
+    @cached_property
+    def _weights(self) -> dict[Load, _Weight]:
+        return self._weigh(self.loads)
+
+    def _weigh(self, loads: Sequence[Load]) -> dict[Load, _Weight]:
+        """Return loads as they stand, in numbers of Python: for sums of three they are quicker than arrays."""
+        if not loads:
+            return {}
+        frames = self.loaded_link_poses[[load.link for load in loads]] @ np.array([load.frame for load in loads])
+        owners = [k for k, load in enumerate(loads) for _ in load.moments]
+        moments = np.array([moments for load in loads for moments, _ in load.moments]).reshape(-1, 4)
+        turned = (frames[owners, :3, :3] @ moments[:, 1:, None])[:, :, 0]
+        rows = iter(np.column_stack([moments[:, 0], turned]).tolist())
+        return {
+            load: (origin, [(factors, *next(rows)) for _, factors in load.moments])
+            for load, origin in zip(loads, frames[:, :3, 3].tolist(), strict=True)
+        }
+
+    @cached_property
+    @returns_read_only
+    def _statics(self) -> tuple[Array, Array]:
+        return self.chain.pinocchio.statics(self.q)

@@ -1,0 +1,69 @@
+"""What the warnings about a URDF say about one chain of it: those about its own links, and the others summed up."""
+
+from __future__ import annotations
+
+import re
+import shlex
+from collections import Counter
+from typing import Final
+
+from precision_pin.errors import Finding
+from precision_pin.robot.chain import Chain
+from precision_pin.robot.urdf.findings import shown
+
+__all__ = ["chain_findings"]
+
+_ABOUT_ONE: Final = re.compile(r"""(?:the )?(link|joint) (?:name )?('(?:[^'\\]|\\.)*'|"(?:[^"\\]|\\.)*")""")
+"""A warning about a link or joint begins with it, and so does an entry of one that lists several."""
+_OF_A_LOAD: Final = {"W_MASS_LARGE", "W_UNITS"}
+"""Questions about a mass or a length; wherever it hangs on the arm, its weight bends it."""
+
+
+def chain_findings(chain: Chain) -> tuple[Finding, ...]:
+    """Return the warnings about a chain's URDF, those about links and joints off the chain in one line.
+
+    That the robot has several leaves is left out: which of them is meant is settled.
+    """
+    findings = [finding for finding in chain.robot.findings if finding.code != "W_BRANCHED"]
+    on_the_way, loads = _names_on_the_way(chain), _names_of_loads(chain)
+
+    def concerns_chain(finding: Finding) -> bool:
+        subjects = _subjects(finding)
+        return not subjects or bool(subjects & (on_the_way | loads if finding.code in _OF_A_LOAD else on_the_way))
+
+    off = [finding for finding in findings if not concerns_chain(finding)]
+    if len(off) < 2:
+        return tuple(findings)
+    file = chain.robot.file
+    counts = Counter(finding.code for finding in off)
+    codes = ", ".join(code if count == 1 else f"{count} {code}" for code, count in sorted(counts.items()))
+    message = (
+        f"{len(off)} warnings about links and joints off the chain ({codes}); "
+        f"precision-pin check {shlex.quote(file)} lists them"
+    )
+    kept = filter(concerns_chain, findings)
+    return (*kept, Finding("warning", "W_OFF_CHAIN", message, file))
+
+
+def _names_on_the_way(chain: Chain) -> set[str]:
+    """Return the links and joints from base to tip, as findings name them."""
+    way = chain.robot.path(chain.base, chain.tip)
+    links = {chain.base, *(joint.child for joint in way)}
+    return {_named("link", name) for name in links} | {_named("joint", joint.name) for joint in way}
+
+
+def _names_of_loads(chain: Chain) -> set[str]:
+    """Return the links that a joint of the chain moves, and the joints that lead to them, as findings name them."""
+    moved = {name for name, frame in chain.link_frames.items() if frame.link > 0}
+    joints = {joint.name for joint in chain.robot.joints if joint.child in moved}
+    return {_named("link", name) for name in moved} | {_named("joint", name) for name in joints}
+
+
+def _named(what: str, name: str) -> str:
+    return f"{what} {shown(name)}"
+
+
+def _subjects(finding: Finding) -> set[str]:
+    """Return the links and joints that a warning is about; none if it is about something else too."""
+    named = [_ABOUT_ONE.match(text) for text in finding.subjects or (finding.message,)]
+    return {f"{one[1]} {one[2]}" for one in named if one is not None} if all(named) else set()

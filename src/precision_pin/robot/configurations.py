@@ -1,0 +1,133 @@
+"""How joint values are given for a chain: one configuration, or many."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Final, final
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from precision_pin.errors import Finding, InputError
+from precision_pin.inputs.arguments import check_mapping, check_name, check_numbers
+from precision_pin.inputs.arrays import fix_copy, returns_read_only
+from precision_pin.robot.urdf import Joint
+
+__all__ = ["Configurations"]
+
+Array = NDArray[np.float64]
+
+LONGEST: Final = 1e6
+"""Metres a joint may slide; of larger values too few digits are left for errors of nanometres."""
+
+
+@final
+@dataclass(frozen=True)
+class Configurations:
+    """Reads joint values for joints in order."""
+
+    joints: tuple[Joint, ...]
+
+    @cached_property
+    def names(self) -> tuple[str, ...]:
+        """Of the joints."""
+        return tuple(joint.name for joint in self.joints)
+
+    def one(self, q: ArrayLike | Mapping[str, float]) -> Array:
+        """Return joint values ``(n,)``, given in order or by name; see :meth:`precision_pin.robot.chain.Chain.configuration`."""
+        if isinstance(q, Mapping):
+            q = [q[name] for name in self._in_order(q)]
+        values = check_numbers("joint values", q, needs="a number for each joint, rad or m, in chain order or by name")
+        if values.shape != (len(self.names),):
+            raise InputError(
+                f"{values.size} joint values for {len(self.names)} joints; expected {', '.join(self.names)}"
+            )
+        self._check_travel(values[:, None])
+        return values
+
+    def many(self, q: ArrayLike | Mapping[str, ArrayLike] | Sequence[object]) -> Array:
+        """Return the values of P poses, ``(n, P)``; see :meth:`precision_pin.robot.chain.Chain.at_many`."""
+        if isinstance(q, list | tuple):
+            return self._listed(q)
+        if isinstance(q, Mapping):
+            rows = [np.atleast_1d(check_numbers(f"joint values of {name}", q[name])) for name in self._in_order(q)]
+            if len({row.shape for row in rows if row.size != 1}) > 1 or any(row.ndim != 1 for row in rows):
+                raise InputError("the joints have different numbers of values; each needs one, or one for each pose")
+            q = np.array(np.broadcast_arrays(*rows))
+        values = check_numbers("joint values", q, needs="a row for each joint, or poses in a list")
+        if values.ndim != 2 or len(values) != len(self.names):
+            turned = "; poses are columns, so transpose it" if values.shape[1:] == (len(self.names),) else ""
+            raise InputError(
+                f"joint values of shape {values.shape} for many poses, expected ({len(self.names)}, P): "
+                f"a row for each of {', '.join(self.names)}{turned}"
+            )
+        self._check_travel(values)
+        return values
+
+    def doubts(self, q: object) -> tuple[Finding, ...]:
+        """Return a warning where nobody can tell whether a square array holds poses in columns, as it is read, or in rows."""
+        count = len(self.names)
+        if not isinstance(q, np.ndarray) or q.shape != (count, count) or count == 1:
+            return ()
+        columns, rows = (bool(self.outside(values).any()) for values in (q, q.T))
+        if rows and not columns:
+            return ()
+        hint = (
+            "; as rows they would keep the joint limits, which as columns they do not" if columns and not rows else ""
+        )
+        message = (
+            f"an array of {count} by {count} joint values is taken as {count} poses in columns{hint}; transpose it if they "
+            "are rows, or give a list of poses"
+        )
+        return (Finding("warning", "W_SQUARE_POSES", message),)
+
+    def outside(self, values: Array) -> NDArray[np.bool_]:
+        """Return which joint values ``(n, P)`` lie outside their limits."""
+        low, high = self.limits
+        return (values < low[:, None]) | (values > high[:, None])
+
+    @cached_property
+    @returns_read_only
+    def limits(self) -> tuple[Array, Array]:
+        """Lowest and highest value of each joint, infinite where it has no limits."""
+        limits = [
+            (-np.inf, np.inf)
+            if joint.limit is None or joint.kind == "continuous"
+            else (joint.limit.lower, joint.limit.upper)
+            for joint in self.joints
+        ]
+        low, high = np.array(limits).T
+        return low, high
+
+    def _listed(self, poses: Sequence[object]) -> Array:
+        columns = []
+        for number, pose in enumerate(poses):
+            try:
+                columns.append(self.one(pose))  # type: ignore[arg-type]
+            except InputError as error:
+                hint = "; in an array, not a list, joints are rows" if len(poses) == len(self.names) else ""
+                raise InputError(f"pose {number} of the list: {error.findings[0].message}{hint}") from None
+        if not columns:
+            raise InputError("no poses to sample or place; give at least one")
+        return fix_copy(np.column_stack(columns))
+
+    def _check_travel(self, values: Array) -> None:
+        """Refuse values ``(n, P)`` of joints that slide beyond `LONGEST`."""
+        slides = np.array([joint.kind == "prismatic" for joint in self.joints], dtype=bool)
+        too_far = (np.abs(values) > LONGEST) & slides[:, None]
+        if too_far.any():
+            joint, pose = np.argwhere(too_far)[0]
+            raise InputError(
+                f"joint value {values[joint, pose]:g} m of {self.names[joint]}; a joint slides {LONGEST:,.0f} m at most"
+            )
+
+    def _in_order(self, q: Mapping[str, object]) -> tuple[str, ...]:
+        """Return the joints' names, each of which ``q`` has a value for."""
+        for name in check_mapping("joint values", q):
+            check_name("joint on the chain", name, self.names)
+        missing = [name for name in self.names if name not in q]
+        if missing:
+            raise InputError(f"no value for the joints {', '.join(missing)}")
+        return self.names

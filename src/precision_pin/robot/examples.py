@@ -1,0 +1,132 @@
+"""Where robots that ship with other packages, or with this one, lie on disk."""
+
+from __future__ import annotations
+
+import difflib
+import importlib.metadata
+import os
+from contextlib import suppress
+from pathlib import Path
+from typing import Final
+
+from precision_pin.errors import Finding, InputError, UnknownNameError
+
+__all__ = [
+    "PAPER_SHEET",
+    "example_urdfs",
+    "resolve_robot",
+    "shipped_sheet",
+    "shipped_sheets",
+    "similar_file",
+    "starting_sheet",
+]
+
+PREFIX: Final = "example:"
+ROBOTS: Final = Path(__file__).parents[1] / "robots"
+SUFFIX: Final = ".errors.yaml"
+ROBOT_SUFFIXES: Final = (".urdf", ".xml")
+MOST_FILES: Final = 1000
+PAPER_SHEET: Final = ROBOTS / f"4dof{SUFFIX}"
+"""The sheet of the paper's arm, beside its URDF."""
+
+
+def example_urdfs() -> dict[str, Path]:
+    """Return the URDFs of the package example-robot-data by short name (``ur5``, ``panda``, …), empty if not installed.
+
+    It has no Python module; its files are found through its metadata. A file that stands empty is left out.
+    """
+    try:
+        distribution = importlib.metadata.distribution("example-robot-data")
+    except importlib.metadata.PackageNotFoundError:
+        return {}
+    names: dict[str, Path] = {}
+    for file in sorted(distribution.files or (), key=lambda entry: (entry.stem.endswith("_robot"), str(entry))):
+        if file.suffix == ".urdf" and "robots" in file.parts:
+            path = Path(str(distribution.locate_file(file)))
+            if path.is_file() and path.stat().st_size:
+                names[file.stem.removesuffix("_robot")] = path
+    return names
+
+
+def resolve_robot(text: str, folder: str | os.PathLike[str] = ".") -> Path:
+    """Return the path of a robot: a path relative to ``folder``, or ``example:NAME``.
+
+    Raises
+    ------
+    InputError
+        The text is empty, example-robot-data is not installed or has no such robot, or there is no such file and another
+        one may be meant, which the message gives.
+    """
+    if not text.strip():
+        raise InputError([Finding("error", "E_FILE_MISSING", "the path of the robot is empty")])
+    if text.startswith(PREFIX):
+        return _example(text.removeprefix(PREFIX))
+    path = Path(folder) / text
+    meant = None if os.path.lexists(path) or text.endswith(os.sep) else _meant(path)
+    if meant is not None:
+        # names no file of its own, so that a sheet can say in which line it stands
+        raise InputError([Finding("error", "E_FILE_MISSING", f"there is no file {text!r}; did you mean {meant}?")])
+    return path
+
+
+def _example(name: str) -> Path:
+    known = example_urdfs()
+    if not known:
+        raise InputError(
+            f"{PREFIX}{name}: the package example-robot-data is not installed (pip install example-robot-data)"
+        )
+    if name in known:
+        return known[name]
+    if not name:
+        raise InputError([Finding("error", "E_NAME", f"no example robot named ''; valid: {', '.join(known)}")])
+    folded = name.casefold()
+    longer = [other for other in known if folded in other.casefold()]
+    if not longer or folded in map(str.casefold, known):
+        raise UnknownNameError("example robot", name, known)
+    message = f"no example robot named {name!r}; did you mean one of {', '.join(PREFIX + other for other in longer)}?"
+    raise InputError([Finding("error", "E_NAME", message)])
+
+
+def _meant(path: Path) -> str | None:
+    """Return what a robot that is not there may have been meant for: ``example:NAME``, or a file beside it."""
+    name = path.name.casefold().removesuffix(ROBOT_SUFFIXES[0]).removesuffix("_robot")
+    examples = {known.casefold(): PREFIX + known for known in example_urdfs()}
+    if name in examples:
+        return examples[name]
+    close = difflib.get_close_matches(name, examples, n=1, cutoff=0.65) if not path.suffix and len(name) < 64 else []
+    return similar_file(path, ROBOT_SUFFIXES) or (examples[close[0]] if close else None)
+
+
+def similar_file(path: Path, suffixes: tuple[str, ...]) -> str | None:
+    """Return the file in the same folder whose name is most like one that is not there, None if none is.
+
+    Parameters
+    ----------
+    path
+        What is not there.
+    suffixes
+        How the names of those that count end.
+    """
+    stems: dict[str, str] = {}
+    with suppress(OSError, ValueError), os.scandir(path.parent) as entries:
+        for _, entry in zip(range(MOST_FILES), entries, strict=False):
+            if entry.name.endswith(suffixes) and entry.is_file():
+                stems[os.path.splitext(entry.name)[0]] = entry.name
+    stem = os.path.splitext(path.name)[0]
+    close = difflib.get_close_matches(stem, sorted(stems), n=1) if len(stem) < 256 else []
+    return str(path.with_name(stems[close[0]])) if close else None
+
+
+def starting_sheet(robot: Path) -> str:
+    """Return the name of the sheet that ``init`` writes for a robot, into the folder where it runs."""
+    return robot.stem.removesuffix("_robot") + SUFFIX
+
+
+def shipped_sheets() -> dict[str, Path]:
+    """Return the sheets that come with this package by the short name of their robot (``4dof``, ``ur5``, …)."""
+    return {path.name.removesuffix(SUFFIX): path for path in sorted(ROBOTS.glob(f"*{SUFFIX}"))}
+
+
+def shipped_sheet(text: str) -> Path | None:
+    """Return the sheet that comes with this package for a robot given as ``example:NAME``, None if there is none."""
+    return shipped_sheets().get(text.removeprefix(PREFIX)) if text.startswith(PREFIX) else None

@@ -1,0 +1,197 @@
+"""The only user of Pinocchio: what it loads, checked against our own reading, and what it computes.
+
+One wrapper owns every call, because a wrong call ends the process by signal rather than by an exception. Pinocchio never
+sees a name of the file: it keeps links and joints in one list of frames and refuses a name that occurs twice there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, final
+
+import numpy as np
+import pinocchio
+from numpy.typing import ArrayLike, NDArray
+
+from precision_pin.errors import InternalError
+from precision_pin.robot.urdf import Robot, canonical
+
+__all__ = ["PinocchioModel"]
+
+Array = NDArray[np.float64]
+
+AGREEMENT = 1e-9
+"""Largest difference allowed between Pinocchio and our own reading, relative to the robot's reach and mass."""
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class PinocchioModel:
+    """A robot as Pinocchio holds it, with the joints off the chain locked.
+
+    Attributes
+    ----------
+    model
+        Pinocchio's reduced model: only the chain's joints.
+    joints
+        Pinocchio's number of each chain joint, in chain order.
+    """
+
+    model: Any
+    joints: tuple[int, ...]
+
+    @classmethod
+    def load(
+        cls, robot: Robot, joints: Sequence[str], locked: Mapping[str, float], gravity: Sequence[float]
+    ) -> PinocchioModel:
+        """Load the canonical form of a robot, compare, lock what is off the chain.
+
+        Parameters
+        ----------
+        robot
+            Strictly read, rooted at the chain's base.
+        joints
+            The chain's joints, base to tip.
+        locked
+            Value of every other joint that moves.
+        gravity
+            Base axes, m/s².
+
+        Raises
+        ------
+        InternalError
+            Pinocchio's model differs from our reading.
+        """
+        numbered = _numbered(robot)
+        names = {old.name: new.name for old, new in zip(robot.joints, numbered.joints, strict=True)}
+        full = pinocchio.buildModelFromXML(canonical(numbered))
+        _verify(full, numbered, [link.name for link in robot.links])
+        reference = pinocchio.neutral(full)
+        numbers = [full.getJointId(names[name]) for name in locked]
+        for number, value in zip(numbers, locked.values(), strict=True):
+            reference[full.joints[number].idx_q] = value
+        model = pinocchio.buildReducedModel(full, numbers, reference) if numbers else full
+        model.gravity.linear = np.asarray(gravity, dtype=float)
+        return cls(model, tuple(int(model.getJointId(names[name])) for name in joints))
+
+    def with_mass(self, joint: int, placement: Array, mass: float, centre: ArrayLike) -> PinocchioModel:
+        """Return the model with a point mass added to a body.
+
+        Parameters
+        ----------
+        joint
+            Chain joint (0-based) that carries it; -1 for the base.
+        placement
+            Pose of the mass's frame in that joint's frame, ``(4, 4)``.
+        mass, centre
+            kg, and m in the mass's frame.
+        """
+        model = self.model.copy()
+        inertia = pinocchio.Inertia(mass, np.asarray(centre, dtype=float), np.zeros((3, 3)))
+        model.appendBodyToJoint(self.joints[joint] if joint >= 0 else 0, inertia, pinocchio.SE3(placement))
+        return PinocchioModel(model, self.joints)
+
+    def joint_poses(self, q: Array) -> Array:
+        """Return each chain joint's frame after it turned, in the base, ``(n, 4, 4)``."""
+        data = self.model.createData()
+        pinocchio.forwardKinematics(self.model, data, self._values(q))
+        return np.array([data.oMi[k].homogeneous for k in self.joints]).reshape(-1, 4, 4)
+
+    def statics(self, q: Array) -> tuple[Array, Array]:
+        """Return what gravity puts on the joints and on the links' far ends.
+
+        Returns
+        -------
+        tuple
+            Torque or force on each joint ``(n,)`` (minus the generalised gravity), and the force and moment
+            ``(n, 6)`` which everything beyond joint i+1 puts on link i, at and in that joint's frame after it turned.
+        """
+        data = self.model.createData()
+        still = np.zeros(self.model.nv)
+        torque = pinocchio.rnea(self.model, data, self._values(q), still, still)
+        columns = [self.model.joints[k].idx_v for k in self.joints]
+        wrenches = np.array([-data.f[k].vector for k in self.joints]).reshape(-1, 6)
+        return -np.asarray(torque)[columns], wrenches
+
+    def _values(self, q: Array) -> Array:
+        values = np.zeros(self.model.nq)
+        for k, value in zip(self.joints, q, strict=True):
+            values[self.model.joints[k].idx_q] = value
+        return values
+
+
+def _numbered(robot: Robot) -> Robot:
+    """Return the robot with numbers for names: ``link000000``, ``joint000000`` … in the order of the names.
+
+    Readers of URDF sort by name, so the order of Pinocchio's joints, and of its sums, is that of the file's own names.
+    """
+    links = _numbers("link", (link.name for link in robot.links))
+    joints = _numbers("joint", (joint.name for joint in robot.joints))
+    return Robot(
+        "robot",
+        robot.file,
+        tuple(replace(link, name=links[link.name]) for link in robot.links),
+        tuple(
+            replace(joint, name=joints[joint.name], parent=links[joint.parent], child=links[joint.child])
+            for joint in robot.joints
+        ),
+    )
+
+
+def _numbers(kind: str, names: Iterable[str]) -> dict[str, str]:
+    return {name: f"{kind}{k:06d}" for k, name in enumerate(sorted(names, key=str.encode))}
+
+
+def _verify(model: Any, robot: Robot, written: Sequence[str]) -> None:
+    """Compare names, masses, centres and forward kinematics; a difference is a bug in our canonical form.
+
+    ``written`` gives the links' names in the file, for messages.
+    """
+    names = {link.name: name for link, name in zip(robot.links, written, strict=True)}
+    moving = [joint for joint in robot.joints if joint.kind != "fixed"]
+    if sorted(model.names) != sorted(["universe", *(joint.name for joint in moving)]):
+        raise InternalError(f"{robot.file}: Pinocchio loaded the joints {sorted(model.names)[:8]} …")
+    values = {joint.name: 0.3 + 0.1 * (k % 7) for k, joint in enumerate(moving)}
+    ours = robot.link_poses(values)
+    reach = 1.0 + max(float(np.abs(pose[:3, 3]).max()) for pose in ours.values())
+    q = pinocchio.neutral(model)
+    for name, value in values.items():
+        q[model.joints[model.getJointId(name)].idx_q] = value
+    data = model.createData()
+    pinocchio.framesForwardKinematics(model, data, q)
+
+    bodies = {joint.child: model.getJointId(joint.name) for joint in moving} | {robot.root: 0}
+    moments = {number: np.zeros(4) for number in bodies.values()}
+    theirs: dict[int, Array] = {}
+    for number in bodies.values():
+        inertia = model.inertias[number]
+        theirs[number] = np.array([inertia.mass, *(inertia.mass * inertia.lever)])
+    for link in robot.links:
+        if not model.existFrame(link.name, pinocchio.FrameType.BODY):
+            raise InternalError(f"{robot.file}: Pinocchio did not load the link {names[link.name]!r}")
+        number = model.getFrameId(link.name, pinocchio.FrameType.BODY)
+        frame = model.frames[number]
+        if np.abs(data.oMf[number].homogeneous - ours[link.name]).max() > AGREEMENT * reach:
+            raise InternalError(
+                f"{robot.file}: Pinocchio places the link {names[link.name]!r} elsewhere than the URDF says"
+            )
+        if link.inertial is not None:
+            local = frame.placement.homogeneous
+            centre = local[:3, :3] @ np.asarray(link.inertial.com) + local[:3, 3]
+            moments[frame.parentJoint] += link.inertial.mass * np.array([1.0, *centre])
+        parent = robot.parent_joint(link.name)
+        if parent is not None and parent.kind == "fixed":
+            fixed = model.frames[model.getFrameId(parent.name, pinocchio.FrameType.FIXED_JOINT)].inertia
+            mass, centre = (link.inertial.mass, link.inertial.com) if link.inertial is not None else (0.0, (0.0,) * 3)
+            difference = max(
+                abs(fixed.mass - mass), float(np.abs(fixed.mass * fixed.lever - mass * np.array(centre)).max())
+            )
+            if difference > AGREEMENT * max(1.0, mass) * reach:
+                raise InternalError(f"{robot.file}: Pinocchio lost mass of the link {names[link.name]!r}")
+    for link_name, number in bodies.items():
+        scale = max(1.0, float(moments[number][0])) * reach
+        if np.abs(moments[number] - theirs[number]).max() > AGREEMENT * scale:
+            raise InternalError(
+                f"{robot.file}: Pinocchio lost mass of the link {names[link_name]!r} or one fixed to it"
+            )

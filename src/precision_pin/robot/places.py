@@ -1,0 +1,334 @@
+"""What a chain is made of: places, where the URDF's links stand on it, and its weights; where it stands under them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Final, final
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from precision_pin.draws.expressions import Expression
+from precision_pin.errors import InputError, UnknownNameError
+from precision_pin.inputs.arguments import check_numbers
+from precision_pin.inputs.arrays import fix_fields
+from precision_pin.robot.urdf import Joint, Robot
+
+__all__ = ["Deflection", "Factors", "LinkFrame", "Load", "Place", "link_frames", "locked_values", "own_loads"]
+
+Array = NDArray[np.float64]
+Factors = tuple[Expression, ...]
+"""Parameters whose product multiplies a number; none for a constant."""
+
+ORDER_START, ORDER_FRAME, ORDER_CUSTOM, ORDER_END, ORDER_SEAT = range(-1, 4)
+"""Order of the kinds of places on one chain link."""
+
+_SAME_POINT: Final = 1e-9
+"""Distance (m) up to which two frames stand at one point."""
+
+
+@final
+@dataclass(frozen=True)
+class Place:
+    """A point of the chain where a small rigid displacement ``E = Trans(d)·Exp(δ)`` is inserted.
+
+    Two places are the same if link, order and name are; contributions to one place add, places multiply in the
+    order of ``(link, order)``.
+
+    Attributes
+    ----------
+    link
+        Chain link that carries it.
+    order
+        Position among the link's places: its start, frames along it, then custom ones, the end, the seat.
+    name
+        For people.
+    frame
+        Its pose in the chain link's axes, ``(4, 4)``.
+    """
+
+    link: int
+    order: tuple[int, int]
+    name: str
+    frame: Array = field(compare=False, repr=False)
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.frame, np.ndarray) or self.frame.shape != (4, 4) or self.frame.flags.writeable:
+            frame = check_numbers(f"the frame of the place {self.name!r}", self.frame, (4, 4))
+            object.__setattr__(self, "frame", frame)
+
+    @property
+    def is_seat(self) -> bool:
+        """Whether it is where the next joint sits, after the link's end."""
+        return self.order[0] == ORDER_SEAT
+
+    @property
+    def is_start(self) -> bool:
+        """Whether it is right behind the joint before its link."""
+        return self.order[0] == ORDER_START
+
+    @property
+    def joint(self) -> int | None:
+        """The joint (0-based) that it is about how it sits: the one after a seat, or before a link's start."""
+        if self.is_seat:
+            return self.link
+        return self.link - 1 if self.is_start else None
+
+    def is_same(self, other: object) -> bool:
+        """Return whether another place at this point of the chain is this one, frame included."""
+        return isinstance(other, Place) and self == other and np.array_equal(self.frame, other.frame)
+
+    @classmethod
+    def start(cls, link: int, name: str) -> Place:
+        """Return the place at a link's start, right behind the joint before it."""
+        return cls(link, (ORDER_START, 0), name, np.eye(4))
+
+    @classmethod
+    def custom(cls, link: int, rank: int, name: str, frame: Array) -> Place:
+        """Return a place of a source's own, before the link's end; ``rank`` orders those of one source."""
+        return cls(link, (ORDER_CUSTOM, rank), name, frame)
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class LinkFrame:
+    """Where a URDF link stands on the chain.
+
+    Attributes
+    ----------
+    link
+        Chain link it belongs to; branches and locked joints included.
+    frame
+        Its pose in the chain link's axes, ``(4, 4)``.
+    path_rank
+        Its position among the URDF links on the way from base to tip within the chain link; ``None`` for a branch.
+    attachment
+        Of a branch: where the joint that holds it stands on the way, in the chain link's axes, ``(3,)``; its own origin
+        for a link on the way. A joint stands at its frame in the file, wherever the base is.
+    stretch
+        Of a link on the way: from where to where it is part of the way, ``(2, 3)``, in the chain link's axes: from joint
+        to joint, on over the links without mass that it carries. ``None`` for a branch.
+    is_own
+        Whether it is the chain link's own body: of the links on the way, the one nearest to the file's root, which is
+        the child of the joint that moves it. Where that one has no mass, the next one with mass whose frame stands at
+        the same point.
+    """
+
+    link: int
+    frame: Array
+    path_rank: int | None
+    attachment: Array
+    stretch: Array | None = None
+    is_own: bool = False
+
+    def __post_init__(self) -> None:
+        fix_fields(self)
+
+    def entry(self, centre: ArrayLike) -> Array:
+        """Return where a weight enters the chain link, in the chain link's axes, ``(3,)``.
+
+        Parameters
+        ----------
+        centre
+            Its centre of mass in the URDF link's axes, m, ``(3,)``.
+
+        Returns
+        -------
+        NDArray
+            The centre itself for a link on the way; where the branch leaves the way for another.
+        """
+        if self.path_rank is None:
+            return self.attachment
+        point: Array = self.frame[:3, :3] @ np.asarray(centre, dtype=float) + self.frame[:3, 3]
+        return point
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Load:
+    """A weight on the chain.
+
+    Attributes
+    ----------
+    link
+        Chain link that carries it.
+    frame
+        The frame its moments are given in, in the chain link's axes, ``(4, 4)``.
+    attachment
+        Where it enters the chain link, in the chain link's axes, ``(3,)``.
+    along
+        Whether it is the weight of the link's own body, taken as spread evenly along the link.
+    moments
+        Mass (kg) and first moment (kg·m) ``(4,)`` with the parameters that multiply them; these add.
+    stretch
+        The part of the way whose own weight it is, ``(2, 3)``, in the chain link's axes. ``None``: all of it for a
+        weight ``along`` the link; none of it for another, which acts at a point.
+    """
+
+    link: int
+    frame: Array
+    attachment: Array
+    along: bool
+    moments: tuple[tuple[Array, Factors], ...]
+    stretch: Array | None = None
+
+    def __post_init__(self) -> None:
+        for name, shape in (("frame", (4, 4)), ("attachment", (3,)), ("stretch", (2, 3))):
+            if getattr(self, name) is not None:
+                object.__setattr__(self, name, check_numbers(f"{name} of a load", getattr(self, name), shape))
+        moments = tuple(
+            (check_numbers("mass and first moment of a load", values, (4,)), factors)
+            for values, factors in self.moments
+        )
+        object.__setattr__(self, "moments", moments)
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Deflection:
+    """Where a chain stands under load.
+
+    Attributes
+    ----------
+    links, ends
+        Chain links and their far ends, ``(n+1, 4, 4)``, base.
+    bending
+        What loads displace each chain link's far end, ``[d; δ]`` in the end's axes, ``(n+1, 6)``.
+    """
+
+    links: Array
+    ends: Array
+    bending: Array
+
+    def __post_init__(self) -> None:
+        fix_fields(self)
+
+
+def locked_values(robot: Robot, joints: Sequence[Joint], locked: Mapping[str, float]) -> dict[str, float]:
+    """Return the value of every joint that moves but is not on the chain."""
+    on_chain = {joint.name for joint in joints}
+    still = {joint.name: joint for joint in robot.joints if joint.kind != "fixed" and joint.name not in on_chain}
+    for name, value in locked.items():
+        if name not in still:
+            raise UnknownNameError("joint to lock", name, still)
+        if not np.isfinite(value):
+            raise InputError(f"the joint {name!r} is locked at {value}, which is not finite")
+    values: dict[str, float] = {}
+
+    def value_of(name: str) -> float:
+        if name in on_chain:
+            return 0.0
+        if name not in values:
+            joint = still[name]
+            if name in locked:
+                values[name] = float(locked[name])
+            elif joint.mimic is not None:
+                values[name] = joint.mimic.multiplier * value_of(joint.mimic.joint) + joint.mimic.offset
+            elif joint.limit is not None and joint.kind != "continuous":
+                values[name] = float(np.clip(0.0, joint.limit.lower, joint.limit.upper))
+            else:
+                values[name] = 0.0
+        return values[name]
+
+    return {name: value_of(name) for name in still}
+
+
+def link_frames(
+    robot: Robot, tip: str, joints: Sequence[Joint], locked: Mapping[str, float]
+) -> tuple[dict[str, LinkFrame], Array]:
+    """Return where every link stands, and the placements between the chain's joints."""
+    moving = {joint.name: k + 1 for k, joint in enumerate(joints)}
+    way = robot.path(robot.root, tip)
+    on_way = {robot.root, *(joint.child for joint in way)}
+    frames = {robot.root: LinkFrame(0, np.eye(4), 0, np.zeros(3))}
+    placements = np.tile(np.eye(4), (len(joints) + 1, 1, 1))
+    waiting = list(robot.child_joints(robot.root))
+    while waiting:
+        joint = waiting.pop()
+        parent = frames[joint.parent]
+        origin = parent.frame @ joint.origin
+        on_path = joint.child in on_way
+        if joint.name in moving:
+            placements[moving[joint.name] - 1] = origin
+            frames[joint.child] = LinkFrame(moving[joint.name], np.eye(4), 0, np.zeros(3))
+        else:
+            frame = origin @ joint.motion(locked[joint.name]) if joint.moves else origin
+            rank = parent.path_rank + 1 if on_path and parent.path_rank is not None else None
+            if rank is not None:
+                attachment = frame[:3, 3]
+            elif parent.path_rank is not None:
+                attachment = parent.frame[:3, 3] if joint.reversed else origin[:3, 3]
+            else:
+                attachment = parent.attachment
+            frames[joint.child] = LinkFrame(parent.link, frame, rank, attachment)
+        waiting.extend(robot.child_joints(joint.child))
+    placements[-1] = frames[tip].frame
+    for row in _rows(robot.root, way, moving):
+        ends = row.ends(frames, placements)
+        own = row.own(robot, frames)
+        for k, name in enumerate(row.names):
+            frames[name] = replace(frames[name], stretch=ends[row.carried(robot, k)], is_own=k == own)
+    return frames, placements
+
+
+@final
+@dataclass(frozen=True)
+class _Row:
+    """The URDF links on the way within one chain link, base to tip, and the joints between them."""
+
+    names: list[str]
+    joints: list[Joint]
+
+    def ends(self, frames: Mapping[str, LinkFrame], placements: Array) -> Array:
+        """Return where the first link begins, the joints stand and the last one ends, ``(len(names) + 1, 3)``."""
+        # the joint that holds a link stands at this link's frame, in the file
+        holds = [self.names[k] if joint.reversed else self.names[k + 1] for k, joint in enumerate(self.joints)]
+        points = [np.zeros(3), *(frames[name].frame[:3, 3] for name in holds)]
+        return np.array([*points, placements[frames[self.names[0]].link][:3, 3]])
+
+    def own(self, robot: Robot, frames: Mapping[str, LinkFrame]) -> int:
+        """Return the number of the chain link's own body."""
+        first = max((k + 1 for k, joint in enumerate(self.joints) if joint.reversed), default=0)
+        origins = [frames[name].frame[:3, 3] for name in self.names]
+        here = [k for k, origin in enumerate(origins) if np.abs(origin - origins[first]).max() <= _SAME_POINT]
+        with_mass = [k for k in here if robot.link(self.names[k]).mass]
+        return min(with_mass, key=lambda k: abs(k - first), default=first)
+
+    def carried(self, robot: Robot, number: int) -> list[int]:
+        """Return between which two of the ends a link weighs: on over those without mass that hang on it in the file."""
+
+        def weightless(k: int) -> bool:
+            return not robot.link(self.names[k]).mass
+
+        start, stop = number, number + 1
+        while start > 0 and self.joints[start - 1].reversed and weightless(start - 1):
+            start -= 1
+        while stop < len(self.names) and not self.joints[stop - 1].reversed and weightless(stop):
+            stop += 1
+        return [start, stop]
+
+
+def _rows(root: str, way: Sequence[Joint], moving: Mapping[str, int]) -> list[_Row]:
+    """Return the row of every chain link."""
+    rows = [_Row([root], [])]
+    for joint in way:
+        if joint.name in moving:
+            rows.append(_Row([joint.child], []))
+        else:
+            rows[-1].names.append(joint.child)
+            rows[-1].joints.append(joint)
+    return rows
+
+
+def own_loads(robot: Robot, frames: Mapping[str, LinkFrame]) -> tuple[Load, ...]:
+    """Return the weights of the URDF's links."""
+    loads = []
+    for link in robot.links:
+        if link.inertial is None or link.inertial.mass == 0:
+            continue
+        where = frames[link.name]
+        moments = link.inertial.mass * np.array([1.0, *link.inertial.com])
+        entry = where.entry(link.inertial.com)
+        loads.append(Load(where.link, where.frame, entry, where.is_own, ((moments, ()),), where.stretch))
+    return tuple(loads)

@@ -1,0 +1,217 @@
+"""A chain at many configurations at once: poses, Jacobians, load torques and link wrenches by compiled loops.
+
+What :class:`precision_pin.robot.chain.Posture` says of one configuration, for thousands, in about a tenth of a microsecond
+each; nothing here calls Pinocchio. Axes and signs are the same, the configurations' axis comes last.
+
+The compiled code is kept in numba's cache on disk; a cache that is damaged or cannot be used costs time only.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Final, final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from precision_pin import se3
+from precision_pin.inputs.arrays import read_only, returns_read_only
+from precision_pin.robot.places import Load
+
+__all__ = ["ChainConstants", "Postures", "alignment"]
+
+Array = NDArray[np.float64]
+
+
+def alignment(axis: Array) -> Array:
+    """Return the smallest rotation that brings z onto a unit axis ``(3,)``; for -z half a turn about x."""
+    normal = np.cross((0.0, 0.0, 1.0), axis)
+    sine = float(np.linalg.norm(normal))
+    if sine < 1e-15:
+        return np.diag([1.0, 1.0, 1.0]) if axis[2] > 0 else np.diag([1.0, -1.0, -1.0])
+    return se3.exp_rotation(normal / sine * np.arctan2(sine, axis[2]))
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class ChainConstants:
+    """What does not change with the configuration, as the compiled loops read it.
+
+    Attributes
+    ----------
+    axes
+        Unit axis of each joint in its own frame, ``(n, 3)``.
+    slides, slanted
+        Which joints slide, and which have another axis than z, ``(n,)``.
+    aligned
+        ``(n + 1, 3, 3)`` from axes whose z is the joint's axis to those of its frame; the identity for the tip.
+    turns, arms
+        ``(n + 1, 3, 3)`` and ``(n + 1, 3)``: the placements, between frames so aligned.
+    masses, moments
+        ``(n,)`` kg and ``(n, 3)`` kg·m: mass and first moment of the chain link after each joint, so aligned.
+    gravity
+        Base axes, m/s², ``(3,)``.
+    """
+
+    axes: Array
+    slides: NDArray[np.bool_]
+    slanted: NDArray[np.bool_]
+    aligned: Array
+    turns: Array
+    arms: Array
+    masses: Array
+    moments: Array
+    gravity: Array
+
+    @classmethod
+    def of(
+        cls,
+        placements: Array,
+        axes: Array,
+        slides: NDArray[np.bool_],
+        alignments: Sequence[Array],
+        gravity: Array,
+        loads: Sequence[Load],
+    ) -> ChainConstants:
+        """Return the constants of a chain.
+
+        Parameters
+        ----------
+        placements, axes, slides, gravity
+            As in :class:`precision_pin.robot.chain.Chain`.
+        alignments
+            Each joint's :func:`alignment`.
+        loads
+            The chain's weights; their moments have no factors.
+        """
+        aligned = np.array([*alignments, np.eye(3)])
+        before = np.concatenate([np.eye(3)[None], aligned[:-1]]).swapaxes(1, 2)
+        carried = np.zeros((len(placements), 4))
+        for load in loads:
+            for moments, _ in load.moments:
+                turned = load.frame[:3, :3] @ moments[1:] + moments[0] * load.frame[:3, 3]
+                carried[load.link] += [moments[0], *turned]
+        return cls(
+            axes=axes,
+            slides=np.array(slides),
+            slanted=(aligned[:-1] != np.eye(3)).any(axis=(1, 2)),
+            aligned=aligned,
+            turns=before @ placements[:, :3, :3] @ aligned,
+            arms=(before @ placements[:, :3, 3, None])[:, :, 0].copy(),
+            masses=carried[1:, 0].copy(),
+            moments=(before[1:] @ carried[1:, 1:, None])[:, :, 0].copy(),
+            gravity=np.array(gravity),
+        )
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Postures:
+    """A chain at P configurations, undisplaced; made by :meth:`precision_pin.robot.chain.Chain.at_many`.
+
+    Results are computed when first asked for: Jacobians, torques and wrenches together, poses together. Column k of each
+    is what :class:`precision_pin.robot.chain.Posture` gives at ``q[:, k]``, to rounding.
+
+    Attributes
+    ----------
+    q
+        Joint values in chain order, rad and m, ``(n, P)``.
+    """
+
+    q: Array
+    _constants: ChainConstants = field(repr=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "q", read_only(self.q))
+
+    def __len__(self) -> int:
+        return int(self.q.shape[1])
+
+    @property
+    def pose(self) -> Array:
+        """Tip in the base, ``(4, 4, P)``."""
+        pose: Array = self._poses[-1]
+        return pose
+
+    @property
+    def joint_poses(self) -> Array:
+        """Each joint's frame after it turned, in the base, ``(n, 4, 4, P)``."""
+        return self._poses[:-1]
+
+    @cached_property
+    @returns_read_only
+    def joint_axes(self) -> Array:
+        """Unit axis of every joint in base axes, ``(n, 3, P)``."""
+        axes: Array = np.einsum("nijp,nj->nip", self.joint_poses[:, :3, :3], self._constants.axes)
+        return axes
+
+    @property
+    def joint_jacobian(self) -> Array:
+        """Derivative of the tip's pose to the joint values, base axes at the tip, position first, ``(6, n, P)``."""
+        return self._rates[0]
+
+    @property
+    def load_torque(self) -> Array:
+        """Torque (N·m) or force (N) that the weight of robot and chain payload puts on the joints, ``(n, P)``."""
+        return self._rates[1]
+
+    @property
+    def link_wrench(self) -> Array:
+        """Force and moment which everything beyond it puts on each chain link's far end, ``(n + 1, 6, P)``.
+
+        At and in the axes of the link's end, which is the next joint's origin frame before it turns; zero for the last
+        link.
+        """
+        return self._rates[2]
+
+    @cached_property
+    @returns_read_only
+    def _poses(self) -> Array:
+        result = np.empty((len(self.q) + 1, 4, 4, len(self)))
+        self._run(result, _NOTHING, _NOTHING, _NOTHING)
+        return result
+
+    @cached_property
+    @returns_read_only
+    def _rates(self) -> tuple[Array, Array, Array]:
+        joints, count = self.q.shape
+        # one piece of memory: large ones are quicker to get
+        rows = np.empty((6 * joints + joints + 6 * (joints + 1), count))
+        jacobian, torque, wrench = np.split(rows, [6 * joints, 7 * joints])
+        self._run(_NOTHING, jacobian, torque, wrench)
+        return jacobian.reshape(6, joints, count), torque, wrench.reshape(joints + 1, 6, count)
+
+    def _run(self, poses: Array, jacobian: Array, torque: Array, wrench: Array) -> None:
+        # imported late: numba takes half a second, which one posture does not need
+        from precision_pin.jit import call
+        from precision_pin.robot import posture_loops
+
+        constants = self._constants
+        arguments = (
+            *posture_loops.room(self.q.shape[0]),
+            _within_reach(self.q, constants.slides),
+            constants.slides,
+            constants.slanted,
+            constants.aligned,
+            constants.turns,
+            constants.arms,
+            constants.masses,
+            constants.moments,
+            constants.gravity,
+            *(result.reshape(-1) for result in (poses, jacobian, torque, wrench)),
+        )
+        call(posture_loops.run, arguments)
+
+
+_NOTHING: Final = np.zeros(0)
+
+
+def _within_reach(q: Array, slides: NDArray[np.bool_]) -> Array:
+    """Return the values with angles of many turns brought back to one, in rows without gaps."""
+    from precision_pin.robot.posture_loops import FARTHEST_TURN
+
+    far = ~slides[:, None] & (np.abs(q) > FARTHEST_TURN)
+    near = np.where(far, np.arctan2(np.sin(q), np.cos(q)), q) if far.any() else q
+    return np.require(near, np.float64, ["C", "W"])

@@ -1,0 +1,55 @@
+"""Strict reading of URDF before any C++ sees it, its canonical form, and changes of root.
+
+`read` refuses what a lenient parser would turn into a silently wrong robot; `check` lists what there is to
+say about a file; `canonical` writes the one form that Pinocchio gets to see.
+"""
+
+from precision_pin.robot.urdf.angles import snapped
+from precision_pin.robot.urdf.canonical import UNLIMITED, canonical
+from precision_pin.robot.urdf.data import (
+    Box,
+    Cylinder,
+    Geometry,
+    Inertial,
+    Joint,
+    JointKind,
+    Limit,
+    Limits,
+    Link,
+    Mesh,
+    Mimic,
+    Shape,
+    Sphere,
+    Vector,
+)
+from precision_pin.robot.urdf.meshes import locate_mesh
+from precision_pin.robot.urdf.reader import check, parse, read
+from precision_pin.robot.urdf.reroot import rerooted, rpy_of
+from precision_pin.robot.urdf.robot import Robot
+
+__all__ = [
+    "UNLIMITED",
+    "Box",
+    "Cylinder",
+    "Geometry",
+    "Inertial",
+    "Joint",
+    "JointKind",
+    "Limit",
+    "Limits",
+    "Link",
+    "Mesh",
+    "Mimic",
+    "Robot",
+    "Shape",
+    "Sphere",
+    "Vector",
+    "canonical",
+    "check",
+    "locate_mesh",
+    "parse",
+    "read",
+    "rerooted",
+    "rpy_of",
+    "snapped",
+]

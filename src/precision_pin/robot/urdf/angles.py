@@ -1,0 +1,66 @@
+"""Right angles that a file writes with too few digits."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from decimal import Decimal
+
+from precision_pin.robot.urdf.data import Joint
+from precision_pin.robot.urdf.findings import Findings, shown
+from precision_pin.robot.urdf.robot import Robot
+
+__all__ = ["check_angles", "snapped"]
+
+EIGHTH = math.pi / 4
+# 1.570796 (0.33 µrad off) is good enough for a thousandth of a millimetre at 2 m, 1.5708 (3.7 µrad) is not
+GOOD_ENOUGH = 1e-6
+WIDEST_SLIP = 2e-3
+MOST_DECIMALS = 5
+WIDEST = 4 * math.pi
+
+
+def _meant(angle: float) -> float | None:
+    """Return the multiple of 45° that a rounded angle stands for, None where it stands for itself.
+
+    A right angle counts as rounded where it is off by up to 2 mrad and written with up to five decimals:
+    more decimals look measured. Odd multiples of 45° must be cut or rounded at their last decimal.
+    """
+    if abs(angle) > WIDEST:
+        return None
+    turns = round(angle / EIGHTH)
+    exact = turns * EIGHTH
+    slip = abs(angle - exact)
+    if turns == 0 or not GOOD_ENOUGH < slip <= WIDEST_SLIP:
+        return None
+    exponent = Decimal(repr(angle)).as_tuple().exponent
+    decimals = -exponent if isinstance(exponent, int) else 0
+    if decimals > MOST_DECIMALS or (turns % 2 and slip > 10.0**-decimals):
+        return None
+    return exact
+
+
+def check_angles(joint: Joint, findings: Findings) -> None:
+    """Warn of rounded right angles in a joint's origin (``W_ANGLE_ROUNDED``)."""
+    for name, angle in zip(("roll", "pitch", "yaw"), joint.rpy, strict=True):
+        exact = _meant(angle)
+        if exact is not None:
+            degrees = round(math.degrees(exact))
+            message = (
+                f"joint {shown(joint.name)}: {name} {angle!r} is {abs(angle - exact):.1e} rad off {degrees}°; "
+                f"write {exact!r} if that is meant (snapping does it)"
+            )
+            findings.warning("W_ANGLE_ROUNDED", message, joint.line)
+
+
+def snapped(robot: Robot) -> Robot:
+    """Return the robot with rounded right angles of its joint origins made exact.
+
+    What ``W_ANGLE_ROUNDED`` warns of is changed and nothing else; those warnings go.
+    """
+    joints = []
+    for joint in robot.joints:
+        roll, pitch, yaw = (angle if (exact := _meant(angle)) is None else exact for angle in joint.rpy)
+        joints.append(replace(joint, rpy=(roll, pitch, yaw)))
+    findings = tuple(found for found in robot.findings if found.code != "W_ANGLE_ROUNDED")
+    return replace(robot, joints=tuple(joints), findings=findings)

@@ -1,0 +1,239 @@
+"""Changing placements in a URDF's text and nothing else: every other byte stays as it is."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Final, final
+from xml.parsers import expat
+from xml.sax.saxutils import quoteattr
+
+from precision_pin.robot.urdf.data import Vector
+from precision_pin.robot.urdf.xmltree import UTF8_MARK, utf8_text
+
+__all__ = ["AddedFrame", "Placement", "UrdfText"]
+
+START_TAG: Final = re.compile(rb"""<(?:[^"'>]|"[^"]*"|'[^']*')*>""")
+ATTRIBUTE: Final = re.compile(rb"""([^\s=<>"'/]+)\s*=\s*("[^"]*"|'[^']*')""")
+DECLARATION: Final = re.compile(rb"<\?xml\s.*?\?>", re.DOTALL)
+Edit = tuple[int, int, bytes]
+"""Replace the bytes from the first to before the second position."""
+
+
+@final
+@dataclass(frozen=True)
+class Placement:
+    """New numbers for a joint's ``<origin>``; what is ``None`` stays as it is written.
+
+    Attributes
+    ----------
+    xyz
+        Position, m.
+    rpy
+        Roll, pitch, yaw, rad.
+    """
+
+    xyz: Vector | None
+    rpy: Vector | None
+
+
+@final
+@dataclass(frozen=True)
+class AddedFrame:
+    """A link without mass and the fixed joint that carries it.
+
+    Attributes
+    ----------
+    link, joint
+        Their names.
+    parent
+        The link it is fixed to.
+    xyz, rpy
+        Where, in the parent's axes; m and rad.
+    """
+
+    link: str
+    joint: str
+    parent: str
+    xyz: Vector
+    rpy: Vector
+
+
+@final
+@dataclass(frozen=True)
+class _JointText:
+    """Byte positions in a ``<joint>``: of its first child element, and of its ``<origin>`` where it has one."""
+
+    first_child: int
+    origin: int | None
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class UrdfText:
+    """The text of a URDF that was read without error, and where its placements stand in it.
+
+    Attributes
+    ----------
+    data
+        The whole file; UTF-8 where it is written in another encoding.
+    joints
+        Where each joint's placement stands, by the joint's name.
+    end
+        Position of the root's end tag.
+    meshes
+        The names of mesh files as the file writes them, visual and collision, without repeats.
+    """
+
+    data: bytes
+    joints: Mapping[str, _JointText]
+    end: int
+    meshes: tuple[str, ...]
+
+    @classmethod
+    def scan(cls, data: bytes) -> UrdfText:
+        """Return where the placements stand.
+
+        Parameters
+        ----------
+        data
+            A file that `parse` accepts; anything else has no meaning here.
+        """
+        text = utf8_text(data)
+        scanner = _Scanner(text)
+        return cls(text, scanner.joints, scanner.end, tuple(dict.fromkeys(scanner.meshes)))
+
+    def edited(
+        self, placements: Mapping[str, Placement], added: Sequence[AddedFrame] = (), comment: Iterable[str] = ()
+    ) -> bytes:
+        """Return the text with other placements.
+
+        Parameters
+        ----------
+        placements
+            By joint. A joint without ``<origin>`` gets one.
+        added
+            Frames to write at the end of the robot.
+        comment
+            Lines of a comment at the top, after the XML declaration; two dashes in a row, which end a comment, are
+            parted. None for no comment.
+
+        Raises
+        ------
+        KeyError
+            There is no such joint.
+        """
+        edits: list[Edit] = []
+        for name, placement in placements.items():
+            edits += self._placed(self.joints[name], placement)
+        newline = b"\r\n" if b"\r\n" in self.data else b"\n"
+        if added:
+            lines = [self._encoded(line, "xmlcharrefreplace") for frame in added for line in _frame_lines(frame)]
+            edits.append((self.end, self.end, b"".join(line + newline for line in lines)))
+        listed = [self._encoded(_harmless(line), "backslashreplace") for line in comment]
+        if listed:
+            edits.append(self._comment(listed, newline))
+        pieces = []
+        done = 0
+        for start, stop, text in sorted(edits):
+            pieces += [self.data[done:start], text]
+            done = stop
+        return b"".join([*pieces, self.data[done:]])
+
+    def _placed(self, joint: _JointText, placement: Placement) -> list[Edit]:
+        values = {
+            name: b" ".join(repr(float(number)).encode() for number in vector)
+            for name, vector in ((b"xyz", placement.xyz), (b"rpy", placement.rpy))
+            if vector is not None
+        }
+        if not values:
+            return []
+        if joint.origin is None:
+            # before the first child, in a line of its own where that has one
+            before = self.data[: joint.first_child]
+            blanks = before[len(before.rstrip()) :]
+            attributes = b"".join(b' %s="%s"' % item for item in values.items())
+            return [(joint.first_child, joint.first_child, b"<origin" + attributes + b"/>" + blanks)]
+        match = START_TAG.match(self.data, joint.origin)
+        assert match is not None
+        edits: list[Edit] = []
+        tail = joint.origin + len(b"<origin")
+        for attribute in ATTRIBUTE.finditer(self.data, tail, match.end()):
+            tail = attribute.end()
+            value = values.pop(attribute[1], None)
+            if value is not None:
+                edits.append((attribute.start(2) + 1, attribute.end(2) - 1, value))
+        if values:
+            edits.append((tail, tail, b"".join(b' %s="%s"' % item for item in values.items())))
+        return edits
+
+    def _comment(self, lines: Sequence[bytes], newline: bytes) -> Edit:
+        start = len(UTF8_MARK) if self.data.startswith(UTF8_MARK) else 0
+        text = newline.join([b"<!--", *(b"  " + line for line in lines), b"-->"])
+        declaration = DECLARATION.match(self.data, start)
+        if declaration is None:
+            return (start, start, text + newline)
+        return (declaration.end(), declaration.end(), newline + text)
+
+    def _encoded(self, text: str, replacing: str) -> bytes:
+        # a file of ASCII characters may declare another encoding than UTF-8, so it stays ASCII
+        return text.encode("ascii", replacing) if self.data.isascii() else text.encode()
+
+
+def _frame_lines(frame: AddedFrame) -> list[str]:
+    xyz, rpy = (" ".join(repr(float(number)) for number in vector) for vector in (frame.xyz, frame.rpy))
+    link, joint, parent = map(_quoted, (frame.link, frame.joint, frame.parent))
+    return [
+        f"  <link name={link}/>",
+        f'  <joint name={joint} type="fixed"><origin xyz="{xyz}" rpy="{rpy}"/>'
+        f"<parent link={parent}/><child link={link}/></joint>",
+    ]
+
+
+def _quoted(name: str) -> str:
+    return quoteattr(name, {"\t": "&#9;", "\n": "&#10;", "\r": "&#13;"})
+
+
+def _harmless(line: str) -> str:
+    """Return a line for a comment: nothing in it ends the comment or the line."""
+    visible = "".join(one if one.isprintable() else " " for one in line)
+    return re.sub("-(?=-)", "- ", visible)
+
+
+class _Scanner:
+    """Runs expat over one text and notes byte positions."""
+
+    end: int
+
+    def __init__(self, data: bytes) -> None:
+        self.joints: dict[str, _JointText] = {}
+        self.meshes: list[str] = []
+        self._open: list[str] = []
+        self._joint = ""
+        self._first_child: int | None = None
+        self._origin: int | None = None
+        parser = expat.ParserCreate(encoding="utf-8")
+        self._parser = parser
+        parser.StartElementHandler = self._start
+        parser.EndElementHandler = self._stop
+        parser.Parse(data, True)
+
+    def _start(self, tag: str, attributes: dict[str, str]) -> None:
+        position = self._parser.CurrentByteIndex
+        self._open.append(tag)
+        kind = self._open[1] if len(self._open) > 1 else ""
+        if kind == "joint" and len(self._open) == 2:
+            self._joint, self._first_child, self._origin = attributes["name"], None, None
+        elif kind == "joint" and len(self._open) == 3:
+            self._first_child = position if self._first_child is None else self._first_child
+            self._origin = position if tag == "origin" else self._origin
+        elif kind == "link" and tag == "mesh" and "filename" in attributes:
+            self.meshes.append(attributes["filename"])
+
+    def _stop(self, tag: str) -> None:
+        self._open.pop()
+        if tag == "joint" and len(self._open) == 1 and self._first_child is not None:
+            self.joints[self._joint] = _JointText(self._first_child, self._origin)
+        elif not self._open:
+            self.end = self._parser.CurrentByteIndex

@@ -1,0 +1,102 @@
+"""Strict numbers: plain ASCII decimals, the right count, finite."""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass
+
+from precision_pin.robot.urdf.findings import Findings, shown
+from precision_pin.robot.urdf.xmltree import Node
+
+__all__ = ["ZERO3", "BadNumbers", "is_misread", "parse_numbers", "read_numbers", "read_vector"]
+
+ZERO3 = (0.0, 0.0, 0.0)
+PLAIN = re.compile(r"[+-]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][+-]?[0-9]+)?")
+NOT_FINITE = re.compile(r"[+-]?(?:nan(?:\([0-9a-z_]*\))?|inf(?:inity)?|1\.#(?:inf|ind|qnan).*)", re.IGNORECASE)
+BLANKS = re.compile(r"[ \t\r\n]+")
+
+
+@dataclass(frozen=True)
+class BadNumbers:
+    """Why a text is not numbers: a code (``E_NUMBER`` or ``E_NOT_FINITE``) and the reason."""
+
+    code: str
+    reason: str
+
+
+def parse_numbers(text: str, count: int, *, infinite: bool = False) -> tuple[float, ...] | BadNumbers:
+    """Return ``count`` numbers, or why the text is not that.
+
+    Parameters
+    ----------
+    text
+        Decimals such as ``-1``, ``.5``, ``+2.5e-3`` with blanks, tabs or newlines between and around.
+    count
+        How many there must be.
+    infinite
+        Whether ``inf`` and ``-inf`` are let pass. An overflow such as ``1e400`` never is.
+    """
+    words = BLANKS.split(text.strip(" \t\r\n"))
+    if words == [""]:
+        return BadNumbers("E_NUMBER", f"is empty; {_wanted(count)}")
+    values = []
+    for word in words:
+        if PLAIN.fullmatch(word):
+            value = float(word)
+            if math.isinf(value):
+                return BadNumbers("E_NOT_FINITE", f"holds {shown(word)}, which overflows; {_wanted(count)}")
+        elif NOT_FINITE.fullmatch(word):
+            if not infinite or "inf" not in word.lower() or "#" in word:
+                return BadNumbers("E_NOT_FINITE", f"holds {shown(word)}, which is not finite; {_wanted(count)}")
+            value = float(word)
+        else:
+            comma = " with a decimal point, and blanks (no commas) between them" if "," in word else ""
+            return BadNumbers("E_NUMBER", f"holds {shown(word)}, not a plain number; {_wanted(count)}{comma}")
+        values.append(value)
+    if len(values) != count:
+        return BadNumbers("E_NUMBER", f"holds {len(values)} numbers; {_wanted(count)}")
+    return tuple(values)
+
+
+def _wanted(count: int) -> str:
+    return "one finite decimal number is needed" if count == 1 else f"{count} finite decimal numbers are needed"
+
+
+def read_numbers(
+    node: Node, attribute: str, count: int, owner: str, findings: Findings, *, infinite: bool = False
+) -> tuple[float, ...] | None:
+    """Return an attribute's numbers, or add an error naming its owner and return None.
+
+    A missing attribute is an error like an empty one; where it may be missing, ask before.
+    """
+    text = node.get(attribute)
+    if text is None:
+        findings.error("E_NUMBER", f"{owner}: <{node.tag}> has no {attribute}; {_wanted(count)}", node.line)
+        return None
+    result = parse_numbers(text, count, infinite=infinite)
+    if isinstance(result, BadNumbers):
+        message = f"{owner}: <{node.tag}> {attribute}={shown(text)} {result.reason}"
+        findings.error(result.code, message, node.line)
+        return None
+    if node.has_breaks or is_misread(text, count):
+        message = (
+            "white space after a number, or other than blanks between numbers, is read as it stands, but urdfdom "
+            "(ROS, Gazebo, Pinocchio) drops the inertial or refuses the file; delete it"
+        )
+        findings.grouped_warning("W_NUMBER_BLANKS", message, f"{owner}: <{node.tag}> {attribute}", node.line)
+    return result
+
+
+def is_misread(text: str, count: int) -> bool:
+    """Return whether sound numbers stop urdfdom, which parts them at blanks and nothing else."""
+    pieces = [text] if count == 1 else text.split(" ")
+    return any(piece[-1].isspace() or len(piece.split()) > 1 for piece in pieces if piece)
+
+
+def read_vector(node: Node | None, attribute: str, owner: str, findings: Findings) -> tuple[float, float, float]:
+    """Return three numbers, zeros where the element or attribute is missing or wrong."""
+    if node is None or node.get(attribute) is None:
+        return ZERO3
+    values = read_numbers(node, attribute, 3, owner, findings)
+    return ZERO3 if values is None else (values[0], values[1], values[2])

@@ -1,0 +1,86 @@
+"""The same mechanism seen from another link."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from precision_pin import se3
+from precision_pin.robot.urdf.data import Joint, Link, Vector
+from precision_pin.robot.urdf.robot import Robot
+
+__all__ = ["rerooted", "rpy_of"]
+
+
+def rerooted(robot: Robot, base: str) -> Robot:
+    """Return the same mechanism with ``base`` as the root link.
+
+    Every link and joint keeps its name, every link its frame, every joint value its meaning: all relative
+    poses stay. A moving joint between the old root and ``base`` is reversed: it stands at its old child's
+    frame and moves, about the negated axis, an added massless link; a fixed joint with the inverse of the
+    old origin carries the old parent. Fixed joints are just turned round. All of these are marked as reversed; a
+    joint that is turned round twice is not.
+
+    Parameters
+    ----------
+    robot
+        A robot as read.
+    base
+        Name of the link that becomes the root.
+
+    Raises
+    ------
+    UnknownNameError
+        There is no such link.
+    """
+    reversed_joints = {joint.name for joint in robot.path(robot.root, base)}
+    taken = {link.name for link in robot.links} | {joint.name for joint in robot.joints}
+    links = list(robot.links)
+    joints: list[Joint] = []
+    for joint in robot.joints:
+        if joint.name not in reversed_joints:
+            joints.append(joint)
+            continue
+        back = se3.inverse(joint.origin)
+        xyz, rpy, turned = _vector(back[:3, 3]), rpy_of(back[:3, :3]), not joint.reversed
+        if not joint.moves:
+            joints.append(replace(joint, parent=joint.child, child=joint.parent, xyz=xyz, rpy=rpy, reversed=turned))
+            continue
+        seat = _free_name(f"{joint.name}_reversed", taken)
+        carrier = _free_name(f"{joint.name}_origin", taken)
+        x, y, z = joint.axis
+        zero = (0.0, 0.0, 0.0)
+        axis = (-x, -y, -z)
+        moving = replace(joint, parent=joint.child, child=seat, xyz=zero, rpy=zero, axis=axis, reversed=turned)
+        links.append(Link(seat, line=joint.line))
+        joints += [moving, Joint(carrier, "fixed", seat, joint.parent, xyz, rpy, line=joint.line, reversed=turned)]
+    return replace(robot, links=tuple(links), joints=tuple(joints))
+
+
+def rpy_of(rotation: ArrayLike) -> Vector:
+    """Return roll, pitch, yaw (rad) of a rotation ``(3, 3)``, pitch in [-π/2, π/2].
+
+    Accurate to rounding also at pitch ±π/2, where yaw alone is arbitrary: yaw is taken first and undone, so
+    that roll always makes up for it.
+    """
+    r = np.asarray(rotation, dtype=float)
+    pitch = math.atan2(-r[2, 0], math.hypot(r[0, 0], r[1, 0]))
+    yaw = math.atan2(r[1, 0], r[0, 0])
+    sine, cosine = math.sin(yaw), math.cos(yaw)
+    roll = math.atan2(sine * r[0, 2] - cosine * r[1, 2], cosine * r[1, 1] - sine * r[0, 1])
+    return (roll, pitch, yaw)
+
+
+def _vector(values: ArrayLike) -> Vector:
+    x, y, z = (float(value) for value in np.asarray(values))
+    return (x, y, z)
+
+
+def _free_name(name: str, taken: set[str]) -> str:
+    while name in taken:
+        name += "_"
+    taken.add(name)
+    return name

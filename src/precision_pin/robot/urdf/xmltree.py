@@ -1,0 +1,241 @@
+"""XML text to a tree with line numbers: no DTD, no entities, bounded in every direction."""
+
+from __future__ import annotations
+
+import codecs
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from xml.parsers import expat
+
+from precision_pin.robot.urdf.data import Limits
+from precision_pin.robot.urdf.findings import Findings, shown
+
+__all__ = ["Node", "parse_xml", "utf8_text"]
+
+UTF8_MARK = codecs.BOM_UTF8
+# encodings that may be declared, with Python's name; those of 16 bits need their mark or their declaration
+ENCODINGS = {
+    "utf-8": "utf-8", "utf8": "utf-8", "us-ascii": "ascii", "ascii": "ascii", "iso-8859-1": "latin-1", "latin-1": "latin-1",
+    "latin1": "latin-1", "iso-8859-15": "iso-8859-15", "windows-1252": "cp1252", "cp1252": "cp1252",
+    "utf-16": "utf-16", "utf-16le": "utf-16-le", "utf-16be": "utf-16-be",
+}  # fmt: skip
+WIDE = {"utf-16-le": (codecs.BOM_UTF16_LE, b"<\0"), "utf-16-be": (codecs.BOM_UTF16_BE, b"\0<")}
+READ = "UTF-8, UTF-16, ISO-8859-1, ISO-8859-15, windows-1252 and US-ASCII are read"
+DECLARATION = re.compile(r"""<\?xml\s[^>]*?\sencoding\s*=\s*["']([A-Za-z][A-Za-z0-9._-]*)["']""")
+LONGEST_DECLARATION = 400
+# a start tag up to a tab or line end in one of its attributes
+BREAK = re.compile(
+    rb"""<[^"'>]*(?:(?:"[^"\t\r\n]*"|'[^'\t\r\n]*')[^"'>]*)*(?:"[^"\t\r\n]*[\t\r\n]|'[^'\t\r\n]*[\t\r\n])"""
+)
+# below these children of <robot> nothing is read, so nothing is kept
+OPAQUE = {"gazebo", "transmission", "ros2_control", "sensor"}
+
+
+@dataclass(slots=True)
+class Node:
+    """One XML element: its tag, attributes, line (from 1) and child elements.
+
+    ``has_breaks`` says of the origin of an inertial whether tabs or line ends stand in its attributes, which XML turns
+    into blanks.
+    """
+
+    tag: str
+    attributes: dict[str, str]
+    line: int
+    children: list[Node] = field(default_factory=list)
+    has_breaks: bool = False
+
+    def get(self, attribute: str) -> str | None:
+        """Return an attribute's text, or None."""
+        return self.attributes.get(attribute)
+
+    def named(self, tag: str) -> Iterator[Node]:
+        """Yield the children with this tag, in order."""
+        return (child for child in self.children if child.tag == tag)
+
+    def first(self, tag: str) -> Node | None:
+        """Return the first child with this tag, or None."""
+        return next(self.named(tag), None)
+
+
+class _Refused(Exception):
+    """Ends the parser from inside a handler."""
+
+    def __init__(self, code: str, message: str, line: int | None) -> None:
+        super().__init__(message)
+        self.code, self.message, self.line = code, message, line
+
+
+def parse_xml(data: bytes, findings: Findings, limits: Limits) -> Node | None:
+    """Return the root element, or add one finding and return None.
+
+    Parameters
+    ----------
+    data
+        The whole file, in an encoding that `utf8_text` knows; any line ends.
+    findings
+        Receives ``E_XML_EMPTY``, ``E_XML_SYNTAX``, ``E_XML_ENCODING``, ``E_XML_DTD``, ``E_XML_DEPTH``,
+        ``E_TOO_BIG`` or ``E_XACRO``.
+    limits
+        The size limits.
+    """
+    try:
+        return _Builder(_plain_utf8(data, limits), limits).root
+    except _Refused as problem:
+        findings.error(problem.code, problem.message, problem.line)
+    return None
+
+
+def utf8_text(data: bytes) -> bytes:
+    """Return a file that `parse_xml` takes as UTF-8, and its declaration then says so; UTF-8 and ASCII stay as they are."""
+    text = _decoded(data)
+    return data if data.removeprefix(UTF8_MARK) == text.encode() else _with_declared_utf8(text).encode()
+
+
+def _plain_utf8(data: bytes, limits: Limits) -> bytes:
+    if len(data) > limits.file_bytes:
+        message = f"the file is over {limits.file_bytes} bytes; the limits can be raised"
+        raise _Refused("E_TOO_BIG", message, None)
+    if not data.strip():
+        raise _Refused("E_XML_EMPTY", "the file is empty; a <robot> element is needed", 1)
+    text = _decoded(data)
+    if not text.strip():
+        raise _Refused("E_XML_EMPTY", "the file is empty; a <robot> element is needed", 1)
+    if text.startswith("\ufeff"):
+        raise _Refused("E_XML_SYNTAX", "two byte-order marks at the beginning; one is allowed", 1)
+    nul = text.find("\0")
+    if nul >= 0:
+        raise _Refused("E_XML_SYNTAX", "a NUL byte in the text; this is not XML", _line_of(text[:nul]))
+    return _with_declared_utf8(text).encode()
+
+
+def _decoded(data: bytes) -> str:
+    """Return the text without its mark, by the mark and the declared encoding, which must agree."""
+    if data.startswith((codecs.BOM_UTF32_LE, codecs.BOM_UTF32_BE, b"<\0\0\0", b"\0\0\0<")):
+        raise _Refused("E_XML_ENCODING", f"the text is UTF-32; {READ}", 1)
+    wide = next((name for name, starts in WIDE.items() if data.startswith(starts)), None)
+    marked = wide or ("utf-8" if data.startswith(UTF8_MARK) else None)
+    start = data[:LONGEST_DECLARATION].decode(wide or "latin-1", "ignore")
+    declared = _declared_encoding(start.removeprefix("\ufeff").removeprefix(UTF8_MARK.decode("latin-1")))
+    encoding = "utf-8" if declared is None else ENCODINGS.get(declared.lower())
+    if encoding is None:
+        raise _Refused("E_XML_ENCODING", f"the declared encoding {shown(declared or '')} is not read; {READ}", 1)
+    if marked is not None and declared is not None and not marked.startswith(encoding):
+        raise _Refused("E_XML_ENCODING", f"the text is {marked.upper()}, but declared as {shown(declared)}", 1)
+    if wide is not None and declared is None and data.startswith(WIDE[wide][1]):
+        raise _Refused("E_XML_ENCODING", f"the text is {wide.upper()}, but neither marked nor declared so", 1)
+    if encoding.startswith("utf-16") and wide is None:
+        raise _Refused("E_XML_ENCODING", f"the text is declared as {shown(declared or '')}, but it is not", 1)
+    codec = marked or encoding
+    try:
+        return data.decode(codec).removeprefix("\ufeff")
+    except UnicodeDecodeError as problem:
+        before = data[: problem.start].decode(codec, "replace")
+        what = f"byte 0x{data[problem.start]:02x} is not {codec.upper()}"
+        raise _Refused(
+            "E_XML_ENCODING", f"{what}; save the file as UTF-8 or declare its encoding", _line_of(before)
+        ) from None
+
+
+def _declared_encoding(start: str) -> str | None:
+    match = DECLARATION.match(start)
+    return None if match is None else match[1]
+
+
+def _with_declared_utf8(text: str) -> str:
+    match = DECLARATION.match(text[:LONGEST_DECLARATION])
+    return text if match is None else text[: match.start(1)] + "UTF-8" + text[match.end(1) :]
+
+
+def _line_of(before: str) -> int:
+    """Return the line in which a text that goes before ends."""
+    return 1 + before.replace("\r\n", "\n").replace("\r", "\n").count("\n")
+
+
+class _Builder:
+    """Runs expat over one text; ``root`` is the result."""
+
+    root: Node
+
+    def __init__(self, data: bytes, limits: Limits) -> None:
+        self._limits = limits
+        self._data = data
+        self._depth = 0
+        self._opaque_depth: int | None = None
+        self._elements = 0
+        self._open: list[Node] = []
+        self._xacro: list[tuple[int, str]] = []
+        parser = expat.ParserCreate(encoding="utf-8")
+        self._parser = parser
+        parser.XmlDeclHandler = self._declaration
+        parser.StartDoctypeDeclHandler = self._doctype
+        parser.StartElementHandler = self._start
+        parser.EndElementHandler = self._end
+        try:
+            parser.Parse(data, True)
+        except expat.ExpatError as problem:
+            text = expat.ErrorString(problem.code)
+            message = f"not well-formed XML: {text} (column {problem.offset + 1})"
+            raise _Refused("E_XML_SYNTAX", message, problem.lineno) from None
+        if self._xacro:
+            line, what = self._xacro[0]
+            more = f" (and {len(self._xacro) - 1} more)" if len(self._xacro) > 1 else ""
+            message = f"unprocessed xacro: {what}{more}; run `xacro FILE > robot.urdf` and give that file"
+            raise _Refused("E_XACRO", message, line)
+
+    def _declaration(self, version: str, encoding: str | None, standalone: int) -> None:
+        # a declaration that was found before says UTF-8 by now
+        if encoding is not None and encoding.lower() != "utf-8":
+            raise _Refused("E_XML_ENCODING", f"the declared encoding {shown(encoding)} is not read; {READ}", 1)
+
+    def _doctype(self, name: str, system: str | None, public: str | None, internal: int) -> None:
+        line = self._parser.CurrentLineNumber
+        if name.lower() == "html":
+            raise _Refused("E_XML_SYNTAX", "this is an HTML page (a failed download?), not a URDF", line)
+        message = "a DOCTYPE is not allowed in a URDF; delete it (entities are never expanded)"
+        raise _Refused("E_XML_DTD", message, line)
+
+    def _start(self, tag: str, attributes: dict[str, str]) -> None:
+        line = self._parser.CurrentLineNumber
+        self._depth += 1
+        self._elements += 1 + len(attributes)
+        self._within_limits(tag, attributes, line)
+        self._note_xacro(tag, attributes, line)
+        if self._opaque_depth is not None:
+            return
+        node = Node(tag, attributes, line)
+        if self._open:
+            if tag == "origin" and self._open[-1].tag == "inertial":
+                node.has_breaks = BREAK.match(self._data, self._parser.CurrentByteIndex) is not None
+            self._open[-1].children.append(node)
+        else:
+            self.root = node
+        self._open.append(node)
+        if self._depth == 2 and tag in OPAQUE:
+            self._opaque_depth = self._depth
+
+    def _end(self, tag: str) -> None:
+        if self._opaque_depth is None or self._depth == self._opaque_depth:
+            self._open.pop()
+            self._opaque_depth = None
+        self._depth -= 1
+
+    def _within_limits(self, tag: str, attributes: dict[str, str], line: int) -> None:
+        limits = self._limits
+        if self._depth > limits.xml_depth:
+            message = f"elements are nested more than {limits.xml_depth} deep"
+            raise _Refused("E_XML_DEPTH", message, line)
+        if self._elements > limits.elements:
+            message = f"more than {limits.elements} elements and attributes; the limits can be raised"
+            raise _Refused("E_TOO_BIG", message, line)
+        if max(map(len, (tag, *attributes, *attributes.values()))) > limits.text_length:
+            message = f"a name or attribute of <{tag[:40]}> is over {limits.text_length} characters"
+            raise _Refused("E_TOO_BIG", message, line)
+
+    def _note_xacro(self, tag: str, attributes: dict[str, str], line: int) -> None:
+        if tag.startswith("xacro:"):
+            self._xacro.append((line, f"element <{tag[:40]}>"))
+        for name, value in attributes.items():
+            if "${" in value or "$(" in value:
+                self._xacro.append((line, f"{name[:40]}={shown(value)}"))

@@ -1,0 +1,41 @@
+"""Sampling a pose: tasks of blocks on threads, processes or a cluster, merged in block order, kept in a journal.
+
+A block is a fixed run of units; its statistics depend on error model, seed and block number only, and blocks are added
+in order. So a result has the same bits whatever computed the blocks, in whatever order, and however often the run was
+stopped and went on. Names are imported when first used: who only shows a result needs no compiler.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any, Final
+
+if TYPE_CHECKING:
+    from precision_pin.sampling.blocks import MOST_SAMPLES as MOST_SAMPLES
+    from precision_pin.sampling.blocks import check_samples as check_samples
+    from precision_pin.sampling.cluster import dask_cluster as dask_cluster
+    from precision_pin.sampling.one_pose import Progress as Progress
+    from precision_pin.sampling.one_pose import check_progress as check_progress
+    from precision_pin.sampling.one_pose import monte_carlo as monte_carlo
+    from precision_pin.sampling.workers import Submitter as Submitter
+    from precision_pin.sampling.workers import available_cores as available_cores
+
+_HOMES: Final = {
+    "MOST_SAMPLES": "blocks",
+    "Progress": "one_pose",
+    "Submitter": "workers",
+    "available_cores": "workers",
+    "check_progress": "one_pose",
+    "check_samples": "blocks",
+    "dask_cluster": "cluster",
+    "monte_carlo": "one_pose",
+}
+__all__ = [
+    *_HOMES,
+]
+
+
+def __getattr__(name: str) -> Any:
+    if name in _HOMES:
+        return getattr(import_module(f"{__name__}.{_HOMES[name]}"), name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

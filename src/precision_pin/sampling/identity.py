@@ -1,0 +1,131 @@
+"""What decides the bits of a run, in words and digests, so that two runs can be told apart."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping, Sequence
+from dataclasses import fields, is_dataclass
+from enum import Enum
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+from numba.core.registry import cpu_target
+
+from precision_pin.errors import InputError, InternalError
+from precision_pin.kernel import loops, sampler
+from precision_pin.sampling.blocks import Work
+from precision_pin.sampling.result import versions
+
+if TYPE_CHECKING:
+    import os
+
+    from precision_pin.robot.chain import Posture
+
+__all__ = ["differences", "digest", "identity"]
+
+_PLAN: Final = "the planned centres and scales"
+
+
+def identity(work: Work, posture: Posture, files: Mapping[str, str | os.PathLike[str]]) -> dict[str, str]:
+    """Return what decides the bits of a run, by what it is called in a message.
+
+    Parameters
+    ----------
+    work
+        What is computed.
+    posture
+        The pose.
+    files
+        What the model was read from, by what it is called.
+
+    Raises
+    ------
+    InputError
+        A file cannot be read.
+    """
+    # as numba sees the processor, or was told to
+    triple, processor, features = cpu_target.target_context.codegen().magic_tuple()
+    joints = zip(posture.chain.joint_names, posture.q, strict=True)
+    return {
+        **{f"the {name}": _file_digest(Path(path)) for name, path in files.items()},
+        "pose": ", ".join(f"{name} {float(value)!r}" for name, value in joints),
+        "the error model": digest(work.layout),
+        _PLAN: digest((work.plan.centre, work.plan.scale)),
+        "specifications": ", ".join(
+            f"{specification.quantity} {specification.limit!r} @ {specification.required!r}"
+            for specification in work.plan.specifications
+        ),
+        "model": work.model,
+        "seed": str(work.seed),
+        "samples": str(work.samples),
+        "block": str(sampler.BLOCK),
+        **versions(),
+        "the sampler's code": _file_digest(Path(loops.__file__)),
+        "machine": f"{triple} {processor}",
+        "the processor's features": digest(features),
+    }
+
+
+def differences(then: Mapping[str, str], now: Mapping[str, str]) -> list[str]:
+    """Return what differs between two runs, in words; the plan, which follows from the rest, only where nothing else does."""
+    found = [name for name in dict.fromkeys([*now, *then]) if then.get(name) != now.get(name)]
+    return [
+        f"{name} {'has changed' if name.startswith('the ') else f'was {then.get(name)!r}, is {now.get(name)!r}'}"
+        for name in found
+        if name != _PLAN or found == [_PLAN]
+    ]
+
+
+def digest(value: Any) -> str:
+    """Return a digest of numbers, text, arrays, and sequences, mappings and data classes of them.
+
+    Raises
+    ------
+    InternalError
+        There is something else among them.
+    """
+    hasher = hashlib.blake2b(digest_size=16)
+    _feed(hasher, value)
+    return hasher.hexdigest()
+
+
+def _feed(hasher: hashlib.blake2b, value: Any) -> None:
+    match value:
+        case np.ndarray():
+            _say(hasher, "array", value.dtype.str, *map(str, value.shape))
+            hasher.update(np.ascontiguousarray(value).tobytes())
+        case Enum():
+            _say(hasher, type(value).__name__, value.name)
+        case None | bool() | int() | float() | str() | np.number():
+            _say(hasher, type(value).__name__, str(value) if isinstance(value, str) else repr(value))
+        case Mapping():
+            _say(hasher, "mapping", str(len(value)))
+            for key, entry in value.items():
+                _feed(hasher, key)
+                _feed(hasher, entry)
+        case Sequence():
+            _say(hasher, "sequence", str(len(value)))
+            for entry in value:
+                _feed(hasher, entry)
+        case _ if is_dataclass(value):
+            _say(hasher, type(value).__name__)
+            for field in fields(value):
+                _say(hasher, field.name)
+                _feed(hasher, getattr(value, field.name))
+        case _:
+            raise InternalError(f"no digest of a {type(value).__name__}")
+
+
+def _say(hasher: hashlib.blake2b, *words: str) -> None:
+    """Feed words such that no two lists of them are alike."""
+    for word in words:
+        data = word.encode("utf-8", "surrogatepass")
+        hasher.update(len(data).to_bytes(8, "little") + data)
+
+
+def _file_digest(path: Path) -> str:
+    try:
+        return hashlib.sha256(path.read_bytes()).hexdigest()
+    except OSError as error:
+        raise InputError(f"cannot read {path}, which the journal tells the run by: {error.strerror or error}") from None

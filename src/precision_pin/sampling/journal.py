@@ -1,0 +1,300 @@
+"""A run's journal: a file that a stopped run goes on from.
+
+A line that names the format, then records, each a length, a digest of length and payload, and the payload: first the
+identity of the run as JSON, then states, each of all blocks up to some block. A record is only ever added at the end
+and then forced to the disk, so that whatever stops the run leaves whole records and at most one that is torn, which
+the digest shows. One state is enough to go on: after `MOST_RECORDS` of them the file is replaced, in one step, by
+one that holds the last.
+"""
+
+from __future__ import annotations
+
+import errno
+import fcntl
+import hashlib
+import json
+import os
+import stat
+import struct
+import time
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
+from typing import Final, final
+
+from precision_pin.errors import InputError, OutputError
+from precision_pin.sampling.identity import differences
+from precision_pin.sampling.saved import packed, unpacked
+from precision_pin.statistics import State
+
+__all__ = ["Journal", "opened"]
+
+MAGIC: Final = b"precision-pin journal 1\n"
+MOST_RECORDS: Final = 64
+LARGEST_RECORD: Final = 2**30
+
+SHORTEST_PAUSE: Final = 2.0
+LONGEST_PAUSE: Final = 60.0
+"""Seconds between two records; between these, a hundredth of the time that the run has taken."""
+
+COST_OF_WRITING: Final = 20
+"""A pause is at least so many times as long as writing the last record took."""
+
+_HEAD: Final = struct.Struct("<Q16s")
+
+
+def _record(payload: bytes) -> bytes:
+    return _HEAD.pack(len(payload), _digest(payload)) + payload
+
+
+def _digest(payload: bytes) -> bytes:
+    return hashlib.blake2b(len(payload).to_bytes(8, "little") + payload, digest_size=16).digest()
+
+
+@contextmanager
+def opened(
+    path: str | os.PathLike[str],
+    identity: Mapping[str, str],
+    start: State,
+    *,
+    resume: bool,
+    tell: Callable[[str], None],
+) -> Iterator[tuple[Journal, State]]:
+    """Yield an open journal and the state to go on from; no other process can open it meanwhile.
+
+    Parameters
+    ----------
+    path
+        The file.
+    identity
+        What decides the bits of the run.
+    start
+        The state before any sample.
+    resume
+        Go on from the file; where it is not there, the run begins. Without, it must not be there.
+    tell
+        Told in a line what was found.
+
+    Raises
+    ------
+    InputError
+        The file is there and should not be, is in use, is no journal, or is that of another run.
+    OutputError
+        It cannot be written.
+    """
+    name = os.fspath(path)
+    journal = Journal(name, _locked(name, resume=resume), identity)
+    try:
+        yield journal, journal.begin(start, resume=resume, tell=tell)
+    finally:
+        journal.close()
+
+
+def _locked(name: str, *, resume: bool) -> int:
+    """Return the descriptor of the file, made if need be, that no other process has."""
+    while True:
+        try:
+            descriptor = os.open(name, os.O_RDWR | os.O_CREAT | os.O_NONBLOCK | (0 if resume else os.O_EXCL), 0o666)
+        except FileExistsError:
+            raise InputError(f"the journal {name} is there already; resume the run it holds, or remove it") from None
+        except (OSError, ValueError) as error:
+            raise _unwritable(name, error) from None
+        try:
+            if not stat.S_ISREG(os.fstat(descriptor).st_mode):
+                raise OutputError(f"cannot write the journal {name}: it is not a regular file")
+            try:
+                fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except OSError as error:
+                if error.errno not in (errno.EWOULDBLOCK, errno.EACCES):
+                    raise _unwritable(name, error) from None
+                raise InputError(f"the journal {name} is in use by another run") from None
+            with suppress(FileNotFoundError):
+                if os.path.samestat(os.fstat(descriptor), os.stat(name)):
+                    return descriptor
+        except BaseException:
+            os.close(descriptor)
+            raise
+        os.close(descriptor)  # replaced by the process that had it; look again
+
+
+def _unwritable(name: str, error: Exception) -> OutputError:
+    return OutputError(f"cannot write the journal {name}: {getattr(error, 'strerror', None) or error}")
+
+
+@final
+class Journal:
+    """An open journal. Made by :func:`opened`."""
+
+    def __init__(self, name: str, descriptor: int, identity: Mapping[str, str]) -> None:
+        self._name = name
+        self._place = os.path.realpath(name)
+        self._descriptor = descriptor
+        self._identity = dict(identity)
+        self._opening = MAGIC + _record(json.dumps(self._identity).encode())
+        self._end = 0
+        self._states = 0
+        self._saved = 0
+        self._begun = time.monotonic()
+        self._due = self._begun + SHORTEST_PAUSE
+
+    @property
+    def name(self) -> str:
+        """The file, as it was given."""
+        return self._name
+
+    @property
+    def saved(self) -> int:
+        """How many samples the last record holds."""
+        return self._saved
+
+    def begin(self, start: State, *, resume: bool, tell: Callable[[str], None]) -> State:
+        """Return the state to go on from, as in :func:`opened`."""
+        size = os.fstat(self._descriptor).st_size
+        if size < len(self._opening) and self._opening.startswith(self._read(0, size)):
+            if resume:
+                tell(f"the journal {self._name} holds nothing yet: from the first sample on")
+            try:
+                self._append(self._opening)
+                self._flush_folder()
+            except OutputError:
+                with suppress(OSError):
+                    os.unlink(self._place)
+                raise
+            return start
+        return self._last_state(start, size, tell)
+
+    def save_if_due(self, state: State) -> None:
+        """Add a record if the last one is long enough ago.
+
+        Raises
+        ------
+        OutputError
+            It cannot be written; the records before are there still.
+        """
+        if time.monotonic() >= self._due:
+            self.save(state)
+
+    def save(self, state: State) -> None:
+        """Add a record, unless the last one holds the same samples.
+
+        Raises
+        ------
+        OutputError
+            It cannot be written; the records before are there still.
+        """
+        if state.count == self._saved:
+            return
+        begun = time.monotonic()
+        record = _record(packed(state))
+        if self._states >= MOST_RECORDS:
+            self._replace(record)
+        else:
+            self._append(record)
+        self._states += 1
+        self._saved = state.count
+        now = time.monotonic()
+        pause = min(max(SHORTEST_PAUSE, (now - self._begun) / 100), LONGEST_PAUSE)
+        self._due = now + max(pause, COST_OF_WRITING * (now - begun))
+
+    def close(self) -> None:
+        """Close the file and let others have it."""
+        os.close(self._descriptor)
+
+    def _last_state(self, start: State, size: int, tell: Callable[[str], None]) -> State:
+        """Return the state of the last record up to the first that is not whole, and cut the file there."""
+        if self._read(0, len(MAGIC)) != MAGIC:
+            raise InputError(f"{self._name} is not a journal of this version of precision-pin; it is left as it is")
+        records = self._records(len(MAGIC), size)
+        header = next(records, None)
+        if header is None:
+            raise InputError(f"the beginning of the journal {self._name} is damaged; remove it and begin anew")
+        changed = differences(json.loads(header), self._identity)
+        if changed:
+            raise InputError(f"the journal {self._name} is that of another run: {'; '.join(changed)}")
+        self._end = len(MAGIC) + _HEAD.size + len(header)
+        last = None
+        for payload in records:
+            last = payload
+            self._end += _HEAD.size + len(payload)
+            self._states += 1
+        state = start if last is None else unpacked(last, start)
+        self._saved = state.count
+        if self._end < size:
+            tell(f"the journal {self._name}: {size - self._end} bytes at its end are torn or damaged and are left out")
+        tell(f"the journal {self._name} holds the first {state.count:,} samples")
+        return state
+
+    def _records(self, offset: int, size: int) -> Iterator[bytes]:
+        while offset + _HEAD.size <= size:
+            length, digest = _HEAD.unpack(self._read(offset, _HEAD.size))
+            offset += _HEAD.size
+            if length > min(size - offset, LARGEST_RECORD):
+                return
+            payload = self._read(offset, length)
+            if _digest(payload) != digest:
+                return
+            yield payload
+            offset += length
+
+    def _read(self, offset: int, length: int) -> bytes:
+        pieces = []
+        while length:
+            try:
+                piece = os.pread(self._descriptor, length, offset)
+            except OSError as error:
+                raise InputError(f"cannot read the journal {self._name}: {error.strerror}") from None
+            if not piece:
+                break
+            pieces.append(piece)
+            offset, length = offset + len(piece), length - len(piece)
+        return b"".join(pieces)
+
+    def _append(self, data: bytes) -> None:
+        try:
+            os.ftruncate(self._descriptor, self._end)  # what an interrupted write left
+            _write(self._descriptor, data, self._end)
+        except OSError as error:
+            with suppress(OSError):
+                os.ftruncate(self._descriptor, self._end)
+            raise self._lost(error) from None
+        self._end += len(data)
+
+    def _replace(self, record: bytes) -> None:
+        """Put a file in place of this one that holds only the last state."""
+        part, before, descriptor = self._place + ".part", self._descriptor, -1
+        try:
+            descriptor = os.open(part, os.O_RDWR | os.O_CREAT | os.O_TRUNC, 0o666)
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            _write(descriptor, self._opening + record, 0)
+            os.replace(part, self._place)
+            self._descriptor, self._end, self._states = descriptor, len(self._opening) + len(record), 0
+        except OSError as error:
+            raise self._lost(error) from None
+        finally:
+            replaced = self._descriptor == descriptor
+            if not replaced:
+                with suppress(OSError):
+                    os.unlink(part)
+            if descriptor >= 0:
+                os.close(before if replaced else descriptor)
+        self._flush_folder()
+
+    def _flush_folder(self) -> None:
+        """Force the file's name to the disk, where folders can be."""
+        with suppress(OSError):
+            folder = os.open(os.path.dirname(self._place), os.O_RDONLY)
+            try:
+                os.fsync(folder)
+            finally:
+                os.close(folder)
+
+    def _lost(self, error: OSError) -> OutputError:
+        kept = f"; it holds the first {self._saved:,} samples, from which the run can go on" if self._saved else ""
+        return OutputError(f"cannot write the journal {self._name}: {error.strerror or error}{kept}")
+
+
+def _write(descriptor: int, data: bytes, offset: int) -> None:
+    view = memoryview(data)
+    while view:
+        written = os.pwrite(descriptor, view, offset)
+        view, offset = view[written:], offset + written
+    os.fsync(descriptor)

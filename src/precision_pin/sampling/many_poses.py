@@ -1,0 +1,345 @@
+"""The distribution of the pose error at many poses, by sampling: the same built robots at all of them.
+
+The poses are worked on in groups, a group in tasks of some blocks each. A block's sums depend on error model, seed, pose
+and block number only, and are added in block order: so the result has the same bits for any number of threads.
+"""
+
+from __future__ import annotations
+
+import os
+from collections import deque
+from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import ExitStack
+from dataclasses import dataclass, replace
+from itertools import islice
+from typing import Final, Literal, final
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from precision_pin.call_warnings import add, warns_at_end
+from precision_pin.display import progress as progress_bar
+from precision_pin.draws.space import MOST_POSES, Scope, check_seed
+from precision_pin.errors import InputError
+from precision_pin.inputs.arguments import check_instance, check_whole
+from precision_pin.kernel import sampler
+from precision_pin.kernel.loops import NORM_COLUMNS, SUMS
+from precision_pin.kernel.many_poses import MOST_TOGETHER, NormBlocks, norm_edges, observe_norms
+from precision_pin.kernel.pose_arrays import JoinedTables, is_alike
+from precision_pin.model.error_model import ErrorModel, limit_findings
+from precision_pin.sampling import Progress, available_cores, check_progress
+from precision_pin.sampling.poses_result import LEVELS, PosesResult
+from precision_pin.statistics import (
+    COMPONENTS,
+    NORMS,
+    Plan,
+    Specification,
+    check_confidence,
+    clopper_pearson,
+    quantile_ranks,
+)
+from precision_pin.statistics.specification import Specifications, listed_specifications
+
+__all__ = ["MOST_SAMPLES", "sample_poses"]
+
+Array = NDArray[np.float64]
+Counts = NDArray[np.int64]
+Model = Literal["exact", "linear"]
+
+MOST_SAMPLES: Final = 2**32 - 1
+"""Samples at each pose; the sketches count with 32 bits."""
+MOST_THREADS: Final = 1024
+
+_PILOTS: Final = (256, 1024)
+"""Samples from which first the centres, then the spreads are planned: the first of the run."""
+_TASK: Final = 512
+"""Blocks times poses of a task, a fraction of a second."""
+
+
+@warns_at_end
+def sample_poses(
+    error_model: ErrorModel,
+    /,
+    q: ArrayLike | Mapping[str, ArrayLike] | Sequence[object],
+    *,
+    samples: int = 10_000,
+    seed: int = 0,
+    model: Model = "exact",
+    specifications: Specifications = (),
+    confidence: float = 0.95,
+    threads: int | None = None,
+    progress: Progress | bool | None = None,
+) -> PosesResult:
+    """Sample the pose error of the same built robots at many poses.
+
+    Draws of unit scope are made once for a robot and hold at all poses; those of pose and visit scope are made at each. The
+    samples at pose p are those of :func:`precision_pin.monte_carlo` with the same seed where all draws have unit scope; with
+    other scopes, pose p is the p-th, from 0.
+
+    Parameters
+    ----------
+    error_model
+        Chain, draws and sources.
+    q
+        The poses: an array ``(n, P)`` of joint values (rad, m) in chain order, poses in columns; a list of poses, each a name,
+        joint values in chain order or by name; or P values for every joint's name. A square array is taken as columns, with a
+        warning where joint limits do not tell.
+    samples
+        How many built robots, at most 2³² - 1.
+    seed
+        64-bit seed.
+    model
+        ``"exact"`` multiplies the displaced chain out, ``"linear"`` superposes (eqs 12-17).
+    specifications
+        Limits to count against: one or a list, each as :func:`precision_pin.specification` makes it or its text.
+    confidence
+        Of every interval.
+    threads
+        How many threads sample; all cores if left out. They decide no bit of the result.
+    progress
+        Told how many samples, of all poses together, have been added since it was last called; ``True`` shows a bar.
+
+    Raises
+    ------
+    InputError
+        A wrong number of samples, seed, model, confidence or threads; no poses, wrong joint values, more than 2²⁰-1 poses
+        where draws have pose or visit scope; errors too large to compute with.
+    UnknownNameError
+        No such pose or joint.
+    """
+    check_instance("error_model", error_model, ErrorModel, "as ErrorModel.load makes it")
+    check_seed(seed)
+    check_whole("the number of samples", samples, 1, MOST_SAMPLES)
+    if threads is not None:
+        check_whole("threads", threads, 1, MOST_THREADS)
+    check_progress(progress)
+    sampler.stage_of(model)
+    check_confidence(confidence)
+    values, names = _poses(error_model, q)
+    count = values.shape[1]
+    work = _Work(model, int(seed), int(samples), listed_specifications(specifications))
+    found = limit_findings(error_model.chain, values)
+    add(found)
+    parts: list[dict[str, Array]] = []
+    with ExitStack() as stack:
+        total = count * work.samples
+        step = stack.enter_context(progress_bar.progress(total)) if progress is True else progress or _nothing
+        pool = ThreadPoolExecutor(threads or available_cores())
+        # what is under way when the run fails or is interrupted is waited for: a task takes a fraction of a second
+        stack.callback(pool.shutdown, wait=True, cancel_futures=True)
+        tasks = _tasks(error_model, values, work)
+        most = 2 * (threads or available_cores())
+        under_way: deque[tuple[_Group, Future[NormBlocks]]] = deque()
+        while True:
+            for group, first_block, blocks in islice(tasks, most - len(under_way)):
+                under_way.append((group, pool.submit(group.observe, first_block, blocks)))
+            if not under_way:
+                break
+            group, future = under_way.popleft()
+            group.add(future.result())
+            step(future.result().count * group.poses)
+            if group.count == work.samples:
+                parts.append(group.finished(confidence))
+    chain = error_model.chain
+    return PosesResult(
+        robot=os.path.basename(chain.robot.file),
+        base=chain.base,
+        tip=chain.tip,
+        names=names,
+        joints=tuple(chain.joint_names),
+        q=values,
+        samples=work.samples,
+        seed=work.seed,
+        model=model,
+        statics=error_model.statics,
+        confidence=confidence,
+        specifications=work.specifications,
+        error_model=error_model,
+        warnings=tuple(map(str, found)),
+        **{name: np.concatenate([part[name] for part in parts], axis=-1) for name in parts[0]},
+    )
+
+
+# poses ---------------------------------------------------------------------------------------------------------------
+
+
+def _poses(
+    error_model: ErrorModel, q: ArrayLike | Mapping[str, ArrayLike] | Sequence[object]
+) -> tuple[Array, tuple[str, ...]]:
+    """Return joint values ``(n, P)`` and the poses' names."""
+    values, names = error_model.configurations(q)
+    if not names:
+        raise InputError("no poses to sample; give at least one")
+    drawn_anew = any(draw.scope is not Scope.UNIT for draw in error_model.space.draws)
+    if drawn_anew and len(names) > MOST_POSES:
+        raise InputError(f"{len(names):,} poses; draws of pose or visit scope can be made at {MOST_POSES:,} at most")
+    return values, names
+
+
+def _tasks(error_model: ErrorModel, values: Array, work: _Work) -> Iterator[tuple[_Group, int, int]]:
+    """Yield each group of poses with the blocks to observe, laid out as they are asked for."""
+    models = error_model.at_columns(values)
+    first_pose = 0
+    blocks = -(-work.samples // sampler.BLOCK)
+    while together := list(islice(models, MOST_TOGETHER)):
+        layouts = sampler.compile_tables(together)
+        while layouts:
+            # formulas may be others at another pose; nearly always they are not
+            alike = next((k for k, other in enumerate(layouts) if not is_alike(layouts[0], other)), len(layouts))
+            group = _Group.planned(JoinedTables.of(layouts[:alike]), first_pose, work)
+            # so many tasks that a single group occupies all threads
+            size = min(max(1, _TASK // alike), -(-blocks // 16))
+            for first_block in range(0, blocks, size):
+                yield group, first_block, min(size, blocks - first_block)
+            first_pose += alike
+            layouts = layouts[alike:]
+
+
+def _nothing(_: int) -> None:
+    """Take no notice."""
+
+
+# a group of poses ----------------------------------------------------------------------------------------------------
+
+
+@final
+@dataclass(frozen=True)
+class _Work:
+    """What is the same for all poses."""
+
+    model: Model
+    seed: int
+    samples: int
+    specifications: tuple[Specification, ...]
+
+
+@final
+class _Group:
+    """Some poses that are sampled together, and what was seen there."""
+
+    def __init__(self, tables: JoinedTables, first_pose: int, work: _Work, plans: Sequence[Plan]) -> None:
+        self.poses = len(tables.layouts)
+        self.count = 0
+        self._tables, self._first_pose, self._work, self._plans = tables, first_pose, work, tuple(plans)
+        self._sums = np.zeros((self.poses, SUMS))
+        self._lowest, self._highest = np.full((self.poses, 2), np.inf), np.full((self.poses, 2), -np.inf)
+        self._sketch = np.zeros((self.poses, 2, NORM_COLUMNS), dtype=np.uint32)
+        self._inside = np.zeros((self.poses, len(work.specifications)), dtype=np.int64)
+
+    @classmethod
+    def planned(cls, tables: JoinedTables, first_pose: int, work: _Work) -> _Group:
+        """Return a group with centres and spreads planned from the first samples."""
+        poses = len(tables.layouts)
+        plans = [Plan(np.zeros(8), np.ones(8), work.specifications)] * poses
+        for samples in _PILOTS:
+            pilot = cls(tables, first_pose, replace(work, samples=min(samples, work.samples)), plans)
+            pilot.add(pilot.observe(0, 1))
+            try:
+                with np.errstate(over="raise", invalid="raise"):
+                    mean, spread = pilot._moments()
+            except FloatingPointError:
+                raise InputError(
+                    f"the errors at poses {first_pose} to {first_pose + poses - 1} are beyond any number; "
+                    "the tolerances or loads are far too large"
+                ) from None
+            plans = [Plan(mean[pose], spread[pose], work.specifications) for pose in range(poses)]
+        return cls(tables, first_pose, work, plans)
+
+    def observe(self, first_block: int, blocks: int) -> NormBlocks:
+        """Return what blocks give."""
+        work = self._work
+        return observe_norms(
+            self._tables, self._plans, work.model, work.seed, first_block, blocks,
+            samples=work.samples, first_pose=self._first_pose,
+        )  # fmt: skip
+
+    def add(self, found: NormBlocks) -> None:
+        """Add blocks, in block order."""
+        self.count += found.count
+        for block in range(found.sums.shape[1]):
+            self._sums += found.sums[:, block]
+        self._lowest = np.minimum(self._lowest, found.lowest)
+        self._highest = np.maximum(self._highest, found.highest)
+        self._sketch += found.sketch
+        self._inside += found.inside
+
+    def finished(self, confidence: float) -> dict[str, Array]:
+        """Return the group's part of the result's arrays, poses last."""
+        mean, std = self._moments()
+        covariance = np.full((6, 6, self.poses), np.nan)
+        if self.count > 1:
+            rows, columns = _UPPER
+            sums = self._sums[:, COMPONENTS]
+            upper = (self._sums[:, 8:29] - sums[:, rows] * sums[:, columns] / self.count) / (self.count - 1)
+            covariance[rows, columns] = covariance[columns, rows] = upper.T
+            diagonal = np.arange(6)
+            covariance[diagonal, diagonal] = np.maximum(covariance[diagonal, diagonal], 0.0)
+        cumulative = np.cumsum(self._sketch, axis=2, dtype=np.int64)
+        quantiles = [self._quantile(cumulative, level, confidence) for level in LEVELS]
+        inside = self._inside.T
+        intervals = [[clopper_pearson(kept, self.count, confidence) for kept in row] for row in inside.tolist()]
+        return {
+            "mean": mean[:, COMPONENTS].T,
+            "covariance": covariance,
+            "norm_mean": mean[:, NORMS].T,
+            "norm_std": (std if self.count > 1 else np.full_like(std, np.nan))[:, NORMS].T,
+            "norm_max": self._highest.T,
+            "quantile": np.stack([quantile for quantile, _, _ in quantiles]),
+            "quantile_interval": np.stack([interval for _, interval, _ in quantiles]),
+            "quantile_resolution": np.stack([resolution for _, _, resolution in quantiles]),
+            "probability": inside / self.count,
+            "probability_interval": np.moveaxis(np.reshape(intervals, (len(inside), self.poses, 2)), 2, 1),
+        }
+
+    def _moments(self) -> tuple[Array, Array]:
+        """Return mean and standard deviation of the eight quantities, ``(P, 8)``; no deviation for one sample."""
+        centre = np.array([plan.centre for plan in self._plans])
+        sums, squares = self._sums[:, :8], np.empty((self.poses, 8))
+        squares[:, COMPONENTS] = self._sums[:, 8 + np.flatnonzero(_UPPER[0] == _UPPER[1])]
+        squares[:, NORMS] = self._sums[:, 29:]
+        variance = np.maximum(squares - sums * sums / self.count, 0.0) / max(self.count - 1, 1)
+        return centre + sums / self.count, np.sqrt(variance)
+
+    def _quantile(self, cumulative: Counts, level: float, confidence: float) -> tuple[Array, Array, Array]:
+        """Return quantiles ``(2, P)``, their intervals ``(2, 2, P)`` and the widths of their bins.
+
+        As :meth:`precision_pin.statistics.Distribution.quantile`: the linear interpolation of order statistics at rank
+        1 + (N - 1) p, each placed inside its bin by its rank in it.
+        """
+        ranks = quantile_ranks(self.count, level, confidence)
+        if ranks is None:
+            nothing = np.full((2, self.poses), np.nan)
+            return nothing, np.full((2, 2, self.poses), np.nan), nothing
+        position = (self.count - 1) * level
+        below = min(int(position), self.count - 1)
+        first, lower, upper = self._order_statistic(cumulative, below + 1)
+        second, _, second_upper = self._order_statistic(cumulative, min(below + 2, self.count))
+        # value - centre was rounded when it was binned: one step of the last bit on each side
+        _, low, _ = self._order_statistic(cumulative, ranks[0])
+        _, _, high = self._order_statistic(cumulative, ranks[1])
+        ends = (
+            np.maximum(np.nextafter(low, -np.inf), self._lowest),
+            np.minimum(np.nextafter(high, np.inf), self._highest),
+        )
+        quantile = first + (position - below) * (second - first)
+        return quantile.T, np.stack([end.T for end in ends], axis=1), (np.maximum(upper, second_upper) - lower).T
+
+    def _order_statistic(self, cumulative: Counts, rank: int) -> tuple[Array, Array, Array]:
+        """Return estimates of the rank-th smallest norms (from 1), ``(P, 2)``, and the ends of the bins that hold them."""
+        if rank in (1, self.count):
+            seen = self._lowest if rank == 1 else self._highest
+            return seen, seen, seen
+        column = (cumulative < rank).sum(axis=2)[..., None]
+        counts = np.take_along_axis(self._sketch, column, axis=2)[..., 0].astype(np.int64)
+        before = np.take_along_axis(cumulative, column, axis=2)[..., 0] - counts
+        centre, scale = (
+            np.array([getattr(plan, name) for plan in self._plans])[:, NORMS] for name in ("centre", "scale")
+        )
+        lower = np.maximum(centre + _EDGES[column[..., 0]] * scale, self._lowest)
+        upper = np.minimum(centre + _EDGES[column[..., 0] + 1] * scale, self._highest)
+        return lower + (rank - before - 0.5) / counts * (upper - lower), lower, upper
+
+
+_UPPER: Final = np.triu_indices(6)
+_EDGES: Final = norm_edges()

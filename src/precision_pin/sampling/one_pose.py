@@ -1,0 +1,332 @@
+"""The distribution of the pose error at one pose, by sampling."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
+from typing import Final, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from precision_pin.call_warnings import add, warns_at_end
+from precision_pin.display import progress as progress_bar
+from precision_pin.draws.space import Scope, check_seed
+from precision_pin.errors import Finding, InputError
+from precision_pin.inputs.arguments import (
+    check_callable,
+    check_flag,
+    check_instance,
+    check_items,
+    check_mapping,
+    check_path,
+    shown,
+)
+from precision_pin.inputs.memory import check_kept
+from precision_pin.kernel import sampler
+from precision_pin.model.error_model import ErrorModel, PoseModel
+from precision_pin.sampling.blocks import Work, check_samples, packages
+from precision_pin.sampling.identity import identity
+from precision_pin.sampling.journal import opened
+from precision_pin.sampling.planning import planned
+from precision_pin.sampling.result import Analysis, Correlated, Until
+from precision_pin.sampling.schedule import Sampling
+from precision_pin.sampling.workers import Submitter, chosen
+from precision_pin.statistics import (
+    QUANTITIES,
+    Plan,
+    State,
+    Summary,
+    check_confidence,
+    finish,
+    start,
+)
+from precision_pin.statistics.precision import Precision, Target, reached, target
+from precision_pin.statistics.specification import Specifications, listed_specifications
+
+__all__ = ["Progress", "check_progress", "monte_carlo"]
+
+_LARGEST_SQUARE: Final = 1e75
+"""Squares of errors beyond this are refused, m² or rad²: of fourth powers, which intervals rest on, there is no sum."""
+
+_COARSE: Final = 0.05
+"""Share of the standard deviation beyond which the error of a quantile's bins is worth a warning."""
+_ROUNDING: Final = 1e-14
+"""Errors below this, m or rad, are rounding."""
+
+Progress = Callable[[int], None]
+"""Told how many samples have been added since it was last called."""
+
+
+@warns_at_end
+def monte_carlo(
+    error_model: ErrorModel,
+    /,
+    q: ArrayLike | Mapping[str, float] | str | None = None,
+    *,
+    samples: int = 100_000,
+    seed: int = 0,
+    model: Literal["exact", "linear"] = "exact",
+    specifications: Specifications = (),
+    until: str | Sequence[str] = (),
+    keep_samples: bool = False,
+    confidence: float = 0.95,
+    findings: Sequence[Finding] = (),
+    threads: int | None = None,
+    processes: int | None = None,
+    executor: Submitter | None = None,
+    tasks_under_way: int | None = None,
+    journal: str | os.PathLike[str] | None = None,
+    resume: bool = False,
+    files: Mapping[str, str | os.PathLike[str]] | None = None,
+    progress: Progress | bool | None = None,
+    tell: Callable[[str], None] | None = None,
+) -> Analysis:
+    """Sample the pose error at one pose (section 4 of Wei, Jia and Chen, 2015).
+
+    The result has the same bits whatever computes it, and however often it is stopped and resumed, on machines of one
+    type. What stretches an assumption, such as joint values outside their limits, stands in the result's ``warnings`` and is
+    told by Python's ``warnings`` too, as :class:`precision_pin.errors.PrecisionPinWarning`; ``findings`` are not told again.
+
+    Parameters
+    ----------
+    error_model
+        Chain, draws and sources.
+    q
+        The pose: joint values in chain order, by joint name, a pose's name, or the model's first pose if left out.
+    samples
+        How many built robots; with ``until``, at most.
+    seed
+        64-bit seed.
+    model
+        ``"exact"`` multiplies the displaced chain out, ``"linear"`` superposes (eqs 12-17).
+    specifications
+        Limits to count against: one or a list, each as :func:`precision_pin.specification` makes it or its text.
+    until
+        How precise the result is to become, one target or a list, as ``"95 % to 0.01 mm"`` (see
+        :func:`precision_pin.statistics.precision.target`): sampling ends as soon as all of them are reached, looking after 1,
+        2, 4, 8 … blocks of 16,384 samples.
+    keep_samples
+        Keep every error, ``(6, samples)``.
+    confidence
+        Of every interval.
+    findings
+        Warnings to carry along, such as those of the sheet.
+    threads
+        How many threads sample; all cores if left out.
+    processes
+        How many processes sample instead, started for this run. They end with this process, however it ends.
+    executor
+        What samples instead: anything with ``submit(function, *arguments)`` that returns a future, as the executors of
+        :mod:`concurrent.futures`, loky, mpi4py and Dask. It is left open. See also :func:`dask_cluster`.
+    tasks_under_way
+        How many tasks the executor is given at a time; twice its number of workers, or twice the cores of this machine
+        where it does not tell it.
+    journal
+        A file in which the run is kept, every two seconds to a minute, to be resumed from. Ctrl-C then finishes what is
+        under way before it ends the run.
+    resume
+        Go on from the journal, if it is there.
+    files
+        What the model was read from besides the URDF, by what it is called, as ``{"sheet": "arm.errors.yaml"}``. A run
+        is not resumed after one of them changed.
+    progress
+        Called after every few blocks; ``True`` shows a bar.
+    tell
+        Told, in lines, what the journal held and how far ``until`` is.
+
+    Raises
+    ------
+    InputError
+        A wrong number of samples, seed, model, confidence, pose, or workers; errors too large to compute with; more
+        samples to keep than there is memory; workers that fail; a journal that is in use or of another run.
+    OutputError
+        The journal cannot be written.
+    """
+    check_instance("error_model", error_model, ErrorModel, "as ErrorModel.load makes it")
+    check_samples(samples)
+    check_seed(seed)
+    sampler.stage_of(model)
+    check_confidence(confidence)
+    specifications = listed_specifications(specifications)
+    until = (until,) if isinstance(until, str) else check_items("until, targets,", until, str)
+    findings = check_items("findings", findings, Finding)
+    check_flag("keep_samples", keep_samples)
+    check_flag("resume", resume)
+    if journal is not None:
+        check_path("the journal", journal)
+    for name, path in check_mapping("files", {} if files is None else files).items():
+        check_path(f"{name} among the files", path)
+    check_progress(progress)
+    if tell is not None:
+        check_callable("tell", tell)
+    if resume and journal is None:
+        raise InputError("there is nothing to resume from without a journal")
+    if keep_samples:
+        if journal is not None:
+            raise InputError("a journal holds statistics only; samples cannot be kept in such a run")
+        if until:
+            raise InputError("how many samples it takes until then is not known; samples cannot be kept in such a run")
+        check_kept(samples)
+    targets = [target(text) for text in until]
+    workers = chosen(threads, processes, executor, tasks_under_way)
+    at = _placed(error_model, q)
+    layout = sampler.compile_table(at)
+    plan = planned(at, layout, model, int(seed), specifications)
+    work = Work(layout, plan, model, int(seed), int(samples), keep_samples, packages())
+    state = start(plan)
+    with ExitStack() as stack:
+        step = stack.enter_context(progress_bar.progress(work.samples)) if progress is True else progress or _nothing
+        kept_in = None
+        if journal is not None:
+            urdf = error_model.chain.robot.file
+            known = identity(work, at.posture, {**({"URDF": urdf} if os.path.isfile(urdf) else {}), **(files or {})})
+            known["until"] = "; ".join(until)
+            kept_in, state = stack.enter_context(opened(journal, known, state, resume=resume, tell=tell or _nothing))
+            if state.count:
+                step(state.count)
+        sampling = Sampling(work, state, step, kept_in)
+        done = False
+        try:
+            sampling.run(workers, enough=_enough(targets, plan, confidence, tell or _nothing) if targets else None)
+            done = True
+        finally:
+            workers.close(done=done)
+    chain = error_model.chain
+    error, _ = at.tangent
+    spread = np.sqrt(np.maximum(np.diag(at.covariance), 0.0))
+    summary = finish(plan, sampling.state, confidence, spread=spread)
+    precisions = [reached(wanted, summary) for wanted in targets]
+    found = (
+        *at.findings(model), *error_model.statics_findings(at),
+        *_constant(summary, findings),
+        *_coarse(summary),
+        *(_missed(text, one, summary.samples) for text, one in zip(until, precisions, strict=True) if not one.reached),
+    )  # fmt: skip
+    add(found)
+    return Analysis(
+        robot=os.path.basename(chain.robot.file),
+        base=chain.base,
+        tip=chain.tip,
+        pose_name=error_model.pose_name(q),
+        q=dict(zip(chain.joint_names, map(float, at.posture.q), strict=True)),
+        seed=int(seed),
+        model=model,
+        statics=error_model.statics,
+        scopes={scope.value: sum(draw.law.size for draw in at.space.draws if draw.scope is scope) for scope in Scope},
+        nominal=error,
+        sliding_joints=tuple(joint.name for joint in chain.joints if joint.kind == "prismatic"),
+        correlations=Correlated.all_of(at.space),
+        summary=summary,
+        makers=_makers(work.layout, int(seed), summary),
+        assumed=error_model.assumed,
+        sources=len(error_model.sources),
+        until=tuple(Until(text, one) for text, one in zip(until, precisions, strict=True)),
+        warnings=tuple(str(finding) for finding in (*findings, *found)),
+        errors=sampling.errors,
+    )
+
+
+def check_progress(progress: object) -> None:
+    """Refuse what is neither a function of a number of samples, nor true or false, nor left out.
+
+    Raises
+    ------
+    InputError
+        It is none of them.
+    """
+    if progress is not None and not isinstance(progress, bool) and not callable(progress):
+        raise InputError(f"progress must be a function, or True for a bar, got {shown(progress)}")
+
+
+def _enough(
+    targets: Sequence[Target], plan: Plan, confidence: float, tell: Callable[[str], None]
+) -> Callable[[State], bool]:
+    """Return what says whether all targets are reached, and tells how many samples they may take where they are not."""
+
+    def enough(state: State) -> bool:
+        summary = finish(plan, state, confidence)
+        found = [reached(wanted, summary) for wanted in targets]
+        if all(one.reached for one in found):
+            return True
+        for wanted, one in zip(targets, found, strict=True):
+            _check_resolved(wanted, one, summary)
+        needed = [one.needed(state.count) for one in found]
+        about = f"about {max(filter(None, needed)):,.3g} are needed" if all(needed) else "more are needed"
+        tell(f"{state.count:,} samples are not precise enough yet, {about}")
+        return False
+
+    return enough
+
+
+def _check_resolved(wanted: Target, found: Precision, summary: Summary) -> None:
+    """Refuse a tolerance below the sketch's own error, which no number of samples makes smaller."""
+    if isinstance(wanted.statistic, str):
+        return
+    error = summary.distribution(wanted.quantity).quantile_error(wanted.statistic)
+    unit = "m" if wanted.quantity.startswith("position") else "rad"
+    if error is not None and error > found.tolerance:
+        raise InputError(
+            f"the {wanted.statistic:.6g} quantile of {wanted.quantity} is kept to {error:.2g} {unit} only, the "
+            f"tolerance asked for is {found.tolerance:.2g} {unit}; ask for a larger one, or for the exact law"
+        )
+
+
+def _constant(summary: Summary, known: Sequence[Finding]) -> list[Finding]:
+    """Return a warning where the error does not vary at all, unless the sheet's findings say so already."""
+    if any(summary.varying) or any(finding.code in ("W_NO_SOURCES", "W_NOTHING_VARIES") for finding in known):
+        return []
+    message = "no source makes the error vary at this pose: every robot is alike, and no specification can be judged"
+    return [Finding("warning", "W_NOTHING_VARIES", message)]
+
+
+def _coarse(summary: Summary) -> list[Finding]:
+    """Return a warning for each quantity of which a quantile lies in a bin too wide for the spread that was seen."""
+    found = []
+    for quantity in QUANTITIES:
+        distribution = summary.distribution(quantity)
+        allowed = max(_COARSE * (distribution.std or 0.0), _ROUNDING)
+        if (distribution.bin_upper - distribution.bin_lower).max() <= allowed:
+            continue
+        errors = {level: distribution.quantile_error(level) or 0.0 for level in distribution.levels}
+        level = max(errors, key=lambda one: errors[one])
+        if errors[level] > allowed:
+            unit = "m" if quantity.startswith("position") else "rad"
+            message = (
+                f"the {100 * level:.4g} % quantile of {quantity} is kept to {errors[level]:.2g} {unit} only, rare errors lie "
+                "too far outside those that the bins were planned from; its interval is widened by that"
+            )
+            found.append(Finding("warning", "W_BINS", message))
+    return found
+
+
+def _missed(text: str, found: Precision, samples: int) -> Finding:
+    needed = found.needed(samples)
+    about = "" if needed is None else f"; about {needed:,.3g} would do"
+    return Finding("warning", "W_UNTIL", f"{samples:,} samples do not give {text}{about}")
+
+
+def _makers(layout: sampler.CompiledTable, seed: int, summary: Summary) -> dict[int, dict[str, float]]:
+    """Return the parameters of the units that made the largest errors."""
+    units = sorted({one.sample for one in (*summary.largest_position, *summary.largest_attitude)})
+    names = layout.space.components
+    return {unit: dict(zip(names, sampler.sample(layout, seed, unit, 1)[:, 0].tolist(), strict=True)) for unit in units}
+
+
+def _placed(error_model: ErrorModel, q: ArrayLike | Mapping[str, float] | str | None) -> PoseModel:
+    """Return the model at the pose, with its first order."""
+    try:
+        with np.errstate(over="raise"):
+            at = error_model.at(q)
+            if np.abs(at.tangent[0]).max() ** 2 + np.abs(at.covariance).max() > _LARGEST_SQUARE:
+                raise OverflowError
+            return at
+    except (OverflowError, FloatingPointError):
+        raise InputError(
+            "the errors at this pose are beyond any number; the tolerances or loads are far too large"
+        ) from None
+
+
+def _nothing(_: object) -> None:
+    """Take no notice."""

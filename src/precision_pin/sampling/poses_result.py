@@ -1,0 +1,203 @@
+"""The sampled pose error at many poses, as arrays over the poses."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, Final, final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from precision_pin.display.tables import described, optional
+from precision_pin.draws.space import Scope
+from precision_pin.inputs.arguments import check_name, check_whole
+from precision_pin.inputs.arrays import fix_fields
+from precision_pin.model.error_model import ErrorModel
+from precision_pin.sampling.result import versions
+from precision_pin.statistics import Specification
+
+if TYPE_CHECKING:
+    import xarray
+
+__all__ = ["LEVELS", "SCHEMA", "PosesResult"]
+
+Array = NDArray[np.float64]
+
+SCHEMA: Final = "precision-pin/poses/1"
+LEVELS: Final = (0.5, 0.95, 0.9973)
+"""Probabilities of the quantiles."""
+
+_COMPONENTS: Final = ("dx", "dy", "dz", "rx", "ry", "rz")
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class PosesResult:
+    """The distribution of the pose error at P poses, base axes, m and rad.
+
+    Every built robot was sampled at all the poses: its draws of unit scope are the same at each.
+
+    Attributes
+    ----------
+    robot, base, tip
+        The URDF and the ends of the chain.
+    names
+        Of the poses, empty where one has none.
+    joints, q
+        Joints in chain order, and their values ``(n, P)``, rad or m.
+    samples, seed, model, statics
+        How it was sampled: built robots, 64-bit seed, ``"exact"`` or ``"linear"``, ``"nominal"`` or ``"equilibrium"``.
+    confidence
+        Of every interval.
+    mean
+        ``(6, P)`` of ``[d; δ]``.
+    covariance
+        ``(6, 6, P)`` with divisor N - 1; not-a-number for one sample.
+    norm_mean, norm_std, norm_max
+        ``(2, P)`` of |d| and |δ|: mean, standard deviation, largest seen.
+    quantile, quantile_interval
+        ``(3, 2, P)`` and ``(3, 2, 2, P)``, the lower ends first: quantiles of |d| and |δ| at `LEVELS`, and distribution-free
+        intervals, widened by what the sketch does not resolve. Not-a-number where the samples are too few for an interval.
+    quantile_resolution
+        ``(3, 2, P)`` width of the sketch's bin that holds the quantile: the most by which it may differ from that of the
+        samples themselves.
+    specifications
+        What was counted.
+    probability, probability_interval
+        ``(S, P)`` and ``(S, 2, P)``: share of the samples inside, and its Clopper-Pearson interval.
+    warnings
+        One line each.
+    """
+
+    robot: str
+    base: str
+    tip: str
+    names: tuple[str, ...]
+    joints: tuple[str, ...]
+    q: Array
+    samples: int
+    seed: int
+    model: str
+    statics: str
+    confidence: float
+    mean: Array
+    covariance: Array
+    norm_mean: Array
+    norm_std: Array
+    norm_max: Array
+    quantile: Array
+    quantile_interval: Array
+    quantile_resolution: Array
+    specifications: tuple[Specification, ...]
+    probability: Array
+    probability_interval: Array
+    error_model: ErrorModel = field(repr=False)
+    warnings: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        fix_fields(self)
+
+    @property
+    def poses(self) -> int:
+        """P, how many poses."""
+        return int(self.q.shape[1])
+
+    @property
+    def std(self) -> Array:
+        """Standard deviations of the components, ``(6, P)``."""
+        result: Array = np.sqrt(np.diagonal(self.covariance).T)
+        return result
+
+    def between(self, one: int, other: int) -> Array:
+        """Return the covariance ``(6, 6)`` between a robot's errors at two poses, in closed form, of the tangent model.
+
+        ``Cov(e_p, e_q) = J_p Σ_unit J_qᵀ`` with the covariance of the draws of unit scope alone: a robot's draws of pose and
+        visit scope at two poses have nothing to do with one another. At one pose it is ``J Σ Jᵀ`` of all draws.
+
+        Parameters
+        ----------
+        one, other
+            Numbers of the poses, from 0.
+
+        Raises
+        ------
+        InputError
+            There is no such pose.
+        """
+        one, other = (check_whole("the number of a pose", pose, 0, self.poses - 1) for pose in (one, other))
+        space = self.error_model.space
+        covariance = space.block_covariance
+        if one != other:
+            shared = np.repeat(
+                [draw.scope is Scope.UNIT for draw in space.draws], [draw.law.size for draw in space.draws]
+            )
+            covariance = covariance.scaled(shared.astype(float))
+        here, there = (self.error_model.at(self.q[:, pose]).jacobian for pose in (one, other))
+        return covariance.between(here, there)
+
+    def pose(self, name: str) -> int:
+        """Return the number of the pose of a name.
+
+        Raises
+        ------
+        UnknownNameError
+            No pose has it.
+        """
+        return self.names.index(check_name("pose", name, [known for known in self.names if known]))
+
+    def to_xarray(self) -> xarray.Dataset:
+        """Return the result as a dataset, m and rad, not-a-number where the samples do not resolve a number.
+
+        Over ``pose``, numbered from 0: ``q`` with ``joint``; ``mean`` and ``std`` with ``component`` (dx … rz), ``covariance``
+        with ``component_2`` besides; ``norm_mean``, ``norm_std``, ``norm_max`` with ``norm`` (position, attitude), ``quantile``
+        and ``quantile_resolution`` with ``probability`` besides, ``quantile_interval`` with ``end`` (lower, upper) besides;
+        ``inside`` with ``specification``, ``inside_interval`` with ``end`` besides. Coordinate ``pose_name``. Attributes say
+        how it was sampled.
+
+        Raises
+        ------
+        InputError
+            xarray is not installed.
+        """
+        variables: dict[str, Any] = {
+            "q": (("joint", "pose"), self.q),
+            "mean": (("component", "pose"), self.mean),
+            "std": (("component", "pose"), self.std),
+            "covariance": (("component", "component_2", "pose"), self.covariance),
+            "norm_mean": (("norm", "pose"), self.norm_mean),
+            "norm_std": (("norm", "pose"), self.norm_std),
+            "norm_max": (("norm", "pose"), self.norm_max),
+            "quantile": (("probability", "norm", "pose"), self.quantile),
+            "quantile_interval": (("probability", "norm", "end", "pose"), self.quantile_interval),
+            "quantile_resolution": (("probability", "norm", "pose"), self.quantile_resolution),
+            "inside": (("specification", "pose"), self.probability),
+            "inside_interval": (("specification", "end", "pose"), self.probability_interval),
+        }
+        coordinates: dict[str, Any] = {
+            "pose": np.arange(self.poses),
+            "pose_name": ("pose", list(self.names)),
+            "joint": list(self.joints),
+            "component": list(_COMPONENTS),
+            "component_2": list(_COMPONENTS),
+            "norm": ["position", "attitude"],
+            "probability": list(LEVELS),
+            "end": ["lower", "upper"],
+            "specification": [f"{spec.quantity} {spec.limit:g} @ {spec.required:g}" for spec in self.specifications],
+        }
+        attributes = {
+            "schema": SCHEMA,
+            **{name: getattr(self, name) for name in ("robot", "base", "tip")},
+            "axes": "base",
+            **{name: getattr(self, name) for name in ("samples", "seed", "model", "statics", "confidence")},
+            "versions": versions(),
+        }
+        made: xarray.Dataset = optional("xarray").Dataset(variables, coordinates, described(attributes))
+        return made
+
+    def __repr__(self) -> str:
+        worst = self.quantile[1, 0]
+        within = "" if np.isnan(worst).all() else f", |d| within {1e3 * np.nanmax(worst):.4g} mm for 95 % at the worst"
+        return (
+            f"<PosesResult of {self.robot!r}, {self.base!r} to {self.tip!r}: {self.poses:,} poses, "
+            f"{self.samples:,} samples at each, seed {self.seed}, {self.model} model{within}>"
+        )

@@ -1,0 +1,414 @@
+"""What an analysis of one pose found, with all that is needed to reproduce it."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from importlib import metadata
+from platform import python_version
+from typing import TYPE_CHECKING, Any, Final, final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from precision_pin.display.html import Table, rendered
+from precision_pin.display.tables import (
+    ROUNDING,
+    UNITS,
+    data_frame,
+    described,
+    interval_columns,
+    joint_text,
+    milli,
+    number,
+    optional,
+    plus_minus,
+    resting_on,
+    symbol,
+    unit,
+)
+from precision_pin.draws.space import Space
+from precision_pin.errors import InputError
+from precision_pin.inputs.arrays import fix_fields
+from precision_pin.statistics import QUANTITIES, Distribution, Extreme, Summary, VectorDistribution
+from precision_pin.statistics.distribution import CONTENTS
+from precision_pin.statistics.precision import Precision
+
+if TYPE_CHECKING:
+    import pandas  # type: ignore[import-untyped]
+    import xarray
+
+__all__ = ["SCHEMA", "Analysis", "Correlated", "Until", "versions"]
+
+Array = NDArray[np.float64]
+
+SCHEMA: Final = "precision-pin/analysis/1"
+
+
+def versions() -> dict[str, str]:
+    """Return the versions that a result depends on."""
+    names = ("precision-pin", "pin", "numpy", "scipy", "numba")
+    return {"python": python_version(), **{name: _version(name) for name in names}}
+
+
+def _version(name: str) -> str:
+    try:
+        return metadata.version(name)
+    except metadata.PackageNotFoundError:  # conda's pinocchio, or a checkout on the path: installed, but not by pip
+        return "unknown"
+
+
+@final
+@dataclass(frozen=True)
+class Correlated:
+    """Parameters that are correlated.
+
+    Attributes
+    ----------
+    parameters
+        Their names.
+    scores
+        Correlation of their normal scores, as given, row by row.
+    pearson
+        Correlation of the parameters themselves, which follows from it and their laws.
+    """
+
+    parameters: tuple[str, ...]
+    scores: tuple[tuple[float, ...], ...]
+    pearson: tuple[tuple[float, ...], ...]
+
+    @classmethod
+    def all_of(cls, space: Space) -> tuple[Correlated, ...]:
+        """Return every correlation of a space."""
+        found = []
+        for correlation in space.correlations:
+            columns = [space.index[name] for name in correlation.names]
+            pearson = space.pearson_within(columns)
+            found.append(cls(correlation.names, correlation.matrix, tuple(map(tuple, pearson.tolist()))))
+        return tuple(found)
+
+
+@final
+@dataclass(frozen=True)
+class Until:
+    """How precise a result was to become, as it was asked for, and what became of it."""
+
+    text: str
+    precision: Precision
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Analysis:
+    """The distribution of the pose error at one pose.
+
+    Attributes
+    ----------
+    robot, base, tip
+        The URDF and the ends of the chain.
+    pose_name, q
+        The pose: its name, empty if it has none, and the value of each joint (rad, m).
+    seed, model, statics
+        How it was sampled: 64-bit seed, ``"exact"`` or ``"linear"``, ``"nominal"``.
+    scopes
+        How many random numbers are drawn once for each unit, pose and visit.
+    nominal
+        The error with every parameter at its mean, ``(6,)``.
+    summary
+        The statistics, base axes.
+    sliding_joints
+        Which joints of ``q`` slide: their values are in m, the others' in rad.
+    correlations
+        The space's correlations, with what follows from them.
+    makers
+        The parameters, by name, of the units that made the largest errors of ``summary.largest_position`` and
+        ``largest_attitude``, by unit. ``space.sample(seed, unit, 1)`` draws a unit again.
+    assumed
+        The sources, by label, that the sheet marks as assumptions.
+    sources
+        How many sources there are.
+    until
+        The targets at which sampling was to end.
+    warnings
+        One line each.
+    errors
+        Every sample ``(6, N)``, if they were kept.
+    """
+
+    robot: str
+    base: str
+    tip: str
+    pose_name: str
+    q: Mapping[str, float]
+    seed: int
+    model: str
+    statics: str
+    scopes: Mapping[str, int]
+    nominal: Array
+    summary: Summary
+    sliding_joints: tuple[str, ...] = ()
+    correlations: tuple[Correlated, ...] = ()
+    makers: Mapping[int, Mapping[str, float]] = field(default_factory=dict)
+    assumed: tuple[str, ...] = ()
+    sources: int = 0
+    until: tuple[Until, ...] = ()
+    warnings: tuple[str, ...] = ()
+    errors: Array | None = field(default=None, repr=False)
+
+    def __post_init__(self) -> None:
+        fix_fields(self)
+
+    @property
+    def samples(self) -> int:
+        """How many samples were drawn."""
+        return self.summary.samples
+
+    @property
+    def position(self) -> VectorDistribution:
+        """Distributions of |d|, dx, dy, dz (m)."""
+        return self.summary.position
+
+    @property
+    def attitude(self) -> VectorDistribution:
+        """Distributions of |δ|, δx, δy, δz (rad)."""
+        return self.summary.attitude
+
+    @property
+    def covariance(self) -> Array | None:
+        """Sample covariance, ``(6, 6)``; ``None`` for one sample."""
+        return self.summary.covariance
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the result as the ``precision-pin/analysis/1`` schema has it, SI units."""
+        return {
+            "schema": SCHEMA,
+            "complete": True,
+            "robot": self.robot,
+            "base": self.base,
+            "tip": self.tip,
+            "axes": "base",
+            "pose": {"name": self.pose_name, "q": dict(self.q)},
+            "samples": self.samples,
+            "seed": self.seed,
+            "model": self.model,
+            "statics": self.statics,
+            "scopes": dict(self.scopes),
+            "confidence": self.summary.confidence,
+            "versions": versions(),
+            "warnings": list(self.warnings),
+            "assumed": list(self.assumed),
+            "nominal": {"position": self.nominal[:3].tolist(), "attitude": self.nominal[3:].tolist()},
+            **self.summary.to_dict(),
+            "largest": {
+                "position": [self._maker(one) for one in self.summary.largest_position],
+                "attitude": [self._maker(one) for one in self.summary.largest_attitude],
+            },
+            **({"until": [{"target": one.text, **asdict(one.precision)} for one in self.until]} if self.until else {}),
+            **({"correlations": [asdict(group) for group in self.correlations]} if self.correlations else {}),
+        }
+
+    def _maker(self, one: Extreme) -> dict[str, Any]:
+        return {"unit": one.sample, "value": one.value, "parameters": dict(self.makers.get(one.sample, {}))}
+
+    def to_json(self) -> str:
+        """Return :meth:`to_dict` as text; what the samples do not resolve is null."""
+        return json.dumps(self.to_dict(), indent=2, ensure_ascii=False, allow_nan=False)
+
+    def to_pandas(self) -> pandas.DataFrame:
+        """Return the statistics as a data frame, m and rad, not-a-number where the samples do not resolve a number.
+
+        A row for each quantity (position.norm … attitude.z). Columns ``mean``, ``std``, ``mode`` and ``quantile_0.95``, …
+        each with ``…_lower`` and ``…_upper``, the ends of its interval; ``min`` and ``max``. ``attrs`` say how it was
+        sampled.
+
+        Raises
+        ------
+        InputError
+            pandas is not installed.
+        """
+        levels = sorted({level for name in QUANTITIES for level in self.summary.distribution(name).levels})
+        rows = [((name,), _columns(self.summary.distribution(name), levels)) for name in QUANTITIES]
+        return data_frame(["quantity"], rows, {**self._attributes(), "warnings": list(self.warnings)})
+
+    def samples_to_pandas(self) -> pandas.DataFrame:
+        """Return every sampled error as a data frame: a row for each built robot, dx, dy, dz in m and rx, ry, rz in rad.
+
+        Raises
+        ------
+        InputError
+            The samples were not kept, or pandas is not installed.
+        """
+        if self.errors is None:
+            raise InputError("the samples were not kept; sample with keep_samples=True")
+        frame = optional("pandas").DataFrame(self.errors.T.copy(), columns=list(_COMPONENTS))
+        frame.index.name = "sample"
+        frame.attrs = {**self._attributes(), "units": dict(UNITS)}
+        return frame
+
+    def to_xarray(self) -> xarray.Dataset:
+        """Return the result as a dataset, m and rad, not-a-number where the samples do not resolve a number.
+
+        ``mean``, ``std``, ``min``, ``max``, ``mode`` over ``quantity`` (position.norm … attitude.z); ``quantile`` over
+        quantity and ``probability``, ``quantile_interval`` with ``end`` (lower, upper) besides; ``mean_interval``,
+        ``std_interval``, ``mode_interval`` over quantity and end; ``nominal`` over ``component`` (dx … rz), ``covariance``
+        over component and ``component_2``, ``covariance_interval`` with end besides; ``tolerance_bounds`` over quantity,
+        ``content`` and end; ``error`` over component and ``sample`` if the samples were kept. Attributes say how it was sampled.
+
+        Raises
+        ------
+        InputError
+            xarray is not installed.
+        """
+        distributions = [self.summary.distribution(name) for name in QUANTITIES]
+        levels = sorted({level for distribution in distributions for level in distribution.levels})
+        statistics = ("mean", "std", "min", "max", "mode")
+        variables: dict[str, Any] = {
+            name: ("quantity", [number(getattr(distribution, name)) for distribution in distributions])
+            for name in statistics
+        }
+        variables |= {
+            "quantile": (
+                ("quantity", "probability"),
+                [[number(distribution.quantile(level)) for level in levels] for distribution in distributions],
+            ),
+            "quantile_interval": (
+                ("quantity", "probability", "end"),
+                [
+                    [distribution.quantile_interval(level) or (np.nan, np.nan) for level in levels]
+                    for distribution in distributions
+                ],
+            ),
+            "nominal": ("component", self.nominal),
+            "covariance": (
+                ("component", "component_2"),
+                np.full((6, 6), np.nan) if self.covariance is None else self.covariance,
+            ),
+        }
+        nothing = (np.nan, np.nan)
+        variables |= {
+            f"{name}_interval": (
+                ("quantity", "end"),
+                [distribution.interval(name) or nothing for distribution in distributions],
+            )
+            for name in ("mean", "std", "mode")
+        }
+        variables |= {
+            "covariance_interval": (
+                ("component", "component_2", "end"),
+                np.full((6, 6, 2), np.nan)
+                if self.summary.covariance_interval is None
+                else self.summary.covariance_interval,
+            ),
+            "tolerance_bounds": (
+                ("quantity", "content", "end"),
+                [
+                    [distribution.tolerance_bounds(content) or nothing for content in CONTENTS]
+                    for distribution in distributions
+                ],
+            ),
+        }
+        if self.errors is not None:
+            variables["error"] = (("component", "sample"), self.errors)
+        coordinates: dict[str, Any] = {
+            "quantity": list(QUANTITIES),
+            "probability": levels,
+            "end": ["lower", "upper"],
+            "content": list(CONTENTS),
+            "component": list(_COMPONENTS),
+            "component_2": list(_COMPONENTS),
+        }
+        made: xarray.Dataset = optional("xarray").Dataset(variables, coordinates, described(self._attributes()))
+        return made
+
+    def __repr__(self) -> str:
+        norm = self.position.norm
+        quantile = norm.quantile(0.95)
+        within = "" if quantile is None else f", |d| within {1e3 * quantile:.4g} mm for 95 %"
+        return (
+            f"<Analysis of {self.robot!r}, {self.base!r} to {self.tip!r}, pose {self.pose_name!r}: "
+            f"{self.samples:,} samples, seed {self.seed}, {self.model} model{within}>"
+        )
+
+    def _repr_html_(self) -> str:
+        """Return what a notebook shows: mm and mrad, the half-width of each interval behind ±."""
+        pose = repr(self.pose_name) if self.pose_name else "without a name"
+        statistics = Table(
+            ("", "unit", "mean", "std", "50 %", "95 %", "99.73 %", "smallest seen", "largest seen"),
+            [_cells(self.summary.distribution(name)) for name in QUANTITIES],
+            words=2,
+        )
+        specifications = Table(
+            ("specification", "limit", "required", "inside", "interval", ""),
+            [
+                (
+                    spec.quantity,
+                    f"{milli(spec.limit)} {unit(spec.quantity)}",
+                    f"{100 * spec.required:.10g} %",
+                    f"{100 * spec.probability:.6g} %",
+                    f"{100 * spec.interval[0]:.6g} to {100 * spec.interval[1]:.6g} %",
+                    spec.verdict if spec.met else spec.verdict.upper(),
+                )
+                for spec in self.summary.specifications
+            ],
+        )
+        return rendered(
+            f"Pose error of {self.robot}: {self.base} to {self.tip}, pose {pose}",
+            [statistics, *([specifications] if specifications.rows else [])],
+            [
+                f"{joint_text(self.q, self.sliding_joints)}; base axes",
+                f"{self.samples:,} samples, seed {self.seed}, {self.model} model, statics {self.statics}; "
+                f"± half of an interval at {100 * self.summary.confidence:g} % confidence, - not resolved",
+                *resting_on(self.assumed, self.sources),
+                *self.warnings,
+            ],
+        )
+
+    def _attributes(self) -> dict[str, Any]:
+        return {key: value for key, value in self.to_dict().items() if key in _ATTRIBUTES}
+
+
+def _columns(distribution: Distribution, levels: Sequence[float]) -> dict[str, float]:
+    """Return a row of :meth:`Analysis.to_pandas`."""
+    row = interval_columns("mean", distribution.mean, distribution.mean_interval())
+    row |= interval_columns("std", distribution.std, distribution.std_interval())
+    row |= {"min": distribution.min, "max": distribution.max}
+    row |= interval_columns("mode", distribution.mode, distribution.mode_interval())
+    for level in levels:
+        # a norm's lower quantiles are not reported, there as in the JSON
+        shown = level in distribution.levels
+        quantile = distribution.quantile(level) if shown else None
+        row |= interval_columns(f"quantile_{level}", quantile, distribution.quantile_interval(level) if shown else None)
+    return row
+
+
+def _cells(distribution: Distribution) -> list[str]:
+    """Return a row of the table in a notebook."""
+    vanishes = max(abs(distribution.min), abs(distribution.max)) < ROUNDING
+    cells = []
+    for statistic in ("mean", "std", 0.5, 0.95, 0.9973):
+        value = distribution.quantile(statistic) if isinstance(statistic, float) else getattr(distribution, statistic)
+        half_width = distribution.half_width(statistic)
+        if value is None or half_width is None:
+            cells.append("-")
+        else:
+            cells.append("0" if vanishes else plus_minus(1e3 * value, 1e3 * half_width))
+    name = distribution.quantity
+    return [symbol(name), unit(name), *cells, milli(distribution.min), milli(distribution.max)]
+
+
+_COMPONENTS: Final = ("dx", "dy", "dz", "rx", "ry", "rz")
+_ATTRIBUTES: Final = (
+    "schema",
+    "robot",
+    "base",
+    "tip",
+    "axes",
+    "pose",
+    "samples",
+    "seed",
+    "model",
+    "statics",
+    "confidence",
+    "versions",
+)

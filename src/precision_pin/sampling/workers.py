@@ -1,0 +1,285 @@
+"""Where blocks are computed: threads of this process, processes of its own, or any executor that is handed in."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import suppress
+from multiprocessing import resource_tracker
+from multiprocessing.connection import Connection
+from queue import SimpleQueue
+from typing import Any, Final, Protocol, final
+
+from precision_pin.errors import InputError, PrecisionPinError
+from precision_pin.inputs.arguments import check_whole
+from precision_pin.kernel.sampler import Blocks
+from precision_pin.sampling.blocks import Work
+
+__all__ = ["Foreign", "Processes", "Submitter", "Threads", "Workers", "available_cores", "chosen"]
+
+MOST_WORKERS: Final = 1024
+MOST_LOSSES: Final = 3
+"""How often a process may end over one task."""
+
+
+class Submitter(Protocol):
+    """What can be given as an executor: :class:`concurrent.futures.Executor` and all that have its ``submit``."""
+
+    def submit(self, function: Callable[..., Any], /, *arguments: Any) -> Any:
+        """Return a future, which has ``result()``."""
+
+
+def available_cores() -> int:
+    """Return how many cores this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+class Workers(ABC):
+    """Where tasks run.
+
+    Attributes
+    ----------
+    most
+        How many tasks are under way at a time: twice as many as there are workers, so that none waits.
+    blocks_in_a_task
+        The most blocks of a task: enough of them that handing a task over costs little.
+    """
+
+    most: int
+    blocks_in_a_task: int = 16
+
+    @abstractmethod
+    def submit(self, work: Work, first_block: int, blocks: int) -> Any:
+        """Return the future of a task."""
+
+    @abstractmethod
+    def result(self, future: Any) -> Blocks:
+        """Wait for a task.
+
+        Raises
+        ------
+        InputError
+            A sample cannot be computed, or the workers failed.
+        """
+
+    @abstractmethod
+    def close(self, *, done: bool) -> None:
+        """End the workers; with ``done`` no task is under way."""
+
+
+@final
+class Threads(Workers):
+    """Threads of this process; the sampler runs without Python's lock."""
+
+    def __init__(self, threads: int) -> None:
+        self.most = 2 * threads
+        self._pool = ThreadPoolExecutor(max_workers=threads)
+
+    def submit(self, work: Work, first_block: int, blocks: int) -> Future[Blocks]:
+        """Return the future of a task."""
+        return self._pool.submit(work.observe, first_block, blocks)
+
+    def result(self, future: Future[Blocks]) -> Blocks:
+        """Wait for a task."""
+        return future.result()
+
+    def close(self, *, done: bool) -> None:
+        """End the threads; waits for the tasks that have begun."""
+        self._pool.shutdown(wait=True, cancel_futures=True)
+
+
+@final
+class Processes(Workers):
+    """Processes of our own, a thread and a pipe for each.
+
+    They end with this process, however it ends: that closes their pipes. One that ends before its time is replaced and
+    its task begun again. (The pool of :mod:`concurrent.futures` has one pipe for all, and waits for ever for the rest of a
+    result whose process was killed while it sent it.)
+    """
+
+    blocks_in_a_task = 64
+
+    def __init__(self, processes: int) -> None:
+        self.most = 2 * processes
+        self._idle: SimpleQueue[_Process | None] = SimpleQueue()
+        for _ in range(processes):
+            self._idle.put(None)
+        self._running: set[_Process] = set()
+        self._ending = False
+        self._threads = ThreadPoolExecutor(processes)
+
+    def submit(self, work: Work, first_block: int, blocks: int) -> Future[Blocks]:
+        """Return the future of a task."""
+        return self._threads.submit(self._observe, work, first_block, blocks)
+
+    def result(self, future: Future[Blocks]) -> Blocks:
+        """Wait for a task."""
+        return future.result()
+
+    def close(self, *, done: bool) -> None:
+        """End the processes."""
+        self._ending = True
+        if not done:
+            for process in list(self._running):
+                process.kill()
+        self._threads.shutdown(wait=True, cancel_futures=True)
+        while self._running:
+            self._running.pop().end()
+
+    def _observe(self, work: Work, first_block: int, blocks: int) -> Blocks:
+        process = self._idle.get()
+        try:
+            for _ in range(MOST_LOSSES):
+                if self._ending:
+                    break
+                if process is None:
+                    process = _Process()
+                    self._running.add(process)
+                try:
+                    answer = process.ask((work, first_block, blocks))
+                except (EOFError, OSError):
+                    self._running.discard(process)
+                    process.kill()
+                    process.end()
+                    process = None
+                    continue
+                if isinstance(answer, Exception):
+                    raise answer
+                return answer
+        finally:
+            self._idle.put(process)
+        raise InputError(
+            f"worker processes ended {MOST_LOSSES} times over blocks {first_block} to {first_block + blocks - 1}; is there "
+            "memory enough? (a script that asks for processes begins its work under: if __name__ == '__main__')"
+        )
+
+
+@final
+class _Process:
+    """A process that computes blocks, and the pipe to it."""
+
+    def __init__(self) -> None:
+        context = multiprocessing.get_context("spawn")
+        self._pipe, other_end = context.Pipe()
+        self._process = context.Process(target=_serve, args=(other_end,), daemon=True)
+        # Ctrl-C goes to all processes of a terminal, as other ends of it do; this one, in a thread of ours, must not take
+        # it. The tracker, which the first process brings along, would unblock it again.
+        resource_tracker.ensure_running()
+        signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, signal.SIGTERM, signal.SIGHUP})
+        self._process.start()
+        other_end.close()  # so that it is closed when the process ends
+
+    def ask(self, task: tuple[Work, int, int]) -> Blocks | Exception:
+        """Return what a task gives, or the error it raised."""
+        self._pipe.send(task)
+        answer: Blocks | Exception = self._pipe.recv()
+        return answer
+
+    def kill(self) -> None:
+        """Stop what the process does."""
+        self._process.kill()
+
+    def end(self) -> None:
+        """End the process, which is idle or killed."""
+        self._pipe.close()
+        self._process.join()
+
+
+def _serve(pipe: Connection[Any, Any]) -> None:
+    """Compute blocks until the other end of the pipe is closed."""
+    with suppress(EOFError, OSError):
+        while True:
+            work, first_block, blocks = pipe.recv()
+            try:
+                answer = work.observe(first_block, blocks)
+            except Exception as error:  # noqa: BLE001 - raised again at the other end
+                answer = error
+            pipe.send(answer)
+
+
+@final
+class Foreign(Workers):
+    """An executor that was handed in; it is left running."""
+
+    blocks_in_a_task = 64
+
+    def __init__(self, executor: Submitter, most: int) -> None:
+        self.most = most
+        self._executor = executor
+        self._under_way: set[Any] = set()
+
+    def submit(self, work: Work, first_block: int, blocks: int) -> Any:
+        """Return the future of a task."""
+        try:
+            future = self._executor.submit(_observe, work, first_block, blocks)
+        except Exception as error:
+            raise self._failed(error) from error
+        self._under_way.add(future)
+        return future
+
+    def result(self, future: Any) -> Blocks:
+        """Wait for a task."""
+        try:
+            found: Blocks = future.result()
+        except PrecisionPinError:
+            raise
+        except Exception as error:
+            raise self._failed(error) from error
+        finally:
+            self._under_way.discard(future)
+        return found
+
+    def _failed(self, error: Exception) -> InputError:
+        reason = " ".join(str(error).split())
+        return InputError(
+            f"the executor {type(self._executor).__name__} failed: {type(error).__name__}"
+            + f": {reason}" * bool(reason)
+        )
+
+    def close(self, *, done: bool) -> None:
+        """Call off what is no longer needed."""
+        for future in self._under_way:
+            if hasattr(future, "cancel"):
+                future.cancel()
+
+
+def _observe(work: Work, first_block: int, blocks: int) -> Blocks:
+    """Return what blocks give; a plain function, which every executor can send."""
+    return work.observe(first_block, blocks)
+
+
+def chosen(
+    threads: int | None, processes: int | None, executor: Submitter | None, tasks_under_way: int | None
+) -> Workers:
+    """Return the workers that were asked for; threads on all cores if nothing was.
+
+    Raises
+    ------
+    InputError
+        A wrong number, or more than one kind of worker.
+    """
+    asked = [
+        name
+        for name, value in (("threads", threads), ("processes", processes), ("executor", executor))
+        if value is not None
+    ]
+    if len(asked) > 1:
+        raise InputError(f"{' and '.join(asked)} exclude each other; give one of threads, processes and executor")
+    for name, number in (("threads", threads), ("processes", processes), ("tasks_under_way", tasks_under_way)):
+        if number is not None:
+            check_whole(name, number, 1, MOST_WORKERS)
+    if tasks_under_way is not None and executor is None:
+        raise InputError("tasks_under_way goes with an executor")
+    if processes is not None:
+        return Processes(processes)
+    if executor is None:
+        return Threads(threads or available_cores())
+    if not callable(getattr(executor, "submit", None)):
+        raise InputError(f"an executor has submit(function, *arguments), {type(executor).__name__} has not")
+    known = getattr(executor, "_max_workers", None)  # as the executors of Python, loky and mpi4py call it
+    workers = known if isinstance(known, int) else available_cores()
+    return Foreign(executor, tasks_under_way or 2 * workers)

@@ -1,0 +1,259 @@
+"""The term table: what every engine and analysis reads."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterable
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Final, final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from precision_pin import se3
+from precision_pin.draws.expressions import Expression, Operation, Program
+from precision_pin.draws.space import Space
+from precision_pin.errors import InternalError
+from precision_pin.inputs.arrays import fix_fields, returns_read_only
+from precision_pin.robot.chain import Chain, Place, Posture
+from precision_pin.terms.term import MOST_FACTORS, JointValue, Target, Term
+
+__all__ = ["SlopeColumns", "TableLayout", "TermTable"]
+
+Array = NDArray[np.float64]
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class TermTable:
+    """What every engine and analysis reads: displacements of targets as products of parameters.
+
+    A joint value is a target like any other: its pivot is the joint's frame after it turned, its twist along the axis.
+
+    Attributes
+    ----------
+    pose
+        Nominal tip in the base, ``(4, 4)``.
+    targets
+        K targets in chain order.
+    frames
+        Pose of every target in the base, ``(K, 4, 4)``.
+    program
+        Computes the P parameters from the d components.
+    target
+        Target of each of the T terms, ``(T,)``.
+    twists
+        ``[d; δ]`` in the target's axes, ``(T, 6)``.
+    factors
+        Up to three parameters that multiply it, ``(T, 3)``, -1 for none.
+    """
+
+    pose: Array
+    targets: tuple[Target, ...]
+    frames: Array
+    program: Program
+    target: NDArray[np.intp]
+    twists: Array
+    factors: NDArray[np.intp]
+
+    def __post_init__(self) -> None:
+        fix_fields(self)
+
+    @classmethod
+    def build(cls, posture: Posture, space: Space, terms: Iterable[Term]) -> TermTable:
+        """Return the table of terms at a posture, in chain order."""
+        listed = tuple(terms)
+        return TableLayout.of(listed, space).at(posture, listed)
+
+    @cached_property
+    @returns_read_only
+    def sensitivities(self) -> Array:
+        """Derivative of the tip's error to each target's displacement, undisplaced chain, ``(K, 6, 6)``."""
+        result = np.zeros((len(self.targets), 6, 6))
+        for k, frame in enumerate(self.frames):
+            rotation = frame[:3, :3]
+            result[k, :3, :3] = result[k, 3:, 3:] = rotation
+            result[k, :3, 3:] = se3.skew(frame[:3, 3] - self.pose[:3, 3]) @ rotation
+        return result
+
+    def products(self, parameters: Array) -> Array:
+        """Return each term's product of factors, ``(T, N)``, for parameters ``(P, N)``."""
+        padded = np.concatenate([parameters, np.ones((1, parameters.shape[1]))])
+        result: Array = np.prod(padded[self.factors], axis=1)
+        return result
+
+    def displacements(self, products: Array) -> Array:
+        """Return every target's displacement, ``(K, 6, N)``, for products ``(T, N)``."""
+        result = np.zeros((len(self.targets), 6, products.shape[1]))
+        for k, twist, product in zip(self.target, self.twists, products, strict=True):
+            result[k] += twist[:, None] * product
+        return result
+
+    def displacement_slopes(self, mean: Array) -> tuple[SlopeColumns, ...]:
+        """Return the derivatives of each target's displacement to the components, at ``(d,)`` values."""
+        gradient = self.program.gradient(mean)
+        padded = np.append(self.program.evaluate(mean[:, None])[:, 0], 1.0)
+        sizes = np.array([*map(len, gradient), 0], dtype=np.intp)
+        begins = np.cumsum(sizes) - sizes
+        components = np.array([k for slopes in gradient for k in slopes], dtype=np.intp)
+        derivatives = np.array([slope for slopes in gradient for slope in slopes.values()])
+        # an entry for every component of every factor, each times the other two factors
+        others = np.stack(
+            [padded[self.factors[:, k - 2]] * padded[self.factors[:, k - 1]] for k in range(MOST_FACTORS)], axis=1
+        )
+        counts = sizes[self.factors].ravel()
+        entry = np.repeat(np.arange(counts.size), counts)
+        place = begins[self.factors].ravel()[entry] + np.arange(entry.size) - (np.cumsum(counts) - counts)[entry]
+        terms, component, slopes = _summed(
+            entry // MOST_FACTORS, components[place], (derivatives[place] * others.ravel()[entry])[None], mean.size
+        )
+        targets, component, slopes = _summed(self.target[terms], component, self.twists[terms].T * slopes, mean.size)
+        ends = np.searchsorted(targets, np.arange(len(self.targets) + 1))
+        return tuple(SlopeColumns(component[a:b], slopes[:, a:b]) for a, b in itertools.pairwise(ends.tolist()))
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class SlopeColumns:
+    """Derivatives ``(6, m)`` to some components, whose columns are ``(m,)``; those to all others are zero."""
+
+    columns: NDArray[np.intp]
+    slopes: Array
+
+    def __post_init__(self) -> None:
+        fix_fields(self)
+
+
+def _summed(
+    rows: NDArray[np.intp], columns: NDArray[np.intp], values: Array, width: int
+) -> tuple[NDArray[np.intp], NDArray[np.intp], Array]:
+    """Return the entries of a matrix in the order of rows and columns; values ``(n, E)`` of one place are added in turn."""
+    keys, number = np.unique(rows * width + columns, return_inverse=True)
+    sums = np.array([np.bincount(number, weights=value, minlength=keys.size) for value in values])
+    return keys // max(width, 1), keys % max(width, 1), sums
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class TableLayout:
+    """What tables have in common that differ in their twists and frames only: those of one model at different poses.
+
+    Attributes
+    ----------
+    terms
+        Some such table's terms.
+    targets, program, target, factors
+        As in :class:`TermTable`.
+    links, places
+        The chain link that carries each target, and the target's pose in its axes, ``(K,)`` and ``(K, 4, 4)``.
+    at_joints, joints
+        The terms on joint values, and their joints.
+    comparable
+        Whether another table's formulas can be compared with these: not where they are very deep, since comparing goes
+        through a shared part once for every way to it.
+    """
+
+    terms: tuple[Term, ...]
+    targets: tuple[Target, ...]
+    program: Program
+    target: NDArray[np.intp]
+    factors: NDArray[np.intp]
+    links: NDArray[np.intp]
+    places: Array
+    at_joints: NDArray[np.intp]
+    joints: NDArray[np.intp]
+    comparable: bool
+
+    @classmethod
+    def of(cls, terms: tuple[Term, ...], space: Space) -> TableLayout:
+        """Return the layout of terms."""
+        by_key: dict[_Order, Target] = {}
+        keys = [_chain_order(term.target) for term in terms]
+        for key, term in zip(keys, terms, strict=True):
+            known = by_key.setdefault(key, term.target)
+            if not _is_same(known, term.target):
+                raise InternalError(f"two different places at one point of the chain: {known}, {term.target}")
+        ordered = sorted(by_key)
+        numbers = {key: k for k, key in enumerate(ordered)}
+        targets = tuple(by_key[key] for key in ordered)
+        parameters: dict[Expression, int] = {}
+        factors = np.full((len(terms), MOST_FACTORS), -1, dtype=np.intp)
+        for row, term in enumerate(terms):
+            for column, factor in enumerate(term.factors):
+                factors[row, column] = parameters.setdefault(factor, len(parameters))
+        on_joints = [(row, term.target.joint) for row, term in enumerate(terms) if isinstance(term.target, JointValue)]
+        return cls(
+            terms=terms,
+            targets=targets,
+            program=Program.compile(list(parameters), space.index),
+            target=np.array([numbers[key] for key in keys], dtype=np.intp),
+            factors=factors,
+            links=np.array([key[0] for key in ordered], dtype=np.intp),
+            places=np.array([target.frame if isinstance(target, Place) else np.eye(4) for target in targets]).reshape(
+                -1, 4, 4
+            ),
+            at_joints=np.array([row for row, _ in on_joints], dtype=np.intp),
+            joints=np.array([joint for _, joint in on_joints], dtype=np.intp),
+            comparable=all(_depth(parameter) <= _DEEPEST_COMPARED for parameter in parameters),
+        )
+
+    def fits(self, terms: tuple[Term, ...]) -> bool:
+        """Return whether terms have these targets and factors, in this order."""
+        if not self.comparable or len(terms) != len(self.terms):
+            return False
+        for known, term in zip(self.terms, terms, strict=True):
+            if known is not term and not (known.factors == term.factors and _is_same(known.target, term.target)):
+                return False
+        return True
+
+    def twists(self, chain: Chain, terms: tuple[Term, ...]) -> Array:
+        """Return ``[d; δ]`` in the targets' axes, ``(T, 6)``, of terms that :meth:`fits`."""
+        twists = np.zeros((len(terms), 6))
+        on_places = np.ones(len(terms), dtype=bool)
+        on_places[self.at_joints] = False
+        if on_places.any():
+            twists[on_places] = [term.twist for term in terms if term.twist.size == 6]
+        if len(self.joints):
+            values = np.array([terms[row].twist[0] for row in self.at_joints])
+            slides = chain.prismatic[self.joints, None]
+            along = chain.axes[self.joints] * values[:, None]
+            twists[self.at_joints] = np.concatenate(
+                [np.where(slides, along, 0.0), np.where(slides, 0.0, along)], axis=1
+            )
+        return twists
+
+    def at(self, posture: Posture, terms: tuple[Term, ...]) -> TermTable:
+        """Return the table at a posture of terms that :meth:`fits`."""
+        return TermTable(
+            pose=posture.pose,
+            targets=self.targets,
+            frames=posture.link_poses[self.links] @ self.places,
+            program=self.program,
+            target=self.target,
+            twists=self.twists(posture.chain, terms),
+            factors=self.factors,
+        )
+
+
+_Order = tuple[int, int, int, str]
+_DEEPEST_COMPARED: Final = 12
+
+
+def _chain_order(target: Target) -> _Order:
+    """Return where a target stands on the chain: a joint before all places of the link it moves.
+
+    Places of different sources may have one rank; their names then tell them apart and order them.
+    """
+    if isinstance(target, JointValue):
+        return (target.joint + 1, -1, 0, "")
+    return (target.link, *target.order, target.name)
+
+
+def _is_same(one: Target, other: Target) -> bool:
+    """Return whether two targets are one, a place's frame included."""
+    return one is other or (one.is_same(other) if isinstance(one, Place) else one == other)
+
+
+def _depth(expression: Expression) -> int:
+    return expression.depth if isinstance(expression, Operation) else 0

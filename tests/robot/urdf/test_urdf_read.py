@@ -1,0 +1,440 @@
+"""Every mutation of a sound arm brings exactly the finding it deserves, at its line, naming what is wrong."""
+
+from __future__ import annotations
+
+import codecs
+import math
+import time
+
+import pytest
+
+from precision_pin.errors import UrdfError
+from precision_pin.robot.urdf import Cylinder, Inertial, Limit, Limits, Shape, parse
+from precision_pin.robot.urdf.editing import Placement, UrdfText
+
+SHOULDER_LIMIT = '<limit lower="-2" upper="2" effort="50" velocity="1.5"/>'
+ELBOW_AXIS = '<axis xyz="0 -1 0"/>'
+FORE_INERTIA = '<inertia ixx="0" ixy="0" ixz="0" iyy="0.02" iyz="0" izz="0.02"/>'
+FORE_INERTIAL = '<inertial>\n      <origin xyz="0.15'
+FORE_MASS = '<mass value="1.5"/>'
+SHOULDER = '<joint name="shoulder" type="revolute">'
+ELBOW = '<joint name="elbow" type="continuous">'
+ELBOW_ORIGIN = '<origin xyz="0.4 0 0" rpy="0.1 0.2 0.3"/>'
+FORE_LINK = '<link name="fore">'
+CYLINDER = '<cylinder radius="0.05" length="0.4"/>'
+COLOR = '<color rgba="0.5 0.5 0.5 1"/>'
+USED = '<material name="grey"/>'
+FLANGE_CHILD = '<child link="tip"/>'
+END = "</robot>"
+LOOP = """<link name="a"/><link name="b"/>
+<joint name="ab" type="fixed"><parent link="a"/><child link="b"/></joint>
+<joint name="ba" type="fixed"><parent link="b"/><child link="a"/></joint></robot>"""
+
+# what is replaced, by what, code, words the message must hold, text in whose line it must stand
+ERRORS = [
+    # XML
+    ('<mass value="2.5"/>', '<mass value="2.5" value="3"/>', "E_XML_SYNTAX", ["duplicate"], "value=\"3\""),
+    ('<mass value="2.5"/>', '<mass value="2.5">', "E_XML_SYNTAX", ["mismatched"], "</inertial>"),
+    (END, "</robot><robot/>", "E_XML_SYNTAX", ["junk"], "<robot/>"),
+    ('<link name="ram"/>', '<!-- a -- b --><link name="ram"/>', "E_XML_SYNTAX", ["well-formed"], "<!-- a"),
+    ('<link name="ram"/>', '<link name="ram\0"/>', "E_XML_SYNTAX", ["NUL"], "\0"),
+    ('<link name="ram"/>', '<link name="&ram;"/>', "E_XML_SYNTAX", ["undefined entity"], "&ram;"),
+    ('<?xml version="1.0"?>', "<!DOCTYPE robot>", "E_XML_DTD", ["DOCTYPE"], "<!DOCTYPE"),
+    (
+        '<?xml version="1.0"?>\n',
+        '<?xml version="1.0"?>\n<!DOCTYPE r [\n<!ENTITY x SYSTEM "file:///etc/passwd">]>\n',
+        "E_XML_DTD", ["DOCTYPE"], "<!DOCTYPE",
+    ),
+    ('<?xml version="1.0"?>', "<!DOCTYPE html>", "E_XML_SYNTAX", ["HTML"], "<!DOCTYPE"),
+    ('<?xml version="1.0"?>', '<?xml version="1.0" encoding="utf-16"?>', "E_XML_ENCODING", ["utf-16"], "utf-16"),
+    ('<?xml version="1.0"?>', '<?xml version="1.0" encoding="klingon"?>', "E_XML_ENCODING", ["klingon"], "klingon"),
+    ('<link name="ram"/>', "<x>" * 64 + "</x>" * 64, "E_XML_DEPTH", ["64"], "<x>"),
+    ('<link name="ram"/>', f'<link name="{"r" * 70_000}"/>', "E_TOO_BIG", ["65536"], "rrr"),
+    ('<mass value="2.5"/>', '<mass value="${m}"/>', "E_XACRO", ["xacro", "${m}"], "${m}"),
+    ('<mass value="2.5"/>', '<xacro:mass value="2"/>', "E_XACRO", ["xacro:mass"], "xacro:mass"),
+    ('<robot name="arm">', '<robot>', "E_NO_NAME", ["robot"], "<robot>"),
+    ('<robot name="arm">', '<robot name="arm" version="2.0">', "E_VERSION", ["2.0", "1.0"], "version=\"2.0"),
+    ('<robot name="arm">', '<robot name="arm" xmlns="urn:x">', "E_NO_ROBOT", ["urn:x"], "urn:x"),
+    (ELBOW_ORIGIN, '<origin xyz="0.4 0 0" quat_xyzw="0 0 0 1"/>', "E_VERSION", ["elbow", "rpy"], "quat"),
+    # what may stand once
+    (ELBOW_AXIS, ELBOW_AXIS + '<axis xyz="1 0 0"/>', "E_DUP_ELEMENT", ["elbow", "axis"], "0 -1 0"),
+    (FORE_MASS, FORE_MASS + '\n<mass value="3"/>', "E_DUP_ELEMENT", ["fore", "mass"], '<mass value="3"/>'),
+    # names
+    ('<link name="ram"/>', '<link name="ram"/>\n<link/>', "E_NO_NAME", ["link"], "<link/>"),
+    ('<link name="ram"/>', '<link name="ram"/>\n<link name=" "/>', "E_EMPTY_NAME", ["link"], '" "'),
+    ('<link name="ram"/>', '<link name="ram"/>\n<link name="fore"/>', "E_DUP_LINK", ["fore"], '"fore"/>'),
+    (ELBOW, ELBOW.replace("elbow", "shoulder"), "E_DUP_JOINT", ["shoulder"], 'name="shoulder" type="cont'),
+    ("tip", "universe", "E_RESERVED_NAME", ["universe"], '<link name="universe"'),
+    # structure
+    ('<child link="tip"/>', '<child link="top"/>', "E_UNKNOWN_LINK", ["flange", "top", "'tip'"], "flange"),
+    ('<parent link="ram"/>', "", "E_NO_PARENT", ["flange"], "flange"),
+    ('<child link="tip"/>', "<child/>", "E_NO_CHILD", ["flange"], "<child/>"),
+    ('<child link="tip"/>', '<child link="ram"/>', "E_LOOP", ["flange", "ram"], "flange"),
+    ('<child link="tip"/>', '<child link="fore"/>', "E_LOOP", ["flange", "elbow", "fore"], "flange"),
+    (END, LOOP, "E_LOOP", ["'a'", "'b'"], 'name="ba"'),
+    ('<link name="tip"/>', '<link name="tip"/>\n<link name="lost"/>', "E_TWO_ROOTS", ["foot", "lost"], "lost"),
+    # numbers
+    (FORE_MASS, '<mass value="1,5"/>', "E_NUMBER", ["fore", "1,5", "decimal point"], "1,5"),
+    (FORE_MASS, '<mass value="1.5kg"/>', "E_NUMBER", ["fore", "1.5kg"], "1.5kg"),
+    (FORE_MASS, '<mass value=""/>', "E_NUMBER", ["fore", "empty"], 'value=""'),
+    (FORE_MASS, "<mass>1.5</mass>", "E_NUMBER", ["fore", "no value"], "<mass>"),
+    (FORE_MASS, '<mass value="1 2"/>', "E_NUMBER", ["fore", "2 numbers"], '"1 2"'),
+    (FORE_MASS, '<mass value="1_0"/>', "E_NUMBER", ["fore", "1_0"], '"1_0"'),
+    (FORE_MASS, '<mass value="0x10"/>', "E_NUMBER", ["fore", "0x10"], '"0x10"'),
+    (FORE_MASS, '<mass value="१"/>', "E_NUMBER", ["fore", "plain number"], "१"),
+    (FORE_MASS, '<mass value="−1.5"/>', "E_NUMBER", ["fore", "plain number"], "−1.5"),
+    (FORE_MASS, '<mass value="1.5&#160;"/>', "E_NUMBER", ["fore", "plain number"], "#160"),
+    (FORE_MASS, '<mass value="nan"/>', "E_NOT_FINITE", ["fore", "nan"], '"nan"'),
+    (FORE_MASS, '<mass value="-INF"/>', "E_NOT_FINITE", ["fore", "-INF"], '"-INF"'),
+    (FORE_MASS, '<mass value="1e999"/>', "E_NOT_FINITE", ["fore", "1e999"], '"1e999"'),
+    (ELBOW_ORIGIN, '<origin xyz="0.4 0"/>', "E_NUMBER", ["elbow", "2 numbers", "3 "], '"0.4 0"'),
+    (ELBOW_ORIGIN, '<origin xyz="4e9 0 0"/>', "E_UNITS", ["elbow", "metres"], "4e9"),
+    (ELBOW_ORIGIN, '<origin rpy="4e9 0 0"/>', "E_UNITS", ["elbow", "radians"], "4e9"),
+    (ELBOW_ORIGIN, '<origin rpy="1.7e308 0 0"/>', "E_UNITS", ["elbow", "radians"], "1.7e308"),
+    (FORE_MASS, '<mass value="4e9"/>', "E_UNITS", ["fore", "kg"], "4e9"),
+    # joints
+    (ELBOW, ELBOW.replace("continuous", "hinge"), "E_JOINT_TYPE", ["elbow", "hinge", "revolute"], "hinge"),
+    (ELBOW, '<joint name="elbow">', "E_JOINT_TYPE", ["elbow", "no type"], "elbow"),
+    (ELBOW, ELBOW.replace("continuous", "floating"), "E_JOINT_UNSUPPORTED", ["elbow", "floating"], "floating"),
+    (ELBOW_AXIS, '<axis xyz="0 0 0"/>', "E_AXIS_ZERO", ["elbow"], '"0 0 0"/>\n  </joint>'),
+    (ELBOW_AXIS, '<axis xyz="1e200 1e200 0"/>', "E_AXIS_NORM", ["elbow", "1e200"], "1e200"),
+    (ELBOW_AXIS, '<axis xyz="1e-200 0 0"/>', "E_AXIS_ZERO", ["elbow", "1e-200"], "1e-200"),
+    (ELBOW_AXIS, '<axis xyz="0 -9e-7 0"/>', "E_AXIS_ZERO", ["elbow", "0 -9e-7 0"], "0 -9e-7"),
+    (ELBOW_AXIS, "<axis/>", "E_AXIS_ZERO", ["elbow", "no xyz"], "<axis/>"),
+    (ELBOW_AXIS, ELBOW_AXIS + '<mimic joint="flange"/>', "E_MIMIC", ["elbow", "flange", "fixed"], ELBOW),
+    (ELBOW_AXIS, '<axis xyz="nan 0 0"/>', "E_NOT_FINITE", ["elbow", "nan"], "nan"),
+    (SHOULDER_LIMIT, "", "E_LIMITS", ["shoulder", "no limit"], SHOULDER),
+    (SHOULDER_LIMIT, SHOULDER_LIMIT.replace('"2"', '"-3"'), "E_LIMITS", ["shoulder", "-3"], '"-3"'),
+    (SHOULDER_LIMIT, SHOULDER_LIMIT.replace("50", "-50"), "E_LIMITS", ["shoulder", "effort"], "-50"),
+    (SHOULDER_LIMIT, SHOULDER_LIMIT.replace("50", "nan"), "E_NOT_FINITE", ["shoulder", "nan"], '"nan"'),
+    (ELBOW_AXIS, ELBOW_AXIS + '<mimic joint="wrist"/>', "E_MIMIC", ["elbow", "wrist"], ELBOW),
+    (ELBOW_AXIS, ELBOW_AXIS + '<mimic joint="elbow"/>', "E_MIMIC", ["elbow", "itself"], "<mimic"),
+    (ELBOW_AXIS, ELBOW_AXIS + "<mimic/>", "E_MIMIC", ["elbow", "names no joint"], "<mimic"),
+    (ELBOW_AXIS, ELBOW_AXIS + '<dynamics damping="nan"/>', "E_NOT_FINITE", ["elbow", "damping"], "<dynamics"),
+    # masses
+    (FORE_MASS, '<mass value="-1"/>', "E_MASS_NEG", ["fore", "-1"], '"-1"'),
+    (FORE_MASS, "", "E_INERTIAL", ["fore", "mass"], FORE_INERTIAL),
+    (FORE_INERTIA, "", "E_INERTIAL", ["fore", "ixx"], FORE_INERTIAL),
+    (FORE_INERTIA, FORE_INERTIA.replace('iyz="0" ', ""), "E_INERTIAL", ["fore", "iyz"], 'ixx="0"'),
+    (FORE_INERTIA, FORE_INERTIA.replace('ixx="0"', 'ixx="-0.01"'), "E_INERTIA_PD", ["fore"], FORE_LINK),
+    (FORE_INERTIA, FORE_INERTIA.replace('iyz="0"', 'iyz="0.03"'), "E_INERTIA_PD", ["fore"], FORE_LINK),
+    (FORE_INERTIA, FORE_INERTIA.replace('izz="0.02"', 'izz="0.03"'), "E_INERTIA_TRIANGLE", ["fore"], FORE_LINK),
+    (FORE_INERTIA, FORE_INERTIA.replace('iyy="0.02"', 'iyy="0"'), "E_INERTIA_TRIANGLE", ["fore"], FORE_LINK),
+    # looks that would mislead a parser
+    (COLOR, COLOR.replace("0.5 0.5", "%s %n"), "E_MATERIAL", ["grey"], "%s"),
+    (CYLINDER, CYLINDER.replace("0.4", "%s"), "E_GEOMETRY", ["upper", "%s"], "<visual>"),
+]  # fmt: skip
+
+WARNINGS = [
+    (END, "<hoverboard/></robot>", "W_UNKNOWN_ELEMENT", ["hoverboard"], "hoverboard"),
+    (ELBOW_ORIGIN, '<origin xzy="0.4 0 0"/>', "W_UNKNOWN_ATTRIBUTE", ["elbow", "xzy", "xyz"], "xzy"),
+    (END, '<link name="hook"/><joint name="h" type="fixed"><parent link="fore"/><child link="hook"/></joint></robot>',
+     "W_BRANCHED", ["tip", "hook"], '<link name="foot"'),
+    ('name="flange"', 'name="tip"', "W_NAME_SHARED", ["tip"], '<link name="tip"'),
+    ("flange", "&lt;script&gt;", "W_NAME_CHARS", ["<script>"], "&lt;"),
+    ("flange", "a b", "W_NAME_CHARS", ["blank"], "a b"),
+    ("flange", "=SUM(A1)", "W_NAME_CHARS", ["=SUM"], "=SUM"),
+    ("flange", "Elbow", "W_NAME_CONFUSABLE", ["elbow", "Elbow"], "Elbow"),
+    ("flange", "еlbow", "W_NAME_CONFUSABLE", ["elbow"], "еlbow"),  # a Cyrillic е
+    (ELBOW_ORIGIN, '<origin xyz="400 0 0"/>', "W_UNITS", ["elbow", "millimetres"], "400 0 0"),
+    (ELBOW_ORIGIN, '<origin xyz="0.4 0 0" rpy="90 0 0"/>', "W_UNITS", ["elbow", "degrees"], "90 0 0"),
+    (SHOULDER_LIMIT, SHOULDER_LIMIT.replace('"2"', '"180"'), "W_UNITS", ["shoulder", "degrees"], "180"),
+    ('upper="0.25"', 'upper="250"', "W_UNITS", ["slide", "millimetres"], "250"),
+    (FORE_INERTIA, FORE_INERTIA.replace("0.02", "20000"), "W_UNITS", ["fore", "mm"], FORE_INERTIAL),
+    (ELBOW_AXIS, '<axis xyz="0 -2 0"/>', "W_AXIS_NORM", ["elbow", "length 2"], "0 -2 0"),
+    (ELBOW_AXIS, "", "W_AXIS_DEFAULT", ["elbow", "1 0 0"], ELBOW),
+    (ELBOW_AXIS, '<axis xyz="0 -1e-5 0"/>', "W_AXIS_NORM", ["elbow", "1e-05"], "1e-5"),
+    (ELBOW_AXIS, '<axis xmlns="urn:x" xyz="0 -1 0"/>', "W_UNKNOWN_ATTRIBUTE", ["elbow", "xmlns"], "urn:x"),
+    (ELBOW_AXIS, ELBOW_AXIS + "<limit/>", "W_LIMITS", ["elbow", "effort and velocity"], "<limit/>"),
+    (FLANGE_CHILD, FLANGE_CHILD + '<mimic joint="elbow"/>', "W_MIMIC", ["flange", "fixed"], "<mimic"),
+    (FLANGE_CHILD, FLANGE_CHILD + "<limit/>", "W_LIMITS", ["flange", "fixed", "effort and velocity"], "<limit/>"),
+    (FLANGE_CHILD, FLANGE_CHILD + '<limit effort="x" velocity="1"/>', "W_LIMITS", ["flange", "effort missing or"], '"x"'),
+    # white space with which urdfdom drops the inertial or refuses the file
+    (FORE_MASS, '<mass value=" +1.5e0 "/>', "W_NUMBER_BLANKS", ["fore", "<mass> value", "urdfdom"], "+1.5e0"),
+    (FORE_MASS, '<mass value="1.5\n"/>', "W_NUMBER_BLANKS", ["fore", "<mass> value"], '"1.5'),
+    (FORE_INERTIA, FORE_INERTIA.replace('"0.02"/', '"0.02 "/'), "W_NUMBER_BLANKS", ["<inertia> izz"], '"0.02 "'),
+    ('xyz="0.15 0 0"', 'xyz="0.15&#9;0 0"', "W_NUMBER_BLANKS", ["fore", "<origin> xyz"], "0.15"),
+    ('xyz="0.15 0 0"', 'xyz="0.15\n0 0"', "W_NUMBER_BLANKS", ["fore", "<origin> xyz"], "0.15"),
+    (SHOULDER_LIMIT, SHOULDER_LIMIT.replace('"2"', '"2 "'), "W_NUMBER_BLANKS", ["shoulder", "<limit> upper"], '"2 "'),
+    (ELBOW_ORIGIN, '<origin xyz="0.4 0&#10;0" rpy="0.1 0.2 0.3"/>', "W_NUMBER_BLANKS", ["elbow"], "&#10;"),
+    (SHOULDER_LIMIT, '<limit effort="50" velocity="1.5"/>', "W_LIMITS", ["lower and upper"], "<limit effort"),
+    (SHOULDER_LIMIT, '<limit lower="-2" upper="2"/>', "W_LIMITS", ["effort and velocity"], '"2"/>'),
+    (SHOULDER_LIMIT, SHOULDER_LIMIT.replace('"2"', '"inf"'), "W_LIMITS", ["upper infinite"], "inf"),
+    (SHOULDER_LIMIT, SHOULDER_LIMIT.replace('"2"', '"-2"').replace('"-2"', '"0"'), "W_LIMITS", ["both 0"], '"0" eff'),
+    (ELBOW_AXIS, ELBOW_AXIS + SHOULDER_LIMIT, "W_LIMITS", ["elbow", "without end"], "0 -1 0"),
+    (SHOULDER_LIMIT, SHOULDER_LIMIT.replace("-2", "0.5"), "W_NEUTRAL", ["shoulder", "0.5"], '"0.5" upper'),
+    (ELBOW_AXIS, ELBOW_AXIS + '<mimic joint="shoulder" multiplier="-2"/>', "W_MIMIC", ["shoulder", "-2"], "<mimic"),
+    (ELBOW_AXIS, ELBOW_AXIS + "<dynamics/>", "W_DYNAMICS", ["elbow"], "<dynamics"),
+    (ELBOW_AXIS, ELBOW_AXIS + '<dynamics friction="-1"/>', "W_DYNAMICS", ["elbow", "friction"], "<dynamics"),
+    (ELBOW_AXIS, ELBOW_AXIS + '<calibration rising="0"/>', "W_IGNORED", ["elbow", "calibration"], "<calibration"),
+    (FORE_MASS, '<mass value="0"/>', "W_MASS_ZERO", ["fore"], 'value="0"'),
+    (FORE_MASS, '<mass value="900"/>', "W_MASS_LARGE", ["fore", "grams"], "900"),
+    (FORE_INERTIA, FORE_INERTIA.replace("0.02", "0"), "W_INERTIA_ZERO", ["fore", "point mass"], FORE_LINK),
+    (COLOR, COLOR.replace("0.5 0.5", "x y"), "W_MATERIAL", ["grey"], "x y"),
+    (COLOR, COLOR.replace("0.5 0.5", "255 255"), "W_MATERIAL", ["grey", "between 0 and 1"], "255"),
+    (COLOR, "", "W_MATERIAL", ["grey", "neither color nor texture"], "<material"),
+    (END, "<material/></robot>", "W_MATERIAL", ["no name"], "<material/>"),
+    (USED, '<material name="gray"/>', "W_MATERIAL", ["upper", "gray", "nowhere"], "gray"),
+    (USED, "<material/>", "W_MATERIAL", ["upper", "without a name"], "<material/>"),
+    (USED, f'<material name="">{COLOR}</material>', "W_MATERIAL", ["upper", "without a name"], '<material name=""'),
+    (CYLINDER, '<cylinder radius="-1" length="1"/>', "W_GEOMETRY", ["upper", "positive"], "<visual>"),
+    (CYLINDER, '<capsule radius="1"/>', "W_GEOMETRY", ["upper", "capsule"], "<visual>"),
+    (CYLINDER, '<mesh filename="" />', "W_MESH_MISSING", ["upper"], "<mesh"),
+    (CYLINDER, '<mesh filename="a.stl" scale="0.001"/>', "W_MESH_SCALE", ["upper", "0.001"], "<mesh"),
+    (CYLINDER, '<mesh filename="a.stl" scale="1 -1 1"/>', "W_MESH_SCALE", ["upper", "mirrors"], "<mesh"),
+    (ELBOW_ORIGIN, '<origin xyz="0.4 0 0" rpy="1.57 0 0"/>', "W_ANGLE_ROUNDED", ["elbow", "1.57", "90°"], ELBOW),
+    (ELBOW_ORIGIN, '<origin xyz="0.4 0 0" rpy="0 0 -3.1416"/>', "W_ANGLE_ROUNDED", ["-3.1416", "-180°"], ELBOW),
+    (ELBOW_ORIGIN, '<origin xyz="0.4 0 0" rpy="0 0.785 0"/>', "W_ANGLE_ROUNDED", ["0.785", "45°"], ELBOW),
+]  # fmt: skip
+
+SILENT = [
+    ('<?xml version="1.0"?>', "\ufeff<?xml version=\"1.0\"?>"),
+    ('<?xml version="1.0"?>', '<?xml version="1.0" encoding="ISO-8859-1"?>'),
+    ("\n", "\r\n"),
+    ("\n", "\r"),
+    (FORE_MASS, '<mass value=" +1.5e0"/>'),
+    (FORE_MASS, '<mass value="\n1.5"/>'),
+    (FORE_LINK, '<material name="bare"><texture filename="wood.png"/></material>' + FORE_LINK),
+    (ELBOW_AXIS, ELBOW_AXIS + '<limit effort="5" velocity="1"/>'),
+    (FLANGE_CHILD, FLANGE_CHILD + '<limit effort="5" velocity="1"/><axis xyz="0 0 0"/>'),
+    (FORE_MASS, '<mass value="&#49;.5"/>'),
+    (FORE_MASS, "<mass value='1.5'/><!-- heavy -->"),
+    (ELBOW_ORIGIN, '<origin xyz="0.4\t0\n0" rpy=" .1 2e-1\r\n0.3"/>'),
+    (ELBOW_AXIS, '<axis xyz="0 -1.0000000001 0"/>'),
+    (ELBOW_AXIS, ELBOW_AXIS + '<dynamics damping="0.1" friction="0"/>'),
+    (END, '<gazebo reference="fore"><mu1>0.2</mu1></gazebo><transmission name="t"/></robot>'),
+    ("fore", "предплечье"),
+    (ELBOW_ORIGIN, '<origin xyz="0.4 0 0" rpy="1.570796 0.0008 1.5712345"/>'),
+]  # fmt: skip
+
+
+def _line(text: str, part: str) -> int:
+    before = text[: text.index(part)]
+    return 1 + before.count("\n")
+
+
+def test_a_sound_arm_has_no_findings(arm, findings_of):
+    assert findings_of(arm) == ()
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "code", "words", "at"), ERRORS, ids=[f"{k}-{row[2]}" for k, row in enumerate(ERRORS)]
+)
+def test_each_fault_is_refused(arm, findings_of, old, new, code, words, at):
+    assert old in arm
+    text = arm.replace(old, new)
+    errors = [found for found in findings_of(text) if found.severity == "error"]
+    assert [found.code for found in errors] == [code]
+    for word in words:
+        assert word in errors[0].message
+    assert errors[0].file == "arm.urdf"
+    assert errors[0].line == _line(text, at)
+    assert "\n" not in str(errors[0])
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "code", "words", "at"), WARNINGS, ids=[f"{k}-{row[2]}" for k, row in enumerate(WARNINGS)]
+)
+def test_each_oddity_is_warned_of(arm, findings_of, old, new, code, words, at):
+    assert old in arm
+    text = arm.replace(old, new)
+    found = findings_of(text)
+    assert [(one.severity, one.code) for one in found] == [("warning", code)]
+    for word in words:
+        assert word in found[0].message
+    assert found[0].line == _line(text, at)
+
+
+@pytest.mark.parametrize(("old", "new"), SILENT)
+def test_what_is_legal_is_silent(arm, findings_of, old, new):
+    assert old in arm
+    assert findings_of(arm.replace(old, new)) == ()
+
+
+def test_all_findings_come_at_once_in_line_order(arm, findings_of):
+    text = arm.replace(FORE_MASS, '<mass value="nan"/>').replace(ELBOW_AXIS, '<axis xyz="0 0 0"/>')
+    text = text.replace(SHOULDER_LIMIT, SHOULDER_LIMIT.replace("-2", "0.5"))
+    assert [found.code for found in findings_of(text)] == ["E_NOT_FINITE", "W_NEUTRAL", "E_AXIS_ZERO"]
+
+
+def test_mimics_in_a_circle_are_named(arm, findings_of):
+    text = arm.replace(SHOULDER_LIMIT, SHOULDER_LIMIT + '<mimic joint="elbow"/>')
+    text = text.replace(ELBOW_AXIS, ELBOW_AXIS + '<mimic joint="shoulder"/>')
+    (error,) = (found for found in findings_of(text) if found.severity == "error")
+    assert error.code == "E_MIMIC"
+    assert "'shoulder'" in error.message
+    assert "'elbow'" in error.message
+
+
+@pytest.mark.parametrize(
+    ("text", "code"),
+    [
+        (b"", "E_XML_EMPTY"),
+        (b" \n ", "E_XML_EMPTY"),
+        (b"\xef\xbb\xbf", "E_XML_EMPTY"),
+        ("<robot name='a'/>".encode("utf-16-le"), "E_XML_ENCODING"),
+        ("<robot name='a'/>".encode("utf-32"), "E_XML_ENCODING"),
+        (b"<robot name='\xe9'/>", "E_XML_ENCODING"),
+        (b"<sdf/>", "E_NO_ROBOT"),
+        (b"<mujoco/>", "E_NO_ROBOT"),
+        (b"<u:robot xmlns:u='urn:x' name='a'/>", "E_NO_ROBOT"),
+        (b"<robot name='a'/>", "E_NO_LINKS"),
+        (b"<robot name='a'><link name='b'/></robot>", "E_NO_DOF"),
+        (
+            b"<robot name='a'><link name='b'/><link name='c'/>"
+            b"<joint name='j' type='fixed'><parent link='b'/><child link='c'/></joint>"
+            b"<joint name='k' type='fixed'><parent link='c'/><child link='b'/></joint></robot>",
+            "E_NO_ROOT",
+        ),
+        (b"not XML at all", "E_XML_SYNTAX"),
+    ],
+)  # fmt: skip
+def test_whole_files_that_are_no_robot(findings_of, text, code):
+    assert [found.code for found in findings_of(text)] == [code]
+
+
+DECLARED = '<?xml version="1.0" encoding="{}"?>'
+ENCODINGS = [
+    ("utf-8", "UTF-8"), ("utf-8-sig", "utf-8"), ("utf-16", "UTF-16"), ("utf-16", None), ("utf-16-le", "UTF-16"),
+    ("utf-16-be", "utf-16be"), ("latin-1", "ISO-8859-1"), ("iso-8859-15", "iso-8859-15"), ("cp1252", "windows-1252"),
+]  # fmt: skip
+MISTAKEN = [
+    ("utf-16", "UTF-8"), ("utf-16", "ISO-8859-1"), ("utf-16-be", "utf-16le"), ("utf-16-le", None), ("utf-8", "UTF-16"),
+    ("latin-1", "UTF-8"), ("latin-1", "US-ASCII"), ("latin-1", None), ("utf-8-sig", "ISO-8859-1"), ("utf-32", "utf-32"),
+    ("shift_jis", "shift_jis"), ("utf-7", "utf-7"), ("utf-8", "x-none"), ("cp037", "cp037"),
+]  # fmt: skip
+
+
+def _encoded(arm: str, written: str, declared: str | None) -> bytes:
+    text = arm.replace('<?xml version="1.0"?>', "" if declared is None else DECLARED.format(declared)).lstrip()
+    letters = "bêche" if written != "shift_jis" else "腕"
+    return text.replace("flange", letters).encode(written)
+
+
+@pytest.mark.parametrize(("written", "declared"), ENCODINGS)
+def test_declared_encodings_are_read(arm, written, declared):
+    robot = parse(_encoded(arm, written, declared), "arm.urdf")
+    assert robot.findings == ()
+    assert robot.joints[-1].name == "bêche"
+    plain = parse(arm.encode(), "arm.urdf")
+    assert [(one.name, one.origin.tolist()) for one in robot.joints[:-1]] == [
+        (one.name, one.origin.tolist()) for one in plain.joints[:-1]
+    ]
+
+
+def test_two_byte_order_marks_are_not_xml(arm):
+    with pytest.raises(UrdfError) as caught:
+        parse(2 * codecs.BOM_UTF8 + arm.encode(), "arm.urdf")
+    (finding,) = caught.value.findings
+    assert (finding.code, finding.line) == ("E_XML_SYNTAX", 1)
+
+
+@pytest.mark.parametrize(("written", "declared"), ENCODINGS)
+def test_placements_are_changed_in_any_encoding(arm, written, declared):
+    data = _encoded(arm, written, declared)
+    edited = UrdfText.scan(data).edited({"bêche": Placement((1.0, 2.0, 3.0), None)}, comment=["of our bêche"])
+    robot = parse(edited, "arm.urdf")
+    assert robot.findings == ()
+    assert (robot.joints[-1].name, robot.joints[-1].xyz, robot.joints[-1].rpy) == ("bêche", (1, 2, 3), (0, 0.5, 0))
+    assert edited.decode("utf-8-sig").count("of our bêche") == 1
+
+
+@pytest.mark.parametrize(("written", "declared"), MISTAKEN)
+def test_other_encodings_are_refused_and_never_misread(arm, findings_of, written, declared):
+    (found,) = findings_of(_encoded(arm, written, declared))
+    assert found.code == "E_XML_ENCODING"
+    assert "UTF" in found.message or "ASCII" in found.message
+
+
+def _chain(links: int, kind: str) -> str:
+    parts = [f'<link name="l{k}"/>' for k in range(links)]
+    parts += [
+        f'<joint name="j{k}" type="{kind if k else "continuous"}"><parent link="l{k}"/><child link="l{k + 1}"/>'
+        '<axis xyz="0 0 1"/></joint>'
+        for k in range(links - 1)
+    ]
+    return f'<robot name="chain">{"".join(parts)}</robot>'
+
+
+def test_size_limits_hold_and_can_be_raised(findings_of):
+    assert findings_of(_chain(200, "fixed")) == ()
+    assert [found.code for found in findings_of(_chain(201, "fixed"))] == ["E_TOO_BIG"]
+    assert findings_of(_chain(129, "continuous")) == ()
+    assert [found.code for found in findings_of(_chain(130, "continuous"))] == ["E_TOO_BIG"]
+    large = parse(_chain(400, "continuous").encode(), "x", limits=Limits(moving_joints=500, links_in_depth=500))
+    assert len(large.path("l0", "l399")) == 399
+    with pytest.raises(Exception, match="E_TOO_BIG"):
+        parse(b"<robot/>", "x", limits=Limits(file_bytes=4))
+    with pytest.raises(Exception, match="E_TOO_BIG"):
+        parse(b"<robot><a/><b c='1'/></robot>", "x", limits=Limits(elements=3))
+
+
+def test_a_flood_of_findings_is_cut(findings_of):
+    found = findings_of('<robot name="a">' + "<link/>" * 3000 + "</robot>")
+    assert len(found) == 1001
+    assert found[-1].code == "E_MORE"
+    assert "2000" in found[-1].message
+
+
+def test_values_are_read_as_written(arm):
+    robot = parse(arm.encode(), "arm.urdf")
+    assert [link.name for link in robot.links] == ["foot", "upper", "fore", "ram", "tip"]
+    assert [joint.kind for joint in robot.joints] == ["revolute", "continuous", "prismatic", "fixed"]
+    assert robot.link("foot").inertial is None
+    assert robot.link("foot").mass == 0
+    assert robot.link("upper").inertial == Inertial(2.5, (0.2, 0, 0), (0, 0, 0), (0.01, 0, 0, 0.04, 0, 0.04))
+    assert robot.link("upper").visuals == (
+        Shape(Cylinder(0.05, 0.4), (0.2, 0, 0), (0, math.pi / 2, 0), (0.5, 0.5, 0.5, 1), 11),
+    )
+    shoulder = robot.joint("shoulder")
+    assert (shoulder.parent, shoulder.child, shoulder.line) == ("foot", "upper", 26)
+    assert shoulder.limit == Limit(-2, 2, 50, 1.5)
+    assert robot.joint("elbow").axis == (0, -1, 0)
+    assert robot.joint("elbow").limit is None
+    assert robot.joint("slide").xyz == (0.3, 0, 0)
+    assert robot.joint("slide").rpy == (0, 0, 0)
+
+
+def test_axes_become_unit_vectors(arm):
+    robot = parse(arm.replace(ELBOW_AXIS, '<axis xyz="0 -3 4"/>').encode(), "arm.urdf")
+    assert robot.joint("elbow").axis == (0, -0.6, 0.8)
+
+
+def test_a_bad_visual_never_costs_the_mass(arm):
+    robot = parse(arm.replace(CYLINDER, '<box size="a b c"/>').encode(), "arm.urdf")
+    assert robot.link("upper").mass == 2.5
+    assert robot.link("upper").visuals == ()
+
+
+UNPHYSICAL = (
+    '<link name="tip"><inertial><mass value="{mass}"/>'
+    '<inertia ixx="0.001" ixy="0" ixz="0" iyy="0.001" iyz="0" izz="0.01"/></inertial></link>'
+)
+
+
+def test_an_unphysical_part_of_a_physical_body_is_let_pass(arm, findings_of):
+    ram = UNPHYSICAL.replace("tip", "ram").replace("0.001", "0.05").replace('"0.01"', '"0.06"')
+    heavy = arm.replace('<link name="ram"/>', ram.format(mass=3))
+    both = heavy.replace('<link name="tip"/>', UNPHYSICAL.format(mass=0.1))
+    assert [found.code for found in findings_of(both)] == ["W_INERTIA"]
+    alone = arm.replace('<link name="tip"/>', UNPHYSICAL.format(mass=0.1))
+    assert [found.code for found in findings_of(alone)] == ["E_INERTIA_TRIANGLE"]
+
+
+def test_rods_and_rounded_plates_are_physical(arm, findings_of):
+    # a plate has izz = ixx + iyy; written with three digits the sum may miss by one in the last
+    plate = FORE_INERTIA.replace('ixx="0"', 'ixx="0.617"').replace('iyy="0.02"', 'iyy="0.617"')
+    assert findings_of(arm.replace(FORE_INERTIA, plate.replace('izz="0.02"', 'izz="1.235"'))) == ()
+    # a rod along (1, 2, 2)/3: I = m l²/12 (1 - u uᵀ), written with five digits
+    rod = '<inertia ixx="0.88889" ixy="-0.22222" ixz="-0.22222" iyy="0.55556" iyz="-0.44444" izz="0.55556"/>'
+    assert findings_of(arm.replace(FORE_INERTIA, rod)) == ()
+
+
+@pytest.mark.parametrize("text", ["%" + "0" * 60_000, "%-" * 30_000, "1 " * 30_000, "1," * 30_000, "9" * 60_000])
+def test_long_nonsense_is_judged_quickly(arm, findings_of, text):
+    # quadratic work would take minutes here
+    started = time.perf_counter()
+    found = findings_of(arm.replace('radius="0.05"', f'radius="{text}"').replace('"2.5"', f'"{text}"'))
+    assert {one.code for one in found} & {"E_NUMBER", "E_NOT_FINITE"}
+    assert all(len(one.message) < 600 for one in found)
+    assert time.perf_counter() - started < 5

@@ -1,0 +1,104 @@
+"""A small run, and what its tests share."""
+
+from __future__ import annotations
+
+import random
+import time
+from concurrent.futures import Future
+from dataclasses import fields
+from typing import Any
+
+import numpy as np
+import psutil
+
+from precision_pin.kernel import sampler
+from precision_pin.kernel.sampler import BLOCK
+from precision_pin.model.error_model import ErrorModel
+from precision_pin.robot.examples import PAPER_SHEET
+from precision_pin.sampling import workers as executors
+from precision_pin.sampling.blocks import Work, packages
+from precision_pin.sampling.schedule import Sampling
+from precision_pin.statistics import Plan, Specification, State, start
+
+SAMPLES = 17 * BLOCK + 1234
+MODEL = ErrorModel.load(PAPER_SHEET)
+AT = MODEL.at("paper")
+PLAN = Plan.from_moments(AT.tangent[0], AT.covariance, (Specification("position.norm", 0.035, 0.9),))
+
+
+def work(seed: int = 0, samples: int = SAMPLES, **changed: Any) -> Work:
+    settings = {"layout": sampler.compile_table(AT), "plan": PLAN, "model": "exact", "keep_errors": False}
+    return Work(**{**settings, "seed": seed, "samples": samples, "packages": packages(), **changed})
+
+
+def sampled(
+    work: Work, workers: executors.Workers, blocks_in_a_task: int | None = None, progress: Any = lambda _: None
+) -> State:
+    sampling = Sampling(work, start(work.plan), progress, None)
+    sampling.run(workers, blocks_in_a_task)
+    return sampling.state
+
+
+def in_one_go(work: Work) -> State:
+    """Return the state by the kernel's own loop over all blocks, which knows no tasks."""
+    return sampler.accumulate(work.layout, work.plan, work.model, work.seed, 0, work.blocks, samples=work.samples)
+
+
+def assert_same_bits(first: State, second: State) -> None:
+    for field in fields(State):
+        a, b = getattr(first, field.name), getattr(second, field.name)
+        assert np.asarray(a).tobytes() == np.asarray(b).tobytes(), field.name
+
+
+class Muddled:
+    """An executor that computes nothing until it is asked for a result, then everything it has, in a wrong order."""
+
+    def __init__(self, *, shuffle: random.Random | None = None) -> None:
+        self.shuffle = shuffle
+        self.tasks: list[tuple[Future[Any], Any, Any]] = []
+        self.most = 0
+        self.order: list[int] = []
+
+    def submit(self, function: Any, /, *arguments: Any) -> Future[Any]:
+        future: Future[Any] = Lazy(self)
+        self.tasks.append((future, function, arguments))
+        self.most = max(self.most, len(self.tasks))
+        return future
+
+    def complete(self) -> None:
+        waiting, self.tasks = self.tasks[::-1], []
+        if self.shuffle is not None:
+            self.shuffle.shuffle(waiting)
+        for future, function, arguments in waiting:
+            self.order.append(arguments[1])
+            future.set_result(function(*arguments))
+
+
+class Lazy(Future[Any]):
+    def __init__(self, executor: Muddled) -> None:
+        super().__init__()
+        self.executor = executor
+
+    def result(self, timeout: float | None = None) -> Any:
+        if not self.done():
+            self.executor.complete()
+        return super().result(timeout)
+
+
+def spawned(process: psutil.Process) -> list[psutil.Process]:
+    """Return the processes that sample for a process."""
+    found = []
+    for child in process.children(recursive=True):
+        try:
+            if any("spawn_main" in word for word in child.cmdline()):
+                found.append(child)
+        except psutil.NoSuchProcess:
+            continue
+    return found
+
+
+def wait_until(condition: Any, seconds: float = 20.0) -> None:
+    end = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < end, "waited in vain"
+        time.sleep(0.01)

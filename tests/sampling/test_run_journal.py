@@ -1,0 +1,551 @@
+"""The journal's file: torn ends, flipped bits, full disks, other runs, other processes."""
+
+from __future__ import annotations
+
+import errno
+import json
+import os
+import shutil
+import subprocess
+import sys
+import threading
+from collections.abc import Iterator
+from dataclasses import fields, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import precision_pin as pp
+from precision_pin.errors import InputError, OutputError
+from precision_pin.kernel import sampler
+from precision_pin.kernel.sampler import BLOCK
+from precision_pin.sampling import identity as identity_module
+from precision_pin.sampling import journal as journal_module
+from precision_pin.sampling.identity import differences, digest, identity
+from precision_pin.sampling.journal import MAGIC, opened
+from precision_pin.sampling.saved import packed, unpacked
+from precision_pin.sampling.schedule import Sampling
+from precision_pin.sampling.workers import Foreign
+from precision_pin.statistics import State, start
+from sampling.run_cases import AT, MODEL, PLAN, Muddled, assert_same_bits, in_one_go, work
+
+IDENTITY = {"seed": "0", "the error model": "ab12"}
+
+
+BEGINNING = start(PLAN)
+NARROW = {**vars(BEGINNING), "sketch": BEGINNING.sketch[:, :3]}
+
+
+def small_state(count: int) -> State:
+    """Return a state whose sketch is narrow, so that a file of it is short."""
+    generator = np.random.default_rng(count)
+    arrays = {name: entry for name, entry in NARROW.items() if isinstance(entry, np.ndarray)}
+    filled = {name: generator.integers(0, 99, entry.shape).astype(entry.dtype) for name, entry in arrays.items()}
+    return State(**{**NARROW, **filled, "count": count})
+
+
+EMPTY = small_state(0)
+STATES = [small_state(count) for count in (100, 200, 300)]
+
+
+@pytest.fixture
+def file(tmp_path: Path) -> Path:
+    return tmp_path / "run.journal"
+
+
+@pytest.fixture
+def no_waiting_for_disks(monkeypatch) -> None:
+    """Thousands of records; that they are forced to the disk is tested elsewhere."""
+    monkeypatch.setattr(os, "fsync", lambda descriptor: None)
+
+
+def opened_by(file: Path, *, resume: bool = True, told: list[str] | None = None, identity=IDENTITY):
+    return opened(file, identity, EMPTY, resume=resume, tell=[].append if told is None else told.append)
+
+
+def state_in(file: Path, told: list[str] | None = None) -> State:
+    with opened_by(file, told=told) as (_, state):
+        return state
+
+
+@pytest.fixture
+def whole(file: Path) -> bytes:
+    """Write a journal of three states; its bytes."""
+    with opened_by(file, resume=False) as (journal, state):
+        assert state is EMPTY
+        for further in STATES:
+            journal.save(further)
+    return file.read_bytes()
+
+
+def record_ends(data: bytes) -> list[int]:
+    """Where records end, by the format as it is written down."""
+    ends, offset = [], len(MAGIC)
+    while offset < len(data):
+        offset += 24 + int.from_bytes(data[offset : offset + 8], "little")
+        ends.append(offset)
+    return ends
+
+
+def test_a_journal_gives_back_the_last_state(whole: bytes, file: Path) -> None:
+    told: list[str] = []
+    assert_same_bits(state_in(file, told), STATES[-1])
+    assert told == [f"the journal {file} holds the first 300 samples"]
+    assert file.read_bytes() == whole
+    ends = record_ends(whole)
+    assert len(ends) == 4
+    assert ends[-1] == len(whole)
+    assert json.loads(whole[len(MAGIC) + 24 : ends[0]]) == IDENTITY
+
+
+def test_a_state_is_written_once(whole: bytes, file: Path) -> None:
+    with opened_by(file) as (journal, state):
+        journal.save(state)
+        journal.save_if_due(small_state(400))  # two seconds have not passed
+    assert file.read_bytes() == whole
+
+
+def test_torn_at_every_byte_of_the_last_record(whole: bytes, file: Path, no_waiting_for_disks) -> None:
+    ends = record_ends(whole)
+    for length in range(ends[-2], ends[-1]):
+        file.write_bytes(whole[:length])
+        told: list[str] = []
+        with opened_by(file, told=told) as (journal, state):
+            assert_same_bits(state, STATES[-2])
+            assert (f"{length - ends[-2]} bytes at its end are torn or damaged" in told[0]) == (length > ends[-2])
+            journal.save(STATES[-1])
+        assert file.read_bytes() == whole
+
+
+def test_torn_at_every_byte_of_the_beginning(whole: bytes, file: Path, no_waiting_for_disks) -> None:
+    for length in range(record_ends(whole)[0]):
+        file.write_bytes(whole[:length])
+        told: list[str] = []
+        with opened_by(file, told=told) as (journal, state):
+            assert state is EMPTY
+            for further in STATES:
+                journal.save(further)
+        assert told == [f"the journal {file} holds nothing yet: from the first sample on"]
+        assert file.read_bytes() == whole
+
+
+def test_a_flipped_bit_anywhere_never_gives_a_wrong_state(whole: bytes, file: Path, no_waiting_for_disks) -> None:
+    ends = record_ends(whole)
+    known = {0: EMPTY, **{state.count: state for state in STATES}}
+    for place in range(len(whole)):
+        data = bytearray(whole)
+        data[place] ^= 1 << place % 8
+        file.write_bytes(data)
+        told: list[str] = []
+        if place < ends[0]:
+            with pytest.raises(
+                InputError, match=r"not a journal of this version|beginning of the journal .* is damaged"
+            ):
+                state_in(file)
+            assert file.read_bytes() == data
+            continue
+        state = state_in(file, told)
+        # all that was before the damage
+        assert state.count == 100 * sum(end <= place for end in ends[1:])
+        assert_same_bits(state, known[state.count])
+        assert "torn or damaged and are left out" in told[0]
+
+
+@pytest.mark.parametrize(
+    "contents", [b"precision-pin: 1\nrobot: 4dof.urdf\n", b"<robot/>", b"x", MAGIC.replace(b"1", b"2") + b"x" * 999]
+)
+def test_other_files_are_left_as_they_are(file: Path, contents: bytes) -> None:
+    file.write_bytes(contents)
+    with pytest.raises(InputError, match=r"is not a journal of this version|beginning of the journal"):
+        state_in(file)
+    with (
+        pytest.raises(InputError, match="is there already; resume the run it holds, or remove it"),
+        opened_by(file, resume=False),
+    ):
+        pass
+    assert file.read_bytes() == contents
+
+
+def test_a_state_comes_back_whole_and_only_as_what_it_was() -> None:
+    state = in_one_go(work(3, 2 * BLOCK))
+    assert_same_bits(unpacked(packed(state), start(PLAN)), state)
+    assert {field.name for field in fields(State)} == set(vars(state))  # no field is left out by accident
+    for damaged in (b"", b"x", packed(state)[:-9]):
+        with pytest.raises(InputError, match="cannot be read"):
+            unpacked(damaged, start(PLAN))
+
+
+# size ----------------------------------------------------------------------------------------------------------------
+
+
+def test_the_file_stays_small_however_many_records(file: Path, monkeypatch) -> None:
+    monkeypatch.setattr(journal_module, "MOST_RECORDS", 5)
+    sizes = []
+    with opened_by(file) as (journal, _):
+        for count in range(1, 40):
+            journal.save(small_state(count))
+            sizes.append(file.stat().st_size)
+            with pytest.raises(InputError, match="in use by another run"):  # the file that took its place is locked too
+                state_in(file)
+    assert max(sizes) == max(sizes[:5]) or max(sizes) < 1.1 * max(sizes[:5])
+    assert len(record_ends(file.read_bytes())) <= 6
+    assert_same_bits(state_in(file), small_state(39))
+    assert sorted(os.listdir(file.parent)) == [file.name]
+
+
+@pytest.mark.parametrize("left", [b"", b"half a fi"])
+def test_what_a_process_killed_while_replacing_left_does_no_harm(file: Path, monkeypatch, left: bytes) -> None:
+    monkeypatch.setattr(journal_module, "MOST_RECORDS", 1)
+    (file.parent / "run.journal.part").write_bytes(left)
+    with opened_by(file) as (journal, _):
+        for state in STATES:
+            journal.save(state)
+    assert_same_bits(state_in(file), STATES[-1])
+    assert sorted(os.listdir(file.parent)) == [file.name]
+
+
+def test_pauses_grow_with_the_run(file: Path, monkeypatch, no_waiting_for_disks) -> None:
+    now = 0.0
+    monkeypatch.setattr(journal_module.time, "monotonic", lambda: now)
+    saved = []
+    with opened_by(file) as (journal, _):
+        for tick in range(1, 40_000):
+            now = tick / 2
+            before = journal.saved
+            journal.save_if_due(small_state(tick))
+            if journal.saved != before:
+                saved.append(now)
+    gaps = np.diff(saved)
+    assert saved[0] == 2.0
+    assert gaps.min() == 2.0
+    assert gaps.max() == 60.0
+    assert (gaps <= np.clip(np.array(saved[1:]) / 100, 2.0, 60.0) + 0.5).all()
+
+
+# disks ---------------------------------------------------------------------------------------------------------------
+
+
+def full_after(monkeypatch, room: int):
+    """Make the disk full after so many further bytes."""
+    real, left = os.pwrite, [room]
+
+    def pwrite(descriptor: int, data: bytes, offset: int) -> int:
+        if not left[0]:
+            raise OSError(errno.ENOSPC, "No space left on device")
+        written = real(descriptor, data[: left[0]], offset)
+        left[0] -= written
+        return written
+
+    monkeypatch.setattr(os, "pwrite", pwrite)
+
+
+@pytest.mark.parametrize("room", [0, 1, 23, 24, 25, 500])
+@pytest.mark.parametrize("replacing", [False, True])
+def test_a_full_disk_loses_nothing(whole: bytes, file: Path, monkeypatch, room: int, replacing: bool) -> None:
+    if replacing:
+        monkeypatch.setattr(journal_module, "MOST_RECORDS", 3)
+    with opened_by(file) as (journal, _):
+        full_after(monkeypatch, room)
+        message = r"cannot write the journal .*: No space left on device; it holds the first 300 samples, from which"
+        with pytest.raises(OutputError, match=message):
+            journal.save(small_state(400))
+        assert file.read_bytes() == whole
+        monkeypatch.undo()
+        journal.save(small_state(500))  # there is room again
+    assert_same_bits(state_in(file), small_state(500))
+    assert os.listdir(file.parent) == [file.name]
+
+
+@pytest.mark.parametrize("room", [0, 1, 30])
+def test_a_journal_that_cannot_be_begun_leaves_no_file(file: Path, monkeypatch, room: int) -> None:
+    full_after(monkeypatch, room)
+    with pytest.raises(OutputError, match=r"No space left on device$"), opened_by(file, resume=False):
+        pass
+    assert os.listdir(file.parent) == []
+
+
+def test_a_run_on_a_real_full_disk(tmp_path: Path) -> None:
+    """Room for the beginning and a few states; the process may write no larger file."""
+    code = (
+        "import resource, sys\n"
+        "import precision_pin as pp\n"
+        "from precision_pin.robot.examples import PAPER_SHEET\n"
+        "from precision_pin.sampling import journal\n"
+        "journal.SHORTEST_PAUSE = journal.LONGEST_PAUSE = journal.COST_OF_WRITING = 0\n"
+        "from precision_pin.kernel import sampler as kernel\n"
+        "kernel.warm_up()\n"
+        "resource.setrlimit(resource.RLIMIT_FSIZE, (300_000, 300_000))\n"
+        "try:\n"
+        "    pp.monte_carlo(pp.ErrorModel.load(PAPER_SHEET), samples=40 * 16384, threads=1, journal=sys.argv[1])\n"
+        "except pp.InputError as error:\n"
+        "    print(error)\n"
+    )
+    file = tmp_path / "run.journal"
+    done = subprocess.run(
+        [sys.executable, "-c", code, str(file)], capture_output=True, text=True, timeout=100, check=True
+    )
+    assert "E_OUTPUT: cannot write the journal" in done.stdout, done.stderr
+    assert "File too large; it holds the first" in done.stdout
+    assert file.stat().st_size <= 300_000
+    told: list[str] = []
+    resumed = pp.monte_carlo(MODEL, samples=40 * BLOCK, journal=file, resume=True, tell=told.append)
+    assert len(told) == 1
+    assert int(told[0].split()[-2].replace(",", "")) > 0
+    assert resumed.to_json() == pp.monte_carlo(MODEL, samples=40 * BLOCK).to_json()
+
+
+@pytest.fixture
+def tiny_disk(tmp_path: Path) -> Iterator[Path]:
+    disk = tmp_path / "disk"
+    disk.mkdir()
+    mount = shutil.which("mount")
+    made = (
+        mount
+        and subprocess.run([mount, "-t", "tmpfs", "-o", "size=256k", "tmpfs", disk], capture_output=True).returncode
+    )
+    if made != 0:
+        pytest.skip("mounting a small disk needs root")
+    yield disk
+    subprocess.run(["umount", disk], check=True)
+
+
+def test_a_run_on_a_tiny_disk(tiny_disk: Path, monkeypatch) -> None:
+    for name in ("SHORTEST_PAUSE", "LONGEST_PAUSE", "COST_OF_WRITING"):
+        monkeypatch.setattr(journal_module, name, 0)
+    file = tiny_disk / "run.journal"
+    with pytest.raises(OutputError, match="No space left on device; it holds the first"):
+        pp.monte_carlo(MODEL, samples=40 * BLOCK, threads=1, journal=file)
+    subprocess.run(["mount", "-o", "remount,size=8m", tiny_disk], check=True)
+    resumed = pp.monte_carlo(MODEL, samples=40 * BLOCK, journal=file, resume=True)
+    assert resumed.to_json() == pp.monte_carlo(MODEL, samples=40 * BLOCK).to_json()
+    subprocess.run(["mount", "-o", "remount,ro", tiny_disk], check=True)
+    for name in ("run.journal", "other.journal"):
+        with pytest.raises(OutputError, match=r"cannot write the journal .*: Read-only file system"):
+            pp.monte_carlo(MODEL, samples=10, journal=tiny_disk / name, resume=True)
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("", "cannot write the journal : No such file"),
+        ("no/such/folder", "No such file or directory"),
+        (".", "Is a directory"),
+        ("pipe", "it is not a regular file"),
+        ("a\0b", "embedded null"),
+        ("x" * 300, "File name too long"),
+    ],
+)
+def test_places_where_no_journal_can_be(tmp_path: Path, monkeypatch, name: str, message: str) -> None:
+    monkeypatch.chdir(tmp_path)
+    os.mkfifo("pipe")
+    with pytest.raises(OutputError, match=message):
+        pp.monte_carlo(MODEL, samples=10, journal=name, resume=True)
+    assert os.listdir() == ["pipe"]
+
+
+# other runs, other processes -----------------------------------------------------------------------------------------
+
+
+def test_a_journal_in_use_is_refused(whole: bytes, file: Path) -> None:
+    with opened_by(file), pytest.raises(InputError, match=r"the journal .* is in use by another run"):
+        state_in(file)
+    held = subprocess.Popen(
+        [sys.executable, "-c", "import fcntl,sys\nf=open(sys.argv[1])\nfcntl.flock(f,2)\nprint(1,flush=True)\ninput()", file],
+        stdin=subprocess.PIPE, stdout=subprocess.PIPE,
+    )  # fmt: skip
+    try:
+        assert held.stdout is not None
+        held.stdout.readline()
+        with pytest.raises(InputError, match="in use by another run"):
+            state_in(file)
+    finally:
+        held.kill()
+        held.communicate()
+    assert_same_bits(state_in(file), STATES[-1])  # the lock went with the process
+    assert file.read_bytes() == whole
+
+
+def test_every_part_of_the_identity_counts(whole: bytes, file: Path) -> None:
+    for name, value in IDENTITY.items():
+        other = {**IDENTITY, name: value + "x"}
+        expected = f"{name} has changed" if name.startswith("the ") else f"{name} was {value!r}, is '{value}x'"
+        with pytest.raises(InputError, match=f"is that of another run: {expected}$"), opened_by(file, identity=other):
+            pass
+    for other in ({"seed": "0"}, {**IDENTITY, "the moon": "full"}):
+        with (
+            pytest.raises(InputError, match=r"is that of another run: the (error model|moon) has changed$"),
+            opened_by(file, identity=other),
+        ):
+            pass
+    assert file.read_bytes() == whole
+
+
+@pytest.fixture
+def names() -> dict[str, str]:
+    return identity(work(), AT.posture, {"URDF": AT.posture.chain.robot.file})
+
+
+def test_the_identity_tells_runs_apart(names: dict[str, str], monkeypatch, tmp_path: Path) -> None:
+    def changed(task=None, posture=AT.posture, file=AT.posture.chain.robot.file) -> set[str]:
+        now = identity(task or work(), posture, {"URDF": file})
+        return {line.split(" was ")[0].removesuffix(" has changed") for line in differences(names, now)}
+
+    assert changed() == set()
+    assert changed(work(1)) == {"seed"}
+    assert changed(work(samples=9)) == {"samples"}
+    assert changed(work(model="linear")) == {"model"}
+    assert changed(work(plan=replace(PLAN, specifications=()))) == {"specifications"}
+    assert changed(work(plan=replace(PLAN, centre=PLAN.centre + 1e-9))) == {"the planned centres and scales"}
+    layout = work().layout
+    draws = layout.space.draws
+    softer = replace(layout.space, draws=(replace(draws[0], law=pp.Uniform(2e-3)), *draws[1:]))
+    assert changed(work(layout=replace(layout, space=softer))) == {"the error model"}
+    arms = layout.motions.arms.copy()
+    arms[0, 0] += 1e-15
+    assert changed(work(layout=replace(layout, motions=layout.motions._replace(arms=arms)))) == {"the error model"}
+    assert changed(posture=MODEL.at("folded").posture if "folded" in MODEL.poses else MODEL.chain.at([0, 0, 1, 0])) == {
+        "pose"
+    }
+    (tmp_path / "other.urdf").write_text(Path(AT.posture.chain.robot.file).read_text("utf-8") + "<!-- -->", "utf-8")
+    assert changed(file=tmp_path / "other.urdf") == {"the URDF"}
+    with monkeypatch.context() as patch:
+        patch.setattr(identity_module, "versions", lambda: dict.fromkeys(("python", "precision-pin", "numba"), "0"))
+        assert {"python", "precision-pin", "numba"} <= changed()
+    with monkeypatch.context() as patch:
+        patch.setattr(sampler, "BLOCK", 1 << 15)
+        assert changed() == {"block"}
+    with monkeypatch.context() as patch:
+        patch.setattr(identity_module.loops, "__file__", str(tmp_path / "other.urdf"))
+        assert changed() == {"the sampler's code"}
+    codegen = identity_module.cpu_target.target_context.codegen()
+    triple, processor, features = codegen.magic_tuple()
+    for place, (tuple_, name) in enumerate(
+        [((triple, "386", features), "machine"), ((triple, processor, features + ",+x"), "the processor's features")]
+    ):
+        with monkeypatch.context() as patch:
+            patch.setattr(type(codegen), "magic_tuple", lambda _, told=tuple_: told)
+            assert changed() == {name}, place
+
+
+def test_digests_tell_apart_what_looks_alike() -> None:
+    values = [0, 0.0, -0.0, False, None, "0", "", (), (0,), ((0,),), ("a", "b"), ("ab",), ("ab", ""), {"a": "b"},
+              np.zeros(1), np.zeros((1, 1)), np.zeros(1, dtype=int), np.zeros(2), pp.Scope.UNIT, pp.Scope.POSE,
+              pp.Uniform(1.0), pp.Uniform(2.0), pp.Normal(1.0), pp.Uniform(1.0, 0.5)]  # fmt: skip
+    assert len({digest(value) for value in values}) == len(values)
+    assert digest(np.arange(6.0).reshape(2, 3)) == digest(np.asfortranarray(np.arange(6.0).reshape(2, 3)))
+
+
+# runs ----------------------------------------------------------------------------------------------------------------
+
+
+class Stopping:
+    """Progress that ends the run after so many samples."""
+
+    def __init__(self, after: int, error: BaseException) -> None:
+        self.left, self.error = after, error
+
+    def __call__(self, count: int) -> None:
+        self.left -= count
+        if self.left <= 0:
+            raise self.error
+
+
+@pytest.mark.parametrize("first", [{"threads": 1}, {"threads": 3}, {"executor": Muddled(), "tasks_under_way": 4}])
+@pytest.mark.parametrize("then", [{"threads": 2}, {"executor": Muddled(), "tasks_under_way": 3}])
+def test_an_interrupted_run_goes_on_with_any_workers(file: Path, first, then) -> None:
+    settings = {"samples": 25 * BLOCK + 77, "seed": 3, "specifications": PLAN.specifications}
+    whole = pp.monte_carlo(MODEL, "paper", **settings).to_json()
+    with pytest.raises(KeyboardInterrupt) as stopped:
+        pp.monte_carlo(MODEL, "paper", journal=file, progress=Stopping(1, KeyboardInterrupt()), **first, **settings)
+    held = int(stopped.value.__notes__[0].split("holds the first ")[1].split()[0].replace(",", ""))
+    assert stopped.value.__notes__ == [f"the journal {file} holds the first {held:,} of {25 * BLOCK + 77:,} samples"]
+    size = 3  # an eighth of the blocks
+    assert held >= size * BLOCK * 2  # what was under way too
+    told: list[str] = []
+    counted: list[int] = []
+    resumed = pp.monte_carlo(
+        MODEL, "paper", journal=file, resume=True, tell=told.append, progress=counted.append, **then, **settings
+    )
+    assert told == [f"the journal {file} holds the first {held:,} samples"]
+    assert counted[0] == held
+    assert sum(counted) == 25 * BLOCK + 77
+    assert resumed.to_json() == whole
+    never = Foreign(Muddled(), 1)
+    again = pp.monte_carlo(MODEL, "paper", journal=file, resume=True, executor=never._executor, **settings)
+    assert again.to_json() == whole
+    assert never._executor.order == []  # a finished run is read, not sampled
+
+
+def test_a_second_interrupt_stops_at_once(file: Path) -> None:
+    class Interrupting(Muddled):
+        """Brings the second Ctrl-C when its third task is waited for."""
+
+        def submit(self, function, /, *arguments):
+            future = super().submit(function, *arguments)
+            if arguments[1] == 2:
+                future.result = lambda: (_ for _ in ()).throw(KeyboardInterrupt("second"))
+            return future
+
+    with opened(file, {}, start(PLAN), resume=False, tell=print) as (journal, state):
+        sampling = Sampling(work(samples=30 * BLOCK), state, Stopping(1, KeyboardInterrupt("first")), journal)
+        with pytest.raises(KeyboardInterrupt, match="second"):
+            sampling.run(Foreign(Interrupting(), 4), 1)
+        assert journal.saved == 0
+    assert sampling.state.count == 2 * BLOCK
+
+
+def test_an_error_keeps_what_was_done(file: Path) -> None:
+    class Broken(Muddled):
+        def submit(self, function, /, *arguments):
+            if arguments[1] >= 9:
+                raise RuntimeError("cannot schedule new futures\nafter shutdown")
+            return super().submit(function, *arguments)
+
+    settings = {"samples": 25 * BLOCK, "seed": 3}
+    with pytest.raises(
+        InputError, match=r"executor Broken failed: RuntimeError: cannot schedule new futures after shutdown$"
+    ):
+        pp.monte_carlo(MODEL, "paper", journal=file, executor=Broken(), tasks_under_way=2, **settings)
+    told: list[str] = []
+    resumed = pp.monte_carlo(MODEL, "paper", journal=file, resume=True, tell=told.append, **settings)
+    assert told == [f"the journal {file} holds the first {6 * BLOCK:,} samples"]
+    assert resumed.to_json() == pp.monte_carlo(MODEL, "paper", **settings).to_json()
+
+
+def test_a_journal_that_fails_ends_the_run_and_its_threads(file: Path, monkeypatch) -> None:
+    for name in ("SHORTEST_PAUSE", "LONGEST_PAUSE", "COST_OF_WRITING"):
+        monkeypatch.setattr(journal_module, name, 0)
+    before = threading.active_count()
+    full_after(monkeypatch, 20_000)
+    with pytest.raises(OutputError, match=r"No space left on device$"):
+        pp.monte_carlo(MODEL, "paper", samples=30 * BLOCK, threads=2, journal=file)
+    assert threading.active_count() == before
+    monkeypatch.undo()
+    resumed = pp.monte_carlo(MODEL, "paper", samples=30 * BLOCK, journal=file, resume=True)
+    assert resumed.to_json() == pp.monte_carlo(MODEL, "paper", samples=30 * BLOCK).to_json()
+
+
+def test_a_run_may_end_before_it_began(file: Path) -> None:
+    class Never(Muddled):
+        def submit(self, function, /, *arguments):
+            raise KeyboardInterrupt
+
+    settings = {"samples": 3 * BLOCK, "journal": file}
+    with pytest.raises(KeyboardInterrupt) as stopped:
+        pp.monte_carlo(MODEL, "paper", executor=Never(), **settings)
+    assert "holds the first 0 of" in stopped.value.__notes__[0]
+    resumed = pp.monte_carlo(MODEL, "paper", threads=1, resume=True, **settings)
+    assert resumed.to_json() == pp.monte_carlo(MODEL, "paper", samples=3 * BLOCK).to_json()
+
+
+def test_records_are_forced_to_the_disk_before_they_count(file: Path, monkeypatch) -> None:
+    events: list[str] = []
+    for name in ("pwrite", "fsync", "replace"):
+        real = getattr(os, name)
+        monkeypatch.setattr(os, name, lambda *a, name=name, real=real: (events.append(name), real(*a))[1])
+    monkeypatch.setattr(journal_module, "MOST_RECORDS", 2)
+    with opened_by(file) as (journal, _):
+        for state in STATES:
+            journal.save(state)
+    assert events == ["pwrite", "fsync", "fsync", *["pwrite", "fsync"] * 2, "pwrite", "fsync", "replace", "fsync"]

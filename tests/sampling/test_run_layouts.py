@@ -1,0 +1,298 @@
+"""The same bits, whatever computes the blocks and in whatever order they are done."""
+
+from __future__ import annotations
+
+import os
+import pickle
+import random
+import subprocess
+import sys
+from collections.abc import Iterator
+from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
+from dataclasses import fields, replace
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import precision_pin as pp
+from precision_pin.errors import InputError
+from precision_pin.kernel import loops, sampler
+from precision_pin.kernel.sampler import BLOCK
+from precision_pin.sampling.blocks import MOST_SAMPLES, check_samples
+from precision_pin.sampling.identity import digest
+from precision_pin.sampling.workers import Foreign, Processes, Threads, chosen
+from precision_pin.statistics import start
+from sampling.run_cases import MODEL, PLAN, SAMPLES, Muddled, assert_same_bits, in_one_go, sampled, work
+
+
+@pytest.fixture(scope="module")
+def two_processes() -> Iterator[Processes]:
+    workers = Processes(2)
+    yield workers
+    workers.close(done=True)
+
+
+@pytest.mark.slow
+def test_twenty_seeds_in_every_layout(two_processes: Processes) -> None:
+    threads = {count: Threads(count) for count in (1, 2, 3, 8)}
+    for seed in range(20):
+        task = work(seed)
+        whole = in_one_go(task)
+        assert whole.count == SAMPLES
+        for workers in (*threads.values(), two_processes):
+            assert_same_bits(sampled(task, workers), whole)
+        for size in (1, 3, 16):
+            assert_same_bits(sampled(task, threads[3], size), whole)
+            assert_same_bits(sampled(task, two_processes, size), whole)
+            muddled = Muddled(shuffle=random.Random(seed))
+            assert_same_bits(sampled(task, Foreign(muddled, 5), size), whole)
+        backwards = Muddled()
+        assert_same_bits(sampled(task, Foreign(backwards, 6), 2), whole)
+        assert backwards.order[:6] == [10, 8, 6, 4, 2, 0]  # the executor did as its name says
+    for workers in threads.values():
+        workers.close(done=True)
+
+
+@pytest.mark.parametrize("samples", [1, 2, BLOCK - 1, BLOCK, BLOCK + 1, 3 * BLOCK, 17 * BLOCK + 5])
+def test_runs_of_any_length(samples: int) -> None:
+    task = work(7, samples)
+    for most, size in ((1, None), (2, 1), (4, 5), (50, 100)):
+        assert_same_bits(sampled(task, Foreign(Muddled(), most), size), in_one_go(task))
+
+
+def test_a_run_by_its_public_name_is_the_same_run() -> None:
+    settings = {"samples": 3 * BLOCK + 9, "seed": 5, "specifications": PLAN.specifications}
+    known = pp.monte_carlo(MODEL, "paper", threads=1, **settings)
+    with ThreadPoolExecutor(3) as pool:
+        others = [
+            pp.monte_carlo(MODEL, "paper", **settings),
+            pp.monte_carlo(MODEL, "paper", executor=pool, **settings),
+            pp.monte_carlo(MODEL, "paper", executor=Muddled(), tasks_under_way=3, **settings),
+        ]
+    for other in others:
+        assert other.to_json() == known.to_json()
+        assert other.covariance.tobytes() == known.covariance.tobytes()
+    assert known.summary.samples == in_one_go(work(5, 3 * BLOCK + 9)).count
+
+
+def test_kept_errors_do_not_depend_on_the_layout() -> None:
+    settings = {"samples": 4 * BLOCK + 9, "seed": 5, "keep_samples": True}
+    known = sampler.errors(work().layout, "exact", 5, 0, 4 * BLOCK + 9)
+    for how in ({"threads": 2}, {"executor": Muddled(shuffle=random.Random(1)), "tasks_under_way": 4}):
+        np.testing.assert_array_equal(pp.monte_carlo(MODEL, "paper", **how, **settings).errors, known)
+
+
+# what is sent --------------------------------------------------------------------------------------------------------
+
+
+def same(one: Any, other: Any) -> bool:
+    if isinstance(one, np.ndarray):
+        return one.dtype == other.dtype and np.array_equal(one, other) and one.flags.writeable == other.flags.writeable
+    if isinstance(one, tuple):
+        return type(one) is type(other) and all(map(same, one, other))
+    return bool(one == other)
+
+
+def test_work_can_be_sent_and_is_not_compiled_anew_where_it_arrives() -> None:
+    task = work(3, 2 * BLOCK)
+    in_one_go(task)
+    before = len(loops.run.signatures)
+    sent = pickle.loads(pickle.dumps(task))
+    for field in fields(sampler.CompiledTable):
+        assert same(getattr(task.layout, field.name), getattr(sent.layout, field.name)), field.name
+    assert same(task.plan.centre, sent.plan.centre)
+    assert same(task.plan.scale, sent.plan.scale)
+    assert sent.plan.specifications == task.plan.specifications
+    assert_same_bits(in_one_go(sent), in_one_go(task))
+    # a read-only array that came back writable would have been another type, seven seconds of compiling
+    assert len(loops.run.signatures) == before
+
+
+def test_table_and_plan_pickle_by_themselves() -> None:
+    task = work()
+    layout, plan = pickle.loads(pickle.dumps((task.layout, task.plan)))
+    assert digest(layout) == digest(task.layout) != digest(replace(layout, largest_angle=1.0))
+    assert_same_bits(in_one_go(work(samples=100, plan=plan)), in_one_go(work(samples=100)))
+
+
+def test_blocks_can_be_sent_back() -> None:
+    found = work(3, BLOCK + 5).observe(0, 2)
+    back = pickle.loads(pickle.dumps(found))
+    assert_same_bits(back.added_to(start(PLAN)), found.added_to(start(PLAN)))
+
+
+def test_other_versions_on_a_worker_are_refused() -> None:
+    with pytest.raises(InputError, match=r"a worker has numpy \S+, the run was begun with 0\.0; install the same"):
+        work(packages=(("numpy", "0.0"),)).observe(0, 1)
+
+
+# how much is under way -----------------------------------------------------------------------------------------------
+
+
+class Counting(Executor):
+    """Threads that know how many futures of theirs are alive."""
+
+    def __init__(self, workers: int) -> None:
+        self._max_workers = workers
+        self.pool = ThreadPoolExecutor(workers)
+        self.alive = self.most = self.submitted = 0
+
+    def submit(self, function: Any, /, *arguments: Any) -> Future[Any]:
+        counting = self
+
+        class Counted:
+            def __init__(self) -> None:
+                counting.alive += 1
+                counting.submitted += 1
+                counting.most = max(counting.most, counting.alive)
+                self.future = counting.pool.submit(function, *arguments)
+
+            def result(self) -> Any:
+                return self.future.result()
+
+            def __del__(self) -> None:
+                counting.alive -= 1
+
+        return Counted()
+
+
+@pytest.mark.parametrize(("workers", "asked", "most"), [(3, None, 6), (3, 4, 4), (1, None, 2)])
+def test_work_in_flight_is_bounded_and_futures_are_released(workers: int, asked: int | None, most: int) -> None:
+    executor = Counting(workers)
+    with executor.pool:
+        sampled(work(samples=40 * BLOCK), chosen(None, None, executor, asked), 1)
+    assert executor.submitted == 40
+    assert executor.most == most
+    assert executor.alive == 0
+
+
+# workers that are lost -----------------------------------------------------------------------------------------------
+
+
+class Unsendable:
+    """Ends the process that it is sent to."""
+
+    def __reduce__(self) -> tuple[Any, tuple[int]]:
+        return os._exit, (1,)
+
+
+class Deadly:
+    """Ends the process that it is sent to, unless that has a file's permission, which it takes along."""
+
+    def __init__(self, permits: Path) -> None:
+        self.permits = permits
+
+    def __reduce__(self) -> tuple[Any, tuple[str]]:
+        code = (
+            "(lambda os, left: () if not left else (os.unlink(left[0]), os._exit(1)))"
+            f"(__import__('os'), __import__('glob').glob({str(self.permits / '*')!r}))"
+        )
+        return eval, (code,)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("losses", "given_up"), [(2, False), (3, True)])
+def test_a_task_survives_two_processes(tmp_path: Path, losses: int, given_up: bool) -> None:
+    for k in range(losses):
+        (tmp_path / str(k)).touch()
+    workers = Processes(1)
+    try:
+        task = work(packages=Deadly(tmp_path))
+        if given_up:
+            with pytest.raises(InputError, match="worker processes ended 3 times over blocks 0 to 1; is there memory"):
+                sampled(task, workers)
+        else:
+            assert_same_bits(sampled(task, workers), in_one_go(task))
+    finally:
+        workers.close(done=True)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_broken_executor_that_was_handed_in_is_told_in_one_line() -> None:
+    with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
+        with pytest.raises(InputError, match=r"the executor ProcessPoolExecutor failed: BrokenProcessPool: ") as told:
+            sampled(work(packages=(Unsendable(),)), chosen(None, None, pool, None))
+        assert "\n" not in str(told.value)
+        with pytest.raises(InputError, match=r"failed: BrokenProcessPool: "):  # now it breaks when a task is handed in
+            sampled(work(), chosen(None, None, pool, None))
+
+
+def test_an_error_of_a_sample_comes_as_it_is_from_every_kind_of_worker(two_processes: Processes) -> None:
+    for workers in (Threads(2), two_processes, Foreign(Muddled(), 3)):
+        with pytest.raises(InputError, match="a worker has numpy"):
+            sampled(work(packages=(("numpy", "0.0"),)), workers)
+    assert_same_bits(sampled(work(), two_processes), in_one_go(work()))
+
+
+# wrong input ---------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("asked", "message"),
+    [
+        ({"threads": 0}, "threads must be a whole number from 1 to 1024, got 0"),
+        ({"threads": 2.0}, "threads must be a whole number"),
+        ({"processes": -1}, "processes must be a whole number"),
+        ({"processes": True}, "processes must be a whole number"),
+        ({"threads": 1, "processes": 1}, "threads and processes exclude each other"),
+        ({"threads": 1, "executor": Muddled()}, "threads and executor exclude each other"),
+        ({"tasks_under_way": 3}, "tasks_under_way goes with an executor"),
+        ({"executor": Muddled(), "tasks_under_way": 0}, "tasks_under_way must be a whole number"),
+        ({"executor": map}, r"an executor has submit\(function, \*arguments\), type has not"),
+        ({"resume": True}, "nothing to resume from without a journal"),
+        ({"journal": "never-made", "keep_samples": True}, "a journal holds statistics only"),
+    ],
+)
+def test_wrong_requests_are_refused(asked: dict[str, Any], message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        pp.monte_carlo(MODEL, "paper", samples=10, **asked)
+
+
+@pytest.mark.parametrize("samples", [0, -1, 1.5, "7", True, MOST_SAMPLES + 1, None])
+def test_wrong_numbers_of_samples_are_refused(samples: Any) -> None:
+    with pytest.raises(InputError, match="number of samples must be a whole number from 1 to 1e"):
+        check_samples(samples)
+
+
+@pytest.mark.parametrize("samples", [10**10, MOST_SAMPLES])
+def test_more_samples_than_memory_are_not_kept(samples: int) -> None:
+    with pytest.raises(
+        InputError, match=rf"keeping {samples:,} samples takes {48 * samples / 1e9:,.1f} GB, .* are free"
+    ):
+        pp.monte_carlo(MODEL, "paper", samples=samples, keep_samples=True)
+
+
+def test_free_memory_is_what_the_system_says(monkeypatch, tmp_path) -> None:
+    from precision_pin.inputs import memory
+
+    (tmp_path / "meminfo").write_text("MemTotal: 9000 kB\nMemAvailable:    4800 kB\n")
+    (tmp_path / "max").write_text("max\n")
+    (tmp_path / "current").write_text("1000\n")
+    for name, file in (("_MEMORY", "meminfo"), ("_LIMIT", "max"), ("_USED", "current")):
+        monkeypatch.setattr(memory, name, tmp_path / file)
+    assert memory.available_memory() == 4800 * 1024
+    memory.check_kept(102_400)  # 48 bytes each: exactly that
+    with pytest.raises(InputError, match=r"at most 102,400 can be kept"):
+        memory.check_kept(102_401)
+    (tmp_path / "max").write_text("49000\n")
+    assert memory.available_memory() == 48_000
+
+
+def test_a_bar_is_shown_if_asked_for() -> None:
+    code = (
+        "import precision_pin as pp, sys\n"
+        "from precision_pin.display import progress as progress_bar\n"
+        "from precision_pin.robot.examples import PAPER_SHEET\n"
+        "told = []\n"
+        "class Bar:\n"
+        "    def __enter__(self): return told.append\n"
+        "    def __exit__(self, *error): told.append('end')\n"
+        "progress_bar.progress = lambda total: told.append(total) or Bar()\n"
+        "pp.monte_carlo(pp.ErrorModel.load(PAPER_SHEET), samples=100, progress=True)\n"
+        "print(told)\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=True)
+    assert done.stdout == "[100, 100, 'end']\n"

@@ -1,0 +1,225 @@
+"""Sampling many poses: the samples of one pose at a time, the closed form between poses, threads, wrong inputs."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy import stats
+
+import precision_pin as pp
+from precision_pin.draws.laws import Normal, Uniform
+from precision_pin.draws.space import Draw, Scope, Space
+from precision_pin.errors import InputError, UnknownNameError
+from precision_pin.kernel import sampler
+from precision_pin.model.error_model import ErrorModel
+from precision_pin.sampling.many_poses import sample_poses
+from precision_pin.sampling.poses_result import LEVELS, PosesResult
+from precision_pin.sources import JointOffset
+from precision_pin.statistics import Specification, quantile_ranks
+from sampling.run_cases import MODEL
+
+JOINTS = MODEL.chain.joint_names
+SPECIFICATIONS = (Specification("position.norm", 0.035, 0.9), Specification("attitude.z", 1e-3, 0.5))
+Q = np.random.default_rng(2).uniform(-1.5, 1.5, (len(JOINTS), 70))
+ARRAYS = [name for name, kind in PosesResult.__annotations__.items() if kind == "Array"]
+
+
+def offsets(scopes: dict[int, Scope]) -> ErrorModel:
+    """Return the paper's arm with a random offset of every joint, a part of it at all poses, a part drawn anew."""
+    draws = [Draw(f"robot{k}", Normal(3e-3)) for k in range(len(JOINTS))]
+    draws += [Draw(f"again{k}", Uniform(3e-3), scope) for k, scope in scopes.items()]
+    sources = [
+        JointOffset(joint=JOINTS[k], offset=draw.name)
+        for k in range(len(JOINTS))
+        for draw in draws
+        if draw.name.endswith(str(k))
+    ]
+    return ErrorModel(MODEL.chain, Space(tuple(draws)), sources)
+
+
+MIXED = offsets({1: Scope.POSE, 2: Scope.VISIT})
+
+
+def test_each_pose_has_the_samples_of_one_pose_alone() -> None:
+    # more poses than are worked on together, and a last block that is not full
+    samples = sampler.BLOCK + 3000
+    found = sample_poses(MODEL, Q, samples=samples, seed=3, specifications=SPECIFICATIONS)
+    assert found.poses == 70
+    for pose in (0, 1, 63, 64, 69):
+        alone = pp.monte_carlo(
+            MODEL, Q[:, pose], samples=samples, seed=3, specifications=SPECIFICATIONS, keep_samples=True
+        )
+        errors = alone.errors
+        assert errors is not None
+        np.testing.assert_allclose(found.mean[:, pose], errors.mean(axis=1), rtol=1e-10, atol=1e-15)
+        scale = np.abs(alone.covariance).max()
+        np.testing.assert_allclose(found.covariance[:, :, pose], np.cov(errors), rtol=0, atol=1e-10 * scale)
+        norms = np.stack([np.linalg.norm(errors[:3], axis=0), np.linalg.norm(errors[3:], axis=0)])
+        np.testing.assert_allclose(found.norm_mean[:, pose], norms.mean(axis=1), rtol=1e-10)
+        np.testing.assert_allclose(found.norm_std[:, pose], norms.std(axis=1, ddof=1), rtol=1e-8)
+        np.testing.assert_allclose(found.norm_max[:, pose], norms.max(axis=1), rtol=1e-14)
+        for k, level in enumerate(LEVELS):
+            exact = np.quantile(norms, level, axis=1)
+            assert (np.abs(found.quantile[k, :, pose] - exact) <= found.quantile_resolution[k, :, pose]).all()
+            assert (found.quantile_resolution[k, :, pose] <= 0.13 * found.norm_std[:, pose]).all()
+            # the bins only widen the interval between two order statistics, by less than a bin on either side
+            ranks = quantile_ranks(samples, level, 0.95)
+            assert ranks is not None
+            ordered = np.sort(norms, axis=1)
+            lower, upper = found.quantile_interval[k, :, :, pose].T
+            width = 0.13 * found.norm_std[:, pose]
+            assert (lower <= ordered[:, ranks[0] - 1]).all()
+            assert (lower >= ordered[:, ranks[0] - 1] - width).all()
+            assert (upper >= ordered[:, ranks[1] - 1]).all()
+            assert (upper <= ordered[:, ranks[1] - 1] + width).all()
+        for k, specification in enumerate(alone.summary.specifications):
+            assert found.probability[k, pose] == specification.probability
+            np.testing.assert_array_equal(found.probability_interval[k, :, pose], specification.interval)
+
+
+@pytest.mark.parametrize(("model", "samples"), [("exact", 1), ("linear", 2), ("exact", 40)])
+def test_few_samples_resolve_little(model: Any, samples: int) -> None:
+    found = sample_poses(MODEL, Q[:, :3], samples=samples, model=model)
+    errors = sampler.errors(sampler.compile_table(MODEL.at(Q[:, 2])), model, 0, 0, samples)
+    np.testing.assert_allclose(found.mean[:, 2], errors.mean(axis=1), rtol=1e-10)
+    assert np.isnan(found.covariance).all() == (samples == 1)
+    assert np.isnan(found.norm_std).all() == (samples == 1)
+    # 36 or more of 40 samples lie below the 95 % quantile, and none is sure to lie above it (Wilks: 73 samples do)
+    assert np.isnan(found.quantile[1]).all()
+    assert np.isnan(found.quantile[0]).all() == (samples < 6)
+
+
+def test_any_number_of_threads_gives_the_same_bits() -> None:
+    told: list[int] = []
+    samples = 9 * sampler.BLOCK + 77
+    one, many = (
+        sample_poses(
+            MIXED, Q[:, :66], samples=samples, threads=threads, specifications=SPECIFICATIONS, progress=told.append
+        )
+        for threads in (1, 3)
+    )
+    for name in ARRAYS:
+        np.testing.assert_array_equal(getattr(one, name), getattr(many, name), err_msg=name)
+    assert sum(told) == 2 * 66 * samples
+    assert len(told) > 4
+
+
+def test_poses_do_not_depend_on_those_beside_them_but_for_rounding() -> None:
+    together = sample_poses(MIXED, Q[:, :5], samples=500, seed=1)
+    alone = sample_poses(MIXED, Q[:, :1], samples=500, seed=1)
+    np.testing.assert_array_equal(together.mean[:, 0], alone.mean[:, 0])
+    again = sampler.errors(sampler.compile_table(MIXED.at(Q[:, 4])), "exact", 1, 0, 500, pose=4)
+    np.testing.assert_allclose(together.mean[:, 4], again.mean(axis=1), rtol=1e-10)
+
+
+@pytest.mark.filterwarnings("ignore:.*W_SQUARE_POSES")
+def test_covariance_between_poses_against_samples() -> None:
+    samples, pairs = 40_000, [(0, 1), (1, 0), (2, 3), (1, 1)]
+    found = sample_poses(MIXED, Q[:, :4], samples=10, seed=5)
+    errors = [
+        sampler.errors(sampler.compile_table(MIXED.at(Q[:, pose])), "exact", 5, 0, samples, pose=pose)
+        for pose in range(4)
+    ]
+    # 99.9 % confidence that all of the numbers compared lie within: Bonferroni over pairs × 36
+    factor = stats.norm.ppf(1 - 0.0005 / (len(pairs) * 36))
+    for one, other in pairs:
+        closed = found.between(one, other)
+        sample = np.cov(errors[one], errors[other])[:6, 6:]
+        centred = [part - part.mean(axis=1, keepdims=True) for part in (errors[one], errors[other])]
+        spread = np.sqrt(np.einsum("in,jn->ij", centred[0] ** 2, centred[1] ** 2) / samples - sample**2)
+        # the tangent leaves out what offsets of 3 mrad do in second order, 1e-5 of the covariance at most
+        limit = factor * spread / np.sqrt(samples) + 1e-4 * np.abs(closed).max()
+        assert (np.abs(sample - closed) <= limit).all()
+    np.testing.assert_allclose(found.between(0, 1), found.between(1, 0).T, rtol=1e-12, atol=1e-20)
+    # what is drawn anew at each pose has no part in it, but a part in the pose's own covariance
+    at = MIXED.at(Q[:, 1])
+    np.testing.assert_allclose(found.between(1, 1), at.covariance, rtol=1e-12, atol=1e-20)
+    all_draws = MIXED.at(Q[:, 0]).jacobian @ MIXED.space.covariance @ at.jacobian.T
+    assert np.abs(found.between(0, 1) - all_draws).max() > 0.1 * np.abs(all_draws).max()
+
+
+def test_poses_by_name_and_by_joint() -> None:
+    by_name = sample_poses(MODEL, ["paper"], samples=100)
+    assert by_name.names == ("paper",)
+    assert by_name.pose("paper") == 0
+    by_joint = sample_poses(
+        MODEL, {name: [value] for name, value in zip(JOINTS, MODEL.poses["paper"], strict=True)}, samples=100
+    )
+    np.testing.assert_array_equal(by_name.mean, by_joint.mean)
+    assert by_joint.names == ("",)
+    with pytest.raises(UnknownNameError):
+        by_joint.pose("paper")
+
+
+def test_as_a_dataset() -> None:
+    pytest.importorskip("xarray")
+    found = sample_poses(MODEL, Q[:, :3], samples=1000, seed=9, specifications=SPECIFICATIONS)
+    data = found.to_xarray()
+    assert dict(data.sizes)["pose"] == 3
+    assert data["quantile"].sel(probability=0.95, norm="attitude", pose=2) == found.quantile[1, 1, 2]
+    assert data["covariance"].sel(component="dx", component_2="rz", pose=1) == found.covariance[0, 5, 1]
+    assert data["inside_interval"].sel(end="upper").shape == (2, 3)
+    assert data.attrs["seed"] == "9"
+    assert data.attrs["samples"] == "1000"
+    assert "precision-pin" in data.attrs["versions"]
+    assert "3 poses" in repr(found)
+
+
+def test_an_interrupt_ends_the_run() -> None:
+    def interrupt(_: int) -> None:
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        sample_poses(MODEL, Q, samples=10**6, progress=interrupt)
+
+
+@pytest.mark.parametrize(
+    ("q", "settings", "message"),
+    [
+        (Q[:, :0], {}, "no poses to sample"),
+        ([], {}, "no poses to sample"),
+        (["papper"], {}, "papper"),
+        (Q[:2], {}, "joint values of shape"),
+        (Q.T, {}, "transpose"),
+        (np.where(Q > 1.4, np.nan, Q), {}, "must be finite"),
+        ({"joint1": [0.0]}, {}, "joint2"),
+        (Q, {"samples": 0}, "number of samples"),
+        (Q, {"samples": 2**32}, "4294967295"),
+        (Q, {"samples": 10.0}, "number of samples"),
+        (Q, {"seed": -1}, "seed"),
+        (Q, {"threads": 0}, "threads"),
+        (Q, {"model": "cubic"}, "exact or linear"),
+        (Q, {"confidence": 1.0}, "confidence"),
+    ],
+)
+def test_wrong_inputs_are_told_in_a_line(q: Any, settings: dict[str, Any], message: str) -> None:
+    with pytest.raises(InputError, match=message) as caught:
+        sample_poses(MODEL, q, **{"samples": 10, **settings})
+    assert "\n" not in str(caught.value)
+
+
+def test_more_poses_than_can_be_numbered() -> None:
+    many = np.zeros((len(JOINTS), 2**20))
+    with pytest.raises(InputError, match="1,048,576 poses; draws of pose or visit scope can be made at 1,048,575"):
+        sample_poses(MIXED, many, samples=1)
+
+
+@pytest.mark.parametrize(("std", "message"), [(1e3, "half a turn or more"), (1e160, "half a turn|beyond any number")])
+def test_errors_far_too_large(std: float, message: str) -> None:
+    space = Space((Draw("a", Normal(std)),))
+    model = ErrorModel(MODEL.chain, space, [JointOffset(joint=JOINTS[0], offset="a")])
+    with pytest.raises(InputError, match=message):
+        sample_poses(model, Q[:, :2], samples=10)
+    with pytest.raises(InputError, match=r"beyond any number|not a finite number"):
+        sample_poses(
+            ErrorModel(MODEL.chain, Space((Draw("a", Normal(1e300)),)), model.sources), Q, model="linear", samples=9
+        )
+
+
+def test_between_poses_that_do_not_exist() -> None:
+    found = sample_poses(MODEL, Q[:, :2], samples=3)
+    for wrong in (-1, 2, True, 0.5):
+        with pytest.raises(InputError, match="number of a pose must be a whole number from 0 to 1"):
+            found.between(0, wrong)  # type: ignore[arg-type]
