@@ -52,8 +52,8 @@ OF_THE_RUNNER = {"pytest", "_pytest", "pluggy", "iniconfig", "xdist", "execnet"}
 SAME = doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE
 
 
-def _generate() -> types.ModuleType:
-    spec = importlib.util.spec_from_file_location("docs_generate", DOCS / "generate.py")
+def _load(name: str) -> types.ModuleType:
+    spec = importlib.util.spec_from_file_location(f"docs_{name}", DOCS / f"{name}.py")
     assert spec is not None
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
@@ -61,7 +61,8 @@ def _generate() -> types.ModuleType:
     return module
 
 
-generate = _generate()
+generate = _load("generate")
+architecture = _load("draw_architecture")
 
 
 @dataclass(frozen=True)
@@ -302,6 +303,18 @@ def test_generated_tables_are_in_step(page):
     text = (DOCS / page).read_text(encoding="utf-8")
     assert set(re.findall(r"<!-- table: (.+?) -->", text)) == set(generate.TABLES[page])
     assert text == generate.spliced(page, text), "run: python docs/generate.py"
+
+
+def test_the_picture_of_the_architecture_is_in_step():
+    assert architecture.PICTURE.read_text(encoding="utf-8") == architecture.picture(), (
+        "run: python docs/draw_architecture.py"
+    )
+
+
+def test_the_picture_leaves_out_arrows_that_follow_from_others():
+    graph = {"top": {"middle", "bottom"}, "middle": {"bottom"}, "bottom": set(), "aside": {"bottom"}}
+    assert architecture.floors(graph) == {"top": 2, "middle": 1, "bottom": 0, "aside": 2}
+    assert architecture.direct(graph) == [("aside", "bottom"), ("middle", "bottom"), ("top", "middle")]
 
 
 def rows(page: str, first_column: str) -> list[list[str]]:
