@@ -15,7 +15,8 @@ import precision_pin as pp
 from api.api_calls import model
 from precision_pin.cli.program import cli
 from precision_pin.errors import PrecisionPinWarning
-from precision_pin.robot.examples import resolve_robot
+from precision_pin.robot.examples import PAPER_SHEET, resolve_robot
+from precision_pin.sheet import read
 
 ARM = pp.ErrorModel(
     pp.Chain.from_urdf(model().chain.robot.file, model().chain.tip, gravity=(0, 0, 0)),
@@ -54,6 +55,20 @@ def test_limits_are_warned_of_once_at_the_callers_line(name: str) -> None:
     assert len(seen) == 1
     assert "joint3" in str(seen[0].message)
     assert Path(seen[0].filename) == Path(__file__)
+
+
+def test_a_sheet_that_is_loaded_tells_its_findings_once_at_the_callers_line(tmp_path: Path) -> None:
+    assert told(lambda: pp.ErrorModel.load(PAPER_SHEET)) == []
+    sheet = tmp_path / "arm.yaml"
+    text = PAPER_SHEET.read_text().replace("robot: 4dof.urdf", f"robot: {model().chain.robot.file}")
+    sheet.write_text(text.replace("poses:\n  paper: -90 3 88 -91 deg\n", ""))
+    seen = told(lambda: pp.ErrorModel.load(sheet))
+    assert [str(one.message) for one in seen] == [str(finding) for finding in read(sheet).findings]
+    assert len(seen) == 1
+    assert "W_NO_POSES" in str(seen[0].message)
+    assert Path(seen[0].filename) == Path(__file__)
+    found = CliRunner().invoke(cli, ["analyze", str(sheet), "--q", "0 0 0 0", "--samples", "1000"])
+    assert found.stderr.count("W_NO_POSES") == 1
 
 
 @pytest.mark.parametrize("name", CALLS)

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 import precision_pin as pp
-from api.api_calls import MISTAKES, calls, outcome
+from api.api_calls import MISTAKES, POSE, calls, model, outcome
 
 MADE_BY_THE_PACKAGE = {"Analysis", "PosesResult", "Posture", "Postures"}
 NOT_CALLED = {"InputError", "PrecisionPinError", "Scope", "Source", "mcpc", "sources"}
@@ -48,3 +49,20 @@ def test_what_looks_like_a_mistake_and_is_none_is_let_pass(tmp_path: Path, monke
         for argument, names in call.fine.items():
             for mistake in filter(None, names.split(", ")):
                 assert outcome(call, argument, mistake).kind == "fine", (call.name, argument, mistake)
+
+
+@pytest.mark.parametrize("kind", sorted({source.kind() for source in model().sources}))
+@pytest.mark.filterwarnings("ignore::precision_pin.errors.PrecisionPinWarning")
+def test_a_setting_of_a_source_that_is_none_is_refused_by_name(kind: str) -> None:
+    arm = model()
+    source = next(source for source in arm.sources if source.kind() == kind)
+    for setting in source.settings():
+        refused = []
+        for value in MISTAKES.values():
+            try:
+                wrong = replace(source, **{setting: value})
+                pp.ErrorModel(arm.chain, arm.space, [wrong], {"home": POSE}).at("home")
+            except pp.PrecisionPinError as error:
+                refused.append(str(error))
+        assert len(refused) >= 10, setting  # what is no number, law, draw, formula or name
+        assert [text for text in refused if "\n" in text] == []

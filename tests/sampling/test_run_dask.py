@@ -155,6 +155,16 @@ def test_no_address_is_one_line() -> None:
         pass
 
 
+@pytest.mark.parametrize("address", ["foo", "tcp://host", "ftp://a:1", "host:abc", "tcp://", ":::", "/tmp/x"])
+def test_no_client_is_made_of_what_is_no_address(monkeypatch, address: str) -> None:
+    monkeypatch.setattr("distributed.Client", None)
+    with (
+        pytest.raises(InputError, match=rf"no Dask scheduler answers at '{address}' \(ValueError\)$"),
+        dask_cluster(address),
+    ):
+        pass
+
+
 @pytest.mark.parametrize("address", ["tcp://127.0.0.1:1", "127.0.0.1:1", "no address"])
 def test_no_scheduler_is_one_line(monkeypatch, address: str) -> None:
     monkeypatch.setattr(cluster, "PATIENCE", 0.5)

@@ -42,6 +42,8 @@ def small_state(count: int) -> State:
     generator = np.random.default_rng(count)
     arrays = {name: entry for name, entry in NARROW.items() if isinstance(entry, np.ndarray)}
     filled = {name: generator.integers(0, 99, entry.shape).astype(entry.dtype) for name, entry in arrays.items()}
+    filled["sketch"] = np.zeros_like(filled["sketch"])
+    filled["sketch"][:, 0] = count
     return State(**{**NARROW, **filled, "count": count})
 
 

@@ -273,6 +273,7 @@ def test_free_memory_is_what_the_system_says(monkeypatch, tmp_path) -> None:
     (tmp_path / "current").write_text("1000\n")
     for name, file in (("_MEMORY", "meminfo"), ("_LIMIT", "max"), ("_USED", "current")):
         monkeypatch.setattr(memory, name, tmp_path / file)
+    monkeypatch.setattr(memory, "_UNCHECKED", 0)
     assert memory.available_memory() == 4800 * 1024
     memory.check_kept(102_400)  # 48 bytes each: exactly that
     with pytest.raises(InputError, match=r"at most 102,400 can be kept"):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from concurrent.futures import Future
 from typing import Any
 
 import numpy as np
@@ -104,6 +105,54 @@ def test_any_number_of_threads_gives_the_same_bits() -> None:
         np.testing.assert_array_equal(getattr(one, name), getattr(many, name), err_msg=name)
     assert sum(told) == 2 * 66 * samples
     assert len(told) > 4
+
+
+def test_draws_of_one_model_are_laid_out_once_for_all_poses() -> None:
+    layouts = sampler.compile_tables(list(MODEL.at_columns(Q[:, :5])))
+    assert all(layout.draws is layouts[0].draws and layout.formulas is layouts[0].formulas for layout in layouts)
+
+
+def test_a_group_that_is_done_is_told_of_before_the_next_is_laid_out(monkeypatch: pytest.MonkeyPatch) -> None:
+    happened: list[str] = []
+    lay_out = sampler.compile_tables
+
+    class AtOnce:
+        """Does what is submitted before it returns."""
+
+        def __init__(self, _: int) -> None:
+            pass
+
+        def submit(self, function: Any, *arguments: Any) -> Future[Any]:
+            future: Future[Any] = Future()
+            future.set_result(function(*arguments))
+            return future
+
+        def shutdown(self, **_: Any) -> None:
+            pass
+
+    def laid_out(poses: Any) -> Any:
+        happened.append("laid out")
+        return lay_out(poses)
+
+    monkeypatch.setattr("precision_pin.sampling.many_poses.ThreadPoolExecutor", AtOnce)
+    monkeypatch.setattr(sampler, "compile_tables", laid_out)
+    sample_poses(MODEL, Q, samples=100, progress=lambda _: happened.append("told"))
+    assert happened == ["laid out", "told"] * 2
+
+
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        ([[0.0] * 4, [0.0] * 3], "pose 1 of the list: 3 joint values"),
+        ([[0.0] * 4, [0.0, 0.0, float("nan"), 0.0]], "pose 1 of the list: .*finite"),
+        ([[0.0] * 4, [True, True, True, True]], "pose 1 of the list: .*numbers"),
+        ([np.zeros(4), np.zeros((4, 1))], "pose 1 of the list: "),
+        ([[0.0] * 4, ["0", "0", "0", "0"]], "pose 1 of the list: .*numbers"),
+    ],
+)
+def test_a_wrong_pose_of_a_list_is_named(wrong: list[Any], message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        sample_poses(MODEL, wrong)
 
 
 def test_poses_do_not_depend_on_those_beside_them_but_for_rounding() -> None:

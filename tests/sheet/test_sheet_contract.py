@@ -253,6 +253,9 @@ def test_order_of_sources_and_parameters_never_matters(write: Write) -> None:
     assert np.abs(difference).max() < 1e-15
 
 
+@pytest.mark.filterwarnings(
+    "ignore:.*W_(NO_POSES|FEW_SAMPLES|CONSTANT|OFF_CHAIN):precision_pin.errors.PrecisionPinWarning"
+)
 def test_two_sources_of_one_kind_at_one_place_are_told_apart(load: Load, write: Write) -> None:
     text = HEAD + "sources:\n" + "  - joint_offset: {joint: joint1, offset: {uniform: 1 mrad}}\n"
     text += "  - joint_offset: {joint: joint1, offset: {normal: 1 mrad}}\n"

@@ -189,6 +189,9 @@ parameters:
 """
 
 
+@pytest.mark.filterwarnings(
+    "ignore:.*W_(NO_POSES|FEW_SAMPLES|CONSTANT|OFF_CHAIN):precision_pin.errors.PrecisionPinWarning"
+)
 def test_correlations_of_two_and_of_several(load: Load, write: Write) -> None:
     text = HEAD + PARAMETERS + "correlations:\n  - {parameters: [a1, c], correlation: -0.5}\n"
     text += "  - parameters: [a3, a5]\n    matrix:\n      - [1, 30 %]\n      - [0.3, 1]\n"

@@ -229,7 +229,7 @@ def test_bad_settings_of_a_sheet_give_one_line(tmp_path, old, new, message):
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
-        ({"diametral": 1e-5}, "one or two diametral:"),
+        ({"diametral": 1e-5}, "diametral of clearance must be a list"),
         ({"diametral": ()}, "one or two diametral:"),
         ({"span": float("nan")}, "span of clearance must be positive"),
         ({"band": float("inf")}, "band of clearance must be positive"),

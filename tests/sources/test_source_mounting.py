@@ -20,6 +20,9 @@ def test_against_the_displaced_robot():
     check_mounting(mounting)
 
 
+@pytest.mark.filterwarnings(
+    "ignore:.*W_(NO_POSES|FEW_SAMPLES|CONSTANT|OFF_CHAIN):precision_pin.errors.PrecisionPinWarning"
+)
 def test_from_a_sheet_through_every_engine(tmp_path):
     file = written(
         tmp_path,

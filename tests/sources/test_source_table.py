@@ -30,6 +30,9 @@ def test_by_hand_and_against_the_displaced_robot():
     check_table(table)
 
 
+@pytest.mark.filterwarnings(
+    "ignore:.*W_(NO_POSES|FEW_SAMPLES|CONSTANT|OFF_CHAIN):precision_pin.errors.PrecisionPinWarning"
+)
 def test_from_a_sheet_through_every_engine(tmp_path):
     (tmp_path / "measured").mkdir()
     (tmp_path / "measured" / "tracker.csv").write_text(TRACKER, encoding="utf-8")
@@ -48,6 +51,9 @@ def test_from_a_sheet_through_every_engine(tmp_path):
     check_engines(model)
 
 
+@pytest.mark.filterwarnings(
+    "ignore:.*W_(NO_POSES|FEW_SAMPLES|CONSTANT|OFF_CHAIN):precision_pin.errors.PrecisionPinWarning"
+)
 def test_the_path_is_relative_to_the_sheet_wherever_it_is_read_from(tmp_path, monkeypatch):
     (tmp_path / "sheets").mkdir()
     (tmp_path / "tracker.csv").write_text(TRACKER, encoding="utf-8")

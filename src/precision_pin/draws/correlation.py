@@ -72,8 +72,6 @@ class Correlation:
         object.__setattr__(self, "names", check_items("the names of a correlation", self.names, str))
         if not isinstance(self.matrix, tuple | list | np.ndarray) or any(np.ndim(row) != 1 for row in self.matrix):
             raise InputError(f"the correlation matrix must be rows of numbers, got {shown(self.matrix)}")
-        rows = [check_numbers("the correlation matrix", row, (None,), "rows of finite numbers") for row in self.matrix]
-        object.__setattr__(self, "matrix", tuple([tuple(row.tolist()) for row in rows]))
         size = len(self.names)
         if size < 2:
             raise InputError("a correlation needs at least two parameters")
@@ -91,6 +89,8 @@ class Correlation:
                 f"the correlation matrix of {', '.join(self.names)} has {len(self.matrix)} rows of {shape or 'no'} numbers, "
                 f"expected {size} of {size}"
             )
+        rows = [check_numbers("the correlation matrix", row, (None,), "rows of finite numbers") for row in self.matrix]
+        object.__setattr__(self, "matrix", tuple([tuple(row.tolist()) for row in rows]))
         for (i, a), (j, b) in itertools.combinations(enumerate(self.names), 2):
             upper, lower = self.matrix[i][j], self.matrix[j][i]
             if upper != lower:

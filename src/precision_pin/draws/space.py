@@ -26,6 +26,7 @@ from precision_pin.inputs.arguments import (
     check_instance,
     check_items,
     check_name,
+    check_number,
     check_numbers,
     check_text,
     check_whole,
@@ -447,6 +448,9 @@ def check_seed(seed: int) -> None:
     check_whole("the seed", seed, 0, 2**64 - 1, "from 0 to 2^64 - 1")
 
 
+_SETTING: Final = "a finite number, the name of a parameter, a law, a draw or a formula"
+
+
 @final
 @dataclass(frozen=True)
 class LabelledSpace:
@@ -488,10 +492,7 @@ class LabelledSpace:
             case Law():
                 return self.space.parameter(f"{self.label}.{field}")
             case _:
-                number = float(setting)
-                if not math.isfinite(number):
-                    raise InputError(f"{field} of {self.label} is {number}, which is not finite")
-                return number
+                return check_number(f"{field} of {self.label}", setting, _SETTING)
 
     def positive(self, field: str, setting: Setting, *, zero: bool = False) -> Value:
         """Return a setting that must be positive (or zero, if allowed) in every sample; see :meth:`value`.

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from precision_pin.errors import InputError, UnknownNameError
 from precision_pin.inputs.arrays import fix_copy
+from precision_pin.inputs.memory import check_memory
 from precision_pin.visible import visible
 
 __all__ = [
@@ -130,22 +131,27 @@ def check_numbers(what: str, values: object, shape: tuple[int | None, ...] | Non
     Raises
     ------
     InputError
-        Something else than numbers, one that is not finite, or another shape.
+        Something else than numbers, one that is not finite, or another shape; more than there is memory for.
     """
+    if isinstance(values, np.ndarray) and (shape is None or _fits(values, shape)):
+        # the copy, and a byte for each of what is not finite
+        check_memory(9.0 * values.size, f"reading {what}, {values.size:,} numbers,", "give fewer at a time")
+    elif isinstance(values, np.ndarray) and values.dtype.kind in _NUMBERS and shape is not None:
+        raise InputError(f"{what} must be {needs or _numbers_of(shape)}, got an array of shape {values.shape}")
     array = _array(values)
     fits = array is not None and (shape is None or _fits(array, shape))
     finite = array is not None and bool(np.isfinite(array).all())
     if array is not None and fits and finite:
         return array
     if shape is not None:
-        expected = needs or f"finite numbers of shape {_shape(shape)}"
+        expected = needs or _numbers_of(shape)
         got = shown(values) if array is None or fits else f"an array of shape {array.shape}"
         raise InputError(f"{what} must be {expected}, got {got}")
     expected = f"; expected {needs}" if needs else ""
     raise InputError(f"{what} must be {'numbers' if array is None else 'finite'}, got {shown(values)}{expected}")
 
 
-def _fits(array: Array, shape: tuple[int | None, ...]) -> bool:
+def _fits(array: NDArray[Any], shape: tuple[int | None, ...]) -> bool:
     return array.ndim == len(shape) and all(want in (None, has) for want, has in zip(shape, array.shape, strict=True))
 
 
@@ -153,7 +159,7 @@ def _array(values: object) -> Array | None:
     """Return a copy of numbers, ``None`` where they are none: text that could be read as a number is none."""
     try:
         given = np.asarray(values)
-    except (TypeError, ValueError, OverflowError):
+    except (TypeError, ValueError, OverflowError, MemoryError):
         return None
     if given.dtype.kind not in _NUMBERS and (
         given.dtype.kind != "O" or any(_number(one) is None for one in given.ravel())
@@ -165,9 +171,9 @@ def _array(values: object) -> Array | None:
         return None
 
 
-def _shape(shape: tuple[int | None, ...]) -> str:
+def _numbers_of(shape: tuple[int | None, ...]) -> str:
     entries = ", ".join("N" if one is None else str(one) for one in shape)
-    return f"({entries},)" if len(shape) == 1 else f"({entries})"
+    return f"finite numbers of shape ({entries},)" if len(shape) == 1 else f"finite numbers of shape ({entries})"
 
 
 def check_flag(what: str, value: object) -> bool:

@@ -11,6 +11,9 @@ from precision_pin.errors import InputError
 
 __all__ = ["available_memory", "check_kept", "check_memory"]
 
+_UNCHECKED: Final = 2**28
+"""Bytes below which asking what is free takes longer than it is worth."""
+
 _MEMORY: Final = Path("/proc/meminfo")
 _LIMIT, _USED = Path("/sys/fs/cgroup/memory.max"), Path("/sys/fs/cgroup/memory.current")
 
@@ -46,7 +49,7 @@ def check_memory(needed: float, what: str, instead: str) -> None:
     InputError
         There is not memory enough.
     """
-    available = available_memory()
+    available = available_memory() if needed > _UNCHECKED else None
     if available is not None and needed > available:
         raise InputError(
             f"{what} takes {needed / 1e9:,.1f} GB, {available / 1e9:,.1f} GB of memory are free; {instead}"

@@ -30,6 +30,7 @@ from precision_pin.inputs.arguments import (
     check_path,
 )
 from precision_pin.inputs.arrays import returns_read_only
+from precision_pin.inputs.memory import check_memory
 from precision_pin.model.about_rest import terms_about_rest
 from precision_pin.model.equilibrium import settle
 from precision_pin.robot.chain import Chain, Place, Posture
@@ -208,6 +209,12 @@ class PoseModel:
         values = x if type(x) is np.ndarray and x.dtype == np.float64 else check_numbers("x", x)
         if values.ndim != 2 or values.shape[0] != self.space.size:
             raise InputError(f"x has shape {values.shape}, expected ({self.space.size}, N): rows as in model.space")
+        terms, parameters = self.table.factors.shape, len(self.table.program.outputs)
+        # factors and products of terms, displacements of targets and what is made of them
+        numbers = (terms[1] + 1) * terms[0] + 2 * parameters + 6 * len(self.table.targets) + 64
+        check_memory(
+            8.0 * numbers * values.shape[1], f"evaluating {values.shape[1]:,} robots", "evaluate some of them at a time"
+        )
         if not np.isfinite(values).all():
             raise InputError("x must be finite")
         return values
@@ -263,8 +270,9 @@ class ErrorModel:
         self._layout: TableLayout | None = None
 
     @classmethod
+    @warns_at_end
     def load(cls, path: str | os.PathLike[str], kinds: Iterable[type[Source]] = ()) -> ErrorModel:
-        """Read a sheet and the robot it names.
+        """Read a sheet and the robot it names; warns of what was found in them, as ``precision-pin check`` does.
 
         Parameters
         ----------
@@ -279,7 +287,9 @@ class ErrorModel:
             Carry every finding at once.
         """
         listed = check_items("the kinds of sources", kinds, type)
-        return cls.from_sheet(read_sheet(check_path("the path of the sheet", path), kinds=listed))
+        sheet = read_sheet(check_path("the path of the sheet", path), kinds=listed)
+        add(sheet.findings)
+        return cls.from_sheet(sheet)
 
     @classmethod
     def from_sheet(cls, sheet: Sheet) -> ErrorModel:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Final, final
@@ -101,7 +102,20 @@ class Configurations:
         low, high = np.array(limits).T
         return low, high
 
+    @staticmethod
+    def count(q: object) -> int:
+        """Return how many poses are given for :meth:`many`, without a look at their values."""
+        if isinstance(q, list | tuple):
+            return len(q)
+        if isinstance(q, Mapping):
+            return max((Configurations.count(row) for row in q.values()), default=0)
+        return q.shape[-1] if isinstance(q, np.ndarray) and q.ndim else 1
+
     def _listed(self, poses: Sequence[object]) -> Array:
+        if poses and all(map(_is_row, poses)):
+            # all at once; where one of them is wrong, it is looked for below
+            with suppress(InputError):
+                return fix_copy(check_numbers("joint values", poses, (None, len(self.names))).T)
         columns = []
         for number, pose in enumerate(poses):
             try:
@@ -131,3 +145,10 @@ class Configurations:
         if missing:
             raise InputError(f"no value for the joints {', '.join(missing)}")
         return self.names
+
+
+def _is_row(pose: object) -> bool:
+    """Return whether a pose is a list or an array, truth values not among its numbers."""
+    if isinstance(pose, np.ndarray):
+        return bool(pose.dtype.kind != "b")
+    return isinstance(pose, list | tuple) and not any(isinstance(value, bool | np.bool_) for value in pose)

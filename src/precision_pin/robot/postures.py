@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from precision_pin import se3
 from precision_pin.inputs.arrays import read_only, returns_read_only
+from precision_pin.inputs.memory import check_memory
 from precision_pin.robot.places import Load
 
 __all__ = ["ChainConstants", "Postures", "alignment"]
@@ -169,6 +170,7 @@ class Postures:
     @cached_property
     @returns_read_only
     def _poses(self) -> Array:
+        check_memory(128.0 * (len(self.q) + 1) * len(self), f"computing poses at {len(self):,} configurations", _FEWER)
         result = np.empty((len(self.q) + 1, 4, 4, len(self)))
         self._run(result, _NOTHING, _NOTHING, _NOTHING)
         return result
@@ -177,6 +179,9 @@ class Postures:
     @returns_read_only
     def _rates(self) -> tuple[Array, Array, Array]:
         joints, count = self.q.shape
+        check_memory(
+            8.0 * (13 * joints + 6) * count, f"computing Jacobians and wrenches at {count:,} configurations", _FEWER
+        )
         # one piece of memory: large ones are quicker to get
         rows = np.empty((6 * joints + joints + 6 * (joints + 1), count))
         jacobian, torque, wrench = np.split(rows, [6 * joints, 7 * joints])
@@ -206,6 +211,7 @@ class Postures:
 
 
 _NOTHING: Final = np.zeros(0)
+_FEWER: Final = "give fewer at a time"
 
 
 def _within_reach(q: Array, slides: NDArray[np.bool_]) -> Array:

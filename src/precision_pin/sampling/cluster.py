@@ -84,12 +84,15 @@ def dask_cluster(address: str) -> Iterator[tuple[DaskCluster, int]]:
         raise InputError("the address of a Dask scheduler is empty; it reads such as tcp://host:8786")
     try:
         import distributed
+        from distributed.comm.addressing import get_address_host_port
     except ImportError:
         raise InputError("Dask is not installed (pip install 'precision-pin[dask]')") from None
     # what goes wrong is told by exceptions
     logging.getLogger("distributed").setLevel(logging.CRITICAL)
     client: Any = None
     try:
+        # a client of no address fails too, but is then closed in vain for twenty seconds, and prints a traceback
+        get_address_host_port(address)
         client = _connected(distributed.Client, address)
         client.wait_for_workers(1, timeout=PATIENCE)
     except (OSError, ValueError, TypeError, TimeoutError, AssertionError) as error:

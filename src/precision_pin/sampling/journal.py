@@ -23,14 +23,14 @@ from typing import Final, final
 
 from precision_pin.errors import InputError, OutputError
 from precision_pin.sampling.identity import differences
-from precision_pin.sampling.saved import packed, unpacked
+from precision_pin.sampling.saved import largest, packed, unpacked
 from precision_pin.statistics import State
 
 __all__ = ["Journal", "opened"]
 
 MAGIC: Final = b"precision-pin journal 1\n"
 MOST_RECORDS: Final = 64
-LARGEST_RECORD: Final = 2**30
+LARGEST_IDENTITY: Final = 2**20
 
 SHORTEST_PAUSE: Final = 2.0
 LONGEST_PAUSE: Final = 60.0
@@ -203,16 +203,16 @@ class Journal:
         """Return the state of the last record up to the first that is not whole, and cut the file there."""
         if self._read(0, len(MAGIC)) != MAGIC:
             raise InputError(f"{self._name} is not a journal of this version of precision-pin; it is left as it is")
-        records = self._records(len(MAGIC), size)
-        header = next(records, None)
-        if header is None:
+        header = next(self._records(len(MAGIC), size, 1, LARGEST_IDENTITY), None)
+        identity = None if header is None else _identity(header)
+        if header is None or identity is None:
             raise InputError(f"the beginning of the journal {self._name} is damaged; remove it and begin anew")
-        changed = differences(json.loads(header), self._identity)
+        changed = differences(identity, self._identity)
         if changed:
             raise InputError(f"the journal {self._name} is that of another run: {'; '.join(changed)}")
         self._end = len(MAGIC) + _HEAD.size + len(header)
         last = None
-        for payload in records:
+        for payload in self._records(self._end, size, MOST_RECORDS, largest(start)):
             last = payload
             self._end += _HEAD.size + len(payload)
             self._states += 1
@@ -223,11 +223,14 @@ class Journal:
         tell(f"the journal {self._name} holds the first {state.count:,} samples")
         return state
 
-    def _records(self, offset: int, size: int) -> Iterator[bytes]:
-        while offset + _HEAD.size <= size:
+    def _records(self, offset: int, size: int, most: int, largest: int) -> Iterator[bytes]:
+        """Yield records, as many and as large as a run writes them at most, up to the first that is not whole."""
+        for _ in range(most):
+            if offset + _HEAD.size > size:
+                return
             length, digest = _HEAD.unpack(self._read(offset, _HEAD.size))
             offset += _HEAD.size
-            if length > min(size - offset, LARGEST_RECORD):
+            if length > min(size - offset, largest):
                 return
             payload = self._read(offset, length)
             if _digest(payload) != digest:
@@ -290,6 +293,16 @@ class Journal:
     def _lost(self, error: OSError) -> OutputError:
         kept = f"; it holds the first {self._saved:,} samples, from which the run can go on" if self._saved else ""
         return OutputError(f"cannot write the journal {self._name}: {error.strerror or error}{kept}")
+
+
+def _identity(header: bytes) -> dict[str, str] | None:
+    """Return what the first record says of the run, nothing where it is no such record."""
+    try:
+        found = json.loads(header)
+    except (ValueError, RecursionError):
+        return None
+    texts = isinstance(found, dict) and all(isinstance(value, str) for value in found.values())
+    return found if texts else None
 
 
 def _write(descriptor: int, data: bytes, offset: int) -> None:

@@ -23,6 +23,7 @@ from precision_pin.display import progress as progress_bar
 from precision_pin.draws.space import MOST_POSES, Scope, check_seed
 from precision_pin.errors import InputError
 from precision_pin.inputs.arguments import check_instance, check_whole
+from precision_pin.inputs.memory import check_memory
 from precision_pin.kernel import sampler
 from precision_pin.kernel.loops import NORM_COLUMNS, SUMS
 from precision_pin.kernel.many_poses import MOST_TOGETHER, NormBlocks, norm_edges, observe_norms
@@ -53,7 +54,9 @@ MOST_THREADS: Final = 1024
 
 _PILOTS: Final = (256, 1024)
 """Samples from which first the centres, then the spreads are planned: the first of the run."""
-_TASK: Final = 512
+_NUMBERS: Final = 73
+"""Numbers in the result for a pose, its name among them and specifications apart."""
+_TASK: Final = 256
 """Blocks times poses of a task, a fraction of a second."""
 
 
@@ -104,7 +107,7 @@ def sample_poses(
     ------
     InputError
         A wrong number of samples, seed, model, confidence or threads; no poses, wrong joint values, more than 2²⁰-1 poses
-        where draws have pose or visit scope; errors too large to compute with.
+        where draws have pose or visit scope, or more than there is memory for; errors too large to compute with.
     UnknownNameError
         No such pose or joint.
     """
@@ -116,9 +119,9 @@ def sample_poses(
     check_progress(progress)
     sampler.stage_of(model)
     check_confidence(confidence)
-    values, names = _poses(error_model, q)
-    count = values.shape[1]
     work = _Work(model, int(seed), int(samples), listed_specifications(specifications))
+    values, names = _poses(error_model, q, work.specifications)
+    count = values.shape[1]
     found = limit_findings(error_model.chain, values)
     add(found)
     parts: list[dict[str, Array]] = []
@@ -131,16 +134,21 @@ def sample_poses(
         tasks = _tasks(error_model, values, work)
         most = 2 * (threads or available_cores())
         under_way: deque[tuple[_Group, Future[NormBlocks]]] = deque()
-        while True:
-            for group, first_block, blocks in islice(tasks, most - len(under_way)):
-                under_way.append((group, pool.submit(group.observe, first_block, blocks)))
-            if not under_way:
-                break
+
+        def add_oldest() -> None:
             group, future = under_way.popleft()
             group.add(future.result())
             step(future.result().count * group.poses)
             if group.count == work.samples:
                 parts.append(group.finished(confidence))
+
+        for group, first_block, blocks in tasks:
+            under_way.append((group, pool.submit(group.observe, first_block, blocks)))
+            # what is done is added at once: laying further groups out takes longer than sampling few robots at them
+            while under_way and (len(under_way) >= most or under_way[0][1].done()):
+                add_oldest()
+        while under_way:
+            add_oldest()
     chain = error_model.chain
     return PosesResult(
         robot=os.path.basename(chain.robot.file),
@@ -165,9 +173,15 @@ def sample_poses(
 
 
 def _poses(
-    error_model: ErrorModel, q: ArrayLike | Mapping[str, ArrayLike] | Sequence[object]
+    error_model: ErrorModel,
+    q: ArrayLike | Mapping[str, ArrayLike] | Sequence[object],
+    specifications: Sequence[Specification],
 ) -> tuple[Array, tuple[str, ...]]:
     """Return joint values ``(n, P)`` and the poses' names."""
+    given, specified = error_model.chain.configurations.count(q), len(specifications)
+    # joint values and results, the latter once in groups and once joined
+    numbers = 3 * len(error_model.chain.joints) + 2 * (_NUMBERS + 3 * specified)
+    check_memory(8.0 * numbers * given, f"sampling {given:,} poses", "sample fewer of them at a time")
     values, names = error_model.configurations(q)
     if not names:
         raise InputError("no poses to sample; give at least one")

@@ -6,14 +6,19 @@ import io
 import zipfile
 import zlib
 from dataclasses import fields, is_dataclass
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from precision_pin.errors import InputError
 from precision_pin.statistics import State
 
-__all__ = ["packed", "unpacked"]
+__all__ = ["largest", "packed", "unpacked"]
+
+
+_OVERHEAD: Final = 1000
+"""Bytes that an array takes beyond its numbers, and more."""
 
 
 def packed(state: State) -> bytes:
@@ -23,20 +28,62 @@ def packed(state: State) -> bytes:
     return zlib.compress(buffer.getvalue(), level=1)
 
 
+def largest(pattern: State) -> int:
+    """Return more bytes than a state of the pattern's plan takes, packed or not."""
+    return sum(np.asarray(leaf).nbytes * 101 // 100 + _OVERHEAD for leaf in _leaves(pattern, "").values())
+
+
 def unpacked(data: bytes, pattern: State) -> State:
     """Return the state that was packed; ``pattern`` is one of the same plan, whose fields tell how to read it.
+
+    Whatever the bytes are, no more is read than a state takes.
 
     Raises
     ------
     InputError
         The bytes hold no such state.
     """
+    most = largest(pattern)
     try:
-        with np.load(io.BytesIO(zlib.decompress(data)), allow_pickle=False) as arrays:
-            found: State = _rebuilt(dict(arrays), pattern, "")
-    except (zlib.error, zipfile.BadZipFile, KeyError, ValueError, TypeError, OSError) as error:
+        plain = zlib.decompressobj().decompress(data, most + 1)
+        if len(plain) > most:
+            raise ValueError("it is too long")
+        with zipfile.ZipFile(io.BytesIO(plain)) as members:
+            arrays = {name: _read(members, name, np.asarray(leaf)) for name, leaf in _leaves(pattern, "").items()}
+        found: State = _rebuilt(arrays, pattern, "")
+        _check(found)
+    except (zlib.error, zipfile.BadZipFile, KeyError, ValueError, TypeError, OSError, EOFError, RuntimeError) as error:
         raise InputError(f"the journal's last record cannot be read: {error}") from None
     return found
+
+
+def _read(members: zipfile.ZipFile, name: str, like: NDArray[Any]) -> NDArray[Any]:
+    """Return an array of the type and shape of another; its header, which might ask for any size, must be the other's."""
+    pattern = io.BytesIO()
+    np.save(pattern, like)
+    size = pattern.tell()
+    with members.open(f"{name}.npy") as member:
+        data = member.read(size + 1)
+    begin = size - like.nbytes
+    if len(data) != size or data[:begin] != pattern.getvalue()[:begin]:
+        raise ValueError(f"{name} is of another type or shape")
+    return np.frombuffer(data, like.dtype, offset=begin).reshape(like.shape).copy()
+
+
+def _check(state: State) -> None:
+    """Refuse what no samples add up to: a record whose digest is right need not be one of ours.
+
+    Raises
+    ------
+    ValueError
+        Counts that do not go together, or sums that are not finite.
+    """
+    sketched = state.sketch.sum(axis=1)
+    sums = (state.sums, state.products, state.norm_squares)
+    if state.count < 0 or state.sketch.min() < 0 or (sketched != state.count).any():
+        raise ValueError("its counts do not go together")
+    if not all(np.isfinite(part).all() for part in sums):
+        raise ValueError("its sums are not finite")
 
 
 def _leaves(value: Any, name: str) -> dict[str, Any]:

@@ -165,6 +165,10 @@ class TableLayout:
     joints: NDArray[np.intp]
     comparable: bool
 
+    def __post_init__(self) -> None:
+        # read-only before any table is made: every table then has these very arrays, by which the sampler knows its like
+        fix_fields(self)
+
     @classmethod
     def of(cls, terms: tuple[Term, ...], space: Space) -> TableLayout:
         """Return the layout of terms."""

@@ -24,7 +24,7 @@ from precision_pin.draws.expressions import Expression, Program, Value
 from precision_pin.draws.laws import Law
 from precision_pin.draws.space import Draw, LabelledSpace, Space, indexed
 from precision_pin.errors import Finding, InputError
-from precision_pin.inputs.arguments import check_flag, check_items, check_number, check_numbers, shown
+from precision_pin.inputs.arguments import check_flag, check_items, check_number, check_numbers, check_text, shown
 from precision_pin.robot.chain import Chain, Factors, Load, Place, Posture
 
 __all__ = [
@@ -174,6 +174,19 @@ class Source(ABC):
     reference. It knows the posture and its own draws, nothing of what reads the terms.
     """
 
+    def __init_subclass__(cls, **options: Any) -> None:
+        """Have the plain settings of every source checked before its own checks compare them."""
+        super().__init_subclass__(**options)
+        own_checks: Callable[[Any], None] | None = cls.__dict__.get("__post_init__")
+
+        def __post_init__(self: Source) -> None:
+            _check_plain_settings(self)
+            if own_checks is not None:
+                own_checks(self)
+            _check_finite_settings(self)
+
+        cls.__post_init__ = __post_init__  # type: ignore[attr-defined]
+
     @property
     @abstractmethod
     def subject(self) -> str:
@@ -306,6 +319,31 @@ class AskedSource:
             return tuple(ask(cast("Posture", _AnyPosture(chain)), self._view))
         except (_NeedsPosture, Exception):  # noqa: BLE001 - what is wrong with it comes up again at a posture
             return None
+
+
+def _check_plain_settings(source: Source) -> None:
+    """Refuse what is no number, text or list in settings declared as such; which of them are allowed, each kind says."""
+    for field in dataclasses.fields(source):  # type: ignore[arg-type]
+        value, declared = getattr(source, field.name), str(field.type).removeprefix("Annotated[")
+        if value is None and "| None" in declared:
+            continue
+        what = f"{field.name} of {source.kind()}"
+        if declared.startswith(("str", "Literal[", "PadsOn")):
+            check_text(what, value)
+        elif declared.startswith("float") and not isinstance(value, float):
+            check_number(what, value)
+        elif declared.startswith("tuple[") and not isinstance(
+            value, tuple | list | np.ndarray if declared.startswith("tuple[float") else tuple | list
+        ):
+            raise InputError(f"{what} must be a list, got {shown(value)}")
+
+
+def _check_finite_settings(source: Source) -> None:
+    """Refuse infinity and what is no number, which a kind's own checks may have let pass."""
+    for field in dataclasses.fields(source):  # type: ignore[arg-type]
+        value = getattr(source, field.name)
+        if isinstance(value, float) and str(field.type).removeprefix("Annotated[").startswith("float"):
+            check_number(f"{field.name} of {source.kind()}", value)
 
 
 def fix_settings(source: Source) -> Source:

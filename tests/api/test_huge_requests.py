@@ -1,0 +1,96 @@
+"""Requests beyond the memory of any machine are refused in a line, at once; a long run tells how far it is at once."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+import precision_pin as pp
+from precision_pin.inputs import memory
+from precision_pin.robot.examples import PAPER_SHEET
+
+MODEL = pp.ErrorModel.load(PAPER_SHEET)
+AT = MODEL.at()
+CHAIN = MODEL.chain
+JOINTS, NUMBERS = len(CHAIN.joint_names), MODEL.space.size
+
+
+def zeros(*shape: int) -> Any:
+    """Return an array that takes no memory itself, however large."""
+    return np.broadcast_to(np.zeros((1,) * len(shape)), shape)
+
+
+REQUESTS: dict[str, Callable[[int], object]] = {
+    "poses in an array": lambda n: pp.sample_poses(MODEL, zeros(JOINTS, n)),
+    "poses by joint": lambda n: pp.sample_poses(MODEL, {name: zeros(n) for name in CHAIN.joint_names}),
+    "postures": lambda n: CHAIN.at_many(zeros(JOINTS, n)),
+    "pose models": lambda n: MODEL.at_many(zeros(JOINTS, n)),
+    "one pose of many numbers": lambda n: CHAIN.at(zeros(n)),
+    "kept samples": lambda n: pp.monte_carlo(MODEL, samples=min(n, 10**12), keep_samples=True),
+    "numbers": lambda n: MODEL.space.sample(0, 0, n),
+    "uniform numbers": lambda n: MODEL.space.inverse(zeros(NUMBERS, n)),
+    "superposed robots": lambda n: AT.linear(zeros(NUMBERS, n)),
+    "exact robots": lambda n: AT.exact(zeros(NUMBERS, n)),
+    "samples of a law": lambda n: pp.Empirical.from_samples(zeros(n)),
+    "quantiles of a law": lambda n: pp.Empirical(zeros(n, 2)),
+    "rows of a law": lambda n: pp.Rows(zeros(n, 2)),
+    "covariance of a law": lambda n: pp.JointNormal(zeros(1000, n)),
+    "parameter errors": lambda n: pp.mcpc.from_chain(CHAIN).perturbed(zeros(n)),
+}
+
+
+@pytest.mark.parametrize("what", REQUESTS)
+@pytest.mark.parametrize("count", [10**10, 10**12, 10**15])
+def test_what_no_machine_can_hold_is_refused_at_once(what: str, count: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(memory, "available_memory", lambda: 64 * 10**9)
+    begun = time.perf_counter()
+    with pytest.raises(pp.InputError) as refused:
+        REQUESTS[what](count)
+    assert time.perf_counter() - begun < 1
+    assert "\n" not in str(refused.value)
+    assert len(str(refused.value)) < 250
+
+
+def test_a_refusal_says_how_much_it_takes_and_how_much_there_is(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(memory, "available_memory", lambda: 64 * 10**9)
+    with pytest.raises(
+        pp.InputError, match=r"sampling 100,000,000 poses takes 1\d\d\.\d GB, 64\.0 GB of memory are free"
+    ):
+        pp.sample_poses(MODEL, zeros(JOINTS, 10**8))
+
+
+def test_the_estimate_for_many_poses_is_what_the_result_holds() -> None:
+    # arrays of the result, twice as long as they are joined, and the joint values
+    found = pp.sample_poses(MODEL, zeros(JOINTS, 3), samples=100, specifications="1 mm @ 90 %")
+    held = sum(value.nbytes for value in vars(found).values() if isinstance(value, np.ndarray) and value is not found.q)
+    said: list[float] = []
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("precision_pin.sampling.many_poses.check_memory", lambda needed, *_: said.append(needed))
+        pp.sample_poses(MODEL, zeros(JOINTS, 3), samples=100, specifications="1 mm @ 90 %")
+    assert said == [2 * held + 3 * found.q.nbytes + 2 * 3 * 8]
+
+
+def test_postures_are_refused_when_their_arrays_are_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    postures = CHAIN.at_many(zeros(JOINTS, 1_000_000))
+    monkeypatch.setattr(memory, "available_memory", lambda: 10**8)
+    for name in ("pose", "joint_jacobian"):
+        with pytest.raises(pp.InputError, match="1,000,000 configurations takes"):
+            getattr(postures, name)
+
+
+@pytest.mark.parametrize("listed", [False, True])
+def test_many_poses_tell_how_far_they_are_within_a_second(listed: bool) -> None:
+    pp.sample_poses(MODEL, zeros(JOINTS, 2), samples=10)  # loads what is compiled
+    poses: Any = [[0.1] * JOINTS] * 100_000 if listed else zeros(JOINTS, 100_000)
+
+    def first_step(count: int) -> None:
+        raise KeyboardInterrupt
+
+    begun = time.perf_counter()
+    with pytest.raises(KeyboardInterrupt):
+        pp.sample_poses(MODEL, poses, samples=1000, progress=first_step)
+    assert time.perf_counter() - begun < 3  # it takes a third of a second on a quiet machine
