@@ -15,12 +15,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from run.test_run_journal import EMPTY, IDENTITY, STATES, state_in
 
 from precision_pin.errors import InputError
 from precision_pin.sampling.journal import MAGIC
 from precision_pin.sampling.saved import packed, unpacked
 from sampling.run_cases import assert_same_bits
+from sampling.test_run_journal import EMPTY, IDENTITY, STATES, state_in
 
 
 def journal_of(file: Path, *payloads: bytes) -> None:

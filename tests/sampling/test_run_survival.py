@@ -264,7 +264,7 @@ def test_a_changed_input_is_told(started: Any, tmp_path: Path) -> None:
 
     def refused(*arguments: str) -> str:
         samples = () if "--samples" in arguments else ("--samples", "100")
-        process = started("4dof.errors.yaml", "--journal", "j", *samples, *arguments)
+        process = started("4dof.errors.yaml", "--quiet", "--journal", "j", *samples, *arguments)
         _, err = process.communicate(timeout=60)
         assert process.returncode == 2
         return without_warnings(err).removeprefix("precision-pin: error E_INPUT: the journal j is ")
