@@ -1149,7 +1149,7 @@ def _place_of(sample: Scalar, sampled: bool) -> Scalar:
     return _U(sample)
 
 
-@plain
+@kept_part
 def _norms(s: Array) -> Scalar:
     """Write the two norms; return how many samples are not finite."""
     failures = 0
@@ -1163,7 +1163,7 @@ def _norms(s: Array) -> Scalar:
     return failures
 
 
-@plain
+@kept_part
 def _not_finite(s: Array, skipped: Scalar, count: Scalar, sampled: bool) -> Scalar:
     """Return the first sample that is not finite, or -1."""
     for sample in range(skipped, count):
@@ -1314,7 +1314,7 @@ def _count_bins(bins: Bins, first: Scalar, tiles: Scalar, count: Scalar, sketch:
         sketch[bins[last + _place_of(sample, True)]] -= np.uint32(1)
 
 
-@plain
+@kept_part
 def _count_all_bins(bins: Bins, tiles: Scalar, count: Scalar, sketch: NDArray[np.uint32]) -> None:
     """Count what `_find_bins` found, each quantity of all tiles by itself: its part of the sketch stays near."""
     for q in range(_U(8)):
@@ -1336,7 +1336,7 @@ def _sketch_norms(s: Array, bins: Bins, count: Scalar, inverse_scale: Array, ske
         _count_bins(bins, _ZERO, 1, count, sketch)
 
 
-@plain
+@kept_part
 def _count_inside(s: Array, count: Scalar, counting: Counting, inside: NDArray[np.int64]) -> None:
     """Count the samples inside each specification."""
     for k in range(counting.limits.size):
@@ -1395,7 +1395,7 @@ def _add_products(s: Array) -> None:
             s[_P21 + lane], s[_P22 + lane] = dd, tt
 
 
-@plain
+@kept_part
 def _fold(s: Array, sums: Array) -> None:
     """Fold each sum's lanes in halves and empty them."""
     for k in range(_U(SUMS)):
@@ -1410,7 +1410,7 @@ def _fold(s: Array, sums: Array) -> None:
             s[lanes + lane] = 0.0
 
 
-@plain
+@kept_part
 def _empty_lanes(s: Array, lowest: Array, highest: Array) -> None:
     """Begin with sums of nothing, and with these smallest and largest values."""
     for i in range(_U(SUMS * LANES)):
@@ -1421,7 +1421,7 @@ def _empty_lanes(s: Array, lowest: Array, highest: Array) -> None:
             s[_LANES + (_U(SUMS + 8) + q) * _LANE + lane] = highest[q]
 
 
-@plain
+@kept_part
 def _fold_extremes(s: Array, lowest: Array, highest: Array) -> None:
     """Fold the lanes' smallest and largest values."""
     for q in range(_U(8)):

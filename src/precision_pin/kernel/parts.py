@@ -14,7 +14,7 @@ from precision_pin.draws.space import Draw, Space
 from precision_pin.jit import can_keep, make_ready
 from precision_pin.kernel import loops
 from precision_pin.kernel.arrays import CompiledTable, lay_out
-from precision_pin.kernel.loops import HELD, LARGEST, SCRATCH, STRIDE, TILE, Wanted
+from precision_pin.kernel.loops import HELD, LARGEST, SCRATCH, STRIDE, TILE, Counting, Wanted
 from precision_pin.terms.table import TermTable
 
 __all__ = ["PARTS", "compile_part", "compile_parts", "empty_table", "part_arguments"]
@@ -29,6 +29,13 @@ PARTS: Final[Mapping[str, float]] = {
     "_keep_largest": 0.3,
     "_add_products": 0.3,
     "_find_bins": 0.3,
+    "_fold": 0.2,
+    "_norms": 0.2,
+    "_count_inside": 0.2,
+    "_empty_lanes": 0.1,
+    "_fold_extremes": 0.1,
+    "_count_all_bins": 0.1,
+    "_not_finite": 0.1,
 }
 """The parts, and about how many seconds each takes to compile."""
 
@@ -55,19 +62,27 @@ def part_arguments(name: str, rare: Wanted = None) -> tuple[Any, ...]:
     """Return arguments of the types that a part is called with; it is never called with these themselves."""
     layout = empty_table(rare)
     s, w, eight = np.zeros(SCRATCH * STRIDE), np.zeros(layout.rows * STRIDE), np.zeros(8)
-    bins, words, offset = np.zeros(8 * (HELD + 1) * TILE, np.uint32), np.zeros(0, np.uint64), np.uint64(0)
+    bins, offsets, offset = np.zeros(8 * (HELD + 1) * TILE, np.uint32), np.zeros(0, np.uint64), np.uint64(0)
     largest = np.zeros((2, LARGEST))
+    counting = Counting(eight, eight, offsets, np.zeros(0))
     draws = layout.draws
     return {
         "_displace": (s, w, layout.motions, 0, 0, True),
         "apply_laws": (w, draws, rare),
         "_superpose": (s, w, layout.superposition, offset),
         "_measure": (s, eight, 0),
-        "uniforms": (w, draws.stream_rows, draws.streams, words, offset, offset, words),
+        "uniforms": (w, draws.stream_rows, draws.streams, offsets, offset, offset, offsets),
         "_derive": (w, layout.formulas),
         "_keep_largest": (s, 0, offset, largest, largest.astype(np.int64)),
         "_add_products": (s,),
         "_find_bins": (s, bins, 0, eight),
+        "_fold": (s, eight),
+        "_norms": (s,),
+        "_count_inside": (s, 0, counting, np.zeros(0, np.int64)),
+        "_empty_lanes": (s, eight, eight),
+        "_fold_extremes": (s, eight, eight),
+        "_count_all_bins": (bins, 0, 0, np.zeros(0, np.uint32)),
+        "_not_finite": (s, 0, 0, True),
     }[name]
 
 
