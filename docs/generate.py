@@ -91,7 +91,7 @@ def keys() -> str:
     """Return the top-level keys of a sheet."""
     rows = []
     for name, field in Document.model_fields.items():
-        default = field.get_default(call_default_factory=True)
+        default = field.get_default(call_default_factory=True, validated_data={})
         shown = "needed" if field.is_required() else f"`{default}`" if isinstance(default, str) else "none"
         rows.append((f"`{field.alias or name}`", _shape(field.annotation), shown, field.description or ""))
     return table(("key", "takes", "default", "meaning"), rows)

@@ -7,7 +7,9 @@ one fails, nothing is lost: what is not in the cache afterwards is compiled by w
 
 from __future__ import annotations
 
+import atexit
 import json
+import math
 import os
 import queue
 import signal
@@ -16,12 +18,12 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass
 from importlib import import_module
 from typing import Any, Final, final
 
-__all__ = ["Job", "compile_jobs", "serve", "shown_by"]
+__all__ = ["Job", "begin_jobs", "compile_jobs", "serve", "shown_by"]
 
 Report = Callable[[float], None]
 """Takes the share of the work that is done, 0 to 1."""
@@ -37,6 +39,10 @@ _PROGRAM: Final = (
     "import json, sys; sys.path[:] = json.loads(sys.argv[1]); "
     "from precision_pin.compile_ahead import serve; serve()"
 )  # fmt: skip
+
+
+def _nobody(share: float) -> None:
+    """Show nothing."""
 
 
 @final
@@ -72,31 +78,77 @@ def shown_by(report: Callable[[], Any]) -> Iterator[None]:
 
 
 _shown: Final[list[Callable[[], Any]]] = []
+_begun: Final[list[_Begun]] = []
+"""What was begun and nobody has asked for yet."""
 _served: Final[list[bool]] = []
 """Not empty in a process that others have asked: it starts none itself."""
 
 
+def begin_jobs(jobs: Sequence[Job]) -> None:
+    """Have other processes begin with jobs that `compile_jobs` may ask for later; return at once."""
+    if not _begun and _can_start():
+        _begun.append(_Begun(jobs))
+
+
 def compile_jobs(jobs: Sequence[Job]) -> None:
     """Have jobs done by other processes, the longest first; return when they are, or cannot be."""
-    if _served or not sys.executable or getattr(sys, "frozen", False):
+    if not _can_start():
         return
-    if _shown:
-        with _shown[-1]() as report:
-            _compile(jobs, report)
-    else:
-        _compile(jobs, lambda share: None)
+    with _shown[-1]() if _shown else nullcontext(_nobody) as report:
+        _compile(jobs, report)
+
+
+def _can_start() -> bool:
+    return not _served and bool(sys.executable) and not getattr(sys, "frozen", False)
 
 
 def _compile(jobs: Sequence[Job], report: Report) -> None:
-    first = sorted((job for job in jobs if not job.last), key=lambda job: -job.weight)
-    crew = _Crew(min(MOST_WORKERS, _cores(), max(len(first), 1)), sum(job.weight for job in jobs), report)
+    begun = _begun.pop() if _begun else _Begun(())
+    crew = begun.crew
+    crew.show(sum(job.weight for job in jobs), report)
+    crew.waiting += [job for job in jobs if not job.last and job not in begun.jobs]
     try:
-        crew.do(first)
-        crew.do([job for job in jobs if job.last])
+        begun.wait()
+        crew.work()  # what came too late for the thread
+        crew.waiting += [job for job in jobs if job.last]
+        crew.work()
     except OSError:  # no process can be started, or what was started is none of ours
         return
     finally:
         crew.end()
+
+
+@final
+class _Begun:
+    """Jobs that were begun before anybody waits for them, and the processes that do them."""
+
+    def __init__(self, jobs: Sequence[Job]) -> None:
+        self.jobs, self.crew = tuple(jobs), _Crew(min(MOST_WORKERS, _cores()))
+        self.crew.waiting += self.jobs
+        self._thread = threading.Thread(target=self._do, daemon=True)
+        self._error: OSError | None = None
+        if jobs:
+            atexit.register(self.crew.end)
+            self._thread.start()
+
+    def wait(self) -> None:
+        """Wait until the jobs are done; an interrupt is heeded meanwhile.
+
+        Raises
+        ------
+        OSError
+            No process can be started, or none answers.
+        """
+        while self.jobs and self._thread.is_alive():
+            self._thread.join(_TICK)
+        if self._error is not None:
+            raise self._error
+
+    def _do(self) -> None:
+        try:
+            self.crew.work()
+        except OSError as error:
+            self._error = error
 
 
 def _cores() -> int:
@@ -107,18 +159,32 @@ def _cores() -> int:
 
 @final
 class _Crew:
-    """The processes, started one by one as there is work; each is asked and waited for by a thread."""
+    """The processes, started one by one as there is work; each is asked and waited for by a thread.
 
-    def __init__(self, size: int, weight: float, report: Report) -> None:
-        self._size, self._weight, self._report = size, weight, report
+    Attributes
+    ----------
+    waiting
+        Jobs that none has begun; more may be put there at any time.
+    """
+
+    def __init__(self, size: int) -> None:
+        self._size = size
+        self.waiting: list[Job] = []
+        self._weight = math.inf
+        self._report: Report = _nobody
         self._workers: list[subprocess.Popen[str]] = []
         self._idle: list[subprocess.Popen[str]] = []
         self._answers: queue.SimpleQueue[tuple[subprocess.Popen[str], Job, bool]] = queue.SimpleQueue()
         self._done = self._told = 0.0
-        self._began = self._heard = time.monotonic()
+        self._began = time.monotonic()
+        self._ended = False
 
-    def do(self, jobs: Sequence[Job]) -> None:
-        """Do jobs; those that fail are left undone.
+    def show(self, weight: float, report: Report) -> None:
+        """Report the share done of all jobs, of this weight together."""
+        self._weight, self._report = weight, report
+
+    def work(self) -> None:
+        """Do the waiting jobs, the longest first; those that fail are left undone.
 
         Raises
         ------
@@ -127,11 +193,13 @@ class _Crew:
         TimeoutError
             None has answered for `PATIENCE`.
         """
-        waiting, running = list(jobs), dict[subprocess.Popen[str], tuple[Job, float]]()
-        while waiting or running:
-            while waiting and (self._idle or len(self._workers) < self._size):
+        self._heard = time.monotonic()
+        running = dict[subprocess.Popen[str], tuple[Job, float]]()
+        while (self.waiting or running) and not self._ended:
+            while self.waiting and (self._idle or len(self._workers) < self._size):
                 worker = self._idle.pop() if self._idle else self._start()
-                job = waiting.pop(0)
+                job = max(self.waiting, key=lambda job: job.weight)
+                self.waiting.remove(job)
                 running[worker] = job, time.monotonic()
                 threading.Thread(target=self._ask, args=(worker, job), daemon=True).start()
             try:
@@ -151,6 +219,7 @@ class _Crew:
 
     def end(self) -> None:
         """End the processes."""
+        self._ended = True
         for worker in self._workers:
             worker.kill()
         for worker in self._workers:
@@ -161,12 +230,10 @@ class _Crew:
                         pipe.close()
 
     def _start(self) -> subprocess.Popen[str]:
-        import numba  # takes half a second, which whoever only shows progress does not need
-
         environment = dict(os.environ)
-        configuration: Any = numba.config
-        if configuration.CACHE_DIR:
-            environment["NUMBA_CACHE_DIR"] = configuration.CACHE_DIR
+        numba: Any = sys.modules.get("numba")  # where it is not loaded yet, nobody has configured it
+        if numba is not None and numba.config.CACHE_DIR:
+            environment["NUMBA_CACHE_DIR"] = numba.config.CACHE_DIR
         worker = subprocess.Popen(
             [sys.executable, "-c", _PROGRAM, json.dumps(sys.path)],
             stdin=subprocess.PIPE,

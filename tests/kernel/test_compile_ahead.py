@@ -15,6 +15,7 @@ import pytest
 
 from precision_pin import compile_ahead
 from precision_pin.compile_ahead import Job, compile_jobs, shown_by
+from precision_pin.kernel import part_list
 
 
 @pytest.fixture
@@ -106,3 +107,42 @@ def test_a_process_ends_with_whoever_asked() -> None:
         assert worker.stdout.readline() == "done\n"
         worker.stdin.close()
         assert worker.wait(timeout=10) == 0
+
+
+def test_jobs_begun_ahead_are_done_once_and_others_join_them(
+    tmp_path: Path, started: list[subprocess.Popen[str]]
+) -> None:
+    begun = [Job("os", "mkdir", (str(tmp_path / name),), 0.1) for name in "ab"]
+    slow = Job("time", "sleep", (0.3,), 1.0)
+    compile_ahead.begin_jobs([slow, *begun])
+    more = Job("os", "mkdir", (str(tmp_path / "c"),), 0.1)
+    last = Job("os", "rename", (str(tmp_path / "a"), str(tmp_path / "c" / "a")), 0.1, last=True)
+    compile_jobs([*begun, more, last])
+    assert sorted(path.relative_to(tmp_path).as_posix() for path in tmp_path.rglob("*")) == ["b", "c", "c/a"]
+    assert 0 < len(started) <= compile_ahead.MOST_WORKERS
+    assert all(worker.returncode is not None for worker in started)
+
+
+def test_jobs_begun_ahead_that_nobody_asks_for_end_with_the_process() -> None:
+    code = (
+        "from precision_pin.compile_ahead import Job, begin_jobs\n"
+        "import time\n"
+        "begin_jobs([Job('time', 'sleep', (60.0,), 1.0)])\n"
+        "time.sleep(0.5)\n"
+    )
+    began = time.monotonic()
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=30, check=True)
+    assert (done.stdout, done.stderr) == ("", "")
+    assert time.monotonic() - began < 20
+
+
+def test_compiling_begins_only_where_no_loops_are_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[int] = []
+    monkeypatch.setattr(part_list, "begin_jobs", lambda jobs: asked.append(len(jobs)))
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
+    part_list.begin_compiling()
+    assert asked == [len(part_list.PARTS) - 2]  # without the laws, which the sheet decides, and the linear model
+    (tmp_path / "kernel_1").mkdir()
+    (tmp_path / "kernel_1" / f"loops.run-1.py{sys.version_info.major}{sys.version_info.minor}.nbi").touch()
+    part_list.begin_compiling()
+    assert len(asked) == 1

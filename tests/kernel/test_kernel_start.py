@@ -31,6 +31,7 @@ from precision_pin.draws.laws import (
 from precision_pin.draws.space import Draw, Scope, Space
 from precision_pin.jit import INTERPRETED, kept
 from precision_pin.kernel import loops, many_poses, parts, sampler
+from precision_pin.kernel.part_list import PARTS
 from precision_pin.statistics import Plan, Specification
 
 MODELS: tuple[sampler.Model, ...] = ("exact", "linear")
@@ -97,7 +98,7 @@ def test_one_compilation_serves_every_table() -> None:
 
 
 @pytest.mark.skipif(INTERPRETED, reason="nothing is compiled")
-@pytest.mark.parametrize("name", parts.PARTS)
+@pytest.mark.parametrize("name", PARTS)
 def test_parts_compiled_ahead_are_those_that_the_loops_ask_for(name: str) -> None:
     """A part of which the types differed would be compiled twice: ahead for nothing, then with the loops."""
     for variant in ((None, None), (True, None), (None, True)):

@@ -10,8 +10,8 @@ import click
 
 from precision_pin.cli import EXIT_SPEC
 from precision_pin.cli.common import (
-    Command,
     OnePoseOptions,
+    SamplingCommand,
     chosen_pose,
     model_option,
     one_pose_options,
@@ -38,7 +38,7 @@ MOST_UNTIL = 10**9
 """The most samples until a result is precise enough, where no number is given."""
 
 
-@click.command("analyze", cls=Command)
+@click.command("analyze", cls=SamplingCommand)
 @one_pose_options
 @click.option(
     "--samples", type=int, metavar="N", help="How many built robots, 100,000 if left out; with --until at most, 1e9."

@@ -7,13 +7,13 @@ from typing import Unpack
 import click
 
 from precision_pin.cli.analysis_command import Shared, answer, ask, question_options
-from precision_pin.cli.common import Command
+from precision_pin.cli.common import SamplingCommand
 from precision_pin.cli.progress import compile_sampler, progress_bar
 
 __all__ = ["command"]
 
 
-@click.command("budget", cls=Command)
+@click.command("budget", cls=SamplingCommand)
 @question_options
 @click.option(
     "--samples", type=int, default=16_384, show_default=True, metavar="N", help="Points a set: 32 × a power of two."

@@ -31,6 +31,7 @@ __all__ = [
     "Command",
     "Inputs",
     "OnePoseOptions",
+    "SamplingCommand",
     "chain_options",
     "chosen_pose",
     "echo_findings",
@@ -51,7 +52,6 @@ MOST_LEAVES: Final = 6
 Decorated = TypeVar("Decorated", bound=Callable[..., Any])
 
 
-@final
 class Command(click.Command):
     """A command that refuses an option given twice where one is meant, and more than one robot and one sheet."""
 
@@ -90,6 +90,17 @@ class Command(click.Command):
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", PrecisionPinWarning)
             return super().invoke(ctx)
+
+
+class SamplingCommand(Command):
+    """A command that samples: on a machine where nothing is compiled yet, that begins while the inputs are read."""
+
+    def invoke(self, ctx: click.Context) -> Any:
+        """Run the command."""
+        from precision_pin.kernel.part_list import begin_compiling
+
+        begin_compiling()
+        return super().invoke(ctx)
 
 
 @final

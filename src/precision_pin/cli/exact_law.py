@@ -7,13 +7,13 @@ from typing import Unpack
 import click
 
 from precision_pin.cli.analysis_command import Shared, answer, ask, question_options
-from precision_pin.cli.common import Command
+from precision_pin.cli.common import SamplingCommand
 from precision_pin.cli.progress import compile_sampler, progress_bar
 
 __all__ = ["command"]
 
 
-@click.command("exact-law", cls=Command)
+@click.command("exact-law", cls=SamplingCommand)
 @question_options
 @click.option("--samples", type=int, default=100_000, show_default=True, metavar="N", help="Samples to compare with.")
 def command(samples: int, **shared: Unpack[Shared]) -> None:

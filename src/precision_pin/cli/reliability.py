@@ -8,13 +8,13 @@ import click
 
 from precision_pin.cli import EXIT_SPEC
 from precision_pin.cli.analysis_command import Shared, answer, ask, question_options
-from precision_pin.cli.common import Command
+from precision_pin.cli.common import SamplingCommand
 from precision_pin.cli.progress import compile_sampler, progress_bar
 
 __all__ = ["command"]
 
 
-@click.command("reliability", cls=Command)
+@click.command("reliability", cls=SamplingCommand)
 @question_options
 @click.option(
     "--spec", "specs", multiple=True, required=True, metavar='"0.5 mm @ 99.73 %"', help="A limit to keep; repeats."

@@ -11,8 +11,8 @@ import click
 
 from precision_pin.cli import EXIT_SPEC
 from precision_pin.cli.common import (
-    Command,
     OnePoseOptions,
+    SamplingCommand,
     chosen_pose,
     model_option,
     one_pose_options,
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 __all__ = ["command"]
 
 
-@click.command("report", cls=Command)
+@click.command("report", cls=SamplingCommand)
 @one_pose_options
 @click.option("--samples", type=int, default=100_000, show_default=True, metavar="N", help="How many built robots.")
 @seed_option

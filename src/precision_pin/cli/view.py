@@ -12,7 +12,7 @@ import click
 
 from precision_pin.cli.common import (
     ArmOptions,
-    Command,
+    SamplingCommand,
     chain_options,
     chosen_pose,
     echo_findings,
@@ -43,7 +43,7 @@ CHUNK = 2**14
 """Samples between two steps of the progress."""
 
 
-@click.command("view", cls=Command)
+@click.command("view", cls=SamplingCommand)
 @inputs_argument
 @click.option(
     "--pose",

@@ -7,13 +7,13 @@ from typing import Unpack
 import click
 
 from precision_pin.cli.analysis_command import Shared, answer, ask, question_options
-from precision_pin.cli.common import Command
+from precision_pin.cli.common import SamplingCommand
 from precision_pin.cli.progress import compile_sampler, progress_bar
 
 __all__ = ["command"]
 
 
-@click.command("worst-case", cls=Command)
+@click.command("worst-case", cls=SamplingCommand)
 @question_options
 @click.option("--k", type=float, default=3.0, show_default=True, help="Cut unbounded laws at k standard deviations.")
 @click.option("--samples", type=int, default=100_000, show_default=True, metavar="N", help="Samples shown beside it.")

@@ -8,8 +8,8 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy import special
 
+from precision_pin.draws import lazy_special
 from precision_pin.draws.laws import (
     FARTHEST_NORMAL,
     Arcsine,
@@ -147,7 +147,7 @@ def lay_out_draws(space: Space, constants: Mapping[float, int]) -> Draws:
         truncated_rows=of(TruncatedNormal),
         truncated=frozen(
             [
-                (law.mean, law.std, law.k, special.ndtr(-law.k), math.erf(law.k / math.sqrt(2)))
+                (law.mean, law.std, law.k, lazy_special.ndtr(-law.k), math.erf(law.k / math.sqrt(2)))
                 for law, _ in placed
                 if isinstance(law, TruncatedNormal)
             ],

@@ -1163,7 +1163,7 @@ def _norms(s: Array) -> Scalar:
     return failures
 
 
-@kept_part
+@plain
 def _not_finite(s: Array, skipped: Scalar, count: Scalar, sampled: bool) -> Scalar:
     """Return the first sample that is not finite, or -1."""
     for sample in range(skipped, count):

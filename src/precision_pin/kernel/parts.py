@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Any, Final
 
 import numpy as np
@@ -15,33 +14,13 @@ from precision_pin.jit import can_keep, make_ready
 from precision_pin.kernel import loops
 from precision_pin.kernel.arrays import CompiledTable, lay_out
 from precision_pin.kernel.loops import HELD, LARGEST, SCRATCH, STRIDE, TILE, Counting, Wanted
+from precision_pin.kernel.part_list import part_jobs
 from precision_pin.terms.table import TermTable
 
-__all__ = ["PARTS", "compile_part", "compile_parts", "empty_table", "part_arguments"]
+__all__ = ["compile_part", "compile_parts", "empty_table", "part_arguments"]
 
-PARTS: Final[Mapping[str, float]] = {
-    "_displace": 2.4,
-    "apply_laws": 1.3,
-    "_superpose": 1.4,
-    "_measure": 0.8,
-    "uniforms": 0.5,
-    "_derive": 0.5,
-    "_keep_largest": 0.3,
-    "_add_products": 0.3,
-    "_find_bins": 0.3,
-    "_fold": 0.2,
-    "_norms": 0.2,
-    "_count_inside": 0.2,
-    "_empty_lanes": 0.1,
-    "_fold_extremes": 0.1,
-    "_count_all_bins": 0.1,
-    "_not_finite": 0.1,
-}
-"""The parts, and about how many seconds each takes to compile."""
-
-_RARE: Final = 1.5
 _TOGETHER: Final = 3.5
-"""Seconds that rare laws take more; and that the outermost function takes when the parts are there."""
+"""Seconds that the outermost function takes when the parts are there."""
 
 
 def empty_table(rare: Wanted = None) -> CompiledTable:
@@ -82,7 +61,6 @@ def part_arguments(name: str, rare: Wanted = None) -> tuple[Any, ...]:
         "_empty_lanes": (s, eight, eight),
         "_fold_extremes": (s, eight, eight),
         "_count_all_bins": (bins, 0, 0, np.zeros(0, np.uint32)),
-        "_not_finite": (s, 0, 0, True),
     }[name]
 
 
@@ -95,10 +73,5 @@ def compile_parts(rare: Wanted, linear: Wanted, module: str) -> None:
     """Compile the parts of a variant side by side by other processes, then what the module's ``warm_up`` does."""
     if not can_keep(loops.run):
         return
-    unused = "_displace" if linear else "_superpose"
-    jobs = [
-        Job(__name__, "compile_part", (name, rare), seconds + (_RARE if rare and name == "apply_laws" else 0.0))
-        for name, seconds in PARTS.items()
-        if name != unused
-    ]
-    compile_jobs([*jobs, Job(module, "warm_up", (rare, linear), _TOGETHER, last=True)])
+    last = Job(module, "warm_up", (rare, linear), _TOGETHER, last=True)
+    compile_jobs([*part_jobs(rare, linear), last])

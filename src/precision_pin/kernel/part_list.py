@@ -1,0 +1,69 @@
+"""The parts of the compiled loops by name: enough to have them compiled, without the compiler in this process."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Final, Literal
+
+from precision_pin.compile_ahead import Job, begin_jobs
+
+__all__ = ["PARTS", "begin_compiling", "part_jobs"]
+
+PARTS: Final[Mapping[str, float]] = {
+    "_displace": 2.4,
+    "apply_laws": 1.3,
+    "_superpose": 1.4,
+    "_measure": 0.8,
+    "uniforms": 0.5,
+    "_derive": 0.5,
+    "_keep_largest": 0.3,
+    "_add_products": 0.3,
+    "_find_bins": 0.3,
+    "_fold": 0.2,
+    "_norms": 0.2,
+    "_count_inside": 0.2,
+    "_empty_lanes": 0.1,
+    "_fold_extremes": 0.1,
+    "_count_all_bins": 0.1,
+}
+"""The parts, and about how many seconds each takes to compile."""
+
+_MODULE: Final = "precision_pin.kernel.parts"
+_LAWS: Final = "apply_laws"
+_RARE: Final = 1.5
+"""Seconds that rare laws take more."""
+
+
+def part_jobs(rare: Literal[True] | None, linear: Literal[True] | None) -> list[Job]:
+    """Return what compiles the parts of a variant."""
+    laws = Job(_MODULE, "compile_part", (_LAWS, rare), PARTS[_LAWS] + (_RARE if rare else 0.0))
+    return [laws, *_same_for_all_laws("_displace" if linear else "_superpose")]
+
+
+def _same_for_all_laws(unused: str) -> list[Job]:
+    return [
+        Job(_MODULE, "compile_part", (name, None), seconds)
+        for name, seconds in PARTS.items()
+        if name not in (_LAWS, unused)
+    ]
+
+
+def begin_compiling() -> None:
+    """Have other processes begin with the parts of the exact model where none was ever compiled.
+
+    Whoever needs the loops later waits for what is left; where they turn out to be compiled, or are not needed, nothing
+    is waited for. The cache is looked for by its file name alone: numba takes long to load.
+    """
+    beside = Path(__file__).parent / "__pycache__"
+    folder = Path(os.environ["NUMBA_CACHE_DIR"]) if os.environ.get("NUMBA_CACHE_DIR") else beside
+    index = f"loops.run-*.py{sys.version_info.major}{sys.version_info.minor}.nbi"
+    try:
+        is_there = any(folder.glob(index)) or any(folder.glob(f"*/{index}"))
+        is_ours = folder != beside or os.access(beside if beside.is_dir() else beside.parent, os.W_OK)
+    except OSError:
+        return
+    if is_ours and not is_there:
+        begin_jobs(_same_for_all_laws("_superpose"))
