@@ -1,6 +1,6 @@
 """Draw the package's folders, the lowest first, as their imports have it: ``python docs/draw_architecture.py``.
 
-A box is a folder or a file beside them, with the number of its files. An arrow goes down to what is imported; arrows that
+A blue box is a folder, a grey one a file beside them. An arrow goes down to what is imported; arrows that
 follow from others are left out.
 """
 
@@ -17,7 +17,7 @@ PICTURE: Final = Path(__file__).parent / "images" / "architecture.svg"
 APART: Final = ("__init__", "__main__", "old_paths")
 """What gives the package its names and its command: not part of the order."""
 
-WIDTH, HEIGHT, GAP, RISE, MARGIN = 128, 38, 26, 66, 20
+WIDTH, HEIGHT, GAP, RISE, MARGIN = 128, 36, 26, 64, 20
 
 
 def home(path: Path) -> str:
@@ -85,7 +85,6 @@ def picture() -> str:
         for floor, row in enumerate(rows)
         for column, name in enumerate(row)
     }
-    counts = {name: sum(home(path) == name for path in files()) for name in graph}
     lines = [
         f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {across + 2 * MARGIN:g} {down + 2 * MARGIN:g}"'
         f' width="{across + 2 * MARGIN:g}" font-family="sans-serif" text-anchor="middle">',
@@ -107,9 +106,7 @@ def picture() -> str:
         lines += [
             f'<rect x="{x:g}" y="{y:g}" width="{WIDTH}" height="{HEIGHT}" rx="5" fill="{"#dceaf7" if is_folder else "#f1f1ee"}"'
             ' stroke="#34495e"/>',
-            f'<text x="{x + WIDTH / 2:g}" y="{y + 17:g}" font-size="14" fill="#15202b">{escape(name)}</text>',
-            f'<text x="{x + WIDTH / 2:g}" y="{y + 31:g}" font-size="10.5" fill="#44525f">'
-            f"{f'{counts[name]} files' if is_folder else 'a file'}</text>",
+            f'<text x="{x + WIDTH / 2:g}" y="{y + 23:g}" font-size="14" fill="#15202b">{escape(name)}</text>',
         ]
     return "\n".join([*lines, "</svg>\n"])
 
