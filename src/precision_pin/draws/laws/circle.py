@@ -1,0 +1,42 @@
+"""A point of a circle."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import final
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from precision_pin.draws import lazy_special
+from precision_pin.draws.laws.bases import PlaneLaw
+from precision_pin.draws.laws.law import Array, take_size
+from precision_pin.draws.philox import direction
+
+__all__ = ["Circle"]
+
+
+@final
+@dataclass(frozen=True)
+class Circle(PlaneLaw):
+    """A point uniform on a circle about the origin."""
+
+    radius: float
+
+    def __post_init__(self) -> None:
+        take_size(self, "radius", "the radius of a circle law")
+
+    @property
+    def covariance(self) -> Array:
+        """r²/2 on either axis."""
+        return np.eye(2) * self.radius**2 / 2
+
+    def sample(self, variates: Array) -> Array:
+        """Return the point at the angle 2π u₁; u₀ is not used, so that a disc turns into a circle in place."""
+        return self.radius * direction(variates[1])
+
+    def characteristic(self, frequency: ArrayLike) -> NDArray[np.complex128]:
+        """Return J₀(r|t|)."""
+        t = self.radius * np.hypot(*np.asarray(frequency, dtype=float))
+        value: NDArray[np.complex128] = lazy_special.j0(t).astype(complex)
+        return value

@@ -1,0 +1,146 @@
+"""A table of quantiles."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from functools import cached_property
+from typing import final
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from precision_pin.draws.laws.bases import BoundedLaw
+from precision_pin.draws.laws.law import Array, in_chunks, take_rows
+from precision_pin.errors import InputError
+from precision_pin.inputs.arguments import check_numbers
+from precision_pin.inputs.arrays import returns_read_only
+
+__all__ = ["Empirical"]
+
+
+@final
+@dataclass(frozen=True)
+class Empirical(BoundedLaw):
+    """What was measured: a table of quantiles, straight lines between them.
+
+    Attributes
+    ----------
+    quantiles
+        ``(p, x)``: with probability p the number is at most x. From p = 0 to p = 1, neither ever falling. A p that stands
+        twice is a gap in which nothing lies; an x that stands twice is a value with a probability of its own.
+
+    Raises
+    ------
+    InputError
+        A table that does not begin at 0, end at 1 and rise.
+    """
+
+    quantiles: tuple[tuple[float, float], ...]
+
+    def __post_init__(self) -> None:
+        take_rows(self, "quantiles", "the quantiles of an empirical law", 2)
+        if len(self.quantiles) < 2:
+            raise InputError("an empirical law needs at least two quantiles")
+        p, x = self._knots
+        if p[0] != 0 or p[-1] != 1:
+            raise InputError(
+                f"the quantiles of an empirical law go from probability 0 to 1, these from {p[0]:g} to {p[-1]:g}"
+            )
+        for k in range(1, p.size):
+            for what, values in (("probability", p), ("value", x)):
+                if values[k] < values[k - 1]:
+                    raise InputError(
+                        f"the quantiles of an empirical law rise, but the {what} {values[k]:g} follows {values[k - 1]:g}"
+                    )
+
+    @classmethod
+    def from_samples(cls, samples: Iterable[float]) -> Empirical:
+        """Return the law of n samples, the k-th smallest being the quantile at (k - 1/2)/n (Hazen).
+
+        The outer half of the smallest and of the largest stays where it is, so that the law has the samples' mean.
+
+        Raises
+        ------
+        InputError
+            No sample, or one that is not finite.
+        """
+        listed = list(samples) if isinstance(samples, Iterable) and not isinstance(samples, str | bytes) else samples
+        x = np.sort(
+            check_numbers("the samples of an empirical law", listed, (None,), "a list of finite numbers")
+        ).tolist()
+        if not x:
+            raise InputError("an empirical law needs at least one sample")
+        inner = [((k + 0.5) / len(x), value) for k, value in enumerate(x)]
+        return cls(((0.0, x[0]), *inner, (1.0, x[-1])))
+
+    @property
+    def sample_count(self) -> int | None:
+        """How many samples the law was made of; None where it is no table that :meth:`from_samples` makes."""
+        p, x = self._knots
+        count = p.size - 2
+        if count < 1 or x[0] != x[1] or x[-1] != x[-2]:
+            return None
+        return count if np.array_equal(p[1:-1], (np.arange(count) + 0.5) / count) else None
+
+    @cached_property
+    @returns_read_only
+    def _knots(self) -> tuple[Array, Array]:
+        table = np.array(self.quantiles, dtype=float)
+        return table[:, 0].copy(), table[:, 1].copy()
+
+    @cached_property
+    @returns_read_only
+    def segments(self) -> Array:
+        """The straight lines ``(s, 4)``: the probability and value at which each begins, its slope, the value at its end."""
+        p, x = self._knots
+        step = np.diff(p)
+        slopes = np.divide(np.diff(x), step, out=np.zeros_like(step), where=step > 0)
+        lines: Array = np.column_stack([p[:-1], x[:-1], slopes, x[1:]])[step > 0]
+        return lines
+
+    @property
+    def ends(self) -> tuple[float, float]:
+        """The lowest and the highest value."""
+        return float(self.segments[0, 1]), float(self.segments[-1, 3])
+
+    @property
+    def breaks(self) -> tuple[float, ...]:
+        """The probabilities between 0 and 1 at which lines meet."""
+        return tuple(self.segments[1:, 0].tolist())
+
+    @property
+    def mean_vector(self) -> Array:
+        """Mean, ``(1,)``."""
+        return np.array([self._shares @ (self.segments[:, 1] + self.segments[:, 3]) / 2])
+
+    @property
+    def covariance(self) -> Array:
+        """Variance as ``(1, 1)``."""
+        a, b = self.segments[:, 1] - self.mean_vector, self.segments[:, 3] - self.mean_vector
+        return np.array([[self._shares @ (a * a + a * b + b * b) / 3]])
+
+    def sample(self, variates: Array) -> Array:
+        """Return the quantiles at u, by straight lines."""
+        begin, value, slope, end = self.segments.T
+        k = np.searchsorted(begin, variates, side="right") - 1
+        result: Array = np.minimum(value[k] + slope[k] * (variates - begin[k]), end[k])
+        return result
+
+    def characteristic(self, frequency: ArrayLike) -> NDArray[np.complex128]:
+        """Return Σ Δp exp(i t (a + b)/2) sin(t (b - a)/2)/(t (b - a)/2) over the lines from a to b, t ``(1, …)``."""
+        t = np.asarray(frequency, dtype=float)
+        a, b = self.segments[:, 1], self.segments[:, 3]
+
+        def of(part: Array) -> NDArray[np.complex128]:
+            line = part[0][:, None]
+            value: NDArray[np.complex128] = (
+                np.exp(1j * line * ((a + b) / 2)) * np.sinc(line * ((b - a) / (2 * np.pi)))
+            ) @ self._shares
+            return value
+
+        return in_chunks(of, t, 4 * a.size)
+
+    @cached_property
+    def _shares(self) -> Array:
+        return np.diff(np.append(self.segments[:, 0], 1.0))

@@ -1,0 +1,114 @@
+"""Several numbers, jointly normal."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import ClassVar, Literal, final
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from precision_pin.draws.laws.law import FARTHEST_NORMAL, Array, Law, take_rows
+from precision_pin.errors import InputError
+from precision_pin.inputs.arguments import check_numbers
+
+__all__ = ["JointNormal"]
+
+
+@final
+@dataclass(frozen=True)
+class JointNormal(Law):
+    """Several numbers jointly normal.
+
+    Parameters
+    ----------
+    matrix
+        Covariance, row by row; symmetric and positive semi-definite.
+    centre
+        Mean, zero if left out.
+
+    Raises
+    ------
+    InputError
+        The matrix is not square, not symmetric or not positive semi-definite.
+    """
+
+    variates: ClassVar[Literal["uniform", "normal"]] = "normal"
+    matrix: tuple[tuple[float, ...], ...]
+    centre: tuple[float, ...] = ()
+
+    def __post_init__(self) -> None:
+        covariance = take_rows(self, "matrix", "the (square) covariance of a joint normal law")
+        size = len(self.matrix)
+        if covariance.shape != (size, size):
+            raise InputError("the covariance of a joint normal law must be square")
+        centre = check_numbers("the mean of a joint normal law", self.centre, (None,), f"{size} finite numbers")
+        if centre.size not in (0, size):
+            raise InputError(f"the mean of a joint normal law has {centre.size} numbers, expected {size}")
+        object.__setattr__(self, "centre", tuple(centre.tolist()))
+        scale = np.sqrt(np.maximum(np.diag(covariance), 0))
+        slack = 1e-9 * np.outer(scale, scale)
+        if (np.abs(covariance - covariance.T) > slack).any():
+            raise InputError("the covariance of a joint normal law must be symmetric")
+        if (np.abs(covariance) > (1 + 1e-9) * np.outer(scale, scale)).any():
+            raise InputError("the covariance of a joint normal law holds a negative variance or a correlation above 1")
+        unit = np.where(scale > 0, scale, 1.0)
+        lowest = np.linalg.eigvalsh(covariance / np.outer(unit, unit)).min()
+        if lowest < -1e-9:
+            raise InputError(f"the covariance of a joint normal law has a negative eigenvalue ({lowest:.3g} scaled)")
+
+    @property
+    def size(self) -> int:
+        """How many numbers."""
+        return len(self.matrix)
+
+    @property
+    def components(self) -> tuple[str, ...]:
+        """Numbered from 0."""
+        return tuple(f".{k}" for k in range(self.size))
+
+    @property
+    def mean_vector(self) -> Array:
+        """Mean, ``(size,)``."""
+        return np.array(self.centre, dtype=float) if self.centre else np.zeros(self.size)
+
+    @property
+    def covariance(self) -> Array:
+        """Covariance, ``(size, size)``."""
+        return np.array(self.matrix, dtype=float)
+
+    @property
+    def root(self) -> Array:
+        """Lower-triangular L with L Lᵀ the covariance; a dependent component gets a zero column."""
+        covariance = self.covariance
+        root = np.zeros_like(covariance)
+        for k in range(self.size):
+            pivot = covariance[k, k] - root[k, :k] @ root[k, :k]
+            if pivot > 1e-14 * covariance[k, k]:
+                root[k, k] = math.sqrt(pivot)
+                root[k + 1 :, k] = (covariance[k + 1 :, k] - root[k + 1 :, :k] @ root[k, :k]) / root[k, k]
+        return root
+
+    def sample(self, variates: Array) -> Array:
+        """Return mean + L z."""
+        value: Array = self.mean_vector[:, None] + self.root @ variates
+        return value
+
+    def support(self, direction: ArrayLike) -> float:
+        """Return infinity, or w·mean where the law does not vary along w."""
+        w = np.asarray(direction, dtype=float)
+        rounding = 1e-12 * float(np.abs(w) @ np.sqrt(np.diag(self.covariance)))
+        return math.inf if np.abs(self.root.T @ w).max() > rounding else float(w @ self.mean_vector)
+
+    def interval(self, number: int) -> tuple[float, float]:
+        """Return the number's mean ± 8.6 σ."""
+        mean, reach = float(self.mean_vector[number]), FARTHEST_NORMAL * math.sqrt(self.matrix[number][number])
+        return mean - reach, mean + reach
+
+    def characteristic(self, frequency: ArrayLike) -> NDArray[np.complex128]:
+        """Return exp(i t·mean - tᵀΣt/2)."""
+        t = np.asarray(frequency, dtype=float)
+        quadratic = np.einsum("i...,ij,j...->...", t, self.covariance, t)
+        value: NDArray[np.complex128] = np.exp(1j * np.einsum("i,i...->...", self.mean_vector, t) - quadratic / 2)
+        return value

@@ -1,0 +1,79 @@
+"""One of two values."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import final
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from precision_pin.draws.laws.bases import BoundedLaw
+from precision_pin.draws.laws.law import Array, take_number, take_size
+from precision_pin.inputs.arguments import check_number
+
+__all__ = ["TwoPoint"]
+
+
+@final
+@dataclass(frozen=True)
+class TwoPoint(BoundedLaw):
+    """One of two values, centre - half_width or centre + half_width: a side taken, a sign not known.
+
+    Attributes
+    ----------
+    half_width
+        Half the distance of the two.
+    centre
+        Halfway between them; the mean only where both are equally likely.
+    probability
+        Of the upper one.
+    """
+
+    half_width: float
+    centre: float = 0.0
+    probability: float = 0.5
+
+    def __post_init__(self) -> None:
+        take_size(self, "half_width", "the half-width of a two-point law")
+        take_number(self, "centre", "the centre of a two-point law")
+        probability = check_number(
+            "the probability of a two-point law", self.probability, "above 0 and below 1", lambda value: 0 < value < 1
+        )
+        object.__setattr__(self, "probability", probability)
+
+    @property
+    def ends(self) -> tuple[float, float]:
+        """The two values."""
+        return self.centre - self.half_width, self.centre + self.half_width
+
+    @property
+    def threshold(self) -> float:
+        """The uniform number above which the upper value is drawn."""
+        return 1 - self.probability
+
+    @property
+    def breaks(self) -> tuple[float, ...]:
+        """The threshold."""
+        return (self.threshold,)
+
+    @property
+    def mean_vector(self) -> Array:
+        """Centre + t (2p - 1), ``(1,)``."""
+        return np.array([self.centre + self.half_width * (2 * self.probability - 1)])
+
+    @property
+    def covariance(self) -> Array:
+        """4 p (1 - p) t² as ``(1, 1)``."""
+        return np.array([[4 * self.probability * (1 - self.probability) * self.half_width**2]])
+
+    def sample(self, variates: Array) -> Array:
+        """Return the upper value for u above 1 - p, else the lower one."""
+        return self.centre + np.where(variates > self.threshold, self.half_width, -self.half_width)
+
+    def characteristic(self, frequency: ArrayLike) -> NDArray[np.complex128]:
+        """Return (cos(t half_width) + i (2p - 1) sin(t half_width)) exp(i t centre), t ``(1, …)``."""
+        t = np.asarray(frequency, dtype=float)[0]
+        swing = np.cos(t * self.half_width) + 1j * (2 * self.probability - 1) * np.sin(t * self.half_width)
+        value: NDArray[np.complex128] = np.exp(1j * t * self.centre) * swing
+        return value

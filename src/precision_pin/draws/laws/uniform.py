@@ -1,0 +1,44 @@
+"""The uniform law."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import final
+
+import numpy as np
+
+from precision_pin.draws.laws.bases import SymmetricLaw
+from precision_pin.draws.laws.law import Array, take_number, take_size
+
+__all__ = ["Uniform"]
+
+
+@final
+@dataclass(frozen=True)
+class Uniform(SymmetricLaw):
+    """Uniform on mean ± half_width."""
+
+    half_width: float
+    mean: float = 0.0
+
+    def __post_init__(self) -> None:
+        take_size(self, "half_width", "the half-width of a uniform law")
+        take_number(self, "mean", "the mean of a uniform law")
+
+    @property
+    def variance(self) -> float:
+        """t²/3."""
+        return self.half_width**2 / 3
+
+    @property
+    def reach(self) -> float:
+        """The half-width."""
+        return self.half_width
+
+    def sample(self, variates: Array) -> Array:
+        """Return mean + t (2u - 1)."""
+        return self.mean + self.half_width * (2 * variates - 1)
+
+    def _deviation_characteristic(self, frequency: Array) -> Array:
+        value: Array = np.sinc(frequency * self.half_width / np.pi)
+        return value
