@@ -5,6 +5,10 @@ covariance, the support function h(w) = max over its support of w·x (infinite i
 function E exp(i t·x). Numbers are SI.
 """
 
+from __future__ import annotations
+
+from typing import Final
+
 from precision_pin.draws.laws.arcsine import Arcsine
 from precision_pin.draws.laws.circle import Circle
 from precision_pin.draws.laws.disc import Disc
@@ -22,6 +26,7 @@ from precision_pin.draws.laws.uniform import Uniform
 
 __all__ = [
     "FARTHEST_NORMAL",
+    "LAWS",
     "Arcsine",
     "Circle",
     "Disc",
@@ -36,4 +41,27 @@ __all__ = [
     "TruncatedNormal",
     "TwoPoint",
     "Uniform",
+    "laws_of_sheets",
 ]
+
+LAWS: Final[tuple[type[Law], ...]] = (
+    Fixed,
+    Uniform,
+    Normal,
+    TruncatedNormal,
+    Triangular,
+    Lognormal,
+    Arcsine,
+    TwoPoint,
+    Empirical,
+    Disc,
+    Circle,
+    JointNormal,
+    Rows,
+)
+"""Every law, in the order in which messages, the schema and the documentation list them."""
+
+
+def laws_of_sheets() -> dict[str, type[Law]]:
+    """Return every law that a sheet can name, by its key."""
+    return {law.form.key: law for law in LAWS if law.form.key}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import final
+from typing import ClassVar, final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from precision_pin.draws import lazy_special
 from precision_pin.draws.laws.bases import PlaneLaw
 from precision_pin.draws.laws.law import Array, take_size
+from precision_pin.draws.laws.sheet_form import SheetForm, SheetReader
 from precision_pin.draws.philox import direction
 
 __all__ = ["Circle"]
@@ -21,10 +22,18 @@ __all__ = ["Circle"]
 class Circle(PlaneLaw):
     """A point uniform on a circle about the origin."""
 
+    form: ClassVar = SheetForm(
+        "circle", {"circle": "0.1 mm"}, "two numbers `.x`, `.y`: a point uniform on a circle of radius t"
+    )
     radius: float
 
     def __post_init__(self) -> None:
         take_size(self, "radius", "the radius of a circle law")
+
+    @classmethod
+    def from_sheet(cls, reader: SheetReader) -> Circle:
+        """Return the law that a sheet has."""
+        return cls(reader.half_width("circle"))
 
     @property
     def covariance(self) -> Array:

@@ -2,21 +2,42 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import final
+from typing import Any, ClassVar, Final, final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from precision_pin import units
 from precision_pin.draws.laws.bases import BoundedLaw
 from precision_pin.draws.laws.law import Array, in_chunks, take_rows
+from precision_pin.draws.laws.sheet_form import Place, SheetForm, SheetReader
 from precision_pin.errors import InputError
 from precision_pin.inputs.arguments import check_numbers
 from precision_pin.inputs.arrays import returns_read_only
+from precision_pin.inputs.csv_columns import Measured
 
 __all__ = ["Empirical"]
+
+
+_FILE: Final[Mapping[str, Any]] = {
+    "type": "object",
+    "properties": {"file": {"type": "string"}, "column": {"type": "string"}},
+    "required": ["file"],
+    "additionalProperties": False,
+}
+_SCHEMA: Final[Mapping[str, Any]] = {
+    "type": "object",
+    "properties": {
+        "samples": {"anyOf": [{"type": "string"}, {"type": "array"}, _FILE]},
+        "quantiles": {"anyOf": [{"type": "array"}, _FILE]},
+    },
+    "minProperties": 1,
+    "maxProperties": 1,
+    "additionalProperties": False,
+}
 
 
 @final
@@ -36,6 +57,12 @@ class Empirical(BoundedLaw):
         A table that does not begin at 0, end at 1 and rise.
     """
 
+    form: ClassVar = SheetForm(
+        "empirical",
+        {"empirical": {"samples": "0.11 0.13 0.12 mm"}},
+        "what was measured: `samples`, or `quantiles`; in the sheet or from a file",
+        schema=_SCHEMA,
+    )
     quantiles: tuple[tuple[float, float], ...]
 
     def __post_init__(self) -> None:
@@ -53,6 +80,30 @@ class Empirical(BoundedLaw):
                     raise InputError(
                         f"the quantiles of an empirical law rise, but the {what} {values[k]:g} follows {values[k - 1]:g}"
                     )
+
+    @classmethod
+    def from_sheet(cls, reader: SheetReader) -> Empirical:
+        """Return the law that a sheet has, of samples or of quantiles."""
+        value = reader.settings["empirical"]
+        if not isinstance(value, Mapping) or len(value) != 1 or not set(value) <= {"samples", "quantiles"}:
+            raise reader.error(
+                ("empirical",),
+                "empirical takes samples (empirical: {samples: 0.1 0.3 0.2 mm}) or quantiles "
+                "(empirical: {quantiles: [[0, -0.1 mm], [1, 0.2 mm]]}), in the sheet or as {file: gauge.csv, column: gap}",
+            )
+        what, given = next(iter(value.items()))
+        where: Place = ("empirical", what)
+        table = None
+        if isinstance(given, Mapping):
+            reader.only(where, "file", "column")
+            table = reader.file(*where, "file")
+        with reader.place_errors(where):
+            if what == "samples":
+                return cls.from_samples(_column(reader, table, where) if table else reader.numbers(*where))
+            if table is not None:
+                values = _column(reader, table, where, "p")
+                return cls(tuple(zip(reader.ratio_column(table, "p", where), values, strict=True)))
+            return cls(_pairs(reader, where))
 
     @classmethod
     def from_samples(cls, samples: Iterable[float]) -> Empirical:
@@ -144,3 +195,23 @@ class Empirical(BoundedLaw):
     @cached_property
     def _shares(self) -> Array:
         return np.diff(np.append(self.segments[:, 0], 1.0))
+
+
+def _column(reader: SheetReader, table: Measured, where: Place, *others: str) -> tuple[float, ...]:
+    """Return the column named, or the only one beside others."""
+    rest = [name for name in table.names if name not in others]
+    name = reader.value(*where).get("column")
+    if name is None and len(rest) != 1:
+        raise reader.error(where, f"{table.file} has the columns {', '.join(table.names)}: say which with column:")
+    return reader.column(table, rest[0] if name is None else str(name), where)
+
+
+def _pairs(reader: SheetReader, where: Place) -> tuple[tuple[float, float], ...]:
+    rows = reader.value(*where)
+    if not isinstance(rows, list) or not all(isinstance(row, list) and len(row) == 2 for row in rows):
+        raise reader.error(where, "quantiles are pairs of a probability and a value: [[0, -0.1 mm], [1, 0.2 mm]]")
+    shares = []
+    for k, row in enumerate(rows):
+        with reader.place_errors((*where, k)):
+            shares.append(units.parse(row[0], units.RATIO))
+    return tuple((share, reader.number(*where, k, 1)) for k, share in enumerate(shares))

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import final
+from typing import ClassVar, final
 
 import numpy as np
 
 from precision_pin.draws.laws.bases import SymmetricLaw
 from precision_pin.draws.laws.law import Array, take_number
+from precision_pin.draws.laws.sheet_form import SheetForm, SheetReader
 
 __all__ = ["Fixed"]
 
@@ -18,10 +19,18 @@ __all__ = ["Fixed"]
 class Fixed(SymmetricLaw):
     """A number that does not vary, kept as a parameter so that derivatives to it exist."""
 
+    form: ClassVar = SheetForm(
+        "fixed", {"fixed": "85 mm"}, "a number that does not vary, but has a name and a derivative"
+    )
     mean: float
 
     def __post_init__(self) -> None:
         take_number(self, "mean", "the value of a fixed law")
+
+    @classmethod
+    def from_sheet(cls, reader: SheetReader) -> Fixed:
+        """Return the law that a sheet has."""
+        return cls(reader.number("fixed"))
 
     @property
     def variance(self) -> float:

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar, Literal, final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from precision_pin import units
 from precision_pin.draws.laws.law import FARTHEST_NORMAL, Array, Law, take_rows
+from precision_pin.draws.laws.sheet_form import DEVIATIONS, LawOption, SheetForm, SheetReader
 from precision_pin.errors import InputError
 from precision_pin.inputs.arguments import check_numbers
 
@@ -35,6 +38,16 @@ class JointNormal(Law):
     """
 
     variates: ClassVar[Literal["uniform", "normal"]] = "normal"
+    form: ClassVar = SheetForm(
+        "joint_normal",
+        {"joint_normal": {"std": ["0.1 mm", "0.2 mm"]}},
+        "several numbers `.0`, `.1`, …, jointly normal; `std` their standard deviations",
+        (
+            LawOption("mean", "default 0", ["1 mm", "1 mm"]),
+            LawOption("correlation", "rows, of joint_normal", [["1", "0.5"], ["0.5", "1"]]),
+        ),
+        DEVIATIONS,
+    )
     matrix: tuple[tuple[float, ...], ...]
     centre: tuple[float, ...] = ()
 
@@ -57,6 +70,31 @@ class JointNormal(Law):
         lowest = np.linalg.eigvalsh(covariance / np.outer(unit, unit)).min()
         if lowest < -1e-9:
             raise InputError(f"the covariance of a joint normal law has a negative eigenvalue ({lowest:.3g} scaled)")
+
+    @classmethod
+    def from_sheet(cls, reader: SheetReader) -> JointNormal:
+        """Return the law that a sheet has."""
+        value = reader.settings["joint_normal"]
+        if (
+            not isinstance(value, Mapping)
+            or set(value) != {"std"}
+            or not isinstance(value["std"], list)
+            or not value["std"]
+        ):
+            raise reader.error(
+                ("joint_normal",), "joint_normal takes the standard deviations: joint_normal: {std: [0.1 mm, 0.2 mm]}"
+            )
+        std = np.array([reader.half_width("joint_normal", "std", k) for k in range(len(value["std"]))])
+        centre: tuple[float, ...] = ()
+        if "mean" in reader.settings:
+            means = reader.settings["mean"]
+            if not isinstance(means, list) or len(means) != std.size:
+                raise reader.error(
+                    ("mean",), f"the mean of this joint_normal is a list of {std.size} numbers with units"
+                )
+            centre = tuple(reader.number("mean", k) for k in range(std.size))
+        covariance = _correlation(reader, std.size) * np.outer(std, std)
+        return cls(tuple(map(tuple, covariance.tolist())), centre)
 
     @property
     def size(self) -> int:
@@ -112,3 +150,20 @@ class JointNormal(Law):
         quadratic = np.einsum("i...,ij,j...->...", t, self.covariance, t)
         value: NDArray[np.complex128] = np.exp(1j * np.einsum("i,i...->...", self.mean_vector, t) - quadratic / 2)
         return value
+
+
+def _correlation(reader: SheetReader, size: int) -> Array:
+    """Return the correlation matrix of a sheet."""
+    where = ("correlation",)
+    rows = reader.settings.get("correlation", np.eye(size).tolist())
+    if not isinstance(rows, list) or not all(isinstance(row, list) for row in rows):
+        raise reader.error(where, f"correlation must be {size} rows of {size} plain numbers: [[1, …], …]")
+    try:
+        matrix = np.array([[units.parse(entry, units.RATIO) for entry in row] for row in rows])
+    except (InputError, ValueError):  # no numbers, or rows that are not of one length
+        raise reader.error(where, "correlation must be rows of plain numbers") from None
+    if matrix.shape != (size, size) or not (np.diag(matrix) == 1).all() or not (matrix == matrix.T).all():
+        raise reader.error(
+            where, f"correlation must be {size} rows of {size} numbers, symmetric, with 1 on the diagonal"
+        )
+    return matrix

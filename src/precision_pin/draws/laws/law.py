@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from precision_pin.draws import lazy_special
+from precision_pin.draws.laws.sheet_form import SheetForm, SheetReader
 from precision_pin.errors import InputError
 from precision_pin.inputs.arguments import check_number, check_numbers, shown
 
@@ -30,9 +31,23 @@ class Law(ABC):
     ----------
     variates
         What :meth:`sample` is fed: ``"uniform"`` on (0, 1) or standard ``"normal"`` numbers.
+    form
+        How it is written in a sheet; without a key where no sheet names it.
     """
 
     variates: ClassVar[Literal["uniform", "normal"]] = "uniform"
+    form: ClassVar[SheetForm] = SheetForm("", {}, "")
+
+    @classmethod
+    def from_sheet(cls, reader: SheetReader) -> Law:
+        """Return the law that a sheet has; of a law whose :attr:`form` has a key.
+
+        Raises
+        ------
+        InputError
+            A setting is wrong.
+        """
+        raise InputError(f"the law {cls.__name__} cannot be written in a sheet")
 
     @property
     def size(self) -> int:

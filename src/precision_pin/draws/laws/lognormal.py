@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar, Final, Literal, final
 
@@ -11,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from precision_pin.draws import lazy_special
 from precision_pin.draws.laws.law import FARTHEST_NORMAL, Array, Law, in_chunks, take_size
+from precision_pin.draws.laws.sheet_form import DEVIATIONS, LawOption, SheetForm, SheetReader
 from precision_pin.errors import InputError
 
 __all__ = ["Lognormal"]
@@ -40,6 +42,13 @@ class Lognormal(Law):
     """
 
     variates: ClassVar[Literal["uniform", "normal"]] = "normal"
+    form: ClassVar = SheetForm(
+        "lognormal",
+        {"lognormal": {"std": "0.1 mm"}, "mean": "1 mm"},
+        "never negative; `std` and `mean` are those of the number itself, not of its logarithm; `mean` is needed",
+        (LawOption("mean", "lognormal: needed", "1 mm"),),
+        DEVIATIONS,
+    )
     std: float
     mean: float
 
@@ -51,6 +60,24 @@ class Lognormal(Law):
                 f"the standard deviation of a lognormal law is at most {WIDEST_LOGNORMAL:g} times its mean, "
                 f"got {self.std!r} and {self.mean!r}"
             )
+
+    @classmethod
+    def from_sheet(cls, reader: SheetReader) -> Lognormal:
+        """Return the law that a sheet has."""
+        value = reader.settings["lognormal"]
+        if not isinstance(value, Mapping) or set(value) != {"std"}:
+            raise reader.error(
+                ("lognormal",),
+                "lognormal takes the standard deviation of the number itself: lognormal: {std: 0.1 mm}, mean: 1 mm",
+            )
+        if "mean" not in reader.settings:
+            raise reader.error(("lognormal",), "lognormal needs a mean: of the number itself, above zero")
+        std, mean = reader.half_width("lognormal", "std"), reader.mean()
+        if not mean > 0:
+            raise reader.error(
+                ("mean",), f"the mean of a lognormal law must be above zero, got {reader.settings['mean']}"
+            )
+        return cls(std, mean)
 
     @property
     def log_std(self) -> float:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar, Final, Literal, final
 
@@ -10,6 +11,8 @@ import numpy as np
 
 from precision_pin.draws.laws.bases import SymmetricLaw
 from precision_pin.draws.laws.law import FARTHEST_NORMAL, Array, take_number, take_size
+from precision_pin.draws.laws.sheet_form import DEVIATIONS, MEAN, NUMBER, LawOption, SheetForm, SheetReader
+from precision_pin.draws.laws.truncated_normal import TruncatedNormal
 from precision_pin.inputs.arguments import check_number
 
 __all__ = ["Normal"]
@@ -23,12 +26,43 @@ class Normal(SymmetricLaw):
     """Normal of standard deviation ``std``."""
 
     variates: ClassVar[Literal["uniform", "normal"]] = "normal"
+    form: ClassVar = SheetForm(
+        "normal",
+        {"normal": "0.06 mm"},
+        "t is k standard deviations, σ = t/k; `normal: {std: 0.02 mm}` gives σ itself",
+        (
+            MEAN,
+            LawOption("k", "normal: t has the standard deviation t/k; default 3", "2"),
+            LawOption("truncated", "cut a normal law off at its half-width, mean ± k standard deviations", "true"),
+        ),
+        {"anyOf": [NUMBER, DEVIATIONS]},
+    )
     std: float
     mean: float = 0.0
 
     def __post_init__(self) -> None:
         take_size(self, "std", "the standard deviation of a normal law")
         take_number(self, "mean", "the mean of a normal law")
+
+    @classmethod
+    def from_sheet(cls, reader: SheetReader) -> Normal | TruncatedNormal:
+        """Return the law that a sheet has, cut off if it says so."""
+        value, k = reader.settings["normal"], _k(reader)
+        if isinstance(value, Mapping):
+            if set(value) != {"std"}:
+                raise reader.error(
+                    ("normal",),
+                    "normal takes a half-width (normal: 0.1 mm) or a standard deviation (normal: {std: 0.03 mm})",
+                )
+            std = reader.half_width("normal", "std")
+        else:
+            std = reader.half_width("normal") / k
+        mean, truncated = reader.mean(), _is_truncated(reader)
+        if isinstance(value, Mapping) and "k" in reader.settings and not truncated:
+            raise reader.error(
+                ("k",), "k does nothing here: {std: …} is the standard deviation itself, and nothing is cut off"
+            )
+        return TruncatedNormal(std, mean, k) if truncated else cls(std, mean)
 
     @classmethod
     def from_half_width(cls, half_width: float, mean: float = 0.0, *, k: float = 3.0) -> Normal:
@@ -58,3 +92,17 @@ class Normal(SymmetricLaw):
     def _deviation_characteristic(self, frequency: Array) -> Array:
         value: Array = np.exp(-((self.std * frequency) ** 2) / 2)
         return value
+
+
+def _k(reader: SheetReader) -> float:
+    k = reader.ratio("k") if "k" in reader.settings else 3.0
+    if not k > 0:
+        raise reader.error(("k",), f"k must be positive, got {reader.settings['k']}")
+    return k
+
+
+def _is_truncated(reader: SheetReader) -> bool:
+    value = str(reader.settings.get("truncated", "false")).lower()
+    if value not in ("true", "false"):
+        raise reader.error(("truncated",), f"truncated must be true or false, got {reader.settings['truncated']!r}")
+    return value == "true"

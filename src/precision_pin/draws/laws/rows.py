@@ -2,19 +2,30 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import final
+from typing import Any, ClassVar, Final, final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from precision_pin.draws.laws.law import Array, Law, in_chunks, take_rows
+from precision_pin.draws.laws.sheet_form import SheetForm, SheetReader
 from precision_pin.errors import InputError
 from precision_pin.inputs.arguments import check_items, shown
 from precision_pin.inputs.arrays import returns_read_only
 
 __all__ = ["Rows"]
+
+
+_FILE: Final[Mapping[str, Any]] = {
+    "type": "object",
+    "properties": {"file": {"type": "string"}, "columns": {"type": "array"}},
+    "required": ["file"],
+    "additionalProperties": False,
+}
+_SCHEMA: Final[Mapping[str, Any]] = {"anyOf": [{"type": "array", "minItems": 1}, _FILE]}
 
 
 @final
@@ -35,6 +46,12 @@ class Rows(Law):
         No rows, rows of different lengths, a number that is not finite, or names that do not fit.
     """
 
+    form: ClassVar = SheetForm(
+        "rows",
+        {"rows": [["0.1 mm", "0.2 mm"], ["0 mm", "-0.1 mm"]]},
+        "several numbers `.0`, `.1`, … that were measured together: one of the rows, each alike likely",
+        schema=_SCHEMA,
+    )
     table: tuple[tuple[float, ...], ...]
     names: tuple[str, ...] = ()
 
@@ -44,6 +61,29 @@ class Rows(Law):
         if names and (len(names) != self.size or len(set(names)) != self.size or not all(names)):
             raise InputError(f"a law of rows of {self.size} numbers needs as many different names, got {shown(names)}")
         object.__setattr__(self, "names", names)
+
+    @classmethod
+    def from_sheet(cls, reader: SheetReader) -> Rows:
+        """Return the law that a sheet has."""
+        value = reader.settings["rows"]
+        if isinstance(value, Mapping):
+            reader.only(("rows",), "file", "columns")
+            table = reader.file("rows", "file")
+            names = value.get("columns", list(table.names))
+            if not isinstance(names, list) or not names:
+                raise reader.error(("rows", "columns"), "a list of columns belongs here")
+            columns = [reader.column(table, str(name), ("rows",)) for name in names]
+            return cls(tuple(zip(*columns, strict=True)))
+        if not isinstance(value, list) or not value:
+            raise reader.error(
+                ("rows",),
+                "rows takes numbers that belong together, row by row, or {file: measured.csv, columns: [a, b]}",
+            )
+        rows = tuple(tuple(reader.numbers("rows", k)) for k in range(len(value)))
+        for k, row in enumerate(rows):
+            if not row or len(row) != len(rows[0]):
+                raise reader.error(("rows", k), f"{len(row)} numbers, the first row has {len(rows[0])}")
+        return cls(rows)
 
     @cached_property
     @returns_read_only

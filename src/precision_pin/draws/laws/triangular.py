@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import final
+from typing import ClassVar, final
 
 import numpy as np
 
 from precision_pin.draws.laws.bases import SymmetricLaw
 from precision_pin.draws.laws.law import Array, take_number, take_size
+from precision_pin.draws.laws.sheet_form import MEAN, SheetForm, SheetReader
 
 __all__ = ["Triangular"]
 
@@ -18,12 +19,20 @@ __all__ = ["Triangular"]
 class Triangular(SymmetricLaw):
     """Symmetric triangle on mean ± half_width."""
 
+    form: ClassVar = SheetForm(
+        "triangular", {"triangular": "0.05 mm"}, "a symmetric triangle on mean ± t; σ = t/√6", (MEAN,)
+    )
     half_width: float
     mean: float = 0.0
 
     def __post_init__(self) -> None:
         take_size(self, "half_width", "the half-width of a triangular law")
         take_number(self, "mean", "the mean of a triangular law")
+
+    @classmethod
+    def from_sheet(cls, reader: SheetReader) -> Triangular:
+        """Return the law that a sheet has."""
+        return cls(reader.half_width("triangular"), reader.mean())
 
     @property
     def variance(self) -> float:

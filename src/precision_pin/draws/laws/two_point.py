@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import final
+from typing import ClassVar, final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from precision_pin.draws.laws.bases import BoundedLaw
 from precision_pin.draws.laws.law import Array, take_number, take_size
+from precision_pin.draws.laws.sheet_form import LawOption, SheetForm, SheetReader
 from precision_pin.inputs.arguments import check_number
 
 __all__ = ["TwoPoint"]
@@ -30,6 +31,15 @@ class TwoPoint(BoundedLaw):
         Of the upper one.
     """
 
+    form: ClassVar = SheetForm(
+        "two_point",
+        {"two_point": "0.05 mm"},
+        "centre - t or centre + t, nothing between; `probability` of the upper one, 0.5 unless given; `centre` 0",
+        (
+            LawOption("centre", "two_point: halfway between the two, default 0", "1 mm"),
+            LawOption("probability", "two_point: of the upper one, default 0.5", "0.3"),
+        ),
+    )
     half_width: float
     centre: float = 0.0
     probability: float = 0.5
@@ -41,6 +51,18 @@ class TwoPoint(BoundedLaw):
             "the probability of a two-point law", self.probability, "above 0 and below 1", lambda value: 0 < value < 1
         )
         object.__setattr__(self, "probability", probability)
+
+    @classmethod
+    def from_sheet(cls, reader: SheetReader) -> TwoPoint:
+        """Return the law that a sheet has."""
+        half_width = reader.half_width("two_point")
+        centre = reader.number("centre") if "centre" in reader.settings else 0.0
+        probability = reader.ratio("probability") if "probability" in reader.settings else 0.5
+        if not 0 < probability < 1:
+            raise reader.error(
+                ("probability",), f"probability must lie above 0 and below 1, got {reader.settings['probability']}"
+            )
+        return cls(half_width, centre, probability)
 
     @property
     def ends(self) -> tuple[float, float]:

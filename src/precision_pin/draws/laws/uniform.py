@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import final
+from typing import ClassVar, final
 
 import numpy as np
 
 from precision_pin.draws.laws.bases import SymmetricLaw
 from precision_pin.draws.laws.law import Array, take_number, take_size
+from precision_pin.draws.laws.sheet_form import MEAN, SheetForm, SheetReader
 
 __all__ = ["Uniform"]
 
@@ -18,12 +19,18 @@ __all__ = ["Uniform"]
 class Uniform(SymmetricLaw):
     """Uniform on mean ± half_width."""
 
+    form: ClassVar = SheetForm("uniform", {"uniform": "0.05 mm"}, "anywhere within mean ± t alike; σ = t/√3", (MEAN,))
     half_width: float
     mean: float = 0.0
 
     def __post_init__(self) -> None:
         take_size(self, "half_width", "the half-width of a uniform law")
         take_number(self, "mean", "the mean of a uniform law")
+
+    @classmethod
+    def from_sheet(cls, reader: SheetReader) -> Uniform:
+        """Return the law that a sheet has."""
+        return cls(reader.half_width("uniform"), reader.mean())
 
     @property
     def variance(self) -> float:
