@@ -27,12 +27,12 @@ from precision_pin.analyses.exact_law.fourier_inversion import (
     certified_series,
 )
 from precision_pin.analyses.exact_law.normal_norm import NormalNorm
-from precision_pin.analyses.exact_law.projection import Part, part_of
 from precision_pin.analyses.exact_law.quantile_bounds import quantile_bounds
 from precision_pin.analyses.provenance import Heading, Pose, PoseHeading, listed_poses
 from precision_pin.call_warnings import add, warns_at_end
 from precision_pin.display.tables import symbol
 from precision_pin.draws.laws import Fixed, JointNormal, Law, Normal
+from precision_pin.draws.laws.projection import Projection
 from precision_pin.draws.space import Space, check_seed
 from precision_pin.errors import InputError
 from precision_pin.inputs.arguments import check_instance, check_whole
@@ -155,7 +155,7 @@ class _Share:
     law: Law
     weights: Array
     std: float
-    part: Part | None
+    part: Projection | None
 
     @property
     def ends(self) -> tuple[float, float]:
@@ -191,7 +191,7 @@ def _component(space: Space, quantity: str, mean: float, weights: Array, sampled
         direction = weights[columns]
         std = math.sqrt(max(float(direction @ draw.law.covariance @ direction), 0.0))
         if std > 0:
-            shares.append(_Share(draw.law, direction, std, part_of(draw.law, direction)))
+            shares.append(_Share(draw.law, direction, std, draw.law.projection(direction)))
     bell = np.where(normal, weights, 0.0)
     bell_std = math.sqrt(max(float(space.block_covariance.variances_of(bell[None])[0]), 0.0))
     total = math.hypot(bell_std, *(share.std for share in shares))

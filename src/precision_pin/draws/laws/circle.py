@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import ClassVar, final
 
@@ -9,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from precision_pin.draws import lazy_special
+from precision_pin.draws.laws.arcsine import ArcsineProjection
 from precision_pin.draws.laws.bases import PlaneLaw
 from precision_pin.draws.laws.law import Array, take_size
 from precision_pin.draws.laws.sheet_form import SheetForm, SheetReader
@@ -43,6 +45,10 @@ class Circle(PlaneLaw):
     def sample(self, variates: Array) -> Array:
         """Return the point at the angle 2π u₁; u₀ is not used, so that a disc turns into a circle in place."""
         return self.radius * direction(variates[1])
+
+    def projection(self, weights: Array) -> ArcsineProjection:
+        """Return what it is along weights."""
+        return ArcsineProjection(self.radius * math.hypot(*weights))
 
     def characteristic(self, frequency: ArrayLike) -> NDArray[np.complex128]:
         """Return J₀(r|t|)."""

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
-from typing import ClassVar, final
+from typing import ClassVar, Final, final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -11,10 +12,14 @@ from numpy.typing import ArrayLike, NDArray
 from precision_pin.draws import lazy_special
 from precision_pin.draws.laws.bases import PlaneLaw
 from precision_pin.draws.laws.law import Array, take_size
+from precision_pin.draws.laws.projection import SymmetricProjection, power_bound
 from precision_pin.draws.laws.sheet_form import SheetForm, SheetReader
 from precision_pin.draws.philox import direction
 
 __all__ = ["Disc"]
+
+LARGEST_SCALED_BESSEL: Final = 0.82504
+"""No z > 0 has √z |J₁(z)| above this; it is reached at z = 2.166."""
 
 
 @final
@@ -45,9 +50,54 @@ class Disc(PlaneLaw):
         value: Array = self.radius * np.sqrt(variates[0]) * direction(variates[1])
         return value
 
+    def projection(self, weights: Array) -> _Projection:
+        """Return what it is along weights."""
+        return _Projection(self.radius * math.hypot(*weights))
+
     def characteristic(self, frequency: ArrayLike) -> NDArray[np.complex128]:
         """Return 2 J₁(r|t|) / (r|t|)."""
         t = self.radius * np.hypot(*np.asarray(frequency, dtype=float))
         safe = np.where(t > 0, t, 1.0)
         value: NDArray[np.complex128] = np.where(t > 0, 2 * lazy_special.j1(safe) / safe, 1.0).astype(complex)
         return value
+
+
+@final
+@dataclass(frozen=True)
+class _Projection(SymmetricProjection):
+    """A disc seen from the side."""
+
+    @property
+    def breaks(self) -> tuple[float, ...]:
+        return -math.pi / 2, math.pi / 2
+
+    def cumulative(self, z: Array) -> Array:
+        t = self.scaled(z)
+        value: Array = 0.5 + (t * np.sqrt((1 - t) * (1 + t)) + np.arcsin(t)) / np.pi
+        return value
+
+    def density(self, z: Array) -> Array:
+        t = self.scaled(z)
+        value: Array = 2 / (np.pi * self.reach) * np.sqrt((1 - t) * (1 + t))
+        return value
+
+    def position(self, s: Array) -> Array:
+        value: Array = self.reach * np.sin(s)
+        return value
+
+    def weight(self, s: Array) -> Array:
+        value: Array = 2 / np.pi * np.cos(s) ** 2
+        return value
+
+    def parameter(self, z: Array) -> Array:
+        value: Array = np.arcsin(self.scaled(z))
+        return value
+
+    def characteristic(self, frequency: Array) -> NDArray[np.complex128]:
+        t = self.reach * frequency
+        safe = np.where(t != 0, t, 1.0)
+        return np.where(t != 0, 2 * lazy_special.j1(safe) / safe, 1.0).astype(complex)
+
+    def envelope(self, frequency: Array) -> Array:
+        """min(1, c (r ω)^-3/2), from 2 J₁(z)/z and the largest √z |J₁(z)|."""
+        return power_bound(2 * LARGEST_SCALED_BESSEL, 1.5, self.reach * frequency)

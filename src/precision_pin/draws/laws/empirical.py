@@ -12,7 +12,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from precision_pin import units
 from precision_pin.draws.laws.bases import BoundedLaw
-from precision_pin.draws.laws.law import Array, in_chunks, take_rows
+from precision_pin.draws.laws.chunks import in_chunks
+from precision_pin.draws.laws.law import Array, take_rows
+from precision_pin.draws.laws.projection import Lines
 from precision_pin.draws.laws.sheet_form import Place, SheetForm, SheetReader
 from precision_pin.errors import InputError
 from precision_pin.inputs.arguments import check_numbers
@@ -177,6 +179,12 @@ class Empirical(BoundedLaw):
         k = np.searchsorted(begin, variates, side="right") - 1
         result: Array = np.minimum(value[k] + slope[k] * (variates - begin[k]), end[k])
         return result
+
+    def projection(self, weights: Array) -> Lines:
+        """Return what it is along weights."""
+        w = float(weights[0])
+        begins, stops = (w * (self.segments[:, column] - self.mean_vector) for column in (1, 3))
+        return Lines.of(np.diff(np.append(self.segments[:, 0], 1.0)), begins, stops)
 
     def characteristic(self, frequency: ArrayLike) -> NDArray[np.complex128]:
         """Return Σ Δp exp(i t (a + b)/2) sin(t (b - a)/2)/(t (b - a)/2) over the lines from a to b, t ``(1, …)``."""

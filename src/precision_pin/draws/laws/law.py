@@ -3,25 +3,22 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable
 from typing import ClassVar, Final, Literal, final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from precision_pin.draws import lazy_special
+from precision_pin.draws.laws.chunks import Array
+from precision_pin.draws.laws.projection import Projection
 from precision_pin.draws.laws.sheet_form import SheetForm, SheetReader
 from precision_pin.errors import InputError
 from precision_pin.inputs.arguments import check_number, check_numbers, shown
 
-__all__ = ["FARTHEST_NORMAL", "Array", "Law", "cumulative", "in_chunks", "take_number", "take_rows", "take_size"]
-
-Array = NDArray[np.float64]
+__all__ = ["FARTHEST_NORMAL", "Array", "Law", "cumulative", "take_number", "take_rows", "take_size"]
 
 FARTHEST_NORMAL: Final = 8.6
 """No normal number drawn lies farther out, in standard deviations: the smallest uniform number is 2⁻⁵³."""
-
-_CHUNK: Final = 2**20
 
 
 class Law(ABC):
@@ -80,6 +77,14 @@ class Law(ABC):
     @abstractmethod
     def characteristic(self, frequency: ArrayLike) -> NDArray[np.complex128]:
         """Return E exp(i t·x) for t ``(size, …)``."""
+
+    def projection(self, weights: Array) -> Projection | None:
+        """Return the number ``w·(x - mean)`` for weights ``(size,)`` along which the law varies, as its own law.
+
+        None where only the characteristic function is known.
+        """
+        del weights
+        return None
 
     def interval(self, number: int) -> tuple[float, float]:
         """Return what a number of the law (0-based) stays between in every sample.
@@ -156,23 +161,3 @@ def take_rows(law: Law, field: str, what: str, columns: int | None = None) -> Ar
         raise InputError(f"{what} must be {rows}, got {shown(given)}")
     object.__setattr__(law, field, tuple(map(tuple, table.tolist())))
     return table
-
-
-def in_chunks(
-    function: Callable[[Array], NDArray[np.complex128]], frequency: Array, width: int
-) -> NDArray[np.complex128]:
-    """Return a function ``(m, T) → (T,)`` of frequencies ``(m, …)``, called for so few at a time that memory suffices.
-
-    Parameters
-    ----------
-    function
-        Needs about ``width`` numbers for each of its T columns.
-    frequency
-        ``(m, …)``.
-    width
-        Numbers in memory for each frequency.
-    """
-    flat = frequency.reshape(frequency.shape[0], -1)
-    step = max(1, _CHUNK // max(width, 1))
-    parts = [function(flat[:, first : first + step]) for first in range(0, flat.shape[1], step)]
-    return np.concatenate([np.zeros(0, dtype=complex), *parts]).reshape(frequency.shape[1:])

@@ -10,7 +10,9 @@ from typing import Any, ClassVar, Final, final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from precision_pin.draws.laws.law import Array, Law, in_chunks, take_rows
+from precision_pin.draws.laws.chunks import in_chunks
+from precision_pin.draws.laws.law import Array, Law, take_rows
+from precision_pin.draws.laws.projection import Lines
 from precision_pin.draws.laws.sheet_form import SheetForm, SheetReader
 from precision_pin.errors import InputError
 from precision_pin.inputs.arguments import check_items, shown
@@ -123,6 +125,11 @@ class Rows(Law):
     def support(self, direction: ArrayLike) -> float:
         """Return the largest w·x of the rows."""
         return float((self.array @ np.asarray(direction, dtype=float)).max())
+
+    def projection(self, weights: Array) -> Lines:
+        """Return what it is along weights."""
+        values = (self.array - self.mean_vector) @ weights
+        return Lines.of(np.full(values.size, 1 / values.size), values, values)
 
     def characteristic(self, frequency: ArrayLike) -> NDArray[np.complex128]:
         """Return the mean of exp(i t·x) over the rows."""

@@ -6,9 +6,11 @@ from dataclasses import dataclass
 from typing import ClassVar, final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from precision_pin.draws.laws.bases import SymmetricLaw
 from precision_pin.draws.laws.law import Array, take_number, take_size
+from precision_pin.draws.laws.projection import SymmetricProjection, power_bound
 from precision_pin.draws.laws.sheet_form import MEAN, SheetForm, SheetReader
 
 __all__ = ["Triangular"]
@@ -55,6 +57,47 @@ class Triangular(SymmetricLaw):
         deviation: Array = np.copysign(1 - np.sqrt(2 * tail), variates - 0.5)
         return self.mean + self.half_width * deviation
 
+    def projection(self, weights: Array) -> _Projection:
+        """Return what it is along weights."""
+        return _Projection(abs(float(weights[0])) * self.half_width)
+
     def _deviation_characteristic(self, frequency: Array) -> Array:
         value: Array = np.sinc(frequency * self.half_width / (2 * np.pi)) ** 2
         return value
+
+
+@final
+@dataclass(frozen=True)
+class _Projection(SymmetricProjection):
+    @property
+    def breaks(self) -> tuple[float, ...]:
+        return -1.0, 0.0, 1.0
+
+    @property
+    def kinks(self) -> tuple[float, ...]:
+        return -self.reach, 0.0, self.reach
+
+    def cumulative(self, z: Array) -> Array:
+        t = self.scaled(z)
+        tail = (1 - np.abs(t)) ** 2 / 2
+        value: Array = np.where(t > 0, 1 - tail, tail)
+        return value
+
+    def density(self, z: Array) -> Array:
+        return (1 - np.abs(self.scaled(z))) / self.reach
+
+    def position(self, s: Array) -> Array:
+        return self.reach * s
+
+    def weight(self, s: Array) -> Array:
+        return 1 - np.abs(s)
+
+    def parameter(self, z: Array) -> Array:
+        return self.scaled(z)
+
+    def characteristic(self, frequency: Array) -> NDArray[np.complex128]:
+        return (np.sinc(self.reach * frequency / (2 * np.pi)) ** 2).astype(complex)
+
+    def envelope(self, frequency: Array) -> Array:
+        """min(1, 4/(a ω)²), the square of a uniform law's of half the reach."""
+        return power_bound(4.0, 2.0, self.reach * frequency)

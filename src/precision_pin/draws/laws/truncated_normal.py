@@ -7,10 +7,12 @@ from dataclasses import dataclass
 from typing import Final, final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from precision_pin.draws import lazy_special
 from precision_pin.draws.laws.bases import SymmetricLaw
 from precision_pin.draws.laws.law import Array, take_number, take_size
+from precision_pin.draws.laws.projection import SymmetricProjection
 from precision_pin.inputs.arguments import check_number
 
 __all__ = ["TruncatedNormal"]
@@ -54,8 +56,69 @@ class TruncatedNormal(SymmetricLaw):
         deviation: Array = np.copysign(np.minimum(-score, self.k), variates - 0.5)
         return self.mean + self.std * deviation
 
+    def projection(self, weights: Array) -> _Projection:
+        """Return what it is along weights."""
+        return _Projection(abs(float(weights[0])) * self.reach, self.k)
+
     def _deviation_characteristic(self, frequency: Array) -> Array:
         s, k = self.std * frequency, self.k
         faddeeva = lazy_special.wofz((1j * k - s) / math.sqrt(2))
         value: Array = np.exp(-(s**2) / 2) - (np.exp(-(k**2) / 2 - 1j * k * s) * faddeeva).real
         return value / math.erf(k / math.sqrt(2))
+
+
+@final
+@dataclass(frozen=True)
+class _Projection(SymmetricProjection):
+    k: float
+
+    @property
+    def breaks(self) -> tuple[float, ...]:
+        return tuple(np.linspace(-self.k, self.k, 1 + 2 * math.ceil(self.k / 1.5)).tolist())
+
+    @property
+    def kinks(self) -> tuple[float, ...]:
+        return tuple((self.reach / self.k * np.array(self.breaks)).tolist())
+
+    @property
+    def _inner(self) -> float:
+        return math.erf(self.k / math.sqrt(2))
+
+    def cumulative(self, z: Array) -> Array:
+        score = self.k * self.scaled(z)
+        value: Array = (1 + lazy_special.erf(score / math.sqrt(2)) / self._inner) / 2
+        return value
+
+    def density(self, z: Array) -> Array:
+        return self.inside(z, self.weight(self.k * self.scaled(z)) * self.k / self.reach)
+
+    def position(self, s: Array) -> Array:
+        return self.reach / self.k * s
+
+    def weight(self, s: Array) -> Array:
+        value: Array = np.exp(-(s**2) / 2) / (math.sqrt(2 * math.pi) * self._inner)
+        return value
+
+    def parameter(self, z: Array) -> Array:
+        return self.k * self.scaled(z)
+
+    def characteristic(self, frequency: Array) -> NDArray[np.complex128]:
+        law = TruncatedNormal(self.reach / self.k, 0.0, self.k)
+        return law.characteristic(frequency[None])
+
+    @property
+    def characteristic_error(self) -> float:
+        return 2e-15 / self._inner
+
+    def envelope(self, frequency: Array) -> Array:
+        """Return the normal law's, and for the tails the less of their probability and total variation over ω, 4φ(k)/ω.
+
+        All over P(|z| < k). Also at most the total variation of the whole density over ω (k small).
+        """
+        omega = np.maximum(self.reach / self.k * frequency, 1e-300)
+        height = math.exp(-(self.k**2) / 2) / math.sqrt(2 * math.pi)
+        tails = np.minimum(2 * lazy_special.ndtr(-self.k), 4 * height / omega)
+        cut = (np.exp(-(omega**2) / 2) + tails) / self._inner
+        whole = 2 / (math.sqrt(2 * math.pi) * self._inner * omega)
+        bound: Array = np.minimum(np.minimum(cut, whole), 1.0)
+        return bound

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from precision_pin.draws.laws.bases import BoundedLaw
 from precision_pin.draws.laws.law import Array, take_number, take_size
+from precision_pin.draws.laws.projection import Lines
 from precision_pin.draws.laws.sheet_form import LawOption, SheetForm, SheetReader
 from precision_pin.inputs.arguments import check_number
 
@@ -92,6 +93,11 @@ class TwoPoint(BoundedLaw):
     def sample(self, variates: Array) -> Array:
         """Return the upper value for u above 1 - p, else the lower one."""
         return self.centre + np.where(variates > self.threshold, self.half_width, -self.half_width)
+
+    def projection(self, weights: Array) -> Lines:
+        """Return what it is along weights."""
+        ends = float(weights[0]) * (np.array(self.ends) - self.mean_vector)
+        return Lines.of(np.array([1 - self.probability, self.probability]), ends, ends)
 
     def characteristic(self, frequency: ArrayLike) -> NDArray[np.complex128]:
         """Return (cos(t half_width) + i (2p - 1) sin(t half_width)) exp(i t centre), t ``(1, …)``."""

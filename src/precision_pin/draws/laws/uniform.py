@@ -6,9 +6,11 @@ from dataclasses import dataclass
 from typing import ClassVar, final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from precision_pin.draws.laws.bases import SymmetricLaw
 from precision_pin.draws.laws.law import Array, take_number, take_size
+from precision_pin.draws.laws.projection import SymmetricProjection, power_bound
 from precision_pin.draws.laws.sheet_form import MEAN, SheetForm, SheetReader
 
 __all__ = ["Uniform"]
@@ -46,6 +48,41 @@ class Uniform(SymmetricLaw):
         """Return mean + t (2u - 1)."""
         return self.mean + self.half_width * (2 * variates - 1)
 
+    def projection(self, weights: Array) -> _Projection:
+        """Return what it is along weights."""
+        return _Projection(abs(float(weights[0])) * self.half_width)
+
     def _deviation_characteristic(self, frequency: Array) -> Array:
         value: Array = np.sinc(frequency * self.half_width / np.pi)
         return value
+
+
+@final
+@dataclass(frozen=True)
+class _Projection(SymmetricProjection):
+    @property
+    def breaks(self) -> tuple[float, ...]:
+        return -1.0, 1.0
+
+    def cumulative(self, z: Array) -> Array:
+        value: Array = (1 + self.scaled(z)) / 2
+        return value
+
+    def density(self, z: Array) -> Array:
+        return self.inside(z, np.full_like(z, 0.5 / self.reach))
+
+    def position(self, s: Array) -> Array:
+        return self.reach * s
+
+    def weight(self, s: Array) -> Array:
+        return np.full_like(s, 0.5)
+
+    def parameter(self, z: Array) -> Array:
+        return self.scaled(z)
+
+    def characteristic(self, frequency: Array) -> NDArray[np.complex128]:
+        return np.sinc(self.reach * frequency / np.pi).astype(complex)
+
+    def envelope(self, frequency: Array) -> Array:
+        """min(1, 1/(a ω)), from sin(a ω)/(a ω)."""
+        return power_bound(1.0, 1.0, self.reach * frequency)
