@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from precision_pin.draws import lazy_special
 from precision_pin.draws.laws.bases import SymmetricLaw
+from precision_pin.draws.laws.kernel_row import KernelRow
 from precision_pin.draws.laws.law import Array, take_number, take_size
 from precision_pin.draws.laws.projection import SymmetricProjection, power_bound
 from precision_pin.draws.laws.sheet_form import MEAN, SheetForm, SheetReader
@@ -51,6 +52,10 @@ class Arcsine(SymmetricLaw):
     def sample(self, variates: Array) -> Array:
         """Return mean + t sin(π(u - 1/2))."""
         return self.mean + self.half_width * np.sin(np.pi * (variates - 0.5))
+
+    def kernel_row(self) -> KernelRow:
+        """Return mean and half-width."""
+        return KernelRow("arcsine", np.array([self.mean, self.half_width]))
 
     def projection(self, weights: Array) -> ArcsineProjection:
         """Return what it is along weights."""

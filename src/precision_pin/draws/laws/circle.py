@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from precision_pin.draws import lazy_special
 from precision_pin.draws.laws.arcsine import ArcsineProjection
 from precision_pin.draws.laws.bases import PlaneLaw
+from precision_pin.draws.laws.kernel_row import KernelRow
 from precision_pin.draws.laws.law import Array, take_size
 from precision_pin.draws.laws.sheet_form import SheetForm, SheetReader
 from precision_pin.draws.philox import direction
@@ -45,6 +46,15 @@ class Circle(PlaneLaw):
     def sample(self, variates: Array) -> Array:
         """Return the point at the angle 2π u₁; u₀ is not used, so that a disc turns into a circle in place."""
         return self.radius * direction(variates[1])
+
+    @property
+    def streamed(self) -> range:
+        """The second, which gives the angle."""
+        return range(1, 2)
+
+    def kernel_row(self) -> KernelRow:
+        """Return the radius."""
+        return KernelRow("circle", np.array([self.radius]))
 
     def projection(self, weights: Array) -> ArcsineProjection:
         """Return what it is along weights."""

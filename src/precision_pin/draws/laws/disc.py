@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from precision_pin.draws import lazy_special
 from precision_pin.draws.laws.bases import PlaneLaw
+from precision_pin.draws.laws.kernel_row import KernelRow
 from precision_pin.draws.laws.law import Array, take_size
 from precision_pin.draws.laws.projection import SymmetricProjection, power_bound
 from precision_pin.draws.laws.sheet_form import SheetForm, SheetReader
@@ -49,6 +50,10 @@ class Disc(PlaneLaw):
         """Return r √u₀ at the angle 2π u₁."""
         value: Array = self.radius * np.sqrt(variates[0]) * direction(variates[1])
         return value
+
+    def kernel_row(self) -> KernelRow:
+        """Return the radius."""
+        return KernelRow("disc", np.array([self.radius]))
 
     def projection(self, weights: Array) -> _Projection:
         """Return what it is along weights."""

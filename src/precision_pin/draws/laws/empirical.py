@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from precision_pin import units
 from precision_pin.draws.laws.bases import BoundedLaw
 from precision_pin.draws.laws.chunks import in_chunks
+from precision_pin.draws.laws.kernel_row import KernelRow
 from precision_pin.draws.laws.law import Array, take_rows
 from precision_pin.draws.laws.projection import Lines
 from precision_pin.draws.laws.sheet_form import Place, SheetForm, SheetReader
@@ -179,6 +180,10 @@ class Empirical(BoundedLaw):
         k = np.searchsorted(begin, variates, side="right") - 1
         result: Array = np.minimum(value[k] + slope[k] * (variates - begin[k]), end[k])
         return result
+
+    def kernel_row(self) -> KernelRow:
+        """Return the straight lines."""
+        return KernelRow("empirical", self.segments)
 
     def projection(self, weights: Array) -> Lines:
         """Return what it is along weights."""

@@ -8,6 +8,7 @@ from typing import ClassVar, final
 import numpy as np
 
 from precision_pin.draws.laws.bases import SymmetricLaw
+from precision_pin.draws.laws.kernel_row import KernelRow
 from precision_pin.draws.laws.law import Array, take_number
 from precision_pin.draws.laws.sheet_form import SheetForm, SheetReader
 
@@ -45,6 +46,15 @@ class Fixed(SymmetricLaw):
     def sample(self, variates: Array) -> Array:
         """Return the value throughout."""
         return np.full_like(variates, self.mean)
+
+    @property
+    def streamed(self) -> range:
+        """None."""
+        return range(0)
+
+    def kernel_row(self) -> KernelRow:
+        """Return the value."""
+        return KernelRow("fixed", np.array([self.mean]))
 
     def _deviation_characteristic(self, frequency: Array) -> Array:
         return np.ones_like(frequency)

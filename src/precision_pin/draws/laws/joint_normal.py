@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from precision_pin import units
+from precision_pin.draws.laws.kernel_row import KernelRow
 from precision_pin.draws.laws.law import FARTHEST_NORMAL, Array, Law, take_rows
 from precision_pin.draws.laws.sheet_form import DEVIATIONS, LawOption, SheetForm, SheetReader
 from precision_pin.errors import InputError
@@ -143,6 +144,13 @@ class JointNormal(Law):
         """Return the number's mean ± 8.6 σ."""
         mean, reach = float(self.mean_vector[number]), FARTHEST_NORMAL * math.sqrt(self.matrix[number][number])
         return mean - reach, mean + reach
+
+    def kernel_row(self) -> KernelRow:
+        """Return the mean, and below it the root of the covariance."""
+        root = self.root
+        reaches = np.abs(root).sum(axis=1) * FARTHEST_NORMAL
+        ends = zip((self.mean_vector - reaches).tolist(), (self.mean_vector + reaches).tolist(), strict=True)
+        return KernelRow("joint", np.vstack([self.mean_vector, root]), tuple(ends))
 
     def characteristic(self, frequency: ArrayLike) -> NDArray[np.complex128]:
         """Return exp(i t·mean - tᵀΣt/2)."""

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from precision_pin.draws import lazy_special
 from precision_pin.draws.laws.chunks import Array
+from precision_pin.draws.laws.kernel_row import KernelRow
 from precision_pin.draws.laws.projection import Projection
 from precision_pin.draws.laws.sheet_form import SheetForm, SheetReader
 from precision_pin.errors import InputError
@@ -77,6 +78,15 @@ class Law(ABC):
     @abstractmethod
     def characteristic(self, frequency: ArrayLike) -> NDArray[np.complex128]:
         """Return E exp(i t·x) for t ``(size, …)``."""
+
+    @property
+    def streamed(self) -> range:
+        """Which of its numbers :meth:`sample` uses the variates of; none of a number that does not vary."""
+        return range(self.size)
+
+    def kernel_row(self) -> KernelRow | None:
+        """Return what the compiled loops are given; None where they have no loop for the law."""
+        return None
 
     def projection(self, weights: Array) -> Projection | None:
         """Return the number ``w·(x - mean)`` for weights ``(size,)`` along which the law varies, as its own law.

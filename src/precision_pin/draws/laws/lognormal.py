@@ -23,6 +23,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from precision_pin.draws import lazy_special
 from precision_pin.draws.laws.chunks import in_chunks
+from precision_pin.draws.laws.kernel_row import KernelRow
 from precision_pin.draws.laws.law import FARTHEST_NORMAL, Array, Law, take_size
 from precision_pin.draws.laws.projection import Projection, power_bound
 from precision_pin.draws.laws.sheet_form import DEVIATIONS, LawOption, SheetForm, SheetReader
@@ -140,6 +141,10 @@ class Lognormal(Law):
         del number
         low, high = self.sample(np.array([-FARTHEST_NORMAL, FARTHEST_NORMAL]))
         return float(low), float(high)
+
+    def kernel_row(self) -> KernelRow:
+        """Return the mean, σ and σ²/2."""
+        return KernelRow("lognormal", np.array([self.mean, self.log_std, self.log_std**2 / 2]))
 
     def projection(self, weights: Array) -> _Projection:
         """Return what it is along weights."""

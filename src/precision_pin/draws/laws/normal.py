@@ -10,6 +10,7 @@ from typing import ClassVar, Final, Literal, final
 import numpy as np
 
 from precision_pin.draws.laws.bases import SymmetricLaw
+from precision_pin.draws.laws.kernel_row import KernelRow
 from precision_pin.draws.laws.law import FARTHEST_NORMAL, Array, take_number, take_size
 from precision_pin.draws.laws.sheet_form import DEVIATIONS, MEAN, NUMBER, LawOption, SheetForm, SheetReader
 from precision_pin.draws.laws.truncated_normal import TruncatedNormal
@@ -88,6 +89,10 @@ class Normal(SymmetricLaw):
     def sample(self, variates: Array) -> Array:
         """Return mean + σ z."""
         return self.mean + self.std * variates
+
+    def kernel_row(self) -> KernelRow:
+        """Return mean and standard deviation."""
+        return KernelRow("normal", np.array([self.mean, self.std]))
 
     def _deviation_characteristic(self, frequency: Array) -> Array:
         value: Array = np.exp(-((self.std * frequency) ** 2) / 2)

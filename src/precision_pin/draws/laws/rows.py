@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from precision_pin.draws.laws.chunks import in_chunks
+from precision_pin.draws.laws.kernel_row import KernelRow
 from precision_pin.draws.laws.law import Array, Law, take_rows
 from precision_pin.draws.laws.projection import Lines
 from precision_pin.draws.laws.sheet_form import SheetForm, SheetReader
@@ -125,6 +126,15 @@ class Rows(Law):
     def support(self, direction: ArrayLike) -> float:
         """Return the largest w·x of the rows."""
         return float((self.array @ np.asarray(direction, dtype=float)).max())
+
+    @property
+    def streamed(self) -> range:
+        """The first, which chooses the row."""
+        return range(1)
+
+    def kernel_row(self) -> KernelRow:
+        """Return the rows."""
+        return KernelRow("table", self.array)
 
     def projection(self, weights: Array) -> Lines:
         """Return what it is along weights."""

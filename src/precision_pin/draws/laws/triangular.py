@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from precision_pin.draws.laws.bases import SymmetricLaw
+from precision_pin.draws.laws.kernel_row import KernelRow
 from precision_pin.draws.laws.law import Array, take_number, take_size
 from precision_pin.draws.laws.projection import SymmetricProjection, power_bound
 from precision_pin.draws.laws.sheet_form import MEAN, SheetForm, SheetReader
@@ -56,6 +57,10 @@ class Triangular(SymmetricLaw):
         tail = np.minimum(variates, 1 - variates)
         deviation: Array = np.copysign(1 - np.sqrt(2 * tail), variates - 0.5)
         return self.mean + self.half_width * deviation
+
+    def kernel_row(self) -> KernelRow:
+        """Return mean and half-width."""
+        return KernelRow("triangular", np.array([self.mean, self.half_width]))
 
     def projection(self, weights: Array) -> _Projection:
         """Return what it is along weights."""

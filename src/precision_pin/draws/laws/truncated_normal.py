@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from precision_pin.draws import lazy_special
 from precision_pin.draws.laws.bases import SymmetricLaw
+from precision_pin.draws.laws.kernel_row import KernelRow
 from precision_pin.draws.laws.law import Array, take_number, take_size
 from precision_pin.draws.laws.projection import SymmetricProjection
 from precision_pin.inputs.arguments import check_number
@@ -55,6 +56,11 @@ class TruncatedNormal(SymmetricLaw):
         score = lazy_special.ndtri(cut + tail * math.erf(self.k / math.sqrt(2)))
         deviation: Array = np.copysign(np.minimum(-score, self.k), variates - 0.5)
         return self.mean + self.std * deviation
+
+    def kernel_row(self) -> KernelRow:
+        """Return mean, standard deviation, k, Φ(-k) and Φ(k) - Φ(-k)."""
+        numbers = (self.mean, self.std, self.k, lazy_special.ndtr(-self.k), math.erf(self.k / math.sqrt(2)))
+        return KernelRow("truncated", np.array(numbers))
 
     def projection(self, weights: Array) -> _Projection:
         """Return what it is along weights."""

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from precision_pin.draws.laws.bases import BoundedLaw
+from precision_pin.draws.laws.kernel_row import KernelRow
 from precision_pin.draws.laws.law import Array, take_number, take_size
 from precision_pin.draws.laws.projection import Lines
 from precision_pin.draws.laws.sheet_form import LawOption, SheetForm, SheetReader
@@ -93,6 +94,10 @@ class TwoPoint(BoundedLaw):
     def sample(self, variates: Array) -> Array:
         """Return the upper value for u above 1 - p, else the lower one."""
         return self.centre + np.where(variates > self.threshold, self.half_width, -self.half_width)
+
+    def kernel_row(self) -> KernelRow:
+        """Return centre, half-width and threshold."""
+        return KernelRow("two_point", np.array([self.centre, self.half_width, self.threshold]))
 
     def projection(self, weights: Array) -> Lines:
         """Return what it is along weights."""

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from precision_pin.draws.laws.bases import SymmetricLaw
+from precision_pin.draws.laws.kernel_row import KernelRow
 from precision_pin.draws.laws.law import Array, take_number, take_size
 from precision_pin.draws.laws.projection import SymmetricProjection, power_bound
 from precision_pin.draws.laws.sheet_form import MEAN, SheetForm, SheetReader
@@ -47,6 +48,10 @@ class Uniform(SymmetricLaw):
     def sample(self, variates: Array) -> Array:
         """Return mean + t (2u - 1)."""
         return self.mean + self.half_width * (2 * variates - 1)
+
+    def kernel_row(self) -> KernelRow:
+        """Return mean and half-width."""
+        return KernelRow("uniform", np.array([self.mean, self.half_width]))
 
     def projection(self, weights: Array) -> _Projection:
         """Return what it is along weights."""
