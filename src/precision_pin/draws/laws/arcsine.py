@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar, final
 
@@ -15,6 +16,8 @@ from precision_pin.draws.laws.kernel_row import KernelRow
 from precision_pin.draws.laws.law import Array, take_number, take_size
 from precision_pin.draws.laws.projection import SymmetricProjection, power_bound
 from precision_pin.draws.laws.sheet_form import MEAN, SheetForm, SheetReader
+from precision_pin.draws.laws.wording import about
+from precision_pin.units import Quantity
 
 __all__ = ["Arcsine"]
 
@@ -52,6 +55,10 @@ class Arcsine(SymmetricLaw):
     def sample(self, variates: Array) -> Array:
         """Return mean + t sin(π(u - 1/2))."""
         return self.mean + self.half_width * np.sin(np.pi * (variates - 0.5))
+
+    def describe(self, quantities: Sequence[Quantity | None]) -> str:
+        """Return what is drawn, in words."""
+        return f"arcsine (a sine wave met at random) within {about(self.half_width, self.mean, quantities[0])}"
 
     def kernel_row(self) -> KernelRow:
         """Return mean and half-width."""

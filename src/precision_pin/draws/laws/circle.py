@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar, final
 
@@ -15,7 +16,9 @@ from precision_pin.draws.laws.bases import PlaneLaw
 from precision_pin.draws.laws.kernel_row import KernelRow
 from precision_pin.draws.laws.law import Array, take_size
 from precision_pin.draws.laws.sheet_form import SheetForm, SheetReader
+from precision_pin.draws.laws.wording import written
 from precision_pin.draws.philox import direction
+from precision_pin.units import Quantity
 
 __all__ = ["Circle"]
 
@@ -46,6 +49,10 @@ class Circle(PlaneLaw):
     def sample(self, variates: Array) -> Array:
         """Return the point at the angle 2π u₁; u₀ is not used, so that a disc turns into a circle in place."""
         return self.radius * direction(variates[1])
+
+    def describe(self, quantities: Sequence[Quantity | None]) -> str:
+        """Return what is drawn, in words."""
+        return f"a point uniform on a circle of radius {written(self.radius, quantities[0])}"
 
     @property
     def streamed(self) -> range:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar, Final, final
 
@@ -15,7 +16,9 @@ from precision_pin.draws.laws.kernel_row import KernelRow
 from precision_pin.draws.laws.law import Array, take_size
 from precision_pin.draws.laws.projection import SymmetricProjection, power_bound
 from precision_pin.draws.laws.sheet_form import SheetForm, SheetReader
+from precision_pin.draws.laws.wording import written
 from precision_pin.draws.philox import direction
+from precision_pin.units import Quantity
 
 __all__ = ["Disc"]
 
@@ -50,6 +53,10 @@ class Disc(PlaneLaw):
         """Return r √u₀ at the angle 2π u₁."""
         value: Array = self.radius * np.sqrt(variates[0]) * direction(variates[1])
         return value
+
+    def describe(self, quantities: Sequence[Quantity | None]) -> str:
+        """Return what is drawn, in words."""
+        return f"a point uniform over a disc of radius {written(self.radius, quantities[0])}"
 
     def kernel_row(self) -> KernelRow:
         """Return the radius."""

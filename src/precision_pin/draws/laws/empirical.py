@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, ClassVar, Final, final
@@ -11,16 +11,19 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from precision_pin import units
+from precision_pin.display.units import WrittenUnit
 from precision_pin.draws.laws.bases import BoundedLaw
 from precision_pin.draws.laws.chunks import in_chunks
 from precision_pin.draws.laws.kernel_row import KernelRow
 from precision_pin.draws.laws.law import Array, take_rows
 from precision_pin.draws.laws.projection import Lines
 from precision_pin.draws.laws.sheet_form import Place, SheetForm, SheetReader
+from precision_pin.draws.laws.wording import spread
 from precision_pin.errors import InputError
 from precision_pin.inputs.arguments import check_numbers
 from precision_pin.inputs.arrays import returns_read_only
 from precision_pin.inputs.csv_columns import Measured
+from precision_pin.units import Quantity
 
 __all__ = ["Empirical"]
 
@@ -180,6 +183,13 @@ class Empirical(BoundedLaw):
         k = np.searchsorted(begin, variates, side="right") - 1
         result: Array = np.minimum(value[k] + slope[k] * (variates - begin[k]), end[k])
         return result
+
+    def describe(self, quantities: Sequence[Quantity | None]) -> str:
+        """Return what is drawn, in words."""
+        low, high = self.ends
+        unit = WrittenUnit.suiting(quantities[0], self.ends)
+        far = spread(self.mean_vector, self.covariance, quantities[0])
+        return f"measured: {len(self.quantiles)} quantiles from {unit(low)} to {unit(high)}{far}"
 
     def kernel_row(self) -> KernelRow:
         """Return the straight lines."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar, final
 
@@ -11,6 +12,8 @@ from precision_pin.draws.laws.bases import SymmetricLaw
 from precision_pin.draws.laws.kernel_row import KernelRow
 from precision_pin.draws.laws.law import Array, take_number
 from precision_pin.draws.laws.sheet_form import SheetForm, SheetReader
+from precision_pin.draws.laws.wording import written
+from precision_pin.units import Quantity
 
 __all__ = ["Fixed"]
 
@@ -46,6 +49,10 @@ class Fixed(SymmetricLaw):
     def sample(self, variates: Array) -> Array:
         """Return the value throughout."""
         return np.full_like(variates, self.mean)
+
+    def describe(self, quantities: Sequence[Quantity | None]) -> str:
+        """Return what is drawn, in words."""
+        return f"fixed at {written(self.mean, quantities[0])}"
 
     @property
     def streamed(self) -> range:

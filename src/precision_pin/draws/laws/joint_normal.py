@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import ClassVar, Literal, final
 
@@ -14,8 +14,10 @@ from precision_pin import units
 from precision_pin.draws.laws.kernel_row import KernelRow
 from precision_pin.draws.laws.law import FARTHEST_NORMAL, Array, Law, take_rows
 from precision_pin.draws.laws.sheet_form import DEVIATIONS, LawOption, SheetForm, SheetReader
+from precision_pin.draws.laws.wording import deviations
 from precision_pin.errors import InputError
 from precision_pin.inputs.arguments import check_numbers
+from precision_pin.units import Quantity
 
 __all__ = ["JointNormal"]
 
@@ -144,6 +146,15 @@ class JointNormal(Law):
         """Return the number's mean ± 8.6 σ."""
         mean, reach = float(self.mean_vector[number]), FARTHEST_NORMAL * math.sqrt(self.matrix[number][number])
         return mean - reach, mean + reach
+
+    def describe(self, quantities: Sequence[Quantity | None]) -> str:
+        """Return what is drawn, in words."""
+        covariance = self.covariance
+        std = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+        unit = np.where(std > 0, std, 1.0)
+        largest = float(np.abs((covariance / np.outer(unit, unit))[~np.eye(self.size, dtype=bool)]).max(initial=0.0))
+        together = f"correlations up to {largest:.3g}" if largest > 1e-12 else "not correlated"
+        return f"{self.size} numbers jointly normal, {deviations(self.components, covariance, quantities)}, {together}"
 
     def kernel_row(self) -> KernelRow:
         """Return the mean, and below it the root of the covariance."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from typing import ClassVar, Final, Literal, final
 
 import numpy as np
@@ -13,8 +14,10 @@ from precision_pin.draws.laws.chunks import Array
 from precision_pin.draws.laws.kernel_row import KernelRow
 from precision_pin.draws.laws.projection import Projection
 from precision_pin.draws.laws.sheet_form import SheetForm, SheetReader
+from precision_pin.draws.laws.wording import deviations, spread
 from precision_pin.errors import InputError
 from precision_pin.inputs.arguments import check_number, check_numbers, shown
+from precision_pin.units import Quantity
 
 __all__ = ["FARTHEST_NORMAL", "Array", "Law", "cumulative", "take_number", "take_rows", "take_size"]
 
@@ -95,6 +98,19 @@ class Law(ABC):
         """
         del weights
         return None
+
+    def describe(self, quantities: Sequence[Quantity | None]) -> str:
+        """Return what is drawn, in words.
+
+        Parameters
+        ----------
+        quantities
+            What each of its numbers is; None where that is not known: SI is then written.
+        """
+        name = type(self).__name__
+        if self.size > 1:
+            return f"{name} of {self.size} numbers, {deviations(self.components, self.covariance, quantities)}"
+        return name + spread(self.mean_vector, self.covariance, quantities[0])
 
     def interval(self, number: int) -> tuple[float, float]:
         """Return what a number of the law (0-based) stays between in every sample.

@@ -13,7 +13,7 @@ t, and so does the least of them.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import ClassVar, Final, Literal, final
@@ -27,7 +27,9 @@ from precision_pin.draws.laws.kernel_row import KernelRow
 from precision_pin.draws.laws.law import FARTHEST_NORMAL, Array, Law, take_size
 from precision_pin.draws.laws.projection import Projection, power_bound
 from precision_pin.draws.laws.sheet_form import DEVIATIONS, LawOption, SheetForm, SheetReader
+from precision_pin.draws.laws.wording import written
 from precision_pin.errors import InputError
+from precision_pin.units import Quantity
 
 __all__ = ["LOGNORMAL_ERROR", "Lognormal", "lognormal_characteristic", "lognormal_envelope"]
 
@@ -141,6 +143,11 @@ class Lognormal(Law):
         del number
         low, high = self.sample(np.array([-FARTHEST_NORMAL, FARTHEST_NORMAL]))
         return float(low), float(high)
+
+    def describe(self, quantities: Sequence[Quantity | None]) -> str:
+        """Return what is drawn, in words."""
+        (quantity,) = quantities
+        return f"lognormal, mean {written(self.mean, quantity)}, standard deviation {written(self.std, quantity)}"
 
     def kernel_row(self) -> KernelRow:
         """Return the mean, σ and σ²/2."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import ClassVar, Final, Literal, final
 
@@ -14,7 +14,9 @@ from precision_pin.draws.laws.kernel_row import KernelRow
 from precision_pin.draws.laws.law import FARTHEST_NORMAL, Array, take_number, take_size
 from precision_pin.draws.laws.sheet_form import DEVIATIONS, MEAN, NUMBER, LawOption, SheetForm, SheetReader
 from precision_pin.draws.laws.truncated_normal import TruncatedNormal
+from precision_pin.draws.laws.wording import mean_beside, written
 from precision_pin.inputs.arguments import check_number
+from precision_pin.units import Quantity
 
 __all__ = ["Normal"]
 
@@ -89,6 +91,11 @@ class Normal(SymmetricLaw):
     def sample(self, variates: Array) -> Array:
         """Return mean + σ z."""
         return self.mean + self.std * variates
+
+    def describe(self, quantities: Sequence[Quantity | None]) -> str:
+        """Return what is drawn, in words."""
+        (quantity,) = quantities
+        return f"normal, standard deviation {written(self.std, quantity)}{mean_beside(self.mean, quantity)}"
 
     def kernel_row(self) -> KernelRow:
         """Return mean and standard deviation."""

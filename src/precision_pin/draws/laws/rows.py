@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, ClassVar, Final, final
@@ -15,9 +15,11 @@ from precision_pin.draws.laws.kernel_row import KernelRow
 from precision_pin.draws.laws.law import Array, Law, take_rows
 from precision_pin.draws.laws.projection import Lines
 from precision_pin.draws.laws.sheet_form import SheetForm, SheetReader
+from precision_pin.draws.laws.wording import deviations
 from precision_pin.errors import InputError
 from precision_pin.inputs.arguments import check_items, shown
 from precision_pin.inputs.arrays import returns_read_only
+from precision_pin.units import Quantity
 
 __all__ = ["Rows"]
 
@@ -126,6 +128,12 @@ class Rows(Law):
     def support(self, direction: ArrayLike) -> float:
         """Return the largest w·x of the rows."""
         return float((self.array @ np.asarray(direction, dtype=float)).max())
+
+    def describe(self, quantities: Sequence[Quantity | None]) -> str:
+        """Return what is drawn, in words."""
+        rows = len(self.table)
+        stds = deviations(self.components, self.covariance, quantities)
+        return f"{rows} measured row{'s' if rows > 1 else ''}, each as likely, {stds}"
 
     @property
     def streamed(self) -> range:

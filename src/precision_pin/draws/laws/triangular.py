@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar, final
 
@@ -13,6 +14,8 @@ from precision_pin.draws.laws.kernel_row import KernelRow
 from precision_pin.draws.laws.law import Array, take_number, take_size
 from precision_pin.draws.laws.projection import SymmetricProjection, power_bound
 from precision_pin.draws.laws.sheet_form import MEAN, SheetForm, SheetReader
+from precision_pin.draws.laws.wording import about
+from precision_pin.units import Quantity
 
 __all__ = ["Triangular"]
 
@@ -57,6 +60,10 @@ class Triangular(SymmetricLaw):
         tail = np.minimum(variates, 1 - variates)
         deviation: Array = np.copysign(1 - np.sqrt(2 * tail), variates - 0.5)
         return self.mean + self.half_width * deviation
+
+    def describe(self, quantities: Sequence[Quantity | None]) -> str:
+        """Return what is drawn, in words."""
+        return f"triangular within {about(self.half_width, self.mean, quantities[0])}"
 
     def kernel_row(self) -> KernelRow:
         """Return mean and half-width."""

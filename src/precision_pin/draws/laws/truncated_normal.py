@@ -3,18 +3,22 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final, final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from precision_pin.display.units import WrittenUnit
 from precision_pin.draws import lazy_special
 from precision_pin.draws.laws.bases import SymmetricLaw
 from precision_pin.draws.laws.kernel_row import KernelRow
 from precision_pin.draws.laws.law import Array, take_number, take_size
 from precision_pin.draws.laws.projection import SymmetricProjection
+from precision_pin.draws.laws.wording import mean_beside
 from precision_pin.inputs.arguments import check_number
+from precision_pin.units import Quantity
 
 __all__ = ["TruncatedNormal"]
 
@@ -56,6 +60,13 @@ class TruncatedNormal(SymmetricLaw):
         score = lazy_special.ndtri(cut + tail * math.erf(self.k / math.sqrt(2)))
         deviation: Array = np.copysign(np.minimum(-score, self.k), variates - 0.5)
         return self.mean + self.std * deviation
+
+    def describe(self, quantities: Sequence[Quantity | None]) -> str:
+        """Return what is drawn, in words."""
+        (quantity,) = quantities
+        unit = WrittenUnit.suiting(quantity, [self.std])
+        cut = f"cut off at ±{unit(self.k * self.std)}{mean_beside(self.mean, quantity)}"
+        return f"normal, standard deviation {unit(self.std)}, {cut}"
 
     def kernel_row(self) -> KernelRow:
         """Return mean, standard deviation, k, Φ(-k) and Φ(k) - Φ(-k)."""

@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar, final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from precision_pin.display.units import WrittenUnit
 from precision_pin.draws.laws.bases import BoundedLaw
 from precision_pin.draws.laws.kernel_row import KernelRow
 from precision_pin.draws.laws.law import Array, take_number, take_size
 from precision_pin.draws.laws.projection import Lines
 from precision_pin.draws.laws.sheet_form import LawOption, SheetForm, SheetReader
 from precision_pin.inputs.arguments import check_number
+from precision_pin.units import Quantity
 
 __all__ = ["TwoPoint"]
 
@@ -94,6 +97,12 @@ class TwoPoint(BoundedLaw):
     def sample(self, variates: Array) -> Array:
         """Return the upper value for u above 1 - p, else the lower one."""
         return self.centre + np.where(variates > self.threshold, self.half_width, -self.half_width)
+
+    def describe(self, quantities: Sequence[Quantity | None]) -> str:
+        """Return what is drawn, in words."""
+        low, high = self.ends
+        unit = WrittenUnit.suiting(quantities[0], self.ends)
+        return f"{unit(low)} or {unit(high)}, the latter with probability {100 * self.probability:.6g} %"
 
     def kernel_row(self) -> KernelRow:
         """Return centre, half-width and threshold."""

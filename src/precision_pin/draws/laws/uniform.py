@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar, final
 
@@ -13,6 +14,8 @@ from precision_pin.draws.laws.kernel_row import KernelRow
 from precision_pin.draws.laws.law import Array, take_number, take_size
 from precision_pin.draws.laws.projection import SymmetricProjection, power_bound
 from precision_pin.draws.laws.sheet_form import MEAN, SheetForm, SheetReader
+from precision_pin.draws.laws.wording import about
+from precision_pin.units import Quantity
 
 __all__ = ["Uniform"]
 
@@ -48,6 +51,10 @@ class Uniform(SymmetricLaw):
     def sample(self, variates: Array) -> Array:
         """Return mean + t (2u - 1)."""
         return self.mean + self.half_width * (2 * variates - 1)
+
+    def describe(self, quantities: Sequence[Quantity | None]) -> str:
+        """Return what is drawn, in words."""
+        return f"uniform within {about(self.half_width, self.mean, quantities[0])}"
 
     def kernel_row(self) -> KernelRow:
         """Return mean and half-width."""
