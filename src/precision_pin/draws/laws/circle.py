@@ -14,7 +14,8 @@ from precision_pin.draws import lazy_special
 from precision_pin.draws.laws.arcsine import ArcsineProjection
 from precision_pin.draws.laws.bases import PlaneLaw
 from precision_pin.draws.laws.kernel_row import KernelRow
-from precision_pin.draws.laws.law import Array, take_size
+from precision_pin.draws.laws.law import Array, cumulative, take_size
+from precision_pin.draws.laws.numerics import Moments
 from precision_pin.draws.laws.sheet_form import SheetForm, SheetReader
 from precision_pin.draws.laws.wording import written
 from precision_pin.draws.philox import direction
@@ -49,6 +50,20 @@ class Circle(PlaneLaw):
     def sample(self, variates: Array) -> Array:
         """Return the point at the angle 2π u₁; u₀ is not used, so that a disc turns into a circle in place."""
         return self.radius * direction(variates[1])
+
+    def from_normals(self, normals: Array) -> Array:
+        """Return the point at the angle 4π Φ(z₁), so that every angle is met within 0.7 of the middle."""
+        turn = 4 * np.pi * cumulative(normals[1])
+        return self.radius * np.array([np.cos(turn), np.sin(turn)])
+
+    def ellipsoid(self, k: float) -> Array:
+        """Return that of the disc, whatever k."""
+        del k
+        return self.radius * np.eye(2)
+
+    def standardised_moments(self) -> Moments:
+        """Of variance r²/2: E x⁴ = 3 r⁴/8, E x² y² = r⁴/8."""
+        return 0.0, 1.5, 0.5
 
     def describe(self, quantities: Sequence[Quantity | None]) -> str:
         """Return what is drawn, in words."""

@@ -14,6 +14,7 @@ from precision_pin.draws import lazy_special
 from precision_pin.draws.laws.bases import PlaneLaw
 from precision_pin.draws.laws.kernel_row import KernelRow
 from precision_pin.draws.laws.law import Array, take_size
+from precision_pin.draws.laws.numerics import Moments
 from precision_pin.draws.laws.projection import SymmetricProjection, power_bound
 from precision_pin.draws.laws.sheet_form import SheetForm, SheetReader
 from precision_pin.draws.laws.wording import written
@@ -53,6 +54,22 @@ class Disc(PlaneLaw):
         """Return r √u₀ at the angle 2π u₁."""
         value: Array = self.radius * np.sqrt(variates[0]) * direction(variates[1])
         return value
+
+    def from_normals(self, normals: Array) -> Array:
+        """Return r √(1 - exp(-|z|²/2)) in the direction of z: smoother than polar coordinates, which tear at an angle."""
+        length = np.hypot(*normals)
+        unit = np.divide(normals, length, out=np.zeros_like(normals), where=length > 0)
+        value: Array = self.radius * np.sqrt(-np.expm1(-(length**2) / 2)) * unit
+        return value
+
+    def ellipsoid(self, k: float) -> Array:
+        """Return that of the disc, whatever k."""
+        del k
+        return self.radius * np.eye(2)
+
+    def standardised_moments(self) -> Moments:
+        """Of variance r²/4: E x⁴ = r⁴/8, E x² y² = r⁴/24."""
+        return 0.0, 2.0, 2 / 3
 
     def describe(self, quantities: Sequence[Quantity | None]) -> str:
         """Return what is drawn, in words."""

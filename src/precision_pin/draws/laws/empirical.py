@@ -13,9 +13,9 @@ from numpy.typing import ArrayLike, NDArray
 from precision_pin import units
 from precision_pin.display.units import WrittenUnit
 from precision_pin.draws.laws.bases import BoundedLaw
-from precision_pin.draws.laws.chunks import in_chunks
 from precision_pin.draws.laws.kernel_row import KernelRow
 from precision_pin.draws.laws.law import Array, take_rows
+from precision_pin.draws.laws.numerics import cumulants_of, in_chunks
 from precision_pin.draws.laws.projection import Lines
 from precision_pin.draws.laws.sheet_form import Place, SheetForm, SheetReader
 from precision_pin.draws.laws.wording import spread
@@ -183,6 +183,29 @@ class Empirical(BoundedLaw):
         k = np.searchsorted(begin, variates, side="right") - 1
         result: Array = np.minimum(value[k] + slope[k] * (variates - begin[k]), end[k])
         return result
+
+    @property
+    def cell_edges(self) -> Array:
+        """Where the lines begin, and 1."""
+        return np.append(self.segments[:, 0], 1.0)
+
+    @property
+    def lines(self) -> Array:
+        """The segments."""
+        return self.segments
+
+    @property
+    def measured(self) -> Array | None:
+        """The samples, where it is a table that :meth:`from_samples` makes."""
+        return np.array(self.quantiles[1:-1], dtype=float)[:, 1:] if self.sample_count is not None else None
+
+    def cumulants(self) -> Array:
+        """Return those of the lines, by Gauss-Legendre of four nodes, which is exact."""
+        begin, value, _, end = self.segments.T
+        nodes, weights = np.polynomial.legendre.leggauss(4)
+        middles = (1 + nodes[:, None]) / 2
+        values = (value + middles * (end - value)).reshape(-1, 1)
+        return cumulants_of(values, (weights[:, None] / 2 * np.diff(np.append(begin, 1.0))).ravel())
 
     def describe(self, quantities: Sequence[Quantity | None]) -> str:
         """Return what is drawn, in words."""

@@ -23,6 +23,7 @@ __all__ = ["Fixed"]
 class Fixed(SymmetricLaw):
     """A number that does not vary, kept as a parameter so that derivatives to it exist."""
 
+    is_normal: ClassVar[bool] = True
     form: ClassVar = SheetForm(
         "fixed", {"fixed": "85 mm"}, "a number that does not vary, but has a name and a derivative"
     )

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from precision_pin import units
 from precision_pin.draws.laws.kernel_row import KernelRow
 from precision_pin.draws.laws.law import FARTHEST_NORMAL, Array, Law, take_rows
+from precision_pin.draws.laws.numerics import NORMAL_MOMENTS, Moments, triangular_root
 from precision_pin.draws.laws.sheet_form import DEVIATIONS, LawOption, SheetForm, SheetReader
 from precision_pin.draws.laws.wording import deviations
 from precision_pin.errors import InputError
@@ -41,6 +42,7 @@ class JointNormal(Law):
     """
 
     variates: ClassVar[Literal["uniform", "normal"]] = "normal"
+    is_normal: ClassVar[bool] = True
     form: ClassVar = SheetForm(
         "joint_normal",
         {"joint_normal": {"std": ["0.1 mm", "0.2 mm"]}},
@@ -122,14 +124,7 @@ class JointNormal(Law):
     @property
     def root(self) -> Array:
         """Lower-triangular L with L Lᵀ the covariance; a dependent component gets a zero column."""
-        covariance = self.covariance
-        root = np.zeros_like(covariance)
-        for k in range(self.size):
-            pivot = covariance[k, k] - root[k, :k] @ root[k, :k]
-            if pivot > 1e-14 * covariance[k, k]:
-                root[k, k] = math.sqrt(pivot)
-                root[k + 1 :, k] = (covariance[k + 1 :, k] - root[k + 1 :, :k] @ root[k, :k]) / root[k, k]
-        return root
+        return triangular_root(self.covariance)
 
     def sample(self, variates: Array) -> Array:
         """Return mean + L z."""
@@ -146,6 +141,14 @@ class JointNormal(Law):
         """Return the number's mean ± 8.6 σ."""
         mean, reach = float(self.mean_vector[number]), FARTHEST_NORMAL * math.sqrt(self.matrix[number][number])
         return mean - reach, mean + reach
+
+    def ellipsoid(self, k: float) -> Array:
+        """Return that of (x - mean)ᵀ Σ⁻¹ (x - mean) = k²."""
+        return k * self.root
+
+    def standardised_moments(self) -> Moments:
+        """Those of independent normal numbers."""
+        return NORMAL_MOMENTS
 
     def describe(self, quantities: Sequence[Quantity | None]) -> str:
         """Return what is drawn, in words."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal, final
 
-from precision_pin.draws.laws.chunks import Array
+from precision_pin.draws.laws.numerics import Array
 from precision_pin.inputs.arrays import fix_fields
 
 __all__ = ["Branch", "KernelRow"]

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from typing import ClassVar, Final, Literal, final
+from typing import ClassVar, Literal, final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from precision_pin.draws import lazy_special
-from precision_pin.draws.laws.chunks import Array
 from precision_pin.draws.laws.kernel_row import KernelRow
+from precision_pin.draws.laws.numerics import FARTHEST_NORMAL, Array, Moments, moments_by_quadrature
 from precision_pin.draws.laws.projection import Projection
 from precision_pin.draws.laws.sheet_form import SheetForm, SheetReader
 from precision_pin.draws.laws.wording import deviations, spread
@@ -20,9 +20,6 @@ from precision_pin.inputs.arguments import check_number, check_numbers, shown
 from precision_pin.units import Quantity
 
 __all__ = ["FARTHEST_NORMAL", "Array", "Law", "cumulative", "take_number", "take_rows", "take_size"]
-
-FARTHEST_NORMAL: Final = 8.6
-"""No normal number drawn lies farther out, in standard deviations: the smallest uniform number is 2⁻⁵³."""
 
 
 class Law(ABC):
@@ -34,10 +31,13 @@ class Law(ABC):
         What :meth:`sample` is fed: ``"uniform"`` on (0, 1) or standard ``"normal"`` numbers.
     form
         How it is written in a sheet; without a key where no sheet names it.
+    is_normal
+        Whether sums of its numbers are normal; of numbers that do not vary too.
     """
 
     variates: ClassVar[Literal["uniform", "normal"]] = "uniform"
     form: ClassVar[SheetForm] = SheetForm("", {}, "")
+    is_normal: ClassVar[bool] = False
 
     @classmethod
     def from_sheet(cls, reader: SheetReader) -> Law:
@@ -120,6 +120,49 @@ class Law(ABC):
         direction = np.zeros(self.size)
         direction[number] = 1.0
         return -self.support(-direction), self.support(direction)
+
+    @property
+    def cell_edges(self) -> Array | None:
+        """Uniform numbers from 0 to 1 between which the law is constant or a straight line; None of other laws."""
+        return None
+
+    @property
+    def lines(self) -> Array | None:
+        """The straight lines ``(k, 4)`` between :attr:`cell_edges`: begin, value there, slope, value at the end; or None."""
+        return None
+
+    @property
+    def measured(self) -> Array | None:
+        """The samples ``(n, size)`` that the law was made of, where it is known that it was."""
+        return None
+
+    @property
+    def extreme_points(self) -> Array | None:
+        """Points ``(n, size)`` of which the convex hull is all that the law takes, where there are such."""
+        return None
+
+    def ellipsoid(self, k: float) -> Array | None:
+        """Return the root ``(size, size)`` of the ellipsoid about the mean that holds the law.
+
+        Where the law is not bounded it is cut at k standard deviations. None where it is no ellipsoid.
+        """
+        del k
+        return None
+
+    def standardised_moments(self) -> Moments | None:
+        """Return the moments of its standardised numbers; None where they are not known, or where others do not vanish."""
+        return None if self.size > 1 else moments_by_quadrature(self.at_scores, self.breaks)
+
+    def cumulants(self) -> Array | None:
+        """Return the second, third, fourth and sixth cumulant of each number, ``(4, size)``.
+
+        None of a law whose tails are no heavier than a normal law's, and which may be taken for one.
+        """
+        return None
+
+    def from_normals(self, normals: Array) -> Array:
+        """Return samples from independent standard normal numbers ``(size, N)``, as smooth a function of them as there is."""
+        return self.at_scores(normals)
 
     @property
     def breaks(self) -> tuple[float, ...]:

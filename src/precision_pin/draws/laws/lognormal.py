@@ -22,9 +22,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from precision_pin.draws import lazy_special
-from precision_pin.draws.laws.chunks import in_chunks
 from precision_pin.draws.laws.kernel_row import KernelRow
 from precision_pin.draws.laws.law import FARTHEST_NORMAL, Array, Law, take_size
+from precision_pin.draws.laws.numerics import in_chunks
 from precision_pin.draws.laws.projection import Projection, power_bound
 from precision_pin.draws.laws.sheet_form import DEVIATIONS, LawOption, SheetForm, SheetReader
 from precision_pin.draws.laws.wording import written
@@ -143,6 +143,18 @@ class Lognormal(Law):
         del number
         low, high = self.sample(np.array([-FARTHEST_NORMAL, FARTHEST_NORMAL]))
         return float(low), float(high)
+
+    def cumulants(self) -> Array:
+        """Return the cumulants from the moments, by the recursion over powers of exp(σ²)."""
+        if self.log_std < 0.05:
+            # the differences of the moments are rounding here, and the law is all but normal
+            return np.array([[self.std**2], [0.0], [0.0], [0.0]])
+        w = math.exp(self.log_std**2)
+        # in units of mean; with w - 1 = v the terms of high order in v are those of a heavy tail (Johnson and Kotz, ch. 14)
+        raw = [w ** (r * (r - 1) / 2) for r in range(7)]
+        central = [sum(math.comb(r, k) * (-1) ** (r - k) * raw[k] for k in range(r + 1)) for r in range(7)]
+        m2, m3, m4, m6 = (central[r] * self.mean**r for r in (2, 3, 4, 6))
+        return np.array([[m2], [m3], [m4 - 3 * m2**2], [m6 - 15 * m4 * m2 - 10 * m3**2 + 30 * m2**3]])
 
     def describe(self, quantities: Sequence[Quantity | None]) -> str:
         """Return what is drawn, in words."""

@@ -29,6 +29,7 @@ class Normal(SymmetricLaw):
     """Normal of standard deviation ``std``."""
 
     variates: ClassVar[Literal["uniform", "normal"]] = "normal"
+    is_normal: ClassVar[bool] = True
     form: ClassVar = SheetForm(
         "normal",
         {"normal": "0.06 mm"},

@@ -13,7 +13,7 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
-from precision_pin.draws.laws.chunks import Array, in_chunks
+from precision_pin.draws.laws.numerics import Array, in_chunks
 from precision_pin.inputs.arrays import fix_fields
 
 __all__ = ["Lines", "Projection", "SymmetricProjection", "power_bound"]

@@ -10,9 +10,9 @@ from typing import Any, ClassVar, Final, final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from precision_pin.draws.laws.chunks import in_chunks
 from precision_pin.draws.laws.kernel_row import KernelRow
 from precision_pin.draws.laws.law import Array, Law, take_rows
+from precision_pin.draws.laws.numerics import Moments, cumulants_of, in_chunks, moments_of
 from precision_pin.draws.laws.projection import Lines
 from precision_pin.draws.laws.sheet_form import SheetForm, SheetReader
 from precision_pin.draws.laws.wording import deviations
@@ -128,6 +128,34 @@ class Rows(Law):
     def support(self, direction: ArrayLike) -> float:
         """Return the largest w·x of the rows."""
         return float((self.array @ np.asarray(direction, dtype=float)).max())
+
+    @property
+    def cell_edges(self) -> Array:
+        """Each row alike likely."""
+        edges: Array = np.arange(len(self.table) + 1) / len(self.table)
+        return edges
+
+    @property
+    def measured(self) -> Array:
+        """The rows."""
+        return self.array
+
+    @property
+    def extreme_points(self) -> Array:
+        """The rows, each once."""
+        return np.unique(self.array, axis=0)
+
+    def standardised_moments(self) -> Moments | None:
+        """Those of the one column."""
+        return None if self.size > 1 else moments_of(self.array[:, 0], self._shares)
+
+    def cumulants(self) -> Array:
+        """Return those of the rows."""
+        return cumulants_of(self.array, self._shares)
+
+    @property
+    def _shares(self) -> Array:
+        return np.full(len(self.array), 1 / len(self.array))
 
     def describe(self, quantities: Sequence[Quantity | None]) -> str:
         """Return what is drawn, in words."""

@@ -13,6 +13,7 @@ from precision_pin.display.units import WrittenUnit
 from precision_pin.draws.laws.bases import BoundedLaw
 from precision_pin.draws.laws.kernel_row import KernelRow
 from precision_pin.draws.laws.law import Array, take_number, take_size
+from precision_pin.draws.laws.numerics import cumulants_of
 from precision_pin.draws.laws.projection import Lines
 from precision_pin.draws.laws.sheet_form import LawOption, SheetForm, SheetReader
 from precision_pin.inputs.arguments import check_number
@@ -97,6 +98,16 @@ class TwoPoint(BoundedLaw):
     def sample(self, variates: Array) -> Array:
         """Return the upper value for u above 1 - p, else the lower one."""
         return self.centre + np.where(variates > self.threshold, self.half_width, -self.half_width)
+
+    @property
+    def cell_edges(self) -> Array:
+        """0, the threshold, 1."""
+        return np.array([0.0, self.threshold, 1.0])
+
+    def cumulants(self) -> Array:
+        """Return those of the two values."""
+        half, p = self.half_width, self.probability
+        return cumulants_of(np.array([[-half], [half]]), np.array([1 - p, p]))
 
     def describe(self, quantities: Sequence[Quantity | None]) -> str:
         """Return what is drawn, in words."""
