@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import ClassVar, Literal, final
 
 import numpy as np
@@ -158,6 +158,24 @@ class Law(ABC):
 
         None of a law whose tails are no heavier than a normal law's, and which may be taken for one.
         """
+        return None
+
+    def covariance_with(self, other: Law, correlation: float) -> float | None:
+        """Return the covariance with a number whose normal score is correlated, where there is a closed form."""
+        del other, correlation
+        return None
+
+    def covariance_by_scores(self, correlation: float, nodes: Callable[[float], tuple[Array, Array]]) -> float | None:
+        """Return the covariance with another number as an integral over that number's score, where its mean there is known.
+
+        Parameters
+        ----------
+        correlation
+            Of the two normal scores.
+        nodes
+            Scores z of the other number up to so much farther out than usual, and (value - mean) × density × weight there.
+        """
+        del correlation, nodes
         return None
 
     def from_normals(self, normals: Array) -> Array:

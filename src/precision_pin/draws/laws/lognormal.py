@@ -13,7 +13,7 @@ t, and so does the least of them.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import ClassVar, Final, Literal, final
@@ -155,6 +155,19 @@ class Lognormal(Law):
         central = [sum(math.comb(r, k) * (-1) ** (r - k) * raw[k] for k in range(r + 1)) for r in range(7)]
         m2, m3, m4, m6 = (central[r] * self.mean**r for r in (2, 3, 4, 6))
         return np.array([[m2], [m3], [m4 - 3 * m2**2], [m6 - 15 * m4 * m2 - 10 * m3**2 + 30 * m2**3]])
+
+    def covariance_with(self, other: Law, correlation: float) -> float | None:
+        """Return m₁ m₂ (exp(ρ σ₁ σ₂) - 1) of two lognormal numbers."""
+        if not isinstance(other, Lognormal):
+            return None
+        return self.mean * other.mean * math.expm1(correlation * self.log_std * other.log_std)
+
+    def covariance_by_scores(self, correlation: float, nodes: Callable[[float], tuple[Array, Array]]) -> float:
+        """Return the integral of the number's mean at a score z of the other, m exp(τz - τ²/2) with τ = ρσ."""
+        # weighting z by that shifts its density by τ
+        shift = correlation * self.log_std
+        z, weighted = nodes(abs(shift))
+        return self.mean * float((weighted * np.expm1(shift * z - shift**2 / 2)).sum())
 
     def describe(self, quantities: Sequence[Quantity | None]) -> str:
         """Return what is drawn, in words."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import ClassVar, Final, Literal, final
 
@@ -11,7 +11,7 @@ import numpy as np
 
 from precision_pin.draws.laws.bases import SymmetricLaw
 from precision_pin.draws.laws.kernel_row import KernelRow
-from precision_pin.draws.laws.law import FARTHEST_NORMAL, Array, take_number, take_size
+from precision_pin.draws.laws.law import FARTHEST_NORMAL, Array, Law, take_number, take_size
 from precision_pin.draws.laws.sheet_form import DEVIATIONS, MEAN, NUMBER, LawOption, SheetForm, SheetReader
 from precision_pin.draws.laws.truncated_normal import TruncatedNormal
 from precision_pin.draws.laws.wording import mean_beside, written
@@ -92,6 +92,15 @@ class Normal(SymmetricLaw):
     def sample(self, variates: Array) -> Array:
         """Return mean + σ z."""
         return self.mean + self.std * variates
+
+    def covariance_with(self, other: Law, correlation: float) -> float | None:
+        """Return ρ σ₁ σ₂ of two normal numbers."""
+        return correlation * self.std * other.std if isinstance(other, Normal) else None
+
+    def covariance_by_scores(self, correlation: float, nodes: Callable[[float], tuple[Array, Array]]) -> float:
+        """Return the integral of ρ σ z, the number's mean at a score z of the other."""
+        z, weighted = nodes(0.0)
+        return self.std * correlation * float((weighted * z).sum())
 
     def describe(self, quantities: Sequence[Quantity | None]) -> str:
         """Return what is drawn, in words."""

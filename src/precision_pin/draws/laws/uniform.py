@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar, final
@@ -11,7 +12,7 @@ from numpy.typing import NDArray
 
 from precision_pin.draws.laws.bases import SymmetricLaw
 from precision_pin.draws.laws.kernel_row import KernelRow
-from precision_pin.draws.laws.law import Array, take_number, take_size
+from precision_pin.draws.laws.law import Array, Law, take_number, take_size
 from precision_pin.draws.laws.projection import SymmetricProjection, power_bound
 from precision_pin.draws.laws.sheet_form import MEAN, SheetForm, SheetReader
 from precision_pin.draws.laws.wording import about
@@ -51,6 +52,12 @@ class Uniform(SymmetricLaw):
     def sample(self, variates: Array) -> Array:
         """Return mean + t (2u - 1)."""
         return self.mean + self.half_width * (2 * variates - 1)
+
+    def covariance_with(self, other: Law, correlation: float) -> float | None:
+        """Return t₁ t₂ 2/π asin(ρ/2) of two uniform numbers (Pearson 1907)."""
+        if not isinstance(other, Uniform):
+            return None
+        return self.half_width * other.half_width * 2 / math.pi * math.asin(correlation / 2)
 
     def describe(self, quantities: Sequence[Quantity | None]) -> str:
         """Return what is drawn, in words."""
