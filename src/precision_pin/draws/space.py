@@ -171,10 +171,17 @@ class Space:
                         raise InputError(
                             f"{name!r} is one of several numbers of {owner!r}, which a correlation cannot take"
                         )
-                    raise UnknownNameError("parameter", name, (draw.name for draw in self.draws if draw.law.size == 1))
+                    raise UnknownNameError(
+                        "parameter", name, (draw.name for draw in self.draws if draw.components == (draw.name,))
+                    )
                 draw, first = known[name], known[correlation.names[0]]
                 if draw.law.size != 1:
                     raise InputError(f"{name!r} draws {draw.law.size} numbers; a correlation is between single ones")
+                if draw.components != (name,):
+                    raise InputError(
+                        f"the law of {name!r} is one of several numbers, though of one here ({draw.components[0]!r}); "
+                        "a correlation is between laws of single numbers, such as normal or empirical"
+                    )
                 if not draw.law.streamed:
                     raise InputError(f"{name!r} is fixed, it cannot be correlated")
                 if draw.scope is not first.scope:
