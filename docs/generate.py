@@ -21,11 +21,10 @@ import click
 
 from precision_pin import units
 from precision_pin.cli import COMMANDS
-from precision_pin.draws.laws import Law
+from precision_pin.draws.laws import Law, laws_of_sheets
 from precision_pin.draws.space import Scope
-from precision_pin.errors import InputError
 from precision_pin.sheet.schema import Document, json_schema, used_quantities
-from precision_pin.sheet.settings import LAW_KEYS, OPTION_KEYS, parse_law
+from precision_pin.sheet.settings import law_options
 from precision_pin.sources import catalogue
 from precision_pin.terms.term import Source
 from precision_pin.units import PerEntry, PerJoint, Quantity
@@ -36,48 +35,10 @@ MARKED: Final = re.compile(r"(?<=<!-- table: )(.+?)( -->\n).*?(?=<!-- end -->)",
 UNIONS: Final = (types.UnionType, typing.Union)
 WORDS: Final = {str: "text", int: "whole number", bool: "true or false", Path: "file"}
 
-LAWS: Final[dict[str, tuple[dict[str, Any], str]]] = {
-    "fixed": ({"fixed": "85 mm"}, "a number that does not vary, but has a name and a derivative"),
-    "uniform": ({"uniform": "0.05 mm"}, "anywhere within mean ± t alike; σ = t/√3"),
-    "normal": ({"normal": "0.06 mm"}, "t is k standard deviations, σ = t/k; `normal: {std: 0.02 mm}` gives σ itself"),
-    "triangular": ({"triangular": "0.05 mm"}, "a symmetric triangle on mean ± t; σ = t/√6"),
-    "lognormal": (
-        {"lognormal": {"std": "0.1 mm"}, "mean": "1 mm"},
-        "never negative; `std` and `mean` are those of the number itself, not of its logarithm; `mean` is needed",
-    ),
-    "arcsine": ({"arcsine": "0.05 mm"}, "a sine wave of amplitude t met at a random moment; σ = t/√2"),
-    "two_point": (
-        {"two_point": "0.05 mm"},
-        "centre - t or centre + t, nothing between; `probability` of the upper one, 0.5 unless given; `centre` 0",
-    ),
-    "empirical": (
-        {"empirical": {"samples": "0.11 0.13 0.12 mm"}},
-        "what was measured: `samples`, or `quantiles`; in the sheet or from a file",
-    ),
-    "disc": ({"disc": "0.1 mm"}, "two numbers `.x`, `.y`: a point uniform over the area of a disc of radius t"),
-    "circle": ({"circle": "0.1 mm"}, "two numbers `.x`, `.y`: a point uniform on a circle of radius t"),
-    "joint_normal": (
-        {"joint_normal": {"std": ["0.1 mm", "0.2 mm"]}},
-        "several numbers `.0`, `.1`, …, jointly normal; `std` their standard deviations",
-    ),
-    "rows": (
-        {"rows": [["0.1 mm", "0.2 mm"], ["0 mm", "-0.1 mm"]]},
-        "several numbers `.0`, `.1`, … that were measured together: one of the rows, each alike likely",
-    ),
-}
 CORRELATIONS: Final = {
     "parameters": "the names, two or more",
     "correlation": "of two parameters: that of their normal scores",
     "matrix": "of any number: the correlations of their normal scores, row by row",
-}
-OPTIONS: Final[dict[str, Any]] = {
-    "mean": "1 mm",
-    "k": "2",
-    "truncated": "true",
-    "centre": "1 mm",
-    "probability": "0.3",
-    "correlation": [["1", "0.5"], ["0.5", "1"]],
-    "scope": "pose",
 }
 
 
@@ -119,38 +80,25 @@ def correlations() -> str:
 
 
 def laws() -> str:
-    """Return the laws with the options each takes, found by trying."""
+    """Return the laws with the options each takes."""
     rows = []
-    for key in LAW_KEYS:
-        example, meaning = LAWS[key]
-        options = [option for option in OPTION_KEYS if _takes(key, example, option)]
-        rows.append((f"`{key}`", f"`{_flow(example)}`", meaning, ", ".join(f"`{option}`" for option in options)))
+    for key, law in laws_of_sheets().items():
+        taken = ", ".join(f"`{option}`" for option in law_options(key))
+        rows.append((f"`{key}`", f"`{_flow(law.form.example)}`", law.form.meaning, taken))
     return table(("law", "example", "meaning", "options"), rows)
 
 
 def options() -> str:
     """Return the further keys of a law, as the schema has them, with the laws that take each."""
     schema = json_schema()["$defs"]["law"]["properties"]
+    keys = laws_of_sheets()
     rows = []
-    for option in OPTION_KEYS:
-        takers = [f"`{key}`" for key in LAW_KEYS if _takes(key, LAWS[key][0], option)]
+    for option in law_options():
+        takers = [f"`{key}`" for key in keys if option in law_options(key)]
         choices = "".join(f"`{choice}`, " for choice in schema[option].get("enum", ()))
-        shown = "all" if len(takers) == len(LAW_KEYS) else ", ".join(takers)
+        shown = "all" if len(takers) == len(keys) else ", ".join(takers)
         rows.append((f"`{option}`", shown, choices + schema[option]["description"]))
     return table(("key", "of the laws", "meaning"), rows)
-
-
-def _takes(key: str, example: dict[str, Any], option: str) -> bool:
-    value = OPTIONS[option]
-    if key == "joint_normal" and option == "mean":
-        value = [value, value]
-    try:
-        parse_law("x", example | {option: value}, (units.LENGTH,))
-    except InputError as error:
-        if f"{option!r} is no setting" in str(error):
-            return False
-        raise
-    return True
 
 
 def _flow(value: Any) -> str:

@@ -14,11 +14,11 @@ import precision_pin as pp
 from precision_pin.analyses.exact_law.exact_law import LEVELS, exact_law
 from precision_pin.analyses.exact_law.fourier_inversion import ConvolvedLaw, Summand, certified_series
 from precision_pin.analyses.exact_law.normal_norm import NormalNorm
-from precision_pin.analyses.exact_law.projection import Lines, part_of
 from precision_pin.analyses.provenance import listed_poses
 from precision_pin.cli import main
 from precision_pin.draws import laws
 from precision_pin.draws.correlation import Correlation
+from precision_pin.draws.laws.projection import Lines
 from precision_pin.draws.space import Draw, Space
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.outputs.exact_law.exact_law_report import figure, table
@@ -148,7 +148,7 @@ def part_and_sample(name: str, count: int = 0, seed: int = 0):
     law = PARTS[name]
     weights = np.array(PLANE)[: law.size] if law.size == 2 else np.array([-0.8])
     uniforms = np.random.default_rng(seed).random((law.size, count))
-    return part_of(law, weights), weights @ (law.inverse(uniforms) - law.mean_vector[:, None])
+    return law.projection(weights), weights @ (law.inverse(uniforms) - law.mean_vector[:, None])
 
 
 @pytest.mark.parametrize("name", PARTS)
@@ -200,7 +200,7 @@ def test_densities_are_derivatives(name):
 
 def test_disc_and_circle_from_the_side():
     x = np.linspace(-0.95, 0.95, 9)
-    disc, circle = part_of(laws.Disc(2.0), np.array([0.3, 0.4])), part_of(laws.Circle(2.0), np.array([0.3, 0.4]))
+    disc, circle = laws.Disc(2.0).projection(np.array([0.3, 0.4])), laws.Circle(2.0).projection(np.array([0.3, 0.4]))
     expected = 0.5 + (x * np.sqrt(1 - x**2) + np.arcsin(x)) / math.pi
     np.testing.assert_allclose(disc.cumulative(x), expected, atol=1e-15)
     np.testing.assert_allclose(circle.cumulative(x), 0.5 + np.arcsin(x) / math.pi, atol=1e-15)
@@ -232,7 +232,7 @@ def test_convolution_and_inversion_agree():
     """Two discs both ways: closed form against the series, whose certified error must hold."""
     draws = (laws.Disc(1.0), laws.Disc(0.4))
     weights = np.array([0.6, 0.8])
-    parts = [part_of(law, weights) for law in draws]
+    parts = [law.projection(weights) for law in draws]
     summands = [
         Summand(part.within, True, part.envelope, lambda omega, law=law: law.characteristic(weights[:, None] * omega))
         for law, part in zip(draws, parts, strict=True)

@@ -14,13 +14,12 @@ from scipy import special
 from precision_pin.analyses.exact_law.exact_law import exact_law
 from precision_pin.analyses.exact_law.exact_law_result import bound_text, quantile_digits
 from precision_pin.analyses.exact_law.fourier_inversion import ConvolvedLaw
-from precision_pin.analyses.exact_law.lognormal_transform import (
+from precision_pin.draws import laws
+from precision_pin.draws.laws.lognormal import (
     LOGNORMAL_ERROR,
     lognormal_characteristic,
     lognormal_envelope,
 )
-from precision_pin.analyses.exact_law.projection import part_of
-from precision_pin.draws import laws
 from precision_pin.draws.space import Draw, Space
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.robot.chain import Chain
@@ -140,7 +139,7 @@ def test_the_transform_of_a_lognormal_number_by_plain_quadrature(cv):
 @pytest.mark.parametrize("turned", [1.0, -1.0])
 def test_the_convolution_of_a_sine_wave_with_a_steep_lognormal_number(turned):
     """It was 5e-9 off where 1e-11 was stated; F(x) = E arcsine law of x less the lognormal number."""
-    wave, number = part_of(laws.Arcsine(0.7), np.ones(1)), part_of(laws.Lognormal(0.05, 1.0), np.array([turned]))
+    wave, number = laws.Arcsine(0.7).projection(np.ones(1)), laws.Lognormal(0.05, 1.0).projection(np.array([turned]))
     law = ConvolvedLaw.of(0.0, wave, number)
     z, weights = np.polynomial.legendre.leggauss(60)
     edges = np.linspace(-math.pi / 2, math.pi / 2, 400)

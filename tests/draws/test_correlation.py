@@ -442,6 +442,14 @@ def test_an_unknown_name_is_told_what_there_is() -> None:
         Space((*DRAWS[:4], *DRAWS[5:]), (Correlation.pair("a", "qqq", 0.5),))
 
 
+@pytest.mark.parametrize("law", [Rows(((1.0,), (2.0,))), JointNormal(((4.0,),))], ids=["rows", "joint_normal"])
+def test_a_law_of_several_numbers_is_not_correlated_even_if_it_has_one(law: Law) -> None:
+    """Its number has a name of its own, ``a.0``."""
+    correlation = Correlation(("a", "b"), ((1.0, 0.5), (0.5, 1.0)))
+    with pytest.raises(InputError, match=r"the law of 'a' is one of several numbers, though of one here \('a.0'\)"):
+        Space((Draw("a", law), Draw("b", Normal(1.0))), (correlation,))
+
+
 def test_including_keeps_the_correlations() -> None:
     assert COPULA.including([Draw("new", Uniform(1.0))]).correlations == COPULA.correlations
 

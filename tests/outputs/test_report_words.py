@@ -30,7 +30,6 @@ from precision_pin.draws.space import Draw, Space
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.outputs.kit.html import Html, element, table
 from precision_pin.outputs.monte_carlo.table import inside
-from precision_pin.outputs.report.lawwords import law_in_words
 from precision_pin.outputs.report.numbers import bracketed
 from precision_pin.outputs.report.quantities import quantities_of
 from precision_pin.outputs.report.wording import without_folders
@@ -72,20 +71,20 @@ LAWS = (
 
 @pytest.mark.parametrize(("law", "quantity", "words"), LAWS, ids=[words for _, _, words in LAWS])
 def test_laws_in_words(law, quantity, words):
-    assert law_in_words(law, [quantity]) == words
+    assert law.describe([quantity]) == words
 
 
 def test_laws_of_several_numbers_in_words():
     two = [units.LENGTH, units.LENGTH]
     mixed = [units.LENGTH, units.ANGLE]
-    assert law_in_words(Disc(1e-4), two) == "a point uniform over a disc of radius 0.1 mm"
-    assert law_in_words(Circle(1.0), [units.RATIO] * 2) == "a point uniform on a circle of radius 1"
+    assert Disc(1e-4).describe(two) == "a point uniform over a disc of radius 0.1 mm"
+    assert Circle(1.0).describe([units.RATIO] * 2) == "a point uniform on a circle of radius 1"
     joint = JointNormal(((4e-8, 3e-8), (3e-8, 9e-8)))
-    assert law_in_words(joint, mixed) == (
+    assert joint.describe(mixed) == (
         "2 numbers jointly normal, standard deviations 0 0.2 mm, 1 0.3 mrad, correlations up to 0.5"
     )
     rows = Rows(((0.0, 0.0), (2e-3, 4e-3)), ("x", "rx"))
-    assert law_in_words(rows, mixed) == (
+    assert rows.describe(mixed) == (
         "2 measured rows, each as likely, standard deviations x 1 mm, rx 2 mrad"
     )  # fmt: skip
 

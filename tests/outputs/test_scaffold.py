@@ -14,6 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from ruamel.yaml import YAML
 
+from precision_pin.draws.laws import laws_of_sheets
 from precision_pin.errors import InputError
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.outputs.scaffold.sheet import quoted, scaffold
@@ -21,7 +22,6 @@ from precision_pin.outputs.scaffold.starting_tolerances import Survey, general_t
 from precision_pin.robot.chain import Chain
 from precision_pin.robot.examples import PAPER_SHEET, example_urdfs, resolve_robot
 from precision_pin.sheet import read
-from precision_pin.sheet.settings import LAW_KEYS
 from precision_pin.sources import catalogue
 
 # odd robots have findings, which are not what is tested here
@@ -162,7 +162,7 @@ def test_every_kind_of_source_and_every_law_is_listed() -> None:
     text = re.sub(r"\n#\s{6,}", " ", text_of("paper"))  # a long line goes on, indented
     for kind in catalogue():
         assert re.search(rf"^#   {kind} {{\w+(, \w+)*}}: \w", text, re.MULTILINE)
-    for law in LAW_KEYS:
+    for law in laws_of_sheets():
         assert re.search(rf"^#   {law}: \w", text, re.MULTILINE)
 
 

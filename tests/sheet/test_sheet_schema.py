@@ -6,9 +6,9 @@ from typing import Any
 import pytest
 from ruamel.yaml import YAML
 
+from precision_pin.draws.laws import laws_of_sheets
 from precision_pin.robot.examples import PAPER_SHEET
 from precision_pin.sheet import json_schema
-from precision_pin.sheet.settings import LAW_KEYS
 from precision_pin.sources import catalogue
 
 from .test_sheet_contract import CONTRACT
@@ -36,7 +36,7 @@ def test_every_kind_of_source_and_every_law_is_in_it() -> None:
     kinds = {next(iter(choice["properties"])) for choice in schema["properties"]["sources"]["items"]["oneOf"]}
     assert kinds == set(catalogue())
     assert {"length", "axis_install", "beam", "joint_compliance", "payload", "frame", "joint_offset", "mcpc"} <= kinds
-    assert set(LAW_KEYS) <= set(schema["$defs"]["law"]["properties"])
+    assert set(laws_of_sheets()) <= set(schema["$defs"]["law"]["properties"])
     top = {"precision-pin", "robot", "tip", "base", "gravity", "statics", "locked", "poses", "parameters", "sources"}
     top |= {"correlations"}
     assert set(schema["properties"]) == top

@@ -11,14 +11,14 @@ from __future__ import annotations
 import itertools
 import math
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property, lru_cache, partial
 from typing import Final, final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from precision_pin.draws import lazy_special
-from precision_pin.draws.laws import FARTHEST_NORMAL, Law, Lognormal, Normal, Uniform
+from precision_pin.draws.laws import FARTHEST_NORMAL, Law
 from precision_pin.errors import InputError
 from precision_pin.inputs.arguments import check_items, check_number, check_numbers, check_text, shown
 from precision_pin.inputs.arrays import fix_fields, returns_read_only
@@ -273,23 +273,19 @@ def covariance_of(first: Law, second: Law, correlation: float) -> float:
     """
     if correlation == 0:
         return 0.0
-    match first, second:
-        case Normal(std=a), Normal(std=b):
-            return correlation * a * b
-        case Uniform(half_width=a), Uniform(half_width=b):
-            return a * b * 2 / math.pi * math.asin(correlation / 2)
-        case Lognormal(mean=a), Lognormal(mean=b):
-            return a * b * math.expm1(correlation * first.log_std * second.log_std)
-        case (Normal(std=a), other) | (other, Normal(std=a)):
-            z, weighted = _nodes(other, 1.0, _REACH)
-            return a * correlation * float((weighted * z).sum())
-        case (Lognormal(mean=a) as skew, other) | (other, Lognormal(mean=a) as skew):
-            # weighting z by exp(τz - τ²/2) shifts its density by τ
-            shift = correlation * skew.log_std
-            z, weighted = _nodes(other, 1.0, _REACH + abs(shift))
-            return a * float((weighted * np.expm1(shift * z - shift**2 / 2)).sum())
-        case _:
-            return _double_integral(first, second, correlation)
+    closed = first.covariance_with(second, correlation)
+    if closed is not None:
+        return closed
+    # the integral of a normal law is the shorter one
+    for law, other in sorted(((first, second), (second, first)), key=lambda pair: not pair[0].is_normal):
+        single = law.covariance_by_scores(correlation, partial(_nodes_beyond, other))
+        if single is not None:
+            return single
+    return _double_integral(first, second, correlation)
+
+
+def _nodes_beyond(law: Law, further: float) -> tuple[Array, Array]:
+    return _nodes(law, 1.0, _REACH + further)
 
 
 def _double_integral(first: Law, second: Law, correlation: float) -> float:

@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 from precision_pin.draws import lazy_special, philox
 from precision_pin.draws.correlation import BlockCovariance, Correlation, covariance_of
 from precision_pin.draws.expressions import Component, Expression, Value
-from precision_pin.draws.laws import FARTHEST_NORMAL, Fixed, Law
+from precision_pin.draws.laws import FARTHEST_NORMAL, Law
 from precision_pin.errors import InputError, UnknownNameError
 from precision_pin.inputs.arguments import (
     check_instance,
@@ -172,11 +172,18 @@ class Space:
                         raise InputError(
                             f"{name!r} is one of several numbers of {owner!r}, which a correlation cannot take"
                         )
-                    raise UnknownNameError("parameter", name, (draw.name for draw in self.draws if draw.law.size == 1))
+                    raise UnknownNameError(
+                        "parameter", name, (draw.name for draw in self.draws if draw.components == (draw.name,))
+                    )
                 draw, first = known[name], known[correlation.names[0]]
                 if draw.law.size != 1:
                     raise InputError(f"{name!r} draws {draw.law.size} numbers; a correlation is between single ones")
-                if isinstance(draw.law, Fixed):
+                if draw.components != (name,):
+                    raise InputError(
+                        f"the law of {name!r} is one of several numbers, though of one here ({draw.components[0]!r}); "
+                        "a correlation is between laws of single numbers, such as normal or empirical"
+                    )
+                if not draw.law.streamed:
                     raise InputError(f"{name!r} is fixed, it cannot be correlated")
                 if draw.scope is not first.scope:
                     raise InputError(
@@ -337,8 +344,8 @@ class Space:
         units = philox.Units(seed, first, count)
         x = np.empty((self.size, count))
         for draw, rows in zip(self.draws, self.slices, strict=True):
-            if isinstance(draw.law, Fixed):
-                x[rows] = draw.law.mean
+            if not draw.law.streamed:
+                x[rows] = draw.law.mean_vector[:, None]
             elif draw.name not in self._correlated:
                 word = occasion(draw.scope, pose, visit)
                 make = units.normals if draw.law.variates == "normal" else units.uniforms

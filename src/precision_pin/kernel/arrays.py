@@ -16,7 +16,6 @@ from precision_pin.draws.expressions import Operator
 from precision_pin.draws.space import Scope, Space, occasion
 from precision_pin.kernel.draw_arrays import (
     Interval,
-    drawn,
     frozen,
     frozen_offsets,
     intervals,
@@ -79,8 +78,7 @@ class CompiledTable:
     @cached_property
     def scopes(self) -> tuple[Scope, ...]:
         """The scope of each stream of ``draws``."""
-        draws = zip(self.space.draws, self.space.slices, strict=True)
-        return tuple(draw.scope for draw, columns in draws for _ in drawn(draw.law, columns))
+        return tuple(draw.scope for draw in self.space.draws for _ in draw.law.streamed)
 
     @cached_property
     def rare(self) -> Wanted:

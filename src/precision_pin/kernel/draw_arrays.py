@@ -2,39 +2,21 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
-from typing import Final
+from typing import Any, Final, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from precision_pin.draws import lazy_special
-from precision_pin.draws.laws import (
-    FARTHEST_NORMAL,
-    Arcsine,
-    Circle,
-    Disc,
-    Empirical,
-    Fixed,
-    JointNormal,
-    Law,
-    Lognormal,
-    Normal,
-    Rows,
-    Triangular,
-    TruncatedNormal,
-    TwoPoint,
-    Uniform,
-)
+from precision_pin.draws.laws import Law
+from precision_pin.draws.laws.kernel_row import Branch, KernelRow
 from precision_pin.draws.space import Space
 from precision_pin.errors import InputError
 from precision_pin.kernel.loops import STRIDE, Draws, Wanted
 
 __all__ = [
-    "COMMON_LAWS",
+    "COMMON",
     "Interval",
-    "drawn",
     "frozen",
     "frozen_offsets",
     "intervals",
@@ -44,8 +26,22 @@ __all__ = [
     "rare_laws",
 ]
 
-COMMON_LAWS: Final = (Fixed, Uniform, Triangular, Normal, TruncatedNormal)
-"""Laws whose loops are always compiled; those of others, and of correlation, where they are wanted."""
+COMMON: Final[frozenset[Branch]] = frozenset(("fixed", "uniform", "triangular", "normal", "truncated"))
+"""The laws' loops that are always compiled; others, and those of correlation, where they are wanted."""
+
+_COLUMNS: Final[Mapping[Branch, int]] = {
+    "uniform": 2,
+    "triangular": 2,
+    "truncated": 5,
+    "lognormal": 3,
+    "arcsine": 2,
+    "two_point": 3,
+}
+"""How many numbers the loops take of each law."""
+_SINGLE: Final[tuple[Branch, ...]] = ("disc", "circle")
+"""Loops that take one."""
+_OWN: Final[tuple[Branch, ...]] = ("joint", "empirical", "table")
+"""Loops that take a table of each law."""
 
 Array = NDArray[np.float64]
 Interval = tuple[float, float]
@@ -77,21 +73,9 @@ def frozen(values: ArrayLike, *shape: int) -> Array:
 
 def rare_laws(space: Space) -> Wanted:
     """Return whether a space needs loops that are compiled where they are wanted only."""
-    common = all(isinstance(draw.law, COMMON_LAWS) for draw in space.draws) and not space.correlations
+    rows = (draw.law.kernel_row() for draw in space.draws)
+    common = not space.correlations and all(row is not None and row.branch in COMMON for row in rows)
     return None if common else True
-
-
-def drawn(law: Law, columns: slice) -> range:
-    """Return the components of a law for which random numbers are made."""
-    match law:
-        case Fixed():
-            return range(0)
-        case Circle():
-            return range(columns.start + 1, columns.stop)
-        case Rows():
-            return range(columns.start, columns.start + 1)
-        case _:
-            return range(columns.start, columns.stop)
 
 
 def lay_out_draws(space: Space, constants: Mapping[float, int]) -> Draws:
@@ -105,29 +89,32 @@ def lay_out_draws(space: Space, constants: Mapping[float, int]) -> Draws:
         Rows that hold one number throughout, by the number.
     """
     placed = list(zip((draw.law for draw in space.draws), space.slices, strict=True))
-    streamed = [component for law, columns in placed for component in drawn(law, columns)]
-
-    def of(kind: type[Law]) -> NDArray[np.uint64]:
-        return offsets([columns.start for law, columns in placed if isinstance(law, kind)])
-
-    fixed = {columns.start: law.mean for law, columns in placed if isinstance(law, Fixed)}
-    fixed |= {row: value for value, row in constants.items()}
-    roots, sizes = _lay_out_joint([law for law, _ in placed if isinstance(law, JointNormal)])
+    streamed = [columns.start + k for law, columns in placed for k in law.streamed]
+    by_branch: dict[Branch, dict[int, Array]] = {branch: {} for branch in get_args(Branch)}
+    for law, columns in placed:
+        row = _kernel_row(law)
+        by_branch[row.branch][columns.start] = row.numbers
+    from_normals = {k for law, rows in placed if law.variates == "normal" for k in range(rows.start, rows.stop)}
     groups = [[space.index[correlation.names[k]] for k in correlation.order] for correlation in space.correlations]
     mixed = {component for group in groups for component in group}
-    logarithms = {columns.start for law, columns in placed if isinstance(law, Lognormal)}
-    normal = {columns.start: law for law, columns in placed if isinstance(law, Normal)}
-    jointly = {
-        row for law, columns in placed if isinstance(law, JointNormal) for row in range(columns.start, columns.stop)
+    fixed = {row: float(value[0]) for row, value in by_branch["fixed"].items()}
+    fixed |= {row: value for value, row in constants.items()}
+    normal = by_branch["normal"]
+    normals = {row: (mean, -2 * std * std) for row, (mean, std) in normal.items() if row not in mixed}
+    normals |= dict.fromkeys(sorted((from_normals - normal.keys()) | mixed), (0.0, -2.0))
+    scaled = {row: numbers for row, numbers in normal.items() if row in mixed}
+    roots, sizes = _lay_out_joint(list(by_branch["joint"].values()))
+    lines, line_starts = _stacked(list(by_branch["empirical"].values()), 4)
+    tables = list(by_branch["table"].values())
+    numbers, number_starts = _stacked([table.reshape(-1, 1) for table in tables], 1)
+    shapes = [(table.shape[1], len(table), start) for table, start in zip(tables, number_starts[:-1], strict=True)]
+    alike: dict[str, Any] = {
+        f"{branch}_rows": offsets(list(by_branch[branch])) for branch in (*_COLUMNS, *_SINGLE, *_OWN)
     }
-    normals = {row: (law.mean, -2 * law.std * law.std) for row, law in normal.items() if row not in mixed}
-    normals |= dict.fromkeys(sorted(logarithms | mixed | jointly), (0.0, -2.0))
-    scaled = {row: law for row, law in normal.items() if row in mixed}
-    lines, line_starts = _stacked([law.segments for law, _ in placed if isinstance(law, Empirical)], 4)
-    tables = [law for law, _ in placed if isinstance(law, Rows)]
-    numbers, number_starts = _stacked([law.array.reshape(-1, 1) for law in tables], 1)
-    shapes = [(law.size, len(law.table), start) for law, start in zip(tables, number_starts[:-1], strict=True)]
+    alike |= {branch: frozen(list(by_branch[branch].values()), -1, count) for branch, count in _COLUMNS.items()}
+    alike |= {branch: frozen(list(by_branch[branch].values())) for branch in _SINGLE}
     return Draws(
+        **alike,
         fixed_rows=offsets(list(fixed)),
         fixed_values=frozen(list(fixed.values())),
         stream_rows=offsets(streamed),
@@ -137,56 +124,31 @@ def lay_out_draws(space: Space, constants: Mapping[float, int]) -> Draws:
         group_starts=frozen_offsets(np.cumsum([0, *map(len, groups)])),
         group_rows=offsets([component for group in groups for component in group]),
         group_roots=_padded([correlation.root for correlation in space.correlations]),
-        cumulated_rows=offsets(sorted(mixed - logarithms - normal.keys())),
-        uniform_rows=of(Uniform),
-        uniform=frozen([(law.mean, law.half_width) for law, _ in placed if isinstance(law, Uniform)], -1, 2),
-        triangular_rows=of(Triangular),
-        triangular=frozen([(law.mean, law.half_width) for law, _ in placed if isinstance(law, Triangular)], -1, 2),
+        cumulated_rows=offsets(sorted(mixed - from_normals)),
         scaled_rows=offsets(list(scaled)),
-        scaled=frozen([(law.mean, law.std) for law in scaled.values()], -1, 2),
-        truncated_rows=of(TruncatedNormal),
-        truncated=frozen(
-            [
-                (law.mean, law.std, law.k, lazy_special.ndtr(-law.k), math.erf(law.k / math.sqrt(2)))
-                for law, _ in placed
-                if isinstance(law, TruncatedNormal)
-            ],
-            -1,
-            5,
-        ),
-        disc_rows=of(Disc),
-        disc=frozen([law.radius for law, _ in placed if isinstance(law, Disc)]),
-        circle_rows=of(Circle),
-        circle=frozen([law.radius for law, _ in placed if isinstance(law, Circle)]),
-        joint_rows=of(JointNormal),
+        scaled=frozen(list(scaled.values()), -1, 2),
         joint_roots=roots,
         joint_sizes=sizes,
-        lognormal_rows=of(Lognormal),
-        lognormal=frozen(
-            [(law.mean, law.log_std, law.log_std**2 / 2) for law, _ in placed if isinstance(law, Lognormal)], -1, 3
-        ),
-        arcsine_rows=of(Arcsine),
-        arcsine=frozen([(law.mean, law.half_width) for law, _ in placed if isinstance(law, Arcsine)], -1, 2),
-        two_point_rows=of(TwoPoint),
-        two_point=frozen(
-            [(law.centre, law.half_width, law.threshold) for law, _ in placed if isinstance(law, TwoPoint)], -1, 3
-        ),
-        empirical_rows=of(Empirical),
         empirical_starts=line_starts,
         empirical=lines,
-        table_rows=of(Rows),
         table_shapes=frozen_offsets(np.array(shapes, dtype=np.uint64).reshape(-1, 3)),
         table=frozen(numbers),
     )
 
 
-def _lay_out_joint(laws: Sequence[JointNormal]) -> tuple[Array, NDArray[np.uint64]]:
-    largest = max((law.size for law in laws), default=1)
-    roots = np.zeros((len(laws), largest + 1, largest))
-    for k, law in enumerate(laws):
-        roots[k, 0, : law.size] = law.mean_vector
-        roots[k, 1 : law.size + 1, : law.size] = law.root
-    return frozen(roots, *roots.shape), frozen_offsets([law.size for law in laws])
+def _kernel_row(law: Law) -> KernelRow:
+    row = law.kernel_row()
+    if row is None:
+        raise InputError(f"the compiled sampler does not know the law {type(law).__name__}")
+    return row
+
+
+def _lay_out_joint(tables: Sequence[Array]) -> tuple[Array, NDArray[np.uint64]]:
+    largest = max((table.shape[1] for table in tables), default=1)
+    roots = np.zeros((len(tables), largest + 1, largest))
+    for root, table in zip(roots, tables, strict=True):
+        root[: len(table), : table.shape[1]] = table
+    return frozen(roots, *roots.shape), frozen_offsets([table.shape[1] for table in tables])
 
 
 def _padded(matrices: Sequence[Array]) -> Array:
@@ -212,28 +174,8 @@ def intervals(space: Space) -> list[Interval]:
     InputError
         The compiled sampler does not know a law.
     """
-    return [interval for draw in space.draws for interval in _law_intervals(draw.law)]
-
-
-def _law_intervals(law: Law) -> list[Interval]:
-    match law:
-        case JointNormal():
-            reaches = np.abs(law.root).sum(axis=1) * FARTHEST_NORMAL
-            return [(m - r, m + r) for m, r in zip(law.mean_vector.tolist(), reaches.tolist(), strict=True)]
-        case (
-            Fixed()
-            | Uniform()
-            | Triangular()
-            | Normal()
-            | TruncatedNormal()
-            | Disc()
-            | Circle()
-            | Lognormal()
-            | Arcsine()
-            | TwoPoint()
-            | Empirical()
-            | Rows()
-        ):
-            return [law.interval(k) for k in range(law.size)]
-        case _:
-            raise InputError(f"the compiled sampler does not know the law {type(law).__name__}")
+    found: list[Interval] = []
+    for draw in space.draws:
+        known = _kernel_row(draw.law).intervals
+        found += known or [draw.law.interval(k) for k in range(draw.law.size)]
+    return found

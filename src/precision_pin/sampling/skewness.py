@@ -13,7 +13,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from precision_pin.draws.laws import Empirical, Law, Lognormal, Rows, TwoPoint
+from precision_pin.draws.laws import Law
 from precision_pin.draws.space import Space
 from precision_pin.statistics import COMPONENTS, NORMS
 
@@ -25,9 +25,6 @@ _NO_SLOPE = 1e-3
 """A component whose first-order spread is less than this share of its vector's is decided by higher orders."""
 _NORMAL_SQUARE = math.sqrt(8)
 """Skewness of the square of a normal number."""
-_SKEWED = (Empirical, Lognormal, Rows, TwoPoint)
-"""Laws that are not taken for normal ones."""
-_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(4)
 
 
 def first_order_skewness(space: Space, slopes: Array) -> Array:
@@ -46,12 +43,14 @@ def first_order_skewness(space: Space, slopes: Array) -> Array:
     components of its vector, as far as those are more skewed than of a normal law.
     """
     found = np.zeros((8, 2))
-    if not any(isinstance(draw.law, _SKEWED) for draw in space.draws):
+    skewed = [_cumulants(draw.law) for draw in space.draws]
+    if all(cumulants is None for cumulants in skewed):
         # as of normal numbers
         found[:, 1] = _NORMAL_SQUARE
         found[list(COMPONENTS), 1] *= (slopes != 0).any(axis=1)
         return found
-    cumulants = np.concatenate([np.zeros((4, 0)), *(_cumulants(draw.law) for draw in space.draws)], axis=1)
+    known = [_normal_cumulants(draw.law) if own is None else own for draw, own in zip(space.draws, skewed, strict=True)]
+    cumulants = np.concatenate([np.zeros((4, 0)), *known], axis=1)
     second, third, fourth, sixth = (
         (slopes**power * cumulant).sum(axis=1) for power, cumulant in zip((2, 3, 4, 6), cumulants, strict=True)
     )
@@ -75,38 +74,11 @@ def first_order_skewness(space: Space, slopes: Array) -> Array:
 
 
 @lru_cache(maxsize=4096)
-def _cumulants(law: Law) -> Array:
-    """Return the second, third, fourth and sixth cumulant of each number of a law, ``(4, size)``."""
-    match law:
-        case TwoPoint(half_width=half, probability=p):
-            values, weights = np.array([[-half], [half]]), np.array([1 - p, p])
-        case Lognormal():
-            return _lognormal_cumulants(law)
-        case Empirical():
-            begin, value, _, end = law.segments.T
-            middles = (1 + _NODES[:, None]) / 2
-            values = (value + middles * (end - value)).reshape(-1, 1)
-            weights = (_WEIGHTS[:, None] / 2 * np.diff(np.append(begin, 1.0))).ravel()
-        case Rows():
-            values, weights = law.array, np.full(len(law.array), 1 / len(law.array))
-        case _:
-            normal = np.zeros((4, law.size))
-            normal[0] = np.diagonal(law.covariance)
-            return normal
-    # sums, not BLAS, whose bits may differ from process to process
-    residuals = values - (weights[:, None] * values).sum(axis=0)
-    m2, m3, m4, m6 = ((weights[:, None] * residuals**power).sum(axis=0) for power in (2, 3, 4, 6))
-    return np.stack([m2, m3, m4 - 3 * m2**2, m6 - 15 * m4 * m2 - 10 * m3**2 + 30 * m2**3])
+def _cumulants(law: Law) -> Array | None:
+    return law.cumulants()
 
 
-def _lognormal_cumulants(law: Lognormal) -> Array:
-    """Return the cumulants of a lognormal number from its moments, by the recursion over powers of exp(σ²)."""
-    w = math.exp(law.log_std**2)
-    # in units of mean; with w - 1 = v the terms of high order in v are those of a heavy tail (Johnson and Kotz, ch. 14)
-    raw = [w ** (r * (r - 1) / 2) for r in range(7)]
-    central = [sum(math.comb(r, k) * (-1) ** (r - k) * raw[k] for k in range(r + 1)) for r in range(7)]
-    m2, m3, m4, m6 = (central[r] * law.mean**r for r in (2, 3, 4, 6))
-    if law.log_std < 0.05:
-        # the differences of the moments are rounding here, and the law is all but normal
-        return np.array([[law.std**2], [0.0], [0.0], [0.0]])
-    return np.array([[m2], [m3], [m4 - 3 * m2**2], [m6 - 15 * m4 * m2 - 10 * m3**2 + 30 * m2**3]])
+def _normal_cumulants(law: Law) -> Array:
+    normal = np.zeros((4, law.size))
+    normal[0] = np.diagonal(law.covariance)
+    return normal

@@ -10,7 +10,7 @@ import numpy as np
 
 from precision_pin import units
 from precision_pin.draws import lazy_special
-from precision_pin.draws.laws import Empirical, Law, Rows
+from precision_pin.draws.laws import Law
 from precision_pin.draws.space import Draw, LabelledSpace, Space
 from precision_pin.errors import InputError
 from precision_pin.robot.chain import Chain
@@ -149,13 +149,10 @@ def few_samples(law: Law) -> str | None:
     than the true one. How far the true one may lie above theirs is its upper confidence limit for normal numbers,
     ``s √((n - 1)/χ²)`` with the lower quantile of χ² of n - 1 degrees of freedom.
     """
-    match law:
-        case Empirical(sample_count=int(count)):
-            samples = np.array([law.quantiles[1:-1]], dtype=float)[:, :, 1].T
-        case Rows():
-            count, samples = len(law.table), law.array
-        case _:
-            return None
+    samples = law.measured
+    if samples is None:
+        return None
+    count = len(samples)
     if count >= FEW:
         return None
     if count == 1:

@@ -21,10 +21,9 @@ from pydantic import (
     create_model,
 )
 
-from precision_pin.draws.laws import Law
+from precision_pin.draws.laws import Law, laws_of_sheets
 from precision_pin.errors import InputError
 from precision_pin.sheet.settings import (
-    LAW_KEYS,
     TOLERANCE_PATTERN,
     NamedParameter,
     SettingError,
@@ -371,41 +370,18 @@ def _numbers_schema(notes: Notes, levels: int) -> dict[str, Any]:
 
 
 def _law_schema() -> dict[str, Any]:
-    quantity = {"type": "string", "description": "a number with its unit"}
-    deviations = {"type": "object", "properties": {"std": {}}, "required": ["std"], "additionalProperties": False}
-    file = {
-        "type": "object",
-        "properties": {"file": {"type": "string"}, "column": {"type": "string"}},
-        "required": ["file"],
-        "additionalProperties": False,
-    }
-    entries = {"anyOf": [{"type": "string"}, {"type": "array"}, file]}
-    properties: dict[str, Any] = dict.fromkeys(LAW_KEYS, quantity)
-    properties["normal"] = {"anyOf": [quantity, deviations]}
-    properties["lognormal"] = properties["joint_normal"] = deviations
-    properties["empirical"] = {
-        "type": "object",
-        "properties": {"samples": entries, "quantiles": {"anyOf": [{"type": "array"}, file]}},
-        "minProperties": 1,
-        "maxProperties": 1,
-        "additionalProperties": False,
-    }
-    files = file | {"properties": {"file": {"type": "string"}, "columns": {"type": "array"}}}
-    properties["rows"] = {"anyOf": [{"type": "array", "minItems": 1}, files]}
-    properties |= {
-        "mean": {"description": "default 0; lognormal: needed"},
-        "k": {"description": "normal: t has the standard deviation t/k; default 3"},
-        "truncated": {"description": "cut a normal law off at its half-width, mean ± k standard deviations"},
-        "centre": {"description": "two_point: halfway between the two, default 0"},
-        "probability": {"description": "two_point: of the upper one, default 0.5"},
-        "correlation": {"description": "rows, of joint_normal"},
-        "scope": {"enum": ["unit", "pose", "visit"], "description": "default unit: once for each built robot"},
-    }
+    forms = [law.form for law in laws_of_sheets().values()]
+    meanings: dict[str, dict[str, None]] = {}
+    for option in (option for form in forms for option in form.options):
+        meanings.setdefault(option.key, {})[option.meaning] = None
+    properties: dict[str, Any] = {form.key: dict(form.schema) for form in forms}
+    properties |= {key: {"description": "; ".join(meaning)} for key, meaning in meanings.items()}
+    properties["scope"] = {"enum": ["unit", "pose", "visit"], "description": "default unit: once for each built robot"}
     return {
         "type": "object",
         "properties": properties,
         "additionalProperties": False,
-        "oneOf": [{"required": [key]} for key in LAW_KEYS],
+        "oneOf": [{"required": [form.key]} for form in forms],
     }
 
 

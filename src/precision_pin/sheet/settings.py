@@ -9,17 +9,17 @@ from pathlib import Path as FilePath
 from typing import Any, Final, final
 
 from precision_pin import units
+from precision_pin.draws.laws import laws_of_sheets
 from precision_pin.draws.space import Draw, Setting
 from precision_pin.errors import InputError, UnitError, UnknownNameError, nearest
-from precision_pin.sheet.law_reader import LAWS, OPTIONS, LawReader, SettingError
+from precision_pin.sheet.law_reader import LawReader, SettingError
 from precision_pin.units import Quantity
 
 __all__ = [
-    "LAW_KEYS",
-    "OPTION_KEYS",
     "TOLERANCE_PATTERN",
     "NamedParameter",
     "SettingError",
+    "law_options",
     "parse_law",
     "parse_number",
     "parse_parameter",
@@ -28,8 +28,6 @@ __all__ = [
 ]
 
 NAME: Final = re.compile(r"[^\W\d][\w.\[\]#-]*")
-LAW_KEYS: Final = tuple(LAWS)
-OPTION_KEYS: Final = ("mean", "k", "truncated", "centre", "probability", "correlation", "scope")
 TOLERANCE_PATTERN: Final = r"±|\+/-|\+-"
 """Of the sign in a tolerance written as text: before it a mean or nothing, behind it the half-width."""
 
@@ -163,18 +161,27 @@ def parse_law(
     InputError
         No law key or several, an unknown key, or a bad number; a :class:`SettingError` where one key is at fault.
     """
-    found = [key for key in value if key in LAW_KEYS]
+    laws = laws_of_sheets()
+    found = [key for key in value if key in laws]
     if len(found) != 1:
         given = f"has {', '.join(found)}" if found else "has none"
-        unknown = next((key for key in value if key not in LAW_KEYS and key not in OPTION_KEYS), None)
+        unknown = next((key for key in value if key not in laws and key not in law_options()), None)
         if not found and unknown is not None:
-            given += f" ({unknown!r}: {nearest(unknown, LAW_KEYS)})"
-        raise InputError(f"a law needs exactly one of {', '.join(LAW_KEYS)}; this one {given}")
+            given += f" ({unknown!r}: {nearest(unknown, laws)})"
+        raise InputError(f"a law needs exactly one of {', '.join(laws)}; this one {given}")
     key = found[0]
+    options = law_options(key)
     for other in value:
-        if other != key and other not in OPTIONS[key]:
-            raise SettingError((other,), f"{other!r} is no setting of the law {key}: {nearest(other, OPTIONS[key])}")
+        if other != key and other not in options:
+            raise SettingError((other,), f"{other!r} is no setting of the law {key}: {nearest(other, options)}")
     reader = LawReader(value, tuple(quantities), folder)
     scope = reader.scope()
-    law = LAWS[key](reader)
+    law = laws[key].from_sheet(reader)
     return NamedParameter(Draw(name, law, scope), reader.quantities)
+
+
+def law_options(*keys: str) -> tuple[str, ...]:
+    """Return the keys that may stand beside those of some laws, of all if none are given; the scope may beside any."""
+    laws = laws_of_sheets()
+    own = [option.key for key in keys or laws for option in laws[key].form.options]
+    return (*dict.fromkeys(own), "scope")

@@ -27,13 +27,13 @@ from precision_pin.analyses.exact_law.fourier_inversion import (
     certified_series,
 )
 from precision_pin.analyses.exact_law.normal_norm import NormalNorm
-from precision_pin.analyses.exact_law.projection import Part, part_of
 from precision_pin.analyses.exact_law.quantile_bounds import quantile_bounds
 from precision_pin.analyses.provenance import Heading, Pose, PoseHeading, listed_poses
 from precision_pin.call_warnings import add, warns_at_end
 from precision_pin.display.progress import steps_to
 from precision_pin.display.tables import symbol
-from precision_pin.draws.laws import Fixed, JointNormal, Law, Normal
+from precision_pin.draws.laws import Law
+from precision_pin.draws.laws.projection import Projection
 from precision_pin.draws.space import Space, check_seed
 from precision_pin.errors import InputError
 from precision_pin.inputs.arguments import check_instance, check_whole
@@ -167,15 +167,11 @@ def _refuse_copulas(space: Space) -> None:
     laws = {draw.name: draw.law for draw in space.draws}
     for correlation in space.correlations:
         for name in correlation.names:
-            if not isinstance(laws[name], Normal):
+            if not laws[name].is_normal:
                 raise InputError(
                     f"{name!r} is correlated ({', '.join(correlation.names)}) and not normal: its sums have no exact law "
                     "here; use analyze, or make all draws of the correlation normal"
                 )
-
-
-def _is_normal(law: Law) -> bool:
-    return isinstance(law, Normal | JointNormal | Fixed)
 
 
 @final
@@ -186,7 +182,7 @@ class _Share:
     law: Law
     weights: Array
     std: float
-    part: Part | None
+    part: Projection | None
 
     @property
     def ends(self) -> tuple[float, float]:
@@ -216,13 +212,13 @@ def _component(space: Space, quantity: str, mean: float, weights: Array, sampled
     normal = np.zeros(space.size, dtype=bool)
     shares = []
     for draw, columns in zip(space.draws, space.slices, strict=True):
-        if _is_normal(draw.law):
+        if draw.law.is_normal:
             normal[columns] = True
             continue
         direction = weights[columns]
         std = math.sqrt(max(float(direction @ draw.law.covariance @ direction), 0.0))
         if std > 0:
-            shares.append(_Share(draw.law, direction, std, part_of(draw.law, direction)))
+            shares.append(_Share(draw.law, direction, std, draw.law.projection(direction)))
     bell = np.where(normal, weights, 0.0)
     bell_std = math.sqrt(max(float(space.block_covariance.variances_of(bell[None])[0]), 0.0))
     total = math.hypot(bell_std, *(share.std for share in shares))
@@ -284,7 +280,7 @@ def _norm(at: PoseModel, quantity: str, sampled: Array, confidence: float) -> Ex
     others = [
         draw.name
         for draw, columns in zip(at.space.draws, at.space.slices, strict=True)
-        if not _is_normal(draw.law)
+        if not draw.law.is_normal
         and float(np.trace(jacobian[rows, columns] @ draw.law.covariance @ jacobian[rows, columns].T))
         > (_NEGLIGIBLE * total) ** 2
     ]

@@ -27,8 +27,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import optimize, special
 
-from precision_pin.analyses.exact_law.projection import Lines, Part
 from precision_pin.analyses.exact_law.quantile_bounds import quantile_bounds
+from precision_pin.draws.laws.projection import Lines, Projection
 from precision_pin.inputs.arrays import fix_fields
 
 __all__ = ["ConvolvedLaw", "NormalLaw", "NumberLaw", "SeriesLaw", "SingleLaw", "Summand", "certified_series"]
@@ -158,7 +158,7 @@ class SingleLaw(NumberLaw):
     """One part alone."""
 
     mean: float
-    part: Part
+    part: Projection
 
     @property
     def low(self) -> float:  # type: ignore[override]
@@ -199,11 +199,11 @@ class ConvolvedLaw(NumberLaw):
     """
 
     mean: float
-    kept: Part
-    integrated: Part
+    kept: Projection
+    integrated: Projection
 
     @classmethod
-    def of(cls, mean: float, one: Part, other: Part) -> ConvolvedLaw:
+    def of(cls, mean: float, one: Projection, other: Projection) -> ConvolvedLaw:
         """Return the law; the part whose density is the rougher is integrated along."""
         kept, integrated = (one, other) if _roughness(one) <= _roughness(other) else (other, one)
         return cls(mean, kept, integrated)
@@ -259,7 +259,7 @@ class ConvolvedLaw(NumberLaw):
         return np.concatenate(parts)
 
 
-def _roughness(part: Part) -> int:
+def _roughness(part: Projection) -> int:
     """Return 2 for lines, 1 for a density without bound (|φ| falls slower than 1/ω), 0 otherwise."""
     if isinstance(part, Lines):
         return 2

@@ -17,8 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
-from precision_pin.draws.laws import Circle, Disc, Empirical, Law, Rows, TwoPoint
-from precision_pin.draws.laws.law import cumulative
+from precision_pin.draws.laws import Law
 from precision_pin.draws.space import Draw, Space
 from precision_pin.inputs.arrays import fix_fields
 
@@ -133,18 +132,10 @@ class Stratum:
                 scores[rows[0]] = np.clip(special.ndtri(uniforms[first]), -FARTHEST, FARTHEST)
             scores[rows] = np.clip(root @ scores[rows], -FARTHEST, FARTHEST)
         for draw, columns in zip(self.space.draws, self.space.slices, strict=True):
-            match draw.law:
-                case Disc(radius=radius):
-                    length = np.hypot(*u[columns])
-                    unit = np.divide(u[columns], length, out=np.zeros_like(x[columns]), where=length > 0)
-                    x[columns] = radius * np.sqrt(-np.expm1(-(length**2) / 2)) * unit
-                case Circle(radius=radius):
-                    turn = 4 * np.pi * cumulative(scores[columns][1])
-                    x[columns] = radius * np.array([np.cos(turn), np.sin(turn)])
-                case law if draw.name in uniforms:
-                    x[columns] = law.sample(np.tile(uniforms[draw.name], (law.size, 1)))
-                case law:
-                    x[columns] = law.at_scores(scores[columns])
+            if draw.name in uniforms:
+                x[columns] = draw.law.sample(np.tile(uniforms[draw.name], (draw.law.size, 1)))
+            else:
+                x[columns] = draw.law.from_normals(scores[columns])
         return x
 
     @cached_property
@@ -328,7 +319,7 @@ def _within(cut: Array, uniforms: Array) -> Array:
 
 
 def _is_discrete(law: Law) -> bool:
-    return isinstance(law, TwoPoint | Rows)
+    return law.cell_edges is not None and law.lines is None
 
 
 def _length(cut: Array) -> float:
@@ -337,15 +328,9 @@ def _length(cut: Array) -> float:
 
 def _cells(law: Law) -> Array | None:
     """Return the intervals ``(k, 2)`` of the uniform number on which a law is constant or a line; None of other laws."""
-    match law:
-        case TwoPoint(threshold=threshold):
-            edges = np.array([0.0, threshold, 1.0])
-        case Rows(table=table):
-            edges = np.arange(len(table) + 1) / len(table)
-        case Empirical():
-            edges = np.append(law.segments[:, 0], 1.0)
-        case _:
-            return None
+    edges = law.cell_edges
+    if edges is None:
+        return None
     cells = np.column_stack([edges[:-1], edges[1:]])
     met: Array = cells[cells[:, 1] > cells[:, 0]]
     return met
@@ -353,9 +338,9 @@ def _cells(law: Law) -> Array | None:
 
 def _pieces(law: Law, cells: Array) -> Array:
     """Return the cells, in a row where the law goes on from one to the next."""
-    if not isinstance(law, Empirical):
+    if law.lines is None:
         return cells
-    torn = law.segments[1:, 1] != law.segments[:-1, 3]
+    torn = law.lines[1:, 1] != law.lines[:-1, 3]
     starts = np.concatenate([[True], torn | (cells[1:, 0] != cells[:-1, 1])])
     ends = np.append(starts[1:], True)
     return np.column_stack([cells[starts, 0], cells[ends, 1]])
@@ -363,10 +348,10 @@ def _pieces(law: Law, cells: Array) -> Array:
 
 def _hides(law: Law) -> bool:
     """Return whether a law jumps, or nearly so: by a tenth of its range within half a normal score."""
-    if not isinstance(law, Empirical):
+    if law.lines is None:
         return True
-    low, high = law.ends
-    begin, value, _, end = law.segments.T
+    begin, value, _, end = law.lines.T
+    low, high = value[0], end[-1]
     scores = special.ndtri(np.append(begin, 1.0))
     steep = np.abs(end - value) > _STEEP_SHARE * (high - low)
     torn = np.abs(value[1:] - end[:-1]) > _STEEP_SHARE * (high - low)
@@ -404,7 +389,7 @@ def _severity(
 ) -> tuple[Array, bool]:
     """Return the least margin in each cell, the other numbers in the middle and elsewhere, and whether it depends on the cell."""
     # a hair inside of both ends, and the middle
-    inside = np.array([1e-9, 0.5, 1 - 1e-9]) if isinstance(draw.law, Empirical) else np.array([0.5])
+    inside = np.array([1e-9, 0.5, 1 - 1e-9]) if draw.law.lines is not None else np.array([0.5])
     count = max(1, min(_PROBES, _MOST_PROBED // (inside.size * len(cells))))
     probes = np.random.Generator(np.random.Philox(0)).standard_normal((space.size, count))
     probes[:, 0] = 0.0
@@ -425,13 +410,11 @@ def _severity(
 
 
 def _ordered(law: Law, cells: Array, severity: Array, chosen: NDArray[np.bool_]) -> Array:
-    """Return cells in a sensible order: rows by what they leave, the lines between quantiles joined where they can be."""
-    if isinstance(law, Rows):
+    """Return cells in a sensible order: values by what they leave, the lines between quantiles joined where they can be."""
+    if law.lines is None:
         ordered: Array = cells[np.argsort(severity, kind="stable")]
         return ordered
-    if isinstance(law, Empirical):
-        lines = law.segments[chosen]
-        starts = np.concatenate([[True], (lines[1:, 1] != lines[:-1, 3]) | (cells[1:, 0] != cells[:-1, 1])])
-        ends = np.append(starts[1:], True)
-        return np.column_stack([cells[starts, 0], cells[ends, 1]])
-    return cells
+    lines = law.lines[chosen]
+    starts = np.concatenate([[True], (lines[1:, 1] != lines[:-1, 3]) | (cells[1:, 0] != cells[:-1, 1])])
+    ends = np.append(starts[1:], True)
+    return np.column_stack([cells[starts, 0], cells[ends, 1]])

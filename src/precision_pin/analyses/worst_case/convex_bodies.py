@@ -16,7 +16,8 @@ from typing import Final, final
 import numpy as np
 from numpy.typing import NDArray
 
-from precision_pin.draws.laws import Circle, Disc, JointNormal, Law, Normal, Rows
+from precision_pin.draws.laws import Law
+from precision_pin.draws.laws.numerics import triangular_root
 from precision_pin.draws.space import Space
 from precision_pin.errors import InputError
 from precision_pin.inputs.arguments import check_number
@@ -219,7 +220,7 @@ class Supports:
             matrix = space.block_covariance.within(chosen)
             names.append(", ".join(group))
             columns.append(chosen)
-            bodies.append(_Ellipsoid(k * JointNormal(tuple(map(tuple, matrix.tolist()))).root))
+            bodies.append(_Ellipsoid(k * triangular_root(matrix)))
         return cls(space, tuple(names), tuple(columns), tuple(bodies), cut)
 
     def heights(self, weights: Array) -> Array:
@@ -249,7 +250,7 @@ def _normal_groups(space: Space) -> list[tuple[str, ...]]:
     return [
         correlation.names
         for correlation in space.correlations
-        if all(isinstance(laws[name], Normal) for name in correlation.names)
+        if all(laws[name].is_normal for name in correlation.names)
     ]
 
 
@@ -264,13 +265,11 @@ def _is_bounded(law: Law) -> bool:
 
 
 def _body(name: str, law: Law, k: float) -> Body:
-    match law:
-        case Disc(radius=radius) | Circle(radius=radius):
-            return _Ellipsoid(radius * np.eye(2))
-        case JointNormal():
-            return _Ellipsoid(k * law.root)
-        case Rows():
-            return _Points(np.unique(law.array, axis=0) - law.mean_vector)
+    ellipsoid, points = law.ellipsoid(k), law.extreme_points
+    if ellipsoid is not None:
+        return _Ellipsoid(ellipsoid)
+    if points is not None:
+        return _Points(points - law.mean_vector)
     bounded = _is_bounded(law)
     if law.size > 1:
         if not bounded:

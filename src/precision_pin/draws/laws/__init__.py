@@ -1,17 +1,32 @@
-"""The laws that random numbers follow.
+"""The laws that random numbers follow, one file for each.
 
 A law is a distribution of ``size`` numbers together. Each gives: a sample from as many independent variates, mean,
 covariance, the support function h(w) = max over its support of w·x (infinite if unbounded) and the characteristic
 function E exp(i t·x). Numbers are SI.
 """
 
-from precision_pin.draws.laws.asymmetric import Empirical, Lognormal, TwoPoint
+from __future__ import annotations
+
+from typing import Final
+
+from precision_pin.draws.laws.arcsine import Arcsine
+from precision_pin.draws.laws.circle import Circle
+from precision_pin.draws.laws.disc import Disc
+from precision_pin.draws.laws.empirical import Empirical
+from precision_pin.draws.laws.fixed import Fixed
+from precision_pin.draws.laws.joint_normal import JointNormal
 from precision_pin.draws.laws.law import FARTHEST_NORMAL, Law
-from precision_pin.draws.laws.several import Circle, Disc, JointNormal, Rows
-from precision_pin.draws.laws.symmetric import Arcsine, Fixed, Normal, Triangular, TruncatedNormal, Uniform
+from precision_pin.draws.laws.lognormal import Lognormal
+from precision_pin.draws.laws.normal import Normal
+from precision_pin.draws.laws.rows import Rows
+from precision_pin.draws.laws.triangular import Triangular
+from precision_pin.draws.laws.truncated_normal import TruncatedNormal
+from precision_pin.draws.laws.two_point import TwoPoint
+from precision_pin.draws.laws.uniform import Uniform
 
 __all__ = [
     "FARTHEST_NORMAL",
+    "LAWS",
     "Arcsine",
     "Circle",
     "Disc",
@@ -26,4 +41,27 @@ __all__ = [
     "TruncatedNormal",
     "TwoPoint",
     "Uniform",
+    "laws_of_sheets",
 ]
+
+LAWS: Final[tuple[type[Law], ...]] = (
+    Fixed,
+    Uniform,
+    Normal,
+    TruncatedNormal,
+    Triangular,
+    Lognormal,
+    Arcsine,
+    TwoPoint,
+    Empirical,
+    Disc,
+    Circle,
+    JointNormal,
+    Rows,
+)
+"""Every law, in the order in which messages, the schema and the documentation list them."""
+
+
+def laws_of_sheets() -> dict[str, type[Law]]:
+    """Return every law that a sheet can name, by its key."""
+    return {law.form.key: law for law in LAWS if law.form.key}

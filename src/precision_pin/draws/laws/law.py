@@ -3,25 +3,24 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable
-from typing import ClassVar, Final, Literal, final
+from collections.abc import Callable, Sequence
+from typing import ClassVar, Literal, final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from precision_pin.draws import lazy_special
+from precision_pin.draws.laws.kernel_row import KernelRow
+from precision_pin.draws.laws.numerics import FARTHEST_NORMAL, Array, Moments, moments_by_quadrature
+from precision_pin.draws.laws.projection import Projection
+from precision_pin.draws.laws.sheet_form import SheetForm, SheetReader
+from precision_pin.draws.laws.wording import deviations, spread
 from precision_pin.errors import InputError
 from precision_pin.inputs.arguments import check_number, check_numbers, shown
 from precision_pin.inputs.memory import check_memory
+from precision_pin.units import Quantity
 
-__all__ = ["FARTHEST_NORMAL", "Array", "Law", "cumulative", "in_chunks", "take_number", "take_rows", "take_size"]
-
-Array = NDArray[np.float64]
-
-FARTHEST_NORMAL: Final = 8.6
-"""No normal number drawn lies farther out, in standard deviations: the smallest uniform number is 2⁻⁵³."""
-
-_CHUNK: Final = 2**20
+__all__ = ["FARTHEST_NORMAL", "Array", "Law", "cumulative", "take_number", "take_rows", "take_size"]
 
 
 class Law(ABC):
@@ -31,9 +30,26 @@ class Law(ABC):
     ----------
     variates
         What :meth:`sample` is fed: ``"uniform"`` on (0, 1) or standard ``"normal"`` numbers.
+    form
+        How it is written in a sheet; without a key where no sheet names it.
+    is_normal
+        Whether sums of its numbers are normal; of numbers that do not vary too.
     """
 
     variates: ClassVar[Literal["uniform", "normal"]] = "uniform"
+    form: ClassVar[SheetForm] = SheetForm("", {}, "")
+    is_normal: ClassVar[bool] = False
+
+    @classmethod
+    def from_sheet(cls, reader: SheetReader) -> Law:
+        """Return the law that a sheet has; of a law whose :attr:`form` has a key.
+
+        Raises
+        ------
+        InputError
+            A setting is wrong.
+        """
+        raise InputError(f"the law {cls.__name__} cannot be written in a sheet")
 
     @property
     def size(self) -> int:
@@ -67,6 +83,36 @@ class Law(ABC):
     def characteristic(self, frequency: ArrayLike) -> NDArray[np.complex128]:
         """Return E exp(i t·x) for t ``(size, …)``."""
 
+    @property
+    def streamed(self) -> range:
+        """Which of its numbers :meth:`sample` uses the variates of; none of a number that does not vary."""
+        return range(self.size)
+
+    def kernel_row(self) -> KernelRow | None:
+        """Return what the compiled loops are given; None where they have no loop for the law."""
+        return None
+
+    def projection(self, weights: Array) -> Projection | None:
+        """Return the number ``w·(x - mean)`` for weights ``(size,)`` along which the law varies, as its own law.
+
+        None where only the characteristic function is known.
+        """
+        del weights
+        return None
+
+    def describe(self, quantities: Sequence[Quantity | None]) -> str:
+        """Return what is drawn, in words.
+
+        Parameters
+        ----------
+        quantities
+            What each of its numbers is; None where that is not known: SI is then written.
+        """
+        name = type(self).__name__
+        if self.size > 1:
+            return f"{name} of {self.size} numbers, {deviations(self.components, self.covariance, quantities)}"
+        return name + spread(self.mean_vector, self.covariance, quantities[0])
+
     def interval(self, number: int) -> tuple[float, float]:
         """Return what a number of the law (0-based) stays between in every sample.
 
@@ -75,6 +121,67 @@ class Law(ABC):
         direction = np.zeros(self.size)
         direction[number] = 1.0
         return -self.support(-direction), self.support(direction)
+
+    @property
+    def cell_edges(self) -> Array | None:
+        """Uniform numbers from 0 to 1 between which the law is constant or a straight line; None of other laws."""
+        return None
+
+    @property
+    def lines(self) -> Array | None:
+        """The straight lines ``(k, 4)`` between :attr:`cell_edges`: begin, value there, slope, value at the end; or None."""
+        return None
+
+    @property
+    def measured(self) -> Array | None:
+        """The samples ``(n, size)`` that the law was made of, where it is known that it was."""
+        return None
+
+    @property
+    def extreme_points(self) -> Array | None:
+        """Points ``(n, size)`` of which the convex hull is all that the law takes, where there are such."""
+        return None
+
+    def ellipsoid(self, k: float) -> Array | None:
+        """Return the root ``(size, size)`` of the ellipsoid about the mean that holds the law.
+
+        Where the law is not bounded it is cut at k standard deviations. None where it is no ellipsoid.
+        """
+        del k
+        return None
+
+    def standardised_moments(self) -> Moments | None:
+        """Return the moments of its standardised numbers; None where they are not known, or where others do not vanish."""
+        return None if self.size > 1 else moments_by_quadrature(self.at_scores, self.breaks)
+
+    def cumulants(self) -> Array | None:
+        """Return the second, third, fourth and sixth cumulant of each number, ``(4, size)``.
+
+        None of a law whose tails are no heavier than a normal law's, and which may be taken for one.
+        """
+        return None
+
+    def covariance_with(self, other: Law, correlation: float) -> float | None:
+        """Return the covariance with a number whose normal score is correlated, where there is a closed form."""
+        del other, correlation
+        return None
+
+    def covariance_by_scores(self, correlation: float, nodes: Callable[[float], tuple[Array, Array]]) -> float | None:
+        """Return the covariance with another number as an integral over that number's score, where its mean there is known.
+
+        Parameters
+        ----------
+        correlation
+            Of the two normal scores.
+        nodes
+            Scores z of the other number up to so much farther out than usual, and (value - mean) × density × weight there.
+        """
+        del correlation, nodes
+        return None
+
+    def from_normals(self, normals: Array) -> Array:
+        """Return samples from independent standard normal numbers ``(size, N)``, as smooth a function of them as there is."""
+        return self.at_scores(normals)
 
     @property
     def breaks(self) -> tuple[float, ...]:
@@ -144,23 +251,3 @@ def take_rows(law: Law, field: str, what: str, columns: int | None = None) -> Ar
     check_memory((152.0 + 48 * table.shape[1]) * len(table), f"{what}, {table.size:,} numbers,", "give fewer")
     object.__setattr__(law, field, tuple(map(tuple, table.tolist())))
     return table
-
-
-def in_chunks(
-    function: Callable[[Array], NDArray[np.complex128]], frequency: Array, width: int
-) -> NDArray[np.complex128]:
-    """Return a function ``(m, T) → (T,)`` of frequencies ``(m, …)``, called for so few at a time that memory suffices.
-
-    Parameters
-    ----------
-    function
-        Needs about ``width`` numbers for each of its T columns.
-    frequency
-        ``(m, …)``.
-    width
-        Numbers in memory for each frequency.
-    """
-    flat = frequency.reshape(frequency.shape[0], -1)
-    step = max(1, _CHUNK // max(width, 1))
-    parts = [function(flat[:, first : first + step]) for first in range(0, flat.shape[1], step)]
-    return np.concatenate([np.zeros(0, dtype=complex), *parts]).reshape(frequency.shape[1:])

@@ -5,7 +5,6 @@ from __future__ import annotations
 from precision_pin.analyses.budget.shares import owners
 from precision_pin.outputs.kit.html import Child, Html, items, paragraph, section, table
 from precision_pin.outputs.report.collect import Results
-from precision_pin.outputs.report.lawwords import law_in_words
 from precision_pin.outputs.report.quantities import quantities_of
 from precision_pin.units import Quantity
 
@@ -25,7 +24,7 @@ def parameters(results: Results) -> Html:
             [
                 draw.name,
                 " and ".join(sorted(names)),
-                law_in_words(draw.law, quantities),
+                draw.law.describe(quantities),
                 draw.scope.value,
                 ", ".join(feeds) if feeds else "none",
             ]

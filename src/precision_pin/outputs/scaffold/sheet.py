@@ -13,7 +13,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from precision_pin.draws import laws
+from precision_pin.draws.laws import laws_of_sheets
 from precision_pin.outputs.scaffold.starting_tolerances import (
     GIVE,
     LEAST_SHARE,
@@ -28,7 +28,7 @@ from precision_pin.outputs.scaffold.starting_tolerances import (
 from precision_pin.robot.chain import Chain
 from precision_pin.robot.urdf import Joint
 from precision_pin.sheet.schema import ASSUMED
-from precision_pin.sheet.settings import LAW_KEYS, OPTION_KEYS
+from precision_pin.sheet.settings import law_options
 from precision_pin.sources import catalogue
 
 __all__ = ["quoted", "scaffold"]
@@ -237,10 +237,9 @@ def _parameters() -> Lines:
         "#   set_up: {uniform: 0.05 mm}",
         "#   tool_mass: {normal: 0.06 kg, mean: 1 kg, scope: visit}",
         "# They stand where a source takes a tolerance:  parameters: [set_up, {uniform: 0.02 mm}]",
-        f"# A law has one of these keys and, as it allows, {', '.join(OPTION_KEYS)}; normal: t has the deviation t/3.",
+        f"# A law has one of these keys and, as it allows, {', '.join(law_options())}; normal: t has the deviation t/3.",
     ]
-    for key in LAW_KEYS:
-        law = getattr(laws, "".join(part.capitalize() for part in key.split("_")))
+    for key, law in laws_of_sheets().items():
         lines += _comment(f"{key}: {_first_line(law)}", "#   ", "#       ")
     return lines
 

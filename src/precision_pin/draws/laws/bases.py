@@ -1,0 +1,93 @@
+"""What laws of one form have in common."""
+
+from __future__ import annotations
+
+import math
+from abc import abstractmethod
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from precision_pin.draws.laws.law import Array, Law
+
+__all__ = ["BoundedLaw", "PlaneLaw", "SymmetricLaw"]
+
+
+class BoundedLaw(Law):
+    """Of one number, between two ends."""
+
+    @property
+    @abstractmethod
+    def ends(self) -> tuple[float, float]:
+        """The lowest and the highest value."""
+
+    def support(self, direction: ArrayLike) -> float:
+        """Return h(w) = w·highest for w above zero, w·lowest below."""
+        w = float(np.asarray(direction, dtype=float)[0])
+        return max(w * end for end in self.ends)
+
+
+class PlaneLaw(Law):
+    """Of two numbers, symmetric about the origin in every direction."""
+
+    radius: float
+
+    @property
+    def size(self) -> int:
+        """Two."""
+        return 2
+
+    @property
+    def components(self) -> tuple[str, ...]:
+        """X and y."""
+        return (".x", ".y")
+
+    @property
+    def mean_vector(self) -> Array:
+        """The origin, ``(2,)``."""
+        return np.zeros(2)
+
+    def support(self, direction: ArrayLike) -> float:
+        """Return radius·|w|."""
+        return self.radius * math.hypot(*np.asarray(direction, dtype=float))
+
+
+class SymmetricLaw(Law):
+    """Of one number: symmetric about its mean."""
+
+    mean: float
+
+    @property
+    @abstractmethod
+    def variance(self) -> float:
+        """Variance."""
+
+    @property
+    @abstractmethod
+    def reach(self) -> float:
+        """Largest deviation from the mean, infinite if unbounded."""
+
+    @abstractmethod
+    def _deviation_characteristic(self, frequency: Array) -> Array:
+        """Return E exp(i t (x - mean)), which is real by symmetry."""
+
+    @property
+    def mean_vector(self) -> Array:
+        """Mean, ``(1,)``."""
+        return np.array([self.mean])
+
+    @property
+    def covariance(self) -> Array:
+        """Variance as ``(1, 1)``."""
+        return np.array([[self.variance]])
+
+    def support(self, direction: ArrayLike) -> float:
+        """Return h(w) = w·mean + |w|·reach."""
+        w = float(np.asarray(direction, dtype=float)[0])
+        return w * self.mean + (abs(w) * self.reach if w else 0.0)
+
+    def characteristic(self, frequency: ArrayLike) -> NDArray[np.complex128]:
+        """Return E exp(i t x), t ``(1, …)``."""
+        t = np.asarray(frequency, dtype=float)[0]
+        value: NDArray[np.complex128] = np.exp(1j * t * self.mean) * self._deviation_characteristic(t)
+        return value

@@ -1,0 +1,132 @@
+"""A point of a disc."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import ClassVar, Final, final
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from precision_pin.draws import lazy_special
+from precision_pin.draws.laws.bases import PlaneLaw
+from precision_pin.draws.laws.kernel_row import KernelRow
+from precision_pin.draws.laws.law import Array, take_size
+from precision_pin.draws.laws.numerics import Moments
+from precision_pin.draws.laws.projection import SymmetricProjection, power_bound
+from precision_pin.draws.laws.sheet_form import SheetForm, SheetReader
+from precision_pin.draws.laws.wording import written
+from precision_pin.draws.philox import direction
+from precision_pin.units import Quantity
+
+__all__ = ["Disc"]
+
+LARGEST_SCALED_BESSEL: Final = 0.82504
+"""No z > 0 has √z |J₁(z)| above this; it is reached at z = 2.166."""
+
+
+@final
+@dataclass(frozen=True)
+class Disc(PlaneLaw):
+    """A point uniform over the area of a disc about the origin."""
+
+    form: ClassVar = SheetForm(
+        "disc", {"disc": "0.1 mm"}, "two numbers `.x`, `.y`: a point uniform over the area of a disc of radius t"
+    )
+    radius: float
+
+    def __post_init__(self) -> None:
+        take_size(self, "radius", "the radius of a disc law")
+
+    @classmethod
+    def from_sheet(cls, reader: SheetReader) -> Disc:
+        """Return the law that a sheet has."""
+        return cls(reader.half_width("disc"))
+
+    @property
+    def covariance(self) -> Array:
+        """r²/4 on either axis."""
+        return np.eye(2) * self.radius**2 / 4
+
+    def sample(self, variates: Array) -> Array:
+        """Return r √u₀ at the angle 2π u₁."""
+        value: Array = self.radius * np.sqrt(variates[0]) * direction(variates[1])
+        return value
+
+    def from_normals(self, normals: Array) -> Array:
+        """Return r √(1 - exp(-|z|²/2)) in the direction of z: smoother than polar coordinates, which tear at an angle."""
+        length = np.hypot(*normals)
+        unit = np.divide(normals, length, out=np.zeros_like(normals), where=length > 0)
+        value: Array = self.radius * np.sqrt(-np.expm1(-(length**2) / 2)) * unit
+        return value
+
+    def ellipsoid(self, k: float) -> Array:
+        """Return that of the disc, whatever k."""
+        del k
+        return self.radius * np.eye(2)
+
+    def standardised_moments(self) -> Moments:
+        """Of variance r²/4: E x⁴ = r⁴/8, E x² y² = r⁴/24."""
+        return 0.0, 2.0, 2 / 3
+
+    def describe(self, quantities: Sequence[Quantity | None]) -> str:
+        """Return what is drawn, in words."""
+        return f"a point uniform over a disc of radius {written(self.radius, quantities[0])}"
+
+    def kernel_row(self) -> KernelRow:
+        """Return the radius."""
+        return KernelRow("disc", np.array([self.radius]))
+
+    def projection(self, weights: Array) -> _Projection:
+        """Return what it is along weights."""
+        return _Projection(self.radius * math.hypot(*weights))
+
+    def characteristic(self, frequency: ArrayLike) -> NDArray[np.complex128]:
+        """Return 2 J₁(r|t|) / (r|t|)."""
+        t = self.radius * np.hypot(*np.asarray(frequency, dtype=float))
+        safe = np.where(t > 0, t, 1.0)
+        value: NDArray[np.complex128] = np.where(t > 0, 2 * lazy_special.j1(safe) / safe, 1.0).astype(complex)
+        return value
+
+
+@final
+@dataclass(frozen=True)
+class _Projection(SymmetricProjection):
+    """A disc seen from the side."""
+
+    @property
+    def breaks(self) -> tuple[float, ...]:
+        return -math.pi / 2, math.pi / 2
+
+    def cumulative(self, z: Array) -> Array:
+        t = self.scaled(z)
+        value: Array = 0.5 + (t * np.sqrt((1 - t) * (1 + t)) + np.arcsin(t)) / np.pi
+        return value
+
+    def density(self, z: Array) -> Array:
+        t = self.scaled(z)
+        value: Array = 2 / (np.pi * self.reach) * np.sqrt((1 - t) * (1 + t))
+        return value
+
+    def position(self, s: Array) -> Array:
+        value: Array = self.reach * np.sin(s)
+        return value
+
+    def weight(self, s: Array) -> Array:
+        value: Array = 2 / np.pi * np.cos(s) ** 2
+        return value
+
+    def parameter(self, z: Array) -> Array:
+        value: Array = np.arcsin(self.scaled(z))
+        return value
+
+    def characteristic(self, frequency: Array) -> NDArray[np.complex128]:
+        t = self.reach * frequency
+        safe = np.where(t != 0, t, 1.0)
+        return np.where(t != 0, 2 * lazy_special.j1(safe) / safe, 1.0).astype(complex)
+
+    def envelope(self, frequency: Array) -> Array:
+        """min(1, c (r ω)^-3/2), from 2 J₁(z)/z and the largest √z |J₁(z)|."""
+        return power_bound(2 * LARGEST_SCALED_BESSEL, 1.5, self.reach * frequency)

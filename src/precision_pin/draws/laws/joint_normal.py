@@ -1,0 +1,191 @@
+"""Several numbers, jointly normal."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import ClassVar, Literal, final
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from precision_pin import units
+from precision_pin.draws.laws.kernel_row import KernelRow
+from precision_pin.draws.laws.law import FARTHEST_NORMAL, Array, Law, take_rows
+from precision_pin.draws.laws.numerics import NORMAL_MOMENTS, Moments, triangular_root
+from precision_pin.draws.laws.sheet_form import DEVIATIONS, LawOption, SheetForm, SheetReader
+from precision_pin.draws.laws.wording import deviations
+from precision_pin.errors import InputError
+from precision_pin.inputs.arguments import check_numbers
+from precision_pin.units import Quantity
+
+__all__ = ["JointNormal"]
+
+
+@final
+@dataclass(frozen=True)
+class JointNormal(Law):
+    """Several numbers jointly normal.
+
+    Parameters
+    ----------
+    matrix
+        Covariance, row by row; symmetric and positive semi-definite.
+    centre
+        Mean, zero if left out.
+
+    Raises
+    ------
+    InputError
+        The matrix is not square, not symmetric or not positive semi-definite.
+    """
+
+    variates: ClassVar[Literal["uniform", "normal"]] = "normal"
+    is_normal: ClassVar[bool] = True
+    form: ClassVar = SheetForm(
+        "joint_normal",
+        {"joint_normal": {"std": ["0.1 mm", "0.2 mm"]}},
+        "several numbers `.0`, `.1`, …, jointly normal; `std` their standard deviations",
+        (
+            LawOption("mean", "default 0", ["1 mm", "1 mm"]),
+            LawOption("correlation", "rows, of joint_normal", [["1", "0.5"], ["0.5", "1"]]),
+        ),
+        DEVIATIONS,
+    )
+    matrix: tuple[tuple[float, ...], ...]
+    centre: tuple[float, ...] = ()
+
+    def __post_init__(self) -> None:
+        covariance = take_rows(self, "matrix", "the (square) covariance of a joint normal law")
+        size = len(self.matrix)
+        if covariance.shape != (size, size):
+            raise InputError("the covariance of a joint normal law must be square")
+        centre = check_numbers("the mean of a joint normal law", self.centre, (None,), f"{size} finite numbers")
+        if centre.size not in (0, size):
+            raise InputError(f"the mean of a joint normal law has {centre.size} numbers, expected {size}")
+        object.__setattr__(self, "centre", tuple(centre.tolist()))
+        scale = np.sqrt(np.maximum(np.diag(covariance), 0))
+        slack = 1e-9 * np.outer(scale, scale)
+        if (np.abs(covariance - covariance.T) > slack).any():
+            raise InputError("the covariance of a joint normal law must be symmetric")
+        if (np.abs(covariance) > (1 + 1e-9) * np.outer(scale, scale)).any():
+            raise InputError("the covariance of a joint normal law holds a negative variance or a correlation above 1")
+        unit = np.where(scale > 0, scale, 1.0)
+        lowest = np.linalg.eigvalsh(covariance / np.outer(unit, unit)).min()
+        if lowest < -1e-9:
+            raise InputError(f"the covariance of a joint normal law has a negative eigenvalue ({lowest:.3g} scaled)")
+
+    @classmethod
+    def from_sheet(cls, reader: SheetReader) -> JointNormal:
+        """Return the law that a sheet has."""
+        value = reader.settings["joint_normal"]
+        if (
+            not isinstance(value, Mapping)
+            or set(value) != {"std"}
+            or not isinstance(value["std"], list)
+            or not value["std"]
+        ):
+            raise reader.error(
+                ("joint_normal",), "joint_normal takes the standard deviations: joint_normal: {std: [0.1 mm, 0.2 mm]}"
+            )
+        std = np.array([reader.half_width("joint_normal", "std", k) for k in range(len(value["std"]))])
+        centre: tuple[float, ...] = ()
+        if "mean" in reader.settings:
+            means = reader.settings["mean"]
+            if not isinstance(means, list) or len(means) != std.size:
+                raise reader.error(
+                    ("mean",), f"the mean of this joint_normal is a list of {std.size} numbers with units"
+                )
+            centre = tuple(reader.number("mean", k) for k in range(std.size))
+        covariance = _correlation(reader, std.size) * np.outer(std, std)
+        return cls(tuple(map(tuple, covariance.tolist())), centre)
+
+    @property
+    def size(self) -> int:
+        """How many numbers."""
+        return len(self.matrix)
+
+    @property
+    def components(self) -> tuple[str, ...]:
+        """Numbered from 0."""
+        return tuple(f".{k}" for k in range(self.size))
+
+    @property
+    def mean_vector(self) -> Array:
+        """Mean, ``(size,)``."""
+        return np.array(self.centre, dtype=float) if self.centre else np.zeros(self.size)
+
+    @property
+    def covariance(self) -> Array:
+        """Covariance, ``(size, size)``."""
+        return np.array(self.matrix, dtype=float)
+
+    @property
+    def root(self) -> Array:
+        """Lower-triangular L with L Lᵀ the covariance; a dependent component gets a zero column."""
+        return triangular_root(self.covariance)
+
+    def sample(self, variates: Array) -> Array:
+        """Return mean + L z."""
+        value: Array = self.mean_vector[:, None] + self.root @ variates
+        return value
+
+    def support(self, direction: ArrayLike) -> float:
+        """Return infinity, or w·mean where the law does not vary along w."""
+        w = np.asarray(direction, dtype=float)
+        rounding = 1e-12 * float(np.abs(w) @ np.sqrt(np.diag(self.covariance)))
+        return math.inf if np.abs(self.root.T @ w).max() > rounding else float(w @ self.mean_vector)
+
+    def interval(self, number: int) -> tuple[float, float]:
+        """Return the number's mean ± 8.6 σ."""
+        mean, reach = float(self.mean_vector[number]), FARTHEST_NORMAL * math.sqrt(self.matrix[number][number])
+        return mean - reach, mean + reach
+
+    def ellipsoid(self, k: float) -> Array:
+        """Return that of (x - mean)ᵀ Σ⁻¹ (x - mean) = k²."""
+        return k * self.root
+
+    def standardised_moments(self) -> Moments:
+        """Those of independent normal numbers."""
+        return NORMAL_MOMENTS
+
+    def describe(self, quantities: Sequence[Quantity | None]) -> str:
+        """Return what is drawn, in words."""
+        covariance = self.covariance
+        std = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+        unit = np.where(std > 0, std, 1.0)
+        largest = float(np.abs((covariance / np.outer(unit, unit))[~np.eye(self.size, dtype=bool)]).max(initial=0.0))
+        together = f"correlations up to {largest:.3g}" if largest > 1e-12 else "not correlated"
+        return f"{self.size} numbers jointly normal, {deviations(self.components, covariance, quantities)}, {together}"
+
+    def kernel_row(self) -> KernelRow:
+        """Return the mean, and below it the root of the covariance."""
+        root = self.root
+        reaches = np.abs(root).sum(axis=1) * FARTHEST_NORMAL
+        ends = zip((self.mean_vector - reaches).tolist(), (self.mean_vector + reaches).tolist(), strict=True)
+        return KernelRow("joint", np.vstack([self.mean_vector, root]), tuple(ends))
+
+    def characteristic(self, frequency: ArrayLike) -> NDArray[np.complex128]:
+        """Return exp(i t·mean - tᵀΣt/2)."""
+        t = np.asarray(frequency, dtype=float)
+        quadratic = np.einsum("i...,ij,j...->...", t, self.covariance, t)
+        value: NDArray[np.complex128] = np.exp(1j * np.einsum("i,i...->...", self.mean_vector, t) - quadratic / 2)
+        return value
+
+
+def _correlation(reader: SheetReader, size: int) -> Array:
+    """Return the correlation matrix of a sheet."""
+    where = ("correlation",)
+    rows = reader.settings.get("correlation", np.eye(size).tolist())
+    if not isinstance(rows, list) or not all(isinstance(row, list) for row in rows):
+        raise reader.error(where, f"correlation must be {size} rows of {size} plain numbers: [[1, …], …]")
+    try:
+        matrix = np.array([[units.parse(entry, units.RATIO) for entry in row] for row in rows])
+    except (InputError, ValueError):  # no numbers, or rows that are not of one length
+        raise reader.error(where, "correlation must be rows of plain numbers") from None
+    if matrix.shape != (size, size) or not (np.diag(matrix) == 1).all() or not (matrix == matrix.T).all():
+        raise reader.error(
+            where, f"correlation must be {size} rows of {size} numbers, symmetric, with 1 on the diagonal"
+        )
+    return matrix

@@ -1,0 +1,130 @@
+"""The normal law."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import ClassVar, Final, Literal, final
+
+import numpy as np
+
+from precision_pin.draws.laws.bases import SymmetricLaw
+from precision_pin.draws.laws.kernel_row import KernelRow
+from precision_pin.draws.laws.law import FARTHEST_NORMAL, Array, Law, take_number, take_size
+from precision_pin.draws.laws.sheet_form import DEVIATIONS, MEAN, NUMBER, LawOption, SheetForm, SheetReader
+from precision_pin.draws.laws.truncated_normal import TruncatedNormal
+from precision_pin.draws.laws.wording import mean_beside, written
+from precision_pin.inputs.arguments import check_number
+from precision_pin.units import Quantity
+
+__all__ = ["Normal"]
+
+_NOT_NEGATIVE: Final = "zero or more and finite"
+
+
+@final
+@dataclass(frozen=True)
+class Normal(SymmetricLaw):
+    """Normal of standard deviation ``std``."""
+
+    variates: ClassVar[Literal["uniform", "normal"]] = "normal"
+    is_normal: ClassVar[bool] = True
+    form: ClassVar = SheetForm(
+        "normal",
+        {"normal": "0.06 mm"},
+        "t is k standard deviations, σ = t/k; `normal: {std: 0.02 mm}` gives σ itself",
+        (
+            MEAN,
+            LawOption("k", "normal: t has the standard deviation t/k; default 3", "2"),
+            LawOption("truncated", "cut a normal law off at its half-width, mean ± k standard deviations", "true"),
+        ),
+        {"anyOf": [NUMBER, DEVIATIONS]},
+    )
+    std: float
+    mean: float = 0.0
+
+    def __post_init__(self) -> None:
+        take_size(self, "std", "the standard deviation of a normal law")
+        take_number(self, "mean", "the mean of a normal law")
+
+    @classmethod
+    def from_sheet(cls, reader: SheetReader) -> Normal | TruncatedNormal:
+        """Return the law that a sheet has, cut off if it says so."""
+        value, k = reader.settings["normal"], _k(reader)
+        if isinstance(value, Mapping):
+            if set(value) != {"std"}:
+                raise reader.error(
+                    ("normal",),
+                    "normal takes a half-width (normal: 0.1 mm) or a standard deviation (normal: {std: 0.03 mm})",
+                )
+            std = reader.half_width("normal", "std")
+        else:
+            std = reader.half_width("normal") / k
+        mean, truncated = reader.mean(), _is_truncated(reader)
+        if isinstance(value, Mapping) and "k" in reader.settings and not truncated:
+            raise reader.error(
+                ("k",), "k does nothing here: {std: …} is the standard deviation itself, and nothing is cut off"
+            )
+        return TruncatedNormal(std, mean, k) if truncated else cls(std, mean)
+
+    @classmethod
+    def from_half_width(cls, half_width: float, mean: float = 0.0, *, k: float = 3.0) -> Normal:
+        """Return the law whose half-width is k standard deviations."""
+        half = check_number("the half-width of a normal law", half_width, _NOT_NEGATIVE, lambda value: value >= 0)
+        return cls(half / check_number("k", k, "positive and finite", lambda value: value > 0), mean)
+
+    @property
+    def variance(self) -> float:
+        """σ²."""
+        return self.std**2
+
+    @property
+    def reach(self) -> float:
+        """Infinite, unless σ is zero."""
+        return math.inf if self.std else 0.0
+
+    def interval(self, number: int) -> tuple[float, float]:
+        """Return mean ± 8.6 σ."""
+        del number
+        return self.mean - FARTHEST_NORMAL * self.std, self.mean + FARTHEST_NORMAL * self.std
+
+    def sample(self, variates: Array) -> Array:
+        """Return mean + σ z."""
+        return self.mean + self.std * variates
+
+    def covariance_with(self, other: Law, correlation: float) -> float | None:
+        """Return ρ σ₁ σ₂ of two normal numbers."""
+        return correlation * self.std * other.std if isinstance(other, Normal) else None
+
+    def covariance_by_scores(self, correlation: float, nodes: Callable[[float], tuple[Array, Array]]) -> float:
+        """Return the integral of ρ σ z, the number's mean at a score z of the other."""
+        z, weighted = nodes(0.0)
+        return self.std * correlation * float((weighted * z).sum())
+
+    def describe(self, quantities: Sequence[Quantity | None]) -> str:
+        """Return what is drawn, in words."""
+        (quantity,) = quantities
+        return f"normal, standard deviation {written(self.std, quantity)}{mean_beside(self.mean, quantity)}"
+
+    def kernel_row(self) -> KernelRow:
+        """Return mean and standard deviation."""
+        return KernelRow("normal", np.array([self.mean, self.std]))
+
+    def _deviation_characteristic(self, frequency: Array) -> Array:
+        value: Array = np.exp(-((self.std * frequency) ** 2) / 2)
+        return value
+
+
+def _k(reader: SheetReader) -> float:
+    k = reader.ratio("k") if "k" in reader.settings else 3.0
+    if not k > 0:
+        raise reader.error(("k",), f"k must be positive, got {reader.settings['k']}")
+    return k
+
+
+def _is_truncated(reader: SheetReader) -> bool:
+    value = str(reader.settings.get("truncated", "false")).lower()
+    if value not in ("true", "false"):
+        raise reader.error(("truncated",), f"truncated must be true or false, got {reader.settings['truncated']!r}")
+    return value == "true"

@@ -1,0 +1,216 @@
+"""What a draw adds along one direction, as a random number ``z = w·(x - mean)`` of its own.
+
+Each projection knows its cumulative law and density in closed form, a smooth parametrisation to integrate along, and a bound
+of its characteristic function that never rises: what the truncation of an inversion is certified by.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from typing import final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from precision_pin.draws.laws.numerics import Array, in_chunks
+from precision_pin.inputs.arrays import fix_fields
+
+__all__ = ["Lines", "Projection", "SymmetricProjection", "power_bound"]
+
+
+class Projection(ABC):
+    """A number of zero mean (or, of lines, any mean) along one direction of a law.
+
+    The parametrisation: z = position(s) with the probability weight(s) ds, s from the first to the last of ``breaks``,
+    both functions smooth between the breaks.
+    """
+
+    @property
+    @abstractmethod
+    def ends(self) -> tuple[float, float]:
+        """Between which all of it lies."""
+
+    @property
+    @abstractmethod
+    def breaks(self) -> tuple[float, ...]:
+        """Ends and kinks of the parameter, rising."""
+
+    @property
+    def kinks(self) -> tuple[float, ...]:
+        """Values between which the cumulative law is smooth, and no steeper in one place than in another by much."""
+        return self.ends
+
+    @abstractmethod
+    def cumulative(self, z: Array) -> Array:
+        """Return P(number ≤ z)."""
+
+    @abstractmethod
+    def density(self, z: Array) -> Array:
+        """Return the density; not-a-number where it has none."""
+
+    @abstractmethod
+    def position(self, s: Array) -> Array:
+        """Return the value at a parameter; never falling."""
+
+    @abstractmethod
+    def weight(self, s: Array) -> Array:
+        """Return the density of the parameter."""
+
+    @abstractmethod
+    def parameter(self, z: Array) -> Array:
+        """Return the parameter of a value, any value beyond the ends taken at the end."""
+
+    @abstractmethod
+    def envelope(self, frequency: Array) -> Array:
+        """Return a bound of |E exp(i ω z)| that never rises with ω."""
+
+    @abstractmethod
+    def characteristic(self, frequency: Array) -> NDArray[np.complex128]:
+        """Return E exp(i ω z), from deviations alone: a mean far larger than the spread takes no digits."""
+
+    @property
+    def characteristic_error(self) -> float:
+        """Bound of the error of :meth:`characteristic`, that of rounding ω apart."""
+        return 1e-15
+
+    def within(self, score: float) -> tuple[float, float]:
+        """Return ends beyond which lies no more than beyond ± a number of standard deviations of a normal law."""
+        del score
+        return self.ends
+
+    @property
+    def is_bounded(self) -> bool:
+        """Whether nothing lies beyond the ends."""
+        return True
+
+
+@dataclass(frozen=True)
+class SymmetricProjection(Projection):
+    """Symmetric about zero, up to a reach."""
+
+    reach: float
+
+    @property
+    def ends(self) -> tuple[float, float]:
+        """Minus and plus the reach."""
+        return -self.reach, self.reach
+
+    def scaled(self, z: Array) -> Array:
+        """Return z over the reach, at most 1."""
+        scaled: Array = np.clip(z / self.reach, -1.0, 1.0)
+        return scaled
+
+    def inside(self, z: Array, density: Array) -> Array:
+        """Return the density, zero beyond the reach."""
+        value: Array = np.where(np.abs(z) < self.reach, density, 0.0)
+        return value
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Lines(Projection):
+    """Uniform pieces and single values: empirical and two-point laws, rows of a table.
+
+    Attributes
+    ----------
+    shares
+        Probability of each piece, ``(s,)``.
+    begins, stops
+        Where each begins and stops, rising, ``(s,)``; equal for a single value.
+    """
+
+    shares: Array
+    begins: Array
+    stops: Array
+
+    def __post_init__(self) -> None:
+        fix_fields(self)
+
+    @classmethod
+    def of(cls, shares: Array, begins: Array, stops: Array) -> Lines:
+        """Return the pieces in rising order."""
+        low, high = np.minimum(begins, stops), np.maximum(begins, stops)
+        order = np.lexsort((high, low))
+        return cls(shares[order], low[order], high[order])
+
+    @property
+    def ends(self) -> tuple[float, float]:
+        """The lowest and the highest value."""
+        return float(self.begins[0]), float(self.stops[-1])
+
+    @property
+    def breaks(self) -> tuple[float, ...]:
+        """0, 1 and the probabilities at which pieces meet."""
+        return (0.0, *np.cumsum(self.shares)[:-1].tolist(), 1.0)
+
+    @property
+    def kinks(self) -> tuple[float, ...]:
+        """Where pieces begin and stop."""
+        return tuple(np.unique(np.concatenate([self.begins, self.stops])).tolist())
+
+    @property
+    def has_jumps(self) -> bool:
+        """Whether a value has a probability of its own."""
+        return bool((self.begins == self.stops).any())
+
+    def cumulative(self, z: Array) -> Array:
+        """Return P(number ≤ z)."""
+        ahead = z[..., None] - self.begins
+        length = self.stops - self.begins
+        passed = np.where(length > 0, np.clip(ahead / np.where(length > 0, length, 1.0), 0, 1), ahead >= 0)
+        value: Array = passed @ self.shares
+        return value
+
+    def density(self, z: Array) -> Array:
+        """Return the density; not-a-number where any value has a probability of its own."""
+        if self.has_jumps:
+            return np.full_like(z, np.nan)
+        inside = (z[..., None] >= self.begins) & (z[..., None] < self.stops)
+        value: Array = inside @ (self.shares / (self.stops - self.begins))
+        return value
+
+    def position(self, s: Array) -> Array:
+        """Return the quantile at s."""
+        firsts = np.array(self.breaks[:-1])
+        k = np.clip(np.searchsorted(firsts, s, side="right") - 1, 0, firsts.size - 1)
+        along = np.clip((s - firsts[k]) / self.shares[k], 0, 1)
+        value: Array = self.begins[k] + along * (self.stops[k] - self.begins[k])
+        return value
+
+    def weight(self, s: Array) -> Array:
+        """Return 1."""
+        return np.ones_like(s)
+
+    def parameter(self, z: Array) -> Array:
+        """Return the cumulative probability."""
+        return self.cumulative(z)
+
+    def characteristic(self, frequency: Array) -> NDArray[np.complex128]:
+        """Return the sum over the pieces."""
+        halves, middles = (self.stops - self.begins) / 2, (self.stops + self.begins) / 2
+
+        def of(part: Array) -> NDArray[np.complex128]:
+            turned = np.sinc(part.T * halves / np.pi) * np.exp(1j * part.T * middles)
+            value: NDArray[np.complex128] = turned @ self.shares
+            return value
+
+        return in_chunks(of, frequency[None], 4 * halves.size)
+
+    @property
+    def characteristic_error(self) -> float:
+        """That of a sum of as many numbers as there are pieces."""
+        return 1e-15 + 1.2e-16 * self.shares.size
+
+    def envelope(self, frequency: Array) -> Array:
+        """Σ share · min(1, 2/(length ω)): that of each piece, 1 of a single value."""
+        lengths = (self.stops - self.begins) / 2
+        bounds = np.array([power_bound(1.0, 1.0, length * frequency) for length in lengths])
+        value: Array = np.tensordot(self.shares, bounds, axes=1)
+        return np.minimum(value, 1.0)
+
+
+def power_bound(factor: float, power: float, z: Array) -> Array:
+    """Return min(1, factor z^-power)."""
+    value: Array = np.minimum(1.0, factor * np.maximum(z, 1e-300 ** (1 / max(power, 1.0))) ** -power)
+    return value

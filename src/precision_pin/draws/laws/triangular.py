@@ -1,0 +1,115 @@
+"""The symmetric triangular law."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import ClassVar, final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from precision_pin.draws.laws.bases import SymmetricLaw
+from precision_pin.draws.laws.kernel_row import KernelRow
+from precision_pin.draws.laws.law import Array, take_number, take_size
+from precision_pin.draws.laws.projection import SymmetricProjection, power_bound
+from precision_pin.draws.laws.sheet_form import MEAN, SheetForm, SheetReader
+from precision_pin.draws.laws.wording import about
+from precision_pin.units import Quantity
+
+__all__ = ["Triangular"]
+
+
+@final
+@dataclass(frozen=True)
+class Triangular(SymmetricLaw):
+    """Symmetric triangle on mean ± half_width."""
+
+    form: ClassVar = SheetForm(
+        "triangular", {"triangular": "0.05 mm"}, "a symmetric triangle on mean ± t; σ = t/√6", (MEAN,)
+    )
+    half_width: float
+    mean: float = 0.0
+
+    def __post_init__(self) -> None:
+        take_size(self, "half_width", "the half-width of a triangular law")
+        take_number(self, "mean", "the mean of a triangular law")
+
+    @classmethod
+    def from_sheet(cls, reader: SheetReader) -> Triangular:
+        """Return the law that a sheet has."""
+        return cls(reader.half_width("triangular"), reader.mean())
+
+    @property
+    def variance(self) -> float:
+        """t²/6."""
+        return self.half_width**2 / 6
+
+    @property
+    def reach(self) -> float:
+        """The half-width."""
+        return self.half_width
+
+    @property
+    def breaks(self) -> tuple[float, ...]:
+        """One half: the density bends there."""
+        return (0.5,)
+
+    def sample(self, variates: Array) -> Array:
+        """Return the inverse of the cumulative law, from the nearer end."""
+        tail = np.minimum(variates, 1 - variates)
+        deviation: Array = np.copysign(1 - np.sqrt(2 * tail), variates - 0.5)
+        return self.mean + self.half_width * deviation
+
+    def describe(self, quantities: Sequence[Quantity | None]) -> str:
+        """Return what is drawn, in words."""
+        return f"triangular within {about(self.half_width, self.mean, quantities[0])}"
+
+    def kernel_row(self) -> KernelRow:
+        """Return mean and half-width."""
+        return KernelRow("triangular", np.array([self.mean, self.half_width]))
+
+    def projection(self, weights: Array) -> _Projection:
+        """Return what it is along weights."""
+        return _Projection(abs(float(weights[0])) * self.half_width)
+
+    def _deviation_characteristic(self, frequency: Array) -> Array:
+        value: Array = np.sinc(frequency * self.half_width / (2 * np.pi)) ** 2
+        return value
+
+
+@final
+@dataclass(frozen=True)
+class _Projection(SymmetricProjection):
+    @property
+    def breaks(self) -> tuple[float, ...]:
+        return -1.0, 0.0, 1.0
+
+    @property
+    def kinks(self) -> tuple[float, ...]:
+        return -self.reach, 0.0, self.reach
+
+    def cumulative(self, z: Array) -> Array:
+        t = self.scaled(z)
+        tail = (1 - np.abs(t)) ** 2 / 2
+        value: Array = np.where(t > 0, 1 - tail, tail)
+        return value
+
+    def density(self, z: Array) -> Array:
+        return (1 - np.abs(self.scaled(z))) / self.reach
+
+    def position(self, s: Array) -> Array:
+        return self.reach * s
+
+    def weight(self, s: Array) -> Array:
+        return 1 - np.abs(s)
+
+    def parameter(self, z: Array) -> Array:
+        return self.scaled(z)
+
+    def characteristic(self, frequency: Array) -> NDArray[np.complex128]:
+        return (np.sinc(self.reach * frequency / (2 * np.pi)) ** 2).astype(complex)
+
+    def envelope(self, frequency: Array) -> Array:
+        """min(1, 4/(a ω)²), the square of a uniform law's of half the reach."""
+        return power_bound(4.0, 2.0, self.reach * frequency)

@@ -1,0 +1,45 @@
+"""Pieces of the sentences that say what is drawn, numbers in units that people use."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from precision_pin.display.units import WrittenUnit
+from precision_pin.draws.laws.numerics import Array
+from precision_pin.units import Quantity
+
+__all__ = ["about", "deviations", "mean_beside", "spread", "written"]
+
+
+def written(value: float, quantity: Quantity | None) -> str:
+    """Return a number with the unit that suits it."""
+    return WrittenUnit.suiting(quantity, [value])(value)
+
+
+def about(half_width: float, mean: float, quantity: Quantity | None) -> str:
+    """Return a half-width, about a mean that is not zero."""
+    unit = WrittenUnit.suiting(quantity, [half_width, mean])
+    return f"±{unit(half_width)}" + (f" about {unit(mean)}" if mean else "")
+
+
+def mean_beside(mean: float, quantity: Quantity | None) -> str:
+    """Return what to add for a mean, nothing for zero."""
+    return f", mean {written(mean, quantity)}" if mean else ""
+
+
+def spread(mean: Array, covariance: Array, quantity: Quantity | None) -> str:
+    """Return what to add for the mean and the standard deviation of one number."""
+    std = math.sqrt(float(covariance[0, 0]))
+    return f", mean {written(float(mean[0]), quantity)}, standard deviation {written(std, quantity)}"
+
+
+def deviations(components: Sequence[str], covariance: Array, quantities: Sequence[Quantity | None]) -> str:
+    """Return the standard deviations of several numbers."""
+    stds = np.sqrt(np.maximum(np.diag(covariance), 0.0)).tolist()
+    each = zip(components, stds, quantities, strict=True)
+    return "standard deviations " + ", ".join(
+        f"{name.removeprefix('.')} {written(std, quantity)}" for name, std, quantity in each
+    )
