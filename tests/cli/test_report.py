@@ -29,6 +29,7 @@ def test_a_page_is_written_the_same_each_time_and_says_how_to_make_it(run, folde
     assert new_files() == {"page.html", "below", "below/again.html"}
 
 
+@pytest.mark.slow
 def test_exit_code_says_whether_the_specifications_are_met(run, folder):
     arguments = ("report", f"{folder}/gantry.urdf", f"{folder}/gantry.errors.yaml", *FEW, "--out", "page.html")
     assert run(*arguments, "--spec", "1 m").code == 0
