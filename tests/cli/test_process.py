@@ -137,7 +137,9 @@ def closed_pipe() -> int:
 @pytest.mark.parametrize(
     ("arguments", "code"),
     [
-        (("analyze", "--samples", "100", "--json", "result.json", "--spec", "1 nm"), 1),
+        pytest.param(
+            ("analyze", "--samples", "100", "--json", "result.json", "--spec", "1 nm"), 1, marks=pytest.mark.slow
+        ),
         (("schema",), 0),
         (("check", "forked.urdf"), 0),
     ],
@@ -159,7 +161,10 @@ def test_a_reader_that_has_gone_is_no_error(executable, folder, arguments, code)
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="Linux has a device that is always full")
-@pytest.mark.parametrize("arguments", [("analyze", "--samples", "100"), ("init", "4dof.urdf", "--out", "-")])
+@pytest.mark.parametrize(
+    "arguments",
+    [pytest.param(("analyze", "--samples", "100"), marks=pytest.mark.slow), ("init", "4dof.urdf", "--out", "-")],
+)
 def test_a_stdout_that_is_full(executable, folder, arguments):
     with open("/dev/full", "w") as device:
         done = subprocess.run(

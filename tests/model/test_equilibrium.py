@@ -105,6 +105,7 @@ def test_slopes_are_those_of_the_rods(arm):
 # --- derivatives ---
 
 
+@pytest.mark.slow
 def test_slopes_are_those_of_arms_settled_anew(arm):
     """Every load and stiffness, to 1e-6 of the column, against fourth-order differences."""
     model = settings(arm)

@@ -150,6 +150,7 @@ def test_figures_are_shapes_in_colours_of_the_page():
         assert "currentColor" in figure
 
 
+@pytest.mark.slow
 def test_the_same_results_give_the_same_page_and_no_folder_is_named():
     results, text = paper()
     assert page(results) == text

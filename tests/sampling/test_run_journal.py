@@ -266,6 +266,7 @@ def test_a_journal_that_cannot_be_begun_leaves_no_file(file: Path, monkeypatch, 
     assert os.listdir(file.parent) == []
 
 
+@pytest.mark.slow
 def test_a_run_on_a_real_full_disk(tmp_path: Path) -> None:
     """Room for the beginning and a few states; the process may write no larger file."""
     code = (
