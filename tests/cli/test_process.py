@@ -49,6 +49,7 @@ def test_help_imports_nothing_heavy(arguments):
     assert imported(*arguments) & set(HEAVY) == set()
 
 
+@pytest.mark.slow
 def test_tables_need_no_matplotlib_and_mcpc_no_compiler():
     assert imported("mcpc") & {"matplotlib", "numba", "meshcat", "xarray", "yourdfpy"} == set()
     assert (
@@ -65,6 +66,7 @@ def test_installed_and_as_a_module(command, executable):
     assert json.loads(done.stdout)["tip"] == "tool"
 
 
+@pytest.mark.slow
 def test_exit_codes_and_streams(executable, folder):
     def outcome(*arguments: str) -> tuple[int, str, str]:
         done = subprocess.run(
@@ -183,6 +185,7 @@ def test_an_output_that_cannot_show_greek(executable, folder):
     assert "offset °  \\u03b1 °".encode("latin-1") in done.stdout
 
 
+@pytest.mark.slow
 def test_a_file_whose_name_is_not_utf8(executable, folder):
     if sys.platform != "linux":
         pytest.skip("such names exist on Linux only")

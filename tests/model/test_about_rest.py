@@ -83,6 +83,7 @@ def test_products_of_load_and_stiffness_are_kept(arm):
     assert np.linalg.norm((first_order - truth)[:3]) > 0.08 * np.linalg.norm(truth[:3])
 
 
+@pytest.mark.slow
 def test_stiffnesses_that_vary_one_by_one(arm):
     """A sheet with ± 30 % on EI and 10 % on every joint: 40 robots of it settled one by one, and the sampler."""
     sheet = ErrorModel.load(PAPER_SHEET)

@@ -253,6 +253,7 @@ def warned(model: ErrorModel) -> list[str]:
     return [finding.code for finding in model.statics_findings(model.at(PAPER_Q))]
 
 
+@pytest.mark.slow
 def test_nominal_statics_warn_where_they_are_stretched(arm):
     """About a millimetre apart at the paper's stiffness: more than a tenth of a spread of 1 mm, less of one of 20 mm."""
     tolerance = {spread: Length(joint="joint3", parameters=(Uniform(spread * np.sqrt(3)),)) for spread in (1e-3, 20e-3)}

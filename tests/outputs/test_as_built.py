@@ -144,7 +144,7 @@ def example(name: str) -> tuple[Path, str, str | None, dict[str, float]]:
 
 
 @pytest.mark.filterwarnings("ignore:.*W_JOINT_LIMIT")
-@pytest.mark.parametrize("name", ["ur5", "panda", "kinova"])
+@pytest.mark.parametrize("name", ["panda", *(pytest.param(name, marks=pytest.mark.slow) for name in ("ur5", "kinova"))])
 def test_geometric_errors_are_reproduced_at_every_pose_for_known_arms(name):
     path, tip, base, locked = example(name)
     chain = Chain.from_urdf(path, tip, base, locked=locked)
