@@ -100,6 +100,15 @@ def test_the_continuous_integration_runs_the_readmes_test_command_as_it_stands()
         assert check in text
 
 
+def test_contributing_names_the_targets_of_the_makefile_and_hooks_fetch_nothing():
+    targets = re.findall(r"^(\w+):", (ROOT / "Makefile").read_text(encoding="utf-8"), re.MULTILINE)
+    named = re.findall(r"`make (\w+)`", (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8"))
+    assert sorted(named) == sorted(targets)
+    hooks = (ROOT / ".pre-commit-config.yaml").read_text(encoding="utf-8")
+    assert re.findall(r"repo: (\S+)", hooks) == ["local"]
+    assert set(re.findall(r"language: (\w+)", hooks)) == {"system"}
+
+
 @pytest.mark.parametrize("name", LOCKS)
 def test_a_lock_names_no_host(name):
     text = (ROOT / name).read_text(encoding="utf-8")

@@ -214,6 +214,7 @@ def test_parts_of_the_targets_add_up_to_the_tangent(seven):
     np.testing.assert_allclose(total, at.jacobian, rtol=0, atol=1e-12 * np.abs(at.jacobian).max())
 
 
+@pytest.mark.slow
 def test_seven_joints_with_correlated_and_shared_draws(seven):
     """Sums, sharing, and Shapley effects of the payload's centre against the published form for two inputs."""
     found = pp.budget(seven, SEVEN_Q, samples=4096).poses[0]

@@ -135,6 +135,7 @@ def test_command_writes_json_and_pictures(run, paper, tmp_path):
     assert "wrote plots: budget.json, budget as PNG and SVG" in err
 
 
+@pytest.mark.slow
 def test_command_takes_several_poses_and_joint_values(run, tmp_path):
     code, out, _ = run("--samples", str(FEW), "--pose", "paper", "--pose", "paper", "--out", "plots", "--json", "-")
     assert code == 0

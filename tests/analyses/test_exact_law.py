@@ -267,6 +267,7 @@ def test_draws_that_hardly_matter_do_not_make_it_slow_or_wrong():
 # --- norms ---
 
 
+@pytest.mark.slow
 def test_r6_norm_of_an_isotropic_normal_vector():
     sigma = 0.2 * MM
     chain = slides((1, 0, 0), (0, 1, 0), (0, 0, 1))

@@ -407,6 +407,7 @@ def test_methods_agree_on_the_papers_arm(paper):
         assert covered(found.covariance, closed.covariance.value).all()
 
 
+@pytest.mark.slow
 def test_memory_does_not_grow_with_the_samples(paper):
     def peak(samples: int) -> int:
         tracemalloc.start()

@@ -65,6 +65,7 @@ def test_worst_case(panda: pp.ErrorModel) -> None:
     assert heights.max() == pytest.approx(pose.position.first_order.lower, rel=1e-3)
 
 
+@pytest.mark.slow
 def test_exact_law(panda: pp.ErrorModel, covariance: np.ndarray) -> None:
     pose = pp.exact_law(panda, [Q], samples=50_000).poses[0]
     sd = np.sqrt(covariance[0, 0])
@@ -74,6 +75,7 @@ def test_exact_law(panda: pp.ErrorModel, covariance: np.ndarray) -> None:
     assert pose.laws["position.norm"].law is not None  # every draw is normal
 
 
+@pytest.mark.slow
 def test_reliability_agrees_with_the_exact_law(panda: pp.ErrorModel) -> None:
     limit = pp.exact_law(panda, [Q], samples=2000).poses[0].laws["position.norm"].law.quantile(1 - 1e-4)
     specification = pp.specification(f"{limit * 1e3!r} mm @ 99.9 %")

@@ -41,6 +41,7 @@ def test_ishigami_lies_inside_the_stated_intervals():
     assert max(found.first.half_width.max(), found.total.half_width.max()) < 0.03
 
 
+@pytest.mark.slow
 def test_intervals_cover_as_often_as_stated():
     """Of 60 seeds, a 95 % interval may miss as often as one of exactly 95 % does with probability 1e-4."""
     hits = np.zeros(7)

@@ -58,6 +58,7 @@ def test_the_papers_arm_takes_less_than_five_seconds(run):
     assert max(map(len, lines)) <= 130
 
 
+@pytest.mark.slow
 def test_json_alone_and_in_a_folder_with_a_picture_of_every_pose(run, tmp_path):
     arguments = ("4dof.errors.yaml", "--samples", "500", "--seed", "3", "--k", "2", "--out", "plots")
     code, out, err = run(*arguments, "--json", "-")

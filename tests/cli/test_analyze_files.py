@@ -33,6 +33,7 @@ def test_out_holds_the_plots_and_the_result(run, folder, new_files):
     assert json.loads((folder / "deep/er/analysis.json").read_text("utf-8")) == run(*QUICK, "--json", "-").json
 
 
+@pytest.mark.slow
 def test_out_overwrites_its_own_files_and_leaves_others(run, folder):
     (folder / "plots").mkdir()
     (folder / "plots" / "position.png").write_text("old")
@@ -156,6 +157,7 @@ def test_a_full_disk_leaves_nothing_half_written(executable, folder, contents, t
     assert contents() == before
 
 
+@pytest.mark.slow
 def test_a_folder_in_the_way_of_a_plot(run, folder, contents):
     (folder / "plots" / "position.svg").mkdir(parents=True)
     before = contents()

@@ -223,6 +223,7 @@ def test_a_folder_has_no_name_of_a_file(run, contents, command, name):
     assert contents() == before
 
 
+@pytest.mark.slow
 def test_a_folder_may_have_a_dot_and_one_that_is_there_any_name(run, folder):
     (folder / "x.png").mkdir()
     for name in ("v1.0.3", "arm.errors", "x.json/", "x.png"):

@@ -49,6 +49,7 @@ def test_help_imports_nothing_heavy(arguments):
     assert imported(*arguments) & set(HEAVY) == set()
 
 
+@pytest.mark.slow
 def test_tables_need_no_matplotlib_and_mcpc_no_compiler():
     assert imported("mcpc") & {"matplotlib", "numba", "meshcat", "xarray", "yourdfpy"} == set()
     assert (
@@ -65,6 +66,7 @@ def test_installed_and_as_a_module(command, executable):
     assert json.loads(done.stdout)["tip"] == "tool"
 
 
+@pytest.mark.slow
 def test_exit_codes_and_streams(executable, folder):
     def outcome(*arguments: str) -> tuple[int, str, str]:
         done = subprocess.run(
@@ -137,7 +139,9 @@ def closed_pipe() -> int:
 @pytest.mark.parametrize(
     ("arguments", "code"),
     [
-        (("analyze", "--samples", "100", "--json", "result.json", "--spec", "1 nm"), 1),
+        pytest.param(
+            ("analyze", "--samples", "100", "--json", "result.json", "--spec", "1 nm"), 1, marks=pytest.mark.slow
+        ),
         (("schema",), 0),
         (("check", "forked.urdf"), 0),
     ],
@@ -159,7 +163,10 @@ def test_a_reader_that_has_gone_is_no_error(executable, folder, arguments, code)
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="Linux has a device that is always full")
-@pytest.mark.parametrize("arguments", [("analyze", "--samples", "100"), ("init", "4dof.urdf", "--out", "-")])
+@pytest.mark.parametrize(
+    "arguments",
+    [pytest.param(("analyze", "--samples", "100"), marks=pytest.mark.slow), ("init", "4dof.urdf", "--out", "-")],
+)
 def test_a_stdout_that_is_full(executable, folder, arguments):
     with open("/dev/full", "w") as device:
         done = subprocess.run(
@@ -178,6 +185,7 @@ def test_an_output_that_cannot_show_greek(executable, folder):
     assert "offset °  \\u03b1 °".encode("latin-1") in done.stdout
 
 
+@pytest.mark.slow
 def test_a_file_whose_name_is_not_utf8(executable, folder):
     if sys.platform != "linux":
         pytest.skip("such names exist on Linux only")

@@ -10,6 +10,7 @@ LONG = "a_rather_long_name_for_a_joint_that_turns_about_x_of_the_carriage"
 FEW = ("--samples", "2000")
 
 
+@pytest.mark.slow
 def test_a_page_is_written_the_same_each_time_and_says_how_to_make_it(run, folder, new_files):
     arguments = ("report", "gantry.urdf", "gantry.errors.yaml", "--pose", "home", "--seed", "7", *FEW)
     outcome = run(*arguments, "--out", "page.html")
@@ -29,6 +30,7 @@ def test_a_page_is_written_the_same_each_time_and_says_how_to_make_it(run, folde
     assert new_files() == {"page.html", "below", "below/again.html"}
 
 
+@pytest.mark.slow
 def test_exit_code_says_whether_the_specifications_are_met(run, folder):
     arguments = ("report", f"{folder}/gantry.urdf", f"{folder}/gantry.errors.yaml", *FEW, "--out", "page.html")
     assert run(*arguments, "--spec", "1 m").code == 0

@@ -13,6 +13,7 @@ from __future__ import annotations
 import ast
 import contextlib
 import doctest
+import functools
 import importlib
 import importlib.metadata
 import importlib.util
@@ -81,6 +82,11 @@ def blocks(page: str) -> Iterator[Block]:
         yield Block(match[1], match[2], text[: match.start(2)].count("\n") + 1)
 
 
+def makes_a_report(page: str) -> bool:
+    """Return whether a page's commands take long: every analysis, and all their figures."""
+    return "$ precision-pin report" in PAGES[page].read_text(encoding="utf-8")
+
+
 # --- blocks ---
 
 
@@ -108,6 +114,12 @@ def plain(name: str) -> str:
     return re.sub(r"[-_.]+", "-", name).lower()
 
 
+@functools.cache
+def owners_of_modules() -> dict[str, list[str]]:
+    """Return the distributions that install each module; reading what all of them list takes half a second."""
+    return dict(importlib.metadata.packages_distributions())
+
+
 def locked() -> set[str]:
     """Return the names of the distributions that the first set-up line installs."""
     text = (ROOT / "requirements.lock").read_text(encoding="utf-8")
@@ -127,7 +139,7 @@ def set_up_like_a_reader(page: str, monkeypatch: pytest.MonkeyPatch) -> None:
 
     hidden = {
         module
-        for module, owners in importlib.metadata.packages_distributions().items()
+        for module, owners in owners_of_modules().items()
         if module not in OF_THE_RUNNER and not {plain(owner) for owner in owners} & here
     }
     for module in [name for name in sys.modules if name.partition(".")[0] in hidden]:
@@ -147,7 +159,7 @@ def test_a_reader_has_the_examples_and_not_what_only_the_tests_need(monkeypatch)
 
 def test_the_package_imports_nothing_that_is_neither_locked_nor_an_extra():
     # Pinocchio is found by a path of its own, this package by its sources
-    owners = importlib.metadata.packages_distributions() | {"precision_pin": ["precision-pin"], "pinocchio": ["pin"]}
+    owners = owners_of_modules() | {"precision_pin": ["precision-pin"], "pinocchio": ["pin"]}
     here = locked()
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     extras = " ".join(itertools.chain.from_iterable(project["optional-dependencies"].values()))
@@ -160,7 +172,9 @@ def test_the_package_imports_nothing_that_is_neither_locked_nor_an_extra():
                 assert homes & here or any(home in extras for home in homes), f"{path}: {name} is in no lock"
 
 
-@pytest.mark.parametrize("page", PAGES)
+@pytest.mark.parametrize(
+    "page", [pytest.param(page, marks=[pytest.mark.slow] * makes_a_report(page)) for page in PAGES]
+)
 def test_every_block_runs(page, folder, monkeypatch):
     set_up_like_a_reader(page, monkeypatch)
     module = types.ModuleType(f"page_{re.sub(r'[^a-z]', '_', page)}")

@@ -489,6 +489,7 @@ def kept(seed: int, first: int, count: int) -> Array:
     return x
 
 
+@pytest.mark.slow
 def test_the_normal_scores_match_the_matrix_asked_for() -> None:
     x = kept(20150713, 0, 1_000_000)
     assert fisher_failures(scores(COPULA, x, ("u", "n", "t", "l")), np.array(MATRIX)) == []
@@ -499,6 +500,7 @@ def test_the_normal_scores_match_the_matrix_asked_for() -> None:
     assert stats.kstest(squares, stats.chi2(4).cdf).pvalue > ALPHA
 
 
+@pytest.mark.slow
 def test_the_reported_pearson_matrix_matches_the_samples() -> None:
     """Each pair by the standard error that the samples' own fourth moments give (the delta method)."""
     x = kept(20150713, 0, 1_000_000)
@@ -511,6 +513,7 @@ def test_the_reported_pearson_matrix_matches_the_samples() -> None:
         assert abs(gap) <= limit * float(influence.std()) / 1000, (COPULA.components[i], COPULA.components[j])
 
 
+@pytest.mark.slow
 def test_no_check_finds_fault_with_the_copula_at_1e6_draws() -> None:
     assert sampling_failures(kept, COPULA) == []
 
@@ -533,6 +536,7 @@ def entry(i: int, j: int, value: float) -> Callable[[Array], Array]:
     return change
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "change",
     [
@@ -550,6 +554,7 @@ def test_a_planted_fault_in_the_matrix_is_found(change: Callable[[Array], Array]
     assert fisher_failures(scores(alone, x, ("u", "n", "t", "l")), np.array(MATRIX))
 
 
+@pytest.mark.slow
 def test_scores_mixed_by_the_transposed_root_are_found() -> None:
     rng = np.random.default_rng(4)
     n = rng.normal(size=(4, 1_000_000))

@@ -451,10 +451,12 @@ def test_every_new_law_against_plain_python(seed: int, first: int) -> None:
     assert exact_failures(MORE.sample, MORE, seed=seed, units=range(first, first + 12)) == []
 
 
+@pytest.mark.slow
 def test_no_check_finds_fault_with_the_new_laws_at_1e6_draws() -> None:
     assert sampling_failures(MORE.sample, MORE) == []
 
 
+@pytest.mark.slow
 def test_every_row_comes_as_often_as_any_other() -> None:
     x = MORE.sample(3, 0, 1_000_000)[MORE.slices[5]]
     distinct, counts = np.unique(x, axis=1, return_counts=True)
@@ -490,6 +492,7 @@ def altered(row: int, change: Callable[[Array], Array]) -> Sampler:
     return sampler
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("row", "fault"),
     [
@@ -510,6 +513,7 @@ def test_a_planted_fault_in_a_new_law_is_found_at_1e6_draws(row: int, fault: Cal
     assert any(failure.startswith(f"{FEW.components[row]}:") for failure in failures), failures
 
 
+@pytest.mark.slow
 def test_the_true_sampler_of_the_few_passes() -> None:
     assert sampling_failures(kept, FEW) == []
 

@@ -248,6 +248,7 @@ def test_units_out_of_range_are_refused(first: int, count: int) -> None:
 # ---- distributions, at an error probability of 1e-6 for each check ----
 
 
+@pytest.mark.slow
 def test_no_check_finds_fault_with_every_law_at_1e6_draws() -> None:
     assert sampling_failures(EVERY_LAW.sample, EVERY_LAW) == []
 
@@ -310,6 +311,7 @@ def skewed(x: Array) -> Array:
     return np.array([x[0], 0.5 * bent / math.sqrt(1 + 2 * 0.02**2)])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("fault", "found"),
     [
@@ -330,6 +332,7 @@ def test_planted_fault_is_found_at_1e6_draws(fault: Callable[[Array], Array], fo
     assert any(re.search(found, failure) for failure in failures), failures
 
 
+@pytest.mark.slow
 def test_repeated_block_is_found() -> None:
     def sampler(seed: int, first: int, count: int) -> Array:
         # units 1024…2047 are those of 0…1023 again

@@ -182,6 +182,7 @@ def test_a_joint_normal_has_the_root_and_mean_of_its_covariance() -> None:
     np.testing.assert_allclose(w[:, : loops.TILE], expected, rtol=0, atol=1e-14)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("law", "expected"),
     [

@@ -91,6 +91,7 @@ def test_draws_are_those_of_plain_python() -> None:
     assert exact_failures(lambda *units: sampler.sample(layout, *units), space, seed=9, units=range(7, 27)) == []
 
 
+@pytest.mark.slow
 def test_no_check_finds_fault_at_1e6_draws() -> None:
     left_out = ("many", "gap")  # values with a probability of their own: not for Kolmogorov's test
     space = Space(tuple(draw for draw in SPACE.draws if draw.name not in left_out), SPACE.correlations)

@@ -53,8 +53,8 @@ def varied(arm: Chain, stiffness: Law, payload: Law | None = None, sources: tupl
 @pytest.mark.parametrize(
     ("law", "hundredth", "within"),
     [
-        (Uniform(0.2, mean=1.0), 0.804, 3e-4),
-        (Uniform(0.3, mean=1.0), 0.706, 1e-3),
+        pytest.param(Uniform(0.2, mean=1.0), 0.804, 3e-4, marks=pytest.mark.slow),
+        pytest.param(Uniform(0.3, mean=1.0), 0.706, 1e-3, marks=pytest.mark.slow),
         # median / exp(2.3263 s), s² = ln(1 + 0.2²)
         (Lognormal(0.2, 1.0), 0.618607, 2e-3),
     ],
@@ -83,6 +83,7 @@ def test_products_of_load_and_stiffness_are_kept(arm):
     assert np.linalg.norm((first_order - truth)[:3]) > 0.08 * np.linalg.norm(truth[:3])
 
 
+@pytest.mark.slow
 def test_stiffnesses_that_vary_one_by_one(arm):
     """A sheet with ± 30 % on EI and 10 % on every joint: 40 robots of it settled one by one, and the sampler."""
     sheet = ErrorModel.load(PAPER_SHEET)

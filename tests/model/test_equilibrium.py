@@ -105,6 +105,7 @@ def test_slopes_are_those_of_the_rods(arm):
 # --- derivatives ---
 
 
+@pytest.mark.slow
 def test_slopes_are_those_of_arms_settled_anew(arm):
     """Every load and stiffness, to 1e-6 of the column, against fourth-order differences."""
     model = settings(arm)
@@ -252,6 +253,7 @@ def warned(model: ErrorModel) -> list[str]:
     return [finding.code for finding in model.statics_findings(model.at(PAPER_Q))]
 
 
+@pytest.mark.slow
 def test_nominal_statics_warn_where_they_are_stretched(arm):
     """About a millimetre apart at the paper's stiffness: more than a tenth of a spread of 1 mm, less of one of 20 mm."""
     tolerance = {spread: Length(joint="joint3", parameters=(Uniform(spread * np.sqrt(3)),)) for spread in (1e-3, 20e-3)}

@@ -144,7 +144,7 @@ def example(name: str) -> tuple[Path, str, str | None, dict[str, float]]:
 
 
 @pytest.mark.filterwarnings("ignore:.*W_JOINT_LIMIT")
-@pytest.mark.parametrize("name", ["ur5", "panda", "kinova"])
+@pytest.mark.parametrize("name", ["panda", *(pytest.param(name, marks=pytest.mark.slow) for name in ("ur5", "kinova"))])
 def test_geometric_errors_are_reproduced_at_every_pose_for_known_arms(name):
     path, tip, base, locked = example(name)
     chain = Chain.from_urdf(path, tip, base, locked=locked)
@@ -316,7 +316,7 @@ def laden(tmp_path: Path, statics: str = "nominal") -> ErrorModel:
     return ErrorModel(model.chain, space, sources, {"export": [0.3, -0.7, 1.1, 0.2, -1.3, 0.8, 0.5]}, statics)
 
 
-@pytest.mark.parametrize("statics", ["nominal", "equilibrium"])
+@pytest.mark.parametrize("statics", ["nominal", pytest.param("equilibrium", marks=pytest.mark.slow)])
 def test_all_errors_are_reproduced_at_the_export_pose(tmp_path, statics):
     model = laden(tmp_path, statics)
     writer = AsBuilt.prepare(model, "export")

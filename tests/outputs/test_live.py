@@ -696,6 +696,7 @@ def test_ctrl_c_ends_it_at_once_and_the_port_can_be_used_again(sheet):
         process.communicate()
 
 
+@pytest.mark.slow
 def test_ctrl_c_while_the_page_is_made_anew_ends_it_too(sheet, tmp_path):
     mark = tmp_path / "making"
     slow = f"""

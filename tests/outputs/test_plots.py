@@ -74,6 +74,7 @@ CASES = (
     "large",
     "outliers",
 )
+FAST_CASES = ("offset", "one sample", "no spread", "unequal components")
 
 
 def figures_of(summary: Summary) -> dict[str, Figure]:
@@ -107,7 +108,9 @@ def drawn_texts(figure: Figure) -> list[Text]:
     ]
 
 
-@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize(
+    "case", [pytest.param(case, marks=[pytest.mark.slow] * (case not in FAST_CASES)) for case in CASES]
+)
 def test_text_is_large_enough_inside_the_page_and_does_not_overlap(case: str) -> None:
     for name, figure in figures_of(summary_of(errors_of(case))).items():
         figure.canvas.draw()

@@ -150,6 +150,7 @@ def test_figures_are_shapes_in_colours_of_the_page():
         assert "currentColor" in figure
 
 
+@pytest.mark.slow
 def test_the_same_results_give_the_same_page_and_no_folder_is_named():
     results, text = paper()
     assert page(results) == text
@@ -364,6 +365,7 @@ def test_assumptions_and_reproduction(model, reader):
 # other inputs --------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_hostile_names_are_text(tmp_path):
     text = page(results_of(write_hostile(tmp_path), ("1 mm",), samples=500))
     reader = Reader(text)
@@ -380,6 +382,7 @@ def test_hostile_names_are_text(tmp_path):
     assert f"{HAN} (slides)" in [row[1] for row in reader.table("MCPC").rows]
 
 
+@pytest.mark.slow
 def test_an_analysis_that_refuses_the_model_is_left_out_with_its_reason(tmp_path):
     sheet = write_hostile(tmp_path)
     named = "parameters:\n  p: {uniform: 0.1 mrad}\n  r: {uniform: 0.2 mrad}\n"
@@ -393,7 +396,7 @@ def test_an_analysis_that_refuses_the_model_is_left_out_with_its_reason(tmp_path
     assert [row[0] for row in reader.table("Draws, position").rows].count("correlated: p + r") == 1
 
 
-@pytest.mark.parametrize("samples", [1, 40])
+@pytest.mark.parametrize("samples", [1, pytest.param(40, marks=pytest.mark.slow)])
 def test_few_samples_are_said_to_resolve_little(model, samples):
     results = sampled_again(model, samples=samples)
     reader = Reader(verdict(results).text + distributions(results).text)

@@ -39,6 +39,7 @@ ARMS = {
     "tiago": "arm_tool_link",
     "pr2": "r_gripper_tool_frame",
 }
+FAST_ARMS = ("ur5", "panda", "so101", "tiago")
 PAPER_ARM = PAPER_SHEET.with_name("4dof.urdf")
 
 
@@ -96,7 +97,9 @@ def active(text: str, kind: str) -> list[str]:
     return re.findall(rf"^  - {kind}: .*$", text, re.MULTILINE)
 
 
-@pytest.mark.parametrize("name", [*ARMS, "paper"])
+@pytest.mark.parametrize(
+    "name", [*(pytest.param(name, marks=[pytest.mark.slow] * (name not in FAST_ARMS)) for name in ARMS), "paper"]
+)
 class TestAnyArm:
     def test_it_runs_unedited(self, name: str, tmp_path: Path) -> None:
         chain = chain_of(name)

@@ -322,6 +322,7 @@ def test_all_poses_share_the_points(tmp_path):
     assert drawn_points(pages([Shown(at, errors)] * 10)) == [10_000] * 10
 
 
+@pytest.mark.slow
 def test_two_hundred_poses_make_a_page_of_a_few_megabytes():
     model = ErrorModel.load(PAPER_SHEET)
     at = model.at()
@@ -382,6 +383,7 @@ def test_a_given_factor_is_where_the_slider_starts(paper):
     assert (settings["factor"], settings["smallest"], settings["largest"]) == (0.5, 0.5, 10.0)
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not example_urdfs(), reason="example-robot-data is not installed")
 @pytest.mark.parametrize(("name", "tip"), [("ur5", "tool0"), ("so101", "gripper_frame_link")])
 def test_real_arms_with_every_point_make_pages_under_6_mb(name, tip):

@@ -132,6 +132,7 @@ def test_torn_at_every_byte_of_the_beginning(whole: bytes, file: Path, no_waitin
         assert file.read_bytes() == whole
 
 
+@pytest.mark.slow
 def test_a_flipped_bit_anywhere_never_gives_a_wrong_state(whole: bytes, file: Path, no_waiting_for_disks) -> None:
     ends = record_ends(whole)
     known = {0: EMPTY, **{state.count: state for state in STATES}}
@@ -212,7 +213,7 @@ def test_pauses_grow_with_the_run(file: Path, monkeypatch, no_waiting_for_disks)
     monkeypatch.setattr(journal_module.time, "monotonic", lambda: now)
     saved = []
     with opened_by(file) as (journal, _):
-        for tick in range(1, 40_000):
+        for tick in range(1, 16_000):  # 8000 s: the pauses are the longest from 6000 s on
             now = tick / 2
             before = journal.saved
             journal.save_if_due(small_state(tick))
@@ -267,6 +268,7 @@ def test_a_journal_that_cannot_be_begun_leaves_no_file(file: Path, monkeypatch, 
     assert os.listdir(file.parent) == []
 
 
+@pytest.mark.slow
 def test_a_run_on_a_real_full_disk(tmp_path: Path) -> None:
     """Room for the beginning and a few states; the process may write no larger file."""
     code = (

@@ -5,8 +5,6 @@ from __future__ import annotations
 import os
 import pickle
 import random
-import subprocess
-import sys
 from collections.abc import Iterator
 from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
 from dataclasses import fields, replace
@@ -18,6 +16,7 @@ import numpy as np
 import pytest
 
 import precision_pin as pp
+from precision_pin.display import progress as progress_bar
 from precision_pin.errors import InputError
 from precision_pin.kernel import loops, sampler
 from precision_pin.kernel.sampler import BLOCK
@@ -282,18 +281,16 @@ def test_free_memory_is_what_the_system_says(monkeypatch, tmp_path) -> None:
     assert memory.available_memory() == 48_000
 
 
-def test_a_bar_is_shown_if_asked_for() -> None:
-    code = (
-        "import precision_pin as pp, sys\n"
-        "from precision_pin.display import progress as progress_bar\n"
-        "from precision_pin.robot.examples import PAPER_SHEET\n"
-        "told = []\n"
-        "class Bar:\n"
-        "    def __enter__(self): return told.append\n"
-        "    def __exit__(self, *error): told.append('end')\n"
-        "progress_bar.progress = lambda total: told.append(total) or Bar()\n"
-        "pp.monte_carlo(pp.ErrorModel.load(PAPER_SHEET), samples=100, progress=True)\n"
-        "print(told)\n"
-    )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=True)
-    assert done.stdout == "[100, 100, 'end']\n"
+def test_a_bar_is_shown_if_asked_for(monkeypatch) -> None:
+    told: list[object] = []
+
+    class Bar:
+        def __enter__(self) -> object:
+            return told.append
+
+        def __exit__(self, *error: object) -> None:
+            told.append("end")
+
+    monkeypatch.setattr(progress_bar, "progress", lambda total: told.append(total) or Bar())
+    pp.monte_carlo(MODEL, "paper", samples=100, progress=True)
+    assert told == [100, 100, "end"]

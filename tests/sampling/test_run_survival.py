@@ -19,7 +19,9 @@ import psutil
 import pytest
 
 import precision_pin as pp
+from precision_pin.cli import main
 from precision_pin.kernel.sampler import BLOCK
+from precision_pin.robot.examples import PAPER_SHEET
 from precision_pin.sampling.workers import Processes
 from sampling import kill_target
 from sampling.run_cases import MODEL, assert_same_bits, in_one_go, sampled, spawned, wait_until, work
@@ -32,7 +34,7 @@ TRIALS = int(os.environ.get("KILL_TRIALS", "10"))
 def test_killed_at_any_moment_and_resumed(tmp_path: Path, monkeypatch) -> None:
     context = get_context("forkserver")
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join(filter(None, sys.path)))  # where the server finds its module
-    context.set_forkserver_preload(["run.kill_target"])
+    context.set_forkserver_preload(["sampling.kill_target"])
     expected = pp.monte_carlo(MODEL, "paper", samples=kill_target.SAMPLES, seed=9).to_json()
     generator = random.Random(0)
     kills = resumed = 0
@@ -236,6 +238,21 @@ def test_ctrl_c_twice_stops_at_once(started: Any, tmp_path: Path) -> None:
 # the command line ----------------------------------------------------------------------------------------------------
 
 
+@pytest.fixture
+def analyze(tmp_path: Path, monkeypatch, capsys) -> Any:
+    """Run ``precision-pin analyze`` in this process, in a folder of its own; return exit code, stdout and stderr."""
+    monkeypatch.chdir(tmp_path)
+
+    def run(*arguments: str) -> tuple[int, str, str]:
+        monkeypatch.setattr(sys, "argv", ["precision-pin", "analyze", *arguments])
+        with pytest.raises(SystemExit) as ended:
+            main()
+        assert isinstance(ended.value.code, int)
+        return ended.value.code, *capsys.readouterr()
+
+    return run
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
@@ -247,30 +264,25 @@ def test_ctrl_c_twice_stops_at_once(started: Any, tmp_path: Path) -> None:
         (("--journal", "no/such/place"), "no/such does not exist"),
     ],
 )
-def test_wrong_options_are_refused_in_one_line(started: Any, tmp_path: Path, arguments, message: str) -> None:
-    process = started("--samples", "10", *arguments)
-    out, err = process.communicate(timeout=60)
-    assert (process.returncode, out) == (2, "")
+def test_wrong_options_are_refused_in_one_line(analyze: Any, tmp_path: Path, arguments, message: str) -> None:
+    code, out, err = analyze("--samples", "10", *arguments)
+    assert (code, out) == (2, "")
     assert err.count("\n") == 1 + err.count(" warning W_")
     assert message in err
     assert os.listdir(tmp_path) == []
 
 
-def test_a_changed_input_is_told(started: Any, tmp_path: Path) -> None:
-    from precision_pin.robot.examples import PAPER_SHEET
-
+def test_a_changed_input_is_told(analyze: Any, tmp_path: Path) -> None:
     for file in PAPER_SHEET.parent.glob("4dof.*"):
         (tmp_path / file.name).write_bytes(file.read_bytes())
 
     def refused(*arguments: str) -> str:
         samples = () if "--samples" in arguments else ("--samples", "100")
-        process = started("4dof.errors.yaml", "--quiet", "--journal", "j", *samples, *arguments)
-        _, err = process.communicate(timeout=60)
-        assert process.returncode == 2
+        code, _, err = analyze("4dof.errors.yaml", "--quiet", "--journal", "j", *samples, *arguments)
+        assert code == 2
         return without_warnings(err).removeprefix("precision-pin: error E_INPUT: the journal j is ")
 
-    first = started("4dof.errors.yaml", "--journal", "j", "--samples", "100")
-    assert first.wait(timeout=60) == 0
+    assert analyze("4dof.errors.yaml", "--journal", "j", "--samples", "100")[0] == 0
     before = (tmp_path / "j").read_bytes()
     assert refused() == "there already; resume the run it holds, or remove it\n"
     assert refused("--resume", "--seed", "8") == "that of another run: seed was '0', is '8'\n"

@@ -36,6 +36,7 @@ def many(count: int) -> str:
     return f"{HEAD}poses: {{a: 10 20 30 40 deg}}\nparameters:\n{parameters}sources:\n{sources}"
 
 
+@pytest.mark.slow
 def test_reading_takes_time_in_proportion_to_what_is_read(load: Load) -> None:
     spent = []
     for count in (300, 2400):
@@ -46,6 +47,7 @@ def test_reading_takes_time_in_proportion_to_what_is_read(load: Load) -> None:
     assert spent[1] < 8
 
 
+@pytest.mark.slow
 def test_a_model_takes_memory_in_proportion_to_its_numbers(load: Load) -> None:
     model = ErrorModel.from_sheet(load(many(1500)))
     tracemalloc.start()

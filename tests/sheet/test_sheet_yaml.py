@@ -152,6 +152,7 @@ def test_files_that_are_too_large_are_not_read(tmp_path: Path) -> None:
     assert time.perf_counter() - start < 0.5
 
 
+@pytest.mark.slow
 def test_a_sheet_of_very_many_entries_is_refused_soon(tmp_path: Path) -> None:
     path = tmp_path / "sheet.yaml"
     path.write_text("x: [" + "1," * 110_000 + "1]\n")

@@ -231,6 +231,7 @@ def test_the_copies_that_faults_are_planted_in_pass(kind):
     CHECKS[kind](original(kind))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("fault", [*SIGNS, *LAWS], ids=lambda fault: f"{fault.module}: {fault.what}")
 def test_a_planted_fault_is_noticed(fault):
     module = planted(fault)

@@ -62,6 +62,7 @@ def test_moments_extremes_and_counts_equal_numpy_on_kept_samples() -> None:
     assert [result.probability for result in summary.specifications] == inside
 
 
+@pytest.mark.slow
 def test_moments_keep_twelve_digits_when_the_mean_is_370_deviations_away() -> None:
     samples, deviation, mean = 1_000_000, 1e-4, 370e-4
     errors = np.random.default_rng(2).standard_normal((6, samples)) * deviation + mean

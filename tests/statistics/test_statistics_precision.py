@@ -159,6 +159,7 @@ def test_how_many_samples_it_takes_goes_with_the_square():
     assert reached(Target("position.x", "mean", 1.0, False), of_values(values)).needed(1000) == 1000
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("statistic", "least"), [("mean", 0.93), ("std", 0.94), (0.95, 0.93)])
 def test_stopping_at_doubled_looks_costs_little_coverage(statistic, least):
     """Looks at 512, 1024, … samples of a skewed law: intervals of stopped runs cover less often than the 95 % stated.
