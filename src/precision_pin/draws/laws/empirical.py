@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, ClassVar, Final, final
+from typing import Any, ClassVar, Final, cast, final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -23,10 +23,14 @@ from precision_pin.errors import InputError
 from precision_pin.inputs.arguments import check_numbers
 from precision_pin.inputs.arrays import returns_read_only
 from precision_pin.inputs.csv_columns import Measured
+from precision_pin.inputs.memory import check_memory
 from precision_pin.units import Quantity
 
 __all__ = ["Empirical"]
 
+
+_BYTES: Final = 300.0
+"""Of memory for each sample, as tuples and as arrays."""
 
 _FILE: Final[Mapping[str, Any]] = {
     "type": "object",
@@ -80,7 +84,7 @@ class Empirical(BoundedLaw):
             raise InputError(
                 f"the quantiles of an empirical law go from probability 0 to 1, these from {p[0]:g} to {p[-1]:g}"
             )
-        for k in range(1, p.size):
+        for k in (np.flatnonzero((np.diff(p) < 0) | (np.diff(x) < 0))[:1] + 1).tolist():
             for what, values in (("probability", p), ("value", x)):
                 if values[k] < values[k - 1]:
                     raise InputError(
@@ -122,14 +126,15 @@ class Empirical(BoundedLaw):
         InputError
             No sample, or one that is not finite.
         """
-        listed = list(samples) if isinstance(samples, Iterable) and not isinstance(samples, str | bytes) else samples
-        x = np.sort(
-            check_numbers("the samples of an empirical law", listed, (None,), "a list of finite numbers")
-        ).tolist()
-        if not x:
+        if isinstance(samples, Iterable) and not isinstance(samples, str | bytes | np.ndarray):
+            samples = list(samples)
+        x = check_numbers("the samples of an empirical law", samples, (None,), "a list of finite numbers")
+        check_memory(_BYTES * x.size, f"an empirical law of {x.size:,} samples", "give fewer, or its quantiles")
+        x = np.sort(x)
+        if not x.size:
             raise InputError("an empirical law needs at least one sample")
-        inner = [((k + 0.5) / len(x), value) for k, value in enumerate(x)]
-        return cls(((0.0, x[0]), *inner, (1.0, x[-1])))
+        p = np.concatenate([[0.0], (np.arange(x.size) + 0.5) / x.size, [1.0]])
+        return cls(cast("Any", np.column_stack([p, np.concatenate([x[:1], x, x[-1:]])])))
 
     @property
     def sample_count(self) -> int | None:

@@ -17,6 +17,7 @@ from precision_pin.draws.laws.sheet_form import SheetForm, SheetReader
 from precision_pin.draws.laws.wording import deviations, spread
 from precision_pin.errors import InputError
 from precision_pin.inputs.arguments import check_number, check_numbers, shown
+from precision_pin.inputs.memory import check_memory
 from precision_pin.units import Quantity
 
 __all__ = ["FARTHEST_NORMAL", "Array", "Law", "cumulative", "take_number", "take_rows", "take_size"]
@@ -246,5 +247,7 @@ def take_rows(law: Law, field: str, what: str, columns: int | None = None) -> Ar
     table = check_numbers(what, given, (None, columns), rows)
     if not table.size:
         raise InputError(f"{what} must be {rows}, got {shown(given)}")
+    # a tuple and a list for each row, and an object for each number
+    check_memory((152.0 + 48 * table.shape[1]) * len(table), f"{what}, {table.size:,} numbers,", "give fewer")
     object.__setattr__(law, field, tuple(map(tuple, table.tolist())))
     return table
