@@ -15,6 +15,7 @@ from precision_pin.errors import InputError
 from precision_pin.kernel.loops import STRIDE, Draws, Wanted
 
 __all__ = [
+    "BESIDE",
     "COMMON",
     "Interval",
     "frozen",
@@ -42,6 +43,19 @@ _SINGLE: Final[tuple[Branch, ...]] = ("disc", "circle")
 """Loops that take one."""
 _OWN: Final[tuple[Branch, ...]] = ("joint", "empirical", "table")
 """Loops that take a table of each law."""
+
+BESIDE: Final[Mapping[str, tuple[str, ...]]] = {
+    **{f"{branch}_rows": (branch,) for branch in (*_COLUMNS, *_SINGLE)},
+    "fixed_rows": ("fixed_values",),
+    "stream_rows": ("streams",),
+    "normal_rows": ("normal",),
+    "cumulated_rows": (),
+    "scaled_rows": ("scaled",),
+    "joint_rows": ("joint_roots", "joint_sizes"),
+    "empirical_rows": (),
+    "table_rows": ("table_shapes",),
+}
+"""Fields of :class:`precision_pin.kernel.loops.Draws` that hold rows, and those that hold one entry for each row."""
 
 Array = NDArray[np.float64]
 Interval = tuple[float, float]

@@ -17,6 +17,7 @@ from precision_pin.draws.space import Scope, occasion
 from precision_pin.errors import InputError
 from precision_pin.kernel import loops
 from precision_pin.kernel.arrays import CompiledTable
+from precision_pin.kernel.draw_arrays import BESIDE
 from precision_pin.kernel.loops import Draws, Formulas, Motions, Superposition
 
 __all__ = ["JoinedTables", "is_alike"]
@@ -135,11 +136,8 @@ def _all_rows(draws: Draws) -> Rows:
 
 def _chosen_draws(draws: Draws, rows: Rows) -> Draws:
     """Return the draws that stand in rows."""
-
-    def chosen(name: str, *beside: str) -> dict[str, NDArray[Any]]:
-        kept = np.isin(getattr(draws, name), rows)
-        return {field: getattr(draws, field)[kept] for field in (name, *beside)}
-
+    kept = {name: np.isin(getattr(draws, name), rows) for name in BESIDE}
+    chosen = {field: getattr(draws, field)[kept[name]] for name in BESIDE for field in (name, *BESIDE[name])}
     groups = [
         k for k, (begin, _) in enumerate(pairwise(draws.group_starts.tolist())) if draws.group_rows[begin] in rows
     ]
@@ -148,22 +146,7 @@ def _chosen_draws(draws: Draws, rows: Rows) -> Draws:
     line_starts, lines = _chosen_runs(draws.empirical_starts, draws.empirical, laws)
     parts = {
         **draws._asdict(),
-        **chosen("fixed_rows", "fixed_values"),
-        **chosen("stream_rows", "streams"),
-        **chosen("cumulated_rows"),
-        **chosen("uniform_rows", "uniform"),
-        **chosen("triangular_rows", "triangular"),
-        **chosen("normal_rows", "normal"),
-        **chosen("scaled_rows", "scaled"),
-        **chosen("truncated_rows", "truncated"),
-        **chosen("disc_rows", "disc"),
-        **chosen("circle_rows", "circle"),
-        **chosen("joint_rows", "joint_roots", "joint_sizes"),
-        **chosen("lognormal_rows", "lognormal"),
-        **chosen("arcsine_rows", "arcsine"),
-        **chosen("two_point_rows", "two_point"),
-        **chosen("empirical_rows"),
-        **chosen("table_rows", "table_shapes"),
+        **chosen,
         "group_starts": group_starts,
         "group_rows": group_rows,
         "group_roots": draws.group_roots[groups],
