@@ -215,21 +215,21 @@ def calls() -> Iterator[Call]:
         pp.moments,
         {"error_model": arm, "poses": POSE, "seed": 1, "samples": 1024, "method": "plain", "confidence": 0.9, "progress": None},
         pose_words,
-        poses=SEVERAL, **sampled_fine, progress="nothing, function, type",
+        poses=SEVERAL, **sampled_fine, progress="nothing, true, function, type",
     )  # fmt: skip
     yield call(
         "budget",
         pp.budget,
-        {"error_model": arm, "poses": POSE, "seed": 1, "samples": 1024, "confidence": 0.9, "bound_at": 3.0},
+        {"error_model": arm, "poses": POSE, "seed": 1, "samples": 1024, "confidence": 0.9, "bound_at": 3.0, "progress": None},
         pose_words,
-        poses=SEVERAL, **sampled_fine, bound_at=POSITIVE,
+        poses=SEVERAL, **sampled_fine, bound_at=POSITIVE, progress="nothing, true, function, type",
     )  # fmt: skip
     yield call(
         "exact_law",
         pp.exact_law,
-        {"error_model": arm, "poses": POSE, "seed": 1, "samples": 100, "confidence": 0.9},
+        {"error_model": arm, "poses": POSE, "seed": 1, "samples": 100, "confidence": 0.9, "progress": None},
         pose_words,
-        poses=SEVERAL, **sampled_fine,
+        poses=SEVERAL, **sampled_fine, progress="nothing, true, function, type",
     )  # fmt: skip
     yield call("specification", pp.specification, {"text": "0.5 mm @ 95 %"}, {"text": "specification"})
     yield call(

@@ -8,7 +8,7 @@ import click
 
 from precision_pin.cli.analysis_command import Shared, answer, ask, question_options
 from precision_pin.cli.common import Command
-from precision_pin.cli.progress import compile_sampler
+from precision_pin.cli.progress import compile_sampler, progress_bar
 
 __all__ = ["command"]
 
@@ -30,7 +30,7 @@ def command(samples: int, quantities: tuple[str, ...], **shared: Unpack[Shared])
 
     Without arguments: the paper's arm and sheet, from inside the package. ROBOT may be example:NAME.
     """
-    from precision_pin.analyses.budget.budget import budget, check_points, check_quantities
+    from precision_pin.analyses.budget.budget import budget, check_points, check_quantities, evaluations
     from precision_pin.analyses.budget.budget_result import VECTORS
     from precision_pin.outputs.budget.budget_report import figure, table
 
@@ -38,7 +38,9 @@ def command(samples: int, quantities: tuple[str, ...], **shared: Unpack[Shared])
     check_quantities(quantities)
     question = ask(shared, "budget")
     compile_sampler(question.model.space)
-    result = budget(question.model, question.poses, seed=shared["seed"], samples=samples)
+    total = len(question.poses) * evaluations(question.model.space, samples)
+    with progress_bar(total, "sampling", "robots") as progress:
+        result = budget(question.model, question.poses, seed=shared["seed"], samples=samples, progress=progress)
     warnings = dict.fromkeys(line for pose in result.poses for line in pose.warnings)
     answer(
         shared,

@@ -8,7 +8,7 @@ import click
 
 from precision_pin.cli.analysis_command import Shared, answer, ask, question_options
 from precision_pin.cli.common import Command
-from precision_pin.cli.progress import compile_sampler
+from precision_pin.cli.progress import compile_sampler, progress_bar
 
 __all__ = ["command"]
 
@@ -26,5 +26,6 @@ def command(samples: int, **shared: Unpack[Shared]) -> None:
 
     question = ask(shared, "exact-law")
     compile_sampler(question.model.space)
-    result = exact_law(question.model, question.poses, seed=shared["seed"], samples=samples)
+    with progress_bar(max(samples, 0) * (1 + len(question.poses)), "sampling") as progress:
+        result = exact_law(question.model, question.poses, seed=shared["seed"], samples=samples, progress=progress)
     answer(shared, result, "exact-law", lambda: table(result), lambda pose: figure(result, pose))

@@ -11,7 +11,7 @@ from typing import Any, Final
 from precision_pin.compile_ahead import shown_by
 from precision_pin.inputs.arguments import check_number, check_text, check_whole
 
-__all__ = ["COMPILING", "compilation", "progress"]
+__all__ = ["COMPILING", "compilation", "progress", "steps_to"]
 
 COMPILING: Final = "compiling the sampler, once on this machine"
 
@@ -59,6 +59,18 @@ def progress(
             bar.update(count)
 
         yield advance
+
+
+@contextmanager
+def steps_to(
+    told: Callable[[int], None] | bool | None, total: int, unit: str = "samples"
+) -> Iterator[Callable[[int], None]]:
+    """Yield what is to be told of every step of a function with an argument ``progress``: a function, a bar or nothing."""
+    if told is True:
+        with progress(total, unit=unit) as step:
+            yield step
+    else:
+        yield told or (lambda _: None)
 
 
 @contextmanager

@@ -5,7 +5,7 @@ Closed form on the tangent model beside Sobol indices of the exact model; the tw
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Final
 
 import numpy as np
@@ -30,17 +30,19 @@ from precision_pin.analyses.marginals import Marginals, law_breaks
 from precision_pin.analyses.provenance import Heading, Pose, PoseHeading, listed_poses
 from precision_pin.analyses.replicates import REPLICATES, Estimates
 from precision_pin.call_warnings import warns_at_end
+from precision_pin.display.progress import steps_to
 from precision_pin.draws.space import Space, check_seed
 from precision_pin.errors import InputError, UnknownNameError
 from precision_pin.inputs.arguments import check_instance, check_number, shown
 from precision_pin.inputs.memory import check_memory
 from precision_pin.kernel import sampler
 from precision_pin.model.error_model import ErrorModel, PoseModel
+from precision_pin.sampling import Progress, check_progress
 from precision_pin.statistics import COMPONENTS as COMPONENT_ROWS
 from precision_pin.statistics import NORMS as NORM_ROWS
 from precision_pin.statistics import QUANTITIES, check_confidence, quantity_values
 
-__all__ = ["budget", "check_points", "check_quantities"]
+__all__ = ["budget", "check_points", "check_quantities", "evaluations"]
 
 Array = NDArray[np.float64]
 
@@ -48,7 +50,10 @@ ROUNDING: Final = 1e-14
 """Spreads (m, rad) up to this are rounding."""
 
 MOST_NUMBERS: Final = 3e11
-"""The most random numbers that a budget may take: some ten minutes."""
+"""The most random numbers that a budget may take."""
+
+NUMBERS_A_MINUTE: Final = 6e9
+"""Roughly, of a usual machine."""
 
 MARKED: Final = 0.95
 """Probability of the quantile that a halved tolerance is judged by."""
@@ -77,6 +82,7 @@ def budget(
     samples: int = 16_384,
     confidence: float = 0.95,
     bound_at: float = 3.0,
+    progress: Progress | bool | None = None,
 ) -> BudgetResult:
     """Return the error budget at one or several poses.
 
@@ -96,6 +102,9 @@ def budget(
         Of every interval, each by itself.
     bound_at
         How many standard deviations unbounded laws reach in the share of the worst case.
+    progress
+        Told how many evaluations of the model have been made since it was last called, zero while points are prepared;
+        ``True`` shows a bar.
 
     Raises
     ------
@@ -107,16 +116,18 @@ def budget(
     check_points(samples)
     check_confidence(confidence)
     check_number("bound_at, in standard deviations,", bound_at, "positive and finite", lambda value: value > 0)
+    check_progress(progress)
     _check_cost(error_model.space, samples)
+    chosen = listed_poses(poses, q)
+    with steps_to(progress, len(chosen) * evaluations(error_model.space, samples), "robots") as step:
+        found = tuple(_at_pose(error_model, pose, seed, samples, confidence, bound_at, step) for pose in chosen)
     return BudgetResult(
         heading=Heading.of(error_model, seed),
         samples=int(samples),
         confidence=confidence,
         bound_at=bound_at,
         marked=MARKED,
-        poses=tuple(
-            _at_pose(error_model, pose, seed, samples, confidence, bound_at) for pose in listed_poses(poses, q)
-        ),
+        poses=found,
     )
 
 
@@ -149,10 +160,24 @@ def _check_cost(space: Space, samples: int) -> None:
     if evaluations * size > MOST_NUMBERS:
         raise InputError(
             f"a budget of {draws:,} draws evaluates the model {evaluations:.2g} times, each time with {size:,} numbers: "
-            f"{evaluations * size:.1g} numbers in all, at most {MOST_NUMBERS:.0g} are allowed; ask for fewer samples or "
-            "merge draws"
+            f"{evaluations * size:.1g} numbers in all, some {evaluations * size / NUMBERS_A_MINUTE:,.0f} min, at most "
+            f"{MOST_NUMBERS:.0g} are allowed; ask for fewer samples or merge draws"
         )
     check_memory(64.0 * size * samples, f"a budget of {size:,} numbers", "ask for fewer samples")
+
+
+def evaluations(space: Space, samples: int) -> int:
+    """Return how many robots a budget at a pose looks at."""
+    random = _random_draws(space)
+    groups = sum(any(random[draw] for draw in group) for group in correlated_groups(space))
+    # two sets of points, those with a group's numbers exchanged, and those with a draw halved beside the plain ones
+    return samples * (2 + 2 * groups + 1 + sum(random))
+
+
+def _random_draws(space: Space) -> list[bool]:
+    """Return which draws vary."""
+    variances = space.block_covariance.variances
+    return [bool(variances[rows].any()) for rows in space.slices]
 
 
 def check_quantities(quantities: Sequence[str]) -> None:
@@ -169,7 +194,13 @@ def check_quantities(quantities: Sequence[str]) -> None:
 
 
 def _at_pose(
-    error_model: ErrorModel, pose: Pose, seed: int, samples: int, confidence: float, bound_at: float
+    error_model: ErrorModel,
+    pose: Pose,
+    seed: int,
+    samples: int,
+    confidence: float,
+    bound_at: float,
+    step: Callable[[int], None],
 ) -> PoseBudget:
     try:
         with np.errstate(over="raise"):
@@ -181,7 +212,7 @@ def _at_pose(
         ) from None
     groups = correlated_groups(at.space)
     shares = by_draw(at)
-    sampled = _Sampled(at, groups, seed, samples, confidence)
+    sampled = _Sampled(at, groups, seed, samples, confidence, step)
     names = [draw.name for draw in at.space.draws]
     halved = sampled.halved()
     reach = reaches(at, bound_at)
@@ -220,13 +251,24 @@ class _Sampled:
     """What the exact model gives at one pose."""
 
     def __init__(
-        self, at: PoseModel, groups: Sequence[tuple[int, ...]], seed: int, samples: int, confidence: float
+        self,
+        at: PoseModel,
+        groups: Sequence[tuple[int, ...]],
+        seed: int,
+        samples: int,
+        confidence: float,
+        step: Callable[[int], None],
     ) -> None:
         self.at, self.confidence, self.group_draws = at, confidence, groups
+        self.samples, self.step = samples, step
         self.layout = sampler.compile_table(at)
         size, slices = at.space.size, at.space.slices
-        self.random = [bool(at.space.block_covariance.variances[rows].any()) for rows in slices]
-        points = sobol.scrambled_points(2 * size, seed, samples // REPLICATES) if size else np.zeros((0, samples))
+        self.random = _random_draws(at.space)
+        points = (
+            sobol.scrambled_points(2 * size, seed, samples // REPLICATES, lambda: step(0))
+            if size
+            else np.zeros((0, samples))
+        )
         self.points = points[:size]
         # groups that do not vary need no sampling: their indices are zero
         self.sampled = [k for k, group in enumerate(groups) if any(self.random[draw] for draw in group)]
@@ -248,7 +290,10 @@ class _Sampled:
         self.quantiles = _estimates(self.known.estimates(confidence))
 
     def _errors(self, x: Array) -> Array:
-        return sampler.errors_at(self.layout, "exact", x)
+        errors = sampler.errors_at(self.layout, "exact", x)
+        # not the nodes, which are few
+        self.step(self.samples if x.shape[1] == self.samples else 0)
+        return errors
 
     def _norms(self, x: Array) -> Array:
         return quantity_values(self._errors(x))[list(NORM_ROWS)]

@@ -51,7 +51,7 @@ class Indices:
     varies: NDArray[np.bool_]
 
 
-def scrambled_points(dimension: int, seed: int, points: int) -> Array:
+def scrambled_points(dimension: int, seed: int, points: int, step: Callable[[], None] = lambda: None) -> Array:
     """Return `REPLICATES` independent scrambles of a Sobol net, one after the other.
 
     Parameters
@@ -62,6 +62,8 @@ def scrambled_points(dimension: int, seed: int, points: int) -> Array:
         64-bit seed.
     points
         Of each replicate; a power of two.
+    step
+        Called after each replicate.
 
     Returns
     -------
@@ -71,11 +73,12 @@ def scrambled_points(dimension: int, seed: int, points: int) -> Array:
     # half a second to import, for this function only
     from scipy.stats import qmc
 
-    made = [
+    made = []
+    for k in range(REPLICATES):
         # the keyword of every scipy since 1.14; the newer one, rng, is not known to all of them
-        qmc.Sobol(dimension, scramble=True, bits=_BITS, seed=np.random.default_rng([seed, k])).random(points)
-        for k in range(REPLICATES)
-    ]
+        net = qmc.Sobol(dimension, scramble=True, bits=_BITS, seed=np.random.default_rng([seed, k]))
+        made.append(net.random(points))
+        step()
     result: Array = np.concatenate(made).T + 0.5**_BITS / 2
     return np.ascontiguousarray(result)
 

@@ -7,7 +7,7 @@ from their characteristic functions (:mod:`precision_pin.analyses.exact_law.four
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Final, final
 
@@ -31,13 +31,16 @@ from precision_pin.analyses.exact_law.projection import Part, part_of
 from precision_pin.analyses.exact_law.quantile_bounds import quantile_bounds
 from precision_pin.analyses.provenance import Heading, Pose, PoseHeading, listed_poses
 from precision_pin.call_warnings import add, warns_at_end
+from precision_pin.display.progress import steps_to
 from precision_pin.display.tables import symbol
 from precision_pin.draws.laws import Fixed, JointNormal, Law, Normal
 from precision_pin.draws.space import Space, check_seed
 from precision_pin.errors import InputError
 from precision_pin.inputs.arguments import check_instance, check_whole
+from precision_pin.inputs.memory import check_memory
 from precision_pin.kernel import sampler
 from precision_pin.model.error_model import ErrorModel, PoseModel
+from precision_pin.sampling import Progress, check_progress
 from precision_pin.statistics import QUANTITIES, check_confidence, quantity_values
 
 __all__ = ["LEVELS", "Agreement", "ExactLaw", "ExactLawResult", "PoseLaws", "exact_law"]
@@ -58,6 +61,9 @@ COMPARED: Final = 10_000
 CERTAIN: Final = 1 - 1e-6
 """Confidence at which the exact model is said to follow another law."""
 
+_AT_ONCE: Final = 2**16
+"""Samples that are drawn between two steps of the progress."""
+
 _NEGLIGIBLE: Final = 1e-12
 _BINS: Final = 60
 _EFFORT: Final = 2e7
@@ -74,6 +80,7 @@ def exact_law(
     seed: int = 0,
     samples: int = 100_000,
     confidence: float = 0.999,
+    progress: Progress | bool | None = None,
 ) -> ExactLawResult:
     """Return the law of every component of the first-order model, and of the norms where all draws are normal.
 
@@ -85,6 +92,8 @@ def exact_law(
         A pose (a name, joint values, or None for the model's first) or a list of such; two names of one argument.
     seed, samples, confidence
         Of the samples of the tangent model that the laws are compared with.
+    progress
+        Told how many samples have been drawn, and then compared at each pose, since it was last called; ``True`` shows a bar.
 
     Raises
     ------
@@ -96,20 +105,42 @@ def exact_law(
     check_whole("the number of samples", samples, 100, MOST_SAMPLES)
     check_confidence(confidence)
     _refuse_copulas(error_model.space)
-    deviations = error_model.space.sample(seed, 0, int(samples)) - error_model.space.mean[:, None]
-    found = []
-    for pose in listed_poses(poses, q):
-        at = error_model.at(pose)
-        error, jacobian = at.tangent
-        sampled = error[:, None] + jacobian @ deviations
-        laws = {name: _norm(at, name, sampled, confidence) for name in _NORMS}
-        for row, name in enumerate(name for name in QUANTITIES if name not in _NORMS):
-            laws[name] = _component(at.space, name, float(error[row]), jacobian[row], sampled[row], confidence)
-        ordered = {name: laws[name] for name in QUANTITIES}
-        warnings = _bends(at, ordered, deviations[:, :COMPARED])
-        add(warnings)
-        found.append(PoseLaws(PoseHeading.of(error_model, pose, at), ordered, warnings))
-    return ExactLawResult(Heading.of(error_model, seed), int(samples), float(confidence), tuple(found))
+    check_progress(progress)
+    chosen, count = listed_poses(poses, q), int(samples)
+    with steps_to(progress, count * (1 + len(chosen))) as step:
+        deviations = _deviations(error_model.space, seed, count, step)
+        found = []
+        for pose in chosen:
+            found.append(_at_pose(error_model, pose, deviations, confidence))
+            step(count)
+    return ExactLawResult(Heading.of(error_model, seed), count, float(confidence), tuple(found))
+
+
+def _deviations(space: Space, seed: int, count: int, step: Callable[[int], None]) -> Array:
+    """Return samples less their means, ``(d, count)``."""
+    check_memory(
+        8.0 * (space.size + 16) * count, f"comparing {count:,} samples of {space.size:,} numbers", "ask for fewer"
+    )
+    result = np.empty((space.size, count))
+    for first in range(0, count, _AT_ONCE):
+        part = slice(first, min(first + _AT_ONCE, count))
+        result[:, part] = space.sample(seed, first, part.stop - first)
+        step(part.stop - first)
+    result -= space.mean[:, None]
+    return result
+
+
+def _at_pose(error_model: ErrorModel, pose: Pose, deviations: Array, confidence: float) -> PoseLaws:
+    at = error_model.at(pose)
+    error, jacobian = at.tangent
+    sampled = error[:, None] + jacobian @ deviations
+    laws = {name: _norm(at, name, sampled, confidence) for name in _NORMS}
+    for row, name in enumerate(name for name in QUANTITIES if name not in _NORMS):
+        laws[name] = _component(at.space, name, float(error[row]), jacobian[row], sampled[row], confidence)
+    ordered = {name: laws[name] for name in QUANTITIES}
+    warnings = _bends(at, ordered, deviations[:, :COMPARED])
+    add(warnings)
+    return PoseLaws(PoseHeading.of(error_model, pose, at), ordered, warnings)
 
 
 def _bends(at: PoseModel, laws: dict[str, ExactLaw], deviations: Array) -> tuple[str, ...]:

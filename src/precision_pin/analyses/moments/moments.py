@@ -36,12 +36,13 @@ from precision_pin.analyses.moments.moments_result import Measured, Method, Mome
 from precision_pin.analyses.provenance import Heading, Pose, PoseHeading, listed_poses
 from precision_pin.analyses.replicates import REPLICATES, jackknife
 from precision_pin.call_warnings import warns_at_end
+from precision_pin.display.progress import steps_to
 from precision_pin.draws.space import check_seed
 from precision_pin.errors import InputError
-from precision_pin.inputs.arguments import check_callable, check_instance, check_name, shown
+from precision_pin.inputs.arguments import check_instance, check_name, shown
 from precision_pin.kernel import sampler
 from precision_pin.model.error_model import ErrorModel, PoseModel
-from precision_pin.sampling import Progress
+from precision_pin.sampling import Progress, check_progress
 from precision_pin.statistics import NORMS, Plan, check_confidence
 
 __all__ = ["Measured", "MomentsResult", "PoseMoments", "Remainder", "moments"]
@@ -75,7 +76,7 @@ def moments(
     seed: int = 0,
     method: Method = "control",
     confidence: float = 0.95,
-    progress: Progress | None = None,
+    progress: Progress | bool | None = None,
 ) -> MomentsResult:
     """Return mean and covariance of the exact error, and mean and variance of its norms, with their errors.
 
@@ -97,7 +98,7 @@ def moments(
     confidence
         Of every interval, each by itself.
     progress
-        Told how many samples have been added since it was last called.
+        Told how many samples have been added since it was last called; ``True`` shows a bar.
 
     Raises
     ------
@@ -110,8 +111,7 @@ def moments(
     check_instance("error_model", error_model, ErrorModel, "as ErrorModel.load makes it")
     check_seed(seed)
     check_name("method", method, get_args(Method))
-    if progress is not None:
-        check_callable("progress", progress)
+    check_progress(progress)
     count = _replicate(samples)
     check_confidence(confidence)
     if method.startswith("sobol") and error_model.space.size > MOST_NUMBERS:
@@ -119,15 +119,15 @@ def moments(
             f"the model has {error_model.space.size:,} random numbers, a Sobol net at most {MOST_NUMBERS:,} dimensions; "
             "use method 'control'"
         )
+    chosen, sampled = listed_poses(poses, q), 0 if method == "closed" else REPLICATES * count
+    with steps_to(progress, len(chosen) * sampled) as step:
+        found = tuple(_at_pose(error_model, pose, method, count, int(seed), confidence, step) for pose in chosen)
     return MomentsResult(
         heading=Heading.of(error_model, seed),
         method=method,
-        samples=0 if method == "closed" else REPLICATES * count,
+        samples=sampled,
         confidence=float(confidence),
-        poses=tuple(
-            _at_pose(error_model, pose, method, count, int(seed), confidence, progress)
-            for pose in listed_poses(poses, q)
-        ),
+        poses=found,
     )
 
 
@@ -149,7 +149,7 @@ def _at_pose(
     count: int,
     seed: int,
     confidence: float,
-    progress: Progress | None,
+    step: Progress,
 ) -> PoseMoments:
     try:
         with np.errstate(over="raise"):
@@ -166,7 +166,7 @@ def _at_pose(
         mean, covariance_found = Measured(closed.mean), Measured(closed.covariance)
         remainder = Remainder(closed.order, closed.last_mean, closed.last_covariance)
     else:
-        sampled = _Sampled(at, plan.centre[list(NORMS)], method, count, seed, progress)
+        sampled = _Sampled(at, plan.centre[list(NORMS)], method, count, seed, step)
         mean, covariance_found, norm_mean, norm_variance = sampled.estimates(confidence)
     return PoseMoments(
         pose=PoseHeading.of(error_model, pose, at),
@@ -187,9 +187,7 @@ class _Sampled:
     The rows multiplied are: 1, the control t (6, with control only), g or y (6), the norms less a constant (2).
     """
 
-    def __init__(
-        self, at: PoseModel, centre: Array, method: Method, count: int, seed: int, progress: Progress | None
-    ) -> None:
+    def __init__(self, at: PoseModel, centre: Array, method: Method, count: int, seed: int, step: Progress) -> None:
         self._at = at
         self._layout = sampler.compile_table(at)
         self._centre = centre
@@ -203,8 +201,7 @@ class _Sampled:
             for x, errors in self._blocks(replicate):
                 rows = self._rows(x, errors)
                 totals[replicate] += _gram(rows)
-                if progress is not None:
-                    progress(errors.shape[1])
+                step(errors.shape[1])
         self._products = totals / count
         self._follows = self._pilot(self._control) if self._control else np.zeros((2, 2, 9))
 
