@@ -32,7 +32,8 @@ def command(samples: int, quantities: tuple[str, ...], **shared: Unpack[Shared])
     """
     from precision_pin.analyses.budget.budget import budget, check_points, check_quantities, evaluations
     from precision_pin.analyses.budget.budget_result import VECTORS
-    from precision_pin.outputs.budget.budget_report import figure, table
+    from precision_pin.outputs.budget.figure import figure
+    from precision_pin.outputs.budget.table import table
 
     check_points(samples)
     check_quantities(quantities)

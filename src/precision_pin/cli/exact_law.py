@@ -22,7 +22,8 @@ def command(samples: int, **shared: Unpack[Shared]) -> None:
     Without arguments: the paper's arm and sheet, from inside the package. ROBOT may be example:NAME.
     """
     from precision_pin.analyses.exact_law.exact_law import exact_law
-    from precision_pin.outputs.exact_law.exact_law_report import figure, table
+    from precision_pin.outputs.exact_law.figure import figure
+    from precision_pin.outputs.exact_law.table import table
 
     question = ask(shared, "exact-law")
     compile_sampler(question.model.space)

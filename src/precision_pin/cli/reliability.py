@@ -26,7 +26,8 @@ def command(specs: tuple[str, ...], samples: int, **shared: Unpack[Shared]) -> i
     Without arguments: the paper's arm and sheet, from inside the package. ROBOT may be example:NAME.
     """
     from precision_pin.analyses.reliability.reliability import reliability
-    from precision_pin.outputs.reliability.reliability_report import figure, table
+    from precision_pin.outputs.reliability.figure import figure
+    from precision_pin.outputs.reliability.table import table
     from precision_pin.sampling import check_samples
     from precision_pin.statistics.specification import specification
 

@@ -23,7 +23,8 @@ def command(k: float, samples: int, **shared: Unpack[Shared]) -> None:
     Without arguments: the paper's arm and sheet, from inside the package. ROBOT may be example:NAME.
     """
     from precision_pin.analyses.worst_case.worst_case import worst_case
-    from precision_pin.outputs.worst_case.worst_case_report import figure, table
+    from precision_pin.outputs.worst_case.figure import figure
+    from precision_pin.outputs.worst_case.table import table
     from precision_pin.sampling import check_samples
 
     check_samples(samples)

@@ -7,8 +7,8 @@ from typing import Final
 
 from precision_pin.analyses.budget.budget_result import VECTORS, BudgetResult, DrawShare, PoseBudget
 from precision_pin.display.tables import milli, plus_minus, quantity_label, unit
-from precision_pin.outputs.budget import budget_report
-from precision_pin.outputs.budget.budget_report import draw_rows, ranked, source_name
+from precision_pin.outputs.budget.figure import figure as bars
+from precision_pin.outputs.budget.table import draw_rows, ranked, source_name
 from precision_pin.outputs.kit.html import Html, beside, paragraph, section, table
 from precision_pin.outputs.kit.svg import figure
 from precision_pin.outputs.report.collect import Missing, Results
@@ -30,7 +30,7 @@ def causes(results: Results) -> Html:
     if not pose.draws:
         return section("budget", "Error budget", paragraph("Nothing varies: there is nothing to share."))
     chart = figure(
-        budget_report.figure(result),
+        bars(result),
         "budget",
         f"Shares of the variance: {'; '.join(_largest(pose, vector) for vector in VECTORS)}",
         "Sobol indices of the exact model with their intervals; diamonds are the closed form of the first order.",

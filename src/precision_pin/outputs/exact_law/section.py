@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from precision_pin.analyses.budget.budget_result import VECTORS
 from precision_pin.analyses.exact_law.exact_law import LEVELS, ExactLaw, ExactLawResult
 from precision_pin.display.tables import milli, quantity_label, symbol, unit
-from precision_pin.outputs.exact_law.exact_law_report import method_rows
+from precision_pin.outputs.exact_law.table import method_rows
 from precision_pin.outputs.kit.draw_distribution import SKY, VERMILION, ticks
 from precision_pin.outputs.kit.figure_style import DOUBLE_COLUMN, labelled, legend_below, new_figure, set_height, style
 from precision_pin.outputs.kit.html import Child, Html, items, paragraph, section, table

@@ -17,7 +17,7 @@ from precision_pin.outputs.kit.svg import figure
 from precision_pin.outputs.report.collect import Missing, Results
 from precision_pin.outputs.report.numbers import milli_interval, statistic
 from precision_pin.outputs.report.wording import left_out
-from precision_pin.outputs.worst_case import worst_case_report
+from precision_pin.outputs.worst_case.figure import figure as bars
 
 __all__ = ["bounds"]
 
@@ -32,7 +32,7 @@ def bounds(results: Results) -> Html:
     pose = result.poses[0]
     norms = (pose.position, pose.attitude)
     chart = figure(
-        worst_case_report.figure(result),
+        bars(result),
         "worst-case",
         f"How the draws add up to the worst case: {'; '.join(_described(bound) for bound in norms)}",
         "Each bar begins where the one above it ends.",
