@@ -157,6 +157,7 @@ def sample_poses(
         specifications=work.specifications,
         error_model=error_model,
         warnings=tuple(map(str, found)),
+        findings=tuple(found),
         **{name: np.concatenate([part[name] for part in parts], axis=-1) for name in parts[0]},
     )
 

@@ -27,13 +27,14 @@ from precision_pin.analyses.budget.budget_result import (
 )
 from precision_pin.analyses.budget.shares import by_component, by_draw, by_place, correlated_groups, owners, reaches
 from precision_pin.analyses.marginals import Marginals, law_breaks
-from precision_pin.analyses.provenance import Heading, Pose, PoseHeading, listed_poses
+from precision_pin.analyses.provenance import Pose, PoseLabel, Poses, Provenance, listed_poses
 from precision_pin.analyses.replicates import REPLICATES, Estimates
+from precision_pin.analyses.result import list_warnings
 from precision_pin.call_warnings import warns_at_end
 from precision_pin.display.progress import steps_to
 from precision_pin.draws.space import Space, check_seed
-from precision_pin.errors import InputError, UnknownNameError
-from precision_pin.inputs.arguments import check_instance, check_number, shown
+from precision_pin.errors import Finding, InputError, UnknownNameError
+from precision_pin.inputs.arguments import check_instance, check_items, check_number, shown
 from precision_pin.inputs.memory import check_memory
 from precision_pin.kernel import sampler
 from precision_pin.model.error_model import ErrorModel, PoseModel
@@ -75,13 +76,15 @@ _TOGETHER: Final = np.array(
 def budget(
     error_model: ErrorModel,
     /,
-    poses: Pose | Sequence[Pose] = None,
+    pose: Poses = None,
     *,
-    q: Pose | Sequence[Pose] = None,
+    poses: Poses = None,
+    q: Poses = None,
     seed: int = 0,
     samples: int = 16_384,
     confidence: float = 0.95,
     bound_at: float = 3.0,
+    findings: Sequence[Finding] = (),
     progress: Progress | bool | None = None,
 ) -> BudgetResult:
     """Return the error budget at one or several poses.
@@ -90,9 +93,8 @@ def budget(
     ----------
     error_model
         Chain, draws and sources.
-    poses, q
-        The first pose if left out; a pose's name, joint values in chain order or by name; or a list of such. Two names of one
-        argument.
+    pose, poses, q
+        A pose (a name, joint values, or None for the model's first) or a list of such; three names of one argument.
     seed
         64-bit seed of the sampled indices and quantiles.
     samples
@@ -102,6 +104,8 @@ def budget(
         Of every interval, each by itself.
     bound_at
         How many standard deviations unbounded laws reach in the share of the worst case.
+    findings
+        Warnings to carry along, such as those of the sheet.
     progress
         Told how many evaluations of the model have been made since it was last called, zero while points are prepared;
         ``True`` shows a bar.
@@ -116,18 +120,21 @@ def budget(
     check_points(samples)
     check_confidence(confidence)
     check_number("bound_at, in standard deviations,", bound_at, "positive and finite", lambda value: value > 0)
+    known = check_items("findings", findings, Finding)
     check_progress(progress)
     _check_cost(error_model.space, samples)
-    chosen = listed_poses(poses, q)
+    chosen = listed_poses(poses, q, pose)
     with steps_to(progress, len(chosen) * evaluations(error_model.space, samples), "robots") as step:
-        found = tuple(_at_pose(error_model, pose, seed, samples, confidence, bound_at, step) for pose in chosen)
+        found = tuple(_at_pose(error_model, one, seed, samples, confidence, bound_at, step) for one in chosen)
     return BudgetResult(
-        heading=Heading.of(error_model, seed),
+        provenance=Provenance.of(error_model, seed),
         samples=int(samples),
         confidence=confidence,
         bound_at=bound_at,
         marked=MARKED,
         poses=found,
+        findings=known,
+        warnings=list_warnings(known, (line for entry in found for line in entry.warnings)),
     )
 
 
@@ -217,7 +224,7 @@ def _at_pose(
     halved = sampled.halved()
     reach = reaches(at, bound_at)
     return PoseBudget(
-        pose=PoseHeading.of(error_model, pose, at),
+        pose=PoseLabel.of(error_model, pose, at),
         nominal=tuple(map(float, at.tangent[0])),
         std=_deviations(variances),
         quantile=dict(zip(NORMS, sampled.quantiles, strict=True)),

@@ -33,13 +33,14 @@ from precision_pin.analyses.marginals import Marginals, law_breaks
 from precision_pin.analyses.moments.moments_closed import closed_moments
 from precision_pin.analyses.moments.moments_control import Control, thin
 from precision_pin.analyses.moments.moments_result import Measured, Method, MomentsResult, PoseMoments, Remainder
-from precision_pin.analyses.provenance import Heading, Pose, PoseHeading, listed_poses
+from precision_pin.analyses.provenance import Pose, PoseLabel, Poses, Provenance, listed_poses
 from precision_pin.analyses.replicates import REPLICATES, jackknife
+from precision_pin.analyses.result import list_warnings
 from precision_pin.call_warnings import warns_at_end
 from precision_pin.display.progress import steps_to
 from precision_pin.draws.space import check_seed
-from precision_pin.errors import InputError
-from precision_pin.inputs.arguments import check_instance, check_name, shown
+from precision_pin.errors import Finding, InputError
+from precision_pin.inputs.arguments import check_instance, check_items, check_name, shown
 from precision_pin.kernel import sampler
 from precision_pin.model.error_model import ErrorModel, PoseModel
 from precision_pin.sampling import Progress, check_progress
@@ -69,13 +70,15 @@ _ROUNDING: Final = 1e-14
 def moments(
     error_model: ErrorModel,
     /,
-    poses: Pose | Sequence[Pose] = None,
+    pose: Poses = None,
     *,
-    q: Pose | Sequence[Pose] = None,
+    poses: Poses = None,
+    q: Poses = None,
     samples: int = 65_536,
     seed: int = 0,
     method: Method = "control",
     confidence: float = 0.95,
+    findings: Sequence[Finding] = (),
     progress: Progress | bool | None = None,
 ) -> MomentsResult:
     """Return mean and covariance of the exact error, and mean and variance of its norms, with their errors.
@@ -84,8 +87,8 @@ def moments(
     ----------
     error_model
         Chain, draws and sources.
-    poses, q
-        A pose (a name, joint values, or None for the model's first) or a list of such; two names of one argument.
+    pose, poses, q
+        A pose (a name, joint values, or None for the model's first) or a list of such; three names of one argument.
     samples
         At each pose: 32 replicates of a power of two from 32 to 2¹⁹. The memory taken does not depend on it.
     seed
@@ -97,6 +100,8 @@ def moments(
         :mod:`precision_pin.analyses.moments.moments_closed`.
     confidence
         Of every interval, each by itself.
+    findings
+        Warnings to carry along, such as those of the sheet.
     progress
         Told how many samples have been added since it was last called; ``True`` shows a bar.
 
@@ -111,6 +116,7 @@ def moments(
     check_instance("error_model", error_model, ErrorModel, "as ErrorModel.load makes it")
     check_seed(seed)
     check_name("method", method, get_args(Method))
+    known = check_items("findings", findings, Finding)
     check_progress(progress)
     count = _replicate(samples)
     check_confidence(confidence)
@@ -119,15 +125,17 @@ def moments(
             f"the model has {error_model.space.size:,} random numbers, a Sobol net at most {MOST_NUMBERS:,} dimensions; "
             "use method 'control'"
         )
-    chosen, sampled = listed_poses(poses, q), 0 if method == "closed" else REPLICATES * count
+    chosen, sampled = listed_poses(poses, q, pose), 0 if method == "closed" else REPLICATES * count
     with steps_to(progress, len(chosen) * sampled) as step:
-        found = tuple(_at_pose(error_model, pose, method, count, int(seed), confidence, step) for pose in chosen)
+        found = tuple(_at_pose(error_model, one, method, count, int(seed), confidence, step) for one in chosen)
     return MomentsResult(
-        heading=Heading.of(error_model, seed),
+        provenance=Provenance.of(error_model, seed),
         method=method,
         samples=sampled,
         confidence=float(confidence),
         poses=found,
+        findings=known,
+        warnings=list_warnings(known, (line for entry in found for line in entry.warnings)),
     )
 
 
@@ -169,7 +177,7 @@ def _at_pose(
         sampled = _Sampled(at, plan.centre[list(NORMS)], method, count, seed, step)
         mean, covariance_found, norm_mean, norm_variance = sampled.estimates(confidence)
     return PoseMoments(
-        pose=PoseHeading.of(error_model, pose, at),
+        pose=PoseLabel.of(error_model, pose, at),
         nominal=nominal.copy(),
         mean=mean,
         covariance=covariance_found,

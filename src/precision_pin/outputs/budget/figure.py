@@ -45,7 +45,7 @@ def figure(result: BudgetResult, pose: int = 0) -> Figure:
             _bars(axes, found, vector)
         name = _shown(found.pose.name)
         made.suptitle(f"Error budget{f', pose {quoted(name)}' if name else ''}")
-        caption = f"exact model, {result.samples:,} points, seed {result.heading.seed}; "
+        caption = f"exact model, {result.samples:,} points, seed {result.provenance.seed}; "
         legend_below(made, labelled(panels[:1]), 3, [f"{caption}intervals at {100 * result.confidence:g} % confidence"])
         set_height(made, 42 + 2 * 6.0 * bars)
     return made

@@ -42,7 +42,7 @@ def causes(results: Results) -> Html:
 def _explained(result: BudgetResult) -> Html:
     return paragraph(
         "Share: of the variance, to first order, in closed form. S1 and ST: first-order and total Sobol index of the exact "
-        f"model from {result.samples:,} points a set, seed {result.heading.seed}, behind ± half of the interval at "
+        f"model from {result.samples:,} points a set, seed {result.provenance.seed}, behind ± half of the interval at "
         f"{100 * result.confidence:g} % confidence. Halved: what results if the tolerance of this draw alone is halved.",
         class_="note",
     )

@@ -54,7 +54,7 @@ def table(result: BudgetResult, quantities: Sequence[str] = VECTORS) -> str:
 
 
 def _heads(result: BudgetResult, pose: PoseBudget) -> list[str]:
-    of = result.heading
+    of = result.provenance
     return [
         subject(of, pose.pose),
         f"exact model at {result.samples:,} points a set, seed {of.seed}, statics {of.statics}; base axes; "

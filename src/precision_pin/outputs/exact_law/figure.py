@@ -36,10 +36,10 @@ def figure(result: ExactLawResult, which: int = 0) -> Figure:
     which
         Which of its poses, 0-based.
     """
-    entry, heading = result.poses[which], result.heading
+    entry, provenance = result.poses[which], result.provenance
     lines = [
-        *caption("exact law of the first-order model", heading, entry.pose),
-        f"N = {result.samples:,}, seed {heading.seed}, first-order model, statics {heading.statics}",
+        *caption("exact law of the first-order model", provenance, entry.pose),
+        f"N = {result.samples:,}, seed {provenance.seed}, first-order model, statics {provenance.statics}",
     ]
     with style():
         drawn = new_figure(DOUBLE_COLUMN)

@@ -19,15 +19,15 @@ _SHOWN: Final = (0.00135, 0.05, 0.5, 0.95, 0.9973, 0.99865)
 
 def table(result: ExactLawResult) -> str:
     """Return mean, spread and quantiles of every component, in mm and mrad, how exact they are and how they compare."""
-    heading = result.heading
+    provenance = result.provenance
     blocks = []
     for entry in result.poses:
         methods = method_rows(entry)
         blocks.append(
             "\n".join(
                 [
-                    subject(heading, entry.pose),
-                    f"exact law of the first-order model, statics {heading.statics}; errors in base axes",
+                    subject(provenance, entry.pose),
+                    f"exact law of the first-order model, statics {provenance.statics}; errors in base axes",
                     "",
                     *aligned(_quantile_rows(entry)),
                     "",
@@ -38,7 +38,7 @@ def table(result: ExactLawResult) -> str:
             )
         )
     blocks.append(
-        f"compared with {result.samples:,} samples of the same model, seed {heading.seed}: the Kolmogorov distance stays "
+        f"compared with {result.samples:,} samples of the same model, seed {provenance.seed}: the Kolmogorov distance stays "
         f"below the band at {100 * result.confidence:g} % confidence"
     )
     return "\n\n".join(blocks)

@@ -40,10 +40,10 @@ def figure(result: ReliabilityResult, which: int = 0) -> Figure:
     which
         Which of its poses, 0-based.
     """
-    entry, heading = result.poses[which], result.heading
+    entry, provenance = result.poses[which], result.provenance
     lines = [
-        *caption("reliability", heading, entry.pose),
-        f"seed {heading.seed}, exact model, statics {heading.statics}; bars: intervals at {100 * result.confidence:g} % "
+        *caption("reliability", provenance, entry.pose),
+        f"seed {provenance.seed}, exact model, statics {provenance.statics}; bars: intervals at {100 * result.confidence:g} % "
         "confidence",
     ]
     with style():

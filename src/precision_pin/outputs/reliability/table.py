@@ -21,18 +21,18 @@ LISTED: Final = 6
 
 def table(result: ReliabilityResult) -> str:
     """Return, for every specification, the verdict, what each method gave, the design point, and disagreements."""
-    heading = result.heading
+    provenance = result.provenance
     blocks = []
     for entry in result.poses:
         lines = [
-            subject(heading, entry.pose),
-            f"exact model, statics {heading.statics}, seed {heading.seed}; intervals at {100 * result.confidence:g} % "
+            subject(provenance, entry.pose),
+            f"exact model, statics {provenance.statics}, seed {provenance.seed}; intervals at {100 * result.confidence:g} % "
             "confidence, base axes",
         ]
         for specification in entry.specifications:
             lines += ["", *_specification_lines(specification)]
         blocks.append("\n".join(lines))
-    return "\n\n".join([*blocks, *resting_on(heading.assumed, heading.sources)])
+    return "\n\n".join([*blocks, *resting_on(provenance.assumed, provenance.sources)])
 
 
 def _specification_lines(entry: SpecificationReliability) -> list[str]:

@@ -24,7 +24,7 @@ from precision_pin.model.error_model import ErrorModel, PoseModel
 from precision_pin.robot import mcpc
 from precision_pin.robot.mcpc import Mcpc
 from precision_pin.sampling import Progress, monte_carlo
-from precision_pin.sampling.result import Analysis
+from precision_pin.sampling.result import MonteCarloResult
 from precision_pin.sheet import Sheet
 from precision_pin.statistics import Specification
 
@@ -84,7 +84,7 @@ class Results:
     sheet: Sheet
     model: ErrorModel
     at: PoseModel
-    analysis: Analysis
+    analysis: MonteCarloResult
     budget: BudgetResult | Missing
     worst_case: WorstCaseResult | Missing
     exact_law: ExactLawResult | Missing

@@ -57,10 +57,10 @@ def figure(result: WorstCaseResult, which: int = 0) -> Figure:
     which
         Which of its poses, 0-based.
     """
-    pose, heading = result.poses[which], result.heading
+    pose, provenance = result.poses[which], result.provenance
     lines = [
-        *caption("worst case", heading, pose.heading),
-        f"N = {result.samples:,}, seed {heading.seed}, exact model, statics {heading.statics}",
+        *caption("worst case", provenance, pose.pose),
+        f"N = {result.samples:,}, seed {provenance.seed}, exact model, statics {provenance.statics}",
     ]
     if result.cut:
         lines.append(f"unbounded laws cut at {result.k:g} standard deviations: {len(result.cut)} of {result.draws}")

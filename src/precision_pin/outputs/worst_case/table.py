@@ -24,13 +24,13 @@ LISTED: Final = 8
 def table(result: WorstCaseResult) -> str:
     """Return the bounds, what the exact model reaches, what was seen, and who contributes; mm and mrad."""
     cut = f"cut at {result.k:g} standard deviations: {', '.join(result.cut)}" if result.cut else "every law is bounded"
-    heading = result.heading
+    provenance = result.provenance
     parts = []
     for pose in result.poses:
         lines = [
-            subject(heading, pose.heading),
+            subject(provenance, pose.pose),
             f"worst case of {result.draws} draws, {cut}",
-            f"beside it {result.samples:,} samples, seed {heading.seed}, exact model, statics {heading.statics}; "
+            f"beside it {result.samples:,} samples, seed {provenance.seed}, exact model, statics {provenance.statics}; "
             "errors in base axes",
             "",
             *aligned(_norm_rows(pose)),
