@@ -103,6 +103,10 @@ def __getattr__(name: str) -> Any:
         return importlib.import_module(f"{__name__}.{_MODULES[name]}")
     if name in _HOMES:
         return getattr(importlib.import_module(f"{__name__}.{_HOMES[name]}"), name)
+    if not name.startswith("_"):
+        registered = importlib.import_module(f"{__name__}.analyses.registry").find_function(name)
+        if registered is not None:
+            return registered
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 

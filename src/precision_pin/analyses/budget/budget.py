@@ -43,7 +43,7 @@ from precision_pin.statistics import COMPONENTS as COMPONENT_ROWS
 from precision_pin.statistics import NORMS as NORM_ROWS
 from precision_pin.statistics import QUANTITIES, check_confidence, quantity_values
 
-__all__ = ["budget", "check_points", "check_quantities", "evaluations"]
+__all__ = ["budget", "check_points", "check_quantities", "count_steps", "evaluations"]
 
 Array = NDArray[np.float64]
 
@@ -124,7 +124,7 @@ def budget(
     check_progress(progress)
     _check_cost(error_model.space, samples)
     chosen = listed_poses(poses, q, pose)
-    with steps_to(progress, len(chosen) * evaluations(error_model.space, samples), "robots") as step:
+    with steps_to(progress, count_steps(error_model.space, len(chosen), samples), "robots") as step:
         found = tuple(_at_pose(error_model, one, seed, samples, confidence, bound_at, step) for one in chosen)
     return BudgetResult(
         provenance=Provenance.of(error_model, seed),
@@ -179,6 +179,11 @@ def evaluations(space: Space, samples: int) -> int:
     groups = sum(any(random[draw] for draw in group) for group in correlated_groups(space))
     # two sets of points, those with a group's numbers exchanged, and those with a draw halved beside the plain ones
     return samples * (2 + 2 * groups + 1 + sum(random))
+
+
+def count_steps(space: Space, poses: int, samples: int) -> int:
+    """Return how many steps a budget tells of."""
+    return poses * evaluations(space, samples)
 
 
 def _random_draws(space: Space) -> list[bool]:

@@ -44,7 +44,7 @@ from precision_pin.model.error_model import ErrorModel, PoseModel
 from precision_pin.sampling import Progress, check_progress
 from precision_pin.statistics import QUANTITIES, check_confidence, quantity_values
 
-__all__ = ["LEVELS", "Agreement", "ExactLaw", "ExactLawResult", "PoseLaws", "exact_law"]
+__all__ = ["LEVELS", "Agreement", "ExactLaw", "ExactLawResult", "PoseLaws", "count_steps", "exact_law"]
 
 Array = NDArray[np.float64]
 
@@ -113,7 +113,7 @@ def exact_law(
     known = check_items("findings", findings, Finding)
     check_progress(progress)
     chosen, count = listed_poses(poses, q, pose), int(samples)
-    with steps_to(progress, count * (1 + len(chosen))) as step:
+    with steps_to(progress, count_steps(error_model.space, len(chosen), count)) as step:
         deviations = _deviations(error_model.space, seed, count, step)
         found = []
         for one in chosen:
@@ -127,6 +127,12 @@ def exact_law(
         findings=known,
         warnings=list_warnings(known, (line for entry in found for line in entry.warnings)),
     )
+
+
+def count_steps(space: Space, poses: int, samples: int) -> int:
+    """Return how many steps exact laws tell of: samples are drawn once, and compared at each pose."""
+    del space
+    return samples * (1 + poses)
 
 
 def _deviations(space: Space, seed: int, count: int, step: Callable[[int], None]) -> Array:

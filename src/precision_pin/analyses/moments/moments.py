@@ -38,7 +38,7 @@ from precision_pin.analyses.replicates import REPLICATES, jackknife
 from precision_pin.analyses.result import list_warnings
 from precision_pin.call_warnings import warns_at_end
 from precision_pin.display.progress import steps_to
-from precision_pin.draws.space import check_seed
+from precision_pin.draws.space import Space, check_seed
 from precision_pin.errors import Finding, InputError
 from precision_pin.inputs.arguments import check_instance, check_items, check_name, shown
 from precision_pin.kernel import sampler
@@ -46,7 +46,7 @@ from precision_pin.model.error_model import ErrorModel, PoseModel
 from precision_pin.sampling import Progress, check_progress
 from precision_pin.statistics import NORMS, Plan, check_confidence
 
-__all__ = ["Measured", "MomentsResult", "PoseMoments", "Remainder", "moments"]
+__all__ = ["Measured", "MomentsResult", "PoseMoments", "Remainder", "check_samples", "count_steps", "moments"]
 
 Array = NDArray[np.float64]
 
@@ -118,7 +118,7 @@ def moments(
     check_name("method", method, get_args(Method))
     known = check_items("findings", findings, Finding)
     check_progress(progress)
-    count = _replicate(samples)
+    count = check_samples(samples)
     check_confidence(confidence)
     if method.startswith("sobol") and error_model.space.size > MOST_NUMBERS:
         raise InputError(
@@ -126,7 +126,7 @@ def moments(
             "use method 'control'"
         )
     chosen, sampled = listed_poses(poses, q, pose), 0 if method == "closed" else REPLICATES * count
-    with steps_to(progress, len(chosen) * sampled) as step:
+    with steps_to(progress, count_steps(error_model.space, len(chosen), sampled, method)) as step:
         found = tuple(_at_pose(error_model, one, method, count, int(seed), confidence, step) for one in chosen)
     return MomentsResult(
         provenance=Provenance.of(error_model, seed),
@@ -139,8 +139,20 @@ def moments(
     )
 
 
-def _replicate(samples: int) -> int:
-    """Return the samples of a replicate."""
+def count_steps(space: Space, poses: int, samples: int, method: Method) -> int:
+    """Return how many steps moments tell of."""
+    del space
+    return 0 if method == "closed" else samples * poses
+
+
+def check_samples(samples: int) -> int:
+    """Return the samples of a replicate, for so many in all.
+
+    Raises
+    ------
+    InputError
+        They are not 32 times a power of two in the range that there is.
+    """
     allowed = [REPLICATES << k for k in range(SMALLEST, LARGEST + 1)]
     if isinstance(samples, bool) or not isinstance(samples, int | np.integer) or samples not in allowed:
         raise InputError(
@@ -184,6 +196,8 @@ def _at_pose(
         norm_mean=norm_mean,
         norm_variance=norm_variance,
         remainder=remainder,
+        first_order_mean=at.tangent[0].copy(),
+        first_order_covariance=covariance.copy(),
         warnings=tuple(str(finding) for finding in (*at.findings("exact"), *error_model.statics_findings(at))),
     )
 

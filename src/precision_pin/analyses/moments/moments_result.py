@@ -24,7 +24,7 @@ from precision_pin.statistics import COMPONENTS, NORMS, QUANTITIES
 if TYPE_CHECKING:
     import pandas  # type: ignore[import-untyped]
 
-__all__ = ["Measured", "Method", "MomentsResult", "PoseMoments", "Remainder"]
+__all__ = ["Measured", "Method", "MomentsResult", "PoseMoments", "Remainder", "cell", "entries"]
 
 Array = NDArray[np.float64]
 Method = Literal["control", "sobol", "sobol-control", "plain", "closed"]
@@ -141,6 +141,8 @@ class PoseMoments:
         ``(2,)`` of |d| and |δ|, m and rad; ``None`` of a closed form.
     remainder
         What a closed form leaves out; ``None`` of samples.
+    first_order_mean, first_order_covariance
+        ``(6,)`` and ``(6, 6)`` of the first-order model.
     warnings
         One line each.
     """
@@ -152,10 +154,23 @@ class PoseMoments:
     norm_mean: Measured | None
     norm_variance: Measured | None
     remainder: Remainder | None
+    first_order_mean: Array
+    first_order_covariance: Array
     warnings: tuple[str, ...]
 
     def __post_init__(self) -> None:
         fix_fields(self)
+
+    @property
+    def bias(self) -> Measured:
+        """Mean of the exact error less that of the first-order model, ``(6,)``."""
+        return Measured(self.mean.value - self.first_order_mean, self.mean.standard_error, self.mean.half_width)
+
+    @property
+    def first_order_std(self) -> Array:
+        """Standard deviations of the first-order model, ``(6,)``."""
+        result: Array = np.sqrt(np.maximum(np.diagonal(self.first_order_covariance), 0.0))
+        return result
 
     @property
     def variance(self) -> Measured:
@@ -185,6 +200,12 @@ class PoseMoments:
             "mean": self.mean.to_dict(),
             "std": self.std.to_dict(),
             "covariance": self.covariance.to_dict(),
+            "bias": self.bias.to_dict(),
+            "first_order": {
+                "mean": self.first_order_mean.tolist(),
+                "std": self.first_order_std.tolist(),
+                "covariance": self.first_order_covariance.tolist(),
+            },
             "norm_mean": None if self.norm_mean is None else self.norm_mean.to_dict(),
             "norm_std": None if self.norm_std is None else self.norm_std.to_dict(),
             "norm_variance": None if self.norm_variance is None else self.norm_variance.to_dict(),
@@ -234,7 +255,7 @@ class MomentsResult(Result):
                 (label, quantity),
                 {
                     key: number
-                    for name, entry in zip(("mean", "std"), _entries(pose, row), strict=True)
+                    for name, entry in zip(("mean", "std"), entries(pose, row), strict=True)
                     for key, number in interval_columns(name, *(entry or (None, None))).items()
                 },
             )
@@ -255,7 +276,7 @@ class MomentsResult(Result):
 
     def _table(self, pose: PoseMoments) -> Table:
         rows = [
-            [symbol(quantity), unit(quantity), *(_cell(entry) for entry in _entries(pose, row))]
+            [symbol(quantity), unit(quantity), *(cell(entry) for entry in entries(pose, row))]
             for row, quantity in enumerate(QUANTITIES)
         ]
         return Table(("", "unit", "mean", "standard deviation"), rows, name_pose(pose.pose), words=2)
@@ -289,7 +310,7 @@ def deviations(variance: Measured) -> Measured:
 _Entry = tuple[float, tuple[float, float] | None] | None
 
 
-def _entries(pose: PoseMoments, row: int) -> tuple[_Entry, _Entry]:
+def entries(pose: PoseMoments, row: int) -> tuple[_Entry, _Entry]:
     """Return mean and standard deviation of a quantity, by its row of the eight, each with its interval."""
     if row in NORMS:
         index = NORMS.index(row)
@@ -301,7 +322,7 @@ def _entries(pose: PoseMoments, row: int) -> tuple[_Entry, _Entry]:
     return mean, std
 
 
-def _cell(entry: _Entry) -> str:
+def cell(entry: _Entry) -> str:
     """Return a number in mm or mrad with half of its interval."""
     if entry is None:
         return "-"

@@ -9,26 +9,23 @@ from precision_pin.analyses.budget.budget_result import VECTORS, BudgetResult, D
 from precision_pin.display.tables import milli, plus_minus, quantity_label, unit
 from precision_pin.outputs.budget.figure import figure as bars
 from precision_pin.outputs.budget.table import draw_rows, ranked, source_name
-from precision_pin.outputs.kit.html import Html, beside, paragraph, section, table
+from precision_pin.outputs.kit.html import Child, Html, beside, paragraph, table
 from precision_pin.outputs.kit.svg import figure
-from precision_pin.outputs.report.collect import Missing, Results
+from precision_pin.outputs.report.collect import Results
 from precision_pin.outputs.report.numbers import percent, shown
-from precision_pin.outputs.report.wording import left_out
 
-__all__ = ["causes"]
+__all__ = ["content"]
 
 _NAMED: Final = 5
 _LISTED: Final = 40
 
 
-def causes(results: Results) -> Html:
+def content(result: BudgetResult, results: Results) -> list[Child]:
     """Return the chart, a table of the draws for position and one for attitude, and one of sources and places."""
-    if isinstance(results.budget, Missing):
-        return section("budget", "Error budget", left_out("Budget", results.budget, results))
-    result = results.budget
+    del results
     pose = result.poses[0]
     if not pose.draws:
-        return section("budget", "Error budget", paragraph("Nothing varies: there is nothing to share."))
+        return [paragraph("Nothing varies: there is nothing to share.")]
     chart = figure(
         bars(result),
         "budget",
@@ -36,7 +33,7 @@ def causes(results: Results) -> Html:
         "Sobol indices of the exact model with their intervals; diamonds are the closed form of the first order.",
     )
     draws = [_draws(pose, vector, result.marked) for vector in VECTORS]
-    return section("budget", "Error budget", _explained(result), chart, *draws, beside(*_shares(pose)))
+    return [_explained(result), chart, *draws, beside(*_shares(pose))]
 
 
 def _explained(result: BudgetResult) -> Html:

@@ -25,7 +25,7 @@ MOST_LINES: Final = 20
 MOST_DECIMALS: Final = 3
 
 
-def table(result: BudgetResult, quantities: Sequence[str] = VECTORS) -> str:
+def table(result: BudgetResult, quantities: Sequence[str] = ()) -> str:
     """Return the budget of every pose: per cent, mm and mrad, half-widths of intervals behind ±.
 
     Parameters
@@ -33,13 +33,14 @@ def table(result: BudgetResult, quantities: Sequence[str] = VECTORS) -> str:
     result
         What was found.
     quantities
-        One block each: ``position``, ``attitude``, ``position.norm``, ``position.x``, …
+        One block each: ``position`` and ``attitude`` if left out, ``position.norm``, ``position.x``, …
 
     Raises
     ------
     UnknownNameError
         No such quantity.
     """
+    quantities = quantities or VECTORS
     check_quantities(quantities)
     lines = []
     for pose in result.poses:
