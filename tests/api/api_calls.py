@@ -224,11 +224,11 @@ def calls() -> Iterator[Call]:
         "budget",
         pp.budget,
         {
-            "error_model": arm, "poses": POSE, "seed": 1, "samples": 1024, "confidence": 0.9, "bound_at": 3.0,
+            "error_model": arm, "poses": POSE, "seed": 1, "samples": 1024, "confidence": 0.9, "k": 3.0, "bound_at": None,
             "findings": [], "progress": None,
         },
         pose_words,
-        poses=SEVERAL, **sampled_fine, bound_at=POSITIVE, findings="empty list, empty tuple",
+        poses=SEVERAL, **sampled_fine, k=POSITIVE, bound_at="nothing, one half", findings="empty list, empty tuple",
         progress="nothing, true, function, type",
     )  # fmt: skip
     yield call(

@@ -18,8 +18,10 @@ DECLARATION = Declaration(
             "--samples", "samples", "Points a set: 32 × a power of two.", int, 16_384, "N",
             check=f"{__name__}.budget:check_points",
         ),
+        Option("--k", "k", "Unbounded laws reach k standard deviations in the share of the worst case.", float, 3.0),
         Option(
-            "--quantity", "quantities", "position, attitude (the default: both), position.norm, position.x, …; repeats.",
+            "--quantity", "quantities",
+            "position, attitude (the default: both), position.norm or |d|, position.x, dx or x, …; repeats.",
             metavar="QUANTITY", is_repeated=True, is_of_table=True, check=f"{__name__}.budget:check_quantities",
         ),
     ),

@@ -42,6 +42,7 @@ from precision_pin.sampling import Progress, check_progress
 from precision_pin.statistics import COMPONENTS as COMPONENT_ROWS
 from precision_pin.statistics import NORMS as NORM_ROWS
 from precision_pin.statistics import QUANTITIES, check_confidence, quantity_values
+from precision_pin.statistics.quantities import QUANTITY_WORDS
 
 __all__ = ["budget", "check_points", "check_quantities", "count_steps", "evaluations"]
 
@@ -83,7 +84,8 @@ def budget(
     seed: int = 0,
     samples: int = 16_384,
     confidence: float = 0.95,
-    bound_at: float = 3.0,
+    k: float = 3.0,
+    bound_at: float | None = None,
     findings: Sequence[Finding] = (),
     progress: Progress | bool | None = None,
 ) -> BudgetResult:
@@ -102,8 +104,9 @@ def budget(
         model is evaluated about ``samples · (2 + 3 · draws)`` times.
     confidence
         Of every interval, each by itself.
-    bound_at
-        How many standard deviations unbounded laws reach in the share of the worst case.
+    k, bound_at
+        How many standard deviations unbounded laws reach in the share of the worst case, as in
+        :func:`precision_pin.worst_case`. Two names of one argument, the second the old one.
     findings
         Warnings to carry along, such as those of the sheet.
     progress
@@ -119,18 +122,19 @@ def budget(
     check_seed(seed)
     check_points(samples)
     check_confidence(confidence)
-    check_number("bound_at, in standard deviations,", bound_at, "positive and finite", lambda value: value > 0)
+    name, k = ("k", k) if bound_at is None else ("bound_at", bound_at)
+    check_number(f"{name}, in standard deviations,", k, "positive and finite", lambda value: value > 0)
     known = check_items("findings", findings, Finding)
     check_progress(progress)
     _check_cost(error_model.space, samples)
     chosen = listed_poses(poses, q, pose)
     with steps_to(progress, count_steps(error_model.space, len(chosen), samples), "robots") as step:
-        found = tuple(_at_pose(error_model, one, seed, samples, confidence, bound_at, step) for one in chosen)
+        found = tuple(_at_pose(error_model, one, seed, samples, confidence, k, step) for one in chosen)
     return BudgetResult(
         provenance=Provenance.of(error_model, seed),
         samples=int(samples),
         confidence=confidence,
-        bound_at=bound_at,
+        k=k,
         marked=MARKED,
         poses=found,
         findings=known,
@@ -181,8 +185,9 @@ def evaluations(space: Space, samples: int) -> int:
     return samples * (2 + 2 * groups + 1 + sum(random))
 
 
-def count_steps(space: Space, poses: int, samples: int) -> int:
-    """Return how many steps a budget tells of."""
+def count_steps(space: Space, poses: int, samples: int, **others: object) -> int:
+    """Return how many steps a budget tells of, whatever its other arguments."""
+    del others
     return poses * evaluations(space, samples)
 
 
@@ -192,8 +197,10 @@ def _random_draws(space: Space) -> list[bool]:
     return [bool(variances[rows].any()) for rows in space.slices]
 
 
-def check_quantities(quantities: Sequence[str]) -> None:
-    """Refuse the name of a quantity that a budget does not have.
+def check_quantities(quantities: Sequence[str]) -> tuple[str, ...]:
+    """Return quantities under their names in results: ``position.x`` for ``x`` and ``dx``.
+
+    ``position`` and ``attitude`` are all three components together here, ``|d|`` and ``|δ|`` the norms.
 
     Raises
     ------
@@ -201,8 +208,9 @@ def check_quantities(quantities: Sequence[str]) -> None:
         It is none of position, attitude, their norms and components.
     """
     for quantity in quantities:
-        if quantity not in _SAMPLED:
+        if quantity not in (*_SAMPLED, *QUANTITY_WORDS):
             raise UnknownNameError("quantity", quantity, _SAMPLED)
+    return tuple(quantity if quantity in _SAMPLED else QUANTITY_WORDS[quantity] for quantity in quantities)
 
 
 def _at_pose(
@@ -211,7 +219,7 @@ def _at_pose(
     seed: int,
     samples: int,
     confidence: float,
-    bound_at: float,
+    k: float,
     step: Callable[[int], None],
 ) -> PoseBudget:
     try:
@@ -227,7 +235,7 @@ def _at_pose(
     sampled = _Sampled(at, groups, seed, samples, confidence, step)
     names = [draw.name for draw in at.space.draws]
     halved = sampled.halved()
-    reach = reaches(at, bound_at)
+    reach = reaches(at, k)
     return PoseBudget(
         pose=PoseLabel.of(error_model, pose, at),
         nominal=tuple(map(float, at.tangent[0])),

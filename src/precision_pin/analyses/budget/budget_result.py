@@ -99,7 +99,7 @@ class DrawShare:
     name, scope
         The draw.
     unbounded
-        Whether its reach is infinite somewhere, and was taken at ``bound_at`` standard deviations.
+        Whether its reach is infinite somewhere, and was taken at ``k`` standard deviations.
     share
         Of the variance, closed form; Shapley effects where draws are correlated.
     components
@@ -251,13 +251,13 @@ class BudgetResult(Result):
 
     Attributes
     ----------
-    bound_at, marked
+    k, marked
         Standard deviations that unbounded laws reach, probability of the quantiles.
     """
 
     schema: ClassVar[str] = "precision-pin/budget/1"
 
-    bound_at: float
+    k: float
     marked: float
     poses: tuple[PoseBudget, ...]
 
@@ -266,9 +266,14 @@ class BudgetResult(Result):
         """What the numbers are, one sentence each."""
         return ASSUMPTIONS
 
+    @property
+    def bound_at(self) -> float:
+        """Old name of ``k``."""
+        return self.k
+
     def settings(self) -> dict[str, Any]:
         """Return what was asked for, as the JSON has it."""
-        return {**super().settings(), "bound_at": self.bound_at, "marked": self.marked}
+        return {**super().settings(), "k": self.k, "bound_at": self.k, "marked": self.marked}
 
     def to_pandas(self, lines: Literal["draws", "sources", "places"] = "draws") -> pandas.DataFrame:
         """Return shares as a data frame: a row for each pose, line and quantity, not-a-number for what there is not.

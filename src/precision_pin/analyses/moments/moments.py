@@ -139,9 +139,9 @@ def moments(
     )
 
 
-def count_steps(space: Space, poses: int, samples: int, method: Method) -> int:
+def count_steps(space: Space, poses: int, samples: int, method: Method, **others: object) -> int:
     """Return how many steps moments tell of."""
-    del space
+    del space, others
     return 0 if method == "closed" else samples * poses
 
 

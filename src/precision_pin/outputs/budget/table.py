@@ -40,8 +40,7 @@ def table(result: BudgetResult, quantities: Sequence[str] = ()) -> str:
     UnknownNameError
         No such quantity.
     """
-    quantities = quantities or VECTORS
-    check_quantities(quantities)
+    quantities = check_quantities(quantities or VECTORS)
     lines = []
     for pose in result.poses:
         lines += _heads(result, pose)
@@ -192,7 +191,7 @@ def _notes(result: BudgetResult, pose: PoseBudget, quantities: Sequence[str]) ->
     if any(pose.sums[quantity].variance is None for quantity in quantities):
         notes.append("- among the indices: not resolved; too few points for the tails or the rare values of the laws")
     if any(draw.unbounded for draw in pose.draws) and set(quantities) - {*VECTORS, "position.norm", "attitude.norm"}:
-        notes.append(f"worst case: unbounded laws are cut off at {result.bound_at:g} standard deviations")
+        notes.append(f"worst case: unbounded laws are cut off at {result.k:g} standard deviations")
     return notes
 
 
