@@ -191,10 +191,11 @@ def calls() -> Iterator[Call]:
         pp.sample_poses,
         {
             "error_model": arm, "q": np.tile(np.array(POSE)[:, None], 2), **sampled, "model": "exact",
-            "specifications": [], "threads": 1, "progress": None,
+            "specifications": [], "findings": [], "threads": 1, "progress": None,
         },
         pose_words | {"q": "pose|joint"},
-        **sampled_fine, specifications=NO_SPECIFICATION, threads=OPTIONAL, progress="nothing, true, function, type",
+        **sampled_fine, specifications=NO_SPECIFICATION, findings="empty list, empty tuple", threads=OPTIONAL,
+        progress="nothing, true, function, type",
     )  # fmt: skip
     yield call(
         "reliability",

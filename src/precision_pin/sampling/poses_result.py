@@ -70,9 +70,9 @@ class PosesResult(JsonResult):
     probability, probability_interval
         ``(S, P)`` and ``(S, 2, P)``: share of the samples inside, and its Clopper-Pearson interval.
     warnings
-        One line each.
+        One line each: the findings, then what was found besides.
     findings
-        What they say, in parts.
+        Those handed over, such as the sheet's.
     versions
         Of Python and the libraries that computed it.
     """
