@@ -7,7 +7,6 @@ a test fails when one is out of step.
 from __future__ import annotations
 
 import dataclasses
-import importlib
 import inspect
 import re
 import types
@@ -20,7 +19,7 @@ from typing import Annotated, Any, Final, Literal
 import click
 
 from precision_pin import units
-from precision_pin.cli import COMMANDS
+from precision_pin.cli.commands import list_commands, load_command
 from precision_pin.draws.laws import Law, laws_of_sheets
 from precision_pin.draws.space import Scope
 from precision_pin.sheet.schema import Document, json_schema, used_quantities
@@ -219,12 +218,14 @@ def _default(value: Any) -> str:
 
 def commands() -> str:
     """Return the list of commands."""
-    return table(("command", "what it does"), [(f"[`{name}`](#{name})", text) for name, text in COMMANDS.items()])
+    return table(
+        ("command", "what it does"), [(f"[`{name}`](#{name})", text) for name, text in list_commands().items()]
+    )
 
 
 def parameters(name: str) -> str:
     """Return the arguments and options of a command."""
-    command: click.Command = importlib.import_module(f"precision_pin.cli.{name.replace('-', '_')}").command
+    command = load_command(name)
     rows = []
     for parameter in command.params:
         if isinstance(parameter, click.Option):
@@ -251,7 +252,7 @@ TABLES: Final[dict[str, dict[str, Callable[[], str]]]] = {
         "units": quantities,
     },
     "sources.md": {"kinds": kinds} | {name: partial(settings, kind) for name, kind in catalogue().items()},
-    "command-line.md": {"commands": commands} | {name: partial(parameters, name) for name in COMMANDS},
+    "command-line.md": {"commands": commands} | {name: partial(parameters, name) for name in list_commands()},
 }
 """Every generated table by page and name."""
 

@@ -47,6 +47,7 @@ if TYPE_CHECKING:
     from precision_pin.sampling.many_poses import sample_poses as sample_poses
     from precision_pin.sampling.poses_result import PosesResult as PosesResult
     from precision_pin.sampling.result import Analysis as Analysis
+    from precision_pin.sampling.result import MonteCarloResult as MonteCarloResult
     from precision_pin.statistics.specification import specification as specification
     from precision_pin.terms.term import Source as Source
     from precision_pin.terms.term import Term as Term
@@ -67,6 +68,7 @@ _HOMES: Final = {
     "InputError": "errors",
     "JointNormal": "draws.laws",
     "Lognormal": "draws.laws",
+    "MonteCarloResult": "sampling.result",
     "Normal": "draws.laws",
     "Posture": "robot.chain",
     "PosesResult": "sampling.poses_result",
@@ -101,6 +103,10 @@ def __getattr__(name: str) -> Any:
         return importlib.import_module(f"{__name__}.{_MODULES[name]}")
     if name in _HOMES:
         return getattr(importlib.import_module(f"{__name__}.{_HOMES[name]}"), name)
+    if not name.startswith("_"):
+        registered = importlib.import_module(f"{__name__}.analyses.registry").find_function(name)
+        if registered is not None:
+            return registered
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 

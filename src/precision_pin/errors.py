@@ -80,6 +80,10 @@ class Finding:
             where += f":{self.line}"
         return f"{where}: {self.severity} {self.code}: {one_line(self.message)}"
 
+    def to_dict(self) -> dict[str, str | int | None]:
+        """Return the finding as the JSON of every result has it."""
+        return {name: getattr(self, name) for name in ("severity", "code", "message", "file", "line")}
+
     def at(self, file: str | None, line: int | None) -> Finding:
         """Return the same finding placed at a file and line, where it has none of its own."""
         return replace(self, file=self.file or file, line=self.line if self.line is not None else line)

@@ -17,7 +17,8 @@ from precision_pin.draws.laws import Normal, Uniform
 from precision_pin.draws.space import Draw, Space
 from precision_pin.errors import UnknownNameError
 from precision_pin.model.error_model import ErrorModel
-from precision_pin.outputs.budget.budget_report import figure, table
+from precision_pin.outputs.budget.figure import figure
+from precision_pin.outputs.budget.table import table
 from precision_pin.robot.examples import PAPER_SHEET
 from precision_pin.sources.frame import Frame
 from support.engines import GANTRY

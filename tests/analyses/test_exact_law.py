@@ -21,7 +21,8 @@ from precision_pin.draws.correlation import Correlation
 from precision_pin.draws.laws.projection import Lines
 from precision_pin.draws.space import Draw, Space
 from precision_pin.model.error_model import ErrorModel
-from precision_pin.outputs.exact_law.exact_law_report import figure, table
+from precision_pin.outputs.exact_law.figure import figure
+from precision_pin.outputs.exact_law.table import table
 from precision_pin.robot import examples
 from precision_pin.robot.chain import Chain
 from precision_pin.sources.joint_offset import JointOffset

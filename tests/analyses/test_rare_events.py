@@ -29,7 +29,7 @@ from precision_pin.analyses.reliability.subset import subset_simulation
 from precision_pin.draws import laws
 from precision_pin.draws.correlation import Correlation
 from precision_pin.draws.space import Draw, Space
-from precision_pin.outputs.reliability.reliability_report import table
+from precision_pin.outputs.reliability.table import table
 from precision_pin.statistics import Specification, clopper_pearson
 from support.sliding import slides
 

@@ -21,7 +21,8 @@ from precision_pin.draws import laws
 from precision_pin.draws.correlation import Correlation
 from precision_pin.draws.space import Draw, Space
 from precision_pin.model.error_model import ErrorModel
-from precision_pin.outputs.reliability.reliability_report import figure, table
+from precision_pin.outputs.reliability.figure import figure
+from precision_pin.outputs.reliability.table import table
 from precision_pin.robot import examples
 from precision_pin.statistics import Specification
 from support.sliding import slides

@@ -33,7 +33,7 @@ from precision_pin.draws.laws import (
 from precision_pin.draws.space import Draw, Space
 from precision_pin.errors import InputError
 from precision_pin.model.error_model import ErrorModel
-from precision_pin.outputs.worst_case.worst_case_report import table
+from precision_pin.outputs.worst_case.table import table
 from precision_pin.robot.chain import Chain
 from precision_pin.robot.examples import PAPER_SHEET
 from precision_pin.sources.joint_offset import JointOffset

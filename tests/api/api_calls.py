@@ -191,10 +191,11 @@ def calls() -> Iterator[Call]:
         pp.sample_poses,
         {
             "error_model": arm, "q": np.tile(np.array(POSE)[:, None], 2), **sampled, "model": "exact",
-            "specifications": [], "threads": 1, "progress": None,
+            "specifications": [], "findings": [], "threads": 1, "progress": None,
         },
         pose_words | {"q": "pose|joint"},
-        **sampled_fine, specifications=NO_SPECIFICATION, threads=OPTIONAL, progress="nothing, true, function, type",
+        **sampled_fine, specifications=NO_SPECIFICATION, findings="empty list, empty tuple", threads=OPTIONAL,
+        progress="nothing, true, function, type",
     )  # fmt: skip
     yield call(
         "reliability",
@@ -213,23 +214,30 @@ def calls() -> Iterator[Call]:
     yield call(
         "moments",
         pp.moments,
-        {"error_model": arm, "poses": POSE, "seed": 1, "samples": 1024, "method": "plain", "confidence": 0.9, "progress": None},
+        {
+            "error_model": arm, "poses": POSE, "seed": 1, "samples": 1024, "method": "plain", "confidence": 0.9,
+            "findings": [], "progress": None,
+        },
         pose_words,
-        poses=SEVERAL, **sampled_fine, progress="nothing, true, function, type",
+        poses=SEVERAL, **sampled_fine, findings="empty list, empty tuple", progress="nothing, true, function, type",
     )  # fmt: skip
     yield call(
         "budget",
         pp.budget,
-        {"error_model": arm, "poses": POSE, "seed": 1, "samples": 1024, "confidence": 0.9, "bound_at": 3.0, "progress": None},
+        {
+            "error_model": arm, "poses": POSE, "seed": 1, "samples": 1024, "confidence": 0.9, "k": 3.0, "bound_at": None,
+            "findings": [], "progress": None,
+        },
         pose_words,
-        poses=SEVERAL, **sampled_fine, bound_at=POSITIVE, progress="nothing, true, function, type",
+        poses=SEVERAL, **sampled_fine, k=POSITIVE, bound_at="nothing, one half", findings="empty list, empty tuple",
+        progress="nothing, true, function, type",
     )  # fmt: skip
     yield call(
         "exact_law",
         pp.exact_law,
-        {"error_model": arm, "poses": POSE, "seed": 1, "samples": 100, "confidence": 0.9, "progress": None},
+        {"error_model": arm, "poses": POSE, "seed": 1, "samples": 100, "confidence": 0.9, "findings": [], "progress": None},
         pose_words,
-        poses=SEVERAL, **sampled_fine, progress="nothing, true, function, type",
+        poses=SEVERAL, **sampled_fine, findings="empty list, empty tuple", progress="nothing, true, function, type",
     )  # fmt: skip
     yield call("specification", pp.specification, {"text": "0.5 mm @ 95 %"}, {"text": "specification"})
     yield call(

@@ -7,7 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from precision_pin.cli import COMMANDS, export
+from precision_pin.cli import export
+from precision_pin.cli.commands import list_commands
 from precision_pin.cli.targets import check_folder_name, check_page_name
 from precision_pin.robot.examples import example_urdfs, shipped_sheets
 
@@ -24,6 +25,7 @@ WITH_ROBOT = {
     "worst-case": (),
     "exact-law": (),
     "reliability": ("--spec", "1 mm"),
+    "moments": (),
     "view": ("--out", "page.html"),
     "report": ("--out", "page.html"),
     "export": ("--out", "built"),
@@ -43,7 +45,7 @@ def error_of(outcome) -> str:
 
 
 def test_every_command_that_takes_a_robot_is_tried():
-    assert set(WITH_ROBOT) == set(COMMANDS) - {"schema", "doctor"}
+    assert set(WITH_ROBOT) == set(list_commands()) - {"schema", "doctor"}
 
 
 @pytest.mark.parametrize("command", WITH_ROBOT)
@@ -211,7 +213,9 @@ def test_a_page_may_go_into_a_device():
     check_page_name(os.devnull)
 
 
-@pytest.mark.parametrize("command", ["analyze", "budget", "worst-case", "exact-law", "reliability", "export"])
+@pytest.mark.parametrize(
+    "command", ["analyze", "budget", "worst-case", "exact-law", "reliability", "moments", "export"]
+)
 @pytest.mark.parametrize("name", ["x.json", "x.png", "x.pdf", "x.urdf", "x.HTML"])
 def test_a_folder_has_no_name_of_a_file(run, contents, command, name):
     before = contents()
@@ -295,6 +299,7 @@ LONGER = {
     "budget": ("--samples", "1024", "--out", "shares"),
     "exact-law": (*FEW, "--out", "laws"),
     "reliability": (*FEW, "--spec", "90 mm", "--out", "rare"),
+    "moments": ("--samples", "1024", "--out", "few"),
     "report": ("--samples", "1000", "--out", "report.html"),
 }
 

@@ -11,7 +11,7 @@ import jsonschema
 import pytest
 from ruamel.yaml import YAML
 
-from precision_pin.cli import COMMANDS
+from precision_pin.cli.commands import list_commands
 from precision_pin.robot.examples import PAPER_SHEET
 
 FINDING = re.compile(r"[^:\n]+(:\d+)?: (error|warning) [EW]_[A-Z_]+: .+")
@@ -214,7 +214,7 @@ def test_doctor_without_metadata_of_a_library(run, monkeypatch):
 # help and version ----------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("name", COMMANDS)
+@pytest.mark.parametrize("name", list_commands())
 @pytest.mark.parametrize("option", ["-h", "--help"])
 def test_help_of_every_command(run, name, option):
     outcome = run(name, option)

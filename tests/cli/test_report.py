@@ -16,7 +16,7 @@ def test_a_page_is_written_the_same_each_time_and_says_how_to_make_it(run, folde
     outcome = run(*arguments, "--out", "page.html")
     assert (outcome.code, outcome.out) == (0, "")
     assert re.fullmatch(r"wrote page\.html \(\d\.\d MB\)", outcome.err_lines[-1])
-    assert [line[:3] for line in outcome.err_lines[:-1] if re.match(r"\d/\d ", line)] == [f"{k}/6" for k in range(1, 7)]
+    assert [line[:3] for line in outcome.err_lines[:-1] if re.match(r"\d/\d ", line)] == [f"{k}/7" for k in range(1, 8)]
     text = (folder / "page.html").read_text("utf-8")
     command = (
         "precision-pin report gantry.urdf gantry.errors.yaml --pose home --samples 2000 --seed 7 --model exact "

@@ -39,8 +39,8 @@ from precision_pin.statistics import SpecificationResult
 from precision_pin.statistics.specification import specification
 
 SECTIONS = (
-    "verdict", "assumptions", "distributions", "budget", "worst-case", "exact-law", "mcpc", "parameters", "view",
-    "reproduce",
+    "verdict", "assumptions", "distributions", "budget", "worst-case", "exact-law", "moments", "mcpc", "parameters",
+    "view", "reproduce",
 )  # fmt: skip
 LARGEST = 6_000_000
 
@@ -117,7 +117,7 @@ def test_it_can_be_read_without_eyes(reader):
         assert None not in table.scopes
         assert len({len(row) for row in table.rows}) == 1, table.caption
     pictures = reader.named("svg")
-    assert len(pictures) == 8
+    assert len(pictures) == 9
     for picture in pictures:
         assert picture.attributes["role"] == "img"
         assert len(re.findall(r"-?\d+\.?\d*", picture.attributes["aria-label"])) >= 3
@@ -139,7 +139,7 @@ def test_identifiers_are_unique_and_references_meet(reader):
 def test_figures_are_shapes_in_colours_of_the_page():
     text = re.sub(r'srcdoc="[^"]*"', "", paper()[1])
     figures = re.findall(r"<svg.*?</svg>", text, re.DOTALL)
-    assert len(figures) == 8
+    assert len(figures) == 9
     for figure in figures:
         assert "<!--" not in figure
         assert not re.search(r"<(text|style|metadata|image|script|a)\b", figure)
@@ -392,7 +392,7 @@ def test_an_analysis_that_refuses_the_model_is_left_out_with_its_reason(tmp_path
     reader = Reader(page(results_of(sheet, samples=500)))
     assert "Exact law: not available. 'p' is correlated (p, r) and not normal" in reader.text
     assert "p and r: 0.5 of their normal scores, 0.4826 of the numbers" in reader.text  # 6/π asin(ρ/2)
-    assert len(reader.named("svg")) == 6
+    assert len(reader.named("svg")) == 7
     assert [row[0] for row in reader.table("Draws, position").rows].count("correlated: p + r") == 1
 
 

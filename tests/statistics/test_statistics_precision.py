@@ -10,7 +10,8 @@ from scipy import stats
 
 from precision_pin.errors import InputError, UnknownNameError
 from precision_pin.statistics import QUANTITIES, Distribution, Plan, finish, observe, specification, start
-from precision_pin.statistics.precision import QUANTITY_WORDS, Target, reached, target
+from precision_pin.statistics.precision import Target, reached, target
+from precision_pin.statistics.quantities import QUANTITY_WORDS
 
 
 @pytest.mark.parametrize(

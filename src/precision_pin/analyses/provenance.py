@@ -1,10 +1,10 @@
-"""What stands at the top of an analysis's result, and how poses are given to one."""
+"""Where the numbers of an analysis come from, and how poses are given to one."""
 
 from __future__ import annotations
 
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Final, final
 
 import numpy as np
@@ -14,7 +14,7 @@ from precision_pin.errors import InputError
 from precision_pin.model.error_model import ErrorModel, PoseModel
 from precision_pin.sampling.result import versions
 
-__all__ = ["Heading", "Pose", "PoseHeading", "listed_poses"]
+__all__ = ["Pose", "PoseLabel", "Poses", "Provenance", "listed_poses"]
 
 Pose = ArrayLike | Mapping[str, float] | str | None
 """A pose's name, joint values in chain order or by name; ``None`` for the model's first pose."""
@@ -24,8 +24,8 @@ MOST_POSES: Final = 10_000
 
 @final
 @dataclass(frozen=True)
-class Heading:
-    """Of what, with which seed.
+class Provenance:
+    """Of what, with which seed, computed by which versions.
 
     Attributes
     ----------
@@ -39,6 +39,8 @@ class Heading:
         The sources, by label, that the sheet marks as assumptions.
     sources
         How many sources there are.
+    versions
+        Of Python and the libraries that computed it.
     """
 
     robot: str
@@ -48,10 +50,11 @@ class Heading:
     seed: int
     assumed: tuple[str, ...] = ()
     sources: int = 0
+    versions: Mapping[str, str] = field(default_factory=versions, compare=False)
 
     @classmethod
-    def of(cls, error_model: ErrorModel, seed: int) -> Heading:
-        """Return the heading of a model's analysis."""
+    def of(cls, error_model: ErrorModel, seed: int) -> Provenance:
+        """Return the provenance of a model's analysis."""
         chain = error_model.chain
         arm = (os.path.basename(chain.robot.file), chain.base, chain.tip, error_model.statics)
         return cls(*arm, int(seed), error_model.assumed, len(error_model.sources))
@@ -68,13 +71,13 @@ class Heading:
             "statics": self.statics,
             "seed": self.seed,
             "assumed": list(self.assumed),
-            "versions": versions(),
+            "versions": dict(self.versions),
         }
 
 
 @final
 @dataclass(frozen=True)
-class PoseHeading:
+class PoseLabel:
     """Which pose.
 
     Attributes
@@ -92,8 +95,8 @@ class PoseHeading:
     sliding_joints: tuple[str, ...] = ()
 
     @classmethod
-    def of(cls, error_model: ErrorModel, pose: Pose, at: PoseModel) -> PoseHeading:
-        """Return the heading of a pose."""
+    def of(cls, error_model: ErrorModel, pose: Pose, at: PoseModel) -> PoseLabel:
+        """Return the label of a pose."""
         chain = error_model.chain
         return cls(
             error_model.pose_name(pose),
@@ -106,24 +109,28 @@ class PoseHeading:
         return {"name": self.name, "q": dict(self.q)}
 
 
-def listed_poses(poses: Pose | Sequence[Pose], q: Pose | Sequence[Pose] = None) -> list[Pose]:
+Poses = Pose | Sequence[Pose]
+"""One pose or a list of poses."""
+
+
+def listed_poses(poses: Poses, q: Poses = None, pose: Poses = None) -> list[Pose]:
     """Return poses one by one: a row of numbers is one pose, any other list several.
 
     Parameters
     ----------
-    poses, q
-        Two names of one argument.
+    poses, q, pose
+        Three names of one argument.
 
     Raises
     ------
     InputError
-        Both are given; an empty list, or more than 10,000 poses; an array of several poses, of which nobody can tell whether
-        they are its rows or its columns.
+        More than one is given; an empty list, or more than 10,000 poses; an array of several poses, of which nobody can tell
+        whether they are its rows or its columns.
     """
-    if q is not None:
-        if poses is not None:
-            raise InputError("poses and q mean the same; give one of them")
-        poses = q
+    given = {name: value for name, value in (("poses", poses), ("q", q), ("pose", pose)) if value is not None}
+    if len(given) > 1:
+        raise InputError("pose, poses and q mean the same; give one of them")
+    poses = next(iter(given.values()), None)
     if isinstance(poses, np.ndarray) and poses.ndim > 1:
         raise InputError(
             f"poses in an array of shape {poses.shape}: give a list of poses instead, list(array) where they are rows, "

@@ -27,7 +27,7 @@ from precision_pin.cli.targets import check_folder_name
 from precision_pin.cli.writing import Outputs, echo_data, whole_folder, write_text
 
 if TYPE_CHECKING:
-    from precision_pin.sampling.result import Analysis
+    from precision_pin.sampling.result import MonteCarloResult
 
 __all__ = ["command"]
 
@@ -135,7 +135,7 @@ def _check_together(workers: dict[str, object]) -> None:
         raise click.UsageError(f"{' and '.join(asked)} exclude each other")
 
 
-def _write_folder(analysis: Analysis, folder: Path) -> None:
+def _write_folder(analysis: MonteCarloResult, folder: Path) -> None:
     from precision_pin.outputs.monte_carlo import figures
 
     summary, seed = analysis.summary, analysis.seed

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import importlib
 import signal
 import traceback
 
 import click
 
-from precision_pin.cli import COMMANDS, EXIT_INPUT, EXIT_INTERNAL, interrupts
+from precision_pin.cli import EXIT_INPUT, EXIT_INTERNAL, interrupts
+from precision_pin.cli.commands import list_commands, load_command
 from precision_pin.cli.resources import shortage
 from precision_pin.cli.streams import prepare_streams, raise_if_output_lost
 from precision_pin.errors import InputError, InternalError
@@ -22,24 +22,21 @@ class LateGroup(click.Group):
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         """Return the names, main command first."""
-        return list(COMMANDS)
+        return list(list_commands())
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         """Import a command."""
-        if cmd_name not in COMMANDS:
-            return None
-        command: click.Command = importlib.import_module(f"precision_pin.cli.{cmd_name.replace('-', '_')}").command
-        return command
+        return load_command(cmd_name) if cmd_name in list_commands() else None
 
     def resolve_command(
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
         """Name the nearest command where there is none of that name."""
         name = args[0] if args else ""
-        if name not in COMMANDS and not name.startswith("-"):
+        if name not in list_commands() and not name.startswith("-"):
             from precision_pin.errors import nearest
 
-            ctx.fail(f"no command named {shown(name)}; {nearest(name, COMMANDS)}")
+            ctx.fail(f"no command named {shown(name)}; {nearest(name, list_commands())}")
         return super().resolve_command(ctx, args)
 
     def invoke(self, ctx: click.Context) -> object:
@@ -52,7 +49,7 @@ class LateGroup(click.Group):
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """List the commands without importing them."""
         with formatter.section("Commands"):
-            formatter.write_dl(list(COMMANDS.items()))
+            formatter.write_dl(list(list_commands().items()))
 
 
 @click.group(cls=LateGroup, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110})

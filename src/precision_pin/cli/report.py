@@ -65,7 +65,7 @@ def command(
     sheet = read_sheet(arm["inputs"], arm["tip"], arm["base"], package_dirs, target.outputs)
     where = chosen_pose(sheet, arm["pose"], arm["q"])
     from precision_pin.model.error_model import ErrorModel
-    from precision_pin.outputs.report.collect import STEPS, collect
+    from precision_pin.outputs.report.collect import collect, count_steps
     from precision_pin.outputs.report.page import page
 
     space = ErrorModel.from_sheet(sheet).space
@@ -78,7 +78,7 @@ def command(
     given = [
         word for option, values in options.items() for value in values if value is not None for word in (option, value)
     ]
-    step = _Steps(STEPS)
+    step = _Steps(count_steps(specifications))
     results = collect(
         sheet,
         where,

@@ -21,8 +21,8 @@ from numpy.typing import ArrayLike, NDArray
 from precision_pin.call_warnings import add, warns_at_end
 from precision_pin.display import progress as progress_bar
 from precision_pin.draws.space import MOST_POSES, Scope, check_seed
-from precision_pin.errors import InputError
-from precision_pin.inputs.arguments import check_instance, check_whole
+from precision_pin.errors import Finding, InputError
+from precision_pin.inputs.arguments import check_instance, check_items, check_whole
 from precision_pin.inputs.memory import check_memory
 from precision_pin.kernel import sampler
 from precision_pin.kernel.loops import NORM_COLUMNS, SUMS
@@ -71,6 +71,7 @@ def sample_poses(
     model: Model = "exact",
     specifications: Specifications = (),
     confidence: float = 0.95,
+    findings: Sequence[Finding] = (),
     threads: int | None = None,
     progress: Progress | bool | None = None,
 ) -> PosesResult:
@@ -98,6 +99,8 @@ def sample_poses(
         Limits to count against: one or a list, each as :func:`precision_pin.specification` makes it or its text.
     confidence
         Of every interval.
+    findings
+        Warnings to carry along, such as those of the sheet.
     threads
         How many threads sample; all cores if left out. They decide no bit of the result.
     progress
@@ -116,6 +119,7 @@ def sample_poses(
     check_whole("the number of samples", samples, 1, MOST_SAMPLES)
     if threads is not None:
         check_whole("threads", threads, 1, MOST_THREADS)
+    known = check_items("findings", findings, Finding)
     check_progress(progress)
     sampler.stage_of(model)
     check_confidence(confidence)
@@ -164,7 +168,8 @@ def sample_poses(
         confidence=confidence,
         specifications=work.specifications,
         error_model=error_model,
-        warnings=tuple(map(str, found)),
+        warnings=tuple(dict.fromkeys(map(str, (*known, *found)))),
+        findings=known,
         **{name: np.concatenate([part[name] for part in parts], axis=-1) for name in parts[0]},
     )
 

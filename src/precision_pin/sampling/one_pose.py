@@ -30,7 +30,7 @@ from precision_pin.sampling.blocks import Work, check_samples, packages
 from precision_pin.sampling.identity import identity
 from precision_pin.sampling.journal import opened
 from precision_pin.sampling.planning import planned
-from precision_pin.sampling.result import Analysis, Correlated, Until
+from precision_pin.sampling.result import Correlated, MonteCarloResult, Until
 from precision_pin.sampling.schedule import Sampling
 from precision_pin.sampling.workers import Submitter, chosen
 from precision_pin.statistics import (
@@ -65,6 +65,7 @@ def monte_carlo(
     /,
     q: ArrayLike | Mapping[str, float] | str | None = None,
     *,
+    pose: ArrayLike | Mapping[str, float] | str | None = None,
     samples: int = 100_000,
     seed: int = 0,
     model: Literal["exact", "linear"] = "exact",
@@ -82,7 +83,7 @@ def monte_carlo(
     files: Mapping[str, str | os.PathLike[str]] | None = None,
     progress: Progress | bool | None = None,
     tell: Callable[[str], None] | None = None,
-) -> Analysis:
+) -> MonteCarloResult:
     """Sample the pose error at one pose (section 4 of Wei, Jia and Chen, 2015).
 
     The result has the same bits whatever computes it, and however often it is stopped and resumed, on machines of one
@@ -93,8 +94,9 @@ def monte_carlo(
     ----------
     error_model
         Chain, draws and sources.
-    q
-        The pose: joint values in chain order, by joint name, a pose's name, or the model's first pose if left out.
+    q, pose
+        The pose: joint values in chain order, by joint name, a pose's name, or the model's first pose if left out. Two names
+        of one argument.
     samples
         How many built robots; with ``until``, at most.
     seed
@@ -145,6 +147,9 @@ def monte_carlo(
         The journal cannot be written.
     """
     check_instance("error_model", error_model, ErrorModel, "as ErrorModel.load makes it")
+    if pose is not None and q is not None:
+        raise InputError("q and pose mean the same; give one of them")
+    pose = q if pose is None else pose
     check_samples(samples)
     check_seed(seed)
     sampler.stage_of(model)
@@ -171,7 +176,7 @@ def monte_carlo(
         check_kept(samples)
     targets = [target(text) for text in until]
     workers = chosen(threads, processes, executor, tasks_under_way)
-    at = _placed(error_model, q)
+    at = _placed(error_model, pose)
     layout = sampler.compile_table(at)
     plan = planned(at, layout, model, int(seed), specifications)
     work = Work(layout, plan, model, int(seed), int(samples), keep_samples, packages())
@@ -205,11 +210,11 @@ def monte_carlo(
         *(_missed(text, one, summary.samples) for text, one in zip(until, precisions, strict=True) if not one.reached),
     )  # fmt: skip
     add(found)
-    return Analysis(
+    return MonteCarloResult(
         robot=os.path.basename(chain.robot.file),
         base=chain.base,
         tip=chain.tip,
-        pose_name=error_model.pose_name(q),
+        pose_name=error_model.pose_name(pose),
         q=dict(zip(chain.joint_names, map(float, at.posture.q), strict=True)),
         seed=int(seed),
         model=model,
@@ -225,6 +230,7 @@ def monte_carlo(
         until=tuple(Until(text, one) for text, one in zip(until, precisions, strict=True)),
         warnings=tuple(str(finding) for finding in (*findings, *found)),
         errors=sampling.errors,
+        findings=findings,
     )
 
 

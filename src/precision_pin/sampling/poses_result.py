@@ -2,28 +2,32 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Final, final
+from typing import TYPE_CHECKING, Any, ClassVar, Final, final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from precision_pin.display.tables import described, optional
+from precision_pin.display.html import Table, rendered
+from precision_pin.display.stored import JsonResult
+from precision_pin.display.tables import data_frame, described, interval_columns, milli, optional, pose_labels
 from precision_pin.draws.space import Scope
+from precision_pin.errors import Finding
 from precision_pin.inputs.arguments import check_name, check_whole
 from precision_pin.inputs.arrays import fix_fields
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.sampling.result import versions
-from precision_pin.statistics import Specification
+from precision_pin.statistics import COMPONENTS, NORMS, QUANTITIES, Specification
 
 if TYPE_CHECKING:
+    import pandas  # type: ignore[import-untyped]
     import xarray
 
-__all__ = ["LEVELS", "SCHEMA", "PosesResult"]
+__all__ = ["LEVELS", "PosesResult"]
 
 Array = NDArray[np.float64]
 
-SCHEMA: Final = "precision-pin/poses/1"
 LEVELS: Final = (0.5, 0.95, 0.9973)
 """Probabilities of the quantiles."""
 
@@ -31,8 +35,8 @@ _COMPONENTS: Final = ("dx", "dy", "dz", "rx", "ry", "rz")
 
 
 @final
-@dataclass(frozen=True, eq=False)
-class PosesResult:
+@dataclass(frozen=True, eq=False, repr=False)
+class PosesResult(JsonResult):
     """The distribution of the pose error at P poses, base axes, m and rad.
 
     Every built robot was sampled at all the poses: its draws of unit scope are the same at each.
@@ -66,8 +70,14 @@ class PosesResult:
     probability, probability_interval
         ``(S, P)`` and ``(S, 2, P)``: share of the samples inside, and its Clopper-Pearson interval.
     warnings
-        One line each.
+        One line each: the findings, then what was found besides.
+    findings
+        Those handed over, such as the sheet's.
+    versions
+        Of Python and the libraries that computed it.
     """
+
+    schema: ClassVar[str] = "precision-pin/poses/1"
 
     robot: str
     base: str
@@ -93,6 +103,8 @@ class PosesResult:
     probability_interval: Array
     error_model: ErrorModel = field(repr=False)
     warnings: tuple[str, ...] = ()
+    findings: tuple[Finding, ...] = ()
+    versions: Mapping[str, str] = field(default_factory=versions, init=False)
 
     def __post_init__(self) -> None:
         fix_fields(self)
@@ -145,6 +157,59 @@ class PosesResult:
         """
         return self.names.index(check_name("pose", name, [known for known in self.names if known]))
 
+    def to_dict(self) -> dict[str, Any]:
+        """Return the result as the ``precision-pin/poses/1`` schema has it, SI units; what is not resolved is null."""
+        norms = {name: getattr(self, name) for name in ("norm_mean", "norm_std", "norm_max")}
+        norms |= {name: getattr(self, name) for name in ("quantile", "quantile_interval", "quantile_resolution")}
+        return self._head() | {
+            "levels": list(LEVELS),
+            "spec": [
+                {"quantity": spec.quantity, "limit": spec.limit, "required": spec.required}
+                for spec in self.specifications
+            ],
+            "poses": [
+                {
+                    "pose": {"name": name, "q": dict(zip(self.joints, self.q[:, pose].tolist(), strict=True))},
+                    "mean": _listed(self.mean[:, pose]),
+                    "covariance": _listed(self.covariance[..., pose]),
+                    **{key: _listed(values[..., pose]) for key, values in norms.items()},
+                    "probability": _listed(self.probability[..., pose]),
+                    "probability_interval": _listed(self.probability_interval[..., pose]),
+                }
+                for pose, name in enumerate(self.names)
+            ],
+        }
+
+    def to_pandas(self) -> pandas.DataFrame:
+        """Return mean, standard deviation and quantiles as a data frame, m and rad: a row for each pose and quantity.
+
+        Components have ``mean`` and ``std``; norms ``max`` and ``quantile_0.5``, … with ``…_lower`` and ``…_upper`` besides.
+
+        Raises
+        ------
+        InputError
+            pandas is not installed.
+        """
+        labels = pose_labels(self.names)
+        rows = [
+            ((label, quantity), self._columns(pose, quantity))
+            for pose, label in enumerate(labels)
+            for quantity in QUANTITIES
+        ]
+        return data_frame(["pose", "quantity"], rows, self._head())
+
+    def _columns(self, pose: int, quantity: str) -> dict[str, float]:
+        row = QUANTITIES.index(quantity)
+        if row in COMPONENTS:
+            component = COMPONENTS.index(row)
+            return {"mean": float(self.mean[component, pose]), "std": float(self.std[component, pose])}
+        norm = NORMS.index(row)
+        found = {key: float(getattr(self, f"norm_{key}")[norm, pose]) for key in ("mean", "std", "max")}
+        for rank, level in enumerate(LEVELS):
+            low, high = self.quantile_interval[rank, norm, :, pose].tolist()
+            found |= interval_columns(f"quantile_{level}", float(self.quantile[rank, norm, pose]), (low, high))
+        return found
+
     def to_xarray(self) -> xarray.Dataset:
         """Return the result as a dataset, m and rad, not-a-number where the samples do not resolve a number.
 
@@ -184,15 +249,39 @@ class PosesResult:
             "end": ["lower", "upper"],
             "specification": [f"{spec.quantity} {spec.limit:g} @ {spec.required:g}" for spec in self.specifications],
         }
-        attributes = {
-            "schema": SCHEMA,
+        made: xarray.Dataset = optional("xarray").Dataset(variables, coordinates, described(self._head()))
+        return made
+
+    def _head(self) -> dict[str, Any]:
+        return {
+            "schema": self.schema,
+            "complete": True,
             **{name: getattr(self, name) for name in ("robot", "base", "tip")},
             "axes": "base",
             **{name: getattr(self, name) for name in ("samples", "seed", "model", "statics", "confidence")},
-            "versions": versions(),
+            "versions": dict(self.versions),
+            "warnings": list(self.warnings),
+            "findings": [finding.to_dict() for finding in self.findings],
         }
-        made: xarray.Dataset = optional("xarray").Dataset(variables, coordinates, described(attributes))
-        return made
+
+    def _repr_html_(self) -> str:
+        """Return what a notebook shows: the norms at every pose, mm and mrad."""
+        rows = [
+            [
+                label,
+                *(
+                    milli(value)
+                    for norm in (0, 1)
+                    for value in (self.norm_mean[norm, pose], *self.quantile[1:, norm, pose])
+                ),
+            ]
+            for pose, label in enumerate(pose_labels(self.names))
+        ]
+        within = [f"{100 * level:g} %" for level in LEVELS[1:]]
+        columns = ["pose", "mean |d| [mm]", *within, "mean |δ| [mrad]", *within]
+        note = f"{self.samples:,} samples at each pose, seed {self.seed}, {self.model} model, statics {self.statics}; base axes"
+        title = f"Pose error of {self.robot}: {self.base} to {self.tip}, {self.poses:,} poses"
+        return rendered(title, [Table(columns, rows)], [note, *self.warnings])
 
     def __repr__(self) -> str:
         worst = self.quantile[1, 0]
@@ -201,3 +290,10 @@ class PosesResult:
             f"<PosesResult of {self.robot!r}, {self.base!r} to {self.tip!r}: {self.poses:,} poses, "
             f"{self.samples:,} samples at each, seed {self.seed}, {self.model} model{within}>"
         )
+
+
+def _listed(values: Array) -> Any:
+    """Return an array as lists, null for not-a-number."""
+    known = values.astype(object)
+    known[~np.isfinite(values)] = None
+    return known.tolist()

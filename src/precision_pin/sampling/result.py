@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from importlib import metadata
 from platform import python_version
-from typing import TYPE_CHECKING, Any, Final, final
+from typing import TYPE_CHECKING, Any, ClassVar, Final, final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from precision_pin.display.html import Table, rendered
+from precision_pin.display.stored import JsonResult
 from precision_pin.display.tables import (
     ROUNDING,
     UNITS,
@@ -29,7 +29,7 @@ from precision_pin.display.tables import (
     unit,
 )
 from precision_pin.draws.space import Space
-from precision_pin.errors import InputError
+from precision_pin.errors import Finding, InputError
 from precision_pin.inputs.arrays import fix_fields
 from precision_pin.statistics import QUANTITIES, Distribution, Extreme, Summary, VectorDistribution
 from precision_pin.statistics.distribution import CONTENTS
@@ -39,11 +39,9 @@ if TYPE_CHECKING:
     import pandas  # type: ignore[import-untyped]
     import xarray
 
-__all__ = ["SCHEMA", "Analysis", "Correlated", "Until", "versions"]
+__all__ = ["Analysis", "Correlated", "MonteCarloResult", "Until", "versions"]
 
 Array = NDArray[np.float64]
-
-SCHEMA: Final = "precision-pin/analysis/1"
 
 
 def versions() -> dict[str, str]:
@@ -99,8 +97,8 @@ class Until:
 
 
 @final
-@dataclass(frozen=True, eq=False)
-class Analysis:
+@dataclass(frozen=True, eq=False, repr=False)
+class MonteCarloResult(JsonResult):
     """The distribution of the pose error at one pose.
 
     Attributes
@@ -128,13 +126,19 @@ class Analysis:
         The sources, by label, that the sheet marks as assumptions.
     sources
         How many sources there are.
+    versions
+        Of Python and the libraries that computed it.
     until
         The targets at which sampling was to end.
+    findings
+        Those handed over, such as the sheet's.
     warnings
-        One line each.
+        One line each: the findings, then what the analysis itself warns of.
     errors
         Every sample ``(6, N)``, if they were kept.
     """
+
+    schema: ClassVar[str] = "precision-pin/analysis/1"
 
     robot: str
     base: str
@@ -155,6 +159,8 @@ class Analysis:
     until: tuple[Until, ...] = ()
     warnings: tuple[str, ...] = ()
     errors: Array | None = field(default=None, repr=False)
+    findings: tuple[Finding, ...] = ()
+    versions: Mapping[str, str] = field(default_factory=versions)
 
     def __post_init__(self) -> None:
         fix_fields(self)
@@ -182,7 +188,7 @@ class Analysis:
     def to_dict(self) -> dict[str, Any]:
         """Return the result as the ``precision-pin/analysis/1`` schema has it, SI units."""
         return {
-            "schema": SCHEMA,
+            "schema": self.schema,
             "complete": True,
             "robot": self.robot,
             "base": self.base,
@@ -195,8 +201,9 @@ class Analysis:
             "statics": self.statics,
             "scopes": dict(self.scopes),
             "confidence": self.summary.confidence,
-            "versions": versions(),
+            "versions": dict(self.versions),
             "warnings": list(self.warnings),
+            "findings": [finding.to_dict() for finding in self.findings],
             "assumed": list(self.assumed),
             "nominal": {"position": self.nominal[:3].tolist(), "attitude": self.nominal[3:].tolist()},
             **self.summary.to_dict(),
@@ -210,10 +217,6 @@ class Analysis:
 
     def _maker(self, one: Extreme) -> dict[str, Any]:
         return {"unit": one.sample, "value": one.value, "parameters": dict(self.makers.get(one.sample, {}))}
-
-    def to_json(self) -> str:
-        """Return :meth:`to_dict` as text; what the samples do not resolve is null."""
-        return json.dumps(self.to_dict(), indent=2, ensure_ascii=False, allow_nan=False)
 
     def to_pandas(self) -> pandas.DataFrame:
         """Return the statistics as a data frame, m and rad, not-a-number where the samples do not resolve a number.
@@ -326,7 +329,7 @@ class Analysis:
         quantile = norm.quantile(0.95)
         within = "" if quantile is None else f", |d| within {1e3 * quantile:.4g} mm for 95 %"
         return (
-            f"<Analysis of {self.robot!r}, {self.base!r} to {self.tip!r}, pose {self.pose_name!r}: "
+            f"<MonteCarloResult of {self.robot!r}, {self.base!r} to {self.tip!r}, pose {self.pose_name!r}: "
             f"{self.samples:,} samples, seed {self.seed}, {self.model} model{within}>"
         )
 
@@ -368,8 +371,12 @@ class Analysis:
         return {key: value for key, value in self.to_dict().items() if key in _ATTRIBUTES}
 
 
+Analysis = MonteCarloResult
+"""Old name."""
+
+
 def _columns(distribution: Distribution, levels: Sequence[float]) -> dict[str, float]:
-    """Return a row of :meth:`Analysis.to_pandas`."""
+    """Return a row of :meth:`MonteCarloResult.to_pandas`."""
     row = interval_columns("mean", distribution.mean, distribution.mean_interval())
     row |= interval_columns("std", distribution.std, distribution.std_interval())
     row |= {"min": distribution.min, "max": distribution.max}

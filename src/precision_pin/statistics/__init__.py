@@ -20,7 +20,8 @@ from precision_pin.statistics.intervals import (
     tolerance_ranks,
     upper_bound_rank,
 )
-from precision_pin.statistics.plan import COMPONENTS, NORMS, QUANTITIES, Plan, Specification
+from precision_pin.statistics.plan import Plan, Specification
+from precision_pin.statistics.quantities import COMPONENTS, NORMS, QUANTITIES, quantity_name
 from precision_pin.statistics.sketch import BINS, COLUMNS, sketch_columns, sketch_edges
 from precision_pin.statistics.summary import (
     NO_SPREAD,
@@ -62,6 +63,7 @@ __all__ = [
     "observe",
     "quantile_coverage",
     "quantile_ranks",
+    "quantity_name",
     "quantity_values",
     "significant_digits",
     "sketch_columns",

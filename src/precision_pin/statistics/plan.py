@@ -10,29 +10,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from precision_pin.errors import InternalError
-from precision_pin.inputs.arguments import check_name, check_number
+from precision_pin.inputs.arguments import check_number
+from precision_pin.statistics.quantities import NORMS, QUANTITIES, quantity_name
 
-__all__ = ["COMPONENTS", "NORMS", "QUANTITIES", "Plan", "Specification"]
+__all__ = ["Plan", "Specification"]
 
 Array = NDArray[np.float64]
-
-QUANTITIES: Final = (
-    "position.norm",
-    "position.x",
-    "position.y",
-    "position.z",
-    "attitude.norm",
-    "attitude.x",
-    "attitude.y",
-    "attitude.z",
-)
-"""The eight quantities, in the order of every array's rows."""
-
-NORMS: Final = (0, 4)
-"""Rows of the two norms, |d| and |δ|."""
-
-COMPONENTS: Final = (1, 2, 3, 5, 6, 7)
-"""Rows of the components, in the order of an error's six numbers [d; δ]."""
 
 _RELATIVE_SCALE_WITHOUT_SPREAD = 2.0**-10
 _SCALE_WITHOUT_SPREAD = 2.0**-30
@@ -56,7 +39,7 @@ class Specification:
     Attributes
     ----------
     quantity
-        One of `QUANTITIES`.
+        One of `QUANTITIES`, or another of its names (:func:`precision_pin.statistics.quantities.quantity_name`).
     limit
         The largest absolute value allowed, m or rad; a value equal to the limit is inside.
     required
@@ -75,7 +58,7 @@ class Specification:
     required: float
 
     def __post_init__(self) -> None:
-        check_name("quantity", self.quantity, QUANTITIES)
+        object.__setattr__(self, "quantity", quantity_name(self.quantity))
         what = f"specification of {self.quantity}:"
         limit = check_number(f"{what} limit", self.limit, "above 0", lambda limit: limit > 0)
         required = check_number(

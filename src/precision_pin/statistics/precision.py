@@ -23,34 +23,10 @@ from precision_pin import units
 from precision_pin.errors import InputError, UnitError, UnknownNameError
 from precision_pin.inputs.arguments import check_text
 from precision_pin.statistics.distribution import Distribution
-from precision_pin.statistics.plan import QUANTITIES
+from precision_pin.statistics.quantities import QUANTITY_PATTERN, QUANTITY_WORDS
 from precision_pin.statistics.summary import Summary
 
-__all__ = ["QUANTITY_PATTERN", "QUANTITY_WORDS", "Precision", "Target", "reached", "target"]
-
-QUANTITY_WORDS: Final = {
-    "position": "position.norm",
-    "x": "position.x",
-    "y": "position.y",
-    "z": "position.z",
-    "attitude": "attitude.norm",
-    "rx": "attitude.x",
-    "ry": "attitude.y",
-    "rz": "attitude.z",
-    # as tables have them
-    "|d|": "position.norm",
-    "dx": "position.x",
-    "dy": "position.y",
-    "dz": "position.z",
-    "|δ|": "attitude.norm",
-    "δx": "attitude.x",
-    "δy": "attitude.y",
-    "δz": "attitude.z",
-} | {name: name for name in QUANTITIES}
-"""What a user may call a quantity."""
-
-QUANTITY_PATTERN: Final = r"\|[^\s|@]++\||[^\W\d](?:[^\W\d]|\.(?=[^\W\d]))*+"
-"""Of a word that may be one of them: no digit, so that a number may follow without a blank."""
+__all__ = ["Precision", "Target", "reached", "target"]
 
 _FORM: Final = re.compile(
     rf"(?:({QUANTITY_PATTERN})(?:\s+|(?=[-+.\d])))?"

@@ -11,7 +11,7 @@ from precision_pin import units
 from precision_pin.errors import InputError, UnitError, UnknownNameError
 from precision_pin.inputs.arguments import check_text, shown
 from precision_pin.statistics import Specification
-from precision_pin.statistics.precision import QUANTITY_PATTERN, QUANTITY_WORDS
+from precision_pin.statistics.quantities import QUANTITY_PATTERN, QUANTITY_WORDS
 
 __all__ = ["DEFAULT_PROBABILITY", "Specifications", "listed_specifications", "specification"]
 

@@ -13,13 +13,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from precision_pin.errors import InternalError
-from precision_pin.inputs.arguments import check_name
 from precision_pin.inputs.arrays import fix_fields, returns_read_only
 from precision_pin.statistics.accumulate import State
 from precision_pin.statistics.distribution import Distribution
 from precision_pin.statistics.intervals import check_confidence, clopper_pearson
 from precision_pin.statistics.moment_intervals import Moments
-from precision_pin.statistics.plan import COMPONENTS, NORMS, QUANTITIES, Plan, Specification
+from precision_pin.statistics.plan import Plan, Specification
+from precision_pin.statistics.quantities import COMPONENTS, NORMS, QUANTITIES, quantity_name
 from precision_pin.statistics.sketch import sketch_edges
 
 __all__ = [
@@ -199,14 +199,14 @@ class Summary:
         return _covariance_interval(self.covariance, [self.distribution(QUANTITIES[row]).moments for row in COMPONENTS])
 
     def distribution(self, quantity: str) -> Distribution:
-        """Return the distribution of a quantity by its name, such as ``position.x``.
+        """Return the distribution of a quantity by any of its names, such as ``position.x``, ``dx`` or ``x``.
 
         Raises
         ------
         UnknownNameError
             There is no such quantity.
         """
-        vector, part = check_name("quantity", quantity, QUANTITIES).split(".")
+        vector, part = quantity_name(quantity).split(".")
         found: Distribution = getattr(self.position if vector == "position" else self.attitude, part)
         return found
 

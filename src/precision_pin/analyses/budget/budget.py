@@ -27,13 +27,14 @@ from precision_pin.analyses.budget.budget_result import (
 )
 from precision_pin.analyses.budget.shares import by_component, by_draw, by_place, correlated_groups, owners, reaches
 from precision_pin.analyses.marginals import Marginals, law_breaks
-from precision_pin.analyses.provenance import Heading, Pose, PoseHeading, listed_poses
+from precision_pin.analyses.provenance import Pose, PoseLabel, Poses, Provenance, listed_poses
 from precision_pin.analyses.replicates import REPLICATES, Estimates
+from precision_pin.analyses.result import list_warnings
 from precision_pin.call_warnings import warns_at_end
 from precision_pin.display.progress import steps_to
 from precision_pin.draws.space import Space, check_seed
-from precision_pin.errors import InputError, UnknownNameError
-from precision_pin.inputs.arguments import check_instance, check_number, shown
+from precision_pin.errors import Finding, InputError, UnknownNameError
+from precision_pin.inputs.arguments import check_instance, check_items, check_number, shown
 from precision_pin.inputs.memory import check_memory
 from precision_pin.kernel import sampler
 from precision_pin.model.error_model import ErrorModel, PoseModel
@@ -41,8 +42,9 @@ from precision_pin.sampling import Progress, check_progress
 from precision_pin.statistics import COMPONENTS as COMPONENT_ROWS
 from precision_pin.statistics import NORMS as NORM_ROWS
 from precision_pin.statistics import QUANTITIES, check_confidence, quantity_values
+from precision_pin.statistics.quantities import QUANTITY_WORDS
 
-__all__ = ["budget", "check_points", "check_quantities", "evaluations"]
+__all__ = ["budget", "check_points", "check_quantities", "count_steps", "evaluations"]
 
 Array = NDArray[np.float64]
 
@@ -75,13 +77,16 @@ _TOGETHER: Final = np.array(
 def budget(
     error_model: ErrorModel,
     /,
-    poses: Pose | Sequence[Pose] = None,
+    pose: Poses = None,
     *,
-    q: Pose | Sequence[Pose] = None,
+    poses: Poses = None,
+    q: Poses = None,
     seed: int = 0,
     samples: int = 16_384,
     confidence: float = 0.95,
-    bound_at: float = 3.0,
+    k: float = 3.0,
+    bound_at: float | None = None,
+    findings: Sequence[Finding] = (),
     progress: Progress | bool | None = None,
 ) -> BudgetResult:
     """Return the error budget at one or several poses.
@@ -90,9 +95,8 @@ def budget(
     ----------
     error_model
         Chain, draws and sources.
-    poses, q
-        The first pose if left out; a pose's name, joint values in chain order or by name; or a list of such. Two names of one
-        argument.
+    pose, poses, q
+        A pose (a name, joint values, or None for the model's first) or a list of such; three names of one argument.
     seed
         64-bit seed of the sampled indices and quantiles.
     samples
@@ -100,8 +104,11 @@ def budget(
         model is evaluated about ``samples · (2 + 3 · draws)`` times.
     confidence
         Of every interval, each by itself.
-    bound_at
-        How many standard deviations unbounded laws reach in the share of the worst case.
+    k, bound_at
+        How many standard deviations unbounded laws reach in the share of the worst case, as in
+        :func:`precision_pin.worst_case`. Two names of one argument, the second the old one.
+    findings
+        Warnings to carry along, such as those of the sheet.
     progress
         Told how many evaluations of the model have been made since it was last called, zero while points are prepared;
         ``True`` shows a bar.
@@ -115,19 +122,23 @@ def budget(
     check_seed(seed)
     check_points(samples)
     check_confidence(confidence)
-    check_number("bound_at, in standard deviations,", bound_at, "positive and finite", lambda value: value > 0)
+    name, k = ("k", k) if bound_at is None else ("bound_at", bound_at)
+    check_number(f"{name}, in standard deviations,", k, "positive and finite", lambda value: value > 0)
+    known = check_items("findings", findings, Finding)
     check_progress(progress)
     _check_cost(error_model.space, samples)
-    chosen = listed_poses(poses, q)
-    with steps_to(progress, len(chosen) * evaluations(error_model.space, samples), "robots") as step:
-        found = tuple(_at_pose(error_model, pose, seed, samples, confidence, bound_at, step) for pose in chosen)
+    chosen = listed_poses(poses, q, pose)
+    with steps_to(progress, count_steps(error_model.space, len(chosen), samples), "robots") as step:
+        found = tuple(_at_pose(error_model, one, seed, samples, confidence, k, step) for one in chosen)
     return BudgetResult(
-        heading=Heading.of(error_model, seed),
+        provenance=Provenance.of(error_model, seed),
         samples=int(samples),
         confidence=confidence,
-        bound_at=bound_at,
+        k=k,
         marked=MARKED,
         poses=found,
+        findings=known,
+        warnings=list_warnings(known, (line for entry in found for line in entry.warnings)),
     )
 
 
@@ -174,14 +185,22 @@ def evaluations(space: Space, samples: int) -> int:
     return samples * (2 + 2 * groups + 1 + sum(random))
 
 
+def count_steps(space: Space, poses: int, samples: int, **others: object) -> int:
+    """Return how many steps a budget tells of, whatever its other arguments."""
+    del others
+    return poses * evaluations(space, samples)
+
+
 def _random_draws(space: Space) -> list[bool]:
     """Return which draws vary."""
     variances = space.block_covariance.variances
     return [bool(variances[rows].any()) for rows in space.slices]
 
 
-def check_quantities(quantities: Sequence[str]) -> None:
-    """Refuse the name of a quantity that a budget does not have.
+def check_quantities(quantities: Sequence[str]) -> tuple[str, ...]:
+    """Return quantities under their names in results: ``position.x`` for ``x`` and ``dx``.
+
+    ``position`` and ``attitude`` are all three components together here, ``|d|`` and ``|δ|`` the norms.
 
     Raises
     ------
@@ -189,8 +208,9 @@ def check_quantities(quantities: Sequence[str]) -> None:
         It is none of position, attitude, their norms and components.
     """
     for quantity in quantities:
-        if quantity not in _SAMPLED:
+        if quantity not in (*_SAMPLED, *QUANTITY_WORDS):
             raise UnknownNameError("quantity", quantity, _SAMPLED)
+    return tuple(quantity if quantity in _SAMPLED else QUANTITY_WORDS[quantity] for quantity in quantities)
 
 
 def _at_pose(
@@ -199,7 +219,7 @@ def _at_pose(
     seed: int,
     samples: int,
     confidence: float,
-    bound_at: float,
+    k: float,
     step: Callable[[int], None],
 ) -> PoseBudget:
     try:
@@ -215,9 +235,9 @@ def _at_pose(
     sampled = _Sampled(at, groups, seed, samples, confidence, step)
     names = [draw.name for draw in at.space.draws]
     halved = sampled.halved()
-    reach = reaches(at, bound_at)
+    reach = reaches(at, k)
     return PoseBudget(
-        pose=PoseHeading.of(error_model, pose, at),
+        pose=PoseLabel.of(error_model, pose, at),
         nominal=tuple(map(float, at.tangent[0])),
         std=_deviations(variances),
         quantile=dict(zip(NORMS, sampled.quantiles, strict=True)),

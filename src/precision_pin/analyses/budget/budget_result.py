@@ -3,32 +3,26 @@
 from __future__ import annotations
 
 import dataclasses
-import json
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Final, Literal, final
+from typing import TYPE_CHECKING, Any, ClassVar, Final, Literal, final
 
-from precision_pin.analyses.provenance import Heading, PoseHeading
-from precision_pin.display.html import Table, rendered
+from precision_pin.analyses.provenance import PoseLabel
+from precision_pin.analyses.result import Result, name_pose
+from precision_pin.display.html import Table
 from precision_pin.display.tables import (
-    MOST_POSES,
     data_frame,
-    dataset,
     interval_columns,
-    joint_text,
     number,
     plus_minus,
-    pose_labels,
 )
 from precision_pin.errors import UnknownNameError
 from precision_pin.statistics import QUANTITIES
 
 if TYPE_CHECKING:
     import pandas  # type: ignore[import-untyped]
-    import xarray
 
 __all__ = [
-    "SCHEMA",
     "VECTORS",
     "BudgetResult",
     "DrawShare",
@@ -41,8 +35,6 @@ __all__ = [
     "SourceShare",
     "Sums",
 ]
-
-SCHEMA: Final = "precision-pin/budget/1"
 
 VECTORS: Final = ("position", "attitude")
 """Quantities of all three components: the variance is E|d - E d|², the trace of the covariance."""
@@ -107,7 +99,7 @@ class DrawShare:
     name, scope
         The draw.
     unbounded
-        Whether its reach is infinite somewhere, and was taken at ``bound_at`` standard deviations.
+        Whether its reach is infinite somewhere, and was taken at ``k`` standard deviations.
     share
         Of the variance, closed form; Shapley effects where draws are correlated.
     components
@@ -222,7 +214,7 @@ class PoseBudget:
         One line each.
     """
 
-    pose: PoseHeading
+    pose: PoseLabel
     nominal: tuple[float, ...]
     std: Mapping[str, float]
     quantile: Mapping[str, Estimate | None]
@@ -233,6 +225,10 @@ class PoseBudget:
     places: tuple[PlaceShare, ...]
     sums: Mapping[str, Sums]
     warnings: tuple[str, ...]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the budget as the JSON has it; what does not vary or is not resolved is null."""
+        return dataclasses.asdict(self) | {"pose": self.pose.to_dict()}
 
     @property
     def ranked(self) -> tuple[DrawShare, ...]:
@@ -249,43 +245,35 @@ class PoseBudget:
 
 
 @final
-@dataclass(frozen=True)
-class BudgetResult:
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
+class BudgetResult(Result):
     """Error budgets of a model.
 
     Attributes
     ----------
-    heading
-        Of what, with which seed.
-    samples, confidence, bound_at, marked
-        How it was computed: points in each set, confidence of every interval, standard deviations that unbounded laws
-        reach, probability of the quantiles.
-    poses
-        One budget each.
+    k, marked
+        Standard deviations that unbounded laws reach, probability of the quantiles.
     """
 
-    heading: Heading
-    samples: int
-    confidence: float
-    bound_at: float
+    schema: ClassVar[str] = "precision-pin/budget/1"
+
+    k: float
     marked: float
     poses: tuple[PoseBudget, ...]
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return the result as the ``precision-pin/budget/1`` schema has it, SI units, base axes."""
-        return {
-            **self.heading.to_dict(SCHEMA),
-            "samples": self.samples,
-            "confidence": self.confidence,
-            "bound_at": self.bound_at,
-            "marked": self.marked,
-            "assumptions": list(ASSUMPTIONS),
-            "poses": [dataclasses.asdict(one) | {"pose": one.pose.to_dict()} for one in self.poses],
-        }
+    @property
+    def assumptions(self) -> tuple[str, ...]:
+        """What the numbers are, one sentence each."""
+        return ASSUMPTIONS
 
-    def to_json(self) -> str:
-        """Return :meth:`to_dict` as text; what does not vary or is not resolved is null."""
-        return json.dumps(self.to_dict(), indent=2, ensure_ascii=False, allow_nan=False)
+    @property
+    def bound_at(self) -> float:
+        """Old name of ``k``."""
+        return self.k
+
+    def settings(self) -> dict[str, Any]:
+        """Return what was asked for, as the JSON has it."""
+        return {**super().settings(), "k": self.k, "bound_at": self.k, "marked": self.marked}
 
     def to_pandas(self, lines: Literal["draws", "sources", "places"] = "draws") -> pandas.DataFrame:
         """Return shares as a data frame: a row for each pose, line and quantity, not-a-number for what there is not.
@@ -309,66 +297,38 @@ class BudgetResult:
         """
         if lines not in ("draws", "sources", "places"):
             raise UnknownNameError("table of a budget", lines, ("draws", "sources", "places"))
-        labels = pose_labels([pose.pose.name for pose in self.poses])
         found = {"draws": _draw_rows, "sources": _source_rows, "places": _place_rows}[lines]
         rows = [
             ((label, *key), columns)
-            for label, pose in zip(labels, self.poses, strict=True)
+            for label, pose in zip(self.labels, self.poses, strict=True)
             for key, columns in found(pose)
         ]
-        attributes = {
-            **self.heading.to_dict(SCHEMA),
-            "samples": self.samples,
-            "confidence": self.confidence,
-            "bound_at": self.bound_at,
-            "marked": self.marked,
-            "assumptions": list(ASSUMPTIONS),
-            "warnings": [line for pose in self.poses for line in pose.warnings],
-            "poses": {label: dict(pose.pose.q) for label, pose in zip(labels, self.poses, strict=True)},
-        }
-        return data_frame(["pose", lines.removesuffix("s"), "quantity"], rows, attributes)
-
-    def to_xarray(self) -> xarray.Dataset:
-        """Return the shares of the draws as a dataset over pose, draw and quantity, variables as :meth:`to_pandas` has them.
-
-        Raises
-        ------
-        InputError
-            xarray is not installed.
-        """
-        return dataset(self.to_pandas())
+        return data_frame(["pose", lines.removesuffix("s"), "quantity"], rows, self.attributes())
 
     def __repr__(self) -> str:
-        of = self.heading
+        of = self.provenance
         return (
             f"<BudgetResult of {of.robot!r}, {of.base!r} to {of.tip!r}: poses {len(self.poses)}, draws "
             f"{len(self.poses[0].draws)}, {self.samples:,} points, seed {of.seed}>"
         )
 
-    def _repr_html_(self) -> str:
-        """Return what a notebook shows: shares in per cent, largest first, the half-width of each interval behind ±."""
-        of = self.heading
+    def _title(self) -> str:
+        return "Error budget"
+
+    def _table(self, pose: PoseBudget) -> Table:
         columns = (
             *("draw", "per", "d: share [%]", "S1 [%]", "ST [%]", "δ: share [%]", "ST [%]"),
             f"halved: {100 * self.marked:g} % of |d| [mm]",
         )
-        tables = [
-            Table(columns, [_cells(pose, draw) for draw in pose.ranked], _pose_heading(pose, self.marked), words=2)
-            for pose in self.poses[:MOST_POSES]
+        return Table(columns, [_cells(pose, draw) for draw in pose.ranked], _pose_heading(pose, self.marked), words=2)
+
+    def _notes(self) -> list[str]:
+        return [
+            "share: of the variance, closed form, first order; S1, ST: first-order and total index of the exact model, "
+            "%; halved: what halving this tolerance alone changes",
+            f"{self.samples:,} points a set, seed {self.provenance.seed}, statics {self.provenance.statics}; ± half of an "
+            f"interval at {100 * self.confidence:g} % confidence",
         ]
-        hidden = len(self.poses) - len(tables)
-        return rendered(
-            f"Error budget of {of.robot}: {of.base} to {of.tip}",
-            tables,
-            [
-                *([f"… and {hidden:,} more poses"] if hidden else []),
-                "share: of the variance, closed form, first order; S1, ST: first-order and total index of the exact model, "
-                "%; halved: what halving this tolerance alone changes",
-                f"{self.samples:,} points a set, seed {of.seed}, statics {of.statics}; ± half of an interval at "
-                f"{100 * self.confidence:g} % confidence",
-                *dict.fromkeys(line for pose in self.poses for line in pose.warnings),
-            ],
-        )
 
 
 _Rows = Iterator[tuple[tuple[str, str], dict[str, float]]]
@@ -432,5 +392,4 @@ def _pose_heading(pose: PoseBudget, marked: float) -> str:
         f"{100 * marked:g} % of {symbol} within {_scaled(pose.quantile[f'{vector}.norm'], 1e3)} {unit}"
         for vector, symbol, unit in zip(VECTORS, ("|d|", "|δ|"), ("mm", "mrad"), strict=True)
     )
-    name = f"pose {pose.pose.name!r}: " if pose.pose.name else ""
-    return f"{name}{joint_text(pose.pose.q, pose.pose.sliding_joints)}; {quantiles}"
+    return f"{name_pose(pose.pose)}; {quantiles}"

@@ -88,7 +88,7 @@ def by_component(at: PoseModel, draw: int) -> Array | None:
     return shapley.effects(jacobian, covariance, [[k] for k in range(len(columns))])
 
 
-def reaches(at: PoseModel, bound_at: float) -> Array:
+def reaches(at: PoseModel, k: float) -> Array:
     """Return how far each draw moves every component from its mean at the most, first order, ``(draws, 6)``, m and rad.
 
     Half of the way from lowest to highest, ``(h(w) + h(-w))/2`` with w the draw's part of a row of J; k standard
@@ -99,7 +99,7 @@ def reaches(at: PoseModel, bound_at: float) -> Array:
         for component, slopes in enumerate(at.jacobian[:, columns]):
             reach = (draw.law.support(slopes) + draw.law.support(-slopes)) / 2
             if not math.isfinite(reach):
-                reach = bound_at * math.sqrt(max(float(slopes @ draw.law.covariance @ slopes), 0.0))
+                reach = k * math.sqrt(max(float(slopes @ draw.law.covariance @ slopes), 0.0))
             result[row, component] = reach
     return result
 

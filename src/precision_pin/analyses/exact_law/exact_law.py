@@ -28,22 +28,23 @@ from precision_pin.analyses.exact_law.fourier_inversion import (
 )
 from precision_pin.analyses.exact_law.normal_norm import NormalNorm
 from precision_pin.analyses.exact_law.quantile_bounds import quantile_bounds
-from precision_pin.analyses.provenance import Heading, Pose, PoseHeading, listed_poses
+from precision_pin.analyses.provenance import Pose, PoseLabel, Poses, Provenance, listed_poses
+from precision_pin.analyses.result import list_warnings
 from precision_pin.call_warnings import add, warns_at_end
 from precision_pin.display.progress import steps_to
 from precision_pin.display.tables import symbol
 from precision_pin.draws.laws import Law
 from precision_pin.draws.laws.projection import Projection
 from precision_pin.draws.space import Space, check_seed
-from precision_pin.errors import InputError
-from precision_pin.inputs.arguments import check_instance, check_whole
+from precision_pin.errors import Finding, InputError
+from precision_pin.inputs.arguments import check_instance, check_items, check_whole
 from precision_pin.inputs.memory import check_memory
 from precision_pin.kernel import sampler
 from precision_pin.model.error_model import ErrorModel, PoseModel
 from precision_pin.sampling import Progress, check_progress
 from precision_pin.statistics import QUANTITIES, check_confidence, quantity_values
 
-__all__ = ["LEVELS", "Agreement", "ExactLaw", "ExactLawResult", "PoseLaws", "exact_law"]
+__all__ = ["LEVELS", "Agreement", "ExactLaw", "ExactLawResult", "PoseLaws", "count_steps", "exact_law"]
 
 Array = NDArray[np.float64]
 
@@ -74,12 +75,14 @@ _NORMS: Final = {"position.norm": slice(0, 3), "attitude.norm": slice(3, 6)}
 def exact_law(
     error_model: ErrorModel,
     /,
-    poses: Pose | Sequence[Pose] = None,
+    pose: Poses = None,
     *,
-    q: Pose | Sequence[Pose] = None,
+    poses: Poses = None,
+    q: Poses = None,
     seed: int = 0,
     samples: int = 100_000,
     confidence: float = 0.999,
+    findings: Sequence[Finding] = (),
     progress: Progress | bool | None = None,
 ) -> ExactLawResult:
     """Return the law of every component of the first-order model, and of the norms where all draws are normal.
@@ -88,10 +91,12 @@ def exact_law(
     ----------
     error_model
         Chain, draws and sources.
-    poses, q
-        A pose (a name, joint values, or None for the model's first) or a list of such; two names of one argument.
+    pose, poses, q
+        A pose (a name, joint values, or None for the model's first) or a list of such; three names of one argument.
     seed, samples, confidence
         Of the samples of the tangent model that the laws are compared with.
+    findings
+        Warnings to carry along, such as those of the sheet.
     progress
         Told how many samples have been drawn, and then compared at each pose, since it was last called; ``True`` shows a bar.
 
@@ -105,15 +110,29 @@ def exact_law(
     check_whole("the number of samples", samples, 100, MOST_SAMPLES)
     check_confidence(confidence)
     _refuse_copulas(error_model.space)
+    known = check_items("findings", findings, Finding)
     check_progress(progress)
-    chosen, count = listed_poses(poses, q), int(samples)
-    with steps_to(progress, count * (1 + len(chosen))) as step:
+    chosen, count = listed_poses(poses, q, pose), int(samples)
+    with steps_to(progress, count_steps(error_model.space, len(chosen), count)) as step:
         deviations = _deviations(error_model.space, seed, count, step)
         found = []
-        for pose in chosen:
-            found.append(_at_pose(error_model, pose, deviations, confidence))
+        for one in chosen:
+            found.append(_at_pose(error_model, one, deviations, confidence))
             step(count)
-    return ExactLawResult(Heading.of(error_model, seed), count, float(confidence), tuple(found))
+    return ExactLawResult(
+        provenance=Provenance.of(error_model, seed),
+        samples=count,
+        confidence=float(confidence),
+        poses=tuple(found),
+        findings=known,
+        warnings=list_warnings(known, (line for entry in found for line in entry.warnings)),
+    )
+
+
+def count_steps(space: Space, poses: int, samples: int, **others: object) -> int:
+    """Return how many steps exact laws tell of: samples are drawn once, and compared at each pose."""
+    del space, others
+    return samples * (1 + poses)
 
 
 def _deviations(space: Space, seed: int, count: int, step: Callable[[int], None]) -> Array:
@@ -140,7 +159,7 @@ def _at_pose(error_model: ErrorModel, pose: Pose, deviations: Array, confidence:
     ordered = {name: laws[name] for name in QUANTITIES}
     warnings = _bends(at, ordered, deviations[:, :COMPARED])
     add(warnings)
-    return PoseLaws(PoseHeading.of(error_model, pose, at), ordered, warnings)
+    return PoseLaws(PoseLabel.of(error_model, pose, at), ordered, warnings)
 
 
 def _bends(at: PoseModel, laws: dict[str, ExactLaw], deviations: Array) -> tuple[str, ...]:

@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-import json
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Final, final
+from typing import TYPE_CHECKING, Any, ClassVar, Final, final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from precision_pin.analyses.exact_law.fourier_inversion import NumberLaw
 from precision_pin.analyses.exact_law.normal_norm import NormalNorm
-from precision_pin.analyses.provenance import Heading, PoseHeading
-from precision_pin.display.html import Table, rendered
-from precision_pin.display.tables import MOST_POSES, data_frame, joint_text, milli, number, pose_labels, symbol, unit
+from precision_pin.analyses.provenance import PoseLabel
+from precision_pin.analyses.result import Result, name_pose
+from precision_pin.display.html import Table
+from precision_pin.display.tables import MOST_POSES, data_frame, milli, number, symbol, unit
 from precision_pin.inputs.arrays import fix_fields
 
 if TYPE_CHECKING:
@@ -24,7 +24,6 @@ __all__ = ["LEVELS", "Agreement", "ExactLaw", "ExactLawResult", "PoseLaws", "bou
 
 Array = NDArray[np.float64]
 
-SCHEMA: Final = "precision-pin/exact-law/1"
 LEVELS: Final = (0.00135, 0.01, 0.05, 0.5, 0.95, 0.99, 0.9973, 0.99865)
 ASSUMPTIONS: Final = (
     "first-order (tangent) model at the means of the draws",
@@ -172,7 +171,7 @@ class PoseLaws:
         Where samples of the exact model do not follow the law of the first order, one line each.
     """
 
-    pose: PoseHeading
+    pose: PoseLabel
     laws: dict[str, ExactLaw]
     warnings: tuple[str, ...] = ()
 
@@ -186,23 +185,12 @@ class PoseLaws:
 
 
 @final
-@dataclass(frozen=True, eq=False)
-class ExactLawResult:
-    """Exact laws at one or several poses.
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
+class ExactLawResult(Result):
+    """Exact laws at one or several poses; samples and confidence are those of the agreement."""
 
-    Attributes
-    ----------
-    heading
-        Of what.
-    samples, confidence
-        Of the agreement.
-    poses
-        One entry for each.
-    """
+    schema: ClassVar[str] = "precision-pin/exact-law/1"
 
-    heading: Heading
-    samples: int
-    confidence: float
     poses: tuple[PoseLaws, ...]
 
     @property
@@ -211,19 +199,14 @@ class ExactLawResult:
         laws = [law for pose in self.poses for law in pose.laws.values()]
         return all(law.agreement.agrees for law in laws if law.agreement is not None)
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return the result as the ``precision-pin/exact-law/1`` schema has it, SI units."""
-        return self.heading.to_dict(SCHEMA) | {
-            "model": "tangent",
-            "samples": self.samples,
-            "confidence": self.confidence,
-            "assumptions": list(ASSUMPTIONS),
-            "poses": [pose.to_dict() for pose in self.poses],
-        }
+    @property
+    def assumptions(self) -> tuple[str, ...]:
+        """What the laws rest on, one sentence each."""
+        return ASSUMPTIONS
 
-    def to_json(self) -> str:
-        """Return :meth:`to_dict` as text."""
-        return json.dumps(self.to_dict(), indent=2, ensure_ascii=False, allow_nan=False)
+    def settings(self) -> dict[str, Any]:
+        """Return what was asked for, as the JSON has it."""
+        return {"model": "tangent", **super().settings()}
 
     def to_pandas(self) -> pandas.DataFrame:
         """Return the laws as a data frame, m and rad: a row for each pose and quantity, not-a-number for what there is not.
@@ -236,25 +219,15 @@ class ExactLawResult:
         InputError
             pandas is not installed.
         """
-        labels = pose_labels([pose.pose.name for pose in self.poses])
         rows = [
             ((label, name), _columns(law))
-            for label, pose in zip(labels, self.poses, strict=True)
+            for label, pose in zip(self.labels, self.poses, strict=True)
             for name, law in pose.laws.items()
         ]
-        attributes: dict[str, Any] = {
-            **self.heading.to_dict(SCHEMA),
-            "model": "tangent",
-            "samples": self.samples,
-            "confidence": self.confidence,
-            "assumptions": list(ASSUMPTIONS),
-            "warnings": [line for pose in self.poses for line in pose.warnings],
-            "poses": {label: dict(pose.pose.q) for label, pose in zip(labels, self.poses, strict=True)},
-        }
-        return data_frame(["pose", "quantity"], rows, attributes)
+        return data_frame(["pose", "quantity"], rows, self.attributes())
 
     def __repr__(self) -> str:
-        of = self.heading
+        of = self.provenance
         laws = [law for pose in self.poses for law in pose.laws.values()]
         known = sum(law.law is not None for law in laws)
         return (
@@ -263,37 +236,24 @@ class ExactLawResult:
             f"seed {of.seed}>"
         )
 
-    def _repr_html_(self) -> str:
-        """Return what a notebook shows: mean, spread and quantiles in mm and mrad, and how exact they are."""
-        of = self.heading
-        columns = (
-            "",
-            "unit",
-            "mean",
-            "std",
-            *(f"{100 * level:g} %" for level in _SHOWN),
-            "draws",
-            "error of F",
-            "samples",
-        )
-        tables, missing = [], []
-        for pose in self.poses[:MOST_POSES]:
-            name = f"pose {pose.pose.name!r}: " if pose.pose.name else ""
-            rows = [_cells(law) for law in pose.laws.values()]
-            tables.append(Table(columns, rows, name + joint_text(pose.pose.q, pose.pose.sliding_joints), words=2))
-            missing += [f"{symbol(law.quantity)}: {law.reason}" for law in pose.laws.values() if law.law is None]
-        hidden = len(self.poses) - len(tables)
-        return rendered(
-            f"Exact law of the first-order model of {of.robot}: {of.base} to {of.tip}",
-            tables,
-            [
-                *([f"… and {hidden:,} more poses"] if hidden else []),
-                *dict.fromkeys(missing),
-                *dict.fromkeys(line for pose in self.poses for line in pose.warnings),
-                f"error of F: bound of the error of every cumulative probability; compared with {self.samples:,} samples of "
-                f"the same model, seed {of.seed}, at {100 * self.confidence:g} % confidence; statics {of.statics}",
-            ],
-        )
+    def _title(self) -> str:
+        return "Exact law of the first-order model"
+
+    def _table(self, pose: PoseLaws) -> Table:
+        levels = (f"{100 * level:g} %" for level in _SHOWN)
+        columns = ("", "unit", "mean", "std", *levels, "draws", "error of F", "samples")
+        return Table(columns, [_cells(law) for law in pose.laws.values()], name_pose(pose.pose), words=2)
+
+    def _notes(self) -> list[str]:
+        of, shown = self.provenance, self.poses[:MOST_POSES]
+        missing = [
+            f"{symbol(law.quantity)}: {law.reason}" for pose in shown for law in pose.laws.values() if law.law is None
+        ]
+        return [
+            *dict.fromkeys(missing),
+            f"error of F: bound of the error of every cumulative probability; compared with {self.samples:,} samples of "
+            f"the same model, seed {of.seed}, at {100 * self.confidence:g} % confidence; statics {of.statics}",
+        ]
 
 
 _SHOWN: Final = (0.00135, 0.05, 0.5, 0.95, 0.9973)

@@ -1,1 +1,26 @@
 """Mean and covariance of the error of the displaced chain."""
+
+from precision_pin.analyses.declaration import Declaration, Option
+
+__all__ = ["DECLARATION"]
+
+DECLARATION = Declaration(
+    name="moments",
+    function=f"{__name__}.moments:moments",
+    result=f"{__name__}.moments_result:MomentsResult",
+    outputs="precision_pin.outputs.moments",
+    title="Moments",
+    heading="Moments, exact model against first order",
+    summary="Mean and covariance of the exact error, and its bias against the first order, from few samples.",
+    description="Estimate mean and covariance of the exact error, with far fewer samples than plain sampling takes.",
+    options=(
+        Option(
+            "--method", "method", "How; the last takes no samples.", default="control",
+            choices=("control", "sobol", "sobol-control", "plain", "closed"),
+        ),
+        Option(
+            "--samples", "samples", "32 × a power of two.", int, 65_536, "N", check=f"{__name__}.moments:check_samples",
+        ),
+    ),
+    steps=f"{__name__}.moments:count_steps",
+)  # fmt: skip

@@ -33,19 +33,20 @@ from precision_pin.analyses.marginals import Marginals, law_breaks
 from precision_pin.analyses.moments.moments_closed import closed_moments
 from precision_pin.analyses.moments.moments_control import Control, thin
 from precision_pin.analyses.moments.moments_result import Measured, Method, MomentsResult, PoseMoments, Remainder
-from precision_pin.analyses.provenance import Heading, Pose, PoseHeading, listed_poses
+from precision_pin.analyses.provenance import Pose, PoseLabel, Poses, Provenance, listed_poses
 from precision_pin.analyses.replicates import REPLICATES, jackknife
+from precision_pin.analyses.result import list_warnings
 from precision_pin.call_warnings import warns_at_end
 from precision_pin.display.progress import steps_to
-from precision_pin.draws.space import check_seed
-from precision_pin.errors import InputError
-from precision_pin.inputs.arguments import check_instance, check_name, shown
+from precision_pin.draws.space import Space, check_seed
+from precision_pin.errors import Finding, InputError
+from precision_pin.inputs.arguments import check_instance, check_items, check_name, shown
 from precision_pin.kernel import sampler
 from precision_pin.model.error_model import ErrorModel, PoseModel
 from precision_pin.sampling import Progress, check_progress
 from precision_pin.statistics import NORMS, Plan, check_confidence
 
-__all__ = ["Measured", "MomentsResult", "PoseMoments", "Remainder", "moments"]
+__all__ = ["Measured", "MomentsResult", "PoseMoments", "Remainder", "check_samples", "count_steps", "moments"]
 
 Array = NDArray[np.float64]
 
@@ -69,13 +70,15 @@ _ROUNDING: Final = 1e-14
 def moments(
     error_model: ErrorModel,
     /,
-    poses: Pose | Sequence[Pose] = None,
+    pose: Poses = None,
     *,
-    q: Pose | Sequence[Pose] = None,
+    poses: Poses = None,
+    q: Poses = None,
     samples: int = 65_536,
     seed: int = 0,
     method: Method = "control",
     confidence: float = 0.95,
+    findings: Sequence[Finding] = (),
     progress: Progress | bool | None = None,
 ) -> MomentsResult:
     """Return mean and covariance of the exact error, and mean and variance of its norms, with their errors.
@@ -84,8 +87,8 @@ def moments(
     ----------
     error_model
         Chain, draws and sources.
-    poses, q
-        A pose (a name, joint values, or None for the model's first) or a list of such; two names of one argument.
+    pose, poses, q
+        A pose (a name, joint values, or None for the model's first) or a list of such; three names of one argument.
     samples
         At each pose: 32 replicates of a power of two from 32 to 2¹⁹. The memory taken does not depend on it.
     seed
@@ -97,6 +100,8 @@ def moments(
         :mod:`precision_pin.analyses.moments.moments_closed`.
     confidence
         Of every interval, each by itself.
+    findings
+        Warnings to carry along, such as those of the sheet.
     progress
         Told how many samples have been added since it was last called; ``True`` shows a bar.
 
@@ -111,28 +116,43 @@ def moments(
     check_instance("error_model", error_model, ErrorModel, "as ErrorModel.load makes it")
     check_seed(seed)
     check_name("method", method, get_args(Method))
+    known = check_items("findings", findings, Finding)
     check_progress(progress)
-    count = _replicate(samples)
+    count = check_samples(samples)
     check_confidence(confidence)
     if method.startswith("sobol") and error_model.space.size > MOST_NUMBERS:
         raise InputError(
             f"the model has {error_model.space.size:,} random numbers, a Sobol net at most {MOST_NUMBERS:,} dimensions; "
             "use method 'control'"
         )
-    chosen, sampled = listed_poses(poses, q), 0 if method == "closed" else REPLICATES * count
-    with steps_to(progress, len(chosen) * sampled) as step:
-        found = tuple(_at_pose(error_model, pose, method, count, int(seed), confidence, step) for pose in chosen)
+    chosen, sampled = listed_poses(poses, q, pose), 0 if method == "closed" else REPLICATES * count
+    with steps_to(progress, count_steps(error_model.space, len(chosen), sampled, method)) as step:
+        found = tuple(_at_pose(error_model, one, method, count, int(seed), confidence, step) for one in chosen)
     return MomentsResult(
-        heading=Heading.of(error_model, seed),
+        provenance=Provenance.of(error_model, seed),
         method=method,
         samples=sampled,
         confidence=float(confidence),
         poses=found,
+        findings=known,
+        warnings=list_warnings(known, (line for entry in found for line in entry.warnings)),
     )
 
 
-def _replicate(samples: int) -> int:
-    """Return the samples of a replicate."""
+def count_steps(space: Space, poses: int, samples: int, method: Method, **others: object) -> int:
+    """Return how many steps moments tell of."""
+    del space, others
+    return 0 if method == "closed" else samples * poses
+
+
+def check_samples(samples: int) -> int:
+    """Return the samples of a replicate, for so many in all.
+
+    Raises
+    ------
+    InputError
+        They are not 32 times a power of two in the range that there is.
+    """
     allowed = [REPLICATES << k for k in range(SMALLEST, LARGEST + 1)]
     if isinstance(samples, bool) or not isinstance(samples, int | np.integer) or samples not in allowed:
         raise InputError(
@@ -169,13 +189,15 @@ def _at_pose(
         sampled = _Sampled(at, plan.centre[list(NORMS)], method, count, seed, step)
         mean, covariance_found, norm_mean, norm_variance = sampled.estimates(confidence)
     return PoseMoments(
-        pose=PoseHeading.of(error_model, pose, at),
+        pose=PoseLabel.of(error_model, pose, at),
         nominal=nominal.copy(),
         mean=mean,
         covariance=covariance_found,
         norm_mean=norm_mean,
         norm_variance=norm_variance,
         remainder=remainder,
+        first_order_mean=at.tangent[0].copy(),
+        first_order_covariance=covariance.copy(),
         warnings=tuple(str(finding) for finding in (*at.findings("exact"), *error_model.statics_findings(at))),
     )
 

@@ -2,22 +2,19 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Final, Literal, final
+from typing import TYPE_CHECKING, Any, ClassVar, Final, Literal, final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from precision_pin.analyses.provenance import Heading, PoseHeading
-from precision_pin.display.html import Table, rendered
+from precision_pin.analyses.provenance import PoseLabel
+from precision_pin.analyses.result import Result, name_pose
+from precision_pin.display.html import Table
 from precision_pin.display.tables import (
-    MOST_POSES,
     data_frame,
     interval_columns,
-    joint_text,
     plus_minus,
-    pose_labels,
     symbol,
     unit,
 )
@@ -27,12 +24,16 @@ from precision_pin.statistics import COMPONENTS, NORMS, QUANTITIES
 if TYPE_CHECKING:
     import pandas  # type: ignore[import-untyped]
 
-__all__ = ["Measured", "Method", "MomentsResult", "PoseMoments", "Remainder"]
+__all__ = ["Measured", "Method", "MomentsResult", "PoseMoments", "Remainder", "cell", "entries"]
 
 Array = NDArray[np.float64]
 Method = Literal["control", "sobol", "sobol-control", "plain", "closed"]
 
-SCHEMA: Final = "precision-pin/moments/1"
+ASSUMPTIONS: Final = (
+    "exact model: the displaced chain multiplied out; the closed form is its expansion about the means",
+    "a standard deviation's interval follows from that of its variance; intervals are for each number by itself",
+    "null: not resolved (too few samples for tails or rare values of the laws), or not part of the method",
+)
 
 _WORDS: Final[dict[str, str]] = {
     "control": "random samples, a polynomial as control variate",
@@ -140,21 +141,36 @@ class PoseMoments:
         ``(2,)`` of |d| and |δ|, m and rad; ``None`` of a closed form.
     remainder
         What a closed form leaves out; ``None`` of samples.
+    first_order_mean, first_order_covariance
+        ``(6,)`` and ``(6, 6)`` of the first-order model.
     warnings
         One line each.
     """
 
-    pose: PoseHeading
+    pose: PoseLabel
     nominal: Array
     mean: Measured
     covariance: Measured
     norm_mean: Measured | None
     norm_variance: Measured | None
     remainder: Remainder | None
+    first_order_mean: Array
+    first_order_covariance: Array
     warnings: tuple[str, ...]
 
     def __post_init__(self) -> None:
         fix_fields(self)
+
+    @property
+    def bias(self) -> Measured:
+        """Mean of the exact error less that of the first-order model, ``(6,)``."""
+        return Measured(self.mean.value - self.first_order_mean, self.mean.standard_error, self.mean.half_width)
+
+    @property
+    def first_order_std(self) -> Array:
+        """Standard deviations of the first-order model, ``(6,)``."""
+        result: Array = np.sqrt(np.maximum(np.diagonal(self.first_order_covariance), 0.0))
+        return result
 
     @property
     def variance(self) -> Measured:
@@ -184,6 +200,12 @@ class PoseMoments:
             "mean": self.mean.to_dict(),
             "std": self.std.to_dict(),
             "covariance": self.covariance.to_dict(),
+            "bias": self.bias.to_dict(),
+            "first_order": {
+                "mean": self.first_order_mean.tolist(),
+                "std": self.first_order_std.tolist(),
+                "covariance": self.first_order_covariance.tolist(),
+            },
             "norm_mean": None if self.norm_mean is None else self.norm_mean.to_dict(),
             "norm_std": None if self.norm_std is None else self.norm_std.to_dict(),
             "norm_variance": None if self.norm_variance is None else self.norm_variance.to_dict(),
@@ -193,33 +215,29 @@ class PoseMoments:
 
 
 @final
-@dataclass(frozen=True, eq=False)
-class MomentsResult:
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
+class MomentsResult(Result):
     """Mean and covariance of the exact error at one or several poses.
 
     Attributes
     ----------
-    heading
-        Of what, with which seed.
-    method, samples, confidence
+    method
         How it was computed; a closed form takes no samples.
-    poses
-        One entry for each.
     """
 
-    heading: Heading
+    schema: ClassVar[str] = "precision-pin/moments/1"
+
     method: Method
-    samples: int
-    confidence: float
     poses: tuple[PoseMoments, ...]
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return the result as the ``precision-pin/moments/1`` schema has it, SI units."""
-        return self._head() | {"poses": [pose.to_dict() for pose in self.poses]}
+    @property
+    def assumptions(self) -> tuple[str, ...]:
+        """What the numbers are, one sentence each."""
+        return ASSUMPTIONS
 
-    def to_json(self) -> str:
-        """Return :meth:`to_dict` as text."""
-        return json.dumps(self.to_dict(), indent=2, ensure_ascii=False, allow_nan=False)
+    def settings(self) -> dict[str, Any]:
+        """Return what was asked for, as the JSON has it."""
+        return {"model": "exact", "method": self.method, **super().settings()}
 
     def to_pandas(self) -> pandas.DataFrame:
         """Return mean and standard deviation as a data frame, m and rad: a row for each pose and quantity.
@@ -232,70 +250,50 @@ class MomentsResult:
         InputError
             pandas is not installed.
         """
-        labels = pose_labels([pose.pose.name for pose in self.poses])
         rows = [
             (
                 (label, quantity),
                 {
                     key: number
-                    for name, entry in zip(("mean", "std"), _entries(pose, row), strict=True)
+                    for name, entry in zip(("mean", "std"), entries(pose, row), strict=True)
                     for key, number in interval_columns(name, *(entry or (None, None))).items()
                 },
             )
-            for label, pose in zip(labels, self.poses, strict=True)
+            for label, pose in zip(self.labels, self.poses, strict=True)
             for row, quantity in enumerate(QUANTITIES)
         ]
-        attributes = self._head() | {
-            "poses": {label: dict(pose.pose.q) for label, pose in zip(labels, self.poses, strict=True)},
-            "warnings": [line for pose in self.poses for line in pose.warnings],
-        }
-        return data_frame(["pose", "quantity"], rows, attributes)
+        return data_frame(["pose", "quantity"], rows, self.attributes())
 
     def __repr__(self) -> str:
-        of = self.heading
+        of = self.provenance
         return (
             f"<MomentsResult of {of.robot!r}, {of.base!r} to {of.tip!r}: poses {len(self.poses)}, {self.method}, "
             f"{self.samples:,} samples, seed {of.seed}>"
         )
 
-    def _repr_html_(self) -> str:
-        """Return what a notebook shows: mean and standard deviation in mm and mrad, half an interval behind ±."""
-        of = self.heading
-        tables = []
-        for pose in self.poses[:MOST_POSES]:
-            name = f"pose {pose.pose.name!r}: " if pose.pose.name else ""
-            rows = [
-                [symbol(quantity), unit(quantity), *(_cell(entry) for entry in _entries(pose, row))]
-                for row, quantity in enumerate(QUANTITIES)
-            ]
-            heading = name + joint_text(pose.pose.q, pose.pose.sliding_joints)
-            tables.append(Table(("", "unit", "mean", "standard deviation"), rows, heading, words=2))
-        hidden = len(self.poses) - len(tables)
+    def _title(self) -> str:
+        return "Moments of the error"
+
+    def _table(self, pose: PoseMoments) -> Table:
+        rows = [
+            [symbol(quantity), unit(quantity), *(cell(entry) for entry in entries(pose, row))]
+            for row, quantity in enumerate(QUANTITIES)
+        ]
+        return Table(("", "unit", "mean", "standard deviation"), rows, name_pose(pose.pose), words=2)
+
+    def _notes(self) -> list[str]:
+        return [f"{self.how}; exact model, base axes, statics {self.provenance.statics}"]
+
+    @property
+    def how(self) -> str:
+        """The method in words, with what stands behind ±."""
         if self.method == "closed":
             orders = sorted({pose.remainder.order for pose in self.poses if pose.remainder is not None})
-            how = f"{_WORDS[self.method]} up to order {' and '.join(map(str, orders))} in the spread"
-        else:
-            how = (
-                f"{_WORDS[self.method]}: {self.samples:,} in all, seed {of.seed}; ± half of an interval at "
-                f"{100 * self.confidence:g} % confidence, - not resolved"
-            )
-        return rendered(
-            f"Moments of the error of {of.robot}: {of.base} to {of.tip}",
-            tables,
-            [
-                *([f"… and {hidden:,} more poses"] if hidden else []),
-                f"{how}; exact model, base axes, statics {of.statics}",
-                *dict.fromkeys(line for pose in self.poses for line in pose.warnings),
-            ],
+            return f"{_WORDS[self.method]} up to order {' and '.join(map(str, orders))} in the spread"
+        return (
+            f"{_WORDS[self.method]}: {self.samples:,} in all, seed {self.provenance.seed}; ± half of an interval at "
+            f"{100 * self.confidence:g} % confidence, - not resolved"
         )
-
-    def _head(self) -> dict[str, Any]:
-        return self.heading.to_dict(SCHEMA) | {
-            "model": "exact",
-            "method": self.method,
-            "samples": self.samples,
-            "confidence": self.confidence,
-        }
 
 
 def deviations(variance: Measured) -> Measured:
@@ -312,7 +310,7 @@ def deviations(variance: Measured) -> Measured:
 _Entry = tuple[float, tuple[float, float] | None] | None
 
 
-def _entries(pose: PoseMoments, row: int) -> tuple[_Entry, _Entry]:
+def entries(pose: PoseMoments, row: int) -> tuple[_Entry, _Entry]:
     """Return mean and standard deviation of a quantity, by its row of the eight, each with its interval."""
     if row in NORMS:
         index = NORMS.index(row)
@@ -324,7 +322,7 @@ def _entries(pose: PoseMoments, row: int) -> tuple[_Entry, _Entry]:
     return mean, std
 
 
-def _cell(entry: _Entry) -> str:
+def cell(entry: _Entry) -> str:
     """Return a number in mm or mrad with half of its interval."""
     if entry is None:
         return "-"

@@ -1,1 +1,27 @@
 """How rarely a specification is missed."""
+
+from precision_pin.analyses.declaration import Declaration, Option
+
+__all__ = ["DECLARATION"]
+
+DECLARATION = Declaration(
+    name="reliability",
+    function=f"{__name__}.reliability:reliability",
+    result=f"{__name__}.reliability_result:ReliabilityResult",
+    outputs="precision_pin.outputs.reliability",
+    title="Reliability",
+    heading="Reliability",
+    summary="Probability that a limit is exceeded, by several methods, down to one in ten million and below.",
+    description="Estimate how probable it is that the error exceeds a limit, down to one in ten million and below.",
+    options=(
+        Option(
+            "--spec", "specifications", "A limit to keep; repeats.", metavar='"0.5 mm @ 99.73 %"', is_repeated=True,
+            is_needed=True, check="precision_pin.statistics.specification:listed_specifications",
+        ),
+        Option(
+            "--samples", "samples", "Plain samples.", int, 100_000, "N",
+            check="precision_pin.sampling.blocks:check_samples",
+        ),
+    ),
+    report_settings=("samples", "specifications"),
+)  # fmt: skip

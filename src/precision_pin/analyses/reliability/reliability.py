@@ -12,7 +12,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from precision_pin.analyses.provenance import Heading, Pose, PoseHeading, listed_poses
+from precision_pin.analyses.provenance import PoseLabel, Poses, Provenance, listed_poses
 from precision_pin.analyses.reliability.estimates import plain_estimate
 from precision_pin.analyses.reliability.form import DesignPoint
 from precision_pin.analyses.reliability.rare_events import rare_events
@@ -23,6 +23,7 @@ from precision_pin.analyses.reliability.reliability_result import (
     SpecificationReliability,
 )
 from precision_pin.analyses.reliability.strata import Stratum
+from precision_pin.analyses.result import list_warnings
 from precision_pin.call_warnings import warns_at_end
 from precision_pin.errors import Finding, InputError
 from precision_pin.inputs.arguments import check_instance, check_items
@@ -51,9 +52,10 @@ def reliability(
     error_model: ErrorModel,
     /,
     specifications: Specifications,
-    poses: Pose | Sequence[Pose] = None,
+    pose: Poses = None,
     *,
-    q: Pose | Sequence[Pose] = None,
+    poses: Poses = None,
+    q: Poses = None,
     seed: int = 0,
     samples: int = 100_000,
     confidence: float = 0.95,
@@ -69,8 +71,8 @@ def reliability(
     specifications
         Limits of position, attitude or a component, one or a list, each as :func:`precision_pin.specification` makes it or
         its text.
-    poses, q
-        A pose (a name, joint values, or None for the model's first) or a list of such; two names of one argument.
+    pose, poses, q
+        A pose (a name, joint values, or None for the model's first) or a list of such; three names of one argument.
     seed, samples, confidence
         Of plain sampling; seed and confidence of the other methods too.
     findings
@@ -87,22 +89,28 @@ def reliability(
     listed = listed_specifications(specifications)
     if not listed:
         raise InputError("no specification is given; state at least one, such as '0.5 mm @ 99.73 %'")
-    found, warnings = [], [str(finding) for finding in check_items("findings", findings, Finding)]
-    for pose in listed_poses(poses, q):
+    known = check_items("findings", findings, Finding)
+    found, warnings = [], list(map(str, known))
+    for one in listed_poses(poses, q, pose):
         analysis = monte_carlo(
-            error_model, pose, samples=samples, seed=seed, specifications=listed, confidence=confidence,
+            error_model, one, samples=samples, seed=seed, specifications=listed, confidence=confidence,
             findings=findings, progress=progress,
         )  # fmt: skip
         warnings += [line for line in analysis.warnings if line not in warnings]
-        at = error_model.at(pose)
+        at = error_model.at(one)
         layout = sampler.compile_table(at)
         results = [
             _of_specification(at, layout, specification, counted, samples, seed, confidence)
             for specification, counted in zip(listed, analysis.summary.specifications, strict=True)
         ]
-        found.append(PoseReliability(PoseHeading.of(error_model, pose, at), tuple(results)))
+        found.append(PoseReliability(PoseLabel.of(error_model, one, at), tuple(results)))
     return ReliabilityResult(
-        Heading.of(error_model, seed), int(samples), float(confidence), tuple(found), tuple(warnings)
+        provenance=Provenance.of(error_model, seed),
+        samples=int(samples),
+        confidence=float(confidence),
+        poses=tuple(found),
+        findings=known,
+        warnings=list_warnings((), warnings),
     )
 
 

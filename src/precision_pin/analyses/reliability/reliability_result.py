@@ -2,26 +2,23 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Final, Literal, final
+from typing import TYPE_CHECKING, Any, ClassVar, Final, Literal, final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from precision_pin.analyses.provenance import Heading, PoseHeading
+from precision_pin.analyses.provenance import PoseLabel
 from precision_pin.analyses.reliability.estimates import Estimate, in_words
 from precision_pin.analyses.reliability.form import Form
 from precision_pin.analyses.reliability.strata import Strata
-from precision_pin.display.html import Table, rendered
+from precision_pin.analyses.result import Result, name_pose
+from precision_pin.display.html import Table
 from precision_pin.display.tables import (
-    MOST_POSES,
     data_frame,
     interval_columns,
-    joint_text,
     number,
-    pose_labels,
     resting_on,
     unit,
 )
@@ -36,7 +33,6 @@ __all__ = ["LikelyFailure", "PoseReliability", "ReliabilityResult", "Specificati
 
 Array = NDArray[np.float64]
 
-SCHEMA: Final = "precision-pin/reliability/1"
 ASSUMPTIONS: Final = (
     "exact model: the displaced chain multiplied out",
     "FORM and importance sampling in independent standard normal numbers; discs without polar angles",
@@ -190,7 +186,7 @@ class SpecificationReliability:
 class PoseReliability:
     """All specifications at one pose."""
 
-    pose: PoseHeading
+    pose: PoseLabel
     specifications: tuple[SpecificationReliability, ...]
 
     def to_dict(self) -> dict[str, Any]:
@@ -199,47 +195,27 @@ class PoseReliability:
 
 
 @final
-@dataclass(frozen=True, eq=False)
-class ReliabilityResult:
-    """Reliability at one or several poses.
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
+class ReliabilityResult(Result):
+    """Reliability at one or several poses; the samples are plain ones."""
 
-    Attributes
-    ----------
-    heading
-        Of what.
-    samples, confidence
-        Plain samples, and the confidence of every interval.
-    poses
-        One entry for each.
-    warnings
-        One line each.
-    """
+    schema: ClassVar[str] = "precision-pin/reliability/1"
 
-    heading: Heading
-    samples: int
-    confidence: float
     poses: tuple[PoseReliability, ...]
-    warnings: tuple[str, ...] = ()
 
     @property
     def met(self) -> bool:
         """Whether every specification is met at every pose."""
         return all(entry.met for pose in self.poses for entry in pose.specifications)
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return the result as the ``precision-pin/reliability/1`` schema has it, SI units."""
-        return self.heading.to_dict(SCHEMA) | {
-            "model": "exact",
-            "samples": self.samples,
-            "confidence": self.confidence,
-            "assumptions": list(ASSUMPTIONS),
-            "warnings": list(self.warnings),
-            "poses": [pose.to_dict() for pose in self.poses],
-        }
+    @property
+    def assumptions(self) -> tuple[str, ...]:
+        """What the numbers rest on, one sentence each."""
+        return ASSUMPTIONS
 
-    def to_json(self) -> str:
-        """Return :meth:`to_dict` as text."""
-        return json.dumps(self.to_dict(), indent=2, ensure_ascii=False, allow_nan=False)
+    def settings(self) -> dict[str, Any]:
+        """Return what was asked for, as the JSON has it."""
+        return {"model": "exact", **super().settings()}
 
     def to_pandas(self, lines: Literal["specifications", "methods"] = "specifications") -> pandas.DataFrame:
         """Return the specifications as a data frame, m and rad: a row for each at every pose.
@@ -263,55 +239,45 @@ class ReliabilityResult:
         """
         if lines not in ("specifications", "methods"):
             raise UnknownNameError("table of a reliability analysis", lines, ("specifications", "methods"))
-        labels = pose_labels([pose.pose.name for pose in self.poses])
         entries = [
             ((label, _demand(entry.specification)), entry)
-            for label, pose in zip(labels, self.poses, strict=True)
+            for label, pose in zip(self.labels, self.poses, strict=True)
             for entry in pose.specifications
         ]
-        attributes = {key: value for key, value in self.to_dict().items() if key != "poses"}
-        attributes["poses"] = {label: dict(pose.pose.q) for label, pose in zip(labels, self.poses, strict=True)}
         if lines == "specifications":
             rows = [(key, _columns(entry)) for key, entry in entries]
-            return data_frame(["pose", "specification"], rows, attributes)
+            return data_frame(["pose", "specification"], rows, self.attributes())
         methods = [
             ((*key, estimate.method), _method_columns(estimate))
             for key, entry in entries
             for estimate in entry.estimates
         ]
-        return data_frame(["pose", "specification", "method"], methods, attributes)
+        return data_frame(["pose", "specification", "method"], methods, self.attributes())
 
     def __repr__(self) -> str:
-        of = self.heading
+        of = self.provenance
         demands = [entry for pose in self.poses for entry in pose.specifications]
         return (
             f"<ReliabilityResult of {of.robot!r}, {of.base!r} to {of.tip!r}: {sum(entry.met for entry in demands)} of "
             f"{len(demands)} specifications met, {self.samples:,} samples, seed {of.seed}>"
         )
 
-    def _repr_html_(self) -> str:
-        """Return what a notebook shows: the verdict on every specification."""
-        of = self.heading
-        tables = []
-        for pose in self.poses[:MOST_POSES]:
-            name = f"pose {pose.pose.name!r}: " if pose.pose.name else ""
-            rows = [_cells(entry) for entry in pose.specifications]
-            columns = ("specification", "P(failure)", "interval", "by", "FORM", "β", "")
-            tables.append(Table(columns, rows, name + joint_text(pose.pose.q, pose.pose.sliding_joints)))
-        hidden = len(self.poses) - len(tables)
+    def _title(self) -> str:
+        return "Reliability"
+
+    def _table(self, pose: PoseReliability) -> Table:
+        columns = ("specification", "P(failure)", "interval", "by", "FORM", "β", "")
+        return Table(columns, [_cells(entry) for entry in pose.specifications], name_pose(pose.pose))
+
+    def _notes(self) -> list[str]:
+        of = self.provenance
         disagreements = [line for pose in self.poses for entry in pose.specifications for line in entry.disagreements]
-        return rendered(
-            f"Reliability of {of.robot}: {of.base} to {of.tip}",
-            tables,
-            [
-                *([f"… and {hidden:,} more poses"] if hidden else []),
-                f"exact model, {self.samples:,} plain samples, seed {of.seed}, statics {of.statics}; intervals at "
-                f"{100 * self.confidence:g} % confidence; β: distance of the nearest design point",
-                *disagreements,
-                *resting_on(of.assumed, of.sources),
-                *self.warnings,
-            ],
-        )
+        return [
+            f"exact model, {self.samples:,} plain samples, seed {of.seed}, statics {of.statics}; intervals at "
+            f"{100 * self.confidence:g} % confidence; β: distance of the nearest design point",
+            *disagreements,
+            *resting_on(of.assumed, of.sources),
+        ]
 
 
 def _demand(specification: Specification) -> str:

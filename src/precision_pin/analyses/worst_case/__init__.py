@@ -1,1 +1,24 @@
 """The largest error that bounded tolerances can make together."""
+
+from precision_pin.analyses.declaration import Declaration, Option
+
+__all__ = ["DECLARATION"]
+
+DECLARATION = Declaration(
+    name="worst-case",
+    function=f"{__name__}.worst_case:worst_case",
+    result=f"{__name__}.worst_case_result:WorstCaseResult",
+    outputs="precision_pin.outputs.worst_case",
+    title="Worst case",
+    heading="Worst case",
+    summary="Bound the pose error if every tolerance does its worst at once.",
+    description="Bound the pose error if every tolerance does its worst at once.",
+    options=(
+        Option("--k", "k", "Cut unbounded laws at k standard deviations.", float, 3.0),
+        Option(
+            "--samples", "samples", "Samples shown beside it.", int, 100_000, "N",
+            check="precision_pin.sampling.blocks:check_samples",
+        ),
+    ),
+    report_settings=("samples",),
+)  # fmt: skip

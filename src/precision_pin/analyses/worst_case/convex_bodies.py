@@ -1,7 +1,7 @@
 """What the draws of a space can take: bounded convex bodies about their means, and how far they reach in a direction.
 
 The support function of a body K is h(w) = max w·x over x in K; the x that attains it, its support point, is the
-gradient of h (Rockafellar, Convex Analysis, 1970, corollary 23.5.3). Laws that are not bounded are cut at a stated
+gradient of h (Rockafellar, Convex MonteCarloResult, 1970, corollary 23.5.3). Laws that are not bounded are cut at a stated
 number of standard deviations k.
 """
 

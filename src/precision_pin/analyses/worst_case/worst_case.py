@@ -12,7 +12,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from precision_pin.analyses.provenance import Heading, Pose, PoseHeading, listed_poses
+from precision_pin.analyses.provenance import Pose, PoseLabel, Poses, Provenance, listed_poses
+from precision_pin.analyses.result import list_warnings
 from precision_pin.analyses.worst_case.convex_bodies import Supports
 from precision_pin.analyses.worst_case.largest_norm import Farthest, farthest, quadratic_bound
 from precision_pin.analyses.worst_case.worst_case_result import (
@@ -54,9 +55,10 @@ _NUMBERS_AT_ONCE: Final = 2**22
 def worst_case(
     error_model: ErrorModel,
     /,
-    poses: Pose | Sequence[Pose] = None,
+    pose: Poses = None,
     *,
-    q: Pose | Sequence[Pose] = None,
+    poses: Poses = None,
+    q: Poses = None,
     seed: int = 0,
     samples: int = 100_000,
     k: float = 3.0,
@@ -74,8 +76,8 @@ def worst_case(
     ----------
     error_model
         Chain, draws and sources.
-    poses, q
-        A pose (a name, joint values, or None for the model's first) or a list of such; two names of one argument.
+    pose, poses, q
+        A pose (a name, joint values, or None for the model's first) or a list of such; three names of one argument.
     seed, samples, confidence
         Of the samples of the exact model that are shown beside the bounds.
     k
@@ -99,21 +101,23 @@ def worst_case(
             f"model is evaluated for each of them; at most {MOST_NUMBERS:,} are allowed: merge draws"
         )
     supports = Supports.of(error_model.space, k)
-    chosen = listed_poses(poses, q)
-    results, warnings = [], [str(finding) for finding in check_items("findings", findings, Finding)]
-    for q in chosen:
-        result, found = _at_pose(error_model, q, supports, seed, samples, confidence, progress)
+    chosen = listed_poses(poses, q, pose)
+    known = check_items("findings", findings, Finding)
+    results, warnings = [], list(map(str, known))
+    for one in chosen:
+        result, found = _at_pose(error_model, one, supports, seed, samples, confidence, progress)
         results.append(result)
         warnings += [line for line in found if line not in warnings]
     return WorstCaseResult(
-        heading=Heading.of(error_model, seed),
+        provenance=Provenance.of(error_model, seed),
         samples=int(samples),
         confidence=confidence,
         k=float(k),
         cut=supports.cut,
         draws=len(error_model.space.draws),
         poses=tuple(results),
-        warnings=tuple(warnings),
+        findings=known,
+        warnings=list_warnings((), warnings),
     )
 
 
@@ -148,7 +152,7 @@ def _at_pose(
             sampled = at.space.sample(seed, largest, 1)[:, 0]
         norms.append(_bound(at, layout, supports, rows, quantity, analysis.summary.distribution(quantity), sampled))
     result = PoseWorstCase(
-        heading=PoseHeading.of(error_model, q, at),
+        pose=PoseLabel.of(error_model, q, at),
         error_at_means=error,
         components=tuple(components),
         position=norms[0],

@@ -2,28 +2,26 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Final, final
+from typing import TYPE_CHECKING, Any, ClassVar, Final, final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from precision_pin.analyses.provenance import Heading, PoseHeading
+from precision_pin.analyses.provenance import PoseLabel
+from precision_pin.analyses.result import Result, name_pose
 from precision_pin.analyses.worst_case.largest_norm import Farthest
-from precision_pin.display.html import Table, rendered
-from precision_pin.display.tables import MOST_POSES, data_frame, dataset, joint_text, milli, pose_labels, symbol, unit
+from precision_pin.display.html import Table
+from precision_pin.display.tables import data_frame, milli, symbol, unit
 from precision_pin.inputs.arrays import fix_fields
 from precision_pin.statistics import QUANTITIES, Distribution
 
 if TYPE_CHECKING:
     import pandas  # type: ignore[import-untyped]
-    import xarray
 
 __all__ = [
-    "SCHEMA",
     "SEEN_LEVEL",
     "ComponentBound",
     "Contribution",
@@ -36,7 +34,6 @@ __all__ = [
 
 Array = NDArray[np.float64]
 
-SCHEMA: Final = "precision-pin/worst-case/1"
 SEEN_LEVEL: Final = 0.9973
 """Which quantile of the samples stands beside the bound."""
 
@@ -184,8 +181,8 @@ class PoseWorstCase:
 
     Attributes
     ----------
-    heading
-        The pose.
+    pose
+        Which.
     error_at_means
         e0, ``(6,)``.
     components
@@ -194,7 +191,7 @@ class PoseWorstCase:
         |d| and |δ|.
     """
 
-    heading: PoseHeading
+    pose: PoseLabel
     error_at_means: Array
     components: tuple[ComponentBound, ...]
     position: NormBound
@@ -203,10 +200,15 @@ class PoseWorstCase:
     def __post_init__(self) -> None:
         fix_fields(self)
 
+    @property
+    def heading(self) -> PoseLabel:
+        """Old name of ``pose``."""
+        return self.pose
+
     def to_dict(self) -> dict[str, Any]:
         """Return the numbers, SI."""
         return {
-            "pose": self.heading.to_dict(),
+            "pose": self.pose.to_dict(),
             "nominal": {"position": self.error_at_means[:3].tolist(), "attitude": self.error_at_means[3:].tolist()},
             "components": {
                 entry.quantity: {"first_order": [entry.low, entry.high], "seen": list(entry.seen)}
@@ -218,36 +220,26 @@ class PoseWorstCase:
 
 
 @final
-@dataclass(frozen=True, eq=False)
-class WorstCaseResult:
-    """The worst case at one pose or several, with all that is needed to reproduce it.
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
+class WorstCaseResult(Result):
+    """The worst case at one pose or several; samples of the exact model stand beside the bounds.
 
     Attributes
     ----------
-    heading
-        Robot, base, tip, statics and seed.
-    samples, confidence
-        Of what is shown beside the bounds.
     k
         Where unbounded laws are cut, standard deviations.
     cut
         The draws whose laws were cut.
     draws
         How many draws there are.
-    poses
-        One entry for each pose.
-    warnings
-        One line each.
     """
 
-    heading: Heading
-    samples: int
-    confidence: float
+    schema: ClassVar[str] = "precision-pin/worst-case/1"
+
     k: float
     cut: tuple[str, ...]
     draws: int
     poses: tuple[PoseWorstCase, ...]
-    warnings: tuple[str, ...] = ()
 
     @property
     def assumptions(self) -> tuple[str, ...]:
@@ -264,23 +256,15 @@ class WorstCaseResult:
             cut,
         )
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return the result as the ``precision-pin/worst-case/1`` schema has it, SI units."""
+    def settings(self) -> dict[str, Any]:
+        """Return what was asked for, as the JSON has it."""
         return {
-            **self.heading.to_dict(SCHEMA),
             "samples": self.samples,
             "model": "exact",
             "confidence": self.confidence,
             "k": self.k,
             "cut": list(self.cut),
-            "assumptions": list(self.assumptions),
-            "warnings": list(self.warnings),
-            "poses": [pose.to_dict() for pose in self.poses],
         }
-
-    def to_json(self) -> str:
-        """Return :meth:`to_dict` as text; what the samples do not resolve is null."""
-        return json.dumps(self.to_dict(), indent=2, ensure_ascii=False, allow_nan=False)
 
     def to_pandas(self) -> pandas.DataFrame:
         """Return the worst case as a data frame, m and rad: a row for each pose and quantity.
@@ -295,69 +279,45 @@ class WorstCaseResult:
         InputError
             pandas is not installed.
         """
-        labels = pose_labels([pose.heading.name for pose in self.poses])
         rows = [
             ((label, quantity), columns)
-            for label, pose in zip(labels, self.poses, strict=True)
+            for label, pose in zip(self.labels, self.poses, strict=True)
             for quantity, columns in _rows(pose).items()
         ]
-        attributes = {key: value for key, value in self.to_dict().items() if key != "poses"}
-        attributes["poses"] = {label: dict(pose.heading.q) for label, pose in zip(labels, self.poses, strict=True)}
-        return data_frame(["pose", "quantity"], rows, attributes)
-
-    def to_xarray(self) -> xarray.Dataset:
-        """Return the worst case as a dataset over pose and quantity, variables as :meth:`to_pandas` has them.
-
-        Raises
-        ------
-        InputError
-            xarray is not installed.
-        """
-        return dataset(self.to_pandas())
+        return data_frame(["pose", "quantity"], rows, self.attributes())
 
     def __repr__(self) -> str:
-        of = self.heading
+        of = self.provenance
         largest = max(pose.position.first_order.upper for pose in self.poses)
         return (
             f"<WorstCaseResult of {of.robot!r}, {of.base!r} to {of.tip!r}: poses {len(self.poses)}, draws {self.draws}, "
             f"first-order |d| at most {1e3 * largest:.4g} mm, seed {of.seed}>"
         )
 
-    def _repr_html_(self) -> str:
-        """Return what a notebook shows: the bounds beside what the exact model reaches and what was seen."""
-        of = self.heading
+    def _title(self) -> str:
+        return "Worst case"
+
+    def _table(self, pose: PoseWorstCase) -> Table:
         columns = ("", "unit", "first order, from", "to", "exact, found", "smallest seen", "largest seen")
         fields = ("exact_found", "seen_min", "seen_max")
-        tables = [
-            Table(
-                columns,
-                [
-                    [
-                        symbol(name),
-                        unit(name),
-                        bound_milli(row["low"], up=False),
-                        bound_milli(row["high"], up=True),
-                        *(milli(row[field]) for field in fields),
-                    ]
-                    for name, row in _rows(pose).items()
-                ],
-                (f"pose {pose.heading.name!r}: " if pose.heading.name else "")
-                + joint_text(pose.heading.q, pose.heading.sliding_joints),
-                words=2,
-            )
-            for pose in self.poses[:MOST_POSES]
-        ]
-        hidden = len(self.poses) - len(tables)
-        return rendered(
-            f"Worst case of {of.robot}: {of.base} to {of.tip}",
-            tables,
+        rows = [
             [
-                *([f"… and {hidden:,} more poses"] if hidden else []),
-                *self.assumptions,
-                f"seen: among {self.samples:,} samples, seed {of.seed}, exact model, statics {of.statics}; base axes",
-                *self.warnings,
-            ],
-        )
+                symbol(name),
+                unit(name),
+                bound_milli(row["low"], up=False),
+                bound_milli(row["high"], up=True),
+                *(milli(row[field]) for field in fields),
+            ]
+            for name, row in _rows(pose).items()
+        ]
+        return Table(columns, rows, name_pose(pose.pose), words=2)
+
+    def _notes(self) -> list[str]:
+        of = self.provenance
+        return [
+            *self.assumptions,
+            f"seen: among {self.samples:,} samples, seed {of.seed}, exact model, statics {of.statics}; base axes",
+        ]
 
 
 def bound_milli(value: float, *, up: bool, digits: int = 6) -> str:

@@ -31,10 +31,6 @@ __all__ = ["Empirical"]
 _BYTES: Final = 300.0
 """Of memory for each sample, as tuples and as arrays."""
 
-
-_BYTES: Final = 300.0
-"""Of memory for each sample, as tuples and as arrays."""
-
 _FILE: Final[Mapping[str, Any]] = {
     "type": "object",
     "properties": {"file": {"type": "string"}, "column": {"type": "string"}},

@@ -7,42 +7,39 @@ from typing import Final
 
 from precision_pin.analyses.budget.budget_result import VECTORS, BudgetResult, DrawShare, PoseBudget
 from precision_pin.display.tables import milli, plus_minus, quantity_label, unit
-from precision_pin.outputs.budget import budget_report
-from precision_pin.outputs.budget.budget_report import draw_rows, ranked, source_name
-from precision_pin.outputs.kit.html import Html, beside, paragraph, section, table
+from precision_pin.outputs.budget.figure import figure as bars
+from precision_pin.outputs.budget.table import draw_rows, ranked, source_name
+from precision_pin.outputs.kit.html import Child, Html, beside, paragraph, table
 from precision_pin.outputs.kit.svg import figure
-from precision_pin.outputs.report.collect import Missing, Results
+from precision_pin.outputs.report.collect import Results
 from precision_pin.outputs.report.numbers import percent, shown
-from precision_pin.outputs.report.wording import left_out
 
-__all__ = ["causes"]
+__all__ = ["content"]
 
 _NAMED: Final = 5
 _LISTED: Final = 40
 
 
-def causes(results: Results) -> Html:
+def content(result: BudgetResult, results: Results) -> list[Child]:
     """Return the chart, a table of the draws for position and one for attitude, and one of sources and places."""
-    if isinstance(results.budget, Missing):
-        return section("budget", "Error budget", left_out("Budget", results.budget, results))
-    result = results.budget
+    del results
     pose = result.poses[0]
     if not pose.draws:
-        return section("budget", "Error budget", paragraph("Nothing varies: there is nothing to share."))
+        return [paragraph("Nothing varies: there is nothing to share.")]
     chart = figure(
-        budget_report.figure(result),
+        bars(result),
         "budget",
         f"Shares of the variance: {'; '.join(_largest(pose, vector) for vector in VECTORS)}",
         "Sobol indices of the exact model with their intervals; diamonds are the closed form of the first order.",
     )
     draws = [_draws(pose, vector, result.marked) for vector in VECTORS]
-    return section("budget", "Error budget", _explained(result), chart, *draws, beside(*_shares(pose)))
+    return [_explained(result), chart, *draws, beside(*_shares(pose))]
 
 
 def _explained(result: BudgetResult) -> Html:
     return paragraph(
         "Share: of the variance, to first order, in closed form. S1 and ST: first-order and total Sobol index of the exact "
-        f"model from {result.samples:,} points a set, seed {result.heading.seed}, behind ± half of the interval at "
+        f"model from {result.samples:,} points a set, seed {result.provenance.seed}, behind ± half of the interval at "
         f"{100 * result.confidence:g} % confidence. Halved: what results if the tolerance of this draw alone is halved.",
         class_="note",
     )

@@ -12,28 +12,23 @@ from matplotlib.figure import Figure
 from precision_pin.analyses.budget.budget_result import VECTORS
 from precision_pin.analyses.exact_law.exact_law import LEVELS, ExactLaw, ExactLawResult
 from precision_pin.display.tables import milli, quantity_label, symbol, unit
-from precision_pin.outputs.exact_law.exact_law_report import method_rows
+from precision_pin.outputs.exact_law.table import method_rows
 from precision_pin.outputs.kit.draw_distribution import SKY, VERMILION, ticks
 from precision_pin.outputs.kit.figure_style import DOUBLE_COLUMN, labelled, legend_below, new_figure, set_height, style
-from precision_pin.outputs.kit.html import Child, Html, items, paragraph, section, table
+from precision_pin.outputs.kit.html import Child, Html, items, paragraph, table
 from precision_pin.outputs.kit.svg import figure
-from precision_pin.outputs.report.collect import Missing, Results
+from precision_pin.outputs.report.collect import Results
 from precision_pin.outputs.report.numbers import MISSING
-from precision_pin.outputs.report.wording import left_out
 from precision_pin.statistics import Distribution
 
-__all__ = ["exactness"]
+__all__ = ["content"]
 
 _SHOWN: Final = (0.00135, 0.05, 0.5, 0.95, 0.9973, 0.99865)
 _HEIGHT: Final = 92.0
 
 
-def exactness(results: Results) -> Html:
+def content(result: ExactLawResult, results: Results) -> list[Child]:
     """Return exact laws over the sampled histograms, their quantiles, and how far samples lie from them."""
-    heading = "Exact law against sampling"
-    if isinstance(results.exact_law, Missing):
-        return section("exact-law", heading, left_out("Exact law", results.exact_law, results))
-    result = results.exact_law
     laws = result.poses[0].laws
     pictures = []
     for vector in VECTORS:
@@ -49,20 +44,18 @@ def exactness(results: Results) -> Html:
             )
     absent = [f"{symbol(law.quantity)}: {law.reason}" for law in laws.values() if law.law is None]
     absent += result.poses[0].warnings
-    parts: list[Child] = [_explained(results), *pictures, _quantiles(laws.values()), _methods(result)]
+    parts: list[Child] = [_explained(result, results), *pictures, _quantiles(laws.values()), _methods(result)]
     if absent:
         parts.append(items(absent, "note"))
-    return section("exact-law", heading, *parts)
+    return parts
 
 
-def _explained(results: Results) -> Html:
-    compared = results.exact_law
-    assert not isinstance(compared, Missing)
+def _explained(result: ExactLawResult, results: Results) -> Html:
     return paragraph(
         "The law of the first-order model follows from the characteristic functions of the draws, without sampling, tails "
         f"included. The pictures lay it over the {results.analysis.samples:,} samples of the {results.analysis.model} model "
         "above: where the two differ, the arm is not linear over its tolerances. The last table compares it with "
-        f"{compared.samples:,} samples of the first-order model itself.",
+        f"{result.samples:,} samples of the first-order model itself.",
         class_="note",
     )
 

@@ -16,7 +16,7 @@ from matplotlib.layout_engine import ConstrainedLayoutEngine
 from precision_pin.visible import visible
 
 if TYPE_CHECKING:
-    from precision_pin.analyses.provenance import Heading, PoseHeading
+    from precision_pin.analyses.provenance import PoseLabel, Provenance
 
 __all__ = [
     "DOUBLE_COLUMN",
@@ -97,10 +97,10 @@ def wrapped(text: str, figure: Figure) -> list[str]:
     return textwrap.wrap(text, int(width * _CHARACTERS_PER_MILLIMETRE))
 
 
-def caption(what: str, heading: Heading, pose: PoseHeading) -> list[str]:
+def caption(what: str, provenance: Provenance, pose: PoseLabel) -> list[str]:
     """Return what a figure of 174 mm shows, and of which arm at which pose, in lines."""
     named = f" at pose {visible(pose.name)}" if pose.name else ""
-    arm = f"{visible(heading.robot)}, {visible(heading.base)} to {visible(heading.tip)}"
+    arm = f"{visible(provenance.robot)}, {visible(provenance.base)} to {visible(provenance.tip)}"
     return textwrap.wrap(f"{what} of {arm}{named}", _CAPTION_CHARACTERS)
 
 

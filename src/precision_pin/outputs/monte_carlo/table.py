@@ -11,13 +11,13 @@ from typing import TYPE_CHECKING, Final
 
 from precision_pin.display.tables import ROUNDING, resting_on, symbol, unit
 from precision_pin.robot.mcpc import Mcpc
-from precision_pin.sampling.result import Analysis, Correlated
+from precision_pin.sampling.result import Correlated, MonteCarloResult
 from precision_pin.statistics import Distribution, Specification, SpecificationResult, format_inside
 from precision_pin.statistics.distribution import CONTENTS
 from precision_pin.visible import shown, visible
 
 if TYPE_CHECKING:
-    from precision_pin.analyses.provenance import Heading, PoseHeading
+    from precision_pin.analyses.provenance import PoseLabel, Provenance
 
 __all__ = [
     "NOTHING_VARIES",
@@ -41,7 +41,7 @@ _LARGE_ANGLE: Final = 0.1
 _COLUMNS = ("mean", "std", "min", "max", "mode", 0.5, 0.95, 0.99, 0.9973)
 
 
-def analysis_table(analysis: Analysis) -> str:
+def analysis_table(analysis: MonteCarloResult) -> str:
     """Return what a designer wants to read of an analysis: error statistics in mm and mrad.
 
     Only the digits that the sampling supports are printed; min and max are the smallest and largest seen.
@@ -82,17 +82,17 @@ def pose_text(name: str, q: Mapping[str, float], sliding_joints: Collection[str]
     return f"{shown(name)} ({values})" if name else f"({values})"
 
 
-def subject(heading: Heading, pose: PoseHeading) -> str:
+def subject(provenance: Provenance, pose: PoseLabel) -> str:
     """Return the arm, the ends of its chain and the pose of a result."""
     stands = pose_text(pose.name, pose.q, pose.sliding_joints)
-    return f"{visible(heading.robot)}: {visible(heading.base)} to {visible(heading.tip)}, pose {stands}"
+    return f"{visible(provenance.robot)}: {visible(provenance.base)} to {visible(provenance.tip)}, pose {stands}"
 
 
 def _header() -> list[str]:
     return ["", "", *(column if isinstance(column, str) else f"{100 * column:.4g} %" for column in _COLUMNS)]
 
 
-def _rows(analysis: Analysis) -> list[list[str]]:
+def _rows(analysis: MonteCarloResult) -> list[list[str]]:
     rows = []
     for vector in (analysis.position, analysis.attitude):
         for part in (vector.norm, vector.x, vector.y, vector.z):
@@ -104,7 +104,7 @@ def _bounds_header() -> list[str]:
     return ["", "", *(f"{100 * content:.4g} % of robots" for content in CONTENTS)]
 
 
-def _bounds(analysis: Analysis) -> list[list[str]]:
+def _bounds(analysis: MonteCarloResult) -> list[list[str]]:
     return [
         [symbol(part.quantity), unit(part.quantity), *(tolerance_bounds(part, content) for content in CONTENTS)]
         for vector in (analysis.position, analysis.attitude)
@@ -150,7 +150,7 @@ def _pairs(group: Correlated) -> list[str]:
     ]
 
 
-def _bandwidths(analysis: Analysis) -> str:
+def _bandwidths(analysis: MonteCarloResult) -> str:
     parts = []
     for norm in (analysis.position.norm, analysis.attitude.norm):
         width = norm.mode_bandwidth

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 
+from precision_pin.analyses.registry import declarations
 from precision_pin.display.tables import milli
 from precision_pin.outputs.kit.html import Child, Html, definitions, element, items, joined, paragraph, section
 from precision_pin.outputs.report.collect import Missing, Results
@@ -59,10 +60,10 @@ def _pairs(group: Correlated) -> list[str]:
 
 def _warnings(results: Results) -> Html:
     lines = list(results.analysis.warnings)
-    if not isinstance(results.budget, Missing):
-        lines += results.budget.poses[0].warnings
-    if not isinstance(results.worst_case, Missing):
-        lines += results.worst_case.warnings
+    for name, result in results.found.items():
+        # what a section says itself is not said twice
+        if not isinstance(result, Missing) and not declarations()[name].has_warnings_in_table:
+            lines += result.warnings
     shown = list(dict.fromkeys(without_folders(line, results) for line in lines))
     heading = element("h3", "Warnings")
     if not shown:

@@ -4,44 +4,37 @@ from __future__ import annotations
 
 import hashlib
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import Final, Literal, TypeVar, final
+from typing import Any, Final, Literal, TypeVar, final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from precision_pin.analyses.budget.budget import budget
-from precision_pin.analyses.budget.budget_result import BudgetResult
-from precision_pin.analyses.exact_law.exact_law import ExactLawResult, exact_law
 from precision_pin.analyses.provenance import Pose
-from precision_pin.analyses.worst_case.worst_case import worst_case
-from precision_pin.analyses.worst_case.worst_case_result import WorstCaseResult
+from precision_pin.analyses.registry import declarations
+from precision_pin.analyses.result import Result
 from precision_pin.errors import InputError
 from precision_pin.model.error_model import ErrorModel, PoseModel
 from precision_pin.robot import mcpc
 from precision_pin.robot.mcpc import Mcpc
 from precision_pin.sampling import Progress, monte_carlo
-from precision_pin.sampling.result import Analysis
+from precision_pin.sampling.result import MonteCarloResult
 from precision_pin.sheet import Sheet
 from precision_pin.statistics import Specification
 
-__all__ = ["STEPS", "Missing", "Results", "Step", "collect"]
+__all__ = ["Missing", "Results", "Step", "collect", "count_steps"]
 
 Array = NDArray[np.float64]
 Found = TypeVar("Found")
 Step = Callable[[str, int], AbstractContextManager[Progress]]
 """Given what is done next and how many samples it takes (0: none), returns what is told of the progress."""
 
-STEPS: Final = 6
-"""Five analyses, and drawing the page."""
-
 CLOUD: Final = 5_000
 """Samples that the 3-D view shows at most."""
-
-_COMPARED: Final = 100_000
 
 
 @final
@@ -69,8 +62,10 @@ class Results:
         What was analysed, and the model at the pose.
     analysis
         The sampled distribution.
-    budget, worst_case, exact_law, mcpc
-        The other analyses, or why there is none.
+    found
+        What each of the other analyses found, by its name, or why there is nothing.
+    mcpc
+        The chain's parameters, or why there are none.
     cloud
         The first of the sampled errors ``(6, n)``, m and rad, base axes.
     command
@@ -84,10 +79,8 @@ class Results:
     sheet: Sheet
     model: ErrorModel
     at: PoseModel
-    analysis: Analysis
-    budget: BudgetResult | Missing
-    worst_case: WorstCaseResult | Missing
-    exact_law: ExactLawResult | Missing
+    analysis: MonteCarloResult
+    found: Mapping[str, Result | Missing]
     mcpc: Mcpc | Missing
     cloud: Array
     command: tuple[str, ...]
@@ -125,8 +118,8 @@ def collect(
     pose
         A pose's name, joint values, or None for the sheet's first.
     samples, seed, model, specifications
-        As for :func:`~precision_pin.sampling.monte_carlo`. Budget and worst case are those of the exact model, exact laws
-        those of the first-order model.
+        As for :func:`~precision_pin.sampling.monte_carlo`. The other analyses take those that they declare; the model is
+        theirs.
     command
         The words of the command line, for the report.
     package_dirs
@@ -147,12 +140,23 @@ def collect(
             findings=sheet.findings, progress=progress,
         )  # fmt: skip
     at = error_model.at(pose)
-    with step("error budget", 0):
-        shares = _tried(lambda: budget(error_model, [pose], seed=seed))
-    with step("worst case", samples) as progress:
-        bounds = _tried(lambda: worst_case(error_model, [pose], seed=seed, samples=samples, progress=progress))
-    with step("exact law", 0):
-        laws = _tried(lambda: exact_law(error_model, [pose], seed=seed, samples=_COMPARED))
+    found: dict[str, Result | Missing] = {}
+    settings: dict[str, Any] = {"samples": samples, "specifications": tuple(specifications)}
+    for name in _asked(specifications):
+        declaration = declarations()[name]
+        arguments = {key: settings[key] for key in declaration.report_settings}
+        with step(declaration.heading.lower(), declaration.count_steps(error_model.space, 1, arguments)) as progress:
+            found[name] = _tried(
+                partial(
+                    declaration.run,
+                    error_model,
+                    [pose],
+                    seed=seed,
+                    findings=sheet.findings,
+                    progress=progress,
+                    **arguments,
+                )
+            )
     with step("MCPC parameters", 0):
         geometry = _tried(lambda: mcpc.from_chain(error_model.chain))
     x = at.space.sample(seed, 0, min(samples, CLOUD))
@@ -161,15 +165,25 @@ def collect(
         model=error_model,
         at=at,
         analysis=analysis,
-        budget=shares,
-        worst_case=bounds,
-        exact_law=laws,
+        found=found,
         mcpc=geometry,
         cloud=at.linear(x) if model == "linear" else at.exact(x),
         command=tuple(command),
         package_dirs=tuple(package_dirs),
         digests=tuple(_digest(file) for file in (error_model.chain.robot.file, sheet.file)),
     )
+
+
+def count_steps(specifications: Sequence[Specification]) -> int:
+    """Return how many steps a report takes: sampling, the other analyses, the chain's parameters, drawing the page."""
+    return len(_asked(specifications)) + 3
+
+
+def _asked(specifications: Sequence[Specification]) -> list[str]:
+    """Return the names of the analyses that a report shows: without specifications none that judges them."""
+    return [
+        name for name, one in declarations().items() if specifications or "specifications" not in one.report_settings
+    ]
 
 
 def _tried(analysis: Callable[[], Found]) -> Found | Missing:

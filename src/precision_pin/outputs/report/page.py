@@ -5,34 +5,32 @@ from __future__ import annotations
 import importlib.resources
 from typing import Final
 
-from precision_pin.outputs.budget.section import causes
-from precision_pin.outputs.exact_law.section import exactness
-from precision_pin.outputs.kit.html import Html, element, joined, paragraph
+from precision_pin.analyses.registry import declarations
+from precision_pin.outputs.kit.html import Html, element, joined, paragraph, section
 from precision_pin.outputs.mcpc import geometry
 from precision_pin.outputs.monte_carlo.section import distributions
 from precision_pin.outputs.monte_carlo.verdict import verdict
 from precision_pin.outputs.report.assumptions import assumptions
-from precision_pin.outputs.report.collect import Results
+from precision_pin.outputs.report.collect import Missing, Results
 from precision_pin.outputs.report.parameters import parameters
 from precision_pin.outputs.report.reproduction import reproduction
 from precision_pin.outputs.report.scene import policy_hashes, scene
-from precision_pin.outputs.report.wording import subject
-from precision_pin.outputs.worst_case.section import bounds
+from precision_pin.outputs.report.wording import left_out, subject
 
 __all__ = ["page"]
 
-_CONTENTS: Final = (
-    ("verdict", "Result"),
-    ("assumptions", "Assumptions"),
-    ("distributions", "Distributions"),
-    ("budget", "Budget"),
-    ("worst-case", "Worst case"),
-    ("exact-law", "Exact law"),
-    ("mcpc", "MCPC"),
-    ("parameters", "Parameters"),
-    ("view", "3-D view"),
-    ("reproduce", "Reproduce"),
-)
+_FIRST: Final = {
+    "verdict": ("Result", verdict),
+    "assumptions": ("Assumptions", assumptions),
+    "distributions": ("Distributions", distributions),
+}
+_LAST: Final = {
+    "mcpc": ("MCPC", geometry),
+    "parameters": ("Parameters", parameters),
+    "view": ("3-D view", scene),
+    "reproduce": ("Reproduce", reproduction),
+}
+"""Sections before and after those of the analyses: in the list of contents, and what makes them."""
 _WITHOUT_SCRIPTS: Final = Html(
     "<noscript><style>.still { display: block; } iframe.screen, .note.screen { display: none; }</style></noscript>"
 )
@@ -62,31 +60,37 @@ def page(results: Results) -> str:
             _WITHOUT_SCRIPTS,
         ]
     )
-    sections = (
-        verdict,
-        assumptions,
-        distributions,
-        causes,
-        bounds,
-        exactness,
-        geometry,
-        parameters,
-        scene,
-        reproduction,
-    )
+    sections = [
+        *(make(results) for _, make in _FIRST.values()),
+        *(_section(name, results) for name in results.found),
+        *(make(results) for _, make in _LAST.values()),
+    ]
     header = element(
         "header",
         element("h1", title),
         paragraph(f"{analysis.robot}: {subject(results)}", class_="subject"),
     )
-    main = element("main", *(make(results) for make in sections), id="main", tabindex="-1")
+    main = element("main", *sections, id="main", tabindex="-1")
     footer = element("footer", paragraph("Written by precision-pin."))
-    body = joined([element("a", "Skip to the result", class_="skip", href="#main"), header, _contents(), main, footer])
+    body = joined(
+        [element("a", "Skip to the result", class_="skip", href="#main"), header, _contents(results), main, footer]
+    )
     return f'<!DOCTYPE html>\n<html lang="en">\n<head>\n{head.text}\n</head>\n<body>\n{body.text}\n</body>\n</html>\n'
 
 
-def _contents() -> Html:
-    links = (element("li", element("a", name, href=f"#{anchor}")) for anchor, name in _CONTENTS)
+def _section(name: str, results: Results) -> Html:
+    """Return an analysis's section."""
+    declaration, result = declarations()[name], results.found[name]
+    if isinstance(result, Missing):
+        return section(name, declaration.heading, left_out(declaration.title, result, results))
+    return section(name, declaration.heading, *declaration.content(result, results))
+
+
+def _contents(results: Results) -> Html:
+    titles = {name: title for name, (title, _) in _FIRST.items()}
+    titles |= {name: declarations()[name].title for name in results.found}
+    titles |= {name: title for name, (title, _) in _LAST.items()}
+    links = (element("li", element("a", title, href=f"#{name}")) for name, title in titles.items())
     return element("nav", element("ul", *links), aria_label="Contents")
 
 

@@ -12,40 +12,35 @@ from precision_pin.analyses.worst_case.worst_case_result import (
     bound_milli,
 )
 from precision_pin.display.tables import ROUNDING, milli, quantity_label, symbol, unit
-from precision_pin.outputs.kit.html import Child, Html, beside, items, section, table
+from precision_pin.outputs.kit.html import Child, Html, beside, items, table
 from precision_pin.outputs.kit.svg import figure
-from precision_pin.outputs.report.collect import Missing, Results
+from precision_pin.outputs.report.collect import Results
 from precision_pin.outputs.report.numbers import milli_interval, statistic
-from precision_pin.outputs.report.wording import left_out
-from precision_pin.outputs.worst_case import worst_case_report
+from precision_pin.outputs.worst_case.figure import figure as bars
 
-__all__ = ["bounds"]
+__all__ = ["content"]
 
 _LISTED: Final = 15
 
 
-def bounds(results: Results) -> Html:
+def content(result: WorstCaseResult, results: Results) -> list[Child]:
     """Return the bounds of the first-order model, the largest exact error found, and what adds up to them."""
-    if isinstance(results.worst_case, Missing):
-        return section("worst-case", "Worst case", left_out("Worst case", results.worst_case, results))
-    result = results.worst_case
+    del results
     pose = result.poses[0]
     norms = (pose.position, pose.attitude)
     chart = figure(
-        worst_case_report.figure(result),
+        bars(result),
         "worst-case",
         f"How the draws add up to the worst case: {'; '.join(_described(bound) for bound in norms)}",
         "Each bar begins where the one above it ends.",
     )
-    return section(
-        "worst-case",
-        "Worst case",
+    return [
         items(_assumptions(result), "note"),
         _norms(pose),
         chart,
         _components(pose),
         beside(*(_contributions(bound) for bound in norms)),
-    )
+    ]
 
 
 def _assumptions(result: WorstCaseResult) -> list[str]:

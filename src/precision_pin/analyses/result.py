@@ -1,0 +1,157 @@
+"""What the results of all analyses have in common."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, Protocol
+
+from precision_pin.analyses.provenance import PoseLabel, Provenance
+from precision_pin.display.html import Table, rendered
+from precision_pin.display.stored import JsonResult
+from precision_pin.display.tables import MOST_POSES, dataset, joint_text, pose_labels
+from precision_pin.errors import Finding
+
+if TYPE_CHECKING:
+    import pandas  # type: ignore[import-untyped]
+    import xarray
+
+__all__ = ["PoseResult", "Result", "list_warnings", "name_pose"]
+
+
+class PoseResult(Protocol):
+    """What an analysis found at one pose."""
+
+    @property
+    def pose(self) -> PoseLabel:
+        """Which pose."""
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the entry of ``poses`` in the JSON."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
+class Result(JsonResult):
+    """What an analysis found at one or several poses, with all that is needed to reproduce it.
+
+    A subclass adds what it was asked for and :meth:`settings`, :meth:`to_pandas` and the three parts of the notebook view.
+
+    Attributes
+    ----------
+    provenance
+        Of what, with which seed and versions.
+    samples, confidence
+        How many samples were drawn at each pose, and the confidence of every interval by itself.
+    poses
+        One entry for each pose.
+    findings
+        Those handed over, such as the sheet's.
+    warnings
+        One line each: the findings, then what the analysis itself warns of.
+    """
+
+    provenance: Provenance
+    samples: int
+    confidence: float
+    poses: Sequence[PoseResult]
+    findings: tuple[Finding, ...] = ()
+    warnings: tuple[str, ...] = field(default=())
+
+    @property
+    def heading(self) -> Provenance:
+        """Old name of ``provenance``."""
+        return self.provenance
+
+    @property
+    def met(self) -> bool:
+        """Whether every demand is met; true of an analysis that judges none."""
+        return True
+
+    @property
+    def new_warnings(self) -> tuple[str, ...]:
+        """The warnings that are not among the findings handed over."""
+        return self.warnings[len(dict.fromkeys(map(str, self.findings))) :]
+
+    @property
+    def assumptions(self) -> tuple[str, ...]:
+        """What the numbers rest on, one sentence each."""
+        raise NotImplementedError
+
+    def settings(self) -> dict[str, Any]:
+        """Return what was asked for, as the JSON has it between provenance and poses."""
+        return {"samples": self.samples, "confidence": self.confidence}
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the result as its schema has it, SI units, base axes."""
+        return self._head() | {"poses": [pose.to_dict() for pose in self.poses]}
+
+    def to_pandas(self) -> pandas.DataFrame:
+        """Return the result as a data frame, m and rad.
+
+        Raises
+        ------
+        InputError
+            pandas is not installed.
+        """
+        raise NotImplementedError
+
+    def to_xarray(self) -> xarray.Dataset:
+        """Return the result as a dataset over the levels of the index of :meth:`to_pandas`, with its columns as variables.
+
+        Raises
+        ------
+        InputError
+            xarray is not installed.
+        """
+        return dataset(self.to_pandas())
+
+    @property
+    def labels(self) -> list[str]:
+        """What data frames call the poses, no two alike."""
+        return pose_labels([entry.pose.name for entry in self.poses])
+
+    def attributes(self) -> dict[str, Any]:
+        """Return what a data frame says of how it was computed: the JSON, of the poses their joint values only."""
+        joints = {label: dict(entry.pose.q) for label, entry in zip(self.labels, self.poses, strict=True)}
+        return self._head() | {"poses": joints}
+
+    def _head(self) -> dict[str, Any]:
+        return {
+            **self.provenance.to_dict(self.schema),
+            **self.settings(),
+            "assumptions": list(self.assumptions),
+            "warnings": list(self.warnings),
+            "findings": [finding.to_dict() for finding in self.findings],
+        }
+
+    def _title(self) -> str:
+        """Return what a notebook shows above the result, without the robot."""
+        raise NotImplementedError
+
+    def _table(self, pose: Any) -> Table:
+        """Return what a notebook shows of a pose; ``pose`` is an entry of ``poses``."""
+        raise NotImplementedError
+
+    def _notes(self) -> list[str]:
+        """Return the lines below the tables but for the warnings."""
+        raise NotImplementedError
+
+    def _repr_html_(self) -> str:
+        """Return what a notebook shows: mm and mrad."""
+        of = self.provenance
+        hidden = len(self.poses) - MOST_POSES
+        return rendered(
+            f"{self._title()} of {of.robot}: {of.base} to {of.tip}",
+            [self._table(pose) for pose in self.poses[:MOST_POSES]],
+            [*([f"… and {hidden:,} more poses"] if hidden > 0 else []), *self._notes(), *self.warnings],
+        )
+
+
+def name_pose(pose: PoseLabel) -> str:
+    """Return a pose's name and joint values, as a notebook has them above its table."""
+    return (f"pose {pose.name!r}: " if pose.name else "") + joint_text(pose.q, pose.sliding_joints)
+
+
+def list_warnings(findings: Iterable[Finding], found: Iterable[str]) -> tuple[str, ...]:
+    """Return findings and what an analysis warns of besides as lines, each once."""
+    return tuple(dict.fromkeys((*map(str, findings), *found)))

@@ -1,0 +1,199 @@
+"""Results as JSON: as text, in a file, and read again."""
+
+from __future__ import annotations
+
+import copy
+import json
+import math
+import os
+import secrets
+from collections.abc import Iterator, Mapping
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar, final
+
+from precision_pin.display.html import Table, rendered
+from precision_pin.display.tables import data_frame, dataset, pose_labels
+from precision_pin.errors import InputError, OutputError
+from precision_pin.inputs.arguments import check_path, shown
+
+if TYPE_CHECKING:
+    import pandas  # type: ignore[import-untyped]
+    import xarray
+
+__all__ = ["JsonResult", "SavedResult"]
+
+
+class JsonResult:
+    """A result that is known by its JSON.
+
+    Attributes
+    ----------
+    schema
+        Name of the JSON's schema; of a class for several, how their names begin.
+    """
+
+    schema: ClassVar[str] = "precision-pin/"
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the result as its schema has it, SI units."""
+        raise NotImplementedError
+
+    def to_json(self) -> str:
+        """Return :meth:`to_dict` as text; what is not resolved or does not exist is null."""
+        return json.dumps(self.to_dict(), indent=2, ensure_ascii=False, allow_nan=False)
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write the JSON to a file, whole or not at all.
+
+        Raises
+        ------
+        OutputError
+            It cannot be written.
+        """
+        _write_whole(Path(check_path("the path of the result", path)), f"{self.to_json()}\n")
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str]) -> SavedResult:
+        """Read what :meth:`save`, or ``--json`` of a command, has written.
+
+        The numbers of a file are those of the JSON, not the samples and laws behind them: so what is returned has the same
+        ``to_dict`` and ``to_json``, and is no object of this class.
+
+        Raises
+        ------
+        InputError
+            The file cannot be read, or holds no result of this kind.
+        """
+        name = check_path("the path of the result", path)
+        try:
+            text = Path(name).read_text(encoding="utf-8")
+        except (OSError, ValueError) as error:
+            raise InputError(f"cannot read {name}: {getattr(error, 'strerror', None) or 'it is no text'}") from None
+        try:
+            data = json.loads(text, parse_constant=_refuse_constant)
+        except (ValueError, RecursionError):
+            raise InputError(f"{name} is no JSON, so no result was saved there") from None
+        found = data.get("schema") if isinstance(data, dict) else None
+        if not isinstance(found, str) or not found.startswith(cls.schema):
+            wanted = f"{cls.schema}…" if cls.schema.endswith("/") else cls.schema
+            held = f"of the schema {shown(found)}" if isinstance(found, str) else "without a schema"
+            raise InputError(f"{name} is {held}; a file of {wanted} is expected")
+        return SavedResult(data)
+
+
+@final
+@dataclass(frozen=True, eq=False, repr=False)
+class SavedResult(JsonResult):
+    """A result read from its JSON: ``saved["poses"]`` and so on, SI units.
+
+    Attributes
+    ----------
+    data
+        What the file holds.
+    """
+
+    data: Mapping[str, Any]
+
+    def __getitem__(self, key: str) -> Any:
+        return copy.deepcopy(self.data[key])
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return what was saved."""
+        return copy.deepcopy(dict(self.data))
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """One line each."""
+        return tuple(self.data.get("warnings", ()))
+
+    def to_pandas(self) -> pandas.DataFrame:
+        """Return every number of every pose as a row, by the keys that lead to it, with the other keys as ``attrs``.
+
+        Raises
+        ------
+        InputError
+            pandas is not installed.
+        """
+        poses = self.data["poses"] if isinstance(self.data.get("poses"), list) else [self.data]
+        labels = pose_labels([str(_pose_name(pose)) for pose in poses])
+        rows = [
+            ((label, keys), {"value": value})
+            for label, pose in zip(labels, poses, strict=True)
+            for keys, value in _numbers(pose)
+        ]
+        attributes = {key: value for key, value in self.to_dict().items() if key != "poses"}
+        return data_frame(["pose", "entry"], rows, attributes)
+
+    def to_xarray(self) -> xarray.Dataset:
+        """Return the numbers of :meth:`to_pandas` as a dataset over pose and entry.
+
+        Raises
+        ------
+        InputError
+            xarray is not installed.
+        """
+        return dataset(self.to_pandas())
+
+    def __repr__(self) -> str:
+        return f"<SavedResult {self._get('schema')}: {self._get('robot')!r}, seed {self._get('seed')}>"
+
+    def _repr_html_(self) -> str:
+        """Return what a notebook shows: what the result is of, and its warnings."""
+        rows = [
+            [key, str(value)]
+            for key, value in self.data.items()
+            if isinstance(value, str | int | float) or value is None
+        ]
+        table = Table(("", ""), rows, words=2)
+        return rendered(f"Saved result, {self._get('schema')}", [table], list(map(str, self.warnings)))
+
+    def _get(self, key: str) -> Any:
+        return self.data.get(key)
+
+
+def _pose_name(entry: Any) -> Any:
+    pose = entry.get("pose") if isinstance(entry, dict) else None
+    return pose.get("name", "") if isinstance(pose, dict) else ""
+
+
+def _numbers(value: Any, keys: str = "") -> Iterator[tuple[str, float]]:
+    """Yield every number in JSON with its keys, joined by dots; not-a-number for null."""
+    if isinstance(value, dict | list):
+        entries = value.items() if isinstance(value, dict) else enumerate(value)
+        for key, entry in entries:
+            yield from _numbers(entry, f"{keys}.{key}" if keys else str(key))
+    elif value is None or (isinstance(value, int | float) and not isinstance(value, bool)):
+        yield keys, math.nan if value is None else float(value)
+
+
+def _refuse_constant(text: str) -> float:
+    raise ValueError(text)
+
+
+def _write_whole(path: Path, text: str) -> None:
+    """Write a file by way of another beside it.
+
+    Raises
+    ------
+    OutputError
+        It cannot be written.
+    """
+    # surrogates, which stand for bytes of a file's name that are not UTF-8, become what JSON has for them
+    data = text.encode("utf-8", errors="backslashreplace")
+    target = Path(os.path.realpath(path))
+    part = target.parent / f".precision-pin-{os.getpid()}-{secrets.token_hex(4)}.part"
+    try:
+        if os.path.exists(target) and not os.path.isfile(target):  # a device or a pipe
+            target.write_bytes(data)
+            return
+        try:
+            part.write_bytes(data)
+            part.replace(target)
+        except BaseException:
+            with suppress(OSError):
+                part.unlink()
+            raise
+    except (OSError, ValueError) as error:
+        raise OutputError(f"cannot write {path}: {getattr(error, 'strerror', None) or error}") from None

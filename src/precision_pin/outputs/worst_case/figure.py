@@ -1,0 +1,120 @@
+"""The worst case as a picture."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Final
+
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+
+from precision_pin.analyses.worst_case.worst_case_result import (
+    SEEN_LEVEL,
+    NormBound,
+    WorstCaseResult,
+)
+from precision_pin.display.tables import symbol
+from precision_pin.outputs.kit.draw_distribution import (
+    BLACK,
+    BLUE,
+    GREEN,
+    PURPLE,
+    SKY,
+    VERMILION,
+    DisplayUnit,
+    display_unit,
+)
+from precision_pin.outputs.kit.figure_style import (
+    DOUBLE_COLUMN,
+    LINE_HEIGHT,
+    caption,
+    labelled,
+    legend_below,
+    new_figure,
+    set_height,
+    shortened,
+    style,
+)
+from precision_pin.outputs.worst_case.table import listed_contributions
+
+__all__ = ["figure"]
+
+_LONGEST_NAME: Final = 44
+_BAR: Final = 4.6
+
+
+def figure(result: WorstCaseResult, which: int = 0) -> Figure:
+    """Return how the draws add up to the worst case of |d| (above) and |δ| at one of the poses, 174 mm wide.
+
+    Each bar begins where the one above it ends: the error at the means, the largest contributions, the rest. Lines mark
+    the first-order bound, the largest exact error found, the largest seen and the 99.73 % quantile of the samples.
+
+    Parameters
+    ----------
+    result
+        What is drawn.
+    which
+        Which of its poses, 0-based.
+    """
+    pose, provenance = result.poses[which], result.provenance
+    lines = [
+        *caption("worst case", provenance, pose.pose),
+        f"N = {result.samples:,}, seed {provenance.seed}, exact model, statics {provenance.statics}",
+    ]
+    if result.cut:
+        lines.append(f"unbounded laws cut at {result.k:g} standard deviations: {len(result.cut)} of {result.draws}")
+    with style():
+        drawn = new_figure(DOUBLE_COLUMN)
+        bounds = (pose.position, pose.attitude)
+        bars = [_bars(bound) for bound in bounds]
+        panels = drawn.subplots(2, 1, height_ratios=[max(len(entries), 4) for entries in bars])
+        for axes, bound, entries in zip(panels, bounds, bars, strict=True):
+            _draw(axes, bound, entries)
+        legend_below(drawn, labelled(panels[:1]), 2, lines)
+        set_height(drawn, 34 + _BAR * sum(max(len(entries), 4) for entries in bars) + LINE_HEIGHT * (len(lines) + 2))
+    return drawn
+
+
+def _bars(bound: NormBound) -> list[tuple[str, float]]:
+    return [
+        (shortened(name, _LONGEST_NAME), value) for name, value in listed_contributions(bound, "error at the means")
+    ]
+
+
+def _draw(axes: Axes, bound: NormBound, entries: Sequence[tuple[str, float]]) -> None:
+    name, shown = symbol(bound.quantity), display_unit(bound.seen)
+    begin = 0.0
+    for row, (_, value) in enumerate(entries):
+        colour = BLUE if row == 0 else SKY
+        axes.barh(row, value * shown.per_si, left=begin * shown.per_si, height=0.7, color=colour, linewidth=0)
+        begin += value
+    axes.set_yticks(range(len(entries)), [name for name, _ in entries])
+    axes.set_ylim(max(len(entries), 4) - 0.4, -0.6)
+    axes.tick_params(axis="y", length=0)
+    for value, colour, dashes, width, label in _lines(bound, shown):
+        axes.axvline(value, color=colour, linestyle=dashes, linewidth=width, label=label)
+    axes.axvline(0, color=BLACK, linewidth=0.6)
+    axes.xaxis.set_major_locator(MaxNLocator(nbins=7, steps=[1, 2, 5, 10]))
+    axes.ticklabel_format(axis="x", style="plain", useOffset=False)
+    axes.margins(x=0.03)
+    axes.set_xlabel(f"{name} [{shown.name}]")
+    axes.set_title(
+        f"{name}: bound {bound.first_order.upper * shown.per_si:.5g}, exact model at least "
+        f"{bound.found.norm * shown.per_si:.5g}, largest seen {bound.seen.max * shown.per_si:.5g} {shown.name}",
+        fontsize=7.5,
+    )
+
+
+def _lines(bound: NormBound, shown: DisplayUnit) -> list[tuple[float, str, object, float, str]]:
+    quantile = bound.seen.quantile(SEEN_LEVEL)
+    lines: list[tuple[float, str, object, float, str]] = [
+        (bound.first_order.upper, VERMILION, "-", 1.6, "bound of the first-order model"),
+        (bound.found.norm, BLACK, (0, (1.2, 1.2)), 1.0, "largest error of the exact model found"),
+        (bound.seen.max, GREEN, (0, (4, 1.5)), 1.0, "largest seen among the samples"),
+    ]
+    if quantile is not None:
+        lines.append(
+            (quantile, PURPLE, (0, (6, 1.5, 1.2, 1.5)), 1.0, f"{100 * SEEN_LEVEL:g} % quantile of the samples")
+        )
+    return [(value * shown.per_si, colour, dashes, width, label) for value, colour, dashes, width, label in lines]

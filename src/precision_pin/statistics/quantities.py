@@ -1,0 +1,68 @@
+"""The eight quantities of a pose error and what they are called.
+
+Results, JSON, data frames and Python use one name, such as ``position.z``; tables and figures show its symbol, ``dz``. What
+is written by a user may be either, or the short form of a specification, ``z``: the same words everywhere.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+from precision_pin.inputs.arguments import check_name
+
+__all__ = ["COMPONENTS", "NORMS", "QUANTITIES", "QUANTITY_PATTERN", "QUANTITY_WORDS", "quantity_name"]
+
+QUANTITIES: Final = (
+    "position.norm",
+    "position.x",
+    "position.y",
+    "position.z",
+    "attitude.norm",
+    "attitude.x",
+    "attitude.y",
+    "attitude.z",
+)
+"""The eight quantities, in the order of every array's rows."""
+
+NORMS: Final = (0, 4)
+"""Rows of the two norms, |d| and |δ|."""
+
+COMPONENTS: Final = (1, 2, 3, 5, 6, 7)
+"""Rows of the components, in the order of an error's six numbers [d; δ]."""
+
+QUANTITY_WORDS: Final = {
+    "position": "position.norm",
+    "x": "position.x",
+    "y": "position.y",
+    "z": "position.z",
+    "attitude": "attitude.norm",
+    "rx": "attitude.x",
+    "ry": "attitude.y",
+    "rz": "attitude.z",
+    # as tables have them
+    "|d|": "position.norm",
+    "dx": "position.x",
+    "dy": "position.y",
+    "dz": "position.z",
+    "|δ|": "attitude.norm",
+    "δx": "attitude.x",
+    "δy": "attitude.y",
+    "δz": "attitude.z",
+} | {name: name for name in QUANTITIES}
+"""What a user may call a quantity."""
+
+QUANTITY_PATTERN: Final = r"\|[^\s|@]++\||[^\W\d](?:[^\W\d]|\.(?=[^\W\d]))*+"
+"""Of a word that may be one of them: no digit, so that a number may follow without a blank."""
+
+
+def quantity_name(quantity: str) -> str:
+    """Return the name in results of what a user calls a quantity: ``position.z`` for ``z``, ``dz`` and itself.
+
+    Raises
+    ------
+    UnknownNameError
+        There is no such quantity.
+    """
+    if isinstance(quantity, str) and quantity in QUANTITY_WORDS:
+        return QUANTITY_WORDS[quantity]
+    return check_name("quantity", quantity, QUANTITIES)
