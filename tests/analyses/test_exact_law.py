@@ -245,6 +245,7 @@ def test_convolution_and_inversion_agree():
     assert series.error < 1e-9
 
 
+@pytest.mark.slow
 def test_discrete_laws():
     jumps = law_of_x(laws.TwoPoint(1.0), laws.TwoPoint(0.25))
     np.testing.assert_allclose(jumps.law.cumulative(np.array([-1.26, -1.0, 0.0, 1.0, 1.3])), [0, 0.25, 0.5, 0.75, 1])

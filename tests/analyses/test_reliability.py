@@ -290,6 +290,7 @@ def test_the_same_seed_gives_the_same_result():
     assert first != other
 
 
+@pytest.mark.slow
 def test_command(tmp_path, monkeypatch, capsys):
     def run(*words: str) -> tuple[int, str, str]:
         monkeypatch.setattr("sys.argv", ["precision-pin", "reliability", *words])

@@ -34,7 +34,10 @@ def test_a_full_stdout_is_one_line(folder, words):
 
 
 @needs_full
-@pytest.mark.parametrize(("words", "code"), [("nosuch", 2), ("mcpc 4dof.urdf", 0), ("check nosuch.yaml", 2)])
+@pytest.mark.parametrize(
+    ("words", "code"),
+    [("nosuch", 2), ("mcpc 4dof.urdf", 0), pytest.param("check nosuch.yaml", 2, marks=pytest.mark.slow)],
+)
 def test_a_full_stderr_changes_nothing(folder, words, code):
     usual = shell(f"PP {words}", folder)
     assert shell(f"PP {words} 2> /dev/full", folder) == (code, usual[1], "")

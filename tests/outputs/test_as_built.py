@@ -274,6 +274,7 @@ def test_values_by_hand(tmp_path):
     np.testing.assert_allclose(built.error[:3], expected, rtol=0, atol=1e-15)
 
 
+@pytest.mark.slow
 @settings(max_examples=60, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
     pitch=st.sampled_from([np.pi / 2, -np.pi / 2, np.pi / 2 - 1e-9, -np.pi / 2 + 1e-5, 1.5708, 0.0, np.pi]),

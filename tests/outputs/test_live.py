@@ -454,6 +454,7 @@ def framed_state(page: Page) -> dict[str, str]:
     return page.evaluate("({ ...document.getElementById('page').contentDocument.body.dataset })")
 
 
+@pytest.mark.slow
 @needs_chromium
 def test_the_browser_follows_the_file_through_an_error_and_keeps_the_slider(browser, served, sheet):
     visit = visited(browser, served.address + "#factor=50&look=tip&pose=3")
@@ -529,6 +530,7 @@ def test_the_real_page_works_in_the_frame_under_its_own_policy(browser, tmp_path
         assert complaints(visit) == []
 
 
+@pytest.mark.slow
 @needs_chromium
 def test_another_site_can_neither_frame_nor_read_it(browser, served):
     class Blank(http.server.BaseHTTPRequestHandler):

@@ -258,6 +258,7 @@ def test_no_global_state_is_left_behind() -> None:
     assert dict(mpl.rcParams) == before
 
 
+@pytest.mark.slow
 def test_saving_writes_the_same_bytes_each_time(tmp_path: Path) -> None:
     summary = summary_of(errors_of("centred"))
     first = plots.save(plots.figure_position(summary, seed=0), tmp_path / "position.error")

@@ -456,7 +456,9 @@ class Stopping:
 
 
 @pytest.mark.parametrize("first", [{"threads": 1}, {"threads": 3}, {"executor": Muddled(), "tasks_under_way": 4}])
-@pytest.mark.parametrize("then", [{"threads": 2}, {"executor": Muddled(), "tasks_under_way": 3}])
+@pytest.mark.parametrize(
+    "then", [{"executor": Muddled(), "tasks_under_way": 3}, pytest.param({"threads": 2}, marks=pytest.mark.slow)]
+)
 def test_an_interrupted_run_goes_on_with_any_workers(file: Path, first, then) -> None:
     settings = {"samples": 25 * BLOCK + 77, "seed": 3, "specifications": PLAN.specifications}
     whole = pp.monte_carlo(MODEL, "paper", **settings).to_json()

@@ -219,6 +219,7 @@ def test_a_broken_executor_that_was_handed_in_is_told_in_one_line() -> None:
             sampled(work(), chosen(None, None, pool, None))
 
 
+@pytest.mark.slow
 def test_an_error_of_a_sample_comes_as_it_is_from_every_kind_of_worker(two_processes: Processes) -> None:
     for workers in (Threads(2), two_processes, Foreign(Muddled(), 3)):
         with pytest.raises(InputError, match="a worker has numpy"):

@@ -42,6 +42,7 @@ def mode_of_the_norm(spreads: tuple[float, float, float]) -> float:
     return float(radii[int(np.argmax(density))])
 
 
+@pytest.mark.slow
 def test_of_unequal_spreads_the_interval_holds_the_mode() -> None:
     """Spreads 1, 0.2, 0.1: smoothing shifts the peak by several of the standard errors that were given for it."""
     spreads = (1.0, 0.2, 0.1)
