@@ -27,7 +27,7 @@ from precision_pin.errors import InputError
 from precision_pin.sheet.schema import Document, json_schema, used_quantities
 from precision_pin.sheet.settings import LAW_KEYS, OPTION_KEYS, parse_law
 from precision_pin.sources import catalogue
-from precision_pin.terms.term import Source
+from precision_pin.terms.source import Source
 from precision_pin.units import PerEntry, PerJoint, Quantity
 
 PAGES: Final = Path(__file__).parent

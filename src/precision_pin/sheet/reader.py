@@ -29,7 +29,7 @@ from precision_pin.sheet.schema import ASSUMED, Context, Document, source_model,
 from precision_pin.sheet.settings import NAME, NamedParameter, SettingError, parse_parameter
 from precision_pin.sheet.text import Path, Text, read_text
 from precision_pin.sources import catalogue
-from precision_pin.terms.term import AskedSource, Source, labels
+from precision_pin.terms.source import AskedSource, Source, labels
 
 __all__ = ["Overrides", "Sheet", "parse_pose", "read"]
 

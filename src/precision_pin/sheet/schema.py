@@ -34,7 +34,7 @@ from precision_pin.sheet.settings import (
 )
 from precision_pin.sheet.text import Path
 from precision_pin.sources import catalogue
-from precision_pin.terms.term import Source
+from precision_pin.terms.source import Source
 from precision_pin.units import PerEntry, PerJoint, Quantity, parse_vector
 
 __all__ = [

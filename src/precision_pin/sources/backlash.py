@@ -13,7 +13,8 @@ from precision_pin.draws.laws import Uniform
 from precision_pin.draws.space import Draw, LabelledSpace, Scope, Setting
 from precision_pin.errors import InputError
 from precision_pin.robot.chain import Posture
-from precision_pin.terms.term import JointValue, Source, Term, at_means
+from precision_pin.terms.source import Source
+from precision_pin.terms.term import JointValue, Term, at_means
 
 __all__ = ["Backlash"]
 

@@ -15,7 +15,8 @@ from precision_pin.draws.space import Draw, LabelledSpace, Scope, Setting, index
 from precision_pin.errors import InputError
 from precision_pin.robot.chain import Posture
 from precision_pin.sources.seats import PadsOn, height_above_seat, seat_axes, seat_wrench, shift_of_point
-from precision_pin.terms.term import Source, Term, at_means
+from precision_pin.terms.source import Source
+from precision_pin.terms.term import Term, at_means
 
 __all__ = ["Clearance"]
 

@@ -14,7 +14,8 @@ from precision_pin.draws.space import Draw, LabelledSpace, Scope
 from precision_pin.errors import InputError
 from precision_pin.robot.chain import Posture
 from precision_pin.sources.chosen_place import check_choice, chosen_place
-from precision_pin.terms.term import Source, Term
+from precision_pin.terms.source import Source
+from precision_pin.terms.term import Term
 
 __all__ = ["Covariance"]
 

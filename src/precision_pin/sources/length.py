@@ -13,7 +13,8 @@ from precision_pin.draws.space import LabelledSpace, Setting
 from precision_pin.errors import InputError
 from precision_pin.robot.chain import Posture
 from precision_pin.sources.directions import direction_of
-from precision_pin.terms.term import Source, Term
+from precision_pin.terms.source import Source
+from precision_pin.terms.term import Term
 
 __all__ = ["Length"]
 

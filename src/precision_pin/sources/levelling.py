@@ -13,7 +13,8 @@ from precision_pin import units
 from precision_pin.draws.expressions import Expression
 from precision_pin.draws.space import LabelledSpace, Setting
 from precision_pin.robot.chain import Factors, Posture
-from precision_pin.terms.term import Source, Term
+from precision_pin.terms.source import Source
+from precision_pin.terms.term import Term
 
 __all__ = ["Levelling"]
 

@@ -12,7 +12,8 @@ from precision_pin import units
 from precision_pin.draws.space import LabelledSpace, Setting
 from precision_pin.errors import InputError
 from precision_pin.robot.chain import Chain, Place, Posture
-from precision_pin.terms.term import Source, Term
+from precision_pin.terms.source import Source
+from precision_pin.terms.term import Term
 
 __all__ = ["Mounting"]
 

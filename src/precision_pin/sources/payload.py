@@ -13,7 +13,8 @@ from precision_pin.draws.expressions import Expression, Value
 from precision_pin.draws.space import LabelledSpace, Setting
 from precision_pin.errors import InputError
 from precision_pin.robot.chain import Factors, Load, Posture
-from precision_pin.terms.term import Source, Term, at_means
+from precision_pin.terms.source import Source
+from precision_pin.terms.term import Term, at_means
 
 __all__ = ["Payload"]
 

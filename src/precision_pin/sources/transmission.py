@@ -12,7 +12,8 @@ from precision_pin.draws.space import Draw, LabelledSpace, Setting, indexed
 from precision_pin.errors import Finding, InputError
 from precision_pin.robot.chain import Posture
 from precision_pin.sources.periodic import amplitude_remarks, periodic_terms, phase_draw
-from precision_pin.terms.term import JointValue, Source, Term
+from precision_pin.terms.source import Source
+from precision_pin.terms.term import JointValue, Term
 
 __all__ = ["Transmission"]
 

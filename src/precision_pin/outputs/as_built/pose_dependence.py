@@ -14,7 +14,8 @@ from precision_pin.errors import InputError
 from precision_pin.model.error_model import ErrorModel, PoseModel
 from precision_pin.robot.chain import Posture
 from precision_pin.robot.urdf import Joint
-from precision_pin.terms.term import Source, Term
+from precision_pin.terms.source import Source
+from precision_pin.terms.term import Term
 
 __all__ = ["frozen_sources"]
 

@@ -11,7 +11,7 @@ from precision_pin.draws.laws import Law
 from precision_pin.draws.space import Draw
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.robot.chain import Chain
-from precision_pin.terms.term import Source
+from precision_pin.terms.source import Source
 from precision_pin.units import PerJoint, Quantity
 
 __all__ = ["quantities_of"]
