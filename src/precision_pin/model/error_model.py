@@ -28,7 +28,7 @@ from precision_pin.model.pose_model import PoseModel, joint_value, spread_of
 from precision_pin.robot.chain import Chain, Place, Posture
 from precision_pin.sheet import Sheet
 from precision_pin.sheet import read as read_sheet
-from precision_pin.terms.source import AskedSource, Source, fix_settings, labels, own_draws
+from precision_pin.terms.source import BoundSource, Source, fix_settings, labels, load_posture, own_draws
 from precision_pin.terms.table import TableLayout, TermTable
 from precision_pin.terms.term import Term
 
@@ -286,8 +286,7 @@ class ErrorModel:
 
     def _at(self, bare: Posture) -> PoseModel:
         """Return the model at a posture with the chain's own loads."""
-        posture = bare.with_loads([load for asked in self._asked for load in asked.loads(bare)])
-        posture = posture.with_tilts([tilt for asked in self._asked for tilt in asked.gravity(bare)])
+        posture = load_posture(bare, self.bound_sources)
         if self.statics == "nominal":
             terms = self._make_terms(posture)
         else:
@@ -298,12 +297,13 @@ class ErrorModel:
         return PoseModel(posture, self.space, layout.at(posture, terms), terms)
 
     @cached_property
-    def _asked(self) -> tuple[AskedSource, ...]:
+    def bound_sources(self) -> tuple[BoundSource, ...]:
+        """Every source with what its settings stand for."""
         pairs = zip(self.sources, self.labels, strict=True)
-        return tuple(AskedSource(source, LabelledSpace(self.space, label), self.chain) for source, label in pairs)
+        return tuple(BoundSource(source, LabelledSpace(self.space, label)) for source, label in pairs)
 
     def _make_terms(self, posture: Posture) -> tuple[Term, ...]:
-        return tuple(itertools.chain.from_iterable(asked.terms(posture) for asked in self._asked))
+        return tuple(itertools.chain.from_iterable(source.terms(posture) for source in self.bound_sources))
 
 
 def _bending_findings(at: PoseModel) -> tuple[Finding, ...]:

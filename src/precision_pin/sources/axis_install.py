@@ -13,7 +13,7 @@ from precision_pin.draws.laws import Disc
 from precision_pin.draws.space import Draw, LabelledSpace, Scope
 from precision_pin.errors import InputError
 from precision_pin.robot.chain import Place, Posture
-from precision_pin.terms.source import Source
+from precision_pin.terms.source import Dependence, Source
 from precision_pin.terms.term import Term
 
 __all__ = ["AxisInstall"]
@@ -66,6 +66,11 @@ class AxisInstall(Source):
     def subject(self) -> str:
         """The joint."""
         return self.joint
+
+    @property
+    def depends_on(self) -> Dependence:
+        """The chain."""
+        return "chain"
 
     def own_draws(self, label: str) -> tuple[Draw, ...]:
         """Return the two points A and B."""

@@ -13,9 +13,9 @@ from precision_pin.draws.expressions import Value
 from precision_pin.draws.laws import Circle, Disc, Uniform
 from precision_pin.draws.space import Draw, LabelledSpace, Scope, Setting, indexed
 from precision_pin.errors import InputError
-from precision_pin.robot.chain import Posture
-from precision_pin.sources.seats import PadsOn, height_above_seat, seat_axes, seat_wrench, shift_of_point
-from precision_pin.terms.source import Source
+from precision_pin.robot.chain import Chain, Posture
+from precision_pin.sources.seats import PadsOn, height_above_seat, seat_axes, seat_wrench, shift_of_point, travels
+from precision_pin.terms.source import Dependence, Source
 from precision_pin.terms.term import Term, at_means
 
 __all__ = ["Clearance"]
@@ -111,6 +111,15 @@ class Clearance(Source):
     def subject(self) -> str:
         """The joint."""
         return self.joint
+
+    @property
+    def depends_on(self) -> Dependence:
+        """The loads where they say the direction; the configuration where a carriage travels."""
+        return "loads" if self.direction == "load" else "configuration"
+
+    def is_alike_everywhere(self, chain: Chain) -> bool:
+        """Return whether the directions are random and the pads do not travel."""
+        return self.direction == "random" and not travels(chain, chain.joint_index(self.joint), self.pads_on)
 
     def own_draws(self, label: str) -> tuple[Draw, ...]:
         """Return the random directions of A and B, of unit radius, and the axial side, -1 to 1."""

@@ -14,7 +14,7 @@ from precision_pin.draws.space import Draw, LabelledSpace, Scope
 from precision_pin.errors import InputError
 from precision_pin.robot.chain import Posture
 from precision_pin.sources.chosen_place import check_choice, chosen_place
-from precision_pin.terms.source import Source
+from precision_pin.terms.source import Dependence, Source
 from precision_pin.terms.term import Term
 
 __all__ = ["Covariance"]
@@ -89,6 +89,11 @@ class Covariance(Source):
     def subject(self) -> str:
         """The joint, link or frame."""
         return self.joint or self.link or self.frame or ""
+
+    @property
+    def depends_on(self) -> Dependence:
+        """The chain."""
+        return "chain"
 
     def own_draws(self, label: str) -> tuple[Draw, ...]:
         """Return the six errors as one draw."""

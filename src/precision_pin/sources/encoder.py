@@ -13,7 +13,7 @@ from precision_pin.draws.space import Draw, LabelledSpace, Scope, Setting
 from precision_pin.errors import Finding, InputError
 from precision_pin.robot.chain import Posture
 from precision_pin.sources.periodic import amplitude_remarks, periodic_terms, phase_draw
-from precision_pin.terms.source import Source
+from precision_pin.terms.source import Dependence, Source
 from precision_pin.terms.term import JointValue, Term
 
 __all__ = ["Encoder"]
@@ -110,6 +110,11 @@ class Encoder(Source):
     def subject(self) -> str:
         """The joint."""
         return self.joint
+
+    @property
+    def depends_on(self) -> Dependence:
+        """The chain; the configuration where the error is not the same at every joint value."""
+        return "configuration" if self.scale is not None or self._is_periodic else "chain"
 
     def own_draws(self, label: str) -> tuple[Draw, ...]:
         """Return the place within a step and the phase."""

@@ -12,7 +12,7 @@ from precision_pin import units
 from precision_pin.draws.space import LabelledSpace, Setting
 from precision_pin.robot.chain import Posture
 from precision_pin.sources.chosen_place import check_choice, chosen_place
-from precision_pin.terms.source import Source
+from precision_pin.terms.source import Dependence, Source
 from precision_pin.terms.term import Term
 
 __all__ = ["Frame"]
@@ -54,6 +54,11 @@ class Frame(Source):
     def subject(self) -> str:
         """The joint, link or frame."""
         return self.joint or self.link or self.frame or ""
+
+    @property
+    def depends_on(self) -> Dependence:
+        """The chain."""
+        return "chain"
 
     def terms(self, posture: Posture, space: LabelledSpace) -> Iterator[Term]:
         """Yield a term for each error that is not zero."""

@@ -9,7 +9,7 @@ from typing import Annotated, final
 from precision_pin import units
 from precision_pin.draws.space import LabelledSpace, Setting
 from precision_pin.robot.chain import Posture
-from precision_pin.terms.source import Source
+from precision_pin.terms.source import Dependence, Source
 from precision_pin.terms.term import JointValue, Term
 
 __all__ = ["JointOffset"]
@@ -38,6 +38,11 @@ class JointOffset(Source):
     def subject(self) -> str:
         """The joint."""
         return self.joint
+
+    @property
+    def depends_on(self) -> Dependence:
+        """The chain."""
+        return "chain"
 
     def terms(self, posture: Posture, space: LabelledSpace) -> Iterator[Term]:
         """Yield one term."""

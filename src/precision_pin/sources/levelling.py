@@ -13,7 +13,7 @@ from precision_pin import units
 from precision_pin.draws.expressions import Expression
 from precision_pin.draws.space import LabelledSpace, Setting
 from precision_pin.robot.chain import Factors, Posture
-from precision_pin.terms.source import Source
+from precision_pin.terms.source import Dependence, Source
 from precision_pin.terms.term import Term
 
 __all__ = ["Levelling"]
@@ -43,6 +43,11 @@ class Levelling(Source):
     def subject(self) -> str:
         """The base."""
         return "base"
+
+    @property
+    def depends_on(self) -> Dependence:
+        """The chain."""
+        return "chain"
 
     def terms(self, posture: Posture, space: LabelledSpace) -> Iterator[Term]:
         """Yield nothing."""

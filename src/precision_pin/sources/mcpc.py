@@ -14,7 +14,7 @@ from precision_pin.draws.space import LabelledSpace, Setting
 from precision_pin.errors import InputError
 from precision_pin.robot import mcpc
 from precision_pin.robot.chain import Chain, Place, Posture
-from precision_pin.terms.source import Source
+from precision_pin.terms.source import Dependence, Source
 from precision_pin.terms.term import Term
 
 __all__ = ["Mcpc"]
@@ -56,6 +56,11 @@ class Mcpc(Source):
     def subject(self) -> str:
         """The link."""
         return self.link
+
+    @property
+    def depends_on(self) -> Dependence:
+        """The chain."""
+        return "chain"
 
     def terms(self, posture: Posture, space: LabelledSpace) -> Iterator[Term]:
         """Yield a term for each parameter that errs."""

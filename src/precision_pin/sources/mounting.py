@@ -12,7 +12,7 @@ from precision_pin import units
 from precision_pin.draws.space import LabelledSpace, Setting
 from precision_pin.errors import InputError
 from precision_pin.robot.chain import Chain, Place, Posture
-from precision_pin.terms.source import Source
+from precision_pin.terms.source import Dependence, Source
 from precision_pin.terms.term import Term
 
 __all__ = ["Mounting"]
@@ -67,6 +67,11 @@ class Mounting(Source):
     def subject(self) -> str:
         """What is mounted: base or tool."""
         return self.at
+
+    @property
+    def depends_on(self) -> Dependence:
+        """The chain."""
+        return "chain"
 
     def terms(self, posture: Posture, space: LabelledSpace) -> Iterator[Term]:
         """Yield a term for each error that is not zero."""

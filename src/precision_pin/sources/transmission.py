@@ -12,7 +12,7 @@ from precision_pin.draws.space import Draw, LabelledSpace, Setting, indexed
 from precision_pin.errors import Finding, InputError
 from precision_pin.robot.chain import Posture
 from precision_pin.sources.periodic import amplitude_remarks, periodic_terms, phase_draw
-from precision_pin.terms.source import Source
+from precision_pin.terms.source import Dependence, Source
 from precision_pin.terms.term import JointValue, Term
 
 __all__ = ["Transmission"]
@@ -78,6 +78,11 @@ class Transmission(Source):
     def subject(self) -> str:
         """The joint."""
         return self.joint
+
+    @property
+    def depends_on(self) -> Dependence:
+        """The configuration; the loads where they wind it up."""
+        return "configuration" if self.stiffness is None else "loads"
 
     def own_draws(self, label: str) -> tuple[Draw, ...]:
         """Return a phase for each amplitude."""

@@ -9,7 +9,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache, partial
-from typing import Any, TypeVar, cast, final
+from typing import Any, Literal, TypeVar, final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,15 +18,17 @@ from precision_pin.draws.expressions import Expression
 from precision_pin.draws.laws import Law
 from precision_pin.draws.space import Draw, LabelledSpace, indexed
 from precision_pin.errors import Finding, InputError
-from precision_pin.inputs.arguments import shown
+from precision_pin.inputs.arguments import check_choice, shown
 from precision_pin.robot.chain import Chain, Posture
 from precision_pin.robot.loads import Factors, Load
 from precision_pin.terms.term import Term
 
-__all__ = ["AskedSource", "Leaf", "Source", "fix_settings", "labels", "own_draws"]
+__all__ = ["BoundSource", "Dependence", "Leaf", "Source", "fix_settings", "labels", "load_posture", "own_draws"]
 
 Array = NDArray[np.float64]
-Said = TypeVar("Said")
+Answer = TypeVar("Answer")
+Dependence = Literal["chain", "configuration", "loads"]
+"""What of a posture a source reads: its chain, the joint values too, or the loads too."""
 
 
 @final
@@ -88,6 +90,24 @@ class Source(ABC):
     @abstractmethod
     def subject(self) -> str:
         """The joint, link or frame it is about, as in its label."""
+
+    @property
+    def depends_on(self) -> Dependence:
+        """What of a posture the source reads: its ``chain``, the ``configuration`` too, or the ``loads`` on it too.
+
+        Of a source that says ``chain``, terms, loads and gravity are the same to the last digit at every posture, so it is
+        asked once. The terms of one that says ``configuration`` are the same under all loads and on the deflected arm.
+        ``loads`` is always safe.
+        """
+        return "loads"
+
+    def is_alike_everywhere(self, chain: Chain) -> bool:
+        """Return whether its terms are the same at every posture of a chain, to rounding.
+
+        Of one that reads the configuration they may be, such as along a direction that turns with the link it is on.
+        """
+        del chain
+        return self.depends_on == "chain"
 
     @abstractmethod
     def terms(self, posture: Posture, space: LabelledSpace) -> Iterator[Term]:
@@ -156,27 +176,9 @@ class Source(ABC):
         return (*found, *self.own_draws(label))
 
 
-class _NeedsPosture(BaseException):
-    """A source reads of a posture what is not the same at all of them; no ``except Exception`` of its own hides it."""
-
-
 @final
-class _AnyPosture:
-    """Stands for a posture of which only the chain is known."""
-
-    def __init__(self, chain: Chain) -> None:
-        self.chain = chain
-
-    def __getattr__(self, name: str) -> object:
-        raise _NeedsPosture(name)
-
-
-@final
-class AskedSource:
-    """A source, asked once only for what it says the same of every posture.
-
-    Whether it does is seen by asking it about a posture that tells no more than its chain. A source sees nothing else that
-    changes, and it makes the same of the same: it is frozen.
+class BoundSource:
+    """A source and what its settings stand for; what does not depend on the posture it is asked for once.
 
     Parameters
     ----------
@@ -184,44 +186,46 @@ class AskedSource:
         The source.
     view
         The space as it sees it.
-    chain
-        The arm.
     """
 
-    def __init__(self, source: Source, view: LabelledSpace, chain: Chain) -> None:
-        self._source, self._view = source, view
-        self._loads = self._of_any(source.loads, chain)
-        self._gravity = self._of_any(source.gravity, chain)
-        self._terms = self._of_any(source.terms, chain)
-
-    @property
-    def depends_on_posture(self) -> bool:
-        """Whether anything it says may differ from posture to posture."""
-        return self._loads is None or self._gravity is None or self._terms is None
+    def __init__(self, source: Source, view: LabelledSpace) -> None:
+        self.source, self.view = source, view
+        self._kept: dict[str, tuple[Any, ...]] = {}
 
     def loads(self, posture: Posture) -> Iterable[Load]:
-        """Return its loads."""
-        return self._source.loads(posture, self._view) if self._loads is None else self._loads
+        """Return its loads at a posture without those of sources."""
+        return self._answer("loads", self.source.loads, posture)
 
     def gravity(self, posture: Posture) -> Iterable[tuple[Array, Factors]]:
-        """Return what it adds to gravity."""
-        return self._source.gravity(posture, self._view) if self._gravity is None else self._gravity
+        """Return what it adds to gravity at a posture without the loads of sources."""
+        return self._answer("gravity", self.source.gravity, posture)
 
     def terms(self, posture: Posture) -> Iterable[Term]:
-        """Return its terms."""
-        return self._source.terms(posture, self._view) if self._terms is None else self._terms
+        """Return its terms at a posture with all loads."""
+        return self._answer("terms", self.source.terms, posture)
 
-    def _of_any(self, ask: Callable[[Posture, LabelledSpace], Iterator[Said]], chain: Chain) -> tuple[Said, ...] | None:
-        try:
-            return tuple(ask(cast("Posture", _AnyPosture(chain)), self._view))
-        except (_NeedsPosture, Exception):  # noqa: BLE001 - what is wrong with it comes up again at a posture
-            return None
+    def _answer(
+        self, name: str, method: Callable[[Posture, LabelledSpace], Iterator[Answer]], posture: Posture
+    ) -> Iterable[Answer]:
+        if self.source.depends_on != "chain":
+            return method(posture, self.view)
+        if name not in self._kept:
+            self._kept[name] = tuple(method(posture, self.view))
+        return self._kept[name]
+
+
+def load_posture(bare: Posture, sources: Iterable[BoundSource]) -> Posture:
+    """Return a posture with what sources hang on it and add to gravity."""
+    listed = tuple(sources)
+    laden = bare.with_loads([load for source in listed for load in source.loads(bare)])
+    return laden.with_tilts([tilt for source in listed for tilt in source.gravity(bare)])
 
 
 def fix_settings(source: Source) -> Source:
     """Return a source whose settings cannot be changed from outside: lists as tuples, arrays as copies."""
     if not dataclasses.is_dataclass(source):
         raise InputError(f"a source must be a frozen data class, got {shown(source)}")
+    check_choice(f"depends_on of {source.label()}", source.depends_on, typing.get_args(Dependence))
     settings = source.settings()
     fixed = {name: _fixed(value) for name, value in settings.items()}
     if all(fixed[name] is value for name, value in settings.items()):
