@@ -28,7 +28,16 @@ from precision_pin.model.pose_model import PoseModel, joint_value, spread_of
 from precision_pin.robot.chain import Chain, Place, Posture
 from precision_pin.sheet import Sheet
 from precision_pin.sheet import read as read_sheet
-from precision_pin.terms.source import BoundSource, Source, fix_settings, labels, load_posture, own_draws
+from precision_pin.terms.source import (
+    BoundSource,
+    Source,
+    draw_owners,
+    fix_settings,
+    labels,
+    load_posture,
+    own_draws,
+    with_quantities,
+)
 from precision_pin.terms.table import TableLayout, TermTable
 from precision_pin.terms.term import Term
 
@@ -92,7 +101,8 @@ class ErrorModel:
         self.chain = chain
         self.sources = tuple(fix_settings(source) for source in check_items("the sources", sources, Source))  # type: ignore[type-abstract]
         self.labels = labels(self.sources)
-        self.space = space.including(own_draws(self.sources, self.labels))
+        drawn = space.including(own_draws(self.sources, self.labels))
+        self.space = with_quantities(drawn, self.sources, self.labels, chain)
         self.poses = _named_poses(chain, {} if poses is None else poses)
         self.assumed: tuple[str, ...] = ()
         self._layout: TableLayout | None = None
@@ -301,6 +311,11 @@ class ErrorModel:
         """Every source with what its settings stand for."""
         pairs = zip(self.sources, self.labels, strict=True)
         return tuple(BoundSource(source, LabelledSpace(self.space, label)) for source, label in pairs)
+
+    @cached_property
+    def owners(self) -> tuple[tuple[str, ...], ...]:
+        """For each draw of the space the labels of the sources that use it."""
+        return draw_owners(self.space, self.sources, self.labels)
 
     def _make_terms(self, posture: Posture) -> tuple[Term, ...]:
         return tuple(itertools.chain.from_iterable(source.terms(posture) for source in self.bound_sources))

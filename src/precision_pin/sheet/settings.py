@@ -177,4 +177,5 @@ def parse_law(
     reader = LawReader(value, tuple(quantities), folder)
     scope = reader.scope()
     law = LAWS[key](reader)
-    return NamedParameter(Draw(name, law, scope), reader.quantities)
+    known = (reader.quantities * law.size) if len(reader.quantities) == 1 else ()
+    return NamedParameter(Draw(name, law, scope, known), reader.quantities)

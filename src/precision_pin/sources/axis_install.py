@@ -75,7 +75,7 @@ class AxisInstall(Source):
     def own_draws(self, label: str) -> tuple[Draw, ...]:
         """Return the two points A and B."""
         radius = self.radius if self.radius is not None else (self.diameter or 0.0) / 2
-        return tuple(Draw(f"{label}.{point}", Disc(radius), Scope.UNIT) for point in ("A", "B"))
+        return tuple(Draw(f"{label}.{point}", Disc(radius), Scope.UNIT, (units.LENGTH,) * 2) for point in ("A", "B"))
 
     def terms(self, posture: Posture, space: LabelledSpace) -> Iterator[Term]:
         """Yield a term for each coordinate of A and B."""

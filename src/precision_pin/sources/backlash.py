@@ -67,7 +67,7 @@ class Backlash(Source):
 
     def own_draws(self, label: str) -> tuple[Draw, ...]:
         """Return where in the gap the joint stands when the load does not say: -1 to 1."""
-        return (Draw(f"{label}.side", Uniform(1.0), Scope(self.scope)),)
+        return (Draw(f"{label}.side", Uniform(1.0), Scope(self.scope), (units.RATIO,)),)
 
     def terms(self, posture: Posture, space: LabelledSpace) -> Iterator[Term]:
         """Yield one term."""

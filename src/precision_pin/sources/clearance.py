@@ -125,9 +125,9 @@ class Clearance(Source):
         """Return the random directions of A and B, of unit radius, and the axial side, -1 to 1."""
         scope = Scope(self.scope)
         unit = Circle(1.0) if self.law == "circle" else Disc(1.0)
-        draws = [Draw(f"{label}.{name}", unit, scope) for name in ("A", "B")]
+        draws = [Draw(f"{label}.{name}", unit, scope, (units.RATIO,) * 2) for name in ("A", "B")]
         if self.axial != 0.0:
-            draws.append(Draw(f"{label}.side", Uniform(1.0), scope))
+            draws.append(Draw(f"{label}.side", Uniform(1.0), scope, (units.RATIO,)))
         return tuple(draws)
 
     def terms(self, posture: Posture, space: LabelledSpace) -> Iterator[Term]:

@@ -97,7 +97,7 @@ class Covariance(Source):
 
     def own_draws(self, label: str) -> tuple[Draw, ...]:
         """Return the six errors as one draw."""
-        return (Draw(f"{label}.error", self._law(), Scope(self.scope)),)
+        return (Draw(f"{label}.error", self._law(), Scope(self.scope), _SIX.quantities),)
 
     def terms(self, posture: Posture, space: LabelledSpace) -> Iterator[Term]:
         """Yield a term for each of the six errors."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Annotated, Literal, final
+from typing import Annotated, ClassVar, Final, Literal, final
 
 from precision_pin import units
 from precision_pin.draws.laws import Uniform
@@ -17,6 +17,8 @@ from precision_pin.terms.source import Dependence, Source
 from precision_pin.terms.term import JointValue, Term
 
 __all__ = ["Encoder"]
+
+_AT_JOINT: Final = units.PerJoint(units.ANGLE, units.LENGTH)
 
 
 @final
@@ -70,11 +72,13 @@ class Encoder(Source):
         of joint.
     """
 
+    deviations: ClassVar[tuple[str, ...]] = ("offset", "scale")
+
     joint: str
-    resolution: Annotated[float | None, units.PerJoint(units.ANGLE, units.LENGTH)] = None
+    resolution: Annotated[float | None, _AT_JOINT] = None
     scope: Literal["pose", "visit"] = "pose"
-    offset: Annotated[Setting | None, units.PerJoint(units.ANGLE, units.LENGTH)] = None
-    amplitude: Annotated[Setting | None, units.PerJoint(units.ANGLE, units.LENGTH)] = None
+    offset: Annotated[Setting | None, _AT_JOINT] = None
+    amplitude: Annotated[Setting | None, _AT_JOINT] = None
     eccentricity: Annotated[Setting | None, units.LENGTH] = None
     radius: Annotated[float | None, units.LENGTH] = None
     order: int = 1
@@ -121,7 +125,7 @@ class Encoder(Source):
         draws = []
         if self.resolution is not None:
             step = self.resolution / self.ratio
-            draws.append(Draw(f"{label}.quantisation", Uniform(step / 2), Scope(self.scope)))
+            draws.append(Draw(f"{label}.quantisation", Uniform(step / 2), Scope(self.scope), (_AT_JOINT,)))
         if self._is_periodic:
             draws.append(phase_draw(f"{label}.phase"))
         return tuple(draws)

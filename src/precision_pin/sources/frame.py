@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Annotated, final
+from typing import Annotated, ClassVar, final
 
 import numpy as np
 
@@ -36,6 +36,8 @@ class Frame(Source):
     rx, ry, rz
         Rotation vector.
     """
+
+    deviations: ClassVar[tuple[str, ...]] = ("x", "y", "z", "rx", "ry", "rz")
 
     joint: str | None = None
     link: str | None = None

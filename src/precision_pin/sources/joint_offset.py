@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Annotated, final
+from typing import Annotated, ClassVar, final
 
 from precision_pin import units
 from precision_pin.draws.space import LabelledSpace, Setting
@@ -30,6 +30,8 @@ class JointOffset(Source):
     offset
         The error of its value; an angle, for a prismatic joint a length.
     """
+
+    deviations: ClassVar[tuple[str, ...]] = ("offset",)
 
     joint: str
     offset: Annotated[Setting, units.PerJoint(units.ANGLE, units.LENGTH)]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Annotated, final
+from typing import Annotated, ClassVar, final
 
 import numpy as np
 
@@ -44,6 +44,8 @@ class Length(Source):
     InputError
         Not exactly one of joint and frame; a link without length along itself.
     """
+
+    deviations: ClassVar[tuple[str, ...]] = ("parameters",)
 
     joint: str | None = None
     frame: str | None = None

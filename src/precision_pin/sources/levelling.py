@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Annotated, final
+from typing import Annotated, ClassVar, final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,6 +34,8 @@ class Levelling(Source):
     rx, ry, rz
         How far the base is turned out of level about its own x, y and z. About the direction of gravity it does nothing.
     """
+
+    deviations: ClassVar[tuple[str, ...]] = ("rx", "ry", "rz")
 
     rx: Annotated[Setting, units.ANGLE] = 0.0
     ry: Annotated[Setting, units.ANGLE] = 0.0

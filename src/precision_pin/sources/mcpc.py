@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Annotated, final
+from typing import Annotated, ClassVar, final
 
 import numpy as np
 
@@ -43,6 +43,8 @@ class Mcpc(Source):
     InputError
         Δγ or Δz on a link that is not the last.
     """
+
+    deviations: ClassVar[tuple[str, ...]] = ("alpha", "beta", "gamma", "x", "y", "z")
 
     link: str
     alpha: Annotated[Setting, units.ANGLE] = 0.0

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Annotated, Literal, final
+from typing import Annotated, ClassVar, Literal, final
 
 import numpy as np
 
@@ -47,6 +47,8 @@ class Mounting(Source):
     InputError
         ``at`` is neither, or a flange where none belongs or that does not carry the tool.
     """
+
+    deviations: ClassVar[tuple[str, ...]] = ("x", "y", "z", "rx", "ry", "rz")
 
     at: Literal["base", "tool"]
     flange: str | None = None

@@ -75,7 +75,8 @@ class Table(Source):
 
     def own_draws(self, label: str) -> tuple[Draw, ...]:
         """Return the columns as one draw."""
-        return (Draw(f"{label}.row", self._law, Scope(self.scope)),)
+        quantities = tuple(_COLUMNS[name] for name in self._law.names)
+        return (Draw(f"{label}.row", self._law, Scope(self.scope), quantities),)
 
     def terms(self, posture: Posture, space: LabelledSpace) -> Iterator[Term]:
         """Yield a term for each column."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Annotated, final
+from typing import Annotated, ClassVar, final
 
 from precision_pin import units
 from precision_pin.draws.space import Draw, LabelledSpace, Setting, indexed
@@ -53,6 +53,8 @@ class Transmission(Source):
         No error at all, not one order for each amplitude, an order or period that is not positive, a stiffness that may
         reach zero, or what belongs to the other kind of joint.
     """
+
+    deviations: ClassVar[tuple[str, ...]] = ("lead_error",)
 
     joint: str
     amplitude: Annotated[tuple[Setting, ...], units.PerJoint(units.ANGLE, units.LENGTH)] = ()

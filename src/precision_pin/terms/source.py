@@ -3,27 +3,42 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import re
 import typing
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache, partial
-from typing import Any, Literal, TypeVar, final
+from functools import cache
+from typing import Any, ClassVar, Literal, TypeVar, final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from precision_pin.draws.expressions import Expression
+from precision_pin.draws.expressions import Component, Expression, component_names
 from precision_pin.draws.laws import Law
-from precision_pin.draws.space import Draw, LabelledSpace, indexed
+from precision_pin.draws.space import Draw, LabelledSpace, Space, indexed
 from precision_pin.errors import Finding, InputError
 from precision_pin.inputs.arguments import check_choice, shown
 from precision_pin.robot.chain import Chain, Posture
 from precision_pin.robot.loads import Factors, Load
 from precision_pin.terms.term import Term
+from precision_pin.units import PerJoint, Quantity
 
-__all__ = ["BoundSource", "Dependence", "Leaf", "Source", "fix_settings", "labels", "load_posture", "own_draws"]
+__all__ = [
+    "BoundSource",
+    "Dependence",
+    "SettingField",
+    "Source",
+    "draw_owners",
+    "fix_settings",
+    "labels",
+    "load_posture",
+    "own_draws",
+    "setting_fields",
+    "takes_law",
+    "with_quantities",
+]
 
 Array = NDArray[np.float64]
 Answer = TypeVar("Answer")
@@ -32,8 +47,56 @@ Dependence = Literal["chain", "configuration", "loads"]
 
 
 @final
+@dataclass(frozen=True)
+class SettingField:
+    """A setting of a kind of source, or of a part of a setting.
+
+    Attributes
+    ----------
+    name
+        Of the field.
+    hint
+        The type it is declared with, its notes included.
+    default
+        What it is where it is left out; :data:`dataclasses.MISSING` where it must be given.
+    """
+
+    name: str
+    hint: Any
+    default: Any
+
+    @property
+    def may_be_random(self) -> bool:
+        """Whether it takes laws, so that text in it names a parameter."""
+        return takes_law(self.hint)
+
+    @property
+    def part(self) -> type | None:
+        """The data class whose instances, in a list, it holds; ``None`` for any other setting."""
+        entry = next(iter(typing.get_args(self.hint)), None) if typing.get_origin(self.hint) is tuple else None
+        return entry if isinstance(entry, type) and dataclasses.is_dataclass(entry) else None
+
+    @property
+    def notes(self) -> tuple[Any, ...]:
+        """What is noted at the type, such as quantities."""
+        return typing.get_args(self.hint)[1:] if typing.get_origin(self.hint) is typing.Annotated else ()
+
+
+@cache
+def setting_fields(kind: type) -> tuple[SettingField, ...]:
+    """Return the settings of a kind of source, or of the class of a part of a setting."""
+    hints = typing.get_type_hints(kind, include_extras=True)
+    return tuple(SettingField(entry.name, hints[entry.name], entry.default) for entry in dataclasses.fields(kind))
+
+
+def takes_law(hint: Any) -> bool:
+    """Return whether a setting declared with a type may be random."""
+    return hint is Law or any(takes_law(part) for part in typing.get_args(hint))
+
+
+@final
 @dataclass(frozen=True, eq=False)
-class Leaf:
+class _Leaf:
     """One value among the settings of a source.
 
     Attributes
@@ -42,41 +105,52 @@ class Leaf:
         Where it stands: ``kind[subject].field``, of a part of a setting ``kind[subject].field[0].field``.
     value
         The value.
-    owner, field
-        The class whose field it is, and the field.
+    field
+        The field it stands in.
     """
 
     name: str
     value: object
-    owner: type
-    field: str
+    field: SettingField
 
     @property
-    def hint(self) -> Any:
-        """The type that the field is declared with, its notes included."""
-        return _hints(self.owner)[self.field]
+    def draw(self) -> Draw | None:
+        """The draw that stands here, if one does."""
+        match self.value:
+            case Law() as law:
+                return Draw(self.name, law)
+            case Draw(name="") as draw:
+                return dataclasses.replace(draw, name=self.name)
+            case Draw() as draw:
+                return draw
+            case _:
+                return None
 
     @property
-    def may_be_random(self) -> bool:
-        """Whether the field takes laws, so that text in it names a parameter."""
-        return _takes_law(self.hint)
+    def quantity(self) -> Quantity | PerJoint | None:
+        """What the value is, where the field says it."""
+        return next((note for note in self.field.notes if isinstance(note, Quantity | PerJoint)), None)
+
+    def numbers(self) -> dict[str, Quantity | PerJoint | None]:
+        """Return the random numbers that the value is, holds or names, with what they are."""
+        if isinstance(self.value, str):
+            return {self.value: self.quantity} if self.field.may_be_random else {}
+        if isinstance(self.value, Expression):
+            is_number = isinstance(self.value, Component)
+            return dict.fromkeys(component_names(self.value), self.quantity if is_number else None)
+        return {} if self.draw is None else dict.fromkeys(self.draw.components, self.quantity)
 
 
-_hints = cache(partial(typing.get_type_hints, include_extras=True))
-
-
-def _takes_law(hint: Any) -> bool:
-    return hint is Law or any(_takes_law(part) for part in typing.get_args(hint))
-
-
-def _leaves(part: Any, label: str) -> Iterator[Leaf]:
-    for entry in dataclasses.fields(part):
+def _leaves(part: Any, label: str) -> Iterator[_Leaf]:
+    """Yield every value in settings, each of several by itself and those of the parts of a setting too."""
+    kind: type = type(part)
+    for entry in setting_fields(kind):
         setting = getattr(part, entry.name)
         for k, value in enumerate(setting if isinstance(setting, tuple) else (setting,)):
             if dataclasses.is_dataclass(value) and not isinstance(value, Law | Draw | Expression):
                 yield from _leaves(value, f"{label}.{entry.name}[{k}]")
             else:
-                yield Leaf(f"{label}.{indexed(entry.name, k)}", value, type(part), entry.name)
+                yield _Leaf(f"{label}.{indexed(entry.name, k)}", value, entry)
 
 
 class Source(ABC):
@@ -139,8 +213,14 @@ class Source(ABC):
         del space
         return iter(())
 
+    deviations: ClassVar[tuple[str, ...]] = ()
+    """Settings that say how far something is off: zero if all is well, so that a number alone is a constant error."""
+
     def own_draws(self, label: str) -> tuple[Draw, ...]:
-        """Return the draws the source makes itself, beside the laws in its settings; none by default."""
+        """Return the draws the source makes itself, with their quantities, beside the laws in its settings.
+
+        None by default.
+        """
         del label
         return ()
 
@@ -157,23 +237,28 @@ class Source(ABC):
     @final
     def settings(self) -> dict[str, object]:
         """Return the settings by field name."""
-        return {entry.name: getattr(self, entry.name) for entry in dataclasses.fields(self)}  # type: ignore[arg-type]
-
-    @final
-    def leaves(self, label: str) -> Iterator[Leaf]:
-        """Yield every value in the settings, each of several by itself and those of the parts of a setting too."""
-        return _leaves(self, label)
+        return {entry.name: getattr(self, entry.name) for entry in setting_fields(type(self))}
 
     @final
     def draws(self, label: str) -> tuple[Draw, ...]:
         """Return every draw the source needs beyond the model's named ones: laws in its settings and its own."""
-        found: list[Draw] = []
-        for leaf in self.leaves(label):
-            if isinstance(leaf.value, Law):
-                found.append(Draw(leaf.name, leaf.value))
-            elif isinstance(leaf.value, Draw):
-                found.append(dataclasses.replace(leaf.value, name=leaf.value.name or leaf.name))
-        return (*found, *self.own_draws(label))
+        held = [leaf.draw for leaf in _leaves(self, label)]
+        return (*(draw for draw in held if draw is not None), *self.own_draws(label))
+
+    @final
+    def numbers(self, label: str) -> dict[str, Quantity | PerJoint | None]:
+        """Return every random number the source uses, by name, with what it is, None where no setting says so.
+
+        Those that its settings hold or name, in parts of settings and in formulas too, and those that it draws itself.
+        """
+        found: dict[str, Quantity | PerJoint | None] = {}
+        for leaf in _leaves(self, label):
+            for name, quantity in leaf.numbers().items():
+                found[name] = found.get(name) or quantity
+        for draw in self.own_draws(label):
+            for name, own in itertools.zip_longest(draw.components, draw.quantities):
+                found[name] = found.get(name) or own
+        return found
 
 
 @final
@@ -269,3 +354,37 @@ def _rank(source: Source) -> tuple[str, str]:
 def own_draws(sources: Sequence[Source], labels: Sequence[str]) -> list[Draw]:
     """Return the draws of all sources, each named after its source's label."""
     return [draw for source, label in zip(sources, labels, strict=True) for draw in source.draws(label)]
+
+
+def draw_owners(space: Space, sources: Sequence[Source], labels: Sequence[str]) -> tuple[tuple[str, ...], ...]:
+    """Return for each draw the labels of the sources that use it, in the order of the sources."""
+    draw_of = {name: draw.name for draw in space.draws for name in draw.components}
+    found: dict[str, list[str]] = {draw.name: [] for draw in space.draws}
+    for source, label in zip(sources, labels, strict=True):
+        for name in {draw_of[number] for number in source.numbers(label) if number in draw_of}:
+            found[name].append(label)
+    return tuple(tuple(found[draw.name]) for draw in space.draws)
+
+
+def with_quantities(space: Space, sources: Sequence[Source], labels: Sequence[str], chain: Chain) -> Space:
+    """Return a space whose draws say what they are: as the first source that uses a number says, else as they did."""
+    known: dict[str, Quantity] = {}
+    for source, label in zip(sources, labels, strict=True):
+        joint = source.settings().get("joint")
+        slides = joint in chain.joint_names and bool(chain.prismatic[chain.joint_names.index(joint)])
+        for name, note in source.numbers(label).items():
+            if note is not None:
+                known.setdefault(name, _at_joint(note, slides))
+    return Space(tuple(_with_quantities(draw, known) for draw in space.draws), space.correlations)
+
+
+def _with_quantities(draw: Draw, known: Mapping[str, Quantity]) -> Draw:
+    own = itertools.zip_longest(draw.components, draw.quantities)
+    found = tuple(known.get(name) or said for name, said in own)
+    return dataclasses.replace(draw, quantities=found) if any(found) else draw
+
+
+def _at_joint(note: Quantity | PerJoint, slides: bool) -> Quantity:
+    if isinstance(note, PerJoint):
+        return note.prismatic if slides else note.revolute
+    return note
