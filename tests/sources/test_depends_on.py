@@ -120,6 +120,14 @@ def test_what_a_source_says_is_true(kind, source, depends_on, alike, arm):
         assert source.is_alike_everywhere(ARMS[arm]) is alike
 
 
+@pytest.mark.parametrize(("kind", "source", "depends_on", "alike"), CASES)
+def test_every_number_a_source_uses_has_a_quantity(kind, source, depends_on, alike):
+    label = source.label()
+    numbers = source.numbers(label)
+    assert all(quantity is not None for quantity in numbers.values()), numbers
+    assert {name for draw in source.draws(label) for name in draw.components} == set(numbers)
+
+
 def test_a_direction_of_the_base_link():
     for chain in ARMS.values():
         source = Length(joint="joint5", along=f"y of {chain.base}", parameters=(TOLERANCE,))

@@ -105,13 +105,31 @@ class _Leaf:
         Where it stands: ``kind[subject].field``, of a part of a setting ``kind[subject].field[0].field``.
     value
         The value.
-    field
-        The field it stands in.
+    owner, entry
+        The class whose field it stands in, and the field's name.
     """
 
     name: str
     value: object
-    field: SettingField
+    owner: type
+    entry: str
+
+    @property
+    def field(self) -> SettingField:
+        """The field it stands in, with its type.
+
+        Raises
+        ------
+        InputError
+            Its type cannot be found: the class was made where no module knows the names in its annotations.
+        """
+        try:
+            return next(field for field in setting_fields(self.owner) if field.name == self.entry)
+        except NameError as error:
+            where = f"{self.owner.__module__}.{self.owner.__qualname__}"
+            raise InputError(
+                f"{where}: the types of its settings are not known ({error}); make it in a module"
+            ) from None
 
     @property
     def draw(self) -> Draw | None:
@@ -143,14 +161,13 @@ class _Leaf:
 
 def _leaves(part: Any, label: str) -> Iterator[_Leaf]:
     """Yield every value in settings, each of several by itself and those of the parts of a setting too."""
-    kind: type = type(part)
-    for entry in setting_fields(kind):
+    for entry in dataclasses.fields(part):
         setting = getattr(part, entry.name)
         for k, value in enumerate(setting if isinstance(setting, tuple) else (setting,)):
             if dataclasses.is_dataclass(value) and not isinstance(value, Law | Draw | Expression):
                 yield from _leaves(value, f"{label}.{entry.name}[{k}]")
             else:
-                yield _Leaf(f"{label}.{indexed(entry.name, k)}", value, entry)
+                yield _Leaf(f"{label}.{indexed(entry.name, k)}", value, type(part), entry.name)
 
 
 class Source(ABC):
@@ -237,7 +254,7 @@ class Source(ABC):
     @final
     def settings(self) -> dict[str, object]:
         """Return the settings by field name."""
-        return {entry.name: getattr(self, entry.name) for entry in setting_fields(type(self))}
+        return {entry.name: getattr(self, entry.name) for entry in dataclasses.fields(self)}  # type: ignore[arg-type]
 
     @final
     def draws(self, label: str) -> tuple[Draw, ...]:
@@ -250,6 +267,11 @@ class Source(ABC):
         """Return every random number the source uses, by name, with what it is, None where no setting says so.
 
         Those that its settings hold or name, in parts of settings and in formulas too, and those that it draws itself.
+
+        Raises
+        ------
+        InputError
+            The types of its settings cannot be found.
         """
         found: dict[str, Quantity | PerJoint | None] = {}
         for leaf in _leaves(self, label):
@@ -372,7 +394,11 @@ def with_quantities(space: Space, sources: Sequence[Source], labels: Sequence[st
     for source, label in zip(sources, labels, strict=True):
         joint = source.settings().get("joint")
         slides = joint in chain.joint_names and bool(chain.prismatic[chain.joint_names.index(joint)])
-        for name, note in source.numbers(label).items():
+        try:
+            numbers = source.numbers(label)
+        except InputError:
+            continue  # its types are not known
+        for name, note in numbers.items():
             if note is not None:
                 known.setdefault(name, _at_joint(note, slides))
     return Space(tuple(_with_quantities(draw, known) for draw in space.draws), space.correlations)
