@@ -25,7 +25,7 @@ from precision_pin.draws.space import Scope
 from precision_pin.sheet.schema import Document, json_schema, used_quantities
 from precision_pin.sheet.settings import law_options
 from precision_pin.sources import catalogue
-from precision_pin.terms.term import Source
+from precision_pin.terms.source import Source
 from precision_pin.units import PerEntry, PerJoint, Quantity
 
 PAGES: Final = Path(__file__).parent

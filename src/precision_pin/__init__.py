@@ -49,7 +49,7 @@ if TYPE_CHECKING:
     from precision_pin.sampling.result import Analysis as Analysis
     from precision_pin.sampling.result import MonteCarloResult as MonteCarloResult
     from precision_pin.statistics.specification import specification as specification
-    from precision_pin.terms.term import Source as Source
+    from precision_pin.terms.source import Source as Source
     from precision_pin.terms.term import Term as Term
 
 old_paths.install()

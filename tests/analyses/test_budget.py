@@ -10,7 +10,7 @@ import pytest
 
 import precision_pin as pp
 from precision_pin.analyses.budget.budget_result import VECTORS
-from precision_pin.analyses.budget.shares import by_draw, correlated_groups, owners
+from precision_pin.analyses.budget.shares import by_draw, correlated_groups
 from precision_pin.draws.correlation import Correlation
 from precision_pin.draws.laws import Disc, Fixed, Normal, Uniform
 from precision_pin.draws.space import Draw, Space
@@ -299,7 +299,7 @@ def test_a_parameter_named_like_a_joint_belongs_to_what_uses_it():
         Frame(link="base", x="spot.x", y="spot.y"),
         space=space,
     )
-    assert dict(zip((draw.name for draw in model.space.draws), owners(model), strict=True)) == {
+    assert dict(zip((draw.name for draw in model.space.draws), model.owners, strict=True)) == {
         "rail": ("joint_offset[lift]",),
         "spot": ("frame[base]",),
         "idle": (),

@@ -8,10 +8,8 @@ import sys
 import pytest
 
 import precision_pin as pp
-from precision_pin.analyses.budget.shares import owners
 from precision_pin.cli import main
 from precision_pin.model.error_model import ErrorModel
-from precision_pin.outputs.report.quantities import quantities_of
 from support.plain_robot import joint, link, robot
 
 FEW = 1024
@@ -52,7 +50,7 @@ def flat_variances() -> dict[str, float]:
 
 def test_a_parameter_named_in_a_segment_belongs_to_its_beam(sheet):
     model = ErrorModel.load(sheet)
-    assert dict(zip((draw.name for draw in model.space.draws), owners(model), strict=True)) == {
+    assert dict(zip((draw.name for draw in model.space.draws), model.owners, strict=True)) == {
         "stiff": ("beam[arm]",),
         "wall": ("beam[base]",),
         "idle": (),
@@ -60,7 +58,7 @@ def test_a_parameter_named_in_a_segment_belongs_to_its_beam(sheet):
         "joint_offset[hinge].offset": ("joint_offset[hinge]",),
     }
     # what a parameter is, is read off the same places
-    units = {name: quantity.si for name, quantity in quantities_of(model).items()}
+    units = {draw.name: draw.quantities[0].si for draw in model.space.draws}
     assert units["stiff"] == units["beam[arm].segments[1].EI"] == "N*m^2"
     assert units["wall"] == "m"
 

@@ -15,8 +15,10 @@ import precision_pin as pp
 from api.api_calls import POSE, model
 from api.array_walk import arrays_of, bytes_of, changed_by_writing
 from precision_pin import se3
-from precision_pin.robot.places import Load, Place
-from precision_pin.terms.term import JointValue, Source, Term
+from precision_pin.robot.loads import Load
+from precision_pin.robot.places import Place
+from precision_pin.terms.source import Source
+from precision_pin.terms.term import JointValue, Term
 
 ARM = model()
 CHAIN = ARM.chain

@@ -20,7 +20,7 @@ from precision_pin.sources.joint_compliance import JointCompliance
 from precision_pin.sources.joint_offset import JointOffset
 from precision_pin.sources.length import Length
 from precision_pin.sources.payload import Payload
-from precision_pin.terms.term import Source
+from precision_pin.terms.source import Source
 from support.checks.common import one_link
 from support.exact_rods import rods_error
 from support.settled import settled_errors

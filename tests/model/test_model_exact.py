@@ -15,7 +15,8 @@ from precision_pin.robot.chain import Chain, Place
 from precision_pin.robot.examples import PAPER_SHEET, example_urdfs
 from precision_pin.sources.frame import Frame
 from precision_pin.sources.joint_offset import JointOffset
-from precision_pin.terms.term import JointValue, Source, Term
+from precision_pin.terms.source import Source
+from precision_pin.terms.term import JointValue, Term
 from support.oracles import displaced_pose, displacements, virtual_joint_pose
 from support.plain_robot import inserted, pose_error
 from support.sheets import PAPER_Q, SEVEN_Q, everything, seven_joint_arm

@@ -19,7 +19,8 @@ from precision_pin.robot.examples import PAPER_SHEET
 from precision_pin.sampling import monte_carlo
 from precision_pin.sources import catalogue
 from precision_pin.sources.frame import Frame
-from precision_pin.terms.term import Source, Term
+from precision_pin.terms.source import Source
+from precision_pin.terms.term import Term
 from support.oracles import displaced_pose, displacements
 from support.plain_robot import pose_error
 from support.sheets import SEVEN_Q, seven_joint_arm

@@ -31,7 +31,6 @@ from precision_pin.model.error_model import ErrorModel
 from precision_pin.outputs.kit.html import Html, element, table
 from precision_pin.outputs.monte_carlo.table import inside
 from precision_pin.outputs.report.numbers import bracketed
-from precision_pin.outputs.report.quantities import quantities_of
 from precision_pin.outputs.report.wording import without_folders
 from precision_pin.robot.examples import PAPER_SHEET
 from precision_pin.sources.axis_install import AxisInstall
@@ -89,6 +88,15 @@ def test_laws_of_several_numbers_in_words():
     )  # fmt: skip
 
 
+def known_quantities(model: ErrorModel) -> dict[str, units.Quantity]:
+    return {
+        name: quantity
+        for draw in model.space.draws
+        for name, quantity in zip(draw.components, draw.quantities, strict=bool(draw.quantities))
+        if quantity is not None
+    }
+
+
 def test_quantities_are_read_off_the_settings():
     chain = seven_joint_arm()
     turning, sliding = (
@@ -111,7 +119,7 @@ def test_quantities_are_read_off_the_settings():
             Beam(link=link, segments=(Segment(EI=Uniform(10.0, mean=1e4), fraction=0.5), Segment(EI=1e4))),
         ],
     )
-    known = quantities_of(model)
+    known = known_quantities(model)
     expected = {
         "shared": units.LENGTH,
         f"length[{turning}].parameters[1]": units.LENGTH,

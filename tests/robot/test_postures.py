@@ -25,7 +25,8 @@ from precision_pin.robot import posture_loops
 from precision_pin.robot.chain import Chain, Posture
 from precision_pin.robot.examples import example_urdfs, shipped_sheets
 from precision_pin.sources import Clearance, JointOffset
-from precision_pin.terms.term import JointValue, Source, Term
+from precision_pin.terms.source import Source
+from precision_pin.terms.term import JointValue, Term
 from support.plain_robot import PlainRobot, chain_of, geometric_jacobian, joint, link, motion, random_arm, robot, unit
 
 GRAVITY = (1.5, -2.5, -9.0)

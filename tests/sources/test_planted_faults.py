@@ -24,7 +24,7 @@ SIGNS = (
     Fault("bearing_stiffness", "against the load", "Value = 1.0 / space", "Value = -1.0 / space"),
     Fault("clearance", "against the load", "push = shift.T @ load", "push = -shift.T @ load"),
     Fault("clearance", "against the axial load", "along * np.sign(load[2])", "along * -np.sign(load[2])"),
-    Fault("directions", "a minus is ignored", "-direction if match[1] else", "direction if match[1] else", "length"),
+    Fault("directions", "a minus is ignored", "-direction if sign < 0 else", "direction if sign < 0 else", "length"),
     Fault("frame", "every error reversed", "np.eye(6)[row]", "-np.eye(6)[row]"),
     Fault(
         "joint_compliance", "torque that holds the load", "JointValue(joint), torque,", "JointValue(joint), -torque,"
@@ -37,7 +37,7 @@ SIGNS = (
     Fault("mcpc", "γ turned the wrong way", "((0, 0, 1), turn)", "((0, 0, 1), -turn)"),
     Fault("payload", "weight pulls up", "moments[row] = np.prod", "moments[row] = -np.prod"),
     Fault("seats", "tilt reversed", "[0, -slope], [slope, 0]", "[0, slope], [-slope, 0]", "clearance"),
-    Fault("seats", "a carriage travels back", "if is_reversed else 1.0)", "if is_reversed else -1.0)", "clearance"),
+    Fault("seats", "a carriage travels back", "joint] else 1.0)", "joint] else -1.0)", "clearance"),
     Fault("seats", "the other bearing's share", "other / (other - height)", "other / (height - other)", "clearance"),
     Fault("seats", "moment arm reversed", "= height, -height", "= -height, height", "bearing_stiffness"),
     Fault("covariance", "every error reversed", "np.eye(6)[row]", "-np.eye(6)[row]"),
@@ -134,7 +134,9 @@ LAWS = (
         "else posture.joint_poses[0]",
         "length",
     ),
-    Fault("frame", "shift and turn swapped", '("x", "y", "z", "rx", "ry", "rz")', '("rx", "ry", "rz", "x", "y", "z")'),
+    Fault(
+        "frame", "shift and turn swapped", '(("x", "y", "z", "rx", "ry", "rz"))', '(("rx", "ry", "rz", "x", "y", "z"))'
+    ),
     Fault(
         "joint_compliance",
         "compliance squared",
@@ -196,7 +198,10 @@ LAWS = (
     Fault("encoder", "diameter for radius", "/ self.radius", "/ (2 * self.radius)"),
     Fault("levelling", "tilts about other axes", 'zip(np.eye(3), ("rx"', 'zip(np.eye(3)[[1, 0, 2]], ("rx"'),
     Fault(
-        "mounting", "shift and turn swapped", '("x", "y", "z", "rx", "ry", "rz")', '("rx", "ry", "rz", "x", "y", "z")'
+        "mounting",
+        "shift and turn swapped",
+        '(("x", "y", "z", "rx", "ry", "rz"))',
+        '(("rx", "ry", "rz", "x", "y", "z"))',
     ),
     Fault("mounting", "the base's own end", "chain.frame_place(chain.base)", "chain.end(0)"),
     Fault("mounting", "flange ignored", "self.flange or chain.tip)", "chain.tip)"),

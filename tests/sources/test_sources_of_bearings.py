@@ -17,7 +17,8 @@ from precision_pin.sources.beam import Beam
 from precision_pin.sources.bearing_stiffness import BearingStiffness
 from precision_pin.sources.clearance import Clearance
 from precision_pin.sources.payload import Payload
-from precision_pin.terms.term import Source, at_means
+from precision_pin.terms.source import Source
+from precision_pin.terms.term import at_means
 from support.plain_robot import PlainRobot, chain_of, joint, link, random_arm
 from support.sheets import SEVEN_Q
 

@@ -17,7 +17,7 @@ from precision_pin.sources.joint_offset import JointOffset
 from precision_pin.sources.length import Length
 from precision_pin.sources.mcpc import Mcpc
 from precision_pin.sources.payload import Payload
-from precision_pin.terms.term import Source
+from precision_pin.terms.source import Source
 from support.plain_robot import chain_of, random_arm
 
 SEVEN_Q = (0.3, -0.7, 1.1, 0.2, -1.3, 0.8, 0.5)

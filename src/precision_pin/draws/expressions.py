@@ -27,6 +27,7 @@ __all__ = [
     "Program",
     "Slopes",
     "Value",
+    "component_names",
     "cos",
     "operations",
     "sin",
@@ -135,6 +136,26 @@ class Operation(Expression):
 
     def __hash__(self) -> int:
         return self._hash
+
+    def __eq__(self, other: object) -> bool:
+        """Return whether another formula is written alike; a part that is used twice is compared once."""
+        if not isinstance(other, Operation):
+            return NotImplemented
+        waiting: list[tuple[Expression, Expression]] = [(self, other)]
+        compared: set[tuple[int, int]] = set()
+        while waiting:
+            one, two = waiting.pop()
+            if one is two or (id(one), id(two)) in compared:
+                continue
+            compared.add((id(one), id(two)))
+            if not (isinstance(one, Operation) and isinstance(two, Operation)):
+                if one != two:
+                    return False
+                continue
+            if hash(one) != hash(two) or one.operator != two.operator or len(one.arguments) != len(two.arguments):
+                return False
+            waiting += zip(one.arguments, two.arguments, strict=True)
+        return True
 
     def __reduce__(self) -> tuple[type[Operation], tuple[Operator, tuple[Expression, ...]]]:
         # hashes differ from process to process
@@ -274,6 +295,13 @@ class Program:
                         "a divisor that may reach zero needs a law that keeps away from it"
                     ) from error
         return values
+
+
+def component_names(expression: Expression) -> set[str]:
+    """Return the names of the components in an expression; a part that is used twice is looked at once."""
+    parts: dict[Expression, None] = {}
+    _collect(expression, parts)
+    return {part.name for part in parts if isinstance(part, Component)}
 
 
 def operations(expression: Expression) -> int:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import Enum
 from functools import cached_property
 from typing import Final, final
@@ -33,6 +33,7 @@ from precision_pin.inputs.arguments import (
 )
 from precision_pin.inputs.arrays import returns_read_only
 from precision_pin.inputs.memory import check_memory
+from precision_pin.units import PerJoint, Quantity
 
 __all__ = ["FARTHEST_NORMAL", "Draw", "Extension", "LabelledSpace", "Scope", "Setting", "Space", "occasion"]
 
@@ -89,16 +90,23 @@ class Draw:
         What is drawn.
     scope
         How often.
+    quantities
+        What each of the numbers is, None where that is not known; empty where none is. They play no part in comparing.
     """
 
     name: str
     law: Law
     scope: Scope = Scope.UNIT
+    quantities: tuple[Quantity | PerJoint | None, ...] = field(default=(), compare=False, repr=False)
 
     def __post_init__(self) -> None:
         check_text("the name of a draw", self.name)
         check_instance(f"the law of the draw {self.name!r}", self.law, Law, "such as Normal(0.1e-3)")  # type: ignore[type-abstract]
         check_instance(f"the scope of the draw {self.name!r}", self.scope, Scope, "such as Scope.UNIT")
+        if self.quantities and len(self.quantities) != self.law.size:
+            raise InputError(
+                f"the draw {self.name!r} has {len(self.quantities)} quantities for {self.law.size} numbers"
+            )
 
     @property
     def components(self) -> tuple[str, ...]:

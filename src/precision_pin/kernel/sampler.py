@@ -2,7 +2,7 @@
 
 A pose's error model is laid out as arrays (`compile_table`); one compiled function, the same for every robot and
 sheet, then draws, derives, displaces, composes and counts (:mod:`precision_pin.kernel.loops`). Results agree with
-:meth:`precision_pin.model.error_model.PoseModel.exact` and ``linear`` on :meth:`precision_pin.draws.space.Space.sample`
+:meth:`precision_pin.model.pose_model.PoseModel.exact` and ``linear`` on :meth:`precision_pin.draws.space.Space.sample`
 to rounding.
 
 Units come in *blocks* of `BLOCK`, part of the format: each block has sums of its own, which depend on the error model,

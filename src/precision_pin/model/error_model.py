@@ -1,22 +1,16 @@
-"""The error model: sources, draws and chain make the term table of a pose; clear numpy evaluates it.
-
-The engines here are the oracle of the compiled kernel. Errors are ``[d; δ]`` of the tip in base axes (m, rad):
-``d = p' - p``, ``δ = Log(R' Rᵀ)``.
-"""
+"""The error model: sources, draws and chain make the term table of a pose."""
 
 from __future__ import annotations
 
 import itertools
 import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from functools import cached_property
 from typing import Final, Literal, final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from precision_pin import se3
 from precision_pin.call_warnings import add, warns_at_end
 from precision_pin.display.html import Table, rendered
 from precision_pin.draws.space import Draw, LabelledSpace, Space
@@ -26,19 +20,26 @@ from precision_pin.inputs.arguments import (
     check_instance,
     check_items,
     check_mapping,
-    check_numbers,
     check_path,
 )
-from precision_pin.inputs.arrays import returns_read_only
-from precision_pin.inputs.memory import check_memory
 from precision_pin.model.about_rest import terms_about_rest
 from precision_pin.model.equilibrium import settle
+from precision_pin.model.pose_model import PoseModel, joint_value, spread_of
 from precision_pin.robot.chain import Chain, Place, Posture
-from precision_pin.robot.urdf import Joint
 from precision_pin.sheet import Sheet
 from precision_pin.sheet import read as read_sheet
-from precision_pin.terms.table import SlopeColumns, TableLayout, TermTable
-from precision_pin.terms.term import AskedSource, Source, Term, fix_settings, labels, own_draws
+from precision_pin.terms.source import (
+    BoundSource,
+    Source,
+    draw_owners,
+    fix_settings,
+    labels,
+    load_posture,
+    own_draws,
+    with_quantities,
+)
+from precision_pin.terms.table import TableLayout, TermTable
+from precision_pin.terms.term import Term
 
 __all__ = ["ErrorModel", "PoseModel", "TermTable", "limit_findings"]
 
@@ -54,170 +55,6 @@ _TRIED_RANKS: Final = ((9, 0.005), (0, 0.02))
 _NO_MATTER: Final = 1e-9
 _LARGEST_TURN: Final = 0.15
 """Turn of a link's end by loads (rad) beyond which a warning is given: a bent cantilever's deflection is out by 0.4 %."""
-
-_COMPONENTS: Final = ("dx", "dy", "dz", "δx", "δy", "δz")
-_UNITS: Final = (*["mm"] * 3, *["mrad"] * 3)
-
-
-@final
-@dataclass(frozen=True, eq=False)
-class PoseModel:
-    """The error model at one pose.
-
-    Attributes
-    ----------
-    posture
-        The undisplaced chain, with all loads.
-    space
-        Draws in column order.
-    table
-        The terms.
-    """
-
-    posture: Posture
-    space: Space
-    table: TermTable
-    terms: tuple[Term, ...]
-
-    def linear(self, x: ArrayLike) -> Array:
-        """Return the errors ``(6, N)`` by superposition (eqs 12-17), for component values ``(d, N)``.
-
-        Σ J_target · twist · product of factors, with J at the undisplaced chain.
-        """
-        values = self._check(x)
-        moved = self.table.displacements(self.table.products(self.table.program.evaluate(values)))
-        result: Array = np.einsum("kij,kjn->in", self.table.sensitivities, moved)
-        return result
-
-    def exact(self, x: ArrayLike) -> Array:
-        """Return the errors ``(6, N)`` of the displaced chain multiplied out, for component values ``(d, N)``.
-
-        ``T' = Π (T_k E_k T_k⁻¹) · T`` over the targets in chain order, T_k their undisplaced poses.
-
-        Raises
-        ------
-        InputError
-            A target turns by π or more, where rotation vectors are no longer unique; or an error overflows.
-        """
-        values = self._check(x)
-        try:
-            with np.errstate(over="raise", invalid="raise"):
-                return self._multiply_out(values)
-        except FloatingPointError:
-            raise InputError("an error is beyond any number; the tolerances or loads are far too large") from None
-
-    def _multiply_out(self, values: Array) -> Array:
-        moved = self.table.displacements(self.table.products(self.table.program.evaluate(values)))
-        motion = np.broadcast_to(np.eye(4)[:, :, None], (4, 4, values.shape[1]))
-        for frame, displacement in zip(self.table.frames, moved, strict=True):
-            if np.sqrt((displacement[3:] ** 2).sum(axis=0)).max(initial=0.0) >= np.pi:
-                raise InputError(
-                    "an error turns a place by half a turn or more; the tolerances or loads are far too large"
-                )
-            inserted = se3.compose(frame, se3.displacement(displacement), se3.inverse(frame))
-            motion = se3.compose(motion, inserted)
-        tip = self.table.pose[:3, 3]
-        shift = np.einsum("ijn,j->in", motion[:3, :3], tip) + motion[:3, 3] - tip[:, None]
-        return np.concatenate([shift, se3.log_rotation(motion[:3, :3])])
-
-    @cached_property
-    @returns_read_only
-    def tangent(self) -> tuple[Array, Array]:
-        """First-order model of :meth:`exact` at the components' means: ``(e0 (6,), J (6, d))``.
-
-        Under gravity it is taken on the deflected arm, and differs from :meth:`linear`.
-        """
-        jacobian = np.zeros((6, self.space.size))
-        for part in self.jacobian_parts:
-            jacobian[:, part.columns] += part.slopes
-        return self.error_at_means, jacobian
-
-    @cached_property
-    @returns_read_only
-    def error_at_means(self) -> Array:
-        """The error of :meth:`exact` with every component at its mean, ``(6,)``."""
-        return self.exact(self.space.mean[:, None])[:, 0]
-
-    @cached_property
-    def jacobian_parts(self) -> tuple[SlopeColumns, ...]:
-        """What each target adds to the Jacobian of :attr:`tangent`; their sum is J."""
-        table, mean = self.table, self.space.mean
-        error = self.error_at_means
-        moved = table.displacements(table.products(table.program.evaluate(mean[:, None])))[:, :, 0]
-        tip = table.pose[:3, 3] + error[:3]
-        turn = se3.left_jacobian_inverse(error[3:])
-        parts = []
-        motion = np.eye(4)
-        entries = zip(table.frames, moved, table.displacement_slopes(mean), strict=True)
-        for frame, displacement, local in entries:
-            turning = se3.left_jacobian(displacement[3:]) @ local.slopes[3:]
-            twist = np.concatenate([local.slopes[:3] + se3.skew(displacement[:3]) @ turning, turning])
-            spatial = se3.adjoint(motion @ frame) @ twist
-            slopes = np.concatenate([spatial[:3] - se3.skew(tip) @ spatial[3:], turn @ spatial[3:]])
-            parts.append(SlopeColumns(local.columns, slopes))
-            motion = motion @ frame @ se3.displacement(displacement) @ se3.inverse(frame)
-        return tuple(parts)
-
-    @property
-    def jacobian(self) -> Array:
-        """Derivative of :meth:`exact` at the components' means, ``(6, d)``."""
-        return self.tangent[1]
-
-    @cached_property
-    @returns_read_only
-    def covariance(self) -> Array:
-        """Covariance of the tangent model, ``(6, 6)``: J Σ Jᵀ."""
-        return self.space.block_covariance.between(self.jacobian, self.jacobian)
-
-    def findings(self, model: str) -> tuple[Finding, ...]:
-        """Return the warnings about this pose: limits and, for ``model`` "linear", superposition stretched."""
-        if model != "linear" or not self.space.size:
-            return self.posture.findings
-        superposed = self.linear(self.space.mean[:, None])[:, 0]
-        gap = float(np.linalg.norm((superposed - self.error_at_means)[:3]))
-        spread, negligible = _spread(self)
-        if gap <= negligible:
-            return self.posture.findings
-        message = (
-            f"with every parameter at its mean, superposition places the tip {gap * 1e3:.3g} mm away from the "
-            f"displaced chain, more than a tenth of the spread of {spread * 1e3:.3g} mm; the exact model has no such error"
-        )
-        return (*self.posture.findings, Finding("warning", "W_SUPERPOSITION", message))
-
-    def __repr__(self) -> str:
-        return f"<PoseModel of {self.posture!r}: terms {len(self.terms)}, random numbers {self.space.size}>"
-
-    def _repr_html_(self) -> str:
-        """Return what a notebook shows: error at the means and first-order spread, mm and mrad."""
-        chain = self.posture.chain
-        title = f"{os.path.basename(chain.robot.file)}: {chain.base} to {chain.tip}, first order at one pose"
-        pose = ", ".join(map(_joint_value, chain.joints, self.posture.q))
-        counts = f"{len(self.terms)} terms, {len(self.space.draws)} draws of {self.space.size} numbers"
-        try:
-            spread = np.sqrt(np.diag(self.covariance))
-        except InputError as error:
-            return rendered(title, [], [pose, counts, error.findings[0].message])
-        rows = [
-            [name, unit, f"{1e3 * mean:.6g}", f"{1e3 * std:.6g}"]
-            for name, unit, mean, std in zip(_COMPONENTS, _UNITS, self.error_at_means, spread, strict=True)
-        ]
-        columns = ("", "unit", "error at the means", "standard deviation")
-        return rendered(title, [Table(columns, rows, words=2)], [f"{pose}; base axes", counts])
-
-    def _check(self, x: ArrayLike) -> Array:
-        # not copied, unlike other arrays: many samples are many numbers, and only read
-        values = x if type(x) is np.ndarray and x.dtype == np.float64 else check_numbers("x", x)
-        if values.ndim != 2 or values.shape[0] != self.space.size:
-            raise InputError(f"x has shape {values.shape}, expected ({self.space.size}, N): rows as in model.space")
-        terms, parameters = self.table.factors.shape, len(self.table.program.outputs)
-        # factors and products of terms, displacements of targets and what is made of them
-        numbers = (terms[1] + 1) * terms[0] + 2 * parameters + 6 * len(self.table.targets) + 64
-        check_memory(
-            8.0 * numbers * values.shape[1], f"evaluating {values.shape[1]:,} robots", "evaluate some of them at a time"
-        )
-        if not np.isfinite(values).all():
-            raise InputError("x must be finite")
-        return values
 
 
 @final
@@ -264,7 +101,8 @@ class ErrorModel:
         self.chain = chain
         self.sources = tuple(fix_settings(source) for source in check_items("the sources", sources, Source))  # type: ignore[type-abstract]
         self.labels = labels(self.sources)
-        self.space = space.including(own_draws(self.sources, self.labels))
+        drawn = space.including(own_draws(self.sources, self.labels))
+        self.space = with_quantities(drawn, self.sources, self.labels, chain)
         self.poses = _named_poses(chain, {} if poses is None else poses)
         self.assumed: tuple[str, ...] = ()
         self._layout: TableLayout | None = None
@@ -388,7 +226,7 @@ class ErrorModel:
         return (*_bending_findings(at), *stretched)
 
     def _nominal_findings(self, at: PoseModel) -> tuple[Finding, ...]:
-        spread, negligible = _spread(at)
+        spread, negligible = spread_of(at)
         try:
             settled = settle(at.posture, self.space, self._make_terms, within=1e-3 * negligible)
         except InputError as error:
@@ -437,7 +275,7 @@ class ErrorModel:
         chain = self.chain
         sources = [[label, _settings(source)] for label, source in zip(self.labels, self.sources, strict=True)]
         draws = [[draw.name, repr(draw.law), draw.scope.value] for draw in self.space.draws]
-        poses = [[name, ", ".join(map(_joint_value, chain.joints, q))] for name, q in self.poses.items()]
+        poses = [[name, ", ".join(map(joint_value, chain.joints, q))] for name, q in self.poses.items()]
         tables = (
             Table(("source", "settings (SI)"), sources, f"Sources: {len(sources)}", words=2),
             Table(("draw", "law (SI)", "drawn for each"), draws, f"Draws: {len(draws)}", words=3),
@@ -461,8 +299,7 @@ class ErrorModel:
 
     def _at(self, bare: Posture) -> PoseModel:
         """Return the model at a posture with the chain's own loads."""
-        posture = bare.with_loads([load for asked in self._asked for load in asked.loads(bare)])
-        posture = posture.with_tilts([tilt for asked in self._asked for tilt in asked.gravity(bare)])
+        posture = load_posture(bare, self.bound_sources)
         if self.statics == "nominal":
             terms = self._make_terms(posture)
         else:
@@ -473,18 +310,18 @@ class ErrorModel:
         return PoseModel(posture, self.space, layout.at(posture, terms), terms)
 
     @cached_property
-    def _asked(self) -> tuple[AskedSource, ...]:
+    def bound_sources(self) -> tuple[BoundSource, ...]:
+        """Every source with what its settings stand for."""
         pairs = zip(self.sources, self.labels, strict=True)
-        return tuple(AskedSource(source, LabelledSpace(self.space, label), self.chain) for source, label in pairs)
+        return tuple(BoundSource(source, LabelledSpace(self.space, label)) for source, label in pairs)
+
+    @cached_property
+    def owners(self) -> tuple[tuple[str, ...], ...]:
+        """For each draw of the space the labels of the sources that use it."""
+        return draw_owners(self.space, self.sources, self.labels)
 
     def _make_terms(self, posture: Posture) -> tuple[Term, ...]:
-        return tuple(itertools.chain.from_iterable(asked.terms(posture) for asked in self._asked))
-
-
-def _spread(at: PoseModel) -> tuple[float, float]:
-    """Return the spread of the tip's position, and how far apart two places of it are that need no warning, m."""
-    spread = float(np.sqrt(np.trace(at.covariance[:3, :3])))
-    return spread, max(0.1 * spread, 1e-9)
+        return tuple(itertools.chain.from_iterable(source.terms(posture) for source in self.bound_sources))
 
 
 def _bending_findings(at: PoseModel) -> tuple[Finding, ...]:
@@ -529,12 +366,6 @@ def _named_poses(chain: Chain, poses: Mapping[str, ArrayLike | Mapping[str, floa
         except InputError as error:
             raise InputError(f"pose {name!r}: {error.findings[0].message}") from None
     return found
-
-
-def _joint_value(joint: Joint, value: float) -> str:
-    if joint.kind == "prismatic":
-        return f"{joint.name} {1e3 * value:.6g} mm"
-    return f"{joint.name} {np.degrees(value):.6g}°"
 
 
 def _settings(source: Source) -> str:

@@ -29,21 +29,19 @@ from precision_pin.inputs.arguments import (
     check_text,
 )
 from precision_pin.inputs.arrays import fix_fields, read_only, returns_read_only
+from precision_pin.robot import statics
 from precision_pin.robot.configurations import Configurations
 from precision_pin.robot.joint_table import joint_table, spaced
+from precision_pin.robot.loads import Deflection, Factors, Load, own_loads
 from precision_pin.robot.pinocchio_model import PinocchioModel
 from precision_pin.robot.places import (
     ORDER_END,
     ORDER_FRAME,
     ORDER_SEAT,
-    Deflection,
-    Factors,
     LinkFrame,
-    Load,
     Place,
     link_frames,
     locked_values,
-    own_loads,
 )
 from precision_pin.robot.postures import ChainConstants, Postures, alignment
 from precision_pin.robot.urdf import Joint, Robot, read, rerooted
@@ -51,10 +49,6 @@ from precision_pin.robot.urdf import Joint, Robot, read, rerooted
 __all__ = ["EARTH", "Chain", "Deflection", "Factors", "LinkFrame", "Load", "Place", "Posture"]
 
 Array = NDArray[np.float64]
-
-_Weight = tuple[list[float], list[tuple[Factors, float, float, float, float]]]
-"""A load in the base: its frame's origin, and of its moments the factors, mass and first moment in base axes."""
-_NOTHING: Final = (0.0, 0.0, 0.0, 0.0)
 
 EARTH: Final = (0.0, 0.0, -9.81)
 """Default gravity, base axes, m/s²."""
@@ -541,68 +535,26 @@ class Posture:
         Returns
         -------
         NDArray
-            ``(6, 4)``, base axes: ``F = m g``, ``M = (R s + m (o - point)) × g`` with s the first moment in the load's
-            frame (rotation R, origin o), g the chain's gravity.
+            ``(6, 4)``; see :func:`precision_pin.robot.statics.wrench_basis`.
         """
-        frame, weight = self.loaded_link_poses[load.link] @ load.frame, self.chain.gravity
-        basis = np.zeros((6, 4))
-        basis[:3, 0] = weight
-        basis[3:, 0] = np.cross(frame[:3, 3] - np.asarray(point, dtype=float), weight)
-        basis[3:, 1:] = np.cross(frame[:3, :3].T, weight).T
-        return basis
+        return statics.wrench_basis(self.loaded_link_poses[load.link] @ load.frame, self.chain.gravity, point)
 
     def wrench_on(self, loads: Sequence[Load], point: ArrayLike) -> dict[Factors, Array]:
         """Return the wrench ``(6,)`` of loads about a point, base axes, by the parameters that multiply it."""
-        x, y, z = np.asarray(point, dtype=float).tolist()
-        # mass and first moment about the point, by the part of gravity that pulls at them and by their factors
-        sums: dict[tuple[int, Factors], tuple[float, float, float, float]] = {}
-        for load in loads:
-            (o_x, o_y, o_z), pieces = self._weights.get(load) or self._weigh([load])[load]
-            for part in range(1 + len(self.tilts)):
-                for factors, mass, s_x, s_y, s_z in pieces:
-                    m, h_x, h_y, h_z = sums.get((part, factors), _NOTHING)
-                    sums[part, factors] = (
-                        m + mass,
-                        h_x + (s_x + mass * (o_x - x)),
-                        h_y + (s_y + mass * (o_y - y)),
-                        h_z + (s_z + mass * (o_z - z)),
-                    )
-        pulls = [(self.chain.gravity.tolist(), ()), *((tilt.tolist(), factors) for tilt, factors in self.tilts)]
-        total: dict[Factors, Array] = {}
-        for (part, factors), (m, h_x, h_y, h_z) in sums.items():
-            (g_x, g_y, g_z), tilting = pulls[part]
-            moment = (h_y * g_z - h_z * g_y, h_z * g_x - h_x * g_z, h_x * g_y - h_y * g_x)
-            wrench = np.array((m * g_x, m * g_y, m * g_z, *moment))
-            key = (*factors, *tilting)
-            total[key] = total[key] + wrench if key in total else wrench
-        return total
+        known, poses = self._weights, self.loaded_link_poses
+        weights = [known.get(load) or statics.weigh([load], poses)[load] for load in loads]
+        return statics.wrench_on(weights, self.chain.gravity, self.tilts, point)
 
     def torque_on(self, joint: int) -> dict[Factors, float]:
         """Return what the loads put on a joint (0-based), N·m or N, by the parameters that multiply it."""
         beyond = [load for load in self.loads if load.link > joint]
-        rows = slice(0, 3) if self.chain.prismatic[joint] else slice(3, 6)
         frame = self.loaded_link_poses[joint + 1]
-        axis = frame[:3, :3] @ self.chain.axes[joint]
         wrenches = self.wrench_on(beyond, frame[:3, 3])
-        return {factors: float(axis @ wrench[rows]) for factors, wrench in wrenches.items()}
+        return statics.torque_on(frame[:3, :3] @ self.chain.axes[joint], bool(self.chain.prismatic[joint]), wrenches)
 
     @cached_property
-    def _weights(self) -> dict[Load, _Weight]:
-        return self._weigh(self.loads)
-
-    def _weigh(self, loads: Sequence[Load]) -> dict[Load, _Weight]:
-        """Return loads as they stand, in numbers of Python: for sums of three they are quicker than arrays."""
-        if not loads:
-            return {}
-        frames = self.loaded_link_poses[[load.link for load in loads]] @ np.array([load.frame for load in loads])
-        owners = [k for k, load in enumerate(loads) for _ in load.moments]
-        moments = np.array([moments for load in loads for moments, _ in load.moments]).reshape(-1, 4)
-        turned = (frames[owners, :3, :3] @ moments[:, 1:, None])[:, :, 0]
-        rows = iter(np.column_stack([moments[:, 0], turned]).tolist())
-        return {
-            load: (origin, [(factors, *next(rows)) for _, factors in load.moments])
-            for load, origin in zip(loads, frames[:, :3, 3].tolist(), strict=True)
-        }
+    def _weights(self) -> dict[Load, statics.Weight]:
+        return statics.weigh(self.loads, self.loaded_link_poses)
 
     @cached_property
     @returns_read_only

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from precision_pin import se3
 from precision_pin.inputs.arrays import read_only, returns_read_only
 from precision_pin.inputs.memory import check_memory
-from precision_pin.robot.places import Load
+from precision_pin.robot.loads import Load
 
 __all__ = ["ChainConstants", "Postures", "alignment"]
 

@@ -29,7 +29,7 @@ from precision_pin.sheet.schema import ASSUMED, Context, Document, source_model,
 from precision_pin.sheet.settings import NAME, NamedParameter, SettingError, parse_parameter
 from precision_pin.sheet.text import Path, Text, read_text
 from precision_pin.sources import catalogue
-from precision_pin.terms.term import AskedSource, Source, labels
+from precision_pin.terms.source import BoundSource, Source, labels, load_posture
 
 __all__ = ["Overrides", "Sheet", "parse_pose", "read"]
 
@@ -352,14 +352,13 @@ def _try_terms(
         except InputError as error:
             findings.take(path, error)
     extended = extension.space()
-    asked = {path: AskedSource(source, LabelledSpace(extended, label), chain) for path, source, label in usable}
+    bound = {path: BoundSource(source, LabelledSpace(extended, label)) for path, source, label in usable}
     for posture in map(chain.at, poses.values() or [np.zeros(len(chain.joints))]):
-        for path, one in tuple(asked.items()):
+        for path, one in tuple(bound.items()):
             try:
-                loads, tilts = list(one.loads(posture)), list(one.gravity(posture))
-                for _ in one.terms(posture.with_loads(loads).with_tilts(tilts)):
+                for _ in one.terms(load_posture(posture, [one])):
                     pass
             except InputError as error:
                 findings.take(path, error)
-                del asked[path]
-        asked = {path: one for path, one in asked.items() if one.depends_on_posture}
+                del bound[path]
+        bound = {path: one for path, one in bound.items() if one.source.depends_on != "chain"}

@@ -18,26 +18,13 @@ from precision_pin.robot.urdf import Joint
 from precision_pin.sheet.findings import Findings
 from precision_pin.sheet.schema import Document
 from precision_pin.sheet.text import Path
-from precision_pin.terms.term import Source, labels, own_draws
+from precision_pin.terms.source import Source, labels, own_draws
 
-__all__ = ["DEVIATIONS", "FEW", "few_samples", "pose_remark", "remark_on_poses", "remark_on_sources"]
+__all__ = ["FEW", "few_samples", "pose_remark", "remark_on_poses", "remark_on_sources"]
 
 FEW: Final = 30
 """Below so many measured samples the spread of what is drawn from them is warned of."""
 _CONFIDENCE: Final = 0.95
-
-_PLACE: Final = ("x", "y", "z", "rx", "ry", "rz")
-DEVIATIONS: Final[Mapping[str, tuple[str, ...]]] = {
-    "encoder": ("offset", "scale"),
-    "frame": _PLACE,
-    "joint_offset": ("offset",),
-    "length": ("parameters",),
-    "levelling": ("rx", "ry", "rz"),
-    "mcpc": ("alpha", "beta", "gamma", "x", "y", "z"),
-    "mounting": _PLACE,
-    "transmission": ("lead_error",),
-}
-"""Settings that say how far something is off, by kind: zero if all is well, so that a number alone is a constant error."""
 
 LARGE_ANGLE: Final = math.radians(2)
 """An error as large as that, written in rad, is asked about."""
@@ -180,7 +167,7 @@ def _constants(source: Source, settings: Mapping[str, Any]) -> Iterator[tuple[Pa
     settings
         As they stand in the sheet.
     """
-    for key in DEVIATIONS.get(source.kind(), ()):
+    for key in source.deviations:
         value = getattr(source, key)
         for k, entry in enumerate(value if isinstance(value, tuple) else (value,)):
             if isinstance(entry, float) and entry != 0:

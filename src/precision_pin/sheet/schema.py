@@ -5,7 +5,7 @@ from __future__ import annotations
 import types
 import typing
 from collections.abc import Mapping
-from dataclasses import MISSING, dataclass, fields, is_dataclass
+from dataclasses import MISSING, dataclass
 from functools import cache
 from pathlib import Path as FilePath
 from typing import Annotated, Any, Final, Literal, final
@@ -33,7 +33,7 @@ from precision_pin.sheet.settings import (
 )
 from precision_pin.sheet.text import Path
 from precision_pin.sources import catalogue
-from precision_pin.terms.term import Source
+from precision_pin.terms.source import SettingField, Source, setting_fields, takes_law
 from precision_pin.units import PerEntry, PerJoint, Quantity, parse_vector
 
 __all__ = [
@@ -42,7 +42,6 @@ __all__ = [
     "Document",
     "SettingReason",
     "json_schema",
-    "part_of",
     "source_model",
     "used_quantities",
 ]
@@ -100,11 +99,10 @@ class Document(BaseModel):
 @cache
 def source_model(kind: type) -> type[BaseModel]:
     """Return the pydantic model of a source's settings (or of a part of them), whose fields are those of the class."""
-    hints = typing.get_type_hints(kind, include_extras=True)
-    entries: dict[str, Any] = {}
-    for entry in fields(kind):
-        default = ... if entry.default is MISSING else entry.default
-        entries[entry.name] = (_field_type(hints[entry.name]), default)
+    entries: dict[str, Any] = {
+        entry.name: (_field_type(entry), ... if entry.default is MISSING else entry.default)
+        for entry in setting_fields(kind)
+    }
     config = ConfigDict(extra="forbid", arbitrary_types_allowed=True)
     model: type[BaseModel] = create_model(
         kind.__name__, __config__=config, __doc__=(kind.__doc__ or "").split("\n")[0], **entries
@@ -141,9 +139,9 @@ def json_schema(kinds: Mapping[str, type[Source]] | None = None) -> dict[str, An
     return schema
 
 
-def _field_type(hint: Any) -> Any:
+def _field_type(entry: SettingField) -> Any:
     """Return the pydantic type of a setting: quantities and laws read from text, the rest as it stands."""
-    part = part_of(hint)
+    part, hint = entry.part, entry.hint
     if part is not None:
         return tuple[Annotated[source_model(part), AfterValidator(_make(part))], ...]  # type: ignore[misc]
     if hint is FilePath:
@@ -158,7 +156,7 @@ def _field_type(hint: Any) -> Any:
     options = typing.get_args(bare) if typing.get_origin(bare) in (types.UnionType, typing.Union) else (bare,)
     for option in options:
         if typing.get_origin(option) is tuple:
-            if not _holds_law(option):
+            if not takes_law(option):
                 levels = 2 if typing.get_origin(typing.get_args(option)[0]) is tuple else 1
                 read, schema = _read_numbers(quantities, levels), _numbers_schema(quantities, levels)
                 return Annotated[Any, BeforeValidator(read), WithJsonSchema(schema)]
@@ -168,12 +166,6 @@ def _field_type(hint: Any) -> Any:
     if Law in options:
         return Annotated[Any, BeforeValidator(_read_setting(quantities)), WithJsonSchema(_setting_schema(quantities))]
     return Annotated[Any, BeforeValidator(_read_number(quantities)), WithJsonSchema(_quantity_schema(quantities))]
-
-
-def part_of(hint: Any) -> type | None:
-    """Return the data class whose instances, in a list, a setting holds; ``None`` for any other setting."""
-    entry = next(iter(typing.get_args(hint)), None) if typing.get_origin(hint) is tuple else None
-    return entry if isinstance(entry, type) and is_dataclass(entry) else None
 
 
 def _make(part: type) -> Any:
@@ -186,10 +178,6 @@ def _make(part: type) -> Any:
     return make
 
 
-def _holds_law(hint: Any) -> bool:
-    return hint is Law or any(_holds_law(part) for part in typing.get_args(hint))
-
-
 Notes = tuple[Quantity | PerJoint | PerEntry, ...]
 
 
@@ -198,11 +186,10 @@ def used_quantities(kinds: tuple[type, ...]) -> tuple[Quantity, ...]:
     """Return every quantity that some random setting of the kinds takes, so that a bare number fits none by accident."""
     found: dict[Quantity, None] = {}
     for kind in kinds:
-        for hint in typing.get_type_hints(kind, include_extras=True).values():
-            part = part_of(hint)
-            if part is not None:
-                found |= dict.fromkeys(used_quantities((part,)))
-            for note in typing.get_args(hint)[1:] if _holds_law(hint) else ():
+        for entry in setting_fields(kind):
+            if entry.part is not None:
+                found |= dict.fromkeys(used_quantities((entry.part,)))
+            for note in entry.notes if entry.may_be_random else ():
                 found |= dict.fromkeys(_either(note))
     return tuple(found)
 

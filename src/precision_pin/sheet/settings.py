@@ -177,7 +177,8 @@ def parse_law(
     reader = LawReader(value, tuple(quantities), folder)
     scope = reader.scope()
     law = laws[key].from_sheet(reader)
-    return NamedParameter(Draw(name, law, scope), reader.quantities)
+    known = (reader.quantities * law.size) if len(reader.quantities) == 1 else ()
+    return NamedParameter(Draw(name, law, scope, known), reader.quantities)
 
 
 def law_options(*keys: str) -> tuple[str, ...]:

@@ -1,6 +1,6 @@
 """Error sources, one file for each kind.
 
-A kind is a module here with one :class:`~precision_pin.terms.term.Source` in it; nothing else lists them. The sheet's schema
+A kind is a module here with one :class:`~precision_pin.terms.source.Source` in it; nothing else lists them. The sheet's schema
 and the documentation's catalogue derive from the classes.
 """
 
@@ -11,7 +11,7 @@ import inspect
 import pkgutil
 from functools import cache
 
-from precision_pin.terms.term import Source
+from precision_pin.terms.source import Source
 
 __all__ = ["catalogue"]
 

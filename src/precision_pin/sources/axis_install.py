@@ -13,7 +13,8 @@ from precision_pin.draws.laws import Disc
 from precision_pin.draws.space import Draw, LabelledSpace, Scope
 from precision_pin.errors import InputError
 from precision_pin.robot.chain import Place, Posture
-from precision_pin.terms.term import Source, Term
+from precision_pin.terms.source import Dependence, Source
+from precision_pin.terms.term import Term
 
 __all__ = ["AxisInstall"]
 
@@ -66,10 +67,15 @@ class AxisInstall(Source):
         """The joint."""
         return self.joint
 
+    @property
+    def depends_on(self) -> Dependence:
+        """The chain."""
+        return "chain"
+
     def own_draws(self, label: str) -> tuple[Draw, ...]:
         """Return the two points A and B."""
         radius = self.radius if self.radius is not None else (self.diameter or 0.0) / 2
-        return tuple(Draw(f"{label}.{point}", Disc(radius), Scope.UNIT) for point in ("A", "B"))
+        return tuple(Draw(f"{label}.{point}", Disc(radius), Scope.UNIT, (units.LENGTH,) * 2) for point in ("A", "B"))
 
     def terms(self, posture: Posture, space: LabelledSpace) -> Iterator[Term]:
         """Yield a term for each coordinate of A and B."""

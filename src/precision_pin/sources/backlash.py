@@ -13,7 +13,8 @@ from precision_pin.draws.laws import Uniform
 from precision_pin.draws.space import Draw, LabelledSpace, Scope, Setting
 from precision_pin.errors import InputError
 from precision_pin.robot.chain import Posture
-from precision_pin.terms.term import JointValue, Source, Term, at_means
+from precision_pin.terms.source import Source
+from precision_pin.terms.term import JointValue, Term, at_means
 
 __all__ = ["Backlash"]
 
@@ -66,7 +67,7 @@ class Backlash(Source):
 
     def own_draws(self, label: str) -> tuple[Draw, ...]:
         """Return where in the gap the joint stands when the load does not say: -1 to 1."""
-        return (Draw(f"{label}.side", Uniform(1.0), Scope(self.scope)),)
+        return (Draw(f"{label}.side", Uniform(1.0), Scope(self.scope), (units.RATIO,)),)
 
     def terms(self, posture: Posture, space: LabelledSpace) -> Iterator[Term]:
         """Yield one term."""

@@ -18,7 +18,8 @@ from precision_pin.robot.chain import Chain, Factors, Load, Posture
 from precision_pin.se3 import rotation_about
 from precision_pin.sources.bent_shape import BentShape
 from precision_pin.sources.profiles import Profile, Segment, Stretch, ends, stretches
-from precision_pin.terms.term import Source, Term
+from precision_pin.terms.source import Source
+from precision_pin.terms.term import Term
 
 __all__ = ["Beam", "beam_axes", "point_flexibility", "stretch_flexibility", "weight_flexibility"]
 

@@ -14,7 +14,8 @@ from precision_pin.draws.space import LabelledSpace, Setting
 from precision_pin.errors import InputError
 from precision_pin.robot.chain import Posture
 from precision_pin.sources.seats import PadsOn, height_above_seat, seat_axes, seat_wrench, wrench_at
-from precision_pin.terms.term import Source, Term
+from precision_pin.terms.source import Source
+from precision_pin.terms.term import Term
 
 __all__ = ["BearingStiffness"]
 

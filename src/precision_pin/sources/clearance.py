@@ -13,9 +13,10 @@ from precision_pin.draws.expressions import Value
 from precision_pin.draws.laws import Circle, Disc, Uniform
 from precision_pin.draws.space import Draw, LabelledSpace, Scope, Setting, indexed
 from precision_pin.errors import InputError
-from precision_pin.robot.chain import Posture
-from precision_pin.sources.seats import PadsOn, height_above_seat, seat_axes, seat_wrench, shift_of_point
-from precision_pin.terms.term import Source, Term, at_means
+from precision_pin.robot.chain import Chain, Posture
+from precision_pin.sources.seats import PadsOn, height_above_seat, seat_axes, seat_wrench, shift_of_point, travels
+from precision_pin.terms.source import Dependence, Source
+from precision_pin.terms.term import Term, at_means
 
 __all__ = ["Clearance"]
 
@@ -111,13 +112,22 @@ class Clearance(Source):
         """The joint."""
         return self.joint
 
+    @property
+    def depends_on(self) -> Dependence:
+        """The loads where they say the direction; the configuration where a carriage travels."""
+        return "loads" if self.direction == "load" else "configuration"
+
+    def is_alike_everywhere(self, chain: Chain) -> bool:
+        """Return whether the directions are random and the pads do not travel."""
+        return self.direction == "random" and not travels(chain, chain.joint_index(self.joint), self.pads_on)
+
     def own_draws(self, label: str) -> tuple[Draw, ...]:
         """Return the random directions of A and B, of unit radius, and the axial side, -1 to 1."""
         scope = Scope(self.scope)
         unit = Circle(1.0) if self.law == "circle" else Disc(1.0)
-        draws = [Draw(f"{label}.{name}", unit, scope) for name in ("A", "B")]
+        draws = [Draw(f"{label}.{name}", unit, scope, (units.RATIO,) * 2) for name in ("A", "B")]
         if self.axial != 0.0:
-            draws.append(Draw(f"{label}.side", Uniform(1.0), scope))
+            draws.append(Draw(f"{label}.side", Uniform(1.0), scope, (units.RATIO,)))
         return tuple(draws)
 
     def terms(self, posture: Posture, space: LabelledSpace) -> Iterator[Term]:

@@ -14,7 +14,8 @@ from precision_pin.draws.space import Draw, LabelledSpace, Scope
 from precision_pin.errors import InputError
 from precision_pin.robot.chain import Posture
 from precision_pin.sources.chosen_place import check_choice, chosen_place
-from precision_pin.terms.term import Source, Term
+from precision_pin.terms.source import Dependence, Source
+from precision_pin.terms.term import Term
 
 __all__ = ["Covariance"]
 
@@ -89,9 +90,14 @@ class Covariance(Source):
         """The joint, link or frame."""
         return self.joint or self.link or self.frame or ""
 
+    @property
+    def depends_on(self) -> Dependence:
+        """The chain."""
+        return "chain"
+
     def own_draws(self, label: str) -> tuple[Draw, ...]:
         """Return the six errors as one draw."""
-        return (Draw(f"{label}.error", self._law(), Scope(self.scope)),)
+        return (Draw(f"{label}.error", self._law(), Scope(self.scope), _SIX.quantities),)
 
     def terms(self, posture: Posture, space: LabelledSpace) -> Iterator[Term]:
         """Yield a term for each of the six errors."""

@@ -9,12 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from precision_pin.errors import InputError
-from precision_pin.robot.chain import Posture
+from precision_pin.robot.chain import Chain, Posture
 
-__all__ = ["direction_of"]
+__all__ = ["direction_of", "is_fixed"]
 
 _DIRECTION: Final = re.compile(r"(-?)\s*(x|y|z|axis)\s+of\s+(.+)", re.DOTALL)
 _AXES: Final = {"x": 0, "y": 1, "z": 2}
+_PARALLEL: Final = 1e-9
+"""Sine of the angle below which a direction counts as parallel to an axis."""
 
 
 def direction_of(text: str, posture: Posture) -> NDArray[np.float64]:
@@ -31,19 +33,51 @@ def direction_of(text: str, posture: Posture) -> NDArray[np.float64]:
     UnknownNameError
         No such joint on the chain.
     """
-    match = _DIRECTION.fullmatch(text.strip())
-    if match is None:
-        raise InputError(f"direction {text!r} is not understood; allowed: link, [-]x|y|z of JOINT, [-]axis of JOINT")
-    name = match[3].strip()
-    if name == posture.chain.base and name not in posture.chain.joint_names and match[2] != "axis":
-        along = np.eye(3)[_AXES[match[2]]]
-        return np.asarray(-along if match[1] else along, dtype=float)
-    chain, joint = posture.chain, posture.chain.joint_index(name)
+    sign, letter, joint = _parse(text, posture.chain)
+    if joint is None:
+        along = np.eye(3)[_AXES[letter]]
+        return np.asarray(-along if sign < 0 else along, dtype=float)
+    chain = posture.chain
     is_reversed = bool(chain.reversed_joints[joint])
-    if match[2] == "axis":
+    if letter == "axis":
         direction = -posture.joint_axes[joint] if is_reversed else posture.joint_axes[joint]
     else:
         # what turns with the file's child is the link before a joint that the chain passes against the file
         turned = posture.link_poses[joint] @ chain.placements[joint] if is_reversed else posture.joint_poses[joint]
-        direction = turned[:3, _AXES[match[2]]]
-    return np.asarray(-direction if match[1] else direction, dtype=float)
+        direction = turned[:3, _AXES[letter]]
+    return np.asarray(-direction if sign < 0 else direction, dtype=float)
+
+
+def is_fixed(text: str, chain: Chain, link: int) -> bool:
+    """Return whether a direction, spelled as for :func:`direction_of`, turns with a chain link wherever the joints stand."""
+    _, letter, joint = _parse(text, chain)
+    if joint is None:
+        carrier, direction = 0, np.eye(3)[_AXES[letter]]
+    elif letter == "axis":
+        carrier, direction = joint + 1, chain.axes[joint]
+    elif chain.reversed_joints[joint]:
+        carrier, direction = joint, chain.placements[joint][:3, _AXES[letter]]
+    else:
+        carrier, direction = joint + 1, np.eye(3)[_AXES[letter]]
+    while carrier != link:
+        # onwards through the joint behind the carrier, or back through the one before it
+        onwards = carrier < link
+        passed = carrier if onwards else carrier - 1
+        turn = chain.placements[passed][:3, :3]
+        direction = turn.T @ direction if onwards else direction
+        if not chain.prismatic[passed] and np.linalg.norm(np.cross(chain.axes[passed], direction)) > _PARALLEL:
+            return False
+        direction = direction if onwards else turn @ direction
+        carrier += 1 if onwards else -1
+    return True
+
+
+def _parse(text: str, chain: Chain) -> tuple[float, str, int | None]:
+    """Return a direction's sign, its letter or ``axis``, and the joint it belongs to, None for the base."""
+    match = _DIRECTION.fullmatch(text.strip())
+    if match is None:
+        raise InputError(f"direction {text!r} is not understood; allowed: link, [-]x|y|z of JOINT, [-]axis of JOINT")
+    name, sign = match[3].strip(), -1.0 if match[1] else 1.0
+    if name == chain.base and name not in chain.joint_names and match[2] != "axis":
+        return sign, match[2], None
+    return sign, match[2], chain.joint_index(name)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Annotated, Literal, final
+from typing import Annotated, ClassVar, Final, Literal, final
 
 from precision_pin import units
 from precision_pin.draws.laws import Uniform
@@ -13,9 +13,12 @@ from precision_pin.draws.space import Draw, LabelledSpace, Scope, Setting
 from precision_pin.errors import Finding, InputError
 from precision_pin.robot.chain import Posture
 from precision_pin.sources.periodic import amplitude_remarks, periodic_terms, phase_draw
-from precision_pin.terms.term import JointValue, Source, Term
+from precision_pin.terms.source import Dependence, Source
+from precision_pin.terms.term import JointValue, Term
 
 __all__ = ["Encoder"]
+
+_AT_JOINT: Final = units.PerJoint(units.ANGLE, units.LENGTH)
 
 
 @final
@@ -69,11 +72,13 @@ class Encoder(Source):
         of joint.
     """
 
+    deviations: ClassVar[tuple[str, ...]] = ("offset", "scale")
+
     joint: str
-    resolution: Annotated[float | None, units.PerJoint(units.ANGLE, units.LENGTH)] = None
+    resolution: Annotated[float | None, _AT_JOINT] = None
     scope: Literal["pose", "visit"] = "pose"
-    offset: Annotated[Setting | None, units.PerJoint(units.ANGLE, units.LENGTH)] = None
-    amplitude: Annotated[Setting | None, units.PerJoint(units.ANGLE, units.LENGTH)] = None
+    offset: Annotated[Setting | None, _AT_JOINT] = None
+    amplitude: Annotated[Setting | None, _AT_JOINT] = None
     eccentricity: Annotated[Setting | None, units.LENGTH] = None
     radius: Annotated[float | None, units.LENGTH] = None
     order: int = 1
@@ -110,12 +115,17 @@ class Encoder(Source):
         """The joint."""
         return self.joint
 
+    @property
+    def depends_on(self) -> Dependence:
+        """The chain; the configuration where the error is not the same at every joint value."""
+        return "configuration" if self.scale is not None or self._is_periodic else "chain"
+
     def own_draws(self, label: str) -> tuple[Draw, ...]:
         """Return the place within a step and the phase."""
         draws = []
         if self.resolution is not None:
             step = self.resolution / self.ratio
-            draws.append(Draw(f"{label}.quantisation", Uniform(step / 2), Scope(self.scope)))
+            draws.append(Draw(f"{label}.quantisation", Uniform(step / 2), Scope(self.scope), (_AT_JOINT,)))
         if self._is_periodic:
             draws.append(phase_draw(f"{label}.phase"))
         return tuple(draws)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Annotated, final
+from typing import Annotated, ClassVar, final
 
 import numpy as np
 
@@ -12,7 +12,8 @@ from precision_pin import units
 from precision_pin.draws.space import LabelledSpace, Setting
 from precision_pin.robot.chain import Posture
 from precision_pin.sources.chosen_place import check_choice, chosen_place
-from precision_pin.terms.term import Source, Term
+from precision_pin.terms.source import Dependence, Source
+from precision_pin.terms.term import Term
 
 __all__ = ["Frame"]
 
@@ -36,6 +37,8 @@ class Frame(Source):
         Rotation vector.
     """
 
+    deviations: ClassVar[tuple[str, ...]] = ("x", "y", "z", "rx", "ry", "rz")
+
     joint: str | None = None
     link: str | None = None
     frame: str | None = None
@@ -53,6 +56,11 @@ class Frame(Source):
     def subject(self) -> str:
         """The joint, link or frame."""
         return self.joint or self.link or self.frame or ""
+
+    @property
+    def depends_on(self) -> Dependence:
+        """The chain."""
+        return "chain"
 
     def terms(self, posture: Posture, space: LabelledSpace) -> Iterator[Term]:
         """Yield a term for each error that is not zero."""

@@ -9,7 +9,8 @@ from typing import Annotated, final
 from precision_pin import units
 from precision_pin.draws.space import LabelledSpace, Setting
 from precision_pin.robot.chain import Posture
-from precision_pin.terms.term import JointValue, Source, Term
+from precision_pin.terms.source import Source
+from precision_pin.terms.term import JointValue, Term
 
 __all__ = ["JointCompliance"]
 

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Annotated, final
+from typing import Annotated, ClassVar, final
 
 from precision_pin import units
 from precision_pin.draws.space import LabelledSpace, Setting
 from precision_pin.robot.chain import Posture
-from precision_pin.terms.term import JointValue, Source, Term
+from precision_pin.terms.source import Dependence, Source
+from precision_pin.terms.term import JointValue, Term
 
 __all__ = ["JointOffset"]
 
@@ -30,6 +31,8 @@ class JointOffset(Source):
         The error of its value; an angle, for a prismatic joint a length.
     """
 
+    deviations: ClassVar[tuple[str, ...]] = ("offset",)
+
     joint: str
     offset: Annotated[Setting, units.PerJoint(units.ANGLE, units.LENGTH)]
 
@@ -37,6 +40,11 @@ class JointOffset(Source):
     def subject(self) -> str:
         """The joint."""
         return self.joint
+
+    @property
+    def depends_on(self) -> Dependence:
+        """The chain."""
+        return "chain"
 
     def terms(self, posture: Posture, space: LabelledSpace) -> Iterator[Term]:
         """Yield one term."""

@@ -4,16 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Annotated, final
+from typing import Annotated, ClassVar, final
 
 import numpy as np
 
 from precision_pin import units
 from precision_pin.draws.space import LabelledSpace, Setting
 from precision_pin.errors import InputError
-from precision_pin.robot.chain import Posture
-from precision_pin.sources.directions import direction_of
-from precision_pin.terms.term import Source, Term
+from precision_pin.robot.chain import Chain, Posture
+from precision_pin.sources.directions import direction_of, is_fixed
+from precision_pin.terms.source import Dependence, Source
+from precision_pin.terms.term import Term
 
 __all__ = ["Length"]
 
@@ -44,6 +45,8 @@ class Length(Source):
         Not exactly one of joint and frame; a link without length along itself.
     """
 
+    deviations: ClassVar[tuple[str, ...]] = ("parameters",)
+
     joint: str | None = None
     frame: str | None = None
     along: str = "link"
@@ -60,14 +63,19 @@ class Length(Source):
         """The joint or frame."""
         return self.joint or self.frame or ""
 
+    @property
+    def depends_on(self) -> Dependence:
+        """The configuration, which turns the direction."""
+        return "configuration"
+
+    def is_alike_everywhere(self, chain: Chain) -> bool:
+        """Return whether the direction turns with the link."""
+        return self.along == "link" or is_fixed(self.along, chain, self._link(chain))
+
     def terms(self, posture: Posture, space: LabelledSpace) -> Iterator[Term]:
         """Yield one term for each parameter."""
         chain = posture.chain
-        if self.joint is not None:
-            link = chain.joint_index(self.joint)
-        else:
-            assert self.frame is not None
-            link = chain.frame_place(self.frame).link
+        link = self._link(chain)
         place = chain.end(link)
         if self.along == "link":
             way = place.frame[:3, 3]
@@ -81,3 +89,10 @@ class Length(Source):
         twist[:3] = posture.place_pose(place)[:3, :3].T @ direction
         for value in space.values("parameters", self.parameters):
             yield Term.of(place, twist, value)
+
+    def _link(self, chain: Chain) -> int:
+        """Return the chain link whose end moves."""
+        if self.joint is not None:
+            return chain.joint_index(self.joint)
+        assert self.frame is not None
+        return chain.frame_place(self.frame).link

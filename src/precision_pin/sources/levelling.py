@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Annotated, final
+from typing import Annotated, ClassVar, final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +13,8 @@ from precision_pin import units
 from precision_pin.draws.expressions import Expression
 from precision_pin.draws.space import LabelledSpace, Setting
 from precision_pin.robot.chain import Factors, Posture
-from precision_pin.terms.term import Source, Term
+from precision_pin.terms.source import Dependence, Source
+from precision_pin.terms.term import Term
 
 __all__ = ["Levelling"]
 
@@ -34,6 +35,8 @@ class Levelling(Source):
         How far the base is turned out of level about its own x, y and z. About the direction of gravity it does nothing.
     """
 
+    deviations: ClassVar[tuple[str, ...]] = ("rx", "ry", "rz")
+
     rx: Annotated[Setting, units.ANGLE] = 0.0
     ry: Annotated[Setting, units.ANGLE] = 0.0
     rz: Annotated[Setting, units.ANGLE] = 0.0
@@ -42,6 +45,11 @@ class Levelling(Source):
     def subject(self) -> str:
         """The base."""
         return "base"
+
+    @property
+    def depends_on(self) -> Dependence:
+        """The chain."""
+        return "chain"
 
     def terms(self, posture: Posture, space: LabelledSpace) -> Iterator[Term]:
         """Yield nothing."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Annotated, final
+from typing import Annotated, ClassVar, final
 
 import numpy as np
 
@@ -14,7 +14,8 @@ from precision_pin.draws.space import LabelledSpace, Setting
 from precision_pin.errors import InputError
 from precision_pin.robot import mcpc
 from precision_pin.robot.chain import Chain, Place, Posture
-from precision_pin.terms.term import Source, Term
+from precision_pin.terms.source import Dependence, Source
+from precision_pin.terms.term import Term
 
 __all__ = ["Mcpc"]
 
@@ -43,6 +44,8 @@ class Mcpc(Source):
         Δγ or Δz on a link that is not the last.
     """
 
+    deviations: ClassVar[tuple[str, ...]] = ("alpha", "beta", "gamma", "x", "y", "z")
+
     link: str
     alpha: Annotated[Setting, units.ANGLE] = 0.0
     beta: Annotated[Setting, units.ANGLE] = 0.0
@@ -55,6 +58,11 @@ class Mcpc(Source):
     def subject(self) -> str:
         """The link."""
         return self.link
+
+    @property
+    def depends_on(self) -> Dependence:
+        """The chain."""
+        return "chain"
 
     def terms(self, posture: Posture, space: LabelledSpace) -> Iterator[Term]:
         """Yield a term for each parameter that errs."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Annotated, Literal, final
+from typing import Annotated, ClassVar, Literal, final
 
 import numpy as np
 
@@ -12,7 +12,8 @@ from precision_pin import units
 from precision_pin.draws.space import LabelledSpace, Setting
 from precision_pin.errors import InputError
 from precision_pin.robot.chain import Chain, Place, Posture
-from precision_pin.terms.term import Source, Term
+from precision_pin.terms.source import Dependence, Source
+from precision_pin.terms.term import Term
 
 __all__ = ["Mounting"]
 
@@ -47,6 +48,8 @@ class Mounting(Source):
         ``at`` is neither, or a flange where none belongs or that does not carry the tool.
     """
 
+    deviations: ClassVar[tuple[str, ...]] = ("x", "y", "z", "rx", "ry", "rz")
+
     at: Literal["base", "tool"]
     flange: str | None = None
     x: Annotated[Setting, units.LENGTH] = 0.0
@@ -66,6 +69,11 @@ class Mounting(Source):
     def subject(self) -> str:
         """What is mounted: base or tool."""
         return self.at
+
+    @property
+    def depends_on(self) -> Dependence:
+        """The chain."""
+        return "chain"
 
     def terms(self, posture: Posture, space: LabelledSpace) -> Iterator[Term]:
         """Yield a term for each error that is not zero."""

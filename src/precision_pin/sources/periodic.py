@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterator
 from typing import Final
 
+from precision_pin import units
 from precision_pin.draws.expressions import Component, Value
 from precision_pin.draws.laws import Circle
 from precision_pin.draws.space import Draw, LabelledSpace, Scope
@@ -19,7 +20,7 @@ _ROUNDING: Final = 1e-9
 
 def phase_draw(name: str) -> Draw:
     """Return the draw of a phase φ: the point (cos φ, sin φ), φ uniform on the turn, once for each built robot."""
-    return Draw(name, Circle(1.0), Scope.UNIT)
+    return Draw(name, Circle(1.0), Scope.UNIT, (units.RATIO,) * 2)
 
 
 def periodic_terms(joint: int, angle: float, amplitude: Value, space: LabelledSpace, phase: str) -> Iterator[Term]:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from precision_pin.errors import InputError
 from precision_pin.robot.chain import Chain, Factors, Posture
 
-__all__ = ["PadsOn", "height_above_seat", "seat_axes", "seat_wrench", "shift_of_point", "wrench_at"]
+__all__ = ["PadsOn", "height_above_seat", "seat_axes", "seat_wrench", "shift_of_point", "travels", "wrench_at"]
 
 Array = NDArray[np.float64]
 
@@ -50,10 +50,14 @@ def height_above_seat(posture: Posture, joint: int, height: float, pads_on: Pads
     back with the parent where the base lies beyond the joint. Child and parent are those of the file.
     """
     chain = posture.chain
-    is_reversed = bool(chain.reversed_joints[joint])
-    if not chain.prismatic[joint] or (pads_on == "parent") is not is_reversed:
+    if not travels(chain, joint, pads_on):
         return height
-    return height + (-1.0 if is_reversed else 1.0) * float(posture.q[joint])
+    return height + (-1.0 if chain.reversed_joints[joint] else 1.0) * float(posture.q[joint])
+
+
+def travels(chain: Chain, joint: int, pads_on: PadsOn) -> bool:
+    """Return whether the pads of a 0-based joint travel along the axis as it slides; see :func:`height_above_seat`."""
+    return bool(chain.prismatic[joint]) and (pads_on == "parent") is bool(chain.reversed_joints[joint])
 
 
 def shift_of_point(height: float, other: float) -> Array:

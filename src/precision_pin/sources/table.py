@@ -17,7 +17,8 @@ from precision_pin.errors import InputError, nearest
 from precision_pin.inputs import csv_columns
 from precision_pin.robot.chain import Posture
 from precision_pin.sources.chosen_place import check_choice, chosen_place
-from precision_pin.terms.term import Source, Term
+from precision_pin.terms.source import Dependence, Source
+from precision_pin.terms.term import Term
 
 __all__ = ["Table"]
 
@@ -67,9 +68,15 @@ class Table(Source):
         """The joint, link or frame."""
         return self.joint or self.link or self.frame or ""
 
+    @property
+    def depends_on(self) -> Dependence:
+        """The chain."""
+        return "chain"
+
     def own_draws(self, label: str) -> tuple[Draw, ...]:
         """Return the columns as one draw."""
-        return (Draw(f"{label}.row", self._law, Scope(self.scope)),)
+        quantities = tuple(_COLUMNS[name] for name in self._law.names)
+        return (Draw(f"{label}.row", self._law, Scope(self.scope), quantities),)
 
     def terms(self, posture: Posture, space: LabelledSpace) -> Iterator[Term]:
         """Yield a term for each column."""

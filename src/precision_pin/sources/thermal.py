@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Annotated, final
 
@@ -12,9 +12,10 @@ from numpy.typing import NDArray
 from precision_pin import units
 from precision_pin.draws.space import LabelledSpace, Setting
 from precision_pin.errors import InputError
-from precision_pin.robot.chain import Posture
-from precision_pin.sources.directions import direction_of
-from precision_pin.terms.term import Source, Term
+from precision_pin.robot.chain import Chain, Posture
+from precision_pin.sources.directions import direction_of, is_fixed
+from precision_pin.terms.source import Dependence, Source
+from precision_pin.terms.term import Term
 
 __all__ = ["Thermal"]
 
@@ -70,12 +71,20 @@ class Thermal(Source):
         """The link, or arm for all of them."""
         return self.link or "arm"
 
+    @property
+    def depends_on(self) -> Dependence:
+        """The chain; with a gradient its direction, which the configuration turns."""
+        return "chain" if self.gradient is None else "configuration"
+
+    def is_alike_everywhere(self, chain: Chain) -> bool:
+        """Return whether the direction in which it gets warmer turns with every link that bends."""
+        return self.across is None or all(is_fixed(self.across, chain, link) for link in self._links(chain))
+
     def terms(self, posture: Posture, space: LabelledSpace) -> Iterator[Term]:
         """Yield a term for growth and one for bending, for each link that has a length."""
         chain = posture.chain
         expansion = space.value("expansion", self.expansion)
-        links = range(len(chain.joints) + 1) if self.link is None else (chain.link_frame(self.link).link,)
-        for link in links:
+        for link in self._links(chain):
             place = chain.end(link)
             turn = place.frame[:3, :3].T
             way = place.frame[:3, 3]
@@ -90,6 +99,9 @@ class Thermal(Source):
                 gradient = space.value("gradient", self.gradient)
                 bending = _bending(way, posture.link_poses[link][:3, :3].T @ self._direction(posture))
                 yield Term.of(place, np.concatenate([turn @ bending[:3], turn @ bending[3:]]), expansion, gradient)
+
+    def _links(self, chain: Chain) -> Sequence[int]:
+        return range(len(chain.joints) + 1) if self.link is None else (chain.link_frame(self.link).link,)
 
     def _direction(self, posture: Posture) -> Array:
         assert self.across is not None

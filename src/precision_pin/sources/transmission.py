@@ -5,14 +5,15 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Annotated, final
+from typing import Annotated, ClassVar, final
 
 from precision_pin import units
 from precision_pin.draws.space import Draw, LabelledSpace, Setting, indexed
 from precision_pin.errors import Finding, InputError
 from precision_pin.robot.chain import Posture
 from precision_pin.sources.periodic import amplitude_remarks, periodic_terms, phase_draw
-from precision_pin.terms.term import JointValue, Source, Term
+from precision_pin.terms.source import Dependence, Source
+from precision_pin.terms.term import JointValue, Term
 
 __all__ = ["Transmission"]
 
@@ -53,6 +54,8 @@ class Transmission(Source):
         reach zero, or what belongs to the other kind of joint.
     """
 
+    deviations: ClassVar[tuple[str, ...]] = ("lead_error",)
+
     joint: str
     amplitude: Annotated[tuple[Setting, ...], units.PerJoint(units.ANGLE, units.LENGTH)] = ()
     order: Annotated[tuple[float, ...], units.RATIO] = ()
@@ -77,6 +80,11 @@ class Transmission(Source):
     def subject(self) -> str:
         """The joint."""
         return self.joint
+
+    @property
+    def depends_on(self) -> Dependence:
+        """The configuration; the loads where they wind it up."""
+        return "configuration" if self.stiffness is None else "loads"
 
     def own_draws(self, label: str) -> tuple[Draw, ...]:
         """Return a phase for each amplitude."""

@@ -6,13 +6,13 @@ import itertools
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Final, final
+from typing import final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from precision_pin import se3
-from precision_pin.draws.expressions import Expression, Operation, Program
+from precision_pin.draws.expressions import Expression, Program
 from precision_pin.draws.space import Space
 from precision_pin.errors import InternalError
 from precision_pin.inputs.arrays import fix_fields, returns_read_only
@@ -149,9 +149,6 @@ class TableLayout:
         The chain link that carries each target, and the target's pose in its axes, ``(K,)`` and ``(K, 4, 4)``.
     at_joints, joints
         The terms on joint values, and their joints.
-    comparable
-        Whether another table's formulas can be compared with these: not where they are very deep, since comparing goes
-        through a shared part once for every way to it.
     """
 
     terms: tuple[Term, ...]
@@ -163,7 +160,6 @@ class TableLayout:
     places: Array
     at_joints: NDArray[np.intp]
     joints: NDArray[np.intp]
-    comparable: bool
 
     def __post_init__(self) -> None:
         # read-only before any table is made: every table then has these very arrays, by which the sampler knows its like
@@ -199,12 +195,11 @@ class TableLayout:
             ),
             at_joints=np.array([row for row, _ in on_joints], dtype=np.intp),
             joints=np.array([joint for _, joint in on_joints], dtype=np.intp),
-            comparable=all(_depth(parameter) <= _DEEPEST_COMPARED for parameter in parameters),
         )
 
     def fits(self, terms: tuple[Term, ...]) -> bool:
         """Return whether terms have these targets and factors, in this order."""
-        if not self.comparable or len(terms) != len(self.terms):
+        if len(terms) != len(self.terms):
             return False
         for known, term in zip(self.terms, terms, strict=True):
             if known is not term and not (known.factors == term.factors and _is_same(known.target, term.target)):
@@ -241,7 +236,6 @@ class TableLayout:
 
 
 _Order = tuple[int, int, int, str]
-_DEEPEST_COMPARED: Final = 12
 
 
 def _chain_order(target: Target) -> _Order:
@@ -257,7 +251,3 @@ def _chain_order(target: Target) -> _Order:
 def _is_same(one: Target, other: Target) -> bool:
     """Return whether two targets are one, a place's frame included."""
     return one is other or (one.is_same(other) if isinstance(one, Place) else one == other)
-
-
-def _depth(expression: Expression) -> int:
-    return expression.depth if isinstance(expression, Operation) else 0

@@ -9,7 +9,7 @@ import numpy as np
 from precision_pin.draws.space import Draw, Space
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.robot.chain import Chain, Posture
-from precision_pin.terms.term import Source
+from precision_pin.terms.source import Source
 from support.oracles import displacements
 from support.plain_robot import (
     chain_of,

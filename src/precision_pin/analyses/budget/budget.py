@@ -25,7 +25,7 @@ from precision_pin.analyses.budget.budget_result import (
     SourceShare,
     Sums,
 )
-from precision_pin.analyses.budget.shares import by_component, by_draw, by_place, correlated_groups, owners, reaches
+from precision_pin.analyses.budget.shares import by_component, by_draw, by_place, correlated_groups, reaches
 from precision_pin.analyses.marginals import Marginals, law_breaks
 from precision_pin.analyses.provenance import Pose, PoseLabel, Poses, Provenance, listed_poses
 from precision_pin.analyses.replicates import REPLICATES, Estimates
@@ -451,7 +451,7 @@ def _deviations(variances: Array) -> dict[str, float]:
 def _sources(error_model: ErrorModel, shares: Array, variances: Array) -> tuple[SourceShare, ...]:
     """Return one line for each source with draws of its own and one for each draw that several sources share."""
     lines: dict[tuple[str, ...], list[int]] = {}
-    for k, labels in enumerate(owners(error_model)):
+    for k, labels in enumerate(error_model.owners):
         name = error_model.space.draws[k].name
         key = labels if len(labels) == 1 else (*labels, name)
         lines.setdefault(key, []).append(k)

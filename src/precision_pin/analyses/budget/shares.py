@@ -11,9 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from precision_pin.analyses.budget import shapley
-from precision_pin.draws.expressions import Component, Expression, Operation
-from precision_pin.draws.space import Draw, Space
-from precision_pin.model.error_model import ErrorModel, PoseModel
+from precision_pin.draws.space import Space
+from precision_pin.model.error_model import PoseModel
 from precision_pin.robot.chain import Chain
 from precision_pin.terms.term import JointValue, Target
 
@@ -22,7 +21,6 @@ __all__ = [
     "by_draw",
     "by_place",
     "correlated_groups",
-    "owners",
     "place_name",
     "reaches",
 ]
@@ -130,43 +128,5 @@ def place_name(target: Target, chain: Chain) -> str:
     return f"link from {start} to {end}"
 
 
-def owners(error_model: ErrorModel) -> tuple[tuple[str, ...], ...]:
-    """Return for each draw the labels of the sources whose settings hold or name it, in the order of the sources."""
-    draw_of = {name: draw.name for draw in error_model.space.draws for name in draw.components}
-    found: dict[str, list[str]] = {draw.name: [] for draw in error_model.space.draws}
-    for source, label in zip(error_model.sources, error_model.labels, strict=True):
-        settings = (leaf.value for leaf in source.leaves(label) if leaf.may_be_random)
-        named = {draw_of[name] for setting in settings for name in _names_in(setting) if name in draw_of}
-        for name in named | {draw.name for draw in source.draws(label)}:
-            found[name].append(label)
-    return tuple(tuple(found[draw.name]) for draw in error_model.space.draws)
-
-
 def _columns(space: Space, draws: Iterable[int]) -> list[int]:
     return [column for k in draws for column in range(space.slices[k].start, space.slices[k].stop)]
-
-
-def _names_in(setting: object) -> set[str]:
-    match setting:
-        case str():
-            return {setting}
-        case Draw():
-            return set(setting.components)
-        case Component():
-            return {setting.name}
-        case Operation() as formula:
-            return _components_of(formula)
-        case _:
-            return set()
-
-
-def _components_of(formula: Operation) -> set[str]:
-    """Return what a formula names; parts that are shared are looked at once."""
-    seen: set[Expression] = set()
-    waiting: list[Expression] = [formula]
-    while waiting:
-        part = waiting.pop()
-        if part not in seen:
-            seen.add(part)
-            waiting += part.arguments if isinstance(part, Operation) else ()
-    return {part.name for part in seen if isinstance(part, Component)}

@@ -28,9 +28,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from precision_pin import se3
+from precision_pin.draws.expressions import component_names
+from precision_pin.draws.space import Scope
 from precision_pin.errors import InputError, InternalError, UrdfError
 from precision_pin.model.error_model import ErrorModel, PoseModel
-from precision_pin.outputs.as_built.pose_dependence import frozen_sources
 from precision_pin.robot.chain import Chain, Place
 from precision_pin.robot.places import ORDER_FRAME
 from precision_pin.robot.urdf import Joint, Limits, Robot, Vector, parse, rpy_of
@@ -40,7 +41,7 @@ from precision_pin.robot.urdf.findings import Findings
 from precision_pin.sampling.result import versions
 from precision_pin.terms.term import JointValue
 
-__all__ = ["AsBuilt", "BuiltUnit"]
+__all__ = ["AsBuilt", "BuiltUnit", "frozen_sources"]
 
 Array = NDArray[np.float64]
 
@@ -322,6 +323,23 @@ def _step_for(place: Place, steps: Sequence[_Step]) -> _Step | None:
     if not free:
         return None
     return steps[next((k for k in free if k >= rank), free[-1]) - 1]
+
+
+def frozen_sources(model: ErrorModel, at: PoseModel) -> tuple[str, ...]:
+    """Return the labels of the sources whose displacements hold at this pose only.
+
+    Those that loads cause or that are drawn for each pose or visit, and those that say so.
+    """
+    scopes = {name: draw.scope for draw in model.space.draws for name in draw.components}
+    found = []
+    for bound, label in zip(model.bound_sources, model.labels, strict=True):
+        terms = tuple(bound.terms(at.posture))
+        names = {name for term in terms for factor in term.factors for name in component_names(factor)}
+        by_scope = any(scopes[name] is not Scope.UNIT for name in names)
+        changes = not bound.source.is_alike_everywhere(model.chain)
+        if terms and (changes or by_scope or any(term.loaded for term in terms)):
+            found.append(label)
+    return tuple(found)
 
 
 def _about(model: ErrorModel, at: PoseModel, pose: str, base: str, tip: str) -> Iterator[str]:

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from precision_pin.analyses.budget.shares import owners
+import itertools
+
+from precision_pin.draws.space import Draw
 from precision_pin.outputs.kit.html import Child, Html, items, paragraph, section, table
 from precision_pin.outputs.report.collect import Results
-from precision_pin.outputs.report.quantities import quantities_of
-from precision_pin.units import Quantity
+from precision_pin.units import PerJoint, Quantity
 
 __all__ = ["parameters"]
 
@@ -14,11 +15,10 @@ __all__ = ["parameters"]
 def parameters(results: Results) -> Html:
     """Return the table of draws, and the sources that draw nothing."""
     model = results.model
-    known = quantities_of(model)
     rows: list[list[Child]] = []
     drawing: set[str] = set()
-    for draw, feeds in zip(model.space.draws, owners(model), strict=True):
-        quantities = [known.get(component) for component in draw.components]
+    for draw, feeds in zip(model.space.draws, model.owners, strict=True):
+        quantities = _quantities(draw)
         names = {_named(quantity) for quantity in quantities}
         rows.append(
             [
@@ -40,6 +40,12 @@ def parameters(results: Results) -> Html:
     if quiet:
         parts += [paragraph("Sources without random numbers of their own:", class_="note"), items(quiet, "note")]
     return section("parameters", "Parameters", *parts)
+
+
+def _quantities(draw: Draw) -> list[Quantity | None]:
+    """Return what each number of a draw is; a model's draws know which kind of joint they are at."""
+    known = itertools.zip_longest(draw.components, draw.quantities)
+    return [None if isinstance(quantity, PerJoint) else quantity for _, quantity in known]
 
 
 def _named(quantity: Quantity | None) -> str:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import inspect
 import math
 import re
@@ -27,9 +26,10 @@ from precision_pin.outputs.scaffold.starting_tolerances import (
 )
 from precision_pin.robot.chain import Chain
 from precision_pin.robot.urdf import Joint
+from precision_pin.sheet import catalogue
 from precision_pin.sheet.schema import ASSUMED
 from precision_pin.sheet.settings import law_options
-from precision_pin.sources import catalogue
+from precision_pin.terms.source import setting_fields
 
 __all__ = ["quoted", "scaffold"]
 
@@ -366,7 +366,7 @@ def _beams(chain: Chain) -> Lines:
 def _kinds() -> Lines:
     lines = ["# Every kind of source, with its settings:"]
     for name, kind in catalogue().items():
-        settings = ", ".join(entry.name for entry in dataclasses.fields(kind))  # type: ignore[arg-type]
+        settings = ", ".join(entry.name for entry in setting_fields(kind))
         lines += _comment(f"{name} {{{settings}}}: {_first_line(kind)}", "#   ", "#       ")
     return lines
 

@@ -1,0 +1,208 @@
+"""The error model at one pose: a term table, which clear numpy evaluates.
+
+The engines here are the oracle of the compiled kernel. Errors are ``[d; δ]`` of the tip in base axes (m, rad):
+``d = p' - p``, ``δ = Log(R' Rᵀ)``.
+"""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Final, final
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from precision_pin import se3
+from precision_pin.display.html import Table, rendered
+from precision_pin.draws.space import Space
+from precision_pin.errors import Finding, InputError
+from precision_pin.inputs.arguments import check_numbers
+from precision_pin.inputs.arrays import returns_read_only
+from precision_pin.inputs.memory import check_memory
+from precision_pin.robot.chain import Posture
+from precision_pin.robot.urdf import Joint
+from precision_pin.terms.table import SlopeColumns, TermTable
+from precision_pin.terms.term import Term
+
+__all__ = ["PoseModel", "joint_value", "spread_of"]
+
+Array = NDArray[np.float64]
+
+_COMPONENTS: Final = ("dx", "dy", "dz", "δx", "δy", "δz")
+_UNITS: Final = (*["mm"] * 3, *["mrad"] * 3)
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class PoseModel:
+    """The error model at one pose.
+
+    Attributes
+    ----------
+    posture
+        The undisplaced chain, with all loads.
+    space
+        Draws in column order.
+    table
+        The terms.
+    """
+
+    posture: Posture
+    space: Space
+    table: TermTable
+    terms: tuple[Term, ...]
+
+    def linear(self, x: ArrayLike) -> Array:
+        """Return the errors ``(6, N)`` by superposition (eqs 12-17), for component values ``(d, N)``.
+
+        Σ J_target · twist · product of factors, with J at the undisplaced chain.
+        """
+        values = self._check(x)
+        moved = self.table.displacements(self.table.products(self.table.program.evaluate(values)))
+        result: Array = np.einsum("kij,kjn->in", self.table.sensitivities, moved)
+        return result
+
+    def exact(self, x: ArrayLike) -> Array:
+        """Return the errors ``(6, N)`` of the displaced chain multiplied out, for component values ``(d, N)``.
+
+        ``T' = Π (T_k E_k T_k⁻¹) · T`` over the targets in chain order, T_k their undisplaced poses.
+
+        Raises
+        ------
+        InputError
+            A target turns by π or more, where rotation vectors are no longer unique; or an error overflows.
+        """
+        values = self._check(x)
+        try:
+            with np.errstate(over="raise", invalid="raise"):
+                return self._multiply_out(values)
+        except FloatingPointError:
+            raise InputError("an error is beyond any number; the tolerances or loads are far too large") from None
+
+    def _multiply_out(self, values: Array) -> Array:
+        moved = self.table.displacements(self.table.products(self.table.program.evaluate(values)))
+        motion = np.broadcast_to(np.eye(4)[:, :, None], (4, 4, values.shape[1]))
+        for frame, displacement in zip(self.table.frames, moved, strict=True):
+            if np.sqrt((displacement[3:] ** 2).sum(axis=0)).max(initial=0.0) >= np.pi:
+                raise InputError(
+                    "an error turns a place by half a turn or more; the tolerances or loads are far too large"
+                )
+            inserted = se3.compose(frame, se3.displacement(displacement), se3.inverse(frame))
+            motion = se3.compose(motion, inserted)
+        tip = self.table.pose[:3, 3]
+        shift = np.einsum("ijn,j->in", motion[:3, :3], tip) + motion[:3, 3] - tip[:, None]
+        return np.concatenate([shift, se3.log_rotation(motion[:3, :3])])
+
+    @cached_property
+    @returns_read_only
+    def tangent(self) -> tuple[Array, Array]:
+        """First-order model of :meth:`exact` at the components' means: ``(e0 (6,), J (6, d))``.
+
+        Under gravity it is taken on the deflected arm, and differs from :meth:`linear`.
+        """
+        jacobian = np.zeros((6, self.space.size))
+        for part in self.jacobian_parts:
+            jacobian[:, part.columns] += part.slopes
+        return self.error_at_means, jacobian
+
+    @cached_property
+    @returns_read_only
+    def error_at_means(self) -> Array:
+        """The error of :meth:`exact` with every component at its mean, ``(6,)``."""
+        return self.exact(self.space.mean[:, None])[:, 0]
+
+    @cached_property
+    def jacobian_parts(self) -> tuple[SlopeColumns, ...]:
+        """What each target adds to the Jacobian of :attr:`tangent`; their sum is J."""
+        table, mean = self.table, self.space.mean
+        error = self.error_at_means
+        moved = table.displacements(table.products(table.program.evaluate(mean[:, None])))[:, :, 0]
+        tip = table.pose[:3, 3] + error[:3]
+        turn = se3.left_jacobian_inverse(error[3:])
+        parts = []
+        motion = np.eye(4)
+        entries = zip(table.frames, moved, table.displacement_slopes(mean), strict=True)
+        for frame, displacement, local in entries:
+            turning = se3.left_jacobian(displacement[3:]) @ local.slopes[3:]
+            twist = np.concatenate([local.slopes[:3] + se3.skew(displacement[:3]) @ turning, turning])
+            spatial = se3.adjoint(motion @ frame) @ twist
+            slopes = np.concatenate([spatial[:3] - se3.skew(tip) @ spatial[3:], turn @ spatial[3:]])
+            parts.append(SlopeColumns(local.columns, slopes))
+            motion = motion @ frame @ se3.displacement(displacement) @ se3.inverse(frame)
+        return tuple(parts)
+
+    @property
+    def jacobian(self) -> Array:
+        """Derivative of :meth:`exact` at the components' means, ``(6, d)``."""
+        return self.tangent[1]
+
+    @cached_property
+    @returns_read_only
+    def covariance(self) -> Array:
+        """Covariance of the tangent model, ``(6, 6)``: J Σ Jᵀ."""
+        return self.space.block_covariance.between(self.jacobian, self.jacobian)
+
+    def findings(self, model: str) -> tuple[Finding, ...]:
+        """Return the warnings about this pose: limits and, for ``model`` "linear", superposition stretched."""
+        if model != "linear" or not self.space.size:
+            return self.posture.findings
+        superposed = self.linear(self.space.mean[:, None])[:, 0]
+        gap = float(np.linalg.norm((superposed - self.error_at_means)[:3]))
+        spread, negligible = spread_of(self)
+        if gap <= negligible:
+            return self.posture.findings
+        message = (
+            f"with every parameter at its mean, superposition places the tip {gap * 1e3:.3g} mm away from the "
+            f"displaced chain, more than a tenth of the spread of {spread * 1e3:.3g} mm; the exact model has no such error"
+        )
+        return (*self.posture.findings, Finding("warning", "W_SUPERPOSITION", message))
+
+    def __repr__(self) -> str:
+        return f"<PoseModel of {self.posture!r}: terms {len(self.terms)}, random numbers {self.space.size}>"
+
+    def _repr_html_(self) -> str:
+        """Return what a notebook shows: error at the means and first-order spread, mm and mrad."""
+        chain = self.posture.chain
+        title = f"{os.path.basename(chain.robot.file)}: {chain.base} to {chain.tip}, first order at one pose"
+        pose = ", ".join(map(joint_value, chain.joints, self.posture.q))
+        counts = f"{len(self.terms)} terms, {len(self.space.draws)} draws of {self.space.size} numbers"
+        try:
+            spread = np.sqrt(np.diag(self.covariance))
+        except InputError as error:
+            return rendered(title, [], [pose, counts, error.findings[0].message])
+        rows = [
+            [name, unit, f"{1e3 * mean:.6g}", f"{1e3 * std:.6g}"]
+            for name, unit, mean, std in zip(_COMPONENTS, _UNITS, self.error_at_means, spread, strict=True)
+        ]
+        columns = ("", "unit", "error at the means", "standard deviation")
+        return rendered(title, [Table(columns, rows, words=2)], [f"{pose}; base axes", counts])
+
+    def _check(self, x: ArrayLike) -> Array:
+        # not copied, unlike other arrays: many samples are many numbers, and only read
+        values = x if type(x) is np.ndarray and x.dtype == np.float64 else check_numbers("x", x)
+        if values.ndim != 2 or values.shape[0] != self.space.size:
+            raise InputError(f"x has shape {values.shape}, expected ({self.space.size}, N): rows as in model.space")
+        terms, parameters = self.table.factors.shape, len(self.table.program.outputs)
+        # factors and products of terms, displacements of targets and what is made of them
+        numbers = (terms[1] + 1) * terms[0] + 2 * parameters + 6 * len(self.table.targets) + 64
+        check_memory(
+            8.0 * numbers * values.shape[1], f"evaluating {values.shape[1]:,} robots", "evaluate some of them at a time"
+        )
+        if not np.isfinite(values).all():
+            raise InputError("x must be finite")
+        return values
+
+
+def spread_of(at: PoseModel) -> tuple[float, float]:
+    """Return the spread of the tip's position, and how far apart two places of it are that need no warning, m."""
+    spread = float(np.sqrt(np.trace(at.covariance[:3, :3])))
+    return spread, max(0.1 * spread, 1e-9)
+
+
+def joint_value(joint: Joint, value: float) -> str:
+    """Return a joint's value as people write it: mm, or degrees."""
+    if joint.kind == "prismatic":
+        return f"{joint.name} {1e3 * value:.6g} mm"
+    return f"{joint.name} {np.degrees(value):.6g}°"

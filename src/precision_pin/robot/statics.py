@@ -1,0 +1,123 @@
+"""What weights put on a point of a chain, by the parameters that multiply it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Final
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from precision_pin.robot.loads import Factors, Load
+
+__all__ = ["Weight", "torque_on", "weigh", "wrench_basis", "wrench_on"]
+
+Array = NDArray[np.float64]
+
+Weight = tuple[list[float], list[tuple[Factors, float, float, float, float]]]
+"""A load in the base: its frame's origin, and of its moments the factors, mass and first moment in base axes."""
+_NOTHING: Final = (0.0, 0.0, 0.0, 0.0)
+
+
+def wrench_basis(frame: Array, gravity: Array, point: ArrayLike) -> Array:
+    """Return force and moment about a point per unit of a load's mass and first moments.
+
+    Parameters
+    ----------
+    frame
+        The load's frame in the base, ``(4, 4)``.
+    gravity
+        ``(3,)``, base axes, m/s².
+    point
+        ``(3,)``, base axes, m.
+
+    Returns
+    -------
+    NDArray
+        ``(6, 4)``, base axes: ``F = m g``, ``M = (R s + m (o - point)) × g`` with s the first moment in the load's
+        frame (rotation R, origin o), g gravity.
+    """
+    basis = np.zeros((6, 4))
+    basis[:3, 0] = gravity
+    basis[3:, 0] = np.cross(frame[:3, 3] - np.asarray(point, dtype=float), gravity)
+    basis[3:, 1:] = np.cross(frame[:3, :3].T, gravity).T
+    return basis
+
+
+def weigh(loads: Sequence[Load], link_poses: Array) -> dict[Load, Weight]:
+    """Return loads in the base, in numbers of Python: for sums of three they are quicker than arrays.
+
+    Parameters
+    ----------
+    loads
+        The weights.
+    link_poses
+        Axes of every chain link in the base, ``(n+1, 4, 4)``.
+    """
+    if not loads:
+        return {}
+    frames = link_poses[[load.link for load in loads]] @ np.array([load.frame for load in loads])
+    owners = [k for k, load in enumerate(loads) for _ in load.moments]
+    moments = np.array([moments for load in loads for moments, _ in load.moments]).reshape(-1, 4)
+    turned = (frames[owners, :3, :3] @ moments[:, 1:, None])[:, :, 0]
+    rows = iter(np.column_stack([moments[:, 0], turned]).tolist())
+    return {
+        load: (origin, [(factors, *next(rows)) for _, factors in load.moments])
+        for load, origin in zip(loads, frames[:, :3, 3].tolist(), strict=True)
+    }
+
+
+def wrench_on(
+    weights: Iterable[Weight], gravity: Array, tilts: Sequence[tuple[Array, Factors]], point: ArrayLike
+) -> dict[Factors, Array]:
+    """Return the wrench ``(6,)`` of weights about a point, base axes, by the parameters that multiply it.
+
+    Parameters
+    ----------
+    weights
+        As :func:`weigh` gives them.
+    gravity
+        ``(3,)``, base axes, m/s².
+    tilts
+        What sources add to gravity: vectors ``(3,)``, base axes, m/s², with the parameters that multiply them.
+    point
+        ``(3,)``, base axes, m.
+    """
+    x, y, z = np.asarray(point, dtype=float).tolist()
+    # mass and first moment about the point, by the part of gravity that pulls at them and by their factors
+    sums: dict[tuple[int, Factors], tuple[float, float, float, float]] = {}
+    for (o_x, o_y, o_z), pieces in weights:
+        for part in range(1 + len(tilts)):
+            for factors, mass, s_x, s_y, s_z in pieces:
+                m, h_x, h_y, h_z = sums.get((part, factors), _NOTHING)
+                sums[part, factors] = (
+                    m + mass,
+                    h_x + (s_x + mass * (o_x - x)),
+                    h_y + (s_y + mass * (o_y - y)),
+                    h_z + (s_z + mass * (o_z - z)),
+                )
+    pulls = [(gravity.tolist(), ()), *((tilt.tolist(), factors) for tilt, factors in tilts)]
+    total: dict[Factors, Array] = {}
+    for (part, factors), (m, h_x, h_y, h_z) in sums.items():
+        (g_x, g_y, g_z), tilting = pulls[part]
+        moment = (h_y * g_z - h_z * g_y, h_z * g_x - h_x * g_z, h_x * g_y - h_y * g_x)
+        wrench = np.array((m * g_x, m * g_y, m * g_z, *moment))
+        key = (*factors, *tilting)
+        total[key] = total[key] + wrench if key in total else wrench
+    return total
+
+
+def torque_on(axis: Array, slides: bool, wrenches: Mapping[Factors, Array]) -> dict[Factors, float]:
+    """Return what wrenches put on a joint, N·m or N, by the parameters that multiply them.
+
+    Parameters
+    ----------
+    axis
+        Of the joint, ``(3,)``, base axes.
+    slides
+        Whether the joint slides.
+    wrenches
+        About the joint's origin.
+    """
+    rows = slice(0, 3) if slides else slice(3, 6)
+    return {factors: float(axis @ wrench[rows]) for factors, wrench in wrenches.items()}

@@ -1,0 +1,454 @@
+"""Error sources: settings in, terms out; what a source draws and needs is read off its settings here, and nowhere else."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+import re
+import typing
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache
+from typing import Any, ClassVar, Literal, TypeVar, final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from precision_pin.draws.expressions import Component, Expression, component_names
+from precision_pin.draws.laws import Law
+from precision_pin.draws.space import Draw, LabelledSpace, Space, indexed
+from precision_pin.errors import Finding, InputError
+from precision_pin.inputs.arguments import check_choice, check_number, check_text, shown
+from precision_pin.robot.chain import Chain, Posture
+from precision_pin.robot.loads import Factors, Load
+from precision_pin.terms.term import Term
+from precision_pin.units import PerJoint, Quantity
+
+__all__ = [
+    "BoundSource",
+    "Dependence",
+    "SettingField",
+    "Source",
+    "draw_owners",
+    "fix_settings",
+    "labels",
+    "load_posture",
+    "own_draws",
+    "setting_fields",
+    "takes_law",
+    "with_quantities",
+]
+
+Array = NDArray[np.float64]
+Answer = TypeVar("Answer")
+Dependence = Literal["chain", "configuration", "loads"]
+"""What of a posture a source reads: its chain, the joint values too, or the loads too."""
+
+
+@final
+@dataclass(frozen=True)
+class SettingField:
+    """A setting of a kind of source, or of a part of a setting.
+
+    Attributes
+    ----------
+    name
+        Of the field.
+    hint
+        The type it is declared with, its notes included.
+    default
+        What it is where it is left out; :data:`dataclasses.MISSING` where it must be given.
+    """
+
+    name: str
+    hint: Any
+    default: Any
+
+    @property
+    def may_be_random(self) -> bool:
+        """Whether it takes laws, so that text in it names a parameter."""
+        return takes_law(self.hint)
+
+    @property
+    def part(self) -> type | None:
+        """The data class whose instances, in a list, it holds; ``None`` for any other setting."""
+        entry = next(iter(typing.get_args(self.hint)), None) if typing.get_origin(self.hint) is tuple else None
+        return entry if isinstance(entry, type) and dataclasses.is_dataclass(entry) else None
+
+    @property
+    def notes(self) -> tuple[Any, ...]:
+        """What is noted at the type, such as quantities."""
+        return typing.get_args(self.hint)[1:] if typing.get_origin(self.hint) is typing.Annotated else ()
+
+
+@cache
+def setting_fields(kind: type) -> tuple[SettingField, ...]:
+    """Return the settings of a kind of source, or of the class of a part of a setting."""
+    hints = typing.get_type_hints(kind, include_extras=True)
+    return tuple(SettingField(entry.name, hints[entry.name], entry.default) for entry in dataclasses.fields(kind))
+
+
+def takes_law(hint: Any) -> bool:
+    """Return whether a setting declared with a type may be random."""
+    return hint is Law or any(takes_law(part) for part in typing.get_args(hint))
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class _Leaf:
+    """One value among the settings of a source.
+
+    Attributes
+    ----------
+    name
+        Where it stands: ``kind[subject].field``, of a part of a setting ``kind[subject].field[0].field``.
+    value
+        The value.
+    owner, entry
+        The class whose field it stands in, and the field's name.
+    """
+
+    name: str
+    value: object
+    owner: type
+    entry: str
+
+    @property
+    def field(self) -> SettingField:
+        """The field it stands in, with its type.
+
+        Raises
+        ------
+        InputError
+            Its type cannot be found: the class was made where no module knows the names in its annotations.
+        """
+        try:
+            return next(field for field in setting_fields(self.owner) if field.name == self.entry)
+        except NameError as error:
+            where = f"{self.owner.__module__}.{self.owner.__qualname__}"
+            raise InputError(
+                f"{where}: the types of its settings are not known ({error}); make it in a module"
+            ) from None
+
+    @property
+    def draw(self) -> Draw | None:
+        """The draw that stands here, if one does."""
+        match self.value:
+            case Law() as law:
+                return Draw(self.name, law)
+            case Draw(name="") as draw:
+                return dataclasses.replace(draw, name=self.name)
+            case Draw() as draw:
+                return draw
+            case _:
+                return None
+
+    @property
+    def quantity(self) -> Quantity | PerJoint | None:
+        """What the value is, where the field says it."""
+        return next((note for note in self.field.notes if isinstance(note, Quantity | PerJoint)), None)
+
+    def numbers(self) -> dict[str, Quantity | PerJoint | None]:
+        """Return the random numbers that the value is, holds or names, with what they are."""
+        if isinstance(self.value, str):
+            return {self.value: self.quantity} if self.field.may_be_random else {}
+        if isinstance(self.value, Expression):
+            is_number = isinstance(self.value, Component)
+            return dict.fromkeys(component_names(self.value), self.quantity if is_number else None)
+        return {} if self.draw is None else dict.fromkeys(self.draw.components, self.quantity)
+
+
+def _leaves(part: Any, label: str) -> Iterator[_Leaf]:
+    """Yield every value in settings, each of several by itself and those of the parts of a setting too."""
+    for entry in dataclasses.fields(part):
+        setting = getattr(part, entry.name)
+        for k, value in enumerate(setting if isinstance(setting, tuple) else (setting,)):
+            if dataclasses.is_dataclass(value) and not isinstance(value, Law | Draw | Expression):
+                yield from _leaves(value, f"{label}.{entry.name}[{k}]")
+            else:
+                yield _Leaf(f"{label}.{indexed(entry.name, k)}", value, type(part), entry.name)
+
+
+class Source(ABC):
+    """An error source: settings in, terms out.
+
+    A final, frozen data class whose fields are its settings; the docstring holds the physics with equation and
+    reference. It knows the posture and its own draws, nothing of what reads the terms.
+    """
+
+    def __init_subclass__(cls, **options: Any) -> None:
+        """Have the plain settings of every source checked before its own checks compare them."""
+        super().__init_subclass__(**options)
+        own_checks: Callable[[Any], None] | None = cls.__dict__.get("__post_init__")
+
+        def __post_init__(self: Source) -> None:
+            _check_plain_settings(self)
+            if own_checks is not None:
+                own_checks(self)
+            _check_finite_settings(self)
+
+        cls.__post_init__ = __post_init__  # type: ignore[attr-defined]
+
+    @property
+    @abstractmethod
+    def subject(self) -> str:
+        """The joint, link or frame it is about, as in its label."""
+
+    @property
+    def depends_on(self) -> Dependence:
+        """What of a posture the source reads: its ``chain``, the ``configuration`` too, or the ``loads`` on it too.
+
+        Of a source that says ``chain``, terms, loads and gravity are the same to the last digit at every posture, so it is
+        asked once. The terms of one that says ``configuration`` are the same under all loads and on the deflected arm.
+        ``loads`` is always safe.
+        """
+        return "loads"
+
+    def is_alike_everywhere(self, chain: Chain) -> bool:
+        """Return whether its terms are the same at every posture of a chain, to rounding.
+
+        Of one that reads the configuration they may be, such as along a direction that turns with the link it is on.
+        """
+        del chain
+        return self.depends_on == "chain"
+
+    @abstractmethod
+    def terms(self, posture: Posture, space: LabelledSpace) -> Iterator[Term]:
+        """Yield the terms at a posture.
+
+        Parameters
+        ----------
+        posture
+            The chain at its nominal configuration, with all loads on it.
+        space
+            What the settings stand for.
+        """
+
+    def loads(self, posture: Posture, space: LabelledSpace) -> Iterator[Load]:
+        """Yield the weights the source hangs on the chain; none by default."""
+        del posture, space
+        return iter(())
+
+    def gravity(self, posture: Posture, space: LabelledSpace) -> Iterator[tuple[Array, Factors]]:
+        """Yield what the source adds to gravity: vectors ``(3,)``, base axes, m/s², with the parameters that multiply them.
+
+        None by default.
+        """
+        del posture, space
+        return iter(())
+
+    def remarks(self, space: LabelledSpace) -> Iterator[Finding]:
+        """Yield warnings about settings that are allowed but seldom meant; none by default."""
+        del space
+        return iter(())
+
+    deviations: ClassVar[tuple[str, ...]] = ()
+    """Settings that say how far something is off: zero if all is well, so that a number alone is a constant error."""
+
+    def own_draws(self, label: str) -> tuple[Draw, ...]:
+        """Return the draws the source makes itself, with their quantities, beside the laws in its settings.
+
+        None by default.
+        """
+        del label
+        return ()
+
+    @classmethod
+    def kind(cls) -> str:
+        """Return the kind's name in a sheet: the class name in lower case with underscores."""
+        return re.sub(r"(?<=[a-z])(?=[A-Z])", "_", cls.__name__).lower()
+
+    @final
+    def label(self) -> str:
+        """Return ``kind[subject]``, by which its unnamed draws are named."""
+        return f"{self.kind()}[{self.subject}]"
+
+    @final
+    def settings(self) -> dict[str, object]:
+        """Return the settings by field name."""
+        return {entry.name: getattr(self, entry.name) for entry in dataclasses.fields(self)}  # type: ignore[arg-type]
+
+    @final
+    def draws(self, label: str) -> tuple[Draw, ...]:
+        """Return every draw the source needs beyond the model's named ones: laws in its settings and its own."""
+        held = [leaf.draw for leaf in _leaves(self, label)]
+        return (*(draw for draw in held if draw is not None), *self.own_draws(label))
+
+    @final
+    def numbers(self, label: str) -> dict[str, Quantity | PerJoint | None]:
+        """Return every random number the source uses, by name, with what it is, None where no setting says so.
+
+        Those that its settings hold or name, in parts of settings and in formulas too, and those that it draws itself.
+
+        Raises
+        ------
+        InputError
+            The types of its settings cannot be found.
+        """
+        found: dict[str, Quantity | PerJoint | None] = {}
+        for leaf in _leaves(self, label):
+            for name, quantity in leaf.numbers().items():
+                found[name] = found.get(name) or quantity
+        for draw in self.own_draws(label):
+            for name, own in itertools.zip_longest(draw.components, draw.quantities):
+                found[name] = found.get(name) or own
+        return found
+
+
+@final
+class BoundSource:
+    """A source and what its settings stand for; what does not depend on the posture it is asked for once.
+
+    Parameters
+    ----------
+    source
+        The source.
+    view
+        The space as it sees it.
+    """
+
+    def __init__(self, source: Source, view: LabelledSpace) -> None:
+        self.source, self.view = source, view
+        self._kept: dict[str, tuple[Any, ...]] = {}
+
+    def loads(self, posture: Posture) -> Iterable[Load]:
+        """Return its loads at a posture without those of sources."""
+        return self._answer("loads", self.source.loads, posture)
+
+    def gravity(self, posture: Posture) -> Iterable[tuple[Array, Factors]]:
+        """Return what it adds to gravity at a posture without the loads of sources."""
+        return self._answer("gravity", self.source.gravity, posture)
+
+    def terms(self, posture: Posture) -> Iterable[Term]:
+        """Return its terms at a posture with all loads."""
+        return self._answer("terms", self.source.terms, posture)
+
+    def _answer(
+        self, name: str, method: Callable[[Posture, LabelledSpace], Iterator[Answer]], posture: Posture
+    ) -> Iterable[Answer]:
+        if self.source.depends_on != "chain":
+            return method(posture, self.view)
+        if name not in self._kept:
+            self._kept[name] = tuple(method(posture, self.view))
+        return self._kept[name]
+
+
+def load_posture(bare: Posture, sources: Iterable[BoundSource]) -> Posture:
+    """Return a posture with what sources hang on it and add to gravity."""
+    listed = tuple(sources)
+    laden = bare.with_loads([load for source in listed for load in source.loads(bare)])
+    return laden.with_tilts([tilt for source in listed for tilt in source.gravity(bare)])
+
+
+def _check_plain_settings(source: Source) -> None:
+    """Refuse what is no number, text or list in settings declared as such; which of them are allowed, each kind says."""
+    for field in dataclasses.fields(source):  # type: ignore[arg-type]
+        value, declared = getattr(source, field.name), str(field.type).removeprefix("Annotated[")
+        if value is None and "| None" in declared:
+            continue
+        what = f"{field.name} of {source.kind()}"
+        if declared.startswith(("str", "Literal[", "PadsOn")):
+            check_text(what, value)
+        elif declared.startswith("float") and not isinstance(value, float):
+            check_number(what, value)
+        elif declared.startswith("tuple[") and not isinstance(
+            value, tuple | list | np.ndarray if declared.startswith("tuple[float") else tuple | list
+        ):
+            raise InputError(f"{what} must be a list, got {shown(value)}")
+
+
+def _check_finite_settings(source: Source) -> None:
+    """Refuse infinity and what is no number, which a kind's own checks may have let pass."""
+    for field in dataclasses.fields(source):  # type: ignore[arg-type]
+        value = getattr(source, field.name)
+        if isinstance(value, float) and str(field.type).removeprefix("Annotated[").startswith("float"):
+            check_number(f"{field.name} of {source.kind()}", value)
+
+
+def fix_settings(source: Source) -> Source:
+    """Return a source whose settings cannot be changed from outside: lists as tuples, arrays as copies."""
+    if not dataclasses.is_dataclass(source):
+        raise InputError(f"a source must be a frozen data class, got {shown(source)}")
+    check_choice(f"depends_on of {source.label()}", source.depends_on, typing.get_args(Dependence))
+    settings = source.settings()
+    fixed = {name: _fixed(value) for name, value in settings.items()}
+    if all(fixed[name] is value for name, value in settings.items()):
+        return source
+    return dataclasses.replace(source, **fixed)
+
+
+def _fixed(value: object) -> object:
+    if isinstance(value, list):
+        return tuple(map(_fixed, value))
+    if isinstance(value, np.ndarray) and value.flags.writeable:
+        copy = np.array(value)
+        copy.flags.writeable = False
+        return copy
+    return value
+
+
+def labels(sources: Sequence[Source]) -> tuple[str, ...]:
+    """Return every source's label.
+
+    Sources with one label are told apart by ``#2``, ``#3``, … in the order of their settings (names and directions before
+    numbers and laws), so that neither the order of the sources nor, as a rule, another tolerance changes a label.
+    """
+    result = [source.label() for source in sources]
+    alike: dict[str, list[int]] = {}
+    for k, label in enumerate(result):
+        alike.setdefault(label, []).append(k)
+    for label, numbers in alike.items():
+        if len(numbers) > 1:
+            numbers.sort(key=lambda k: _rank(sources[k]))
+        for rank, k in enumerate(numbers[1:], start=2):
+            result[k] = f"{label}#{rank}"
+    return tuple(result)
+
+
+def _rank(source: Source) -> tuple[str, str]:
+    names = {field: value for field, value in source.settings().items() if isinstance(value, str)}
+    return repr(names), repr(source)
+
+
+def own_draws(sources: Sequence[Source], labels: Sequence[str]) -> list[Draw]:
+    """Return the draws of all sources, each named after its source's label."""
+    return [draw for source, label in zip(sources, labels, strict=True) for draw in source.draws(label)]
+
+
+def draw_owners(space: Space, sources: Sequence[Source], labels: Sequence[str]) -> tuple[tuple[str, ...], ...]:
+    """Return for each draw the labels of the sources that use it, in the order of the sources."""
+    draw_of = {name: draw.name for draw in space.draws for name in draw.components}
+    found: dict[str, list[str]] = {draw.name: [] for draw in space.draws}
+    for source, label in zip(sources, labels, strict=True):
+        for name in {draw_of[number] for number in source.numbers(label) if number in draw_of}:
+            found[name].append(label)
+    return tuple(tuple(found[draw.name]) for draw in space.draws)
+
+
+def with_quantities(space: Space, sources: Sequence[Source], labels: Sequence[str], chain: Chain) -> Space:
+    """Return a space whose draws say what they are: as the first source that uses a number says, else as they did."""
+    known: dict[str, Quantity] = {}
+    for source, label in zip(sources, labels, strict=True):
+        joint = source.settings().get("joint")
+        slides = joint in chain.joint_names and bool(chain.prismatic[chain.joint_names.index(joint)])
+        try:
+            numbers = source.numbers(label)
+        except InputError:
+            continue  # its types are not known
+        for name, note in numbers.items():
+            if note is not None:
+                known.setdefault(name, _at_joint(note, slides))
+    return Space(tuple(_with_quantities(draw, known) for draw in space.draws), space.correlations)
+
+
+def _with_quantities(draw: Draw, known: Mapping[str, Quantity]) -> Draw:
+    own = itertools.zip_longest(draw.components, draw.quantities)
+    found = tuple(known.get(name) or said for name, said in own)
+    return dataclasses.replace(draw, quantities=found) if any(found) else draw
+
+
+def _at_joint(note: Quantity | PerJoint, slides: bool) -> Quantity:
+    if isinstance(note, PerJoint):
+        return note.prismatic if slides else note.revolute
+    return note
