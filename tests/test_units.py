@@ -1,6 +1,7 @@
 """Numbers with units: every unit against pint, and what is refused."""
 
 import math
+import pickle
 from collections.abc import Iterator
 
 import numpy as np
@@ -10,6 +11,14 @@ from precision_pin import units
 from precision_pin.errors import InputError, UnitError
 
 EVERY_UNIT = [(quantity, unit) for quantity in units.QUANTITIES for unit in quantity.units]
+
+
+@pytest.mark.parametrize("quantity", units.QUANTITIES, ids=lambda quantity: quantity.name)
+def test_quantities_can_be_sent_to_workers(quantity: units.Quantity) -> None:
+    arrived = pickle.loads(pickle.dumps(quantity))
+    assert (arrived, hash(arrived)) == (quantity, hash(quantity))
+    with pytest.raises(TypeError):
+        arrived.units["furlong"] = 201.168
 
 
 @pytest.fixture(scope="module")

@@ -70,6 +70,10 @@ class Quantity:
     def __hash__(self) -> int:
         return hash(self.name)
 
+    def __reduce__(self) -> tuple[object, ...]:
+        # a read-only view of a dictionary cannot be pickled; draws that are sent to workers hold quantities
+        return _quantity, (self.name, self.si, dict(self.units))
+
 
 def _quantity(name: str, si: str, units: dict[str, float]) -> Quantity:
     return Quantity(name, si, MappingProxyType(units))
