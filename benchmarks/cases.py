@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import Any, Final, Literal, final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from precision_pin import se3
 from precision_pin.draws.expressions import Component, Program
@@ -15,9 +14,10 @@ from precision_pin.draws.laws import Normal, Uniform
 from precision_pin.draws.space import Draw, Space
 from precision_pin.kernel import sampler
 from precision_pin.kernel.sampler import CompiledTable
-from precision_pin.model.error_model import PoseModel
+from precision_pin.model.pose_model import PoseModel
 from precision_pin.statistics import Plan
 from precision_pin.terms.table import TermTable
+from precision_pin.typing import Array
 
 __all__ = [
     "AXES",
@@ -34,7 +34,6 @@ __all__ = [
     "with_products",
 ]
 
-Array = NDArray[np.float64]
 
 UR5: Final = (
     (0.0, 0.089159, math.pi / 2),

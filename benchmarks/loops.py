@@ -11,9 +11,9 @@ from collections.abc import Callable
 
 import numpy as np
 import pinocchio
-from numpy.typing import NDArray
 
 from benchmarks.cases import POSE, UR5
+from precision_pin.typing import Array
 
 __all__ = [
     "Errors",
@@ -27,7 +27,6 @@ __all__ = [
     "virtual_joints",
 ]
 
-Array = NDArray[np.float64]
 Errors = Callable[[Array], Array]
 
 

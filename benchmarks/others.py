@@ -13,14 +13,12 @@ from dataclasses import dataclass
 from typing import Any, final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from benchmarks.cases import HALF_WIDTH, IS_UNIFORM, POSE, STD, UR5
 from benchmarks.loops import Errors, numpy_by_hand, rotation_vectors, virtual_joint_values
+from precision_pin.typing import Array
 
 __all__ = ["Other", "jax_compiled", "openturns_function", "robotics_toolbox"]
-
-Array = NDArray[np.float64]
 
 
 @final

@@ -22,7 +22,7 @@ from precision_pin import se3
 from precision_pin.kernel import sampler
 from precision_pin.kernel.many_poses import MOST_TOGETHER, observe_norms, observe_poses
 from precision_pin.kernel.pose_arrays import JoinedTables
-from precision_pin.model.error_model import PoseModel
+from precision_pin.model.pose_model import PoseModel
 from precision_pin.statistics import Plan
 
 __all__ = ["measure", "ur5_at"]

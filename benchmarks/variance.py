@@ -39,8 +39,7 @@ from precision_pin.robot.chain import Chain
 from precision_pin.robot.urdf import parse
 from precision_pin.sources.frame import Frame
 from precision_pin.statistics import Plan
-
-Array = NDArray[np.float64]
+from precision_pin.typing import Array
 
 METHODS: tuple[Method, ...] = ("control", "sobol", "sobol-control")
 LEVELS = (0.95, 0.9973)

@@ -11,6 +11,7 @@ PACKAGE = Path(__file__).parent.parent / "src" / "precision_pin"
 
 FLOORS = (
     "visible",
+    "typing",
     "errors",
     "call_warnings",
     "se3",

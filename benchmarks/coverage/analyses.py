@@ -15,7 +15,6 @@ from functools import lru_cache
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 import precision_pin as pp
 from benchmarks.coverage.row import Coverage
@@ -31,10 +30,10 @@ from precision_pin.robot.chain import Chain
 from precision_pin.robot.examples import PAPER_SHEET
 from precision_pin.robot.urdf import parse
 from precision_pin.sources.joint_offset import JointOffset
+from precision_pin.typing import Array
 
 __all__ = ["measure"]
 
-Array = NDArray[np.float64]
 Interval = tuple[float, float] | None
 Found = Mapping[str, tuple[float, Interval]]
 

@@ -9,7 +9,6 @@ from functools import partial
 from typing import Final, final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import integrate, stats
 
 import precision_pin as pp
@@ -19,10 +18,10 @@ from precision_pin.analyses.reliability.rare_events import rare_events
 from precision_pin.draws import laws
 from precision_pin.draws.space import Draw, Space
 from precision_pin.robot import examples
+from precision_pin.typing import Array
 
 __all__ = ["CASES", "Case", "estimates_of", "jump", "measure", "of_case"]
 
-Array = NDArray[np.float64]
 
 RUNS: Final = 1000
 FEWER_RUNS: Final = 300

@@ -10,14 +10,14 @@ from functools import cached_property
 from typing import Any, Final, final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import stats
 
 from benchmarks.coverage.row import Coverage
 from precision_pin.draws.laws import Law, Lognormal, Normal, TwoPoint
 from precision_pin.draws.space import Draw, Space
 from precision_pin.kernel import sampler
-from precision_pin.model.error_model import ErrorModel, PoseModel
+from precision_pin.model.error_model import ErrorModel
+from precision_pin.model.pose_model import PoseModel
 from precision_pin.outputs.monte_carlo import table
 from precision_pin.robot.examples import PAPER_SHEET
 from precision_pin.sampling.planning import planned
@@ -33,10 +33,10 @@ from precision_pin.statistics import (
     start,
 )
 from precision_pin.statistics.distribution import COMPONENT_LEVELS, CONTENTS
+from precision_pin.typing import Array
 
 __all__ = ["measure", "of_law"]
 
-Array = NDArray[np.float64]
 
 COMPONENT_NAMES: Final = ("position.x", "position.y", "position.z", "attitude.x", "attitude.y", "attitude.z")
 PILOT: Final = 512

@@ -7,7 +7,9 @@ Conventions: a pose is ``(4, 4)`` or ``(4, 4, N)``; a rotation ``(3, 3[, N])``; 
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
+
+from precision_pin.typing import Array
 
 __all__ = [
     "adjoint",
@@ -24,8 +26,6 @@ __all__ = [
     "skew",
     "translation",
 ]
-
-Array = NDArray[np.float64]
 
 
 def skew(vector: ArrayLike) -> Array:

@@ -7,7 +7,6 @@ from functools import cache
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy import integrate, special, stats
 
 from precision_pin.draws.correlation import LEAST_EIGENVALUE, Correlation, covariance_of
@@ -28,9 +27,8 @@ from precision_pin.draws.laws import (
 )
 from precision_pin.draws.space import Draw, Scope, Space
 from precision_pin.errors import InputError, UnknownNameError
+from precision_pin.typing import Array
 from support.sampling_checks import ALPHA, Sampler, exact_failures, sampling_failures
-
-Array = NDArray[np.float64]
 
 SLOPES = ((0.0, -1.0), (0.3, -0.2), (0.6, 0.0), (0.9, 0.3), (1.0, 2.0))
 GAP = ((0.0, -1.0), (0.2, -0.5), (0.2, 0.1), (0.7, 0.1), (1.0, 2.5))

@@ -5,13 +5,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy import integrate, special, stats
 
 from precision_pin.draws.laws import Circle, Disc, Fixed, JointNormal, Law, Normal, Triangular, TruncatedNormal, Uniform
 from precision_pin.errors import InputError
-
-Array = NDArray[np.float64]
+from precision_pin.typing import Array
 
 SCALAR: list[tuple[Law, Any]] = [
     (Uniform(0.25, 1.0), stats.uniform(0.75, 0.5)),

@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy import integrate, special, stats
 
 from precision_pin.draws.laws import (
@@ -31,9 +30,8 @@ from precision_pin.draws.laws import (
 from precision_pin.draws.laws.law import cumulative
 from precision_pin.draws.space import Draw, LabelledSpace, Scope, Space
 from precision_pin.errors import InputError
+from precision_pin.typing import Array
 from support.sampling_checks import ALPHA, Sampler, exact_failures, sampling_failures
-
-Array = NDArray[np.float64]
 
 QUANTILES = ((0.0, -1.0), (0.2, -0.5), (0.2, 0.1), (0.7, 0.1), (0.9, 2.0), (1.0, 2.5))
 """A gap between -0.5 and 0.1, and 0.1 itself with probability 1/2."""

@@ -7,7 +7,6 @@ from functools import cache
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy import special
 
 from precision_pin.draws import philox
@@ -15,10 +14,9 @@ from precision_pin.draws.expressions import Component, Constant
 from precision_pin.draws.laws import Circle, Disc, Fixed, JointNormal, Normal, Triangular, TruncatedNormal, Uniform
 from precision_pin.draws.space import MOST_POSES, MOST_VISITS, Draw, LabelledSpace, Scope, Space, occasion
 from precision_pin.errors import InputError, UnknownNameError
+from precision_pin.typing import Array
 from support import philox_reference
 from support.sampling_checks import BLOCK, Sampler, exact_failures, sampling_failures
-
-Array = NDArray[np.float64]
 
 COVARIANCE = ((1.0, 0.5, 0.1), (0.5, 2.0, 0.3), (0.1, 0.3, 0.5))
 EVERY_LAW = Space(

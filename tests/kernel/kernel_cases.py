@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from precision_pin.draws.expressions import Component, Expression, Program, cos, sin, sqrt
 from precision_pin.draws.laws import Circle, Disc, Fixed, JointNormal, Law, Normal, Triangular, TruncatedNormal, Uniform
 from precision_pin.draws.space import Draw, Scope, Space
-from precision_pin.model.error_model import PoseModel
+from precision_pin.model.pose_model import PoseModel
 from precision_pin.terms.table import TermTable
 
 COVARIANCE = ((1.0, 0.3, 0.2), (0.3, 0.5, 0.0), (0.2, 0.0, 0.4))

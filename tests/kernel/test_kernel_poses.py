@@ -20,7 +20,7 @@ from precision_pin.kernel import loops, many_poses, sampler
 from precision_pin.kernel.loops import WIDE
 from precision_pin.kernel.pose_arrays import JoinedTables
 from precision_pin.kernel.sampler import BLOCK, Blocks
-from precision_pin.model.error_model import PoseModel
+from precision_pin.model.pose_model import PoseModel
 from precision_pin.statistics import Plan, Specification
 from precision_pin.terms.table import TermTable
 

@@ -15,7 +15,8 @@ import umsgpack
 
 from precision_pin import se3
 from precision_pin.draws.space import Space
-from precision_pin.model.error_model import ErrorModel, PoseModel
+from precision_pin.model.error_model import ErrorModel
+from precision_pin.model.pose_model import PoseModel
 from precision_pin.outputs.view import Shown, page
 from precision_pin.robot.chain import Chain
 

@@ -20,7 +20,8 @@ from precision_pin.draws.laws import Normal
 from precision_pin.draws.space import LabelledSpace, Space
 from precision_pin.errors import InputError, UnknownNameError
 from precision_pin.jit import INTERPRETED
-from precision_pin.model.error_model import ErrorModel, PoseModel
+from precision_pin.model.error_model import ErrorModel
+from precision_pin.model.pose_model import PoseModel
 from precision_pin.robot import posture_loops
 from precision_pin.robot.chain import Chain, Posture
 from precision_pin.robot.examples import example_urdfs, shipped_sheets

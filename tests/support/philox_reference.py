@@ -11,7 +11,6 @@ import itertools
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import stats
 
 from precision_pin.draws.laws import (
@@ -31,8 +30,7 @@ from precision_pin.draws.laws import (
     Uniform,
 )
 from precision_pin.draws.space import Scope, Space
-
-Array = NDArray[np.float64]
+from precision_pin.typing import Array
 
 
 def philox_words(counter: tuple[int, int, int, int], key: tuple[int, int]) -> tuple[int, int, int, int]:

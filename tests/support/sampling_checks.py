@@ -15,7 +15,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import stats
 
 from precision_pin.draws.laws import (
@@ -35,9 +34,9 @@ from precision_pin.draws.laws import (
     Uniform,
 )
 from precision_pin.draws.space import Space
+from precision_pin.typing import Array
 from support import philox_reference
 
-Array = NDArray[np.float64]
 Sampler = Callable[[int, int, int], Array]
 
 ALPHA = 1e-6

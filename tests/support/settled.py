@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from precision_pin.model.equilibrium import settle
-from precision_pin.model.error_model import ErrorModel, PoseModel
+from precision_pin.model.error_model import ErrorModel
+from precision_pin.model.pose_model import PoseModel
 
 
 def settled_errors(model: ErrorModel, q, x) -> np.ndarray:

@@ -21,10 +21,10 @@ from numpy.typing import NDArray
 
 from precision_pin.analyses.replicates import REPLICATES
 from precision_pin.draws.space import Space
+from precision_pin.typing import Array
 
 __all__ = ["MOST_SKEWNESS", "Marginals", "law_breaks"]
 
-Array = NDArray[np.float64]
 
 MOST_SKEWNESS: Final = 0.6
 """Of the mean of all replicates: that of a count of 2.8 expected events."""

@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from precision_pin.errors import InputError
-from precision_pin.model.error_model import ErrorModel, PoseModel
+from precision_pin.model.error_model import ErrorModel
+from precision_pin.model.pose_model import PoseModel
 from precision_pin.sampling.result import versions
 
 __all__ = ["Pose", "PoseLabel", "Poses", "Provenance", "listed_poses"]

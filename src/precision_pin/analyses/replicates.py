@@ -23,10 +23,10 @@ from numpy.typing import NDArray
 from scipy import special
 
 from precision_pin.statistics.skewed_means import studentised
+from precision_pin.typing import Array
 
 __all__ = ["REPLICATES", "Estimates", "estimated", "half_widths", "jackknife", "pseudo_values"]
 
-Array = NDArray[np.float64]
 
 REPLICATES: Final = 32
 """Independent runs, or scrambles of a net."""

@@ -10,18 +10,17 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final, final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from precision_pin.errors import Finding, InputError, nearest
 from precision_pin.inputs.csv_columns import NUMBER
 from precision_pin.inputs.files import note_input
+from precision_pin.typing import Array
 
 if TYPE_CHECKING:
     from precision_pin.robot.chain import Chain
 
 __all__ = ["Trajectory", "read_trajectory"]
 
-Array = NDArray[np.float64]
 
 _TIME: Final = "t"
 _LONGEST: Final = 40

@@ -22,10 +22,10 @@ from precision_pin.draws.laws import FARTHEST_NORMAL, Law
 from precision_pin.errors import InputError
 from precision_pin.inputs.arguments import check_items, check_number, check_numbers, check_text, shown
 from precision_pin.inputs.arrays import fix_fields, returns_read_only
+from precision_pin.typing import Array
 
 __all__ = ["LEAST_EIGENVALUE", "BlockCovariance", "Correlation", "covariance_of"]
 
-Array = NDArray[np.float64]
 
 LEAST_EIGENVALUE: Final = 1e-6
 """A matrix with a smaller eigenvalue is refused: numbers that always move together are one parameter."""

@@ -14,9 +14,10 @@ from enum import IntEnum
 from typing import Final, final
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from precision_pin.errors import InputError, InternalError
+from precision_pin.typing import Array
 
 __all__ = [
     "Component",
@@ -34,7 +35,6 @@ __all__ = [
     "sqrt",
 ]
 
-Array = NDArray[np.float64]
 
 Slopes = dict[int, float]
 """Derivatives by the number of the component."""

@@ -15,7 +15,7 @@ from functools import cached_property
 from typing import Final, final
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from precision_pin.draws import lazy_special, philox
 from precision_pin.draws.correlation import BlockCovariance, Correlation, covariance_of
@@ -33,11 +33,11 @@ from precision_pin.inputs.arguments import (
 )
 from precision_pin.inputs.arrays import returns_read_only
 from precision_pin.inputs.memory import check_memory
+from precision_pin.typing import Array
 from precision_pin.units import PerJoint, Quantity
 
 __all__ = ["FARTHEST_NORMAL", "Draw", "Extension", "LabelledSpace", "Scope", "Setting", "Space", "occasion"]
 
-Array = NDArray[np.float64]
 
 MOST_POSES = 2**20 - 1
 MOST_VISITS = 4095

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from precision_pin.errors import InputError, UnknownNameError
 from precision_pin.inputs.arrays import fix_copy
 from precision_pin.inputs.memory import check_memory
+from precision_pin.typing import Array
 from precision_pin.visible import visible
 
 __all__ = [
@@ -36,7 +37,6 @@ __all__ = [
     "shown",
 ]
 
-Array = NDArray[np.float64]
 Kind = TypeVar("Kind")
 
 _LONGEST: Final = 60

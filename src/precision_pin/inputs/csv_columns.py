@@ -21,16 +21,15 @@ from pathlib import Path
 from typing import Final, final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from precision_pin import units
 from precision_pin.errors import InputError, UnitError, UnknownNameError
 from precision_pin.inputs.files import note_input
+from precision_pin.typing import Array
 from precision_pin.units import Quantity
 
 __all__ = ["LARGEST_FILE", "NUMBER", "Measured", "numbers", "read"]
 
-Array = NDArray[np.float64]
 
 LARGEST_FILE: Final = 16 * 2**20
 

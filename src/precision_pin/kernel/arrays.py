@@ -25,13 +25,13 @@ from precision_pin.kernel.draw_arrays import (
     rare_laws,
 )
 from precision_pin.kernel.loops import FINE, NARROW, WIDE, Draws, Formulas, Motions, Superposition, Wanted
+from precision_pin.typing import Array
 
 if TYPE_CHECKING:
     from precision_pin.terms.table import TermTable
 
 __all__ = ["CompiledTable", "lay_out", "lay_out_many"]
 
-Array = NDArray[np.float64]
 Column = tuple[int, ...]
 """One row, or two that are multiplied."""
 

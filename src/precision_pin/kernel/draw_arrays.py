@@ -13,6 +13,7 @@ from precision_pin.draws.laws.kernel_row import Branch, KernelRow
 from precision_pin.draws.space import Space
 from precision_pin.errors import InputError
 from precision_pin.kernel.loops import STRIDE, Draws, Wanted
+from precision_pin.typing import Array
 
 __all__ = [
     "BESIDE",
@@ -57,7 +58,6 @@ BESIDE: Final[Mapping[str, tuple[str, ...]]] = {
 }
 """Fields of :class:`precision_pin.kernel.loops.Draws` that hold rows, and those that hold one entry for each row."""
 
-Array = NDArray[np.float64]
 Interval = tuple[float, float]
 
 

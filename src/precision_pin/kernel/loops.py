@@ -28,6 +28,7 @@ from numba.extending import intrinsic
 from numpy.typing import NDArray
 
 from precision_pin.jit import INTERPRETED, apart, contracted, kept, kept_part, kept_part_within, plain, within
+from precision_pin.typing import Array
 
 __all__ = [
     "ANGLE",
@@ -60,7 +61,6 @@ __all__ = [
     "run_poses",
 ]
 
-Array = NDArray[np.float64]
 Offsets = NDArray[np.uint64]
 Bins = NDArray[np.uint32]
 Scalar = Any

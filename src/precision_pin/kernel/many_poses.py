@@ -50,6 +50,7 @@ from precision_pin.kernel.sampler import (
     workspace,
 )
 from precision_pin.statistics import COLUMNS, LARGEST, NORMS, Plan
+from precision_pin.typing import Array
 
 __all__ = [
     "MOST_TOGETHER",
@@ -60,7 +61,6 @@ __all__ = [
     "warm_up",
 ]
 
-Array = NDArray[np.float64]
 
 MOST_TOGETHER: Final = 64
 """Poses that are best worked on together: drawing is then next to nothing, and what is kept stays in the cache."""

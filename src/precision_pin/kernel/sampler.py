@@ -48,9 +48,10 @@ from precision_pin.kernel.loops import (
 )
 from precision_pin.kernel.parts import compile_parts, empty_table
 from precision_pin.statistics import COLUMNS, LARGEST, Plan, State, largest_of, start
+from precision_pin.typing import Array
 
 if TYPE_CHECKING:
-    from precision_pin.model.error_model import PoseModel
+    from precision_pin.model.pose_model import PoseModel
 
 __all__ = [
     "BLOCK",
@@ -73,7 +74,6 @@ __all__ = [
     "workspace",
 ]
 
-Array = NDArray[np.float64]
 Model = Literal["exact", "linear"]
 
 BLOCK: Final = ATOM

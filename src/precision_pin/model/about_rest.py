@@ -20,10 +20,10 @@ from precision_pin.draws.expressions import MOST_OPERATIONS, operations
 from precision_pin.model.equilibrium import Settled, refuse_buckling
 from precision_pin.robot.chain import Factors, Place, Posture
 from precision_pin.terms.term import Target, Term
+from precision_pin.typing import Array
 
 __all__ = ["terms_about_rest"]
 
-Array = NDArray[np.float64]
 
 _MOST_PRODUCTS: Final = 200
 """The most products of the last sum that are kept, the largest first: their number grows with the square of the loads'."""

@@ -20,10 +20,10 @@ from precision_pin.errors import InputError, InternalError
 from precision_pin.robot.chain import Deflection, Factors, Place, Posture
 from precision_pin.terms.table import TableLayout, TermTable
 from precision_pin.terms.term import JointValue, Target, Term
+from precision_pin.typing import Array
 
 __all__ = ["Feedback", "Settled", "refuse_buckling", "settle"]
 
-Array = NDArray[np.float64]
 MakeTerms = Callable[[Posture], Sequence[Term]]
 """What the sources say at a posture."""
 

@@ -9,7 +9,7 @@ from functools import cached_property
 from typing import Final, Literal, final
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from precision_pin.call_warnings import add, warns_at_end
 from precision_pin.display.html import Table, rendered
@@ -40,10 +40,10 @@ from precision_pin.terms.source import (
 )
 from precision_pin.terms.table import TableLayout, TermTable
 from precision_pin.terms.term import Term
+from precision_pin.typing import Array
 
 __all__ = ["ErrorModel", "PoseModel", "TermTable", "limit_findings"]
 
-Array = NDArray[np.float64]
 
 _AT_ONCE: Final = 4096
 """Poses whose joints are placed together."""

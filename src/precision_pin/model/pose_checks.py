@@ -7,7 +7,8 @@ from typing import Final
 import numpy as np
 
 from precision_pin.errors import Finding, InputError
-from precision_pin.model.error_model import ErrorModel, PoseModel
+from precision_pin.model.error_model import ErrorModel
+from precision_pin.model.pose_model import PoseModel
 from precision_pin.statistics import NO_SPREAD
 
 __all__ = ["MOST_POSES", "pose_findings"]

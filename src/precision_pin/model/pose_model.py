@@ -12,7 +12,7 @@ from functools import cached_property
 from typing import Final, final
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from precision_pin import se3
 from precision_pin.display.html import Table, rendered
@@ -25,10 +25,10 @@ from precision_pin.robot.chain import Posture
 from precision_pin.robot.urdf import Joint
 from precision_pin.terms.table import SlopeColumns, TermTable
 from precision_pin.terms.term import Term
+from precision_pin.typing import Array
 
 __all__ = ["PoseModel", "joint_value", "spread_of"]
 
-Array = NDArray[np.float64]
 
 _COMPONENTS: Final = ("dx", "dy", "dz", "δx", "δy", "δz")
 _UNITS: Final = (*["mm"] * 3, *["mrad"] * 3)

@@ -45,10 +45,10 @@ from precision_pin.robot.places import (
 )
 from precision_pin.robot.postures import ChainConstants, Postures, alignment
 from precision_pin.robot.urdf import Joint, Robot, read, rerooted
+from precision_pin.typing import Array
 
 __all__ = ["EARTH", "Chain", "Deflection", "Factors", "LinkFrame", "Load", "Place", "Posture"]
 
-Array = NDArray[np.float64]
 
 EARTH: Final = (0.0, 0.0, -9.81)
 """Default gravity, base axes, m/s²."""

@@ -15,10 +15,10 @@ from precision_pin.errors import Finding, InputError
 from precision_pin.inputs.arguments import check_mapping, check_name, check_numbers
 from precision_pin.inputs.arrays import fix_copy, returns_read_only
 from precision_pin.robot.urdf import Joint
+from precision_pin.typing import Array
 
 __all__ = ["Configurations"]
 
-Array = NDArray[np.float64]
 
 LONGEST: Final = 1e6
 """Metres a joint may slide; of larger values too few digits are left for errors of nanometres."""

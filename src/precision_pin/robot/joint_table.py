@@ -6,14 +6,12 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from precision_pin.display.html import Table
 from precision_pin.robot.urdf import Joint
+from precision_pin.typing import Array
 
 __all__ = ["joint_table", "spaced"]
-
-Array = NDArray[np.float64]
 
 
 def joint_table(joints: Sequence[Joint], placements: Array, tip: str) -> Table:

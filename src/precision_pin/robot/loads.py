@@ -7,17 +7,16 @@ from dataclasses import dataclass
 from typing import final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from precision_pin.draws.expressions import Expression
 from precision_pin.inputs.arguments import check_numbers
 from precision_pin.inputs.arrays import fix_fields
 from precision_pin.robot.places import LinkFrame
 from precision_pin.robot.urdf import Robot
+from precision_pin.typing import Array
 
 __all__ = ["Deflection", "Factors", "Load", "own_loads"]
 
-Array = NDArray[np.float64]
 Factors = tuple[Expression, ...]
 """Parameters whose product multiplies a number; none for a constant."""
 

@@ -12,14 +12,14 @@ from typing import Any, final
 
 import numpy as np
 import pinocchio
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from precision_pin.errors import InternalError
 from precision_pin.robot.urdf import Robot, canonical
+from precision_pin.typing import Array
 
 __all__ = ["PinocchioModel"]
 
-Array = NDArray[np.float64]
 
 AGREEMENT = 1e-9
 """Largest difference allowed between Pinocchio and our own reading, relative to the robot's reach and mass."""

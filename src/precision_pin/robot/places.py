@@ -7,16 +7,16 @@ from dataclasses import dataclass, field, replace
 from typing import Final, final
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from precision_pin.errors import InputError, UnknownNameError
 from precision_pin.inputs.arguments import check_numbers
 from precision_pin.inputs.arrays import fix_fields
 from precision_pin.robot.urdf import Joint, Robot
+from precision_pin.typing import Array
 
 __all__ = ["LinkFrame", "Place", "link_frames", "locked_values"]
 
-Array = NDArray[np.float64]
 ORDER_START, ORDER_FRAME, ORDER_CUSTOM, ORDER_END, ORDER_SEAT = range(-1, 4)
 """Order of the kinds of places on one chain link."""
 

@@ -21,10 +21,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from precision_pin.jit import contracted, kept
+from precision_pin.typing import Array
 
 __all__ = ["FARTHEST_TURN", "TILE", "room", "run"]
 
-Array = NDArray[np.float64]
 Scalar = Any
 """A number inside compiled code: an offset (np.uint64), an index or a double."""
 

@@ -6,13 +6,13 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Final
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from precision_pin.robot.loads import Factors, Load
+from precision_pin.typing import Array
 
 __all__ = ["Weight", "torque_on", "weigh", "wrench_basis", "wrench_on"]
 
-Array = NDArray[np.float64]
 
 Weight = tuple[list[float], list[tuple[Factors, float, float, float, float]]]
 """A load in the base: its frame's origin, and of its moments the factors, mass and first moment in base axes."""

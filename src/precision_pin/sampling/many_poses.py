@@ -41,10 +41,10 @@ from precision_pin.statistics import (
     quantile_ranks,
 )
 from precision_pin.statistics.specification import Specifications, listed_specifications
+from precision_pin.typing import Array
 
 __all__ = ["MOST_SAMPLES", "sample_poses"]
 
-Array = NDArray[np.float64]
 Counts = NDArray[np.int64]
 Model = Literal["exact", "linear"]
 

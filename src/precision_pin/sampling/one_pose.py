@@ -25,7 +25,8 @@ from precision_pin.inputs.arguments import (
 )
 from precision_pin.inputs.memory import check_kept
 from precision_pin.kernel import sampler
-from precision_pin.model.error_model import ErrorModel, PoseModel
+from precision_pin.model.error_model import ErrorModel
+from precision_pin.model.pose_model import PoseModel
 from precision_pin.sampling.blocks import Work, check_samples, packages
 from precision_pin.sampling.identity import identity
 from precision_pin.sampling.journal import opened

@@ -14,7 +14,7 @@ import numpy as np
 
 from precision_pin.errors import InputError
 from precision_pin.kernel import sampler
-from precision_pin.model.error_model import PoseModel
+from precision_pin.model.pose_model import PoseModel
 from precision_pin.sampling.skewness import first_order_skewness
 from precision_pin.statistics import Plan, Specification, quantity_values
 

@@ -7,7 +7,6 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, ClassVar, Final, final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from precision_pin.display.html import Table, rendered
 from precision_pin.display.stored import JsonResult
@@ -19,6 +18,7 @@ from precision_pin.inputs.arrays import fix_fields
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.sampling.result import versions
 from precision_pin.statistics import COMPONENTS, NORMS, QUANTITIES, Specification
+from precision_pin.typing import Array
 
 if TYPE_CHECKING:
     import pandas  # type: ignore[import-untyped]
@@ -26,7 +26,6 @@ if TYPE_CHECKING:
 
 __all__ = ["LEVELS", "PosesResult"]
 
-Array = NDArray[np.float64]
 
 LEVELS: Final = (0.5, 0.95, 0.9973)
 """Probabilities of the quantiles."""

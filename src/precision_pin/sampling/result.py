@@ -9,7 +9,6 @@ from platform import python_version
 from typing import TYPE_CHECKING, Any, ClassVar, Final, final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from precision_pin.display.html import Table, rendered
 from precision_pin.display.stored import JsonResult
@@ -34,14 +33,13 @@ from precision_pin.inputs.arrays import fix_fields
 from precision_pin.statistics import QUANTITIES, Distribution, Extreme, Summary, VectorDistribution
 from precision_pin.statistics.distribution import CONTENTS
 from precision_pin.statistics.precision import Precision
+from precision_pin.typing import Array
 
 if TYPE_CHECKING:
     import pandas  # type: ignore[import-untyped]
     import xarray
 
 __all__ = ["Analysis", "Correlated", "MonteCarloResult", "Until", "versions"]
-
-Array = NDArray[np.float64]
 
 
 def versions() -> dict[str, str]:

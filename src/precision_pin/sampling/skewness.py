@@ -11,15 +11,14 @@ import math
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
 from precision_pin.draws.laws import Law
 from precision_pin.draws.space import Space
 from precision_pin.statistics import COMPONENTS, NORMS
+from precision_pin.typing import Array
 
 __all__ = ["first_order_skewness"]
 
-Array = NDArray[np.float64]
 
 _NO_SLOPE = 1e-3
 """A component whose first-order spread is less than this share of its vector's is decided by higher orders."""

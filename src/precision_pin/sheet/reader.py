@@ -9,7 +9,6 @@ from pathlib import Path as FilePath
 from typing import Any, Final, Literal, final
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import ValidationError
 
 from precision_pin import units
@@ -30,10 +29,10 @@ from precision_pin.sheet.settings import NAME, NamedParameter, SettingError, par
 from precision_pin.sheet.text import Path, Text, read_text
 from precision_pin.sources import catalogue
 from precision_pin.terms.source import BoundSource, Source, labels, load_posture
+from precision_pin.typing import Array
 
 __all__ = ["Overrides", "Sheet", "parse_pose", "read"]
 
-Array = NDArray[np.float64]
 
 GRAVITIES: Final = {"earth": EARTH, "moon": (0.0, 0.0, -1.62), "none": (0.0, 0.0, 0.0)}
 LARGEST_FILE: Final = 4 * 2**20

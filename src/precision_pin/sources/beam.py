@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from typing import Annotated, Final, Literal, final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from precision_pin import se3, units
 from precision_pin.draws.expressions import Expression, Value
@@ -20,10 +19,10 @@ from precision_pin.sources.bent_shape import BentShape
 from precision_pin.sources.profiles import Profile, Segment, Stretch, ends, stretches
 from precision_pin.terms.source import Source
 from precision_pin.terms.term import Term
+from precision_pin.typing import Array
 
 __all__ = ["Beam", "beam_axes", "point_flexibility", "stretch_flexibility", "weight_flexibility"]
 
-Array = NDArray[np.float64]
 
 _PARALLEL: Final = 1e-9
 """Sine of the angle below which an axis counts as parallel to the beam."""

@@ -6,13 +6,13 @@ from dataclasses import dataclass
 from typing import Final, final
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from precision_pin.robot.chain import Posture
+from precision_pin.typing import Array
 
 __all__ = ["BentShape"]
 
-Array = NDArray[np.float64]
 
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(5)
 """Exact up to degree 9."""

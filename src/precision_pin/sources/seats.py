@@ -11,14 +11,13 @@ import math
 from typing import Final, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from precision_pin.errors import InputError
 from precision_pin.robot.chain import Chain, Factors, Posture
+from precision_pin.typing import Array
 
 __all__ = ["PadsOn", "height_above_seat", "seat_axes", "seat_wrench", "shift_of_point", "travels", "wrench_at"]
 
-Array = NDArray[np.float64]
 
 PadsOn = Literal["child", "parent"]
 """The link that a sliding joint's pads are fixed to."""

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import Annotated, final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from precision_pin import units
 from precision_pin.draws.space import LabelledSpace, Setting
@@ -16,10 +15,9 @@ from precision_pin.robot.chain import Chain, Posture
 from precision_pin.sources.directions import direction_of, is_fixed
 from precision_pin.terms.source import Dependence, Source
 from precision_pin.terms.term import Term
+from precision_pin.typing import Array
 
 __all__ = ["Thermal"]
-
-Array = NDArray[np.float64]
 
 
 @final

@@ -12,10 +12,10 @@ from precision_pin.errors import InternalError
 from precision_pin.statistics.plan import Plan
 from precision_pin.statistics.quantities import COMPONENTS, NORMS, QUANTITIES
 from precision_pin.statistics.sketch import COLUMNS, sketch_columns
+from precision_pin.typing import Array
 
 __all__ = ["LARGEST", "State", "lane_sums", "largest_of", "merge", "observe", "quantity_values", "start"]
 
-Array = NDArray[np.float64]
 Counts = NDArray[np.int64]
 
 LARGEST: Final = 10

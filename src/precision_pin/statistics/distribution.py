@@ -17,10 +17,10 @@ from precision_pin.statistics.digits import MOST_DIGITS, significant_digits
 from precision_pin.statistics.intervals import quantile_ranks, tolerance_ranks, upper_bound_rank
 from precision_pin.statistics.mode import Peak, smoothed_peak
 from precision_pin.statistics.moment_intervals import Moments
+from precision_pin.typing import Array
 
 __all__ = ["COMPONENT_LEVELS", "CONTENTS", "NORM_LEVELS", "Distribution", "Histogram"]
 
-Array = NDArray[np.float64]
 
 NORM_LEVELS: Final = (0.5, 0.95, 0.99, 0.9973)
 """Quantiles reported of a norm."""

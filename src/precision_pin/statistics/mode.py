@@ -19,12 +19,12 @@ from dataclasses import dataclass
 from typing import Final, final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import ndtri
+
+from precision_pin.typing import Array
 
 __all__ = ["Peak", "smoothed_peak"]
 
-Array = NDArray[np.float64]
 
 _STEPS_PER_BANDWIDTH = 16
 _MOST_CELLS = 1 << 14

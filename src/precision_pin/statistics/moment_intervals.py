@@ -29,10 +29,10 @@ from scipy.special import stdtrit
 
 from precision_pin.inputs.arrays import fix_fields
 from precision_pin.statistics.skewed_means import studentised
+from precision_pin.typing import Array
 
 __all__ = ["Moments"]
 
-Array = NDArray[np.float64]
 Interval = tuple[float, float]
 
 _FEWEST_FOR_MEAN: Final = 30

@@ -7,15 +7,15 @@ from dataclasses import dataclass, field
 from typing import Final, final
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from precision_pin.errors import InternalError
 from precision_pin.inputs.arguments import check_number
 from precision_pin.statistics.quantities import NORMS, QUANTITIES, quantity_name
+from precision_pin.typing import Array
 
 __all__ = ["Plan", "Specification"]
 
-Array = NDArray[np.float64]
 
 _RELATIVE_SCALE_WITHOUT_SPREAD = 2.0**-10
 _SCALE_WITHOUT_SPREAD = 2.0**-30

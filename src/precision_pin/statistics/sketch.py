@@ -24,9 +24,10 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from precision_pin.typing import Array
+
 __all__ = ["BINS", "COLUMNS", "LOWEST_EXPONENT", "OFFSET", "SHIFT", "sketch_columns", "sketch_edges"]
 
-Array = NDArray[np.float64]
 Counts = NDArray[np.int64]
 
 MANTISSA_BITS: Final = 9

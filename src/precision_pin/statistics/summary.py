@@ -21,6 +21,7 @@ from precision_pin.statistics.moment_intervals import Moments
 from precision_pin.statistics.plan import Plan, Specification
 from precision_pin.statistics.quantities import COMPONENTS, NORMS, QUANTITIES, quantity_name
 from precision_pin.statistics.sketch import sketch_edges
+from precision_pin.typing import Array
 
 __all__ = [
     "NO_SPREAD",
@@ -34,7 +35,6 @@ __all__ = [
     "varying_quantities",
 ]
 
-Array = NDArray[np.float64]
 
 Verdict = Literal["met", "not met", "undecided", "nothing to judge"]
 

@@ -13,7 +13,6 @@ from functools import cache
 from typing import Any, ClassVar, Literal, TypeVar, final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from precision_pin.draws.expressions import Component, Expression, component_names
 from precision_pin.draws.laws import Law
@@ -23,6 +22,7 @@ from precision_pin.inputs.arguments import check_choice, check_number, check_tex
 from precision_pin.robot.chain import Chain, Posture
 from precision_pin.robot.loads import Factors, Load
 from precision_pin.terms.term import Term
+from precision_pin.typing import Array
 from precision_pin.units import PerJoint, Quantity
 
 __all__ = [
@@ -40,7 +40,6 @@ __all__ = [
     "with_quantities",
 ]
 
-Array = NDArray[np.float64]
 Answer = TypeVar("Answer")
 Dependence = Literal["chain", "configuration", "loads"]
 """What of a posture a source reads: its chain, the joint values too, or the loads too."""

@@ -18,10 +18,9 @@ from precision_pin.errors import InternalError
 from precision_pin.inputs.arrays import fix_fields, returns_read_only
 from precision_pin.robot.chain import Chain, Place, Posture
 from precision_pin.terms.term import MOST_FACTORS, JointValue, Target, Term
+from precision_pin.typing import Array
 
 __all__ = ["SlopeColumns", "TableLayout", "TermTable"]
-
-Array = NDArray[np.float64]
 
 
 @final

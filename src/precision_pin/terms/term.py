@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from typing import final
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from precision_pin.draws.expressions import Expression, Program, Value
 from precision_pin.draws.space import Space
@@ -21,10 +21,10 @@ from precision_pin.errors import InputError
 from precision_pin.inputs.arguments import check_flag, check_items, check_number, check_numbers, shown
 from precision_pin.robot.loads import Factors
 from precision_pin.robot.places import Place
+from precision_pin.typing import Array
 
 __all__ = ["MOST_FACTORS", "JointValue", "Target", "Term", "at_means"]
 
-Array = NDArray[np.float64]
 
 MOST_FACTORS = 3
 """The most parameters one term may multiply."""

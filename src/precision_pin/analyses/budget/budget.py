@@ -9,7 +9,6 @@ from collections.abc import Callable, Sequence
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from precision_pin.analyses.budget import smooth_quantiles, sobol
 from precision_pin.analyses.budget.budget_result import (
@@ -37,16 +36,17 @@ from precision_pin.errors import Finding, InputError, UnknownNameError
 from precision_pin.inputs.arguments import check_instance, check_items, check_number, shown
 from precision_pin.inputs.memory import check_memory
 from precision_pin.kernel import sampler
-from precision_pin.model.error_model import ErrorModel, PoseModel
+from precision_pin.model.error_model import ErrorModel
+from precision_pin.model.pose_model import PoseModel
 from precision_pin.sampling import Progress, check_progress
 from precision_pin.statistics import COMPONENTS as COMPONENT_ROWS
 from precision_pin.statistics import NORMS as NORM_ROWS
 from precision_pin.statistics import QUANTITIES, check_confidence, quantity_values
 from precision_pin.statistics.quantities import QUANTITY_WORDS
+from precision_pin.typing import Array
 
 __all__ = ["budget", "check_points", "check_quantities", "count_steps", "evaluations"]
 
-Array = NDArray[np.float64]
 
 ROUNDING: Final = 1e-14
 """Spreads (m, rad) up to this are rounding."""

@@ -12,13 +12,12 @@ from collections.abc import Callable, Sequence
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from precision_pin.errors import InputError
+from precision_pin.typing import Array
 
 __all__ = ["MOST_PLAYERS", "effects", "explained", "values"]
 
-Array = NDArray[np.float64]
 
 MOST_PLAYERS: Final = 12
 """The most players among whom a game is shared: every one of the 2^n coalitions is worked out."""

@@ -8,13 +8,13 @@ from collections.abc import Iterable
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from precision_pin.analyses.budget import shapley
 from precision_pin.draws.space import Space
-from precision_pin.model.error_model import PoseModel
+from precision_pin.model.pose_model import PoseModel
 from precision_pin.robot.chain import Chain
 from precision_pin.terms.term import JointValue, Target
+from precision_pin.typing import Array
 
 __all__ = [
     "by_component",
@@ -25,7 +25,6 @@ __all__ = [
     "reaches",
 ]
 
-Array = NDArray[np.float64]
 
 UNCORRELATED: Final = 1e-12
 """Correlations up to this are rounding."""

@@ -19,10 +19,10 @@ from numpy.typing import NDArray
 from scipy import special
 
 from precision_pin.analyses.replicates import REPLICATES, Estimates, half_widths
+from precision_pin.typing import Array
 
 __all__ = ["Quantiles", "found_quantiles", "quantile_changes", "quantiles"]
 
-Array = NDArray[np.float64]
 
 LARGEST_STEP: Final = 0.1
 """A jump between neighbours may move a quantile by this share of half its interval."""

@@ -19,10 +19,10 @@ from numpy.typing import NDArray
 
 from precision_pin.analyses.marginals import Marginals
 from precision_pin.analyses.replicates import REPLICATES, Estimates, jackknife
+from precision_pin.typing import Array
 
 __all__ = ["REPLICATES", "Indices", "scrambled_points", "sobol_indices"]
 
-Array = NDArray[np.float64]
 
 _BITS: Final = 30
 

@@ -40,13 +40,14 @@ from precision_pin.errors import Finding, InputError
 from precision_pin.inputs.arguments import check_instance, check_items, check_whole
 from precision_pin.inputs.memory import check_memory
 from precision_pin.kernel import sampler
-from precision_pin.model.error_model import ErrorModel, PoseModel
+from precision_pin.model.error_model import ErrorModel
+from precision_pin.model.pose_model import PoseModel
 from precision_pin.sampling import Progress, check_progress
 from precision_pin.statistics import QUANTITIES, check_confidence, quantity_values
+from precision_pin.typing import Array
 
 __all__ = ["LEVELS", "Agreement", "ExactLaw", "ExactLawResult", "PoseLaws", "count_steps", "exact_law"]
 
-Array = NDArray[np.float64]
 
 LARGEST_ERROR: Final = 1e-6
 """A law whose cumulative probabilities cannot be certified to this is not given."""

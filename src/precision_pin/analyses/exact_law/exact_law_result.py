@@ -16,13 +16,13 @@ from precision_pin.analyses.result import Result, name_pose
 from precision_pin.display.html import Table
 from precision_pin.display.tables import MOST_POSES, data_frame, milli, number, symbol, unit
 from precision_pin.inputs.arrays import fix_fields
+from precision_pin.typing import Array
 
 if TYPE_CHECKING:
     import pandas  # type: ignore[import-untyped]
 
 __all__ = ["LEVELS", "Agreement", "ExactLaw", "ExactLawResult", "PoseLaws", "bound_text", "quantile_digits"]
 
-Array = NDArray[np.float64]
 
 LEVELS: Final = (0.00135, 0.01, 0.05, 0.5, 0.95, 0.99, 0.9973, 0.99865)
 ASSUMPTIONS: Final = (

@@ -30,10 +30,10 @@ from scipy import optimize, special
 from precision_pin.analyses.exact_law.quantile_bounds import quantile_bounds
 from precision_pin.draws.laws.projection import Lines, Projection
 from precision_pin.inputs.arrays import fix_fields
+from precision_pin.typing import Array
 
 __all__ = ["ConvolvedLaw", "NormalLaw", "NumberLaw", "SeriesLaw", "SingleLaw", "Summand", "certified_series"]
 
-Array = NDArray[np.float64]
 
 ROUNDING: Final = 1e-14
 """Bound of the rounding of a cumulative law in closed form."""

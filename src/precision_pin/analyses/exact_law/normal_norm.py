@@ -15,15 +15,14 @@ from functools import cached_property, lru_cache
 from typing import Final, final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import optimize, special
 
 from precision_pin.analyses.exact_law.quantile_bounds import quantile_bounds
 from precision_pin.inputs.arrays import fix_fields
+from precision_pin.typing import Array
 
 __all__ = ["NormalNorm"]
 
-Array = NDArray[np.float64]
 
 ERROR: Final = 1e-12
 """Change of the cumulative law at the last doubling."""

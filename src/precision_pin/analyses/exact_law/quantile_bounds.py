@@ -9,11 +9,11 @@ from __future__ import annotations
 from typing import Final, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
+
+from precision_pin.typing import Array
 
 __all__ = ["quantile_bounds"]
 
-Array = NDArray[np.float64]
 
 _ROUNDING: Final = 1e-15
 

@@ -42,13 +42,14 @@ from precision_pin.draws.space import Space, check_seed
 from precision_pin.errors import Finding, InputError
 from precision_pin.inputs.arguments import check_instance, check_items, check_name, shown
 from precision_pin.kernel import sampler
-from precision_pin.model.error_model import ErrorModel, PoseModel
+from precision_pin.model.error_model import ErrorModel
+from precision_pin.model.pose_model import PoseModel
 from precision_pin.sampling import Progress, check_progress
 from precision_pin.statistics import NORMS, Plan, check_confidence
+from precision_pin.typing import Array
 
 __all__ = ["Measured", "MomentsResult", "PoseMoments", "Remainder", "check_samples", "count_steps", "moments"]
 
-Array = NDArray[np.float64]
 
 SMALLEST, LARGEST = 5, 19
 """A replicate has 2⁵ to 2¹⁹ samples."""

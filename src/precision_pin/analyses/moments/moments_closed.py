@@ -19,14 +19,12 @@ from dataclasses import dataclass
 from typing import final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from precision_pin.analyses.moments.uncorrelated import STEP, ErrorAround, Uncorrelated
-from precision_pin.model.error_model import PoseModel
+from precision_pin.model.pose_model import PoseModel
+from precision_pin.typing import Array
 
 __all__ = ["ClosedMoments", "closed_moments"]
-
-Array = NDArray[np.float64]
 
 
 @final

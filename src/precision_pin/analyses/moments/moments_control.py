@@ -17,11 +17,11 @@ from numpy.typing import NDArray
 
 from precision_pin.analyses.moments.uncorrelated import STEP, ErrorAround, Uncorrelated
 from precision_pin.errors import InputError
-from precision_pin.model.error_model import PoseModel
+from precision_pin.model.pose_model import PoseModel
+from precision_pin.typing import Array
 
 __all__ = ["Control", "thin"]
 
-Array = NDArray[np.float64]
 
 MOST_PRODUCTS: Final = 512
 """Kept at most: 54 numbers have 1,485, of which 200 matter at all."""

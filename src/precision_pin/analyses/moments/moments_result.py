@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar, Final, Literal, final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from precision_pin.analyses.provenance import PoseLabel
 from precision_pin.analyses.result import Result, name_pose
@@ -20,13 +19,13 @@ from precision_pin.display.tables import (
 )
 from precision_pin.inputs.arrays import fix_fields
 from precision_pin.statistics import COMPONENTS, NORMS, QUANTITIES
+from precision_pin.typing import Array
 
 if TYPE_CHECKING:
     import pandas  # type: ignore[import-untyped]
 
 __all__ = ["Measured", "Method", "MomentsResult", "PoseMoments", "Remainder", "cell", "entries"]
 
-Array = NDArray[np.float64]
 Method = Literal["control", "sobol", "sobol-control", "plain", "closed"]
 
 ASSUMPTIONS: Final = (

@@ -12,11 +12,11 @@ from precision_pin.draws.laws.numerics import NORMAL_MOMENTS
 from precision_pin.draws.space import Space
 from precision_pin.errors import InputError
 from precision_pin.kernel import sampler
-from precision_pin.model.error_model import PoseModel
+from precision_pin.model.pose_model import PoseModel
+from precision_pin.typing import Array
 
 __all__ = ["STEP", "ErrorAround", "Uncorrelated"]
 
-Array = NDArray[np.float64]
 
 STEP: Final = 0.5
 """Of differences in place of derivatives, standard deviations."""

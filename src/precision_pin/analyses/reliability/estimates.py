@@ -9,12 +9,12 @@ from decimal import ROUND_CEILING, ROUND_FLOOR, Decimal
 from typing import Final, final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import special
 
 from precision_pin.analyses.reliability.form import Form
 from precision_pin.statistics import clopper_pearson
 from precision_pin.statistics.skewed_means import studentised
+from precision_pin.typing import Array
 
 __all__ = [
     "LARGEST_UNKNOWN",
@@ -34,7 +34,6 @@ __all__ = [
     "summed",
 ]
 
-Array = NDArray[np.float64]
 
 LARGEST_VARIATION: Final = 0.3
 """An estimate with a larger coefficient of variation is not resolved."""

@@ -18,10 +18,10 @@ from scipy import special
 
 from precision_pin.analyses.reliability.strata import FARTHEST, Jump
 from precision_pin.inputs.arrays import fix_fields
+from precision_pin.typing import Array
 
 __all__ = ["FARTHEST", "DesignPoint", "Form", "Margin", "form", "towards_surface"]
 
-Array = NDArray[np.float64]
 Margin = Callable[[Array], Array]
 """What is left up to failure, ``(N,)``, for standard normal numbers ``(d, N)``; negative where it fails."""
 

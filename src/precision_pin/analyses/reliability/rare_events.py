@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 from typing import Final, final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import special
 
 from precision_pin.analyses.reliability.estimates import Estimate, Verdict, judged, remarks, summed
@@ -19,10 +18,10 @@ from precision_pin.analyses.reliability.strata import Strata, Stratum, stratifie
 from precision_pin.analyses.reliability.subset import METHOD as SUBSET
 from precision_pin.analyses.reliability.subset import Subset, subset_simulation
 from precision_pin.draws.space import Space
+from precision_pin.typing import Array
 
 __all__ = ["RareEvents", "rare_events"]
 
-Array = NDArray[np.float64]
 
 IMPORTANCE_SAMPLES: Final = 20_000
 SUBSET_SAMPLES: Final = 2_000

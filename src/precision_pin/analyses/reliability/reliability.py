@@ -10,7 +10,6 @@ from collections.abc import Callable, Sequence
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from precision_pin.analyses.provenance import PoseLabel, Poses, Provenance, listed_poses
 from precision_pin.analyses.reliability.estimates import plain_estimate
@@ -28,14 +27,15 @@ from precision_pin.call_warnings import warns_at_end
 from precision_pin.errors import Finding, InputError
 from precision_pin.inputs.arguments import check_instance, check_items
 from precision_pin.kernel import sampler
-from precision_pin.model.error_model import ErrorModel, PoseModel
+from precision_pin.model.error_model import ErrorModel
+from precision_pin.model.pose_model import PoseModel
 from precision_pin.sampling import Progress, monte_carlo
 from precision_pin.statistics import Specification, SpecificationResult, quantity_values
 from precision_pin.statistics.specification import Specifications, listed_specifications
+from precision_pin.typing import Array
 
 __all__ = ["reliability"]
 
-Array = NDArray[np.float64]
 
 LISTED: Final = 3
 """How many design points are told in full."""

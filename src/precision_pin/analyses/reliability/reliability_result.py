@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar, Final, Literal, final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from precision_pin.analyses.provenance import PoseLabel
 from precision_pin.analyses.reliability.estimates import Estimate, in_words
@@ -25,13 +24,13 @@ from precision_pin.display.tables import (
 from precision_pin.errors import UnknownNameError
 from precision_pin.inputs.arrays import fix_fields
 from precision_pin.statistics import Specification, Verdict, judge
+from precision_pin.typing import Array
 
 if TYPE_CHECKING:
     import pandas  # type: ignore[import-untyped]
 
 __all__ = ["LikelyFailure", "PoseReliability", "ReliabilityResult", "SpecificationReliability"]
 
-Array = NDArray[np.float64]
 
 ASSUMPTIONS: Final = (
     "exact model: the displaced chain multiplied out",

@@ -20,10 +20,10 @@ from scipy import special
 from precision_pin.draws.laws import Law
 from precision_pin.draws.space import Draw, Space
 from precision_pin.inputs.arrays import fix_fields
+from precision_pin.typing import Array
 
 __all__ = ["FARTHEST", "Jump", "Strata", "Stratum", "from_normals", "stratified"]
 
-Array = NDArray[np.float64]
 
 FARTHEST: Final = 8.2
 """Standard normal numbers are searched up to this distance: a probability of 1e-16."""

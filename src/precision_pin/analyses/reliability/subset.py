@@ -18,10 +18,10 @@ from precision_pin.analyses.reliability.estimates import (
 from precision_pin.analyses.reliability.form import Margin
 from precision_pin.inputs.arrays import fix_fields
 from precision_pin.statistics import clopper_pearson
+from precision_pin.typing import Array
 
 __all__ = ["REPLICATES", "Subset", "subset_simulation"]
 
-Array = NDArray[np.float64]
 
 REPLICATES: Final = 12
 METHOD: Final = "subset simulation"

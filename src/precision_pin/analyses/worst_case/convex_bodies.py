@@ -22,10 +22,10 @@ from precision_pin.draws.space import Space
 from precision_pin.errors import InputError
 from precision_pin.inputs.arguments import check_number
 from precision_pin.inputs.arrays import fix_fields
+from precision_pin.typing import Array
 
 __all__ = ["Body", "Supports"]
 
-Array = NDArray[np.float64]
 
 _STEP: Final = 1e-7
 """Of the central differences that give the support point of a law known by its support function only."""

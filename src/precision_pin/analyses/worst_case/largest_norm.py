@@ -18,14 +18,13 @@ from dataclasses import dataclass
 from typing import Final, final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 
 from precision_pin.inputs.arrays import fix_fields
+from precision_pin.typing import Array
 
 __all__ = ["MOST_CELLS", "TOLERANCE", "Farthest", "farthest", "quadratic_bound"]
 
-Array = NDArray[np.float64]
 
 TOLERANCE: Final = 1e-9
 """How far apart the ends of the largest value may lie, relative."""

@@ -28,13 +28,14 @@ from precision_pin.call_warnings import warns_at_end
 from precision_pin.errors import Finding, InputError
 from precision_pin.inputs.arguments import check_instance, check_items
 from precision_pin.kernel import sampler
-from precision_pin.model.error_model import ErrorModel, PoseModel
+from precision_pin.model.error_model import ErrorModel
+from precision_pin.model.pose_model import PoseModel
 from precision_pin.sampling import Progress, check_samples, monte_carlo
 from precision_pin.statistics import Distribution
+from precision_pin.typing import Array
 
 __all__ = ["farthest_error", "worst_case"]
 
-Array = NDArray[np.float64]
 
 MOST_KEPT: Final = 1_000_000
 """Up to so many samples the largest one is among the starting points of the search of the exact model."""

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar, Final, final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from precision_pin.analyses.provenance import PoseLabel
 from precision_pin.analyses.result import Result, name_pose
@@ -17,6 +16,7 @@ from precision_pin.display.html import Table
 from precision_pin.display.tables import data_frame, milli, symbol, unit
 from precision_pin.inputs.arrays import fix_fields
 from precision_pin.statistics import QUANTITIES, Distribution
+from precision_pin.typing import Array
 
 if TYPE_CHECKING:
     import pandas  # type: ignore[import-untyped]
@@ -32,7 +32,6 @@ __all__ = [
     "bound_milli",
 ]
 
-Array = NDArray[np.float64]
 
 SEEN_LEVEL: Final = 0.9973
 """Which quantile of the samples stands beside the bound."""

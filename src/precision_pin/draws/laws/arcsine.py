@@ -13,10 +13,11 @@ from numpy.typing import NDArray
 from precision_pin.draws import lazy_special
 from precision_pin.draws.laws.bases import SymmetricLaw
 from precision_pin.draws.laws.kernel_row import KernelRow
-from precision_pin.draws.laws.law import Array, take_number, take_size
+from precision_pin.draws.laws.law import take_number, take_size
 from precision_pin.draws.laws.projection import SymmetricProjection, power_bound
 from precision_pin.draws.laws.sheet_form import MEAN, SheetForm, SheetReader
 from precision_pin.draws.laws.wording import about
+from precision_pin.typing import Array
 from precision_pin.units import Quantity
 
 __all__ = ["Arcsine"]

@@ -8,7 +8,8 @@ from abc import abstractmethod
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from precision_pin.draws.laws.law import Array, Law
+from precision_pin.draws.laws.law import Law
+from precision_pin.typing import Array
 
 __all__ = ["BoundedLaw", "PlaneLaw", "SymmetricLaw"]
 

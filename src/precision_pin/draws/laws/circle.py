@@ -14,11 +14,12 @@ from precision_pin.draws import lazy_special
 from precision_pin.draws.laws.arcsine import ArcsineProjection
 from precision_pin.draws.laws.bases import PlaneLaw
 from precision_pin.draws.laws.kernel_row import KernelRow
-from precision_pin.draws.laws.law import Array, cumulative, take_size
+from precision_pin.draws.laws.law import cumulative, take_size
 from precision_pin.draws.laws.numerics import Moments
 from precision_pin.draws.laws.sheet_form import SheetForm, SheetReader
 from precision_pin.draws.laws.wording import written
 from precision_pin.draws.philox import direction
+from precision_pin.typing import Array
 from precision_pin.units import Quantity
 
 __all__ = ["Circle"]

@@ -13,12 +13,13 @@ from numpy.typing import ArrayLike, NDArray
 from precision_pin.draws import lazy_special
 from precision_pin.draws.laws.bases import PlaneLaw
 from precision_pin.draws.laws.kernel_row import KernelRow
-from precision_pin.draws.laws.law import Array, take_size
+from precision_pin.draws.laws.law import take_size
 from precision_pin.draws.laws.numerics import Moments
 from precision_pin.draws.laws.projection import SymmetricProjection, power_bound
 from precision_pin.draws.laws.sheet_form import SheetForm, SheetReader
 from precision_pin.draws.laws.wording import written
 from precision_pin.draws.philox import direction
+from precision_pin.typing import Array
 from precision_pin.units import Quantity
 
 __all__ = ["Disc"]

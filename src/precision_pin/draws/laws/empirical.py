@@ -14,7 +14,7 @@ from precision_pin import units
 from precision_pin.display.units import WrittenUnit
 from precision_pin.draws.laws.bases import BoundedLaw
 from precision_pin.draws.laws.kernel_row import KernelRow
-from precision_pin.draws.laws.law import Array, take_rows
+from precision_pin.draws.laws.law import take_rows
 from precision_pin.draws.laws.numerics import cumulants_of, in_chunks
 from precision_pin.draws.laws.projection import Lines
 from precision_pin.draws.laws.sheet_form import Place, SheetForm, SheetReader
@@ -24,6 +24,7 @@ from precision_pin.inputs.arguments import check_numbers
 from precision_pin.inputs.arrays import returns_read_only
 from precision_pin.inputs.csv_columns import Measured
 from precision_pin.inputs.memory import check_memory
+from precision_pin.typing import Array
 from precision_pin.units import Quantity
 
 __all__ = ["Empirical"]

@@ -12,12 +12,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from precision_pin import units
 from precision_pin.draws.laws.kernel_row import KernelRow
-from precision_pin.draws.laws.law import FARTHEST_NORMAL, Array, Law, take_rows
+from precision_pin.draws.laws.law import FARTHEST_NORMAL, Law, take_rows
 from precision_pin.draws.laws.numerics import NORMAL_MOMENTS, Moments, triangular_root
 from precision_pin.draws.laws.sheet_form import DEVIATIONS, LawOption, SheetForm, SheetReader
 from precision_pin.draws.laws.wording import deviations
 from precision_pin.errors import InputError
 from precision_pin.inputs.arguments import check_numbers
+from precision_pin.typing import Array
 from precision_pin.units import Quantity
 
 __all__ = ["JointNormal"]

@@ -11,16 +11,17 @@ from numpy.typing import ArrayLike, NDArray
 
 from precision_pin.draws import lazy_special
 from precision_pin.draws.laws.kernel_row import KernelRow
-from precision_pin.draws.laws.numerics import FARTHEST_NORMAL, Array, Moments, moments_by_quadrature
+from precision_pin.draws.laws.numerics import FARTHEST_NORMAL, Moments, moments_by_quadrature
 from precision_pin.draws.laws.projection import Projection
 from precision_pin.draws.laws.sheet_form import SheetForm, SheetReader
 from precision_pin.draws.laws.wording import deviations, spread
 from precision_pin.errors import InputError
 from precision_pin.inputs.arguments import check_number, check_numbers, shown
 from precision_pin.inputs.memory import check_memory
+from precision_pin.typing import Array
 from precision_pin.units import Quantity
 
-__all__ = ["FARTHEST_NORMAL", "Array", "Law", "cumulative", "take_number", "take_rows", "take_size"]
+__all__ = ["FARTHEST_NORMAL", "Law", "cumulative", "take_number", "take_rows", "take_size"]
 
 
 class Law(ABC):

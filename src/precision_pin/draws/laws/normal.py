@@ -11,11 +11,12 @@ import numpy as np
 
 from precision_pin.draws.laws.bases import SymmetricLaw
 from precision_pin.draws.laws.kernel_row import KernelRow
-from precision_pin.draws.laws.law import FARTHEST_NORMAL, Array, Law, take_number, take_size
+from precision_pin.draws.laws.law import FARTHEST_NORMAL, Law, take_number, take_size
 from precision_pin.draws.laws.sheet_form import DEVIATIONS, MEAN, NUMBER, LawOption, SheetForm, SheetReader
 from precision_pin.draws.laws.truncated_normal import TruncatedNormal
 from precision_pin.draws.laws.wording import mean_beside, written
 from precision_pin.inputs.arguments import check_number
+from precision_pin.typing import Array
 from precision_pin.units import Quantity
 
 __all__ = ["Normal"]

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from precision_pin.draws import lazy_special
+from precision_pin.typing import Array
 
 __all__ = [
     "NORMAL_MOMENTS",
@@ -23,7 +24,6 @@ __all__ = [
     "triangular_root",
 ]
 
-Array = NDArray[np.float64]
 
 FARTHEST_NORMAL: Final = 8.6
 """No normal number drawn lies farther out, in standard deviations: the smallest uniform number is 2⁻⁵³."""

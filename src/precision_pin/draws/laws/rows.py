@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from precision_pin.draws.laws.kernel_row import KernelRow
-from precision_pin.draws.laws.law import Array, Law, take_rows
+from precision_pin.draws.laws.law import Law, take_rows
 from precision_pin.draws.laws.numerics import Moments, cumulants_of, in_chunks, moments_of
 from precision_pin.draws.laws.projection import Lines
 from precision_pin.draws.laws.sheet_form import SheetForm, SheetReader
@@ -19,6 +19,7 @@ from precision_pin.draws.laws.wording import deviations
 from precision_pin.errors import InputError
 from precision_pin.inputs.arguments import check_items, shown
 from precision_pin.inputs.arrays import returns_read_only
+from precision_pin.typing import Array
 from precision_pin.units import Quantity
 
 __all__ = ["Rows"]

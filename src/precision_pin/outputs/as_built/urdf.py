@@ -25,13 +25,14 @@ from pathlib import Path
 from typing import Final, final
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from precision_pin import se3
 from precision_pin.draws.expressions import component_names
 from precision_pin.draws.space import Scope
 from precision_pin.errors import InputError, InternalError, UrdfError
-from precision_pin.model.error_model import ErrorModel, PoseModel
+from precision_pin.model.error_model import ErrorModel
+from precision_pin.model.pose_model import PoseModel
 from precision_pin.robot.chain import Chain, Place
 from precision_pin.robot.places import ORDER_FRAME
 from precision_pin.robot.urdf import Joint, Limits, Robot, Vector, parse, rpy_of
@@ -40,10 +41,10 @@ from precision_pin.robot.urdf.files import read_regular_file
 from precision_pin.robot.urdf.findings import Findings
 from precision_pin.sampling.result import versions
 from precision_pin.terms.term import JointValue
+from precision_pin.typing import Array
 
 __all__ = ["AsBuilt", "BuiltUnit", "frozen_sources"]
 
-Array = NDArray[np.float64]
 
 BLOCK: Final = 1000
 """Units that are displaced at a time."""

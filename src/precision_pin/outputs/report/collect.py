@@ -11,24 +11,22 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Final, Literal, TypeVar, final
 
-import numpy as np
-from numpy.typing import NDArray
-
 from precision_pin.analyses.provenance import Pose
 from precision_pin.analyses.registry import declarations
 from precision_pin.analyses.result import Result
 from precision_pin.errors import InputError
-from precision_pin.model.error_model import ErrorModel, PoseModel
+from precision_pin.model.error_model import ErrorModel
+from precision_pin.model.pose_model import PoseModel
 from precision_pin.robot import mcpc
 from precision_pin.robot.mcpc import Mcpc
 from precision_pin.sampling import Progress, monte_carlo
 from precision_pin.sampling.result import MonteCarloResult
 from precision_pin.sheet import Sheet
 from precision_pin.statistics import Specification
+from precision_pin.typing import Array
 
 __all__ = ["Missing", "Results", "Step", "collect", "count_steps"]
 
-Array = NDArray[np.float64]
 Found = TypeVar("Found")
 Step = Callable[[str, int], AbstractContextManager[Progress]]
 """Given what is done next and how many samples it takes (0: none), returns what is told of the progress."""

@@ -10,7 +10,7 @@ from collections.abc import Iterable, Sequence
 from typing import Final
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from precision_pin.draws.laws import laws_of_sheets
 from precision_pin.outputs.scaffold.starting_tolerances import (
@@ -30,10 +30,10 @@ from precision_pin.sheet import catalogue
 from precision_pin.sheet.schema import ASSUMED
 from precision_pin.sheet.settings import law_options
 from precision_pin.terms.source import setting_fields
+from precision_pin.typing import Array
 
 __all__ = ["quoted", "scaffold"]
 
-Array = NDArray[np.float64]
 Lines = list[str]
 
 ANGLE_OFFSET: Final = "0.02 deg"

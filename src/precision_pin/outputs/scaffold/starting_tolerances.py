@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 
 from precision_pin.robot.chain import Chain
 from precision_pin.robot.urdf import Joint
+from precision_pin.typing import Array
 
 __all__ = ["GIVE", "LEAST_SHARE", "SHORTEST", "TRIALS", "WIND_UP", "Survey", "general_tolerance", "reach", "round_125"]
 
-Array = NDArray[np.float64]
 
 TRIALS: Final = 64
 """Poses that are tried to find a good first one and the load on every joint."""

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Final, final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from precision_pin import se3
 from precision_pin.outputs.view.meshes import MeshReader, Surface, UnreadableMeshError, thinned
@@ -18,10 +17,10 @@ from precision_pin.robot.chain import Posture
 from precision_pin.robot.places import ORDER_FRAME
 from precision_pin.robot.urdf import Box, Cylinder, Link, Mesh, Shape, Sphere
 from precision_pin.terms.term import JointValue, Target
+from precision_pin.typing import Array
 
 __all__ = ["Part", "draw_arm"]
 
-Array = NDArray[np.float64]
 
 GREY: Final[Colour] = (0.62, 0.65, 0.69, 1.0)
 PLAIN: Final[Colour] = (0.45, 0.55, 0.66, 1.0)

@@ -7,11 +7,12 @@ from dataclasses import dataclass
 from typing import Final, final
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
+
+from precision_pin.typing import Array
 
 __all__ = ["SHARES", "Ellipsoid", "ellipsoids"]
 
-Array = NDArray[np.float64]
 
 SHARES: Final = (0.95, 0.9973)
 """Which shares are drawn, the inner one first."""

@@ -18,10 +18,10 @@ from precision_pin.robot.urdf import Mesh, locate_mesh
 from precision_pin.robot.urdf.findings import Findings, shown
 from precision_pin.robot.urdf.meshcontent import BrokenMeshError, MeshFile, read_mesh
 from precision_pin.robot.urdf.meshes import MeshFiles
+from precision_pin.typing import Array
 
 __all__ = ["MOST_FACES", "MeshReader", "Surface", "UnreadableMeshError", "thinned"]
 
-Array = NDArray[np.float64]
 
 MOST_FACES: Final = 120_000
 """The most triangles a page holds, about 2.5 MB."""

@@ -16,7 +16,6 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from precision_pin.display.html import escaped
 from precision_pin.errors import InputError, InternalError, OutputError
@@ -34,10 +33,10 @@ from precision_pin.outputs.view.scales import (
 from precision_pin.outputs.view.scene import Colour, Scene, viewer_script
 from precision_pin.outputs.view.shown import Shown
 from precision_pin.robot.chain import Posture
+from precision_pin.typing import Array
 
 __all__ = ["page", "script_hashes", "write_page"]
 
-Array = NDArray[np.float64]
 
 _GRID: Final[Colour] = (0.60, 0.64, 0.69, 1.0)
 _SCRIPTS: Final = ("stage", "cloud", "frames", "arms", "controls")

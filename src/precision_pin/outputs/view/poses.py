@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from typing import Any, Final, final
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from precision_pin.display.html import escaped
 from precision_pin.errors import InputError
@@ -17,10 +17,10 @@ from precision_pin.outputs.view.ellipsoids import ellipsoids
 from precision_pin.outputs.view.shown import Shown
 from precision_pin.robot import mcpc
 from precision_pin.robot.chain import Posture
+from precision_pin.typing import Array
 
 __all__ = ["MOST_FRAMES", "MOST_GHOSTS", "PoseData", "columns", "mcpc_frames"]
 
-Array = NDArray[np.float64]
 
 MOST_FRAMES: Final = 5
 """How many sampled end-effector frames are drawn."""

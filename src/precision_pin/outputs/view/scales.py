@@ -7,13 +7,13 @@ from dataclasses import dataclass
 from typing import Final, final
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from precision_pin.robot.chain import Posture
+from precision_pin.typing import Array
 
 __all__ = ["DEFAULT_POINTS", "MOST_POINTS", "MOST_POSES", "ColourScale", "arm_length", "default_factor", "round_number"]
 
-Array = NDArray[np.float64]
 
 DEFAULT_POINTS: Final = 20_000
 """How many samples the cloud shows unless told otherwise."""

@@ -13,13 +13,13 @@ from pathlib import Path
 from typing import Any, Final, final
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from precision_pin import se3
+from precision_pin.typing import Array
 
 __all__ = ["Colour", "Scene", "viewer_script"]
 
-Array = NDArray[np.float64]
 Colour = tuple[float, float, float, float]
 """Red, green, blue, opacity, from 0 to 1."""
 

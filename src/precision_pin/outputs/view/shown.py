@@ -5,14 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import final
 
-import numpy as np
-from numpy.typing import NDArray
-
-from precision_pin.model.error_model import PoseModel
+from precision_pin.model.pose_model import PoseModel
+from precision_pin.typing import Array
 
 __all__ = ["Shown"]
-
-Array = NDArray[np.float64]
 
 
 @final

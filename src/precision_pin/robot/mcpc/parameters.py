@@ -13,10 +13,10 @@ from precision_pin import se3
 from precision_pin.display.html import Table, rendered
 from precision_pin.errors import InputError
 from precision_pin.inputs.arguments import check_numbers
+from precision_pin.typing import Array
 
 __all__ = ["Mcpc", "McpcRow"]
 
-Array = NDArray[np.float64]
 
 X_AXIS = (1.0, 0.0, 0.0)
 Y_AXIS = (0.0, 1.0, 0.0)

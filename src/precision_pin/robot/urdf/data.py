@@ -7,9 +7,9 @@ from functools import cached_property
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from precision_pin import se3
+from precision_pin.typing import Array
 
 __all__ = [
     "Box",
@@ -30,7 +30,6 @@ __all__ = [
 
 Vector = tuple[float, float, float]
 JointKind = Literal["revolute", "continuous", "prismatic", "fixed"]
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -6,15 +6,14 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from precision_pin.robot.urdf.data import Inertial, Link
 from precision_pin.robot.urdf.findings import Findings, shown
 from precision_pin.robot.urdf.robot import Robot
+from precision_pin.typing import Array
 
 __all__ = ["check_inertias"]
 
-Array = NDArray[np.float64]
 Verdict = Literal["physical", "point", "negative", "triangle"]
 
 # inertias are commonly written with three digits; a plate's then miss ixx + iyy = izz by as much

@@ -7,14 +7,12 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from precision_pin.errors import Finding, InputError, InternalError, UnknownNameError
 from precision_pin.robot.urdf.data import Joint, Link
+from precision_pin.typing import Array
 
 __all__ = ["Robot"]
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
