@@ -449,6 +449,7 @@ def test_figure_marks_what_is_missing():
 # --- the command ---
 
 
+@pytest.mark.slow
 def test_command(tmp_path, monkeypatch, capsys):
     def run(*words: str) -> tuple[int, str, str]:
         monkeypatch.setattr("sys.argv", ["precision-pin", "exact-law", *words])
