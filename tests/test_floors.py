@@ -12,6 +12,7 @@ PACKAGE = Path(__file__).parent.parent / "src" / "precision_pin"
 FLOORS = (
     "visible",
     "typing",
+    "typing",
     "errors",
     "call_warnings",
     "se3",
@@ -153,3 +154,12 @@ def test_code_and_tests_name_no_place_outside_the_project() -> None:
                 text = path.read_text(encoding="utf-8", errors="replace")
                 assert "/wo" + "rk/" not in text, path
                 assert "../sha" + "red" not in text, path
+
+
+def test_arrays_have_one_name() -> None:
+    homes = [
+        str(path.relative_to(PACKAGE))
+        for path in MODULES
+        if "= NDArray[np.float64]" in path.read_text(encoding="utf-8")
+    ]
+    assert homes == ["typing.py"]

@@ -169,7 +169,7 @@ _TROUBLES: Final = (
     RuntimeError,
     NumbaError,  # what becomes of the others where they befall a part
 )
-"""What unpickling a damaged file, or reading or writing one, raises."""
+"""Exceptions of unpickling a damaged file, and of reading or writing one."""
 
 _ready: Final[set[tuple[Any, Hashable]]] = set()
 """The functions and variants that are compiled or loaded in this process."""
@@ -177,7 +177,7 @@ _ready: Final[set[tuple[Any, Hashable]]] = set()
 _making_ready: Final = threading.Lock()
 
 _all_kept: Final[dict[Path, list[Any]]] = {}
-"""What is kept on disk, by source file."""
+"""Functions that are cached on disk, by source file."""
 
 
 def _kept(decorator: Any, function: Function) -> Any:

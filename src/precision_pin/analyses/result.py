@@ -74,7 +74,7 @@ class Result(JsonResult):
 
     @property
     def assumptions(self) -> tuple[str, ...]:
-        """What the numbers rest on, one sentence each."""
+        """Assumptions of the numbers, one sentence each."""
         raise NotImplementedError
 
     def settings(self) -> dict[str, Any]:

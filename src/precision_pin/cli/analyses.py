@@ -52,7 +52,7 @@ class _Shared(ArmOptions):
 @final
 @dataclass(frozen=True)
 class _Question:
-    """What is asked about.
+    """The inputs of an analysis command.
 
     Attributes
     ----------

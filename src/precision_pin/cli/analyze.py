@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 __all__ = ["command"]
 
 FILES = ("analysis.json", "position.*", "attitude.*", "components.*")
-"""What is written to a folder."""
+"""Files written to a folder."""
 
 MOST_UNTIL = 10**9
 """The most samples until a result is precise enough, where no number is given."""

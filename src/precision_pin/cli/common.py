@@ -1,4 +1,4 @@
-"""What several commands share: their options, and which robot and sheet are meant."""
+"""Options that several commands have, and the robot and sheet that they mean."""
 
 from __future__ import annotations
 

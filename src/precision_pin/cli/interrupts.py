@@ -22,7 +22,7 @@ from typing import Final, final
 __all__ = ["NAMES", "begin", "came", "end", "held", "raise_if_interrupted", "take_over", "undone", "unwinding"]
 
 NAMES: Final[dict[int, str]] = {signal.SIGINT: "interrupted", signal.SIGTERM: "terminated", signal.SIGHUP: "hung up"}
-"""What is said of each signal that is heeded."""
+"""The message of each signal that is handled."""
 
 PATIENCE: Final = 1.0
 LONG_PATIENCE: Final = 15.0
@@ -31,7 +31,7 @@ LONG_PATIENCE: Final = 15.0
 
 @final
 class _State:
-    """What is known of signals, which come to a process, not to an object of it."""
+    """State of signal handling; signals come to a process, not to an object of it."""
 
     def __init__(self) -> None:
         self.number = 0

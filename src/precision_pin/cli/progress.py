@@ -1,4 +1,4 @@
-"""What commands show while they work: that the sampler is compiled, and how far they are."""
+"""Progress of commands: of compiling the sampler and of the work itself."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the system gives this process: limits on its memory, heeded before libraries that abort are loaded."""
+"""Limits of the system on this process's memory, checked before libraries that abort are loaded."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What ``--out`` may be called: a page, or a folder."""
+"""Allowed names for ``--out``: a page or a folder."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What commands write: the standard output, files and folders, whole or not at all."""
+"""Writing standard output, files and folders, whole or not at all."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def echo_data(text: str) -> None:
 @final
 @dataclass(frozen=True)
 class Outputs:
-    """What a command line asks to be written.
+    """The outputs that a command line asks for.
 
     Attributes
     ----------

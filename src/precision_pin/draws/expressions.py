@@ -44,7 +44,7 @@ MOST_OPERATIONS: Final = 32
 
 
 class Operator(IntEnum):
-    """What an operation does; the numbers are part of the compiled kernel's interface."""
+    """Operations of formulas; the numbers are part of the compiled kernel's interface."""
 
     ADD = 0
     SUBTRACT = 1
@@ -163,7 +163,7 @@ class Operation(Expression):
 
 
 Value = Expression | float
-"""What a source's setting becomes: a plain number, or an expression where it is random."""
+"""The value of a source's setting: a plain number, or an expression where it is random."""
 
 
 def sqrt(argument: Expression) -> Expression:

@@ -132,7 +132,7 @@ class Draw:
 
 
 Setting = float | str | Law | Draw | Expression
-"""What a source's setting may be: a number (SI), a parameter's name, a law, a draw, or a formula."""
+"""A source's setting: a number (SI), a parameter's name, a law, a draw, or a formula."""
 
 
 @final
@@ -300,7 +300,7 @@ class Space:
 
     @cached_property
     def intervals(self) -> tuple[tuple[float, float], ...]:
-        """What each component stays between in every sample; see :meth:`precision_pin.draws.laws.Law.interval`."""
+        """Bounds of each component in every sample; see :meth:`precision_pin.draws.laws.Law.interval`."""
         return tuple(draw.law.interval(k) for draw in self.draws for k in range(draw.law.size))
 
     def including(self, draws: Sequence[Draw]) -> Space:

@@ -1,1 +1,1 @@
-"""What comes in: arguments, arrays, files and how much memory a request takes; all is checked here."""
+"""Checks of arguments, arrays, files, and of the memory that a request takes."""

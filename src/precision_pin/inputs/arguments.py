@@ -1,4 +1,4 @@
-"""What public functions check of what they are given.
+"""Checks of the arguments of public functions.
 
 A wrong argument of any kind (type, shape, number, name) ends in an :class:`~precision_pin.errors.InputError` of one line
 that names the argument, what is allowed and what was given. Every check returns what it let pass in the type that the

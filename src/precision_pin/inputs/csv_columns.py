@@ -45,7 +45,7 @@ _LONGEST: Final = 40
 @final
 @dataclass(frozen=True, eq=False)
 class Measured:
-    """What a file holds.
+    """Columns of a file.
 
     Attributes
     ----------

@@ -83,7 +83,7 @@ SUMS: Final = 31
 """Partial sums of an atom: 8 residuals, 21 products of two components (upper triangle by rows), 2 squared norms."""
 
 LANE_DOUBLES: Final = (SUMS + 16) * LANES
-"""What a pose's lanes take: those of the sums, of the eight smallest and of the eight largest values."""
+"""Lanes of a pose: those of the sums, of the eight smallest and of the eight largest values."""
 
 NORM_MANTISSA: Final = 5
 NORM_EXPONENTS: Final = (-4, 4)
@@ -331,7 +331,7 @@ class Motions(NamedTuple):
 
 
 class Counting(NamedTuple):
-    """What is subtracted, how it is binned, and which limits are counted."""
+    """Centres to subtract, scales of bins, and limits to count against."""
 
     centre: Array
     inverse_scale: Array

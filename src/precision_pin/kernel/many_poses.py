@@ -69,7 +69,7 @@ MOST_TOGETHER: Final = 64
 @final
 @dataclass(frozen=True, eq=False)
 class NormBlocks:
-    """What consecutive blocks gave at P poses, as far as a map needs it.
+    """Sums and sketches of consecutive blocks at P poses, as far as a map needs them.
 
     Attributes
     ----------
@@ -203,7 +203,7 @@ class _Units:
 @final
 @dataclass(frozen=True, eq=False)
 class _Counts:
-    """What the loops fill, P in front of everything."""
+    """Arrays that the loops fill; the first axis of each is the pose."""
 
     sums: Array
     lowest: Array

@@ -83,7 +83,7 @@ _MOST_UNITS: Final = 2**63
 _MOST_BLOCKS_IN_A_CALL: Final = 2**32 // BLOCK - 1
 _NOTHING: Final = np.zeros((0, 0))
 _STAGES: Final = {"linear": LINEAR, "exact": EXACT}
-"""What the compiled loops call a model."""
+"""Models as the compiled loops number them."""
 
 REASONS: Final = {
     FORMULA: "a parameter's formula fails; a divisor that may reach zero needs a law that keeps away from it",
@@ -193,7 +193,7 @@ def errors_at(layout: CompiledTable, model: Model, x: ArrayLike) -> Array:
 @final
 @dataclass(frozen=True, eq=False)
 class Blocks:
-    """What consecutive blocks gave.
+    """Sums, extremes, bins and counts of consecutive blocks.
 
     Attributes
     ----------

@@ -25,7 +25,7 @@ from precision_pin.typing import Array
 __all__ = ["Feedback", "Settled", "refuse_buckling", "settle"]
 
 MakeTerms = Callable[[Posture], Sequence[Term]]
-"""What the sources say at a posture."""
+"""Makes the terms of all sources at a posture."""
 
 SETTLED: Final = 1e-13
 """Change of the displacements (m, rad) below which the arm is at rest."""

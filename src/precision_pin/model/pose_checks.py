@@ -1,4 +1,4 @@
-"""What there is to say about a model at a pose before anything is sampled in earnest."""
+"""Findings about a model at a pose, before it is sampled."""
 
 from __future__ import annotations
 

@@ -115,7 +115,7 @@ class PoseModel:
 
     @cached_property
     def jacobian_parts(self) -> tuple[SlopeColumns, ...]:
-        """What each target adds to the Jacobian of :attr:`tangent`; their sum is J."""
+        """Each target's part of the Jacobian of :attr:`tangent`; their sum is J."""
         table, mean = self.table, self.space.mean
         error = self.error_at_means
         moved = table.displacements(table.products(table.program.evaluate(mean[:, None])))[:, :, 0]

@@ -1,4 +1,4 @@
-"""What the warnings about a URDF say about one chain of it: those about its own links, and the others summed up."""
+"""Warnings about a URDF, for one chain of it: those about its own links, and a summary of the others."""
 
 from __future__ import annotations
 

@@ -37,7 +37,7 @@ def alignment(axis: Array) -> Array:
 @final
 @dataclass(frozen=True, eq=False)
 class ChainConstants:
-    """What does not change with the configuration, as the compiled loops read it.
+    """Constants of a chain, at any configuration, as the compiled loops read them.
 
     Attributes
     ----------

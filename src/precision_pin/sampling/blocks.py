@@ -1,4 +1,4 @@
-"""What is computed: blocks of samples at one pose, as a piece of work that can be sent to another machine."""
+"""Blocks of samples at one pose, as work that can be sent to another process or machine."""
 
 from __future__ import annotations
 

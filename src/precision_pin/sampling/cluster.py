@@ -22,7 +22,7 @@ _LOOK: Final = 0.5
 
 @final
 class _Task:
-    """What was submitted; a task that the scheduler took to its grave would be waited for without end."""
+    """Submitted tasks; one that the scheduler has lost would be waited for without end."""
 
     def __init__(self, future: Any, client: Any) -> None:
         self._future = future

@@ -1,4 +1,4 @@
-"""What decides the bits of a run, in words and digests, so that two runs can be told apart."""
+"""The identity of a run: all that decides its bits, in words and digests."""
 
 from __future__ import annotations
 

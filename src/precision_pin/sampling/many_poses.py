@@ -225,7 +225,7 @@ def _nothing(_: int) -> None:
 @final
 @dataclass(frozen=True)
 class _Work:
-    """What is the same for all poses."""
+    """Settings of a run that are the same for all poses."""
 
     model: Model
     seed: int

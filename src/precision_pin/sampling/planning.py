@@ -1,4 +1,4 @@
-"""What to subtract from the errors at a pose, and how finely to bin them: planned from the first samples of the seed.
+"""Planning the centres to subtract and the width of bins, from the first samples of the seed.
 
 First-order spreads are no guide where they vanish, as along the axes of a stretched arm: there products of errors decide.
 The plan does not depend on how many samples follow nor on what computes them, so that neither does any bit of a result.

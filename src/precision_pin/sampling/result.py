@@ -1,4 +1,4 @@
-"""What an analysis of one pose found, with all that is needed to reproduce it."""
+"""Result of a Monte Carlo run at one pose, with all that reproduces it."""
 
 from __future__ import annotations
 

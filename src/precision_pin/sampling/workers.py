@@ -27,7 +27,7 @@ MOST_LOSSES: Final = 3
 
 
 class Submitter(Protocol):
-    """What can be given as an executor: :class:`concurrent.futures.Executor` and all that have its ``submit``."""
+    """Interface of an executor: :class:`concurrent.futures.Executor` and all that have its ``submit``."""
 
     def submit(self, function: Callable[..., Any], /, *arguments: Any) -> Any:
         """Return a future, which has ``result()``."""

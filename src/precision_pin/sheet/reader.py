@@ -77,7 +77,7 @@ class Sheet:
 @final
 @dataclass(frozen=True)
 class Overrides:
-    """What the command line says instead of the sheet; ``None`` leaves the sheet's word."""
+    """Values from the command line in place of the sheet's; ``None`` keeps the sheet's."""
 
     robot: FilePath | None = None
     tip: str | None = None

@@ -55,7 +55,7 @@ _LAW: Final = {"title": "law"}
 @final
 @dataclass(frozen=True)
 class Context:
-    """What validating a source's settings needs to know.
+    """Context for validating a source's settings.
 
     Attributes
     ----------

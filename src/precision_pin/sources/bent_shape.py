@@ -80,7 +80,7 @@ class BentShape:
 
     @property
     def second_order(self) -> Array:
-        """What the turns along the beam add to its end's displacement beyond their sum, ``(6,)``, beam axes.
+        """The part of the end's displacement that the turns along the beam add beyond their sum, ``(6,)``, beam axes.
 
         With θ(x) the turn, ``δ = -½ ∫ θ × θ' dx`` (turns do not commute) and ``d = ½ ∫ θ × (θ × e_x) dx``, which shortens a
         bent beam, and what δ adds on the way.

@@ -52,7 +52,7 @@ MATERIALS: Final = MappingProxyType(
 @final
 @dataclass(frozen=True)
 class Section:
-    """What of a cross-section counts.
+    """Properties of a cross-section.
 
     Attributes
     ----------

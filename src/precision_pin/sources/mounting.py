@@ -67,7 +67,7 @@ class Mounting(Source):
 
     @property
     def subject(self) -> str:
-        """What is mounted: base or tool."""
+        """The mounted part: base or tool."""
         return self.at
 
     @property

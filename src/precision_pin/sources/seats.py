@@ -1,4 +1,4 @@
-"""What a joint's bearings see: geometry and statics at its seat.
+"""Geometry and statics at a joint's seat, where its bearings are.
 
 Everything is in the *seat's axes*: the joint's frame before it moves, as seen from the base, turned so that z is its axis
 in the file. Where the base lies beyond the joint, that frame is the one of its child link in the file; z and heights on

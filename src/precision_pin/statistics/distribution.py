@@ -360,7 +360,7 @@ class Distribution:
 
     @cached_property
     def moments(self) -> Moments:
-        """What the intervals of mean and variance rest on."""
+        """Assumptions of the intervals of mean and variance."""
         return Moments(
             deviations=(self.bin_lower + self.bin_upper) / 2 - self.mean,
             counts=self._counts,

@@ -1,4 +1,4 @@
-"""What is to be counted: specifications, and the planned centre and spread of each quantity."""
+"""A plan of what to count: specifications, and the expected centre and spread of each quantity."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ class Specification:
 @final
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """What is subtracted from each quantity, the scale at which it is binned, and what is counted.
+    """The centre and the scale of bins for each quantity, and the specifications to count.
 
     Neither centre nor scale biases any result; they decide how finely the sketch resolves it and how much
     the sums cancel. Middle and spread of a pilot's samples are good choices (`from_pilot`).

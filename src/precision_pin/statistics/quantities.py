@@ -49,7 +49,7 @@ QUANTITY_WORDS: Final = {
     "δy": "attitude.y",
     "δz": "attitude.z",
 } | {name: name for name in QUANTITIES}
-"""What a user may call a quantity."""
+"""Names of quantities that users may give."""
 
 QUANTITY_PATTERN: Final = r"\|[^\s|@]++\||[^\W\d](?:[^\W\d]|\.(?=[^\W\d]))*+"
 """Of a word that may be one of them: no digit, so that a number may follow without a blank."""

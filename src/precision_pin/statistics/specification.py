@@ -16,7 +16,7 @@ from precision_pin.statistics.quantities import QUANTITY_PATTERN, QUANTITY_WORDS
 __all__ = ["DEFAULT_PROBABILITY", "Specifications", "listed_specifications", "specification"]
 
 DEFAULT_PROBABILITY: Final = 0.95
-"""What is required where a specification names no probability."""
+"""Required probability of a specification that names none."""
 
 _FORM: Final = re.compile(rf"({QUANTITY_PATTERN})?\s*+(?:(?:<=|<|≤)\s*+)?(\S.*)", re.DOTALL)
 _LEAST_PER_CENT: Final = 0.01

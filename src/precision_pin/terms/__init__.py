@@ -1,4 +1,4 @@
-"""What sources become at a pose: terms, displacements of places that random numbers multiply, in one table."""
+"""Terms of the error model at a pose: displacements of places, times random numbers; and the table of them."""
 
 from precision_pin.terms.source import Dependence, Source
 from precision_pin.terms.term import Term

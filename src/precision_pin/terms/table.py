@@ -26,7 +26,7 @@ __all__ = ["SlopeColumns", "TableLayout", "TermTable"]
 @final
 @dataclass(frozen=True, eq=False)
 class TermTable:
-    """What every engine and analysis reads: displacements of targets as products of parameters.
+    """The table that every engine and analysis reads: displacements of targets as products of parameters.
 
     A joint value is a target like any other: its pivot is the joint's frame after it turned, its twist along the axis.
 
@@ -136,7 +136,7 @@ def _summed(
 @final
 @dataclass(frozen=True, eq=False)
 class TableLayout:
-    """What tables have in common that differ in their twists and frames only: those of one model at different poses.
+    """The common part of tables that differ in twists and frames only: those of one model at different poses.
 
     Attributes
     ----------

@@ -268,7 +268,7 @@ def _at_pose(
 
 
 class _Sampled:
-    """What the exact model gives at one pose."""
+    """Estimates of the exact model at one pose."""
 
     def __init__(
         self,

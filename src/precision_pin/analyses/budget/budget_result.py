@@ -1,4 +1,4 @@
-"""What a budget found."""
+"""Result of a budget."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ class Estimate:
 @final
 @dataclass(frozen=True)
 class Halved:
-    """What halving one draw's tolerance gives.
+    """The effect of halving one draw's tolerance.
 
     Attributes
     ----------
@@ -160,7 +160,7 @@ class SourceShare:
 @final
 @dataclass(frozen=True)
 class PlaceShare:
-    """What happens at a joint or on a chain link."""
+    """The share of a joint or a chain link."""
 
     name: str
     share: Shares

@@ -214,7 +214,7 @@ class _Share:
 
     @property
     def summand(self) -> Summand:
-        """What a series needs; of a law defined elsewhere no bound is known but 1."""
+        """Bounds that a series needs; of a law defined elsewhere no bound is known but 1."""
         part = self.part
         if part is not None:
             return Summand(part.within, part.is_bounded, part.envelope, part.characteristic, part.characteristic_error)

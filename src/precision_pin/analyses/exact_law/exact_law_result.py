@@ -1,4 +1,4 @@
-"""What the exact laws of a model are."""
+"""Result of the exact laws of a model."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the moments of an error are."""
+"""Result of the moments of an error."""
 
 from __future__ import annotations
 

@@ -23,7 +23,7 @@ from precision_pin.typing import Array
 __all__ = ["FARTHEST", "DesignPoint", "Form", "Margin", "form", "towards_surface"]
 
 Margin = Callable[[Array], Array]
-"""What is left up to failure, ``(N,)``, for standard normal numbers ``(d, N)``; negative where it fails."""
+"""Margin to failure ``(N,)`` for standard normal numbers ``(d, N)``; negative where it fails."""
 
 _STEP: Final = 1e-4
 _MOST_STEPS: Final = 40
@@ -82,7 +82,7 @@ class DesignPoint:
 @final
 @dataclass(frozen=True, eq=False)
 class Form:
-    """What the search found.
+    """The result of the search.
 
     Attributes
     ----------

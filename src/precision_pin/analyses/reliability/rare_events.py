@@ -41,7 +41,7 @@ _MARGIN_OF_BOUND: Final = 10.0
 @final
 @dataclass(frozen=True, eq=False)
 class RareEvents:
-    """What the methods found.
+    """The results of the methods.
 
     Attributes
     ----------
@@ -66,7 +66,7 @@ class RareEvents:
 
 @dataclass(frozen=True, eq=False)
 class _Part:
-    """What was found within a stratum."""
+    """The result within a stratum."""
 
     stratum: Stratum
     form: Form

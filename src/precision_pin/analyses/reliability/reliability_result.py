@@ -1,4 +1,4 @@
-"""What the reliability analysis found."""
+"""Result of the reliability analysis."""
 
 from __future__ import annotations
 
@@ -209,7 +209,7 @@ class ReliabilityResult(Result):
 
     @property
     def assumptions(self) -> tuple[str, ...]:
-        """What the numbers rest on, one sentence each."""
+        """Assumptions of the numbers, one sentence each."""
         return ASSUMPTIONS
 
     def settings(self) -> dict[str, Any]:

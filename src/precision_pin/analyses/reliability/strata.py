@@ -29,7 +29,7 @@ FARTHEST: Final = 8.2
 """Standard normal numbers are searched up to this distance: a probability of 1e-16."""
 
 RARE: Final = 1e-2
-"""What is more probable is left to sampling."""
+"""Probability above which plain sampling is used."""
 
 MOST_STRATA: Final = 32
 

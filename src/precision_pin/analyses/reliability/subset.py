@@ -34,7 +34,7 @@ _TOLD: Final = 160
 @final
 @dataclass(frozen=True, eq=False)
 class Subset:
-    """What subset simulation found.
+    """The result of subset simulation.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""What the draws of a space can take: bounded convex bodies about their means, and how far they reach in a direction.
+"""Supports of draws: bounded convex bodies about their means, and how far they reach in a direction.
 
 The support function of a body K is h(w) = max w·x over x in K; the x that attains it, its support point, is the
 gradient of h (Rockafellar, Convex MonteCarloResult, 1970, corollary 23.5.3). Laws that are not bounded are cut at a stated
@@ -137,7 +137,7 @@ class _Points(Body):
 @final
 @dataclass(frozen=True, eq=False)
 class _Described(Body):
-    """What a law of several numbers says of its support, where nothing more is known of it."""
+    """The support of a law of several numbers by its own support function only."""
 
     law: Law
 
@@ -166,7 +166,7 @@ class _Described(Body):
 @final
 @dataclass(frozen=True, eq=False)
 class Supports:
-    """What all draws of a space can take, as deviations from the means.
+    """The support of all draws of a space, as deviations from the means.
 
     Attributes
     ----------

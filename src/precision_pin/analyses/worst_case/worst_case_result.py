@@ -1,4 +1,4 @@
-"""What the worst case at one pose or several is, with all that is needed to reproduce it."""
+"""Result of a worst case at one pose or several, with all that reproduces it."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ _ROUNDING: Final = 1e-14
 @final
 @dataclass(frozen=True)
 class Contribution:
-    """What a draw adds to the worst first-order error of a norm.
+    """A draw's part of the worst first-order error of a norm.
 
     Attributes
     ----------
@@ -242,7 +242,7 @@ class WorstCaseResult(Result):
 
     @property
     def assumptions(self) -> tuple[str, ...]:
-        """What the numbers rest on, one sentence each."""
+        """Assumptions of the numbers, one sentence each."""
         cut = (
             f"unbounded laws are cut at k = {self.k:g} standard deviations, beyond which samples may lie: "
             f"{', '.join(self.cut)}"

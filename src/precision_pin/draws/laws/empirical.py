@@ -53,7 +53,7 @@ _SCHEMA: Final[Mapping[str, Any]] = {
 @final
 @dataclass(frozen=True)
 class Empirical(BoundedLaw):
-    """What was measured: a table of quantiles, straight lines between them.
+    """A measured distribution: a table of quantiles, straight lines between them.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""What every law gives."""
+"""The base class of all laws."""
 
 from __future__ import annotations
 

@@ -221,7 +221,7 @@ class _Projection(Projection):
 
     @property
     def ends(self) -> tuple[float, float]:
-        """What no number drawn exceeds."""
+        """The largest number that can be drawn."""
         low, high = self.position(np.array([-FARTHEST_NORMAL, FARTHEST_NORMAL]))
         return float(low), float(high)
 

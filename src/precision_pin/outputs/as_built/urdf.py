@@ -81,7 +81,7 @@ class BuiltUnit:
 @final
 @dataclass(frozen=True, eq=False)
 class AsBuilt:
-    """What writes the units of an error model as URDF.
+    """Writes robots of an error model as URDF.
 
     Attributes
     ----------

@@ -1,1 +1,1 @@
-"""What is shown of a budget."""
+"""Table, figure and report section of a budget."""

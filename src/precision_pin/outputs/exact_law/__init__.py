@@ -1,1 +1,1 @@
-"""What is shown of an exact law."""
+"""Table, figure and report section of an exact law."""

@@ -1,1 +1,1 @@
-"""What outputs are made of: the style of figures, HTML elements, SVG."""
+"""Building blocks of outputs: the style of figures, HTML elements, SVG."""

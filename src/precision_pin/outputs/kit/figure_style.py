@@ -1,4 +1,4 @@
-"""What the figures share: size, style, caption, legend. Made without pyplot, so no global state is touched."""
+"""Size, style, caption and legend of all figures. Made without pyplot, so no global state is touched."""
 
 from __future__ import annotations
 

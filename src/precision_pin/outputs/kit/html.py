@@ -25,7 +25,7 @@ class Html:
 
 
 Child = Html | str
-"""What stands in an element: markup as it is, or text, which is escaped."""
+"""Contents of an element: markup as it is, or text, which is escaped."""
 
 
 def element(name: str, *children: Child, **attributes: str) -> Html:

@@ -29,7 +29,7 @@ COLOURS: Final = {
     "#009e73": "var(--green)",
     "#cc79a7": "var(--purple)",
 }
-"""What stands in the page's style for the figures' colours."""
+"""CSS variables of the figures' colours."""
 
 _COLOUR: Final = re.compile(r"#[0-9a-fA-F]{6}\b")
 _REFERENCE: Final = re.compile(r"url\(#([^)]*)\)")

@@ -1,1 +1,1 @@
-"""What is shown of a Monte Carlo run."""
+"""Table, figures, verdict and report section of a Monte Carlo run."""

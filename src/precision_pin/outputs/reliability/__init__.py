@@ -1,1 +1,1 @@
-"""What is shown of a reliability analysis."""
+"""Table and figure of a reliability analysis."""

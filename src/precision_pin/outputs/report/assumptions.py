@@ -1,4 +1,4 @@
-"""What the numbers rest on, and what there is to warn of."""
+"""Assumptions and warnings."""
 
 from __future__ import annotations
 

@@ -52,7 +52,7 @@ class Missing:
 @final
 @dataclass(frozen=True, eq=False)
 class Results:
-    """What a report shows.
+    """The results that a report shows.
 
     Attributes
     ----------

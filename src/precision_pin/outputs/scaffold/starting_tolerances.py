@@ -64,7 +64,7 @@ def round_125(value: float) -> float:
 @final
 @dataclass(frozen=True, eq=False)
 class Survey:
-    """What trial poses tell about a chain.
+    """Figures of a chain from trial poses.
 
     Attributes
     ----------

@@ -103,7 +103,7 @@ def serve(
 @final
 @dataclass(frozen=True)
 class _Content:
-    """What the frame shows, and its digest."""
+    """The page in the frame, and its digest."""
 
     body: bytes
     version: str

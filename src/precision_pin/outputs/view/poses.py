@@ -1,4 +1,4 @@
-"""What the page needs of each pose: where everything stands, the errors to draw, and the texts that go with them."""
+"""Data of each pose for the page: poses of links, errors to draw, texts."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a page shows at one pose."""
+"""Contents of a page at one pose."""
 
 from __future__ import annotations
 

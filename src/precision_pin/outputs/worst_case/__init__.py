@@ -1,1 +1,1 @@
-"""What is shown of a worst case."""
+"""Table, figure and report section of a worst case."""

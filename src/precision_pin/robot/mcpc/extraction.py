@@ -29,7 +29,7 @@ SAME_CHAIN = 1e-9
 
 
 class JointChain(Protocol):
-    """What the adapter needs of a chain.
+    """The part of a chain's interface that the adapter uses.
 
     ``placements[i]`` goes from joint i's frame after it turned (the base link for i = 0) to joint i+1's frame
     before it turns (the tip for i = n); ``axes[i]`` is a unit vector in its joint's own frame. The tip's pose

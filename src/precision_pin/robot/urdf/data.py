@@ -1,4 +1,4 @@
-"""What a URDF says, as plain immutable data: lengths in m, angles in rad, masses in kg."""
+"""Contents of a URDF as plain immutable data: lengths in m, angles in rad, masses in kg."""
 
 from __future__ import annotations
 
