@@ -15,7 +15,7 @@ from precision_pin.robot.examples import PAPER_SHEET
 TOP = [
     "schema", "complete", "robot", "base", "tip", "axes", "pose", "samples", "seed", "model", "statics", "scopes",
     "confidence", "versions", "warnings", "position", "attitude", "nominal", "covariance", "covariance_interval", "spec",
-    "largest", "assumed",
+    "largest", "assumed", "findings",
 ]  # fmt: skip
 STATISTICS = [
     "mean", "std", "min", "max", "mode", "quantiles", "quantile_interval", "quantile_error",

@@ -114,7 +114,9 @@ def lay_out_draws(space: Space, constants: Mapping[float, int]) -> Draws:
     fixed = {row: float(value[0]) for row, value in by_branch["fixed"].items()}
     fixed |= {row: value for value, row in constants.items()}
     normal = by_branch["normal"]
-    normals = {row: (mean, -2 * std * std) for row, (mean, std) in normal.items() if row not in mixed}
+    # Python's numbers: a square that is none becomes infinite without a word, and is refused where errors are
+    plain = {row: numbers.tolist() for row, numbers in normal.items() if row not in mixed}
+    normals = {row: (mean, -2 * std * std) for row, (mean, std) in plain.items()}
     normals |= dict.fromkeys(sorted((from_normals - normal.keys()) | mixed), (0.0, -2.0))
     scaled = {row: numbers for row, numbers in normal.items() if row in mixed}
     roots, sizes = _lay_out_joint(list(by_branch["joint"].values()))
