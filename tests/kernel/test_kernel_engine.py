@@ -284,3 +284,11 @@ def test_bounds_of_components_and_angles_hold() -> None:
         series = layout.motions.series[-2::-1]
         assert (turns[series == FINE] <= 0.01).all()
         assert (turns[series == NARROW] <= 0.25).all()
+
+
+@pytest.mark.parametrize("count", [10**11, 2**62])
+def test_more_than_the_memory_holds_is_refused_at_once(count):
+    layout = sampler.compile_table(random_table(3, targets=2, terms=4, shift=1e-3, turn=1e-3))
+    for keep in (lambda: sampler.sample(layout, 1, 0, count), lambda: sampler.errors(layout, "exact", 1, 0, count)):
+        with pytest.raises(InputError, match=r"keeping \d+ numbers of each of [\d,]+ robots takes .* GB"):
+            keep()

@@ -24,6 +24,7 @@ from numpy.typing import ArrayLike, NDArray
 from precision_pin.draws.space import Space, check_seed
 from precision_pin.errors import InputError
 from precision_pin.inputs.arguments import check_choice
+from precision_pin.inputs.memory import check_memory
 from precision_pin.jit import call, is_kept
 from precision_pin.kernel import loops
 from precision_pin.kernel.arrays import CompiledTable, lay_out, lay_out_many
@@ -127,6 +128,7 @@ def sample(layout: CompiledTable, seed: int, first: int, count: int, *, pose: in
         A wrong seed, unit, pose or visit.
     """
     skip = _check_units(first, count)
+    _check_kept(layout.space.size, count)
     kept = np.empty((layout.space.size, skip + count))
     _run(layout, DRAW, _Units(seed, first - skip, skip, skip + count, pose, visit), components=kept)
     return kept[:, skip:]
@@ -159,6 +161,7 @@ def errors(
         by π or more, an error that is not finite.
     """
     skip = _check_units(first, count)
+    _check_kept(6, count)
     kept = np.empty((6, skip + count))
     _run(layout, stage_of(model), _Units(seed, first - skip, skip, skip + count, pose, visit), errors=kept)
     return kept[:, skip:]
@@ -406,6 +409,10 @@ def _check_units(first: int, count: int) -> int:
             f"{count!r} units from {first!r} on: both whole numbers, units are numbered from 0 to 2^63 - 1"
         )
     return int(first) % TILE
+
+
+def _check_kept(rows: int, count: int) -> None:
+    check_memory(8.0 * rows * count, f"keeping {rows} numbers of each of {count:,} robots", "ask for fewer at a time")
 
 
 def room() -> tuple[Array, NDArray[np.uint32], NDArray[np.uint64]]:
