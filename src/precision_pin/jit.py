@@ -23,17 +23,17 @@ from numba.core.registry import cpu_target
 
 __all__ = [
     "INTERPRETED",
-    "apart",
+    "cached_entry",
+    "cached_part",
+    "cached_part_inline",
     "call",
     "can_keep",
-    "contracted",
+    "fma",
+    "fma_noinline",
+    "inline",
     "is_kept",
-    "kept",
-    "kept_part",
-    "kept_part_within",
     "make_ready",
-    "plain",
-    "within",
+    "strict",
 ]
 
 Function = TypeVar("Function", bound=Callable[..., Any])
@@ -49,44 +49,44 @@ _outermost: Any = partial(numba.njit, error_model="numpy", nogil=True, _nrt=Fals
 _inner: Any = partial(_outermost, no_cpython_wrapper=True)
 
 
-def plain(function: Function) -> Function:
+def strict(function: Function) -> Function:
     """Compile with plain IEEE arithmetic; a division by zero gives infinity, as in numpy. It makes no arrays.
 
-    Like all but what is `kept`, only compiled code may call it.
+    Only compiled code may call it, as all here but a `cached_entry`.
     """
     return cast("Function", _inner()(function))
 
 
-def within(function: Function) -> Function:
-    """Compile as `plain`, into its callers: for what is given many arrays, which take long to hand over.
+def inline(function: Function) -> Function:
+    """Compile as `strict`, into its callers: for what is given many arrays, which take long to hand over.
 
-    Numba hands this down: what such a function calls is compiled into it, too, unless it is `apart`.
+    Numba hands this down: what such a function calls is compiled into it, too, unless it is `fma_noinline`.
     """
     return cast("Function", _inner(forceinline=True)(function))
 
 
-def contracted(function: Function) -> Function:
+def fma(function: Function) -> Function:
     """Compile allowing fused multiply-add, and no other liberty: infinities and NaN stay what they are."""
     return cast("Function", _inner(fastmath={"contract"})(function))
 
 
-def apart(function: Function) -> Function:
-    """Compile as `contracted`, but not into its callers: among theirs, its constants would find no registers."""
+def fma_noinline(function: Function) -> Function:
+    """Compile as `fma`, but not into its callers: among theirs, its constants would find no registers."""
     return cast("Function", _inner(forceinline=False, fastmath={"contract"})(function))
 
 
-def kept(function: Function) -> Function:
-    """Compile an outermost function as `plain`, kept on disk; without a disk to keep it on, in every process."""
+def cached_entry(function: Function) -> Function:
+    """Compile an outermost function as `strict`, kept on disk; without a disk to keep it on, in every process."""
     return cast("Function", _kept(_outermost, function))
 
 
-def kept_part(function: Function) -> Function:
-    """Compile as `plain`, kept on disk by itself: several outermost functions share it, and other processes compile it."""
+def cached_part(function: Function) -> Function:
+    """Compile as `strict`, kept on disk by itself: several outermost functions share it, and other processes compile it."""
     return cast("Function", _kept(_inner, function))
 
 
-def kept_part_within(function: Function) -> Function:
-    """Compile as `within`, kept on disk as a `kept_part`."""
+def cached_part_inline(function: Function) -> Function:
+    """Compile as `inline`, kept on disk as a `cached_part`."""
     return cast("Function", _kept(partial(_inner, forceinline=True), function))
 
 

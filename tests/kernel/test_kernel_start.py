@@ -29,7 +29,7 @@ from precision_pin.draws.laws import (
     Uniform,
 )
 from precision_pin.draws.space import Draw, Scope, Space
-from precision_pin.jit import INTERPRETED, kept
+from precision_pin.jit import INTERPRETED, cached_entry
 from precision_pin.kernel import loops, many_poses, parts, sampler
 from precision_pin.kernel.part_list import PARTS
 from precision_pin.statistics import Plan, Specification
@@ -135,7 +135,7 @@ def test_correlated_common_laws_are_rare() -> None:
 def test_code_of_another_variant_in_the_cache_is_not_taken(monkeypatch: pytest.MonkeyPatch) -> None:
     """Two processes that save two variants at once may leave an index that names the other's file."""
 
-    @kept
+    @cached_entry
     def double(x: float) -> float:
         return 2 * x
 

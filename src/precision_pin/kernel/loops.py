@@ -11,7 +11,7 @@ for negative indices, which keeps LLVM from vectorising). Rows that every model 
 takes as long as the loop. Sampled tiles hold the even units first, then the odd ones, as Philox and Box-Muller give
 them; they are put in order only where a result leaves the tile.
 
-Floating-point contraction (fused multiply-add) is allowed in what is marked `contracted` only: logarithms, normal
+Floating-point contraction (fused multiply-add) is allowed in what is marked `fma` only: logarithms, normal
 numbers, discs' directions, displacements. All else, uniform numbers and sums included, is plain IEEE arithmetic in a
 written order. No mathematical library is called but for powers, sines and cosines in derived formulas. So bits are the
 same on machines of one type, and numbers within rounding on others.
@@ -27,7 +27,16 @@ import numpy as np
 from numba.extending import intrinsic
 from numpy.typing import NDArray
 
-from precision_pin.jit import INTERPRETED, apart, contracted, kept, kept_part, kept_part_within, plain, within
+from precision_pin.jit import (
+    INTERPRETED,
+    cached_entry,
+    cached_part,
+    cached_part_inline,
+    fma,
+    fma_noinline,
+    inline,
+    strict,
+)
 from precision_pin.typing import Array
 
 __all__ = [
@@ -373,14 +382,14 @@ else:
 # random numbers ----------------------------------------------------------------------------------------------------
 
 
-@plain
+@strict
 def _round(c: Any, key_0: Scalar, key_1: Scalar) -> Any:
     """Return the four words after a round; only their low halves count, the high ones hold what is left over."""
     a, b = _MULTIPLIER_0 * (c[0] & _LOW), _MULTIPLIER_1 * (c[2] & _LOW)
     return (b >> _HALF_WORD) ^ c[1] ^ key_0, b, (a >> _HALF_WORD) ^ c[3] ^ key_1, a
 
 
-@plain
+@strict
 def _uniform(product: Scalar, word: Scalar, key: Scalar) -> Scalar:
     """Return (2j + 1)/2⁵³, j the top 52 of the 64 bits that one product of the last round makes; every step is exact.
 
@@ -391,14 +400,14 @@ def _uniform(product: Scalar, word: Scalar, key: Scalar) -> Scalar:
     return _float_of((bits >> _TWELVE) ^ (_BITS_OF_ONE | (key >> _TWELVE))) - _ONE_LESS
 
 
-@plain
+@strict
 def _last_round(c: Any, key_0: Scalar, key_1: Scalar) -> tuple[Scalar, Scalar]:
     """Return the two uniform numbers that four words give after a last round."""
     a, b = _MULTIPLIER_0 * (c[0] & _LOW), _MULTIPLIER_1 * (c[2] & _LOW)
     return _uniform(b, c[1], key_0), _uniform(a, c[3], key_1)
 
 
-@plain
+@strict
 def _share(products: Offsets, low: Scalar, mask: Scalar) -> None:
     """Write what the first two rounds of a tile's pairs have in common for all streams: two products, the second's upper half."""
     for i in range(_PAIRS):
@@ -407,13 +416,13 @@ def _share(products: Offsets, low: Scalar, mask: Scalar) -> None:
         products[i], products[_PAIRS + i], products[_TILE + i] = first, second, second >> _HALF_WORD
 
 
-@plain
+@strict
 def _after_two_rounds(products: Offsets, i: Scalar, same_0: Scalar, same_2: Scalar, same_3: Scalar) -> Any:
     """Return the four words of a pair after the second round."""
     return products[_TILE + i] ^ same_0, products[_PAIRS + i], products[i] ^ same_2, same_3
 
 
-@kept_part
+@cached_part
 def uniforms(
     w: Array, rows: Offsets, streams: Offsets, words: Offsets, seed: Scalar, first_pair: Scalar, products: Offsets
 ) -> None:
@@ -456,7 +465,7 @@ def uniforms(
             w[even + _THREE * _EIGHTH], w[odd + _THREE * _EIGHTH] = _last_round(d, x, y)
 
 
-@plain
+@strict
 def _polynomial(z: Scalar, coefficients: Any) -> Scalar:
     value = coefficients[0]
     for k in range(1, len(coefficients)):
@@ -464,7 +473,7 @@ def _polynomial(z: Scalar, coefficients: Any) -> Scalar:
     return value
 
 
-@contracted
+@fma
 def _series(z: Scalar, coefficients: Any) -> Scalar:
     value = coefficients[0]
     for k in range(1, len(coefficients)):
@@ -472,7 +481,7 @@ def _series(z: Scalar, coefficients: Any) -> Scalar:
     return value
 
 
-@contracted
+@fma
 def logarithm(x: Scalar) -> Scalar:
     """Return log x of a normal number, within 2 ulp: 2 artanh(s/2) of s = 2(m - c)/(m + c), x = 2ᵉ m.
 
@@ -491,7 +500,7 @@ def logarithm(x: Scalar) -> Scalar:
     return whole + (s + s * z * _series(z, _ARTANH))
 
 
-@contracted
+@fma
 def _octant(u: Scalar) -> Any:
     """Return u in eighths of a turn, as bits, whether they are odd, and cosine and sine of 2πu but for quarter turns.
 
@@ -506,7 +515,7 @@ def _octant(u: Scalar) -> Any:
     return eighths, diagonal, c - s if diagonal else c, c + s if diagonal else s
 
 
-@contracted
+@fma
 def _quarters(eighths: Scalar, x: Scalar, y: Scalar, length: Scalar) -> tuple[Scalar, Scalar]:
     """Return length × (y, x), turned by the quarter turns in the eighths."""
     signed = _float_of(_bits_of(length) ^ ((eighths & _FOUR) << _SIGN_FROM_FOUR))
@@ -514,14 +523,14 @@ def _quarters(eighths: Scalar, x: Scalar, y: Scalar, length: Scalar) -> tuple[Sc
     return signed * (x if odd else y), signed * (-y if odd else x)
 
 
-@contracted
+@fma
 def turned(u: Scalar, radius: Scalar) -> tuple[Scalar, Scalar]:
     """Return radius × sin 2πu and radius × cos 2πu for 0 ≤ u ≤ 1, for a radius of 1 within 4e-16, near 0 within 2 ulp."""
     eighths, diagonal, x, y = _octant(u)
     return _quarters(eighths, x, y, radius * (_ROOT_OF_HALF if diagonal else 1.0))
 
 
-@plain
+@strict
 def normal_score(p: Scalar) -> Scalar:
     """Return Φ⁻¹(p) for e⁻²⁵ ≤ p ≤ 0.575: algorithm AS 241 (Wichura, Applied Statistics 37, 1988), PPND16."""
     q = p - 0.5
@@ -533,14 +542,14 @@ def normal_score(p: Scalar) -> Scalar:
     return above / below
 
 
-@plain
+@strict
 def far_normal_score(p: Scalar) -> Scalar:
     """Return Φ⁻¹(p) for p < e⁻²⁵, by the same algorithm."""
     r = np.sqrt(-logarithm(p)) - 5.0
     return -_polynomial(r, _FAR) / _polynomial(r, _FAR_BELOW)
 
 
-@plain
+@strict
 def exponential(x: Scalar) -> Scalar:
     """Return exp x for |x| < 700, within 1 ulp; the method and coefficients of fdlibm's e_exp.c."""
     rounded = x * 1.44269504088896338700e00 + _ROUND_TO_WHOLE
@@ -553,7 +562,7 @@ def exponential(x: Scalar) -> Scalar:
     return (1.0 - ((low - r * c / (2.0 - c)) - high)) * _float_of((_bits_of(rounded) + _BIAS) << _MANTISSA)
 
 
-@plain
+@strict
 def cumulative(z: Scalar) -> Scalar:
     """Return Φ(z) for |z| ≤ 8.65, the lower tail within a few ulp, as `precision_pin.draws.laws.law.cumulative`."""
     a = abs(z)
@@ -565,7 +574,7 @@ def cumulative(z: Scalar) -> Scalar:
     return 1.0 - tail if z > 0.0 else tail
 
 
-@apart
+@fma_noinline
 def normals(w: Array, rows: Offsets, laws: Array) -> None:
     """Turn rows of uniform numbers into normal ones, by mean and -2σ²: Box-Muller of each pair (even unit, odd unit)."""
     # first all logarithms, then the rest: the constants of one loop fit into the registers, those of both do not
@@ -584,7 +593,7 @@ def normals(w: Array, rows: Offsets, laws: Array) -> None:
             w[row + _PAIRS + i] = mean + y
 
 
-@plain
+@strict
 def correlate(w: Array, rows: Offsets, root: Array) -> None:
     """Mix rows of standard normal numbers, the last row first, as `precision_pin.draws.correlation.Correlation.mix`."""
     for back in range(rows.size):
@@ -602,21 +611,21 @@ def correlate(w: Array, rows: Offsets, root: Array) -> None:
             w[target + i] = score if score < _FARTHEST else _FARTHEST
 
 
-@plain
+@strict
 def uniforms_again(w: Array, row: Scalar) -> None:
     """Turn a row of standard normal numbers into uniform ones."""
     for i in range(_TILE):
         w[row + i] = cumulative(w[row + i])
 
 
-@plain
+@strict
 def lognormal_law(w: Array, row: Scalar, mean: Scalar, sigma: Scalar, half_square: Scalar) -> None:
     """Turn standard normal numbers into `precision_pin.draws.laws.Lognormal`."""
     for i in range(_TILE):
         w[row + i] = mean * exponential(sigma * w[row + i] - half_square)
 
 
-@plain
+@strict
 def arcsine_law(w: Array, row: Scalar, mean: Scalar, half_width: Scalar) -> None:
     """Turn uniform numbers into `precision_pin.draws.laws.Arcsine`."""
     for i in range(_TILE):
@@ -625,14 +634,14 @@ def arcsine_law(w: Array, row: Scalar, mean: Scalar, half_width: Scalar) -> None
         w[row + i] = mean + half_width * (size if u > 0.0 else -size)
 
 
-@plain
+@strict
 def two_point_law(w: Array, row: Scalar, centre: Scalar, half_width: Scalar, threshold: Scalar) -> None:
     """Turn uniform numbers into `precision_pin.draws.laws.TwoPoint`."""
     for i in range(_TILE):
         w[row + i] = centre + (half_width if w[row + i] > threshold else -half_width)
 
 
-@plain
+@strict
 def empirical_law(w: Array, row: Scalar, lines: Array, first: Scalar, last: Scalar) -> None:
     """Turn uniform numbers into `precision_pin.draws.laws.Empirical`, by bisection of the lines ``first … last - 1``."""
     for i in range(_TILE):
@@ -649,7 +658,7 @@ def empirical_law(w: Array, row: Scalar, lines: Array, first: Scalar, last: Scal
         w[row + i] = value if value < end else end
 
 
-@plain
+@strict
 def table_law(w: Array, row: Scalar, size: Scalar, count: Scalar, first: Scalar, table: Array) -> None:
     """Turn the first of ``size`` rows of uniform numbers into `precision_pin.draws.laws.Rows`."""
     for i in range(_TILE):
@@ -659,7 +668,7 @@ def table_law(w: Array, row: Scalar, size: Scalar, count: Scalar, first: Scalar,
             w[row + _U(k) * _STRIDE + i] = table[begin + _U(k)]
 
 
-@plain
+@strict
 def uniform_law(w: Array, row: Scalar, mean: Scalar, half_width: Scalar) -> None:
     """Turn uniform numbers into `precision_pin.draws.laws.Uniform`."""
     for i in range(_TILE):
@@ -667,7 +676,7 @@ def uniform_law(w: Array, row: Scalar, mean: Scalar, half_width: Scalar) -> None
         w[row + i] = mean + (half_width + half_width) * (w[row + i] - 0.5)
 
 
-@plain
+@strict
 def triangular_law(w: Array, row: Scalar, mean: Scalar, half_width: Scalar) -> None:
     """Turn uniform numbers into `precision_pin.draws.laws.Triangular`."""
     for i in range(_TILE):
@@ -677,7 +686,7 @@ def triangular_law(w: Array, row: Scalar, mean: Scalar, half_width: Scalar) -> N
         w[row + i] = mean + half_width * (size if u > 0.5 else -size)
 
 
-@plain
+@strict
 def truncated_law(w: Array, row: Scalar, mean: Scalar, std: Scalar, k: Scalar, cut: Scalar, share: Scalar) -> None:
     """Turn uniform numbers into `precision_pin.draws.laws.TruncatedNormal`."""
     far = 0
@@ -700,21 +709,21 @@ def truncated_law(w: Array, row: Scalar, mean: Scalar, std: Scalar, k: Scalar, c
             w[row + i] = mean + (size if u > 0.5 else -size)
 
 
-@plain
+@strict
 def disc_law(w: Array, row: Scalar, radius: Scalar) -> None:
     """Turn two rows of uniform numbers into `precision_pin.draws.laws.Disc`."""
     for i in range(_TILE):
         w[row + _STRIDE + i], w[row + i] = turned(w[row + _STRIDE + i], radius * np.sqrt(w[row + i]))
 
 
-@plain
+@strict
 def circle_law(w: Array, row: Scalar, radius: Scalar) -> None:
     """Turn the second of two rows of uniform numbers into `precision_pin.draws.laws.Circle`."""
     for i in range(_TILE):
         w[row + _STRIDE + i], w[row + i] = turned(w[row + _STRIDE + i], radius)
 
 
-@plain
+@strict
 def joint_law(w: Array, row: Scalar, size: Scalar, root: Array) -> None:
     """Turn rows of standard normal numbers into `precision_pin.draws.laws.JointNormal`, the last row first."""
     for back in range(size):
@@ -733,7 +742,7 @@ def joint_law(w: Array, row: Scalar, size: Scalar, root: Array) -> None:
             w[target + i] += mean
 
 
-@kept_part_within
+@cached_part_inline
 def apply_laws(w: Array, draws: Draws, rare: Wanted) -> None:
     """Turn the rows of uniform numbers into the components of the space; rare laws where they are wanted."""
     normals(w, draws.normal_rows, draws.normal)
@@ -780,7 +789,7 @@ def apply_laws(w: Array, draws: Draws, rare: Wanted) -> None:
 # derived parameters and products -------------------------------------------------------------------------------------
 
 
-@plain
+@strict
 def _multiply(w: Array, factors: Offsets, results: Offsets) -> None:
     """Write products of two rows."""
     for k in range(results.size):
@@ -789,7 +798,7 @@ def _multiply(w: Array, factors: Offsets, results: Offsets) -> None:
             w[result + i] = w[a + i] * w[b + i]
 
 
-@kept_part_within
+@cached_part_inline
 def _derive(w: Array, formulas: Formulas) -> Scalar:
     """Evaluate the operations and products; return how many results are not finite."""
     failures = 0
@@ -829,7 +838,7 @@ def _derive(w: Array, formulas: Formulas) -> Scalar:
 # displacing the chain ------------------------------------------------------------------------------------------------
 
 
-@within
+@inline
 def _two(rows: Offsets, vectors: Array, k: Scalar) -> Any:
     """Return the rows and the vectors of entries ``k, k + 1``."""
     m = k + _ONE
@@ -839,7 +848,7 @@ def _two(rows: Offsets, vectors: Array, k: Scalar) -> Any:
     )
 
 
-@within
+@inline
 def _three(rows: Offsets, vectors: Array, k: Scalar) -> Any:
     """Return the rows and the vectors of entries ``k, k + 1, k + 2``."""
     first, second = _two(rows, vectors, k)
@@ -847,7 +856,7 @@ def _three(rows: Offsets, vectors: Array, k: Scalar) -> Any:
     return (*first, rows[n]), (*second, (vectors[n, 0], vectors[n, 1], vectors[n, 2]))
 
 
-@contracted
+@fma
 def _add(s: Array, w: Array, result: Scalar, rows: Any, vectors: Any) -> None:
     """Add ``vector × row`` of a few entries to three rows of the scratch."""
     one, two, three = result, result + _STRIDE, result + _U(2 * STRIDE)
@@ -862,7 +871,7 @@ def _add(s: Array, w: Array, result: Scalar, rows: Any, vectors: Any) -> None:
         s[three + i] += z
 
 
-@within
+@inline
 def _mix(s: Array, w: Array, result: Scalar, start: Scalar, stop: Scalar, rows: Offsets, vectors: Array) -> None:
     """Add ``vector × row`` to three rows of the scratch, for entries ``start … stop - 1``, six, five, four or three at once."""
     k = start
@@ -886,7 +895,7 @@ def _mix(s: Array, w: Array, result: Scalar, start: Scalar, stop: Scalar, rows: 
             k += _THREE
 
 
-@contracted
+@fma
 def _mix_products(
     s: Array, w: Array, result: Scalar, start: Scalar, stop: Scalar, rows: Offsets, vectors: Array
 ) -> None:
@@ -905,7 +914,7 @@ def _mix_products(
         k += _SIX
 
 
-@plain
+@strict
 def _clear(s: Array, row: Scalar) -> None:
     """Fill three rows of the scratch with zeros."""
     for i in range(_TILE):
@@ -914,7 +923,7 @@ def _clear(s: Array, row: Scalar) -> None:
         s[row + _U(2 * STRIDE) + i] = 0.0
 
 
-@contracted
+@fma
 def _turn(
     s: Array, w: Array, k: Scalar, rows: Offsets, vectors: Array, tangents: Any, cosines: Any, collected: Any
 ) -> None:
@@ -936,7 +945,7 @@ def _turn(
         s[_C + i] = _series(square, cosines)
 
 
-@contracted
+@fma
 def _and_crossed(
     px: Scalar, py: Scalar, pz: Scalar, gx: Scalar, gy: Scalar, gz: Scalar, ux: Scalar, uy: Scalar, uz: Scalar
 ) -> tuple[Scalar, Scalar, Scalar]:
@@ -944,7 +953,7 @@ def _and_crossed(
     return px + gy * uz - gz * uy, py + gz * ux - gx * uz, pz + gx * uy - gy * ux
 
 
-@contracted
+@fma
 def _begin(s: Array, w: Array, k: Scalar, rows: Offsets, vectors: Array, rx: Scalar, ry: Scalar, rz: Scalar) -> None:
     """Turn and shift, as `_carry`, what is at rest."""
     (a, b, c), ((ax, ay, az), (bx, by, bz), (cx, cy, cz)) = _three(rows, vectors, k)
@@ -960,7 +969,7 @@ def _begin(s: Array, w: Array, k: Scalar, rows: Offsets, vectors: Array, rx: Sca
         s[_V2 + i] = gz
 
 
-@contracted
+@fma
 def _carry(s: Array, w: Array, k: Scalar, rows: Offsets, vectors: Array, rx: Scalar, ry: Scalar, rz: Scalar) -> None:
     """Turn and shift what lies beyond a target: e ← e + (Rot - 1)(r + e) + three entries, q ← (1, G) q.
 
@@ -980,7 +989,7 @@ def _carry(s: Array, w: Array, k: Scalar, rows: Offsets, vectors: Array, rx: Sca
         s[_V0 + i], s[_V1 + i], s[_V2 + i] = _and_crossed(x + v * gx, y + v * gy, z + v * gz, gx, gy, gz, x, y, z)
 
 
-@plain
+@strict
 def _too_far(s: Array, skipped: Scalar, count: Scalar, sampled: bool) -> Scalar:
     """Return the first sample of which the half rotation vector X is π/2 long or more, or -1."""
     beyond = 0
@@ -996,7 +1005,7 @@ def _too_far(s: Array, skipped: Scalar, count: Scalar, sampled: bool) -> Scalar:
     return -1
 
 
-@contracted
+@fma
 def _carry_wide(s: Array, rx: Scalar, ry: Scalar, rz: Scalar) -> None:
     """Turn what lies beyond a target as `_carry`, by the quaternion of the half rotation vector X, |X| < π/2."""
     for i in range(_TILE):
@@ -1023,7 +1032,7 @@ def _carry_wide(s: Array, rx: Scalar, ry: Scalar, rz: Scalar) -> None:
         s[_V2 + i] = a * vz + b * z + (x * vy - y * vx)
 
 
-@contracted
+@fma
 def _rotation_vector_narrow(s: Array, arc: Any) -> None:
     """Turn the quaternion's vector into the rotation vector, in place: 2 atan(|v|/w) v/|v|, up to 0.25 rad."""
     for i in range(_TILE):
@@ -1035,7 +1044,7 @@ def _rotation_vector_narrow(s: Array, arc: Any) -> None:
         s[_V2 + i] = scale * z
 
 
-@contracted
+@fma
 def _rotation_vector_wide(s: Array) -> None:
     """As `_rotation_vector_narrow`, up to π, with the angle halved twice more; the angle is in [0, π]."""
     for i in range(_TILE):
@@ -1051,7 +1060,7 @@ def _rotation_vector_wide(s: Array) -> None:
         s[_V2 + i] = scale * z
 
 
-@plain
+@strict
 def _stay(s: Array) -> None:
     """Let no sample be displaced."""
     _clear(s, _E0)
@@ -1060,13 +1069,13 @@ def _stay(s: Array) -> None:
         s[_V + i] = 1.0
 
 
-@within
+@inline
 def _part(starts: Offsets, k: Scalar) -> Any:
     """Return where the entries of single rows begin, where those of products do, and where both end."""
     return starts[k + k], starts[k + k + _ONE], starts[k + k + _TWO]
 
 
-@kept_part_within
+@cached_part_inline
 def _displace(s: Array, w: Array, motions: Motions, skipped: Scalar, count: Scalar, sampled: bool) -> Scalar:
     """Compose all targets from the tip to the base; return the sample of which a target turns by π or more, or -1.
 
@@ -1125,7 +1134,7 @@ def _displace(s: Array, w: Array, motions: Motions, skipped: Scalar, count: Scal
     return -1
 
 
-@kept_part_within
+@cached_part_inline
 def _superpose(s: Array, w: Array, superposition: Superposition, pose: Scalar) -> None:
     """Write the linear model's six numbers where `_displace` leaves them."""
     shift_rows, shifts, turn_rows, turns, starts = superposition
@@ -1141,7 +1150,7 @@ def _superpose(s: Array, w: Array, superposition: Superposition, pose: Scalar) -
 # counting ------------------------------------------------------------------------------------------------------------
 
 
-@plain
+@strict
 def _place_of(sample: Scalar, sampled: bool) -> Scalar:
     """Return where in a row a sample of the tile stands."""
     if sampled:
@@ -1149,7 +1158,7 @@ def _place_of(sample: Scalar, sampled: bool) -> Scalar:
     return _U(sample)
 
 
-@kept_part
+@cached_part
 def _norms(s: Array) -> Scalar:
     """Write the two norms; return how many samples are not finite."""
     failures = 0
@@ -1163,7 +1172,7 @@ def _norms(s: Array) -> Scalar:
     return failures
 
 
-@plain
+@strict
 def _not_finite(s: Array, skipped: Scalar, count: Scalar, sampled: bool) -> Scalar:
     """Return the first sample that is not finite, or -1."""
     for sample in range(skipped, count):
@@ -1173,7 +1182,7 @@ def _not_finite(s: Array, skipped: Scalar, count: Scalar, sampled: bool) -> Scal
     return -1
 
 
-@kept_part
+@cached_part
 def _keep_largest(s: Array, count: Scalar, first: Scalar, largest: Array, units: NDArray[np.int64]) -> None:
     """Keep the largest norms, largest first, of equal ones the earlier unit's."""
     least_distance, least_angle = largest[0, LARGEST - 1], largest[1, LARGEST - 1]
@@ -1196,17 +1205,17 @@ def _keep_largest(s: Array, count: Scalar, first: Scalar, largest: Array, units:
                     units[row, place] = np.int64(first) + sample
 
 
-@within
+@inline
 def _four(s: Array, first: Scalar, step: Scalar) -> Any:
     return s[first], s[first + step], s[first + _TWO * step], s[first + _THREE * step]
 
 
-@within
+@inline
 def _put_four(s: Array, first: Scalar, step: Scalar, values: Any) -> None:
     s[first], s[first + step], s[first + _TWO * step], s[first + _THREE * step] = values
 
 
-@within
+@inline
 def _lesser(a: Any, b: Any) -> Any:
     return (
         b[0] if b[0] < a[0] else a[0],
@@ -1216,7 +1225,7 @@ def _lesser(a: Any, b: Any) -> Any:
     )
 
 
-@within
+@inline
 def _greater(a: Any, b: Any) -> Any:
     return (
         b[0] if b[0] > a[0] else a[0],
@@ -1226,7 +1235,7 @@ def _greater(a: Any, b: Any) -> Any:
     )
 
 
-@plain
+@strict
 def _measure_some(s: Array, centre: Array, count: Scalar) -> Scalar:
     """Do as `_measure` with a tile's first samples, one by one; the others' residuals are zero."""
     failures = _norms(s)
@@ -1245,7 +1254,7 @@ def _measure_some(s: Array, centre: Array, count: Scalar) -> Scalar:
     return failures
 
 
-@kept_part
+@cached_part
 def _measure(s: Array, centre: Array, count: Scalar) -> Scalar:
     """Write the norms and all residuals; add these into their lanes, and let smallest and largest values take in the tile's.
 
@@ -1283,7 +1292,7 @@ def _measure(s: Array, centre: Array, count: Scalar) -> Scalar:
     return failures
 
 
-@kept_part
+@cached_part
 def _find_bins(s: Array, bins: Bins, held: Scalar, inverse_scale: Array) -> None:
     """Write in which bins of the sketch the residuals fall; there is room for `HELD` tiles, quantity by quantity.
 
@@ -1304,7 +1313,7 @@ def _find_bins(s: Array, bins: Bins, held: Scalar, inverse_scale: Array) -> None
             bins[first + i] = np.uint32(zero + np.int32(magnitude ^ np.int32(half >> _SIGN)))
 
 
-@plain
+@strict
 def _count_bins(bins: Bins, first: Scalar, tiles: Scalar, count: Scalar, sketch: NDArray[np.uint32]) -> None:
     """Count the samples of so many tiles, of the last one only ``count``, in the bins where they fall."""
     last = first + (_U(tiles) - _ONE) * _TILE
@@ -1314,14 +1323,14 @@ def _count_bins(bins: Bins, first: Scalar, tiles: Scalar, count: Scalar, sketch:
         sketch[bins[last + _place_of(sample, True)]] -= np.uint32(1)
 
 
-@kept_part
+@cached_part
 def _count_all_bins(bins: Bins, tiles: Scalar, count: Scalar, sketch: NDArray[np.uint32]) -> None:
     """Count what `_find_bins` found, each quantity of all tiles by itself: its part of the sketch stays near."""
     for q in range(_U(8)):
         _count_bins(bins, q * _U(HELD) * _TILE, tiles, count, sketch)
 
 
-@plain
+@strict
 def _sketch_norms(s: Array, bins: Bins, count: Scalar, inverse_scale: Array, sketch: NDArray[np.uint32]) -> None:
     """Count the residuals of the two norms in the small sketch."""
     for part in range(_TWO):
@@ -1336,7 +1345,7 @@ def _sketch_norms(s: Array, bins: Bins, count: Scalar, inverse_scale: Array, ske
         _count_bins(bins, _ZERO, 1, count, sketch)
 
 
-@kept_part
+@cached_part
 def _count_inside(s: Array, count: Scalar, counting: Counting, inside: NDArray[np.int64]) -> None:
     """Count the samples inside each specification."""
     for k in range(counting.limits.size):
@@ -1349,7 +1358,7 @@ def _count_inside(s: Array, count: Scalar, counting: Counting, inside: NDArray[n
         inside[k] += kept
 
 
-@kept_part
+@cached_part
 def _add_products(s: Array) -> None:
     """Add the products of the residuals' rows into their lanes: of two components each, then of each norm."""
     for begin in range(_ZERO, _TILE, _U(4 * LANES)):
@@ -1395,7 +1404,7 @@ def _add_products(s: Array) -> None:
             s[_P21 + lane], s[_P22 + lane] = dd, tt
 
 
-@kept_part
+@cached_part
 def _fold(s: Array, sums: Array) -> None:
     """Fold each sum's lanes in halves and empty them."""
     for k in range(_U(SUMS)):
@@ -1410,7 +1419,7 @@ def _fold(s: Array, sums: Array) -> None:
             s[lanes + lane] = 0.0
 
 
-@kept_part
+@cached_part
 def _empty_lanes(s: Array, lowest: Array, highest: Array) -> None:
     """Begin with sums of nothing, and with these smallest and largest values."""
     for i in range(_U(SUMS * LANES)):
@@ -1421,7 +1430,7 @@ def _empty_lanes(s: Array, lowest: Array, highest: Array) -> None:
             s[_LANES + (_U(SUMS + 8) + q) * _LANE + lane] = highest[q]
 
 
-@kept_part
+@cached_part
 def _fold_extremes(s: Array, lowest: Array, highest: Array) -> None:
     """Fold the lanes' smallest and largest values."""
     for q in range(_U(8)):
@@ -1432,7 +1441,7 @@ def _fold_extremes(s: Array, lowest: Array, highest: Array) -> None:
             highest[q] = high if high > highest[q] else highest[q]
 
 
-@plain
+@strict
 def _failed_formula(w: Array, formulas: Formulas, skipped: Scalar, count: Scalar, sampled: bool) -> Scalar:
     """Return the first sample of which an operation's result is not finite, or -1."""
     for sample in range(skipped, count):
@@ -1443,7 +1452,7 @@ def _failed_formula(w: Array, formulas: Formulas, skipped: Scalar, count: Scalar
     return -1
 
 
-@kept
+@cached_entry
 def run(
     s: Array,
     bins: Bins,
@@ -1573,14 +1582,14 @@ def run(
 # many poses ----------------------------------------------------------------------------------------------------------
 
 
-@plain
+@strict
 def _keep_lanes(s: Array, lanes: Array) -> None:
     """Put the lanes aside."""
     for k in range(_U(LANE_DOUBLES)):
         lanes[k] = s[_LANES + k]
 
 
-@kept
+@cached_entry
 def run_poses(
     s: Array,
     bins: Bins,

@@ -44,10 +44,10 @@ from precision_pin.kernel.sampler import (
     Blocks,
     CompiledTable,
     Model,
+    allocate_rows,
+    allocate_scratch,
     check_blocks,
-    room,
     stage_of,
-    workspace,
 )
 from precision_pin.statistics import COLUMNS, LARGEST, NORMS, Plan
 from precision_pin.typing import Array
@@ -245,8 +245,8 @@ def _run(
     )
     rows, variant = joined.layouts[0].rows, (joined.layouts[0].rare, linear)
     arguments = (
-        *room(),
-        workspace(rows * tiles).reshape(tiles, -1),
+        *allocate_scratch(),
+        allocate_rows(rows * tiles).reshape(tiles, -1),
         np.empty((poses, LANE_DOUBLES)),
         joined.unit_draws,
         joined.draws,

@@ -60,6 +60,8 @@ __all__ = [
     "Blocks",
     "CompiledTable",
     "accumulate",
+    "allocate_rows",
+    "allocate_scratch",
     "check_blocks",
     "compile_table",
     "compile_tables",
@@ -67,12 +69,10 @@ __all__ = [
     "errors_at",
     "is_compiled",
     "observe_blocks",
-    "room",
     "sample",
     "stage_of",
     "variant_of",
     "warm_up",
-    "workspace",
 ]
 
 Model = Literal["exact", "linear"]
@@ -415,16 +415,16 @@ def _check_kept(rows: int, count: int) -> None:
     check_memory(8.0 * rows * count, f"keeping {rows} numbers of each of {count:,} robots", "ask for fewer at a time")
 
 
-def room() -> tuple[Array, NDArray[np.uint32], NDArray[np.uint64]]:
-    """Return the room that the compiled loops take whatever the model: scratch, bins, products."""
-    return workspace(SCRATCH), np.empty(8 * (HELD + 1) * TILE, dtype=np.uint32), workspace(2).view(np.uint64)
+def allocate_scratch() -> tuple[Array, NDArray[np.uint32], NDArray[np.uint64]]:
+    """Return scratch arrays of the compiled loops, whatever the model: values, bins, products."""
+    return allocate_rows(SCRATCH), np.empty(8 * (HELD + 1) * TILE, dtype=np.uint32), allocate_rows(2).view(np.uint64)
 
 
-def workspace(rows: int) -> Array:
-    """Return room for rows, on a 64-byte boundary."""
-    room = np.zeros(rows * STRIDE + 8)
-    begin = -room.ctypes.data // 8 % 8
-    return room[begin : begin + rows * STRIDE]
+def allocate_rows(rows: int) -> Array:
+    """Return an array for rows, on a 64-byte boundary: a vector load across two cache lines costs twice."""
+    longer = np.zeros(rows * STRIDE + 8)
+    begin = -longer.ctypes.data // 8 % 8
+    return longer[begin : begin + rows * STRIDE]
 
 
 def _run(layout: CompiledTable, stage: int, units: _Units, **given: Any) -> None:
@@ -462,8 +462,8 @@ def _arguments(
         limits=np.array([specification.limit for specification in specifications], dtype=float),
     )
     return (
-        *room(),
-        workspace(layout.rows),
+        *allocate_scratch(),
+        allocate_rows(layout.rows),
         layout.draws,
         layout.formulas,
         layout.superposition,

@@ -20,10 +20,10 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from precision_pin.jit import contracted, kept
+from precision_pin.jit import cached_entry, fma
 from precision_pin.typing import Array
 
-__all__ = ["FARTHEST_TURN", "TILE", "room", "run"]
+__all__ = ["FARTHEST_TURN", "TILE", "allocate_scratch", "run"]
 
 Scalar = Any
 """A number inside compiled code: an offset (np.uint64), an index or a double."""
@@ -60,7 +60,7 @@ _C = (
 )  # fmt: skip
 
 
-@contracted
+@fma
 def _sines(f: Array) -> None:
     """Replace the angles in the cosines' row by their sines and cosines."""
     for i in range(_TILE):
@@ -79,7 +79,7 @@ def _sines(f: Array) -> None:
         f[_COSINE + i] = -c if (turn == 1.0) | (turn == 2.0) else c
 
 
-@contracted
+@fma
 def _go_to_end(f: Array, w: Array, end: Scalar, turns: Array, arms: Array, link: Scalar) -> None:
     """Multiply the frame by a link's placement: the frame of the link's far end."""
     t00, t01, t02 = turns[link, 0, 0], turns[link, 0, 1], turns[link, 0, 2]
@@ -96,7 +96,7 @@ def _go_to_end(f: Array, w: Array, end: Scalar, turns: Array, arms: Array, link:
             w[e + _R[9 + row]] = f[_R[9 + row] + i] + (x * a0 + y * a1 + z * a2)
 
 
-@contracted
+@fma
 def _turn(f: Array, w: Array, end: Scalar) -> None:
     """Turn the joint at an end: the frame beyond it."""
     for i in range(_TILE):
@@ -110,7 +110,7 @@ def _turn(f: Array, w: Array, end: Scalar) -> None:
             f[_R[9 + row] + i] = w[e + _R[9 + row]]
 
 
-@contracted
+@fma
 def _slide(f: Array, w: Array, end: Scalar) -> None:
     """Slide the joint at an end by the values in the cosines' row: the frame beyond it."""
     for i in range(_TILE):
@@ -124,7 +124,7 @@ def _slide(f: Array, w: Array, end: Scalar) -> None:
             f[_R[9 + row] + i] = w[e + _R[9 + row]] + z * value
 
 
-@contracted
+@fma
 def _weigh(f: Array, w: Array, end: Scalar, mass: Scalar, moments: Array, joint: Scalar) -> None:
     """Note the first moment of the link after a joint, about the base."""
     m0, m1, m2 = moments[joint, 0], moments[joint, 1], moments[joint, 2]
@@ -134,20 +134,20 @@ def _weigh(f: Array, w: Array, end: Scalar, mass: Scalar, moments: Array, joint:
             w[end + i + _R[12 + row]] = f[_R[9 + row] + i] * mass + (x * m0 + y * m1 + z * m2)
 
 
-@contracted
+@fma
 def _put(rows: Array, row: Scalar, out: Array, at: Scalar, size: Scalar) -> None:
     """Copy one row of a tile to its place in a result."""
     for i in range(size):
         out[at + i] = rows[row + i]
 
 
-@contracted
+@fma
 def _put_zeros(out: Array, at: Scalar, size: Scalar) -> None:
     for i in range(size):
         out[at + i] = 0.0
 
 
-@contracted
+@fma
 def _put_frame(f: Array, aligned: Array, joint: Scalar, out: Array, at: Scalar, count: Scalar, size: Scalar) -> None:
     """Write the frame, turned back from the joint's axis to the axes of the URDF, as a pose: rows of ``(4, 4)``."""
     for row in range(_U(3)):
@@ -167,7 +167,7 @@ def _put_frame(f: Array, aligned: Array, joint: Scalar, out: Array, at: Scalar, 
         out[at + i] = 1.0
 
 
-@contracted
+@fma
 def _column(f: Array, w: Array, end: Scalar, tip: Scalar) -> None:
     """Make the velocity of the tip for a joint that turns in the frame's first three rows."""
     for i in range(_TILE):
@@ -179,7 +179,7 @@ def _column(f: Array, w: Array, end: Scalar, tip: Scalar) -> None:
         f[_R[2] + i] = z0 * a1 - z1 * a0
 
 
-@contracted
+@fma
 def _gather(f: Array, w: Array, end: Scalar, mass: Scalar, gravity: Array) -> None:
     """Add the link after an end to the first moment; make the wrench at the end in the frame's first six rows."""
     g0, g1, g2 = gravity[0], gravity[1], gravity[2]
@@ -199,7 +199,7 @@ def _gather(f: Array, w: Array, end: Scalar, mass: Scalar, gravity: Array) -> No
             f[_R[3 + column] + i] = x * m0 + y * m1 + z * m2
 
 
-@contracted
+@fma
 def _straighten(f: Array, aligned: Array, joint: Scalar) -> None:
     """Turn the wrench in the frame's rows from the joint's axis to the axes of the URDF."""
     a00, a01, a02 = aligned[joint, 0, 0], aligned[joint, 0, 1], aligned[joint, 0, 2]
@@ -213,12 +213,12 @@ def _straighten(f: Array, aligned: Array, joint: Scalar) -> None:
             f[_R[part + 2] + i] = a20 * x + a21 * y + a22 * z
 
 
-def room(joints: int) -> tuple[Array, Array]:
-    """Return the room that `run` takes for a chain of so many joints."""
+def allocate_scratch(joints: int) -> tuple[Array, Array]:
+    """Return scratch arrays of `run` for a chain of so many joints."""
     return np.empty(_F_SIZE), np.empty((joints + 1) * _END_SIZE)
 
 
-@kept
+@cached_entry
 def run(
     f: Array,
     w: Array,
@@ -241,7 +241,7 @@ def run(
     Parameters
     ----------
     f, w
-        Room, see `room`.
+        Scratch, see `allocate_scratch`.
     q
         ``(n, P)`` joint values; angles not above `FARTHEST_TURN`.
     slides, slanted

@@ -194,7 +194,7 @@ class Postures:
 
         constants = self._constants
         arguments = (
-            *posture_loops.room(self.q.shape[0]),
+            *posture_loops.allocate_scratch(self.q.shape[0]),
             _within_reach(self.q, constants.slides),
             constants.slides,
             constants.slanted,
