@@ -23,7 +23,7 @@ _added: Final[ContextVar[list[str] | None]] = ContextVar("added", default=None)
 
 
 def add(findings: Iterable[Finding | str]) -> None:
-    """Have the call under way warn of findings; without one, nobody is told."""
+    """Have the call under way warn of findings; without one, nothing is warned of."""
     lines = _added.get()
     if lines is not None:
         lines.extend(map(str, findings))

@@ -277,7 +277,7 @@ def serve() -> None:
     threading.Thread(target=_read, args=(lines,), daemon=True).start()
     while True:
         module, function, *arguments = json.loads(lines.get())
-        with suppress(Exception):  # what fails here fails again, and is told, where it is needed
+        with suppress(Exception):  # what fails here fails again, and is reported, where it is needed
             getattr(import_module(module), function)(*arguments)
         sys.stdout.write("done\n")
         sys.stdout.flush()

@@ -138,7 +138,7 @@ def make_ready(function: Any, arguments: tuple[Any, ...]) -> None:
 
 
 def is_kept(function: Any, arguments: tuple[Any, ...]) -> bool:
-    """Return whether a function is compiled for arguments, in this process or in numba's cache, as far as can be told."""
+    """Return whether a function is compiled for arguments, in this process or in numba's cache, as far as can be known."""
     if INTERPRETED:
         return True
     types = _types_of(arguments)

@@ -297,7 +297,7 @@ def read_inputs(found: Inputs, tip: str | None, base: str | None, package_dirs: 
 
 
 def _other_robot(found: Inputs) -> str | None:
-    """Return what a sheet names as its robot, None where that is the one of the command line or cannot be told."""
+    """Return what a sheet names as its robot, None where that is the one of the command line or cannot be known."""
     from precision_pin.sheet.text import read_text
 
     if found.sheet is None or found.robot is None:

@@ -42,7 +42,7 @@ ROW: Final = 300
 """Bytes of a row of the table."""
 LONG: Final = 10.0
 LARGE: Final = 100_000_000
-"""From how many seconds or bytes on an estimate is told."""
+"""Seconds or bytes from which an estimate is printed."""
 FILES: Final = ("units.csv", "*.unit*.urdf")
 HEAD: Final = ("unit", "file", "x_m", "y_m", "z_m", "rx_rad", "ry_rad", "rz_rad", "sha256")
 

@@ -27,7 +27,7 @@ quiet_option: Final = click.option(
 
 
 def is_quiet() -> bool:
-    """Return whether the command that runs was told to be quiet."""
+    """Return whether the running command has ``--quiet``."""
     context = click.get_current_context(silent=True)
     return context is not None and bool(context.meta.get(_QUIET, False))
 

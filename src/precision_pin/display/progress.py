@@ -20,7 +20,7 @@ COMPILING: Final = "compiling the sampler, once on this machine"
 def progress(
     total: int, what: str = "sampling", *, delay: float = 0.7, unit: str = "samples"
 ) -> Iterator[Callable[[int], None]]:
-    """Show a progress bar while the body of a ``with`` runs; yields what is told of every step.
+    """Show a progress bar while the body of a ``with`` runs; yields the function to report each step to.
 
     In a notebook it is a bar below the cell (text where ipywidgets is not installed), on a terminal a line on stderr,
     elsewhere nothing. It goes when the body ends, also by an error or an interrupted kernel. That the sampler is compiled,
@@ -65,7 +65,7 @@ def progress(
 def steps_to(
     told: Callable[[int], None] | bool | None, total: int, unit: str = "samples"
 ) -> Iterator[Callable[[int], None]]:
-    """Yield what is to be told of every step of a function with an argument ``progress``: a function, a bar or nothing."""
+    """Yield the function that takes each step of an analysis, for its argument ``progress``: a function, a bar or nothing."""
     if told is True:
         with progress(total, unit=unit) as step:
             yield step

@@ -347,7 +347,7 @@ def accumulate(
 
 
 def is_compiled(rare: Wanted = None, linear: Wanted = None) -> bool:
-    """Return whether a variant of the loops is compiled, in this process or in numba's cache, as far as can be told."""
+    """Return whether a variant of the loops is compiled, in this process or in numba's cache, as far as can be known."""
     layout, stage = empty_table(rare), LINEAR if linear else EXACT
     return is_kept(loops.run, _arguments(layout, stage, _ONE_UNIT))
 

@@ -64,7 +64,7 @@ def resolve_robot(text: str, folder: str | os.PathLike[str] = ".") -> Path:
     path = Path(folder) / text
     meant = None if os.path.lexists(path) or text.endswith(os.sep) else _meant(path)
     if meant is not None:
-        # names no file of its own, so that a sheet can say in which line it stands
+        # names no file of its own, so that a sheet can give its line
         raise InputError([Finding("error", "E_FILE_MISSING", f"there is no file {text!r}; did you mean {meant}?")])
     return path
 

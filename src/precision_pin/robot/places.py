@@ -217,7 +217,7 @@ class _Row:
 
     def ends(self, frames: Mapping[str, LinkFrame], placements: Array) -> Array:
         """Return where the first link begins, the joints stand and the last one ends, ``(len(names) + 1, 3)``."""
-        # the joint that holds a link stands at this link's frame, in the file
+        # the joint that holds a link lies at this link's frame, in the file
         holds = [self.names[k] if joint.reversed else self.names[k + 1] for k, joint in enumerate(self.joints)]
         points = [np.zeros(3), *(frames[name].frame[:3, 3] for name in holds)]
         return np.array([*points, placements[frames[self.names[0]].link][:3, 3]])

@@ -87,7 +87,7 @@ def dask_cluster(address: str) -> Iterator[tuple[DaskCluster, int]]:
         from distributed.comm.addressing import get_address_host_port
     except ImportError:
         raise InputError("Dask is not installed (pip install 'precision-pin[dask]')") from None
-    # what goes wrong is told by exceptions
+    # errors are reported by exceptions
     logging.getLogger("distributed").setLevel(logging.CRITICAL)
     client: Any = None
     try:

@@ -44,7 +44,7 @@ def identity(work: Work, posture: Posture, files: Mapping[str, str | os.PathLike
     InputError
         A file cannot be read.
     """
-    # as numba sees the processor, or was told to
+    # as numba sees the processor, or is configured to
     triple, processor, features = cpu_target.target_context.codegen().magic_tuple()
     joints = zip(posture.chain.joint_names, posture.q, strict=True)
     return {

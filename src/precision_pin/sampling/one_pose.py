@@ -57,7 +57,7 @@ _ROUNDING: Final = 1e-14
 """Errors below this, m or rad, are rounding."""
 
 Progress = Callable[[int], None]
-"""Told how many samples have been added since it was last called."""
+"""Takes the number of samples added since it was last called."""
 
 
 @warns_at_end

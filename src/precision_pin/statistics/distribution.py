@@ -198,7 +198,7 @@ class Distribution:
     def cumulative(self, values: ArrayLike) -> Array:
         """Return `cdf` of an array of values."""
         points = check_numbers("values", values)
-        # the interpolant stands at both ends of every occupied bin and is level between bins
+        # the interpolant is fixed at both ends of every occupied bin and is level between bins
         ends = np.stack((self.bin_lower, self.bin_upper), axis=1).ravel()
         counts = np.stack((self._before, self.bin_cumulative), axis=1).ravel()
         inner = np.interp(points, ends, counts) / self.samples

@@ -38,7 +38,7 @@ __all__ = ["reliability"]
 
 
 LISTED: Final = 3
-"""How many design points are told in full."""
+"""Number of design points that are listed in full."""
 
 _NORM_STARTS: Final = np.array([n for n in np.ndindex(3, 3, 3) if n != (1, 1, 1)], dtype=float).T - 1.0
 """The 26 directions to faces, edges and corners of a cube."""

@@ -280,7 +280,7 @@ def stratified(space: Space, margin: Callable[[Array], Array]) -> Strata:
             del groups[name]
     if not groups:
         return Strata((Stratum(space),), remainder)
-    # what stands in no correlation chooses the combination
+    # draws without correlation choose the combination
     correlated = {name for correlation in space.correlations for name in correlation.names}
     cuts = {name: tuple(groups[name]) for name in sorted(groups, key=lambda name: name in correlated)}
     combinations: list[tuple[float, tuple[int, ...]]] = [(1.0, ())]

@@ -330,7 +330,7 @@ def bound_milli(value: float, *, up: bool, digits: int = 6) -> str:
 
 
 def _rows(pose: PoseWorstCase) -> dict[str, dict[str, float]]:
-    """Return what is told of every quantity, norms before their components."""
+    """Return the figures of every quantity, norms before their components."""
     rows = {
         bound.quantity: {
             "low": np.nan,

@@ -29,7 +29,7 @@ __all__ = ["Missing", "Results", "Step", "collect", "count_steps"]
 
 Found = TypeVar("Found")
 Step = Callable[[str, int], AbstractContextManager[Progress]]
-"""Given what is done next and how many samples it takes (0: none), returns what is told of the progress."""
+"""Takes the next step's name and its number of samples (0: none), returns the function that takes its progress."""
 
 CLOUD: Final = 5_000
 """Samples that the 3-D view shows at most."""

@@ -74,6 +74,6 @@ def _set_limits(axes: Axes3D, points: NDArray[np.float64]) -> None:
 
 
 def _azimuth(posture: Posture) -> float:
-    """Return whence to look, in degrees: across the plane in which the arm stretches."""
+    """Return the viewing direction in degrees: across the plane in which the arm stretches."""
     way = posture.pose[:2, 3] - posture.link_poses[0, :2, 3]
     return float(np.degrees(np.arctan2(way[1], way[0]))) - 65.0

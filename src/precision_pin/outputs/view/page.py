@@ -212,7 +212,7 @@ def _draw_grid(scene: Scene, spacing: float) -> None:
 
 
 def _direction(posture: Posture) -> Array:
-    """Return whence to look, base axes: across the plane of the arm, a little from its front and from above."""
+    """Return the viewing direction, base axes: across the plane of the arm, a little from its front and from above."""
     points = np.vstack([posture.link_poses[:, :3, 3], posture.pose[:3, 3]])
     spread = points[:, :2] - points[0, :2]
     farthest = spread[np.argmax(np.linalg.norm(spread, axis=1))]

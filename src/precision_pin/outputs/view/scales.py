@@ -16,7 +16,7 @@ __all__ = ["DEFAULT_POINTS", "MOST_POINTS", "MOST_POSES", "ColourScale", "arm_le
 
 
 DEFAULT_POINTS: Final = 20_000
-"""How many samples the cloud shows unless told otherwise."""
+"""Default number of samples in the cloud."""
 
 MOST_POINTS: Final = 100_000
 """The most it can show, all poses together: larger pages open slowly."""

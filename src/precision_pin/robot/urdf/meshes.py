@@ -20,7 +20,7 @@ LONGEST_NAME = 4096
 
 
 def locate_mesh(filename: str, folder: Path, package_dirs: Sequence[Path] = ()) -> Path | None:
-    """Return where a mesh named in a URDF lies, None where that cannot be told.
+    """Return the path of a mesh named in a URDF, None where it cannot be known.
 
     Parameters
     ----------
