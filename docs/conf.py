@@ -184,6 +184,8 @@ def find_public_name(
         return None
     it = getattr(precision_pin, name)
     domain = env.domains.python_domain
+    if inspect.ismodule(it):  # one that has moved, under its public name
+        return domain.resolve_xref(env, node["refdoc"], app.builder, "mod", it.__name__, node, contents)
     homes = it.__module__.split(".")  # a package documents what its modules define
     targets = [".".join([*homes[:count], name]) for count in range(len(homes), 1, -1)]
     target = next((target for target in targets if target in domain.objects), "")

@@ -17,6 +17,7 @@ MOVED: Final = {
     "examples": "robot.examples",
     "laws": "draws.laws",
     "mcpc": "robot.mcpc",
+    "outputs.plots": "outputs.monte_carlo.figures",
     "parameters": "draws.expressions",
     "philox": "draws.philox",
     "result": "sampling.result",

@@ -227,7 +227,7 @@ def test_one_compilation_serves_every_chain_and_any_array():
 
 PROGRAM = """
 import numpy as np
-from precision_pin import posture_loops
+from precision_pin.robot import posture_loops
 from precision_pin.jit import INTERPRETED
 from precision_pin.robot.chain import Chain
 chain = Chain.from_urdf("arm.urdf", tip="tool")
@@ -276,7 +276,7 @@ def test_a_cache_is_used_and_a_damaged_one_replaced(copied: Path):
 @pytest.mark.slow
 def test_without_any_place_for_a_cache_and_as_plain_python(copied: Path):
     first, _ = printed(copied, NUMBA_DISABLE_JIT="1", PYTHONDONTWRITEBYTECODE="1")
-    (copied / "precision_pin" / "__pycache__").write_text("")
+    (copied / "precision_pin" / "robot" / "__pycache__").write_text("")
     blocked = str(copied / "arm.urdf")
     second, hits = printed(copied, HOME=blocked, XDG_CACHE_HOME=blocked, PYTHONDONTWRITEBYTECODE="1")
     assert hits == "0"

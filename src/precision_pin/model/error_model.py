@@ -42,7 +42,7 @@ from precision_pin.terms.table import TableLayout, TermTable
 from precision_pin.terms.term import Term
 from precision_pin.typing import Array
 
-__all__ = ["ErrorModel", "PoseModel", "TermTable", "limit_findings"]
+__all__ = ["ErrorModel", "limit_findings"]
 
 
 _AT_ONCE: Final = 4096
