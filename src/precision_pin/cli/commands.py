@@ -10,23 +10,35 @@ from precision_pin.analyses.registry import declarations
 if TYPE_CHECKING:
     import click
 
-__all__ = ["list_commands", "load_command"]
+__all__ = ["COMMANDS", "list_commands", "load_command"]
+
+COMMANDS: dict[str, tuple[str, str]] = {
+    "analyze": (
+        "precision_pin.cli.analyze",
+        "Sample the pose error of an arm at a pose: statistics, specifications, plots.",
+    ),
+    "check": ("precision_pin.cli.check", "Check a URDF, or a sheet and its URDF; list every finding."),
+    "init": ("precision_pin.cli.init", "Write a commented sheet for a URDF, with starting tolerances."),
+    "mcpc": ("precision_pin.cli.mcpc", "Print the MCPC parameters of a chain."),
+    "view": (
+        "precision_pin.cli.view",
+        "Write a page with the arm and the cloud of sampled end-effector positions in 3-D.",
+    ),
+    "report": (
+        "precision_pin.cli.report",
+        "Write everything about a pose into one page: verdict, distributions, causes, bounds, 3-D view.",
+    ),
+    "export": ("precision_pin.cli.export", "Write robots as they may be built, each sampled, as URDF files."),
+    "schema": ("precision_pin.cli.schema", "Print the JSON schema of the sheet."),
+    "doctor": ("precision_pin.cli.doctor", "Print versions and paths."),
+}
+"""The module whose ``command`` runs, and its line in the list; the analyses have theirs from the registry."""
 
 
 def list_commands() -> dict[str, str]:
-    """Return the line of every command by its name, main command first."""
-    return {
-        "analyze": "Sample the pose error of an arm at a pose: statistics, specifications, plots.",
-        **{name: one.summary for name, one in declarations().items()},
-        "check": "Check a URDF, or a sheet and its URDF; list every finding.",
-        "init": "Write a commented sheet for a URDF, with starting tolerances.",
-        "mcpc": "Print the MCPC parameters of a chain.",
-        "view": "Write a page with the arm and the cloud of sampled end-effector positions in 3-D.",
-        "report": "Write everything about a pose into one page: verdict, distributions, causes, bounds, 3-D view.",
-        "export": "Write robots as they may be built, each sampled, as URDF files.",
-        "schema": "Print the JSON schema of the sheet.",
-        "doctor": "Print versions and paths.",
-    }
+    """Return the line of every command by its name, main command first, then the analyses."""
+    (first, line), *others = ((name, line) for name, (_, line) in COMMANDS.items())
+    return {first: line, **{name: one.summary for name, one in declarations().items()}, **dict(others)}
 
 
 def load_command(name: str) -> click.Command:
@@ -36,5 +48,5 @@ def load_command(name: str) -> click.Command:
         from precision_pin.cli.analyses import make_command
 
         return make_command(declaration)
-    command: click.Command = import_module(f"precision_pin.cli.{name}").command
+    command: click.Command = import_module(COMMANDS[name][0]).command
     return command
