@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -226,6 +227,19 @@ def test_methods_that_contradict_the_counts_or_each_other_are_not_believed():
     assert (verdict.best, verdict.resolved) == (counted, True)
     assert verdict.contradictions
     assert plain_estimate(10, 1000, 0.95).variation == pytest.approx(math.sqrt(0.99 / 10))
+
+
+def test_where_samples_decide_the_pairs_are_compared_together():
+    """2.75 standard errors apart: rare for one pair (99 %: 2.58), not for three (99 % of all together: 2.94)."""
+    plain = plain_estimate(83_120, 100_000, 0.95)
+    apart = plain.probability * math.exp(2.75 * math.hypot(plain.variation, 0.0031))
+    one = Estimate("importance sampling", apart, (0.834, 0.845), 0.0031, 20_000, True)
+    other = Estimate("subset simulation", plain.probability, (0.83, 0.84), 0.0029, 24_000, True)
+    assert not agree(plain, one)
+    assert judged([plain, one, other]).contradictions == ()
+    far = replace(one, probability=plain.probability * math.exp(3.1 * math.hypot(plain.variation, 0.0031)))
+    (line,) = judged([plain, far, replace(other, probability=far.probability / 1.005)]).contradictions
+    assert line.startswith("sampling (83120 failures among 100,000")
 
 
 def test_few_counts_do_not_agree_with_anything():

@@ -11,6 +11,7 @@ import pytest
 from scipy import stats
 
 import precision_pin as pp
+from precision_pin.analyses.reliability.estimates import Estimate
 from precision_pin.analyses.reliability.form import form
 from precision_pin.analyses.reliability.importance import importance_sampling
 from precision_pin.analyses.reliability.reliability import reliability
@@ -173,14 +174,34 @@ def test_nothing_found_is_said():
     assert "NOT" not in text
     assert "the verdict rests on 0 failures among 1,000 samples alone" in text
     assert figure(result).axes
-    quarrel = replace(found, resolved=True, reason="", contradictions=("one and another disagree",))
-    text = table(replace(result, poses=(replace(result.poses[0], specifications=(quarrel,)),)))
-    assert "DISAGREE: one and another disagree" in text
-    assert text.endswith("the verdict rests on 0 failures among 1,000 samples alone, whose interval always holds")
     stricter = replace(found, specification=Specification("position.x", 2e-3, 0.9999))
     assert not stricter.met
     pose = replace(result.poses[0], specifications=(stricter,))
     assert "UNDECIDED - P(failure) NOT RESOLVED, below 0.00369" in table(replace(result, poses=(pose,)))
+
+
+def test_what_methods_differ_in_begins_with_what_it_means_for_the_verdict():
+    model = slides([(1, 0, 0)], [laws.Uniform(1e-3)])
+    result = reliability(model, [Specification("position.x", 2e-3, 0.95)], samples=1000)
+    found = result.poses[0].specifications[0]
+
+    def written(*estimates: Estimate) -> str:
+        line = "one and another disagree"
+        entry = replace(found, estimates=estimates, best=estimates[0], resolved=True, reason="", contradictions=(line,))
+        return table(replace(result, poses=(replace(result.poses[0], specifications=(entry,)),)))
+
+    def estimate(method: str, low: float, high: float) -> Estimate:
+        return Estimate(method, (low + high) / 2, (low, high), 0.01, 1000, True)
+
+    # 5 % may fail: both intervals lie below it, then one to either side
+    text = written(estimate("sampling", 0.010, 0.012), estimate("subset simulation", 0.02, 0.03))
+    assert "MET" in text.splitlines()[3]
+    assert text.endswith("note: the verdict is the same by every method; one and another disagree")
+    text = written(estimate("sampling", 0.010, 0.012), estimate("subset simulation", 0.06, 0.07))
+    assert (
+        "note: the verdict differs between the methods, and the samples' interval, which always holds, decides;" in text
+    )
+    assert "DISAGREE" not in text
 
 
 def test_limits_that_nearly_always_fail():

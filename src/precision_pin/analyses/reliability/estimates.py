@@ -209,12 +209,12 @@ def summed(method: str, parts: Sequence[tuple[float, Estimate]], unknown: float,
     )
 
 
-def agree(one: Estimate, other: Estimate) -> bool:
+def agree(one: Estimate, other: Estimate, confidence: float = _AGREEING) -> bool:
     """Return whether two estimates may be of one probability.
 
     Of plain sampling that counted too few failures to decide alone, only the counts are used: its Clopper-Pearson interval
     must hold the other estimate. Of two others, ln(P₁/P₂) must lie within the distance at which their intervals, as those of
-    log-normal estimates at 99 %, hold 0.
+    log-normal estimates at the confidence, hold 0.
     """
     for plain, rare in ((one, other), (other, one)):
         if plain.method == SAMPLING and plain.variation > ENOUGH_VARIATION:
@@ -222,7 +222,7 @@ def agree(one: Estimate, other: Estimate) -> bool:
     if not one.probability or not other.probability:
         return one.probability == other.probability
     spreads = [math.log1p(estimate.variation**2) for estimate in (one, other)]
-    reach = float(special.ndtri((1 + _AGREEING) / 2)) * math.sqrt(sum(spreads))
+    reach = float(special.ndtri((1 + confidence) / 2)) * math.sqrt(sum(spreads))
     return abs(math.log(one.probability / other.probability)) <= reach
 
 
@@ -233,19 +233,24 @@ def judged(estimates: Sequence[Estimate]) -> Verdict:
     the one that claims to be the surest: an estimate that is too low claims to be surer. None of them may contradict the
     others or the samples; and where the samples hold too few failures to be an estimate, there must be two of them.
 
+    Pairs agree at 99 % each. Where plain sampling decides, a contradiction changes nothing but is told, and is one of up to
+    three pairs: there the 99 % are those of all pairs together (Bonferroni).
+
     Parameters
     ----------
     estimates
         Plain sampling first.
     """
     plain, others = estimates[0], [estimate for estimate in estimates[1:] if estimate.resolved]
+    pairs = [(one, other) for k, one in enumerate((plain, *others)) for other in others[k:]]
+    decides = plain.variation <= ENOUGH_VARIATION
+    confidence = 1 - (1 - _AGREEING) / max(len(pairs), 1) if decides else _AGREEING
     lines = tuple(
         f"{one.method} ({_said(one)}) and {other.method} ({_said(other)}) disagree"
-        for k, one in enumerate((plain, *others))
-        for other in others[k:]
-        if not agree(one, other)
+        for one, other in pairs
+        if not agree(one, other, confidence)
     )
-    if plain.variation <= ENOUGH_VARIATION:
+    if decides:
         return Verdict(plain, True, "", lines)
     if lines:
         return Verdict(plain, False, "the methods disagree", lines)
@@ -269,7 +274,8 @@ def remarks(verdict: Verdict, searched: Form) -> tuple[str, ...]:
     if span[0] > best.interval[1] or span[1] < best.interval[0]:
         which = f"FORM ({span[0]:.3g})" if span[0] == span[1] else f"FORM ({in_words(span)} for all its design points)"
         return (
-            f"{which} lies outside the interval of {best.method} ({in_words(best.interval)}): the failure surface is curved",
+            f"{which} takes the failure surface as flat; it is curved, and {best.method} ({in_words(best.interval)}) is the "
+            "estimate to go by",
         )
     return ()
 

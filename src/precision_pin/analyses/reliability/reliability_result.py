@@ -124,6 +124,14 @@ class SpecificationReliability:
         return (*self.contradictions, *self.remarks)
 
     @property
+    def comments(self) -> tuple[str, ...]:
+        """What the methods differ in, a line each, beginning with what that means for the verdict."""
+        means = "the verdict is the same by every method"
+        if len(self._verdicts()) > 1:
+            means = "the verdict differs between the methods, and the samples' interval, which always holds, decides"
+        return (*(f"{means}; {line}" for line in self.contradictions), *self.remarks)
+
+    @property
     def probability(self) -> float:
         """That the error stays inside the limit."""
         return 1 - self.best.probability
@@ -137,9 +145,16 @@ class SpecificationReliability:
     @property
     def verdict(self) -> Verdict:
         """As :attr:`precision_pin.statistics.SpecificationResult.verdict`, by the best estimate's interval."""
-        low, high = self.best.interval
+        return self._judged(self.best)
+
+    def _judged(self, estimate: Estimate) -> Verdict:
+        low, high = estimate.interval
         allowed = 1 - self.specification.required
         return judge(holds=high <= allowed, fails=low > allowed, varies=self.varies)
+
+    def _verdicts(self) -> set[Verdict]:
+        """Return the verdicts of the best and of every resolved estimate."""
+        return {self._judged(estimate) for estimate in (self.best, *(one for one in self.estimates if one.resolved))}
 
     @property
     def met(self) -> bool:
@@ -270,11 +285,11 @@ class ReliabilityResult(Result):
 
     def _notes(self) -> list[str]:
         of = self.provenance
-        disagreements = [line for pose in self.poses for entry in pose.specifications for line in entry.disagreements]
+        comments = [line for pose in self.poses for entry in pose.specifications for line in entry.comments]
         return [
             f"exact model, {self.samples:,} plain samples, seed {of.seed}, statics {of.statics}; intervals at "
             f"{100 * self.confidence:g} % confidence; β: distance of the nearest design point",
-            *disagreements,
+            *comments,
             *resting_on(of.assumed, of.sources),
         ]
 

@@ -47,7 +47,7 @@ def content(result: ReliabilityResult, results: Results) -> list[Child]:
     lines = [
         f"{demanded(entry.specification)}: {line}"
         for entry in entries
-        for line in (*entry.disagreements, *([entry.reason] if entry.reason else []))
+        for line in (*([entry.reason] if entry.reason else []), *entry.comments)
     ]
     parts: list[Child] = [_explained(result), chart, verdicts, *(_methods(entry) for entry in entries)]
     parts += [_importance(entry) for entry in entries if entry.failures]

@@ -20,7 +20,7 @@ LISTED: Final = 6
 
 
 def table(result: ReliabilityResult) -> str:
-    """Return, for every specification, the verdict, what each method gave, the design point, and disagreements."""
+    """Return, for every specification, the verdict, what each method gave, the design point, and what methods differ in."""
     provenance = result.provenance
     blocks = []
     for entry in result.poses:
@@ -54,9 +54,8 @@ def _specification_lines(entry: SpecificationReliability) -> list[str]:
         *aligned(rows),
         *_form_lines(entry),
         *_strata_lines(entry),
-        *(f"  DISAGREE: {line}" for line in entry.contradictions),
-        *(f"  note: {line}" for line in entry.remarks),
-        *_explained(entry),
+        *_unresolved(entry),
+        *(f"  note: {line}" for line in entry.comments),
     ]
 
 
@@ -104,16 +103,16 @@ def _rare(part: Stratum) -> str:
     return f"{len(part.combinations)} combinations of {', '.join(part.rare)}"
 
 
-def _explained(entry: SpecificationReliability) -> list[str]:
-    """Return why the probability is not resolved, and what the verdict rests on where methods disagree or have no answer."""
-    if entry.verdict == "nothing to judge" or (entry.resolved and not entry.contradictions):
+def _unresolved(entry: SpecificationReliability) -> list[str]:
+    """Return what the verdict rests on where the probability is not resolved, and why it is not."""
+    if entry.verdict == "nothing to judge" or entry.resolved:
         return []
     counted = next(estimate for estimate in entry.estimates if estimate.method == SAMPLING)
     failures = round(counted.probability * counted.evaluations)
-    rests = f"the verdict rests on {failures:,} failures among {counted.evaluations:,} samples alone, whose interval always holds"
-    if entry.resolved:
-        return [f"  {rests}"]
-    return [f"  not resolved{' below that' if entry.met else ''}: {entry.reason}; {rests}"]
+    return [
+        f"  the verdict rests on {failures:,} failures among {counted.evaluations:,} samples alone, whose interval always holds; "
+        f"not resolved{' below that' if entry.met else ''}: {entry.reason}"
+    ]
 
 
 def _three(vector: NDArray[np.float64]) -> str:
