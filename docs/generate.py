@@ -20,6 +20,7 @@ import click
 
 from precision_pin import units
 from precision_pin.cli.commands import list_commands, load_command
+from precision_pin.cli.explain import list_codes
 from precision_pin.draws.laws import Law, laws_of_sheets
 from precision_pin.draws.space import Scope
 from precision_pin.sheet.schema import Document, json_schema, used_quantities
@@ -223,6 +224,12 @@ def commands() -> str:
     )
 
 
+def codes(group: str) -> str:
+    """Return what the codes of a group mean."""
+    rows = [(", ".join(f"`{name}`" for name in one.names), one.means, one.remedy) for one in list_codes()[group].codes]
+    return table(("code", "what it means", "what to do"), rows)
+
+
 def parameters(name: str) -> str:
     """Return the arguments and options of a command."""
     command = load_command(name)
@@ -253,6 +260,7 @@ TABLES: Final[dict[str, dict[str, Callable[[], str]]]] = {
     },
     "sources.md": {"kinds": kinds} | {name: partial(settings, kind) for name, kind in catalogue().items()},
     "command-line.md": {"commands": commands} | {name: partial(parameters, name) for name in list_commands()},
+    "codes.md": {name: partial(codes, name) for name in list_codes()},
 }
 """Every generated table by page and name."""
 

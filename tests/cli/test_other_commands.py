@@ -249,3 +249,14 @@ def test_no_command_shows_the_help(run):
     outcome = run()
     assert outcome.code == 2
     assert "Commands:" in outcome.out + outcome.err
+
+
+def test_codes_are_explained(run):
+    one = run("explain", "w_superposition")
+    assert one.code == 0
+    assert one.out.startswith("W_SUPERPOSITION (warnings about a result)\n  means  ")
+    assert "the three models (page model of the documentation)" in " ".join(one.out.split())
+    assert max(map(len, run("explain").out.splitlines())) <= 100
+    wrong = run("explain", "W_STATIC")
+    assert (wrong.code, wrong.out) == (2, "")
+    assert "no code named 'W_STATIC'; did you mean 'W_STATICS'" in wrong.err
