@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 from typing import Final
 
@@ -61,22 +61,29 @@ class Quantity:
         The SI unit, ``""`` for a pure number.
     units
         Accepted unit → factor to SI.
+    written
+        The unit in which somebody wrote a number of it; empty where none did. It plays no part in comparing.
     """
 
     name: str
     si: str
     units: Mapping[str, float]
+    written: str = field(default="", compare=False)
 
     def __hash__(self) -> int:
         return hash(self.name)
 
     def __reduce__(self) -> tuple[object, ...]:
         # a read-only view of a dictionary cannot be pickled; draws that are sent to workers hold quantities
-        return _quantity, (self.name, self.si, dict(self.units))
+        return _quantity, (self.name, self.si, dict(self.units), self.written)
+
+    def written_in(self, unit: str) -> Quantity:
+        """Return the quantity as written in one of its units."""
+        return replace(self, written=unit)
 
 
-def _quantity(name: str, si: str, units: dict[str, float]) -> Quantity:
-    return Quantity(name, si, MappingProxyType(units))
+def _quantity(name: str, si: str, units: dict[str, float], written: str = "") -> Quantity:
+    return Quantity(name, si, MappingProxyType(units), written)
 
 
 _METRE: Final = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "µm": 1e-6, "nm": 1e-9, "in": 0.0254}

@@ -42,9 +42,11 @@ class WrittenUnit:
 
     @classmethod
     def suiting(cls, quantity: Quantity | None, sizes: Iterable[float]) -> WrittenUnit:
-        """Return the unit in which the largest of these sizes (SI) reads well."""
+        """Return the unit it was written in, or else that in which the largest of these sizes (SI) reads well."""
         if quantity is None:
             return cls(_UNKNOWN, 1.0)
+        if quantity.written not in ("", quantity.si):  # 1e-6 rad/(N*m) reads better as 1 µrad/(N·m)
+            return cls(quantity.written.replace("*", "·"), 1 / quantity.units[quantity.written])
         largest = max((abs(size) for size in sizes), default=0.0)
         ladder = _LADDERS.get(quantity, ((quantity.si.replace("*", "·"), 1.0, 0.0),))
         for name, per_si, least in ladder:

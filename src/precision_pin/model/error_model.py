@@ -40,6 +40,7 @@ from precision_pin.terms.source import (
 )
 from precision_pin.terms.table import TableLayout, TermTable
 from precision_pin.terms.term import Term
+from precision_pin.terms.words import draw_words
 from precision_pin.typing import Array
 
 __all__ = ["ErrorModel", "limit_findings"]
@@ -314,6 +315,11 @@ class ErrorModel:
         """Every source with what its settings stand for."""
         pairs = zip(self.sources, self.labels, strict=True)
         return tuple(BoundSource(source, LabelledSpace(self.space, label)) for source, label in pairs)
+
+    @cached_property
+    def draw_words(self) -> tuple[str, ...]:
+        """What each draw of the space is, in words, such as ``tilt of joint2 about z``."""
+        return draw_words(self.space, self.sources, self.labels)
 
     @cached_property
     def owners(self) -> tuple[tuple[str, ...], ...]:

@@ -36,7 +36,7 @@ class SettingError(InputError):
 
 @final
 class LawReader:
-    """Reads a law's settings, all numbers of one quantity, narrowing which it can be.
+    """Reads a law's settings, all numbers of one quantity, narrowing which it can be; keeps the first unit as :attr:`unit`.
 
     Parameters
     ----------
@@ -52,6 +52,7 @@ class LawReader:
         self.settings = settings
         self.quantities = quantities
         self.folder = folder
+        self.unit = ""
 
     def value(self, *where: str | int) -> Any:
         """Return what stands at a place."""
@@ -155,4 +156,5 @@ class LawReader:
 
     def _narrow(self, value: object) -> None:
         unit = units.split(value)[1]
+        self.unit = self.unit or unit
         self.quantities = tuple(quantity for quantity in self.quantities if unit in quantity.units)

@@ -177,7 +177,7 @@ def parse_law(
     reader = LawReader(value, tuple(quantities), folder)
     scope = reader.scope()
     law = laws[key].from_sheet(reader)
-    known = (reader.quantities * law.size) if len(reader.quantities) == 1 else ()
+    known = (reader.quantities[0].written_in(reader.unit),) * law.size if len(reader.quantities) == 1 else ()
     return NamedParameter(Draw(name, law, scope, known), reader.quantities)
 
 

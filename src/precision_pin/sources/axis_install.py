@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Annotated, final
+from typing import Annotated, ClassVar, final
 
 import numpy as np
 
@@ -47,6 +47,8 @@ class AxisInstall(Source):
     InputError
         Not exactly one of radius and diameter; a span that is not positive.
     """
+
+    words: ClassVar[Mapping[str, str]] = {"A": "axis of {subject}, bearing A", "B": "axis of {subject}, bearing B"}
 
     joint: str
     radius: Annotated[float | None, units.LENGTH] = None

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Annotated, Literal, final
+from typing import Annotated, ClassVar, Literal, final
 
 import numpy as np
 
@@ -47,6 +47,11 @@ class Backlash(Source):
     InputError
         A band that is not positive, or a scope that is none of the three.
     """
+
+    words: ClassVar[Mapping[str, str]] = {
+        "backlash": "backlash of {subject}",
+        "side": "side of the backlash of {subject}",
+    }
 
     joint: str
     backlash: Annotated[Setting, units.PerJoint(units.ANGLE, units.LENGTH)]

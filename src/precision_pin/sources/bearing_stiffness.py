@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Annotated, Final, final
+from typing import Annotated, ClassVar, Final, final
 
 import numpy as np
 
@@ -58,6 +58,10 @@ class BearingStiffness(Source):
     InputError
         No stiffness at all, or pads on neither link.
     """
+
+    words: ClassVar[Mapping[str, str]] = {
+        name: f"{name} bearing stiffness of {{subject}}" for name in ("radial", "axial", "tilt", "roll")
+    }
 
     joint: str
     radial: Annotated[Setting | None, units.LINEAR_STIFFNESS] = None

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Annotated, Literal, final
+from typing import Annotated, ClassVar, Literal, final
 
 import numpy as np
 
@@ -73,6 +73,14 @@ class Clearance(Source):
         Not one or two diametral clearances, a span or band that is not positive, a band without need or missing, or a
         word that is none of those above.
     """
+
+    words: ClassVar[Mapping[str, str]] = {
+        "diametral": "bearing clearance of {subject}",
+        "axial": "axial play of {subject}",
+        "A": "play in bearing A of {subject}",
+        "B": "play in bearing B of {subject}",
+        "side": "side of the axial play of {subject}",
+    }
 
     joint: str
     diametral: Annotated[tuple[Setting, ...], units.LENGTH]

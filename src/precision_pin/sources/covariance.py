@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Annotated, Final, Literal, final
+from typing import Annotated, ClassVar, Final, Literal, final
 
 import numpy as np
 
@@ -53,6 +53,8 @@ class Covariance(Source):
     InputError
         Not one place, not one of std and matrix, or no covariance: not 6×6, not symmetric, a negative eigenvalue.
     """
+
+    words: ClassVar[Mapping[str, str]] = {"error": "error of {subject}, given as covariance"}
 
     joint: str | None = None
     link: str | None = None

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Annotated, ClassVar, Final, Literal, final
 
@@ -73,6 +73,14 @@ class Encoder(Source):
     """
 
     deviations: ClassVar[tuple[str, ...]] = ("offset", "scale")
+    words: ClassVar[Mapping[str, str]] = {
+        "offset": "encoder offset of {subject}",
+        "amplitude": "encoder amplitude of {subject}",
+        "eccentricity": "encoder eccentricity of {subject}",
+        "scale": "encoder scale of {subject}",
+        "phase": "encoder phase of {subject}",
+        "quantisation": "encoder step of {subject}",
+    }
 
     joint: str
     resolution: Annotated[float | None, _AT_JOINT] = None

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Annotated, ClassVar, final
 
@@ -38,6 +38,10 @@ class Frame(Source):
     """
 
     deviations: ClassVar[tuple[str, ...]] = ("x", "y", "z", "rx", "ry", "rz")
+    words: ClassVar[Mapping[str, str]] = {
+        **{name: f"position of {{subject}} along {name}" for name in ("x", "y", "z")},
+        **{f"r{name}": f"tilt of {{subject}} about {name}" for name in ("x", "y", "z")},
+    }
 
     joint: str | None = None
     link: str | None = None

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Annotated, final
+from typing import Annotated, ClassVar, final
 
 from precision_pin import units
 from precision_pin.draws.space import LabelledSpace, Setting
@@ -30,6 +30,8 @@ class JointCompliance(Source):
     compliance
         C; for a prismatic joint a linear compliance.
     """
+
+    words: ClassVar[Mapping[str, str]] = {"compliance": "compliance of {subject}"}
 
     joint: str
     compliance: Annotated[Setting, units.PerJoint(units.ANGULAR_COMPLIANCE, units.LINEAR_COMPLIANCE)]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Annotated, ClassVar, final
 
@@ -32,6 +32,7 @@ class JointOffset(Source):
     """
 
     deviations: ClassVar[tuple[str, ...]] = ("offset",)
+    words: ClassVar[Mapping[str, str]] = {"offset": "zero of {subject}"}
 
     joint: str
     offset: Annotated[Setting, units.PerJoint(units.ANGLE, units.LENGTH)]

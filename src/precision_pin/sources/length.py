@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Annotated, ClassVar, final
 
@@ -46,6 +46,7 @@ class Length(Source):
     """
 
     deviations: ClassVar[tuple[str, ...]] = ("parameters",)
+    words: ClassVar[Mapping[str, str]] = {"parameters": "length to {subject}"}
 
     joint: str | None = None
     frame: str | None = None

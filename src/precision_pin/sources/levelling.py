@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Annotated, ClassVar, final
 
@@ -36,6 +36,7 @@ class Levelling(Source):
     """
 
     deviations: ClassVar[tuple[str, ...]] = ("rx", "ry", "rz")
+    words: ClassVar[Mapping[str, str]] = {name: f"level of the base about {name[1]}" for name in ("rx", "ry", "rz")}
 
     rx: Annotated[Setting, units.ANGLE] = 0.0
     ry: Annotated[Setting, units.ANGLE] = 0.0

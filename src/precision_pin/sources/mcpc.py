@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Annotated, ClassVar, final
@@ -45,6 +45,10 @@ class Mcpc(Source):
     """
 
     deviations: ClassVar[tuple[str, ...]] = ("alpha", "beta", "gamma", "x", "y", "z")
+    words: ClassVar[Mapping[str, str]] = {
+        **{name: f"position of {{subject}} along {name}" for name in ("x", "y", "z")},
+        **{name: f"angle {name} of {{subject}}" for name in ("alpha", "beta", "gamma")},
+    }
 
     link: str
     alpha: Annotated[Setting, units.ANGLE] = 0.0

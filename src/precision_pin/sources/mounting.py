@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Annotated, ClassVar, Literal, final
 
@@ -49,6 +49,10 @@ class Mounting(Source):
     """
 
     deviations: ClassVar[tuple[str, ...]] = ("x", "y", "z", "rx", "ry", "rz")
+    words: ClassVar[Mapping[str, str]] = {
+        **{name: f"mounting of the {{at}} along {name}" for name in ("x", "y", "z")},
+        **{f"r{name}": f"mounting of the {{at}} about {name}" for name in ("x", "y", "z")},
+    }
 
     at: Literal["base", "tool"]
     flange: str | None = None

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Annotated, final
+from typing import Annotated, ClassVar, final
 
 import numpy as np
 
@@ -36,6 +36,8 @@ class Payload(Source):
     com
         Its centre of mass in that link's frame: three numbers, each of which may be random.
     """
+
+    words: ClassVar[Mapping[str, str]] = {"mass": "payload mass at {subject}", "com": "payload centre at {subject}"}
 
     at: str
     mass: Annotated[Setting, units.MASS]

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Final, Literal, final
+from typing import ClassVar, Final, Literal, final
 
 import numpy as np
 
@@ -50,6 +50,8 @@ class Table(Source):
     InputError
         Not one place; a file that cannot be read, is no table of numbers, or has another column or unit.
     """
+
+    words: ClassVar[Mapping[str, str]] = {"row": "measured row of {subject}"}
 
     joint: str | None = None
     link: str | None = None

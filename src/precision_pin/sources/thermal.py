@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Annotated, final
+from typing import Annotated, ClassVar, final
 
 import numpy as np
 
@@ -51,6 +51,12 @@ class Thermal(Source):
     InputError
         Neither a change nor a gradient, a gradient without direction or the reverse, or a link without length.
     """
+
+    words: ClassVar[Mapping[str, str]] = {
+        "expansion": "thermal expansion of {subject}",
+        "temperature_change": "temperature of {subject}",
+        "gradient": "temperature gradient of {subject}",
+    }
 
     link: str | None = None
     expansion: Annotated[Setting, units.THERMAL_EXPANSION]

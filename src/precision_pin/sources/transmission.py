@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Annotated, ClassVar, final
 
@@ -55,6 +55,12 @@ class Transmission(Source):
     """
 
     deviations: ClassVar[tuple[str, ...]] = ("lead_error",)
+    words: ClassVar[Mapping[str, str]] = {
+        "amplitude": "gear error of {subject}, amplitude",
+        "phase": "gear error of {subject}, phase",
+        "stiffness": "gear stiffness of {subject}",
+        "lead_error": "lead error of {subject}",
+    }
 
     joint: str
     amplitude: Annotated[tuple[Setting, ...], units.PerJoint(units.ANGLE, units.LENGTH)] = ()

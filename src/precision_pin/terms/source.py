@@ -258,6 +258,20 @@ class Source(ABC):
         """Return the kind's name in a sheet: the class name in lower case with underscores."""
         return re.sub(r"(?<=[a-z])(?=[A-Z])", "_", cls.__name__).lower()
 
+    words: ClassVar[Mapping[str, str]] = {}
+    """What a setting, or a draw of its own, is to a reader, by its name: text in which ``{subject}`` and other settings may
+    stand; kind, setting and subject where nothing is said."""
+
+    @final
+    def describe(self, setting: str) -> str:
+        """Return what a setting (``rz``, ``segments[0].wall``) or a draw of its own is, in words."""
+        first, *parts = re.sub(r"\[(\d+)\]", lambda index: f" {int(index[1]) + 1}", setting).split(".")
+        name = first.split(" ")[0]
+        if name in self.words and not parts:
+            return self.words[name].format(subject=self.subject, **self.settings()) + first[len(name) :]
+        said = " of ".join([*reversed(parts), first]).replace("_", " ")
+        return f"{self.kind().replace('_', ' ')} {said} of {self.subject}"
+
     @final
     def label(self) -> str:
         """Return ``kind[subject]``, by which its unnamed draws are named."""
@@ -273,6 +287,24 @@ class Source(ABC):
         """Return every draw the source needs beyond the model's named ones: laws in its settings and its own."""
         held = [leaf.draw for leaf in _leaves(self, label)]
         return (*(draw for draw in held if draw is not None), *self.own_draws(label))
+
+    @final
+    def places(self, label: str) -> dict[str, str]:
+        """Return the setting, or the draw of its own, in which each random number stands that the source uses, by its name.
+
+        Raises
+        ------
+        InputError
+            The types of its settings cannot be found.
+        """
+        found: dict[str, str] = {}
+        for leaf in _leaves(self, label):
+            for name in leaf.numbers():
+                found.setdefault(name, leaf.name.removeprefix(f"{label}."))
+        for draw in self.own_draws(label):
+            for name in draw.components:
+                found.setdefault(name, draw.name.removeprefix(f"{label}."))
+        return found
 
     @final
     def numbers(self, label: str) -> dict[str, Quantity | PerJoint | None]:
@@ -443,7 +475,8 @@ def with_quantities(space: Space, sources: Sequence[Source], labels: Sequence[st
 
 def _with_quantities(draw: Draw, known: Mapping[str, Quantity]) -> Draw:
     own = itertools.zip_longest(draw.components, draw.quantities)
-    found = tuple(known.get(name) or said for name, said in own)
+    # what the sheet says has its unit, too
+    found = tuple(said if known.get(name) in (None, said) else known[name] for name, said in own)
     return dataclasses.replace(draw, quantities=found) if any(found) else draw
 
 

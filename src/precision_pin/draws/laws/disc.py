@@ -76,6 +76,11 @@ class Disc(PlaneLaw):
         """Return what is drawn, in words."""
         return f"a point uniform over a disc of radius {written(self.radius, quantities[0])}"
 
+    def tolerance(self, quantities: Sequence[Quantity | None]) -> str:
+        """Return the radius."""
+        known = [quantity for quantity in quantities if quantity is not None and quantity.si]
+        return f"radius {written(self.radius, known[0])}" if known else ""
+
     def kernel_row(self) -> KernelRow:
         """Return the radius."""
         return KernelRow("disc", np.array([self.radius]))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from typing import ClassVar, Literal, final
@@ -9,6 +10,7 @@ from typing import ClassVar, Literal, final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from precision_pin.display.units import WrittenUnit
 from precision_pin.draws import lazy_special
 from precision_pin.draws.laws.kernel_row import KernelRow
 from precision_pin.draws.laws.numerics import FARTHEST_NORMAL, Moments, moments_by_quadrature
@@ -113,6 +115,29 @@ class Law(ABC):
         if self.size > 1:
             return f"{name} of {self.size} numbers, {deviations(self.components, self.covariance, quantities)}"
         return name + spread(self.mean_vector, self.covariance, quantities[0])
+
+    def tolerance(self, quantities: Sequence[Quantity | None]) -> str:
+        """Return how far it varies, short: ``±0.3 mm``, ``0 mm to 2 mm``, ``σ 0.1 mm``; empty where no quantity is known.
+
+        Parameters
+        ----------
+        quantities
+            What each of its numbers is.
+        """
+        quantity = quantities[0] if quantities else None
+        if quantity is None or not quantity.si or any(other != quantity for other in quantities):
+            return ""
+        stds = np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
+        first = np.eye(self.size)[0]
+        low, high = self.interval(0)
+        # an interval is finite for every law, the support is not
+        if not np.isfinite(self.support(first) + self.support(-first)):
+            unit = WrittenUnit.suiting(quantity, stds.tolist())
+            return f"σ {unit(float(stds[0]))}" if np.allclose(stds, stds[0]) else ""
+        unit = WrittenUnit.suiting(quantity, [low, high])
+        if math.isclose(low + high, 2 * float(self.mean_vector[0]), abs_tol=1e-9 * (high - low)):
+            return f"±{unit((high - low) / 2)}"
+        return f"{unit(low)} to {unit(high)}"
 
     def interval(self, number: int) -> tuple[float, float]:
         """Return what a number of the law (0-based) stays between in every sample.
