@@ -18,12 +18,12 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, nullcontext, suppress
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from importlib import import_module
 from typing import Any, Final, final
 
-__all__ = ["Job", "begin_jobs", "compile_jobs", "serve", "shown_by"]
+__all__ = ["COMPILING", "Job", "announced", "begin_jobs", "compile_jobs", "serve", "shown_by", "silent"]
 
 Report = Callable[[float], None]
 """Takes the share of the work that is done, 0 to 1."""
@@ -41,8 +41,26 @@ _PROGRAM: Final = (
 )  # fmt: skip
 
 
-def _nobody(share: float) -> None:
+COMPILING: Final = "compiling the sampler, once on this machine"
+
+
+def _ignore(share: float) -> None:
     """Show nothing."""
+
+
+@contextmanager
+def silent() -> Iterator[Report]:
+    """Say nothing of compiling."""
+    yield _ignore
+
+
+@contextmanager
+def announced() -> Iterator[Report]:
+    """Say on stderr that something is compiled: eight seconds of silence look like a crash."""
+    with suppress(AttributeError, OSError, ValueError):  # stderr is closed, or there is none
+        sys.stderr.write(f"precision-pin: {COMPILING}: some 8 s\n")
+        sys.stderr.flush()
+    yield _ignore
 
 
 @final
@@ -91,10 +109,13 @@ def begin_jobs(jobs: Sequence[Job]) -> None:
 
 
 def compile_jobs(jobs: Sequence[Job]) -> None:
-    """Have jobs done by other processes, the longest first; return when they are, or cannot be."""
+    """Have jobs done by other processes, the longest first; return when they are, or cannot be.
+
+    A line on stderr says so, unless `shown_by` says how it is shown.
+    """
     if not _can_start():
         return
-    with _shown[-1]() if _shown else nullcontext(_nobody) as report:
+    with _shown[-1]() if _shown else announced() as report:
         _compile(jobs, report)
 
 
@@ -171,7 +192,7 @@ class _Crew:
         self._size = size
         self.waiting: list[Job] = []
         self._weight = math.inf
-        self._report: Report = _nobody
+        self._report: Report = _ignore
         self._workers: list[subprocess.Popen[str]] = []
         self._idle: list[subprocess.Popen[str]] = []
         self._answers: queue.SimpleQueue[tuple[subprocess.Popen[str], Job, bool]] = queue.SimpleQueue()

@@ -7,14 +7,14 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from precision_pin import compile_ahead
-from precision_pin.compile_ahead import Job, compile_jobs, shown_by
+from precision_pin.compile_ahead import Job, compile_jobs, shown_by, silent
 from precision_pin.kernel import part_list
 
 
@@ -146,3 +146,13 @@ def test_compiling_begins_only_where_no_loops_are_kept(tmp_path: Path, monkeypat
     (tmp_path / "kernel_1" / f"loops.run-1.py{sys.version_info.major}{sys.version_info.minor}.nbi").touch()
     part_list.begin_compiling()
     assert len(asked) == 1
+
+
+@pytest.mark.parametrize(("shown", "said"), [(None, True), (silent, False)])
+def test_python_says_that_something_is_compiled(
+    shown: Any, said: bool, capfd: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    with nullcontext() if shown is None else shown_by(shown):
+        compile_jobs([Job("os", "mkdir", (str(tmp_path / "a"),), 1.0)])
+    line = "precision-pin: compiling the sampler, once on this machine: some 8 s\n"
+    assert capfd.readouterr().err == (line if said else "")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, nullcontext
+from contextlib import contextmanager
 from typing import TYPE_CHECKING, Literal
 
 from precision_pin.cli.interrupts import raise_if_interrupted
@@ -18,16 +18,17 @@ __all__ = ["compile_sampler", "progress_bar"]
 
 def compile_sampler(space: Space, model: Literal["exact", "linear"] = "exact") -> None:
     """Compile what samples a model where that was never done on this machine, and show how far that is."""
-    from precision_pin.compile_ahead import shown_by
-    from precision_pin.display.progress import COMPILING, compilation
+    from precision_pin.compile_ahead import COMPILING, shown_by, silent
+    from precision_pin.display.progress import compilation
     from precision_pin.kernel import sampler
 
     variant = sampler.variant_of(space, model)
     if sampler.is_compiled(*variant):
         return
-    if not sys.stderr.isatty():
+    on_terminal = sys.stderr.isatty()
+    if not on_terminal:
         echo_note(f"{COMPILING}: some 8 s")
-    with nullcontext() if is_quiet() else shown_by(compilation):
+    with shown_by(compilation if on_terminal and not is_quiet() else silent):
         sampler.warm_up(*variant)
     raise_if_interrupted()
 

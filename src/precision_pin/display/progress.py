@@ -6,14 +6,12 @@ import sys
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import Any, Final
+from typing import Any
 
-from precision_pin.compile_ahead import shown_by
+from precision_pin.compile_ahead import COMPILING, announced, shown_by
 from precision_pin.inputs.arguments import check_number, check_text, check_whole
 
-__all__ = ["COMPILING", "compilation", "progress", "steps_to"]
-
-COMPILING: Final = "compiling the sampler, once on this machine"
+__all__ = ["compilation", "progress", "steps_to"]
 
 
 @contextmanager
@@ -75,7 +73,11 @@ def steps_to(
 
 @contextmanager
 def compilation() -> Iterator[Callable[[float], None]]:
-    """Show a bar as `progress` does while the sampler is compiled; yields what takes the share done, 0 to 1."""
+    """Show a bar as `progress` does while the sampler is compiled, or a line; yields what takes the share done, 0 to 1."""
+    if not (_in_kernel() or sys.stderr.isatty()):
+        with announced() as show:
+            yield show
+        return
     with _bar(
         total=1.0, desc=COMPILING, bar_format="{desc}: {percentage:3.0f}%|{bar:20}| {elapsed}<{remaining}"
     ) as bar:
@@ -89,8 +91,12 @@ def compilation() -> Iterator[Callable[[float], None]]:
 
 def _bar(**shape: Any) -> Any:
     """Return tqdm's bar; it shows nothing where stderr is no terminal, but in a notebook, whose is none."""
-    in_kernel = type(sys.stderr).__module__.startswith("ipykernel")
+    in_kernel = _in_kernel()
     return _tqdm(in_kernel)(leave=False, disable=False if in_kernel else None, file=sys.stderr, **shape)
+
+
+def _in_kernel() -> bool:
+    return type(sys.stderr).__module__.startswith("ipykernel")
 
 
 def _tqdm(in_kernel: bool) -> Any:
