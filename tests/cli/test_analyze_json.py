@@ -80,7 +80,8 @@ def test_every_key_and_type(run):
     assert np.shape(data["covariance"]) == (6, 6)
     assert len(data["spec"]) == 2
     for entry in data["spec"]:
-        assert sorted(entry) == sorted(["quantity", "limit", "required", "probability", "interval", "met", "verdict"])
+        keys = ["quantity", "limit", "required", "probability", "interval", "met", "verdict", "cpk", "cpk_interval"]
+        assert sorted(entry) == sorted(keys)
         assert entry["met"] is (entry["verdict"] == "met")
         low, high = entry["interval"]
         assert 0 <= low <= entry["probability"] <= high <= 1

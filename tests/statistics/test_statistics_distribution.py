@@ -9,6 +9,7 @@ from scipy.special import gammaincinv
 
 from precision_pin.errors import UnknownNameError
 from precision_pin.statistics import Plan, Specification, finish, format_supported, observe, significant_digits, start
+from precision_pin.statistics.summary import SpecificationResult, capability_index
 
 # norm of an isotropic 3-D normal vector, σ = 1 (chi law with three degrees of freedom)
 NORM_QUANTILES = {0.5: 1.538172, 0.95: 2.795483, 0.99: 3.368214, 0.9973: 3.762480}
@@ -201,7 +202,20 @@ def test_dictionary_has_exactly_the_keys_of_the_schema() -> None:
             assert entry["quantile_interval"]["0.9973"] is None
             low, high = entry["quantile_interval"]["0.5"]
             assert low < entry["quantiles"]["0.5"] < high
-    assert set(read["spec"][0]) == {"quantity", "limit", "required", "probability", "interval", "met", "verdict"}
+    assert set(read["spec"][0]) == {
+        "quantity", "limit", "required", "probability", "interval", "met", "verdict", "cpk", "cpk_interval",
+    }  # fmt: skip
     assert np.shape(read["covariance"]) == (6, 6)
     assert np.shape(read["covariance_interval"]) == (6, 6, 2)
     assert read["covariance"][0][0] == pytest.approx(read["position"]["x"]["std"] ** 2, rel=1e-12)
+
+
+def test_the_capability_index_is_that_of_the_share_inside():
+    """Published: Cpk 1 leaves 1350 per million beyond one limit, 1.33 31.7 (Z = 4), 1.67 0.287 (Z = 5); 0 a half."""
+    for cpk, beyond in ((1.0, 1349.898e-6), (4 / 3, 31.671e-6), (5 / 3, 0.28665e-6), (0.0, 0.5)):
+        assert capability_index(1 - beyond) == pytest.approx(cpk, abs=2e-6)
+    assert capability_index(1.0) == math.inf
+    assert capability_index(0.0) == -math.inf
+    all_inside = SpecificationResult("position.norm", 1e-3, 0.95, 1.0, (0.9999, 1.0))
+    assert all_inside.to_dict()["cpk"] is None
+    assert all_inside.to_dict()["cpk_interval"] == [pytest.approx(3.71902 / 3, abs=1e-5), None]
