@@ -28,16 +28,9 @@ from precision_pin.model.pose_model import PoseModel, joint_value, spread_of
 from precision_pin.robot.chain import Chain, Place, Posture
 from precision_pin.sheet import Sheet
 from precision_pin.sheet import read as read_sheet
-from precision_pin.terms.source import (
-    BoundSource,
-    Source,
-    draw_owners,
-    fix_settings,
-    labels,
-    load_posture,
-    own_draws,
-    with_quantities,
-)
+from precision_pin.terms.bound_source import BoundSource, load_posture
+from precision_pin.terms.labelled_sources import draw_owners, labels, own_draws, with_quantities
+from precision_pin.terms.source import Source, fix_settings
 from precision_pin.terms.table import TableLayout, TermTable
 from precision_pin.terms.term import Term
 from precision_pin.typing import Array

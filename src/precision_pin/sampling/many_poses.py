@@ -20,7 +20,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from precision_pin.call_warnings import add, warns_at_end
 from precision_pin.display import progress as progress_bar
-from precision_pin.draws.space import MOST_POSES, Scope, check_seed
+from precision_pin.draws.draw import MOST_POSES
+from precision_pin.draws.space import Scope, check_seed
 from precision_pin.errors import Finding, InputError
 from precision_pin.inputs.arguments import check_instance, check_items, check_whole
 from precision_pin.inputs.memory import check_memory
