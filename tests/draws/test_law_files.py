@@ -142,7 +142,7 @@ def test_a_law_of_its_own_file_is_read_from_a_sheet(resolution: type[Law], model
 def test_a_law_of_its_own_file_is_sampled_alike_by_both_engines(model: pp.ErrorModel) -> None:
     clear = model.space.sample(3, 0, 20_000)
     assert stats.kstest(clear[0], stats.uniform(-STEP / 2, STEP).cdf).pvalue > 1e-6
-    compiled = sampler.sample(sampler.compile_table(model.at("p")), 3, 0, 20_000)
+    compiled = sampler.sample(sampler.to_arrays(model.at("p")), 3, 0, 20_000)
     np.testing.assert_allclose(compiled, clear, rtol=0, atol=1e-16 * STEP)
     found = pp.monte_carlo(model, "p", samples=100_000, seed=1)
     middle = stats.uniform(-slope(model) * STEP / 2, slope(model) * STEP)

@@ -203,7 +203,7 @@ def _tasks(error_model: ErrorModel, values: Array, work: _Work) -> Iterator[tupl
     first_pose = 0
     blocks = -(-work.samples // sampler.BLOCK)
     while together := list(islice(models, MOST_TOGETHER)):
-        layouts = sampler.compile_tables(together)
+        layouts = sampler.to_arrays_at_poses(together)
         while layouts:
             # formulas may be others at another pose; nearly always they are not
             alike = next((k for k, other in enumerate(layouts) if not is_alike(layouts[0], other)), len(layouts))

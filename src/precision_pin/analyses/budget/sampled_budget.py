@@ -58,7 +58,7 @@ class SampledBudget:
     ) -> None:
         self.at, self.confidence, self.group_draws = at, confidence, groups
         self.samples, self.step = samples, step
-        self.layout = sampler.compile_table(at)
+        self.layout = sampler.to_arrays(at)
         size, slices = at.space.size, at.space.slices
         self.random = list_random_draws(at.space)
         points = (

@@ -158,7 +158,7 @@ def _at_pose(error_model: ErrorModel, pose: Pose, deviations: Array, confidence:
 def _bends(at: PoseModel, laws: dict[str, ExactLaw], deviations: Array) -> tuple[str, ...]:
     """Return a line for each quantity whose law is plainly not that of the exact model."""
     try:
-        errors = sampler.errors_at(sampler.compile_table(at), "exact", at.space.mean[:, None] + deviations)
+        errors = sampler.errors_at(sampler.to_arrays(at), "exact", at.space.mean[:, None] + deviations)
     except InputError as error:
         return (f"the exact model could not be compared: {error.findings[0].message}",)
     lines = []
