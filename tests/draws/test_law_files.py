@@ -39,7 +39,7 @@ from precision_pin.draws.laws.kernel_row import KernelRow
 from precision_pin.draws.laws.law import Law, take_size
 from precision_pin.draws.laws.projection import Lines
 from precision_pin.draws.laws.sheet_form import LawOption, SheetForm
-from precision_pin.draws.laws.wording import written
+from precision_pin.draws.laws.wording import write_number
 
 
 @final
@@ -63,7 +63,7 @@ class Resolution(Law):
         return cls(reader.half_width("resolution") * steps)
 
     def describe(self, quantities):
-        return f"rounded to {written(self.step, quantities[0])}"
+        return f"rounded to {write_number(self.step, quantities[0])}"
 
     def sample(self, variates):
         return self.step * (variates - 0.5)

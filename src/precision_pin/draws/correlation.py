@@ -116,7 +116,7 @@ class Correlation:
         repairs = []
         # each takes time with the cube of the size
         for i, j in itertools.combinations(range(len(matrix)), 2) if len(matrix) <= _MOST_REPAIRED else ():
-            allowed = _allowed(matrix, i, j)
+            allowed = _allowed_interval(matrix, i, j)
             if allowed is not None and not allowed[0] < matrix[i, j] < allowed[1]:
                 change = min(abs(matrix[i, j] - end) for end in allowed)
                 repairs.append(
@@ -235,7 +235,7 @@ class BlockCovariance:
         return BlockCovariance(self.variances * factors**2, tuple(blocks))
 
 
-def _allowed(matrix: Array, i: int, j: int) -> tuple[float, float] | None:
+def _allowed_interval(matrix: Array, i: int, j: int) -> tuple[float, float] | None:
     """Return between what an entry must lie for the matrix to be positive definite; ``None`` if no number is right.
 
     The partial correlation of the two, given all others, lies between -1 and 1.

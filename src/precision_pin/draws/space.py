@@ -407,13 +407,13 @@ class LabelledSpace:
 
     def values(self, field: str, settings: Sequence[Setting]) -> tuple[Value, ...]:
         """Return several settings of one field; the second and later are named ``field[1]``, ``field[2]``, …."""
-        return tuple(self.value(indexed(field, k), setting) for k, setting in enumerate(settings))
+        return tuple(self.value(entry_name(field, k), setting) for k, setting in enumerate(settings))
 
     def component(self, name: str) -> Component:
         """Return a component of one of the source's own draws, ``label.name``."""
         return self.space.parameter(f"{self.label}.{name}")
 
 
-def indexed(field: str, k: int) -> str:
+def entry_name(field: str, k: int) -> str:
     """Return the name of the k-th of several values of a field; the first has none."""
     return field if k == 0 else f"{field}[{k}]"

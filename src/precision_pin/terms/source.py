@@ -16,7 +16,7 @@ import numpy as np
 
 from precision_pin.draws.expressions import Component, Expression, component_names
 from precision_pin.draws.laws import Law
-from precision_pin.draws.space import Draw, LabelledSpace, indexed
+from precision_pin.draws.space import Draw, LabelledSpace, entry_name
 from precision_pin.errors import Finding, InputError
 from precision_pin.inputs.arguments import check_choice, check_number, check_text, shown
 from precision_pin.robot.chain import Chain, Posture
@@ -159,7 +159,7 @@ def _leaves(part: Any, label: str) -> Iterator[_Leaf]:
             if dataclasses.is_dataclass(value) and not isinstance(value, Law | Draw | Expression):
                 yield from _leaves(value, f"{label}.{entry.name}[{k}]")
             else:
-                yield _Leaf(f"{label}.{indexed(entry.name, k)}", value, type(part), entry.name)
+                yield _Leaf(f"{label}.{entry_name(entry.name, k)}", value, type(part), entry.name)
 
 
 class Source(ABC):
