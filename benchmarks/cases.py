@@ -13,7 +13,7 @@ from precision_pin.draws.expressions import Component, Program
 from precision_pin.draws.laws import Normal, Uniform
 from precision_pin.draws.space import Draw, Space
 from precision_pin.kernel import sampler
-from precision_pin.kernel.sampler import CompiledTable
+from precision_pin.kernel.sampler import SamplerArrays
 from precision_pin.model.pose_model import PoseModel
 from precision_pin.statistics import Plan
 from precision_pin.terms.table import TermTable
@@ -126,7 +126,7 @@ def draw_with_numpy(random: np.random.Generator, count: int) -> Array:
 class Prepared:
     """An error model laid out for the compiled sampler, and what its samples are counted into."""
 
-    layout: CompiledTable
+    layout: SamplerArrays
     plan: Plan
 
     def sample(self, model: Literal["exact", "linear"], blocks: int) -> None:
@@ -136,4 +136,4 @@ class Prepared:
 
 def prepared(at: PoseModel) -> Prepared:
     """Lay an error model out."""
-    return Prepared(sampler.compile_table(at), Plan.from_moments(at.error_at_means, at.covariance))
+    return Prepared(sampler.to_arrays(at), Plan.from_moments(at.error_at_means, at.covariance))

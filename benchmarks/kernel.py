@@ -73,7 +73,7 @@ def check_agreement(ways: Mapping[str, loops.Errors]) -> None:
         One of them differs by more than `AGREEMENT`.
     """
     x = cases.draw_with_numpy(np.random.default_rng(0), 300)
-    expected = sampler.errors_at(sampler.compile_table(cases.ur5()), "exact", x)
+    expected = sampler.errors_at(sampler.to_arrays(cases.ur5()), "exact", x)
     for name, errors in ways.items():
         gap = float(np.abs(errors(x) - expected).max())
         if not gap < AGREEMENT:

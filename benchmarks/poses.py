@@ -61,7 +61,7 @@ class Together:
     def of(cls, models: Sequence[PoseModel]) -> Together:
         """Lay the poses out."""
         plans = [Plan.from_moments(at.error_at_means, at.covariance) for at in models]
-        return cls(JoinedTables.of(sampler.compile_tables(models)), plans)
+        return cls(JoinedTables.of(sampler.to_arrays_at_poses(models)), plans)
 
     def norms(self, model: sampler.Model, blocks: int) -> None:
         """Draw once, displace at every pose and count what a map needs."""
@@ -86,7 +86,7 @@ def check_agreement(models: Sequence[PoseModel]) -> None:
         A mean differs by more than 1e-12 m or rad.
     """
     plans = [Plan(np.zeros(8), np.ones(8))] * len(models)
-    found = observe_norms(sampler.compile_tables(models), plans, "exact", 0, 0, 1, samples=1000)
+    found = observe_norms(sampler.to_arrays_at_poses(models), plans, "exact", 0, 0, 1, samples=1000)
     x = models[0].space.sample(0, 0, 1000)
     for sums, at in zip(found.sums[:, 0], models, strict=True):
         gap = float(np.abs(sums[[1, 2, 3, 5, 6, 7]] / 1000 - at.exact(x).mean(axis=1)).max())

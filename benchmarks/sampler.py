@@ -8,7 +8,7 @@ from __future__ import annotations
 from typing import Final
 
 from precision_pin.kernel import loops, sampler
-from precision_pin.kernel.sampler import CompiledTable
+from precision_pin.kernel.sampler import SamplerArrays
 
 __all__ = ["BLOCKS", "run_uncounted"]
 
@@ -18,6 +18,6 @@ BLOCKS: Final = 16
 _STAGES: Final = {"draw": loops.DRAW, "linear": loops.LINEAR, "exact": loops.EXACT}
 
 
-def run_uncounted(layout: CompiledTable, stage: str, samples: int) -> None:
+def run_uncounted(layout: SamplerArrays, stage: str, samples: int) -> None:
     """Draw ``samples`` samples and, for the stages "linear" and "exact", compute their errors; forget all of it."""
     sampler._run(layout, _STAGES[stage], sampler._Units(0, 0, 0, samples, 0, 0))

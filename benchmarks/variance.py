@@ -118,7 +118,7 @@ def span(factors: Array) -> str:
 def factors(model: ErrorModel, samples: int, seeds: int) -> Iterator[str]:
     """Yield the lines of one case."""
     at = model.at()
-    layout = sampler.compile_table(at)
+    layout = sampler.to_arrays(at)
     plan = Plan.from_moments(at.error_at_means, at.covariance)
     blocks = max(1, samples // sampler.BLOCK)
     plain_time = timed(lambda: sampler.accumulate(layout, plan, "exact", 0, 0, blocks)) / (blocks * sampler.BLOCK)
@@ -173,7 +173,7 @@ def closed(model: ErrorModel, best: list[Numbers], spread: Array, varies: NDArra
 
 
 def quantiles(
-    model: ErrorModel, layout: sampler.CompiledTable, samples: int, seeds: int, plain_time: float
+    model: ErrorModel, layout: sampler.SamplerArrays, samples: int, seeds: int, plain_time: float
 ) -> Iterator[str]:
     """Yield the factors of quantiles of |d|."""
     space = model.at().space

@@ -40,7 +40,7 @@ def test_all_ways_give_the_same_errors():
     cases, kernel = load("cases"), load("kernel")
     at = cases.ur5()
     x = cases.draw_with_numpy(np.random.default_rng(5), 40)
-    compiled = sampler.errors_at(sampler.compile_table(at), "exact", x)
+    compiled = sampler.errors_at(sampler.to_arrays(at), "exact", x)
     assert np.abs(compiled).max() > 1e-5
     ways = {name: errors for name, (errors, _) in kernel.written_by_hand().items()}
     ways |= {name: other.errors for name, other in kernel.installed_libraries()[0].items()}
@@ -84,7 +84,7 @@ def test_chains_spread_their_parameters_over_all_axes(joints, parameters):
 
 def test_the_uncounted_stages_run_each():
     sampler_module = load("sampler")
-    layout = sampler.compile_table(load("cases").ur5())
+    layout = sampler.to_arrays(load("cases").ur5())
     for stage in ("draw", "linear", "exact"):
         sampler_module.run_uncounted(layout, stage, 1000)
 

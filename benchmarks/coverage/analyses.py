@@ -209,7 +209,7 @@ def _shipped(sheet: str, runs: int, *, long: bool) -> list[Coverage]:
     draw = max(pp.budget(model, samples=1024).poses[0].draws, key=lambda line: line.share["position"] or 0.0).name
     rows = at.space.slices[[one.name for one in at.space.draws].index(draw)]
     count = LONG_SAMPLES // 4 if long else LONG_SAMPLES // 40
-    layout = sampler.compile_table(at)
+    layout = sampler.to_arrays(at)
     generator = np.random.default_rng(5)
     parts: list[tuple[Array, Array, Array]] = []
     for _ in range(10):

@@ -311,7 +311,7 @@ def _models() -> list[tuple[str, PoseModel]]:
 
 def _of_model(name: str, at: PoseModel, runs: int) -> list[Coverage]:
     """Measure an error model at a pose, norms and components apart; the truth is a longer run's of another seed."""
-    layout = sampler.compile_table(at)
+    layout = sampler.to_arrays(at)
     values = quantity_values(sampler.errors(layout, "exact", TRUTH_SEED, 0, TRUTH))
     truths = [_sampled(row, is_norm=k % 4 == 0) for k, row in enumerate(values)]
     parts, norms = Tally(), Tally()

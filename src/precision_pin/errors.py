@@ -19,7 +19,6 @@ A *finding* is one line about the input: ``file:line: error|warning CODE: what, 
 from __future__ import annotations
 
 import bisect
-import difflib
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Final, Literal
@@ -193,6 +192,8 @@ def nearest(name: str, valid: Iterable[str], *, most: int = 12) -> str:
     # comparing takes long with very many names, or long ones: those that begin alike stand beside one another
     near = names[max(beside - MOST_COMPARED // 2, 0) : beside + MOST_COMPARED // 2]
     short = [candidate for candidate in near if len(candidate) <= LONGEST_COMPARED]
+    import difflib  # late: every start reads this module, and hardly any needs it
+
     close = difflib.get_close_matches(name, short, n=3, cutoff=0.6) if len(name) <= LONGEST_COMPARED else []
     if not close:
         folded = {candidate.casefold(): candidate for candidate in names}

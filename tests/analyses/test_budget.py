@@ -115,7 +115,7 @@ def test_closed_form_sampling_and_freezing_agree_on_the_papers_arm(paper, paper_
     """Freezing each draw at its mean, plain random numbers; tolerance of 5 standard errors of the estimate."""
     at = paper.at()
     count = 200_000
-    layout = sampler.compile_table(at)
+    layout = sampler.to_arrays(at)
     x = at.space.sample(99, 0, count)
 
     def variances(values):

@@ -11,8 +11,9 @@ import pytest
 from scipy import integrate, special, stats
 
 import precision_pin as pp
+from precision_pin.analyses.exact_law.convolution import ConvolvedLaw
 from precision_pin.analyses.exact_law.exact_law import LEVELS, exact_law
-from precision_pin.analyses.exact_law.fourier_inversion import ConvolvedLaw, Summand, certified_series
+from precision_pin.analyses.exact_law.fourier_inversion import Summand, certified_series
 from precision_pin.analyses.exact_law.normal_norm import NormalNorm
 from precision_pin.analyses.provenance import listed_poses
 from precision_pin.cli import main
@@ -364,7 +365,7 @@ def test_the_papers_arm_against_a_million_samples():
 def test_a_wrong_law_is_noticed():
     """Planted fault: the spread is 3 % off."""
     from precision_pin.analyses.exact_law.exact_law import agreement_of
-    from precision_pin.analyses.exact_law.fourier_inversion import NormalLaw
+    from precision_pin.analyses.exact_law.number_law import NormalLaw
 
     rising = np.sort(np.random.default_rng(0).normal(size=100_000))
     assert agreement_of(NormalLaw(0.0, 1.0), rising, 0.999, 1.0).agrees

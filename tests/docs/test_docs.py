@@ -34,8 +34,9 @@ import pytest
 
 from precision_pin import cli
 from precision_pin.cli.commands import list_commands
+from precision_pin.draws.draw import MOST_POSES, MOST_VISITS
 from precision_pin.draws.expressions import MOST_OPERATIONS
-from precision_pin.draws.space import FARTHEST_NORMAL, MOST_POSES, MOST_VISITS
+from precision_pin.draws.space import FARTHEST_NORMAL
 from precision_pin.errors import InputError
 from precision_pin.kernel.sampler import BLOCK
 from precision_pin.model.error_model import ErrorModel

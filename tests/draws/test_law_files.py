@@ -39,7 +39,7 @@ from precision_pin.draws.laws.kernel_row import KernelRow
 from precision_pin.draws.laws.law import Law, take_size
 from precision_pin.draws.laws.projection import Lines
 from precision_pin.draws.laws.sheet_form import LawOption, SheetForm
-from precision_pin.draws.laws.wording import written
+from precision_pin.draws.laws.wording import write_number
 
 
 @final
@@ -63,7 +63,7 @@ class Resolution(Law):
         return cls(reader.half_width("resolution") * steps)
 
     def describe(self, quantities):
-        return f"rounded to {written(self.step, quantities[0])}"
+        return f"rounded to {write_number(self.step, quantities[0])}"
 
     def sample(self, variates):
         return self.step * (variates - 0.5)
@@ -142,7 +142,7 @@ def test_a_law_of_its_own_file_is_read_from_a_sheet(resolution: type[Law], model
 def test_a_law_of_its_own_file_is_sampled_alike_by_both_engines(model: pp.ErrorModel) -> None:
     clear = model.space.sample(3, 0, 20_000)
     assert stats.kstest(clear[0], stats.uniform(-STEP / 2, STEP).cdf).pvalue > 1e-6
-    compiled = sampler.sample(sampler.compile_table(model.at("p")), 3, 0, 20_000)
+    compiled = sampler.sample(sampler.to_arrays(model.at("p")), 3, 0, 20_000)
     np.testing.assert_allclose(compiled, clear, rtol=0, atol=1e-16 * STEP)
     found = pp.monte_carlo(model, "p", samples=100_000, seed=1)
     middle = stats.uniform(-slope(model) * STEP / 2, slope(model) * STEP)

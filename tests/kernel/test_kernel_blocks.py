@@ -19,7 +19,7 @@ from precision_pin.kernel.sampler import BLOCK
 from precision_pin.statistics import LARGEST, Plan, Specification, State, finish, merge, observe, start
 
 AT = random_table(8, targets=6, terms=25, shift=1e-3, turn=1e-3)
-LAYOUT = sampler.compile_table(AT)
+LAYOUT = sampler.to_arrays(AT)
 ERRORS = AT.exact(EVERY_LAW.sample(0, 0, 4000))
 PLAN = Plan.from_moments(
     ERRORS.mean(axis=1),
@@ -72,7 +72,7 @@ def test_any_cut_into_calls_and_any_number_of_threads_give_the_same_bits() -> No
                 )
                 state = start(PLAN)
                 for part in found:
-                    state = part.added_to(state)
+                    state = part.add_to(state)
             assert_same_bits(state, whole)
 
 
@@ -83,7 +83,7 @@ def test_a_block_depends_on_nothing_but_its_number() -> None:
     assert_same_bits(alone, replace(observed, largest_units=observed.largest_units + 3 * BLOCK))
     together = sampler.observe_blocks(LAYOUT, PLAN, "exact", 5, 2, 2)
     np.testing.assert_array_equal(together.sums[1, :8], alone.sums)
-    assert_same_bits(merge(sampler.accumulate(LAYOUT, PLAN, "exact", 5, 2, 1), alone), together.added_to(start(PLAN)))
+    assert_same_bits(merge(sampler.accumulate(LAYOUT, PLAN, "exact", 5, 2, 1), alone), together.add_to(start(PLAN)))
 
 
 def test_the_largest_errors_can_be_drawn_again_by_their_numbers() -> None:
@@ -115,7 +115,7 @@ def test_seeds_units_poses_and_visits_differ() -> None:
 
 def test_units_beyond_the_last_one_do_not_fail_the_run() -> None:
     at = single_formula(sqrt(Component("a")), Uniform(1.0, 0.99))
-    layout = sampler.compile_table(at)
+    layout = sampler.to_arrays(at)
     bad = int(np.flatnonzero(at.space.sample(0, 0, 10_000)[0] < 0)[0])
     assert sampler.accumulate(layout, PLAN, "exact", 0, 0, 1, samples=bad).count == bad
     with pytest.raises(InputError, match=f"sample {bad}: "):
@@ -125,7 +125,7 @@ def test_units_beyond_the_last_one_do_not_fail_the_run() -> None:
 def test_a_constant_error_is_counted_without_spread() -> None:
     at = plain_table(Space((Draw("a", Fixed(1e-3)),)), np.eye(4)[None], [[1.0, 0, 0, 0, 0, 0]])
     plan = Plan(np.zeros(8), np.zeros(8))
-    summary = finish(plan, sampler.accumulate(sampler.compile_table(at), plan, "exact", 0, 0, 1, samples=1000))
+    summary = finish(plan, sampler.accumulate(sampler.to_arrays(at), plan, "exact", 0, 0, 1, samples=1000))
     assert summary.position.norm.mean == summary.position.norm.max == summary.position.x.min == 1e-3
     assert summary.position.x.std == 0
     assert summary.attitude.norm.max == 0

@@ -20,8 +20,8 @@ from precision_pin.statistics import LARGEST, sketch
 ALPHA = 1e-6
 
 
-def layout_of(space: Space) -> sampler.CompiledTable:
-    return sampler.compile_table(plain_table(space, np.zeros((0, 4, 4)), np.zeros((0, 6))))
+def layout_of(space: Space) -> sampler.SamplerArrays:
+    return sampler.to_arrays(plain_table(space, np.zeros((0, 4, 4)), np.zeros((0, 6))))
 
 
 LAYOUT = layout_of(EVERY_LAW)
@@ -108,7 +108,7 @@ def test_logarithm_and_turned_are_within_two_units_in_the_last_place() -> None:
     quarters = np.concatenate([k / 4 * (1 + s * 2.0 ** -np.arange(8, 52)) for k in (1, 2, 3) for s in (1, -1)])
     eighths = np.concatenate([k / 8 * (1 + s * 2.0 ** -np.arange(8, 52)) for k in (1, 3, 5, 7) for s in (1, -1)])
     turns = np.concatenate([u, quarters, eighths, [0.0, 0.25, 0.5, 0.75, 1.0]])
-    sine, cosine = np.transpose([*map(from_python(loops.turned), turns, np.ones(turns.size))])
+    sine, cosine = np.transpose([*map(from_python(loops.sine_and_cosine), turns, np.ones(turns.size))])
     # the fractions of a turn beyond the nearest eighth are exact, and small enough for numpy's own rounding of 2πr
     eighth = np.rint(8 * turns)
     rest = 2 * math.pi * (turns - eighth / 8)

@@ -33,7 +33,7 @@ def test_both_models_equal_the_oracle_on_random_tables(seed: int) -> None:
     at = random_table(
         seed, targets=int(rng.integers(1, 15)), terms=int(rng.integers(1, 80)), shift=10 * turn, turn=turn
     )
-    layout = sampler.compile_table(at)
+    layout = sampler.to_arrays(at)
     x = EVERY_LAW.sample(seed, 5, 1000, pose=1, visit=2)
     for name, oracle in (("linear", at.linear), ("exact", at.exact)):
         expected = oracle(x)
@@ -69,7 +69,7 @@ def test_any_number_of_terms_of_one_and_two_factors(turn: float, series: int, sl
             factors=np.array([*of_first, *of_second], dtype=np.intp),
         )
         at = pose_model(space, table)
-        layout = sampler.compile_table(at)
+        layout = sampler.to_arrays(at)
         assert singles < 13 or layout.motions.series[-1] == series
         for name, oracle in (("linear", at.linear), ("exact", at.exact)):
             expected = oracle(x)
@@ -83,7 +83,7 @@ def test_the_exact_model_keeps_its_relative_accuracy_where_errors_are_tiny() -> 
     space = Space((Draw("a", Uniform(1.0)), Draw("b", Uniform(1.0))))
     twists = 1e-9 * np.random.default_rng(0).normal(size=(2, 6))
     at = plain_table(space, [random_frame(np.random.default_rng(k)) for k in (1, 2)], twists)
-    layout = sampler.compile_table(at)
+    layout = sampler.to_arrays(at)
     # at 1e-9 second order is 1e-18: the linear model is the exact one to 1e-9 of its size
     exact, linear = (sampler.errors(layout, model, 0, 0, 500) for model in ("exact", "linear"))
     assert np.abs(exact - linear).max() < 1e-8 * np.abs(linear).max()
@@ -94,7 +94,7 @@ def test_up_to_three_radians_of_total_error() -> None:
     space = Space(tuple(Draw(f"a{k}", Uniform(1.0)) for k in range(5)))
     frames = [random_frame(rng) for _ in range(5)]
     at = plain_table(space, frames, rng.normal(size=(5, 6)) * 0.7, tip=random_frame(rng))
-    layout = sampler.compile_table(at)
+    layout = sampler.to_arrays(at)
     x = space.sample(1, 0, 20_000)
     expected = at.exact(x)
     angle = np.linalg.norm(expected[3:], axis=0)
@@ -110,7 +110,7 @@ def test_up_to_three_radians_of_total_error() -> None:
 def test_one_target_up_to_half_a_turn(largest: float, series: int) -> None:
     axis = np.array([1.0, -2.0, 0.5]) / np.linalg.norm([1.0, -2.0, 0.5])
     at = plain_table(Space((Draw("a", Uniform(largest)),)), np.eye(4)[None], [[0, 0, 0, *axis]])
-    layout = sampler.compile_table(at)
+    layout = sampler.to_arrays(at)
     assert layout.motions.series.tolist() == [series, series]
     edge = [0.2499999, 0.25, 0.2500001] if largest > 1 else []
     angle = np.concatenate([np.linspace(-largest, largest, 1003)[1:-1], [1e-300, 1e-12, *edge]])
@@ -138,7 +138,7 @@ def test_series_on_either_side_of_the_switches_equal_matrix_exponentials(largest
         [[0.1, 0.2, 0.3, 0.6, 0.0, 0.8], [0.3, 0.0, -0.2, 0.0, 1.0, 0.0]],
         tip=random_frame(rng),
     )
-    layout = sampler.compile_table(at)
+    layout = sampler.to_arrays(at)
     assert layout.largest_angle == pytest.approx(largest, rel=1e-9)
     assert layout.motions.series.tolist() == series
     x = at.space.sample(0, 0, 40)
@@ -165,7 +165,7 @@ def test_one_joint_by_hand() -> None:
     tip = np.eye(4)
     tip[0, 3] = 1.0
     at = plain_table(Space((Draw("a", Fixed(1e-3)),)), np.eye(4)[None], [[0, 0, 0, 0, 0, 1.0]], tip=tip)
-    layout = sampler.compile_table(at)
+    layout = sampler.to_arrays(at)
     exact = sampler.errors(layout, "exact", 0, 0, 3)
     expected = [-2 * math.sin(5e-4) ** 2, math.sin(1e-3), 0, 0, 0, 1e-3]
     np.testing.assert_allclose(exact, np.tile(expected, (3, 1)).T, rtol=1e-15, atol=0)
@@ -174,7 +174,7 @@ def test_one_joint_by_hand() -> None:
 
 def test_the_papers_arm_with_its_sheet() -> None:
     at = ErrorModel.load(SHEET).at()
-    layout = sampler.compile_table(at)
+    layout = sampler.to_arrays(at)
     x = at.space.sample(3, 0, 3000)
     np.testing.assert_allclose(sampler.errors(layout, "exact", 3, 0, 3000), at.exact(x), rtol=0, atol=5e-15)
     np.testing.assert_allclose(sampler.errors(layout, "linear", 3, 0, 3000), at.linear(x), rtol=0, atol=1e-16)
@@ -182,7 +182,7 @@ def test_the_papers_arm_with_its_sheet() -> None:
 
 def test_values_that_no_draw_can_give_are_served_all_the_same() -> None:
     at = plain_table(Space((Draw("a", Uniform(1e-3)),)), np.eye(4)[None], [[0, 0, 1.0, 0, 0, 1.0]])
-    layout = sampler.compile_table(at)
+    layout = sampler.to_arrays(at)
     assert (layout.motions.series == FINE).all()
     found = sampler.errors_at(layout, "exact", [[2.5, 1e-3]])
     np.testing.assert_allclose(found[5], [2.5, 1e-3], rtol=2e-15)
@@ -191,7 +191,7 @@ def test_values_that_no_draw_can_give_are_served_all_the_same() -> None:
 def test_nothing_random_and_nothing_at_all() -> None:
     no_draws = Space(())
     at = plain_table(no_draws, np.zeros((0, 4, 4)), np.zeros((0, 6)))
-    layout = sampler.compile_table(at)
+    layout = sampler.to_arrays(at)
     for model in ("exact", "linear"):
         assert not sampler.errors(layout, model, 0, 3, 7).any()
         assert sampler.errors_at(layout, model, np.zeros((0, 4))).shape == (6, 4)
@@ -214,7 +214,7 @@ def test_nothing_random_and_nothing_at_all() -> None:
 )
 def test_a_formula_that_fails_is_refused_and_named_with_its_sample(formula, law, allowed: bool) -> None:
     at = single_formula(formula, law)
-    layout = sampler.compile_table(at)
+    layout = sampler.to_arrays(at)
     x = at.space.sample(1, 0, 600)
     if allowed:
         assert worst(sampler.errors_at(layout, "exact", x), at.exact(x)) < 1e-12
@@ -232,7 +232,7 @@ def test_a_formula_that_fails_is_refused_and_named_with_its_sample(formula, law,
 
 def test_a_failure_counts_only_among_the_units_asked_for() -> None:
     at = single_formula(sqrt(Component("a")), Uniform(1.0, 0.9))
-    layout = sampler.compile_table(at)
+    layout = sampler.to_arrays(at)
     bad = np.flatnonzero(at.space.sample(1, 0, 3000)[0] < 0)
     for unit in bad[:20].tolist():
         with pytest.raises(InputError, match=f"sample {unit}: "):
@@ -244,7 +244,7 @@ def test_a_failure_counts_only_among_the_units_asked_for() -> None:
 
 def test_a_target_that_turns_by_pi_is_refused_in_the_exact_model_only() -> None:
     at = plain_table(Space((Draw("a", Normal(1.0)),)), np.eye(4)[None], [[0, 0, 0, 0, 0, 1.0]])
-    layout = sampler.compile_table(at)
+    layout = sampler.to_arrays(at)
     unit = int(np.flatnonzero(np.abs(at.space.sample(5, 0, 20_000)[0]) >= math.pi)[0])
     with pytest.raises(InputError, match=f"sample {unit}: an error turns a place by half a turn or more"):
         sampler.errors(layout, "exact", 5, 0, 20_000)
@@ -255,14 +255,14 @@ def test_a_target_that_turns_by_pi_is_refused_in_the_exact_model_only() -> None:
 
 def test_errors_that_are_not_finite_are_refused() -> None:
     at = single_formula(Component("a"), Fixed(1e300), scale=1e10)
-    layout = sampler.compile_table(at)
+    layout = sampler.to_arrays(at)
     for model in ("exact", "linear"):
         with pytest.raises(InputError, match="sample 0: the error is not a finite number"):
             sampler.errors(layout, model, 0, 0, 1)
 
 
 def test_wrong_arguments_are_refused() -> None:
-    layout = sampler.compile_table(single_formula(Component("a")))
+    layout = sampler.to_arrays(single_formula(Component("a")))
     with pytest.raises(InputError, match=r"shape \(2, 3\), expected \(1, N\)"):
         sampler.errors_at(layout, "exact", np.zeros((2, 3)))
     with pytest.raises(InputError, match="not a finite number"):
@@ -274,7 +274,7 @@ def test_wrong_arguments_are_refused() -> None:
 def test_bounds_of_components_and_angles_hold() -> None:
     for seed in range(6):
         at = random_table(seed, targets=5, terms=30, shift=0.1, turn=1e-3, slides=0.0)
-        layout = sampler.compile_table(at)
+        layout = sampler.to_arrays(at)
         x = np.concatenate([EVERY_LAW.sample(seed, 0, 5000), EVERY_LAW.inverse(np.full((EVERY_LAW.size, 1), 0.999))], 1)
         assert (x >= layout.lowest[:, None]).all()
         assert (x <= layout.highest[:, None]).all()
@@ -288,7 +288,7 @@ def test_bounds_of_components_and_angles_hold() -> None:
 
 @pytest.mark.parametrize("count", [10**11, 2**62])
 def test_more_than_the_memory_holds_is_refused_at_once(count):
-    layout = sampler.compile_table(random_table(3, targets=2, terms=4, shift=1e-3, turn=1e-3))
+    layout = sampler.to_arrays(random_table(3, targets=2, terms=4, shift=1e-3, turn=1e-3))
     for keep in (lambda: sampler.sample(layout, 1, 0, count), lambda: sampler.errors(layout, "exact", 1, 0, count)):
         with pytest.raises(InputError, match=r"keeping \d+ numbers of each of [\d,]+ robots takes .* GB"):
             keep()

@@ -65,8 +65,8 @@ SAME_BITS = ("two", "gap", "many", "rows", "single")
 """Laws of uniform numbers that need only + - × ÷."""
 
 
-def layout_of(space: Space) -> sampler.CompiledTable:
-    return sampler.compile_table(plain_table(space, np.zeros((0, 4, 4)), np.zeros((0, 6))))
+def layout_of(space: Space) -> sampler.SamplerArrays:
+    return sampler.to_arrays(plain_table(space, np.zeros((0, 4, 4)), np.zeros((0, 6))))
 
 
 LAYOUT = layout_of(SPACE)
@@ -162,7 +162,7 @@ def test_identity_gives_normal_laws_the_numbers_they_have_alone() -> None:
 def test_errors_at_given_numbers_beyond_a_law_are_those_of_numpy() -> None:
     space = Space((Draw("l", Lognormal(0.3, 1.0)), Draw("s", TwoPoint(0.01))))
     model = plain_table(space, np.tile(np.eye(4), (2, 1, 1)), np.eye(6)[[0, 5]], tip=np.eye(4))
-    layout = sampler.compile_table(model)
+    layout = sampler.to_arrays(model)
     x = np.array([[0.5, 40.0, -3.0], [0.01, 2.0, -1.0]])
     np.testing.assert_allclose(sampler.errors_at(layout, "exact", x), model.exact(x), rtol=0, atol=1e-13)
 
@@ -173,7 +173,7 @@ def test_the_tangent_covariance_holds_the_correlation() -> None:
     model = plain_table(space, np.tile(np.eye(4), (2, 1, 1)), np.eye(6)[[0, 0]])
     assert model.covariance[0, 0] == pytest.approx(space.covariance.sum(), rel=1e-14)
     assert space.covariance[0, 1] > 0.4e-6
-    drawn = sampler.errors(sampler.compile_table(model), "linear", 1, 0, 1_000_000)[0]
+    drawn = sampler.errors(sampler.to_arrays(model), "linear", 1, 0, 1_000_000)[0]
     deviation = drawn - space.mean.sum()
     error = (deviation**2).std() / 1000
     assert abs((deviation**2).mean() - space.covariance.sum()) < stats.norm.isf(5e-7) * error

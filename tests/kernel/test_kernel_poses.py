@@ -65,7 +65,7 @@ def assert_as_one_at_a_time(
     models: list[PoseModel], model: Any, samples: int, *, pose: int = 0, visit: int = 0
 ) -> None:
     """Compare both ways of observing many poses with one pose after another."""
-    layouts, plans = sampler.compile_tables(models), planned(models)
+    layouts, plans = sampler.to_arrays_at_poses(models), planned(models)
     blocks = -(-samples // BLOCK)
     units: dict[str, Any] = {"samples": samples, "first_pose": pose, "visit": visit}
     tables = JoinedTables.of(layouts)
@@ -74,7 +74,7 @@ def assert_as_one_at_a_time(
     edges = many_poses.norm_edges()
     assert norms.count == samples
     for p, (at, plan) in enumerate(zip(models, plans, strict=True)):
-        alone = sampler.compile_table(at)
+        alone = sampler.to_arrays(at)
         expected = sampler.observe_blocks(
             alone, plan, model, 7, 0, blocks, samples=samples, keep_errors=True, pose=pose + p, visit=visit
         )
@@ -101,7 +101,7 @@ def test_all_scopes_formulas_and_products_have_the_bits_of_one_pose_at_a_time(mo
 @pytest.mark.parametrize("turn", [0.02, 0.08, 0.2])
 def test_wide_angles(turn: float) -> None:
     models = at_poses(12, 4, targets=3, terms=6, shift=1e-2, turn=turn)
-    layouts = sampler.compile_tables(models)
+    layouts = sampler.to_arrays_at_poses(models)
     assert any((layout.motions.series == WIDE).any() for layout in layouts)
     assert_as_one_at_a_time(models, "exact", 700)
 
@@ -125,7 +125,7 @@ def test_a_turn_of_nearly_half_a_turn_at_one_pose_of_many() -> None:
         )
         models.append(pose_model(space, table))
     assert_as_one_at_a_time(models, "exact", 1000)
-    layouts = sampler.compile_tables(models)
+    layouts = sampler.to_arrays_at_poses(models)
     errors = sampler.errors(layouts[1], "exact", 0, 0, 4000, pose=1)
     assert np.linalg.norm(errors[3:], axis=0).max() > 2.9
 
@@ -167,29 +167,29 @@ def test_laws_of_every_kind_are_split_by_scope() -> None:
 
 def test_poses_laid_out_together_are_those_laid_out_alone() -> None:
     models = at_poses(5, 8, targets=5, terms=30, shift=1e-3, turn=1e-2)
-    for at, together in zip(models, sampler.compile_tables(models), strict=True):
-        alone = sampler.compile_table(at)
+    for at, together in zip(models, sampler.to_arrays_at_poses(models), strict=True):
+        alone = sampler.to_arrays(at)
         assert together.largest_angle == alone.largest_angle
         assert together.rows == alone.rows
         for one, other in zip(
             (*together.superposition, *together.motions), (*alone.superposition, *alone.motions), strict=True
         ):
             np.testing.assert_array_equal(one, other)
-    assert sampler.compile_tables([]) == []
+    assert sampler.to_arrays_at_poses([]) == []
 
 
 def test_poses_laid_out_alone_can_be_joined() -> None:
     models = at_poses(6, 3, targets=2, terms=9, shift=1e-3, turn=1e-3)
     plans = planned(models)
-    alone = many_poses.observe_poses([sampler.compile_table(at) for at in models], plans, "exact", 0, 0, 1, samples=90)
-    together = many_poses.observe_poses(sampler.compile_tables(models), plans, "exact", 0, 0, 1, samples=90)
+    alone = many_poses.observe_poses([sampler.to_arrays(at) for at in models], plans, "exact", 0, 0, 1, samples=90)
+    together = many_poses.observe_poses(sampler.to_arrays_at_poses(models), plans, "exact", 0, 0, 1, samples=90)
     for one, other in zip(alone, together, strict=True):
         assert_same_bits(one, other)
 
 
 def test_a_block_depends_on_nothing_but_its_number() -> None:
     models = at_poses(9, 3, targets=3, terms=9, shift=1e-3, turn=1e-3)
-    layouts, plans = sampler.compile_tables(models), planned(models)
+    layouts, plans = sampler.to_arrays_at_poses(models), planned(models)
     both = many_poses.observe_norms(layouts, plans, "exact", 5, 2, 2)
     second = many_poses.observe_norms(layouts[1:], plans[1:], "exact", 5, 3, 1, first_pose=1)
     np.testing.assert_array_equal(both.sums[1:, 1], second.sums[:, 0])
@@ -198,10 +198,16 @@ def test_a_block_depends_on_nothing_but_its_number() -> None:
 def test_one_compilation_serves_every_table() -> None:
     for seed in range(3):
         models = at_poses(seed, seed + 1, targets=seed, terms=3 * seed, shift=0.0, turn=1e-3)
-        many_poses.observe_norms(sampler.compile_tables(models), planned(models), "exact", 0, 0, 1, samples=9)
+        many_poses.observe_norms(sampler.to_arrays_at_poses(models), planned(models), "exact", 0, 0, 1, samples=9)
         plans = [Plan(np.zeros(8), np.ones(8))] * len(models)
         many_poses.observe_poses(
-            sampler.compile_tables(models), plans, "linear", np.int64(1), np.uint8(0), np.int32(1), samples=np.int64(3)
+            sampler.to_arrays_at_poses(models),
+            plans,
+            "linear",
+            np.int64(1),
+            np.uint8(0),
+            np.int32(1),
+            samples=np.int64(3),
         )
     if not INTERPRETED:
         seen = compiled_variants(loops.run_poses)
@@ -223,8 +229,8 @@ def test_the_small_sketch_is_as_fine_as_it_says() -> None:
 
 def test_wrong_inputs_are_told_in_a_line() -> None:
     models = at_poses(3, 2, targets=2, terms=9, shift=1e-3, turn=1e-3)
-    layouts, plans = sampler.compile_tables(models), planned(models)
-    other = sampler.compile_tables(at_poses(4, 1, targets=3, terms=9, shift=1e-3, turn=1e-3))
+    layouts, plans = sampler.to_arrays_at_poses(models), planned(models)
+    other = sampler.to_arrays_at_poses(at_poses(4, 1, targets=3, terms=9, shift=1e-3, turn=1e-3))
     observe = many_poses.observe_norms
     with pytest.raises(InputError, match="no poses to sample"):
         observe([], [], "exact", 0, 0, 1)
@@ -249,7 +255,7 @@ def test_what_cannot_be_computed_is_told_with_pose_and_sample(scope: Scope) -> N
     space = Space((Draw("a", Uniform(1.0), scope), Draw("b", Uniform(1.0))))
     plans = [Plan(np.zeros(8), np.ones(8))] * 2
 
-    def layouts(reach: float, formula: Any = None) -> list[sampler.CompiledTable]:
+    def layouts(reach: float, formula: Any = None) -> list[sampler.SamplerArrays]:
         twists = np.zeros((2, 6))
         program = PROGRAM if formula is None else Program.compile([formula, Component("b")], space.index)
         models = []
@@ -258,7 +264,7 @@ def test_what_cannot_be_computed_is_told_with_pose_and_sample(scope: Scope) -> N
             twists[0, 5] = size
             table = TermTable(np.eye(4), (None, None), np.array([np.eye(4)] * 2), program, TARGET, twists, FACTORS)  # type: ignore[arg-type]
             models.append(pose_model(space, table))
-        return sampler.compile_tables(models)
+        return sampler.to_arrays_at_poses(models)
 
     turning = layouts(4.0)
     x = space.sample(0, 0, 1000, pose=1)[0]

@@ -45,7 +45,7 @@ import numpy as np
 from kernel.kernel_cases import random_table
 from precision_pin.kernel import sampler as kernel
 at = random_table(4, targets=3, terms=9, shift=1e-3, turn=1e-3)
-layout = kernel.compile_table(at)
+layout = kernel.to_arrays(at)
 before = kernel.is_compiled(layout.rare)
 errors = kernel.errors(layout, "exact", 1, 0, 20)
 assert kernel.is_compiled(layout.rare)
@@ -79,7 +79,7 @@ def copied(directory: Path) -> Path:
 
 def test_one_compilation_serves_every_table() -> None:
     for seed in range(3):
-        layout = sampler.compile_table(random_table(seed, targets=seed, terms=3 * seed, shift=0.0, turn=1e-3))
+        layout = sampler.to_arrays(random_table(seed, targets=seed, terms=3 * seed, shift=0.0, turn=1e-3))
         sampler.errors(layout, "exact", 0, 0, 5)
         sampler.errors_at(layout, "linear", np.ones((EVERY_LAW.size, 2)))
         sampler.sample(layout, 0, 1, 5)
@@ -113,7 +113,7 @@ def test_parts_compiled_ahead_are_those_that_the_loops_ask_for(name: str) -> Non
 def test_loops_with_rare_laws_give_the_same_bits_where_there_are_none() -> None:
     space = Space((Draw("u", Uniform(0.1)), Draw("n", Normal(0.2)), Draw("t", Triangular(0.3), Scope.VISIT)))
     at = plain_table(space, np.array([np.eye(4)] * 3), np.random.default_rng(1).normal(size=(3, 6)))
-    common, rare = sampler.compile_table(at), sampler.compile_table(at)
+    common, rare = sampler.to_arrays(at), sampler.to_arrays(at)
     assert common.rare is None
     rare.__dict__["rare"] = True
     for model in MODELS:

@@ -99,7 +99,7 @@ def test_stiffnesses_that_vary_one_by_one(arm):
     errors = at.exact(x)
     alone = settled_errors(model, model.poses["paper"], x)
     assert (np.linalg.norm((errors - alone)[:3], axis=0) < 1e-3 * np.linalg.norm(alone[:3], axis=0)).all()
-    sampled = sampler.errors(sampler.compile_table(at), "exact", 3, 0, 40)
+    sampled = sampler.errors(sampler.to_arrays(at), "exact", 3, 0, 40)
     np.testing.assert_allclose(sampled, errors, rtol=0, atol=1e-13)
     assert model.statics_findings(at) == ()
 

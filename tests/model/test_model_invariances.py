@@ -12,7 +12,7 @@ from precision_pin.model.error_model import ErrorModel
 from precision_pin.sources.frame import Frame
 from precision_pin.sources.joint_offset import JointOffset
 from precision_pin.sources.length import Length
-from precision_pin.terms.source import labels
+from precision_pin.terms.labelled_sources import labels
 from support.plain_robot import PlainRobot, chain_of, joint, link, random_arm
 from support.sheets import SEVEN_Q, everything, geometry, loads, named, seven_joint_arm
 

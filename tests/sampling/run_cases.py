@@ -27,7 +27,7 @@ PLAN = Plan.from_moments(AT.tangent[0], AT.covariance, (Specification("position.
 
 
 def work(seed: int = 0, samples: int = SAMPLES, **changed: Any) -> Work:
-    settings = {"layout": sampler.compile_table(AT), "plan": PLAN, "model": "exact", "keep_errors": False}
+    settings = {"layout": sampler.to_arrays(AT), "plan": PLAN, "model": "exact", "keep_errors": False}
     return Work(**{**settings, "seed": seed, "samples": samples, "packages": packages(), **changed})
 
 

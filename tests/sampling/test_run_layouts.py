@@ -100,7 +100,7 @@ def test_work_can_be_sent_and_is_not_compiled_anew_where_it_arrives() -> None:
     in_one_go(task)
     before = len(loops.run.signatures)
     sent = pickle.loads(pickle.dumps(task))
-    for field in fields(sampler.CompiledTable):
+    for field in fields(sampler.SamplerArrays):
         assert same(getattr(task.layout, field.name), getattr(sent.layout, field.name)), field.name
     assert same(task.plan.centre, sent.plan.centre)
     assert same(task.plan.scale, sent.plan.scale)
@@ -120,7 +120,7 @@ def test_table_and_plan_pickle_by_themselves() -> None:
 def test_blocks_can_be_sent_back() -> None:
     found = work(3, BLOCK + 5).observe(0, 2)
     back = pickle.loads(pickle.dumps(found))
-    assert_same_bits(back.added_to(start(PLAN)), found.added_to(start(PLAN)))
+    assert_same_bits(back.add_to(start(PLAN)), found.add_to(start(PLAN)))
 
 
 def test_other_versions_on_a_worker_are_refused() -> None:

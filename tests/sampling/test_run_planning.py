@@ -69,7 +69,7 @@ def test_squares_and_products_of_numbers_of_mean_zero():
 
 
 def test_the_plan_is_decided_by_the_model_and_the_seed_alone():
-    layout = sampler.compile_table(AT)
+    layout = sampler.to_arrays(AT)
     plan, again = planned(AT, layout, "exact", 3), planned(AT, layout, "exact", 3)
     np.testing.assert_array_equal(plan.centre, again.centre)
     np.testing.assert_array_equal(plan.scale, again.scale)
@@ -86,7 +86,7 @@ def test_the_plan_is_decided_by_the_model_and_the_seed_alone():
 def test_a_run_that_ends_before_the_pilot_fails_is_not_stopped_by_it():
     # an offset of more than half a turn, which is refused, in one robot of 400
     model = offsets(TwoPoint(2.0, 2.0, probability=1 / 400))
-    layout = sampler.compile_table(model.at([0, 0, 0, 0]))
+    layout = sampler.to_arrays(model.at([0, 0, 0, 0]))
     seed = next(
         seed
         for seed in range(50)

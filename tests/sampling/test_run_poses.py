@@ -83,7 +83,7 @@ def test_each_pose_has_the_samples_of_one_pose_alone() -> None:
 @pytest.mark.parametrize(("model", "samples"), [("exact", 1), ("linear", 2), ("exact", 40)])
 def test_few_samples_resolve_little(model: Any, samples: int) -> None:
     found = sample_poses(MODEL, Q[:, :3], samples=samples, model=model)
-    errors = sampler.errors(sampler.compile_table(MODEL.at(Q[:, 2])), model, 0, 0, samples)
+    errors = sampler.errors(sampler.to_arrays(MODEL.at(Q[:, 2])), model, 0, 0, samples)
     np.testing.assert_allclose(found.mean[:, 2], errors.mean(axis=1), rtol=1e-10)
     assert np.isnan(found.covariance).all() == (samples == 1)
     assert np.isnan(found.norm_std).all() == (samples == 1)
@@ -108,13 +108,13 @@ def test_any_number_of_threads_gives_the_same_bits() -> None:
 
 
 def test_draws_of_one_model_are_laid_out_once_for_all_poses() -> None:
-    layouts = sampler.compile_tables(list(MODEL.at_columns(Q[:, :5])))
+    layouts = sampler.to_arrays_at_poses(list(MODEL.at_columns(Q[:, :5])))
     assert all(layout.draws is layouts[0].draws and layout.formulas is layouts[0].formulas for layout in layouts)
 
 
 def test_a_group_that_is_done_is_told_of_before_the_next_is_laid_out(monkeypatch: pytest.MonkeyPatch) -> None:
     happened: list[str] = []
-    lay_out = sampler.compile_tables
+    lay_out = sampler.to_arrays_at_poses
 
     class AtOnce:
         """Does what is submitted before it returns."""
@@ -135,7 +135,7 @@ def test_a_group_that_is_done_is_told_of_before_the_next_is_laid_out(monkeypatch
         return lay_out(poses)
 
     monkeypatch.setattr("precision_pin.sampling.many_poses.ThreadPoolExecutor", AtOnce)
-    monkeypatch.setattr(sampler, "compile_tables", laid_out)
+    monkeypatch.setattr(sampler, "to_arrays_at_poses", laid_out)
     sample_poses(MODEL, Q, samples=100, progress=lambda _: happened.append("told"))
     assert happened == ["laid out", "told"] * 2
 
@@ -159,7 +159,7 @@ def test_poses_do_not_depend_on_those_beside_them_but_for_rounding() -> None:
     together = sample_poses(MIXED, Q[:, :5], samples=500, seed=1)
     alone = sample_poses(MIXED, Q[:, :1], samples=500, seed=1)
     np.testing.assert_array_equal(together.mean[:, 0], alone.mean[:, 0])
-    again = sampler.errors(sampler.compile_table(MIXED.at(Q[:, 4])), "exact", 1, 0, 500, pose=4)
+    again = sampler.errors(sampler.to_arrays(MIXED.at(Q[:, 4])), "exact", 1, 0, 500, pose=4)
     np.testing.assert_allclose(together.mean[:, 4], again.mean(axis=1), rtol=1e-10)
 
 
@@ -168,8 +168,7 @@ def test_covariance_between_poses_against_samples() -> None:
     samples, pairs = 40_000, [(0, 1), (1, 0), (2, 3), (1, 1)]
     found = sample_poses(MIXED, Q[:, :4], samples=10, seed=5)
     errors = [
-        sampler.errors(sampler.compile_table(MIXED.at(Q[:, pose])), "exact", 5, 0, samples, pose=pose)
-        for pose in range(4)
+        sampler.errors(sampler.to_arrays(MIXED.at(Q[:, pose])), "exact", 5, 0, samples, pose=pose) for pose in range(4)
     ]
     # 99.9 % confidence that all of the numbers compared lie within: Bonferroni over pairs × 36
     factor = stats.norm.ppf(1 - 0.0005 / (len(pairs) * 36))

@@ -221,7 +221,7 @@ LAWS = (
     Fault("transmission", "stiffness for compliance", "flexibility = 1.0 / ", "flexibility = 1.0 * "),
     Fault("transmission", "orders left out", "self.order[k] * turn", "turn"),
     Fault("transmission", "one turn for a period", "2 * math.pi * value / self.period if", "value if"),
-    Fault("transmission", "one phase for all", 'space, indexed("phase", k))', 'space, "phase")'),
+    Fault("transmission", "one phase for all", 'space, entry_name("phase", k))', 'space, "phase")'),
 )
 
 

@@ -100,7 +100,7 @@ def test_the_sheet_is_the_same_as_python(folder):
 @pytest.mark.parametrize("statics", ["nominal", "equilibrium"])
 def test_every_engine_reads_it(folder, statics):
     at = load(folder, TEXT.replace("poses:", f"statics: {statics}\nposes:")).at("paper")
-    layout = sampler.compile_table(at)
+    layout = sampler.to_arrays(at)
     x = at.space.sample(5, 0, 200)
     for name, oracle in (("linear", at.linear), ("exact", at.exact)):
         np.testing.assert_allclose(sampler.errors_at(layout, name, x), oracle(x), rtol=1e-11, atol=1e-15)

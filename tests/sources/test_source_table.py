@@ -84,7 +84,7 @@ def test_two_places_with_one_file_draw_their_own_rows(plane):
 @pytest.mark.parametrize("scope", ["unit", "pose", "visit"])
 def test_scope(plane, scope):
     model = ErrorModel(one_link(), Space(), [Table(frame="tool", file=plane, scope=scope)])
-    layout = sampler.compile_table(model.at([0.0]))
+    layout = sampler.to_arrays(model.at([0.0]))
     home, visit, pose = (
         sampler.errors(layout, "exact", 1, 0, 50, pose=p, visit=v) for p, v in ((0, 0), (0, 1), (1, 0))
     )

@@ -122,7 +122,7 @@ def test_the_compiled_sampler_draws_and_moves_as_the_clear_model():
     chain = chain_of(random_arm(51, prismatic=(4,)), tip="tool", gravity=GRAVITY)
     model = ErrorModel(chain, Space((K,)), on_every_joint(chain))
     at = model.at(SEVEN_Q)
-    layout = sampler.compile_table(at)
+    layout = sampler.to_arrays(at)
     for pose, visit in ((0, 0), (2, 5)):
         x = model.space.sample(7, 10, 50, pose=pose, visit=visit)
         np.testing.assert_allclose(sampler.sample(layout, 7, 10, 50, pose=pose, visit=visit), x, rtol=1e-12, atol=1e-15)

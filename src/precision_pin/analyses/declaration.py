@@ -1,10 +1,9 @@
 """How an analysis is declared: what the command line, the report, the package and the documentation know of it.
 
 A declaration names functions and classes by their modules and imports none of them: the list of commands is shown without
-a compiler and without a plotting library. Named tuples are made in a tenth of the time of data classes.
+a compiler and without a plotting library. Named tuples are made in a tenth of the time of data classes, and faster still
+where annotations are types, not text: no ``from __future__ import annotations`` here.
 """
-
-from __future__ import annotations
 
 from collections.abc import Mapping
 from importlib import import_module

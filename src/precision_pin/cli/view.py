@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from precision_pin.kernel.sampler import CompiledTable
+    from precision_pin.kernel.sampler import SamplerArrays
     from precision_pin.outputs.view import Shown
     from precision_pin.sheet import Sheet
 
@@ -184,14 +184,14 @@ def _sampled(
         for number, pose in enumerate(poses):
             at = error_model.at(pose.where)
             findings.append((*at.findings(model), *error_model.statics_findings(at)))
-            errors = _drawn(sampler.compile_table(at), model, seed, samples, number, progress)
+            errors = _drawn(sampler.to_arrays(at), model, seed, samples, number, progress)
             shown.append(Shown(at, errors, pose.name, number))
     echo_findings(_gathered(findings))
     return shown
 
 
 def _drawn(
-    table: CompiledTable,
+    table: SamplerArrays,
     model: Literal["exact", "linear"],
     seed: int,
     samples: int,

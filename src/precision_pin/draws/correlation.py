@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache, partial
 from typing import Final, final
@@ -18,13 +19,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from precision_pin.draws import lazy_special
+from precision_pin.draws.draw import Draw
 from precision_pin.draws.laws import FARTHEST_NORMAL, Law
-from precision_pin.errors import InputError
+from precision_pin.errors import InputError, UnknownNameError
 from precision_pin.inputs.arguments import check_items, check_number, check_numbers, check_text, shown
 from precision_pin.inputs.arrays import fix_fields, returns_read_only
 from precision_pin.typing import Array
 
-__all__ = ["LEAST_EIGENVALUE", "BlockCovariance", "Correlation", "covariance_of"]
+__all__ = ["LEAST_EIGENVALUE", "BlockCovariance", "Correlation", "check_correlations", "covariance_of"]
 
 
 LEAST_EIGENVALUE: Final = 1e-6
@@ -114,7 +116,7 @@ class Correlation:
         repairs = []
         # each takes time with the cube of the size
         for i, j in itertools.combinations(range(len(matrix)), 2) if len(matrix) <= _MOST_REPAIRED else ():
-            allowed = _allowed(matrix, i, j)
+            allowed = _allowed_interval(matrix, i, j)
             if allowed is not None and not allowed[0] < matrix[i, j] < allowed[1]:
                 change = min(abs(matrix[i, j] - end) for end in allowed)
                 repairs.append(
@@ -233,7 +235,7 @@ class BlockCovariance:
         return BlockCovariance(self.variances * factors**2, tuple(blocks))
 
 
-def _allowed(matrix: Array, i: int, j: int) -> tuple[float, float] | None:
+def _allowed_interval(matrix: Array, i: int, j: int) -> tuple[float, float] | None:
     """Return between what an entry must lie for the matrix to be positive definite; ``None`` if no number is right.
 
     The partial correlation of the two, given all others, lies between -1 and 1.
@@ -324,3 +326,44 @@ def _nodes(law: Law, width: float, reach: float) -> tuple[Array, Array]:
     z, weight = z[rising], weight[rising]
     deviation = law.at_scores(z[None])[0] - law.mean_vector[0]
     return z, deviation * weight * np.exp(-(z**2) / 2) / math.sqrt(2 * math.pi)
+
+
+def check_correlations(draws: Sequence[Draw], correlations: Sequence[Correlation]) -> None:
+    """Refuse correlations of what cannot be correlated.
+
+    Raises
+    ------
+    InputError
+        Of what is no draw here, or of draws that are fixed, of several numbers, of different scopes, or in two of them.
+    """
+    known = {draw.name: draw for draw in draws}
+    taken: set[str] = set()
+    for correlation in correlations:
+        for name in correlation.names:
+            if name not in known:
+                owner = next((draw.name for draw in draws if name in draw.components), None)
+                if owner is not None:
+                    raise InputError(
+                        f"{name!r} is one of several numbers of {owner!r}, which a correlation cannot take"
+                    )
+                raise UnknownNameError(
+                    "parameter", name, (draw.name for draw in draws if draw.components == (draw.name,))
+                )
+            draw, first = known[name], known[correlation.names[0]]
+            if draw.law.size != 1:
+                raise InputError(f"{name!r} draws {draw.law.size} numbers; a correlation is between single ones")
+            if draw.components != (name,):
+                raise InputError(
+                    f"the law of {name!r} is one of several numbers, though of one here ({draw.components[0]!r}); "
+                    "a correlation is between laws of single numbers, such as normal or empirical"
+                )
+            if not draw.law.streamed:
+                raise InputError(f"{name!r} is fixed, it cannot be correlated")
+            if draw.scope is not first.scope:
+                raise InputError(
+                    f"{first.name!r} is drawn for each {first.scope.value}, {name!r} for each {draw.scope.value}; "
+                    "what is correlated has one scope"
+                )
+            if name in taken:
+                raise InputError(f"{name!r} stands in two correlations; put all that belongs together into one")
+            taken.add(name)

@@ -9,8 +9,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
-from enum import Enum
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Final, final
 
@@ -18,121 +17,27 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from precision_pin.draws import lazy_special, philox
-from precision_pin.draws.correlation import BlockCovariance, Correlation, covariance_of
+from precision_pin.draws.correlation import BlockCovariance, Correlation, check_correlations, covariance_of
+from precision_pin.draws.draw import MOST_POSES, MOST_VISITS, Draw, Scope, Setting, occasion
 from precision_pin.draws.expressions import Component, Expression, Value
 from precision_pin.draws.laws import FARTHEST_NORMAL, Law
-from precision_pin.errors import InputError, UnknownNameError
+from precision_pin.errors import InputError
 from precision_pin.inputs.arguments import (
-    check_instance,
     check_items,
     check_name,
     check_number,
     check_numbers,
-    check_text,
     check_whole,
 )
 from precision_pin.inputs.arrays import returns_read_only
 from precision_pin.inputs.memory import check_memory
 from precision_pin.typing import Array
-from precision_pin.units import PerJoint, Quantity
 
 __all__ = ["FARTHEST_NORMAL", "Draw", "Extension", "LabelledSpace", "Scope", "Setting", "Space", "occasion"]
 
 
-MOST_POSES = 2**20 - 1
-MOST_VISITS = 4095
-
 _UNCHECKED: Final = 2**28
 """Bytes below which asking what is free takes longer than it is worth."""
-
-
-class Scope(Enum):
-    """How often a draw is made."""
-
-    UNIT = "unit"
-    """Once for each built robot."""
-    POSE = "pose"
-    """Once for each robot and pose."""
-    VISIT = "visit"
-    """Each time a robot comes to a pose."""
-
-
-def occasion(scope: Scope, pose: int = 0, visit: int = 0) -> int:
-    """Return the last counter word of a draw (0-based pose and visit).
-
-    Raises
-    ------
-    InputError
-        More than 2²⁰-1 poses or 4095 visits.
-    """
-    check_whole("the pose", pose, 0, MOST_POSES - 1)
-    check_whole("the visit", visit, 0, MOST_VISITS - 1)
-    match scope:
-        case Scope.UNIT:
-            return 0
-        case Scope.POSE:
-            return (pose + 1) * 4096
-        case Scope.VISIT:
-            return (pose + 1) * 4096 + visit + 1
-
-
-@final
-@dataclass(frozen=True)
-class Draw:
-    """The unit of randomness: a law with a name and a scope.
-
-    Attributes
-    ----------
-    name
-        Names the stream of random numbers. Inside a source's setting it may be empty: the draw is then named
-        after the place where it stands, ``source[joint or link].field``.
-    law
-        What is drawn.
-    scope
-        How often.
-    quantities
-        What each of the numbers is, None where that is not known; empty where none is. They play no part in comparing.
-    """
-
-    name: str
-    law: Law
-    scope: Scope = Scope.UNIT
-    quantities: tuple[Quantity | PerJoint | None, ...] = field(default=(), compare=False, repr=False)
-
-    def __post_init__(self) -> None:
-        check_text("the name of a draw", self.name)
-        check_instance(f"the law of the draw {self.name!r}", self.law, Law, "such as Normal(0.1e-3)")  # type: ignore[type-abstract]
-        check_instance(f"the scope of the draw {self.name!r}", self.scope, Scope, "such as Scope.UNIT")
-        if self.quantities and len(self.quantities) != self.law.size:
-            raise InputError(
-                f"the draw {self.name!r} has {len(self.quantities)} quantities for {self.law.size} numbers"
-            )
-
-    @property
-    def components(self) -> tuple[str, ...]:
-        """Names of the numbers drawn."""
-        return tuple(self.name + suffix for suffix in self.law.components)
-
-    @property
-    def covariance(self) -> Array:
-        """Covariance of the numbers drawn, ``(size, size)``.
-
-        Raises
-        ------
-        InputError
-            It is beyond any number.
-        """
-        try:
-            matrix = self.law.covariance
-        except (OverflowError, FloatingPointError):
-            matrix = np.array([[np.inf]])
-        if not np.isfinite(matrix).all():
-            raise InputError(f"the variance of {self.name!r} is beyond any number; its tolerance is far too large")
-        return matrix
-
-
-Setting = float | str | Law | Draw | Expression
-"""A source's setting: a number (SI), a parameter's name, a law, a draw, or a formula."""
 
 
 @final
@@ -165,42 +70,7 @@ class Space:
         names: set[str] = set()
         for draw in self.draws:
             _take_names(draw, names)
-        self._check_correlations()
-
-    def _check_correlations(self) -> None:
-        if not self.correlations:
-            return
-        known = {draw.name: draw for draw in self.draws}
-        taken: set[str] = set()
-        for correlation in self.correlations:
-            for name in correlation.names:
-                if name not in known:
-                    owner = next((draw.name for draw in self.draws if name in draw.components), None)
-                    if owner is not None:
-                        raise InputError(
-                            f"{name!r} is one of several numbers of {owner!r}, which a correlation cannot take"
-                        )
-                    raise UnknownNameError(
-                        "parameter", name, (draw.name for draw in self.draws if draw.components == (draw.name,))
-                    )
-                draw, first = known[name], known[correlation.names[0]]
-                if draw.law.size != 1:
-                    raise InputError(f"{name!r} draws {draw.law.size} numbers; a correlation is between single ones")
-                if draw.components != (name,):
-                    raise InputError(
-                        f"the law of {name!r} is one of several numbers, though of one here ({draw.components[0]!r}); "
-                        "a correlation is between laws of single numbers, such as normal or empirical"
-                    )
-                if not draw.law.streamed:
-                    raise InputError(f"{name!r} is fixed, it cannot be correlated")
-                if draw.scope is not first.scope:
-                    raise InputError(
-                        f"{first.name!r} is drawn for each {first.scope.value}, {name!r} for each {draw.scope.value}; "
-                        "what is correlated has one scope"
-                    )
-                if name in taken:
-                    raise InputError(f"{name!r} stands in two correlations; put all that belongs together into one")
-                taken.add(name)
+        check_correlations(self.draws, correlations)
 
     @cached_property
     def components(self) -> tuple[str, ...]:
@@ -537,13 +407,13 @@ class LabelledSpace:
 
     def values(self, field: str, settings: Sequence[Setting]) -> tuple[Value, ...]:
         """Return several settings of one field; the second and later are named ``field[1]``, ``field[2]``, …."""
-        return tuple(self.value(indexed(field, k), setting) for k, setting in enumerate(settings))
+        return tuple(self.value(entry_name(field, k), setting) for k, setting in enumerate(settings))
 
     def component(self, name: str) -> Component:
         """Return a component of one of the source's own draws, ``label.name``."""
         return self.space.parameter(f"{self.label}.{name}")
 
 
-def indexed(field: str, k: int) -> str:
+def entry_name(field: str, k: int) -> str:
     """Return the name of the k-th of several values of a field; the first has none."""
     return field if k == 0 else f"{field}[{k}]"

@@ -16,10 +16,10 @@ from precision_pin.draws.expressions import Operator
 from precision_pin.draws.space import Scope, Space, occasion
 from precision_pin.kernel.draw_arrays import (
     Interval,
-    frozen,
-    frozen_offsets,
+    convert_draws,
+    freeze,
+    freeze_offsets,
     intervals,
-    lay_out_draws,
     offset,
     offsets,
     rare_laws,
@@ -30,7 +30,7 @@ from precision_pin.typing import Array
 if TYPE_CHECKING:
     from precision_pin.terms.table import TermTable
 
-__all__ = ["CompiledTable", "lay_out", "lay_out_many"]
+__all__ = ["SamplerArrays", "convert_table", "convert_tables"]
 
 Column = tuple[int, ...]
 """One row, or two that are multiplied."""
@@ -45,7 +45,7 @@ _LARGEST_POWER: Final = 8
 
 @final
 @dataclass(frozen=True, eq=False)
-class CompiledTable:
+class SamplerArrays:
     """An error model at one pose as arrays: nothing about it is compiled anew, whatever the robot.
 
     Attributes
@@ -91,7 +91,7 @@ class CompiledTable:
         return np.array([occasions[scope] for scope in self.scopes], dtype=np.uint64)
 
 
-def lay_out(table: TermTable, space: Space) -> CompiledTable:
+def convert_table(table: TermTable, space: Space) -> SamplerArrays:
     """Return the arrays of a term table.
 
     Raises
@@ -99,11 +99,11 @@ def lay_out(table: TermTable, space: Space) -> CompiledTable:
     InputError
         The compiled sampler does not know a law.
     """
-    return lay_out_many((table,), space)[0]
+    return convert_tables((table,), space)[0]
 
 
-def lay_out_many(tables: Sequence[TermTable], space: Space) -> list[CompiledTable]:
-    """Return the arrays of term tables, each as `lay_out` makes them by itself, bit by bit.
+def convert_tables(tables: Sequence[TermTable], space: Space) -> list[SamplerArrays]:
+    """Return the arrays of term tables, each as `convert_table` makes them by itself, bit by bit.
 
     Tables one after another that share targets, program and factors, as one model's at several poses do, share draws and
     formulas afterwards.
@@ -113,22 +113,22 @@ def lay_out_many(tables: Sequence[TermTable], space: Space) -> list[CompiledTabl
     InputError
         The compiled sampler does not know a law.
     """
-    found: list[CompiledTable] = []
+    found: list[SamplerArrays] = []
     for _, alike in groupby(tables, key=lambda table: (id(table.program), id(table.target), id(table.factors))):
-        found += _lay_out_alike(list(alike), space)
+        found += _convert_alike(list(alike), space)
     return found
 
 
-def _lay_out_alike(tables: Sequence[TermTable], space: Space) -> list[CompiledTable]:
-    rows = _Rows(space)
-    formulas, program_rows = _lay_out_formulas(tables[0], rows)
+def _convert_alike(tables: Sequence[TermTable], space: Space) -> list[SamplerArrays]:
+    rows = _RowAllocator(space)
+    formulas, program_rows = _convert_formulas(tables[0], rows)
     products = _Products(rows, program_rows)
     columns = [products.column(factors[factors >= 0]) for factors in tables[0].factors]
-    draws, all_formulas = lay_out_draws(space, rows.constants), products.appended_to(formulas)
-    lowest = frozen([low for low, _ in rows.intervals[: space.size]])
-    highest = frozen([high for _, high in rows.intervals[: space.size]])
+    draws, all_formulas = convert_draws(space, rows.constants), products.append_to(formulas)
+    lowest = freeze([low for low, _ in rows.intervals[: space.size]])
+    highest = freeze([high for _, high in rows.intervals[: space.size]])
     return [
-        CompiledTable(
+        SamplerArrays(
             space=space,
             targets=len(tables[0].targets),
             rows=len(rows.intervals),
@@ -140,12 +140,12 @@ def _lay_out_alike(tables: Sequence[TermTable], space: Space) -> list[CompiledTa
             highest=highest,
             largest_angle=angle,
         )
-        for superposition, motions, angle in _lay_out_displacements(tables, columns, rows)
+        for superposition, motions, angle in _convert_displacements(tables, columns, rows)
     ]
 
 
 @final
-class _Rows:
+class _RowAllocator:
     """Rows handed out one after another, each with an interval its numbers stay in; components come first."""
 
     def __init__(self, space: Space) -> None:
@@ -165,14 +165,14 @@ class _Rows:
 # derived parameters and products -------------------------------------------------------------------------------------
 
 
-def _lay_out_formulas(table: TermTable, rows: _Rows) -> tuple[list[tuple[int, int, int, int]], list[int]]:
+def _convert_formulas(table: TermTable, rows: _RowAllocator) -> tuple[list[tuple[int, int, int, int]], list[int]]:
     """Return the operations ``(operator, left, right, result)`` and the row of each parameter."""
     program = table.program
     register = [*range(program.components), *(rows.constant(value) for value in program.constants)]
     steps: list[tuple[int, int, int, int]] = []
 
     def apply(operator: Operator, left: int, right: int) -> int:
-        result = rows.add(_applied(operator, rows.intervals[left], rows.intervals[right]))
+        result = rows.add(_result_interval(operator, rows.intervals[left], rows.intervals[right]))
         steps.append((int(operator), left, right, result))
         return result
 
@@ -194,7 +194,7 @@ def _lay_out_formulas(table: TermTable, rows: _Rows) -> tuple[list[tuple[int, in
 class _Products:
     """The distinct products of parameters that are factors of further products, a row for each."""
 
-    def __init__(self, rows: _Rows, parameters: Sequence[int]) -> None:
+    def __init__(self, rows: _RowAllocator, parameters: Sequence[int]) -> None:
         self._rows = rows
         self._parameters = parameters
         self._known: dict[tuple[int, ...], int] = {}
@@ -214,12 +214,12 @@ class _Products:
         if key not in self._known:
             left, right = self._row(key[:-1]), key[-1]
             intervals = self._rows.intervals
-            self._known[key] = self._rows.add(_multiplied(intervals[left], intervals[right]))
+            self._known[key] = self._rows.add(_product_interval(intervals[left], intervals[right]))
             self._factors.append((left, right))
             self._results.append(self._known[key])
         return self._known[key]
 
-    def appended_to(self, steps: Sequence[tuple[int, int, int, int]]) -> Formulas:
+    def append_to(self, steps: Sequence[tuple[int, int, int, int]]) -> Formulas:
         """Return the operations and, after them, the products."""
         operators = np.array([step[0] for step in steps], dtype=np.int64)
         operators.flags.writeable = False
@@ -228,14 +228,14 @@ class _Products:
             left=offsets([step[1] for step in steps]),
             right=offsets([step[2] for step in steps]),
             results=offsets([step[3] for step in steps]),
-            product_factors=frozen_offsets(
+            product_factors=freeze_offsets(
                 np.array([(offset(a), offset(b)) for a, b in self._factors], dtype=np.uint64).reshape(-1, 2)
             ),
             products=offsets(self._results),
         )
 
 
-def _applied(operator: Operator, a: Interval, b: Interval) -> Interval:
+def _result_interval(operator: Operator, a: Interval, b: Interval) -> Interval:
     """Return an interval that holds the operation's results; all numbers where nothing better is known."""
     everything = (-math.inf, math.inf)
     match operator:
@@ -267,15 +267,15 @@ def _applied(operator: Operator, a: Interval, b: Interval) -> Interval:
     return low - 1e-14 * abs(low), high + 1e-14 * abs(high)
 
 
-def _multiplied(a: Interval, b: Interval) -> Interval:
-    return _applied(Operator.MULTIPLY, a, b)
+def _product_interval(a: Interval, b: Interval) -> Interval:
+    return _result_interval(Operator.MULTIPLY, a, b)
 
 
 # displacements -------------------------------------------------------------------------------------------------------
 
 
-def _lay_out_displacements(
-    tables: Sequence[TermTable], columns: Sequence[Column], rows: _Rows
+def _convert_displacements(
+    tables: Sequence[TermTable], columns: Sequence[Column], rows: _RowAllocator
 ) -> list[tuple[Superposition, Motions, float]]:
     """Return, for each table, both models and the bound on the sum of the targets' turns.
 
@@ -284,8 +284,8 @@ def _lay_out_displacements(
     count = len(tables[0].targets)
     poses, frames, twists = _stack(tables, "pose"), _stack(tables, "frames"), _stack(tables, "twists")
     target = tables[0].target
-    turned = _turned(frames[:, target, :3, :3], twists[:, :, 3:])
-    shifted = _turned(frames[:, target, :3, :3], twists[:, :, :3])
+    turned = _rotate(frames[:, target, :3, :3], twists[:, :, 3:])
+    shifted = _rotate(frames[:, target, :3, :3], twists[:, :, :3])
     arms = poses[:, None, :3, 3] - frames[:, :, :3, 3]
     lever = -arms[:, target]
     carried = shifted + np.stack(
@@ -300,7 +300,7 @@ def _lay_out_displacements(
     for place, k in enumerate(reversed(range(count))):
         terms = np.flatnonzero(target == k).tolist()
         shift, turn = _Sum.of(columns, shifted, terms), _Sum.of(columns, turned, terms)
-        angles[:, place] = _bound(turn, rows)
+        angles[:, place] = _largest_turns(turn, rows)
         sums += [shift, _Sum(turn.columns, turn.vectors / 2)]
     total = np.zeros(len(tables))
     for column in angles.T:
@@ -313,7 +313,7 @@ def _lay_out_displacements(
     found: dict[int, tuple[Superposition, Motions, float]] = {}
     for number, pattern in enumerate(patterns):
         alike = np.flatnonzero(numbers.reshape(-1) == number)
-        made = _assembled(sums, pattern, alike, arms[alike][:, ::-1], series[alike])
+        made = _assemble(sums, pattern, alike, arms[alike][:, ::-1], series[alike])
         found |= {pose: (*both, float(total[pose])) for pose, both in zip(alike.tolist(), made, strict=True)}
     return [found[pose] for pose in range(len(tables))]
 
@@ -333,7 +333,7 @@ class _Sum:
         for term in terms:
             column = columns[term]
             moved[column] = moved[column] + vectors[:, term] if column in moved else vectors[:, term]
-        stacked = np.stack([_without_dust(vector) for vector in moved.values()], axis=1) if moved else vectors[:, :0]
+        stacked = np.stack([_drop_rounding(vector) for vector in moved.values()], axis=1) if moved else vectors[:, :0]
         return cls(list(moved), stacked)
 
     def entries(self, kept: NDArray[np.bool_], poses: NDArray[np.intp], *, least: int = 0, filler: int = 0) -> _Entries:
@@ -374,32 +374,32 @@ def _stack(tables: Sequence[TermTable], name: str) -> Array:
     return stacked
 
 
-def _turned(rotation: Array, vector: Array) -> Array:
+def _rotate(rotation: Array, vector: Array) -> Array:
     """Return rotations ``(…, 3, 3)`` times vectors ``(…, 3)``."""
     parts = rotation * vector[..., None, :]
     result: Array = parts[..., 0] + parts[..., 1] + parts[..., 2]
     return result
 
 
-def _without_dust(vector: Array) -> Array:
+def _drop_rounding(vector: Array) -> Array:
     """Return vectors ``(P, 3)`` without components that are rounding errors of their direction."""
     return np.where(np.abs(vector) > _NEGLIGIBLE * np.abs(vector).max(axis=-1, keepdims=True), vector, 0.0)
 
 
-def _bound(turn: _Sum, rows: _Rows) -> Array:
+def _largest_turns(turn: _Sum, rows: _RowAllocator) -> Array:
     """Return how far a target may turn at each pose, ``(P,)``, rad; infinite where no bound is known."""
     reach = np.zeros((len(turn.vectors), 3))
     with np.errstate(invalid="ignore", over="ignore"):
         for k, column in enumerate(turn.columns):
             vector = np.abs(turn.vectors[:, k])
-            interval: Interval = reduce(_multiplied, (rows.intervals[row] for row in column))
+            interval: Interval = reduce(_product_interval, (rows.intervals[row] for row in column))
             furthest = max(map(abs, interval))
             reach = reach + np.where(vector.any(axis=-1, keepdims=True), vector * furthest, 0.0)
         bound = np.sqrt(reach[:, 0] * reach[:, 0] + reach[:, 1] * reach[:, 1] + reach[:, 2] * reach[:, 2])
     return np.nan_to_num(bound, nan=math.inf, posinf=math.inf)
 
 
-def _assembled(
+def _assemble(
     sums: Sequence[_Sum], kept: NDArray[np.bool_], poses: NDArray[np.intp], arms: Array, series: NDArray[np.int64]
 ) -> Iterable[tuple[Superposition, Motions]]:
     """Yield both models at the poses where the same entries are kept."""
@@ -414,13 +414,13 @@ def _assembled(
     parts = [listed[0:1], listed[1:2], listed[2::2], listed[3::2]]
     row_offsets = [offsets([row for entries in part for row in entries.rows]) for part in parts]
     vectors = [
-        frozen(together, *together.shape)
+        freeze(together, *together.shape)
         for part in parts
         for together in [np.concatenate([np.zeros((len(poses), 0, 3)), *(entries.vectors for entries in part)], axis=1)]
     ]
     starts = [np.cumsum([0, *(size for entries in part for size in entries.sizes)]) for part in parts]
-    superposed, shift_starts, turn_starts = map(frozen_offsets, (np.stack(starts[:2], axis=1), *starts[2:]))
-    all_arms, all_series = frozen(arms, *arms.shape), np.array(series, dtype=np.int64)
+    superposed, shift_starts, turn_starts = map(freeze_offsets, (np.stack(starts[:2], axis=1), *starts[2:]))
+    all_arms, all_series = freeze(arms, *arms.shape), np.array(series, dtype=np.int64)
     all_series.flags.writeable = False
     for k in range(len(poses)):
         yield (

@@ -19,10 +19,10 @@ __all__ = [
     "BESIDE",
     "COMMON",
     "Interval",
-    "frozen",
-    "frozen_offsets",
+    "convert_draws",
+    "freeze",
+    "freeze_offsets",
     "intervals",
-    "lay_out_draws",
     "offset",
     "offsets",
     "rare_laws",
@@ -68,17 +68,17 @@ def offset(row: int) -> int:
 
 def offsets(rows: Sequence[int]) -> NDArray[np.uint64]:
     """Return the offsets of rows, frozen."""
-    return frozen_offsets([offset(row) for row in rows])
+    return freeze_offsets([offset(row) for row in rows])
 
 
-def frozen_offsets(values: ArrayLike) -> NDArray[np.uint64]:
+def freeze_offsets(values: ArrayLike) -> NDArray[np.uint64]:
     """Return whole numbers as an array that cannot be written: numba takes others for another type."""
     array = np.ascontiguousarray(values, dtype=np.uint64)
     array.flags.writeable = False
     return array
 
 
-def frozen(values: ArrayLike, *shape: int) -> Array:
+def freeze(values: ArrayLike, *shape: int) -> Array:
     """Return numbers, flat or of a shape, as an array that cannot be written."""
     array = np.array(values, dtype=float).reshape(shape or -1)
     array.flags.writeable = False
@@ -92,7 +92,7 @@ def rare_laws(space: Space) -> Wanted:
     return None if common else True
 
 
-def lay_out_draws(space: Space, constants: Mapping[float, int]) -> Draws:
+def convert_draws(space: Space, constants: Mapping[float, int]) -> Draws:
     """Return the arrays of a space's draws; a row for each component, in order, and those of constants.
 
     Parameters
@@ -119,36 +119,36 @@ def lay_out_draws(space: Space, constants: Mapping[float, int]) -> Draws:
     normals = {row: (mean, -2 * std * std) for row, (mean, std) in plain.items()}
     normals |= dict.fromkeys(sorted((from_normals - normal.keys()) | mixed), (0.0, -2.0))
     scaled = {row: numbers for row, numbers in normal.items() if row in mixed}
-    roots, sizes = _lay_out_joint(list(by_branch["joint"].values()))
-    lines, line_starts = _stacked(list(by_branch["empirical"].values()), 4)
+    roots, sizes = _stack_roots(list(by_branch["joint"].values()))
+    lines, line_starts = _stack_rows(list(by_branch["empirical"].values()), 4)
     tables = list(by_branch["table"].values())
-    numbers, number_starts = _stacked([table.reshape(-1, 1) for table in tables], 1)
+    numbers, number_starts = _stack_rows([table.reshape(-1, 1) for table in tables], 1)
     shapes = [(table.shape[1], len(table), start) for table, start in zip(tables, number_starts[:-1], strict=True)]
     alike: dict[str, Any] = {
         f"{branch}_rows": offsets(list(by_branch[branch])) for branch in (*_COLUMNS, *_SINGLE, *_OWN)
     }
-    alike |= {branch: frozen(list(by_branch[branch].values()), -1, count) for branch, count in _COLUMNS.items()}
-    alike |= {branch: frozen(list(by_branch[branch].values())) for branch in _SINGLE}
+    alike |= {branch: freeze(list(by_branch[branch].values()), -1, count) for branch, count in _COLUMNS.items()}
+    alike |= {branch: freeze(list(by_branch[branch].values())) for branch in _SINGLE}
     return Draws(
         **alike,
         fixed_rows=offsets(list(fixed)),
-        fixed_values=frozen(list(fixed.values())),
+        fixed_values=freeze(list(fixed.values())),
         stream_rows=offsets(streamed),
-        streams=frozen_offsets([space.streams[component] for component in streamed]),
+        streams=freeze_offsets([space.streams[component] for component in streamed]),
         normal_rows=offsets(list(normals)),
-        normal=frozen(list(normals.values()), -1, 2),
-        group_starts=frozen_offsets(np.cumsum([0, *map(len, groups)])),
+        normal=freeze(list(normals.values()), -1, 2),
+        group_starts=freeze_offsets(np.cumsum([0, *map(len, groups)])),
         group_rows=offsets([component for group in groups for component in group]),
-        group_roots=_padded([correlation.root for correlation in space.correlations]),
+        group_roots=_pad([correlation.root for correlation in space.correlations]),
         cumulated_rows=offsets(sorted(mixed - from_normals)),
         scaled_rows=offsets(list(scaled)),
-        scaled=frozen(list(scaled.values()), -1, 2),
+        scaled=freeze(list(scaled.values()), -1, 2),
         joint_roots=roots,
         joint_sizes=sizes,
         empirical_starts=line_starts,
         empirical=lines,
-        table_shapes=frozen_offsets(np.array(shapes, dtype=np.uint64).reshape(-1, 3)),
-        table=frozen(numbers),
+        table_shapes=freeze_offsets(np.array(shapes, dtype=np.uint64).reshape(-1, 3)),
+        table=freeze(numbers),
     )
 
 
@@ -159,27 +159,27 @@ def _kernel_row(law: Law) -> KernelRow:
     return row
 
 
-def _lay_out_joint(tables: Sequence[Array]) -> tuple[Array, NDArray[np.uint64]]:
+def _stack_roots(tables: Sequence[Array]) -> tuple[Array, NDArray[np.uint64]]:
     largest = max((table.shape[1] for table in tables), default=1)
     roots = np.zeros((len(tables), largest + 1, largest))
     for root, table in zip(roots, tables, strict=True):
         root[: len(table), : table.shape[1]] = table
-    return frozen(roots, *roots.shape), frozen_offsets([table.shape[1] for table in tables])
+    return freeze(roots, *roots.shape), freeze_offsets([table.shape[1] for table in tables])
 
 
-def _padded(matrices: Sequence[Array]) -> Array:
+def _pad(matrices: Sequence[Array]) -> Array:
     """Return square matrices as one array, padded to the largest by zeros."""
     largest = max(map(len, matrices), default=1)
     padded = np.zeros((len(matrices), largest, largest))
     for k, matrix in enumerate(matrices):
         padded[k, : len(matrix), : len(matrix)] = matrix
-    return frozen(padded, *padded.shape)
+    return freeze(padded, *padded.shape)
 
 
-def _stacked(parts: Sequence[Array], columns: int) -> tuple[Array, NDArray[np.uint64]]:
+def _stack_rows(parts: Sequence[Array], columns: int) -> tuple[Array, NDArray[np.uint64]]:
     """Return matrices on top of one another, and at which row each begins, with the end of the last."""
     stacked = np.concatenate([np.zeros((0, columns)), *parts])
-    return frozen(stacked, *stacked.shape), frozen_offsets(np.cumsum([0, *map(len, parts)]))
+    return freeze(stacked, *stacked.shape), freeze_offsets(np.cumsum([0, *map(len, parts)]))
 
 
 def intervals(space: Space) -> list[Interval]:

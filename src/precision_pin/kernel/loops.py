@@ -524,7 +524,7 @@ def _quarters(eighths: Scalar, x: Scalar, y: Scalar, length: Scalar) -> tuple[Sc
 
 
 @fma
-def turned(u: Scalar, radius: Scalar) -> tuple[Scalar, Scalar]:
+def sine_and_cosine(u: Scalar, radius: Scalar) -> tuple[Scalar, Scalar]:
     """Return radius × sin 2πu and radius × cos 2πu for 0 ≤ u ≤ 1, for a radius of 1 within 4e-16, near 0 within 2 ulp."""
     eighths, diagonal, x, y = _octant(u)
     return _quarters(eighths, x, y, radius * (_ROOT_OF_HALF if diagonal else 1.0))
@@ -612,7 +612,7 @@ def correlate(w: Array, rows: Offsets, root: Array) -> None:
 
 
 @strict
-def uniforms_again(w: Array, row: Scalar) -> None:
+def to_uniforms(w: Array, row: Scalar) -> None:
     """Turn a row of standard normal numbers into uniform ones."""
     for i in range(_TILE):
         w[row + i] = cumulative(w[row + i])
@@ -630,7 +630,7 @@ def arcsine_law(w: Array, row: Scalar, mean: Scalar, half_width: Scalar) -> None
     """Turn uniform numbers into `precision_pin.draws.laws.Arcsine`."""
     for i in range(_TILE):
         u = w[row + i] - 0.5
-        size = turned(0.5 * abs(u), 1.0)[0]
+        size = sine_and_cosine(0.5 * abs(u), 1.0)[0]
         w[row + i] = mean + half_width * (size if u > 0.0 else -size)
 
 
@@ -713,14 +713,14 @@ def truncated_law(w: Array, row: Scalar, mean: Scalar, std: Scalar, k: Scalar, c
 def disc_law(w: Array, row: Scalar, radius: Scalar) -> None:
     """Turn two rows of uniform numbers into `precision_pin.draws.laws.Disc`."""
     for i in range(_TILE):
-        w[row + _STRIDE + i], w[row + i] = turned(w[row + _STRIDE + i], radius * np.sqrt(w[row + i]))
+        w[row + _STRIDE + i], w[row + i] = sine_and_cosine(w[row + _STRIDE + i], radius * np.sqrt(w[row + i]))
 
 
 @strict
 def circle_law(w: Array, row: Scalar, radius: Scalar) -> None:
     """Turn the second of two rows of uniform numbers into `precision_pin.draws.laws.Circle`."""
     for i in range(_TILE):
-        w[row + _STRIDE + i], w[row + i] = turned(w[row + _STRIDE + i], radius)
+        w[row + _STRIDE + i], w[row + i] = sine_and_cosine(w[row + _STRIDE + i], radius)
 
 
 @strict
@@ -750,7 +750,7 @@ def apply_laws(w: Array, draws: Draws, rare: Wanted) -> None:
         for k in range(draws.group_starts.size - 1):
             correlate(w, draws.group_rows[draws.group_starts[k] : draws.group_starts[k + 1]], draws.group_roots[k])
         for k in range(draws.cumulated_rows.size):
-            uniforms_again(w, draws.cumulated_rows[k])
+            to_uniforms(w, draws.cumulated_rows[k])
     for k in range(draws.uniform_rows.size):
         uniform_law(w, draws.uniform_rows[k], draws.uniform[k, 0], draws.uniform[k, 1])
     for k in range(draws.triangular_rows.size):
@@ -946,7 +946,7 @@ def _turn(
 
 
 @fma
-def _and_crossed(
+def _add_cross(
     px: Scalar, py: Scalar, pz: Scalar, gx: Scalar, gy: Scalar, gz: Scalar, ux: Scalar, uy: Scalar, uz: Scalar
 ) -> tuple[Scalar, Scalar, Scalar]:
     """Return p + G × u."""
@@ -959,10 +959,10 @@ def _begin(s: Array, w: Array, k: Scalar, rows: Offsets, vectors: Array, rx: Sca
     (a, b, c), ((ax, ay, az), (bx, by, bz), (cx, cy, cz)) = _three(rows, vectors, k)
     for i in range(_TILE):
         gx, gy, gz, factor = s[_G0 + i], s[_G1 + i], s[_G2 + i], s[_C + i]
-        ux, uy, uz = _and_crossed(rx, ry, rz, gx, gy, gz, rx, ry, rz)
+        ux, uy, uz = _add_cross(rx, ry, rz, gx, gy, gz, rx, ry, rz)
         p, q, r = w[a + i], w[b + i], w[c + i]
         ex, ey, ez = ax * p + bx * q + cx * r, ay * p + by * q + cy * r, az * p + bz * q + cz * r
-        s[_E0 + i], s[_E1 + i], s[_E2 + i] = _and_crossed(ex, ey, ez, gx, gy, gz, factor * ux, factor * uy, factor * uz)
+        s[_E0 + i], s[_E1 + i], s[_E2 + i] = _add_cross(ex, ey, ez, gx, gy, gz, factor * ux, factor * uy, factor * uz)
         s[_V + i] = 1.0
         s[_V0 + i] = gx
         s[_V1 + i] = gy
@@ -980,13 +980,13 @@ def _carry(s: Array, w: Array, k: Scalar, rows: Offsets, vectors: Array, rx: Sca
         gx, gy, gz, factor = s[_G0 + i], s[_G1 + i], s[_G2 + i], s[_C + i]
         ex, ey, ez = s[_E0 + i], s[_E1 + i], s[_E2 + i]
         px, py, pz = rx + ex, ry + ey, rz + ez
-        ux, uy, uz = _and_crossed(px, py, pz, gx, gy, gz, px, py, pz)
+        ux, uy, uz = _add_cross(px, py, pz, gx, gy, gz, px, py, pz)
         p, q, r = w[a + i], w[b + i], w[c + i]
         ex, ey, ez = ex + ax * p + bx * q + cx * r, ey + ay * p + by * q + cy * r, ez + az * p + bz * q + cz * r
-        s[_E0 + i], s[_E1 + i], s[_E2 + i] = _and_crossed(ex, ey, ez, gx, gy, gz, factor * ux, factor * uy, factor * uz)
+        s[_E0 + i], s[_E1 + i], s[_E2 + i] = _add_cross(ex, ey, ez, gx, gy, gz, factor * ux, factor * uy, factor * uz)
         v, x, y, z = s[_V + i], s[_V0 + i], s[_V1 + i], s[_V2 + i]
         s[_V + i] = v - gx * x - gy * y - gz * z
-        s[_V0 + i], s[_V1 + i], s[_V2 + i] = _and_crossed(x + v * gx, y + v * gy, z + v * gz, gx, gy, gz, x, y, z)
+        s[_V0 + i], s[_V1 + i], s[_V2 + i] = _add_cross(x + v * gx, y + v * gy, z + v * gz, gx, gy, gz, x, y, z)
 
 
 @strict

@@ -42,8 +42,8 @@ from precision_pin.kernel.sampler import (
     BLOCK,
     REASONS,
     Blocks,
-    CompiledTable,
     Model,
+    SamplerArrays,
     allocate_rows,
     allocate_scratch,
     check_blocks,
@@ -103,7 +103,7 @@ def norm_edges() -> Array:
 
 
 def observe_poses(
-    tables: Sequence[CompiledTable] | JoinedTables,
+    tables: Sequence[SamplerArrays] | JoinedTables,
     plans: Sequence[Plan],
     model: Model,
     seed: int,
@@ -152,7 +152,7 @@ def observe_poses(
 
 
 def observe_norms(
-    tables: Sequence[CompiledTable] | JoinedTables,
+    tables: Sequence[SamplerArrays] | JoinedTables,
     plans: Sequence[Plan],
     model: Model,
     seed: int,
@@ -215,7 +215,7 @@ class _Counts:
 
 
 def _run(
-    tables: Sequence[CompiledTable] | JoinedTables,
+    tables: Sequence[SamplerArrays] | JoinedTables,
     plans: Sequence[Plan],
     model: Model,
     units: _Units,

@@ -12,7 +12,7 @@ from precision_pin.draws.laws import Disc
 from precision_pin.draws.space import Draw, Space
 from precision_pin.jit import can_keep, make_ready
 from precision_pin.kernel import loops
-from precision_pin.kernel.arrays import CompiledTable, lay_out
+from precision_pin.kernel.arrays import SamplerArrays, convert_table
 from precision_pin.kernel.loops import HELD, LARGEST, SCRATCH, STRIDE, TILE, Counting, Wanted
 from precision_pin.kernel.part_list import part_jobs
 from precision_pin.terms.table import TermTable
@@ -23,7 +23,7 @@ _TOGETHER: Final = 3.5
 """Seconds that the outermost function takes when the parts are there."""
 
 
-def empty_table(rare: Wanted = None) -> CompiledTable:
+def empty_table(rare: Wanted = None) -> SamplerArrays:
     """Return the layout of a model whose tip stays where it is; with a rare law if that is wanted."""
     table = TermTable(
         pose=np.eye(4),
@@ -34,7 +34,7 @@ def empty_table(rare: Wanted = None) -> CompiledTable:
         twists=np.zeros((0, 6)),
         factors=np.zeros((0, 3), dtype=np.intp),
     )
-    return lay_out(table, Space((Draw("disc", Disc(1.0)),) if rare else ()))
+    return convert_table(table, Space((Draw("disc", Disc(1.0)),) if rare else ()))
 
 
 def part_arguments(name: str, rare: Wanted = None) -> tuple[Any, ...]:

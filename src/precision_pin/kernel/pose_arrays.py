@@ -16,13 +16,11 @@ from numpy.typing import NDArray
 from precision_pin.draws.space import Scope, occasion
 from precision_pin.errors import InputError
 from precision_pin.kernel import loops
-from precision_pin.kernel.arrays import CompiledTable
+from precision_pin.kernel.arrays import SamplerArrays
 from precision_pin.kernel.draw_arrays import BESIDE
-from precision_pin.kernel.loops import Draws, Formulas, Motions, Superposition
+from precision_pin.kernel.loops import Draws, Formulas, Motions, Offsets, Superposition
 
 __all__ = ["JoinedTables", "is_alike"]
-
-Rows = NDArray[np.uint64]
 
 
 @final
@@ -44,7 +42,7 @@ class JoinedTables:
         All poses one behind the other, as :func:`precision_pin.kernel.loops.run_poses` takes them.
     """
 
-    layouts: tuple[CompiledTable, ...]
+    layouts: tuple[SamplerArrays, ...]
     unit_draws: Draws
     unit_formulas: Formulas
     draws: Draws
@@ -54,8 +52,8 @@ class JoinedTables:
     motions: Motions
 
     @classmethod
-    def of(cls, layouts: Sequence[CompiledTable]) -> JoinedTables:
-        """Join layouts; those of one model made together by :func:`precision_pin.kernel.sampler.compile_tables` join faster.
+    def of(cls, layouts: Sequence[SamplerArrays]) -> JoinedTables:
+        """Join layouts; those of one model made together by :func:`precision_pin.kernel.sampler.to_arrays_at_poses` join faster.
 
         Raises
         ------
@@ -69,20 +67,20 @@ class JoinedTables:
             raise InputError(
                 "poses that are sampled together must be of one model: with the same draws, targets and formulas"
             )
-        varying = _varying(first)
+        varying = _find_varying(first)
         unit_formulas, formulas = _split_formulas(first.formulas, varying)
         return cls(
             layouts=tuple(layouts),
-            unit_draws=_chosen_draws(first.draws, np.setdiff1d(_all_rows(first.draws), varying)),
+            unit_draws=_select_draws(first.draws, np.setdiff1d(_all_rows(first.draws), varying)),
             unit_formulas=unit_formulas,
-            draws=_chosen_draws(first.draws, varying),
+            draws=_select_draws(first.draws, varying),
             formulas=formulas,
             scopes=tuple(scope for scope in first.scopes if scope is not Scope.UNIT),
-            superposition=_joined_superpositions(layouts),
-            motions=_joined_motions(layouts),
+            superposition=_join_superpositions(layouts),
+            motions=_join_motions(layouts),
         )
 
-    def words(self, first_pose: int, visit: int) -> Rows:
+    def words(self, first_pose: int, visit: int) -> Offsets:
         """Return the last counter word of every stream of ``draws`` at every pose, ``(P, streams)``."""
         poses = range(first_pose, first_pose + len(self.layouts))
         occasions = {scope: [occasion(scope, pose, visit) for pose in poses] for scope in dict.fromkeys(self.scopes)}
@@ -90,7 +88,7 @@ class JoinedTables:
         return np.concatenate(columns, axis=1).astype(np.uint64)
 
 
-def is_alike(one: CompiledTable, other: CompiledTable) -> bool:
+def is_alike(one: SamplerArrays, other: SamplerArrays) -> bool:
     """Return whether two layouts have the same draws and formulas, in the same places: those of one model do."""
     if one.draws is other.draws and one.formulas is other.formulas:
         return True
@@ -106,7 +104,7 @@ def is_alike(one: CompiledTable, other: CompiledTable) -> bool:
 # draws and formulas by scope -----------------------------------------------------------------------------------------
 
 
-def _varying(layout: CompiledTable) -> Rows:
+def _find_varying(layout: SamplerArrays) -> Offsets:
     """Return the rows that are not the same at every pose: draws of pose and visit scope and what is made of them."""
     space = layout.space
     found = {
@@ -129,12 +127,12 @@ def _varying(layout: CompiledTable) -> Rows:
     return np.array(sorted(found), dtype=np.uint64)
 
 
-def _all_rows(draws: Draws) -> Rows:
+def _all_rows(draws: Draws) -> Offsets:
     rows = [getattr(draws, name) for name in draws._fields if name.endswith("_rows")]
     return np.unique(np.concatenate(rows))
 
 
-def _chosen_draws(draws: Draws, rows: Rows) -> Draws:
+def _select_draws(draws: Draws, rows: Offsets) -> Draws:
     """Return the draws that stand in rows."""
     kept = {name: np.isin(getattr(draws, name), rows) for name in BESIDE}
     chosen = {field: getattr(draws, field)[kept[name]] for name in BESIDE for field in (name, *BESIDE[name])}
@@ -142,8 +140,8 @@ def _chosen_draws(draws: Draws, rows: Rows) -> Draws:
         k for k, (begin, _) in enumerate(pairwise(draws.group_starts.tolist())) if draws.group_rows[begin] in rows
     ]
     laws = [k for k, row in enumerate(draws.empirical_rows) if row in rows]
-    group_starts, group_rows = _chosen_runs(draws.group_starts, draws.group_rows, groups)
-    line_starts, lines = _chosen_runs(draws.empirical_starts, draws.empirical, laws)
+    group_starts, group_rows = _select_runs(draws.group_starts, draws.group_rows, groups)
+    line_starts, lines = _select_runs(draws.empirical_starts, draws.empirical, laws)
     parts = {
         **draws._asdict(),
         **chosen,
@@ -153,33 +151,33 @@ def _chosen_draws(draws: Draws, rows: Rows) -> Draws:
         "empirical_starts": line_starts,
         "empirical": lines,
     }
-    return Draws(**{name: _frozen(part) for name, part in parts.items()})
+    return Draws(**{name: _freeze_copy(part) for name, part in parts.items()})
 
 
-def _chosen_runs(starts: Rows, values: NDArray[Any], chosen: Sequence[int]) -> tuple[Rows, NDArray[Any]]:
+def _select_runs(starts: Offsets, values: NDArray[Any], chosen: Sequence[int]) -> tuple[Offsets, NDArray[Any]]:
     """Return where runs ``values[starts[k] … starts[k + 1]]`` begin when only some are left, and those."""
     runs = [values[int(starts[k]) : int(starts[k + 1])] for k in chosen]
     return np.cumsum([0, *map(len, runs)]).astype(np.uint64), np.concatenate([values[:0], *runs])
 
 
-def _split_formulas(formulas: Formulas, varying: Rows) -> tuple[Formulas, Formulas]:
+def _split_formulas(formulas: Formulas, varying: Offsets) -> tuple[Formulas, Formulas]:
     """Return what is the same at every pose, and what is not."""
     steps, products = np.isin(formulas.results, varying), np.isin(formulas.products, varying)
     unit, each = (
         Formulas(
-            operators=_frozen(formulas.operators[of_steps]),
-            left=_frozen(formulas.left[of_steps]),
-            right=_frozen(formulas.right[of_steps]),
-            results=_frozen(formulas.results[of_steps]),
-            product_factors=_frozen(formulas.product_factors[of_products]),
-            products=_frozen(formulas.products[of_products]),
+            operators=_freeze_copy(formulas.operators[of_steps]),
+            left=_freeze_copy(formulas.left[of_steps]),
+            right=_freeze_copy(formulas.right[of_steps]),
+            results=_freeze_copy(formulas.results[of_steps]),
+            product_factors=_freeze_copy(formulas.product_factors[of_products]),
+            products=_freeze_copy(formulas.products[of_products]),
         )
         for of_steps, of_products in ((~steps, ~products), (steps, products))
     )
     return unit, each
 
 
-def _frozen(array: NDArray[Any]) -> NDArray[Any]:
+def _freeze_copy(array: NDArray[Any]) -> NDArray[Any]:
     """Return an array of our own that cannot be written: numba takes others for another type."""
     own = np.array(array, order="C")
     own.flags.writeable = False
@@ -189,31 +187,31 @@ def _frozen(array: NDArray[Any]) -> NDArray[Any]:
 # poses one behind the other ------------------------------------------------------------------------------------------
 
 
-def _joined_entries(parts: Sequence[Superposition | Motions]) -> dict[str, NDArray[Any]]:
+def _join_entries(parts: Sequence[Superposition | Motions]) -> dict[str, NDArray[Any]]:
     return {
-        name: _frozen(np.concatenate([getattr(part, name) for part in parts]))
+        name: _freeze_copy(np.concatenate([getattr(part, name) for part in parts]))
         for name in ("shift_rows", "shifts", "turn_rows", "turns")
     }
 
 
-def _joined_superpositions(layouts: Sequence[CompiledTable]) -> Superposition:
+def _join_superpositions(layouts: Sequence[SamplerArrays]) -> Superposition:
     parts = [layout.superposition for layout in layouts]
     before = np.cumsum([(0, 0), *(part.starts[-1] for part in parts)], axis=0).astype(np.uint64)
     starts = [part.starts[:-1] + begin for part, begin in zip(parts, before[:-1], strict=True)]
-    return Superposition(**_joined_entries(parts), starts=_frozen(np.concatenate([*starts, before[-1:]])))
+    return Superposition(**_join_entries(parts), starts=_freeze_copy(np.concatenate([*starts, before[-1:]])))
 
 
-def _joined_motions(layouts: Sequence[CompiledTable]) -> Motions:
+def _join_motions(layouts: Sequence[SamplerArrays]) -> Motions:
     parts = [layout.motions for layout in layouts]
 
-    def starts(name: str, rows: str) -> Rows:
+    def starts(name: str, rows: str) -> Offsets:
         before = np.cumsum([0, *(getattr(part, rows).size for part in parts[:-1])]).astype(np.uint64)
         return np.stack([getattr(part, name) for part in parts]) + before[:, None]
 
     return Motions(
-        **_joined_entries(parts),
-        shift_starts=_frozen(starts("shift_starts", "shift_rows")),
-        turn_starts=_frozen(starts("turn_starts", "turn_rows")),
-        arms=_frozen(np.stack([part.arms for part in parts])),
-        series=_frozen(np.stack([part.series for part in parts])),
+        **_join_entries(parts),
+        shift_starts=_freeze_copy(starts("shift_starts", "shift_rows")),
+        turn_starts=_freeze_copy(starts("turn_starts", "turn_rows")),
+        arms=_freeze_copy(np.stack([part.arms for part in parts])),
+        series=_freeze_copy(np.stack([part.series for part in parts])),
     )

@@ -1,14 +1,11 @@
 """The compiled sampler: errors of units by the million, and their statistics.
 
-A pose's error model is laid out as arrays (`compile_table`); one compiled function, the same for every robot and
+A pose's error model is laid out as arrays (`to_arrays`); one compiled function, the same for every robot and
 sheet, then draws, derives, displaces, composes and counts (:mod:`precision_pin.kernel.loops`). Results agree with
 :meth:`precision_pin.model.pose_model.PoseModel.exact` and ``linear`` on :meth:`precision_pin.draws.space.Space.sample`
 to rounding.
 
-Units come in *blocks* of `BLOCK`, part of the format: each block has sums of its own, which depend on the error model,
-the seed and the block's number only. Added up in block order (`Blocks.added_to`) they give the same bits however the
-blocks were spread over calls, threads or machines of one type, and the bits of
-:func:`precision_pin.statistics.observe`.
+Units come in blocks (:mod:`precision_pin.kernel.blocks`), whose sums do not depend on how they are spread over calls.
 """
 
 from __future__ import annotations
@@ -27,11 +24,11 @@ from precision_pin.inputs.arguments import check_choice
 from precision_pin.inputs.memory import check_memory
 from precision_pin.jit import call, is_kept
 from precision_pin.kernel import loops
-from precision_pin.kernel.arrays import CompiledTable, lay_out, lay_out_many
+from precision_pin.kernel.arrays import SamplerArrays, convert_table, convert_tables
+from precision_pin.kernel.blocks import BLOCK, MOST_UNITS, Blocks, check_blocks
 from precision_pin.kernel.draw_arrays import rare_laws
 from precision_pin.kernel.loops import (
     ANGLE,
-    ATOM,
     DRAW,
     EXACT,
     FORMULA,
@@ -48,7 +45,7 @@ from precision_pin.kernel.loops import (
     Wanted,
 )
 from precision_pin.kernel.parts import compile_parts, empty_table
-from precision_pin.statistics import COLUMNS, LARGEST, Plan, State, largest_of, start
+from precision_pin.statistics import COLUMNS, LARGEST, Plan, State, start
 from precision_pin.typing import Array
 
 if TYPE_CHECKING:
@@ -58,30 +55,25 @@ __all__ = [
     "BLOCK",
     "REASONS",
     "Blocks",
-    "CompiledTable",
+    "SamplerArrays",
     "accumulate",
     "allocate_rows",
     "allocate_scratch",
     "check_blocks",
-    "compile_table",
-    "compile_tables",
     "errors",
     "errors_at",
     "is_compiled",
     "observe_blocks",
     "sample",
     "stage_of",
+    "to_arrays",
+    "to_arrays_at_poses",
     "variant_of",
     "warm_up",
 ]
 
 Model = Literal["exact", "linear"]
 
-BLOCK: Final = ATOM
-"""Units in a block, 16,384."""
-
-_MOST_UNITS: Final = 2**63
-_MOST_BLOCKS_IN_A_CALL: Final = 2**32 // BLOCK - 1
 _NOTHING: Final = np.zeros((0, 0))
 _STAGES: Final = {"linear": LINEAR, "exact": EXACT}
 """Models as the compiled loops number them."""
@@ -94,7 +86,7 @@ REASONS: Final = {
 """Why the compiled loops stopped, in words."""
 
 
-def compile_table(pose_model: PoseModel) -> CompiledTable:
+def to_arrays(pose_model: PoseModel) -> SamplerArrays:
     """Lay the error model at a pose out for the compiled sampler; takes milliseconds, compiles nothing.
 
     Raises
@@ -102,21 +94,27 @@ def compile_table(pose_model: PoseModel) -> CompiledTable:
     InputError
         The compiled sampler does not know a law.
     """
-    return lay_out(pose_model.table, pose_model.space)
+    return convert_table(pose_model.table, pose_model.space)
 
 
-def compile_tables(pose_models: Sequence[PoseModel]) -> list[CompiledTable]:
-    """Lay one model out at several poses, as `compile_table` does each, in less time.
+def to_arrays_at_poses(pose_models: Sequence[PoseModel]) -> list[SamplerArrays]:
+    """Lay one model out at several poses, as `to_arrays` does each, in less time.
 
     Raises
     ------
     InputError
         The compiled sampler does not know a law.
     """
-    return lay_out_many([at.table for at in pose_models], pose_models[0].space) if pose_models else []
+    return convert_tables([at.table for at in pose_models], pose_models[0].space) if pose_models else []
 
 
-def sample(layout: CompiledTable, seed: int, first: int, count: int, *, pose: int = 0, visit: int = 0) -> Array:
+# the names of before: `to_arrays` compiles nothing
+CompiledTable = SamplerArrays
+compile_table = to_arrays
+compile_tables = to_arrays_at_poses
+
+
+def sample(layout: SamplerArrays, seed: int, first: int, count: int, *, pose: int = 0, visit: int = 0) -> Array:
     """Return the components ``(d, count)`` of units ``first … first + count - 1``.
 
     As :meth:`precision_pin.draws.space.Space.sample`, which gives the same bits where a law needs only ``+ - × ÷`` and the
@@ -135,7 +133,7 @@ def sample(layout: CompiledTable, seed: int, first: int, count: int, *, pose: in
 
 
 def errors(
-    layout: CompiledTable, model: Model, seed: int, first: int, count: int, *, pose: int = 0, visit: int = 0
+    layout: SamplerArrays, model: Model, seed: int, first: int, count: int, *, pose: int = 0, visit: int = 0
 ) -> Array:
     """Return the errors ``(6, count)``, ``[d; δ]`` in m and rad, base axes, of units ``first … first + count - 1``.
 
@@ -167,7 +165,7 @@ def errors(
     return kept[:, skip:]
 
 
-def errors_at(layout: CompiledTable, model: Model, x: ArrayLike) -> Array:
+def errors_at(layout: SamplerArrays, model: Model, x: ArrayLike) -> Array:
     """Return the errors ``(6, N)``, as `errors`, for component values ``(d, N)``.
 
     Raises
@@ -193,64 +191,8 @@ def errors_at(layout: CompiledTable, model: Model, x: ArrayLike) -> Array:
     return kept
 
 
-@final
-@dataclass(frozen=True, eq=False)
-class Blocks:
-    """Sums, extremes, bins and counts of consecutive blocks.
-
-    Attributes
-    ----------
-    count
-        Samples.
-    lowest, highest
-        ``(8,)`` smallest and largest value of each quantity.
-    sums
-        ``(blocks, 31)`` sums of each block by itself: of (value - centre) of the eight quantities, of the products of
-        two components' (value - centre) (upper triangle of 6 × 6, by rows), of the squares of the two norms'.
-    sketch
-        ``(8, COLUMNS)`` counts, see :mod:`precision_pin.statistics.sketch`.
-    inside
-        ``(S,)`` samples inside each specification.
-    largest, largest_units
-        ``(2, LARGEST)`` largest |d| and |δ|, and which units made them, see :class:`precision_pin.statistics.State`.
-    errors
-        ``(6, count)`` the errors themselves where they were to be kept.
-    """
-
-    count: int
-    lowest: Array
-    highest: Array
-    sums: Array
-    sketch: NDArray[np.uint32]
-    inside: NDArray[np.int64]
-    largest: Array
-    largest_units: NDArray[np.int64]
-    errors: Array | None
-
-    def added_to(self, state: State) -> State:
-        """Return the state after these blocks too; added in block order, the bits never depend on the grouping."""
-        before = np.concatenate([state.sums, state.products[_UPPER], state.norm_squares])
-        # one block after the other, unlike np.sum
-        sums = np.add.accumulate(np.vstack([before, self.sums]), axis=0)[-1]
-        products = np.empty((6, 6))
-        products[_UPPER] = products.T[_UPPER] = sums[8:29]
-        largest, units = largest_of(state.largest, state.largest_units, self.largest, self.largest_units)
-        return State(
-            count=state.count + self.count,
-            lowest=np.minimum(state.lowest, self.lowest),
-            highest=np.maximum(state.highest, self.highest),
-            sums=sums[:8],
-            products=products,
-            norm_squares=sums[29:],
-            sketch=state.sketch + self.sketch,
-            inside=state.inside + self.inside,
-            largest=largest,
-            largest_units=units,
-        )
-
-
 def observe_blocks(
-    layout: CompiledTable,
+    layout: SamplerArrays,
     plan: Plan,
     model: Model,
     seed: int,
@@ -305,27 +247,8 @@ def observe_blocks(
     return result
 
 
-def check_blocks(first_block: int, blocks: int, samples: int | None) -> tuple[int, int]:
-    """Return the first unit of blocks, and how many units they hold of a run of so many samples.
-
-    Raises
-    ------
-    InputError
-        There are no such blocks.
-    """
-    first = int(first_block) * BLOCK
-    end = min(first + int(blocks) * BLOCK, _MOST_UNITS)
-    count = (end if samples is None else min(end, int(samples))) - first
-    if first_block < 0 or not 0 < blocks <= _MOST_BLOCKS_IN_A_CALL or count <= 0:
-        raise InputError(
-            f"blocks {first_block} to {first_block + blocks - 1} of {samples} samples: from block 0, "
-            f"1 to {_MOST_BLOCKS_IN_A_CALL} blocks in a call, none beyond the last sample"
-        )
-    return first, count
-
-
 def accumulate(
-    layout: CompiledTable,
+    layout: SamplerArrays,
     plan: Plan,
     model: Model,
     seed: int,
@@ -339,11 +262,11 @@ def accumulate(
 ) -> State:
     """Return the statistics after blocks ``first_block … first_block + blocks - 1``, added to ``state``.
 
-    Parameters and errors as in `observe_blocks`, which threads use; then ``accumulate`` is `Blocks.added_to` of each
+    Parameters and errors as in `observe_blocks`, which threads use; then ``accumulate`` is `Blocks.add_to` of each
     in turn. Going on from the state of the blocks before gives the same bits as one call for all.
     """
     found = observe_blocks(layout, plan, model, seed, first_block, blocks, samples=samples, pose=pose, visit=visit)
-    return found.added_to(start(plan) if state is None else state)
+    return found.add_to(start(plan) if state is None else state)
 
 
 def is_compiled(rare: Wanted = None, linear: Wanted = None) -> bool:
@@ -382,8 +305,6 @@ def warm_up(rare: Wanted = None, linear: Wanted = None) -> None:
 
 # inside --------------------------------------------------------------------------------------------------------------
 
-_UPPER: Final = np.triu_indices(6)
-
 
 @final
 @dataclass(frozen=True)
@@ -404,7 +325,7 @@ _ONE_UNIT: Final = _Units(0, 0, 0, 1, 0, 0)
 def _check_units(first: int, count: int) -> int:
     """Return how many units to begin earlier, so as to begin with a tile."""
     whole = isinstance(first, int | np.integer) and isinstance(count, int | np.integer)
-    if not whole or first < 0 or count < 0 or first + count > _MOST_UNITS:
+    if not whole or first < 0 or count < 0 or first + count > MOST_UNITS:
         raise InputError(
             f"{count!r} units from {first!r} on: both whole numbers, units are numbered from 0 to 2^63 - 1"
         )
@@ -427,7 +348,7 @@ def allocate_rows(rows: int) -> Array:
     return longer[begin : begin + rows * STRIDE]
 
 
-def _run(layout: CompiledTable, stage: int, units: _Units, **given: Any) -> None:
+def _run(layout: SamplerArrays, stage: int, units: _Units, **given: Any) -> None:
     """Run the compiled loops over samples, with what `_arguments` takes, and raise what stopped them."""
     check_seed(units.seed)
     arguments = _arguments(layout, stage, units, **given)
@@ -441,7 +362,7 @@ def _run(layout: CompiledTable, stage: int, units: _Units, **given: Any) -> None
 
 
 def _arguments(
-    layout: CompiledTable,
+    layout: SamplerArrays,
     stage: int,
     units: _Units,
     *,

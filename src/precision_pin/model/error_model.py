@@ -28,19 +28,11 @@ from precision_pin.model.pose_model import PoseModel, joint_value, spread_of
 from precision_pin.robot.chain import Chain, Place, Posture
 from precision_pin.sheet import Sheet
 from precision_pin.sheet import read as read_sheet
-from precision_pin.terms.source import (
-    BoundSource,
-    Source,
-    draw_owners,
-    fix_settings,
-    labels,
-    load_posture,
-    own_draws,
-    with_quantities,
-)
+from precision_pin.terms.bound_source import BoundSource, load_posture
+from precision_pin.terms.labelled_sources import draw_owners, draw_words, labels, own_draws, with_quantities
+from precision_pin.terms.source import Source, fix_settings
 from precision_pin.terms.table import TableLayout, TermTable
 from precision_pin.terms.term import Term
-from precision_pin.terms.words import draw_words
 from precision_pin.typing import Array
 
 __all__ = ["ErrorModel", "limit_findings"]

@@ -14,37 +14,31 @@ from functools import cached_property
 from typing import Final, final
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from precision_pin.call_warnings import add, warns_at_end
 from precision_pin.display.html import rendered
-from precision_pin.errors import Finding, InputError
+from precision_pin.errors import Finding
 from precision_pin.inputs.arguments import (
     check_instance,
     check_mapping,
-    check_name,
     check_number,
     check_numbers,
     check_path,
-    check_text,
 )
-from precision_pin.inputs.arrays import fix_fields, read_only, returns_read_only
+from precision_pin.inputs.arrays import read_only, returns_read_only
 from precision_pin.robot import statics
+from precision_pin.robot.chain_geometry import ChainGeometry, cut_chain
 from precision_pin.robot.configurations import Configurations
 from precision_pin.robot.joint_table import joint_table, spaced
 from precision_pin.robot.loads import Deflection, Factors, Load, own_loads
 from precision_pin.robot.pinocchio_model import PinocchioModel
 from precision_pin.robot.places import (
-    ORDER_END,
-    ORDER_FRAME,
-    ORDER_SEAT,
     LinkFrame,
     Place,
-    link_frames,
-    locked_values,
 )
-from precision_pin.robot.postures import ChainConstants, Postures, alignment
-from precision_pin.robot.urdf import Joint, Robot, read, rerooted
+from precision_pin.robot.postures import ChainConstants, Postures
+from precision_pin.robot.urdf import Robot, read
 from precision_pin.typing import Array
 
 __all__ = ["EARTH", "Chain", "Deflection", "Factors", "LinkFrame", "Load", "Place", "Posture"]
@@ -58,43 +52,22 @@ _NAMED: Final = 8
 
 @final
 @dataclass(frozen=True, eq=False)
-class Chain:
+class Chain(ChainGeometry):
     """The moving joints and rigid links between a base and a tip.
 
     Attributes
     ----------
-    robot
-        The mechanism, rooted at the base.
-    base, tip
-        Link names.
+    robot, base, tip, joints, locked, placements, link_frames
+        As in :class:`precision_pin.robot.chain_geometry.ChainGeometry`.
     gravity
         Base axes, m/s², ``(3,)``.
-    joints
-        The chain's n joints, base to tip.
-    locked
-        Value of every joint that moves but is not among them.
-    placements
-        ``(n+1, 4, 4)``: from joint i's frame after it turned (base for i = 0) to joint i+1's origin frame before it
-        turns (the tip for i = n).
-    link_frames
-        Every URDF link.
     loads
         The weights of the URDF's links, and payloads.
     """
 
-    robot: Robot
-    base: str
-    tip: str
     gravity: Array
-    joints: tuple[Joint, ...]
-    locked: Mapping[str, float]
-    placements: Array
-    link_frames: Mapping[str, LinkFrame]
     loads: tuple[Load, ...]
     pinocchio: PinocchioModel = field(repr=False)
-
-    def __post_init__(self) -> None:
-        fix_fields(self)
 
     @classmethod
     def from_urdf(
@@ -150,127 +123,24 @@ class Chain:
                 name: check_number(f"the value at which {name!r} is locked", value)
                 for name, value in check_mapping("locked joints", locked).items()
             }
-        if base is not None:
-            robot.link(check_text("the name of the base link", base))
-        if tip is None:
-            if len(robot.leaves) != 1:
-                raise InputError(
-                    f"{robot.file} has {len(robot.leaves)} leaves; name one as the tip: {', '.join(sorted(robot.leaves))} "
-                    "(--tip, or tip: in a sheet)"
-                )
-            tip = robot.leaves[0]
-        robot.link(check_text("the name of the tip link", tip))
-        rooted = rerooted(robot, base) if base is not None and base != robot.root else robot
-        way = rooted.path(rooted.root, tip)
-        joints = tuple(joint for joint in way if joint.kind != "fixed" and joint.name not in (locked or {}))
-        if not joints:
-            raise InputError(f"no joint moves between {rooted.root!r} and {tip!r}; choose another base or tip")
-        for joint in joints:
-            if joint.mimic is not None:
-                raise InputError(
-                    f"the joint {joint.name!r} on the chain mimics {joint.mimic.joint!r}; lock it to keep it still"
-                )
-        stilled = locked_values(rooted, joints, locked or {})
-        frames, placements = link_frames(rooted, tip, joints, stilled)
+        cut = cut_chain(robot, tip, base, locked)
         return cls(
-            robot=rooted,
-            base=rooted.root,
-            tip=tip,
+            robot=cut.robot,
+            base=cut.base,
+            tip=cut.tip,
+            joints=cut.joints,
+            locked=cut.locked,
+            placements=cut.placements,
+            link_frames=cut.link_frames,
             gravity=down,
-            joints=joints,
-            locked=stilled,
-            placements=placements,
-            link_frames=frames,
-            loads=own_loads(rooted, frames),
-            pinocchio=PinocchioModel.load(rooted, [joint.name for joint in joints], stilled, tuple(down)),
+            loads=own_loads(cut.robot, cut.link_frames),
+            pinocchio=PinocchioModel.load(cut.robot, cut.joint_names, cut.locked, tuple(down)),
         )
-
-    @property
-    def joint_names(self) -> tuple[str, ...]:
-        """Names of the n joints, base to tip."""
-        return tuple(joint.name for joint in self.joints)
 
     @cached_property
     def configurations(self) -> Configurations:
         """Reads joint values of the chain."""
         return Configurations(self.joints)
-
-    @cached_property
-    @returns_read_only
-    def axes(self) -> Array:
-        """Unit axis of each joint in its own frame, ``(n, 3)``."""
-        return np.array([joint.axis for joint in self.joints])
-
-    @cached_property
-    @returns_read_only
-    def prismatic(self) -> NDArray[np.bool_]:
-        """Which joints slide, ``(n,)``."""
-        return np.array([joint.kind == "prismatic" for joint in self.joints])
-
-    @cached_property
-    @returns_read_only
-    def reversed_joints(self) -> NDArray[np.bool_]:
-        """Which joints the chain passes against the file, because the base lies beyond them, ``(n,)``."""
-        return np.array([joint.reversed for joint in self.joints])
-
-    @cached_property
-    @returns_read_only
-    def written_axes(self) -> Array:
-        """Unit axis of each joint in its own frame as the file writes it, ``(n, 3)``: reversed joints have the other one."""
-        return np.array([joint.written_axis for joint in self.joints])
-
-    def runs_backwards(self, link: int) -> bool:
-        """Return whether a chain link's far end is the end that the file has nearer its root: where its own joint sits."""
-        if link < len(self.joints):
-            return bool(self.reversed_joints[link])
-        return self.robot.path(self.base, self.tip)[-1].reversed
-
-    def joint_index(self, name: str) -> int:
-        """Return a joint's position, 0-based.
-
-        Raises
-        ------
-        UnknownNameError
-            The chain has no such joint.
-        """
-        return self.joint_names.index(check_name("joint on the chain", name, self.joint_names))
-
-    def link_frame(self, name: str) -> LinkFrame:
-        """Return where a URDF link stands.
-
-        Raises
-        ------
-        UnknownNameError
-            The robot has no such link.
-        """
-        return self.link_frames[check_name("link", name, self.link_frames)]
-
-    def end(self, link: int) -> Place:
-        """Return the place at a chain link's far end: joint i+1's origin frame before it turns, or the tip."""
-        return self._places[link][0]
-
-    def seat(self, link: int) -> Place:
-        """Return the place where the next joint sits, after the link's end and in the same frame."""
-        return self._places[link][1]
-
-    def frame_place(self, name: str) -> Place:
-        """Return the place at a URDF link's frame on the way from base to tip; the tip's is the last link's end.
-
-        Raises
-        ------
-        InputError
-            The link is on a branch: moving it does not move the tip.
-        """
-        where = self.link_frame(name)
-        if where.path_rank is None:
-            raise InputError(f"{name!r} is not on the way from {self.base!r} to {self.tip!r}: moving it moves nothing")
-        if name == self.tip:
-            return self.end(where.link)
-        return Place(where.link, (ORDER_FRAME, where.path_rank), f"frame {name}", where.frame)
-
-    def axis_alignment(self, joint: int) -> Array:
-        """Return the smallest rotation that brings a joint's z onto its axis in the file; for -z half a turn about x."""
-        return alignment(self.written_axes[joint])
 
     def configuration(self, q: ArrayLike | Mapping[str, float]) -> Array:
         """Return joint values ``(n,)`` in chain order, given in that order or by name.
@@ -359,22 +229,6 @@ class Chain:
                 *([f"locked (rad, m): {still}"] if still else []),
             ],
         )
-
-    @cached_property
-    def _places(self) -> tuple[tuple[Place, Place], ...]:
-        """End and seat of every chain link."""
-        far = enumerate(zip((*self.joint_names, self.tip), self.placements, strict=True))
-        return tuple(
-            (
-                Place(link, (ORDER_END, 0), f"end of link {link} ({name})", frame),
-                Place(link, (ORDER_SEAT, 0), f"seat of link {link} ({name})", frame),
-            )
-            for link, (name, frame) in far
-        )
-
-    @cached_property
-    def _alignments(self) -> tuple[Array, ...]:
-        return tuple(alignment(axis) for axis in self.axes)
 
     @cached_property
     def _constants(self) -> ChainConstants:

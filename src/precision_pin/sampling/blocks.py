@@ -64,7 +64,7 @@ class Work:
         Versions where the run began; other versions elsewhere are refused.
     """
 
-    layout: sampler.CompiledTable
+    layout: sampler.SamplerArrays
     plan: Plan
     model: Literal["exact", "linear"]
     seed: int

@@ -20,7 +20,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from precision_pin.call_warnings import add, warns_at_end
 from precision_pin.display import progress as progress_bar
-from precision_pin.draws.space import MOST_POSES, Scope, check_seed
+from precision_pin.draws.draw import MOST_POSES
+from precision_pin.draws.space import Scope, check_seed
 from precision_pin.errors import Finding, InputError
 from precision_pin.inputs.arguments import check_instance, check_items, check_whole
 from precision_pin.inputs.memory import check_memory
@@ -202,7 +203,7 @@ def _tasks(error_model: ErrorModel, values: Array, work: _Work) -> Iterator[tupl
     first_pose = 0
     blocks = -(-work.samples // sampler.BLOCK)
     while together := list(islice(models, MOST_TOGETHER)):
-        layouts = sampler.compile_tables(together)
+        layouts = sampler.to_arrays_at_poses(together)
         while layouts:
             # formulas may be others at another pose; nearly always they are not
             alike = next((k for k, other in enumerate(layouts) if not is_alike(layouts[0], other)), len(layouts))

@@ -178,7 +178,7 @@ def monte_carlo(
     targets = [target(text) for text in until]
     workers = chosen(threads, processes, executor, tasks_under_way)
     at = _placed(error_model, pose)
-    layout = sampler.compile_table(at)
+    layout = sampler.to_arrays(at)
     plan = planned(at, layout, model, int(seed), specifications)
     work = Work(layout, plan, model, int(seed), int(samples), keep_samples, packages())
     state = start(plan)
@@ -314,7 +314,7 @@ def _missed(text: str, found: Precision, samples: int) -> Finding:
     return Finding("warning", "W_UNTIL", f"{samples:,} samples do not give {text}{about}")
 
 
-def _makers(layout: sampler.CompiledTable, seed: int, summary: Summary) -> dict[int, dict[str, float]]:
+def _makers(layout: sampler.SamplerArrays, seed: int, summary: Summary) -> dict[int, dict[str, float]]:
     """Return the parameters of the units that made the largest errors."""
     units = sorted({one.sample for one in (*summary.largest_position, *summary.largest_attitude)})
     names = layout.space.components

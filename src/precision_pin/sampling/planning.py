@@ -29,7 +29,7 @@ _FARTHEST: Final = 1e100
 
 def planned(
     at: PoseModel,
-    layout: sampler.CompiledTable,
+    layout: sampler.SamplerArrays,
     model: Literal["exact", "linear"],
     seed: int,
     specifications: Sequence[Specification] = (),

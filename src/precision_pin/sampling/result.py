@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
+from functools import cache
 from importlib import metadata
 from platform import python_version
 from typing import TYPE_CHECKING, Any, ClassVar, Final, final
@@ -48,6 +49,7 @@ def versions() -> dict[str, str]:
     return {"python": python_version(), **{name: _version(name) for name in names}}
 
 
+@cache  # reading a package's metadata takes a millisecond
 def _version(name: str) -> str:
     try:
         return metadata.version(name)

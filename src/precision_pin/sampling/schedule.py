@@ -112,7 +112,7 @@ class Sampling:
     def _add(self, found: Blocks) -> None:
         if self.errors is not None and found.errors is not None:
             self.errors[:, self.state.count : self.state.count + found.count] = found.errors
-        self.state = found.added_to(self.state)
+        self.state = found.add_to(self.state)
 
     def _finish_begun(self, stream: Stream) -> None:
         """Add what is under way; what fails now is found again by whoever goes on."""

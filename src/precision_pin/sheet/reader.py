@@ -28,7 +28,9 @@ from precision_pin.sheet.schema import ASSUMED, Context, Document, source_model,
 from precision_pin.sheet.settings import NAME, NamedParameter, SettingError, parse_parameter
 from precision_pin.sheet.text import Path, Text, read_text
 from precision_pin.sources import catalogue
-from precision_pin.terms.source import BoundSource, Source, labels, load_posture
+from precision_pin.terms.bound_source import BoundSource, load_posture
+from precision_pin.terms.labelled_sources import labels
+from precision_pin.terms.source import Source
 from precision_pin.typing import Array
 
 __all__ = ["Overrides", "Sheet", "parse_pose", "read"]

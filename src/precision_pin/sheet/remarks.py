@@ -18,7 +18,8 @@ from precision_pin.robot.urdf import Joint
 from precision_pin.sheet.findings import Findings
 from precision_pin.sheet.schema import Document
 from precision_pin.sheet.text import Path
-from precision_pin.terms.source import Source, labels, own_draws
+from precision_pin.terms.labelled_sources import labels, own_draws
+from precision_pin.terms.source import Source
 
 __all__ = ["FEW", "few_samples", "pose_remark", "remark_on_poses", "remark_on_sources"]
 

@@ -11,7 +11,7 @@ import numpy as np
 from precision_pin import units
 from precision_pin.draws.expressions import Value
 from precision_pin.draws.laws import Circle, Disc, Uniform
-from precision_pin.draws.space import Draw, LabelledSpace, Scope, Setting, indexed
+from precision_pin.draws.space import Draw, LabelledSpace, Scope, Setting, entry_name
 from precision_pin.errors import InputError
 from precision_pin.robot.chain import Chain, Posture
 from precision_pin.sources.seats import PadsOn, height_above_seat, seat_axes, seat_wrench, shift_of_point, travels
@@ -150,7 +150,7 @@ class Clearance(Source):
         near = height_above_seat(posture, joint, self.start, self.pads_on)
         far = near + self.span
         size_a, *others = [
-            space.positive(indexed("diametral", k), size, zero=True) for k, size in enumerate(self.diametral)
+            space.positive(entry_name("diametral", k), size, zero=True) for k, size in enumerate(self.diametral)
         ]
         size_b = others[0] if others else size_a
         for name, height, other, size in (("A", near, far, size_a), ("B", far, near, size_b)):

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Annotated, ClassVar, final
 
 from precision_pin import units
-from precision_pin.draws.space import Draw, LabelledSpace, Setting, indexed
+from precision_pin.draws.space import Draw, LabelledSpace, Setting, entry_name
 from precision_pin.errors import Finding, InputError
 from precision_pin.robot.chain import Posture
 from precision_pin.sources.periodic import amplitude_remarks, periodic_terms, phase_draw
@@ -94,12 +94,12 @@ class Transmission(Source):
 
     def own_draws(self, label: str) -> tuple[Draw, ...]:
         """Return a phase for each amplitude."""
-        return tuple(phase_draw(f"{label}.{indexed('phase', k)}") for k in range(len(self.amplitude)))
+        return tuple(phase_draw(f"{label}.{entry_name('phase', k)}") for k in range(len(self.amplitude)))
 
     def remarks(self, space: LabelledSpace) -> Iterator[Finding]:
         """Yield a warning for each amplitude that varies about zero."""
         for k, amplitude in enumerate(space.values("amplitude", self.amplitude)):
-            yield from amplitude_remarks(indexed("amplitude", k), amplitude, space)
+            yield from amplitude_remarks(entry_name("amplitude", k), amplitude, space)
 
     def terms(self, posture: Posture, space: LabelledSpace) -> Iterator[Term]:
         """Yield two terms for each amplitude, one for the lead, and one for each group of loads with the same factors."""
@@ -112,7 +112,7 @@ class Transmission(Source):
         value = float(posture.q[joint])
         turn = 2 * math.pi * value / self.period if self.period is not None else value
         for k, amplitude in enumerate(space.values("amplitude", self.amplitude)):
-            yield from periodic_terms(joint, self.order[k] * turn, amplitude, space, indexed("phase", k))
+            yield from periodic_terms(joint, self.order[k] * turn, amplitude, space, entry_name("phase", k))
         if self.lead_error is not None:
             yield Term.of(JointValue(joint), value, space.value("lead_error", self.lead_error))
         if self.stiffness is not None:

@@ -7,16 +7,16 @@ import itertools
 import re
 import typing
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cache
-from typing import Any, ClassVar, Literal, TypeVar, final
+from typing import Any, ClassVar, Literal, final
 
 import numpy as np
 
 from precision_pin.draws.expressions import Component, Expression, component_names
 from precision_pin.draws.laws import Law
-from precision_pin.draws.space import Draw, LabelledSpace, Space, indexed
+from precision_pin.draws.space import Draw, LabelledSpace, entry_name
 from precision_pin.errors import Finding, InputError
 from precision_pin.inputs.arguments import check_choice, check_number, check_text, shown
 from precision_pin.robot.chain import Chain, Posture
@@ -26,21 +26,14 @@ from precision_pin.typing import Array
 from precision_pin.units import PerJoint, Quantity
 
 __all__ = [
-    "BoundSource",
     "Dependence",
     "SettingField",
     "Source",
-    "draw_owners",
     "fix_settings",
-    "labels",
-    "load_posture",
-    "own_draws",
     "setting_fields",
     "takes_law",
-    "with_quantities",
 ]
 
-Answer = TypeVar("Answer")
 Dependence = Literal["chain", "configuration", "loads"]
 """What of a posture a source reads: its chain, the joint values too, or the loads too."""
 
@@ -166,7 +159,7 @@ def _leaves(part: Any, label: str) -> Iterator[_Leaf]:
             if dataclasses.is_dataclass(value) and not isinstance(value, Law | Draw | Expression):
                 yield from _leaves(value, f"{label}.{entry.name}[{k}]")
             else:
-                yield _Leaf(f"{label}.{indexed(entry.name, k)}", value, type(part), entry.name)
+                yield _Leaf(f"{label}.{entry_name(entry.name, k)}", value, type(part), entry.name)
 
 
 class Source(ABC):
@@ -327,51 +320,6 @@ class Source(ABC):
         return found
 
 
-@final
-class BoundSource:
-    """A source and what its settings stand for; what does not depend on the posture it is asked for once.
-
-    Parameters
-    ----------
-    source
-        The source.
-    view
-        The space as it sees it.
-    """
-
-    def __init__(self, source: Source, view: LabelledSpace) -> None:
-        self.source, self.view = source, view
-        self._kept: dict[str, tuple[Any, ...]] = {}
-
-    def loads(self, posture: Posture) -> Iterable[Load]:
-        """Return its loads at a posture without those of sources."""
-        return self._answer("loads", self.source.loads, posture)
-
-    def gravity(self, posture: Posture) -> Iterable[tuple[Array, Factors]]:
-        """Return what it adds to gravity at a posture without the loads of sources."""
-        return self._answer("gravity", self.source.gravity, posture)
-
-    def terms(self, posture: Posture) -> Iterable[Term]:
-        """Return its terms at a posture with all loads."""
-        return self._answer("terms", self.source.terms, posture)
-
-    def _answer(
-        self, name: str, method: Callable[[Posture, LabelledSpace], Iterator[Answer]], posture: Posture
-    ) -> Iterable[Answer]:
-        if self.source.depends_on != "chain":
-            return method(posture, self.view)
-        if name not in self._kept:
-            self._kept[name] = tuple(method(posture, self.view))
-        return self._kept[name]
-
-
-def load_posture(bare: Posture, sources: Iterable[BoundSource]) -> Posture:
-    """Return a posture with what sources hang on it and add to gravity."""
-    listed = tuple(sources)
-    laden = bare.with_loads([load for source in listed for load in source.loads(bare)])
-    return laden.with_tilts([tilt for source in listed for tilt in source.gravity(bare)])
-
-
 def _check_plain_settings(source: Source) -> None:
     """Refuse what is no number, text or list in settings declared as such; which of them are allowed, each kind says."""
     for field in dataclasses.fields(source):  # type: ignore[arg-type]
@@ -417,70 +365,3 @@ def _fixed(value: object) -> object:
         copy.flags.writeable = False
         return copy
     return value
-
-
-def labels(sources: Sequence[Source]) -> tuple[str, ...]:
-    """Return every source's label.
-
-    Sources with one label are told apart by ``#2``, ``#3``, … in the order of their settings (names and directions before
-    numbers and laws), so that neither the order of the sources nor, as a rule, another tolerance changes a label.
-    """
-    result = [source.label() for source in sources]
-    alike: dict[str, list[int]] = {}
-    for k, label in enumerate(result):
-        alike.setdefault(label, []).append(k)
-    for label, numbers in alike.items():
-        if len(numbers) > 1:
-            numbers.sort(key=lambda k: _rank(sources[k]))
-        for rank, k in enumerate(numbers[1:], start=2):
-            result[k] = f"{label}#{rank}"
-    return tuple(result)
-
-
-def _rank(source: Source) -> tuple[str, str]:
-    names = {field: value for field, value in source.settings().items() if isinstance(value, str)}
-    return repr(names), repr(source)
-
-
-def own_draws(sources: Sequence[Source], labels: Sequence[str]) -> list[Draw]:
-    """Return the draws of all sources, each named after its source's label."""
-    return [draw for source, label in zip(sources, labels, strict=True) for draw in source.draws(label)]
-
-
-def draw_owners(space: Space, sources: Sequence[Source], labels: Sequence[str]) -> tuple[tuple[str, ...], ...]:
-    """Return for each draw the labels of the sources that use it, in the order of the sources."""
-    draw_of = {name: draw.name for draw in space.draws for name in draw.components}
-    found: dict[str, list[str]] = {draw.name: [] for draw in space.draws}
-    for source, label in zip(sources, labels, strict=True):
-        for name in {draw_of[number] for number in source.numbers(label) if number in draw_of}:
-            found[name].append(label)
-    return tuple(tuple(found[draw.name]) for draw in space.draws)
-
-
-def with_quantities(space: Space, sources: Sequence[Source], labels: Sequence[str], chain: Chain) -> Space:
-    """Return a space whose draws say what they are: as the first source that uses a number says, else as they did."""
-    known: dict[str, Quantity] = {}
-    for source, label in zip(sources, labels, strict=True):
-        joint = source.settings().get("joint")
-        slides = joint in chain.joint_names and bool(chain.prismatic[chain.joint_names.index(joint)])
-        try:
-            numbers = source.numbers(label)
-        except InputError:
-            continue  # its types are not known
-        for name, note in numbers.items():
-            if note is not None:
-                known.setdefault(name, _at_joint(note, slides))
-    return Space(tuple(_with_quantities(draw, known) for draw in space.draws), space.correlations)
-
-
-def _with_quantities(draw: Draw, known: Mapping[str, Quantity]) -> Draw:
-    own = itertools.zip_longest(draw.components, draw.quantities)
-    # what the sheet says has its unit, too
-    found = tuple(said if known.get(name) in (None, said) else known[name] for name, said in own)
-    return dataclasses.replace(draw, quantities=found) if any(found) else draw
-
-
-def _at_joint(note: Quantity | PerJoint, slides: bool) -> Quantity:
-    if isinstance(note, PerJoint):
-        return note.prismatic if slides else note.revolute
-    return note

@@ -10,21 +10,38 @@ from typing import Final
 import numpy as np
 
 from precision_pin.analyses.budget import shapley
+from precision_pin.analyses.budget.budget_result import VECTORS, Shares, SourceShare
 from precision_pin.draws.space import Space
+from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.pose_model import PoseModel
 from precision_pin.robot.chain import Chain
+from precision_pin.statistics import COMPONENTS as COMPONENT_ROWS
+from precision_pin.statistics import QUANTITIES
 from precision_pin.terms.term import JointValue, Target
 from precision_pin.typing import Array
 
 __all__ = [
+    "COMPONENTS",
+    "ROUNDING",
     "by_component",
     "by_draw",
     "by_place",
+    "component_shares",
     "correlated_groups",
+    "deviations_of",
+    "group_part",
     "place_name",
     "reaches",
+    "shares_of",
+    "source_shares",
+    "worst_case_shares",
 ]
 
+
+ROUNDING: Final = 1e-14
+"""Spreads (m, rad) up to this are rounding."""
+
+COMPONENTS: Final = tuple(QUANTITIES[row] for row in COMPONENT_ROWS)
 
 UNCORRELATED: Final = 1e-12
 """Correlations up to this are rounding."""
@@ -129,3 +146,65 @@ def place_name(target: Target, chain: Chain) -> str:
 
 def _columns(space: Space, draws: Iterable[int]) -> list[int]:
     return [column for k in draws for column in range(space.slices[k].start, space.slices[k].stop)]
+
+
+def group_part(at: PoseModel, group: tuple[int, ...], shares: Array) -> Array:
+    """Return a group's part of the variances, ``(6,)``; worked out whole where it was too large to be shared."""
+    part: Array = shares[list(group)].sum(axis=0)
+    if np.isfinite(part).all():
+        return part
+    columns = np.concatenate([np.arange(at.space.size)[at.space.slices[draw]] for draw in group])
+    jacobian = at.jacobian[:, columns]
+    whole: Array = np.einsum("ij,jk,ik->i", jacobian, at.space.block_covariance.within(columns), jacobian)
+    return whole
+
+
+def shares_of(parts: Array, variances: Array) -> Shares:
+    """Return parts of the six variances as shares, of the components and of both vectors; None where nothing varies."""
+    values: list[tuple[str, float, float]] = [
+        (vector, float(parts[rows].sum()), float(variances[rows].sum()))
+        for vector, rows in zip(VECTORS, (slice(0, 3), slice(3, 6)), strict=True)
+    ]
+    values += zip(COMPONENTS, map(float, parts), map(float, variances), strict=True)
+    return {name: part / whole if whole > ROUNDING**2 and np.isfinite(part) else None for name, part, whole in values}
+
+
+def component_shares(at: PoseModel, draw: int, variances: Array) -> dict[str, Shares]:
+    """Return the shares of the numbers of a draw of several, by name; empty where :func:`by_component` has none."""
+    parts = by_component(at, draw)
+    if parts is None:
+        return {}
+    names = at.space.draws[draw].components
+    return {name: shares_of(part, variances) for name, part in zip(names, parts, strict=True)}
+
+
+def worst_case_shares(part: Array, whole: Array) -> Shares:
+    """Return a draw's part of how far the six components reach, as shares; None where nothing reaches anywhere."""
+    return {
+        name: float(one / every) if every > ROUNDING else None
+        for name, one, every in zip(COMPONENTS, part, whole, strict=True)
+    }
+
+
+def deviations_of(variances: Array) -> dict[str, float]:
+    """Return standard deviations of the components, and of the vectors the root of the sum of their squares."""
+    squares = dict(zip(VECTORS, (variances[:3].sum(), variances[3:].sum()), strict=True))
+    squares |= dict(zip(COMPONENTS, variances, strict=True))
+    return {name: float(np.sqrt(max(square, 0.0))) for name, square in squares.items()}
+
+
+def source_shares(error_model: ErrorModel, shares: Array, variances: Array) -> tuple[SourceShare, ...]:
+    """Return one line for each source with draws of its own and one for each draw that several sources share."""
+    lines: dict[tuple[str, ...], list[int]] = {}
+    for k, labels in enumerate(error_model.owners):
+        name = error_model.space.draws[k].name
+        key = labels if len(labels) == 1 else (*labels, name)
+        lines.setdefault(key, []).append(k)
+    return tuple(
+        SourceShare(
+            sources=key if len(key) == 1 else key[:-1],
+            draws=tuple(error_model.space.draws[k].name for k in rows),
+            share=shares_of(shares[rows].sum(axis=0), variances),
+        )
+        for key, rows in lines.items()
+    )

@@ -14,19 +14,11 @@ from typing import Final, final
 import numpy as np
 from numpy.typing import NDArray
 
+from precision_pin.analyses.exact_law.convolution import MOST_PIECES, ConvolvedLaw
 from precision_pin.analyses.exact_law.exact_law_result import LEVELS, Agreement, ExactLaw, ExactLawResult, PoseLaws
-from precision_pin.analyses.exact_law.fourier_inversion import (
-    MOST_PIECES,
-    MOST_TERMS,
-    ConvolvedLaw,
-    NormalLaw,
-    NumberLaw,
-    SeriesLaw,
-    SingleLaw,
-    Summand,
-    certified_series,
-)
+from precision_pin.analyses.exact_law.fourier_inversion import MOST_TERMS, SeriesLaw, Summand, certified_series
 from precision_pin.analyses.exact_law.normal_norm import NormalNorm
+from precision_pin.analyses.exact_law.number_law import NormalLaw, NumberLaw, SingleLaw
 from precision_pin.analyses.exact_law.quantile_bounds import quantile_bounds
 from precision_pin.analyses.provenance import Pose, PoseLabel, Poses, Provenance, listed_poses
 from precision_pin.analyses.result import list_warnings
@@ -166,7 +158,7 @@ def _at_pose(error_model: ErrorModel, pose: Pose, deviations: Array, confidence:
 def _bends(at: PoseModel, laws: dict[str, ExactLaw], deviations: Array) -> tuple[str, ...]:
     """Return a line for each quantity whose law is plainly not that of the exact model."""
     try:
-        errors = sampler.errors_at(sampler.compile_table(at), "exact", at.space.mean[:, None] + deviations)
+        errors = sampler.errors_at(sampler.to_arrays(at), "exact", at.space.mean[:, None] + deviations)
     except InputError as error:
         return (f"the exact model could not be compared: {error.findings[0].message}",)
     lines = []

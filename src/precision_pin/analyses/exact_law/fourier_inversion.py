@@ -1,4 +1,4 @@
-"""The law of one number that is a sum of independent parts: in closed form, by convolution, or as a Fourier series.
+"""The law of one number that is a sum of independent parts, as a Fourier series.
 
 Of many parts the characteristic function is a product. On a support of length 2L, the density is its own Fourier series
 (Poisson's summation; Abate and Whitt, Queueing Systems 10, 1992): with ω_k = kπ/L and φ about the middle c,
@@ -17,7 +17,6 @@ A cumulative probability at x is that at a number within a few units of rounding
 from __future__ import annotations
 
 import math
-from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -25,27 +24,19 @@ from typing import Final, final
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import optimize, special
+from scipy import special
 
-from precision_pin.analyses.exact_law.quantile_bounds import quantile_bounds
-from precision_pin.draws.laws.projection import Lines, Projection
+from precision_pin.analyses.exact_law.number_law import FARTHEST, ROUNDING, NumberLaw
 from precision_pin.inputs.arrays import fix_fields
 from precision_pin.typing import Array
 
-__all__ = ["ConvolvedLaw", "NormalLaw", "NumberLaw", "SeriesLaw", "SingleLaw", "Summand", "certified_series"]
+__all__ = ["MOST_TERMS", "SeriesLaw", "Summand", "certified_series"]
 
-
-ROUNDING: Final = 1e-14
-"""Bound of the rounding of a cumulative law in closed form."""
 
 UNIT: Final = 0.5**53
 """Rounding of one number, relative."""
 
-FARTHEST: Final = 9.0
-"""Standard deviations beyond which a normal number is left out: probability 2.3e-19."""
-
 MOST_TERMS: Final = 2**20
-MOST_PIECES: Final = 2000
 _AIMS: Final = (
     (1e-14, 2**15, FARTHEST),
     (1e-12, 2**18, 7.5),
@@ -54,227 +45,6 @@ _AIMS: Final = (
     (3e-7, MOST_TERMS, 5.5),
 )
 """Error to reach by the cut, terms that it may take, standard deviations at which unbounded parts end."""
-
-
-class NumberLaw(ABC):
-    """The law of one number.
-
-    Attributes
-    ----------
-    mean
-        Its mean.
-    low, high
-        What lies outside has a probability below the error.
-    method
-        How it is computed, in words.
-    error
-        Bound of the error of :meth:`cumulative`, rounding of x apart.
-    """
-
-    mean: float
-    low: float
-    high: float
-
-    @property
-    @abstractmethod
-    def method(self) -> str:
-        """How it is computed, in words."""
-
-    @property
-    @abstractmethod
-    def error(self) -> float:
-        """Bound of the error of :meth:`cumulative`."""
-
-    @abstractmethod
-    def cumulative(self, x: Array) -> Array:
-        """Return P(number ≤ x), ``(N,)``."""
-
-    @abstractmethod
-    def density(self, x: Array) -> Array:
-        """Return the density ``(N,)``, not-a-number where there is none."""
-
-    @final
-    def quantile(self, p: float) -> float:
-        """Return the smallest value with at least this probability at or below it (0 < p < 1), by Brent's method."""
-
-        def excess(x: float) -> float:
-            return float(self.cumulative(np.array([x]))[0]) - p
-
-        if excess(self.low) >= 0:
-            return self.low
-        if excess(self.high) <= 0:
-            return self.high
-        root: float = optimize.brentq(excess, self.low, self.high, xtol=1e-16 * (self.high - self.low), rtol=1e-15)
-        return root
-
-    @final
-    def quantile_error(self, p: float) -> float:
-        """Return the bound of :meth:`quantile`'s error."""
-        return float(quantile_bounds(self, np.array([p]), np.array([self.quantile(p)]))[0])
-
-
-@final
-@dataclass(frozen=True)
-class NormalLaw(NumberLaw):
-    """A normal number."""
-
-    mean: float
-    std: float
-
-    @property
-    def low(self) -> float:  # type: ignore[override]
-        """Nine standard deviations down."""
-        return self.mean - FARTHEST * self.std
-
-    @property
-    def high(self) -> float:  # type: ignore[override]
-        """Nine standard deviations up."""
-        return self.mean + FARTHEST * self.std
-
-    @property
-    def method(self) -> str:
-        """Closed form."""
-        return "normal law"
-
-    @property
-    def error(self) -> float:
-        """Rounding."""
-        return ROUNDING
-
-    def cumulative(self, x: Array) -> Array:
-        """Return Φ((x - mean)/σ)."""
-        value: Array = special.ndtr((x - self.mean) / self.std)
-        return value
-
-    def density(self, x: Array) -> Array:
-        """Return φ((x - mean)/σ)/σ."""
-        value: Array = np.exp(-(((x - self.mean) / self.std) ** 2) / 2) / (math.sqrt(2 * math.pi) * self.std)
-        return value
-
-
-@final
-@dataclass(frozen=True, eq=False)
-class SingleLaw(NumberLaw):
-    """One part alone."""
-
-    mean: float
-    part: Projection
-
-    @property
-    def low(self) -> float:  # type: ignore[override]
-        """The part's lower end."""
-        return self.mean + self.part.ends[0]
-
-    @property
-    def high(self) -> float:  # type: ignore[override]
-        """The part's upper end."""
-        return self.mean + self.part.ends[1]
-
-    @property
-    def method(self) -> str:
-        """Closed form."""
-        return "closed form of one draw"
-
-    @property
-    def error(self) -> float:
-        """Rounding."""
-        return ROUNDING
-
-    def cumulative(self, x: Array) -> Array:
-        """Return the part's."""
-        return self.part.cumulative(x - self.mean)
-
-    def density(self, x: Array) -> Array:
-        """Return the part's."""
-        return self.part.density(x - self.mean)
-
-
-@final
-@dataclass(frozen=True, eq=False)
-class ConvolvedLaw(NumberLaw):
-    """Two parts: ``F(x) = ∫ F₁(x - z(s)) w(s) ds`` along the second's parameter.
-
-    The integral is cut at every kink of either, and each piece taken by the double exponential rule (Takahasi and Mori,
-    1974), which minds no singularity at an end.
-    """
-
-    mean: float
-    kept: Projection
-    integrated: Projection
-
-    @classmethod
-    def of(cls, mean: float, one: Projection, other: Projection) -> ConvolvedLaw:
-        """Return the law; the part whose density is the rougher is integrated along."""
-        kept, integrated = (one, other) if _roughness(one) <= _roughness(other) else (other, one)
-        return cls(mean, kept, integrated)
-
-    @property
-    def pieces(self) -> int:
-        """Into how many the integral is cut."""
-        return len(self.kept.kinks) + len(self.integrated.breaks) - 1
-
-    @property
-    def low(self) -> float:  # type: ignore[override]
-        """Sum of the lower ends."""
-        return self.mean + self.kept.ends[0] + self.integrated.ends[0]
-
-    @property
-    def high(self) -> float:  # type: ignore[override]
-        """Sum of the upper ends."""
-        return self.mean + self.kept.ends[1] + self.integrated.ends[1]
-
-    @property
-    def method(self) -> str:
-        """Convolution."""
-        return "convolution of two draws"
-
-    @property
-    def error(self) -> float:
-        """Of the double exponential rule, found on sums with a closed form."""
-        return 1e-11
-
-    def cumulative(self, x: Array) -> Array:
-        """Return the integral of F₁."""
-        value = self._integral(self.kept.cumulative, x)
-        inside = (x >= self.low) & (x < self.high)
-        return np.where(inside, np.clip(value, 0, 1), np.where(x >= self.high, 1.0, 0.0))
-
-    def density(self, x: Array) -> Array:
-        """Return the integral of f₁."""
-        return self._integral(self.kept.density, x)
-
-    def _integral(self, function: Callable[[Array], Array], x: Array) -> Array:
-        shares, weights = _double_exponential()
-        step = max(1, 2_000_000 // (self.pieces * shares.size))
-        parts = [np.zeros(0)]
-        for first in range(0, x.size, step):
-            z = x[first : first + step] - self.mean
-            breaks = np.array(self.integrated.breaks)
-            cuts = self.integrated.parameter(z[:, None] - np.array(self.kept.kinks))
-            edges = np.sort(np.concatenate([cuts, np.broadcast_to(breaks, (z.size, breaks.size))], axis=1), axis=1)
-            lengths = np.diff(edges, axis=1)[:, :, None]
-            s = edges[:, :-1, None] + lengths * shares
-            values = function(z[:, None, None] - self.integrated.position(s)) * self.integrated.weight(s)
-            parts.append((values * (lengths * weights)).sum(axis=(1, 2)))
-        return np.concatenate(parts)
-
-
-def _roughness(part: Projection) -> int:
-    """Return 2 for lines, 1 for a density without bound (|φ| falls slower than 1/ω), 0 otherwise."""
-    if isinstance(part, Lines):
-        return 2
-    far = np.array([2.0**60, 2.0**62]) / max(abs(end) for end in part.ends)
-    first, second = part.envelope(far)
-    return int(second > 0.3 * first)
-
-
-def _double_exponential() -> tuple[Array, Array]:
-    """Return nodes in (0, 1) and weights of the double exponential rule."""
-    t = np.arange(-52, 53) / 16
-    inner = math.pi / 2 * np.sinh(t)
-    shares = special.expit(2 * inner)
-    weights = math.pi / 2 * np.cosh(t) / (2 * np.cosh(inner) ** 2) / 16
-    return shares, weights / weights.sum()
 
 
 @final

@@ -212,7 +212,7 @@ class _Sampled:
 
     def __init__(self, at: PoseModel, centre: Array, method: Method, count: int, seed: int, step: Progress) -> None:
         self._at = at
-        self._layout = sampler.compile_table(at)
+        self._layout = sampler.to_arrays(at)
         self._centre = centre
         self._count = count
         self._seed = seed

@@ -29,7 +29,7 @@ class ErrorAround:
     """The exact error around the means of the components."""
 
     def __init__(self, at: PoseModel) -> None:
-        self._layout = sampler.compile_table(at)
+        self._layout = sampler.to_arrays(at)
         self._mean = at.space.mean[:, None]
 
     def at(self, deviations: Array) -> Array:

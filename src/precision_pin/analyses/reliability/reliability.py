@@ -98,7 +98,7 @@ def reliability(
         )  # fmt: skip
         warnings += [line for line in analysis.warnings if line not in warnings]
         at = error_model.at(one)
-        layout = sampler.compile_table(at)
+        layout = sampler.to_arrays(at)
         results = [
             _of_specification(at, layout, specification, counted, samples, seed, confidence)
             for specification, counted in zip(listed, analysis.summary.specifications, strict=True)
@@ -114,7 +114,7 @@ def reliability(
     )
 
 
-def _margin(layout: sampler.CompiledTable, specification: Specification) -> Callable[[Array], Array]:
+def _margin(layout: sampler.SamplerArrays, specification: Specification) -> Callable[[Array], Array]:
     """Return what is left up to the limit, in limits, for component values."""
 
     def margin(x: Array) -> Array:
@@ -143,7 +143,7 @@ def _starts(at: PoseModel, specification: Specification) -> list[Array]:
 
 def _of_specification(
     at: PoseModel,
-    layout: sampler.CompiledTable,
+    layout: sampler.SamplerArrays,
     specification: Specification,
     counted: SpecificationResult,
     samples: int,
@@ -168,7 +168,7 @@ def _of_specification(
     )
 
 
-def _told(at: PoseModel, layout: sampler.CompiledTable, point: DesignPoint, strata: Sequence[Stratum]) -> LikelyFailure:
+def _told(at: PoseModel, layout: sampler.SamplerArrays, point: DesignPoint, strata: Sequence[Stratum]) -> LikelyFailure:
     """Return a design point in the terms of the model: parameters, error, importance of each draw."""
     x = strata[point.stratum].values(point.u[:, None])
     groups = {draw.name: draw.name for draw in at.space.draws}

@@ -144,7 +144,7 @@ def _at_pose(
         seen = analysis.summary.distribution(quantity)
         low, high = float(error[row] - reach_down[row]), float(error[row] + reach_up[row])
         components.append(ComponentBound(quantity, low, high, (seen.min, seen.max)))
-    layout = sampler.compile_table(at)
+    layout = sampler.to_arrays(at)
     norms = []
     for quantity, rows in _NORMS.items():
         sampled = None
@@ -164,7 +164,7 @@ def _at_pose(
 
 def _bound(
     at: PoseModel,
-    layout: sampler.CompiledTable,
+    layout: sampler.SamplerArrays,
     supports: Supports,
     rows: slice,
     quantity: str,
@@ -237,7 +237,7 @@ def farthest_error(error: Array, jacobian: Array, supports: Supports) -> Farthes
 
 
 def _climbed(
-    layout: sampler.CompiledTable, supports: Supports, rows: slice, starts: Array, mean: Array
+    layout: sampler.SamplerArrays, supports: Supports, rows: slice, starts: Array, mean: Array
 ) -> tuple[Array, float]:
     """Return the best point ``(d,)`` and |error| there that climbing the exact model from ``(S, d)`` leads to.
 
@@ -269,7 +269,7 @@ def _climbed(
     return places[best], float(sizes[best])
 
 
-def _toward(layout: sampler.CompiledTable, supports: Supports, rows: slice, places: Array, mean: Array) -> Array:
+def _toward(layout: sampler.SamplerArrays, supports: Supports, rows: slice, places: Array, mean: Array) -> Array:
     """Return the points of the supports ``(S, d)`` farthest along the gradient of |error| at points ``(S, d)``."""
     low, high = (mean + end for end in supports.ends)
     # inside the supports: beyond them a formula or a stiffness may have no value
@@ -295,6 +295,6 @@ def _batches(count: int, size: int) -> Iterator[NDArray[np.intp]]:
         yield np.arange(first, min(first + at_once, count))
 
 
-def _sizes(layout: sampler.CompiledTable, rows: slice, places: Array) -> Array:
+def _sizes(layout: sampler.SamplerArrays, rows: slice, places: Array) -> Array:
     value: Array = np.linalg.norm(sampler.errors_at(layout, "exact", places.T)[rows], axis=0)
     return value

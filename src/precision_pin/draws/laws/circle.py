@@ -17,7 +17,7 @@ from precision_pin.draws.laws.kernel_row import KernelRow
 from precision_pin.draws.laws.law import cumulative, take_size
 from precision_pin.draws.laws.numerics import Moments
 from precision_pin.draws.laws.sheet_form import SheetForm, SheetReader
-from precision_pin.draws.laws.wording import written
+from precision_pin.draws.laws.wording import write_number
 from precision_pin.draws.philox import direction
 from precision_pin.typing import Array
 from precision_pin.units import Quantity
@@ -68,7 +68,7 @@ class Circle(PlaneLaw):
 
     def describe(self, quantities: Sequence[Quantity | None]) -> str:
         """Return what is drawn, in words."""
-        return f"a point uniform on a circle of radius {written(self.radius, quantities[0])}"
+        return f"a point uniform on a circle of radius {write_number(self.radius, quantities[0])}"
 
     @property
     def streamed(self) -> range:

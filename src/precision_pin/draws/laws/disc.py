@@ -17,7 +17,7 @@ from precision_pin.draws.laws.law import take_size
 from precision_pin.draws.laws.numerics import Moments
 from precision_pin.draws.laws.projection import SymmetricProjection, power_bound
 from precision_pin.draws.laws.sheet_form import SheetForm, SheetReader
-from precision_pin.draws.laws.wording import written
+from precision_pin.draws.laws.wording import write_number
 from precision_pin.draws.philox import direction
 from precision_pin.typing import Array
 from precision_pin.units import Quantity
@@ -74,12 +74,12 @@ class Disc(PlaneLaw):
 
     def describe(self, quantities: Sequence[Quantity | None]) -> str:
         """Return what is drawn, in words."""
-        return f"a point uniform over a disc of radius {written(self.radius, quantities[0])}"
+        return f"a point uniform over a disc of radius {write_number(self.radius, quantities[0])}"
 
     def tolerance(self, quantities: Sequence[Quantity | None]) -> str:
         """Return the radius."""
         known = [quantity for quantity in quantities if quantity is not None and quantity.si]
-        return f"radius {written(self.radius, known[0])}" if known else ""
+        return f"radius {write_number(self.radius, known[0])}" if known else ""
 
     def kernel_row(self) -> KernelRow:
         """Return the radius."""

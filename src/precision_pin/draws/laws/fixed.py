@@ -12,7 +12,7 @@ from precision_pin.draws.laws.bases import SymmetricLaw
 from precision_pin.draws.laws.kernel_row import KernelRow
 from precision_pin.draws.laws.law import take_number
 from precision_pin.draws.laws.sheet_form import SheetForm, SheetReader
-from precision_pin.draws.laws.wording import written
+from precision_pin.draws.laws.wording import write_number
 from precision_pin.typing import Array
 from precision_pin.units import Quantity
 
@@ -54,7 +54,7 @@ class Fixed(SymmetricLaw):
 
     def describe(self, quantities: Sequence[Quantity | None]) -> str:
         """Return what is drawn, in words."""
-        return f"fixed at {written(self.mean, quantities[0])}"
+        return f"fixed at {write_number(self.mean, quantities[0])}"
 
     @property
     def streamed(self) -> range:

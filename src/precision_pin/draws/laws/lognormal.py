@@ -27,7 +27,7 @@ from precision_pin.draws.laws.law import FARTHEST_NORMAL, Law, take_size
 from precision_pin.draws.laws.numerics import in_chunks
 from precision_pin.draws.laws.projection import Projection, power_bound
 from precision_pin.draws.laws.sheet_form import DEVIATIONS, LawOption, SheetForm, SheetReader
-from precision_pin.draws.laws.wording import written
+from precision_pin.draws.laws.wording import write_number
 from precision_pin.errors import InputError
 from precision_pin.typing import Array
 from precision_pin.units import Quantity
@@ -173,7 +173,7 @@ class Lognormal(Law):
     def describe(self, quantities: Sequence[Quantity | None]) -> str:
         """Return what is drawn, in words."""
         (quantity,) = quantities
-        return f"lognormal, mean {written(self.mean, quantity)}, standard deviation {written(self.std, quantity)}"
+        return f"lognormal, mean {write_number(self.mean, quantity)}, standard deviation {write_number(self.std, quantity)}"
 
     def kernel_row(self) -> KernelRow:
         """Return the mean, σ and σ²/2."""
@@ -301,12 +301,12 @@ def lognormal_characteristic(frequency: Array, log_std: float) -> NDArray[np.com
         σ, the standard deviation of ln x.
     """
     t = np.abs(frequency)
-    value = _integrated(t, log_std) if t.size <= _FEW else _interpolated(t, log_std)
+    value = _integrate(t, log_std) if t.size <= _FEW else _interpolate(t, log_std)
     result: NDArray[np.complex128] = np.where(frequency < 0, value.conj(), value)
     return result
 
 
-def _integrated(t: Array, sigma: float) -> NDArray[np.complex128]:
+def _integrate(t: Array, sigma: float) -> NDArray[np.complex128]:
     parts = [np.zeros(0, dtype=complex)]
     for first in range(0, t.size, _AT_ONCE):
         some = t[first : first + _AT_ONCE]
@@ -320,7 +320,7 @@ def _integrated(t: Array, sigma: float) -> NDArray[np.complex128]:
     return np.concatenate(parts)
 
 
-def _interpolated(t: Array, sigma: float) -> NDArray[np.complex128]:
+def _interpolate(t: Array, sigma: float) -> NDArray[np.complex128]:
     turn = 0.0 if sigma <= _SMALL else 1.0
     result = np.ones(t.size, dtype=complex)
     exponents = np.frexp(t)[1]
@@ -329,7 +329,7 @@ def _interpolated(t: Array, sigma: float) -> NDArray[np.complex128]:
         some = t[chosen]
         high = 2.0 ** int(exponent)
         values = _octave(some, high, sigma, turn)
-        result[chosen] = _integrated(some, sigma) if values is None else values * np.exp(-1j * turn * some)
+        result[chosen] = _integrate(some, sigma) if values is None else values * np.exp(-1j * turn * some)
     return result
 
 
@@ -340,7 +340,7 @@ def _octave(t: Array, high: float, sigma: float, turn: float) -> NDArray[np.comp
             return None
         nodes = np.cos(np.pi * (np.arange(degree + 1) + 0.5) / (degree + 1))
         places = high * (3 + nodes) / 4
-        values = _integrated(places, sigma) * np.exp(1j * turn * places)
+        values = _integrate(places, sigma) * np.exp(1j * turn * places)
         cosines = np.cos(np.pi * np.outer(np.arange(degree + 1), np.arange(degree + 1) + 0.5) / (degree + 1))
         coefficients = cosines @ values * (2 / (degree + 1))
         coefficients[0] /= 2

@@ -14,7 +14,7 @@ from precision_pin.draws.laws.kernel_row import KernelRow
 from precision_pin.draws.laws.law import FARTHEST_NORMAL, Law, take_number, take_size
 from precision_pin.draws.laws.sheet_form import DEVIATIONS, MEAN, NUMBER, LawOption, SheetForm, SheetReader
 from precision_pin.draws.laws.truncated_normal import TruncatedNormal
-from precision_pin.draws.laws.wording import mean_beside, written
+from precision_pin.draws.laws.wording import mean_beside, write_number
 from precision_pin.inputs.arguments import check_number
 from precision_pin.typing import Array
 from precision_pin.units import Quantity
@@ -106,7 +106,7 @@ class Normal(SymmetricLaw):
     def describe(self, quantities: Sequence[Quantity | None]) -> str:
         """Return what is drawn, in words."""
         (quantity,) = quantities
-        return f"normal, standard deviation {written(self.std, quantity)}{mean_beside(self.mean, quantity)}"
+        return f"normal, standard deviation {write_number(self.std, quantity)}{mean_beside(self.mean, quantity)}"
 
     def kernel_row(self) -> KernelRow:
         """Return mean and standard deviation."""

@@ -11,10 +11,10 @@ from precision_pin.display.units import WrittenUnit
 from precision_pin.typing import Array
 from precision_pin.units import Quantity
 
-__all__ = ["about", "deviations", "mean_beside", "spread", "written"]
+__all__ = ["about", "deviations", "mean_beside", "spread", "write_number"]
 
 
-def written(value: float, quantity: Quantity | None) -> str:
+def write_number(value: float, quantity: Quantity | None) -> str:
     """Return a number with the unit that suits it."""
     return WrittenUnit.suiting(quantity, [value])(value)
 
@@ -27,13 +27,13 @@ def about(half_width: float, mean: float, quantity: Quantity | None) -> str:
 
 def mean_beside(mean: float, quantity: Quantity | None) -> str:
     """Return what to add for a mean, nothing for zero."""
-    return f", mean {written(mean, quantity)}" if mean else ""
+    return f", mean {write_number(mean, quantity)}" if mean else ""
 
 
 def spread(mean: Array, covariance: Array, quantity: Quantity | None) -> str:
     """Return what to add for the mean and the standard deviation of one number."""
     std = math.sqrt(float(covariance[0, 0]))
-    return f", mean {written(float(mean[0]), quantity)}, standard deviation {written(std, quantity)}"
+    return f", mean {write_number(float(mean[0]), quantity)}, standard deviation {write_number(std, quantity)}"
 
 
 def deviations(components: Sequence[str], covariance: Array, quantities: Sequence[Quantity | None]) -> str:
@@ -41,5 +41,5 @@ def deviations(components: Sequence[str], covariance: Array, quantities: Sequenc
     stds = np.sqrt(np.maximum(np.diag(covariance), 0.0)).tolist()
     each = zip(components, stds, quantities, strict=True)
     return "standard deviations " + ", ".join(
-        f"{name.removeprefix('.')} {written(std, quantity)}" for name, std, quantity in each
+        f"{name.removeprefix('.')} {write_number(std, quantity)}" for name, std, quantity in each
     )

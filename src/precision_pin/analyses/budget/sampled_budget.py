@@ -1,0 +1,195 @@
+"""Sobol indices, quantiles and what halved tolerances give, of the exact model at one pose, by sampling."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Final, final
+
+import numpy as np
+
+from precision_pin.analyses.budget import smooth_quantiles, sobol
+from precision_pin.analyses.budget.budget_result import VECTORS, Estimate, Group, Halved, Sums
+from precision_pin.analyses.budget.shares import COMPONENTS, ROUNDING, deviations_of, group_part, shares_of
+from precision_pin.analyses.marginals import Marginals, law_breaks
+from precision_pin.analyses.replicates import REPLICATES, Estimates
+from precision_pin.draws.space import Space
+from precision_pin.kernel import sampler
+from precision_pin.model.pose_model import PoseModel
+from precision_pin.statistics import NORMS as NORM_ROWS
+from precision_pin.statistics import QUANTITIES, quantity_values
+from precision_pin.typing import Array
+
+__all__ = ["MARKED", "NORMS", "SAMPLED", "SampledBudget", "list_random_draws"]
+
+
+MARKED: Final = 0.95
+"""Probability of the quantile that a halved tolerance is judged by."""
+
+NONLINEAR: Final = 0.01
+"""Closed form and sampling differ where their shares do by more than this, intervals aside."""
+
+NORMS: Final = tuple(QUANTITIES[row] for row in NORM_ROWS)
+
+SAMPLED: Final = (*VECTORS, *QUANTITIES)
+_TOGETHER: Final = np.array(
+    [[float(quantity in COMPONENTS and quantity.startswith(vector)) for quantity in QUANTITIES] for vector in VECTORS]
+    + [[float(quantity == other) for other in QUANTITIES] for quantity in QUANTITIES]
+)
+
+
+def list_random_draws(space: Space) -> list[bool]:
+    """Return which draws vary."""
+    variances = space.block_covariance.variances
+    return [bool(variances[rows].any()) for rows in space.slices]
+
+
+@final
+class SampledBudget:
+    """Estimates of the exact model at one pose."""
+
+    def __init__(
+        self,
+        at: PoseModel,
+        groups: Sequence[tuple[int, ...]],
+        seed: int,
+        samples: int,
+        confidence: float,
+        step: Callable[[int], None],
+    ) -> None:
+        self.at, self.confidence, self.group_draws = at, confidence, groups
+        self.samples, self.step = samples, step
+        self.layout = sampler.to_arrays(at)
+        size, slices = at.space.size, at.space.slices
+        self.random = list_random_draws(at.space)
+        points = (
+            sobol.scrambled_points(2 * size, seed, samples // REPLICATES, lambda: step(0))
+            if size
+            else np.zeros((0, samples))
+        )
+        self.points = points[:size]
+        # groups that do not vary need no sampling: their indices are zero
+        self.sampled = [k for k, group in enumerate(groups) if any(self.random[draw] for draw in group)]
+        self.indices = sobol.sobol_indices(
+            lambda uniforms: quantity_values(self._errors(at.space.inverse(uniforms))),
+            self.points,
+            points[size:],
+            [np.concatenate([np.arange(size)[slices[draw]] for draw in groups[k]]) for k in self.sampled],
+            outputs=_TOGETHER,
+            smallest=ROUNDING**2,
+            confidence=confidence,
+            breaks=law_breaks(at.space),
+        )
+        self.x = at.space.inverse(self.points)
+        self.norms = self._norms(self.x)
+        self.marginals = Marginals.of(size, samples // REPLICATES, is_net=True, breaks=law_breaks(at.space))
+        self.nodes = at.space.inverse(self.marginals.uniforms)
+        self.known = smooth_quantiles.found_quantiles(self.norms, MARKED)
+        self.quantiles = _estimates(self.known.estimates(confidence))
+
+    def _errors(self, x: Array) -> Array:
+        errors = sampler.errors_at(self.layout, "exact", x)
+        # not the nodes, which are few
+        self.step(self.samples if x.shape[1] == self.samples else 0)
+        return errors
+
+    def _norms(self, x: Array) -> Array:
+        return quantity_values(self._errors(x))[list(NORM_ROWS)]
+
+    def halved(self) -> list[Halved]:
+        """Return what halving every draw's deviation from its mean gives, one draw at a time, same numbers otherwise."""
+        return [self._halved(k) for k in range(len(self.random))]
+
+    def _halved(self, draw: int) -> Halved:
+        rows = self.at.space.slices[draw]
+        factors = np.ones(self.at.space.size)
+        factors[rows] = 0.5
+        variances = self.at.space.block_covariance.variances_of(self.at.jacobian * factors)
+        if not self.random[draw]:
+            none = Estimate(0.0, (0.0, 0.0))
+            return Halved(
+                deviations_of(variances), dict(zip(NORMS, self.quantiles, strict=True)), dict.fromkeys(NORMS, none)
+            )
+        values, changes = smooth_quantiles.quantile_changes(
+            self._norms(self._with_half(self.x, rows)), self.known, MARKED, self.confidence, self._unseen(rows)
+        )
+        return Halved(
+            deviations_of(variances),
+            dict(zip(NORMS, _estimates(values), strict=True)),
+            dict(zip(NORMS, _estimates(changes), strict=True)),
+        )
+
+    def _with_half(self, x: Array, rows: slice) -> Array:
+        """Return numbers with half of the deviation in some rows."""
+        result = x.copy()
+        mean = self.at.space.mean[rows, None]
+        result[rows] = mean + (x[rows] - mean) / 2
+        return result
+
+    def _unseen(self, rows: slice) -> Array:
+        """Return what halving may change of the norms where no point lies."""
+        nodes, weights = self.marginals.outermost(range(rows.start, rows.stop), self.x.shape[1])
+        x = self.nodes[:, nodes]
+        change: Array = np.abs(self._norms(self._with_half(x, rows)) - self._norms(x)) @ weights
+        return change
+
+    def groups(self, shares: Array, variances: Array) -> tuple[Group, ...]:
+        """Return the indices of every group beside the closed form."""
+        names = [draw.name for draw in self.at.space.draws]
+        nothing = Estimate(0.0, (0.0, 0.0))
+        none = {quantity: nothing if spread else None for quantity, spread in self._spreads().items()}
+        result = []
+        for k, group in enumerate(self.group_draws):
+            closed = shares_of(group_part(self.at, group, shares), variances)
+            first = self._row(self.indices.first, k) if k in self.sampled else none
+            total = self._row(self.indices.total, k) if k in self.sampled else none
+            result.append(
+                Group(
+                    draws=tuple(names[draw] for draw in group),
+                    share=closed,
+                    first=first,
+                    total=total,
+                    nonlinear=tuple(
+                        quantity for quantity in closed if _differs(closed[quantity], first[quantity], total[quantity])
+                    ),
+                )
+            )
+        return tuple(result)
+
+    def sums(self, shares: Array, variances: Array) -> dict[str, Sums]:
+        """Return the sum checks of every quantity."""
+        parts = [group_part(self.at, group, shares) for group in self.group_draws]
+        closed = shares_of(np.sum(parts, axis=0) if parts else np.zeros(6), variances)
+        deviations = deviations_of(variances)
+        first = _named(self.indices.first_sum)
+        variance = _named(self.indices.variance)
+        result = {}
+        for quantity in SAMPLED:
+            result[quantity] = Sums(closed.get(quantity), first[quantity], deviations.get(quantity), variance[quantity])
+        return result
+
+    def _row(self, estimates: Estimates, group: int) -> dict[str, Estimate | None]:
+        k = self.sampled.index(group)
+        return _named(Estimates(estimates.value[k], estimates.half_width[k], estimates.replicate_variance[k]))
+
+    def _spreads(self) -> dict[str, bool]:
+        return dict(zip(SAMPLED, self.indices.varies.tolist(), strict=True))
+
+
+def _differs(closed: float | None, first: Estimate | None, total: Estimate | None) -> bool:
+    if first is None or total is None:
+        return False
+    shares = 0.0 if closed is None else closed
+    return any(abs(index.value - shares) > NONLINEAR + index.half_width for index in (first, total))
+
+
+def _named(estimates: Estimates) -> dict[str, Estimate | None]:
+    return dict(zip(SAMPLED, _estimates(estimates), strict=True))
+
+
+def _estimates(estimates: Estimates) -> list[Estimate | None]:
+    return [
+        None
+        if np.isnan(value) or np.isnan(half)
+        else Estimate(float(value), (float(value - half), float(value + half)))
+        for value, half in zip(estimates.value, estimates.half_width, strict=True)
+    ]

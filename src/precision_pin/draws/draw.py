@@ -1,0 +1,111 @@
+"""A draw: a law with a name and a scope, and the word of the counter that says for which pose and visit it is made."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from enum import Enum
+from typing import final
+
+import numpy as np
+
+from precision_pin.draws.expressions import Expression
+from precision_pin.draws.laws import Law
+from precision_pin.errors import InputError
+from precision_pin.inputs.arguments import check_instance, check_text, check_whole
+from precision_pin.typing import Array
+from precision_pin.units import PerJoint, Quantity
+
+__all__ = ["MOST_POSES", "MOST_VISITS", "Draw", "Scope", "Setting", "occasion"]
+
+
+MOST_POSES = 2**20 - 1
+MOST_VISITS = 4095
+
+
+class Scope(Enum):
+    """How often a draw is made."""
+
+    UNIT = "unit"
+    """Once for each built robot."""
+    POSE = "pose"
+    """Once for each robot and pose."""
+    VISIT = "visit"
+    """Each time a robot comes to a pose."""
+
+
+def occasion(scope: Scope, pose: int = 0, visit: int = 0) -> int:
+    """Return the last counter word of a draw (0-based pose and visit).
+
+    Raises
+    ------
+    InputError
+        More than 2²⁰-1 poses or 4095 visits.
+    """
+    check_whole("the pose", pose, 0, MOST_POSES - 1)
+    check_whole("the visit", visit, 0, MOST_VISITS - 1)
+    match scope:
+        case Scope.UNIT:
+            return 0
+        case Scope.POSE:
+            return (pose + 1) * 4096
+        case Scope.VISIT:
+            return (pose + 1) * 4096 + visit + 1
+
+
+@final
+@dataclass(frozen=True)
+class Draw:
+    """The unit of randomness: a law with a name and a scope.
+
+    Attributes
+    ----------
+    name
+        Names the stream of random numbers. Inside a source's setting it may be empty: the draw is then named
+        after the place where it stands, ``source[joint or link].field``.
+    law
+        What is drawn.
+    scope
+        How often.
+    quantities
+        What each of the numbers is, None where that is not known; empty where none is. They play no part in comparing.
+    """
+
+    name: str
+    law: Law
+    scope: Scope = Scope.UNIT
+    quantities: tuple[Quantity | PerJoint | None, ...] = field(default=(), compare=False, repr=False)
+
+    def __post_init__(self) -> None:
+        check_text("the name of a draw", self.name)
+        check_instance(f"the law of the draw {self.name!r}", self.law, Law, "such as Normal(0.1e-3)")  # type: ignore[type-abstract]
+        check_instance(f"the scope of the draw {self.name!r}", self.scope, Scope, "such as Scope.UNIT")
+        if self.quantities and len(self.quantities) != self.law.size:
+            raise InputError(
+                f"the draw {self.name!r} has {len(self.quantities)} quantities for {self.law.size} numbers"
+            )
+
+    @property
+    def components(self) -> tuple[str, ...]:
+        """Names of the numbers drawn."""
+        return tuple(self.name + suffix for suffix in self.law.components)
+
+    @property
+    def covariance(self) -> Array:
+        """Covariance of the numbers drawn, ``(size, size)``.
+
+        Raises
+        ------
+        InputError
+            It is beyond any number.
+        """
+        try:
+            matrix = self.law.covariance
+        except (OverflowError, FloatingPointError):
+            matrix = np.array([[np.inf]])
+        if not np.isfinite(matrix).all():
+            raise InputError(f"the variance of {self.name!r} is beyond any number; its tolerance is far too large")
+        return matrix
+
+
+Setting = float | str | Law | Draw | Expression
+"""A source's setting: a number (SI), a parameter's name, a law, a draw, or a formula."""

@@ -1,0 +1,107 @@
+"""Blocks of samples: what each of them gives, and how they are added up.
+
+Units come in *blocks* of `BLOCK`, part of the format: each block has sums of its own, which depend on the error model,
+the seed and the block's number only. Added up in block order (`Blocks.add_to`) they give the same bits however the
+blocks were spread over calls, threads or machines of one type, and the bits of
+:func:`precision_pin.statistics.observe`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final, final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from precision_pin.errors import InputError
+from precision_pin.kernel.loops import ATOM
+from precision_pin.statistics import State, largest_of
+from precision_pin.typing import Array
+
+__all__ = ["BLOCK", "MOST_UNITS", "Blocks", "check_blocks"]
+
+BLOCK: Final = ATOM
+"""Units in a block, 16,384."""
+
+MOST_UNITS: Final = 2**63
+"""Units are numbered by signed integers of 64 bits."""
+
+# the sketch counts in 32 bits: of more samples in a call a bin could overflow
+_MOST_BLOCKS_IN_A_CALL: Final = 2**32 // BLOCK - 1
+_UPPER: Final = np.triu_indices(6)
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Blocks:
+    """Sums, extremes, bins and counts of consecutive blocks.
+
+    Attributes
+    ----------
+    count
+        Samples.
+    lowest, highest
+        ``(8,)`` smallest and largest value of each quantity.
+    sums
+        ``(blocks, 31)`` sums of each block by itself: of (value - centre) of the eight quantities, of the products of
+        two components' (value - centre) (upper triangle of 6 × 6, by rows), of the squares of the two norms'.
+    sketch
+        ``(8, COLUMNS)`` counts, see :mod:`precision_pin.statistics.sketch`.
+    inside
+        ``(S,)`` samples inside each specification.
+    largest, largest_units
+        ``(2, LARGEST)`` largest |d| and |δ|, and which units made them, see :class:`precision_pin.statistics.State`.
+    errors
+        ``(6, count)`` the errors themselves where they were to be kept.
+    """
+
+    count: int
+    lowest: Array
+    highest: Array
+    sums: Array
+    sketch: NDArray[np.uint32]
+    inside: NDArray[np.int64]
+    largest: Array
+    largest_units: NDArray[np.int64]
+    errors: Array | None
+
+    def add_to(self, state: State) -> State:
+        """Return the state after these blocks too; added in block order, the bits never depend on the grouping."""
+        before = np.concatenate([state.sums, state.products[_UPPER], state.norm_squares])
+        # one block after the other, unlike np.sum
+        sums = np.add.accumulate(np.vstack([before, self.sums]), axis=0)[-1]
+        products = np.empty((6, 6))
+        products[_UPPER] = products.T[_UPPER] = sums[8:29]
+        largest, units = largest_of(state.largest, state.largest_units, self.largest, self.largest_units)
+        return State(
+            count=state.count + self.count,
+            lowest=np.minimum(state.lowest, self.lowest),
+            highest=np.maximum(state.highest, self.highest),
+            sums=sums[:8],
+            products=products,
+            norm_squares=sums[29:],
+            sketch=state.sketch + self.sketch,
+            inside=state.inside + self.inside,
+            largest=largest,
+            largest_units=units,
+        )
+
+
+def check_blocks(first_block: int, blocks: int, samples: int | None) -> tuple[int, int]:
+    """Return the first unit of blocks, and how many units they hold of a run of so many samples.
+
+    Raises
+    ------
+    InputError
+        There are no such blocks.
+    """
+    first = int(first_block) * BLOCK
+    end = min(first + int(blocks) * BLOCK, MOST_UNITS)
+    count = (end if samples is None else min(end, int(samples))) - first
+    if first_block < 0 or not 0 < blocks <= _MOST_BLOCKS_IN_A_CALL or count <= 0:
+        raise InputError(
+            f"blocks {first_block} to {first_block + blocks - 1} of {samples} samples: from block 0, "
+            f"1 to {_MOST_BLOCKS_IN_A_CALL} blocks in a call, none beyond the last sample"
+        )
+    return first, count

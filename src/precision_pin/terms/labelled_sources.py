@@ -1,0 +1,106 @@
+"""The sources of a model together: their labels, their draws, which of them uses which draw, and draws in words."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+from collections.abc import Mapping, Sequence
+
+from precision_pin.draws.space import Draw, Space
+from precision_pin.errors import InputError
+from precision_pin.robot.chain import Chain
+from precision_pin.terms.source import Source
+from precision_pin.units import PerJoint, Quantity
+
+__all__ = ["draw_owners", "draw_words", "labels", "own_draws", "with_quantities"]
+
+
+def labels(sources: Sequence[Source]) -> tuple[str, ...]:
+    """Return every source's label.
+
+    Sources with one label are told apart by ``#2``, ``#3``, … in the order of their settings (names and directions before
+    numbers and laws), so that neither the order of the sources nor, as a rule, another tolerance changes a label.
+    """
+    result = [source.label() for source in sources]
+    alike: dict[str, list[int]] = {}
+    for k, label in enumerate(result):
+        alike.setdefault(label, []).append(k)
+    for label, numbers in alike.items():
+        if len(numbers) > 1:
+            numbers.sort(key=lambda k: _rank(sources[k]))
+        for rank, k in enumerate(numbers[1:], start=2):
+            result[k] = f"{label}#{rank}"
+    return tuple(result)
+
+
+def _rank(source: Source) -> tuple[str, str]:
+    names = {field: value for field, value in source.settings().items() if isinstance(value, str)}
+    return repr(names), repr(source)
+
+
+def own_draws(sources: Sequence[Source], labels: Sequence[str]) -> list[Draw]:
+    """Return the draws of all sources, each named after its source's label."""
+    return [draw for source, label in zip(sources, labels, strict=True) for draw in source.draws(label)]
+
+
+def draw_owners(space: Space, sources: Sequence[Source], labels: Sequence[str]) -> tuple[tuple[str, ...], ...]:
+    """Return for each draw the labels of the sources that use it, in the order of the sources."""
+    draw_of = {name: draw.name for draw in space.draws for name in draw.components}
+    found: dict[str, list[str]] = {draw.name: [] for draw in space.draws}
+    for source, label in zip(sources, labels, strict=True):
+        for name in {draw_of[number] for number in source.numbers(label) if number in draw_of}:
+            found[name].append(label)
+    return tuple(tuple(found[draw.name]) for draw in space.draws)
+
+
+def draw_words(space: Space, sources: Sequence[Source], labels: Sequence[str]) -> tuple[str, ...]:
+    """Return what each draw is in a reader's words, such as ``tilt of joint2 about z``.
+
+    A draw with a name of the user's keeps it, followed by what it stands for first.
+    """
+    uses: dict[str, list[str]] = {}
+    own: set[str] = set()
+    for source, label in zip(sources, labels, strict=True):
+        for number, place in source.places(label).items():
+            uses.setdefault(number, []).append(source.describe(place))
+        own.update(draw.name for draw in source.draws(label))
+    return tuple(_in_words(draw, uses, draw.name in own) for draw in space.draws)
+
+
+def _in_words(draw: Draw, uses: Mapping[str, Sequence[str]], is_unnamed: bool) -> str:
+    described = list(dict.fromkeys(use for name in draw.components for use in uses.get(name, ())))
+    if not described:
+        return draw.name
+    if is_unnamed:
+        return described[0]
+    more = "" if len(described) == 1 else f" and {len(described) - 1} more"
+    return f"{draw.name} ({described[0]}{more})"
+
+
+def with_quantities(space: Space, sources: Sequence[Source], labels: Sequence[str], chain: Chain) -> Space:
+    """Return a space whose draws say what they are: as the first source that uses a number says, else as they did."""
+    known: dict[str, Quantity] = {}
+    for source, label in zip(sources, labels, strict=True):
+        joint = source.settings().get("joint")
+        slides = joint in chain.joint_names and bool(chain.prismatic[chain.joint_names.index(joint)])
+        try:
+            numbers = source.numbers(label)
+        except InputError:
+            continue  # its types are not known
+        for name, note in numbers.items():
+            if note is not None:
+                known.setdefault(name, _at_joint(note, slides))
+    return Space(tuple(_with_quantities(draw, known) for draw in space.draws), space.correlations)
+
+
+def _with_quantities(draw: Draw, known: Mapping[str, Quantity]) -> Draw:
+    own = itertools.zip_longest(draw.components, draw.quantities)
+    # what the sheet says has its unit, too
+    found = tuple(said if known.get(name) in (None, said) else known[name] for name, said in own)
+    return dataclasses.replace(draw, quantities=found) if any(found) else draw
+
+
+def _at_joint(note: Quantity | PerJoint, slides: bool) -> Quantity:
+    if isinstance(note, PerJoint):
+        return note.prismatic if slides else note.revolute
+    return note
