@@ -10,6 +10,7 @@ from pathlib import Path
 PACKAGE = Path(__file__).parent.parent / "src" / "precision_pin"
 
 FLOORS = (
+    "interrupts",
     "visible",
     "typing",
     "typing",

@@ -6,16 +6,15 @@ import copy
 import json
 import math
 import os
-import secrets
 from collections.abc import Iterator, Mapping
-from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, final
 
+from precision_pin.display.files import write_text
 from precision_pin.display.html import Table, rendered
 from precision_pin.display.tables import data_frame, dataset, pose_labels
-from precision_pin.errors import InputError, OutputError
+from precision_pin.errors import InputError
 from precision_pin.inputs.arguments import check_path, shown
 
 if TYPE_CHECKING:
@@ -52,7 +51,7 @@ class JsonResult:
         OutputError
             It cannot be written.
         """
-        _write_whole(Path(check_path("the path of the result", path)), f"{self.to_json()}\n")
+        write_text(check_path("the path of the result", path), f"{self.to_json()}\n")
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> SavedResult:
@@ -170,30 +169,3 @@ def _numbers(value: Any, keys: str = "") -> Iterator[tuple[str, float]]:
 
 def _refuse_constant(text: str) -> float:
     raise ValueError(text)
-
-
-def _write_whole(path: Path, text: str) -> None:
-    """Write a file by way of another beside it.
-
-    Raises
-    ------
-    OutputError
-        It cannot be written.
-    """
-    # surrogates, which stand for bytes of a file's name that are not UTF-8, become what JSON has for them
-    data = text.encode("utf-8", errors="backslashreplace")
-    target = Path(os.path.realpath(path))
-    part = target.parent / f".precision-pin-{os.getpid()}-{secrets.token_hex(4)}.part"
-    try:
-        if os.path.exists(target) and not os.path.isfile(target):  # a device or a pipe
-            target.write_bytes(data)
-            return
-        try:
-            part.write_bytes(data)
-            part.replace(target)
-        except BaseException:
-            with suppress(OSError):
-                part.unlink()
-            raise
-    except (OSError, ValueError) as error:
-        raise OutputError(f"cannot write {path}: {getattr(error, 'strerror', None) or error}") from None
