@@ -8,20 +8,24 @@ import math
 import os
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, final
+from typing import TYPE_CHECKING, Any, ClassVar, Final, final
 
 from precision_pin.display.files import write_text
 from precision_pin.display.html import Table, rendered
 from precision_pin.display.tables import data_frame, dataset, pose_labels
 from precision_pin.errors import InputError
 from precision_pin.inputs.arguments import check_path, shown
+from precision_pin.inputs.files import UnreadableFileError, read_text_file
 
 if TYPE_CHECKING:
     import pandas  # type: ignore[import-untyped]
     import xarray
 
 __all__ = ["JsonResult", "SavedResult"]
+
+
+LARGEST_FILE: Final = 2**30
+"""Bytes; the result of 10,000 poses has some 10^8."""
 
 
 class JsonResult:
@@ -67,9 +71,9 @@ class JsonResult:
         """
         name = check_path("the path of the result", path)
         try:
-            text = Path(name).read_text(encoding="utf-8")
-        except (OSError, ValueError) as error:
-            raise InputError(f"cannot read {name}: {getattr(error, 'strerror', None) or 'it is no text'}") from None
+            text = read_text_file(name, LARGEST_FILE)
+        except UnreadableFileError as error:
+            raise InputError(f"cannot read {name}: it {error.reason}") from None
         try:
             data = json.loads(text, parse_constant=_refuse_constant)
         except (ValueError, RecursionError):
