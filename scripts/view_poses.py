@@ -11,8 +11,9 @@ from pathlib import Path
 
 import numpy as np
 
+from precision_pin.display.files import write_text
 from precision_pin.model.error_model import ErrorModel
-from precision_pin.outputs.view import Shown, page, write_page
+from precision_pin.outputs.view import Shown, page
 from precision_pin.robot.examples import PAPER_SHEET
 
 SEED = 1
@@ -31,7 +32,7 @@ def main(folder: Path) -> None:
             [Shown(at, errors, name, pose)], title=f"The paper's arm, pose “{name}”", seed=SEED, model_name="exact"
         )
         path = folder / f"view_{name}.html"
-        write_page(path, text)
+        write_text(path, text)
         median = 1e3 * np.median(np.linalg.norm(errors[:3], axis=0))
         print(f"{path}: half of the units miss by more than {median:.2f} mm")
 

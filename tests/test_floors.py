@@ -16,6 +16,7 @@ import pytest
 PACKAGE = Path(__file__).parent.parent / "src" / "precision_pin"
 
 FLOORS = (
+    "interrupts",
     "visible",
     "typing",
     "errors",

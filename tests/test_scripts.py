@@ -59,7 +59,7 @@ def test_any_arm(tmp_path, monkeypatch, capsys):
     out = capsys.readouterr().out
     assert re.search(r"^ur5\S*\.urdf: \S+ to tool0, pose \(", out, re.MULTILINE)
     assert re.search(r"^panda\S*\.urdf: \S+ to panda_hand_tcp, pose \(", out, re.MULTILINE)
-    assert out.count("spec position.norm within 1 mm for 95 %: ") == 2
+    assert out.count("spec |d| within 1 mm for 95 %: ") == 2
     assert list(tmp_path.iterdir()) == []
 
 

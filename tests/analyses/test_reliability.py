@@ -322,7 +322,7 @@ def test_command(tmp_path, monkeypatch, capsys):
 
     code, out, _ = run("--spec", "42 mm @ 99 %", "--samples", "20000", "--out", str(tmp_path / "plots"))
     assert code == 0
-    assert "position.norm within 42 mm for 99 %: MET" in out
+    assert "|d| within 42 mm for 99 %: MET" in out
     assert sorted(path.name for path in (tmp_path / "plots").iterdir()) == [
         "reliability.json", "reliability.png", "reliability.svg",
     ]  # fmt: skip

@@ -13,8 +13,8 @@ from pathlib import Path
 import pytest
 from fuzzing.interrupts import CASES, disturb, run_undisturbed
 
-from precision_pin.cli import interrupts
-from precision_pin.cli.writing import whole_folder, write_text
+from precision_pin import interrupts
+from precision_pin.display.files import whole_folder, write_text
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
@@ -119,7 +119,7 @@ def test_other_threads_take_no_signals():
 def test_a_process_that_is_deep_in_a_library_ends_all_the_same():
     code = (
         "import time\n"
-        "from precision_pin.cli import interrupts\n"
+        "from precision_pin import interrupts\n"
         "interrupts.take_over(); interrupts.begin()\n"
         "import ctypes\n"
         "print('deep', flush=True)\n"

@@ -84,11 +84,11 @@ def test_an_axis_without_error_is_exactly_zero(run, folder):
     assert cells["attitude", "y"] == dict.fromkeys(COLUMNS, "0")
 
 
-def test_sliding_joints_are_printed_in_metres_and_turning_ones_in_degrees(run):
+def test_sliding_joints_are_printed_in_mm_and_turning_ones_in_degrees(run):
     first = run("analyze", "gantry.urdf", "--samples", "10").out.splitlines()[0]
-    assert first == f"gantry.urdf: frame to tool, pose 'out' (y_axis 0.25 m, {LONG} 30°)"
+    assert first == f"gantry.urdf: frame to tool, pose 'out' (y_axis 250 mm, {LONG} 30°)"
     first = run("analyze", "gantry.urdf", "--q", "-1.5 mm, 0.1 deg", "--samples", "10").out.splitlines()[0]
-    assert first == f"gantry.urdf: frame to tool, pose (y_axis -0.0015 m, {LONG} 0.1°)"
+    assert first == f"gantry.urdf: frame to tool, pose (y_axis -1.5 mm, {LONG} 0.1°)"
 
 
 def test_no_minus_zero(run):
@@ -97,6 +97,9 @@ def test_no_minus_zero(run):
         assert "-0)" not in line
         assert "-0 " not in line
         assert "-0°" not in line
+
+
+WRITTEN = {"position.norm": "|d|", "position.x": "|dx|", "position.z": "|dz|", "attitude.x": "|δx|"}
 
 
 def test_the_spec_line_agrees_with_the_result(run, folder):
@@ -111,7 +114,7 @@ def test_the_spec_line_agrees_with_the_result(run, folder):
         too_few = "UNDECIDED" if high >= entry["required"] else "NOT MET"
         assert verdict == ("MET" if low >= entry["required"] else too_few)
         unit = 1e3
-        assert f" {entry['quantity']} within {unit * entry['limit']:.6g} m" in head
+        assert f" {WRITTEN[entry['quantity']]} within {unit * entry['limit']:.6g} m" in head
         inside, low, high = (Decimal(word) / 100 for word in numbers.replace("%", "").split() if word[0].isdigit())
         step = Decimal(1).scaleb(inside.as_tuple().exponent)
         assert abs(float(inside) - entry["probability"]) <= float(step) / 2 * (1 + 1e-9)

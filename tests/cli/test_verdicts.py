@@ -34,7 +34,7 @@ class TestNothingVaries:
         (folder / "none.yaml").write_text(HEAD + text, "utf-8")
         outcome = run("analyze", "none.yaml", "--samples", "300", "--spec", "1 mm", "--json", "found.json")
         assert outcome.code == 1
-        assert "spec position.norm within 1 mm for 95 %: NOTHING TO JUDGE - no source" in outcome.out
+        assert "spec |d| within 1 mm for 95 %: NOTHING TO JUDGE - no source" in outcome.out
         assert len(re.findall("W_NO_SOURCES|W_NOTHING_VARIES", outcome.err)) == 1
         assert code in outcome.err
         found = json.loads((folder / "found.json").read_text("utf-8"))
@@ -50,7 +50,7 @@ class TestNothingVaries:
         outcome = run("reliability", "none.yaml", "--samples", "300", "--spec", "1 mm", "--json", "found.json")
         assert outcome.code == 1
         assert len(re.findall("W_NO_SOURCES|W_NOTHING_VARIES", outcome.err)) == 1
-        assert "position.norm within 1 mm for 95 %: NOTHING TO JUDGE - no source" in outcome.out
+        assert "|d| within 1 mm for 95 %: NOTHING TO JUDGE - no source" in outcome.out
         (pose,) = json.loads((folder / "found.json").read_text("utf-8"))["poses"]
         assert [(entry["met"], entry["verdict"]) for entry in pose["spec"]] == [(False, "nothing to judge")]
 
@@ -98,8 +98,8 @@ def test_a_rare_value_that_no_sample_met_is_judged(run: Run, folder) -> None:
 
 def test_a_large_limit_of_the_attitude_is_told_in_degrees_too(run: Run, folder) -> None:
     outcome = run("analyze", "--samples", "300", "--spec", "0.5 rad", "--spec", "20 mrad")
-    assert "attitude.norm within 500 mrad (28.65 deg) for 95 %: MET" in outcome.out
-    assert "attitude.norm within 20 mrad for 95 %: MET" in outcome.out
+    assert "|δ| within 500 mrad (28.65 deg) for 95 %: MET" in outcome.out
+    assert "|δ| within 20 mrad for 95 %: MET" in outcome.out
 
 
 @pytest.mark.parametrize("samples", [1, 10, 72, 73])

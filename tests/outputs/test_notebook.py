@@ -115,7 +115,7 @@ def test_no_text_of_a_table_is_markup():
     assert "script" not in page.elements
     assert page.text.count("<script>") == 7
     assert page.tables[0][2][0] == "a\N{REPLACEMENT CHARACTER}\N{REPLACEMENT CHARACTER}b\N{REPLACEMENT CHARACTER}"
-    assert page.tables[0][2][1] == "x" * 79 + "…"
+    assert page.tables[0][2][1] == "x" * 59 + "…" + "x" * 20
 
 
 # names -------------------------------------------------------------------------------------------
@@ -218,7 +218,7 @@ def test_the_numbers_of_an_analysis(model):
             )  # half a unit of the second digit of a half-width of 10 to 99
         assert row[7:] == [f"{1e3 * distribution.min:.6g}", f"{1e3 * distribution.max:.6g}"]
     (spec,) = result.summary.specifications
-    assert page.tables[1][1][:3] == ["position.norm", "41 mm", "99 %"]
+    assert page.tables[1][1][:3] == ["|d|", "41 mm", "99 %"]
     assert page.tables[1][1][5] == ("met" if spec.met else "NOT MET")
     for told in ("20,000 samples", "seed 3", "exact model", "95 % confidence", "W_STATICS", "joint2 3°"):
         assert told in page.text
@@ -303,7 +303,7 @@ def test_the_numbers_of_the_exact_law(paper_things):
 def test_the_verdict_of_a_reliability_analysis(paper_things):
     (entry,) = paper_things[8].poses[0].specifications
     row = shown(paper_things[8]).tables[0][1]
-    assert row[0] == "attitude.norm 20 mrad @ 95 %"
+    assert row[0] == "|δ| 20 mrad @ 95 %"
     assert row[3] == entry.best.method
     assert float(row[5]) == pytest.approx(entry.form.points[0].beta, rel=1e-3)
     assert row[6] == ("met" if entry.met else "NOT MET")

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from precision_pin.errors import InputError
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.pose_model import PoseModel
-from precision_pin.sampling.result import versions
+from precision_pin.sampling.versions import versions
 
 __all__ = ["Pose", "PoseLabel", "Poses", "Provenance", "listed_poses"]
 

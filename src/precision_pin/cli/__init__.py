@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import sys
 
-# this module is the first that the program imports: it imports nothing that takes time
-from precision_pin.cli import interrupts
+# the first module that the program imports: it imports nothing that takes time
+from precision_pin import interrupts
 
 __all__ = ["EXIT_INPUT", "EXIT_INTERNAL", "EXIT_SPEC", "main"]
 

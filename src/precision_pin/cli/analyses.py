@@ -23,9 +23,9 @@ from precision_pin.cli.common import (
 )
 from precision_pin.cli.notes import echo_note, quiet_option
 from precision_pin.cli.progress import compile_sampler, progress_bar
-from precision_pin.cli.streams import say
-from precision_pin.cli.targets import check_folder_name
-from precision_pin.cli.writing import Outputs, echo_data, whole_folder, write_text
+from precision_pin.cli.streams import echo_data, say
+from precision_pin.cli.targets import Outputs
+from precision_pin.display.files import whole_folder, write_text
 from precision_pin.errors import Finding, InputError
 
 if TYPE_CHECKING:
@@ -107,7 +107,6 @@ def _ask(shared: _Shared, name: str) -> _Question:
     if shared["pose_names"] and shared["q"] is not None:
         raise InputError([Finding("error", "E_USAGE", "--pose and --q exclude each other")])
     outputs = Outputs({"--json": shared["json_path"]}, shared["out"], (f"{name}.*", f"{name}-*"))
-    check_folder_name(shared["out"], json=True)
     outputs.check()
     sheet = read_sheet(shared["inputs"], shared["tip"], shared["base"], shared["package_dirs"], outputs)
     poses = [chosen_pose(sheet, name, shared["q"]) for name in shared["pose_names"] or (None,)]

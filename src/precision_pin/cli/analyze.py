@@ -19,12 +19,12 @@ from precision_pin.cli.common import (
     seed_option,
     spec_option,
 )
-from precision_pin.cli.interrupts import raise_if_interrupted, unwinding
 from precision_pin.cli.notes import echo_note
 from precision_pin.cli.progress import compile_sampler, progress_bar
-from precision_pin.cli.streams import say
-from precision_pin.cli.targets import check_folder_name
-from precision_pin.cli.writing import Outputs, echo_data, whole_folder, write_text
+from precision_pin.cli.streams import echo_data, say
+from precision_pin.cli.targets import Outputs
+from precision_pin.display.files import whole_folder, write_text
+from precision_pin.interrupts import raise_if_interrupted, unwinding
 
 if TYPE_CHECKING:
     from precision_pin.sampling.result import MonteCarloResult
@@ -95,7 +95,6 @@ def command(
     if resume and journal is None:
         raise click.UsageError("--resume needs the run's --journal FILE")
     outputs = Outputs({"--journal": journal, "--json": json_path}, out, FILES)
-    check_folder_name(out, json=True)
     outputs.check()
     sheet = read_sheet(arm["inputs"], arm["tip"], arm["base"], arm["package_dirs"], outputs)
     error_model = ErrorModel.from_sheet(sheet)

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from precision_pin.cli.writing import Outputs
+    from precision_pin.cli.targets import Outputs
     from precision_pin.sheet import Sheet
 
 __all__ = [

@@ -8,7 +8,7 @@ import platform
 import click
 
 from precision_pin.cli.common import Command
-from precision_pin.cli.writing import echo_data
+from precision_pin.cli.streams import echo_data
 
 __all__ = ["command"]
 
@@ -18,7 +18,7 @@ def command() -> None:
     """Print the versions and paths that a result depends on; good to put into a bug report."""
     import precision_pin
     from precision_pin.robot.examples import PAPER_SHEET, example_urdfs
-    from precision_pin.sampling.result import versions
+    from precision_pin.sampling.versions import versions
 
     lines = {
         **versions(),

@@ -23,8 +23,8 @@ from precision_pin.cli.common import (
 )
 from precision_pin.cli.notes import echo_note
 from precision_pin.cli.progress import progress_bar
-from precision_pin.cli.targets import check_folder_name
-from precision_pin.cli.writing import Outputs, whole_folder, write_text
+from precision_pin.cli.targets import Outputs
+from precision_pin.display.files import whole_folder, write_text
 from precision_pin.errors import Finding, InputError, OutputError
 
 if TYPE_CHECKING:
@@ -71,7 +71,6 @@ def command(units: int, first: int, seed: int, out: str, **arm: Unpack[OnePoseOp
         raise InputError(f"--first {first}: units {first} to {first + units - 1} do not exist, from 0 to 2^64 - 1")
     folder = Path(out)
     outputs = Outputs(folder=out, names=FILES)
-    check_folder_name(out, json=False)
     outputs.check()
     sheet = read_sheet(arm["inputs"], arm["tip"], arm["base"], arm["package_dirs"], outputs)
     model = ErrorModel.from_sheet(sheet)

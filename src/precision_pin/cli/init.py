@@ -10,7 +10,9 @@ import click
 
 from precision_pin.cli.common import Command, chain_options
 from precision_pin.cli.notes import echo_note, quiet_option
-from precision_pin.cli.writing import Outputs, echo_data, write_text
+from precision_pin.cli.streams import echo_data
+from precision_pin.cli.targets import Outputs
+from precision_pin.display.files import write_text
 from precision_pin.errors import OutputError
 from precision_pin.inputs.files import noted_inputs
 

@@ -7,7 +7,8 @@ import traceback
 
 import click
 
-from precision_pin.cli import EXIT_INPUT, EXIT_INTERNAL, interrupts
+from precision_pin import interrupts
+from precision_pin.cli import EXIT_INPUT, EXIT_INTERNAL
 from precision_pin.cli.commands import list_commands, load_command
 from precision_pin.cli.resources import shortage
 from precision_pin.cli.streams import prepare_streams, raise_if_output_lost

@@ -7,8 +7,8 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Literal
 
-from precision_pin.cli.interrupts import raise_if_interrupted
 from precision_pin.cli.notes import echo_note, is_quiet
+from precision_pin.interrupts import raise_if_interrupted
 
 if TYPE_CHECKING:
     from precision_pin.draws.space import Space

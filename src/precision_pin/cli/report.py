@@ -23,8 +23,7 @@ from precision_pin.cli.common import (
 from precision_pin.cli.notes import echo_note
 from precision_pin.cli.progress import compile_sampler, progress_bar
 from precision_pin.cli.streams import say
-from precision_pin.cli.targets import check_page_name
-from precision_pin.cli.writing import PageOutput
+from precision_pin.cli.targets import PageOutput
 
 if TYPE_CHECKING:
     from precision_pin.sampling import Progress
@@ -58,9 +57,8 @@ def command(
     check_samples(samples)
     check_seed(seed)
     specifications = [specification(text) for text in specs]
-    check_page_name(out)
     target = PageOutput(out, "report.html")
-    target.outputs.check()
+    target.check()
     package_dirs = arm["package_dirs"]
     sheet = read_sheet(arm["inputs"], arm["tip"], arm["base"], package_dirs, target.outputs)
     where = chosen_pose(sheet, arm["pose"], arm["q"])

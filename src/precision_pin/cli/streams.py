@@ -19,7 +19,7 @@ import click
 from precision_pin.errors import OutputError
 from precision_pin.visible import one_line
 
-__all__ = ["prepare_streams", "raise_if_output_lost", "say"]
+__all__ = ["echo_data", "prepare_streams", "raise_if_output_lost", "say"]
 
 
 @final
@@ -78,6 +78,18 @@ def prepare_streams() -> None:
 def say(line: str) -> None:
     """Print a line on stderr; a name in it cannot make two of it."""
     click.echo(one_line(line), err=True)
+
+
+def echo_data(text: str) -> None:
+    """Print data on stdout; that its reader has gone, as ``head`` does, is no error.
+
+    Raises
+    ------
+    OutputError
+        It cannot be written.
+    """
+    click.echo(text)
+    raise_if_output_lost()
 
 
 def raise_if_output_lost() -> None:

@@ -1,20 +1,159 @@
-"""Allowed names for ``--out``: a page or a folder."""
+"""What a command line names to write to: options that name files, and ``--out``, a page or a folder."""
 
 from __future__ import annotations
 
 import os
+from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field
+from fnmatch import fnmatchcase
 from pathlib import Path
-from typing import Final
+from typing import Final, final
 
+import click
+
+from precision_pin.display.files import require_writable, resolve, whole_folder, write_text
 from precision_pin.errors import OutputError
 
-__all__ = ["check_folder_name", "check_page_name"]
+__all__ = ["Outputs", "PageOutput", "check_folder_name", "check_page_name"]
 
 PAGES: Final = (".html", ".htm")
 FILES: Final = (
     *PAGES, ".csv", ".jpeg", ".jpg", ".json", ".pdf", ".png", ".svg", ".txt", ".urdf", ".xml", ".yaml", ".yml", ".zip",
 )  # fmt: skip
 """Suffixes of files, in a name that is meant for a folder; others are part of a folder's name."""
+
+
+@final
+@dataclass(frozen=True)
+class Outputs:
+    """The outputs that a command line asks for.
+
+    Attributes
+    ----------
+    files
+        A name for each option that names a file; None where it is not given, ``-`` for stdout.
+    folder
+        What ``--out`` names, where that is a folder.
+    names
+        Patterns of the names that files in the folder get.
+    """
+
+    files: Mapping[str, str | None] = field(default_factory=dict)
+    folder: str | None = None
+    names: Sequence[str] = ()
+
+    def check(self) -> None:
+        """Refuse before any work what could not be written at its end; makes nothing.
+
+        Raises
+        ------
+        OutputError
+            A place cannot be written to, its name promises something else, or two outputs meet.
+        """
+        check_folder_name(self.folder, json="--json" in self.files)
+        if self.folder is not None:
+            if not self.folder:
+                raise click.UsageError("--out names no folder")
+            require_writable(self.folder, folder=True)
+        seen: dict[str, str] = {}
+        for option, name in self._named():
+            require_writable(name)
+            place = resolve(name)
+            if place in seen:
+                raise OutputError(f"{seen[place]} and {option} name the same file")
+            seen[place] = option
+            if self.folder is None:
+                continue
+            if place == resolve(self.folder):
+                raise OutputError(f"{option} and --out name the same place")
+            inside = os.path.dirname(place) == resolve(self.folder)
+            if inside and (option == "--journal" or self._is_ours(os.path.basename(place))):
+                raise OutputError(
+                    f"cannot write {name} for {option}: it lies in the folder of --out, which has its own files"
+                )
+
+    def refuse_inputs(self, inputs: Iterable[str]) -> None:
+        """Refuse to write over what was read, by whatever name: through a link, too.
+
+        Raises
+        ------
+        OutputError
+            An output is an input.
+        """
+        outputs = [name for _, name in self._named()]
+        if self.folder is not None:
+            with suppress(OSError):
+                there = sorted(filter(self._is_ours, os.listdir(self.folder)))
+                outputs += [os.path.join(self.folder, name) for name in there]
+        for output in outputs:
+            for one in inputs:
+                if _is_same(output, one):
+                    raise OutputError(f"cannot write {output}: it is an input of this command; give another name")
+
+    def _named(self) -> list[tuple[str, str]]:
+        return [(option, name) for option, name in self.files.items() if name is not None and name != "-"]
+
+    def _is_ours(self, name: str) -> bool:
+        return any(fnmatchcase(name, pattern) for pattern in self.names)
+
+
+@final
+@dataclass(frozen=True)
+class PageOutput:
+    """A page to write: a file, or ``NAME.html`` in a folder where the name ends in a slash or is that of a folder.
+
+    Attributes
+    ----------
+    given
+        What ``--out`` names.
+    name
+        The page's name in a folder.
+    """
+
+    given: str
+    name: str
+
+    @property
+    def path(self) -> str:
+        """The file."""
+        return os.path.join(self.given, self.name) if self._in_folder else self.given
+
+    @property
+    def outputs(self) -> Outputs:
+        """The same as any command's."""
+        if self._in_folder:
+            return Outputs(folder=self.given, names=(self.name,))
+        return Outputs({"--out": self.given})
+
+    def check(self) -> None:
+        """Refuse before any work a page that could not be written at its end; makes nothing.
+
+        Raises
+        ------
+        OutputError
+            The place cannot be written to, or its name promises something else.
+        """
+        check_page_name(self.given)
+        self.outputs.check()
+
+    def write(self, text: str) -> None:
+        """Write the page, whole or not at all.
+
+        Raises
+        ------
+        OutputError
+            It cannot be written.
+        """
+        if not self._in_folder:
+            write_text(self.given, text)
+            return
+        with whole_folder(Path(self.given)) as stage:
+            write_text(stage / self.name, text)
+
+    @property
+    def _in_folder(self) -> bool:
+        return self.given.endswith(os.sep) or os.path.isdir(self.given)
 
 
 def check_page_name(out: str) -> None:
@@ -55,3 +194,9 @@ def check_folder_name(out: str | None, *, json: bool) -> None:
         meant = f"for the result in one file give --json {out}" if json and suffix == ".json" else None
         meant = meant or f"give --out {Path(out).with_suffix('')}"
         raise OutputError(f"cannot write to the folder {out}: --out takes a folder, and this names a file; {meant}")
+
+
+def _is_same(one: str, other: str) -> bool:
+    with suppress(OSError, ValueError):
+        return os.path.samefile(one, other)
+    return False

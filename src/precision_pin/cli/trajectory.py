@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import io
 import itertools
 import math
 import os
@@ -12,12 +13,13 @@ from typing import TYPE_CHECKING, Final, final
 import numpy as np
 
 from precision_pin.errors import Finding, InputError, nearest
-from precision_pin.inputs.csv_columns import NUMBER
-from precision_pin.inputs.files import note_input
+from precision_pin.inputs.csv_columns import LARGEST_FILE, NUMBER
+from precision_pin.inputs.files import UnreadableFileError, read_text_file
 from precision_pin.typing import Array
 
 if TYPE_CHECKING:
     from precision_pin.robot.chain import Chain
+from precision_pin.visible import shown
 
 __all__ = ["Trajectory", "read_trajectory"]
 
@@ -70,21 +72,17 @@ def read_trajectory(path: str | os.PathLike[str], chain: Chain, most: int) -> Tr
         The file cannot be read, names other joints, or holds what is no finite number; one line that says where.
     """
     file = os.fspath(path)
-    note_input(file)
 
     def wrong(message: str, line: int | None = None) -> InputError:
         return InputError([Finding("error", "E_TRAJECTORY", message, file, line)])
 
     try:
-        with open(path, encoding="utf-8-sig", newline="") as stream:
-            reader = csv.reader(stream)
-            # the line a row ends on, which is its only one unless it holds line breaks in quotes
-            filled = ((reader.line_num, [cell.strip() for cell in row]) for row in reader if any(map(str.strip, row)))
-            rows = list(itertools.islice(filled, most + 2))
-    except OSError as problem:
-        raise wrong(f"cannot be read: {problem.strerror or problem}") from None
-    except UnicodeDecodeError:
-        raise wrong("the file is not UTF-8 text") from None
+        reader = csv.reader(io.StringIO(read_text_file(file, LARGEST_FILE)))
+        # the line a row ends on, which is its only one unless it holds line breaks in quotes
+        filled = ((reader.line_num, [cell.strip() for cell in row]) for row in reader if any(map(str.strip, row)))
+        rows = list(itertools.islice(filled, most + 2))
+    except UnreadableFileError as problem:
+        raise wrong(f"the file {problem.reason}") from None
     except (csv.Error, ValueError) as problem:
         raise wrong(f"no CSV: {problem}") from None
     if not rows:
@@ -112,8 +110,7 @@ def read_trajectory(path: str | os.PathLike[str], chain: Chain, most: int) -> Tr
         for column, cell in enumerate(cells):
             numbers[row, column] = _number(cell)
             if not math.isfinite(numbers[row, column]):
-                shown = repr(cell if len(cell) <= _LONGEST else cell[:_LONGEST] + "…")
-                raise wrong(f"{header[column]}: {shown} is not a finite number", line)
+                raise wrong(f"{header[column]}: {shown(cell, _LONGEST)} is not a finite number", line)
         if timed and row and numbers[row, 0] < numbers[row - 1, 0]:
             raise wrong(f"the time goes back from {numbers[row - 1, 0]:g} s to {numbers[row, 0]:g} s", line)
     order = [header.index(name) for name in chain.joint_names]

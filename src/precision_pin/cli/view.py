@@ -22,12 +22,11 @@ from precision_pin.cli.common import (
     read_sheet,
     seed_option,
 )
-from precision_pin.cli.interrupts import raise_if_interrupted, unwinding
 from precision_pin.cli.notes import echo_note, quiet_option
 from precision_pin.cli.progress import compile_sampler, progress_bar
-from precision_pin.cli.targets import check_page_name
-from precision_pin.cli.writing import PageOutput
+from precision_pin.cli.targets import PageOutput
 from precision_pin.errors import Finding, InputError
+from precision_pin.interrupts import raise_if_interrupted, unwinding
 
 if TYPE_CHECKING:
     import numpy as np
@@ -108,12 +107,10 @@ def command(
     if out is not None and (port is not None or no_browser):
         option = "--no-browser" if port is None else "--port"
         raise InputError([Finding("error", "E_USAGE", f"{option} is for a page that is served, without --out")])
-    if out is not None:
-        check_page_name(out)
     target = None if out is None else PageOutput(out, "view.html")
     outputs = None if target is None else target.outputs
-    if outputs is not None:
-        outputs.check()
+    if target is not None and outputs is not None:
+        target.check()
         outputs.refuse_inputs([] if trajectory is None else [trajectory])
 
     def read() -> Sheet:

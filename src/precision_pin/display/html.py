@@ -7,12 +7,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final, final
 
+from precision_pin.visible import shortened
+
 __all__ = ["MOST_ROWS", "Table", "escaped", "rendered"]
 
 MOST_ROWS: Final = 20
 """Rows shown of a table; a line below says how many more there are."""
 
-_LONGEST: Final = 80
 _LEFT: Final = ' style="text-align: left"'
 _RIGHT: Final = ' style="text-align: right; white-space: nowrap"'
 
@@ -62,7 +63,7 @@ def rendered(title: str, tables: Sequence[Table], notes: Sequence[str] = ()) -> 
         parts.append('<div style="overflow-x: auto"><table>')
         parts.append(f"<thead>{_row(table.columns, table.words, 'th')}</thead>")
         parts.append("<tbody>")
-        parts += [_row([_shortened(cell) for cell in row], table.words, "td") for row in table.rows[:MOST_ROWS]]
+        parts += [_row([shortened(cell) for cell in row], table.words, "td") for row in table.rows[:MOST_ROWS]]
         parts.append("</tbody></table></div>")
         if len(table.rows) > MOST_ROWS:
             parts.append(f"<p>… and {len(table.rows) - MOST_ROWS:,} more</p>")
@@ -75,7 +76,3 @@ def _row(cells: Sequence[str], words: int, tag: str) -> str:
         f"<{tag}{_LEFT if column < words else _RIGHT}>{escaped(cell)}</{tag}>" for column, cell in enumerate(cells)
     )
     return f"<tr>{inside}</tr>"
-
-
-def _shortened(cell: str) -> str:
-    return cell if len(cell) <= _LONGEST else f"{cell[: _LONGEST - 1]}…"

@@ -6,23 +6,26 @@ import copy
 import json
 import math
 import os
-import secrets
 from collections.abc import Iterator, Mapping
-from contextlib import suppress
 from dataclasses import dataclass
-from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, final
+from typing import TYPE_CHECKING, Any, ClassVar, Final, final
 
+from precision_pin.display.files import write_text
 from precision_pin.display.html import Table, rendered
 from precision_pin.display.tables import data_frame, dataset, pose_labels
-from precision_pin.errors import InputError, OutputError
+from precision_pin.errors import InputError
 from precision_pin.inputs.arguments import check_path, shown
+from precision_pin.inputs.files import UnreadableFileError, read_text_file
 
 if TYPE_CHECKING:
     import pandas  # type: ignore[import-untyped]
     import xarray
 
 __all__ = ["JsonResult", "SavedResult"]
+
+
+LARGEST_FILE: Final = 2**30
+"""Bytes; the result of 10,000 poses has some 10^8."""
 
 
 class JsonResult:
@@ -52,7 +55,7 @@ class JsonResult:
         OutputError
             It cannot be written.
         """
-        _write_whole(Path(check_path("the path of the result", path)), f"{self.to_json()}\n")
+        write_text(check_path("the path of the result", path), f"{self.to_json()}\n")
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> SavedResult:
@@ -68,9 +71,9 @@ class JsonResult:
         """
         name = check_path("the path of the result", path)
         try:
-            text = Path(name).read_text(encoding="utf-8")
-        except (OSError, ValueError) as error:
-            raise InputError(f"cannot read {name}: {getattr(error, 'strerror', None) or 'it is no text'}") from None
+            text = read_text_file(name, LARGEST_FILE)
+        except UnreadableFileError as error:
+            raise InputError(f"cannot read {name}: it {error.reason}") from None
         try:
             data = json.loads(text, parse_constant=_refuse_constant)
         except (ValueError, RecursionError):
@@ -170,30 +173,3 @@ def _numbers(value: Any, keys: str = "") -> Iterator[tuple[str, float]]:
 
 def _refuse_constant(text: str) -> float:
     raise ValueError(text)
-
-
-def _write_whole(path: Path, text: str) -> None:
-    """Write a file by way of another beside it.
-
-    Raises
-    ------
-    OutputError
-        It cannot be written.
-    """
-    # surrogates, which stand for bytes of a file's name that are not UTF-8, become what JSON has for them
-    data = text.encode("utf-8", errors="backslashreplace")
-    target = Path(os.path.realpath(path))
-    part = target.parent / f".precision-pin-{os.getpid()}-{secrets.token_hex(4)}.part"
-    try:
-        if os.path.exists(target) and not os.path.isfile(target):  # a device or a pipe
-            target.write_bytes(data)
-            return
-        try:
-            part.write_bytes(data)
-            part.replace(target)
-        except BaseException:
-            with suppress(OSError):
-                part.unlink()
-            raise
-    except (OSError, ValueError) as error:
-        raise OutputError(f"cannot write {path}: {getattr(error, 'strerror', None) or error}") from None

@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Final
 
 from precision_pin.errors import InputError
@@ -18,15 +18,18 @@ __all__ = [
     "MOST_POSES",
     "ROUNDING",
     "UNITS",
+    "absolute",
     "data_frame",
     "dataset",
     "described",
     "interval_columns",
     "joint_text",
+    "joint_value",
     "milli",
     "number",
     "optional",
     "percent",
+    "plain",
     "plus_minus",
     "pose_labels",
     "quantity_label",
@@ -55,6 +58,11 @@ def symbol(quantity: str) -> str:
     vector, _, part = quantity.partition(".")
     letter = "d" if vector == "position" else "δ"
     return f"|{letter}|" if part == "norm" else f"{letter}{part}"
+
+
+def absolute(quantity: str) -> str:
+    """Return what the size of a quantity is called, which a specification limits: ``|d|``, ``|dx|``, …."""
+    return f"|{symbol(quantity).strip('|')}|"
 
 
 def unit(quantity: str) -> str:
@@ -98,14 +106,19 @@ def plus_minus(value: float | None, half_width: float | None, *, decimals: int =
     return f"{rounded + 0.0:{'+' if signed else ''}.{digits}f} ± {above:.{digits}f}"
 
 
-def joint_text(q: Mapping[str, float], sliding_joints: Sequence[str]) -> str:
-    """Return joint values, degrees and mm."""
-    return ", ".join(
-        f"{joint} {1e3 * value:.{_DIGITS}g} mm"
-        if joint in sliding_joints
-        else f"{joint} {math.degrees(value):.{_DIGITS}g}°"
-        for joint, value in q.items()
-    )
+def plain(value: float) -> str:
+    """Return a number in full but for rounding."""
+    return f"{round(value, 9) + 0.0:.9g}"
+
+
+def joint_value(joint: str, value: float, *, slides: bool) -> str:
+    """Return a joint's value (rad or m) as text: mm where it slides, degrees elsewhere, in full."""
+    return f"{joint} {plain(1e3 * value)} mm" if slides else f"{joint} {plain(math.degrees(value))}°"
+
+
+def joint_text(q: Mapping[str, float], sliding_joints: Collection[str]) -> str:
+    """Return the values of joints, as :func:`joint_value` has each."""
+    return ", ".join(joint_value(joint, value, slides=joint in sliding_joints) for joint, value in q.items())
 
 
 def resting_on(assumed: Sequence[str], sources: int) -> list[str]:

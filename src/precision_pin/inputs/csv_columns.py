@@ -17,16 +17,16 @@ import re
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Final, final
 
 import numpy as np
 
 from precision_pin import units
 from precision_pin.errors import InputError, UnitError, UnknownNameError
-from precision_pin.inputs.files import note_input
+from precision_pin.inputs.files import UnreadableFileError, read_text_file
 from precision_pin.typing import Array
 from precision_pin.units import Quantity
+from precision_pin.visible import shown
 
 __all__ = ["LARGEST_FILE", "NUMBER", "Measured", "numbers", "read"]
 
@@ -161,18 +161,10 @@ def _row(line: str, columns: int, where: str) -> list[float]:
 
 
 def _text(file: str) -> str:
-    note_input(file)
-    path = Path(file)
     try:
-        if not path.is_file():
-            raise InputError(f"{file} {'is not a regular file' if path.exists() else 'does not exist'}")
-        if path.stat().st_size > LARGEST_FILE:
-            raise InputError(f"{file} is larger than {LARGEST_FILE >> 20} MiB")
-        return path.read_text(encoding="utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise InputError(f"{file} is not UTF-8 text (byte {error.start})") from None
-    except (OSError, ValueError) as error:
-        raise InputError(f"{file} cannot be read: {getattr(error, 'strerror', None) or error}") from None
+        return read_text_file(file, LARGEST_FILE)
+    except UnreadableFileError as error:
+        raise InputError(f"{file} {error.reason}") from None
 
 
 def _is_comment(line: str) -> bool:
@@ -188,9 +180,9 @@ def _header(cells: list[str], where: str) -> list[tuple[str, str]]:
         name = "" if match is None else match[1].rstrip()
         if match is None or not name:
             hint = "; columns are parted by commas" if ";" in cell or "\t" in cell else ""
-            raise InputError(f"{where}: {_shown(cell)} does not name a column such as 'x [mm]'{hint}")
+            raise InputError(f"{where}: {shown(cell, _LONGEST)} does not name a column such as 'x [mm]'{hint}")
         if name in header:
-            raise InputError(f"{where}: two columns are named {_shown(name)}")
+            raise InputError(f"{where}: two columns are named {shown(name, _LONGEST)}")
         header[name] = (match[2] or "").strip()
     if all(map(NUMBER.fullmatch, header)):
         raise InputError(f"{where}: the first row names the columns and their units, such as 'x [mm], y [mm]'")
@@ -199,9 +191,5 @@ def _header(cells: list[str], where: str) -> list[tuple[str, str]]:
 
 def _number(cell: str, where: str) -> float:
     if NUMBER.fullmatch(cell) is None or not math.isfinite(float(cell)):
-        raise InputError(f"{where}: {_shown(cell)} is not a number such as 0.012 or 1.2e-2")
+        raise InputError(f"{where}: {shown(cell, _LONGEST)} is not a number such as 0.012 or 1.2e-2")
     return float(cell)
-
-
-def _shown(cell: str) -> str:
-    return repr(cell if len(cell) <= _LONGEST else cell[:_LONGEST] + "…")

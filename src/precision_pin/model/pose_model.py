@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from precision_pin import se3
+from precision_pin.display import tables
 from precision_pin.display.html import Table, rendered
 from precision_pin.draws.space import Space
 from precision_pin.errors import Finding, InputError
@@ -202,7 +203,5 @@ def spread_of(at: PoseModel) -> tuple[float, float]:
 
 
 def joint_value(joint: Joint, value: float) -> str:
-    """Return a joint's value as people write it: mm, or degrees."""
-    if joint.kind == "prismatic":
-        return f"{joint.name} {1e3 * value:.6g} mm"
-    return f"{joint.name} {np.degrees(value):.6g}°"
+    """Return a joint's value as text: mm, or degrees."""
+    return tables.joint_value(joint.name, float(value), slides=joint.kind == "prismatic")

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 
+from precision_pin.display.tables import plain
 from precision_pin.outputs.kit.html import Html, paragraph, section, table
-from precision_pin.outputs.monte_carlo.table import plain
 from precision_pin.outputs.report.collect import Missing, Results
 from precision_pin.outputs.report.wording import left_out
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from precision_pin.errors import InputError
 from precision_pin.inputs.arguments import check_whole
 from precision_pin.kernel import sampler
-from precision_pin.sampling.result import versions
+from precision_pin.sampling.versions import versions
 from precision_pin.statistics import Plan
 
 __all__ = ["MOST_SAMPLES", "Work", "check_samples", "packages"]

@@ -15,7 +15,7 @@ from numba.core.registry import cpu_target
 from precision_pin.errors import InputError, InternalError
 from precision_pin.kernel import loops, sampler
 from precision_pin.sampling.blocks import Work
-from precision_pin.sampling.result import versions
+from precision_pin.sampling.versions import versions
 
 if TYPE_CHECKING:
     import os

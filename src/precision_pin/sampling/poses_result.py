@@ -16,7 +16,7 @@ from precision_pin.errors import Finding
 from precision_pin.inputs.arguments import check_name, check_whole
 from precision_pin.inputs.arrays import fix_fields
 from precision_pin.model.error_model import ErrorModel
-from precision_pin.sampling.result import versions
+from precision_pin.sampling.versions import versions
 from precision_pin.statistics import COMPONENTS, NORMS, QUANTITIES, Specification
 from precision_pin.typing import Array
 

@@ -4,9 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
-from functools import cache
-from importlib import metadata
-from platform import python_version
 from typing import TYPE_CHECKING, Any, ClassVar, Final, final
 
 import numpy as np
@@ -16,6 +13,7 @@ from precision_pin.display.stored import JsonResult
 from precision_pin.display.tables import (
     ROUNDING,
     UNITS,
+    absolute,
     data_frame,
     described,
     interval_columns,
@@ -31,6 +29,7 @@ from precision_pin.display.tables import (
 from precision_pin.draws.space import Space
 from precision_pin.errors import Finding, InputError
 from precision_pin.inputs.arrays import fix_fields
+from precision_pin.sampling.versions import versions
 from precision_pin.statistics import QUANTITIES, Distribution, Extreme, Summary, VectorDistribution
 from precision_pin.statistics.distribution import CONTENTS
 from precision_pin.statistics.precision import Precision
@@ -40,21 +39,7 @@ if TYPE_CHECKING:
     import pandas  # type: ignore[import-untyped]
     import xarray
 
-__all__ = ["Analysis", "Correlated", "MonteCarloResult", "Until", "versions"]
-
-
-def versions() -> dict[str, str]:
-    """Return the versions that a result depends on."""
-    names = ("precision-pin", "pin", "numpy", "scipy", "numba")
-    return {"python": python_version(), **{name: _version(name) for name in names}}
-
-
-@cache  # reading a package's metadata takes a millisecond
-def _version(name: str) -> str:
-    try:
-        return metadata.version(name)
-    except metadata.PackageNotFoundError:  # conda's pinocchio, or a checkout on the path: installed, but not by pip
-        return "unknown"
+__all__ = ["Analysis", "Correlated", "MonteCarloResult", "Until"]
 
 
 @final
@@ -345,7 +330,7 @@ class MonteCarloResult(JsonResult):
             ("specification", "limit", "required", "inside", "interval", ""),
             [
                 (
-                    spec.quantity,
+                    absolute(spec.quantity),
                     f"{milli(spec.limit)} {unit(spec.quantity)}",
                     f"{100 * spec.required:.10g} %",
                     f"{100 * spec.probability:.6g} %",

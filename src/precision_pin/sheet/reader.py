@@ -15,7 +15,7 @@ from precision_pin import units
 from precision_pin.draws.laws import Fixed
 from precision_pin.draws.space import Draw, Extension, LabelledSpace, Space
 from precision_pin.errors import Finding, InputError, SheetError, UrdfError, nearest
-from precision_pin.inputs.files import note_input
+from precision_pin.inputs.files import UnreadableFileError, read_text_file
 from precision_pin.robot.chain import EARTH, Chain
 from precision_pin.robot.chain_findings import chain_findings
 from precision_pin.robot.examples import resolve_robot
@@ -135,21 +135,10 @@ def read(
 
 
 def _contents(file: str) -> str:
-    note_input(file)
     try:
-        if not FilePath(file).is_file():
-            what = "is not a regular file" if FilePath(file).exists() else "does not exist"
-            raise SheetError([Finding("error", "E_FILE", f"the sheet {what}", file)])
-        if FilePath(file).stat().st_size > LARGEST_FILE:
-            raise SheetError([Finding("error", "E_FILE", f"the sheet is larger than {LARGEST_FILE >> 20} MiB", file)])
-        return FilePath(file).read_text(encoding="utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise SheetError(
-            [Finding("error", "E_FILE", f"the sheet is not UTF-8 text (byte {error.start})", file)]
-        ) from None
-    except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or str(error)
-        raise SheetError([Finding("error", "E_FILE", f"the sheet cannot be read: {reason}", file)]) from None
+        return read_text_file(file, LARGEST_FILE)
+    except UnreadableFileError as error:
+        raise SheetError([Finding("error", "E_FILE", f"the sheet {error.reason}", file)]) from None
 
 
 def _document(text: Text, findings: Findings) -> tuple[Document, set[str]]:

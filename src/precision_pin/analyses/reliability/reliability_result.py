@@ -15,6 +15,7 @@ from precision_pin.analyses.reliability.strata import Strata
 from precision_pin.analyses.result import Result, name_pose
 from precision_pin.display.html import Table
 from precision_pin.display.tables import (
+    absolute,
     data_frame,
     interval_columns,
     number,
@@ -254,7 +255,7 @@ class ReliabilityResult(Result):
         if lines not in ("specifications", "methods"):
             raise UnknownNameError("table of a reliability analysis", lines, ("specifications", "methods"))
         entries = [
-            ((label, _demand(entry.specification)), entry)
+            ((label, _demand(entry.specification, entry.specification.quantity)), entry)
             for label, pose in zip(self.labels, self.poses, strict=True)
             for entry in pose.specifications
         ]
@@ -294,10 +295,10 @@ class ReliabilityResult(Result):
         ]
 
 
-def _demand(specification: Specification) -> str:
-    """Return a specification as it may be written in one text."""
+def _demand(specification: Specification, quantity: str) -> str:
+    """Return a specification as it may be written in one text, with this name of its quantity."""
     milli = f"{1e3 * specification.limit:.10g} {unit(specification.quantity)}"
-    return f"{specification.quantity} {milli} @ {100 * specification.required:.10g} %"
+    return f"{quantity} {milli} @ {100 * specification.required:.10g} %"
 
 
 def _columns(entry: SpecificationReliability) -> dict[str, Any]:
@@ -329,7 +330,7 @@ def _cells(entry: SpecificationReliability) -> list[str]:
     """Return a row of the table in a notebook."""
     nearest = entry.form.points[0] if entry.form.points else None
     return [
-        _demand(entry.specification),
+        _demand(entry.specification, absolute(entry.specification.quantity)),
         f"{entry.best.probability:.3g}" if entry.resolved else "not resolved",
         in_words(entry.best.interval),
         entry.best.method,

@@ -39,7 +39,7 @@ from precision_pin.robot.urdf import Joint, Limits, Robot, Vector, parse, rpy_of
 from precision_pin.robot.urdf.editing import AddedFrame, Placement, UrdfText
 from precision_pin.robot.urdf.files import read_regular_file
 from precision_pin.robot.urdf.findings import Findings
-from precision_pin.sampling.result import versions
+from precision_pin.sampling.versions import versions
 from precision_pin.terms.term import JointValue
 from precision_pin.typing import Array
 

@@ -16,6 +16,7 @@ from precision_pin.analyses.budget.budget_result import (
 )
 from precision_pin.outputs.kit.draw_distribution import BLACK, BLUE, SKY
 from precision_pin.outputs.kit.figure_style import DOUBLE_COLUMN, labelled, legend_below, new_figure, set_height, style
+from precision_pin.visible import shortened
 from precision_pin.visible import shown as quoted
 
 __all__ = ["figure"]
@@ -80,7 +81,7 @@ def _bars(axes: Axes, pose: PoseBudget, vector: str) -> None:
         markeredgewidth=0.6,
         label="closed form, first order",
     )
-    axes.set_yticks(range(len(shown)), [_shortened(_shown(" + ".join(group.draws))) for group in shown])
+    axes.set_yticks(range(len(shown)), [shortened(_shown(" + ".join(group.draws)), MOST_CHARACTERS) for group in shown])
     axes.set_ylim(len(shown) - 0.4, -0.6)
     axes.set_xlim(left=min(0.0, axes.get_xlim()[0]))
     left_out = len(groups) - len(shown)
@@ -91,10 +92,6 @@ def _bars(axes: Axes, pose: PoseBudget, vector: str) -> None:
 def _largest(group: Group, vector: str) -> float:
     total = group.total[vector]
     return -1.0 if total is None else total.value
-
-
-def _shortened(name: str) -> str:
-    return name if len(name) <= MOST_CHARACTERS else f"{name[: MOST_CHARACTERS - 1]}…"
 
 
 def _shown(name: str) -> str:

@@ -8,16 +8,16 @@ for colour-blind readers, and every line differs in its dashes as well.
 
 from __future__ import annotations
 
+import io
 import os
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
 from pathlib import Path
 from typing import Any, Final
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from precision_pin.errors import OutputError
+from precision_pin.display.files import write_files
 from precision_pin.outputs.kit.draw_distribution import (
     DisplayUnit,
     display_unit,
@@ -164,31 +164,27 @@ def figure_components(
 def save(figure: Figure, path_without_suffix: str | os.PathLike[str]) -> tuple[Path, Path]:
     """Write a figure as PNG (200 dpi) and SVG, the same bytes for the same figure, and return both paths.
 
-    Both are written beside their places first and then moved there, so neither is ever seen half-written.
+    Both are written or neither, and neither is ever seen half-written.
 
     Raises
     ------
     OutputError
-        The folder does not exist or cannot be written to.
+        They cannot be written.
     """
     base = Path(path_without_suffix)
-    targets = (base.with_name(f"{base.name}.png"), base.with_name(f"{base.name}.svg"))
-    temporaries = [target.with_name(f".{target.name}.{os.getpid()}.part") for target in targets]
-    metadata = ({"Software": None}, {"Date": None, "Creator": "precision-pin"})
-    try:
+    metadata: dict[str, dict[str, str | None]] = {
+        "png": {"Software": None},
+        "svg": {"Date": None, "Creator": "precision-pin"},
+    }
+    files: dict[str | os.PathLike[str], bytes] = {}
+    for suffix, entries in metadata.items():
+        stream = io.BytesIO()
         with style():
-            for target, temporary, entries in zip(targets, temporaries, metadata, strict=True):
-                figure.savefig(temporary, dpi=DOTS_PER_INCH, format=target.suffix[1:], metadata=entries)
-        for target, temporary in zip(targets, temporaries, strict=True):
-            temporary.replace(target)
-    except OSError as error:
-        reason = error.strerror or str(error)
-        raise OutputError(f"cannot write {targets[0]} and .svg: {reason}; give a writable folder") from None
-    finally:
-        for temporary in temporaries:
-            with suppress(OSError):
-                temporary.unlink(missing_ok=True)
-    return targets
+            figure.savefig(stream, dpi=DOTS_PER_INCH, format=suffix, metadata=entries)
+        files[base.with_name(f"{base.name}.{suffix}")] = stream.getvalue()
+    write_files(files)
+    png, svg = map(Path, files)
+    return png, svg
 
 
 # figures --------------------------------------------------------------------------------

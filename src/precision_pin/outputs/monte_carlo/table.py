@@ -9,7 +9,7 @@ from collections.abc import Collection, Mapping
 from decimal import ROUND_CEILING, ROUND_FLOOR, ROUND_HALF_EVEN, Decimal
 from typing import TYPE_CHECKING, Final
 
-from precision_pin.display.tables import ROUNDING, resting_on, symbol, unit
+from precision_pin.display.tables import ROUNDING, absolute, joint_text, plain, resting_on, symbol, unit
 from precision_pin.robot.mcpc import Mcpc
 from precision_pin.sampling.result import Correlated, MonteCarloResult
 from precision_pin.statistics import Distribution, Specification, SpecificationResult, format_inside
@@ -26,7 +26,6 @@ __all__ = [
     "demanded",
     "inside",
     "mcpc_table",
-    "plain",
     "pose_text",
     "statistic",
     "subject",
@@ -72,13 +71,8 @@ def analysis_table(analysis: MonteCarloResult) -> str:
 
 
 def pose_text(name: str, q: Mapping[str, float], sliding_joints: Collection[str]) -> str:
-    """Return a pose's name and joint values, in degrees and m."""
-    values = ", ".join(
-        f"{visible(joint)} {plain(value)} m"
-        if joint in sliding_joints
-        else f"{visible(joint)} {plain(math.degrees(value))}°"
-        for joint, value in q.items()
-    )
+    """Return a pose's name and joint values, in degrees and mm."""
+    values = joint_text({visible(joint): value for joint, value in q.items()}, [*map(visible, sliding_joints)])
     return f"{shown(name)} ({values})" if name else f"({values})"
 
 
@@ -170,10 +164,10 @@ def inside(result: SpecificationResult) -> tuple[str, str, str]:
 
 
 def demanded(specification: Specification | SpecificationResult) -> str:
-    """Return what a specification demands; of a large angle in degrees too."""
+    """Return what a specification demands, such as ``|d| within 0.5 mm for 95 %``; of a large angle in degrees too."""
     of, limit = specification.quantity, specification.limit
     degrees = f" ({math.degrees(limit):.4g} deg)" if of.startswith("attitude") and limit >= _LARGE_ANGLE else ""
-    return f"{of} within {1e3 * limit:.6g} {unit(of)}{degrees} for {100 * specification.required:.10g} %"
+    return f"{absolute(of)} within {1e3 * limit:.6g} {unit(of)}{degrees} for {100 * specification.required:.10g} %"
 
 
 def _verdict(result: SpecificationResult) -> str:
@@ -199,11 +193,6 @@ def mcpc_table(mcpc: Mcpc) -> str:
 
 def _thousandfold(value: float) -> str:
     return f"{1e3 * value if abs(value) > ROUNDING else 0.0:.4g}"
-
-
-def plain(value: float) -> str:
-    """Return a number in full but for rounding."""
-    return f"{round(value, 9) + 0.0:.9g}"
 
 
 def aligned(rows: list[list[str]]) -> list[str]:

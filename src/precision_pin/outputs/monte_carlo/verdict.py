@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from precision_pin.display.tables import quantity_label, resting_on, symbol, unit
+from precision_pin.display.tables import absolute, quantity_label, resting_on, symbol, unit
 from precision_pin.outputs.kit.html import Child, Html, element, joined, paragraph, section, table
 from precision_pin.outputs.monte_carlo.table import NOTHING_VARIES, inside
 from precision_pin.outputs.report.collect import Results
@@ -64,9 +64,7 @@ def _specifications(results: Results) -> Html:
 
 
 def _limit(result: SpecificationResult) -> str:
-    name = symbol(result.quantity)
-    written = name if name.startswith("|") else f"|{name}|"
-    return f"{written} ≤ {1e3 * result.limit:.6g} {unit(result.quantity)}"
+    return f"{absolute(result.quantity)} ≤ {1e3 * result.limit:.6g} {unit(result.quantity)}"
 
 
 def _rule(results: Results) -> Html:

@@ -11,7 +11,7 @@ from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
 
 from precision_pin.analyses.reliability.estimates import Estimate
 from precision_pin.analyses.reliability.reliability_result import ReliabilityResult, SpecificationReliability
-from precision_pin.display.tables import symbol, unit
+from precision_pin.display.tables import absolute, unit
 from precision_pin.outputs.kit.draw_distribution import BLUE, GREEN, SKY, VERMILION
 from precision_pin.outputs.kit.figure_style import (
     DOUBLE_COLUMN,
@@ -90,7 +90,7 @@ def _draw_methods(axes: Axes, entry: SpecificationReliability) -> None:
     axes.set_xlabel("probability of failure (line: allowed)")
     limited = entry.specification
     axes.set_title(
-        f"{symbol(limited.quantity)} within {1e3 * limited.limit:.6g} {unit(limited.quantity)}: {entry.verdict}",
+        f"{absolute(limited.quantity)} within {1e3 * limited.limit:.6g} {unit(limited.quantity)}: {entry.verdict}",
         fontsize=7.5,
     )
 

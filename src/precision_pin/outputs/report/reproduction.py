@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import platform
 import shlex
-from importlib import metadata
 
 from precision_pin.outputs.kit.html import Child, Html, definitions, element, joined, paragraph, section, table
 from precision_pin.outputs.report.collect import Results
-from precision_pin.sampling.result import versions
+from precision_pin.sampling.versions import versions
 
 __all__ = ["reproduction"]
 
@@ -18,7 +17,7 @@ _DRAWN_WITH = ("matplotlib", "meshcat")
 def reproduction(results: Results) -> Html:
     """Return command line, seed, versions, platform and the files' SHA-256."""
     command = element("pre", element("code", shlex.join(results.command)), tabindex="0", aria_label="Command line")
-    known = versions() | {name: _version(name) for name in _DRAWN_WITH}
+    known = versions(*_DRAWN_WITH)
     entries: list[tuple[str, Child]] = [
         ("Seed", str(results.analysis.seed)),
         ("Samples", f"{results.analysis.samples:,}"),
@@ -37,10 +36,3 @@ def reproduction(results: Results) -> Html:
         "How to reproduce this",
         joined([command, definitions(entries), files, paragraph(note, class_="note")]),
     )
-
-
-def _version(name: str) -> str:
-    try:
-        return metadata.version(name)
-    except metadata.PackageNotFoundError:
-        return "unknown"

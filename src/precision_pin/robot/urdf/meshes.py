@@ -8,8 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import final
 
-from precision_pin.inputs.files import note_input
-from precision_pin.robot.urdf.files import is_regular
+from precision_pin.inputs.files import is_regular, note_input
 from precision_pin.robot.urdf.findings import Findings, shown
 from precision_pin.robot.urdf.meshcontent import MESH_KINDS, BrokenMeshError, read_mesh
 

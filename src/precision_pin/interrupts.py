@@ -121,7 +121,7 @@ def held() -> Iterator[None]:
         yield
     finally:
         _state.held -= 1
-    if _state.number and not _state.held:
+    if _state.number and not _state.held and not _state.over:
         _leave()
 
 
