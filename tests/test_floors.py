@@ -7,7 +7,7 @@ from functools import cache
 from graphlib import TopologicalSorter
 from pathlib import Path
 
-PACKAGE = Path(__file__).parent.parent / "src" / "precision_pin"
+from support.package_code import FILES, PACKAGE, import_statements, tree
 
 FLOORS = (
     "visible",
@@ -40,7 +40,7 @@ FLOORS = (
 APART = ("old_paths",)
 """What imports modules by name only."""
 
-MODULES = sorted(path for path in PACKAGE.rglob("*.py") if "robots" not in path.parts)
+MODULES = [path for path in FILES if "robots" not in path.parts]
 
 
 def room(path: Path) -> str:
@@ -49,19 +49,14 @@ def room(path: Path) -> str:
 
 
 @cache
-def tree(path: Path) -> ast.Module:
-    return ast.parse(path.read_text(encoding="utf-8"))
-
-
-@cache
 def imported_modules(path: Path) -> set[str]:
     """Every module a file imports, at any depth of the code, type-checking blocks included; full dotted names."""
     package = ["precision_pin", *path.relative_to(PACKAGE).parts[:-1]]
     names: set[str] = set()
-    for node in ast.walk(tree(path)):
+    for node in import_statements(path):
         if isinstance(node, ast.Import):
             names |= {alias.name for alias in node.names}
-        elif isinstance(node, ast.ImportFrom):
+        else:
             home = package[: len(package) - node.level + 1] if node.level else []
             module = ".".join([*home, *([node.module] if node.module else [])])
             names.add(module)

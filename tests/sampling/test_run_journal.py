@@ -216,7 +216,7 @@ def test_pauses_grow_with_the_run(file: Path, monkeypatch, no_waiting_for_disks)
         for tick in range(1, 16_000):  # 8000 s: the pauses are the longest from 6000 s on
             now = tick / 2
             before = journal.saved
-            journal.save_if_due(small_state(tick))
+            journal.save_if_due(replace(EMPTY, count=tick))
             if journal.saved != before:
                 saved.append(now)
     gaps = np.diff(saved)
