@@ -142,7 +142,7 @@ def closed_pipe() -> int:
         pytest.param(
             ("analyze", "--samples", "100", "--json", "result.json", "--spec", "1 nm"), 1, marks=pytest.mark.slow
         ),
-        (("schema",), 0),
+        pytest.param(("schema",), 0, marks=pytest.mark.slow),
         (("check", "forked.urdf"), 0),
     ],
 )
@@ -199,6 +199,7 @@ def test_a_file_whose_name_is_not_utf8(executable, folder):
     assert json.loads((folder / "result.json").read_text("utf-8"))["robot"] == "arm\udcff.urdf"
 
 
+@pytest.mark.slow
 def test_without_a_stdout(executable, folder):
     done = subprocess.run(
         ["sh", "-c", 'exec "$0" mcpc >&-', executable],

@@ -152,6 +152,7 @@ def hermite_of(law: Law) -> Array:
     return hermite(law, 400)
 
 
+@pytest.mark.slow
 def test_two_pairs_by_scipy_s_double_integral() -> None:
     for first, second, rho in ((Triangular(1.0), Arcsine(1.0), 0.5), (TruncatedNormal(1.0), Triangular(1.0), -0.8)):
         rest = math.sqrt(1 - rho**2)

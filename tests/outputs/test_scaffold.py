@@ -286,7 +286,7 @@ def test_joints_that_no_weight_can_move_get_no_compliance(
         'lower="-1e300" upper="1e300"',
     ],
 )
-@pytest.mark.parametrize("kind", ["revolute", "prismatic"])
+@pytest.mark.parametrize("kind", ["revolute", pytest.param("prismatic", marks=pytest.mark.slow)])
 def test_poses_stay_within_odd_limits(limits: str, kind: str, tmp_path: Path) -> None:
     body = link("base") + link("a", 1.0) + link("b", 1.0, "0.2 0 0")
     body += joint("first", "base", "a", kind, "0 1 0", limits=limits)

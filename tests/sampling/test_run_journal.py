@@ -455,7 +455,14 @@ class Stopping:
             raise self.error
 
 
-@pytest.mark.parametrize("first", [{"threads": 1}, {"threads": 3}, {"executor": Muddled(), "tasks_under_way": 4}])
+@pytest.mark.parametrize(
+    "first",
+    [
+        {"threads": 3},
+        pytest.param({"threads": 1}, marks=pytest.mark.slow),
+        pytest.param({"executor": Muddled(), "tasks_under_way": 4}, marks=pytest.mark.slow),
+    ],
+)
 @pytest.mark.parametrize(
     "then", [{"executor": Muddled(), "tasks_under_way": 3}, pytest.param({"threads": 2}, marks=pytest.mark.slow)]
 )
