@@ -8,7 +8,7 @@ import pytest
 from scipy.linalg import expm
 
 from precision_pin.robot import mcpc
-from robot import mcpc_cases as cases
+from robot.mcpc import cases
 from support.thinning import mostly_slow
 
 SEEDS = mostly_slow(range(25), fast=10)

@@ -16,7 +16,7 @@ from precision_pin.sampling.planning import planned
 from precision_pin.sampling.skewness import first_order_skewness
 from precision_pin.sources import JointOffset
 from precision_pin.statistics import QUANTITIES, Plan, finish, observe, quantity_values, start
-from sampling.run_cases import AT, MODEL
+from sampling.cases import AT, MODEL
 from support.thinning import mostly_slow
 
 JOINTS = MODEL.chain.joint_names

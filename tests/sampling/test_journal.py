@@ -28,7 +28,7 @@ from precision_pin.sampling.saved import packed, unpacked
 from precision_pin.sampling.schedule import Sampling
 from precision_pin.sampling.workers import Foreign
 from precision_pin.statistics import State, start
-from sampling.run_cases import AT, MODEL, PLAN, Muddled, assert_same_bits, in_one_go, work
+from sampling.cases import AT, MODEL, PLAN, Muddled, assert_same_bits, in_one_go, work
 
 IDENTITY = {"seed": "0", "the error model": "ab12"}
 

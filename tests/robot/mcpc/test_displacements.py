@@ -13,7 +13,7 @@ from scipy.linalg import expm
 
 from precision_pin.errors import InputError
 from precision_pin.robot import mcpc
-from robot import mcpc_cases as cases
+from robot.mcpc import cases
 from support.thinning import mostly_slow
 
 SEEDS = mostly_slow(range(25), fast=10)

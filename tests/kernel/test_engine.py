@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.linalg import expm, logm
 
-from kernel.kernel_cases import EVERY_LAW, plain_table, pose_model, random_frame, random_table, single_formula
+from kernel.cases import EVERY_LAW, plain_table, pose_model, random_frame, random_table, single_formula
 from precision_pin.draws.expressions import Component, Program, sqrt
 from precision_pin.draws.laws import Fixed, Normal, Uniform
 from precision_pin.draws.space import Draw, Space
