@@ -1,8 +1,11 @@
 """What all tests need of the process they run in."""
 
+import gc
+import os
 import signal
 import sys
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 
@@ -16,6 +19,36 @@ signal.signal(signal.SIGINT, signal.default_int_handler)
 def pytest_xdist_auto_num_workers(config: pytest.Config) -> int | None:
     """Take no workers where only files are named: each imports everything anew."""
     return 0 if all(".py" in word for word in config.args) else None
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_sessionstart(session: pytest.Session) -> None:
+    """Compile the sampler before there are workers: each of them would compile all of it, at the same time."""
+    if getattr(session.config.option, "tx", None) and not hasattr(session.config, "workerinput"):
+        _compile_all_variants()
+
+
+def _compile_all_variants() -> None:
+    from precision_pin.compile_ahead import Job, compile_jobs
+    from precision_pin.kernel import part_list
+
+    source = Path(part_list.__file__).with_name("loops.py")
+    cache = Path(os.environ.get("NUMBA_CACHE_DIR") or source.parent / "__pycache__")
+    indices = [path.stat().st_mtime for path in cache.rglob("loops.run*.nbi")]
+    if os.environ.get("NUMBA_DISABLE_JIT") or (indices and min(indices) > source.stat().st_mtime):
+        return
+    variants = [(rare, linear) for rare in (None, True) for linear in (None, True)]
+    parts = dict.fromkeys(job for variant in variants for job in part_list.part_jobs(*variant))
+    modules = ("precision_pin.kernel.sampler", "precision_pin.kernel.many_poses")
+    whole = [Job(module, "warm_up", variant, 3.5, last=True) for module in modules for variant in variants]
+    compile_jobs([*parts, *whole])
+
+
+def pytest_collection_finish() -> None:
+    """Let the garbage collector pass over what importing and collecting made, which stays, and come less often."""
+    gc.collect()
+    gc.freeze()
+    gc.set_threshold(50_000, 20, 20)
 
 
 @pytest.fixture(autouse=True)

@@ -162,11 +162,12 @@ def test_the_frame_of_a_budget_holds_what_the_json_does(results):
     assert frame.index.names == ["pose", "draw", "quantity"]
     assert list(frame.index.unique("pose")) == ["paper", "pose 2"]
     assert len(frame) == 2 * 18 * 10
+    rows = frame.to_dict("index")
     for label, pose in zip(("paper", "pose 2"), result.to_dict()["poses"], strict=True):
         for draw in pose["draws"]:
             (group,) = [one for one in pose["groups"] if draw["name"] in one["draws"]]
             for quantity in ("position", "attitude", *QUANTITIES):
-                row = frame.loc[(label, draw["name"], quantity)]
+                row = rows[label, draw["name"], quantity]
                 assert same(row["share"], draw["share"].get(quantity))
                 assert same(row["reach"], draw["reach"].get(quantity))
                 assert same(row["worst_case"], draw["worst_case"].get(quantity))

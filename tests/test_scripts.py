@@ -43,6 +43,7 @@ def test_every_script_has_a_test_and_says_its_question():
         assert "?" in text.split('"""')[1].splitlines()[0], path.name
 
 
+@pytest.mark.slow
 def test_paper_case(tmp_path, monkeypatch, capsys):
     run_script("paper_case.py", str(tmp_path / "new" / "figures"), monkeypatch=monkeypatch)
     out = capsys.readouterr().out

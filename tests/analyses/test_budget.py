@@ -111,10 +111,10 @@ def test_what_only_a_higher_order_moves_is_flagged(swing_budget):
     assert swing_budget.sums["position.z"].variance.value == pytest.approx(1e-16 / 8, rel=0.1)
 
 
-def test_closed_form_sampling_and_freezing_agree_on_the_papers_arm(paper, paper_budget):
+@pytest.mark.parametrize("count", [20_000, pytest.param(200_000, marks=pytest.mark.slow)])
+def test_closed_form_sampling_and_freezing_agree_on_the_papers_arm(paper, paper_budget, count):
     """Freezing each draw at its mean, plain random numbers; tolerance of 5 standard errors of the estimate."""
     at = paper.at()
-    count = 200_000
     layout = sampler.to_arrays(at)
     x = at.space.sample(99, 0, count)
 

@@ -59,8 +59,8 @@ def uniform_sum(half_widths, x: float) -> Fraction:
     [
         ((0.3, 0.5, 0.9), 0.0),
         ((1.0, 1.0, 1.0), 1e3),
-        ((1.0, 0.1, 0.01, 1e-3), 0.0),
-        ((1.0,) * 8, 0.0),
+        pytest.param((1.0, 0.1, 0.01, 1e-3), 0.0, marks=pytest.mark.slow),
+        pytest.param((1.0,) * 8, 0.0, marks=pytest.mark.slow),
         ((1, 1, 1, 2e-3, 3e-3), 0),
     ],
 )

@@ -22,6 +22,7 @@ from precision_pin.robot import examples
 from precision_pin.sampling import monte_carlo
 from precision_pin.sources.joint_offset import JointOffset
 from support.plain_robot import chain_of, joint, link, robot
+from support.thinning import mostly_slow
 
 SAMPLED = ("control", "sobol", "sobol-control", "plain")
 LENGTHS = (0.7, 0.4)
@@ -221,7 +222,7 @@ def test_closed_form_leaves_out_only_the_next_order(name):
         assert math.log2(wide / narrow) == pytest.approx(order, abs=0.35)
 
 
-@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize("name", mostly_slow(CASES, fast=3))
 @pytest.mark.parametrize("method", SAMPLED)
 def test_samples_of_two_joints_agree_with_quadrature(method, name):
     model, truth, _ = case(name, 0.1)

@@ -121,6 +121,7 @@ def test_failures_that_the_mixture_misses_are_not_resolved(monkeypatch):
     assert 35 < share < 65  # the other side holds half of the failures
 
 
+@pytest.mark.slow
 def test_the_norm_of_a_nearly_equal_cloud_at_three_in_a_hundred_million():
     (case,) = [
         case for case in rare.CASES if case.name.startswith("norm of spreads 1.0, 0.97") and case.probability < 1e-6

@@ -44,6 +44,7 @@ def test_json_alone_on_stdout(run):
     json.loads(outcome.out)  # one document and nothing else
 
 
+@pytest.mark.slow
 def test_json_alone_on_stdout_when_there_are_warnings_and_files(run):
     arguments = ("--samples", "100", "--q", "0 0 0 200 deg", "--out", "plots", "--json", "-")
     outcome = run("analyze", *arguments)

@@ -59,16 +59,22 @@ def test_a_file_of_another_format_is_called_by_its_name(run, folder, command, fi
     assert "sheet" not in line
 
 
-@pytest.mark.parametrize("command", WITH_ROBOT)
+MEANT = {
+    "ur5": "example:ur5",
+    "UR5": "example:ur5",
+    "ur5_robot.urdf": "example:ur5",
+    "panda.urdf": "example:panda",
+    "nowhere/panda.urdf": "example:panda",
+    "4dofs.urdf": "4dof.urdf",
+}
+
+
 @pytest.mark.parametrize(
-    ("typed", "meant"),
+    ("command", "typed", "meant"),
     [
-        ("ur5", "example:ur5"),
-        ("UR5", "example:ur5"),
-        ("ur5_robot.urdf", "example:ur5"),
-        ("panda.urdf", "example:panda"),
-        ("nowhere/panda.urdf", "example:panda"),
-        ("4dofs.urdf", "4dof.urdf"),
+        pytest.param(command, typed, meant, marks=[pytest.mark.slow] * (command != "analyze" and typed != "ur5"))
+        for command in WITH_ROBOT
+        for typed, meant in MEANT.items()
     ],
 )
 def test_a_robot_that_is_not_there_gives_the_one_that_is_meant(run, command, typed, meant):

@@ -188,6 +188,7 @@ def test_wrong_command_lines(run, folder, contents, case):
     assert contents() == before
 
 
+@pytest.mark.slow
 def test_ctrl_c_leaves_nothing(executable, folder, new_files):
     process = subprocess.Popen(
         [executable, "export", "--units", "100000", "--out", "built"],

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 
 from precision_pin.errors import Finding, InputError, UnknownNameError
 from precision_pin.visible import LONGEST_LINE, one_line, shown, visible
+from support.thinning import mostly_slow
 
 FORGED = "precision-pin: error E_FORGED: forged"
 HOSTILE = {
@@ -71,7 +72,7 @@ WRONG = {
 }
 
 
-@pytest.mark.parametrize("kind", HOSTILE)
+@pytest.mark.parametrize("kind", mostly_slow(HOSTILE, fast=2))
 @pytest.mark.parametrize("where", WRONG)
 def test_command_lines(run, where, kind):
     outcome = run(*WRONG[where](HOSTILE[kind]))

@@ -57,7 +57,7 @@ def test_tables_need_no_matplotlib_and_mcpc_no_compiler():
     )
 
 
-@pytest.mark.parametrize("command", [("precision-pin",), ("-m", "precision_pin")])
+@pytest.mark.parametrize("command", [("precision-pin",), pytest.param(("-m", "precision_pin"), marks=pytest.mark.slow)])
 def test_installed_and_as_a_module(command, executable):
     line = [executable] if command == ("precision-pin",) else [sys.executable, *command]
     done = subprocess.run([*line, "mcpc", "--json"], capture_output=True, text=True, timeout=60)
@@ -142,7 +142,7 @@ def closed_pipe() -> int:
         pytest.param(
             ("analyze", "--samples", "100", "--json", "result.json", "--spec", "1 nm"), 1, marks=pytest.mark.slow
         ),
-        (("schema",), 0),
+        pytest.param(("schema",), 0, marks=pytest.mark.slow),
         (("check", "forked.urdf"), 0),
     ],
 )
@@ -178,6 +178,7 @@ def test_a_stdout_that_is_full(executable, folder, arguments):
     ]
 
 
+@pytest.mark.slow
 def test_an_output_that_cannot_show_greek(executable, folder):
     environment = os.environ | {"PYTHONIOENCODING": "latin-1"}
     done = subprocess.run([executable, "mcpc"], cwd=folder, env=environment, capture_output=True, timeout=60)
@@ -198,6 +199,7 @@ def test_a_file_whose_name_is_not_utf8(executable, folder):
     assert json.loads((folder / "result.json").read_text("utf-8"))["robot"] == "arm\udcff.urdf"
 
 
+@pytest.mark.slow
 def test_without_a_stdout(executable, folder):
     done = subprocess.run(
         ["sh", "-c", 'exec "$0" mcpc >&-', executable],

@@ -28,7 +28,9 @@ def shell(line: str, folder: Path) -> tuple[int, str, str]:
 
 
 @needs_full
-@pytest.mark.parametrize("words", ["--help", "--version", "schema"])
+@pytest.mark.parametrize(
+    "words", ["--version", *(pytest.param(words, marks=pytest.mark.slow) for words in ("--help", "schema"))]
+)
 def test_a_full_stdout_is_one_line(folder, words):
     assert shell(f"PP {words} > /dev/full", folder) == (2, "", FULL)
 
@@ -36,14 +38,18 @@ def test_a_full_stdout_is_one_line(folder, words):
 @needs_full
 @pytest.mark.parametrize(
     ("words", "code"),
-    [("nosuch", 2), ("mcpc 4dof.urdf", 0), pytest.param("check nosuch.yaml", 2, marks=pytest.mark.slow)],
+    [
+        ("nosuch", 2),
+        pytest.param("mcpc 4dof.urdf", 0, marks=pytest.mark.slow),
+        pytest.param("check nosuch.yaml", 2, marks=pytest.mark.slow),
+    ],
 )
 def test_a_full_stderr_changes_nothing(folder, words, code):
     usual = shell(f"PP {words}", folder)
     assert shell(f"PP {words} 2> /dev/full", folder) == (code, usual[1], "")
 
 
-@pytest.mark.parametrize("closed", ["2>&-", ">&- 2>&- <&-"])
+@pytest.mark.parametrize("closed", [pytest.param("2>&-", marks=pytest.mark.slow), ">&- 2>&- <&-"])
 def test_closed_streams(folder, closed):
     code, _, err = shell(f"PP init 4dof.urdf --out new.yaml {closed}", folder)
     assert (code, "Traceback" in err) == (0, False)

@@ -44,8 +44,10 @@ def interval(entry: dict, column: str, samples: int) -> tuple[float, float] | No
     return entry["quantile_interval"][column]
 
 
-@pytest.mark.parametrize("samples", [2, 50, 200, 2_000, 30_000])
-@pytest.mark.parametrize("robot", ["4dof.urdf", "gantry.urdf"])
+@pytest.mark.parametrize(
+    "samples", [2, 200, 30_000, *(pytest.param(samples, marks=pytest.mark.slow) for samples in (50, 2_000))]
+)
+@pytest.mark.parametrize("robot", ["4dof.urdf", pytest.param("gantry.urdf", marks=pytest.mark.slow)])
 def test_printed_digits_are_supported(run, folder, robot, samples):
     cells, data = table_and_result(run, folder, robot, "--samples", str(samples))
     for (vector, part), row in cells.items():

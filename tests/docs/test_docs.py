@@ -46,10 +46,12 @@ from precision_pin.sheet.reader import LARGEST_FILE
 from precision_pin.sheet.schema import Document
 from precision_pin.sheet.text import MOST_LEVELS, MOST_NODES
 from precision_pin.sources import catalogue
+from support.package_code import FILES, import_statements
 
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
 PAGES = {path.relative_to(ROOT).as_posix(): path for path in (ROOT / "README.md", *sorted(DOCS.glob("*.md")))}
+LONG = ("docs/budget.md", "docs/worst-case.md", "docs/exact-law.md")
 LANGUAGES = {"python", "console", "yaml", "xml", "text"}
 HEAD = {"precision-pin": "1", "robot": "4dof.urdf", "tip": "tool"}
 OF_THE_RUNNER = {"pytest", "_pytest", "pluggy", "iniconfig", "xdist", "execnet"}
@@ -84,9 +86,9 @@ def blocks(page: str) -> Iterator[Block]:
         yield Block(match[1], match[2], text[: match.start(2)].count("\n") + 1)
 
 
-def makes_a_report(page: str) -> bool:
-    """Return whether a page's commands take long: every analysis, and all their figures."""
-    return "$ precision-pin report" in PAGES[page].read_text(encoding="utf-8")
+def takes_long(page: str) -> bool:
+    """Return whether a page's blocks take long: an analysis of many samples, or a report with all of them."""
+    return page in LONG or "$ precision-pin report" in PAGES[page].read_text(encoding="utf-8")
 
 
 # --- blocks ---
@@ -165,8 +167,8 @@ def test_the_package_imports_nothing_that_is_neither_locked_nor_an_extra():
     here = locked()
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     extras = " ".join(itertools.chain.from_iterable(project["optional-dependencies"].values()))
-    for path in (ROOT / "src" / "precision_pin").rglob("*.py"):
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+    for path in FILES:
+        for node in import_statements(path):
             names = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
             names += [node.module or ""] if isinstance(node, ast.ImportFrom) and not node.level else []
             for name in {name.partition(".")[0] for name in names} - sys.stdlib_module_names:
@@ -174,9 +176,7 @@ def test_the_package_imports_nothing_that_is_neither_locked_nor_an_extra():
                 assert homes & here or any(home in extras for home in homes), f"{path}: {name} is in no lock"
 
 
-@pytest.mark.parametrize(
-    "page", [pytest.param(page, marks=[pytest.mark.slow] * makes_a_report(page)) for page in PAGES]
-)
+@pytest.mark.parametrize("page", [pytest.param(page, marks=[pytest.mark.slow] * takes_long(page)) for page in PAGES])
 def test_every_block_runs(page, folder, monkeypatch):
     set_up_like_a_reader(page, monkeypatch)
     module = types.ModuleType(f"page_{re.sub(r'[^a-z]', '_', page)}")
@@ -355,10 +355,15 @@ def resolve(dotted: str) -> object:
     raise AssertionError(f"{dotted} does not exist")
 
 
+@functools.cache
+def functions_of(file: str) -> set[str]:
+    tree = ast.parse((ROOT / "tests" / file).read_text(encoding="utf-8"))
+    return {node.name for node in ast.walk(tree) if isinstance(node, ast.FunctionDef)}
+
+
 def defined(test: str) -> bool:
     file, _, name = test.partition("::")
-    tree = ast.parse((ROOT / "tests" / file).read_text(encoding="utf-8"))
-    return name in {node.name for node in ast.walk(tree) if isinstance(node, ast.FunctionDef)}
+    return name in functions_of(file)
 
 
 @pytest.mark.parametrize("column", ["eq", "no."])

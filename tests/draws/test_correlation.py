@@ -29,6 +29,7 @@ from precision_pin.draws.space import Draw, Scope, Space
 from precision_pin.errors import InputError, UnknownNameError
 from precision_pin.typing import Array
 from support.sampling_checks import ALPHA, Sampler, exact_failures, sampling_failures
+from support.thinning import mostly_slow
 
 SLOPES = ((0.0, -1.0), (0.3, -0.2), (0.6, 0.0), (0.9, 0.3), (1.0, 2.0))
 GAP = ((0.0, -1.0), (0.2, -0.5), (0.2, 0.1), (0.7, 0.1), (1.0, 2.5))
@@ -77,7 +78,7 @@ def integral(law: Law, weight: Callable[[Array], Array], *bends: float) -> float
 # ---- the correlation that follows ----
 
 
-@pytest.mark.parametrize("law", LAWS, ids=repr)
+@pytest.mark.parametrize("law", mostly_slow(LAWS, fast=6), ids=repr)
 @pytest.mark.parametrize(
     "rho", [-0.3, 0.999, *(pytest.param(rho, marks=pytest.mark.slow) for rho in (-0.95, 0.1, 0.6))]
 )
@@ -151,6 +152,7 @@ def hermite_of(law: Law) -> Array:
     return hermite(law, 400)
 
 
+@pytest.mark.slow
 def test_two_pairs_by_scipy_s_double_integral() -> None:
     for first, second, rho in ((Triangular(1.0), Arcsine(1.0), 0.5), (TruncatedNormal(1.0), Triangular(1.0), -0.8)):
         rest = math.sqrt(1 - rho**2)
@@ -166,7 +168,7 @@ def test_two_pairs_by_scipy_s_double_integral() -> None:
         assert covariance_of(first, second, rho) == pytest.approx(expected, abs=1e-6)
 
 
-@pytest.mark.parametrize("law", LAWS, ids=repr)
+@pytest.mark.parametrize("law", mostly_slow(LAWS, fast=4), ids=repr)
 def test_the_correlation_rises_with_that_of_the_scores_from_bound_to_bound(law: Law) -> None:
     """From the countermonotone to the comonotone pair (Hoeffding, 1940), which is the variance."""
     steps = [-1 + 2e-6, -0.99, -0.5, 0.0, 0.5, 0.99, 1 - 2e-6]

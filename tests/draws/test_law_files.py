@@ -23,8 +23,7 @@ from precision_pin.robot.examples import PAPER_SHEET
 from precision_pin.sheet import json_schema
 from precision_pin.sheet.settings import law_options, parse_law
 from precision_pin.units import LENGTH
-
-PACKAGE = Path(pp.__file__).parent
+from support.package_code import FILES, PACKAGE, tree
 
 RESOLUTION = '''
 """What rounding to steps leaves."""
@@ -191,7 +190,7 @@ def test_the_list_of_laws_is_complete() -> None:
     found = {
         node.name
         for path in (PACKAGE / "draws" / "laws").glob("*.py")
-        for node in ast.parse(path.read_text(encoding="utf-8")).body
+        for node in tree(path).body
         if isinstance(node, ast.ClassDef)
         and any(ast.unparse(base) in ("Law", "SymmetricLaw", "BoundedLaw", "PlaneLaw") for base in node.bases)
     }
@@ -228,8 +227,7 @@ def law_names(path: Path) -> set[str]:
     """Return the laws that a file names, as imported or as an attribute."""
     known = {law.__name__ for law in LAWS}
     names: set[str] = set()
-    text = path.read_text(encoding="utf-8")
-    for node in ast.walk(ast.parse(text)) if "laws" in text else ():
+    for node in ast.walk(tree(path)) if "laws" in path.read_text(encoding="utf-8") else ():
         if isinstance(node, ast.ImportFrom) and "laws" in (node.module or "").split("."):
             names |= {alias.name for alias in node.names} & known
         elif isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id == "laws":
@@ -239,7 +237,7 @@ def law_names(path: Path) -> set[str]:
 
 def test_no_other_file_names_a_law() -> None:
     found: dict[str, Any] = {}
-    for path in PACKAGE.rglob("*.py"):
+    for path in FILES:
         relative = path.relative_to(PACKAGE)
         if relative.parts[:2] != ("draws", "laws") and str(relative) != "__init__.py":
             names = law_names(path)
@@ -251,10 +249,9 @@ def test_no_other_file_names_a_law() -> None:
 @pytest.mark.parametrize("name", NAMED)
 def test_what_names_a_law_draws_from_it_and_asks_for_no_class(name: str) -> None:
     """A law is told from others by what it says of itself."""
-    tree = ast.parse((PACKAGE / name).read_text(encoding="utf-8"))
     asked = {
         ast.unparse(part)
-        for node in ast.walk(tree)
+        for node in ast.walk(tree(PACKAGE / name))
         for part in (
             node.args[1:] if isinstance(node, ast.Call) and ast.unparse(node.func) == "isinstance"
             else [node.cls] if isinstance(node, ast.MatchClass) else []

@@ -56,7 +56,7 @@ def varied(arm: Chain, stiffness: Law, payload: Law | None = None, sources: tupl
         pytest.param(Uniform(0.2, mean=1.0), 0.804, 3e-4, marks=pytest.mark.slow),
         pytest.param(Uniform(0.3, mean=1.0), 0.706, 1e-3, marks=pytest.mark.slow),
         # median / exp(2.3263 s), s² = ln(1 + 0.2²)
-        (Lognormal(0.2, 1.0), 0.618607, 2e-3),
+        pytest.param(Lognormal(0.2, 1.0), 0.618607, 2e-3, marks=pytest.mark.slow),
     ],
 )
 def test_the_99_percent_quantile_is_that_of_exact_rods(arm, law, hundredth, within):
@@ -107,6 +107,7 @@ def test_stiffnesses_that_vary_one_by_one(arm):
 # --- the slopes ---
 
 
+@pytest.mark.slow
 def test_every_target_is_differentiated(arm):
     """Offsets, lengths, frames and axes of the arm at rest move its loads: slopes of robots settled anew, to 1e-6."""
     geometry = (
@@ -214,7 +215,7 @@ def test_an_eccentric_column_bends_as_the_secant_formula_says(ratio):
     assert abs(moved) == pytest.approx(expected, rel=0.012 * ratio / (1 - ratio) + 1e-3)
 
 
-@pytest.mark.parametrize("ratio", [1.02, 1.5, 4.0])
+@pytest.mark.parametrize("ratio", [1.02, *(pytest.param(ratio, marks=pytest.mark.slow) for ratio in (1.5, 4.0))])
 @pytest.mark.parametrize("aside", [0.0, pytest.param(1e-4, marks=pytest.mark.slow), 0.01])
 def test_a_column_past_eulers_load_is_refused(ratio, aside):
     with pytest.raises(InputError, match="the arm buckles under its loads: beyond") as caught:

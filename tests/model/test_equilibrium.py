@@ -114,6 +114,7 @@ def test_slopes_are_those_of_arms_settled_anew(arm):
     assert np.linalg.norm(error[:3]) > 0.03
 
 
+@pytest.mark.slow
 def test_slopes_with_segments_a_sliding_joint_and_a_branch():
     """Two links, the second slides at a slant and carries a bracket; every law about its mean."""
     chain = chain_of(

@@ -170,17 +170,17 @@ def test_geometric_errors_of_the_papers_arm():
 @pytest.mark.parametrize(
     ("base", "tip", "locked", "ends"),
     [
-        ("base", "tool", {}, ("base", "tool")),
+        pytest.param("base", "tool", {}, ("base", "tool"), marks=pytest.mark.slow),
         # the frame at the tip moves with a chain joint or with one held still
         ("base", "link7", {}, ("base", "link7_as_built")),
-        ("base", "finger", {"finger_joint": 0.3}, ("base", "finger")),
+        pytest.param("base", "finger", {"finger_joint": 0.3}, ("base", "finger"), marks=pytest.mark.slow),
         ("base", "tool", {"joint3": 0.7, "joint4": -0.2}, ("base", "tool")),
         # the base is not the root: forwards only, backwards only, up and down again
-        ("link3", "tool", {}, ("link3", "tool")),
-        ("tool", "base", {}, ("tool", "base")),
+        pytest.param("link3", "tool", {}, ("link3", "tool"), marks=pytest.mark.slow),
+        pytest.param("tool", "base", {}, ("tool", "base"), marks=pytest.mark.slow),
         ("link6", "base", {}, ("link6_as_built", "base")),
-        ("half2", "base", {}, ("half2", "base")),
-        ("tool", "bracket", {"joint4": 0.4}, ("tool", "bracket")),
+        pytest.param("half2", "base", {}, ("half2", "base"), marks=pytest.mark.slow),
+        pytest.param("tool", "bracket", {"joint4": 0.4}, ("tool", "bracket"), marks=pytest.mark.slow),
         ("tool", "link2", {"joint6": 0.4, "joint7": -1.0}, ("tool", "link2")),
         ("bracket", "finger", {}, ("bracket", "finger_as_built")),
     ],

@@ -405,6 +405,7 @@ def test_few_samples_are_said_to_resolve_little(model, samples):
     assert set(reader.table("Numbers of the position").row("99.73 %")) == {"–"}
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:.*W_NOTHING_VARIES")
 def test_an_arm_without_errors(tmp_path):
     sheet = tmp_path / "none.yaml"

@@ -23,6 +23,7 @@ from precision_pin.robot.chain import Chain
 from precision_pin.robot.examples import PAPER_SHEET, example_urdfs, resolve_robot
 from precision_pin.sheet import read
 from precision_pin.sources import catalogue
+from support.thinning import mostly_slow
 
 # odd robots have findings, which are not what is tested here
 pytestmark = pytest.mark.filterwarnings("ignore::precision_pin.errors.PrecisionPinWarning")
@@ -39,7 +40,7 @@ ARMS = {
     "tiago": "arm_tool_link",
     "pr2": "r_gripper_tool_frame",
 }
-FAST_ARMS = ("ur5", "panda", "so101", "tiago")
+FAST_ARMS = ("panda", "so101")
 PAPER_ARM = PAPER_SHEET.with_name("4dof.urdf")
 
 
@@ -285,7 +286,7 @@ def test_joints_that_no_weight_can_move_get_no_compliance(
         'lower="-1e300" upper="1e300"',
     ],
 )
-@pytest.mark.parametrize("kind", ["revolute", "prismatic"])
+@pytest.mark.parametrize("kind", ["revolute", pytest.param("prismatic", marks=pytest.mark.slow)])
 def test_poses_stay_within_odd_limits(limits: str, kind: str, tmp_path: Path) -> None:
     body = link("base") + link("a", 1.0) + link("b", 1.0, "0.2 0 0")
     body += joint("first", "base", "a", kind, "0 1 0", limits=limits)
@@ -382,7 +383,7 @@ ODD_NAMES = [
 ]
 
 
-@pytest.mark.parametrize("name", ODD_NAMES)
+@pytest.mark.parametrize("name", mostly_slow(ODD_NAMES, fast=10))
 def test_odd_names_survive(name: str, tmp_path: Path) -> None:
     body = link("base") + link(f"{name}1", 1.0, "0.1 0 0") + link(name, 1.0, "0.1 0 0") + link(f"{name}3")
     body += joint(name, "base", f"{name}1", axis="0 1 0")

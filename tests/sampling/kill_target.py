@@ -7,7 +7,7 @@ from precision_pin.kernel.sampler import BLOCK
 from precision_pin.sampling import journal
 from precision_pin.sampling.one_pose import monte_carlo
 from precision_pin.sampling.workers import available_cores
-from sampling.run_cases import MODEL
+from sampling.cases import MODEL
 
 SAMPLES = 60 * BLOCK + 321
 

@@ -155,7 +155,7 @@ def test_its_numbers_are_known_by_owner_and_quantity(folder):
     ]
 
 
-def test_through_sampling_budget_report_and_export(folder, run):
+def test_through_sampling_budget_and_export(folder, run):
     found = json.loads(run("analyze", "arm.errors.yaml", "--samples", "4000", "--json", "-"))
     # link 2 turns rigidly: its end goes down its own z by the sum of sags, 0.3 mm on the mean, with these spreads
     model = ErrorModel.load(folder / "arm.errors.yaml")
@@ -174,14 +174,18 @@ def test_through_sampling_budget_report_and_export(folder, run):
     (own,) = (line for line in shares if line["sources"] == ["sagging[link2]"])
     assert own["draws"] == ["left", "sagging[link2].rails[1].sag", "sagging[link2].tilt"]
     assert own["share"]["position"] == pytest.approx(1.0)
+    run("export", "arm.errors.yaml", "--units", "1", "--out", "units")
+    (urdf,) = (folder / "units").glob("*.urdf")
+    assert "No source was seen to depend on the pose." in " ".join(urdf.read_text(encoding="utf-8").split())
+
+
+@pytest.mark.slow
+def test_into_the_report(folder, run):
     run("report", "arm.errors.yaml", "--samples", "2000", "--out", "report.html")
     page = (folder / "report.html").read_text(encoding="utf-8").partition("Random numbers of the model")[2]
     for name, quantity in (("left", "length"), ("sagging[link2].tilt", "angle")):
         assert f">{name}<" in page
         assert f">{quantity}<" in page.partition(f">{name}<")[2][:200]
-    run("export", "arm.errors.yaml", "--units", "1", "--out", "units")
-    (urdf,) = (folder / "units").glob("*.urdf")
-    assert "No source was seen to depend on the pose." in " ".join(urdf.read_text(encoding="utf-8").split())
 
 
 def test_a_source_whose_types_no_module_knows_is_sampled_and_named_where_they_are_needed(monkeypatch):

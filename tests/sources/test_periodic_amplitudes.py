@@ -35,7 +35,7 @@ def spreads(source) -> tuple[float, float]:
 @pytest.mark.parametrize(
     ("amplitude", "expected", "first_order"),
     [
-        (30 * ARCSEC, 30 / np.sqrt(2), 30 / np.sqrt(2)),
+        pytest.param(30 * ARCSEC, 30 / np.sqrt(2), 30 / np.sqrt(2), marks=pytest.mark.slow),
         (Uniform(10 * ARCSEC, mean=30 * ARCSEC), np.sqrt((30**2 + 10**2 / 3) / 2), 30 / np.sqrt(2)),
         (Normal(10 * ARCSEC), 10 / np.sqrt(2), 0.0),
     ],

@@ -24,7 +24,7 @@ from precision_pin.kernel.sampler import BLOCK
 from precision_pin.robot.examples import PAPER_SHEET
 from precision_pin.sampling.workers import Processes
 from sampling import kill_target
-from sampling.run_cases import MODEL, assert_same_bits, in_one_go, sampled, spawned, wait_until, work
+from sampling.cases import MODEL, assert_same_bits, in_one_go, sampled, spawned, wait_until, work
 
 TRIALS = int(os.environ.get("KILL_TRIALS", "10"))
 """How many runs are killed again and again until they are done."""

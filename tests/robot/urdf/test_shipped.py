@@ -103,6 +103,7 @@ def test_another_root_in_pinocchio(shipped, arm, base):
         np.testing.assert_allclose(found, expected, rtol=0, atol=1e-12)
 
 
+@pytest.mark.slow
 def test_what_is_refused_among_all_shipped_files(shipped):
     refused = {}
     for path in sorted(shipped.glob("*/*/*.urdf")):

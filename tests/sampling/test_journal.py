@@ -28,7 +28,7 @@ from precision_pin.sampling.saved import packed, unpacked
 from precision_pin.sampling.schedule import Sampling
 from precision_pin.sampling.workers import Foreign
 from precision_pin.statistics import State, start
-from sampling.run_cases import AT, MODEL, PLAN, Muddled, assert_same_bits, in_one_go, work
+from sampling.cases import AT, MODEL, PLAN, Muddled, assert_same_bits, in_one_go, work
 
 IDENTITY = {"seed": "0", "the error model": "ab12"}
 
@@ -216,7 +216,7 @@ def test_pauses_grow_with_the_run(file: Path, monkeypatch, no_waiting_for_disks)
         for tick in range(1, 16_000):  # 8000 s: the pauses are the longest from 6000 s on
             now = tick / 2
             before = journal.saved
-            journal.save_if_due(small_state(tick))
+            journal.save_if_due(replace(EMPTY, count=tick))
             if journal.saved != before:
                 saved.append(now)
     gaps = np.diff(saved)
@@ -455,7 +455,14 @@ class Stopping:
             raise self.error
 
 
-@pytest.mark.parametrize("first", [{"threads": 1}, {"threads": 3}, {"executor": Muddled(), "tasks_under_way": 4}])
+@pytest.mark.parametrize(
+    "first",
+    [
+        {"threads": 3},
+        pytest.param({"threads": 1}, marks=pytest.mark.slow),
+        pytest.param({"executor": Muddled(), "tasks_under_way": 4}, marks=pytest.mark.slow),
+    ],
+)
 @pytest.mark.parametrize(
     "then", [{"executor": Muddled(), "tasks_under_way": 3}, pytest.param({"threads": 2}, marks=pytest.mark.slow)]
 )

@@ -19,8 +19,8 @@ import pytest
 from precision_pin.errors import InputError
 from precision_pin.sampling.journal import MAGIC
 from precision_pin.sampling.saved import packed, unpacked
-from sampling.run_cases import assert_same_bits
-from sampling.test_run_journal import EMPTY, IDENTITY, STATES, state_in
+from sampling.cases import assert_same_bits
+from sampling.test_journal import EMPTY, IDENTITY, STATES, state_in
 
 
 def journal_of(file: Path, *payloads: bytes) -> None:

@@ -19,7 +19,7 @@ from precision_pin.sampling.many_poses import sample_poses
 from precision_pin.sampling.poses_result import LEVELS, PosesResult
 from precision_pin.sources import JointOffset
 from precision_pin.statistics import Specification, quantile_ranks
-from sampling.run_cases import MODEL
+from sampling.cases import MODEL
 
 JOINTS = MODEL.chain.joint_names
 SPECIFICATIONS = (Specification("position.norm", 0.035, 0.9), Specification("attitude.z", 1e-3, 0.5))

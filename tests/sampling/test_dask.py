@@ -18,7 +18,7 @@ from precision_pin.errors import InputError
 from precision_pin.kernel.sampler import BLOCK
 from precision_pin.sampling import cluster
 from precision_pin.sampling.cluster import dask_cluster
-from sampling.run_cases import MODEL, wait_until
+from sampling.cases import MODEL, wait_until
 
 
 class Cluster:

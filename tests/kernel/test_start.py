@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 import precision_pin
-from kernel.kernel_cases import EVERY_LAW, compiled_variants, plain_table, random_table
+from kernel.cases import EVERY_LAW, compiled_variants, plain_table, random_table
 from precision_pin import jit
 from precision_pin.draws.correlation import Correlation
 from precision_pin.draws.laws import (
@@ -42,7 +42,7 @@ PROGRAM = """
 import time
 began = time.perf_counter()
 import numpy as np
-from kernel.kernel_cases import random_table
+from kernel.cases import random_table
 from precision_pin.kernel import sampler as kernel
 at = random_table(4, targets=3, terms=9, shift=1e-3, turn=1e-3)
 layout = kernel.to_arrays(at)

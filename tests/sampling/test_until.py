@@ -11,7 +11,7 @@ import pytest
 import precision_pin as pp
 from precision_pin.errors import InputError
 from precision_pin.kernel.sampler import BLOCK
-from sampling.run_cases import MODEL
+from sampling.cases import MODEL
 
 TARGET = "95 % to 0.03 mm"
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from kernel.kernel_cases import EVERY_LAW, compiled_variants, pose_model, random_frame, random_table
+from kernel.cases import EVERY_LAW, compiled_variants, pose_model, random_frame, random_table
 from precision_pin.draws.correlation import Correlation
 from precision_pin.draws.expressions import Component, Program
 from precision_pin.draws.laws import Circle, Empirical, Fixed, Normal, Rows, Uniform

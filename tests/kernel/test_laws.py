@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from scipy import special, stats
 
-from kernel.kernel_cases import from_python, plain_table
+from kernel.cases import from_python, plain_table
 from precision_pin.draws import laws
 from precision_pin.draws.correlation import Correlation
 from precision_pin.draws.laws import (

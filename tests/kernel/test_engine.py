@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.linalg import expm, logm
 
-from kernel.kernel_cases import EVERY_LAW, plain_table, pose_model, random_frame, random_table, single_formula
+from kernel.cases import EVERY_LAW, plain_table, pose_model, random_frame, random_table, single_formula
 from precision_pin.draws.expressions import Component, Program, sqrt
 from precision_pin.draws.laws import Fixed, Normal, Uniform
 from precision_pin.draws.space import Draw, Space
@@ -44,7 +44,7 @@ def test_both_models_equal_the_oracle_on_random_tables(seed: int) -> None:
 
 
 @pytest.mark.parametrize(("turn", "series"), [(1e-4, FINE), (3e-3, NARROW), (0.03, WIDE)])
-@pytest.mark.parametrize("slides", [False, True])
+@pytest.mark.parametrize("slides", [False, pytest.param(True, marks=pytest.mark.slow)])
 def test_any_number_of_terms_of_one_and_two_factors(turn: float, series: int, slides: bool) -> None:
     """The loops take six, five, four or three terms at once, and three products."""
     rng = np.random.default_rng(int(slides))

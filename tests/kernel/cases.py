@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -34,6 +35,7 @@ EVERY_LAW = Space(
 )
 
 
+@cache
 def from_python(function: Any) -> Any:
     """Return a function of the compiled loops, which only compiled code may call, as Python calls it."""
     return njit(error_model="numpy")(lambda *arguments: function(*arguments))

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy import special, stats
 
-from kernel.kernel_cases import COVARIANCE, EVERY_LAW, from_python, plain_table
+from kernel.cases import COVARIANCE, EVERY_LAW, from_python, plain_table
 from precision_pin.draws.expressions import Operator
 from precision_pin.draws.laws import Circle, Disc, Law, Normal, Triangular, TruncatedNormal, Uniform
 from precision_pin.draws.space import Draw, Scope, Space

@@ -9,7 +9,7 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 
-from kernel.kernel_cases import EVERY_LAW, plain_table, random_table, single_formula
+from kernel.cases import EVERY_LAW, plain_table, random_table, single_formula
 from precision_pin.draws.expressions import Component, sqrt
 from precision_pin.draws.laws import Fixed, Uniform
 from precision_pin.draws.space import Draw, Space

@@ -24,7 +24,7 @@ from precision_pin.sampling.blocks import MOST_SAMPLES, check_samples
 from precision_pin.sampling.identity import digest
 from precision_pin.sampling.workers import Foreign, Processes, Threads, chosen
 from precision_pin.statistics import start
-from sampling.run_cases import MODEL, PLAN, SAMPLES, Muddled, assert_same_bits, in_one_go, sampled, work
+from sampling.cases import MODEL, PLAN, SAMPLES, Muddled, assert_same_bits, in_one_go, sampled, work
 
 
 @pytest.fixture(scope="module")
