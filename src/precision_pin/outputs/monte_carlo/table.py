@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import itertools
 import math
-import unicodedata
 from collections.abc import Collection, Mapping
 from decimal import ROUND_CEILING, ROUND_FLOOR, ROUND_HALF_EVEN, Decimal
 from typing import TYPE_CHECKING, Final
 
 from precision_pin.display.tables import ROUNDING, absolute, joint_text, plain, resting_on, symbol, unit
+from precision_pin.display.text_table import aligned
 from precision_pin.robot.mcpc import Mcpc
 from precision_pin.sampling.result import Correlated, MonteCarloResult
 from precision_pin.statistics import Distribution, Specification, SpecificationResult, format_inside
@@ -21,7 +21,6 @@ if TYPE_CHECKING:
 
 __all__ = [
     "NOTHING_VARIES",
-    "aligned",
     "analysis_table",
     "demanded",
     "inside",
@@ -193,23 +192,3 @@ def mcpc_table(mcpc: Mcpc) -> str:
 
 def _thousandfold(value: float) -> str:
     return f"{1e3 * value if abs(value) > ROUNDING else 0.0:.4g}"
-
-
-def aligned(rows: list[list[str]]) -> list[str]:
-    """Return rows of cells as lines, the first two columns to the left; names in them are shortened and escaped."""
-    rows = [[visible(cell, 120) for cell in row] for row in rows]
-    widths = [max(map(_columns, column)) for column in zip(*rows, strict=True)]
-    lines = []
-    for row in rows:
-        blanks = [" " * (width - _columns(cell)) for cell, width in zip(row, widths, strict=True)]
-        cells = [
-            cell + blank if k < 2 else blank + cell for k, (cell, blank) in enumerate(zip(row, blanks, strict=True))
-        ]
-        lines.append("  ".join(cells).rstrip())
-    return lines
-
-
-def _columns(text: str) -> int:
-    """Return how many columns of a terminal a text fills; letters of East Asia fill two, accents none."""
-    wide = sum(unicodedata.east_asian_width(character) in "WF" for character in text)
-    return len(text) + wide - sum(unicodedata.combining(character) != 0 for character in text)
