@@ -186,15 +186,17 @@ def test_every_law_has_a_file_of_its_own(law: type[Law]) -> None:
     assert getattr(pp, law.__name__) is law
 
 
+BASES = {"SymmetricLaw", "BoundedLaw", "PlaneLaw", "HalfWidthLaw"}
+
+
 def test_the_list_of_laws_is_complete() -> None:
     found = {
         node.name
         for path in (PACKAGE / "draws" / "laws").glob("*.py")
         for node in tree(path).body
-        if isinstance(node, ast.ClassDef)
-        and any(ast.unparse(base) in ("Law", "SymmetricLaw", "BoundedLaw", "PlaneLaw") for base in node.bases)
+        if isinstance(node, ast.ClassDef) and any(ast.unparse(base) in ("Law", *BASES) for base in node.bases)
     }
-    assert found - {"SymmetricLaw", "BoundedLaw", "PlaneLaw"} == {law.__name__ for law in LAWS}
+    assert found - BASES == {law.__name__ for law in LAWS}
 
 
 @pytest.mark.parametrize("key", laws_of_sheets())

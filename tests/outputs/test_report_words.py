@@ -29,7 +29,6 @@ from precision_pin.draws.laws import (
 from precision_pin.draws.space import Draw, Space
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.outputs.kit.html import Html, element, table
-from precision_pin.outputs.monte_carlo.table import inside
 from precision_pin.outputs.report.numbers import bracketed
 from precision_pin.outputs.report.wording import without_folders
 from precision_pin.robot.examples import PAPER_SHEET
@@ -42,7 +41,7 @@ from precision_pin.sources.frame import Frame
 from precision_pin.sources.joint_compliance import JointCompliance
 from precision_pin.sources.length import Length
 from precision_pin.sources.profiles import Segment
-from precision_pin.statistics import SpecificationResult
+from precision_pin.statistics import SpecificationResult, format_share
 from support.sheets import seven_joint_arm
 
 LAWS = (
@@ -157,8 +156,8 @@ def test_intervals_are_rounded_outwards():
 
 def test_a_share_that_just_misses_is_not_printed_as_what_is_required():
     result = SpecificationResult("position.norm", 1e-3, 0.9973, 0.99729, (0.997299, 0.99740))
-    assert inside(result) == ("99.729", "99.729", "99.740")
-    low = float(inside(result)[1])
+    assert format_share(result.probability, result.interval, result.required) == ("99.729", "99.729", "99.740")
+    low = float(format_share(result.probability, result.interval, result.required)[1])
     assert low < 99.73
 
 

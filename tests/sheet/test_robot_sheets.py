@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 import precision_pin as pp
-from precision_pin.cli import common
+from precision_pin.cli import inputs
 from precision_pin.draws.space import Scope
 from precision_pin.robot.examples import PAPER_SHEET, example_urdfs, shipped_sheet, shipped_sheets
 from precision_pin.sampling.result import Analysis
@@ -220,17 +220,17 @@ def urdfs() -> dict[str, Path]:
 
 
 def test_an_example_alone_goes_with_its_shipped_sheet(urdfs, capsys):
-    found = common.find_inputs(["example:ur5"], sheet_needed=True)
-    assert found == common.Inputs(urdfs["ur5"], shipped_sheets()["ur5"])
+    found = inputs.find_inputs(["example:ur5"], sheet_needed=True)
+    assert found == inputs.Inputs(urdfs["ur5"], shipped_sheets()["ur5"])
     said = capsys.readouterr()
     assert said.out == ""
     assert said.err == f"example:ur5: with the sheet that comes with precision-pin, {shipped_sheets()['ur5']}\n"
 
 
 def test_a_sheet_that_is_named_comes_first(urdfs, capsys):
-    found = common.find_inputs(["example:ur5", "mine.yaml"], sheet_needed=True)
-    assert found == common.Inputs(urdfs["ur5"], Path("mine.yaml"))
-    assert common.find_inputs(["example:ur5"], sheet_needed=False).sheet is None
+    found = inputs.find_inputs(["example:ur5", "mine.yaml"], sheet_needed=True)
+    assert found == inputs.Inputs(urdfs["ur5"], Path("mine.yaml"))
+    assert inputs.find_inputs(["example:ur5"], sheet_needed=False).sheet is None
     assert capsys.readouterr().err == ""
 
 
@@ -238,13 +238,13 @@ def test_a_sheet_beside_the_robot_comes_first(tmp_path, monkeypatch, capsys):
     robot, beside = tmp_path / "ur5_robot.urdf", tmp_path / "ur5_robot.errors.yaml"
     robot.touch()
     beside.touch()
-    monkeypatch.setattr(common, "resolve_robot", lambda text: robot)
-    assert common.find_inputs(["example:ur5"], sheet_needed=True) == common.Inputs(robot, beside)
+    monkeypatch.setattr(inputs, "resolve_robot", lambda text: robot)
+    assert inputs.find_inputs(["example:ur5"], sheet_needed=True) == inputs.Inputs(robot, beside)
     assert capsys.readouterr().err == ""
 
 
 def test_the_shipped_sheet_is_analysed_with_its_own_tip(urdfs):
-    found = common.find_inputs(["example:panda"], sheet_needed=True)
+    found = inputs.find_inputs(["example:panda"], sheet_needed=True)
     assert found.sheet is not None
     model = pp.ErrorModel.load(found.sheet)
     assert model.chain.tip == "panda_hand_tcp"

@@ -11,17 +11,9 @@ import click
 
 from precision_pin.analyses.declaration import Declaration, Option, load
 from precision_pin.cli import EXIT_SPEC
-from precision_pin.cli.common import (
-    ArmOptions,
-    SamplingCommand,
-    chain_options,
-    chosen_pose,
-    inputs_argument,
-    q_option,
-    read_sheet,
-    seed_option,
-)
+from precision_pin.cli.inputs import chosen_pose, read_sheet
 from precision_pin.cli.notes import echo_note, quiet_option
+from precision_pin.cli.options import ArmOptions, SamplingCommand, chain_options, inputs_argument, q_option, seed_option
 from precision_pin.cli.progress import compile_sampler, progress_bar
 from precision_pin.cli.streams import echo_data, say
 from precision_pin.cli.targets import Outputs

@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING
 import click
 
 from precision_pin.cli import EXIT_INPUT
-from precision_pin.cli.common import Command, chain_options, find_inputs, read_inputs
+from precision_pin.cli.inputs import find_inputs, read_inputs
 from precision_pin.cli.notes import echo_note, quiet_option
+from precision_pin.cli.options import Command, chain_options
 from precision_pin.cli.streams import echo_data
 from precision_pin.errors import Finding, InputError
 

@@ -7,7 +7,7 @@ import platform
 
 import click
 
-from precision_pin.cli.common import Command
+from precision_pin.cli.options import Command
 from precision_pin.cli.streams import echo_data
 
 __all__ = ["command"]

@@ -12,16 +12,9 @@ from typing import TYPE_CHECKING, Final, Unpack
 
 import click
 
-from precision_pin.cli.common import (
-    Command,
-    OnePoseOptions,
-    chosen_pose,
-    echo_findings,
-    one_pose_options,
-    read_sheet,
-    seed_option,
-)
+from precision_pin.cli.inputs import chosen_pose, echo_findings, read_sheet
 from precision_pin.cli.notes import echo_note
+from precision_pin.cli.options import Command, OnePoseOptions, one_pose_options, seed_option
 from precision_pin.cli.progress import progress_bar
 from precision_pin.cli.targets import Outputs
 from precision_pin.display.files import whole_folder, write_text

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import click
 
-from precision_pin.cli.common import Command, chain_options
 from precision_pin.cli.notes import echo_note, quiet_option
+from precision_pin.cli.options import Command, chain_options
 from precision_pin.cli.streams import echo_data
 from precision_pin.cli.targets import Outputs
 from precision_pin.display.files import write_text

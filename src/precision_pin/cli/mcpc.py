@@ -7,8 +7,9 @@ import json
 
 import click
 
-from precision_pin.cli.common import Command, chain_options, echo_findings, find_inputs, read_inputs
+from precision_pin.cli.inputs import echo_findings, find_inputs, read_inputs
 from precision_pin.cli.notes import quiet_option
+from precision_pin.cli.options import Command, chain_options
 from precision_pin.cli.streams import echo_data
 
 __all__ = ["command"]

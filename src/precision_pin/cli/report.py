@@ -10,17 +10,16 @@ from typing import TYPE_CHECKING, Literal, Unpack, final
 import click
 
 from precision_pin.cli import EXIT_SPEC
-from precision_pin.cli.common import (
+from precision_pin.cli.inputs import chosen_pose, read_sheet
+from precision_pin.cli.notes import echo_note
+from precision_pin.cli.options import (
     OnePoseOptions,
     SamplingCommand,
-    chosen_pose,
     model_option,
     one_pose_options,
-    read_sheet,
     seed_option,
     spec_option,
 )
-from precision_pin.cli.notes import echo_note
 from precision_pin.cli.progress import compile_sampler, progress_bar
 from precision_pin.cli.streams import say
 from precision_pin.cli.targets import PageOutput

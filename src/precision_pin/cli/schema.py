@@ -6,7 +6,7 @@ import json
 
 import click
 
-from precision_pin.cli.common import Command
+from precision_pin.cli.options import Command
 from precision_pin.cli.streams import echo_data
 
 __all__ = ["command"]

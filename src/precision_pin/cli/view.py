@@ -10,19 +10,17 @@ from typing import TYPE_CHECKING, Any, Literal, Unpack, final
 
 import click
 
-from precision_pin.cli.common import (
+from precision_pin.cli.inputs import chosen_pose, echo_findings, read_sheet
+from precision_pin.cli.notes import echo_note, quiet_option
+from precision_pin.cli.options import (
     ArmOptions,
     SamplingCommand,
     chain_options,
-    chosen_pose,
-    echo_findings,
     inputs_argument,
     model_option,
     q_option,
-    read_sheet,
     seed_option,
 )
-from precision_pin.cli.notes import echo_note, quiet_option
 from precision_pin.cli.progress import compile_sampler, progress_bar
 from precision_pin.cli.targets import PageOutput
 from precision_pin.errors import Finding, InputError

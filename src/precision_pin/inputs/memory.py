@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
 from typing import Final
@@ -15,7 +16,7 @@ _UNCHECKED: Final = 2**28
 """Bytes below which asking what is free takes longer than it is worth."""
 
 _MEMORY: Final = Path("/proc/meminfo")
-_LIMIT, _USED = Path("/sys/fs/cgroup/memory.max"), Path("/sys/fs/cgroup/memory.current")
+_GROUPS, _OWN_GROUPS = Path("/sys/fs/cgroup"), Path("/proc/self/cgroup")
 
 
 def available_memory() -> int | None:
@@ -27,9 +28,27 @@ def available_memory() -> int | None:
     if not found:
         with suppress(OSError, ValueError):  # not Linux: all there is
             found.append(os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE"))
-    with suppress(OSError, ValueError):  # a container's limit
-        found.append(max(int(_LIMIT.read_text("ascii")) - int(_USED.read_text("ascii")), 0))
+    for limit, used in _group_files():
+        with suppress(OSError, ValueError):  # no such group, or one without a limit
+            found.append(max(int(limit.read_text("ascii")) - int(used.read_text("ascii")), 0))
     return min(found, default=None)
+
+
+def _group_files() -> Iterator[tuple[Path, Path]]:
+    """Yield where the limit of this process's control group and of each above it stand, and what they have taken."""
+    lines = []
+    with suppress(OSError, ValueError):
+        lines = _OWN_GROUPS.read_text("utf-8").splitlines()
+    for line in lines:
+        _, controllers, path = line.split(":", 2)
+        if controllers and "memory" not in controllers.split(","):
+            continue
+        home = _GROUPS / "memory" if controllers else _GROUPS
+        names = ("memory.limit_in_bytes", "memory.usage_in_bytes") if controllers else ("memory.max", "memory.current")
+        group = home / path.lstrip("/")
+        for folder in (group, *group.parents):
+            if folder.is_relative_to(home):
+                yield folder / names[0], folder / names[1]
 
 
 def check_memory(needed: float, what: str, instead: str) -> None:

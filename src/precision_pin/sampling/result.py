@@ -30,7 +30,15 @@ from precision_pin.draws.space import Space
 from precision_pin.errors import Finding, InputError
 from precision_pin.inputs.arrays import fix_fields
 from precision_pin.sampling.versions import versions
-from precision_pin.statistics import QUANTITIES, Distribution, Extreme, Summary, VectorDistribution
+from precision_pin.statistics import (
+    QUANTITIES,
+    Distribution,
+    Extreme,
+    SpecificationResult,
+    Summary,
+    VectorDistribution,
+    format_share,
+)
 from precision_pin.statistics.distribution import CONTENTS
 from precision_pin.statistics.precision import Precision
 from precision_pin.typing import Array
@@ -333,8 +341,7 @@ class MonteCarloResult(JsonResult):
                     absolute(spec.quantity),
                     f"{milli(spec.limit)} {unit(spec.quantity)}",
                     f"{100 * spec.required:.10g} %",
-                    f"{100 * spec.probability:.6g} %",
-                    f"{100 * spec.interval[0]:.6g} to {100 * spec.interval[1]:.6g} %",
+                    *_share_cells(spec),
                     spec.verdict if spec.met else spec.verdict.upper(),
                 )
                 for spec in self.summary.specifications
@@ -387,6 +394,12 @@ def _cells(distribution: Distribution) -> list[str]:
             cells.append("0" if vanishes else plus_minus(1e3 * value, 1e3 * half_width))
     name = distribution.quantity
     return [symbol(name), unit(name), *cells, milli(distribution.min), milli(distribution.max)]
+
+
+def _share_cells(result: SpecificationResult) -> tuple[str, str]:
+    """Return the share inside a limit, and its interval, for a table."""
+    share, low, high = format_share(result.probability, result.interval, result.required)
+    return f"{share} %", f"{low} to {high} %"
 
 
 _COMPONENTS: Final = ("dx", "dy", "dz", "rx", "ry", "rz")

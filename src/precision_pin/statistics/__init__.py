@@ -10,7 +10,7 @@ The eight quantities, always in this order: ``position.norm``, ``position.x``, `
 """
 
 from precision_pin.statistics.accumulate import LARGEST, State, largest_of, merge, observe, quantity_values, start
-from precision_pin.statistics.digits import format_inside, format_supported, significant_digits
+from precision_pin.statistics.digits import format_inside, format_share, format_supported, significant_digits
 from precision_pin.statistics.distribution import Distribution, Histogram
 from precision_pin.statistics.intervals import (
     check_confidence,
@@ -56,6 +56,7 @@ __all__ = [
     "clopper_pearson",
     "finish",
     "format_inside",
+    "format_share",
     "format_supported",
     "judge",
     "largest_of",

@@ -11,9 +11,10 @@ A number whose interval is no wider than rounding is known exactly, and printed 
 from __future__ import annotations
 
 import math
+from decimal import ROUND_CEILING, ROUND_FLOOR, ROUND_HALF_EVEN, Decimal
 from typing import Final
 
-__all__ = ["MOST_DIGITS", "format_inside", "format_supported", "significant_digits"]
+__all__ = ["MOST_DIGITS", "format_inside", "format_share", "format_supported", "significant_digits"]
 
 MOST_DIGITS = 6
 """Digits printed of a number that is known exactly, such as the largest value seen."""
@@ -78,6 +79,26 @@ def format_inside(value: float | None, interval: tuple[float, float] | None, *, 
     while place > finest and not interval[0] <= float(_rounded(value, place)) <= interval[1]:
         place -= 1
     return _rounded(value, place)
+
+
+def format_share(share: float, interval: tuple[float, float], required: float) -> tuple[str, str, str]:
+    """Return a share and the ends of its interval in per cent, the ends rounded outwards; it fits the verdict.
+
+    It has as many digits as what is required, and at least two of the interval's width.
+
+    Parameters
+    ----------
+    share, interval
+        The share inside a limit, and an interval that holds it.
+    required
+        The share that is required.
+    """
+    low, high = (Decimal(end) * 100 for end in interval)
+    demand = Decimal(f"{100 * required:.10g}").normalize()
+    decimals = max(1 - (high - low).adjusted(), -int(demand.as_tuple().exponent), 0)
+    place = Decimal(1).scaleb(-decimals)
+    inside = (Decimal(share) * 100).quantize(place, ROUND_HALF_EVEN)
+    return f"{inside:f}", f"{low.quantize(place, ROUND_FLOOR):f}", f"{high.quantize(place, ROUND_CEILING):f}"
 
 
 def _rounded(value: float, place: int) -> str:

@@ -10,6 +10,7 @@ from typing import Final
 
 import numpy as np
 
+from precision_pin.analyses.arguments import check_request
 from precision_pin.analyses.budget.budget_result import (
     BudgetResult,
     DrawShare,
@@ -29,18 +30,17 @@ from precision_pin.analyses.budget.shares import (
     source_shares,
     worst_case_shares,
 )
-from precision_pin.analyses.provenance import Pose, PoseLabel, Poses, Provenance, listed_poses
+from precision_pin.analyses.provenance import Pose, PoseLabel, Poses, Provenance
 from precision_pin.analyses.replicates import REPLICATES
 from precision_pin.analyses.result import list_warnings
 from precision_pin.call_warnings import warns_at_end
 from precision_pin.display.progress import steps_to
-from precision_pin.draws.space import Space, check_seed
+from precision_pin.draws.space import Space
 from precision_pin.errors import Finding, InputError, UnknownNameError
-from precision_pin.inputs.arguments import check_instance, check_items, check_number, shown
+from precision_pin.inputs.arguments import check_number, shown
 from precision_pin.inputs.memory import check_memory
 from precision_pin.model.error_model import ErrorModel
-from precision_pin.sampling import Progress, check_progress
-from precision_pin.statistics import check_confidence
+from precision_pin.sampling import Progress
 from precision_pin.statistics.quantities import QUANTITY_WORDS
 
 __all__ = ["budget", "check_points", "check_quantities", "count_steps", "evaluations"]
@@ -98,16 +98,13 @@ def budget(
     InputError
         A wrong pose, seed, number of samples, confidence or bound; errors too large to compute with.
     """
-    check_instance("error_model", error_model, ErrorModel, "as ErrorModel.load makes it")
-    check_seed(seed)
+    chosen, known = check_request(
+        error_model, (poses, q, pose), seed=seed, confidence=confidence, findings=findings, progress=progress
+    )
     check_points(samples)
-    check_confidence(confidence)
     name, k = ("k", k) if bound_at is None else ("bound_at", bound_at)
     check_number(f"{name}, in standard deviations,", k, "positive and finite", lambda value: value > 0)
-    known = check_items("findings", findings, Finding)
-    check_progress(progress)
     _check_cost(error_model.space, samples)
-    chosen = listed_poses(poses, q, pose)
     with steps_to(progress, count_steps(error_model.space, len(chosen), samples), "robots") as step:
         found = tuple(_at_pose(error_model, one, seed, samples, confidence, k, step) for one in chosen)
     return BudgetResult(

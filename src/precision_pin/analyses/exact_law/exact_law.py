@@ -14,28 +14,29 @@ from typing import Final, final
 import numpy as np
 from numpy.typing import NDArray
 
+from precision_pin.analyses.arguments import check_request
 from precision_pin.analyses.exact_law.convolution import MOST_PIECES, ConvolvedLaw
 from precision_pin.analyses.exact_law.exact_law_result import LEVELS, Agreement, ExactLaw, ExactLawResult, PoseLaws
 from precision_pin.analyses.exact_law.fourier_inversion import MOST_TERMS, SeriesLaw, Summand, certified_series
 from precision_pin.analyses.exact_law.normal_norm import NormalNorm
 from precision_pin.analyses.exact_law.number_law import NormalLaw, NumberLaw, SingleLaw
 from precision_pin.analyses.exact_law.quantile_bounds import quantile_bounds
-from precision_pin.analyses.provenance import Pose, PoseLabel, Poses, Provenance, listed_poses
+from precision_pin.analyses.provenance import Pose, PoseLabel, Poses, Provenance
 from precision_pin.analyses.result import list_warnings
 from precision_pin.call_warnings import add, warns_at_end
 from precision_pin.display.progress import steps_to
 from precision_pin.display.tables import symbol
 from precision_pin.draws.laws import Law
 from precision_pin.draws.laws.projection import Projection
-from precision_pin.draws.space import Space, check_seed
+from precision_pin.draws.space import Space
 from precision_pin.errors import Finding, InputError
-from precision_pin.inputs.arguments import check_instance, check_items, check_whole
+from precision_pin.inputs.arguments import check_whole
 from precision_pin.inputs.memory import check_memory
 from precision_pin.kernel import sampler
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.pose_model import PoseModel
-from precision_pin.sampling import Progress, check_progress
-from precision_pin.statistics import QUANTITIES, check_confidence, quantity_values
+from precision_pin.sampling import Progress
+from precision_pin.statistics import QUANTITIES, quantity_values
 from precision_pin.typing import Array
 
 __all__ = ["LEVELS", "Agreement", "ExactLaw", "ExactLawResult", "PoseLaws", "count_steps", "exact_law"]
@@ -98,14 +99,12 @@ def exact_law(
     InputError
         A wrong pose, seed, number of samples or confidence; draws that are correlated and not normal.
     """
-    check_instance("error_model", error_model, ErrorModel, "as ErrorModel.load makes it")
-    check_seed(seed)
+    chosen, known = check_request(
+        error_model, (poses, q, pose), seed=seed, confidence=confidence, findings=findings, progress=progress
+    )
     check_whole("the number of samples", samples, 100, MOST_SAMPLES)
-    check_confidence(confidence)
     _refuse_copulas(error_model.space)
-    known = check_items("findings", findings, Finding)
-    check_progress(progress)
-    chosen, count = listed_poses(poses, q, pose), int(samples)
+    count = int(samples)
     with steps_to(progress, count_steps(error_model.space, len(chosen), count)) as step:
         deviations = _deviations(error_model.space, seed, count, step)
         found = []

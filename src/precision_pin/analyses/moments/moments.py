@@ -29,23 +29,24 @@ from typing import Final, cast, final, get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from precision_pin.analyses.arguments import check_request
 from precision_pin.analyses.marginals import Marginals, law_breaks
 from precision_pin.analyses.moments.moments_closed import closed_moments
 from precision_pin.analyses.moments.moments_control import Control, thin
 from precision_pin.analyses.moments.moments_result import Measured, Method, MomentsResult, PoseMoments, Remainder
-from precision_pin.analyses.provenance import Pose, PoseLabel, Poses, Provenance, listed_poses
+from precision_pin.analyses.provenance import Pose, PoseLabel, Poses, Provenance
 from precision_pin.analyses.replicates import REPLICATES, jackknife
 from precision_pin.analyses.result import list_warnings
 from precision_pin.call_warnings import warns_at_end
 from precision_pin.display.progress import steps_to
-from precision_pin.draws.space import Space, check_seed
+from precision_pin.draws.space import Space
 from precision_pin.errors import Finding, InputError
-from precision_pin.inputs.arguments import check_instance, check_items, check_name, shown
+from precision_pin.inputs.arguments import check_name, shown
 from precision_pin.kernel import sampler
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.pose_model import PoseModel
-from precision_pin.sampling import Progress, check_progress
-from precision_pin.statistics import NORMS, Plan, check_confidence
+from precision_pin.sampling import Progress
+from precision_pin.statistics import NORMS, Plan
 from precision_pin.typing import Array
 
 __all__ = ["Measured", "MomentsResult", "PoseMoments", "Remainder", "check_samples", "count_steps", "moments"]
@@ -114,19 +115,17 @@ def moments(
     UnknownNameError
         There is no such method.
     """
-    check_instance("error_model", error_model, ErrorModel, "as ErrorModel.load makes it")
-    check_seed(seed)
+    chosen, known = check_request(
+        error_model, (poses, q, pose), seed=seed, confidence=confidence, findings=findings, progress=progress
+    )
     check_name("method", method, get_args(Method))
-    known = check_items("findings", findings, Finding)
-    check_progress(progress)
     count = check_samples(samples)
-    check_confidence(confidence)
     if method.startswith("sobol") and error_model.space.size > MOST_NUMBERS:
         raise InputError(
             f"the model has {error_model.space.size:,} random numbers, a Sobol net at most {MOST_NUMBERS:,} dimensions; "
             "use method 'control'"
         )
-    chosen, sampled = listed_poses(poses, q, pose), 0 if method == "closed" else REPLICATES * count
+    sampled = 0 if method == "closed" else REPLICATES * count
     with steps_to(progress, count_steps(error_model.space, len(chosen), sampled, method)) as step:
         found = tuple(_at_pose(error_model, one, method, count, int(seed), confidence, step) for one in chosen)
     return MomentsResult(

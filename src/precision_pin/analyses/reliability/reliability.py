@@ -11,7 +11,8 @@ from typing import Final
 
 import numpy as np
 
-from precision_pin.analyses.provenance import PoseLabel, Poses, Provenance, listed_poses
+from precision_pin.analyses.arguments import check_request
+from precision_pin.analyses.provenance import PoseLabel, Poses, Provenance
 from precision_pin.analyses.reliability.estimates import plain_estimate
 from precision_pin.analyses.reliability.form import DesignPoint
 from precision_pin.analyses.reliability.rare_events import rare_events
@@ -25,7 +26,6 @@ from precision_pin.analyses.reliability.strata import Stratum
 from precision_pin.analyses.result import list_warnings
 from precision_pin.call_warnings import warns_at_end
 from precision_pin.errors import Finding, InputError
-from precision_pin.inputs.arguments import check_instance, check_items
 from precision_pin.kernel import sampler
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.pose_model import PoseModel
@@ -85,13 +85,14 @@ def reliability(
     InputError
         No specification, a wrong pose, seed, number of samples or confidence, or errors too large to compute with.
     """
-    check_instance("error_model", error_model, ErrorModel, "as ErrorModel.load makes it")
+    chosen, known = check_request(
+        error_model, (poses, q, pose), seed=seed, confidence=confidence, findings=findings, progress=progress
+    )
     listed = listed_specifications(specifications)
     if not listed:
         raise InputError("no specification is given; state at least one, such as '0.5 mm @ 99.73 %'")
-    known = check_items("findings", findings, Finding)
     found, warnings = [], list(map(str, known))
-    for one in listed_poses(poses, q, pose):
+    for one in chosen:
         analysis = monte_carlo(
             error_model, one, samples=samples, seed=seed, specifications=listed, confidence=confidence,
             findings=findings, progress=progress,

@@ -12,7 +12,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from precision_pin.analyses.provenance import Pose, PoseLabel, Poses, Provenance, listed_poses
+from precision_pin.analyses.arguments import check_request
+from precision_pin.analyses.provenance import Pose, PoseLabel, Poses, Provenance
 from precision_pin.analyses.result import list_warnings
 from precision_pin.analyses.worst_case.convex_bodies import Supports
 from precision_pin.analyses.worst_case.largest_norm import Farthest, farthest, quadratic_bound
@@ -26,7 +27,6 @@ from precision_pin.analyses.worst_case.worst_case_result import (
 )
 from precision_pin.call_warnings import warns_at_end
 from precision_pin.errors import Finding, InputError
-from precision_pin.inputs.arguments import check_instance, check_items
 from precision_pin.kernel import sampler
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.pose_model import PoseModel
@@ -93,7 +93,9 @@ def worst_case(
     InputError
         A wrong pose, seed, k or number of samples, an unbounded law that cannot be cut, or errors too large to compute.
     """
-    check_instance("error_model", error_model, ErrorModel, "as ErrorModel.load makes it")
+    chosen, known = check_request(
+        error_model, (poses, q, pose), seed=seed, confidence=confidence, findings=findings, progress=progress
+    )
     check_samples(samples)
     size = error_model.space.size
     if size > MOST_NUMBERS:
@@ -102,8 +104,6 @@ def worst_case(
             f"model is evaluated for each of them; at most {MOST_NUMBERS:,} are allowed: merge draws"
         )
     supports = Supports.of(error_model.space, k)
-    chosen = listed_poses(poses, q, pose)
-    known = check_items("findings", findings, Finding)
     results, warnings = [], list(map(str, known))
     for one in chosen:
         result, found = _at_pose(error_model, one, supports, seed, samples, confidence, progress)

@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import math
 from abc import abstractmethod
+from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from precision_pin.draws.laws.law import Law
+from precision_pin.draws.laws.law import Law, take_number, take_size
+from precision_pin.draws.laws.sheet_form import SheetReader
 from precision_pin.typing import Array
 
-__all__ = ["BoundedLaw", "PlaneLaw", "SymmetricLaw"]
+__all__ = ["BoundedLaw", "HalfWidthLaw", "PlaneLaw", "SymmetricLaw"]
 
 
 class BoundedLaw(Law):
@@ -92,3 +95,27 @@ class SymmetricLaw(Law):
         t = np.asarray(frequency, dtype=float)[0]
         value: NDArray[np.complex128] = np.exp(1j * t * self.mean) * self._deviation_characteristic(t)
         return value
+
+
+@dataclass(frozen=True)
+class HalfWidthLaw(SymmetricLaw):
+    """Of one number: on mean ± half_width, the key of its form."""
+
+    half_width: float
+    mean: float = 0.0
+
+    def __post_init__(self) -> None:
+        key = self.form.key
+        law = f"{'an' if key[0] in 'aeio' else 'a'} {key} law"
+        take_size(self, "half_width", f"the half-width of {law}")
+        take_number(self, "mean", f"the mean of {law}")
+
+    @classmethod
+    def from_sheet(cls, reader: SheetReader) -> Self:
+        """Return the law that a sheet has."""
+        return cls(reader.half_width(cls.form.key), reader.mean())
+
+    @property
+    def reach(self) -> float:
+        """The half-width."""
+        return self.half_width

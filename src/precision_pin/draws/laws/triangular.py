@@ -9,11 +9,10 @@ from typing import ClassVar, final
 import numpy as np
 from numpy.typing import NDArray
 
-from precision_pin.draws.laws.bases import SymmetricLaw
+from precision_pin.draws.laws.bases import HalfWidthLaw
 from precision_pin.draws.laws.kernel_row import KernelRow
-from precision_pin.draws.laws.law import take_number, take_size
 from precision_pin.draws.laws.projection import SymmetricProjection, power_bound
-from precision_pin.draws.laws.sheet_form import MEAN, SheetForm, SheetReader
+from precision_pin.draws.laws.sheet_form import MEAN, SheetForm
 from precision_pin.draws.laws.wording import about
 from precision_pin.typing import Array
 from precision_pin.units import Quantity
@@ -23,33 +22,17 @@ __all__ = ["Triangular"]
 
 @final
 @dataclass(frozen=True)
-class Triangular(SymmetricLaw):
+class Triangular(HalfWidthLaw):
     """Symmetric triangle on mean ± half_width."""
 
     form: ClassVar = SheetForm(
         "triangular", {"triangular": "0.05 mm"}, "a symmetric triangle on mean ± t; σ = t/√6", (MEAN,)
     )
-    half_width: float
-    mean: float = 0.0
-
-    def __post_init__(self) -> None:
-        take_size(self, "half_width", "the half-width of a triangular law")
-        take_number(self, "mean", "the mean of a triangular law")
-
-    @classmethod
-    def from_sheet(cls, reader: SheetReader) -> Triangular:
-        """Return the law that a sheet has."""
-        return cls(reader.half_width("triangular"), reader.mean())
 
     @property
     def variance(self) -> float:
         """t²/6."""
         return self.half_width**2 / 6
-
-    @property
-    def reach(self) -> float:
-        """The half-width."""
-        return self.half_width
 
     @property
     def breaks(self) -> tuple[float, ...]:

@@ -10,11 +10,11 @@ from typing import ClassVar, final
 import numpy as np
 from numpy.typing import NDArray
 
-from precision_pin.draws.laws.bases import SymmetricLaw
+from precision_pin.draws.laws.bases import HalfWidthLaw
 from precision_pin.draws.laws.kernel_row import KernelRow
-from precision_pin.draws.laws.law import Law, take_number, take_size
+from precision_pin.draws.laws.law import Law
 from precision_pin.draws.laws.projection import SymmetricProjection, power_bound
-from precision_pin.draws.laws.sheet_form import MEAN, SheetForm, SheetReader
+from precision_pin.draws.laws.sheet_form import MEAN, SheetForm
 from precision_pin.draws.laws.wording import about
 from precision_pin.typing import Array
 from precision_pin.units import Quantity
@@ -24,31 +24,15 @@ __all__ = ["Uniform"]
 
 @final
 @dataclass(frozen=True)
-class Uniform(SymmetricLaw):
+class Uniform(HalfWidthLaw):
     """Uniform on mean ± half_width."""
 
     form: ClassVar = SheetForm("uniform", {"uniform": "0.05 mm"}, "anywhere within mean ± t alike; σ = t/√3", (MEAN,))
-    half_width: float
-    mean: float = 0.0
-
-    def __post_init__(self) -> None:
-        take_size(self, "half_width", "the half-width of a uniform law")
-        take_number(self, "mean", "the mean of a uniform law")
-
-    @classmethod
-    def from_sheet(cls, reader: SheetReader) -> Uniform:
-        """Return the law that a sheet has."""
-        return cls(reader.half_width("uniform"), reader.mean())
 
     @property
     def variance(self) -> float:
         """t²/3."""
         return self.half_width**2 / 3
-
-    @property
-    def reach(self) -> float:
-        """The half-width."""
-        return self.half_width
 
     def sample(self, variates: Array) -> Array:
         """Return mean + t (2u - 1)."""

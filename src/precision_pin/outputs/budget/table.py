@@ -17,7 +17,8 @@ from precision_pin.analyses.budget.budget_result import (
     SourceShare,
 )
 from precision_pin.display.tables import percent, plus_minus, symbol, unit
-from precision_pin.outputs.monte_carlo.table import aligned, subject
+from precision_pin.display.text_table import aligned
+from precision_pin.outputs.monte_carlo.table import subject
 
 __all__ = ["draw_rows", "ranked", "source_name", "table"]
 

@@ -8,7 +8,8 @@ from typing import Final
 from precision_pin.analyses.exact_law.exact_law import ExactLawResult, PoseLaws
 from precision_pin.analyses.exact_law.exact_law_result import bound_text
 from precision_pin.display.tables import ROUNDING, symbol, unit
-from precision_pin.outputs.monte_carlo.table import aligned, subject
+from precision_pin.display.text_table import aligned
+from precision_pin.outputs.monte_carlo.table import subject
 from precision_pin.visible import one_line
 
 __all__ = ["method_rows", "table"]

@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
 
 from precision_pin.display.tables import symbol
-from precision_pin.statistics import Distribution, SpecificationResult, format_inside
+from precision_pin.statistics import Distribution, SpecificationResult, format_inside, format_share
 
 __all__ = ["DisplayUnit", "display_unit", "draw_cumulative", "draw_histogram", "moments_text", "ticks"]
 
@@ -184,24 +184,13 @@ def _mark_limit(axes: Axes, distribution: Distribution, ruler: _Ruler, result: S
     if not drawn:
         label += " (beyond this axis)"
         axes.plot([], [], color=GREEN, linestyle=_LIMIT_DASHES, linewidth=1.4)
-    label += f":\n{_percentages(result)}\n{100 * result.required:.6g} % required: {result.verdict}"
+    share, lower, upper = format_share(result.probability, result.interval, result.required)
+    label += f":\n{share} % inside ({lower} to {upper} %)\n{100 * result.required:.6g} % required: {result.verdict}"
     for side in drawn:
         axes.axvline(ruler(side), color=GREEN, linestyle=_LIMIT_DASHES, linewidth=1.4)
     axes.get_lines()[-1].set_label(label)
     margin = 0.03 * (high - low)
     return [side + math.copysign(margin, side) for side in drawn]
-
-
-def _percentages(result: SpecificationResult) -> str:
-    """Return the share inside and its interval in per cent, the interval's ends rounded outwards."""
-    lower, upper = result.interval
-    half_width = 100 * max(result.probability - lower, upper - result.probability)
-    share = format_inside(100 * result.probability, (100 * lower, 100 * upper))
-    decimals = max(0, math.ceil(-math.log10(half_width))) + 1
-    step = 10.0**-decimals
-    low = max(math.floor(100 * lower / step) * step, 0.0)
-    high = min(math.ceil(100 * upper / step) * step, 100.0)
-    return f"{share} % inside ({low:.{decimals}f} to {high:.{decimals}f} %)"
 
 
 def _range(distribution: Distribution, ruler: _Ruler) -> tuple[float, float]:

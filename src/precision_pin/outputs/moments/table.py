@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from precision_pin.analyses.moments.moments_result import MomentsResult, PoseMoments, cell, entries
 from precision_pin.display.tables import milli, plus_minus, symbol, unit
-from precision_pin.outputs.monte_carlo.table import aligned, subject
+from precision_pin.display.text_table import aligned
+from precision_pin.outputs.monte_carlo.table import subject
 from precision_pin.statistics import COMPONENTS, QUANTITIES
 
 __all__ = ["moment_rows", "table"]

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import itertools
 import math
-import unicodedata
 from collections.abc import Collection, Mapping
-from decimal import ROUND_CEILING, ROUND_FLOOR, ROUND_HALF_EVEN, Decimal
+from decimal import ROUND_CEILING, ROUND_FLOOR, Decimal
 from typing import TYPE_CHECKING, Final
 
 from precision_pin.display.tables import ROUNDING, absolute, joint_text, plain, resting_on, symbol, unit
+from precision_pin.display.text_table import aligned
 from precision_pin.robot.mcpc import Mcpc
 from precision_pin.sampling.result import Correlated, MonteCarloResult
-from precision_pin.statistics import Distribution, Specification, SpecificationResult, format_inside
+from precision_pin.statistics import Distribution, Specification, SpecificationResult, format_inside, format_share
 from precision_pin.statistics.distribution import CONTENTS
 from precision_pin.visible import shown, visible
 
@@ -21,10 +21,8 @@ if TYPE_CHECKING:
 
 __all__ = [
     "NOTHING_VARIES",
-    "aligned",
     "analysis_table",
     "demanded",
-    "inside",
     "mcpc_table",
     "pose_text",
     "statistic",
@@ -152,17 +150,6 @@ def _bandwidths(analysis: MonteCarloResult) -> str:
     return ", ".join(parts)
 
 
-def inside(result: SpecificationResult) -> tuple[str, str, str]:
-    """Return the share inside a limit and the ends of its interval in per cent; what is printed fits the verdict."""
-    low, high = (Decimal(end) * 100 for end in result.interval)
-    required = Decimal(f"{100 * result.required:.10g}").normalize()
-    # as many digits as the demand has, at least two of the interval's width; the ends are rounded outwards
-    decimals = max(1 - (high - low).adjusted(), -int(required.as_tuple().exponent), 0)
-    place = Decimal(1).scaleb(-decimals)
-    share = (Decimal(result.probability) * 100).quantize(place, ROUND_HALF_EVEN)
-    return f"{share:f}", f"{low.quantize(place, ROUND_FLOOR):f}", f"{high.quantize(place, ROUND_CEILING):f}"
-
-
 def demanded(specification: Specification | SpecificationResult) -> str:
     """Return what a specification demands, such as ``|d| within 0.5 mm for 95 %``; of a large angle in degrees too."""
     of, limit = specification.quantity, specification.limit
@@ -174,7 +161,7 @@ def _verdict(result: SpecificationResult) -> str:
     demand = f"spec {demanded(result)}: {result.verdict.upper()}"
     if result.verdict == "nothing to judge":
         return f"{demand} - {NOTHING_VARIES}"
-    share, low, high = inside(result)
+    share, low, high = format_share(result.probability, result.interval, result.required)
     more = ": more samples decide it" if result.verdict == "undecided" else ""
     return f"{demand} - {share} % inside, interval {low} to {high} %{more}"
 
@@ -193,23 +180,3 @@ def mcpc_table(mcpc: Mcpc) -> str:
 
 def _thousandfold(value: float) -> str:
     return f"{1e3 * value if abs(value) > ROUNDING else 0.0:.4g}"
-
-
-def aligned(rows: list[list[str]]) -> list[str]:
-    """Return rows of cells as lines, the first two columns to the left; names in them are shortened and escaped."""
-    rows = [[visible(cell, 120) for cell in row] for row in rows]
-    widths = [max(map(_columns, column)) for column in zip(*rows, strict=True)]
-    lines = []
-    for row in rows:
-        blanks = [" " * (width - _columns(cell)) for cell, width in zip(row, widths, strict=True)]
-        cells = [
-            cell + blank if k < 2 else blank + cell for k, (cell, blank) in enumerate(zip(row, blanks, strict=True))
-        ]
-        lines.append("  ".join(cells).rstrip())
-    return lines
-
-
-def _columns(text: str) -> int:
-    """Return how many columns of a terminal a text fills; letters of East Asia fill two, accents none."""
-    wide = sum(unicodedata.east_asian_width(character) in "WF" for character in text)
-    return len(text) + wide - sum(unicodedata.combining(character) != 0 for character in text)

@@ -6,10 +6,10 @@ from typing import Final
 
 from precision_pin.display.tables import absolute, quantity_label, resting_on, symbol, unit
 from precision_pin.outputs.kit.html import Child, Html, element, joined, paragraph, section, table
-from precision_pin.outputs.monte_carlo.table import NOTHING_VARIES, inside
+from precision_pin.outputs.monte_carlo.table import NOTHING_VARIES
 from precision_pin.outputs.report.collect import Results
 from precision_pin.outputs.report.numbers import milli_interval, statistic
-from precision_pin.statistics import Distribution, SpecificationResult, Verdict
+from precision_pin.statistics import Distribution, SpecificationResult, Verdict, format_share
 
 __all__ = ["verdict"]
 
@@ -49,7 +49,7 @@ def _resting(results: Results) -> Html:
 def _specifications(results: Results) -> Html:
     rows: list[list[Child]] = []
     for result in results.analysis.summary.specifications:
-        share, low, high = inside(result)
+        share, low, high = format_share(result.probability, result.interval, result.required)
         rows.append(
             [
                 _limit(result),

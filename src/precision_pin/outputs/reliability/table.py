@@ -12,7 +12,8 @@ from precision_pin.analyses.reliability.estimates import SAMPLING, in_words, rou
 from precision_pin.analyses.reliability.reliability_result import ReliabilityResult, SpecificationReliability
 from precision_pin.analyses.reliability.strata import Stratum
 from precision_pin.display.tables import resting_on
-from precision_pin.outputs.monte_carlo.table import NOTHING_VARIES, aligned, demanded, subject
+from precision_pin.display.text_table import aligned
+from precision_pin.outputs.monte_carlo.table import NOTHING_VARIES, demanded, subject
 
 __all__ = ["table"]
 

@@ -13,7 +13,8 @@ from precision_pin.analyses.worst_case.worst_case_result import (
     bound_milli,
 )
 from precision_pin.display.tables import ROUNDING, milli, symbol, unit
-from precision_pin.outputs.monte_carlo.table import aligned, statistic, subject
+from precision_pin.display.text_table import aligned
+from precision_pin.outputs.monte_carlo.table import statistic, subject
 
 __all__ = ["listed_contributions", "table"]
 

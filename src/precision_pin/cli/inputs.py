@@ -1,21 +1,20 @@
-"""Options that several commands have, and the robot and sheet that they mean."""
+"""The robot, sheet and pose that a command line means."""
 
 from __future__ import annotations
 
 import os
 import re
 import shlex
-import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, TypedDict, TypeVar, final
+from typing import TYPE_CHECKING, Final, final
 
 import click
 
-from precision_pin.cli.notes import echo_note, quiet_option
-from precision_pin.cli.resources import require_resources
-from precision_pin.errors import Finding, InputError, PrecisionPinWarning
+from precision_pin.cli.notes import echo_note
+from precision_pin.cli.options import describe_excess
+from precision_pin.errors import Finding, InputError
 from precision_pin.inputs.files import noted_inputs
 from precision_pin.robot.examples import PAPER_SHEET, resolve_robot, shipped_sheet, similar_file, starting_sheet
 
@@ -26,81 +25,10 @@ if TYPE_CHECKING:
     from precision_pin.cli.targets import Outputs
     from precision_pin.sheet import Sheet
 
-__all__ = [
-    "ArmOptions",
-    "Command",
-    "Inputs",
-    "OnePoseOptions",
-    "SamplingCommand",
-    "chain_options",
-    "chosen_pose",
-    "echo_findings",
-    "find_inputs",
-    "inputs_argument",
-    "model_option",
-    "one_pose_options",
-    "q_option",
-    "read_inputs",
-    "read_sheet",
-    "seed_option",
-    "spec_option",
-]
+__all__ = ["Inputs", "chosen_pose", "echo_findings", "find_inputs", "read_inputs", "read_sheet"]
 
 SHEET_SUFFIXES: Final = (".yaml", ".yml")
 MOST_LEAVES: Final = 6
-
-Decorated = TypeVar("Decorated", bound=Callable[..., Any])
-
-
-class Command(click.Command):
-    """A command that refuses an option given twice where one is meant, and more than one robot and one sheet."""
-
-    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        """Read the arguments.
-
-        Raises
-        ------
-        UsageError
-            An option with one value is given more than once, or there are more than two inputs.
-        """
-        if not ctx.resilient_parsing:
-            try:
-                order = self.make_parser(ctx).parse_args(list(args))[2]
-            except click.UsageError as error:
-                error.ctx = error.ctx or ctx
-                raise
-            for option in dict.fromkeys(order):
-                times = order.count(option)
-                if isinstance(option, click.Option) and not (option.multiple or option.is_flag) and times > 1:
-                    message = f"{option.opts[0]} is given {times} times; {ctx.command_path} takes one"
-                    raise click.UsageError(message, ctx)
-        left = super().parse_args(ctx, args)
-        if len(ctx.params.get("inputs") or ()) > 2:
-            # before what an unquoted option value left behind is taken for the value
-            raise click.UsageError(_too_many(ctx.params["inputs"]), ctx)
-        return left
-
-    def invoke(self, ctx: click.Context) -> Any:
-        """Run the command, if the libraries can be loaded; the doctor says what is wrong where they cannot.
-
-        What the package warns of stands among the findings that the command prints itself.
-        """
-        if self.name != "doctor":
-            require_resources()
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", PrecisionPinWarning)
-            return super().invoke(ctx)
-
-
-class SamplingCommand(Command):
-    """A command that samples: on a machine where nothing is compiled yet, that begins while the inputs are read."""
-
-    def invoke(self, ctx: click.Context) -> Any:
-        """Run the command."""
-        from precision_pin.kernel.part_list import begin_compiling
-
-        begin_compiling()
-        return super().invoke(ctx)
 
 
 @final
@@ -110,65 +38,6 @@ class Inputs:
 
     robot: Path | None
     sheet: Path | None
-
-
-def chain_options(command: Decorated) -> Decorated:
-    """Add the options that cut a chain out of a robot."""
-    for option in (
-        click.option(
-            "--package-dir",
-            "package_dirs",
-            multiple=True,
-            type=click.Path(exists=True, file_okay=False),
-            metavar="DIR",
-            help="Where ROS packages of meshes lie.",
-        ),
-        click.option("--base", metavar="LINK", help="The link that stands still, in place of the sheet's or the root."),
-        click.option("--tip", metavar="FRAME", help="The end-effector, in place of the sheet's or the only leaf."),
-    ):
-        command = option(command)
-    return command
-
-
-class ArmOptions(TypedDict):
-    """Of which arm: :data:`inputs_argument`, :data:`q_option` and :func:`chain_options`."""
-
-    inputs: tuple[str, ...]
-    q: str | None
-    tip: str | None
-    base: str | None
-    package_dirs: tuple[str, ...]
-
-
-class OnePoseOptions(ArmOptions):
-    """Of which arm at which pose: :func:`one_pose_options`."""
-
-    pose: str | None
-
-
-inputs_argument: Final = click.argument("inputs", nargs=-1, metavar="[ROBOT.urdf] [SHEET.yaml]")
-q_option: Final = click.option(
-    "--q", metavar="VALUES", help='Joint values: "-90 3 88 -91 deg", "0.1 m, 10 deg" or "joint1: 10 deg, …".'
-)
-seed_option: Final = click.option("--seed", type=int, default=0, show_default=True, metavar="S", help="64-bit seed.")
-model_option: Final = click.option(
-    "--model",
-    type=click.Choice(["exact", "linear"]),
-    default="exact",
-    show_default=True,
-    help="The displaced chain multiplied out, or superposition as in the paper.",
-)
-spec_option: Final = click.option(
-    "--spec", "specs", multiple=True, metavar='"0.5 mm @ 99.73 %"', help="A limit to keep; repeats."
-)
-
-
-def one_pose_options(command: Decorated) -> Decorated:
-    """Add the options of :class:`OnePoseOptions`."""
-    pose = click.option("--pose", metavar="NAME", help="One of the sheet's poses; the first if left out.")
-    for option in (quiet_option, chain_options, q_option, pose, inputs_argument):
-        command = option(command)
-    return command
 
 
 def find_inputs(arguments: Sequence[str], *, sheet_needed: bool) -> Inputs:
@@ -187,7 +56,7 @@ def find_inputs(arguments: Sequence[str], *, sheet_needed: bool) -> Inputs:
     sheets = [text for text in arguments if Path(text).suffix.lower() in SHEET_SUFFIXES]
     robots = [text for text in arguments if text not in sheets]
     if len(robots) > 1 or len(sheets) > 1:
-        raise InputError(_too_many(arguments))
+        raise InputError(describe_excess(arguments))
     robot = resolve_robot(robots[0]) if robots else None
     _refuse_misnamed(robot, Path(sheets[0]) if sheets else None)
     if sheets:
@@ -214,13 +83,6 @@ def _beginning(path: Path) -> bytes:
             return stream.read(2000)
     except (OSError, ValueError):
         return b""
-
-
-def _too_many(arguments: Sequence[str]) -> str:
-    return (
-        f"one robot and one sheet are expected, got {' '.join(arguments)}; a sheet's name ends in .yaml, and values with "
-        'blanks need quotes, as in --q "0 90 deg"'
-    )
 
 
 def _sheet_of(name: str, robot: Path) -> Path:

@@ -1,0 +1,46 @@
+"""The arguments that every analysis takes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from precision_pin.analyses.provenance import Pose, Poses, listed_poses
+from precision_pin.draws.space import check_seed
+from precision_pin.errors import Finding
+from precision_pin.inputs.arguments import check_instance, check_items
+from precision_pin.model.error_model import ErrorModel
+from precision_pin.sampling import Progress, check_progress
+from precision_pin.statistics.intervals import check_confidence
+
+__all__ = ["check_request"]
+
+
+def check_request(
+    error_model: ErrorModel,
+    poses: tuple[Poses, Poses, Poses],
+    *,
+    seed: int,
+    confidence: float,
+    findings: Sequence[Finding],
+    progress: Progress | bool | None,
+) -> tuple[list[Pose], tuple[Finding, ...]]:
+    """Check the common arguments before any work is done; return the poses one by one, and the findings.
+
+    Parameters
+    ----------
+    error_model, seed, confidence, findings, progress
+        As the analysis was given them.
+    poses
+        Its arguments ``poses``, ``q`` and ``pose``, three names of one.
+
+    Raises
+    ------
+    InputError
+        One of them is wrong.
+    """
+    check_instance("error_model", error_model, ErrorModel, "as ErrorModel.load makes it")
+    check_seed(seed)
+    check_confidence(confidence)
+    known = check_items("findings", findings, Finding)
+    check_progress(progress)
+    return listed_poses(*poses), known
