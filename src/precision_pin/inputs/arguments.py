@@ -42,6 +42,8 @@ Kind = TypeVar("Kind")
 _LONGEST: Final = 60
 _NUMBERS: Final = "iuf"
 """Kinds of numpy's types that are real numbers."""
+_MANY: Final = 2**20
+"""More numbers than this are copied only if there is memory for them; asking takes longer than copying fewer."""
 
 
 def shown(value: object) -> str:
@@ -134,8 +136,9 @@ def check_numbers(what: str, values: object, shape: tuple[int | None, ...] | Non
         Something else than numbers, one that is not finite, or another shape; more than there is memory for.
     """
     if isinstance(values, np.ndarray) and (shape is None or _fits(values, shape)):
-        # the copy, and a byte for each of what is not finite
-        check_memory(9.0 * values.size, f"reading {what}, {values.size:,} numbers,", "give fewer at a time")
+        if values.size > _MANY:
+            # the copy, and a byte for each of what is not finite
+            check_memory(9.0 * values.size, f"reading {what}, {values.size:,} numbers,", "give fewer at a time")
     elif isinstance(values, np.ndarray) and values.dtype.kind in _NUMBERS and shape is not None:
         raise InputError(f"{what} must be {needs or _numbers_of(shape)}, got an array of shape {values.shape}")
     array = _array(values)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable
-from functools import wraps
-from typing import Any, Concatenate, ParamSpec, TypeVar, cast
+from functools import cache, wraps
+from typing import Any, Concatenate, Final, ParamSpec, TypeVar, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -49,7 +49,15 @@ def returns_read_only(method: Callable[Concatenate[Owner, Given], Thing]) -> Cal
 
 def fix_fields(instance: Any) -> None:
     """Make the arrays in the fields of a frozen data class read-only, from its ``__post_init__``; they are not copied."""
-    for field in dataclasses.fields(instance):
-        value = getattr(instance, field.name)
-        if isinstance(value, np.ndarray | tuple):
-            object.__setattr__(instance, field.name, read_only(value))
+    for name in _field_names(instance.__class__):
+        value = getattr(instance, name)
+        if isinstance(value, _MAY_BE_WRITTEN):
+            object.__setattr__(instance, name, read_only(value))
+
+
+_MAY_BE_WRITTEN: Final = (np.ndarray, tuple)
+
+
+@cache  # models make thousands of instances of a few classes
+def _field_names(kind: type[Any]) -> tuple[str, ...]:
+    return tuple(field.name for field in dataclasses.fields(kind))

@@ -35,6 +35,7 @@ __all__ = ["SamplerArrays", "convert_table", "convert_tables"]
 Column = tuple[int, ...]
 """One row, or two that are multiplied."""
 
+# a little less than the series reach, for the rounding of what is compared
 _FINE_UP_TO: Final = 0.01 * (1 - 1e-9)
 _NARROW_UP_TO: Final = 0.25 * (1 - 1e-9)
 """Angles (rad) that are served by the shortest and the short series."""
@@ -149,6 +150,7 @@ class _RowAllocator:
     """Rows handed out one after another, each with an interval its numbers stay in; components come first."""
 
     def __init__(self, space: Space) -> None:
+        # row k is component k: the loops count on it where they keep components
         self.intervals = intervals(space)
         self.constants: dict[float, int] = {}
 
@@ -205,6 +207,7 @@ class _Products:
         """Return one or two rows whose product is that of parameters; of none, a row of ones."""
         if not factors.size:
             return (self._rows.constant(1.0),)
+        # sorted: a product has one row, whatever the order of its factors in the sheet
         key = tuple(sorted(self._parameters[factor] for factor in factors))
         return key if len(key) == 1 else (self._row(key[:-1]), key[-1])
 
@@ -286,6 +289,7 @@ def _convert_displacements(
     target = tables[0].target
     turned = _rotate(frames[:, target, :3, :3], twists[:, :, 3:])
     shifted = _rotate(frames[:, target, :3, :3], twists[:, :, :3])
+    # from each pivot to the tip
     arms = poses[:, None, :3, 3] - frames[:, :, :3, 3]
     lever = -arms[:, target]
     carried = shifted + np.stack(
@@ -297,11 +301,14 @@ def _convert_displacements(
     )
     sums = [_Sum.of(columns, carried, range(len(columns))), _Sum.of(columns, turned, range(len(columns)))]
     angles = np.zeros((len(tables), count))
+    # tip first, as the loops compose them
     for place, k in enumerate(reversed(range(count))):
         terms = np.flatnonzero(target == k).tolist()
         shift, turn = _Sum.of(columns, shifted, terms), _Sum.of(columns, turned, terms)
         angles[:, place] = _largest_turns(turn, rows)
+        # half: the loops work with half the rotation vector; a half is exact
         sums += [shift, _Sum(turn.columns, turn.vectors / 2)]
+    # target by target: the order in which np.sum adds depends on how many numbers there are
     total = np.zeros(len(tables))
     for column in angles.T:
         total = total + column
@@ -345,7 +352,9 @@ class _Sum:
         others = max(len(rows) - least, 0)
         # the loops take six, five, four or three at once
         size = least + others + {1: 2, 2: 1}.get(others % 6, 0)
+        # what fills up has a vector of zero: any row serves that holds finite numbers
         rows += ([self.columns[k][0] for k in chosen[:1]] or [filler]) * (size - len(rows))
+        # three products in one pass; one that fills up has a vector of zero as well
         sets = -(-len(double) // 3)
         factors = [row for k in double for row in self.columns[k]]
         factors += factors[:1] * (6 * sets - len(factors))
@@ -392,6 +401,7 @@ def _largest_turns(turn: _Sum, rows: _RowAllocator) -> Array:
     with np.errstate(invalid="ignore", over="ignore"):
         for k, column in enumerate(turn.columns):
             vector = np.abs(turn.vectors[:, k])
+            # zero times an infinite end is no number: components that the vector does not have are left out
             interval: Interval = reduce(_product_interval, (rows.intervals[row] for row in column))
             furthest = max(map(abs, interval))
             reach = reach + np.where(vector.any(axis=-1, keepdims=True), vector * furthest, 0.0)
@@ -407,6 +417,7 @@ def _assemble(
     of_part = [kept[begin:end] for begin, end in pairwise(ends)]
     listed = [part.entries(own, poses) for part, own in zip(sums[:2], of_part[:2], strict=True)]
     for shift, turn, shift_kept, turn_kept in zip(sums[2::2], sums[3::2], of_part[2::2], of_part[3::2], strict=True):
+        # three entries of a shift go with a target's turn, in one loop
         least = 3 if turn_kept.any() else 0
         turns = turn.entries(turn_kept, poses, least=least)
         listed += [shift.entries(shift_kept, poses, least=least, filler=turns.rows[0] if least else 0), turns]
@@ -423,6 +434,7 @@ def _assemble(
     all_arms, all_series = freeze(arms, *arms.shape), np.array(series, dtype=np.int64)
     all_series.flags.writeable = False
     for k in range(len(poses)):
+        # views of arrays of all poses: made once, read-only like them
         yield (
             Superposition(row_offsets[0], vectors[0][k], row_offsets[1], vectors[1][k], superposed),
             Motions(

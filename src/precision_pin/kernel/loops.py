@@ -84,6 +84,7 @@ STRIDE: Final = TILE + 8
 ATOM: Final = 1 << 14
 """Samples of one partial sum, that of :func:`precision_pin.statistics.observe`."""
 LANES: Final = 16
+"""Running sums of one quantity. More than a vector holds, and fixed: the order of additions, so every bit, is then our own."""
 HELD: Final = 16
 """Tiles of which the bins are found before they are counted."""
 LARGEST: Final = 10
@@ -115,6 +116,7 @@ _D, _E0, _E1, _E2, _T, _V0, _V1, _V2, _V, _X0, _X1, _X2, _G0, _G1, _G2, _C = (_U
 # the residuals take the place of G and C, so that the scratch stays near the processor
 _RESIDUALS: Final = _G0
 _R0, _R1, _R2, _R3, _R4, _R5, _R6, _R7 = (_RESIDUALS + _U(q * STRIDE) for q in range(8))
+# behind the residuals, which end with row 19
 _LANES: Final = _U(20 * STRIDE)
 (
     _P0, _P1, _P2, _P3, _P4, _P5, _P6, _P7, _P8, _P9, _P10, _P11, _P12, _P13, _P14, _P15, _P16, _P17, _P18, _P19, _P20,
@@ -128,16 +130,22 @@ _PAIRS = _U(TILE // 2)
 _EIGHTH = _U(TILE // 8)
 _STRIDE = _U(STRIDE)
 _LANE = _U(LANES)
+# unsigned, like the offsets they are added to: with a signed number the sum would be signed
 _ZERO, _ONE, _TWO, _THREE, _FOUR, _FIVE, _SIX, _TWELVE, _HALF_WORD, _MANTISSA, _SIGN_FROM_FOUR = (
     _U(k) for k in (0, 1, 2, 3, 4, 5, 6, 12, 32, 52, 61)
 )
+# of Philox4x32 (Salmon, Moraes, Dror and Shaw, SC 2011): the multipliers, and what the keys grow by in each round
 _MULTIPLIER_0, _MULTIPLIER_1 = _U(0xD2511F53), _U(0xCD9E8D57)
 _WEYL_0, _WEYL_1 = _U(0x9E3779B9), _U(0xBB67AE85)
 _LOW = _U(0xFFFFFFFF)
 _BITS_OF_ONE = _U(0x3FF0000000000000)
 _ONE_LESS = 1.0 - 2.0**-53
+# added and taken off again these round to whole numbers and to eighths: the mantissa has no bits left for less; 1.5, so
+# that negative numbers do not leave the range where that holds
 _ROUND_TO_WHOLE = 1.5 * 2.0**52
 _ROUND_TO_EIGHTH = 1.5 * 2.0**49
+# a whole number in the mantissa of 2^52 is a double without a conversion, for which not all processors have a vector
+# instruction
 _BITS_OF_2_52 = _U(0x4330000000000000)
 _ROOT_OF_HALF = math.sqrt(0.5)
 _QUARTER_TURN_SQUARED = (math.pi / 2) ** 2
@@ -230,6 +238,7 @@ _NORM_OFFSET = _U(((1023 + NORM_EXPONENTS[0]) << NORM_MANTISSA) - 1)
 _NORM_LAST = _U(NORM_COLUMNS // 2 - 1)
 
 
+# named tuples: numba takes them from Python as they are
 class Draws(NamedTuple):
     """The components of a space by kind of law; every ``*rows`` are row offsets."""
 
@@ -436,6 +445,7 @@ def uniforms(
     key_0, key_1 = seed & _LOW, seed >> _HALF_WORD
     next_0, next_1 = (key_0 + _WEYL_0) & _LOW, (key_1 + _WEYL_1) & _LOW
     for k in range(rows.size):
+        # the last word says for which pose and visit a stream is: as a rule it is that of the stream before
         if k == 0 or words[k] != words[k - 1]:
             _share(products, low, words[k] ^ key_1)
         row = rows[k]
@@ -475,6 +485,7 @@ def _polynomial(z: Scalar, coefficients: Any) -> Scalar:
 
 @fma
 def _series(z: Scalar, coefficients: Any) -> Scalar:
+    # the same sum as `_polynomial`, contracted
     value = coefficients[0]
     for k in range(1, len(coefficients)):
         value = value * z + coefficients[k]
@@ -496,6 +507,7 @@ def logarithm(x: Scalar) -> Scalar:
     f = m - c  # exact
     s = (f + f) / (m + c)
     z = s * s
+    # the largest part is added last
     whole = exponent * 0.6931471805599453 + (_ITS_LOGARITHM if above else 0.0)
     return whole + (s + s * z * _series(z, _ARTANH))
 
@@ -518,6 +530,7 @@ def _octant(u: Scalar) -> Any:
 @fma
 def _quarters(eighths: Scalar, x: Scalar, y: Scalar, length: Scalar) -> tuple[Scalar, Scalar]:
     """Return length × (y, x), turned by the quarter turns in the eighths."""
+    # the third bit, half a turn, becomes the sign: no branch
     signed = _float_of(_bits_of(length) ^ ((eighths & _FOUR) << _SIGN_FROM_FOUR))
     odd = (eighths & _TWO) != _ZERO
     return signed * (x if odd else y), signed * (-y if odd else x)
@@ -536,6 +549,7 @@ def normal_score(p: Scalar) -> Scalar:
     q = p - 0.5
     r = 0.180625 - q * q
     t = np.sqrt(-logarithm(p)) - 1.6
+    # both branches and a choice: a branch would keep the loop from being vectorised, which costs three times as much
     central = q >= -0.425
     above = q * _polynomial(r, _CENTRE) if central else -_polynomial(t, _TAIL)
     below = _polynomial(r, _CENTRE_BELOW) if central else _polynomial(t, _TAIL_BELOW)
@@ -552,6 +566,7 @@ def far_normal_score(p: Scalar) -> Scalar:
 @strict
 def exponential(x: Scalar) -> Scalar:
     """Return exp x for |x| < 700, within 1 ulp; the method and coefficients of fdlibm's e_exp.c."""
+    # the low bits of the rounded number are the power of two, as a whole number
     rounded = x * 1.44269504088896338700e00 + _ROUND_TO_WHOLE
     k = rounded - _ROUND_TO_WHOLE
     high = x - k * 6.93147180369123816490e-01
@@ -568,6 +583,7 @@ def cumulative(z: Scalar) -> Scalar:
     a = abs(z)
     # the square of the high half is exact
     high = _float_of(_bits_of(a) & _HIGH_HALF)
+    # exp(-rest) by three terms: rest is below 3e-6
     rest = 0.5 * (a - high) * (a + high)
     power = exponential(-0.5 * high * high) * (1.0 - rest * (1.0 - 0.5 * rest))
     tail = _polynomial(a, _MILLS) / _polynomial(a, _MILLS_BELOW) * power
@@ -596,6 +612,7 @@ def normals(w: Array, rows: Offsets, laws: Array) -> None:
 @strict
 def correlate(w: Array, rows: Offsets, root: Array) -> None:
     """Mix rows of standard normal numbers, the last row first, as `precision_pin.draws.correlation.Correlation.mix`."""
+    # from the last row up: a row is mixed from those before it, which must still be independent
     for back in range(rows.size):
         k = rows.size - 1 - back
         target = rows[k]
@@ -606,6 +623,7 @@ def correlate(w: Array, rows: Offsets, root: Array) -> None:
             for i in range(_TILE):
                 w[target + i] += factor * w[other + i]
         for i in range(_TILE):
+            # where the laws' inverse is cut as well
             score = w[target + i]
             score = score if score > -_FARTHEST else -_FARTHEST
             w[target + i] = score if score < _FARTHEST else _FARTHEST
@@ -653,6 +671,7 @@ def empirical_law(w: Array, row: Scalar, lines: Array, first: Scalar, last: Scal
                 low = middle
             else:
                 high = middle
+        # rounding must not carry a value beyond the end of its line
         value = lines[low, 1] + lines[low, 2] * (u - lines[low, 0])
         end = lines[low, 3]
         w[row + i] = value if value < end else end
@@ -726,6 +745,7 @@ def circle_law(w: Array, row: Scalar, radius: Scalar) -> None:
 @strict
 def joint_law(w: Array, row: Scalar, size: Scalar, root: Array) -> None:
     """Turn rows of standard normal numbers into `precision_pin.draws.laws.JointNormal`, the last row first."""
+    # from the last row up, as in `correlate`
     for back in range(size):
         k = size - _ONE - _U(back)
         target = row + k * _STRIDE
@@ -745,6 +765,8 @@ def joint_law(w: Array, row: Scalar, size: Scalar, root: Array) -> None:
 @cached_part_inline
 def apply_laws(w: Array, draws: Draws, rare: Wanted) -> None:
     """Turn the rows of uniform numbers into the components of the space; rare laws where they are wanted."""
+    # normal numbers first, then those that become uniform again: the laws below take either. A loop for each law, with no
+    # choice inside it, is vectorised
     normals(w, draws.normal_rows, draws.normal)
     if rare is not None:
         for k in range(draws.group_starts.size - 1):
@@ -829,6 +851,7 @@ def _derive(w: Array, formulas: Formulas) -> Scalar:
         elif operator == _COS:
             for i in range(_TILE):
                 w[result + i] = np.cos(w[a + i])
+        # counted, not left at the first: a loop with a way out is not vectorised
         for i in range(_TILE):
             failures += 0 if abs(w[result + i]) < np.inf else 1
     _multiply(w, formulas.product_factors, formulas.products)
@@ -859,6 +882,7 @@ def _three(rows: Offsets, vectors: Array, k: Scalar) -> Any:
 @fma
 def _add(s: Array, w: Array, result: Scalar, rows: Any, vectors: Any) -> None:
     """Add ``vector × row`` of a few entries to three rows of the scratch."""
+    # the entries of a pass are added up before the three sums are read and written
     one, two, three = result, result + _STRIDE, result + _U(2 * STRIDE)
     for i in range(_TILE):
         p = w[rows[0] + i]
@@ -874,6 +898,7 @@ def _add(s: Array, w: Array, result: Scalar, rows: Any, vectors: Any) -> None:
 @inline
 def _mix(s: Array, w: Array, result: Scalar, start: Scalar, stop: Scalar, rows: Offsets, vectors: Array) -> None:
     """Add ``vector × row`` to three rows of the scratch, for entries ``start … stop - 1``, six, five, four or three at once."""
+    # the more in one pass, the less often the sums are read and written; one or two are never left, the arrays are filled up
     k = start
     while k < stop:
         left = stop - k
@@ -937,6 +962,7 @@ def _turn(
         if collected is not None:
             x, y, z = x + s[_X0 + i], y + s[_X1 + i], z + s[_X2 + i]
             s[_X0 + i], s[_X1 + i], s[_X2 + i] = 0.0, 0.0, 0.0
+        # with tan and cos² no root and no division is needed; the quaternion (1, G) is not of length 1, and need not be
         square = x * x + y * y + z * z
         tangent = _series(square, tangents)
         s[_G0 + i] = tangent * x
@@ -956,6 +982,7 @@ def _add_cross(
 @fma
 def _begin(s: Array, w: Array, k: Scalar, rows: Offsets, vectors: Array, rx: Scalar, ry: Scalar, rz: Scalar) -> None:
     """Turn and shift, as `_carry`, what is at rest."""
+    # e = 0 and q = 1 drop out
     (a, b, c), ((ax, ay, az), (bx, by, bz), (cx, cy, cz)) = _three(rows, vectors, k)
     for i in range(_TILE):
         gx, gy, gz, factor = s[_G0 + i], s[_G1 + i], s[_G2 + i], s[_C + i]
@@ -992,6 +1019,7 @@ def _carry(s: Array, w: Array, k: Scalar, rows: Offsets, vectors: Array, rx: Sca
 @strict
 def _too_far(s: Array, skipped: Scalar, count: Scalar, sampled: bool) -> Scalar:
     """Return the first sample of which the half rotation vector X is π/2 long or more, or -1."""
+    # counted first, one pass without a way out; which sample it is, is looked for only where there is one
     beyond = 0
     for i in range(_TILE):
         x, y, z = s[_X0 + i], s[_X1 + i], s[_X2 + i]
@@ -1037,6 +1065,7 @@ def _rotation_vector_narrow(s: Array, arc: Any) -> None:
     """Turn the quaternion's vector into the rotation vector, in place: 2 atan(|v|/w) v/|v|, up to 0.25 rad."""
     for i in range(_TILE):
         x, y, z = s[_V0 + i], s[_V1 + i], s[_V2 + i]
+        # one division: of it follow the tangent of half the angle and the scale, whatever the quaternion's length
         g = 1.0 / s[_V + i]
         scale = 2.0 * g * _series((x * x + y * y + z * z) * g * g, arc)
         s[_V0 + i] = scale * x
@@ -1049,6 +1078,7 @@ def _rotation_vector_wide(s: Array) -> None:
     """As `_rotation_vector_narrow`, up to π, with the angle halved twice more; the angle is in [0, π]."""
     for i in range(_TILE):
         x, y, z, a = s[_V0 + i], s[_V1 + i], s[_V2 + i], s[_V + i]
+        # q and -q are one rotation: that of the smaller angle is taken
         sign = 1.0 if a >= 0.0 else -1.0
         square = x * x + y * y + z * z
         g = 1.0 / (np.sqrt(a * a + square) + abs(a))
@@ -1138,6 +1168,7 @@ def _displace(s: Array, w: Array, motions: Motions, skipped: Scalar, count: Scal
 def _superpose(s: Array, w: Array, superposition: Superposition, pose: Scalar) -> None:
     """Write the linear model's six numbers where `_displace` leaves them."""
     shift_rows, shifts, turn_rows, turns, starts = superposition
+    # columns: shifts, turns
     begin, products, end = _part(starts, pose)
     _clear(s, _E0)
     _clear(s, _V0)
@@ -1166,6 +1197,7 @@ def _norms(s: Array) -> Scalar:
         norm = part * _U(4 * STRIDE)
         for i in range(_TILE):
             x, y, z = s[norm + _STRIDE + i], s[norm + _U(2 * STRIDE) + i], s[norm + _U(3 * STRIDE) + i]
+            # squares beyond all numbers become infinite, and are refused as errors that are not finite
             length = np.sqrt(x * x + y * y + z * z)
             s[norm + i] = length
             failures += 0 if length < np.inf else 1
@@ -1186,6 +1218,7 @@ def _not_finite(s: Array, skipped: Scalar, count: Scalar, sampled: bool) -> Scal
 def _keep_largest(s: Array, count: Scalar, first: Scalar, largest: Array, units: NDArray[np.int64]) -> None:
     """Keep the largest norms, largest first, of equal ones the earlier unit's."""
     least_distance, least_angle = largest[0, LARGEST - 1], largest[1, LARGEST - 1]
+    # one pass without a way out: after the first tiles hardly any holds one of the largest
     above = 0
     for i in range(_TILE):
         above += 1 if (s[_D + i] > least_distance) | (s[_T + i] > least_angle) else 0
@@ -1238,11 +1271,13 @@ def _greater(a: Any, b: Any) -> Any:
 @strict
 def _measure_some(s: Array, centre: Array, count: Scalar) -> Scalar:
     """Do as `_measure` with a tile's first samples, one by one; the others' residuals are zero."""
+    # in the order of `_measure`, lane by lane; the zeros of samples that nobody asked for change no sum
     failures = _norms(s)
     for q in range(_U(8)):
         for i in range(_TILE):
             lane = _LANES + q * _LANE + i % _LANE
             residual = 0.0
+            # the number of the sample that stands at i, even ones first
             if (i + i if i < _PAIRS else i + i - (_TILE - _ONE)) < _U(count):
                 value = s[q * _STRIDE + i]
                 residual = value - centre[q]
@@ -1267,8 +1302,10 @@ def _measure(s: Array, centre: Array, count: Scalar) -> Scalar:
         rows = part * _FOUR * _STRIDE
         sums = _LANES + part * _FOUR * _LANE
         lows, highs = sums + _U(SUMS) * _LANE, sums + _U(SUMS + 8) * _LANE
+        # a norm and its three components together: what makes the norm is read once
         middle = _four(centre, part * _FOUR, _ONE)
         for lane in range(_LANE):
+            # each lane adds up every sixteenth sample, in their order: bits do not depend on how many lanes a vector has
             total, low, high = _four(s, sums + lane, _LANE), _four(s, lows + lane, _LANE), _four(s, highs + lane, _LANE)
             for k in range(_U(TILE // LANES)):
                 i = rows + k * _LANE + lane
@@ -1304,6 +1341,7 @@ def _find_bins(s: Array, bins: Bins, held: Scalar, inverse_scale: Array) -> None
             bins[halves + i] = np.uint32(_bits_of(s[residuals + i] * factor) >> _HALF_WORD)
     for q in range(_U(8)):
         first, halves = (q * _U(HELD) + _U(held)) * _TILE, (_U(8 * HELD) + q) * _TILE
+        # from here on whole numbers of 32 bits only, of which a vector holds twice as many
         zero = np.int32(q * _U(2 * _BINS) + _U(_BINS))
         for i in range(_TILE):
             half = np.int32(bins[halves + i])
@@ -1316,6 +1354,7 @@ def _find_bins(s: Array, bins: Bins, held: Scalar, inverse_scale: Array) -> None
 @strict
 def _count_bins(bins: Bins, first: Scalar, tiles: Scalar, count: Scalar, sketch: NDArray[np.uint32]) -> None:
     """Count the samples of so many tiles, of the last one only ``count``, in the bins where they fall."""
+    # whole tiles, then what is too much taken off again: the loop has no test; a count below zero wraps around and back
     last = first + (_U(tiles) - _ONE) * _TILE
     for i in range(first, last + _TILE):
         sketch[bins[i]] += np.uint32(1)
@@ -1361,6 +1400,7 @@ def _count_inside(s: Array, count: Scalar, counting: Counting, inside: NDArray[n
 @cached_part
 def _add_products(s: Array) -> None:
     """Add the products of the residuals' rows into their lanes: of two components each, then of each norm."""
+    # 64 samples at a time: the 23 sums of a lane are read and written once for four of them
     for begin in range(_ZERO, _TILE, _U(4 * LANES)):
         for lane in range(_LANE):
             xx, xy, xz, xa, xb, xc = (
@@ -1409,6 +1449,7 @@ def _fold(s: Array, sums: Array) -> None:
     """Fold each sum's lanes in halves and empty them."""
     for k in range(_U(SUMS)):
         lanes = _LANES + k * _LANE
+        # in halves: an order of additions that vectors of any length keep
         half = LANES // 2
         while half:
             for lane in range(_U(half)):
@@ -1513,6 +1554,7 @@ def run(
     tuple
         Why the run stopped (0: it did not) and at which sample.
     """
+    # rows of numbers that never change are filled once: drawing leaves them as they are
     for row in range(draws.fixed_rows.size):
         for i in range(_TILE):
             w[draws.fixed_rows[row] + i] = draws.fixed_values[row]
@@ -1535,6 +1577,7 @@ def run(
                 offset = _U(k * STRIDE)
                 for i in range(size):
                     w[offset + _U(i)] = given[k, begin + i]
+                # the rest of the last tile repeats a sample, so that it has numbers that mean something
                 for i in range(size, TILE):
                     w[offset + _U(i)] = given[k, begin]
         if kept_components.shape[1]:
@@ -1544,6 +1587,7 @@ def run(
                     kept_components[k, begin + i] = w[offset + _place_of(i, sampled)]
         if stage == DRAW:
             continue
+        # what fails in a sample that nobody asked for does not stop a run
         if _derive(w, formulas):
             sample = _failed_formula(w, formulas, skipped, size, sampled)
             if sample >= 0:
@@ -1568,10 +1612,12 @@ def run(
             _keep_largest(s, size, first + _U(begin), largest, largest_units)
             _count_inside(s, size, counting, inside)
             _add_products(s)
+            # bins are counted some tiles late: a quantity's part of the sketch then stays near
             held = tile % HELD
             _find_bins(s, bins, held, counting.inverse_scale)
             if held == HELD - 1 or tile == tiles - 1:
                 _count_all_bins(bins, held + 1, size, sketch)
+            # the first unit of a counted run begins an atom
             if (begin + TILE) % ATOM == 0 or tile == tiles - 1:
                 _fold(s, sums[begin // ATOM])
     if counted:
@@ -1682,6 +1728,7 @@ def run_poses(
                 sample = _failed_formula(w, unit_formulas, 0, size, True)
                 if sample >= 0:
                     return FORMULA, 0, tile * TILE + sample
+        # poses outside, tiles inside: a pose's arrays and sketch stay near while the tiles are worked on
         for pose in range(poses):
             at = Motions(
                 motions.shift_starts[pose],
@@ -1712,6 +1759,7 @@ def run_poses(
                     sample = _displace(s, w, at, nobody, size, sampled)
                     if sample >= 0:
                         return ANGLE, pose, tile * TILE + sample
+                # the pose's sums go on from where its tile before left them
                 for k in range(_U(LANE_DOUBLES)):
                     s[_LANES + k] = own_lanes[k]
                 if _measure(s, counting.centre, size):

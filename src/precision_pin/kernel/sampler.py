@@ -125,6 +125,7 @@ def sample(layout: SamplerArrays, seed: int, first: int, count: int, *, pose: in
     InputError
         A wrong seed, unit, pose or visit.
     """
+    # a tile is drawn whole, so that a unit's numbers do not depend on where a call begins
     skip = _check_units(first, count)
     _check_kept(layout.space.size, count)
     kept = np.empty((layout.space.size, skip + count))
@@ -240,6 +241,7 @@ def observe_blocks(
         layout,
         stage_of(model),
         _Units(seed, first, 0, count, pose, visit),
+        # no columns: the errors are not kept
         errors=_NOTHING if result.errors is None else result.errors,
         plan=plan,
         into=result,
@@ -300,6 +302,7 @@ def variant_of(space: Space, model: Model) -> tuple[Wanted, Wanted]:
 
 def warm_up(rare: Wanted = None, linear: Wanted = None) -> None:
     """Compile a variant of the loops, or load it from numba's cache; whatever samples first does so by itself."""
+    # a unit of a robot that stays where it is: the types are those of any model
     _run(empty_table(rare), LINEAR if linear else EXACT, _ONE_UNIT)
 
 
@@ -351,9 +354,11 @@ def allocate_rows(rows: int) -> Array:
 def _run(layout: SamplerArrays, stage: int, units: _Units, **given: Any) -> None:
     """Run the compiled loops over samples, with what `_arguments` takes, and raise what stopped them."""
     check_seed(units.seed)
+    # made before the question whether there is anything to do: wrong poses and visits are refused all the same
     arguments = _arguments(layout, stage, units, **given)
     if not units.count:
         return
+    # not False: None leaves the other model out of what is compiled
     linear: Wanted = True if stage == LINEAR else None
     ahead = partial(compile_parts, layout.rare, linear, __name__)
     reason, where = map(int, call(loops.run, arguments, (layout.rare, linear), ahead))
@@ -378,11 +383,15 @@ def _arguments(
     specifications = () if plan is None else plan.specifications
     counting = Counting(
         centre=np.array(centre),
+        # divided here, multiplied in the loops
         inverse_scale=1 / scale,
         limit_rows=np.array([specification.row for specification in specifications], dtype=np.uint64),
         limits=np.array([specification.limit for specification in specifications], dtype=float),
     )
+    # by position, in the order of `loops.run`; what is not wanted is an array without entries: None would be another type
+    # to numba, and another compilation
     return (
+        # new ones at each call, so that threads share nothing
         *allocate_scratch(),
         allocate_rows(layout.rows),
         layout.draws,

@@ -31,6 +31,8 @@ class BoundSource:
 
     def __init__(self, source: Source, view: LabelledSpace) -> None:
         self.source, self.view = source, view
+        # asked once: there are thousands of postures
+        self._is_same_everywhere = source.depends_on == "chain"
         self._kept: dict[str, tuple[Any, ...]] = {}
 
     def loads(self, posture: Posture) -> Iterable[Load]:
@@ -48,7 +50,7 @@ class BoundSource:
     def _answer(
         self, name: str, method: Callable[[Posture, LabelledSpace], Iterator[Answer]], posture: Posture
     ) -> Iterable[Answer]:
-        if self.source.depends_on != "chain":
+        if not self._is_same_everywhere:
             return method(posture, self.view)
         if name not in self._kept:
             self._kept[name] = tuple(method(posture, self.view))

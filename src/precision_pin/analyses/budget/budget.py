@@ -205,7 +205,7 @@ def _at_pose(
     shares = by_draw(at)
     sampled = SampledBudget(at, groups, seed, samples, confidence, step)
     names = [draw.name for draw in at.space.draws]
-    halved = sampled.halved()
+    halved = sampled.halve_each()
     reach = reaches(at, k)
     return PoseBudget(
         pose=PoseLabel.of(error_model, pose, at),

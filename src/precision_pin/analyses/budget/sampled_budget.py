@@ -95,11 +95,11 @@ class SampledBudget:
     def _norms(self, x: Array) -> Array:
         return quantity_values(self._errors(x))[list(NORM_ROWS)]
 
-    def halved(self) -> list[Halved]:
+    def halve_each(self) -> list[Halved]:
         """Return what halving every draw's deviation from its mean gives, one draw at a time, same numbers otherwise."""
-        return [self._halved(k) for k in range(len(self.random))]
+        return [self._halve(k) for k in range(len(self.random))]
 
-    def _halved(self, draw: int) -> Halved:
+    def _halve(self, draw: int) -> Halved:
         rows = self.at.space.slices[draw]
         factors = np.ones(self.at.space.size)
         factors[rows] = 0.5
@@ -160,8 +160,8 @@ class SampledBudget:
         parts = [group_part(self.at, group, shares) for group in self.group_draws]
         closed = shares_of(np.sum(parts, axis=0) if parts else np.zeros(6), variances)
         deviations = deviations_of(variances)
-        first = _named(self.indices.first_sum)
-        variance = _named(self.indices.variance)
+        first = _by_quantity(self.indices.first_sum)
+        variance = _by_quantity(self.indices.variance)
         result = {}
         for quantity in SAMPLED:
             result[quantity] = Sums(closed.get(quantity), first[quantity], deviations.get(quantity), variance[quantity])
@@ -169,7 +169,7 @@ class SampledBudget:
 
     def _row(self, estimates: Estimates, group: int) -> dict[str, Estimate | None]:
         k = self.sampled.index(group)
-        return _named(Estimates(estimates.value[k], estimates.half_width[k], estimates.replicate_variance[k]))
+        return _by_quantity(Estimates(estimates.value[k], estimates.half_width[k], estimates.replicate_variance[k]))
 
     def _spreads(self) -> dict[str, bool]:
         return dict(zip(SAMPLED, self.indices.varies.tolist(), strict=True))
@@ -182,7 +182,7 @@ def _differs(closed: float | None, first: Estimate | None, total: Estimate | Non
     return any(abs(index.value - shares) > NONLINEAR + index.half_width for index in (first, total))
 
 
-def _named(estimates: Estimates) -> dict[str, Estimate | None]:
+def _by_quantity(estimates: Estimates) -> dict[str, Estimate | None]:
     return dict(zip(SAMPLED, _estimates(estimates), strict=True))
 
 

@@ -123,18 +123,18 @@ class SeriesLaw(NumberLaw):
     @cached_property
     def _slopes(self) -> NDArray[np.complex128]:
         k = np.arange(1, self.terms + 1)
-        return _arranged(np.concatenate([[0.0], 1j * self.coefficients[1:] / (np.pi * k)]))
+        return _arrange(np.concatenate([[0.0], 1j * self.coefficients[1:] / (np.pi * k)]))
 
     @cached_property
     def _heights(self) -> NDArray[np.complex128]:
-        return _arranged(np.concatenate([[0.5], self.coefficients[1:]]))
+        return _arrange(np.concatenate([[0.5], self.coefficients[1:]]))
 
     @cached_property
     def _start(self) -> float:
         return float(_sum(self._slopes, np.array([-1.0]))[0])
 
 
-def _arranged(coefficients: NDArray[np.complex128]) -> NDArray[np.complex128]:
+def _arrange(coefficients: NDArray[np.complex128]) -> NDArray[np.complex128]:
     """Return coefficients as a table ``(columns, rows)``, k = columns · row + column; zeros fill it up."""
     columns = _columns(coefficients.size)
     padded = np.zeros(-(-coefficients.size // columns) * columns, dtype=complex)
@@ -187,10 +187,10 @@ class _Bounds:
         with np.errstate(under="ignore", over="ignore"):
             bound = self.bound(omega)
             densities = bound * self._octaves * terms / self.half_length
-        return 2 / math.pi * math.log(2) * _converged(bound), _converged(densities)
+        return 2 / math.pi * math.log(2) * _sum_converging(bound), _sum_converging(densities)
 
 
-def _converged(terms: Array) -> float:
+def _sum_converging(terms: Array) -> float:
     """Return the sum, infinite where the terms have not died out: it would grow with more of them."""
     total = float(terms.sum())
     return total * (1 + 1e-9) if terms[-1] <= 1e-15 * total or total < 1e-250 else math.inf
