@@ -17,11 +17,10 @@ OUTPUT = '''
 
 import csv
 import io
-from pathlib import Path
-
 import click
 
-from precision_pin.cli.writing import Outputs, write_text
+from precision_pin.cli.targets import Outputs
+from precision_pin.display.files import write_text
 from precision_pin.model.error_model import ErrorModel
 
 
@@ -42,7 +41,7 @@ def command(sheet, out):
     outputs = Outputs({"--out": out})
     outputs.check()
     outputs.refuse_inputs([sheet])
-    write_text(Path(out), variances_csv(ErrorModel.load(sheet)))
+    write_text(out, variances_csv(ErrorModel.load(sheet)))
     return 0
 '''
 

@@ -35,7 +35,7 @@ def model(tmp_path_factory: pytest.TempPathFactory) -> pp.ErrorModel:
 
 def test_draws_are_named_as_a_reader_would(model: pp.ErrorModel) -> None:
     pairs = zip(model.space.draws, model.draw_words, strict=True)
-    found = {draw.name: (words, draw.law.tolerance(draw.quantities)) for draw, words in pairs}
+    found = {draw.name: (words, draw.tolerance) for draw, words in pairs}
     assert found["a1"] == ("a1 (length to joint2 and 1 more)", "±0.05 mm")
     assert found["k"] == ("k (zero of joint1)", "σ 10 arcsec")
     assert found["frame[joint3].rz"] == ("tilt of joint3 about z", "±0.02 deg")

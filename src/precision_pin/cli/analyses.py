@@ -17,6 +17,7 @@ from precision_pin.cli.options import ArmOptions, SamplingCommand, chain_options
 from precision_pin.cli.progress import compile_sampler, progress_bar
 from precision_pin.cli.streams import echo_data, say
 from precision_pin.cli.targets import Outputs
+from precision_pin.cli.terminal import echo_table
 from precision_pin.display.files import whole_folder, write_text
 from precision_pin.errors import Finding, InputError
 
@@ -124,6 +125,7 @@ def _option(option: Option) -> Callable[[Callable[..., int]], Callable[..., int]
         option.argument,
         type=click.Choice(option.choices) if option.choices else option.kind,
         default=option.default,
+        is_flag=option.kind is bool,
         show_default=option.default is not None,
         multiple=option.is_repeated,
         required=option.is_needed,
@@ -168,7 +170,10 @@ def _answer(declaration: Declaration, shared: _Shared, result: Result, of_table:
         Something cannot be written.
     """
     name, json_path, out = declaration.name, shared["json_path"], shared["out"]
-    echo_data(result.to_json() if json_path == "-" else declaration.table(result, **of_table))
+    if json_path == "-":
+        echo_data(result.to_json())
+    else:
+        echo_table(declaration.table(result, **of_table))
     if json_path is not None and json_path != "-":
         write_text(Path(json_path), result.to_json() + "\n")
     if out is None:

@@ -22,6 +22,7 @@ from precision_pin.cli.options import (
 from precision_pin.cli.progress import compile_sampler, progress_bar
 from precision_pin.cli.streams import echo_data, say
 from precision_pin.cli.targets import Outputs
+from precision_pin.cli.terminal import echo_table
 from precision_pin.display.files import whole_folder, write_text
 from precision_pin.interrupts import raise_if_interrupted, unwinding
 
@@ -117,7 +118,10 @@ def command(
             raise
     for line in analysis.warnings[len(sheet.findings) :]:
         say(line)
-    echo_data(analysis.to_json() if json_path == "-" else analysis_table(analysis))
+    if json_path == "-":
+        echo_data(analysis.to_json())
+    else:
+        echo_table(analysis_table(analysis))
     if json_path is not None and json_path != "-":
         write_text(Path(json_path), analysis.to_json() + "\n")
     if out is not None:

@@ -10,8 +10,8 @@ from typing import Final, NamedTuple
 
 import click
 
-from precision_pin.cli.common import Command
-from precision_pin.cli.writing import echo_data
+from precision_pin.cli.options import Command
+from precision_pin.cli.streams import echo_data
 from precision_pin.errors import UnknownNameError
 
 __all__ = ["CodeGroup", "CodeMeaning", "command", "list_codes"]

@@ -90,6 +90,11 @@ class Draw:
         return tuple(self.name + suffix for suffix in self.law.components)
 
     @property
+    def tolerance(self) -> str:
+        """How far it varies, :meth:`precision_pin.draws.laws.Law.tolerance`; empty where no quantity is known."""
+        return self.law.tolerance([None if isinstance(one, PerJoint) else one for one in self.quantities])
+
+    @property
     def covariance(self) -> Array:
         """Covariance of the numbers drawn, ``(size, size)``.
 

@@ -225,6 +225,8 @@ def _at_pose(
                 reach=dict(zip(COMPONENTS, map(float, reach[k]), strict=True)),
                 worst_case=worst_case_shares(reach[k], reach.sum(axis=0)),
                 halved=halved[k],
+                words=error_model.draw_words[k],
+                tolerance=at.space.draws[k].tolerance,
             )
             for k, name in enumerate(names)
         ),

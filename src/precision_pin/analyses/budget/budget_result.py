@@ -110,6 +110,8 @@ class DrawShare:
         Share of the sum of all draws' reaches.
     halved
         What a tolerance half as wide would give.
+    words, tolerance
+        What is drawn, and how far it varies, in a reader's words.
     """
 
     name: str
@@ -120,6 +122,8 @@ class DrawShare:
     reach: Mapping[str, float]
     worst_case: Shares
     halved: Halved
+    words: str
+    tolerance: str
 
 
 @final

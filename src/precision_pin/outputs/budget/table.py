@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Final
 
@@ -19,14 +20,16 @@ from precision_pin.analyses.budget.budget_result import (
 from precision_pin.display.tables import percent, plus_minus, symbol, unit
 from precision_pin.display.text_table import aligned
 from precision_pin.outputs.monte_carlo.table import subject
+from precision_pin.visible import shortened
 
 __all__ = ["draw_rows", "ranked", "source_name", "table"]
 
-MOST_LINES: Final = 20
+MOST_LINES: Final = 10
+MOST_OF_NAME: Final = 38
 MOST_DECIMALS: Final = 3
 
 
-def table(result: BudgetResult, quantities: Sequence[str] = ()) -> str:
+def table(result: BudgetResult, quantities: Sequence[str] = (), *, is_whole: bool = False) -> str:
     """Return the budget of every pose: per cent, mm and mrad, half-widths of intervals behind ±.
 
     Parameters
@@ -35,6 +38,8 @@ def table(result: BudgetResult, quantities: Sequence[str] = ()) -> str:
         What was found.
     quantities
         One block each: ``position`` and ``attitude`` if left out, ``position.norm``, ``position.x``, …
+    is_whole
+        Whether to list all draws, sources and joints; else the ten largest.
 
     Raises
     ------
@@ -43,13 +48,14 @@ def table(result: BudgetResult, quantities: Sequence[str] = ()) -> str:
     """
     quantities = check_quantities(quantities or VECTORS)
     lines = []
+    most = sys.maxsize if is_whole else MOST_LINES
     for pose in result.poses:
         lines += _heads(result, pose)
         for quantity in quantities:
-            lines += ["", _headline(result, pose, quantity), *aligned(_draw_rows(pose, quantity))]
+            lines += ["", _headline(result, pose, quantity), *aligned(_draw_rows(pose, quantity, most))]
         shown = list(dict.fromkeys(quantity for quantity in quantities if not quantity.endswith(".norm"))) or [*VECTORS]
-        lines += ["", *aligned(_share_rows("source", shown, ((source_name(s), s.share) for s in pose.sources)))]
-        lines += ["", *aligned(_share_rows("joint or link", shown, ((p.name, p.share) for p in pose.places)))]
+        lines += ["", *aligned(_share_rows("source", shown, ((source_name(s), s.share) for s in pose.sources), most))]
+        lines += ["", *aligned(_share_rows("joint or link", shown, ((p.name, p.share) for p in pose.places), most))]
         lines += ["", *_notes(result, pose, quantities), ""]
     return "\n".join(lines).rstrip()
 
@@ -60,8 +66,8 @@ def _heads(result: BudgetResult, pose: PoseBudget) -> list[str]:
         subject(of, pose.pose),
         f"exact model at {result.samples:,} points a set, seed {of.seed}, statics {of.statics}; base axes; "
         f"± half of an interval at {100 * result.confidence:g} % confidence",
-        "share: of the variance, closed form, first order; S1, ST: first-order and total Sobol index; "
-        "halved: this tolerance alone",
+        "share: of the variance, closed form, first order; ST: total Sobol index of the exact model; halved: change of the "
+        f"{100 * result.marked:g} % quantile of the norm if this tolerance alone is halved",
     ]
 
 
@@ -84,22 +90,32 @@ def _headline(result: BudgetResult, pose: PoseBudget, quantity: str) -> str:
     return f"{quantity}: {'; '.join(parts)}"
 
 
-def _draw_rows(pose: PoseBudget, quantity: str) -> list[list[str]]:
+def _draw_rows(pose: PoseBudget, quantity: str, most: int) -> list[list[str]]:
     norm = f"{quantity.partition('.')[0]}.norm"
     component = quantity not in (*VECTORS, norm)
-    header = ["draw", "drawn per", "share %", "S1 %", "ST %"]
-    header += ["worst case %"] if component else []
-    header += [f"halved: std {unit(quantity)}"] if quantity != norm else []
-    header += [f"its change of the quantile {unit(quantity)}"] if not component else []
+    header = ["draw", "tolerance", "share %", "ST %"]
+    header += ["worst case %", f"halved: std {unit(quantity)}"] if component else [f"halved: {unit(quantity)}"]
+    tolerances = {draw.name: draw.tolerance for draw in pose.draws}
 
     def further(draw: DrawShare) -> list[str]:
-        cells = [percent(draw.worst_case.get(quantity))] if component else []
-        cells += [f"{1e3 * draw.halved.std[quantity]:.5g}"] if quantity != norm else []
         if not component:
-            cells.append(_milli(draw.halved.change[norm], decimals=MOST_DECIMALS, signed=True))
-        return cells
+            return [_milli(draw.halved.change[norm], decimals=MOST_DECIMALS, signed=True)]
+        return [percent(draw.worst_case.get(quantity)), f"{1e3 * draw.halved.std[quantity]:.5g}"]
 
-    return [header, *draw_rows(pose, quantity, MOST_LINES, further, len(header) - 5, nonlinear="*")]
+    rows = draw_rows(pose, quantity, most, further, len(header) - 4, nonlinear="*")
+    return [
+        header,
+        *(
+            [
+                shortened(name, MOST_OF_NAME) if name in tolerances else name,
+                tolerances.get(name, ""),
+                share,
+                total,
+                *others,
+            ]
+            for name, _, share, _, total, *others in rows
+        ),
+    ]
 
 
 def draw_rows(
@@ -143,7 +159,7 @@ def draw_rows(
     if len(draws) > most:
         rest = [draw.share.get(quantity) for draw in draws[most:]]
         together = None if None in rest else math.fsum(share for share in rest if share is not None)
-        rows.append([f"{len(rest)} more", "", percent(together), "", "", *empty])
+        rows.append([f"and {len(rest)} more: --all", "", percent(together), "", "", *empty])
     for group in pose.groups:
         if len(group.draws) > 1:
             name = f"correlated: {' + '.join(group.draws)}"
@@ -164,15 +180,13 @@ def ranked(pose: PoseBudget, quantity: str) -> list[DrawShare]:
 
 
 def _share_rows(
-    heading: str, quantities: Sequence[str], lines: Iterable[tuple[str, Mapping[str, float | None]]]
+    heading: str, quantities: Sequence[str], lines: Iterable[tuple[str, Mapping[str, float | None]]], most: int
 ) -> list[list[str]]:
     sorted_lines = sorted(lines, key=lambda line: line[1][quantities[0]] or 0.0, reverse=True)
     rows = [[heading, "", *(f"{quantity} %" for quantity in quantities)]]
-    rows += [
-        [name, "", *(percent(share[quantity]) for quantity in quantities)] for name, share in sorted_lines[:MOST_LINES]
-    ]
-    if len(sorted_lines) > MOST_LINES:
-        rows.append([f"{len(sorted_lines) - MOST_LINES} more", "", *("" for _ in quantities)])
+    rows += [[name, "", *(percent(share[quantity]) for quantity in quantities)] for name, share in sorted_lines[:most]]
+    if len(sorted_lines) > most:
+        rows.append([f"and {len(sorted_lines) - most} more: --all", "", *("" for _ in quantities)])
     return rows
 
 
@@ -185,7 +199,8 @@ def source_name(line: SourceShare) -> str:
 
 def _notes(result: BudgetResult, pose: PoseBudget, quantities: Sequence[str]) -> list[str]:
     notes = [
-        "a draw that several sources name is a line of its own; a joint's or link's share is its covariance with the whole"
+        f"first-order Sobol indices: {', '.join(_first_order(pose, quantity) for quantity in quantities)}",
+        "a draw that several sources name is a line of its own; a joint's or link's share is its covariance with the whole",
     ]
     if any(quantity in group.nonlinear for group in pose.groups for quantity in quantities):
         notes.append("*: share and index are more than one percentage point apart; the exact model is not linear here")
@@ -194,6 +209,11 @@ def _notes(result: BudgetResult, pose: PoseBudget, quantities: Sequence[str]) ->
     if any(draw.unbounded for draw in pose.draws) and set(quantities) - {*VECTORS, "position.norm", "attitude.norm"}:
         notes.append(f"worst case: unbounded laws are cut off at {result.k:g} standard deviations")
     return notes
+
+
+def _first_order(pose: PoseBudget, quantity: str) -> str:
+    found = _percent(pose.sums[quantity].first)
+    return f"{quantity} sum to {found} %" if found != "-" else f"{quantity} not resolved"
 
 
 def _three(estimate: Estimate) -> tuple[float, float, float]:

@@ -35,6 +35,7 @@ NOTHING_VARIES: Final = "no source of the sheet makes it vary at this pose, so n
 
 _LARGE_ANGLE: Final = 0.1
 
+_ANSWERS: Final = (0.95, 0.9973)
 _COLUMNS = ("mean", "std", "min", "max", "mode", 0.5, 0.95, 0.99, 0.9973)
 
 
@@ -50,6 +51,9 @@ def analysis_table(analysis: MonteCarloResult) -> str:
         "errors in base axes, intervals and digits at "
         f"{analysis.summary.confidence:.0%} confidence",
         "",
+        "; ".join(_within(analysis, level) for level in _ANSWERS),
+        *map(_verdict, analysis.summary.specifications),
+        "",
         *aligned([_header(), *_rows(analysis)]),
         "",
         "tolerance bounds: so many of all robots lie between them, of |d| and |δ| below, "
@@ -63,9 +67,15 @@ def analysis_table(analysis: MonteCarloResult) -> str:
         f"δ = ({', '.join(map(_thousandfold, analysis.nominal[3:]))}) mrad",
     ]
     lines += [line for group in analysis.correlations for line in _pairs(group)]
-    lines += [_verdict(result) for result in analysis.summary.specifications]
     lines += resting_on(analysis.assumed, analysis.sources)
     return "\n".join(lines)
+
+
+def _within(analysis: MonteCarloResult, level: float) -> str:
+    """Return the answer in a line: so many robots are within so much."""
+    norms = (analysis.position.norm, analysis.attitude.norm)
+    found = [f"{symbol(norm.quantity)} {statistic(norm, level)} {unit(norm.quantity)}" for norm in norms]
+    return f"{100 * level:.4g} % of robots within {', '.join(found)}"
 
 
 def pose_text(name: str, q: Mapping[str, float], sliding_joints: Collection[str]) -> str:
@@ -162,8 +172,9 @@ def _verdict(result: SpecificationResult) -> str:
     if result.verdict == "nothing to judge":
         return f"{demand} - {NOTHING_VARIES}"
     share, low, high = format_share(result.probability, result.interval, result.required)
+    index = f", Cpk {result.cpk:.2f}" if math.isfinite(result.cpk) else ""
     more = ": more samples decide it" if result.verdict == "undecided" else ""
-    return f"{demand} - {share} % inside, interval {low} to {high} %{more}"
+    return f"{demand} - {share} % inside, interval {low} to {high} %{index}{more}"
 
 
 def mcpc_table(mcpc: Mcpc) -> str:
