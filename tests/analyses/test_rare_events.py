@@ -402,6 +402,7 @@ def test_a_rare_value_that_always_fails_is_the_most_likely_failure():
     assert low <= 5e-5 + 2 * stats.norm.sf(6) <= high
 
 
+@pytest.mark.slow
 def test_combinations_of_like_probability_make_one_stratum():
     """Ten jumps, two of which are needed: 45 pairs are one stratum; exact by the binomial law of how many jump."""
     draws = [Draw(f"jump{k}", laws.TwoPoint(0.2, 0.2, 1e-3)) for k in range(10)]

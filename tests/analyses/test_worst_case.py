@@ -332,6 +332,7 @@ def test_the_papers_arm():
             assert deviation == pytest.approx(draw.law.half_width, rel=1e-9) or "joint1" in draw.name
 
 
+@pytest.mark.slow
 def test_a_seven_joint_arm_with_correlated_and_shared_draws():
     model = everything(seven_joint_arm())
     result = pp.worst_case(model, SEVEN_Q, samples=20_000, k=4.0)

@@ -81,6 +81,7 @@ def test_the_rods_are_those_of_the_reference():
     np.testing.assert_allclose(rods_error(pieces=40), error, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_distance_to_the_rods(arm):
     """At most a tenth of what loads re-evaluated until they settle leave, and never more than 0.04 %."""
     settled_only = np.array([0.528, 0.267, 0.134, 0.054, 0.027, 0.0027]) / 100

@@ -102,6 +102,7 @@ def test_the_fixed_point_by_another_route(chain, payload, stiffness):
     np.testing.assert_allclose(error, settled_by_hand(chain, payload, stiffness), atol=1e-12)
 
 
+@pytest.mark.slow
 def test_its_slopes_are_those_of_the_solution_solved_anew(chain):
     jacobian = model(chain, links=STIFF).at(PAPER_Q).jacobian
     step = 1e-3

@@ -307,6 +307,7 @@ def test_worst_case_is_that_of_the_analysis(model, reader):
         )
 
 
+@pytest.mark.slow
 def test_exact_law_is_that_of_the_analysis(model, reader):
     laws = exact_law(model, seed=4).poses[0].laws
     table = reader.table("Exact law of the first-order model")

@@ -1,4 +1,4 @@
-"""The sheet's spelling of the newer laws, of files of measured numbers, and of correlations."""
+"""How a sheet spells skewed and discrete laws, files of measured numbers, and correlations."""
 
 import json
 import re

@@ -11,7 +11,7 @@ from precision_pin.robot.examples import PAPER_SHEET
 from precision_pin.sheet import json_schema
 from precision_pin.sources import catalogue
 
-from .test_sheet_contract import CONTRACT
+from .test_contract import CONTRACT
 
 
 def contents(text: str) -> Any:

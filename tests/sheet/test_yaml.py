@@ -14,7 +14,7 @@ from precision_pin.sheet import read
 from precision_pin.sheet.text import read_text
 
 from .conftest import Load, Refuse, Write
-from .test_sheet_contract import CONTRACT
+from .test_contract import CONTRACT
 
 HEAD = "precision-pin: 1\nrobot: 4dof.urdf\n"
 

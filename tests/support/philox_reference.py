@@ -13,22 +13,7 @@ import math
 import numpy as np
 from scipy import stats
 
-from precision_pin.draws.laws import (
-    Arcsine,
-    Circle,
-    Disc,
-    Empirical,
-    Fixed,
-    JointNormal,
-    Law,
-    Lognormal,
-    Normal,
-    Rows,
-    Triangular,
-    TruncatedNormal,
-    TwoPoint,
-    Uniform,
-)
+from precision_pin.draws import laws
 from precision_pin.draws.space import Scope, Space
 from precision_pin.typing import Array
 
@@ -63,25 +48,25 @@ def occasion(scope: Scope, pose: int, visit: int) -> int:
     return {Scope.UNIT: 0, Scope.POSE: (pose + 1) << 12, Scope.VISIT: ((pose + 1) << 12) + visit + 1}[scope]
 
 
-def quantile(law: Law, u: float) -> float:
+def quantile(law: laws.Law, u: float) -> float:
     """Inverse of a scalar law's distribution function, by scipy.stats."""
     match law:
-        case Fixed(mean=mean):
+        case laws.Fixed(mean=mean):
             return mean
-        case Uniform(half_width=t, mean=mean):
+        case laws.Uniform(half_width=t, mean=mean):
             return float(stats.uniform.ppf(u, mean - t, 2 * t))
-        case Triangular(half_width=t, mean=mean):
+        case laws.Triangular(half_width=t, mean=mean):
             return float(stats.triang.ppf(u, 0.5, mean - t, 2 * t))
-        case TruncatedNormal(std=std, mean=mean, k=k):
+        case laws.TruncatedNormal(std=std, mean=mean, k=k):
             # scipy loses digits in the upper tail only
             lower = float(stats.truncnorm.ppf(min(u, 1 - u), -k, k, 0.0, std))
             return mean + (lower if u <= 0.5 else -lower)
-        case Arcsine(half_width=t, mean=mean):
+        case laws.Arcsine(half_width=t, mean=mean):
             lower = float(stats.arcsine.ppf(min(u, 1 - u), -t, 2 * t))
             return mean + (lower if u <= 0.5 else -lower)
-        case TwoPoint(half_width=t, centre=centre, probability=probability):
+        case laws.TwoPoint(half_width=t, centre=centre, probability=probability):
             return centre - t if u <= 1 - probability else centre + t
-        case Empirical(quantiles=table):
+        case laws.Empirical(quantiles=table):
             for (p, x), (q, y) in itertools.pairwise(table):
                 if p <= u < q:
                     return x + (y - x) * (u - p) / (q - p)
@@ -112,20 +97,20 @@ def unit(space: Space, seed: int, number: int, pose: int = 0, visit: int = 0) ->
             normals = [scores[draw.name]]
             own = [stats.norm.cdf(normals[0])]
         match draw.law:
-            case Normal(std=std, mean=mean):
+            case laws.Normal(std=std, mean=mean):
                 values.append(mean + std * normals[0])
-            case Lognormal(std=std, mean=mean):
+            case laws.Lognormal(std=std, mean=mean):
                 sigma = math.sqrt(math.log(1 + (std / mean) ** 2))
                 values.append(mean * math.exp(sigma * normals[0]) / math.exp(sigma**2 / 2))
-            case Rows(table=rows):
+            case laws.Rows(table=rows):
                 values += rows[int(own[0] * len(rows))]
-            case JointNormal():
+            case laws.JointNormal():
                 root = np.linalg.cholesky(np.array(draw.law.matrix))
                 values += list(draw.law.mean_vector + root @ np.array(normals))
-            case Disc(radius=radius):
+            case laws.Disc(radius=radius):
                 z = radius * math.sqrt(own[0]) * complex(math.cos(2 * math.pi * own[1]), math.sin(2 * math.pi * own[1]))
                 values += [z.real, z.imag]
-            case Circle(radius=radius):
+            case laws.Circle(radius=radius):
                 values += [radius * math.cos(2 * math.pi * own[1]), radius * math.sin(2 * math.pi * own[1])]
             case law:
                 values.append(quantile(law, own[0]))

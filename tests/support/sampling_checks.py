@@ -17,22 +17,7 @@ from typing import Any
 import numpy as np
 from scipy import stats
 
-from precision_pin.draws.laws import (
-    Arcsine,
-    Circle,
-    Disc,
-    Empirical,
-    Fixed,
-    JointNormal,
-    Law,
-    Lognormal,
-    Normal,
-    Rows,
-    Triangular,
-    TruncatedNormal,
-    TwoPoint,
-    Uniform,
-)
+from precision_pin.draws import laws
 from precision_pin.draws.space import Space
 from precision_pin.typing import Array
 from support import philox_reference
@@ -101,43 +86,43 @@ def marginals(space: Space) -> Iterator[Marginal]:
             yield _marginal(name, draw.law, k)
 
 
-def _marginal(name: str, law: Law, k: int) -> Marginal:
+def _marginal(name: str, law: laws.Law, k: int) -> Marginal:
     match law:
-        case Fixed(mean=mean):
+        case laws.Fixed(mean=mean):
             return Marginal(name, None, mean, 0.0, 0.0)
-        case Uniform(half_width=t, mean=mean):
+        case laws.Uniform(half_width=t, mean=mean):
             return Marginal(name, stats.uniform(mean - t, 2 * t), mean, t / math.sqrt(3), 1.8)
-        case Triangular(half_width=t, mean=mean):
+        case laws.Triangular(half_width=t, mean=mean):
             return Marginal(name, stats.triang(0.5, mean - t, 2 * t), mean, t / math.sqrt(6), 2.4)
-        case Normal(std=std, mean=mean):
+        case laws.Normal(std=std, mean=mean):
             return Marginal(name, stats.norm(mean, std), mean, std, 3.0)
-        case TruncatedNormal(std=std, mean=mean, k=cut):
+        case laws.TruncatedNormal(std=std, mean=mean, k=cut):
             frozen = stats.truncnorm(-cut, cut, mean, std)
             return Marginal(name, frozen, mean, float(frozen.std()), float(frozen.stats("k")) + 3)
-        case Disc(radius=r):
+        case laws.Disc(radius=r):
             # a coordinate of a point in a disc follows Wigner's semicircle
             return Marginal(name, stats.semicircular(0, r), 0.0, r / 2, 2.0)
-        case Circle(radius=r):
+        case laws.Circle(radius=r):
             return Marginal(name, stats.arcsine(-r, 2 * r), 0.0, r / math.sqrt(2), 1.5)
-        case JointNormal(matrix=matrix, centre=centre):
+        case laws.JointNormal(matrix=matrix, centre=centre):
             mean = centre[k] if centre else 0.0
             std = math.sqrt(matrix[k][k])
             return Marginal(name, stats.norm(mean, std), mean, std, 3.0)
-        case Lognormal(std=std, mean=mean):
+        case laws.Lognormal(std=std, mean=mean):
             square = math.log(1 + (std / mean) ** 2)
             frozen = stats.lognorm(math.sqrt(square), scale=mean * math.exp(-square / 2))
             kurtosis = math.exp(4 * square) + 2 * math.exp(3 * square) + 3 * math.exp(2 * square) - 3
             return Marginal(name, frozen, mean, std, kurtosis, symmetric=False)
-        case Arcsine(half_width=t, mean=mean):
+        case laws.Arcsine(half_width=t, mean=mean):
             return Marginal(name, stats.arcsine(mean - t, 2 * t), mean, t / math.sqrt(2), 1.5)
-        case TwoPoint(half_width=t, centre=centre, probability=p):
+        case laws.TwoPoint(half_width=t, centre=centre, probability=p):
             return Marginal.discrete(name, ((centre - t, 1 - p), (centre + t, p)))
-        case Empirical(quantiles=table):
+        case laws.Empirical(quantiles=table):
             mean = Lines(table).moment(1)
             centred = Lines(tuple((p, x - mean) for p, x in table))
             second, fourth = centred.moment(2), centred.moment(4)
             return Marginal(name, Lines(table), mean, math.sqrt(second), fourth / second**2, symmetric=False)
-        case Rows(table=rows):
+        case laws.Rows(table=rows):
             column = [row[k] for row in rows]
             counts = tuple((x, column.count(x) / len(column)) for x in sorted(set(column)))
             return Marginal.discrete(name, counts)
@@ -282,14 +267,14 @@ def _dependence_failures(space: Space, x: Array) -> list[str]:
     return failures
 
 
-def _joint_failures(name: str, law: Law, x: Array) -> list[str]:
+def _joint_failures(name: str, law: laws.Law, x: Array) -> list[str]:
     match law:
-        case Disc(radius=radius):
+        case laws.Disc(radius=radius):
             return kolmogorov_failures(f"{name}: area", np.sort((x**2).sum(axis=0) / radius**2))
-        case Circle(radius=radius):
+        case laws.Circle(radius=radius):
             off = np.abs(np.hypot(*x) - radius).max()
             return [f"{name}: {off} off the circle"] if off > 1e-15 * radius * 4 else []
-        case JointNormal(matrix=matrix):
+        case laws.JointNormal(matrix=matrix):
             deviation = x - law.mean_vector[:, None]
             square = (deviation * np.linalg.solve(np.array(matrix), deviation)).sum(axis=0)
             return kolmogorov_failures(f"{name}: Mahalanobis distance", stats.chi2(len(matrix)).cdf(np.sort(square)))

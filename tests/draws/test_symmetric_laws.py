@@ -1,4 +1,4 @@
-"""Laws against scipy.stats, quadrature and closed forms."""
+"""Uniform, triangular and normal laws, discs, circles and joint normals, against scipy.stats, quadrature and closed forms."""
 
 import math
 from typing import Any
