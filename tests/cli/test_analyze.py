@@ -7,6 +7,7 @@ import math
 import signal
 
 import pytest
+from scipy import stats
 
 LONG = "a_rather_long_name_for_a_joint_that_turns_about_x_of_the_carriage"
 TURNING = f"""precision-pin: 1
@@ -172,6 +173,8 @@ def test_a_specification_is_met_when_the_lower_end_reaches_it(run):
             "interval": [pytest.approx(share, rel=1e-12), 1.0],
             "met": verdict,
             "verdict": "met" if verdict else "undecided",  # all are inside: too few samples, no failure
+            "cpk": None,
+            "cpk_interval": [pytest.approx(stats.norm.ppf(share) / 3, rel=1e-9), None],
         }
 
 

@@ -13,6 +13,7 @@ from ruamel.yaml import YAML
 
 from precision_pin.cli.commands import list_commands
 from precision_pin.robot.examples import PAPER_SHEET
+from precision_pin.sampling.versions import _version
 
 FINDING = re.compile(r"[^:\n]+(:\d+)?: (error|warning) [EW]_[A-Z_]+: .+")
 
@@ -206,7 +207,9 @@ def test_doctor_without_metadata_of_a_library(run, monkeypatch):
         return real(name)
 
     monkeypatch.setattr(importlib.metadata, "version", version)
+    _version.cache_clear()
     outcome = run("doctor")
+    _version.cache_clear()
     assert outcome.code == 0
     assert re.search(r"^pin +unknown$", outcome.out, re.MULTILINE)
 

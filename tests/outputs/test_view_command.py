@@ -112,7 +112,7 @@ WRONG = {
     "all poses and one": (["--pose", "paper", "--all-poses"], "--pose and --all-poses exclude each other"),
     "a trajectory and all": (["--trajectory", "t.csv", "--all-poses"], "--all-poses and --trajectory exclude"),
     "an unknown pose": (["--pose", "straigt"], "did you mean 'straight'"),
-    "no trajectory": (["--trajectory", "none.csv"], "none.csv: error E_TRAJECTORY: cannot be read: No such file"),
+    "no trajectory": (["--trajectory", "none.csv"], "none.csv: error E_TRAJECTORY: the file does not exist"),
     "too many samples": (["--samples", "100001"], "more than a page can show"),
     "a port for a file": (["--port", "8000"], "--port is for a page that is served"),
     "no browser for a file": (["--no-browser"], "--no-browser is for a page that is served"),

@@ -35,7 +35,6 @@ NOTHING_VARIES: Final = "no source of the sheet makes it vary at this pose, so n
 
 _LARGE_ANGLE: Final = 0.1
 
-_ANSWERS: Final = (0.95, 0.9973)
 _COLUMNS = ("mean", "std", "min", "max", "mode", 0.5, 0.95, 0.99, 0.9973)
 
 
@@ -51,7 +50,7 @@ def analysis_table(analysis: MonteCarloResult) -> str:
         "errors in base axes, intervals and digits at "
         f"{analysis.summary.confidence:.0%} confidence",
         "",
-        "; ".join(_within(analysis, level) for level in _ANSWERS),
+        f"{_share(0.95)} of robots within {_within(analysis, 0.95)}; {_share(0.9973)} within {_within(analysis, 0.9973)}",
         *map(_verdict, analysis.summary.specifications),
         "",
         *aligned([_header(), *_rows(analysis)]),
@@ -72,10 +71,14 @@ def analysis_table(analysis: MonteCarloResult) -> str:
 
 
 def _within(analysis: MonteCarloResult, level: float) -> str:
-    """Return the answer in a line: so many robots are within so much."""
+    """Return what so many robots are within."""
     norms = (analysis.position.norm, analysis.attitude.norm)
     found = [f"{symbol(norm.quantity)} {statistic(norm, level)} {unit(norm.quantity)}" for norm in norms]
-    return f"{100 * level:.4g} % of robots within {', '.join(found)}"
+    return ", ".join(found)
+
+
+def _share(level: float) -> str:
+    return f"{100 * level:.4g} %"
 
 
 def pose_text(name: str, q: Mapping[str, float], sliding_joints: Collection[str]) -> str:

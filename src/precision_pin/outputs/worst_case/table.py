@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Final
 
 from precision_pin.analyses.exact_law.exact_law_result import bound_text
@@ -24,7 +25,7 @@ LISTED: Final = 8
 
 def table(result: WorstCaseResult) -> str:
     """Return the bounds, what the exact model reaches, what was seen, and who contributes; mm and mrad."""
-    cut = f"cut at {result.k:g} standard deviations: {', '.join(result.cut)}" if result.cut else "every law is bounded"
+    cut = f"cut at {result.k:g} standard deviations: {_listed(result.cut)}" if result.cut else "every law is bounded"
     provenance = result.provenance
     parts = []
     for pose in result.poses:
@@ -49,6 +50,11 @@ def table(result: WorstCaseResult) -> str:
     return "\n\n".join(parts)
 
 
+def _listed(names: Sequence[str]) -> str:
+    more = f" and {len(names) - LISTED} more" if len(names) > LISTED else ""
+    return f"{', '.join(names[:LISTED])}{more}"
+
+
 def _norm_rows(pose: PoseWorstCase) -> list[list[str]]:
     rows = [["", "", "first order", "there", "found", "largest seen", f"{100 * SEEN_LEVEL:g} % seen"]]
     for bound in (pose.position, pose.attitude):
@@ -71,11 +77,11 @@ def _contributions(bound: NormBound) -> list[str]:
     found = bound.first_order
     if found.certified:
         width = 0.0 if found.upper == 0 else found.upper / found.lower - 1
-        proof = "in closed form" if found.cells == 0 else f"with {found.cells:,} spherical triangles"
-        how = f"global within {bound_text(max(width, 1e-12))}, {proof}"
+        proof = ", in closed form" if found.cells == 0 else ""
+        how = f"global within {bound_text(max(width, 1e-12))}{proof}"
     else:
         how = (
-            f"NOT resolved to 1e-9 with {found.cells:,} spherical triangles: the largest first-order error lies between "
+            "NOT resolved to 1e-9: the largest first-order error lies between "
             f"{1e3 * found.lower:.9g} and {1e3 * found.upper:.9g} {unit(bound.quantity)}"
         )
     rows = [
