@@ -308,7 +308,7 @@ _SCRIPT: Final = """
   function load(version) {
     // the reader's sliders and view, where the page has them
     const state = frame.contentDocument?.body?.dataset ?? {};
-    for (const name of ["factor", "look", "pose"]) {
+    for (const name of ["factor", "look", "pose", "boxes", "camera"]) {
       if (name in state) {
         settings.set(name, state[name]);
       }
