@@ -183,7 +183,10 @@ def test_pointing_at_a_sample_tells_its_error_and_at_a_joint_its_name(context, t
     x = shown.pose_model.space.sample(1, 0, SAMPLES)[:, farthest] - shown.pose_model.space.mean
     moved = np.linalg.norm(shown.pose_model.jacobian[:3] * x, axis=0)
     largest = int(np.argmax(moved))
-    assert f"Most of it: {shown.pose_model.space.draws[largest].name}, {1e3 * moved[largest]:#.3g} mm" in words
+    assert (
+        f"Largest part beyond the mean: {shown.pose_model.space.draws[largest].name}, {1e3 * moved[largest]:#.3g} mm"
+        in words
+    )
     # the same by keyboard
     visit.page.fill("#robot", str(farthest))
     assert visit.page.inner_text("#robot-text") == words
@@ -289,3 +292,31 @@ def test_in_the_dark_the_scene_is_dark_and_large_errors_are_light(browser, tmp_p
     assert seen["dark"][0] < 70 < 150 < seen["light"][0]
     assert (np.diff(seen["dark"][1]) >= 0).all()
     assert (np.diff(seen["light"][1]) <= 0).all()
+
+
+def luminance(colour: list[int]) -> float:
+    parts = np.array(colour[:3]) / 255
+    return float(np.where(parts <= 0.04045, parts / 12.92, ((parts + 0.055) / 1.055) ** 2.4) @ [0.2126, 0.7152, 0.0722])
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_words_stand_out_from_their_ground(context, tmp_path, scheme):
+    shown = sampled(tmp_path, 1, 1, 1, 1)
+    visit = opened(context, tmp_path, pages([shown], specifications=LIMITS))
+    set_tolerances(visit, 2, 1, 1, 1)
+    visit.page.emulate_media(color_scheme=scheme)
+    found = visit.page.evaluate("""() => {
+      const parts = (text) => text.match(/\\d+/g).map(Number);
+      const ground = parts(getComputedStyle(document.querySelector("header")).backgroundColor);
+      const answer = document.querySelector(".answer");
+      const colours = ["met", "not met", "undecided", "nothing to judge", ""].map((verdict) => {
+        answer.dataset.verdict = verdict;
+        return parts(getComputedStyle(answer).color);
+      });
+      const others = ["#changed", "#outside", ".fine", ".x", ".y", ".z", "h1", "summary", "output"];
+      return [ground, [...colours, ...others.map((one) => parts(getComputedStyle(document.querySelector(one)).color))]];
+    }""")
+    ground, colours = found
+    for colour in colours:
+        low, high = sorted([luminance(ground), luminance(colour)])
+        assert (high + 0.05) / (low + 0.05) >= 4.5, colour

@@ -129,7 +129,9 @@ def command(
         return read_sheet(arm["inputs"], arm["tip"], arm["base"], arm["package_dirs"], outputs)
 
     def page_of(sheet: Sheet) -> str:
-        shown = _sampled(_poses(sheet, pose_names, all_poses, arm["q"], trajectory), sheet, samples, seed, model)
+        shown, remarks = _sampled(
+            _poses(sheet, pose_names, all_poses, arm["q"], trajectory), sheet, samples, seed, model
+        )
         kept.append(limits_kept(shown, specifications))
         return page(
             shown,
@@ -140,6 +142,7 @@ def command(
             package_dirs=arm["package_dirs"],
             points=samples,
             specifications=specifications,
+            remarks=remarks,
         )
 
     sheet = read()
@@ -183,8 +186,9 @@ def _poses(sheet: Sheet, names: Sequence[str], all_poses: bool, q: str | None, t
 
 def _sampled(
     poses: Sequence[_Pose], sheet: Sheet, samples: int, seed: int, model: Literal["exact", "linear"]
-) -> list[ViewPose]:
-    """Return the errors of the same units at every pose, and print what there is to warn of."""
+) -> tuple[list[ViewPose], list[str]]:
+    """Return the errors of the same robots at every pose, and what they rest on; print what there is to warn of."""
+    from precision_pin.display.tables import resting_on
     from precision_pin.kernel import sampler
     from precision_pin.model.error_model import ErrorModel
     from precision_pin.outputs.view import ViewPose
@@ -200,7 +204,7 @@ def _sampled(
             errors = _drawn(sampler.compile_table(at), model, seed, samples, number, progress)
             shown.append(ViewPose(at, errors, pose.name, number))
     echo_findings(_gathered(findings))
-    return shown
+    return shown, resting_on(error_model.assumed, len(error_model.sources))
 
 
 def _drawn(

@@ -69,6 +69,7 @@ def page(
     points: int = DEFAULT_POINTS,
     package_dirs: Sequence[str | os.PathLike[str]] = (),
     specifications: Sequence[Specification] = (),
+    remarks: Sequence[str] = (),
 ) -> str:
     """Return a self-contained HTML page that shows the arm and its sampled errors.
 
@@ -100,6 +101,8 @@ def page(
     specifications
         Limits. The page says at its top whether they are kept; those of the position are drawn about the nominal tip, times
         the factor, and robots outside any limit have a colour of their own.
+    remarks
+        What the answer rests on, for a line each below it.
 
     Raises
     ------
@@ -162,6 +165,7 @@ def page(
         settings,
         title=escaped(title),
         headline=as_html(data[0].answers),
+        remarks="\n".join(f"<p class='fine'>{escaped(line[:1].upper() + line[1:])}</p>" for line in remarks),
         label=label,
         picture=picture(posture, poses[0].errors[:3], first_factor, label),
         still_pose=escaped(f", pose {texts['pose-text']}") if len(poses) > 1 else "",

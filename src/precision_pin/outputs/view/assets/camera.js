@@ -143,4 +143,11 @@ function showRulers() {
   }
 }
 viewer.controls.addEventListener("change", () => showRulers());
-new ResizeObserver(() => showRulers()).observe(pane);
+// the picture fits the pane until the reader moves the camera
+new ResizeObserver(function () {
+  if (document.body.dataset.ready && !document.body.dataset.camera) {
+    fitPane();
+    look(looking);
+  }
+  showRulers();
+}).observe(pane);

@@ -13,7 +13,7 @@ function robotText(number) {
   if (live !== null && number < live.count) {
     const parts = settings.tolerances.map((_, group) => Math.hypot(...partOf(live, group, number).slice(0, 3)));
     const largest = parts.indexOf(Math.max(...parts));
-    lines.push(`Most of it: ${settings.tolerances[largest]}, ${signed(parts[largest])} mm`);
+    lines.push(`Largest part beyond the mean: ${settings.tolerances[largest]}, ${signed(parts[largest])} mm`);
   }
   return lines.join("\n");
 }

@@ -18,7 +18,7 @@ element("open").addEventListener("click", () => unfold(document.body.dataset.pan
 let viewer;
 try {
   viewer = new MeshCat.Viewer(pane);
-  element("still").hidden = true;
+  delete document.body.dataset.still;
 } catch (error) {
   element("problem").textContent = "This browser has no WebGL: a still picture stands in place of the 3-D view.";
   element("problem").hidden = false;
