@@ -95,11 +95,11 @@ def test_the_caption_says_what_is_shown(paper):
         "samples N = 400",
         "seed 1",
         "model exact",
-        "factor 20",
+        "factor 100",
         "spec 2 mm @ 99 %",
         "Position error |d|, mm",
         "squares of 500 mm",
-        "end effector of 400 sampled units",
+        "end effector of 400 sampled robots",
         "MCPC frames 0 to 5",
     ):
         assert expected in words, expected

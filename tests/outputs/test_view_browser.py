@@ -39,7 +39,7 @@ from support.sheets import SEVEN_Q, everything, seven_joint_arm
 
 pytestmark = [pytest.mark.slow, needs_chromium]
 
-KINDS = ("cloud", "mean", "inner", "outer", "tip", "frames", "arm", "ghosts", "deflected", "mcpc", "grid")
+KINDS = ("cloud", "mean", "inner", "outer", "tip", "frames", "arm", "ghosts", "deflected", "mcpc", "base", "grid")
 
 
 @pytest.fixture(scope="module")
@@ -79,6 +79,7 @@ def opened(context: BrowserContext, folder: Path, text: str, fragment: str = "")
     path.write_text(text, "utf-8")
     visit = visited(context, path.as_uri() + fragment)
     visit.page.wait_for_selector("body[data-ready=yes]", state="attached")
+    visit.page.evaluate("document.getElementById('more').open = true")
     return visit
 
 
@@ -105,16 +106,17 @@ def displacements_of(at, x: np.ndarray) -> np.ndarray:
 def test_the_page_opens_without_complaint_or_request(context, tmp_path, paper):
     visit = opened(context, tmp_path, simple_page(*paper))
     found = state(visit)
-    assert (found["factor"], found["pose"], found["playing"]) == (20, 1, False)
-    assert {name for name, seen in found["seen"].items() if not seen} == {"ghosts", "deflected", "mcpc"}
-    assert set(found["seen"]) == set(KINDS)
+    assert (found["factor"], found["pose"], found["playing"]) == (100, 1, False)
+    assert {name for name, seen in found["seen"].items() if not seen} == {"ghosts", "deflected", "mcpc", "limit"}
+    assert set(found["seen"]) == {*KINDS, "limit"}
     words = visit.page.inner_text("#panel")
     for text in ("Position error |d|, mm", "Whole arm", "End effector", "N = 2,000", "% of the samples inside"):
         assert text in words
     assert not visit.page.is_visible("#pose")
     for name in KINDS:
         visit.page.check(f"#show-{name}")
-    assert all(state(visit)["seen"].values())
+    # without a limit there is none to show
+    assert {name for name, seen in state(visit)["seen"].items() if not seen} == {"limit"}
     visit.page.wait_for_timeout(300)
     assert complaints(visit) == []
     assert outside_requests(visit) == []
@@ -126,7 +128,7 @@ def test_the_address_can_say_how_to_open_the_page(context, tmp_path, paper):
     assert [body.get_attribute(f"data-{name}") for name in ("factor", "look", "pose")] == ["50", "tip", "1"]
     visit = opened(context, tmp_path, simple_page(*paper), fragment="#factor=1e9&look=nonsense&pose=x")
     body = visit.page.locator("body")
-    assert [body.get_attribute(f"data-{name}") for name in ("factor", "look", "pose")] == ["200", "arm", "1"]
+    assert [body.get_attribute(f"data-{name}") for name in ("factor", "look", "pose")] == ["1000", "arm", "1"]
 
 
 def test_the_slider_enlarges_everything_together(context, tmp_path, three_poses):
@@ -230,18 +232,32 @@ def test_play_goes_round_and_stops(context, tmp_path, three_poses):
 def test_everything_can_be_reached_and_used_by_keyboard(context, tmp_path, three_poses):
     visit = opened(context, tmp_path, pages(three_poses))
     reached = []
-    for _ in range(20):
+    for _ in range(40):
         visit.page.keyboard.press("Tab")
         control = visit.page.evaluate(
-            "[document.activeElement.id, document.activeElement.labels?.[0]?.innerText || document.activeElement.innerText]"
+            "((at) => [at.id || at.parentElement.id, at.labels?.[0]?.innerText || at.innerText])(document.activeElement)"
         )
+        if control[0] in reached:
+            break
         reached.append(control[0])
         assert control[1].strip() or control[0] == "", control
         if control[0] == "show-ghosts":
             visit.page.keyboard.press("Space")
         if control[0] in ("pose", "factor"):
             visit.page.keyboard.press("ArrowRight")
-    expected = {"factor", "pose", "play", "look-arm", "look-tip", "see-through", *(f"show-{name}" for name in KINDS)}
+    expected = {
+        "factor",
+        "pose",
+        "play",
+        "look-arm",
+        "look-tip",
+        "true-scale",
+        "see-through",
+        "shares",
+        "more",
+        "robot",
+    }
+    expected |= {"tolerance0", "reset", *(f"show-{name}" for name in KINDS)}
     assert expected <= set(reached)
     found = state(visit)
     assert found["seen"]["ghosts"]
@@ -349,6 +365,9 @@ def test_hostile_text_stays_text(context, tmp_path, paper):
 def test_the_panel_stands_beside_or_below_the_pane_and_is_as_wide_as_its_words(context, tmp_path, three_poses, width):
     visit = opened(context, tmp_path, pages(three_poses))
     visit.page.set_viewport_size({"width": width, "height": 800})
+    if width == 600:
+        assert not visit.page.is_visible("#panel")
+        visit.page.click("#open")
     pane, panel = (visit.page.locator(name).bounding_box() for name in ("#pane", "#panel"))
     if width == 600:
         assert pane["y"] + pane["height"] <= panel["y"] + 1

@@ -99,6 +99,23 @@ def test_many_samples_are_drawn_in_pieces_and_are_those_of_one(run, folder):
     np.testing.assert_allclose(sampled_positions(pose)[:, -10:], last[:3], rtol=1e-6, atol=1e-12)
 
 
+@pytest.mark.parametrize(("limit", "code", "verdict"), [("50 mm", 0, "met"), ("1 mm", 1, "not met")])
+def test_a_limit_is_judged_in_the_page_and_by_the_exit_code(run, folder, limit, code, verdict):
+    found, said = run("--pose", "paper", "--samples", "200", "--spec", limit, "--out", "page.html")
+    assert found == code
+    assert said.splitlines()[-1].startswith("wrote page.html (")
+    (pose,) = shown_poses(folder / "page.html")
+    assert pose["answers"][0][2] == verdict
+
+
+def test_what_is_assumed_is_said_below_the_answer(run, folder):
+    sheet = folder / "4dof.errors.yaml"
+    sheet.write_text(sheet.read_text("utf-8").replace("scope: pose}}", "scope: pose}, assumed: true}"), "utf-8")
+    run("--out", "page.html")
+    text = (folder / "page.html").read_text("utf-8")
+    assert "Rests on assumptions: 1 of" in text[: text.index("<main")]
+
+
 def test_a_warning_of_many_poses_is_one_line(run, folder):
     (folder / "way.csv").write_text(f"{HEADER}\n0,0,0,0\n" + "9,0,0,0\n" * 5)
     code, said = run("--trajectory", "way.csv", "--out", "page.html")
@@ -118,6 +135,7 @@ WRONG = {
     "no browser for a file": (["--no-browser"], "--no-browser is for a page that is served"),
     "no factor": (["--factor", "-1"], "factor must be a positive number"),
     "no seed": (["--seed", "-1"], "seed"),
+    "no limit": (["--spec", "1"], "has no unit"),
 }
 
 

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from outputs.view_cases import arm_text, pose_model
 from precision_pin.outputs.view.meshes import Surface, thinned
-from precision_pin.outputs.view.scales import ColourScale, arm_length, default_factor, round_number
+from precision_pin.outputs.view.scales import ColourScale, arm_length, default_factor, round_number, view_direction
 
 
 def test_arm_length_is_the_way_over_the_joints(tmp_path):
@@ -32,36 +32,54 @@ def test_round_numbers_are_1_2_5_and_near(value):
     assert abs(np.log(rounded / value)) <= np.log(2.5) / 2 * (1 + 1e-12)
 
 
-def square(half: float, at: tuple[float, float, float] = (0, 0, 0)) -> np.ndarray:
-    """Four points, standard deviation half along x, a tenth of it along y."""
-    x, y = half * np.array([1, 1, -1, -1]), half / 10 * np.array([1, -1, 1, -1])
-    return np.array([x, y, np.zeros(4)]) + np.array(at)[:, None]
+@pytest.fixture(scope="module")
+def posture(tmp_path_factory):
+    return pose_model(tmp_path_factory.mktemp("arm"), arm_text()).posture
 
 
-def test_default_factor_makes_the_cloud_7_percent_of_the_arm():
-    # four standard deviations are 4 mm, 7 % of 2 m are 140 mm: 35, which rounds to 50
-    assert default_factor(square(1e-3), 2.0) == 50
-    # 70 mm: 17.5 rounds to 20
-    assert default_factor(square(1e-3), 1.0) == 20
+def ball(deviation: float, at: tuple[float, float, float] = (0, 0, 0)) -> np.ndarray:
+    """Return six points with one standard deviation in every direction."""
+    return np.hstack([np.eye(3), -np.eye(3)]) * deviation * np.sqrt(3) + np.array(at)[:, None]
 
 
-def test_default_factor_heeds_the_mean():
-    # the mean is 30 mm away: 300 mm are 30 % of the arm of 1 m
-    assert default_factor(square(1e-5, (0, 0, 0.03)), 1.0) == 10
-    assert default_factor(square(1e-3, (0, 0, 0.001)), 1.0) == 20
+def picture(points: np.ndarray, direction: np.ndarray) -> np.ndarray:
+    """Return points ``(N, 3)`` as seen from a direction, ``(N, 2)``: the camera's turn, by its azimuth and elevation."""
+    azimuth, elevation = np.arctan2(direction[1], direction[0]), np.arctan2(direction[2], np.hypot(*direction[:2]))
+    turned = points @ np.array(
+        [[np.cos(azimuth), -np.sin(azimuth), 0], [np.sin(azimuth), np.cos(azimuth), 0], [0, 0, 1]]
+    )
+    # now the camera looks from +x, raised by the elevation
+    up = turned[:, 2] * np.cos(elevation) - turned[:, 0] * np.sin(elevation)
+    return np.column_stack([turned[:, 1], up])
 
 
-def test_default_factor_never_shrinks_and_stands_zeros():
-    assert default_factor(square(0.5), 1.0) == 1
-    assert default_factor(np.zeros((3, 5)), 1.0) == 1
-    assert default_factor(np.full((3, 1), 0.01 / np.sqrt(3)), 1.0) == pytest.approx(20, rel=0.6)
-
-
-@given(st.floats(1e-9, 1e-3), st.floats(0.1, 10))
-def test_default_factor_keeps_the_spread_between_4_and_11_percent(deviation, length):
-    factor = default_factor(square(deviation), length)
+@given(st.floats(1e-8, 1e-3))
+def test_the_cloud_spans_a_fifth_to_a_third_of_the_picture(posture, deviation):
+    factor = default_factor(ball(deviation), posture)
+    assert float(f"{factor:e}".split("e")[0]) in (1, 1.5, 2, 3, 5, 7)
+    joints = np.vstack([posture.link_poses[:, :3, 3], posture.pose[:3, 3]])
+    seen = picture(joints, view_direction(posture))
+    half = 2.5 * factor * deviation
+    seen = np.vstack([seen, seen[-1] - half, seen[-1] + half])
+    width, height = np.ptp(seen, axis=0) / 0.9
     if factor > 1:
-        assert 0.044 <= 4 * deviation * factor / length <= 0.111
+        assert 0.2 <= 2 * half / max(width, 1.2 * height) <= 0.36
+
+
+def test_the_arm_is_not_lost_beside_a_far_mean(posture):
+    # 30 mm away and hardly any spread: at 1000 the cloud would stand 30 m away from the arm of 1 m
+    factor = default_factor(ball(1e-5, (0, 0, -0.03)), posture)
+    seen = picture(np.vstack([posture.link_poses[:, :3, 3], posture.pose[:3, 3]]), view_direction(posture))
+    both = np.vstack([seen, seen[-1] + picture(np.array([[0, 0, -0.03 * factor]]), view_direction(posture))])
+    size = [max(np.ptp(points[:, 0]), 1.2 * np.ptp(points[:, 1])) for points in (seen, both)]
+    assert 10 <= factor <= 50
+    assert size[0] > 0.44 * size[1]
+
+
+def test_the_default_factor_never_shrinks_and_stands_zeros(posture):
+    assert default_factor(ball(0.5), posture) == 1
+    assert default_factor(np.zeros((3, 5)), posture) == 1
+    assert default_factor(np.full((3, 1), 0.01 / np.sqrt(3)), posture) > 1
 
 
 def test_ticks_have_units_and_enough_digits():

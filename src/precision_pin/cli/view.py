@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal, Unpack, final
 
 import click
 
+from precision_pin.cli import EXIT_SPEC
 from precision_pin.cli.inputs import chosen_pose, echo_findings, read_sheet
 from precision_pin.cli.notes import echo_note, quiet_option
 from precision_pin.cli.options import (
@@ -20,6 +21,7 @@ from precision_pin.cli.options import (
     model_option,
     q_option,
     seed_option,
+    spec_option,
 )
 from precision_pin.cli.progress import compile_sampler, progress_bar
 from precision_pin.cli.targets import PageOutput
@@ -31,7 +33,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from precision_pin.kernel.sampler import SamplerArrays
-    from precision_pin.outputs.view import Shown
+    from precision_pin.outputs.view import ViewPose
     from precision_pin.sheet import Sheet
 
 __all__ = ["command"]
@@ -58,6 +60,7 @@ CHUNK = 2**14
 @click.option("--samples", type=int, default=5_000, show_default=True, metavar="N", help="How many to show at a pose.")
 @seed_option
 @model_option
+@spec_option
 @click.option("--factor", type=float, metavar="K", help="Exaggeration at first; chosen to be seen if left out.")
 @click.option(
     "--out",
@@ -74,21 +77,25 @@ def command(
     samples: int,
     seed: int,
     model: Literal["exact", "linear"],
+    specs: tuple[str, ...],
     factor: float | None,
     out: str | None,
     port: int | None,
     no_browser: bool,
     **arm: Unpack[ArmOptions],
-) -> None:
+) -> int:
     """Show the arm and its sampled errors in 3-D, in a page that needs no network.
 
-    Without arguments: the paper's arm and sheet. Several poses get a slider. Without --out the page is served to this
+    Without arguments: the paper's arm and sheet. Several poses get a slider. With --spec the page says at its top whether
+    the limit is kept by the robots it shows, and draws it. Without --out the page is served to this
     machine only, until Ctrl-C, and made anew whenever the sheet or the robot changes.
     """
     from precision_pin.draws.space import check_seed
-    from precision_pin.outputs.view import MOST_POINTS, page
+    from precision_pin.outputs.view import MOST_POINTS, limits_kept, page
     from precision_pin.sampling import check_samples
+    from precision_pin.statistics.specification import specification
 
+    specifications = [specification(text) for text in specs]
     check_samples(samples)
     check_seed(seed)
     if samples > MOST_POINTS:
@@ -111,18 +118,26 @@ def command(
         target.check()
         outputs.refuse_inputs([] if trajectory is None else [trajectory])
 
+    kept: list[bool] = []
+
     def read() -> Sheet:
         return read_sheet(arm["inputs"], arm["tip"], arm["base"], arm["package_dirs"], outputs)
 
     def page_of(sheet: Sheet) -> str:
+        shown, remarks = _sampled(
+            _poses(sheet, pose_names, all_poses, arm["q"], trajectory), sheet, samples, seed, model
+        )
+        kept.append(limits_kept(shown, specifications))
         return page(
-            _sampled(_poses(sheet, pose_names, all_poses, arm["q"], trajectory), sheet, samples, seed, model),
+            shown,
             title=f"{sheet.chain.robot.name}: {sheet.chain.base} to {sheet.chain.tip}",
             seed=seed,
             model_name=model,
             factor=factor,
             package_dirs=arm["package_dirs"],
             points=samples,
+            specifications=specifications,
+            remarks=remarks,
         )
 
     sheet = read()
@@ -130,10 +145,11 @@ def command(
         files = [sheet.file, sheet.chain.robot.file, *([trajectory] if trajectory is not None else [])]
         with unwinding():
             _serve(page_of, sheet, read, [Path(file) for file in files], port or 0, open_browser=not no_browser)
-        return
+        return 0
     text = page_of(sheet)
     target.write(text)
     echo_note(f"wrote {target.path} ({len(text.encode()) / 1e6:.1f} MB)")
+    return 0 if all(kept) else EXIT_SPEC
 
 
 @final
@@ -165,11 +181,12 @@ def _poses(sheet: Sheet, names: Sequence[str], all_poses: bool, q: str | None, t
 
 def _sampled(
     poses: Sequence[_Pose], sheet: Sheet, samples: int, seed: int, model: Literal["exact", "linear"]
-) -> list[Shown]:
-    """Return the errors of the same units at every pose, and print what there is to warn of."""
+) -> tuple[list[ViewPose], list[str]]:
+    """Return the errors of the same robots at every pose, and what they rest on; print what there is to warn of."""
+    from precision_pin.display.tables import resting_on
     from precision_pin.kernel import sampler
     from precision_pin.model.error_model import ErrorModel
-    from precision_pin.outputs.view import Shown
+    from precision_pin.outputs.view import ViewPose
 
     error_model = ErrorModel.from_sheet(sheet)
     compile_sampler(error_model.space, model)
@@ -180,9 +197,9 @@ def _sampled(
             at = error_model.at(pose.where)
             findings.append((*at.findings(model), *error_model.statics_findings(at)))
             errors = _drawn(sampler.to_arrays(at), model, seed, samples, number, progress)
-            shown.append(Shown(at, errors, pose.name, number))
+            shown.append(ViewPose(at, errors, pose.name, number))
     echo_findings(_gathered(findings))
-    return shown
+    return shown, resting_on(error_model.assumed, len(error_model.sources))
 
 
 def _drawn(

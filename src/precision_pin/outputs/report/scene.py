@@ -9,7 +9,7 @@ from precision_pin.outputs.kit.svg import figure
 from precision_pin.outputs.report.collect import Results
 from precision_pin.outputs.report.static_picture import cloud_factor, sketch
 from precision_pin.outputs.report.wording import subject
-from precision_pin.outputs.view import Shown, page, script_hashes
+from precision_pin.outputs.view import ViewPose, page, script_hashes
 
 __all__ = ["policy_hashes", "scene"]
 
@@ -24,7 +24,7 @@ def scene(results: Results) -> Html:
     analysis = results.analysis
     count = results.cloud.shape[1]
     inner = page(
-        [Shown(results.at, results.cloud, analysis.pose_name or None)],
+        [ViewPose(results.at, results.cloud, analysis.pose_name or None)],
         title=f"{analysis.robot}: {analysis.base} to {analysis.tip}",
         seed=analysis.seed,
         model_name=analysis.model,

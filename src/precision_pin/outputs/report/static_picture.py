@@ -25,7 +25,7 @@ _AXIS: Final = 0.12
 
 def cloud_factor(results: Results) -> float:
     """Return by how much the errors are drawn too large."""
-    return default_factor(results.cloud[:3], arm_length(results.at.posture))
+    return default_factor(results.cloud[:3], results.at.posture)
 
 
 def sketch(results: Results) -> Figure:

@@ -6,7 +6,20 @@ scripts of the page's own add what shows errors, from numbers.
 """
 
 from precision_pin.outputs.view.page import page, script_hashes, write_page
+from precision_pin.outputs.view.poses import ViewPose, limits_kept
 from precision_pin.outputs.view.scales import DEFAULT_POINTS, MOST_POINTS, MOST_POSES
-from precision_pin.outputs.view.shown import Shown
 
-__all__ = ["DEFAULT_POINTS", "MOST_POINTS", "MOST_POSES", "Shown", "page", "script_hashes", "write_page"]
+__all__ = [
+    "DEFAULT_POINTS",
+    "MOST_POINTS",
+    "MOST_POSES",
+    "Shown",
+    "ViewPose",
+    "limits_kept",
+    "page",
+    "script_hashes",
+    "write_page",
+]
+
+Shown = ViewPose
+"""The earlier name of :class:`ViewPose`."""

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from precision_pin.typing import Array
 
-__all__ = ["SHARES", "Ellipsoid", "ellipsoids"]
+__all__ = ["SHARES", "Ellipsoid", "ellipsoid_reach", "ellipsoids"]
 
 
 SHARES: Final = (0.95, 0.9973)
@@ -71,14 +71,19 @@ def ellipsoids(positions: ArrayLike) -> tuple[Ellipsoid, ...]:
     spread = deviations > _FLAT * deviations[0]
     scaled = (directions.T @ centred)[spread] / deviations[spread, None]
     squares = (scaled * scaled).sum(axis=0)
+    result = []
+    for share in SHARES:
+        reach = ellipsoid_reach(share, int(spread.sum()))
+        matrix = np.eye(4)
+        matrix[:3, :3] = directions * (reach * np.maximum(deviations, _THINNEST * deviations[0]))
+        matrix[:3, 3] = mean
+        result.append(Ellipsoid(share, matrix, float((squares <= reach**2).mean())))
+    return tuple(result)
+
+
+def ellipsoid_reach(share: float, freedom: int) -> float:
+    """Return half an axis in standard deviations: the root of the quantile of the chi-square law, 1 to 3 degrees."""
     # imported late, it costs 0.1 s; a chi-square variable is twice a gamma variable of half its degrees of freedom
     from scipy.special import gammaincinv
 
-    result = []
-    for share in SHARES:
-        limit = 2 * float(gammaincinv(spread.sum() / 2, share))
-        matrix = np.eye(4)
-        matrix[:3, :3] = directions * (math.sqrt(limit) * np.maximum(deviations, _THINNEST * deviations[0]))
-        matrix[:3, 3] = mean
-        result.append(Ellipsoid(share, matrix, float((squares <= limit).mean())))
-    return tuple(result)
+    return math.sqrt(2 * float(gammaincinv(freedom / 2, share)))

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import base64
 import hashlib
+import importlib.resources
 import os
 import socket
 import socketserver
@@ -282,109 +283,20 @@ class _Handler(BaseHTTPRequestHandler):
         """Say nothing of requests."""
 
 
-_STYLE: Final = """
-html, body { margin: 0; height: 100%; overflow: hidden; background: #d5dae0; }
-iframe { display: block; width: 100%; height: 100%; border: 0; }
-p {
-  position: absolute; left: 50%; top: 16px; transform: translateX(-50%); margin: 0; padding: 8px 16px;
-  font: 600 14px/1.4 system-ui, "DejaVu Sans", Arial, sans-serif; color: #9b1c1c; background: #fbfcfd;
-  border: 1px solid #9b1c1c; border-radius: 4px;
-}
-[hidden] { display: none; }
-"""
-
-_SCRIPT: Final = """
-(function () {
-  "use strict";
-  const frame = document.getElementById("page");
-  const ended = document.getElementById("ended");
-  let shown = null;
-  const settings = new URLSearchParams(location.hash.slice(1));
-
-  frame.addEventListener("load", function () {
-    document.title = frame.contentDocument?.title || document.title;
-  });
-
-  function load(version) {
-    // the reader's sliders and view, where the page has them
-    const state = frame.contentDocument?.body?.dataset ?? {};
-    for (const name of ["factor", "look", "pose"]) {
-      if (name in state) {
-        settings.set(name, state[name]);
-      }
-    }
-    shown = version;
-    frame.contentWindow.location.replace("/page?" + version + "#" + settings);
-  }
-
-  async function ask() {
-    try {
-      const answer = await fetch("/version");
-      if (!answer.ok) {
-        throw new Error(answer.statusText);
-      }
-      const version = await answer.text();
-      ended.hidden = true;
-      if (version !== shown) {
-        load(version);
-      }
-    } catch {
-      ended.hidden = false;
-    }
-    setTimeout(ask, 500);
-  }
-  ask();
-})();
-"""
-
-_OUTER: Final = f"""<!DOCTYPE html>
-<html lang="en">
-<head>
-<meta charset="utf-8">
-<title>precision-pin</title>
-<link rel="icon" href="data:,">
-<style>{_STYLE}</style>
-</head>
-<body>
-<iframe id="page" title="The page"></iframe>
-<p id="ended" role="status" hidden>The server has ended; the page no longer follows its files.</p>
-<noscript><p>This page follows its files with JavaScript, which is switched off.</p></noscript>
-<script>{_SCRIPT}</script>
-</body>
-</html>
-"""
+def _asset(name: str) -> str:
+    return importlib.resources.files(__package__).joinpath("assets", name).read_text("utf-8")
 
 
 def _hash(text: str) -> str:
     return f"'sha256-{base64.b64encode(hashlib.sha256(text.encode('utf-8')).digest()).decode('ascii')}'"
 
 
+_STYLE: Final = _asset("live.css")
+_SCRIPT: Final = _asset("live.js")
+_OUTER: Final = Template(_asset("live.html")).substitute(style=_STYLE, script=_SCRIPT)
 _OUTER_POLICY: Final = (
     f"default-src 'none'; script-src {_hash(_SCRIPT)}; style-src {_hash(_STYLE)}; img-src data:; connect-src 'self'; "
     "frame-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
 )
 
-_PROBLEM: Final = Template("""<!DOCTYPE html>
-<html lang="en">
-<head>
-<meta charset="utf-8">
-<meta http-equiv="Content-Security-Policy" content="default-src 'none'; style-src 'unsafe-inline'">
-<title>The page cannot be made</title>
-<style>
-body {
-  margin: 40px auto; max-width: 860px; padding: 0 20px; background: #fbfcfd; color: #1b222b;
-  font: 15px/1.5 system-ui, "DejaVu Sans", Arial, sans-serif;
-}
-h1 { font-size: 20px; color: #9b1c1c; }
-ul { padding: 0; list-style: none; }
-li { margin: 8px 0; padding: 8px 12px; background: #f6e7e7; border-left: 4px solid #9b1c1c; }
-li, code { font-family: ui-monospace, "DejaVu Sans Mono", monospace; font-size: 13.5px; overflow-wrap: anywhere; }
-</style>
-</head>
-<body role="alert">
-<h1>The page cannot be made</h1>
-<ul>$findings</ul>
-<p>It is made again when one of these files changes: $watched.</p>
-</body>
-</html>
-""")
+_PROBLEM: Final = Template(_asset("problem.html"))

@@ -20,7 +20,17 @@ import numpy as np
 from precision_pin.display.html import escaped
 from precision_pin.errors import InputError, InternalError, OutputError
 from precision_pin.outputs.view.arm import draw_arm
-from precision_pin.outputs.view.poses import MOST_FRAMES, PoseData, columns, mcpc_frames
+from precision_pin.outputs.view.headline import CONFIDENCE, LEVELS, as_html, limit_text
+from precision_pin.outputs.view.picture import picture
+from precision_pin.outputs.view.poses import (
+    MOST_FRAMES,
+    PageData,
+    PoseData,
+    ViewPose,
+    columns,
+    limits_attitude,
+    mcpc_frames,
+)
 from precision_pin.outputs.view.scales import (
     DEFAULT_POINTS,
     MOST_POINTS,
@@ -29,17 +39,19 @@ from precision_pin.outputs.view.scales import (
     arm_length,
     default_factor,
     round_number,
+    view_direction,
 )
 from precision_pin.outputs.view.scene import Colour, Scene, viewer_script
-from precision_pin.outputs.view.shown import Shown
+from precision_pin.outputs.view.tolerances import choose_groups, share_rows, shown_names
 from precision_pin.robot.chain import Posture
-from precision_pin.typing import Array
+from precision_pin.statistics import Specification
+from precision_pin.statistics.quantities import QUANTITIES
 
 __all__ = ["page", "script_hashes", "write_page"]
 
 
 _GRID: Final[Colour] = (0.60, 0.64, 0.69, 1.0)
-_SCRIPTS: Final = ("stage", "cloud", "frames", "arms", "controls")
+_SCRIPTS: Final = ("stage", "cloud", "frames", "arms", "tolerances", "headline", "camera", "pointer", "controls")
 # shares of the arm's length
 _FRAME_LENGTH: Final = 0.06
 _GRID_SPACING: Final = 0.125
@@ -47,7 +59,7 @@ _GRID_HALF: Final = 8
 
 
 def page(
-    shown: Sequence[Shown],
+    shown: Sequence[ViewPose],
     *,
     title: str,
     seed: int,
@@ -56,6 +68,8 @@ def page(
     caption: Iterable[tuple[str, str]] = (),
     points: int = DEFAULT_POINTS,
     package_dirs: Sequence[str | os.PathLike[str]] = (),
+    specifications: Sequence[Specification] = (),
+    remarks: Sequence[str] = (),
 ) -> str:
     """Return a self-contained HTML page that shows the arm and its sampled errors.
 
@@ -63,9 +77,10 @@ def page(
     their error, coloured by the true size of the error, with the ellipsoids of :mod:`.ellipsoids`. A slider in the page
     changes the factor of everything that shows errors: a few sampled end-effector frames are moved and turned by it,
     ``Exp(factor·δ)·R``, by 90° at most; arms as built, and the arm with every draw at its mean, are the chain multiplied
-    out with every displacement ``[d; δ]`` times the factor. The arms as built are units 0 to 2 of ``seed``; they are left
-    out where the errors are not those of that seed. Several poses get a slider of their own. The same input gives the
-    same text.
+    out with every displacement ``[d; δ]`` times the factor. The arms as built are units 0 to 2 of ``seed``. The largest
+    contributors have a slider each, which widens or narrows a tolerance; the samples, their ellipsoids and the verdict
+    follow to first order. Arms as built and these sliders are left out where the errors are not those of that seed.
+    Several poses get a slider of their own. The same input gives the same text.
 
     Parameters
     ----------
@@ -76,13 +91,18 @@ def page(
     seed, model_name
         Where the errors come from.
     factor
-        Exaggeration at first; chosen so that the cloud spans about 7 % of the arm's length if left out.
+        Exaggeration at first; chosen so that the cloud spans about a quarter of the picture's width if left out.
     caption
         Further rows of the caption, ``(name, text)``.
     points
         How many samples to draw at most at each pose: the first ones. All poses together draw 100,000 at most.
     package_dirs
         Folders of packages for ``package://`` mesh names, beside those found around the URDF.
+    specifications
+        Limits. The page says at its top whether they are kept; those of the position are drawn about the nominal tip, times
+        the factor, and robots outside any limit have a colour of their own.
+    remarks
+        What the answer rests on, for a line each below it.
 
     Raises
     ------
@@ -95,7 +115,8 @@ def page(
         raise InputError(f"the cloud can show 1 to {MOST_POINTS:,} points, got {points!r}")
     posture = poses[0].pose_model.posture
     length = arm_length(posture)
-    chosen = min(default_factor(one.errors[:3], length) for one in poses)
+    postures = [one.pose_model.posture for one in poses]
+    chosen = min(default_factor(one.errors[:3], one.pose_model.posture, postures) for one in poses)
     first_factor = chosen if factor is None else float(factor)
     if not (math.isfinite(first_factor) and first_factor > 0):
         raise InputError(f"the exaggeration factor must be a positive number, got {factor!r}")
@@ -105,31 +126,49 @@ def page(
     scene = Scene()
     parts, notes = draw_arm(scene, posture, [Path(folder) for folder in package_dirs])
     _draw_grid(scene, spacing)
-    each = min(points, MOST_POINTS // len(poses))
-    data = [
-        PoseData(one, seed, parts, points=each, number=number, count=len(poses))
-        for number, one in enumerate(poses, start=1)
-    ]
+    common = PageData(
+        seed=seed,
+        parts=parts,
+        points=min(points, MOST_POINTS // len(poses)),
+        count=len(poses),
+        groups=choose_groups([one.pose_model for one in poses], attitude=limits_attitude(specifications)),
+        specifications=specifications,
+    )
+    data = [PoseData(one, common, number) for number, one in enumerate(poses, start=1)]
     frames = mcpc_frames(posture)
+    pose_settings = [one.settings for one in data]
     settings = {
         "factor": first_factor,
         "smallest": min(1.0, first_factor),
         "largest": 10 * max(1.0, first_factor),
         "length": length,
         "frame": _FRAME_LENGTH * length,
-        "from": _direction(posture).tolist(),
+        "from": view_direction(posture).tolist(),
         "stops": scale.stops,
+        "darkStops": scale.dark_stops,
         "colours": [scale.smallest, scale.largest],
+        "seed": seed,
+        "levels": LEVELS,
+        "confidence": CONFIDENCE,
+        "limits": [_limit(one) for one in specifications],
+        "tolerances": shown_names(common.groups.names),
+        "joints": shown_names(posture.chain.joint_names),
         "parts": [{"name": part.name, "link": part.link, "frame": columns(part.frame)} for part in parts],
         "mcpc": frames,
-        "poses": [one.settings for one in data],
+        "deviations": share_rows(pose_settings),
+        "poses": pose_settings,
     }
     texts = data[0].texts
+    label = escaped(f"{title}: the arm, its end-effector frame and sampled positions, described beside it")
     return _assembled(
         scene.commands,
         settings,
         title=escaped(title),
-        label=escaped(f"{title}: the arm, its end-effector frame and sampled positions, described beside it"),
+        headline=as_html(data[0].answers),
+        remarks="\n".join(f"<p class='fine'>{escaped(line[:1].upper() + line[1:])}</p>" for line in remarks),
+        label=label,
+        picture=picture(posture, poses[0].errors[:3], first_factor, label),
+        still_pose=escaped(f", pose {texts['pose-text']}") if len(poses) > 1 else "",
         factor_text=f"{first_factor:,g}",
         example=escaped(f"{first_factor:,g} mm long"),
         pose_text=escaped(texts["pose-text"]),
@@ -145,6 +184,7 @@ def page(
         rows=_rows(posture, texts, seed, model_name, first_factor, caption),
         notes=_list(notes),
         **_legend_of_arms(data),
+        **_legend_of_limits(specifications, data),
     )
 
 
@@ -183,7 +223,7 @@ def write_page(path: str | os.PathLike[str], text: str) -> None:
                 temporary.unlink(missing_ok=True)
 
 
-def _checked(shown: Sequence[Shown]) -> list[Shown]:
+def _checked(shown: Sequence[ViewPose]) -> list[ViewPose]:
     """Return the poses with errors that are arrays of numbers, all with equally many sampled frames."""
     if not 1 <= len(shown) <= MOST_POSES:
         raise InputError(f"a page shows 1 to {MOST_POSES} poses, got {len(shown)}")
@@ -211,31 +251,48 @@ def _draw_grid(scene: Scene, spacing: float) -> None:
     scene.segments(("grid",), np.array(ends).T, _GRID)
 
 
-def _direction(posture: Posture) -> Array:
-    """Return the viewing direction, base axes: across the plane of the arm, a little from its front and from above."""
-    points = np.vstack([posture.link_poses[:, :3, 3], posture.pose[:3, 3]])
-    spread = points[:, :2] - points[0, :2]
-    farthest = spread[np.argmax(np.linalg.norm(spread, axis=1))]
-    size = float(np.linalg.norm(farthest))
-    front = farthest / size if size > 1e-6 * arm_length(posture) else np.array([1.0, 0.0])
-    return np.array([front[1] + 0.35 * front[0], -front[0] + 0.35 * front[1], 0.45])
-
-
 def _legend_of_arms(data: Sequence[PoseData]) -> dict[str, str]:
     """Return the legend's words on the arms with errors, and what disables the boxes of those there are none of."""
-    ghosts = all(one.ghosts for one in data)
     deflected = any(np.any(one.deflected) for one in data)
     missing = " disabled"
     return {
-        "ghosts": f"arms of {len(data[0].ghosts)} sampled units, as built"
-        if ghosts
-        else "arms as built: none, the errors are not those of this seed",
         "deflected": "arm with every draw at its mean: deflected by its mean loads"
         if deflected
         else "arm with every draw at its mean: the same as without error",
-        "no_ghosts": "" if ghosts else missing,
         "no_deflected": "" if deflected else missing,
         "no_ellipsoids": "" if any(one.ellipsoids for one in data) else missing,
+    }
+
+
+def _legend_of_limits(specifications: Sequence[Specification], data: Sequence[PoseData]) -> dict[str, str]:
+    """Return the lines of the limit and of the arms as built; with a limit to draw, it is among the first four."""
+    ghosts = all(one.ghosts for one in data)
+    words = (
+        f"arms of {len(data[0].ghosts)} sampled robots, as built"
+        if ghosts
+        else "arms as built: none, the errors are not those of this seed"
+    )
+    built = _line("ghosts", "arm ghost", escaped(words), "" if ghosts else " disabled")
+    drawn = [one for one in specifications if one.quantity.startswith("position")]
+    text = escaped("; ".join(map(limit_text, drawn)) or "none on the position; --spec states one")
+    limit = _line("limit", "ball limit", f"limit: {text}", " checked" if drawn else " disabled")
+    varies = any(one.groups_vary for one in data)
+    first, second = (limit, built) if drawn else (built, limit)
+    return {"fourth": first, "under_more": second, "no_shares": "" if varies else " disabled"}
+
+
+def _line(name: str, mark: str, text: str, state: str) -> str:
+    """Return a line of the legend with its box."""
+    return f'<li><label><input type="checkbox" id="show-{name}"{state}><i class="{mark}"></i><span>{text}</span></label></li>'
+
+
+def _limit(specification: Specification) -> dict[str, object]:
+    """Return a limit for the page's script; ``row`` counts the eight quantities."""
+    return {
+        "row": QUANTITIES.index(specification.quantity),
+        "limit": specification.limit,
+        "required": specification.required,
+        "text": limit_text(specification),
     }
 
 

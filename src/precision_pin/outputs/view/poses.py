@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import html
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any, Final, final
 
 import numpy as np
@@ -12,14 +13,28 @@ from numpy.typing import ArrayLike
 
 from precision_pin.display.html import escaped
 from precision_pin.errors import InputError
+from precision_pin.model.pose_model import PoseModel
 from precision_pin.outputs.view.arm import Part
-from precision_pin.outputs.view.ellipsoids import ellipsoids
-from precision_pin.outputs.view.shown import Shown
+from precision_pin.outputs.view.ellipsoids import SHARES, ellipsoid_reach, ellipsoids
+from precision_pin.outputs.view.headline import CONFIDENCE, LEVELS, Answer, answers, as_data, quantile
+from precision_pin.outputs.view.scales import arm_length
+from precision_pin.outputs.view.tolerances import Groups, LivePose, link_shares, samples_that_fit, tangent_of
 from precision_pin.robot import mcpc
 from precision_pin.robot.chain import Posture
+from precision_pin.statistics import Specification, quantile_ranks
 from precision_pin.typing import Array
 
-__all__ = ["MOST_FRAMES", "MOST_GHOSTS", "PoseData", "columns", "mcpc_frames"]
+__all__ = [
+    "MOST_FRAMES",
+    "MOST_GHOSTS",
+    "PageData",
+    "PoseData",
+    "ViewPose",
+    "columns",
+    "limits_attitude",
+    "limits_kept",
+    "mcpc_frames",
+]
 
 
 MOST_FRAMES: Final = 5
@@ -30,6 +45,58 @@ MOST_GHOSTS: Final = 3
 
 
 @final
+@dataclass(frozen=True, eq=False)
+class ViewPose:
+    """A pose and the errors sampled there.
+
+    Attributes
+    ----------
+    pose_model
+        The model at the pose.
+    errors
+        Its errors ``(6, N)``, ``[d; δ]`` in base axes, m and rad; those of units 0 to N - 1 where they were sampled.
+    name
+        The pose's name, for the caption; ``None`` for a pose without one.
+    pose
+        Number of the pose that the draws of pose scope were made for, as in :meth:`precision_pin.draws.space.Space.sample`.
+    """
+
+    pose_model: PoseModel
+    errors: Array
+    name: str | None = None
+    pose: int = 0
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class PageData:
+    """What all poses of a page have in common.
+
+    Attributes
+    ----------
+    seed
+        Of the samples.
+    parts
+        Of the drawn arm.
+    points
+        How many samples to draw at most at a pose.
+    count
+        How many poses there are.
+    groups
+        The tolerances that can be changed.
+    specifications
+        The limits.
+    """
+
+    seed: int
+    parts: Sequence[Part]
+    points: int
+    count: int
+    groups: Groups
+    specifications: Sequence[Specification]
+
+
+@final
 class PoseData:
     """One pose of the page.
 
@@ -37,28 +104,36 @@ class PoseData:
     ----------
     shown
         The pose and its errors ``(6, N)``, checked.
-    seed
-        Of the samples.
-    parts
-        Of the drawn arm.
-    points
-        How many samples to draw at most.
-    number, count
-        Which of how many poses this is, from 1.
+    page
+        The page that it is part of.
+    number
+        Which pose this is, from 1.
     """
 
-    def __init__(self, shown: Shown, seed: int, parts: Sequence[Part], *, points: int, number: int, count: int) -> None:
+    def __init__(self, shown: ViewPose, page: PageData, number: int) -> None:
         self._at = shown.pose_model
         self._errors = shown.errors
-        self._parts = parts
+        self._page = page
         self._shown = shown
-        self._points = min(points, shown.errors.shape[1])
+        self._points = min(page.points, shown.errors.shape[1])
         self._title = " ".join(
-            [*([shown.name] if shown.name else []), *([f"({number} of {count})"] if count > 1 else [])]
+            [*([shown.name] if shown.name else []), *([f"({number} of {page.count})"] if page.count > 1 else [])]
         )
         self.ellipsoids = ellipsoids(self._errors[:3])
-        self.ghosts = self._as_built(seed)
+        # of the errors given, where they are those of the seed
+        self._model = self._model_of(page.seed)
+        self.ghosts = self._as_built(page.seed)
         self.deflected = self._displacements(self._at.space.mean[:, None])[:, :, 0]
+
+    @property
+    def answers(self) -> tuple[Answer, ...]:
+        """The verdict, and how large the errors are."""
+        return answers(self._errors, self._page.specifications, _spread(self._at))
+
+    @property
+    def groups_vary(self) -> bool:
+        """Whether any tolerance moves the tip."""
+        return bool(self._page.groups.names)
 
     @property
     def texts(self) -> dict[str, str]:
@@ -84,11 +159,16 @@ class PoseData:
             "links": [columns(pose) for pose in posture.link_poses],
             "tip": columns(posture.pose),
             "points": _packed(errors[:3, : self._points].T),
+            "turns": _packed(errors[3:, : self._points].T) if limits_attitude(self._page.specifications) else "",
+            "answers": as_data(self.answers),
+            "marks": [None if mark is None else [mark[0], *mark[1]] for mark in map(self._quantile, LEVELS)],
+            "shares": link_shares(self._at),
+            "live": self._live(),
             "mean": errors[:3].mean(axis=1).tolist(),
             "ellipsoids": [columns(one.matrix) for one in self.ellipsoids],
             "frames": errors[:, :MOST_FRAMES].T.tolist(),
             "targets": _packed(self._at.table.frames.swapaxes(1, 2)),
-            "before": [part.targets_before(self._at.table.targets) for part in self._parts],
+            "before": [part.targets_before(self._at.table.targets) for part in self._page.parts],
             "ghosts": [_packed(displacements) for displacements in self.ghosts],
             "deflected": _packed(self.deflected),
             # the script puts them in as text, never as markup
@@ -100,19 +180,63 @@ class PoseData:
         table = self._at.table
         return table.displacements(table.products(table.program.evaluate(x)))
 
-    def _as_built(self, seed: int) -> tuple[Array, ...]:
-        """Return the targets' displacements ``(K, 6)`` of the first units; none if the errors are not theirs."""
+    def _quantile(self, level: float) -> tuple[float, tuple[float, float]] | None:
+        return quantile(np.linalg.norm(self._errors[:3], axis=0), level)
+
+    def _sample(self, seed: int, count: int) -> Array:
+        return self._at.space.sample(seed, 0, count, pose=self._shown.pose)
+
+    def _model_of(self, seed: int) -> str | None:
+        """Return which model has these errors with this seed, None if neither has."""
         count = min(MOST_GHOSTS, self._errors.shape[1])
-        x = self._at.space.sample(seed, 0, count, pose=self._shown.pose)
-        given = self._errors[:, :count]
-        for errors_of in (self._at.exact, self._at.linear):
+        x = self._sample(seed, count)
+        for model, errors_of in (("exact", self._at.exact), ("linear", self._at.linear)):
             try:
-                same = np.allclose(errors_of(x), given, rtol=1e-6, atol=1e-12)
+                same = np.allclose(errors_of(x), self._errors[:, :count], rtol=1e-6, atol=1e-12)
             except InputError:
                 continue
-            if same and len(self._at.table.targets):
-                return tuple(self._displacements(x).transpose(2, 0, 1))
-        return ()
+            if same:
+                return model
+        return None
+
+    def _as_built(self, seed: int) -> tuple[Array, ...]:
+        """Return the targets' displacements ``(K, 6)`` of the first units; none if the errors are not theirs."""
+        if self._model is None or not self._at.table.targets:
+            return ()
+        x = self._sample(seed, min(MOST_GHOSTS, self._errors.shape[1]))
+        return tuple(self._displacements(x).transpose(2, 0, 1))
+
+    def _live(self) -> dict[str, Any] | None:
+        """Return what lets the samples follow the sliders, as many of them as there is room for."""
+        if self._model is None or not self._page.groups.names:
+            return None
+        groups = self._page.groups
+        room = samples_that_fit(self._at.space, groups, self._page.count)
+        x = self._sample(self._page.seed, min(self._points, room))
+        live = LivePose(self._at, groups, x, tangent_of(self._at, self._model), arm_length(self._at.posture))
+        return live.settings | {
+            "ranks": [quantile_ranks(x.shape[1], level, CONFIDENCE) for level in LEVELS],
+            "reach": [[ellipsoid_reach(share, freedom) for share in SHARES] for freedom in (1, 2, 3)],
+        }
+
+
+def limits_kept(shown: Sequence[ViewPose], specifications: Sequence[Specification]) -> bool:
+    """Return whether the verdict is that every limit is met at every pose."""
+    return all(
+        answer.verdict in ("", "met")
+        for one in shown
+        for answer in answers(one.errors, specifications, _spread(one.pose_model))
+    )
+
+
+def _spread(at: PoseModel) -> Array:
+    """Return the ``(6,)`` standard deviations to first order."""
+    return np.sqrt(np.maximum(np.diag(at.covariance), 0.0))
+
+
+def limits_attitude(specifications: Sequence[Specification]) -> bool:
+    """Return whether a limit is one of the attitude."""
+    return any(one.quantity.startswith("attitude") for one in specifications)
 
 
 def mcpc_frames(posture: Posture) -> list[dict[str, Any]]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final, final
 
@@ -12,7 +13,17 @@ from numpy.typing import ArrayLike
 from precision_pin.robot.chain import Posture
 from precision_pin.typing import Array
 
-__all__ = ["DEFAULT_POINTS", "MOST_POINTS", "MOST_POSES", "ColourScale", "arm_length", "default_factor", "round_number"]
+__all__ = [
+    "DEFAULT_POINTS",
+    "MOST_POINTS",
+    "MOST_POSES",
+    "ColourScale",
+    "arm_length",
+    "default_factor",
+    "picture_axes",
+    "round_number",
+    "view_direction",
+]
 
 
 DEFAULT_POINTS: Final = 20_000
@@ -24,15 +35,22 @@ MOST_POINTS: Final = 100_000
 MOST_POSES: Final = 200
 """The most poses of one page."""
 
-# share of the arm's length that the drawn cloud spans, and that it may stand away from the nominal tip
-_SPREAD: Final = 0.07
-_OFFSET: Final = 0.3
+# share of the picture's width that the drawn cloud is to span, and the least that the arm and the way to the cloud may
+_WANTED: Final = 0.27
+_LEAST_ARM: Final = 0.45
+# standard deviations that the cloud spans, to be seen
+_SPAN: Final = 5.0
+# of the picture, width by height, and the share of it that the drawn fills
+_ASPECT: Final = 1.2
+_FILLED: Final = 0.9
+_DIGITS: Final = (1.0, 1.5, 2.0, 3.0, 5.0, 7.0)
+_MOST: Final = 1e9
 _STOPS: Final = 17
 
 
 def arm_length(posture: Posture) -> float:
     """Return the length (m) of the way from base over all joints to the tip; 1 m for an arm that has none."""
-    points = np.vstack([posture.link_poses[:, :3, 3], posture.pose[:3, 3]])
+    points = _joints(posture)
     length = float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
     return length if length > 1e-9 else 1.0
 
@@ -44,31 +62,77 @@ def round_number(value: float) -> float:
     return min(candidates, key=lambda candidate: abs(math.log(candidate / value)))
 
 
-def default_factor(positions: ArrayLike, length: float) -> float:
-    """Return a round exaggeration (1, 2 or 5 times a power of ten, at least 1).
+def view_direction(posture: Posture) -> Array:
+    """Return the viewing direction, base axes: across the plane of the arm, a little from its front and from above."""
+    points = _joints(posture)
+    spread = points[:, :2] - points[0, :2]
+    farthest = spread[np.argmax(np.linalg.norm(spread, axis=1))]
+    size = float(np.linalg.norm(farthest))
+    front = farthest / size if size > 1e-6 * arm_length(posture) else np.array([1.0, 0.0])
+    return np.array([front[1] + 0.35 * front[0], -front[0] + 0.35 * front[1], 0.45])
+
+
+def picture_axes(direction: ArrayLike) -> Array:
+    """Return the directions to the right and up in a picture seen from a direction that is not vertical, ``(2, 3)``."""
+    toward = np.asarray(direction, dtype=float) / np.linalg.norm(direction)
+    right = np.cross((0.0, 0.0, 1.0), toward)
+    right /= np.linalg.norm(right)
+    return np.array([right, np.cross(toward, right)])
+
+
+def default_factor(positions: ArrayLike, posture: Posture, others: Sequence[Posture] = ()) -> float:
+    """Return a round exaggeration (1, 1.5, 2, 3, 5 or 7 times a power of ten, at least 1).
 
     Parameters
     ----------
     positions
         Position errors ``(3, N)``, m.
-    length
-        The arm's, m.
+    posture
+        The arm.
+    others
+        Its other postures, which the picture shows too.
 
     Returns
     -------
     float
-        Drawn so, the cloud spans about 7 % of the arm (4.4 to 11 %, by rounding): two standard deviations to either
-        side along its widest direction. It is less where the mean error would else stand farther than about 30 % of
-        the arm's length away from the nominal tip.
+        Drawn so, five standard deviations of the cloud along its widest direction in the picture span about 27 % of
+        the picture's width, in which the whole arm and the cloud are seen from :func:`view_direction`. It is less where
+        the mean error would else stand so far away from the nominal tip that the arm took less than 45 % of the picture.
     """
     errors = np.asarray(positions, dtype=float)
-    mean = errors.mean(axis=1)
-    deviations = np.linalg.svd(errors - mean[:, None], compute_uv=False) / math.sqrt(errors.shape[1])
-    wanted = [_SPREAD * length / (4 * deviations[0])] if deviations[0] > 1e-15 * length else []
-    offset = float(np.linalg.norm(mean))
-    if offset > 1e-15 * length:
-        wanted.append(_OFFSET * length / offset)
-    return max(1.0, round_number(min(wanted))) if wanted else 1.0
+    axes = picture_axes(view_direction(posture))
+    arm = axes @ np.vstack([_joints(one) for one in (posture, *others)]).T
+    tip, mean = axes @ posture.pose[:3, 3], axes @ errors.mean(axis=1)
+    seen = axes @ errors - mean[:, None]
+    span = _SPAN * float(np.linalg.svd(seen, compute_uv=False)[0]) / math.sqrt(errors.shape[1])
+    negligible = 1e-15 * arm_length(posture)
+    # where all samples are at one place, there is the way to it to be seen
+    span = span if span > negligible else float(np.linalg.norm(mean))
+    if span <= negligible:
+        return 1.0
+    whole = max(_picture_width(arm), 1e-9)
+
+    def misses(factor: float) -> float:
+        stands = tip + factor * mean
+        half = factor * span / 2
+        width = _picture_width(np.column_stack([arm, stands - half, stands + half]))
+        if whole < _LEAST_ARM * width:
+            return math.inf
+        return abs(math.log(factor * span / width / _WANTED))
+
+    powers = [float(f"1e{power}") for power in range(round(math.log10(_MOST)))]
+    return min((digit * power for power in powers for digit in _DIGITS), key=misses)
+
+
+def _joints(posture: Posture) -> Array:
+    """Return the way from base over all joints to the tip, ``(n, 3)``."""
+    return np.vstack([posture.link_poses[:, :3, 3], posture.pose[:3, 3]])
+
+
+def _picture_width(points: Array) -> float:
+    """Return how wide a picture is that shows points ``(2, N)``, m."""
+    width, height = np.ptp(points, axis=1)
+    return max(float(width), _ASPECT * float(height)) / _FILLED
 
 
 @final
@@ -99,8 +163,12 @@ class ColourScale:
     @property
     def stops(self) -> tuple[str, ...]:
         """The colours as CSS writes them, at equal distances from the smallest to the largest size."""
-        colours = np.rint(255 * _viridis(np.linspace(0, 1, _STOPS))).astype(int)
-        return tuple(f"#{red:02x}{green:02x}{blue:02x}" for red, green, blue in colours)
+        return _hexadecimal(0.9 * np.linspace(1, 0, _STOPS))
+
+    @property
+    def dark_stops(self) -> tuple[str, ...]:
+        """The colours on a dark ground: dark for small, light for large; the darkest third is left out."""
+        return _hexadecimal(1.0 - 0.7 * np.linspace(1, 0, _STOPS))
 
     @property
     def unit(self) -> tuple[str, float]:
@@ -117,9 +185,10 @@ class ColourScale:
         return tuple(f"{value:.{decimals}f}" for value in values)
 
 
-def _viridis(shares: ArrayLike) -> Array:
+def _hexadecimal(places: ArrayLike) -> tuple[str, ...]:
+    """Return the colours of viridis at places from 0, dark, to 1, light."""
     # imported late: matplotlib costs a third of a second
     from matplotlib import colormaps
 
-    colours: Array = colormaps["viridis"](0.9 * (1 - np.asarray(shares, dtype=float)))[..., :3]
-    return colours
+    colours = np.rint(255 * colormaps["viridis"](np.asarray(places, dtype=float))[..., :3]).astype(int)
+    return tuple(f"#{red:02x}{green:02x}{blue:02x}" for red, green, blue in colours)

@@ -61,15 +61,40 @@ function showLikenesses(pose, factor) {
   }
 }
 
-function seeThrough(clear) {
-  kinds.arm.traverse(function (object) {
-    if (object.material) {
-      object.material.solid = object.material.solid || object.material.opacity;
-      object.material.opacity = object.material.solid * (clear ? 0.25 : 1);
-      object.material.transparent = object.material.opacity < 1;
-      object.material.depthWrite = !clear;
-      object.material.needsUpdate = true;
-    }
+// the arm: how clear it is, and its colours -----------------------------------------------------------------------------
+
+const LAST = Math.max(...settings.parts.map(({ link }) => link));
+const PALE = new THREE.Color(0xeceff2);
+const STRONG = new THREE.Color(0xd55e00);
+
+function eachMaterial(change) {
+  settings.parts.forEach(function ({ name, link }) {
+    node("arm", name).traverse(function (object) {
+      if (object.material) {
+        change(object.material, link);
+        object.material.needsUpdate = true;
+      }
+    });
   });
   viewer.set_dirty();
+}
+
+// the last link stands where the errors are: it is always faint
+function seeThrough(clear) {
+  eachMaterial(function (material, link) {
+    material.userData.solid = material.userData.solid || material.opacity;
+    material.opacity = material.userData.solid * (clear ? 0.25 : link === LAST ? 0.45 : 1);
+    material.transparent = material.opacity < 1;
+    material.depthWrite = !material.transparent;
+  });
+}
+
+function showShares(pose, on) {
+  const largest = Math.max(...pose.shares, 1e-12);
+  eachMaterial(function (material, link) {
+    material.userData.own = material.userData.own || material.color.clone();
+    const share = Math.max(pose.shares[link], 0) / largest;
+    material.color.copy(on ? PALE.clone().lerp(STRONG, share) : material.userData.own);
+  });
+  element("share-scale").textContent = on ? `: 0 to ${(100 * largest).toFixed(0)} %` : "";
 }

@@ -1,46 +1,86 @@
-// The cloud, its mean and its ellipsoids, about the nominal tip and at the errors' true size: one scale enlarges all.
+// The cloud, its mean, its ellipsoids and the limits, about the nominal tip and at the errors' true size: one scale
+// enlarges all.
 
 const errors = new THREE.Group();
 base.add(errors);
 
-const stops = settings.stops.map((stop) => [1, 3, 5].map((at) => parseInt(stop.slice(at, at + 2), 16) / 255));
+const shades = (texts) => texts.map((text) => [1, 3, 5].map((at) => parseInt(text.slice(at, at + 2), 16) / 255));
+const stops = { light: shades(settings.stops), dark: shades(settings.darkStops) };
+const OUTSIDE = { light: [0xd1, 0x33, 0x0a].map((part) => part / 255), dark: [1, 0x5a / 255, 0x36 / 255] };
+const INK = { light: 0x1a1a1a, dark: 0xe4e9ef };
+const theme = () => (scheme.matches ? "dark" : "light");
+
 const dots = new THREE.Points(
   new THREE.BufferGeometry(), new THREE.PointsMaterial({ size: 2.5, sizeAttenuation: false, vertexColors: true }));
 kind("cloud", errors).add(dots);
-
-const meanLine = new THREE.Line(new THREE.BufferGeometry(), new THREE.LineBasicMaterial({ color: 0x1a1a1a }));
+const meanLine = new THREE.Line(new THREE.BufferGeometry(), new THREE.LineBasicMaterial({ color: INK.light }));
 kind("mean", errors).add(meanLine);
+// the sample that the reader points at
+const picked = new THREE.Points(
+  new THREE.BufferGeometry().setFromPoints([new THREE.Vector3()]),
+  new THREE.PointsMaterial({ size: 10, sizeAttenuation: false, color: INK.light, depthTest: false }));
+picked.visible = false;
+errors.add(picked);
 
 // the colour of an error's size, as on the bar
-function paint(size, colours, start) {
+function paint(size, colours, start, outside) {
+  if (outside) {
+    colours.set(OUTSIDE[theme()], start);
+    return;
+  }
+  const scale = stops[theme()];
   const span = settings.colours[1] - settings.colours[0];
   const share = span > 0 ? Math.min(Math.max((size - settings.colours[0]) / span, 0), 1) : 0;
-  const place = share * (stops.length - 1);
-  const first = Math.min(Math.floor(place), stops.length - 2);
+  const place = share * (scale.length - 1);
+  const first = Math.min(Math.floor(place), scale.length - 2);
   for (let part = 0; part < 3; part += 1) {
-    colours[start + part] = stops[first][part] + (place - first) * (stops[first + 1][part] - stops[first][part]);
+    colours[start + part] = scale[first][part] + (place - first) * (scale[first + 1][part] - scale[first][part]);
   }
 }
 
-function showCloud(pose) {
-  const positions = floats(pose.points);
+// the value of one of the eight quantities, 0 to 3 of the position and 4 to 7 of the attitude, the norm first
+function quantityOf(row, sample, at) {
+  const numbers = row < 4 ? sample.positions : sample.turns;
+  return row % 4 === 0
+    ? Math.hypot(numbers[3 * at], numbers[3 * at + 1], numbers[3 * at + 2]) : numbers[3 * at + (row % 4) - 1];
+}
+
+const isOutside = (sample, at) =>
+  settings.limits.some(({ row, limit }) => Math.abs(quantityOf(row, sample, at)) > limit);
+
+function showCloud(sample) {
+  const { positions } = sample;
   const colours = new Float32Array(positions.length);
-  for (let at = 0; at < positions.length; at += 3) {
-    paint(Math.hypot(positions[at], positions[at + 1], positions[at + 2]), colours, at);
+  let outside = 0;
+  for (let at = 0; 3 * at < positions.length; at += 1) {
+    const out = isOutside(sample, at);
+    outside += out;
+    paint(quantityOf(0, sample, at), colours, 3 * at, out);
   }
   dots.geometry.dispose();
   dots.geometry = new THREE.BufferGeometry();
   dots.geometry.setAttribute("position", new THREE.BufferAttribute(positions, 3));
   dots.geometry.setAttribute("color", new THREE.BufferAttribute(colours, 3));
+  element("outside").textContent =
+    settings.limits.length > 0 ? `, ${outside.toLocaleString("en")} of them outside` : "";
   meanLine.geometry.dispose();
-  meanLine.geometry = new THREE.BufferGeometry().setFromPoints([new THREE.Vector3(), new THREE.Vector3(...pose.mean)]);
+  meanLine.geometry = new THREE.BufferGeometry().setFromPoints([new THREE.Vector3(), new THREE.Vector3(...sample.mean)]);
+}
+
+function paintInk() {
+  meanLine.material.color.set(INK[theme()]);
+  picked.material.color.set(INK[theme()]);
+}
+paintInk();
+
+function skin(colour, opacity) {
+  return new THREE.MeshBasicMaterial({ color: colour, transparent: true, opacity, depthWrite: false });
 }
 
 // a unit ball with three circles on it
-function ball(name, colour, opacity) {
+function ball(group, colour, opacity) {
   const whole = new THREE.Group();
-  const skin = new THREE.MeshBasicMaterial({ color: colour, transparent: true, opacity, depthWrite: false });
-  whole.add(new THREE.Mesh(new THREE.SphereGeometry(1, 48, 32), skin));
+  whole.add(new THREE.Mesh(new THREE.SphereGeometry(1, 48, 32), skin(colour, opacity)));
   const circle = [...Array(97).keys()].map((step) => (step * Math.PI) / 48)
     .map((angle) => new THREE.Vector3(Math.cos(angle), Math.sin(angle), 0));
   for (const turn of [[0, 0], [Math.PI / 2, 0], [0, Math.PI / 2]]) {
@@ -49,17 +89,46 @@ function ball(name, colour, opacity) {
     line.rotation.set(turn[0], turn[1], 0);
     whole.add(line);
   }
-  kind(name, errors).add(whole);
+  group.add(whole);
   return whole;
 }
 
-const ellipsoids = [ball("inner", 0xe69f00, 0.12), ball("outer", 0x56b4e9, 0.1)];
+const ellipsoids = [ball(kind("inner", errors), 0xe69f00, 0.12), ball(kind("outer", errors), 0x56b4e9, 0.1)];
 
-function showEllipsoids(pose) {
+function showEllipsoids(matrices) {
   ellipsoids.forEach(function (ellipsoid, number) {
-    ellipsoid.visible = pose.ellipsoids.length > 0;
+    ellipsoid.visible = matrices.length > 0;
     if (ellipsoid.visible) {
-      put(ellipsoid, matrix(pose.ellipsoids[number]));
+      put(ellipsoid, matrices[number]);
     }
   });
 }
+
+// limits of the position: a ball, or a box, which is open where an axis has no limit
+const limits = kind("limit", errors);
+for (const { row, limit } of settings.limits) {
+  if (row === 0) {
+    ball(limits, 0xd1330a, 0.06).scale.setScalar(limit);
+  }
+}
+const walls = [1, 2, 3].map((row) =>
+  Math.min(Infinity, ...settings.limits.filter((one) => one.row === row).map((one) => one.limit)));
+let box = null;
+if (walls.some(Number.isFinite)) {
+  box = new THREE.Group();
+  const cube = new THREE.BoxGeometry(2, 2, 2);
+  box.add(new THREE.Mesh(cube, skin(0xd1330a, 0.06)));
+  box.add(new THREE.LineSegments(new THREE.EdgesGeometry(cube), new THREE.LineBasicMaterial({ color: 0xd1330a })));
+  limits.add(box);
+}
+
+// across an axis without a limit the box is a little larger than the cloud
+function showLimits({ positions }) {
+  if (box !== null) {
+    const reach = [1e-9, 1e-9, 1e-9];
+    positions.forEach((value, at) => { reach[at % 3] = Math.max(reach[at % 3], 1.2 * Math.abs(value)); });
+    box.scale.set(...walls.map((wall, axis) => (Number.isFinite(wall) ? wall : reach[axis])));
+  }
+}
+drawOver(errors);
+drawOver(picked, OVER.marks);

@@ -11,7 +11,7 @@ function axes(length, thickness, through = false) {
     // three.js lays a cylinder along y
     rod.rotation.set(number === 2 ? Math.PI / 2 : 0, 0, number === 0 ? -Math.PI / 2 : 0);
     rod.position.setComponent(number, length / 2);
-    rod.renderOrder = through ? 1 : 0;
+    rod.renderOrder = through ? OVER.marks : 0;
     frame.add(rod);
   });
   return frame;
@@ -19,11 +19,14 @@ function axes(length, thickness, through = false) {
 
 const tipFrame = axes(settings.frame, 0.035 * settings.frame);
 kind("tip").add(tipFrame);
+drawOver(tipFrame);
+kind("base").add(axes(2 * settings.frame, 0.05 * settings.frame));
 
 const sampledFrames = kind("frames");
 for (let count = 0; count < settings.poses[0].frames.length; count += 1) {
   sampledFrames.add(axes(0.7 * settings.frame, 0.0126 * settings.frame));
 }
+drawOver(sampledFrames);
 
 function showFrames(pose, factor) {
   const tip = matrix(pose.tip);
@@ -55,7 +58,7 @@ function numbered(number) {
   const label = new THREE.Sprite(new THREE.SpriteMaterial({
     map: new THREE.CanvasTexture(canvas), depthTest: false, sizeAttenuation: false }));
   label.scale.set(0.024, 0.024, 1);
-  label.renderOrder = 2;
+  label.renderOrder = OVER.marks + 1;
   return label;
 }
 

@@ -1,14 +1,26 @@
-// All scripts of the page stand in one function, in the order stage, cloud, frames, arms, controls.
+// All scripts of the page stand in one function, in the order stage, cloud, frames, arms, tolerances, headline, camera,
+// pointer, controls.
 // Positions are in m, in the axes of the base; matrices are 16 numbers by columns, as three.js keeps them.
 
 const settings = JSON.parse(document.getElementById("settings").textContent);
 const element = (id) => document.getElementById(id);
-const pane = element("pane");
+const pane = element("scene-pane");
+
+// on a small screen the settings are folded away
+function unfold(open) {
+  document.body.dataset.panel = open ? "open" : "folded";
+  element("open").setAttribute("aria-expanded", String(open));
+  element("open").textContent = open ? "Close" : "Settings";
+}
+unfold(false);
+element("open").addEventListener("click", () => unfold(document.body.dataset.panel !== "open"));
+
 let viewer;
 try {
   viewer = new MeshCat.Viewer(pane);
+  delete document.body.dataset.still;
 } catch (error) {
-  element("problem").textContent = "The 3-D view cannot be drawn: this browser has no WebGL.";
+  element("problem").textContent = "This browser has no WebGL: a still picture stands in place of the 3-D view.";
   element("problem").hidden = false;
   return;
 }
@@ -50,8 +62,34 @@ function displacement(numbers, start, factor) {
 }
 
 viewer.camera.fov = 40;
-viewer.set_property(["Background"], "top_color", [0.94, 0.95, 0.97]);
-viewer.set_property(["Background"], "bottom_color", [0.76, 0.79, 0.83]);
+const scheme = window.matchMedia("(prefers-color-scheme: dark)");
+
+function paintGround() {
+  viewer.set_property(["Background"], "top_color", scheme.matches ? [0.17, 0.19, 0.23] : [0.94, 0.95, 0.97]);
+  viewer.set_property(["Background"], "bottom_color", scheme.matches ? [0.08, 0.09, 0.11] : [0.76, 0.79, 0.83]);
+  kinds.grid.traverse((object) => object.material?.color.set(scheme.matches ? 0x39424d : 0x99a3b0));
+}
+paintGround();
+
+// what shows errors is drawn over the arm: the depths are forgotten before it, and all of it comes in this order
+const OVER = { start: 9, errors: 10, marks: 20 };
+const curtain = new THREE.Mesh(
+  new THREE.BufferGeometry().setFromPoints([0, 1, 2].map(() => new THREE.Vector3())),
+  new THREE.MeshBasicMaterial({ transparent: true, colorWrite: false, depthWrite: false, depthTest: false }));
+curtain.frustumCulled = false;
+curtain.renderOrder = OVER.start;
+curtain.onBeforeRender = (renderer) => renderer.clearDepth();
+base.add(curtain);
+
+function drawOver(object, order = OVER.errors) {
+  object.traverse(function (one) {
+    one.renderOrder = order;
+    if (one.material) {
+      one.material.transparent = true;
+    }
+  });
+}
+
 // light every arm alike, however long it is, and leave white parts their shading
 viewer.set_property(["Lights"], "scale", [settings.length, settings.length, settings.length]);
 for (const light of ["PointLightNegativeX", "PointLightPositiveX"]) {
@@ -61,8 +99,9 @@ for (const light of ["PointLightNegativeX", "PointLightPositiveX"]) {
 viewer.set_property(["Lights", "AmbientLight", "<object>"], "intensity", 0.45);
 
 // the viewer takes the window's height at each of these moments; the pane's comes after it
-const fit = () => viewer.set_3d_pane_size(pane.clientWidth, pane.clientHeight);
-window.addEventListener("load", fit);
-window.addEventListener("resize", fit);
-requestAnimationFrame(fit);
-fit();
+const fitPane = () => viewer.set_3d_pane_size(pane.clientWidth, pane.clientHeight);
+window.addEventListener("load", fitPane);
+window.addEventListener("resize", fitPane);
+requestAnimationFrame(fitPane);
+new ResizeObserver(fitPane).observe(pane);
+fitPane();

@@ -1,0 +1,136 @@
+// The answer at the top: as computed with the sheet's tolerances, or anew for the samples as the sliders have them.
+
+function quantileOf(ordered, level) {
+  const place = level * (ordered.length - 1);
+  const below = Math.floor(place);
+  const above = Math.min(below + 1, ordered.length - 1);
+  return ordered[below] + (place - below) * (ordered[above] - ordered[below]);
+}
+
+// P(B ≤ k), B binomial (n, p)
+function binomial(k, n, p, logs) {
+  let sum = 0;
+  for (let j = 0; j <= k; j += 1) {
+    sum += Math.exp(logs[n] - logs[j] - logs[n - j] + j * Math.log(p) + (n - j) * Math.log1p(-p));
+  }
+  return sum;
+}
+
+// the Clopper-Pearson interval of a probability
+function intervalOf(inside, count) {
+  const logs = new Float64Array(count + 1);
+  for (let j = 2; j <= count; j += 1) {
+    logs[j] = logs[j - 1] + Math.log(j);
+  }
+  const tail = (1 - settings.confidence) / 2;
+  // where a falling function of p crosses a value
+  const solve = function (k, level) {
+    let [low, high] = [0, 1];
+    for (let step = 0; step < 50; step += 1) {
+      const middle = (low + high) / 2;
+      [low, high] = binomial(k, count, middle, logs) > level ? [middle, high] : [low, middle];
+    }
+    return (low + high) / 2;
+  };
+  return [inside > 0 ? solve(inside - 1, 1 - tail) : 0, inside < count ? solve(inside, tail) : 1];
+}
+
+const fixed = (value, place, round = Math.round) => {
+  const step = 10 ** place;
+  return (round(value / step) * step + 0).toFixed(Math.max(0, -place));
+};
+
+// the last digit is the first uncertain one, and what is printed lies inside the interval
+function supported(value, low, high) {
+  const half = Math.max(value - low, high - value);
+  let place = half > 1e-9 * value ? Math.ceil(Math.log10(half / 5)) : Math.floor(Math.log10(value || 1)) - 4;
+  while (place > -12 && !(low <= Number(fixed(value, place)) && Number(fixed(value, place)) <= high) && high > low) {
+    place -= 1;
+  }
+  return fixed(value, place);
+}
+
+function outward(low, high) {
+  const place = high > low ? Math.floor(Math.log10(high - low)) - 1 : Math.floor(Math.log10(high || 1)) - 4;
+  return [fixed(low, place, Math.floor), fixed(high, place, Math.ceil)];
+}
+
+function sizeLine(sample, live) {
+  const count = sample.positions.length / 3;
+  const sizes = Float64Array.from({ length: count }, (_, at) => quantityOf(0, sample, at)).sort();
+  const [unit, per] = sizes[count - 1] < 1e-4 ? ["µm", 1e6] : ["mm", 1e3];
+  const robots = `${count.toLocaleString("en")} robots`;
+  if (sizes[count - 1] - sizes[0] <= 1e-12) {
+    return [`Every robot within ${(per * sizes[count - 1]).toPrecision(4)} ${unit}`, `${robots}, all alike`, ""];
+  }
+  if (live.ranks[1] === null) {
+    return [`${robots} are too few for the 95 % quantile`, "add samples", ""];
+  }
+  const ends = live.ranks[1].map((rank) => per * sizes[rank - 1]);
+  const [low, high] = outward(...ends);
+  return [
+    `95 % of robots within ${supported(per * quantileOf(sizes, 0.95), ...ends)} ${unit}`,
+    `interval ${low} to ${high} ${unit} at ${100 * settings.confidence} % confidence; ${robots}`, ""];
+}
+
+function limitLine({ row, limit, required, text }, sample) {
+  const count = sample.positions.length / 3;
+  const values = Array.from({ length: count }, (_, at) => quantityOf(row, sample, at));
+  const inside = values.filter((value) => Math.abs(value) <= limit).length;
+  const [low, high] = intervalOf(inside, count);
+  const varies = Math.max(...values) - Math.min(...values) > 1e-12;
+  const verdict = high < required ? "not met" : !varies ? "nothing to judge" : low >= required ? "met" : "undecided";
+  const demanded = String(Number((100 * required).toPrecision(10))).split(".")[1] || "";
+  const place = -Math.max(1 - Math.floor(Math.log10(100 * (high - low))), demanded.length, 0);
+  const more = verdict === "undecided" ? "; more samples decide it" : "";
+  return [
+    `${verdict[0].toUpperCase()}${verdict.slice(1)}: ${text}`,
+    `${fixed((100 * inside) / count, place)} % inside, interval ${fixed(100 * low, place, Math.floor)} to ` +
+      `${fixed(100 * high, place, Math.ceil)} %${more}`, verdict];
+}
+
+function showHeadline(pose, sample) {
+  const lines = sample.own
+    ? pose.answers : [...settings.limits.map((one) => limitLine(one, sample)), sizeLine(sample, pose.live)];
+  element("headline").replaceChildren(...lines.flatMap(function ([text, detail, verdict]) {
+    const answer = document.createElement("p");
+    const fine = document.createElement("p");
+    answer.className = "answer";
+    answer.dataset.verdict = verdict;
+    answer.textContent = text;
+    fine.className = "fine";
+    fine.textContent = detail;
+    return [answer, fine];
+  }));
+  element("changed").hidden = sample.own;
+}
+
+const percent = (share) => `${Number((100 * share).toPrecision(6))} %`;
+
+// quantiles on the colour bar
+function showMarks(pose, sample) {
+  const count = sample.positions.length / 3;
+  const sizes = Float64Array.from({ length: count }, (_, at) => quantityOf(0, sample, at)).sort();
+  const found = sample.own ? pose.marks : settings.levels.map(function (level, at) {
+    const ranks = pose.live.ranks[at];
+    return ranks === null ? null : [quantileOf(sizes, level), sizes[ranks[0] - 1], sizes[ranks[1] - 1]];
+  });
+  const [smallest, largest] = settings.colours;
+  const per = largest < 1e-4 ? 1e6 : 1e3;
+  const known = settings.levels.map((level, at) => [level, found[at]]).filter(([, mark]) => mark !== null);
+  element("bar").replaceChildren(...known.map(function ([level, [value]]) {
+    const mark = document.createElement("i");
+    const share = largest > smallest ? (value - smallest) / (largest - smallest) : 0;
+    mark.style.left = `${100 * Math.min(Math.max(share, 0), 1)}%`;
+    mark.title = percent(level);
+    return mark;
+  }));
+  const texts = known.map(([level, mark]) => `${percent(level)}: ${supported(...mark.map((value) => per * value))}`);
+  element("marks").textContent = texts.length === 0 ? "" : `Marks: so many robots stay below; ${texts.join(", ")}`;
+}
+
+function paintBar() {
+  const colours = scheme.matches ? settings.darkStops : settings.stops;
+  element("bar").style.background = `linear-gradient(to right, ${colours.join(", ")})`;
+}
+paintBar();
