@@ -10,7 +10,6 @@ import math
 import os
 import string
 from collections.abc import Iterable, Sequence
-from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Final
@@ -18,7 +17,7 @@ from typing import Final
 import numpy as np
 
 from precision_pin.display.html import escaped
-from precision_pin.errors import InputError, InternalError, OutputError
+from precision_pin.errors import InputError, InternalError
 from precision_pin.outputs.view.arm import draw_arm
 from precision_pin.outputs.view.headline import CONFIDENCE, LEVELS, as_html, limit_text
 from precision_pin.outputs.view.picture import picture
@@ -47,7 +46,7 @@ from precision_pin.robot.chain import Posture
 from precision_pin.statistics import Specification
 from precision_pin.statistics.quantities import QUANTITIES
 
-__all__ = ["page", "script_hashes", "write_page"]
+__all__ = ["page", "script_hashes"]
 
 
 _GRID: Final[Colour] = (0.60, 0.64, 0.69, 1.0)
@@ -194,33 +193,6 @@ def script_hashes() -> tuple[str, ...]:
     A frame with ``srcdoc`` inherits the policy of the page around it, which has to allow them too.
     """
     return tuple(f"'sha256-{_sha256(code)}'" for code in _scripts())
-
-
-def write_page(path: str | os.PathLike[str], text: str) -> None:
-    """Write a page as UTF-8; it is never seen half-written.
-
-    Raises
-    ------
-    OutputError
-        The folder does not exist or cannot be written to.
-    """
-    target = Path(path)
-    temporary: Path | None = None
-    try:
-        temporary = target.with_name(f".page.{os.getpid()}.part")
-        temporary.unlink(missing_ok=True)
-        with temporary.open("xb") as stream:
-            stream.write(text.encode("utf-8"))
-        temporary.replace(target)
-    except (OSError, ValueError) as problem:
-        reason = getattr(problem, "strerror", None) or str(problem)
-        raise OutputError(
-            f"cannot write {str(target)!r}: {reason}; give a file in a folder that can be written"
-        ) from None
-    finally:
-        if temporary is not None:
-            with suppress(OSError, ValueError):
-                temporary.unlink(missing_ok=True)
 
 
 def _checked(shown: Sequence[ViewPose]) -> list[ViewPose]:
