@@ -49,6 +49,7 @@ from precision_pin.sources import catalogue
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
 PAGES = {path.relative_to(ROOT).as_posix(): path for path in (ROOT / "README.md", *sorted(DOCS.glob("*.md")))}
+LONG = {"docs/case.md", "docs/questions.md"}
 LANGUAGES = {"python", "console", "yaml", "xml", "text"}
 HEAD = {"precision-pin": "1", "robot": "4dof.urdf", "tip": "tool"}
 OF_THE_RUNNER = {"pytest", "_pytest", "pluggy", "iniconfig", "xdist", "execnet"}
@@ -83,9 +84,9 @@ def blocks(page: str) -> Iterator[Block]:
         yield Block(match[1], match[2], text[: match.start(2)].count("\n") + 1)
 
 
-def makes_a_report(page: str) -> bool:
-    """Return whether a page's commands take long: every analysis, and all their figures."""
-    return "$ precision-pin report" in PAGES[page].read_text(encoding="utf-8")
+def takes_long(page: str) -> bool:
+    """Return whether a page's commands take long: reports, which hold every analysis, or twenty questions."""
+    return page in LONG or "$ precision-pin report" in PAGES[page].read_text(encoding="utf-8")
 
 
 # --- blocks ---
@@ -173,9 +174,7 @@ def test_the_package_imports_nothing_that_is_neither_locked_nor_an_extra():
                 assert homes & here or any(home in extras for home in homes), f"{path}: {name} is in no lock"
 
 
-@pytest.mark.parametrize(
-    "page", [pytest.param(page, marks=[pytest.mark.slow] * makes_a_report(page)) for page in PAGES]
-)
+@pytest.mark.parametrize("page", [pytest.param(page, marks=[pytest.mark.slow] * takes_long(page)) for page in PAGES])
 def test_every_block_runs(page, folder, monkeypatch):
     set_up_like_a_reader(page, monkeypatch)
     module = types.ModuleType(f"page_{re.sub(r'[^a-z]', '_', page)}")
