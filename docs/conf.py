@@ -11,6 +11,7 @@ from collections.abc import Mapping
 from html import escape
 from importlib.metadata import version as installed_version
 from pathlib import Path
+from textwrap import indent
 from typing import TYPE_CHECKING, Final
 
 from docutils import nodes
@@ -30,8 +31,8 @@ project = "precision-pin"
 version = release = installed_version(project)
 copyright = "2026, the precision-pin authors"
 
-extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
-exclude_patterns = ["_build"]
+extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "sphinx_copybutton"]
+exclude_patterns = ["_build", "drawings"]
 highlight_language = "text"
 
 html_theme = "furo"
@@ -40,6 +41,8 @@ html_static_path = ["_static"]
 html_css_files = ["site.css"]
 html_math_renderer = "mathml"
 html_copy_source = False
+
+copybutton_prompt_text = "$ "  # of a console block only the commands are copied, without what they print
 
 myst_enable_extensions = ["dollarmath"]
 myst_heading_anchors = 3  # links such as page.md#heading work here as on a forge
@@ -56,6 +59,7 @@ napoleon_custom_sections = [("Attributes", "params_style")]
 PAGES: Final = Path(__file__).parent
 GROUP: Final = re.compile(r"^## (.+)\n((?:\n|(?!#).+\n)*)", re.MULTILINE)
 PAGE: Final = re.compile(r"^\| \[[^]]*\]\(([\w/-]+)\.\w+\)", re.MULTILINE)
+WORDS: Final = re.compile(r"^\| word \|.+\n\| ---.+\n((?:\|.+\n)+)", re.MULTILINE)
 CODE: Final = re.compile(r"(``.*?``|:\w+:`[^`]*`)")
 MARK: Final = re.compile(r"\||(?<=\w)_(?!\w)")
 BACKTICKS: Final = re.compile(r"`([^`]+)`")
@@ -71,6 +75,17 @@ def add_toctrees(app: Sphinx, docname: str, source: list[str]) -> None:
             pages = "\n".join(PAGE.findall(text))
             if pages:
                 source[0] += f"\n```{{toctree}}\n:hidden:\n:caption: {title}\n\n{pages}\n```\n"
+
+
+def add_index_entries(app: Sphinx, docname: str, source: list[str]) -> None:
+    """Make the words of the glossary entries of the index, which a search puts first."""
+    del app
+    if docname == "glossary":
+        rows = "".join(WORDS.findall(source[0])).splitlines()
+        words = [word for row in rows for word in row.split(" | ")[0].removeprefix("| ").split(", ")]
+        title, text = source[0].split("\n", 1)
+        entries = "\n".join(f"! single: {word}" for word in words)
+        source[0] = f"{title}\n\n```{{eval-rst}}\n.. index::\n{indent(entries, '   ')}\n```\n{text}"
 
 
 def escape_marks(app: Sphinx, what: str, name: str, it: object, options: object, lines: list[str]) -> None:
@@ -218,6 +233,7 @@ def visit_math_block(translator: HTML5Translator, node: nodes.math_block) -> Non
 def setup(app: Sphinx) -> dict[str, bool]:
     """Register what this site adds to Sphinx."""
     app.connect("source-read", add_toctrees)
+    app.connect("source-read", add_index_entries)
     app.connect("autodoc-process-docstring", escape_marks, priority=400)  # before napoleon's
     app.connect("autodoc-process-signature", signature_as_written)
     app.connect("missing-reference", find_public_name)

@@ -51,7 +51,7 @@ from support.package_code import FILES, import_statements
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
 PAGES = {path.relative_to(ROOT).as_posix(): path for path in (ROOT / "README.md", *sorted(DOCS.glob("*.md")))}
-LONG = ("docs/budget.md", "docs/worst-case.md", "docs/exact-law.md")
+LONG = ("docs/budget.md", "docs/worst-case.md", "docs/exact-law.md", "docs/case.md", "docs/questions.md")
 LANGUAGES = {"python", "console", "yaml", "xml", "text"}
 HEAD = {"precision-pin": "1", "robot": "4dof.urdf", "tip": "tool"}
 OF_THE_RUNNER = {"pytest", "_pytest", "pluggy", "iniconfig", "xdist", "execnet"}
@@ -87,7 +87,7 @@ def blocks(page: str) -> Iterator[Block]:
 
 
 def takes_long(page: str) -> bool:
-    """Return whether a page's blocks take long: an analysis of many samples, or a report with all of them."""
+    """Return whether a page's blocks take long: an analysis of many samples, a report with all of them, twenty questions."""
     return page in LONG or "$ precision-pin report" in PAGES[page].read_text(encoding="utf-8")
 
 

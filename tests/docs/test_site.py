@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+import json
 import re
 import shutil
 import subprocess
@@ -10,6 +12,7 @@ import zlib
 from pathlib import Path
 
 import pytest
+from sphinx.search.en import SearchEnglish
 
 import precision_pin
 from precision_pin.sources import catalogue
@@ -86,13 +89,91 @@ def test_formulas_are_mathml_with_their_numbers(site):
 @pytest.mark.parametrize(("scheme", "width"), [("light", 1280), ("dark", 400)])
 def test_pages_ask_for_nothing_outside(site, scheme, width):
     with chromium(color_scheme=scheme, viewport={"width": width, "height": 800}) as browser:
-        for page in ("index", "model", "sources", "api/index", "api/model", "tutorial"):
+        for page in (
+            "index",
+            "questions",
+            "case",
+            "glossary",
+            "model",
+            "sources",
+            "api/index",
+            "api/model",
+            "tutorial",
+        ):
             visit = visited(browser, site / f"{page}.html")
             assert visit.page.title().endswith("precision-pin"), page
             # nothing wider than the window, however narrow
             assert visit.page.evaluate("document.documentElement.scrollWidth") <= width, page
             assert complaints(visit) == [], page
             assert outside_requests(visit) == [], page
+
+
+def indexed(site: Path) -> set[str]:
+    """Return the words, stemmed, that a search finds."""
+    text = (site / "searchindex.js").read_text(encoding="utf-8")
+    found = json.loads(text.removeprefix("Search.setIndex(").removesuffix(")"))
+    return {*found["terms"], *found["titleterms"]}
+
+
+def test_a_search_finds_the_words_of_the_field_and_every_code(site):
+    stem = SearchEnglish({}).stem
+    codes = re.findall(r"`([EW]_[A-Z0-9_]+)`", (DOCS / "codes.md").read_text(encoding="utf-8"))
+    assert len(codes) > 90
+    words = ["xacro", "Cp", "Cpk", "harmonic", "drive", "RP", "AP", "yield", "repeatability", *codes]
+    assert [word for word in words if stem(word.lower()) not in indexed(site)] == []
+
+
+@needs_chromium
+def test_the_search_page_names_the_glossary_first_for_the_words_of_the_field(site):
+    with chromium() as browser:
+        for query, page in (("RP", "Glossary"), ("AP", "Glossary"), ("Cpk", "Glossary"), ("W_FEW_SAMPLES", "Codes of")):
+            visit = visited(browser, site / "search.html")
+            visit.page.goto(f"{(site / 'search.html').as_uri()}?q={query}")
+            visit.page.wait_for_selector("#search-results li a")
+            visit.page.wait_for_function("document.querySelector('.search-summary').innerText.includes('matching')")
+            assert visit.page.inner_text("#search-results li a").startswith(page), query
+
+
+@needs_chromium
+@pytest.mark.parametrize("width", [390, 1280])
+def test_the_set_up_line_is_shown_whole_and_copied_as_one(site, width):
+    with chromium(viewport={"width": width, "height": 800}) as browser:
+        page = visited(browser, site / "start.html").page
+        lines = page.locator("article div.highlight-none pre")
+        assert lines.count() == 2
+        assert lines.evaluate_all("all => all.every(it => it.scrollWidth <= it.clientWidth)")
+        page.evaluate("document.execCommand = () => { window.copied = document.activeElement.value; return true }")
+        copied = []
+        for block in ("highlight-none", "highlight-console"):
+            button = page.locator(f"div.{block} button.copybtn").first
+            copied.append(
+                page.evaluate(
+                    "it => document.querySelector(it.dataset.clipboardTarget).innerText", button.element_handle()
+                )
+            )
+        assert " -m venv .venv && " in copied[0]
+        assert "\n" not in copied[0].strip()
+
+
+@needs_chromium
+def test_labels_of_drawings_stand_apart_and_inside():
+    with chromium() as browser:
+        for path in sorted((DOCS / "images").glob("*.svg")):
+            page = visited(browser, path).page
+            frame = page.evaluate("(({width, height}) => [width, height])(document.documentElement.viewBox.baseVal)")
+            boxes = page.eval_on_selector_all(
+                "text",
+                "all => all.map(it => [it.textContent, ...(({x, y, width, height}) => [x, y, width, height])(it.getBBox())])",
+            )
+            assert len(boxes) > 3, path
+            for name, x, y, width, height in boxes:
+                assert 0 <= x <= frame[0] - width, f"{path.name}: {name}"
+                assert 0 <= y <= frame[1] - height, f"{path.name}: {name}"
+            for one, other in itertools.combinations(boxes, 2):
+                apart_x = max(one[1], other[1]) - min(one[1] + one[3], other[1] + other[3])
+                # letters are lower than their boxes
+                apart_y = max(one[2], other[2]) - min(one[2] + one[4], other[2] + other[4])
+                assert apart_x > -1 or apart_y > -6, f"{path.name}: {one[0]!r} and {other[0]!r}"
 
 
 @needs_chromium

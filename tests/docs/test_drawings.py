@@ -1,0 +1,96 @@
+"""The drawings of the pages: in step with the code that draws them, and with the formulas of the sources that they explain."""
+
+from __future__ import annotations
+
+import re
+import xml.etree.ElementTree as ElementTree
+
+import numpy as np
+import pytest
+from docs.drawings import measured_arms, results, sources
+from docs.drawings.canvas import IMAGES
+
+import precision_pin as pp
+from precision_pin.robot.examples import example_urdfs, shipped_sheets
+
+PAGES = IMAGES.parent
+
+
+@pytest.mark.parametrize("name", sources.DRAWINGS)
+def test_a_drawing_is_in_step(name):
+    assert (IMAGES / name).read_text(encoding="utf-8") == sources.DRAWINGS[name](), "run: python -m docs.drawings"
+
+
+@pytest.mark.slow
+def test_the_drawing_of_the_measured_arms_is_in_step():
+    if not example_urdfs():
+        pytest.skip("example-robot-data is not installed")
+    drawn = (IMAGES / "ur5-measured.svg").read_text(encoding="utf-8")
+    assert drawn == measured_arms.measured_arms(), "run: python -m docs.drawings"
+
+
+def test_the_measured_arms_are_those_that_the_sheet_states():
+    head = " ".join(line.lstrip("# ") for line in shipped_sheets()["ur5"].read_text(encoding="utf-8").splitlines()[:12])
+    stated = re.search(
+        r"by ([\d.]+) to ([\d.]+) mm \(median ([\d.]+)\), ([\d.]+) to ([\d.]+) mm \(([\d.]+)\) and ([\d.]+) to ([\d.]+) mm"
+        r" \(([\d.]+)\)",
+        head,
+    )
+    assert stated is not None
+    found = [number for arms in measured_arms.MEASURED.values() for number in (min(arms), max(arms), np.median(arms))]
+    assert found == pytest.approx([float(number) for number in stated.groups()])
+    assert {len(arms) for arms in measured_arms.MEASURED.values()} == {9}
+
+
+def test_the_first_page_states_what_sheet_and_drawing_do():
+    text = (PAGES / "index.md").read_text(encoding="utf-8")
+    head = shipped_sheets()["ur5"].read_text(encoding="utf-8")
+    for pose, arms in measured_arms.MEASURED.items():
+        median, most = re.findall(rf"^#   {pose} +median ([\d.]+) mm, 95 % ([\d.]+) mm$", head, re.MULTILINE)[0]
+        row = f"| {pose} | {median} mm | {most} mm | {np.median(arms):.1f} mm | {min(arms)} to {max(arms)} mm |"
+        assert row in text
+
+
+def test_every_drawing_is_shown_and_every_picture_has_its_page():
+    shown = " ".join(path.read_text(encoding="utf-8") for path in PAGES.glob("*.md"))
+    for name in (*sources.DRAWINGS, "ur5-measured.svg", *results.PICTURES):
+        assert (IMAGES / name).exists(), name
+        assert f"(images/{name})" in shown, name
+
+
+@pytest.mark.parametrize("name", results.PICTURES)
+def test_a_picture_is_of_a_command_that_stands_on_its_page(name):
+    page, command, _ = results.PICTURES[name]
+    assert f"$ precision-pin {command}" in (PAGES / page).read_text(encoding="utf-8")
+
+
+def points(name: str, look: str) -> list[tuple[float, float]]:
+    """Return the middles of the dots of a drawing that have a look and are as large as A and B are drawn."""
+    dots = ElementTree.parse(IMAGES / name).iter("{http://www.w3.org/2000/svg}ellipse")
+    return [
+        (float(dot.attrib["cx"]), float(dot.attrib["cy"]))
+        for dot in dots
+        if dot.attrib["class"] == look and dot.attrib["rx"] == "6.0"
+    ]
+
+
+def test_the_drawn_axis_meets_the_origins_plane_where_the_source_puts_the_seat(tmp_path):
+    """A, B, start and span are read off the drawing; the model's seat must lie at the tip of the green arrow."""
+    (ax, ay), (bx, by) = points("axis_install.svg", "fill-red")
+    text = (IMAGES / "axis_install.svg").read_text(encoding="utf-8")
+    x, origin = map(
+        float, re.findall(r'<ellipse cx="([\d.]+)" cy="([\d.]+)" rx="5.0" ry="5.0" class="fill-ink"/>', text)[0]
+    )
+    tip = float(re.findall(r'<path d="M([\d.]+) [^"]+" class="green fill-green"/>', text)[0])
+    start, span = (origin - ay) * 1e-5, (ay - by) * 1e-5  # 100 pixels are 1 mm
+    urdf = """<robot name="one"><link name="base"/><link name="arm"/><joint name="turn" type="revolute"><parent link="base"/>
+        <child link="arm"/><axis xyz="0 0 1"/><limit lower="-1" upper="1" effort="1" velocity="1"/></joint></robot>"""
+    (tmp_path / "one.urdf").write_text(urdf)
+    chain = pp.Chain.from_urdf(tmp_path / "one.urdf", tip="arm")
+    install = pp.sources.AxisInstall(joint="turn", radius=1e-3, span=span, start=start)
+    model = pp.ErrorModel(chain, pp.Space(()), [install])
+    values = {"A.x": (ax - x) * 1e-5, "A.y": 0.0, "B.x": (bx - x) * 1e-5, "B.y": 0.0}
+    drawn = np.array([[values[name.removeprefix("axis_install[turn].")]] for name in model.space.components])
+    assert model.at([0.0]).linear(drawn)[0, 0] == pytest.approx(
+        (tip - x) * 1e-5, abs=1e-6
+    )  # drawn to a tenth of a pixel
