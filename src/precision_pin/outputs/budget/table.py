@@ -25,7 +25,7 @@ from precision_pin.visible import shortened
 __all__ = ["draw_rows", "ranked", "source_name", "table"]
 
 MOST_LINES: Final = 10
-MOST_OF_NAME: Final = 38
+MOST_OF_NAME: Final = 40
 MOST_DECIMALS: Final = 3
 
 
