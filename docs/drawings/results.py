@@ -22,8 +22,6 @@ ROBOTS: Final = PAGES.parent / "robots"
 PICTURES: Final = {
     "start-position.png": ("start.md", "analyze mine.errors.yaml --samples 20000", "position.png"),
     "your-arm-position.png": ("your-arm.md", "analyze mine.errors.yaml --samples 20000", "position.png"),
-    "your-arm-budget.png": ("your-arm.md", "budget mine.errors.yaml --samples 1024 --quantity position", "budget.png"),
-    "case-budget.png": ("case.md", "budget place.errors.yaml --samples 1024 --quantity position", "budget.png"),
 }
 """The page that holds the sheet, the command, and the picture to take, by the name of its file."""
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from itertools import pairwise
-from math import cos, pi, radians, sin
+from math import cos, exp, pi, radians, sin, sqrt
 from typing import Final
 
 from docs.drawings.canvas import Canvas
@@ -329,6 +329,55 @@ def places() -> str:
     return view.finish()
 
 
+def laws() -> str:
+    """Return the drawing of the densities of the laws of one number, with the half-width that a sheet gives."""
+    view = Canvas("Densities of the laws of a sheet: what the half-width t of each one means", 330)
+
+    def uniform(u: float) -> float:
+        return 0.5 if abs(u) <= 1 else 0.0
+
+    def normal(u: float) -> float:
+        return 3 / sqrt(2 * pi) * exp(-((3 * u) ** 2) / 2)
+
+    def triangular(u: float) -> float:
+        return max(0.0, 1 - abs(u))
+
+    def arcsine(u: float) -> float:
+        return 1 / (pi * sqrt(1 - u * u)) if abs(u) < 1 else 0.0
+
+    shapes: Sequence[tuple[str, str, Callable[[float], float] | None]] = (
+        ("uniform: t", "σ = t/√3", uniform),
+        ("normal: t", "σ = t/3, unbounded", normal),
+        ("triangular: t", "σ = t/√6", triangular),
+        ("arcsine: t", "σ = t/√2", arcsine),
+        ("two_point: t", "σ = t", None),
+        ("disc: t", "two numbers, in the disc", None),
+    )
+    for place, (name, spread, density) in enumerate(shapes):
+        x, y = 100.0 + 180 * (place % 3), 118.0 + 160 * (place // 3)
+        view.text(x, y - 88, name, "bold", "middle")
+        view.text(x, y + 40, spread, "small", "middle")
+        if name.startswith("disc"):
+            view.ellipse(x, y - 34, 36, 36, "blue fill-blue soft")
+            view.line(x, y - 34, x + 36, y - 34, "grey")
+            view.text(x + 18, y - 38, "t", "grey small", "middle")
+            view.dot(x, y - 34, "fill-ink", 3)
+            continue
+        view.line(x - 78, y, x + 78, y, "grey")
+        if density is None:
+            for side in (-52.0, 52.0):
+                view.line(x + side, y, x + side, y - 60, "blue thick")
+        else:
+            steps = [k / 40 for k in range(-58, 59)]
+            curve = [(x + 52 * u, y - min(66.0, 52 * density(u))) for u in steps]
+            view.path([(x - 75.4, y), *curve, (x + 75.4, y)], "blue fill-blue soft", closed=True)
+        for side, mark in ((-52.0, "−t"), (52.0, "+t")):
+            view.line(x + side, y, x + side, y + 6, "ink")
+            view.text(x + side, y + 20, mark, "small grey", "middle")
+        view.text(x, y + 20, "mean", "small grey", "middle")
+    return view.finish()
+
+
 DRAWINGS: Final[dict[str, Callable[[], str]]] = {
     "axis_install.svg": axis_install,
     "clearance.svg": clearance,
@@ -337,6 +386,7 @@ DRAWINGS: Final[dict[str, Callable[[], str]]] = {
     "encoder.svg": encoder,
     "scopes.svg": scopes,
     "places.svg": places,
+    "laws.svg": laws,
 }
 """Every drawing by the name of its file."""
 

@@ -7,7 +7,7 @@ import xml.etree.ElementTree as ElementTree
 
 import numpy as np
 import pytest
-from docs.drawings import measured_arms, results, sources
+from docs.drawings import budgets, measured_arms, results, sources
 from docs.drawings.canvas import IMAGES
 
 import precision_pin as pp
@@ -22,11 +22,12 @@ def test_a_drawing_is_in_step(name):
 
 
 @pytest.mark.slow
-def test_the_drawing_of_the_measured_arms_is_in_step():
+@pytest.mark.parametrize("drawings", [measured_arms, budgets])
+def test_a_drawing_of_results_is_in_step(drawings):
     if not example_urdfs():
         pytest.skip("example-robot-data is not installed")
-    drawn = (IMAGES / "ur5-measured.svg").read_text(encoding="utf-8")
-    assert drawn == measured_arms.measured_arms(), "run: python -m docs.drawings"
+    for name, text in drawings.draw_all().items():
+        assert (IMAGES / name).read_text(encoding="utf-8") == text, f"{name}: run: python -m docs.drawings"
 
 
 def test_the_measured_arms_are_those_that_the_sheet_states():
@@ -53,7 +54,7 @@ def test_the_first_page_states_what_sheet_and_drawing_do():
 
 def test_every_drawing_is_shown_and_every_picture_has_its_page():
     shown = " ".join(path.read_text(encoding="utf-8") for path in PAGES.glob("*.md"))
-    for name in (*sources.DRAWINGS, "ur5-measured.svg", *results.PICTURES):
+    for name in (*sources.DRAWINGS, "ur5-measured.svg", *budgets.BUDGETS, *results.PICTURES):
         assert (IMAGES / name).exists(), name
         assert f"(images/{name})" in shown, name
 
