@@ -95,7 +95,7 @@ def test_the_caption_says_what_is_shown(paper):
         "samples N = 400",
         "seed 1",
         "model exact",
-        "factor 100",
+        "factor 150",
         "spec 2 mm @ 99 %",
         "Position error |d|, mm",
         "squares of 500 mm",

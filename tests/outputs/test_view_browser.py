@@ -106,7 +106,7 @@ def displacements_of(at, x: np.ndarray) -> np.ndarray:
 def test_the_page_opens_without_complaint_or_request(context, tmp_path, paper):
     visit = opened(context, tmp_path, simple_page(*paper))
     found = state(visit)
-    assert (found["factor"], found["pose"], found["playing"]) == (100, 1, False)
+    assert (found["factor"], found["pose"], found["playing"]) == (150, 1, False)
     assert {name for name, seen in found["seen"].items() if not seen} == {"ghosts", "deflected", "mcpc", "limit"}
     assert set(found["seen"]) == {*KINDS, "limit"}
     words = visit.page.inner_text("#panel")
@@ -128,7 +128,7 @@ def test_the_address_can_say_how_to_open_the_page(context, tmp_path, paper):
     assert [body.get_attribute(f"data-{name}") for name in ("factor", "look", "pose")] == ["50", "tip", "1"]
     visit = opened(context, tmp_path, simple_page(*paper), fragment="#factor=1e9&look=nonsense&pose=x")
     body = visit.page.locator("body")
-    assert [body.get_attribute(f"data-{name}") for name in ("factor", "look", "pose")] == ["1000", "arm", "1"]
+    assert [body.get_attribute(f"data-{name}") for name in ("factor", "look", "pose")] == ["1500", "arm", "1"]
 
 
 def test_the_slider_enlarges_everything_together(context, tmp_path, three_poses):
@@ -265,7 +265,7 @@ def test_everything_can_be_reached_and_used_by_keyboard(context, tmp_path, three
 
 
 def test_buttons_and_boxes_do_what_they_say(context, tmp_path, paper):
-    visit = opened(context, tmp_path, simple_page(*paper))
+    visit = opened(context, tmp_path, simple_page(*paper, factor=20))
 
     def far() -> float:
         return visit.page.evaluate(

@@ -76,6 +76,17 @@ def test_the_arm_is_not_lost_beside_a_far_mean(posture):
     assert size[0] > 0.44 * size[1]
 
 
+def test_a_cloud_is_seen_from_a_wide_side(posture):
+    # all errors lie along the usual line of sight: the camera turns until they are seen, and a round cloud turns nothing
+    usual = view_direction(posture)
+    level = usual * [1, 1, 0] / np.linalg.norm(usual[:2])
+    line = np.random.default_rng(1).normal(size=500) * 1e-4 * level[:, None]
+    turned = view_direction(posture, line)
+    across = [np.ptp(picture(line.T, direction)[:, 0]) for direction in (usual, turned)]
+    assert across[1] > 0.4 * np.ptp(np.linalg.norm(line, axis=0)) > across[0]
+    np.testing.assert_array_equal(view_direction(posture, ball(1e-4)), usual)
+
+
 def test_the_default_factor_never_shrinks_and_stands_zeros(posture):
     assert default_factor(ball(0.5), posture) == 1
     assert default_factor(np.zeros((3, 5)), posture) == 1

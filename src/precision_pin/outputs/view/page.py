@@ -115,7 +115,8 @@ def page(
     posture = poses[0].pose_model.posture
     length = arm_length(posture)
     postures = [one.pose_model.posture for one in poses]
-    chosen = min(default_factor(one.errors[:3], one.pose_model.posture, postures) for one in poses)
+    direction = view_direction(posture, poses[0].errors[:3])
+    chosen = min(default_factor(one.errors[:3], one.pose_model.posture, postures, direction) for one in poses)
     first_factor = chosen if factor is None else float(factor)
     if not (math.isfinite(first_factor) and first_factor > 0):
         raise InputError(f"the exaggeration factor must be a positive number, got {factor!r}")
@@ -142,7 +143,7 @@ def page(
         "largest": 10 * max(1.0, first_factor),
         "length": length,
         "frame": _FRAME_LENGTH * length,
-        "from": view_direction(posture).tolist(),
+        "from": direction.tolist(),
         "stops": scale.stops,
         "darkStops": scale.dark_stops,
         "colours": [scale.smallest, scale.largest],
@@ -166,7 +167,7 @@ def page(
         headline=as_html(data[0].answers),
         remarks="\n".join(f"<p class='fine'>{escaped(line[:1].upper() + line[1:])}</p>" for line in remarks),
         label=label,
-        picture=picture(posture, poses[0].errors[:3], first_factor, label),
+        picture=picture(posture, poses[0].errors[:3], first_factor, direction, label),
         still_pose=escaped(f", pose {texts['pose-text']}") if len(poses) > 1 else "",
         factor_text=f"{first_factor:,g}",
         example=escaped(f"{first_factor:,g} mm long"),

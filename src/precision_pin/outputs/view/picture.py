@@ -6,7 +6,7 @@ from typing import Final
 
 import numpy as np
 
-from precision_pin.outputs.view.scales import picture_axes, view_direction
+from precision_pin.outputs.view.scales import picture_axes
 from precision_pin.robot.chain import Posture
 from precision_pin.typing import Array
 
@@ -18,7 +18,7 @@ _MARGIN: Final = 30
 _DOTS: Final = 400
 
 
-def picture(posture: Posture, positions: Array, factor: float, label: str) -> str:
+def picture(posture: Posture, positions: Array, factor: float, direction: Array, label: str) -> str:
     """Return the arm as lines between its joints, and sampled positions about its tip, as an SVG element.
 
     Parameters
@@ -29,10 +29,12 @@ def picture(posture: Posture, positions: Array, factor: float, label: str) -> st
         Position errors ``(3, N)``, m.
     factor
         By how much they are drawn too large.
+    direction
+        From where it is seen.
     label
         What the picture shows, escaped.
     """
-    axes = picture_axes(view_direction(posture))
+    axes = picture_axes(direction)
     arm = axes @ np.vstack([posture.link_poses[:, :3, 3], posture.pose[:3, 3]]).T
     cloud = arm[:, -1:] + factor * (axes @ positions[:, :_DOTS])
     low, high = (end(np.hstack([arm, cloud]), axis=1) for end in (np.min, np.max))

@@ -43,6 +43,10 @@ _SPAN: Final = 5.0
 # of the picture, width by height, and the share of it that the drawn fills
 _ASPECT: Final = 1.2
 _FILLED: Final = 0.9
+# from the side of the arm toward its front, degrees, the usual one first; and how far from above
+_TURNS: Final = (20, 35, 50, 130, 145, 160)
+_RAISED: Final = 0.42
+_CLEARLY: Final = 0.8
 _DIGITS: Final = (1.0, 1.5, 2.0, 3.0, 5.0, 7.0)
 _MOST: Final = 1e9
 _STOPS: Final = 17
@@ -62,14 +66,31 @@ def round_number(value: float) -> float:
     return min(candidates, key=lambda candidate: abs(math.log(candidate / value)))
 
 
-def view_direction(posture: Posture) -> Array:
-    """Return the viewing direction, base axes: across the plane of the arm, a little from its front and from above."""
+def view_direction(posture: Posture, positions: ArrayLike | None = None) -> Array:
+    """Return the viewing direction, base axes: across the plane of the arm, a little from its front and from above.
+
+    Where there are position errors ``(3, N)``, it is turned so that their cloud is seen from a wide side.
+    """
     points = _joints(posture)
     spread = points[:, :2] - points[0, :2]
     farthest = spread[np.argmax(np.linalg.norm(spread, axis=1))]
     size = float(np.linalg.norm(farthest))
     front = farthest / size if size > 1e-6 * arm_length(posture) else np.array([1.0, 0.0])
-    return np.array([front[1] + 0.35 * front[0], -front[0] + 0.35 * front[1], 0.45])
+    side = np.array([front[1], -front[0]])
+    turned = [np.deg2rad(angle) for angle in _TURNS]
+    directions = [np.array([*(np.cos(turn) * side + np.sin(turn) * front), _RAISED]) for turn in turned]
+    if positions is None:
+        return directions[0]
+    errors = np.asarray(positions, dtype=float)
+    covariance = np.atleast_2d(np.cov(errors)) if errors.shape[1] > 1 else np.zeros((3, 3))
+
+    def seen_width(direction: Array) -> float:
+        right = picture_axes(direction)[0]
+        return math.sqrt(max(float(right @ covariance @ right), 0.0))
+
+    widths = [seen_width(direction) for direction in directions]
+    # the usual one, unless another shows clearly more
+    return directions[0 if widths[0] >= _CLEARLY * max(widths) else int(np.argmax(widths))]
 
 
 def picture_axes(direction: ArrayLike) -> Array:
@@ -80,7 +101,9 @@ def picture_axes(direction: ArrayLike) -> Array:
     return np.array([right, np.cross(toward, right)])
 
 
-def default_factor(positions: ArrayLike, posture: Posture, others: Sequence[Posture] = ()) -> float:
+def default_factor(
+    positions: ArrayLike, posture: Posture, others: Sequence[Posture] = (), direction: ArrayLike | None = None
+) -> float:
     """Return a round exaggeration (1, 1.5, 2, 3, 5 or 7 times a power of ten, at least 1).
 
     Parameters
@@ -91,16 +114,18 @@ def default_factor(positions: ArrayLike, posture: Posture, others: Sequence[Post
         The arm.
     others
         Its other postures, which the picture shows too.
+    direction
+        From where it is seen; that of :func:`view_direction` if left out.
 
     Returns
     -------
     float
         Drawn so, five standard deviations of the cloud along its widest direction in the picture span about 27 % of
-        the picture's width, in which the whole arm and the cloud are seen from :func:`view_direction`. It is less where
-        the mean error would else stand so far away from the nominal tip that the arm took less than 45 % of the picture.
+        the picture's width, in which the whole arm and the cloud are seen. It is less where the mean error would else
+        stand so far away from the nominal tip that the arm took less than 45 % of the picture.
     """
     errors = np.asarray(positions, dtype=float)
-    axes = picture_axes(view_direction(posture))
+    axes = picture_axes(view_direction(posture, errors) if direction is None else direction)
     arm = axes @ np.vstack([_joints(one) for one in (posture, *others)]).T
     tip, mean = axes @ posture.pose[:3, 3], axes @ errors.mean(axis=1)
     seen = axes @ errors - mean[:, None]

@@ -13,17 +13,19 @@ function lookAt(points, direction) {
   const up = toward.clone().cross(right);
   const high = 0.9 * Math.tan((camera.fov * Math.PI) / 360);
   const wide = high * (camera.aspect || 1);
+  // the rulers are at the bottom
+  const low = Math.min(high, (high / 0.9) * Math.max(0.6, 1 - 120 / (pane.clientHeight || 600)));
   const sides = [-Infinity, -Infinity, -Infinity, -Infinity];
   const depths = [Infinity, -Infinity];
   for (const point of points) {
     const [x, y, z] = [right, up, toward].map((axis) => axis.dot(point));
-    [x + wide * z, -x + wide * z, y + high * z, -y + high * z].forEach((side, at) => { sides[at] = Math.max(sides[at], side); });
+    [x + wide * z, -x + wide * z, y + high * z, -y + low * z].forEach((side, at) => { sides[at] = Math.max(sides[at], side); });
     depths[0] = Math.min(depths[0], z);
     depths[1] = Math.max(depths[1], z);
   }
   const nearest = depths[1] + 3 * settings.frame;
-  const away = Math.max((sides[0] + sides[1]) / (2 * wide), (sides[2] + sides[3]) / (2 * high), nearest);
-  const middle = right.clone().multiplyScalar((sides[0] - sides[1]) / 2).addScaledVector(up, (sides[2] - sides[3]) / 2);
+  const away = Math.max((sides[0] + sides[1]) / (2 * wide), (sides[2] + sides[3]) / (high + low), nearest);
+  const middle = right.clone().multiplyScalar((sides[0] - sides[1]) / 2).addScaledVector(up, (sides[2] - sides[3] + (low - high) * away) / 2);
   const depth = (depths[0] + depths[1]) / 2;
   camera.near = (away - depth) / 1000;
   camera.far = (away - depth) * 100;
