@@ -50,7 +50,7 @@ def test_the_page_opens_in_either_scheme_and_on_a_narrow_screen(paper_page, sche
         assert ground == ("rgb(255, 255, 255)" if scheme == "light" else "rgb(20, 24, 29)")
         drawn = visit.page.evaluate(OF_FIGURES)
         assert set(drawn) == {"rgb(27, 34, 43)" if scheme == "light" else "rgb(232, 236, 241)"}
-        assert not visit.page.locator("#figure-sketch").is_visible()
+        assert visit.page.locator("#figure-arm svg").is_visible()
         visit.page.locator("iframe").scroll_into_view_if_needed()
         assert blue_pixels(visit.page.locator("iframe").screenshot()) > 2_000
 
@@ -94,7 +94,7 @@ def test_paper_gets_the_still_picture_instead_of_the_view(paper_page, tmp_path):
         content = (tmp_path / "paper.pdf").read_bytes()
         assert 8 <= len(re.findall(rb"/Type\s*/Page\b", content)) <= 20
         visit.page.emulate_media(media="print")
-        assert visit.page.locator("#figure-sketch svg").is_visible()
+        assert visit.page.locator("#figure-arm svg").is_visible()
         assert not visit.page.locator("iframe").is_visible()
         assert not visit.page.locator("nav").is_visible()
         assert visit.page.evaluate(BACKGROUND) == "rgb(255, 255, 255)"
@@ -103,5 +103,5 @@ def test_paper_gets_the_still_picture_instead_of_the_view(paper_page, tmp_path):
 def test_without_scripts_the_still_picture_stands_there(paper_page):
     with chromium(java_script_enabled=False) as context:
         visit = visited(context, paper_page)
-        assert visit.page.locator("#figure-sketch svg").is_visible()
+        assert visit.page.locator("#figure-arm svg").is_visible()
         assert not visit.page.locator("iframe").is_visible()

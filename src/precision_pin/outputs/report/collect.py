@@ -7,7 +7,7 @@ import os
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any, Final, Literal, TypeVar, final
 
@@ -17,6 +17,7 @@ from precision_pin.analyses.result import Result
 from precision_pin.errors import InputError
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.pose_model import PoseModel
+from precision_pin.outputs.kit.causes import Cause, find_causes
 from precision_pin.robot import mcpc
 from precision_pin.robot.mcpc import Mcpc
 from precision_pin.sampling import Progress, monte_carlo
@@ -72,6 +73,8 @@ class Results:
         Folders of packages of meshes.
     digests
         SHA-256 of the files read, by name.
+    prefix
+        Of the identifiers of its parts in a page of several poses.
     """
 
     sheet: Sheet
@@ -84,6 +87,12 @@ class Results:
     command: tuple[str, ...]
     package_dirs: tuple[str, ...]
     digests: tuple[tuple[str, str], ...]
+    prefix: str = ""
+
+    @cached_property
+    def causes(self) -> tuple[Cause, ...]:
+        """What varies, in words, with its tolerances."""
+        return find_causes(self.model)
 
     @property
     def folders(self) -> tuple[str, ...]:
