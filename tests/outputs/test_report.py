@@ -23,6 +23,7 @@ from outputs.report_cases import (
     Reader,
     paper,
     results_of,
+    silent,
     write_hostile,
 )
 from precision_pin.analyses.budget.budget import budget
@@ -32,11 +33,13 @@ from precision_pin.model.error_model import ErrorModel
 from precision_pin.outputs.monte_carlo.section import distributions
 from precision_pin.outputs.monte_carlo.verdict import specifications, verdict
 from precision_pin.outputs.report.assumptions import assumptions
+from precision_pin.outputs.report.collect import collect_poses
 from precision_pin.outputs.report.page import page
 from precision_pin.outputs.report.summary import summary
 from precision_pin.outputs.view import script_hashes
 from precision_pin.robot.examples import PAPER_SHEET, example_urdfs
 from precision_pin.sampling import monte_carlo
+from precision_pin.sheet import read
 from precision_pin.statistics import SpecificationResult
 from precision_pin.statistics.specification import specification
 
@@ -466,3 +469,49 @@ def test_a_page_with_meshes_is_small_enough():
     assert len(text.encode()) < LARGEST
     for folder in {str(path.parent) for path in example_urdfs().values()}:
         assert folder not in text
+
+
+# several poses -------------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def three_poses(tmp_path_factory):
+    """Return a sheet with three poses, and the results at them."""
+    folder = tmp_path_factory.mktemp("poses")
+    sheet = write_hostile(folder)
+    text = sheet.read_text("utf-8").replace(
+        "poses:\n", "poses:\n  near: [10 deg, 0 deg, 0 m]\n  far: [10 deg, 0 deg, 2.9 m]\n"
+    )
+    sheet.write_text(text, "utf-8")
+    settings = {
+        "samples": 500,
+        "seed": 4,
+        "model": "exact",
+        "command": ["precision-pin"],
+        "package_dirs": (),
+        "step": silent,
+    }
+    limit = [specification("1 mm @ 90 %")]
+    return sheet, collect_poses(read(sheet), ["near", "far", SCRIPT], specifications=limit, **settings)
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore::precision_pin.errors.PrecisionPinWarning")
+def test_several_poses_stand_on_one_page_the_worst_first(three_poses):
+    sheet, found = three_poses
+    assert found[0].analysis.pose_name == "far"
+    reader = Reader(page(found))
+    table = reader.table("3 poses, the worst first")
+    assert [row[0] for row in table.rows[1:]] == [one.analysis.pose_name for one in found]
+    for one, row in zip(found, table.rows[1:], strict=True):
+        alone = monte_carlo(ErrorModel.load(sheet), one.analysis.pose_name, samples=500, seed=4)
+        assert agrees(row[2].split()[0], 1e3 * alone.position.norm.quantile(0.95))
+        assert row[1] == one.analysis.summary.specifications[0].verdict
+    identifiers = [tag.attributes["id"] for tag in reader.tags if "id" in tag.attributes]
+    assert len(set(identifiers)) == len(identifiers)
+    assert [tag.attributes["id"] for tag in reader.named("details") if tag.attributes.get("class") == "pose"] == [
+        "pose2-pose", "pose3-pose",
+    ]  # fmt: skip
+    assert len(reader.named("iframe")) == 1
+    assert {tag.attributes["href"][1:] for tag in reader.named("a")} <= set(identifiers)
+    assert page(found) == page(found)
