@@ -136,11 +136,12 @@ def _draw_tails(axes: Axes, bars: Histogram, distribution: Distribution, ruler: 
     sides = [(limit, math.inf)] if distribution.is_norm else [(-math.inf, -limit), (limit, math.inf)]
     for low, high in sides:
         edges = np.clip(bars.edges, low, high)
-        shown = np.diff(edges) > 0
-        for density, left, right in zip(bars.density[shown], edges[:-1][shown], edges[1:][shown], strict=True):
-            axes.fill_between(
-                [ruler(left), ruler(right)], density / ruler.unit.per_si, color=VERMILION, alpha=0.75, linewidth=0
-            )
+        beyond = np.diff(edges) > 0
+        if beyond.any():
+            first, last = np.flatnonzero(beyond)[[0, -1]]
+            shown = (edges[first : last + 2] - ruler.origin) * ruler.unit.per_si
+            density = bars.density[first : last + 1] / ruler.unit.per_si
+            axes.stairs(density, shown, fill=True, color=VERMILION, linewidth=0)
 
 
 def draw_cumulative(
