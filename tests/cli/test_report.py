@@ -55,6 +55,7 @@ def test_exit_code_says_whether_the_specifications_are_met(run, folder):
         (("--out", "page.html", "--spec", "1 kg"), "'1 kg'"),
         (("--out", "page.html", "--pose", "nowhere"), "no pose named 'nowhere'"),
         (("--out", "page.html", "--pose", "paper", "--q", "1 2 3 4 deg"), "exclude each other"),
+        (("--out", "page.html", "--all-poses", "--pose", "paper"), "--pose and --all-poses exclude each other"),
         (("--out", "page.html", "missing.yaml"), "does not exist"),
         (("--out", "page.html", "--model", "best"), "best"),
         (("--out", "nowhere/page.html"), "does not exist"),
@@ -70,6 +71,31 @@ def test_a_wrong_line_is_one_clear_message_and_no_file(run, new_files, arguments
     assert len(errors) == 1
     assert words in errors[0]
     assert "Traceback" not in outcome.err
+    assert new_files() == set()
+
+
+@pytest.mark.slow
+def test_one_missed_pose_of_several_is_exit_code_1(run, folder):
+    arguments = ("report", "gantry.urdf", "gantry.errors.yaml", *FEW, "--out", "page.html")
+    met = {}
+    for limit in ("1 m", "0.08 mm"):
+        for poses in (("--pose", "out"), ("--pose", "home"), ("--all-poses",)):
+            met[limit, poses[-1]] = run(*arguments, "--spec", limit, *poses).code
+    assert met["1 m", "--all-poses"] == 0
+    for limit in ("1 m", "0.08 mm"):
+        assert met[limit, "--all-poses"] == max(met[limit, "out"], met[limit, "home"])
+    assert met["0.08 mm", "--all-poses"] == 1
+    text = (folder / "page.html").read_text("utf-8")
+    assert "--spec &#x27;0.08 mm&#x27; --out report.html --all-poses" in text
+
+
+def test_too_many_poses_are_refused_before_anything_is_computed(run, folder, new_files):
+    text = (folder / "gantry.errors.yaml").read_text("utf-8")
+    poses = "".join(f"  p{k}: [{k} mm, 0 deg]\n" for k in range(13))
+    (folder / "gantry.errors.yaml").write_text(text.replace("poses:\n", f"poses:\n{poses}"), "utf-8")
+    outcome = run("report", "gantry.urdf", "gantry.errors.yaml", *FEW, "--all-poses", "--out", "page.html")
+    assert outcome.code == 2
+    assert "15 poses; a report shows at most 12" in outcome.err
     assert new_files() == set()
 
 

@@ -308,3 +308,36 @@ def test_colours_are_okabe_and_itos() -> None:
     marked = {(line.get_color(), str(line.get_linestyle())) for line in lines[:4]}
     assert len(marked) >= 3
     assert all(math.isfinite(line.get_linewidth()) for line in lines)
+
+
+# what a limit and a scale look like ----------------------------------------------------------------------------------
+
+
+def filled(axes, colour: str) -> list:
+    return [one for one in axes.patches if mpl.colors.to_hex(one.get_facecolor()) == colour]
+
+
+@pytest.mark.parametrize(("limit", "colour"), [(39e-3, "#009e73"), (37.5e-3, "#d55e00")])
+def test_a_missed_limit_is_red_and_the_tail_beyond_it_coloured(limit: float, colour: str) -> None:
+    errors = errors_of("offset")
+    plan = Plan.from_moments(errors.mean(axis=1), np.cov(errors), (Specification("position.norm", limit, 0.95),))
+    summary = finish(plan, observe(plan, start(plan), errors))
+    upper = plots.figure_position(summary).axes[0]
+    line = next(one for one in upper.get_lines() if str(one.get_label()).startswith("limit"))
+    assert mpl.colors.to_hex(line.get_color()) == colour
+    (tail,) = filled(upper, "#d55e00")
+    density, edges, _ = tail.get_data()
+    # the coloured area is the share of the samples beyond
+    assert float(density @ np.diff(edges)) == pytest.approx(
+        (np.linalg.norm(errors[:3], axis=0) > limit).mean(), abs=0.01
+    )
+    assert edges[0] == pytest.approx(1e3 * limit)
+
+
+def test_components_share_their_scale_and_say_where_one_does_not() -> None:
+    summary = summary_of(errors_of("offset"))
+    axes = plots.figure_components(summary).axes
+    assert len({one.get_xlim() for one in axes[:3]}) == 1
+    # the second turns a hundred times less than the others
+    assert axes[3].get_xlim() == axes[5].get_xlim() != axes[4].get_xlim()
+    assert ["own scale" in one.get_title() for one in axes] == [False, False, False, False, True, False]

@@ -50,7 +50,7 @@ def test_the_page_opens_in_either_scheme_and_on_a_narrow_screen(paper_page, sche
         assert ground == ("rgb(255, 255, 255)" if scheme == "light" else "rgb(20, 24, 29)")
         drawn = visit.page.evaluate(OF_FIGURES)
         assert set(drawn) == {"rgb(27, 34, 43)" if scheme == "light" else "rgb(232, 236, 241)"}
-        assert not visit.page.locator("#figure-sketch").is_visible()
+        assert visit.page.locator("#figure-arm svg").is_visible()
         visit.page.locator("iframe").scroll_into_view_if_needed()
         assert blue_pixels(visit.page.locator("iframe").screenshot()) > 2_000
 
@@ -94,7 +94,7 @@ def test_paper_gets_the_still_picture_instead_of_the_view(paper_page, tmp_path):
         content = (tmp_path / "paper.pdf").read_bytes()
         assert 8 <= len(re.findall(rb"/Type\s*/Page\b", content)) <= 20
         visit.page.emulate_media(media="print")
-        assert visit.page.locator("#figure-sketch svg").is_visible()
+        assert visit.page.locator("#figure-arm svg").is_visible()
         assert not visit.page.locator("iframe").is_visible()
         assert not visit.page.locator("nav").is_visible()
         assert visit.page.evaluate(BACKGROUND) == "rgb(255, 255, 255)"
@@ -103,5 +103,58 @@ def test_paper_gets_the_still_picture_instead_of_the_view(paper_page, tmp_path):
 def test_without_scripts_the_still_picture_stands_there(paper_page):
     with chromium(java_script_enabled=False) as context:
         visit = visited(context, paper_page)
-        assert visit.page.locator("#figure-sketch svg").is_visible()
+        assert visit.page.locator("#figure-arm svg").is_visible()
         assert not visit.page.locator("iframe").is_visible()
+
+
+OUTSIDE = """
+() => {
+  const width = document.documentElement.clientWidth;
+  const seen = [...document.querySelectorAll('table, svg, p, pre, dd, li, figcaption')]
+    .filter((one) => !one.closest('details:not([open])'));
+  return seen.map((one) => [one, one.getBoundingClientRect()])
+    .filter(([one, box]) => box.width && (box.right > width + 1 || box.left < -1))
+    .map(([one]) => one.tagName + ' ' + one.textContent.slice(0, 40));
+}
+"""
+
+
+@pytest.mark.parametrize("width_mm", [182, 188], ids=["A4", "Letter"])
+def test_nothing_is_clipped_on_paper(paper_page, width_mm):
+    # the width between the margins, in pixels of CSS
+    with chromium(viewport={"width": int(width_mm / 25.4 * 96), "height": 1000}) as context:
+        visit = visited(context, paper_page)
+        visit.page.emulate_media(media="print")
+        assert visit.page.evaluate(OUTSIDE) == []
+
+
+def test_the_first_screen_of_a_desktop_holds_the_answer_and_the_arm(paper_page):
+    with chromium(viewport={"width": 1280, "height": 800}) as context:
+        visit = visited(context, paper_page)
+        for place in (".verdict", ".first table", ".causes", "#figure-arm svg"):
+            box = visit.page.locator(place).first.bounding_box()
+            assert box["y"] + box["height"] <= 800, place
+
+
+def test_the_first_screen_of_a_phone_holds_them_in_reading_order(paper_page):
+    with chromium(viewport={"width": 390, "height": 844}) as context:
+        visit = visited(context, paper_page)
+        boxes = [
+            visit.page.locator(place).first.bounding_box()
+            for place in (".verdict", ".first table", ".causes", "#figure-arm svg")
+        ]
+        ends = [box["y"] + box["height"] for box in boxes]
+        assert ends == sorted(ends)
+        assert ends[-1] <= 844
+
+
+def test_no_column_is_off_the_screen_of_a_phone(paper_page):
+    with chromium(viewport={"width": 390, "height": 844}) as context:
+        visit = visited(context, paper_page)
+        assert not visit.page.evaluate(TOO_WIDE)
+        # charts keep the size of their letters and scroll
+        assert [one for one in visit.page.evaluate(OUTSIDE) if not one.startswith("svg")] == []
+        labels = visit.page.evaluate(
+            "getComputedStyle(document.querySelector('#budget td:last-child'), '::before').content"
+        )
+        assert "change of 95 % of |d|" in labels

@@ -70,7 +70,8 @@ class Declaration(NamedTuple):
         it returns, a :class:`precision_pin.analyses.result.Result`.
     outputs
         The package of its modules ``table``, ``figure`` and ``section``: ``table.table(result, …)`` returns text,
-        ``figure.figure(result, k)`` the figure of pose k, ``section.content(result, results)`` the parts of its section of
+        ``figure.figure(result, k)`` the figure of pose k, ``figure.draw(axes, result, k, quantity)`` draws
+        one panel of it, ``section.content(result, results)`` the parts of its section of
         the report.
     title, heading
         In the report's list of contents, and above its section.
@@ -124,6 +125,10 @@ class Declaration(NamedTuple):
     def figure(self, result: Any, pose: int) -> Any:
         """Return the figure of a result's pose, by its number."""
         return load(f"{self.outputs}.figure:figure")(result, pose)
+
+    def draw(self, axes: Any, result: Any, pose: int, quantity: str) -> None:
+        """Draw one panel of a result's figure on given axes: of ``"position"`` or ``"attitude"``."""
+        load(f"{self.outputs}.figure:draw")(axes, result, pose, quantity)
 
     def content(self, result: Any, results: Any) -> Any:
         """Return the parts of a result's section in a report."""

@@ -4,17 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, Literal, Protocol
 
+from precision_pin.analyses.declaration import load
 from precision_pin.analyses.provenance import PoseLabel, Provenance
+from precision_pin.analyses.registry import declarations
 from precision_pin.display.html import Table, rendered
 from precision_pin.display.stored import JsonResult
-from precision_pin.display.tables import MOST_POSES, dataset, joint_text, pose_labels
-from precision_pin.errors import Finding
+from precision_pin.display.tables import MOST_POSES, UNITS, dataset, joint_text, pose_labels
+from precision_pin.errors import Finding, UnknownNameError
+from precision_pin.inputs.arguments import check_whole
 
 if TYPE_CHECKING:
     import pandas  # type: ignore[import-untyped]
     import xarray
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 __all__ = ["PoseResult", "Result", "list_warnings", "name_pose"]
 
@@ -104,6 +109,42 @@ class Result(JsonResult):
             xarray is not installed.
         """
         return dataset(self.to_pandas())
+
+    def plot(
+        self, pose: int = 0, *, quantity: Literal["position", "attitude"] = "position", axes: Axes | None = None
+    ) -> Axes | Figure:
+        """Draw the result at one of its poses.
+
+        Parameters
+        ----------
+        pose
+            Which of ``poses``, 0-based.
+        quantity
+            What is drawn on given axes: ``"position"`` or ``"attitude"``; a figure of its own shows both.
+        axes
+            Axes of matplotlib to draw one panel on; ``None`` makes a figure with all panels, a legend and a caption.
+
+        Returns
+        -------
+        Axes | Figure
+            The axes given, or the new figure, which a notebook shows and ``savefig`` writes.
+
+        Raises
+        ------
+        UnknownNameError
+            Another quantity.
+        InputError
+            No such pose.
+        """
+        if quantity not in UNITS:
+            raise UnknownNameError("quantity", quantity, tuple(UNITS))
+        number = check_whole("pose", pose, 0, len(self.poses) - 1)
+        declaration = next(one for one in declarations().values() if load(one.result) is type(self))
+        if axes is None:
+            figure: Figure = declaration.figure(self, number)
+            return figure
+        declaration.draw(axes, self, number, quantity)
+        return axes
 
     @property
     def labels(self) -> list[str]:

@@ -140,12 +140,7 @@ def _check_together(workers: dict[str, object]) -> None:
 def _write_folder(analysis: MonteCarloResult, folder: Path) -> None:
     from precision_pin.outputs.monte_carlo import figures
 
-    summary, seed = analysis.summary, analysis.seed
     with whole_folder(folder) as stage:
         write_text(stage / "analysis.json", analysis.to_json() + "\n")
-        for name, figure in (
-            ("position", figures.figure_position(summary, seed=seed)),
-            ("attitude", figures.figure_attitude(summary, seed=seed)),
-            ("components", figures.figure_components(summary, seed=seed)),
-        ):
+        for name, figure in figures.figures_of(analysis).items():
             figures.save(figure, stage / name)

@@ -3,51 +3,72 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Literal, Unpack, final
+from typing import TYPE_CHECKING, Any, Final, Literal, Unpack, final
 
 import click
 
 from precision_pin.cli import EXIT_SPEC
 from precision_pin.cli.inputs import chosen_pose, read_sheet
-from precision_pin.cli.notes import echo_note
+from precision_pin.cli.notes import echo_note, quiet_option
 from precision_pin.cli.options import (
-    OnePoseOptions,
+    ArmOptions,
     SamplingCommand,
+    chain_options,
+    inputs_argument,
     model_option,
-    one_pose_options,
+    q_option,
     seed_option,
     spec_option,
 )
 from precision_pin.cli.progress import compile_sampler, progress_bar
 from precision_pin.cli.streams import say
 from precision_pin.cli.targets import PageOutput
+from precision_pin.errors import Finding, InputError
 
 if TYPE_CHECKING:
     from precision_pin.sampling import Progress
+    from precision_pin.sheet import Sheet
 
 __all__ = ["command"]
 
+MOST_POSES: Final = 12
+"""The most poses of one page, each with all its analyses."""
+
 
 @click.command("report", cls=SamplingCommand)
-@one_pose_options
+@inputs_argument
+@click.option(
+    "--pose",
+    "pose_names",
+    multiple=True,
+    metavar="NAME",
+    help="One of the sheet's poses, the first if left out; repeats.",
+)
+@click.option("--all-poses", is_flag=True, help="All of the sheet's poses.")
+@q_option
+@chain_options
 @click.option("--samples", type=int, default=100_000, show_default=True, metavar="N", help="How many built robots.")
 @seed_option
 @model_option
 @spec_option
 @click.option("--out", required=True, metavar="FILE.html", help="The page to write; report.html in a folder.")
+@quiet_option
 def command(
+    pose_names: tuple[str, ...],
+    all_poses: bool,
     samples: int,
     seed: int,
     model: Literal["exact", "linear"],
     specs: tuple[str, ...],
     out: str,
-    **arm: Unpack[OnePoseOptions],
+    **arm: Unpack[ArmOptions],
 ) -> int:
-    """Write one self-contained page about one pose: verdict, distributions, budget, worst case, exact law, 3-D view.
+    """Write one self-contained page: verdict, distributions, budget, worst case, exact law, 3-D view.
 
-    Without arguments: the paper's arm and sheet, from inside the package. ROBOT may be example:NAME.
+    Several poses stand on one page, the worst first; the exit code is 1 if a specification is not met at any of
+    them. Without arguments: the paper's arm and sheet, from inside the package. ROBOT may be example:NAME.
     """
     from precision_pin.draws.space import check_seed
     from precision_pin.sampling import check_samples
@@ -56,29 +77,31 @@ def command(
     check_samples(samples)
     check_seed(seed)
     specifications = [specification(text) for text in specs]
+    _refuse_together(pose_names, all_poses, arm["q"])
     target = PageOutput(out, "report.html")
     target.check()
     package_dirs = arm["package_dirs"]
     sheet = read_sheet(arm["inputs"], arm["tip"], arm["base"], package_dirs, target.outputs)
-    where = chosen_pose(sheet, arm["pose"], arm["q"])
+    poses = _choose_poses(sheet, pose_names, all_poses, arm["q"])
     from precision_pin.model.error_model import ErrorModel
-    from precision_pin.outputs.report.collect import collect, count_steps
+    from precision_pin.outputs.report.collect import collect_poses, count_steps
     from precision_pin.outputs.report.page import page
 
     space = ErrorModel.from_sheet(sheet).space
     compile_sampler(space)
     compile_sampler(space, model)
-    options: dict[str, tuple[str | None, ...]] = {"--pose": (arm["pose"],), "--q": (arm["q"],)}
+    options: dict[str, tuple[str | None, ...]] = {"--pose": pose_names, "--q": (arm["q"],)}
     options |= {"--tip": (arm["tip"],), "--base": (arm["base"],)}
     options |= {"--package-dir": tuple(map(_name, package_dirs)), "--samples": (str(samples),), "--seed": (str(seed),)}
     options |= {"--model": (model,), "--spec": specs, "--out": ("report.html",)}
     given = [
         word for option, values in options.items() for value in values if value is not None for word in (option, value)
     ]
-    step = _Steps(count_steps(specifications))
-    results = collect(
+    given += ["--all-poses"] if all_poses else []
+    step = _Steps(count_steps(specifications, len(poses)))
+    found = collect_poses(
         sheet,
-        where,
+        poses,
         samples=samples,
         seed=seed,
         model=model,
@@ -88,12 +111,32 @@ def command(
         step=step,
     )
     with step("drawing the page", 0):
-        html = page(results)
+        html = page(found)
     target.write(html)
-    for line in results.analysis.warnings[len(sheet.findings) :]:
+    for line in dict.fromkeys(line for one in found for line in one.analysis.warnings[len(sheet.findings) :]):
         say(line)
     echo_note(f"wrote {target.path} ({len(html.encode()) / 1e6:.1f} MB)")
-    return 0 if all(result.met for result in results.analysis.summary.specifications) else EXIT_SPEC
+    return 0 if all(result.met for one in found for result in one.analysis.summary.specifications) else EXIT_SPEC
+
+
+def _refuse_together(names: Sequence[str], all_poses: bool, q: str | None) -> None:
+    asked = {"--pose": bool(names), "--all-poses": all_poses, "--q": q is not None}
+    given = [option for option, is_given in asked.items() if is_given]
+    if len(given) > 1:
+        raise InputError([Finding("error", "E_USAGE", f"{given[0]} and {given[1]} exclude each other")])
+
+
+def _choose_poses(sheet: Sheet, names: Sequence[str], all_poses: bool, q: str | None) -> list[Any]:
+    if all_poses and not sheet.poses:
+        raise InputError([Finding("error", "E_POSE", "the sheet has no poses", sheet.file)])
+    if q is not None:
+        return [chosen_pose(sheet, None, q)]
+    wanted: Sequence[str | None] = list(sheet.poses) if all_poses else list(dict.fromkeys(names)) or [None]
+    if len(wanted) > MOST_POSES:
+        raise InputError(
+            f"{len(wanted)} poses; a report shows at most {MOST_POSES}: name them by --pose; trajectory takes any number"
+        )
+    return [chosen_pose(sheet, name, None) for name in wanted]
 
 
 @final

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 from precision_pin.display.tables import plain
 from precision_pin.outputs.kit.html import Html, paragraph, section, table
@@ -14,9 +15,9 @@ __all__ = ["geometry"]
 _HEADER = ("i", "joint", "offset [°]", "α [°]", "β [°]", "γ [°]", "x [mm]", "y [mm]", "z [mm]")
 
 
-def geometry(results: Results) -> Html:
+def geometry(poses: Sequence[Results]) -> Html:
     """Return the table of MCPC parameters, laid out as the paper's Table 1."""
-    heading = "MCPC parameters"
+    results, heading = poses[0], "MCPC parameters"
     if isinstance(results.mcpc, Missing):
         return section("mcpc", heading, left_out("MCPC parameters", results.mcpc, results))
     rows = []

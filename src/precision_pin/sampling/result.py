@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
+from importlib import import_module
 from typing import TYPE_CHECKING, Any, ClassVar, Final, final
 
 import numpy as np
@@ -46,6 +47,8 @@ from precision_pin.typing import Array
 if TYPE_CHECKING:
     import pandas  # type: ignore[import-untyped]
     import xarray
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 __all__ = ["Analysis", "Correlated", "MonteCarloResult", "Until"]
 
@@ -210,6 +213,33 @@ class MonteCarloResult(JsonResult):
 
     def _maker(self, one: Extreme) -> dict[str, Any]:
         return {"unit": one.sample, "value": one.value, "parameters": dict(self.makers.get(one.sample, {}))}
+
+    def plot(self, quantity: str = "position", *, axes: Axes | None = None) -> Axes | Figure:
+        """Draw the sampled distribution.
+
+        Parameters
+        ----------
+        quantity
+            ``"position"`` or ``"attitude"`` for |d| or |δ|, ``"components"`` for all six, or one of them, such as
+            ``"position.x"``.
+        axes
+            Axes of matplotlib to draw the histogram on; ``None`` makes a figure with title, legend and caption.
+
+        Returns
+        -------
+        Axes | Figure
+            The axes given, or the new figure, which a notebook shows and ``savefig`` writes.
+
+        Raises
+        ------
+        UnknownNameError
+            Another quantity.
+        InputError
+            All six components on one pair of axes.
+        """
+        # plots rest on results, not results on plots
+        drawn: Axes | Figure = import_module("precision_pin.outputs.monte_carlo.figures").plot(self, quantity, axes)
+        return drawn
 
     def to_pandas(self) -> pandas.DataFrame:
         """Return the statistics as a data frame, m and rad, not-a-number where the samples do not resolve a number.

@@ -2,74 +2,129 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+import math
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Final
 
-from precision_pin.analyses.budget.budget_result import VECTORS, BudgetResult, DrawShare, PoseBudget
+from precision_pin.analyses.budget.budget_result import VECTORS, BudgetResult, Estimate, PoseBudget
 from precision_pin.display.tables import milli, plus_minus, quantity_label, unit
-from precision_pin.outputs.budget.figure import figure as bars
-from precision_pin.outputs.budget.table import draw_rows, ranked, source_name
-from precision_pin.outputs.kit.html import Child, Html, beside, paragraph, table
+from precision_pin.outputs.budget.figure import Bar, draw_bars
+from precision_pin.outputs.budget.table import source_name
+from precision_pin.outputs.kit.causes import Cause, CauseShare, rank_causes
+from precision_pin.outputs.kit.html import Child, Html, beside, element, items, joined, paragraph, table
 from precision_pin.outputs.kit.svg import figure
 from precision_pin.outputs.report.collect import Results
-from precision_pin.outputs.report.numbers import percent, shown
+from precision_pin.outputs.report.numbers import MISSING, percent, shown
 
 __all__ = ["content"]
 
 _NAMED: Final = 5
-_LISTED: Final = 40
+# causes of less than this share of the variance are folded
+_NOTHING: Final = 1e-3
+_FEW: Final = 4
 
 
 def content(result: BudgetResult, results: Results) -> list[Child]:
-    """Return the chart, a table of the draws for position and one for attitude, and one of sources and places."""
-    del results
+    """Return the chart, a table of the causes for position and one for attitude, and one of sources and places."""
     pose = result.poses[0]
     if not pose.draws:
         return [paragraph("Nothing varies: there is nothing to share.")]
+    ranked = {vector: rank_causes(results.causes, pose, vector) for vector in VECTORS}
     chart = figure(
-        bars(result),
-        "budget",
-        f"Shares of the variance: {'; '.join(_largest(pose, vector) for vector in VECTORS)}",
-        "Sobol indices of the exact model with their intervals; diamonds are the closed form of the first order.",
+        draw_bars(result, 0, {vector: [_bar(one) for one in ranked[vector]] for vector in VECTORS}),
+        f"{results.prefix}budget",
+        f"Shares of the variance: {'; '.join(_largest(ranked[vector], vector) for vector in VECTORS)}",
+        "Share of the variance of each tolerance, to first order; diamonds are the total Sobol index of the exact model.",
     )
-    draws = [_draws(pose, vector, result.marked) for vector in VECTORS]
-    return [_explained(result), chart, *draws, beside(*_shares(pose))]
+    tables = [_causes(pose, ranked[vector], vector, result.marked) for vector in VECTORS]
+    return [chart, *tables, _explained(result), beside(*_shares(pose))]
+
+
+def _bar(one: CauseShare) -> Bar:
+    return Bar(one.cause.words, one.cause.tolerance, one.share, one.total)
 
 
 def _explained(result: BudgetResult) -> Html:
     return paragraph(
         "Share: of the variance, to first order, in closed form. S1 and ST: first-order and total Sobol index of the exact "
         f"model from {result.samples:,} points a set, seed {result.provenance.seed}, behind ± half of the interval at "
-        f"{100 * result.confidence:g} % confidence. Halved: what results if the tolerance of this draw alone is halved.",
+        f"{100 * result.confidence:g} % confidence. Halved: what results if this tolerance alone is halved.",
         class_="note",
     )
 
 
-def _largest(pose: PoseBudget, vector: str) -> str:
-    largest = ranked(pose, vector)[:_NAMED]
-    return f"of the {vector} error " + ", ".join(f"{draw.name} {percent(draw.share[vector])} %" for draw in largest)
+def _largest(ranked: Sequence[CauseShare], vector: str) -> str:
+    named = (f"{one.cause.text} {percent(one.share)} %" for one in ranked[:_NAMED])
+    return f"of the {vector} error " + ", ".join(named)
 
 
-def _draws(pose: PoseBudget, vector: str, marked: float) -> Html:
+def _causes(pose: PoseBudget, ranked: Sequence[CauseShare], vector: str, marked: float) -> Html:
     norm = f"{vector}.norm"
-
-    def halved(draw: DrawShare) -> list[str]:
-        change = draw.halved.change[norm]
-        gain = "-" if change is None else plus_minus(1e3 * change.value, 1e3 * change.half_width, decimals=3)
-        return [milli(draw.halved.std[vector], 5), gain]
-
-    rows = [[name, scope, *map(shown, cells)] for name, scope, *cells in draw_rows(pose, vector, _LISTED, halved, 2)]
     header = [
-        "draw",
-        "drawn per",
-        "share %",
-        "S1 %",
-        "ST %",
-        f"halved: std [{unit(norm)}]",
+        *("cause", "tolerance", "drawn per", "share %", "S1 %", "ST %", f"halved: std [{unit(norm)}]"),
         f"change of {100 * marked:g} % of {quantity_label(norm)}",
     ]
+    large = [one for one in ranked if one.rank >= _NOTHING]
+    small = [one for one in ranked if one.rank < _NOTHING]
+    if len(small) <= _FEW:
+        large, small = [*large, *small], []
+    rows = [_row(pose, one, vector) for one in large]
+    empty: list[Child] = [""] * (len(header) - 4)
+    if small:
+        rows.append([f"{len(small)} more, below", "", "", percent(_sum(small)), *empty])
+    for group in pose.groups:
+        if len(group.draws) > 1:
+            indices = [shown(_percent(group.first[vector])), shown(_percent(group.total[vector]))]
+            rows.append(
+                [f"correlated: {' + '.join(group.draws)}", "", "", percent(group.share.get(vector)), *indices, "", ""]
+            )
+    sums = pose.sums[vector]
+    rows.append(["sum", "", "", percent(sums.closed), shown(_percent(sums.first)), *empty[1:]])
     now = f"std {milli(pose.std[vector], 5)} {unit(norm)} now"
-    return table(f"Draws, {vector} error ({now})", header, rows, words=(1,), last=True)
+    whole = table(f"Causes of the {vector} error ({now})", header, rows, words=(1, 2), last=True)
+    if not small:
+        return whole
+    total = f"{len(small)} more causes of less than {100 * _NOTHING:g} % each"
+    folded = table(f"{total}, {vector} error", header, [_row(pose, one, vector) for one in small], words=(1, 2))
+    return joined([whole, element("details", element("summary", total), folded)])
+
+
+def _row(pose: PoseBudget, one: CauseShare, vector: str) -> list[Child]:
+    change = MISSING
+    if len(one.cause.parts) == 1:
+        found = pose.draw(one.cause.names[0]).halved.change[f"{vector}.norm"]
+        change = MISSING if found is None else plus_minus(1e3 * found.value, 1e3 * found.half_width, decimals=3)
+    return [
+        _name(one.cause, pose, vector),
+        one.cause.tolerance,
+        one.cause.scope,
+        percent(one.share),
+        shown(_percent(one.first)),
+        shown(_percent(one.total)),
+        MISSING if one.halved is None else milli(one.halved, 5),
+        change,
+    ]
+
+
+def _name(cause: Cause, pose: PoseBudget, vector: str) -> Child:
+    """Return what a cause is called; its draws, or its numbers where it has several, are there to be opened."""
+    parts = [(part.words, pose.draw(part.name).share.get(vector)) for part in cause.parts]
+    if len(parts) == 1:
+        components = pose.draw(cause.names[0]).components
+        parts = [(name, shares.get(vector)) for name, shares in components.items()] if len(components) > 1 else []
+    if not parts:
+        return cause.words
+    lines = (f"{words}: {percent(share)} %" for words, share in parts)
+    return element("details", element("summary", cause.words), items(lines, "parts"))
+
+
+def _sum(small: Sequence[CauseShare]) -> float | None:
+    shares = [one.share for one in small]
+    return None if None in shares else math.fsum(share for share in shares if share is not None)
+
+
+def _percent(estimate: Estimate | None) -> str:
+    return "-" if estimate is None else plus_minus(100 * estimate.value, 100 * estimate.half_width, decimals=2)
 
 
 def _shares(pose: PoseBudget) -> list[Html]:
@@ -88,6 +143,20 @@ def _shares(pose: PoseBudget) -> list[Html]:
 
 
 def _ranked(caption: str, heading: str, lines: Iterable[tuple[str, Mapping[str, float | None]]]) -> Html:
+    def size(line: tuple[str, Mapping[str, float | None]]) -> float:
+        return max(abs(line[1][vector] or 0.0) for vector in VECTORS)
+
     largest = sorted(lines, key=lambda line: max(line[1][vector] or 0.0 for vector in VECTORS), reverse=True)
-    rows = [[name, *(percent(share[vector]) for vector in VECTORS)] for name, share in largest]
-    return table(caption, [heading, *(f"{vector} %" for vector in VECTORS)], rows)
+    small = [line for line in largest if size(line) < _NOTHING]
+    large = [line for line in largest if size(line) >= _NOTHING] if len(small) > _FEW else largest
+    header = [heading, *(f"{vector} %" for vector in VECTORS)]
+
+    def rows(some: Iterable[tuple[str, Mapping[str, float | None]]]) -> list[list[Child]]:
+        return [[name, *(percent(share[vector]) for vector in VECTORS)] for name, share in some]
+
+    whole = table(caption, header, rows(large))
+    if len(large) == len(largest):
+        return whole
+    said = f"{len(small)} more with less than {100 * _NOTHING:g} % each"
+    folded = element("details", element("summary", said), table(f"{said}: {heading}", header, rows(small)))
+    return element("div", whole, folded)

@@ -23,7 +23,7 @@ from precision_pin.outputs.kit.figure_style import (
 )
 from precision_pin.visible import one_line
 
-__all__ = ["figure"]
+__all__ = ["draw", "figure"]
 
 
 def figure(result: ExactLawResult, which: int = 0) -> Figure:
@@ -50,6 +50,15 @@ def figure(result: ExactLawResult, which: int = 0) -> Figure:
         legend_below(drawn, labelled(panels.flat), 3, lines)
         set_height(drawn, 100 + LINE_HEIGHT * (len(lines) + 1))
     return drawn
+
+
+def draw(axes: Axes, result: ExactLawResult, which: int, quantity: str) -> None:
+    """Draw the law of a vector's size, or of its first component where the size has no exact law, on given axes."""
+    laws = [law for name, law in result.poses[which].laws.items() if name.startswith(quantity)]
+    sizes = [law for law in laws if law.quantity.endswith("norm") and law.law is not None]
+    known = [*sizes, *(law for law in laws if law.law is not None), *laws]
+    with style():
+        _draw(axes, known[0])
 
 
 def _draw(axes: Axes, law: ExactLaw) -> None:

@@ -37,7 +37,7 @@ def content(result: ExactLawResult, results: Results) -> list[Child]:
             pictures.append(
                 figure(
                     _overlay(known, [results.analysis.summary.distribution(law.quantity) for law in known]),
-                    f"exact-{vector}",
+                    f"{results.prefix}exact-{vector}",
                     f"Exact law over the sampled {vector} error: {'; '.join(_described(law) for law in known)}",
                     f"Exact law of the first-order model over the samples ({results.analysis.model} model): {vector} error.",
                 )

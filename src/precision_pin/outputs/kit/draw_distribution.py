@@ -12,9 +12,9 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
 
 from precision_pin.display.tables import symbol
-from precision_pin.statistics import Distribution, SpecificationResult, format_inside, format_share
+from precision_pin.statistics import Distribution, Histogram, SpecificationResult, Verdict, format_inside, format_share
 
-__all__ = ["DisplayUnit", "display_unit", "draw_cumulative", "draw_histogram", "moments_text", "ticks"]
+__all__ = ["DisplayUnit", "display_unit", "draw_cumulative", "draw_histogram", "moments_text", "share_scale", "ticks"]
 
 BLUE: Final = "#0072B2"
 SKY: Final = "#56B4E9"
@@ -23,7 +23,9 @@ GREEN: Final = "#009E73"
 PURPLE: Final = "#CC79A7"
 BLACK: Final = "#000000"
 
-_QUANTILE_LINES: Final = ((VERMILION, (0, (4, 1.5))), (PURPLE, (0, (1.2, 1.2))))
+_QUANTILE_LINES: Final = ((BLUE, (0, (4, 1.5))), (PURPLE, (0, (1.2, 1.2))))
+_LIMIT_COLOURS: Final[dict[Verdict, str]] = {"met": GREEN, "not met": VERMILION}
+"""Of a limit by its verdict; any other is black."""
 _LIMIT_DASHES: Final = (0, (6, 1.5, 1.2, 1.5))
 _MARKED_OF_NORM: Final = (0.95, 0.9973)
 _MARKED_OF_COMPONENT: Final = (0.05, 0.95)
@@ -32,6 +34,8 @@ _SMALLEST_RATIO: Final = 2e-3
 # a limit farther from the data than this share of their span is named, not drawn
 _FARTHEST_LIMIT: Final = 1.0
 _MOST_TICKS: Final = 4
+# a component that spans less than this share of the widest one has a scale of its own
+_NARROWEST: Final = 0.05
 # below this span in its unit, an axis takes a smaller unit: its labels would need four decimals
 _SMALLEST_SPAN: Final = 0.02
 
@@ -113,6 +117,9 @@ def draw_histogram(
         density = bars.density / ruler.unit.per_si
         edges = (bars.edges - ruler.origin) * ruler.unit.per_si
         axes.stairs(density, edges, fill=True, color=SKY, alpha=0.55, linewidth=0)
+        for result in specifications:
+            if result.quantity == distribution.quantity:
+                _draw_tails(axes, bars, distribution, ruler, result.limit)
         axes.set_ylim(0, 1.08 * density.max())
         axes.yaxis.set_major_locator(ticks())
     else:
@@ -122,6 +129,19 @@ def draw_histogram(
         axes.set_yticks([])
     axes.set_ylabel(f"density [1/{ruler.unit.name}]")
     _mark(axes, distribution, ruler, specifications)
+
+
+def _draw_tails(axes: Axes, bars: Histogram, distribution: Distribution, ruler: _Ruler, limit: float) -> None:
+    """Colour what lies beyond a limit, to both sides for a component."""
+    sides = [(limit, math.inf)] if distribution.is_norm else [(-math.inf, -limit), (limit, math.inf)]
+    for low, high in sides:
+        edges = np.clip(bars.edges, low, high)
+        beyond = np.diff(edges) > 0
+        if beyond.any():
+            first, last = np.flatnonzero(beyond)[[0, -1]]
+            shown = (edges[first : last + 2] - ruler.origin) * ruler.unit.per_si
+            density = bars.density[first : last + 1] / ruler.unit.per_si
+            axes.stairs(density, shown, fill=True, color=VERMILION, linewidth=0)
 
 
 def draw_cumulative(
@@ -141,6 +161,21 @@ def draw_cumulative(
     axes.set_ylim(0, 1.03)
     axes.set_ylabel("cumulative probability")
     _mark(axes, distribution, ruler, specifications)
+
+
+def share_scale(axes: Sequence[Axes], distributions: Sequence[Distribution], unit: DisplayUnit) -> list[bool]:
+    """Give axes one horizontal scale, but for those in another unit or of far narrower values; return which share it."""
+    rulers = [_ruler(one, unit) for one in distributions]
+    spans = [one.max - one.min for one in distributions]
+    alike = [
+        ruler.unit == unit and ruler.origin == 0 and _NARROWEST * max(spans) <= span
+        for ruler, span in zip(rulers, spans, strict=True)
+    ]
+    limits = [one.get_xlim() for one, is_alike in zip(axes, alike, strict=True) if is_alike]
+    for one, is_alike in zip(axes, alike, strict=True):
+        if is_alike:
+            one.set_xlim(min(low for low, _ in limits), max(high for _, high in limits))
+    return alike if sum(alike) > 1 else [False] * len(alike)
 
 
 def _mark(
@@ -180,14 +215,15 @@ def _mark_limit(axes: Axes, distribution: Distribution, ruler: _Ruler, result: S
     low, high = _range(distribution, ruler)
     reach = _FARTHEST_LIMIT * (high - low)
     sides = (result.limit,) if distribution.is_norm else (-result.limit, result.limit)
+    colour = _LIMIT_COLOURS.get(result.verdict, BLACK)
     drawn = [side for side in sides if low - reach <= side <= high + reach]
     if not drawn:
         label += " (beyond this axis)"
-        axes.plot([], [], color=GREEN, linestyle=_LIMIT_DASHES, linewidth=1.4)
+        axes.plot([], [], color=colour, linestyle=_LIMIT_DASHES, linewidth=1.4)
     share, lower, upper = format_share(result.probability, result.interval, result.required)
     label += f":\n{share} % inside ({lower} to {upper} %)\n{100 * result.required:.6g} % required: {result.verdict}"
     for side in drawn:
-        axes.axvline(ruler(side), color=GREEN, linestyle=_LIMIT_DASHES, linewidth=1.4)
+        axes.axvline(ruler(side), color=colour, linestyle=_LIMIT_DASHES, linewidth=1.4)
     axes.get_lines()[-1].set_label(label)
     margin = 0.03 * (high - low)
     return [side + math.copysign(margin, side) for side in drawn]

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import io
 import textwrap
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, final
 
 import matplotlib as mpl
 from matplotlib.axes import Axes
@@ -23,6 +24,7 @@ __all__ = [
     "LINE_HEIGHT",
     "SINGLE_COLUMN",
     "caption",
+    "figure_of",
     "labelled",
     "legend_below",
     "new_figure",
@@ -44,6 +46,7 @@ LINE_HEIGHT: Final = 3.6
 _MILLIMETRES_PER_INCH: Final = 25.4
 _CHARACTERS_PER_MILLIMETRE: Final = 0.62
 _CAPTION_CHARACTERS: Final = 105
+_NOTEBOOK_DPI: Final = 144
 _STYLE: Final[Any] = {
     "font.family": "DejaVu Sans",
     "font.size": 7.5,
@@ -78,12 +81,30 @@ def style() -> Iterator[None]:
         yield
 
 
+@final
+class ShownFigure(Figure):
+    """A figure that a notebook shows without pyplot."""
+
+    def _repr_png_(self) -> bytes:
+        stream = io.BytesIO()
+        with style():
+            self.savefig(stream, format="png", dpi=_NOTEBOOK_DPI, metadata={"Software": None})
+        return stream.getvalue()
+
+
 def new_figure(width: float) -> Figure:
     """Return an empty figure of a width in mm."""
     inches = (width / _MILLIMETRES_PER_INCH, 1.0)
-    figure = Figure(figsize=inches, layout=ConstrainedLayoutEngine(w_pad=0.06, h_pad=0.05))
+    figure = ShownFigure(figsize=inches, layout=ConstrainedLayoutEngine(w_pad=0.06, h_pad=0.05))
     FigureCanvasAgg(figure)
     return figure
+
+
+def figure_of(axes: Axes) -> Figure:
+    """Return the figure that some axes belong to."""
+    found = axes.get_figure(root=True)
+    assert found is not None
+    return found
 
 
 def set_height(figure: Figure, height: float) -> None:

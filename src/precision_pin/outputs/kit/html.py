@@ -13,6 +13,7 @@ __all__ = ["Child", "Html", "beside", "definitions", "element", "items", "joined
 _VOID: Final = ("meta",)
 _LONGEST: Final = 44
 _SHORT: Final = 20
+_NARROW: Final = 3
 _SENTENCE: Final = 28
 
 
@@ -89,7 +90,7 @@ def table(
     words: Iterable[int] = (),
     last: bool = False,
 ) -> Html:
-    """Return a table that scrolls by itself where it is too wide.
+    """Return a table that scrolls by itself where it is too wide; on a phone each row is a list with the columns' names.
 
     Parameters
     ----------
@@ -113,13 +114,17 @@ def table(
         element(
             "tr",
             element("th", _unbroken(row[0]), scope="row"),
-            *(element("td", cell, class_=_kind(cell) if k in left else "n") for k, cell in enumerate(row[1:], start=1)),
+            *(
+                element("td", cell, class_=_kind(cell) if k in left else "n", data_label=header[k])
+                for k, cell in enumerate(row[1:], start=1)
+            ),
             class_="sum" if last and row is lines[-1] else "",
         )
         for row in lines
     ]
     whole = element("table", element("caption", caption), element("thead", head), element("tbody", *body))
     size = "wide short" if len(lines) <= _SHORT else "wide"
+    size += " few" if len(header) <= _NARROW else ""
     return element("div", whole, class_=size, role="region", tabindex="0", aria_label=caption)
 
 

@@ -1,7 +1,7 @@
 """Figures of matplotlib inside a page: SVG whose colours follow the reader's light or dark scheme.
 
-Only shapes are kept. Text is drawn as outlines, so no name can be markup; identifiers begin with the figure's own name,
-so that figures of one page do not mix them up.
+Only shapes and embedded images are kept. Text is drawn as outlines, so no name can be markup; identifiers begin with the
+figure's own name, so that figures of one page do not mix them up.
 """
 
 from __future__ import annotations
@@ -33,6 +33,7 @@ COLOURS: Final = {
 
 _COLOUR: Final = re.compile(r"#[0-9a-fA-F]{6}\b")
 _REFERENCE: Final = re.compile(r"url\(#([^)]*)\)")
+_IMAGE: Final = "data:image/png;base64,"
 _MOST_DECIMALS: Final = re.compile(r"(\d+\.\d{2})\d+")
 _POINTS_TO_PIXELS: Final = 96 / 72
 _ENLARGED: Final = 1.45
@@ -72,7 +73,7 @@ def _inline(drawn: Figure, name: str, label: str) -> Html:
         node.attrib = {
             _local(key): _rewritten(_local(key), value, name)
             for key, value in node.attrib.items()
-            if key != "id" or value in used
+            if (key != "id" or value in used) and (key != "style" or node.tag != "image")
         }
         node.text = node.tail = None
     _, _, width, _ = (float(number) for number in root.attrib["viewBox"].split())
@@ -105,6 +106,8 @@ def _rewritten(key: str, value: str, name: str) -> str:
     match key:
         case "id":
             return f"{name}-{value}"
+        case "href" if value.startswith(_IMAGE):
+            return "".join(value.split())
         case "href":
             return f"#{name}-{value.removeprefix('#')}"
         case "d" | "transform" | "x" | "y" | "points":

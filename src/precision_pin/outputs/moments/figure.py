@@ -21,7 +21,7 @@ from precision_pin.outputs.kit.figure_style import (
 )
 from precision_pin.statistics import COMPONENTS, QUANTITIES
 
-__all__ = ["figure"]
+__all__ = ["draw", "figure"]
 
 
 def figure(result: MomentsResult, which: int = 0) -> Figure:
@@ -35,7 +35,7 @@ def figure(result: MomentsResult, which: int = 0) -> Figure:
         Which of its poses, 0-based.
     """
     pose = result.poses[which]
-    lines = [*caption("moments of the error", result.provenance, pose.pose), result.how]
+    lines = [*caption("moments of the error", result.provenance, pose.pose), _computed(result)]
     with style():
         drawn = new_figure(DOUBLE_COLUMN)
         panels = drawn.subplots(2, 2)
@@ -45,6 +45,18 @@ def figure(result: MomentsResult, which: int = 0) -> Figure:
         legend_below(drawn, labelled(panels.flat), 2, lines)
         set_height(drawn, 92 + LINE_HEIGHT * (len(lines) + 1))
     return drawn
+
+
+def draw(axes: Axes, result: MomentsResult, which: int, quantity: str) -> None:
+    """Draw the standard deviations of the components of one vector on given axes."""
+    rows, unit = (range(3), "mm") if quantity == "position" else (range(3, 6), "mrad")
+    with style():
+        _draw(axes, result.poses[which], rows, "std", f"standard deviation [{unit}]")
+
+
+def _computed(result: MomentsResult) -> str:
+    of = result.provenance
+    return f"{result.how}; N = {result.samples:,}, seed {of.seed}, statics {of.statics}"
 
 
 def _draw(axes: Axes, pose: PoseMoments, rows: range, which: str, label: str) -> None:

@@ -19,7 +19,6 @@ __all__ = ["content"]
 
 def content(result: MomentsResult, results: Results) -> list[Child]:
     """Return mean, bias and standard deviation of every quantity, and the correlations of the components."""
-    del results
     pose = result.poses[0]
     header = ["", "mean", "bias", "standard deviation", "standard deviation, first order", "exact / first order"]
     rows = [
@@ -28,7 +27,7 @@ def content(result: MomentsResult, results: Results) -> list[Child]:
     ]
     chart = inline_figure(
         figure(result),
-        "moments",
+        f"{results.prefix}moments",
         f"Mean and standard deviation of the components of the error: {'; '.join(_described(pose))}",
         "Mean and standard deviation of the components, of the exact model with their intervals, beside the first order.",
     )

@@ -18,17 +18,21 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from precision_pin.display.files import write_files
+from precision_pin.display.tables import symbol
+from precision_pin.errors import InputError, UnknownNameError
 from precision_pin.outputs.kit.draw_distribution import (
     DisplayUnit,
     display_unit,
     draw_cumulative,
     draw_histogram,
     moments_text,
+    share_scale,
 )
 from precision_pin.outputs.kit.figure_style import (
     DOUBLE_COLUMN,
     LINE_HEIGHT,
     SINGLE_COLUMN,
+    figure_of,
     labelled,
     legend_below,
     new_figure,
@@ -36,7 +40,9 @@ from precision_pin.outputs.kit.figure_style import (
     style,
     wrapped,
 )
-from precision_pin.statistics import Distribution, SpecificationResult, Summary
+from precision_pin.sampling.result import MonteCarloResult
+from precision_pin.statistics import QUANTITIES, Distribution, SpecificationResult, Summary
+from precision_pin.visible import visible
 
 __all__ = [
     "DisplayUnit",
@@ -45,13 +51,58 @@ __all__ = [
     "figure_attitude",
     "figure_components",
     "figure_position",
+    "figures_of",
     "histogram",
+    "plot",
     "save",
 ]
 
 DOTS_PER_INCH: Final = 200
 
 _Draw = Callable[[Axes, Distribution, DisplayUnit, Sequence[SpecificationResult]], None]
+
+
+def figures_of(analysis: MonteCarloResult) -> dict[str, Figure]:
+    """Return the figures of a result by name: ``position``, ``attitude`` and ``components``."""
+    summary, seed, arm = analysis.summary, analysis.seed, _arm(analysis)
+    return {
+        "position": figure_position(summary, title=f"Position error of {arm}", seed=seed),
+        "attitude": figure_attitude(summary, title=f"Attitude error of {arm}", seed=seed),
+        "components": figure_components(summary, title=f"Components of the pose error of {arm}, base axes", seed=seed),
+    }
+
+
+def plot(analysis: MonteCarloResult, quantity: str, axes: Axes | None) -> Axes | Figure:
+    """Return what :meth:`precision_pin.sampling.result.MonteCarloResult.plot` does.
+
+    Raises
+    ------
+    UnknownNameError
+        No such quantity.
+    """
+    names = ("position", "attitude", "components", *QUANTITIES)
+    if quantity not in names:
+        raise UnknownNameError("quantity", quantity, names)
+    if axes is None and quantity not in QUANTITIES:
+        return figures_of(analysis)[quantity]
+    if quantity == "components":
+        raise InputError(
+            "the six components have a figure of their own: plot one of them on given axes, such as position.x"
+        )
+    drawn = histogram(
+        analysis.summary.distribution(quantity if quantity in QUANTITIES else f"{quantity}.norm"),
+        title=f"{symbol(quantity if quantity in QUANTITIES else f'{quantity}.norm')} of {_arm(analysis)}",
+        seed=analysis.seed,
+        specifications=analysis.summary.specifications,
+        axes=axes,
+    )
+    return figure_of(drawn) if axes is None else drawn
+
+
+def _arm(analysis: MonteCarloResult) -> str:
+    """Return robot and pose, short and without marks that turn the text round."""
+    named = f" at pose {visible(analysis.pose_name, 40)}" if analysis.pose_name else ""
+    return f"{visible(analysis.robot, 60)}{named}"
 
 
 def histogram(
@@ -154,6 +205,10 @@ def figure_components(
             for axes, part in zip(row, parts, strict=True):
                 draw_histogram(axes, part, unit, summary.specifications)
                 axes.set_title(moments_text(part, unit), fontsize=7)
+            shared = share_scale(list(row), parts, unit)
+            for axes, is_shared in zip(row, shared, strict=True):
+                if not is_shared and any(shared):
+                    axes.set_title(f"{axes.get_title()}\nown scale", fontsize=7)
         entries: dict[str, Any] = {}
         for label, handle in labelled(grid.flat).items():
             entries.setdefault(label.split(":")[0], handle)
@@ -218,9 +273,7 @@ def _alone_or_on(
         if axes is not None:
             own.set_title(title)
             return own
-        figure = own.get_figure(root=True)
-        assert figure is not None
-        _finish(figure, 50.0, title, labelled([own]), distribution, seed, columns=1)
+        _finish(figure_of(own), 50.0, title, labelled([own]), distribution, seed, columns=1)
     return own
 
 

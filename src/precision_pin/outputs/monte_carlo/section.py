@@ -22,18 +22,18 @@ _EXTREMES: Final = (("min", "smallest seen"), ("max", "largest seen"))
 def distributions(results: Results) -> Html:
     """Return the figures of |d|, |δ| and the six components with a table of their numbers."""
     analysis = results.analysis
-    summary, seed = analysis.summary, analysis.seed
+    drawn = figures.figures_of(analysis)
     pictures = element(
         "div",
         figure(
-            figures.figure_position(summary, seed=seed),
-            "position",
+            drawn["position"],
+            f"{results.prefix}position",
             f"Density and cumulative distribution of the position error: {_described(analysis.position.norm)}",
             "Position error |d|: density above, cumulative distribution below.",
         ),
         figure(
-            figures.figure_attitude(summary, seed=seed),
-            "attitude",
+            drawn["attitude"],
+            f"{results.prefix}attitude",
             f"Density and cumulative distribution of the attitude error: {_described(analysis.attitude.norm)}",
             "Attitude error |δ|: density above, cumulative distribution below.",
         ),
@@ -41,13 +41,15 @@ def distributions(results: Results) -> Html:
     )
     parts = [part for vector in (analysis.position, analysis.attitude) for part in (vector.x, vector.y, vector.z)]
     components = figure(
-        figures.figure_components(summary, seed=seed),
-        "components",
+        drawn["components"],
+        f"{results.prefix}components",
         f"Densities of the six components: {'; '.join(_short(part) for part in parts)}",
         "The six components of the error.",
     )
     tables = [_table(results, vector) for vector in (analysis.position, analysis.attitude)]
-    return section("distributions", "Error distributions", pictures, components, *tables, _notes(results))
+    return section(
+        f"{results.prefix}distributions", "Error distributions", pictures, components, *tables, _notes(results)
+    )
 
 
 def _described(norm: Distribution) -> str:

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Final
 
-from precision_pin.display.tables import absolute, quantity_label, resting_on, symbol, unit
-from precision_pin.outputs.kit.html import Child, Html, element, joined, paragraph, section, table
+from precision_pin.display.tables import absolute, quantity_label, symbol, unit
+from precision_pin.outputs.kit.html import Child, Html, element, joined, paragraph, table
 from precision_pin.outputs.monte_carlo.table import NOTHING_VARIES
 from precision_pin.outputs.report.collect import Results
-from precision_pin.outputs.report.numbers import milli_interval, statistic
+from precision_pin.outputs.report.numbers import MISSING, milli_interval, statistic
 from precision_pin.statistics import Distribution, SpecificationResult, Verdict, format_share
 
-__all__ = ["verdict"]
+__all__ = ["describe_verdict", "specifications", "verdict"]
 
 _UNASKED = (0.95, 0.9973)
 _WORDS: Final[dict[Verdict, str]] = {
@@ -23,27 +24,49 @@ _WORDS: Final[dict[Verdict, str]] = {
 
 
 def verdict(results: Results) -> Html:
-    """Return whether every specification is met; without one, how large the errors are. Then what it rests on."""
-    specifications = results.analysis.summary.specifications
-    if not specifications:
-        still = not any(results.analysis.summary.varying)
-        alike = [paragraph(element("strong", "No source makes the error vary: every robot is alike."))] if still else []
-        return section("verdict", "Result", *alike, _sizes(results), _resting(results))
-    met = sum(result.met for result in specifications)
-    if len(specifications) == 1:
-        words = _WORDS[specifications[0].verdict]
+    """Return whether every specification is met, how large the errors are, and what that rests on."""
+    given = results.analysis.summary.specifications
+    parts: list[Child] = []
+    if given:
+        met = sum(result.met for result in given)
+        headline = element("strong", describe_verdict(given))
+        text: list[Child] = [headline, "."]
+        if len(given) == 1 and given[0].verdict != "nothing to judge":
+            text.append(f" {_counted(given[0])}")
+        parts.append(paragraph(*text, class_="verdict met" if met == len(given) else "verdict failed"))
     else:
-        others = [result.verdict for result in specifications if result.verdict in ("undecided", "nothing to judge")]
-        counts = [f"{others.count(verdict)} {verdict}" for verdict in dict.fromkeys(others)]
-        words = ", ".join([f"{met} of {len(specifications)} specifications are met", *counts])
-    good = met == len(specifications)
-    headline = paragraph(element("strong", words), ".", class_="verdict met" if good else "verdict failed")
-    return section("verdict", "Verdict", headline, _resting(results), _specifications(results), _rule(results))
+        if not any(results.analysis.summary.varying):
+            parts.append(paragraph(element("strong", "No source makes the error vary: every robot is alike.")))
+        norms = (results.analysis.position.norm, results.analysis.attitude.norm)
+        parts.append(paragraph(_sentence(norms[0]), " ", _sentence(norms[1]), class_="verdict"))
+    return joined([*parts, _sizes(results)])
 
 
-def _resting(results: Results) -> Html:
-    lines = resting_on(results.analysis.assumed, results.analysis.sources)
-    return joined([paragraph(element("strong", f"{line[:1].upper()}{line[1:]}.")) for line in lines])
+def describe_verdict(given: Sequence[SpecificationResult]) -> str:
+    """Return in a few words which of the specifications are met."""
+    if len(given) == 1:
+        return _WORDS[given[0].verdict]
+    others = [result.verdict for result in given if result.verdict in ("undecided", "nothing to judge")]
+    counts = [f"{others.count(verdict)} {verdict}" for verdict in dict.fromkeys(others)]
+    met = sum(result.met for result in given)
+    return ", ".join([f"{met} of {len(given)} specifications are met", *counts])
+
+
+def specifications(results: Results) -> Html:
+    """Return each specification with the share inside and its interval; without one, how to give one."""
+    if not results.analysis.summary.specifications:
+        return paragraph(
+            'No limit was asked about: --spec names one, such as --spec "0.5 mm @ 99.73 %".', class_="note"
+        )
+    return joined([_specifications(results), _rule(results)])
+
+
+def _counted(result: SpecificationResult) -> str:
+    share, low, high = format_share(result.probability, result.interval, result.required)
+    return (
+        f"{share} % of the robots stay within {_limit(result)} (interval [{low}, {high}] %); "
+        f"{100 * result.required:.10g} % are required."
+    )
 
 
 def _specifications(results: Results) -> Html:
@@ -77,20 +100,19 @@ def _rule(results: Results) -> Html:
 
 def _sizes(results: Results) -> Html:
     analysis = results.analysis
-    rows = []
+    rows: list[list[Child]] = []
     for distribution in (analysis.position.norm, analysis.attitude.norm):
-        cells = [
-            cell for level in _UNASKED for cell in (statistic(distribution, level), milli_interval(distribution, level))
-        ]
+        cells = [_within(distribution, level) for level in _UNASKED]
         rows.append([quantity_label(distribution.quantity), *cells])
-    header = ["error", *(name for level in _UNASKED for name in (f"{100 * level:g} % stay within", "interval"))]
-    return joined(
-        [
-            paragraph(_sentence(analysis.position.norm), " ", _sentence(analysis.attitude.norm), class_="verdict"),
-            table(f"Errors that few robots exceed; intervals at {_confidence(results)}", header, rows),
-            paragraph('No limit was asked about: --spec names one, such as --spec "0.5 mm @ 99.73 %".'),
-        ]
+    header = ["error", *(f"{100 * level:g} % within" for level in _UNASKED)]
+    return table(
+        f"Errors that few robots exceed, {100 * results.analysis.summary.confidence:g} % intervals", header, rows
     )
+
+
+def _within(distribution: Distribution, level: float) -> Child:
+    value, interval = statistic(distribution, level), milli_interval(distribution, level)
+    return value if MISSING in (value, interval) else joined([value, " ", element("small", interval)])
 
 
 def _sentence(distribution: Distribution) -> Html:

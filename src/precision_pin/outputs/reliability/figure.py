@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Final
 
 from matplotlib.axes import Axes
@@ -12,7 +13,8 @@ from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
 from precision_pin.analyses.reliability.estimates import Estimate
 from precision_pin.analyses.reliability.reliability_result import ReliabilityResult, SpecificationReliability
 from precision_pin.display.tables import absolute, unit
-from precision_pin.outputs.kit.draw_distribution import BLUE, GREEN, SKY, VERMILION
+from precision_pin.errors import InputError
+from precision_pin.outputs.kit.draw_distribution import BLACK, BLUE, GREEN, PURPLE, SKY, VERMILION
 from precision_pin.outputs.kit.figure_style import (
     DOUBLE_COLUMN,
     LINE_HEIGHT,
@@ -23,14 +25,16 @@ from precision_pin.outputs.kit.figure_style import (
     style,
 )
 
-__all__ = ["figure"]
+__all__ = ["draw", "figure"]
 
 LISTED: Final = 6
 _LONGEST_NAME: Final = 38
 _PANEL: Final = 34.0
 
 
-def figure(result: ReliabilityResult, which: int = 0) -> Figure:
+def figure(
+    result: ReliabilityResult, which: int = 0, importance: Sequence[Sequence[tuple[str, float]]] | None = None
+) -> Figure:
     """Return each specification's probabilities of failure by method, and the importance factors, 174 mm wide.
 
     Parameters
@@ -39,23 +43,43 @@ def figure(result: ReliabilityResult, which: int = 0) -> Figure:
         What is drawn.
     which
         Which of its poses, 0-based.
+    importance
+        What makes the likeliest failure of each specification, in words of the caller's; the names of the draws if left out.
     """
     entry, provenance = result.poses[which], result.provenance
     lines = [
         *caption("reliability", provenance, entry.pose),
-        f"seed {provenance.seed}, exact model, statics {provenance.statics}; bars: intervals at {100 * result.confidence:g} % "
+        f"N = {result.samples:,}, seed {provenance.seed}, exact model, statics {provenance.statics}; "
+        f"bars: intervals at {100 * result.confidence:g} % "
         "confidence",
     ]
     with style():
         drawn = new_figure(DOUBLE_COLUMN)
         rows = len(entry.specifications)
         panels = drawn.subplots(rows, 2, squeeze=False)
-        for (left, right), specification in zip(panels, entry.specifications, strict=True):
-            _draw_methods(left, specification)
-            _draw_importance(right, specification)
+        for k, specification in enumerate(entry.specifications):
+            _draw_methods(panels[k, 0], specification)
+            named = list(specification.failures[0].importance.items()) if specification.failures else []
+            _draw_importance(panels[k, 1], specification, named if importance is None else importance[k])
         drawn.suptitle("\n".join(lines))
         set_height(drawn, _PANEL * rows + LINE_HEIGHT * (len(lines) + 1))
     return drawn
+
+
+def draw(axes: Axes, result: ReliabilityResult, which: int, quantity: str) -> None:
+    """Draw the methods' probabilities of failure of the first specification of a vector on given axes.
+
+    Raises
+    ------
+    InputError
+        No specification limits it.
+    """
+    entries = result.poses[which].specifications
+    found = [entry for entry in entries if entry.specification.quantity.startswith(quantity)]
+    if not found:
+        raise InputError(f"no specification limits the {quantity}")
+    with style():
+        _draw_methods(axes, found[0])
 
 
 def _draw_methods(axes: Axes, entry: SpecificationReliability) -> None:
@@ -74,10 +98,11 @@ def _draw_methods(axes: Axes, entry: SpecificationReliability) -> None:
             axes.plot([estimate.probability], [row], "o", color=colour, markersize=4)
     names = [estimate.method for estimate in shown]
     if entry.form.range is not None:
-        axes.plot(entry.form.range, [len(shown)] * 2, color=VERMILION, linewidth=2.4)
-        axes.plot([entry.form.range[0]], [len(shown)], "s", color=VERMILION, markersize=4)
+        axes.plot(entry.form.range, [len(shown)] * 2, color=PURPLE, linewidth=2.4)
+        axes.plot([entry.form.range[0]], [len(shown)], "s", color=PURPLE, markersize=4)
         names.append("FORM")
-    axes.axvline(1 - entry.specification.required, color=GREEN, linestyle=(0, (6, 1.5, 1.2, 1.5)))
+    colour = VERMILION if entry.verdict == "not met" else GREEN if entry.met else BLACK
+    axes.axvline(1 - entry.specification.required, color=colour, linestyle=(0, (6, 1.5, 1.2, 1.5)))
     axes.set_xscale("log")
     axes.set_xlim(lowest, highest)
     decades = round(math.log10(highest / lowest))
@@ -95,14 +120,14 @@ def _draw_methods(axes: Axes, entry: SpecificationReliability) -> None:
     )
 
 
-def _draw_importance(axes: Axes, entry: SpecificationReliability) -> None:
+def _draw_importance(axes: Axes, entry: SpecificationReliability, importance: Sequence[tuple[str, float]]) -> None:
     axes.set_xlabel("importance at the design point [%]")
     if not entry.failures:
         axes.text(0.03, 0.8, "no design point found", transform=axes.transAxes)
         axes.set_yticks([])
         axes.set_xticks([])
         return
-    shares = list(entry.failures[0].importance.items())[:LISTED]
+    shares = importance[:LISTED]
     axes.barh(range(len(shares)), [100 * share for _, share in shares], height=0.7, color=SKY, linewidth=0)
     axes.set_yticks(range(len(shares)), [shortened(name, _LONGEST_NAME) for name, _ in shares])
     axes.set_ylim(max(len(shares), 3) - 0.4, -0.6)

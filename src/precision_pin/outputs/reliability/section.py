@@ -8,6 +8,7 @@ from precision_pin.analyses.reliability.reliability_result import (
     SpecificationReliability,
 )
 from precision_pin.display.tables import percent
+from precision_pin.outputs.kit.causes import sum_by_cause
 from precision_pin.outputs.kit.html import Child, Html, items, paragraph, table
 from precision_pin.outputs.kit.svg import figure as inline_figure
 from precision_pin.outputs.monte_carlo.table import demanded
@@ -17,15 +18,15 @@ from precision_pin.outputs.report.collect import Results
 __all__ = ["content"]
 
 _LISTED = 12
+_NOTHING = 5e-5
 
 
 def content(result: ReliabilityResult, results: Results) -> list[Child]:
     """Return the verdicts, what each method gives, and which draws make the likeliest failure."""
-    del results
     entries = result.poses[0].specifications
     chart = inline_figure(
-        figure(result),
-        "reliability",
+        figure(result, 0, [_important(entry, results) for entry in entries]),
+        f"{results.prefix}reliability",
         f"Probabilities of failure by method: {'; '.join(map(_described, entries))}",
         "Probability of failure by each method with its interval, and the draws that make the likeliest failure.",
     )
@@ -50,7 +51,7 @@ def content(result: ReliabilityResult, results: Results) -> list[Child]:
         for line in (*([entry.reason] if entry.reason else []), *entry.comments)
     ]
     parts: list[Child] = [_explained(result), chart, verdicts, *(_methods(entry) for entry in entries)]
-    parts += [_importance(entry) for entry in entries if entry.failures]
+    parts += [_importance(entry, results) for entry in entries if entry.failures]
     return [*parts, items(lines, "note")] if lines else parts
 
 
@@ -81,10 +82,14 @@ def _methods(entry: SpecificationReliability) -> Html:
     return table(f"Methods, {demanded(entry.specification)}", header, rows, words=(4,))
 
 
-def _importance(entry: SpecificationReliability) -> Html:
+def _important(entry: SpecificationReliability, results: Results) -> list[tuple[str, float]]:
+    return sum_by_cause(results.causes, entry.failures[0].importance) if entry.failures else []
+
+
+def _importance(entry: SpecificationReliability, results: Results) -> Html:
     first = entry.failures[0]
-    rows = [[name, percent(share)] for name, share in list(first.importance.items())[:_LISTED]]
+    rows = [[text, percent(share)] for text, share in _important(entry, results)[:_LISTED] if share >= _NOTHING]
     caption = (
         f"Likeliest failure, {demanded(entry.specification)}: β = {first.beta:.5g}, Φ(-β) = {first.probability:.3g}"
     )
-    return table(caption, ["draw", "importance %"], rows)
+    return table(caption, ["cause", "importance %"], rows)

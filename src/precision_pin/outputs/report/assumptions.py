@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import itertools
+from collections.abc import Sequence
 
 from precision_pin.analyses.registry import declarations
-from precision_pin.display.tables import milli
+from precision_pin.display.tables import milli, resting_on
 from precision_pin.outputs.kit.html import Child, Html, definitions, element, items, joined, paragraph, section
 from precision_pin.outputs.report.collect import Missing, Results
-from precision_pin.outputs.report.wording import without_folders
+from precision_pin.outputs.report.wording import subject, without_folders
 from precision_pin.sampling.result import Correlated
 
 __all__ = ["assumptions"]
@@ -24,25 +25,33 @@ _STATICS = {
 _SCOPES = {"unit": "once for each built robot", "pose": "once for each robot and pose", "visit": "at each visit"}
 
 
-def assumptions(results: Results) -> Html:
-    """Return model, statics, scopes, confidence, the nominal error and all warnings."""
+def assumptions(poses: Sequence[Results]) -> Html:
+    """Return poses, model, statics, scopes, confidence, the error at the means and all warnings."""
+    results = poses[0]
     analysis = results.analysis
-    nominal = [milli(value, 5) for value in analysis.nominal]
     entries: list[tuple[str, Child]] = [
+        *(("Pose", subject(one)) for one in poses),
         ("Model", _MODELS[analysis.model]),
         ("Statics", _STATICS[analysis.statics]),
         ("Axes", f"errors are position d and rotation vector δ of {analysis.tip}, in the axes of {analysis.base}"),
-        ("Nominal", "zero error is the chain of the URDF, rigid and without tolerances, at the joint values above"),
         (
-            "Error at the means",
-            f"with every parameter at its mean: d = ({', '.join(nominal[:3])}) mm, δ = ({', '.join(nominal[3:])}) mrad",
+            "Nominal",
+            "zero error is the chain of the URDF, rigid and without tolerances, at the joint values of the pose",
         ),
+        *(("Error at the means", _at_means(one, len(poses) > 1)) for one in poses),
+        *(("Assumed", line) for line in resting_on(analysis.assumed, analysis.sources)),
         ("Random numbers", _scopes(results)),
         ("Confidence", f"{100 * analysis.summary.confidence:g} % for each interval by itself"),
         ("Digits", "only those that the samples support; – is not resolved by this many samples"),
     ]
     entries += [("Correlation", pair) for group in analysis.correlations for pair in _pairs(group)]
-    return section("assumptions", "Assumptions and warnings", definitions(entries), _warnings(results))
+    return section("assumptions", "Assumptions and warnings", definitions(entries), _warnings(poses))
+
+
+def _at_means(results: Results, is_named: bool) -> str:
+    nominal = [milli(value, 5) for value in results.analysis.nominal]
+    where = f"pose {results.analysis.pose_name}: " if is_named and results.analysis.pose_name else ""
+    return f"{where}with every parameter at its mean: d = ({', '.join(nominal[:3])}) mm, δ = ({', '.join(nominal[3:])}) mrad"
 
 
 def _scopes(results: Results) -> str:
@@ -58,13 +67,14 @@ def _pairs(group: Correlated) -> list[str]:
     ]
 
 
-def _warnings(results: Results) -> Html:
-    lines = list(results.analysis.warnings)
-    for name, result in results.found.items():
-        # what a section says itself is not said twice
-        if not isinstance(result, Missing) and not declarations()[name].has_warnings_in_table:
-            lines += result.warnings
-    shown = list(dict.fromkeys(without_folders(line, results) for line in lines))
+def _warnings(poses: Sequence[Results]) -> Html:
+    lines = [(line, results) for results in poses for line in results.analysis.warnings]
+    for results in poses:
+        for name, result in results.found.items():
+            # what a section says itself is not said twice
+            if not isinstance(result, Missing) and not declarations()[name].has_warnings_in_table:
+                lines += [(line, results) for line in result.warnings]
+    shown = list(dict.fromkeys(without_folders(line, results) for line, results in lines))
     heading = element("h3", "Warnings")
     if not shown:
         return joined([heading, paragraph("None of the sheet, the URDF, the pose or the statics.")])

@@ -6,8 +6,8 @@ import hashlib
 import os
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
-from dataclasses import dataclass
-from functools import partial
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any, Final, Literal, TypeVar, final
 
@@ -17,6 +17,7 @@ from precision_pin.analyses.result import Result
 from precision_pin.errors import InputError
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.pose_model import PoseModel
+from precision_pin.outputs.kit.causes import Cause, find_causes
 from precision_pin.robot import mcpc
 from precision_pin.robot.mcpc import Mcpc
 from precision_pin.sampling import Progress, monte_carlo
@@ -24,8 +25,9 @@ from precision_pin.sampling.result import MonteCarloResult
 from precision_pin.sheet import Sheet
 from precision_pin.statistics import Specification
 from precision_pin.typing import Array
+from precision_pin.visible import visible
 
-__all__ = ["Missing", "Results", "Step", "collect", "count_steps"]
+__all__ = ["Missing", "Results", "Step", "collect", "collect_poses", "count_steps"]
 
 Found = TypeVar("Found")
 Step = Callable[[str, int], AbstractContextManager[Progress]]
@@ -72,6 +74,8 @@ class Results:
         Folders of packages of meshes.
     digests
         SHA-256 of the files read, by name.
+    prefix
+        Of the identifiers of its parts in a page of several poses.
     """
 
     sheet: Sheet
@@ -84,6 +88,12 @@ class Results:
     command: tuple[str, ...]
     package_dirs: tuple[str, ...]
     digests: tuple[tuple[str, str], ...]
+    prefix: str = ""
+
+    @cached_property
+    def causes(self) -> tuple[Cause, ...]:
+        """What varies, in words, with its tolerances."""
+        return find_causes(self.model)
 
     @property
     def folders(self) -> tuple[str, ...]:
@@ -106,6 +116,7 @@ def collect(
     command: Sequence[str],
     package_dirs: Sequence[str],
     step: Step,
+    error_model: ErrorModel | None = None,
 ) -> Results:
     """Run every analysis of a report at one pose.
 
@@ -124,6 +135,8 @@ def collect(
         Folders of packages of meshes.
     step
         Told of each step.
+    error_model
+        The sheet's, if it is there already.
 
     Raises
     ------
@@ -131,7 +144,7 @@ def collect(
         A wrong pose, number of samples or seed; errors too large to compute with. An analysis besides the sampling that
         refuses the model is left out instead, with its reason.
     """
-    error_model = ErrorModel.from_sheet(sheet)
+    error_model = error_model or ErrorModel.from_sheet(sheet)
     with step("sampling", samples) as progress:
         analysis = monte_carlo(
             error_model, pose, samples=samples, seed=seed, model=model, specifications=specifications,
@@ -172,9 +185,45 @@ def collect(
     )
 
 
-def count_steps(specifications: Sequence[Specification]) -> int:
+def collect_poses(sheet: Sheet, poses: Sequence[Pose], *, step: Step, **settings: Any) -> list[Results]:
+    """Run every analysis of a report at several poses, and return the worst first.
+
+    The worst misses most specifications, or by most; without specifications it has the largest error, by its 95 % quantile.
+
+    Parameters
+    ----------
+    sheet, step
+        As for :func:`collect`.
+    poses
+        Each as for :func:`collect`.
+    settings
+        The other arguments of :func:`collect`.
+    """
+    error_model = ErrorModel.from_sheet(sheet)
+
+    def named(pose: Pose) -> Step:
+        label = error_model.pose_name(pose)
+        return (
+            step if len(poses) == 1 or not label else lambda what, count: step(f"{what}, pose {visible(label)}", count)
+        )
+
+    found = [collect(sheet, pose, step=named(pose), error_model=error_model, **settings) for pose in poses]
+    ordered = sorted(found, key=_goodness)
+    return [ordered[0], *(replace(one, prefix=f"pose{k}-") for k, one in enumerate(ordered[1:], start=2))]
+
+
+def _goodness(results: Results) -> tuple[int, float, float]:
+    """Return what poses are sorted by: specifications met, the smallest share to spare, and the error, largest first."""
+    given = results.analysis.summary.specifications
+    norm = results.analysis.position.norm
+    size = norm.quantile(0.95)
+    spare = min((result.probability - result.required for result in given), default=0.0)
+    return (-sum(not result.met for result in given), spare, -(norm.max if size is None else size))
+
+
+def count_steps(specifications: Sequence[Specification], poses: int = 1) -> int:
     """Return how many steps a report takes: sampling, the other analyses, the chain's parameters, drawing the page."""
-    return len(_asked(specifications)) + 3
+    return (len(_asked(specifications)) + 2) * poses + 1
 
 
 def _asked(specifications: Sequence[Specification]) -> list[str]:

@@ -3,41 +3,36 @@
 from __future__ import annotations
 
 import importlib.resources
+from collections.abc import Sequence
 from typing import Final
 
 from precision_pin.analyses.registry import declarations
 from precision_pin.outputs.kit.html import Html, element, joined, paragraph, section
 from precision_pin.outputs.mcpc import geometry
 from precision_pin.outputs.monte_carlo.section import distributions
-from precision_pin.outputs.monte_carlo.verdict import verdict
+from precision_pin.outputs.monte_carlo.verdict import describe_verdict, specifications
 from precision_pin.outputs.report.assumptions import assumptions
 from precision_pin.outputs.report.collect import Missing, Results
 from precision_pin.outputs.report.parameters import parameters
 from precision_pin.outputs.report.reproduction import reproduction
 from precision_pin.outputs.report.scene import policy_hashes, scene
-from precision_pin.outputs.report.wording import left_out, subject
+from precision_pin.outputs.report.summary import name_pose, picture, summary
+from precision_pin.outputs.report.wording import describe_run, left_out
 
 __all__ = ["page"]
 
-_FIRST: Final = {
-    "verdict": ("Result", verdict),
-    "assumptions": ("Assumptions", assumptions),
-    "distributions": ("Distributions", distributions),
-}
 _LAST: Final = {
+    "assumptions": ("Assumptions", assumptions),
     "mcpc": ("MCPC", geometry),
     "parameters": ("Parameters", parameters),
-    "view": ("3-D view", scene),
     "reproduce": ("Reproduce", reproduction),
 }
-"""Sections before and after those of the analyses: in the list of contents, and what makes them."""
-_WITHOUT_SCRIPTS: Final = Html(
-    "<noscript><style>.still { display: block; } iframe.screen, .note.screen { display: none; }</style></noscript>"
-)
+"""Sections after those of the poses: in the list of contents, and what makes them."""
+_WITHOUT_SCRIPTS: Final = Html("<noscript><style>#view { display: none; }</style></noscript>")
 
 
-def page(results: Results) -> str:
-    """Return one self-contained HTML page about one pose: verdict, distributions, causes, bounds, 3-D view.
+def page(results: Results | Sequence[Results]) -> str:
+    """Return one self-contained HTML page about one pose or several: verdict, distributions, causes, bounds, 3-D view.
 
     It loads nothing from outside, runs no script but those of the 3-D view, which run in a sandboxed frame, and is the same
     text for the same results.
@@ -45,10 +40,12 @@ def page(results: Results) -> str:
     Parameters
     ----------
     results
-        What it shows.
+        What it shows, of several poses the worst first.
     """
-    analysis = results.analysis
-    title = f"Pose error of {results.model.chain.robot.name}, {analysis.base} to {analysis.tip}"
+    poses = [results] if isinstance(results, Results) else list(results)
+    worst = poses[0]
+    analysis = worst.analysis
+    title = f"Pose error of {worst.model.chain.robot.name}, {analysis.base} to {analysis.tip}"
     head = joined(
         [
             Html('<meta charset="utf-8">\n'),
@@ -61,35 +58,48 @@ def page(results: Results) -> str:
         ]
     )
     sections = [
-        *(make(results) for _, make in _FIRST.values()),
-        *(_section(name, results) for name in results.found),
-        *(make(results) for _, make in _LAST.values()),
+        summary(poses),
+        _contents(poses),
+        *_details(worst),
+        *(_folded(other) for other in poses[1:]),
+        scene(poses),
+        *(make(poses) for _, make in _LAST.values()),
     ]
-    header = element(
-        "header",
-        element("h1", title),
-        paragraph(f"{analysis.robot}: {subject(results)}", class_="subject"),
-    )
+    header = element("header", element("h1", title), paragraph(describe_run(poses), class_="subject"))
     main = element("main", *sections, id="main", tabindex="-1")
     footer = element("footer", paragraph("Written by precision-pin."))
-    body = joined(
-        [element("a", "Skip to the result", class_="skip", href="#main"), header, _contents(results), main, footer]
-    )
+    body = joined([element("a", "Skip to the result", class_="skip", href="#main"), header, main, footer])
     return f'<!DOCTYPE html>\n<html lang="en">\n<head>\n{head.text}\n</head>\n<body>\n{body.text}\n</body>\n</html>\n'
+
+
+def _details(results: Results) -> list[Html]:
+    """Return the sections of one pose."""
+    return [distributions(results), *(_section(name, results) for name in results.found)]
+
+
+def _folded(results: Results) -> Html:
+    """Return what there is of a pose that is not the worst, to be opened."""
+    said = [f"Pose {name_pose(results)}"]
+    if results.analysis.summary.specifications:
+        said.append(describe_verdict(results.analysis.summary.specifications))
+    heading = element("summary", element("h2", ": ".join(said), id=f"{results.prefix}heading"))
+    parts = [heading, picture(results), specifications(results), *_details(results)]
+    return element("details", *parts, class_="pose", id=f"{results.prefix}pose")
 
 
 def _section(name: str, results: Results) -> Html:
     """Return an analysis's section."""
     declaration, result = declarations()[name], results.found[name]
     if isinstance(result, Missing):
-        return section(name, declaration.heading, left_out(declaration.title, result, results))
-    return section(name, declaration.heading, *declaration.content(result, results))
+        return section(f"{results.prefix}{name}", declaration.heading, left_out(declaration.title, result, results))
+    return section(f"{results.prefix}{name}", declaration.heading, *declaration.content(result, results))
 
 
-def _contents(results: Results) -> Html:
-    titles = {name: title for name, (title, _) in _FIRST.items()}
-    titles |= {name: declarations()[name].title for name in results.found}
-    titles |= {name: title for name, (title, _) in _LAST.items()}
+def _contents(poses: Sequence[Results]) -> Html:
+    titles = {"verdict": "Result", "distributions": "Distributions"}
+    titles |= {name: declarations()[name].title for name in poses[0].found}
+    titles |= {f"{other.prefix}pose": f"Pose {name_pose(other)}" for other in poses[1:]}
+    titles |= {"view": "3-D view", **{name: title for name, (title, _) in _LAST.items()}}
     links = (element("li", element("a", title, href=f"#{name}")) for name, title in titles.items())
     return element("nav", element("ul", *links), aria_label="Contents")
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import platform
 import shlex
+from collections.abc import Sequence
 
 from precision_pin.outputs.kit.html import Child, Html, definitions, element, joined, paragraph, section, table
 from precision_pin.outputs.report.collect import Results
@@ -14,8 +15,9 @@ __all__ = ["reproduction"]
 _DRAWN_WITH = ("matplotlib", "meshcat")
 
 
-def reproduction(results: Results) -> Html:
+def reproduction(poses: Sequence[Results]) -> Html:
     """Return command line, seed, versions, platform and the files' SHA-256."""
+    results = poses[0]
     command = element("pre", element("code", shlex.join(results.command)), tabindex="0", aria_label="Command line")
     known = versions(*_DRAWN_WITH)
     entries: list[tuple[str, Child]] = [

@@ -1,13 +1,12 @@
-"""The embedded 3-D view, and the picture that stands in its place on paper."""
+"""The embedded 3-D view."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from precision_pin.display.html import escaped
-from precision_pin.display.tables import milli
-from precision_pin.outputs.kit.html import Html, paragraph, section
-from precision_pin.outputs.kit.svg import figure
+from precision_pin.outputs.kit.html import Html, element, paragraph
 from precision_pin.outputs.report.collect import Results
-from precision_pin.outputs.report.static_picture import cloud_factor, sketch
 from precision_pin.outputs.report.wording import subject
 from precision_pin.outputs.view import ViewPose, page, script_hashes
 
@@ -19,49 +18,32 @@ def policy_hashes() -> str:
     return " ".join(script_hashes())
 
 
-def scene(results: Results) -> Html:
-    """Return the 3-D view in a frame that may run its scripts and nothing else, and a still picture for paper."""
-    analysis = results.analysis
-    count = results.cloud.shape[1]
+def scene(poses: Sequence[Results]) -> Html:
+    """Return the 3-D view of all poses in a frame that may run its scripts and nothing else; it is not for paper."""
+    first = poses[0]
+    analysis = first.analysis
+    count = first.cloud.shape[1]
     inner = page(
-        [ViewPose(results.at, results.cloud, analysis.pose_name or None)],
+        [ViewPose(results.at, results.cloud, results.analysis.pose_name or None) for results in poses],
         title=f"{analysis.robot}: {analysis.base} to {analysis.tip}",
         seed=analysis.seed,
         model_name=analysis.model,
         points=count,
-        package_dirs=results.package_dirs,
+        package_dirs=first.package_dirs,
     )
-    label = f"3-D view of {analysis.robot}, {subject(results)}: the arm, its end-effector frame and {count:,} sampled positions"
-    return section(
-        "view",
-        "3-D view",
-        _frame(inner, label),
-        figure(sketch(results), "sketch", _described(results), _caption(results), class_="still"),
-        paragraph(
-            f"The arm without error, and the end-effector positions of the first {count:,} sampled robots about it, "
-            "their errors drawn too large.",
-            class_="note screen",
-        ),
+    label = f"3-D view of {analysis.robot}, {subject(first)}: the arm, its end-effector frame and {count:,} sampled positions"
+    title = element("h2", "3-D view", id="view-heading")
+    note = paragraph(
+        f"The arm without error, and the end-effector positions of the first {count:,} sampled robots about it, "
+        "their errors drawn too large.",
+        class_="note",
+    )
+    return element(
+        "section", title, _frame(inner, label), note, id="view", aria_labelledby="view-heading", class_="screen"
     )
 
 
 def _frame(inner: str, label: str) -> Html:
     # in quotes only these two characters mean something; the page inside has done its own escaping
     quoted = inner.replace("&", "&amp;").replace('"', "&quot;")
-    return Html(f'<iframe class="screen" sandbox="allow-scripts" title="{escaped(label)}" srcdoc="{quoted}"></iframe>')
-
-
-def _described(results: Results) -> str:
-    posture = results.at.posture
-    place = ", ".join(milli(value, 5) for value in posture.pose[:3, 3])
-    return (
-        f"Sketch of the arm with {len(posture.q)} joints; the tip without error is at ({place}) mm in the base; "
-        f"sampled positions about it are drawn {cloud_factor(results):g} times too far away"
-    )
-
-
-def _caption(results: Results) -> str:
-    return (
-        f"The arm without error and the cloud of sampled end-effector positions, errors drawn "
-        f"{cloud_factor(results):g} times too large; the tip's axes x, y, z in red, green, blue."
-    )
+    return Html(f'<iframe sandbox="allow-scripts" title="{escaped(label)}" srcdoc="{quoted}"></iframe>')

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from typing import Final
 
 from precision_pin.outputs.kit.html import Html, paragraph
 from precision_pin.outputs.monte_carlo.table import pose_text
 from precision_pin.outputs.report.collect import Missing, Results
 
-__all__ = ["left_out", "subject", "without_folders"]
+__all__ = ["describe_run", "left_out", "subject", "without_folders"]
 
 # an absolute path's folders; not the slash of a unit, of package:// or of a relative path
 _FOLDERS: Final = re.compile(r"(?<![\w.:/)])(?:/[^/\s'\"]+)+/(?=[^/\s'\"])")
@@ -20,6 +21,16 @@ def subject(results: Results) -> str:
     analysis = results.analysis
     pose = pose_text(analysis.pose_name, analysis.q, analysis.sliding_joints)
     return f"{analysis.base} to {analysis.tip}, pose {pose}"
+
+
+def describe_run(poses: Sequence[Results]) -> str:
+    """Return what was sampled, short."""
+    analysis = poses[0].analysis
+    named = f"pose '{analysis.pose_name}'" if analysis.pose_name else "joint values of the command line"
+    where = named if len(poses) == 1 else f"{len(poses)} poses"
+    return (
+        f"{analysis.robot}, {where}, {analysis.samples:,} sampled robots, seed {analysis.seed}, {analysis.model} model"
+    )
 
 
 def without_folders(text: str, results: Results) -> str:

@@ -10,9 +10,10 @@ from typing import Final, final
 import numpy as np
 
 from precision_pin import se3
+from precision_pin.outputs.kit.triangles import ShapeSink
 from precision_pin.outputs.view.meshes import MeshReader, Surface, UnreadableMeshError, thinned
 from precision_pin.outputs.view.scales import arm_length
-from precision_pin.outputs.view.scene import Colour, Scene, rotation_to
+from precision_pin.outputs.view.scene import Colour, rotation_to
 from precision_pin.robot.chain import Posture
 from precision_pin.robot.places import ORDER_FRAME
 from precision_pin.robot.urdf import Box, Cylinder, Link, Mesh, Shape, Sphere
@@ -72,7 +73,7 @@ class Part:
 
 
 def draw_arm(
-    scene: Scene, posture: Posture, package_dirs: Sequence[Path] = ()
+    scene: ShapeSink, posture: Posture, package_dirs: Sequence[Path] = ()
 ) -> tuple[tuple[Part, ...], tuple[str, ...]]:
     """Put every link of the robot into the scene below ``arm``; return the parts, and notes on what is drawn otherwise.
 
@@ -93,7 +94,7 @@ def draw_arm(
 
 @final
 class _Drawing:
-    def __init__(self, scene: Scene, posture: Posture, package_dirs: Sequence[Path]) -> None:
+    def __init__(self, scene: ShapeSink, posture: Posture, package_dirs: Sequence[Path]) -> None:
         self._scene = scene
         self._posture = posture
         self._chain = posture.chain

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Final
 
 from matplotlib.axes import Axes
@@ -12,9 +12,10 @@ from matplotlib.ticker import MaxNLocator
 from precision_pin.analyses.worst_case.worst_case_result import (
     SEEN_LEVEL,
     NormBound,
+    PoseWorstCase,
     WorstCaseResult,
 )
-from precision_pin.display.tables import symbol
+from precision_pin.display.tables import ROUNDING, symbol
 from precision_pin.outputs.kit.draw_distribution import (
     BLACK,
     BLUE,
@@ -38,13 +39,15 @@ from precision_pin.outputs.kit.figure_style import (
 )
 from precision_pin.outputs.worst_case.table import listed_contributions
 
-__all__ = ["figure"]
+__all__ = ["draw", "explain_excess", "figure"]
 
 _LONGEST_NAME: Final = 44
 _BAR: Final = 4.6
 
 
-def figure(result: WorstCaseResult, which: int = 0) -> Figure:
+def figure(
+    result: WorstCaseResult, which: int = 0, entries: Mapping[str, Sequence[tuple[str, float]]] | None = None
+) -> Figure:
     """Return how the draws add up to the worst case of |d| (above) and |δ| at one of the poses, 174 mm wide.
 
     Each bar begins where the one above it ends: the error at the means, the largest contributions, the rest. Lines mark
@@ -56,6 +59,8 @@ def figure(result: WorstCaseResult, which: int = 0) -> Figure:
         What is drawn.
     which
         Which of its poses, 0-based.
+    entries
+        What adds up to the bound of each quantity, in words of the caller's; the names of the draws if left out.
     """
     pose, provenance = result.poses[which], result.provenance
     lines = [
@@ -64,22 +69,47 @@ def figure(result: WorstCaseResult, which: int = 0) -> Figure:
     ]
     if result.cut:
         lines.append(f"unbounded laws cut at {result.k:g} standard deviations: {len(result.cut)} of {result.draws}")
+    lines += explain_excess(pose)
     with style():
         drawn = new_figure(DOUBLE_COLUMN)
         bounds = (pose.position, pose.attitude)
-        bars = [_bars(bound) for bound in bounds]
-        panels = drawn.subplots(2, 1, height_ratios=[max(len(entries), 4) for entries in bars])
-        for axes, bound, entries in zip(panels, bounds, bars, strict=True):
-            _draw(axes, bound, entries)
+        bars = [_bars(bound) if entries is None else _shorten(entries[bound.quantity]) for bound in bounds]
+        panels = drawn.subplots(2, 1, height_ratios=[max(len(rows), 4) for rows in bars])
+        for axes, bound, rows in zip(panels, bounds, bars, strict=True):
+            _draw(axes, bound, rows)
         legend_below(drawn, labelled(panels[:1]), 2, lines)
-        set_height(drawn, 34 + _BAR * sum(max(len(entries), 4) for entries in bars) + LINE_HEIGHT * (len(lines) + 2))
+        set_height(drawn, 34 + _BAR * sum(max(len(rows), 4) for rows in bars) + LINE_HEIGHT * (len(lines) + 2))
     return drawn
 
 
+def draw(axes: Axes, result: WorstCaseResult, which: int, quantity: str) -> None:
+    """Draw one vector, ``"position"`` or ``"attitude"``, on given axes."""
+    bound = {"position": result.poses[which].position, "attitude": result.poses[which].attitude}[quantity]
+    with style():
+        _draw(axes, bound, _bars(bound))
+
+
+def explain_excess(pose: PoseWorstCase) -> list[str]:
+    """Return why an error beyond a bound was found, where one was."""
+    lines = []
+    for bound in (pose.position, pose.attitude):
+        upper = bound.first_order.upper * (1 + 1e-9) + ROUNDING
+        name = symbol(bound.quantity)
+        if bound.found.norm > upper:
+            lines.append(
+                f"{name}: the exact model goes beyond its first-order bound: it bends over tolerances this large"
+            )
+        if bound.seen.max > upper:
+            lines.append(f"{name}: samples lie beyond the bound, which cuts unbounded laws and is of the first order")
+    return lines
+
+
 def _bars(bound: NormBound) -> list[tuple[str, float]]:
-    return [
-        (shortened(name, _LONGEST_NAME), value) for name, value in listed_contributions(bound, "error at the means")
-    ]
+    return _shorten(listed_contributions(bound, "error at the means"))
+
+
+def _shorten(entries: Sequence[tuple[str, float]]) -> list[tuple[str, float]]:
+    return [(shortened(name, _LONGEST_NAME), value) for name, value in entries]
 
 
 def _draw(axes: Axes, bound: NormBound, entries: Sequence[tuple[str, float]]) -> None:

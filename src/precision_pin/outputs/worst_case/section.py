@@ -12,53 +12,67 @@ from precision_pin.analyses.worst_case.worst_case_result import (
     bound_milli,
 )
 from precision_pin.display.tables import ROUNDING, milli, quantity_label, symbol, unit
+from precision_pin.outputs.kit.causes import sum_by_cause
 from precision_pin.outputs.kit.html import Child, Html, beside, items, table
 from precision_pin.outputs.kit.svg import figure
 from precision_pin.outputs.report.collect import Results
 from precision_pin.outputs.report.numbers import milli_interval, statistic
+from precision_pin.outputs.worst_case.figure import explain_excess
 from precision_pin.outputs.worst_case.figure import figure as bars
 
 __all__ = ["content"]
 
 _LISTED: Final = 15
+_BARS: Final = 8
+_CUT: Final = 4
 
 
 def content(result: WorstCaseResult, results: Results) -> list[Child]:
     """Return the bounds of the first-order model, the largest exact error found, and what adds up to them."""
-    del results
     pose = result.poses[0]
     norms = (pose.position, pose.attitude)
     chart = figure(
-        bars(result),
-        "worst-case",
-        f"How the draws add up to the worst case: {'; '.join(_described(bound) for bound in norms)}",
+        bars(result, 0, {bound.quantity: _entries(bound, results, _BARS) for bound in norms}),
+        f"{results.prefix}worst-case",
+        f"How the draws add up to the worst case: {'; '.join(_described(bound, results) for bound in norms)}",
         "Each bar begins where the one above it ends.",
     )
     return [
-        items(_assumptions(result), "note"),
+        items(_assumptions(result, results), "note"),
         _norms(pose),
         chart,
         _components(pose),
-        beside(*(_contributions(bound) for bound in norms)),
+        beside(*(_contributions(bound, results) for bound in norms)),
     ]
 
 
-def _assumptions(result: WorstCaseResult) -> list[str]:
-    exceeded = [
-        symbol(bound.quantity) for bound in (result.poses[0].position, result.poses[0].attitude) if bound.exceeded
-    ]
-    beyond = (
-        [f"the exact model goes beyond the first-order bound of {' and of '.join(exceeded)} here"] if exceeded else []
+def _assumptions(result: WorstCaseResult, results: Results) -> list[str]:
+    words = {name: cause.words for cause in results.causes for name in cause.names}
+    cut = list(dict.fromkeys(words.get(name, name) for name in result.cut))
+    named = ", ".join(cut[:_CUT]) + (f" and {len(cut) - _CUT} more" if len(cut) > _CUT else "")
+    last = (
+        f"unbounded laws are cut at k = {result.k:g} standard deviations, beyond which samples may lie: {named}"
+        if cut
+        else "every law is bounded"
     )
-    return [*result.assumptions, *beyond]
+    return [*result.assumptions[:-1], last, *explain_excess(result.poses[0])]
 
 
-def _described(bound: NormBound) -> str:
+def _entries(bound: NormBound, results: Results, most: int) -> list[tuple[str, float]]:
+    """Return the error at the means, the largest causes, and what the others add together."""
+    values = {entry.draw: entry.value for entry in bound.contributions}
+    entries = [entry for entry in sum_by_cause(results.causes, values) if abs(entry[1]) > ROUNDING]
+    named, rest = entries[:most], entries[most:]
+    more = [(f"{len(rest)} more", sum(value for _, value in rest))] if rest else []
+    return [("error at the means", bound.nominal), *named, *more]
+
+
+def _described(bound: NormBound, results: Results) -> str:
     name, upper = bound.quantity, bound_milli(bound.first_order.upper, up=True, digits=5)
     return (
         f"{symbol(name)} bound {upper} {unit(name)}, exact model at least {milli(bound.found.norm, 5)}, "
-        f"largest seen {milli(bound.seen.max, 5)}, of which error at the means {milli(bound.nominal, 5)} and "
-        + ", ".join(f"{entry.draw} {milli(entry.value, 4)}" for entry in bound.contributions[:5])
+        f"largest seen {milli(bound.seen.max, 5)}, of which "
+        + ", ".join(f"{name} {milli(value, 4)}" for name, value in _entries(bound, results, 5))
     )
 
 
@@ -98,13 +112,8 @@ def _components(pose: PoseWorstCase) -> Html:
     return table("Worst case of the components", header, rows)
 
 
-def _contributions(bound: NormBound) -> Html:
-    named = [entry for entry in bound.contributions if abs(entry.value) > ROUNDING][:_LISTED]
-    rest = [entry for entry in bound.contributions if entry not in named]
-    rows: list[list[Child]] = [["error at the means", milli(bound.nominal)]]
-    rows += [[entry.draw, milli(entry.value)] for entry in named]
-    if rest:
-        rows.append([f"{len(rest)} more", milli(sum(entry.value for entry in rest))])
+def _contributions(bound: NormBound, results: Results) -> Html:
+    rows: list[list[Child]] = [[name, milli(value)] for name, value in _entries(bound, results, _LISTED)]
     rows.append(["sum: the worst case", milli(bound.nominal + sum(entry.value for entry in bound.contributions))])
-    header = ["draw", f"adds [{unit(bound.quantity)}]"]
+    header = ["cause", f"adds [{unit(bound.quantity)}]"]
     return table(f"What adds up to the worst {symbol(bound.quantity)}", header, rows, last=True)

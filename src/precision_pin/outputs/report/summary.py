@@ -1,0 +1,168 @@
+"""The first screen of the report: the arm with its cloud, the verdict, the largest causes, what it rests on."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from precision_pin.analyses.budget.budget_result import BudgetResult, PoseBudget
+from precision_pin.display.tables import milli, symbol, unit
+from precision_pin.outputs.kit.causes import assumed_share, rank_causes
+from precision_pin.outputs.kit.html import Child, Html, element, joined, paragraph, section, table
+from precision_pin.outputs.kit.picture import Cloud, Picture, draw_picture
+from precision_pin.outputs.kit.svg import figure
+from precision_pin.outputs.monte_carlo.verdict import describe_verdict, specifications, verdict
+from precision_pin.outputs.report.collect import Results
+from precision_pin.outputs.report.numbers import MISSING, milli_interval, statistic
+from precision_pin.statistics import Distribution
+
+__all__ = ["causes_in_words", "name_pose", "picture", "summary"]
+
+_NAMED: Final = 3
+_MARKED: Final = (0.95, 0.9973)
+# errors of the arm without any tolerance are said from this share of the 95 % quantile on
+_NOTABLE: Final = 0.1
+
+
+def summary(poses: Sequence[Results]) -> Html:
+    """Return the first section: of several poses the worst, and a table of all.
+
+    Parameters
+    ----------
+    poses
+        The worst first.
+    """
+    worst = poses[0]
+    words = element("div", verdict(worst), _causes(worst), class_="words")
+    asked = bool(worst.analysis.summary.specifications)
+    parts: list[Child] = [element("div", words, picture(worst), class_="first")]
+    if len(poses) > 1:
+        parts.insert(0, _by_pose(poses))
+    heading = "Verdict" if asked else "Result"
+    if len(poses) > 1:
+        heading += f", worst of {len(poses)} poses: {name_pose(worst)}"
+    return section("verdict", heading, *parts, specifications(worst))
+
+
+def name_pose(results: Results) -> str:
+    """Return a pose's name, or what stands for one."""
+    return results.analysis.pose_name or "joint values of the command line"
+
+
+def picture(results: Results) -> Html:
+    """Return the arm with its cloud."""
+    drawn = _draw(results)
+    tip = ", ".join(milli(value, 5) for value in results.at.posture.pose[:3, 3])
+    return figure(
+        drawn.figure,
+        f"{results.prefix}arm",
+        f"The arm with {len(results.at.posture.q)} joints; the tip without error is at ({tip}) mm in the base; sampled "
+        f"positions about it are drawn {drawn.factor:g} times too far away",
+        _caption(results, drawn),
+        class_="arm",
+    )
+
+
+def causes_in_words(results: Results, budget: PoseBudget, vector: str, most: int) -> list[tuple[float, str]]:
+    """Return the largest causes as share and text."""
+    ranked = rank_causes(results.causes, budget, vector)
+    return [(one.share, one.cause.text) for one in ranked[:most] if one.share is not None and one.share >= 5e-4]
+
+
+def _draw(results: Results) -> Picture:
+    norm = results.analysis.position.norm
+    limits = [one for one in results.analysis.summary.specifications if one.quantity == norm.quantity]
+    limit = min(limits, key=lambda one: one.limit) if limits else None
+    cloud = Cloud(
+        results.cloud[:3],
+        norm.quantile(0.95),
+        None if limit is None else limit.limit,
+        limit is None or limit.met,
+    )
+    return draw_picture(results.at.posture, cloud, [Path(folder) for folder in results.package_dirs])
+
+
+def _caption(results: Results, drawn: Picture) -> str:
+    norm = results.analysis.position.norm
+    limited = [one.limit for one in results.analysis.summary.specifications if one.quantity == norm.quantity]
+    parts = [f"{drawn.points:,} sampled robots, errors ×{drawn.factor:g} about the tip (+)"]
+    if norm.quantile(0.95) is not None:
+        parts.append(f"dashed: 95 % within {statistic(norm, 0.95)} {unit(norm.quantity)}")
+    if limited:
+        where = "limit" if drawn.shows_limit else "outside the picture: the limit"
+        parts.append(f"{where} {milli(min(limited), 6)} {unit(norm.quantity)}")
+    return "; ".join(parts) + "."
+
+
+def _causes(results: Results) -> Html:
+    budget = next((result for result in results.found.values() if isinstance(result, BudgetResult)), None)
+    pose = None if budget is None or not budget.poses[0].draws else budget.poses[0]
+    parts: list[Child] = []
+    largest = [] if pose is None else causes_in_words(results, pose, "position", _NAMED)
+    if largest:
+        lines = [element("li", element("strong", f"{100 * share:.0f} %"), f" {text}") for share, text in largest]
+        parts.append(paragraph("Largest causes, share of the variance of d:", class_="lead"))
+        parts.append(element("ul", *lines, class_="causes"))
+    return joined([*parts, *_always(results), *_resting(results, pose)])
+
+
+def _resting(results: Results, pose: PoseBudget | None) -> list[Html]:
+    """Return how much of the spread comes from sources that are marked as assumed."""
+    assumed, sources = results.analysis.assumed, results.analysis.sources
+    if not assumed:
+        return []
+    counted = f"{len(assumed):,} of {sources:,} sources are marked as assumed in the sheet."
+    share = None if pose is None else assumed_share(pose, assumed, "position")
+    much = "Rests" if share is None else f"{_percent(share)} of the variance of d rests"
+    return [paragraph(element("strong", f"{much} on assumptions: {counted}"))]
+
+
+def _always(results: Results) -> list[Html]:
+    """Return what is off at the means, where that is a good part of the error."""
+    size = float(np.linalg.norm(results.analysis.nominal[:3]))
+    norm = results.analysis.position.norm
+    marked = norm.quantile(0.95) or norm.max
+    if size <= _NOTABLE * marked:
+        return []
+    text = (
+        f"{milli(size, 3)} {unit(norm.quantity)} is there at the means, before anything varies: mean values and loads."
+    )
+    return [paragraph(text)]
+
+
+def _percent(share: float) -> str:
+    return "Less than 1 %" if 0 < share < 0.01 else f"{100 * share:.0f} %"
+
+
+def _by_pose(poses: Sequence[Results]) -> Html:
+    rows: list[list[Child]] = []
+    for results in poses:
+        given = results.analysis.summary.specifications
+        norm = results.analysis.position.norm
+        met = all(result.met for result in given)
+        cells: list[Child] = [name_pose(results)]
+        if given:
+            said = given[0].verdict if len(given) == 1 else describe_verdict(given)
+            cells.append(element("strong", said, class_="good" if met else "bad"))
+        cells += [_with_interval(norm, level) for level in _MARKED]
+        budget = next((result for result in results.found.values() if isinstance(result, BudgetResult)), None)
+        largest = [] if budget is None else causes_in_words(results, budget.poses[0], "position", 1)
+        cells.append("".join(f"{100 * share:.0f} % {text}" for share, text in largest) or MISSING)
+        rows.append(cells)
+    asked = bool(poses[0].analysis.summary.specifications)
+    header = ["pose", *(["verdict"] if asked else [])]
+    header += [f"{100 * level:g} % within [{unit('position')}]" for level in _MARKED]
+    name = symbol(poses[0].analysis.position.norm.quantity)
+    words = (1, 4) if asked else (3,)
+    whole = table(
+        f"{len(poses)} poses, the worst first: position error {name}", [*header, "largest cause"], rows, words=words
+    )
+    return element("div", whole, class_="poses")
+
+
+def _with_interval(norm: Distribution, level: float) -> Child:
+    value, interval = statistic(norm, level), milli_interval(norm, level)
+    return value if MISSING in (value, interval) else joined([value, " ", element("small", interval)])
