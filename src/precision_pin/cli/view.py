@@ -197,7 +197,7 @@ def _sampled(
             at = error_model.at(pose.where)
             findings.append((*at.findings(model), *error_model.statics_findings(at)))
             errors = _drawn(sampler.to_arrays(at), model, seed, samples, number, progress)
-            shown.append(ViewPose(at, errors, pose.name, number))
+            shown.append(ViewPose(at, errors, pose.name, number, error_model.draw_words))
     echo_findings(_gathered(findings))
     return shown, resting_on(error_model.assumed, len(error_model.sources))
 

@@ -24,7 +24,10 @@ def scene(poses: Sequence[Results]) -> Html:
     analysis = first.analysis
     count = first.cloud.shape[1]
     inner = page(
-        [ViewPose(results.at, results.cloud, results.analysis.pose_name or None) for results in poses],
+        [
+            ViewPose(results.at, results.cloud, results.analysis.pose_name or None, words=results.model.draw_words)
+            for results in poses
+        ],
         title=f"{analysis.robot}: {analysis.base} to {analysis.tip}",
         seed=analysis.seed,
         model_name=analysis.model,

@@ -131,7 +131,9 @@ def page(
         parts=parts,
         points=min(points, MOST_POINTS // len(poses)),
         count=len(poses),
-        groups=choose_groups([one.pose_model for one in poses], attitude=limits_attitude(specifications)),
+        groups=choose_groups(
+            [one.pose_model for one in poses], poses[0].words, attitude=limits_attitude(specifications)
+        ),
         specifications=specifications,
     )
     data = [PoseData(one, common, number) for number, one in enumerate(poses, start=1)]

@@ -59,12 +59,15 @@ class ViewPose:
         The pose's name, for the caption; ``None`` for a pose without one.
     pose
         Number of the pose that the draws of pose scope were made for, as in :meth:`precision_pin.draws.space.Space.sample`.
+    words
+        What each draw is, as :attr:`precision_pin.model.error_model.ErrorModel.draw_words`; their names if left out.
     """
 
     pose_model: PoseModel
     errors: Array
     name: str | None = None
     pose: int = 0
+    words: tuple[str, ...] = ()
 
 
 @final

@@ -80,13 +80,15 @@ def tangent_of(at: PoseModel, model: str) -> Reference:
     return at.linear(mean[:, None])[:, 0], jacobian
 
 
-def choose_groups(pose_models: Sequence[PoseModel], *, attitude: bool = False) -> Groups:
+def choose_groups(pose_models: Sequence[PoseModel], words: Sequence[str] = (), *, attitude: bool = False) -> Groups:
     """Return the tolerances of a page: those that contribute most to the spread at one of its poses come first.
 
     Parameters
     ----------
     pose_models
         The poses.
+    words
+        What each draw is; their names if left out.
     attitude
         Whether the spread of the attitude counts too; what moves it alone is left out otherwise.
     """
@@ -105,7 +107,11 @@ def choose_groups(pose_models: Sequence[PoseModel], *, attitude: bool = False) -
     ranked = [int(k) for k in np.argsort(-share, kind="stable") if share[k] > _SMALLEST_SHARE]
     alone = ranked if len(ranked) <= MOST_TOLERANCES + 1 else ranked[:MOST_TOLERANCES]
     rest = ranked[len(alone) :]
-    names = [space.draws[k].name for k in alone] + ([f"{len(rest)} smaller ones together"] if rest else [])
+    known = [
+        ", ".join(filter(None, pair)) for pair in zip(words, (draw.tolerance for draw in space.draws), strict=False)
+    ]
+    known = known or [draw.name for draw in space.draws]
+    names = [known[k] for k in alone] + ([f"{len(rest)} smaller ones together"] if rest else [])
     return Groups(tuple(names), (*((k,) for k in alone), *((tuple(rest),) if rest else ())))
 
 
