@@ -96,16 +96,20 @@ def test_figure_has_legible_text_inside_it(which, request):
         assert not any(one.overlaps(other) for k, one in enumerate(boxes) for other in boxes[:k])
     assert not upper.xaxis.label.get_window_extent().overlaps(lower.get_window_extent())
     assert {text.get_text() for text in made.legends[0].get_texts()} == {
-        "first-order index", "total index", "closed form, first order",
+        "share of the variance, first order", "total Sobol index, exact model",
     }  # fmt: skip
 
 
-def test_bars_are_the_total_indices_largest_first(paper):
+def test_bars_are_the_shares_largest_first_beside_total_indices_and_tolerances(paper):
     upper = figure(paper).axes[0]
-    expected = sorted((100 * group.total["position"].value for group in paper.poses[0].groups), reverse=True)[:12]
+    groups = sorted(paper.poses[0].groups, key=lambda group: -round(group.share["position"], 9))[:12]
     bars = [container for container in upper.containers if hasattr(container, "patches")]
-    widths = [bar.get_width() for bar in bars[1].patches]
-    assert widths == pytest.approx(expected, rel=1e-12)
+    widths = [bar.get_width() for bar in bars[0].patches]
+    assert widths == pytest.approx([100 * group.share["position"] for group in groups], rel=1e-12)
+    diamonds = next(container for container in upper.containers if not hasattr(container, "patches"))[0].get_xdata()
+    assert diamonds == pytest.approx([100 * group.total["position"].value for group in groups], rel=1e-12)
+    assert "radius 0.1 mm" in {part for text in upper.texts for part in text.get_text().split("  ")}
+    assert next(label.get_text() for label in upper.get_yticklabels()).startswith("axis of joint1, bearing")
 
 
 # the command -------------------------------------------------------------------------------------

@@ -162,7 +162,7 @@ def test_a_law_of_its_own_file_is_known_to_the_analyses(model: pp.ErrorModel) ->
 
 
 def test_a_law_of_its_own_file_is_described_in_the_report(model: pp.ErrorModel) -> None:
-    text = str(parameters(SimpleNamespace(model=model)))  # type: ignore[arg-type]
+    text = str(parameters([SimpleNamespace(model=model)]))  # type: ignore[arg-type]
     assert "rounded to 0.2 mm" in text
 
 

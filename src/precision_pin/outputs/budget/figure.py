@@ -103,7 +103,12 @@ def draw_bars(result: BudgetResult, pose: int, bars: Mapping[str, Sequence[Bar]]
 
 def _bars(pose: PoseBudget, vector: str) -> list[Bar]:
     """Return a bar for each draw or group of correlated ones, the largest first."""
-    found = [Bar(" + ".join(group.draws), "", group.share[vector], group.total[vector]) for group in pose.groups]
+    found = []
+    for group in pose.groups:
+        draws = [pose.draw(name) for name in group.draws]
+        tolerance = draws[0].tolerance if len(draws) == 1 else ""
+        name = " + ".join(draw.words for draw in draws)
+        found.append(Bar(name, tolerance, group.share[vector], group.total[vector]))
     return sorted(found, key=lambda bar: -round(bar.length, 9))
 
 
