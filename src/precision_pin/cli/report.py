@@ -49,12 +49,12 @@ MOST_POSES: Final = 12
 @click.option("--all-poses", is_flag=True, help="All of the sheet's poses.")
 @q_option
 @chain_options
+@quiet_option
 @click.option("--samples", type=int, default=100_000, show_default=True, metavar="N", help="How many built robots.")
 @seed_option
 @model_option
 @spec_option
 @click.option("--out", required=True, metavar="FILE.html", help="The page to write; report.html in a folder.")
-@quiet_option
 def command(
     pose_names: tuple[str, ...],
     all_poses: bool,
