@@ -174,7 +174,7 @@ def test_correlated_normal_draws_are_one_joint_normal_law_and_others_keep_their_
     bound = result.poses[0].position  # the sum of two has the variance 2 (1 - 0.5) σ²
     assert bound.first_order.lower == pytest.approx(3e-4, rel=1e-12)
     assert [entry.draw for entry in bound.contributions] == ["u, v"]
-    assert "at 0.00015, 0.00015 (SI)" in table(result) or "at -0.00015, -0.00015 (SI)" in table(result)
+    assert "at 0.15 mm, 0.15 mm" in table(result) or "at -0.15 mm, -0.15 mm" in table(result)
 
 
 def test_unbounded_laws_of_one_number_are_cut_where_a_normal_law_would_be():

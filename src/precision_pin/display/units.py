@@ -58,6 +58,10 @@ class WrittenUnit:
         """Return a number with the unit."""
         return f"{self.number(value)} {self.name}".rstrip()
 
+    def short(self, value: float) -> str:
+        """Return a number of at most four digits with the unit."""
+        return f"{value * self.per_si:.4g} {self.name}".rstrip()
+
     def number(self, value: float) -> str:
         """Return a number without it."""
         return f"{value * self.per_si:.6g}"

@@ -26,6 +26,8 @@ from precision_pin.analyses.worst_case.worst_case_result import (
     WorstCaseResult,
 )
 from precision_pin.call_warnings import warns_at_end
+from precision_pin.display.units import WrittenUnit
+from precision_pin.draws.space import Space
 from precision_pin.errors import Finding, InputError
 from precision_pin.kernel import sampler
 from precision_pin.model.error_model import ErrorModel
@@ -183,8 +185,14 @@ def _bound(
         inside = sampled if not supports.cut else _toward(layout, supports, rows, sampled[None], at.space.mean)[0]
         starts = np.concatenate([starts, inside[None]])
     place, size = _climbed(layout, supports, rows, starts, at.space.mean)
+    values = _written_values(at.space, x)
     contributions = [
-        Contribution(name, tuple(at.space.components[column] for column in columns), float(share))
+        Contribution(
+            name,
+            tuple(at.space.components[column] for column in columns),
+            float(share),
+            ", ".join(values[column] for column in columns),
+        )
         for name, columns, share in zip(supports.names, supports.columns, shares, strict=True)
     ]
     return NormBound(
@@ -298,3 +306,12 @@ def _batches(count: int, size: int) -> Iterator[NDArray[np.intp]]:
 def _sizes(layout: sampler.SamplerArrays, rows: slice, places: Array) -> Array:
     value: Array = np.linalg.norm(sampler.errors_at(layout, "exact", places.T)[rows], axis=0)
     return value
+
+
+def _written_values(space: Space, x: Array) -> list[str]:
+    """Return component values with their units; a plain number where the quantity is not known."""
+    quantities = [quantity for draw in space.draws for quantity in draw.known_quantities]
+    return [
+        f"{value:.4g}" if quantity is None else WrittenUnit.suiting(quantity, [value]).short(value)
+        for quantity, value in zip(quantities, x.tolist(), strict=True)
+    ]

@@ -55,11 +55,14 @@ class Contribution:
         Names of its numbers.
     value
         m or rad; zero or more if its mean is one of the values it can take, or between them.
+    at
+        The values of its numbers there, with the units that read well.
     """
 
     draw: str
     components: tuple[str, ...]
     value: float
+    at: str
 
 
 @final

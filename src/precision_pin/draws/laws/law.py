@@ -133,7 +133,7 @@ class Law(ABC):
         # an interval is finite for every law, the support is not
         if not np.isfinite(self.support(first) + self.support(-first)):
             unit = WrittenUnit.suiting(quantity, stds.tolist())
-            return f"σ {stds[0] * unit.per_si:.4g} {unit.name}" if np.allclose(stds, stds[0]) else ""
+            return f"σ {unit.short(float(stds[0]))}" if np.allclose(stds, stds[0]) else ""
         unit = WrittenUnit.suiting(quantity, [low, high])
         if math.isclose(low + high, 2 * float(self.mean_vector[0]), abs_tol=1e-9 * (high - low)):
             return f"±{unit((high - low) / 2)}"

@@ -10,9 +10,8 @@ from typing import final
 from precision_pin.analyses.budget.budget_result import DrawShare, Estimate, Group, PoseBudget
 from precision_pin.draws.space import Draw
 from precision_pin.model.error_model import ErrorModel
-from precision_pin.units import PerJoint, Quantity
 
-__all__ = ["Cause", "CauseShare", "Part", "assumed_share", "find_causes", "quantities", "rank_causes", "sum_by_cause"]
+__all__ = ["Cause", "CauseShare", "Part", "assumed_share", "find_causes", "rank_causes", "sum_by_cause"]
 
 
 @final
@@ -105,18 +104,12 @@ def find_causes(model: ErrorModel) -> tuple[Cause, ...]:
         label = own.get(draw.name)
         key: object = draw.name
         if label is not None:
-            tolerance = draw.law.tolerance(quantities(draw))
+            tolerance = draw.tolerance
             key = (label, draw.law, draw.scope) if tolerance else first_of.get(label, draw.name)
         if len(owners) == 1:
             first_of.setdefault(owners[0], key)
         groups.setdefault(key, []).append((draw, words))
     return tuple(_cause(members) for members in groups.values())
-
-
-def quantities(draw: Draw) -> list[Quantity | None]:
-    """Return what each number of a draw is; a model's draws know which kind of joint they are at."""
-    known = [*draw.quantities, *[None] * (len(draw.components) - len(draw.quantities))]
-    return [None if isinstance(quantity, PerJoint) else quantity for quantity in known]
 
 
 def rank_causes(causes: Sequence[Cause], budget: PoseBudget, vector: str) -> list[CauseShare]:
@@ -141,7 +134,7 @@ def _cause(members: Sequence[tuple[Draw, str]]) -> Cause:
     # the two bearings of an axis are the axis; an amplitude with its phase is the amplitude
     stems = {text.rpartition(",")[0] for _, text in members}
     name = stems.pop() if len(members) > 1 and len(stems) == 1 else ""
-    return Cause(name or words, draw.law.tolerance(quantities(draw)), draw.scope.value, parts)
+    return Cause(name or words, draw.tolerance, draw.scope.value, parts)
 
 
 def _share(

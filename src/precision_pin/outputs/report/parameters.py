@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from precision_pin.outputs.kit.causes import quantities
 from precision_pin.outputs.kit.html import Child, Html, items, paragraph, section, table
 from precision_pin.outputs.report.collect import Results
 from precision_pin.units import Quantity
@@ -18,7 +17,7 @@ def parameters(poses: Sequence[Results]) -> Html:
     rows: list[list[Child]] = []
     drawing: set[str] = set()
     for draw, words, feeds in zip(model.space.draws, model.draw_words, model.owners, strict=True):
-        of = quantities(draw)
+        of = draw.known_quantities
         names = {_named(quantity) for quantity in of}
         rows.append(
             [

@@ -115,8 +115,8 @@ def listed_contributions(bound: NormBound, nominal: str) -> list[tuple[str, floa
 
 
 def _values(bound: NormBound, name: str) -> str:
-    """Return the values of a draw's components in the worst case, SI."""
+    """Return the values of a draw's components in the worst case."""
     for entry in bound.contributions:
         if entry.draw == name:
-            return "at " + ", ".join(f"{bound.parameters[component]:.6g}" for component in entry.components) + " (SI)"
+            return f"at {entry.at}"
     return ""
