@@ -42,3 +42,14 @@ def test_sentences_are_folded_and_rows_are_not(capsys: pytest.CaptureFixture[str
     assert " ".join(line.strip() for line in folded) == f"arm.urdf: base to tool, pose ({joints})"
     # a joint and its value are in one line
     assert all(line.endswith((",", ")")) for line in folded)
+
+
+def test_warnings_of_one_code_are_one_line_unless_all_are_asked_for(run) -> None:
+    one = run("analyze", "example:xarm7", "--samples", "50")
+    lines = [line for line in one.err_lines if "W_ANGLE_ROUNDED" in line]
+    assert len(lines) == 1
+    assert lines[0].endswith("; and 5 more W_ANGLE_ROUNDED: --all-warnings")
+    every = run("analyze", "example:xarm7", "--samples", "50", "--all-warnings")
+    lines = [line for line in every.err_lines if "W_ANGLE_ROUNDED" in line]
+    assert len(lines) == 6
+    assert not any("--all-warnings" in line for line in lines)

@@ -12,7 +12,7 @@ import click
 from precision_pin.analyses.declaration import Declaration, Option, load
 from precision_pin.cli import EXIT_SPEC
 from precision_pin.cli.inputs import chosen_pose, read_sheet
-from precision_pin.cli.notes import echo_note, quiet_option
+from precision_pin.cli.notes import all_warnings_option, echo_note, quiet_option
 from precision_pin.cli.options import ArmOptions, SamplingCommand, chain_options, inputs_argument, q_option, seed_option
 from precision_pin.cli.progress import compile_sampler, progress_bar
 from precision_pin.cli.streams import echo_data, say
@@ -66,6 +66,7 @@ def _shared_options(command: Decorated) -> Decorated:
     """Add the options of :class:`_Shared`."""
     for option in (
         quiet_option,
+        all_warnings_option,
         click.option("--out", metavar="DIR", help="Write plots (PNG and SVG) and the result there."),
         click.option("--json", "json_path", metavar="FILE", help="Write the result as JSON; - prints it alone."),
         seed_option,

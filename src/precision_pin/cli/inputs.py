@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Final, final
 
 import click
 
-from precision_pin.cli.notes import echo_note
+from precision_pin.cli.notes import echo_note, echo_warnings
 from precision_pin.cli.options import describe_excess
 from precision_pin.errors import Finding, InputError
 from precision_pin.inputs.files import noted_inputs
@@ -129,7 +129,7 @@ def read_sheet(
         sheet = read_inputs(find_inputs(arguments, sheet_needed=True), tip, base, package_dirs)
     if outputs is not None:
         outputs.refuse_inputs(inputs)
-    echo_findings(sheet.findings)
+    echo_warnings(sheet.findings)
     return sheet
 
 

@@ -1,21 +1,33 @@
-"""Notes on stderr: what a command tells beside its result, and ``--quiet``, which leaves them out."""
+"""What a command tells beside its result, on stderr: notes, which ``--quiet`` leaves out, and warnings, a line for each code."""
 
 from __future__ import annotations
 
+from collections import Counter
+from collections.abc import Sequence
 from typing import Final
 
 import click
 
 from precision_pin.cli.streams import say
+from precision_pin.errors import Finding
 
-__all__ = ["echo_note", "is_quiet", "quiet_option"]
+__all__ = ["all_warnings_option", "echo_note", "echo_warnings", "is_quiet", "quiet_option"]
 
 _QUIET: Final = f"{__name__}.quiet"
+_ALL_WARNINGS: Final = f"{__name__}.all_warnings"
 
 
-def _remember(context: click.Context, option: click.Parameter, quiet: bool) -> None:
-    context.meta[_QUIET] = quiet
+def _remember(context: click.Context, option: click.Parameter, given: bool) -> None:
+    context.meta[f"{__name__}.{option.name}"] = given
 
+
+all_warnings_option: Final = click.option(
+    "--all-warnings",
+    is_flag=True,
+    expose_value=False,
+    callback=_remember,
+    help="Print every warning about sheet and robot, not one of each code.",
+)
 
 quiet_option: Final = click.option(
     "--quiet",
@@ -28,8 +40,27 @@ quiet_option: Final = click.option(
 
 def is_quiet() -> bool:
     """Return whether the running command has ``--quiet``."""
+    return _is_given(_QUIET)
+
+
+def _is_given(option: str) -> bool:
     context = click.get_current_context(silent=True)
-    return context is not None and bool(context.meta.get(_QUIET, False))
+    return context is not None and bool(context.meta.get(option, False))
+
+
+def echo_warnings(findings: Sequence[Finding]) -> None:
+    """Print findings about sheet and robot on stderr: of several with one code the first, and how many more there are."""
+    if _is_given(_ALL_WARNINGS):
+        for finding in findings:
+            say(str(finding))
+        return
+    counts = Counter(finding.code for finding in findings)
+    first: dict[str, Finding] = {}
+    for finding in findings:
+        first.setdefault(finding.code, finding)
+    for finding in first.values():
+        more = counts[finding.code] - 1
+        say(f"{finding}; and {more} more {finding.code}: --all-warnings" if more else str(finding))
 
 
 def echo_note(line: str) -> None:

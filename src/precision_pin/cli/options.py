@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Final, TypedDict, TypeVar
 
 import click
 
-from precision_pin.cli.notes import quiet_option
+from precision_pin.cli.notes import all_warnings_option, quiet_option
 from precision_pin.cli.resources import require_resources
 from precision_pin.errors import PrecisionPinWarning
 
@@ -138,7 +138,7 @@ spec_option: Final = click.option(
 def one_pose_options(command: Decorated) -> Decorated:
     """Add the options of :class:`OnePoseOptions`."""
     pose = click.option("--pose", metavar="NAME", help="One of the sheet's poses; the first if left out.")
-    for option in (quiet_option, chain_options, q_option, pose, inputs_argument):
+    for option in (quiet_option, all_warnings_option, chain_options, q_option, pose, inputs_argument):
         command = option(command)
     return command
 

@@ -11,7 +11,7 @@ import click
 
 from precision_pin.cli import EXIT_SPEC
 from precision_pin.cli.inputs import chosen_pose, read_sheet
-from precision_pin.cli.notes import echo_note, quiet_option
+from precision_pin.cli.notes import all_warnings_option, echo_note, quiet_option
 from precision_pin.cli.options import (
     ArmOptions,
     SamplingCommand,
@@ -49,6 +49,7 @@ MOST_POSES: Final = 12
 @click.option("--all-poses", is_flag=True, help="All of the sheet's poses.")
 @q_option
 @chain_options
+@all_warnings_option
 @quiet_option
 @click.option("--samples", type=int, default=100_000, show_default=True, metavar="N", help="How many built robots.")
 @seed_option

@@ -12,7 +12,7 @@ import click
 
 from precision_pin.cli import EXIT_SPEC
 from precision_pin.cli.inputs import chosen_pose, echo_findings, read_sheet
-from precision_pin.cli.notes import echo_note, quiet_option
+from precision_pin.cli.notes import all_warnings_option, echo_note, quiet_option
 from precision_pin.cli.options import (
     ArmOptions,
     SamplingCommand,
@@ -69,6 +69,7 @@ CHUNK = 2**14
 )
 @click.option("--port", type=int, metavar="P", help="Where to serve it; any free port if left out.")
 @click.option("--no-browser", is_flag=True, help="Serve it, but open no browser.")
+@all_warnings_option
 @quiet_option
 def command(
     pose_names: tuple[str, ...],
