@@ -13,10 +13,11 @@ robot: {PAPER_SHEET.parent / "4dof.urdf"}
 poses: {{home: 0 0 0 0 deg}}
 parameters:
   a1: {{uniform: 0.05 mm}}
+  a2: {{uniform: 0.02 mm}}
   k: {{normal: {{std: 10 arcsec}}}}
 sources:
   - length: {{joint: joint2, parameters: a1}}
-  - length: {{joint: joint4, parameters: a1}}
+  - length: {{joint: joint4, parameters: [a2, a1, ±0.1 mm]}}
   - joint_offset: {{joint: joint1, offset: k}}
   - frame: {{joint: joint3, rz: ±0.02 deg, x: {{triangular: 4 um, mean: 2 um}}}}
   - axis_install: {{joint: joint1, radius: 0.1 mm, span: 100 mm}}
@@ -37,6 +38,8 @@ def test_draws_are_named_as_a_reader_would(model: pp.ErrorModel) -> None:
     pairs = zip(model.space.draws, model.draw_words, strict=True)
     found = {draw.name: (words, draw.tolerance) for draw, words in pairs}
     assert found["a1"] == ("a1 (length to joint2 and 1 more)", "±0.05 mm")
+    assert found["a2"] == ("a2 (length to joint4)", "±0.02 mm")
+    assert found["length[joint4].parameters[2]"] == ("length to joint4 (3)", "±0.1 mm")
     assert found["k"] == ("k (zero of joint1)", "σ 10 arcsec")
     assert found["frame[joint3].rz"] == ("tilt of joint3 about z", "±0.02 deg")
     assert found["frame[joint3].x"] == ("position of joint3 along x", "±4 um")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
+import re
 from collections.abc import Mapping, Sequence
 
 from precision_pin.draws.space import Draw, Space
@@ -62,7 +63,10 @@ def draw_words(space: Space, sources: Sequence[Source], labels: Sequence[str]) -
     own: set[str] = set()
     for source, label in zip(sources, labels, strict=True):
         for number, place in source.places(label).items():
-            uses.setdefault(number, []).append(source.describe(place))
+            # one of several with a name of its own needs no number
+            uses.setdefault(number, []).append(
+                source.describe(place if number.startswith(label) else re.sub(r"\[\d+\]$", "", place))
+            )
         own.update(draw.name for draw in source.draws(label))
     return tuple(_in_words(draw, uses, draw.name in own) for draw in space.draws)
 

@@ -259,9 +259,10 @@ class Source(ABC):
     def describe(self, setting: str) -> str:
         """Return what a setting (``rz``, ``segments[0].wall``) or a draw of its own is, in words."""
         first, *parts = re.sub(r"\[(\d+)\]", lambda index: f" {int(index[1]) + 1}", setting).split(".")
-        name = first.split(" ")[0]
+        name, _, number = first.partition(" ")
         if name in self.words and not parts:
-            return self.words[name].format(subject=self.subject, **self.settings()) + first[len(name) :]
+            described = self.words[name].format(subject=self.subject, **self.settings())
+            return f"{described} ({number})" if number not in ("", "1") else described
         said = " of ".join([*reversed(parts), first]).replace("_", " ")
         return f"{self.kind().replace('_', ' ')} {said} of {self.subject}"
 

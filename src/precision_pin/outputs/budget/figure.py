@@ -146,7 +146,7 @@ def _draw(axes: Axes, bars: Sequence[Bar], vector: str) -> None:
     axes.set_yticks(range(len(shown)), [shortened(_shown(bar.name), MOST_CHARACTERS) for bar in shown])
     axes.tick_params(axis="y", length=0)
     axes.set_ylim(max(len(shown), 1) - 0.4, -0.6)
-    axes.set_xlim(min(0.0, *lengths, 0.0), 1.32 * longest)
+    axes.set_xlim(min(0.0, *lengths, 0.0), 1.4 * longest)
     if hidden:
         together = f"{100 * sum(bar.length for bar in hidden):.2g} % together"
         axes.set_title(f"{len(hidden)} smaller ones, {together}, are not shown", fontsize=7, loc="right")
