@@ -8,6 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from outputs.view_cases import arm_text, pose_model
+from precision_pin.display.units import WrittenUnit
 from precision_pin.outputs.view.meshes import Surface, thinned
 from precision_pin.outputs.view.scales import ColourScale, arm_length, default_factor, round_number, view_direction
 
@@ -94,10 +95,10 @@ def test_the_default_factor_never_shrinks_and_stands_zeros(posture):
 
 
 def test_ticks_have_units_and_enough_digits():
-    assert ColourScale(0.0, 1e-3).unit == ("mm", 1e3)
+    assert ColourScale(0.0, 1e-3).unit == WrittenUnit("mm", 1e3)
     assert ColourScale(0.0, 1e-3).ticks == ("0.00", "0.25", "0.50", "0.75", "1.00")
     assert ColourScale(30e-3, 30.004e-3).ticks == ("30.0000", "30.0010", "30.0020", "30.0030", "30.0040")
-    assert ColourScale(0.0, 8e-6).unit == ("µm", 1e6)
+    assert ColourScale(0.0, 8e-6).unit == WrittenUnit("µm", 1e6)
     assert ColourScale(0.0, 8e-6).ticks == ("0.0", "2.0", "4.0", "6.0", "8.0")
     assert ColourScale(0.4, 0.8).ticks == ("400", "500", "600", "700", "800")
     assert ColourScale(0.0, 0.0).ticks == ("0",)

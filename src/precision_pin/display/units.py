@@ -23,6 +23,14 @@ _LADDERS: Final = {
     units.PRESSURE: (("GPa", 1e-9, 0.1), ("MPa", 1e-6, 0.0)),
 }
 
+# of figures and scales: from the largest down, each a thousandth
+_OF_AXES: Final = {
+    "position": ("m", "mm", "µm", "nm", "pm"),
+    "attitude": ("rad", "mrad", "µrad", "nrad", "prad"),
+}
+_LARGEST_IN_MILLI: Final = 10.0
+_SMALLEST_ON_AXIS: Final = 0.1
+
 
 @final
 @dataclass(frozen=True)
@@ -53,6 +61,24 @@ class WrittenUnit:
             if largest * per_si >= least or largest == 0:
                 return cls(name, per_si)
         return cls(*ladder[-1][:2])
+
+    @classmethod
+    def of_axis(cls, quantity: str, size: float) -> WrittenUnit:
+        """Return the unit of an axis on which errors reach a size (SI): mm or mrad for 0.1 to 10,000 of them, else a neighbour.
+
+        Parameters
+        ----------
+        quantity
+            Of the errors, as ``position.norm``.
+        size
+            The largest.
+        """
+        ladder = [cls(name, 1000.0**k) for k, name in enumerate(_OF_AXES[quantity.partition(".")[0]])]
+        if size == 0:
+            return ladder[1]
+        if size >= _LARGEST_IN_MILLI:
+            return ladder[0]
+        return next((unit for unit in ladder[1:] if size * unit.per_si >= _SMALLEST_ON_AXIS), ladder[-1])
 
     def __call__(self, value: float) -> str:
         """Return a number with the unit."""

@@ -12,6 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
 
 from precision_pin.display.tables import symbol
+from precision_pin.display.units import WrittenUnit as DisplayUnit
 from precision_pin.statistics import Distribution, Histogram, SpecificationResult, Verdict, format_inside, format_share
 
 __all__ = ["DisplayUnit", "display_unit", "draw_cumulative", "draw_histogram", "moments_text", "share_scale", "ticks"]
@@ -40,37 +41,12 @@ _NARROWEST: Final = 0.05
 _SMALLEST_SPAN: Final = 0.02
 
 
-@final
-@dataclass(frozen=True)
-class DisplayUnit:
-    """A unit for display: its name and how many of it make one SI unit."""
-
-    name: str
-    per_si: float
-
-
-_LENGTHS: Final = (
-    DisplayUnit("m", 1.0),
-    DisplayUnit("mm", 1e3),
-    DisplayUnit("µm", 1e6),
-    DisplayUnit("nm", 1e9),
-    DisplayUnit("pm", 1e12),
-)
-_ANGLES: Final = (
-    DisplayUnit("rad", 1.0),
-    DisplayUnit("mrad", 1e3),
-    DisplayUnit("µrad", 1e6),
-    DisplayUnit("nrad", 1e9),
-    DisplayUnit("prad", 1e12),
-)
-
-
 def display_unit(*distributions: Distribution) -> DisplayUnit:
     """Return the unit in which the largest of these values, all lengths or all angles, reads well.
 
     Millimetres or milliradians from 0.1 to 10,000; a thousandth, a millionth … of them for smaller values.
     """
-    return _unit_for(max(max(abs(one.min), abs(one.max)) for one in distributions), distributions[0].quantity)
+    return DisplayUnit.of_axis(distributions[0].quantity, max(max(abs(one.min), abs(one.max)) for one in distributions))
 
 
 @final
@@ -97,11 +73,11 @@ def _ruler(distribution: Distribution, unit: DisplayUnit) -> _Ruler:
     size = max(abs(distribution.min), abs(distribution.max))
     if span == 0 or span > _SMALLEST_RATIO * size:
         if 0 < span * unit.per_si < _SMALLEST_SPAN:
-            unit = _unit_for(span, distribution.quantity)
+            unit = DisplayUnit.of_axis(distribution.quantity, span)
         return _Ruler(unit, unit, 0.0, f"{shown} [{unit.name}]")
     place = math.floor(math.log10(span * unit.per_si))
     rounded = round(distribution.mean * unit.per_si, -place)
-    fine = _unit_for(span, distribution.quantity)
+    fine = DisplayUnit.of_axis(distribution.quantity, span)
     sign = "−" if rounded >= 0 else "+"
     offset = f"{abs(rounded):.{max(0, -place)}f}"
     return _Ruler(fine, unit, rounded / unit.per_si, f"{shown} {sign} {offset} {unit.name} [{fine.name}]")
@@ -210,7 +186,7 @@ def _mark(
 def _mark_limit(axes: Axes, distribution: Distribution, ruler: _Ruler, result: SpecificationResult) -> list[float]:
     """Draw a limit where it is near the data, name it either way, and return what the axis has to show."""
     readable = 1e-3 <= result.limit * ruler.text_unit.per_si < 1e5
-    unit = ruler.text_unit if readable else _unit_for(result.limit, result.quantity)
+    unit = ruler.text_unit if readable else DisplayUnit.of_axis(result.quantity, result.limit)
     label = f"limit {result.limit * unit.per_si:.6g} {unit.name}"
     low, high = _range(distribution, ruler)
     reach = _FARTHEST_LIMIT * (high - low)
@@ -242,19 +218,6 @@ def ticks() -> MaxNLocator:
     return MaxNLocator(nbins=_MOST_TICKS, steps=[1, 2, 5, 10], min_n_ticks=2)
 
 
-def _ladder(quantity: str) -> tuple[DisplayUnit, ...]:
-    return _LENGTHS if quantity.startswith("position") else _ANGLES
-
-
-def _unit_for(size: float, quantity: str) -> DisplayUnit:
-    ladder = _ladder(quantity)
-    if size == 0:
-        return ladder[1]
-    if size >= 10:
-        return ladder[0]
-    return next((unit for unit in ladder[1:] if size * unit.per_si >= 0.1), ladder[-1])
-
-
 def _text(value: float | None, interval: tuple[float, float] | None, unit: DisplayUnit) -> str:
     if value is None or interval is None:
         return "not resolved"
@@ -267,5 +230,5 @@ def moments_text(distribution: Distribution, unit: DisplayUnit) -> str:
     mean = _text(distribution.mean, distribution.mean_interval(), unit)
     std = distribution.std
     small = std is not None and std * unit.per_si < 1e-3
-    std_unit = _unit_for(std, distribution.quantity) if std is not None and small else unit
+    std_unit = DisplayUnit.of_axis(distribution.quantity, std) if std is not None and small else unit
     return f"mean {mean}\nstd {_text(std, distribution.std_interval(), std_unit)}"

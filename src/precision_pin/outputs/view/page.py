@@ -175,7 +175,7 @@ def page(
         example=escaped(f"{first_factor:,g} mm long"),
         pose_text=escaped(texts["pose-text"]),
         stops=", ".join(scale.stops),
-        unit=scale.unit[0],
+        unit=scale.unit.name,
         ticks="".join(f"<span>{escaped(tick)}</span>" for tick in scale.ticks),
         drawn=_element("drawn", texts),
         inside_inner=_element("inside-inner", texts),

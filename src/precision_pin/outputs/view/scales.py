@@ -10,6 +10,7 @@ from typing import Final, final
 import numpy as np
 from numpy.typing import ArrayLike
 
+from precision_pin.display.units import WrittenUnit
 from precision_pin.robot.chain import Posture
 from precision_pin.typing import Array
 
@@ -49,6 +50,7 @@ _RAISED: Final = 0.42
 _CLEARLY: Final = 0.8
 _DIGITS: Final = (1.0, 1.5, 2.0, 3.0, 5.0, 7.0)
 _MOST: Final = 1e9
+_SMALLEST_UNIT: Final = 1e-6
 _STOPS: Final = 17
 
 
@@ -196,14 +198,14 @@ class ColourScale:
         return _hexadecimal(1.0 - 0.7 * np.linspace(1, 0, _STOPS))
 
     @property
-    def unit(self) -> tuple[str, float]:
-        """The unit of the labels, mm, or µm where all sizes are below 0.1 mm, and how many of it make a metre."""
-        return ("µm", 1e6) if self.largest < 1e-4 else ("mm", 1e3)
+    def unit(self) -> WrittenUnit:
+        """The unit of the labels; no smaller than µm, which errors of zero have too."""
+        return WrittenUnit.of_axis("position", max(self.largest, _SMALLEST_UNIT))
 
     @property
     def ticks(self) -> tuple[str, ...]:
         """Labels, without the unit, for equal distances from the smallest to the largest size; one if these are equal."""
-        per_metre = self.unit[1]
+        per_metre = self.unit.per_si
         values = np.linspace(self.smallest, self.largest, 5 if self.largest > self.smallest else 1) * per_metre
         step = (self.largest - self.smallest) * per_metre / 4 or self.largest * per_metre / 10
         decimals = min(6, max(0, 1 - math.floor(math.log10(step)))) if step > 0 else 0
