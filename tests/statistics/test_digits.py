@@ -9,6 +9,7 @@ import pytest
 
 from precision_pin.outputs.monte_carlo.table import statistic, tolerance_bounds
 from precision_pin.statistics import Plan, finish, format_inside, observe, quantity_values, start
+from precision_pin.statistics.digits import format_interval
 from precision_pin.statistics.distribution import CONTENTS
 
 
@@ -94,3 +95,16 @@ def test_tolerance_bounds_are_those_of_wilks() -> None:
         if samples == 93:
             assert part == (pytest.approx(errors[0].min()), pytest.approx(errors[0].max()))
     assert math.isclose(1 - 0.95**59, 0.9515, abs_tol=1e-4)
+
+
+def test_ends_of_an_interval_are_rounded_outwards():
+    """By hand: two digits of the width 0.0468 are thousandths; of an interval of no width five digits are left."""
+    assert format_interval(3.8324, 3.8792) == ("3.832", "3.880")
+    assert format_interval(-1.0, 1.0) == ("-1.0", "1.0")
+    assert format_interval(0.25, 0.25, 2.0) == ("0.500000", "0.500000")
+    generator = np.random.default_rng(1)
+    for low, width in generator.uniform(0.0, 1.0, (200, 2)):
+        below, above = (float(end) for end in format_interval(low, low + width))
+        assert below <= low
+        assert above >= low + width
+        assert above - below <= 1.2 * width

@@ -14,13 +14,14 @@ import math
 from decimal import ROUND_CEILING, ROUND_FLOOR, ROUND_HALF_EVEN, Decimal
 from typing import Final
 
-__all__ = ["MOST_DIGITS", "format_inside", "format_share", "format_supported", "significant_digits"]
+__all__ = ["MOST_DIGITS", "format_inside", "format_interval", "format_share", "format_supported", "significant_digits"]
 
 MOST_DIGITS = 6
 """Digits printed of a number that is known exactly, such as the largest value seen."""
 
 _ROUNDING: Final = 1e-9
 """An interval narrower than this share of the number is that of a number known exactly."""
+_EXACT_DIGITS: Final = 5
 _FINEST: Final = 17
 """Significant digits of a double."""
 
@@ -79,6 +80,23 @@ def format_inside(value: float | None, interval: tuple[float, float] | None, *, 
     while place > finest and not interval[0] <= float(_rounded(value, place)) <= interval[1]:
         place -= 1
     return _rounded(value, place)
+
+
+def format_interval(low: float, high: float, per_si: float = 1.0) -> tuple[str, str]:
+    """Return the ends of an interval with two digits of its width, rounded away from each other.
+
+    Parameters
+    ----------
+    low, high
+        The ends.
+    per_si
+        What they are multiplied by first, in decimals, so that no end moves inwards.
+    """
+    ends = [Decimal(end) * Decimal(per_si) for end in (low, high)]
+    width = ends[1] - ends[0]
+    place = Decimal(1).scaleb(width.adjusted() - 1 if width else ends[1].adjusted() - _EXACT_DIGITS)
+    below, above = (end.quantize(place, way) for end, way in zip(ends, (ROUND_FLOOR, ROUND_CEILING), strict=True))
+    return f"{below + 0:f}", f"{above + 0:f}"
 
 
 def format_share(share: float, interval: tuple[float, float], required: float) -> tuple[str, str, str]:

@@ -2,31 +2,24 @@
 
 from __future__ import annotations
 
-from decimal import ROUND_CEILING, ROUND_FLOOR, Decimal
 from typing import Final
 
 from precision_pin.display import tables
 from precision_pin.display.tables import ROUNDING
 from precision_pin.outputs.monte_carlo import table
 from precision_pin.statistics import Distribution
+from precision_pin.statistics.digits import format_interval
 
 __all__ = ["MISSING", "bracketed", "milli_interval", "outward", "percent", "shown", "statistic"]
 
 MISSING: Final = "–"
-_DIGITS: Final = 5
 
 
 def outward(low: float, high: float, per_si: float = 1e3) -> tuple[str, str]:
-    """Return the ends of an interval with two digits of its width, rounded away from each other."""
+    """Return the ends of an interval as text, rounded away from each other; what is nothing but rounding is 0."""
     if max(abs(low), abs(high)) < ROUNDING:
         return "0", "0"
-    ends = [Decimal(end) * Decimal(per_si) for end in (low, high)]
-    width = ends[1] - ends[0]
-    place = Decimal(1).scaleb(width.adjusted() - 1 if width else ends[1].adjusted() - _DIGITS)
-    below, above = (
-        end.quantize(place, way) for end, way in zip(ends, (ROUND_FLOOR, ROUND_CEILING), strict=True)
-    )  # fmt: skip
-    return f"{below + 0:f}", f"{above + 0:f}"
+    return format_interval(low, high, per_si)
 
 
 def bracketed(low: float, high: float, per_si: float = 1e3) -> str:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Final, final
@@ -11,9 +10,10 @@ import numpy as np
 
 from precision_pin.display.html import escaped
 from precision_pin.display.tables import symbol, unit
+from precision_pin.display.units import WrittenUnit
 from precision_pin.outputs.monte_carlo.table import NOTHING_VARIES
 from precision_pin.statistics import Specification, SpecificationResult, Verdict, clopper_pearson, quantile_ranks
-from precision_pin.statistics.digits import format_inside, format_share
+from precision_pin.statistics.digits import format_inside, format_interval, format_share
 from precision_pin.statistics.summary import NO_SPREAD
 from precision_pin.typing import Array
 
@@ -132,7 +132,8 @@ def _size(errors: Array) -> Answer:
     sizes = np.linalg.norm(errors[:3], axis=0)
     count = sizes.size
     robots = f"{count:,} robots" if count > 1 else "1 robot"
-    name, per_metre = ("µm", 1e6) if sizes.max() < 1e-4 else ("mm", 1e3)
+    axis_unit = WrittenUnit.of_axis("position", float(sizes.max()))
+    name, per_metre = axis_unit.name, axis_unit.per_si
     found = quantile(sizes, _SHOWN_LEVEL)
     if float(np.ptp(sizes)) <= NO_SPREAD:
         return Answer(f"Every robot within {per_metre * float(sizes.max()):.4g} {name}", f"{robots}, all alike")
@@ -140,16 +141,8 @@ def _size(errors: Array) -> Answer:
         return Answer(f"{count:,} robots are too few for the 95 % quantile", "add samples")
     value, ends = found
     interval = per_metre * ends[0], per_metre * ends[1]
-    low, high = _rounded_outward(interval)
+    low, high = format_interval(*ends, per_metre)
     return Answer(
         f"95 % of robots within {format_inside(per_metre * value, interval, most=5)} {name}",
         f"interval {low} to {high} {name} at {100 * CONFIDENCE:g} % confidence; {robots}",
     )
-
-
-def _rounded_outward(interval: tuple[float, float]) -> tuple[str, str]:
-    """Return the ends with two digits of the width, rounded away from each other."""
-    width = interval[1] - interval[0]
-    place = math.floor(math.log10(width)) - 1 if width > 0 else math.floor(math.log10(interval[1])) - 4
-    low, high = math.floor(interval[0] / 10.0**place), math.ceil(interval[1] / 10.0**place)
-    return f"{low * 10.0**place:.{max(0, -place)}f}", f"{high * 10.0**place:.{max(0, -place)}f}"
