@@ -97,7 +97,7 @@ def shown_by(report: Callable[[], Any]) -> Iterator[None]:
 
 _shown: Final[list[Callable[[], Any]]] = []
 _begun: Final[list[_Begun]] = []
-"""What was begun and nobody has asked for yet."""
+"""Work that was begun and not asked for yet."""
 _served: Final[list[bool]] = []
 """Not empty in a process that others have asked: it starts none itself."""
 

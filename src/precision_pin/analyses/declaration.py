@@ -1,4 +1,4 @@
-"""How an analysis is declared: what the command line, the report, the package and the documentation know of it.
+"""Declarations of analyses: all that the command line, the report, the package and the documentation know of one.
 
 A declaration names functions and classes by their modules and imports none of them: the list of commands is shown without
 a compiler and without a plotting library. Named tuples are made in a tenth of the time of data classes, and faster still

@@ -1,4 +1,4 @@
-"""Where the numbers of an analysis come from, and how poses are given to one."""
+"""Provenance of an analysis, and the ways to give it poses."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the results of all analyses have in common."""
+"""The base class of the results of all analyses."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ __all__ = ["PoseResult", "Result", "list_warnings", "name_pose"]
 
 
 class PoseResult(Protocol):
-    """What an analysis found at one pose."""
+    """Result of an analysis at one pose."""
 
     @property
     def pose(self) -> PoseLabel:
@@ -37,7 +37,7 @@ class PoseResult(Protocol):
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class Result(JsonResult):
-    """What an analysis found at one or several poses, with all that is needed to reproduce it.
+    """Result of an analysis at one or several poses, with all that is needed to reproduce it.
 
     A subclass adds what it was asked for and :meth:`settings`, :meth:`to_pandas` and the three parts of the notebook view.
 
@@ -148,7 +148,7 @@ class Result(JsonResult):
 
     @property
     def labels(self) -> list[str]:
-        """What data frames call the poses, no two alike."""
+        """Names of the poses in data frames, no two alike."""
         return pose_labels([entry.pose.name for entry in self.poses])
 
     def attributes(self) -> dict[str, Any]:

@@ -20,7 +20,7 @@ WIDTH: Final = 100
 
 
 class CodeMeaning(NamedTuple):
-    """What some codes mean and what to do about them, as Markdown."""
+    """Meaning and remedy of some codes, as Markdown."""
 
     names: tuple[str, ...]
     means: str

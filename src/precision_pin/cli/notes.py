@@ -1,4 +1,4 @@
-"""What a command tells beside its result, on stderr: notes, which ``--quiet`` leaves out, and warnings, a line for each code."""
+"""Messages of a command beside its result, on stderr: notes, which ``--quiet`` leaves out, and warnings, a line for each code."""
 
 from __future__ import annotations
 

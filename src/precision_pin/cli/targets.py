@@ -1,4 +1,4 @@
-"""What a command line names to write to: options that name files, and ``--out``, a page or a folder."""
+"""Outputs that a command line names: options that name files, and ``--out``, a page or a folder."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""How results are shown, whatever they are of: HTML, tables, progress."""
+"""Display of results, whatever they are of: HTML, tables, progress."""

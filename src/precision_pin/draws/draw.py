@@ -91,12 +91,12 @@ class Draw:
 
     @property
     def tolerance(self) -> str:
-        """How far it varies, :meth:`precision_pin.draws.laws.Law.tolerance`; empty where no quantity is known."""
+        """The range of variation, :meth:`precision_pin.draws.laws.Law.tolerance`; empty where no quantity is known."""
         return self.law.tolerance(self.known_quantities)
 
     @property
     def known_quantities(self) -> tuple[Quantity | None, ...]:
-        """What each number is, None where that is not known; a model's draws know which kind of joint they are at."""
+        """The quantity of each number, None where that is not known; a model's draws know which kind of joint they are at."""
         quantities = self.quantities or (None,) * self.law.size
         return tuple(None if isinstance(one, PerJoint) else one for one in quantities)
 

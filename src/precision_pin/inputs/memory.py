@@ -1,4 +1,4 @@
-"""How much memory a request may take."""
+"""Limits on the memory that a request may take."""
 
 from __future__ import annotations
 

@@ -39,7 +39,7 @@ _COLUMNS: Final[Mapping[Branch, int]] = {
     "arcsine": 2,
     "two_point": 3,
 }
-"""How many numbers the loops take of each law."""
+"""Number of parameters that the loops take of each law."""
 _SINGLE: Final[tuple[Branch, ...]] = ("disc", "circle")
 """Loops that take one."""
 _OWN: Final[tuple[Branch, ...]] = ("joint", "empirical", "table")

@@ -88,7 +88,7 @@ LANES: Final = 16
 HELD: Final = 16
 """Tiles of which the bins are found before they are counted."""
 LARGEST: Final = 10
-"""How many of the largest errors are kept."""
+"""Number of largest errors kept."""
 SUMS: Final = 31
 """Partial sums of an atom: 8 residuals, 21 products of two components (upper triangle by rows), 2 squared norms."""
 
@@ -103,7 +103,7 @@ NORM_COLUMNS: Final = 2 * (1 + ((NORM_EXPONENTS[1] - NORM_EXPONENTS[0]) << NORM_
 FINE, NARROW, WIDE = 0, 1, 2
 """Which series serve a target's turn."""
 DRAW, LINEAR, EXACT = 0, 1, 2
-"""How far a tile is worked on."""
+"""Stages of the work on a tile."""
 FORMULA, ANGLE, NOT_FINITE = 1, 2, 3
 """Why a run stopped."""
 

@@ -310,7 +310,7 @@ class ErrorModel:
 
     @cached_property
     def draw_words(self) -> tuple[str, ...]:
-        """What each draw of the space is, in words, such as ``tilt of joint2 about z``."""
+        """Each draw of the space in words, such as ``tilt of joint2 about z``."""
         return draw_words(self.space, self.sources, self.labels)
 
     @cached_property

@@ -1,4 +1,4 @@
-"""How joint values are given for a chain: one configuration, or many."""
+"""Joint values of a chain: one configuration, or many."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where robots that ship with other packages, or with this one, lie on disk."""
+"""Locations of robots that ship with other packages or with this one."""
 
 from __future__ import annotations
 

@@ -64,7 +64,7 @@ class Load:
 @final
 @dataclass(frozen=True, eq=False)
 class Deflection:
-    """Where a chain stands under load.
+    """The state of a chain under load.
 
     Attributes
     ----------

@@ -89,7 +89,7 @@ class Place:
 @final
 @dataclass(frozen=True, eq=False)
 class LinkFrame:
-    """Where a URDF link stands on the chain.
+    """Position of a URDF link on the chain.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""What weights put on a point of a chain, by the parameters that multiply it."""
+"""Wrenches of weights on a point of a chain, by the parameters that multiply them."""
 
 from __future__ import annotations
 

@@ -74,7 +74,7 @@ class Work:
 
     @property
     def blocks(self) -> int:
-        """How many blocks the run has; the last one may be short."""
+        """Number of blocks of the run; the last one may be short."""
         return -(-self.samples // sampler.BLOCK)
 
     def observe(self, first_block: int, blocks: int) -> sampler.Blocks:

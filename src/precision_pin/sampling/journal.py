@@ -143,7 +143,7 @@ class Journal:
 
     @property
     def saved(self) -> int:
-        """How many samples the last record holds."""
+        """Number of samples in the last record."""
         return self._saved
 
     def begin(self, start: State, *, resume: bool, tell: Callable[[str], None]) -> State:

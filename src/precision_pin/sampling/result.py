@@ -86,7 +86,7 @@ class Correlated:
 @final
 @dataclass(frozen=True)
 class Until:
-    """How precise a result was to become, as it was asked for, and what became of it."""
+    """Precision that was asked for, and whether it was reached."""
 
     text: str
     precision: Precision
@@ -163,7 +163,7 @@ class MonteCarloResult(JsonResult):
 
     @property
     def samples(self) -> int:
-        """How many samples were drawn."""
+        """Number of samples drawn."""
         return self.summary.samples
 
     @property

@@ -1,4 +1,4 @@
-"""How skewed the errors at a pose are, as the laws of the draws tell to first order.
+"""Skewness of the errors at a pose, to first order, from the laws of the draws.
 
 Samples that hold none of a law's rare or far values cannot tell of them. The laws can: cumulants of independent numbers
 add, each times a power of its slope. Correlated draws are taken for independent here, laws with tails no heavier than a

@@ -23,7 +23,7 @@ __all__ = ["Foreign", "Processes", "Submitter", "Threads", "Workers", "available
 
 MOST_WORKERS: Final = 1024
 MOST_LOSSES: Final = 3
-"""How often a process may end over one task."""
+"""Number of times that a process may end over one task."""
 
 
 class Submitter(Protocol):

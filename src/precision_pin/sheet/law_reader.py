@@ -1,4 +1,4 @@
-"""What reads the settings of a law: numbers with units, and files; which settings a law takes it says itself."""
+"""Reader of the settings of a law: numbers with units, and files; which settings a law takes it says itself."""
 
 from __future__ import annotations
 

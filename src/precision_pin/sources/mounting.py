@@ -21,7 +21,7 @@ __all__ = ["Mounting"]
 @final
 @dataclass(frozen=True, kw_only=True)
 class Mounting(Source):
-    """How the robot stands in its cell, or the tool on its flange: a shift and a small turn.
+    """Mounting error of the robot in its cell, or of the tool on its flange: a shift and a small turn.
 
     At the base the whole arm moves with its base link's frame: the displacement comes before everything else, and the
     error at the tip is that of the tip in the cell. At the tool, the tip moves; with ``flange`` the tool turns about

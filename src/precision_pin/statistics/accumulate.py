@@ -19,7 +19,7 @@ __all__ = ["LARGEST", "State", "lane_sums", "largest_of", "merge", "observe", "q
 Counts = NDArray[np.int64]
 
 LARGEST: Final = 10
-"""How many of the largest errors are kept."""
+"""Number of largest errors kept."""
 
 _LANES: Final = 16
 _SPAN: Final = 128

@@ -1,4 +1,4 @@
-"""How many digits of a printed number the sampling supports.
+"""Digits of a printed number that the sampling supports.
 
 The rule: the last digit printed is the first that is uncertain, at the smallest power of ten of which the
 half-width of the number's interval is five or less. The digit before it is then certain to half a unit, and

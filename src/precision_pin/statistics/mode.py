@@ -39,7 +39,7 @@ mode is not resolved anyway."""
 _WIDEST: Final = 1.6
 """Longest interval given, in standard deviations; a level law is 3.5 of them wide, two equal peaks at least 2."""
 _FINER: Final = (4, 16)
-"""How many times narrower the windows are that look for spikes."""
+"""Factor by which the windows that look for spikes are narrower."""
 
 
 @final

@@ -26,7 +26,7 @@ _OUTERMOST: Final = 2.0**8
 _WIDEST: Final = 2.0**6
 """The largest scale, in units of the spread seen: the bins about the centre are then 1/64 of the spread wide."""
 _MARGIN: Final = 16.0
-"""How much farther out than the farthest sample of a pilot there are bins."""
+"""Factor by which the bins reach farther out than the farthest sample of a pilot."""
 _NOISE: Final = 1e-12
 """A spread below this share of how far errors reach is rounding."""
 

@@ -1,4 +1,4 @@
-"""How precise a statistic is to become, and whether it is: what stopping a run by its own results needs.
+"""Demanded and reached precision of a statistic, by which a run may stop itself.
 
 JCGM 101:2008, 7.9, adds samples until the results are stable to a numerical tolerance. Here the measure is the interval
 that the samples give at the stated confidence: distribution-free order statistics for a quantile, Hall's interval for
@@ -40,7 +40,7 @@ _EXAMPLES: Final = "'95 % to 0.01 mm', 'x mean to 1 um' or 'attitude std to 1 %'
 @final
 @dataclass(frozen=True)
 class Target:
-    """How precise a statistic is to become.
+    """Demanded precision of a statistic.
 
     Attributes
     ----------
@@ -63,7 +63,7 @@ class Target:
 @final
 @dataclass(frozen=True)
 class Precision:
-    """How precise a statistic is.
+    """Reached precision of a statistic.
 
     Attributes
     ----------

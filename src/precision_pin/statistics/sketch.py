@@ -34,7 +34,7 @@ MANTISSA_BITS: Final = 9
 LOWEST_EXPONENT: Final = -12
 HIGHEST_EXPONENT: Final = 8
 SHIFT: Final = 52 - MANTISSA_BITS
-"""How far a double's bits are shifted right, leaving exponent and top nine bits of the mantissa."""
+"""Shift of a double's bits to the right, leaving exponent and top nine bits of the mantissa."""
 OFFSET: Final = (1023 + LOWEST_EXPONENT) << MANTISSA_BITS
 """The shifted bits of 2⁻¹²."""
 BINS: Final = 1 + ((HIGHEST_EXPONENT - LOWEST_EXPONENT) << MANTISSA_BITS)

@@ -92,7 +92,7 @@ def capability_index(inside: float) -> float:
 @final
 @dataclass(frozen=True)
 class SpecificationResult:
-    """How often a specification was kept.
+    """Result of a specification: the share of samples inside it.
 
     Attributes
     ----------

@@ -35,7 +35,7 @@ __all__ = [
 ]
 
 Dependence = Literal["chain", "configuration", "loads"]
-"""What of a posture a source reads: its chain, the joint values too, or the loads too."""
+"""The part of a posture that a source reads: its chain, the joint values too, or the loads too."""
 
 
 @final
@@ -70,7 +70,7 @@ class SettingField:
 
     @property
     def notes(self) -> tuple[Any, ...]:
-        """What is noted at the type, such as quantities."""
+        """Notes at the type, such as quantities."""
         return typing.get_args(self.hint)[1:] if typing.get_origin(self.hint) is typing.Annotated else ()
 
 
@@ -138,7 +138,7 @@ class _Leaf:
 
     @property
     def quantity(self) -> Quantity | PerJoint | None:
-        """What the value is, where the field says it."""
+        """The quantity of the value, where the field says it."""
         return next((note for note in self.field.notes if isinstance(note, Quantity | PerJoint)), None)
 
     def numbers(self) -> dict[str, Quantity | PerJoint | None]:
@@ -189,7 +189,7 @@ class Source(ABC):
 
     @property
     def depends_on(self) -> Dependence:
-        """What of a posture the source reads: its ``chain``, the ``configuration`` too, or the ``loads`` on it too.
+        """The part of a posture that the source reads: its ``chain``, the ``configuration`` too, or the ``loads`` on it too.
 
         Of a source that says ``chain``, terms, loads and gravity are the same to the last digit at every posture, so it is
         asked once. The terms of one that says ``configuration`` are the same under all loads and on the deflected arm.
@@ -252,7 +252,7 @@ class Source(ABC):
         return re.sub(r"(?<=[a-z])(?=[A-Z])", "_", cls.__name__).lower()
 
     words: ClassVar[Mapping[str, str]] = {}
-    """What a setting, or a draw of its own, is to a reader, by its name: text in which ``{subject}`` and other settings may
+    """Words for a setting, or a draw of its own, by its name: text in which ``{subject}`` and other settings may
     stand; kind, setting and subject where nothing is said."""
 
     @final

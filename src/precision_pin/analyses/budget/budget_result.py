@@ -267,7 +267,7 @@ class BudgetResult(Result):
 
     @property
     def assumptions(self) -> tuple[str, ...]:
-        """What the numbers are, one sentence each."""
+        """The meaning of the numbers, one sentence each."""
         return ASSUMPTIONS
 
     @property

@@ -36,7 +36,7 @@ _CURVE: Final = 241
 @final
 @dataclass(frozen=True, eq=False)
 class Agreement:
-    """How far samples of the tangent model lie from the exact law.
+    """Distance between samples of the tangent model and the exact law.
 
     Attributes
     ----------
@@ -201,7 +201,7 @@ class ExactLawResult(Result):
 
     @property
     def assumptions(self) -> tuple[str, ...]:
-        """What the laws rest on, one sentence each."""
+        """Assumptions of the laws, one sentence each."""
         return ASSUMPTIONS
 
     def settings(self) -> dict[str, Any]:

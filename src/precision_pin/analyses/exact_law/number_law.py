@@ -46,7 +46,7 @@ class NumberLaw(ABC):
     @property
     @abstractmethod
     def method(self) -> str:
-        """How it is computed, in words."""
+        """The method of computation, in words."""
 
     @property
     @abstractmethod

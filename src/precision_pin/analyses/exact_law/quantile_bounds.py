@@ -1,4 +1,4 @@
-"""How far a computed quantile can be from the true one, given a bound of the error of the cumulative law.
+"""Bounds of the true quantile about a computed one, given a bound of the error of the cumulative law.
 
 With |F̂ - F| ≤ ε, the p-quantile of F lies between those of F̂ at p - ε and p + ε. Where the law has a density there, a
 width δ of about 2ε over it is tried: F̂(q - δ) ≤ p - ε and F̂(q + δ) ≥ p + ε prove it. Elsewhere both ends are looked for.

@@ -91,7 +91,7 @@ def _listed(values: Array) -> Any:
 @final
 @dataclass(frozen=True, eq=False)
 class Remainder:
-    """How far a closed form goes.
+    """Range of validity of a closed form.
 
     Attributes
     ----------
@@ -231,7 +231,7 @@ class MomentsResult(Result):
 
     @property
     def assumptions(self) -> tuple[str, ...]:
-        """What the numbers are, one sentence each."""
+        """The meaning of the numbers, one sentence each."""
         return ASSUMPTIONS
 
     def settings(self) -> dict[str, Any]:

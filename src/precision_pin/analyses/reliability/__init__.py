@@ -1,4 +1,4 @@
-"""How rarely a specification is missed."""
+"""Probability of missing a specification."""
 
 from precision_pin.analyses.declaration import Declaration, Option
 

@@ -1,4 +1,4 @@
-"""How probable a failure is, by all methods, stratum by stratum, and what to go by."""
+"""Probability of failure by all methods, stratum by stratum, and which of them decides."""
 
 from __future__ import annotations
 

@@ -126,7 +126,7 @@ class SpecificationReliability:
 
     @property
     def comments(self) -> tuple[str, ...]:
-        """What the methods differ in, a line each, beginning with what that means for the verdict."""
+        """Differences between the methods, a line each, beginning with the consequence for the verdict."""
         means = "the verdict is the same by every method"
         if len(self._verdicts()) > 1:
             means = "the verdict differs between the methods, and the samples' interval, which always holds, decides"

@@ -27,7 +27,7 @@ __all__ = ["MOST_CELLS", "TOLERANCE", "Farthest", "farthest", "quadratic_bound"]
 
 
 TOLERANCE: Final = 1e-9
-"""How far apart the ends of the largest value may lie, relative."""
+"""Largest relative distance between the two ends of the largest value."""
 
 MOST_CELLS: Final = 400_000
 """Triangles looked at before the search ends with what it has."""

@@ -1,4 +1,4 @@
-"""What laws of one form have in common."""
+"""Base classes of laws of one form."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the compiled loops are given of a law."""
+"""A law as the compiled loops take it."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ Branch = Literal[
 @final
 @dataclass(frozen=True, eq=False)
 class KernelRow:
-    """What the compiled loops are given of a law.
+    """A law as the compiled loops take it.
 
     Attributes
     ----------

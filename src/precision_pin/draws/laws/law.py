@@ -56,7 +56,7 @@ class Law(ABC):
 
     @property
     def size(self) -> int:
-        """How many numbers the law draws together."""
+        """Number of numbers that the law draws together."""
         return 1
 
     @property

@@ -1,4 +1,4 @@
-"""What several laws compute with."""
+"""Numerical functions that several laws share."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a draw adds along one direction, as a random number ``z = w·(x - mean)`` of its own.
+"""Part of a draw along one direction, as a random number ``z = w·(x - mean)`` of its own.
 
 Each projection knows its cumulative law and density in closed form, a smooth parametrisation to integrate along, and a bound
 of its characteristic function that never rises: what the truncation of an inversion is certified by.

@@ -1,4 +1,4 @@
-"""How a law is written in a sheet, and what reads its settings."""
+"""The form of a law in a sheet, and the reader of its settings."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ MEAN: Final = LawOption("mean", "default 0", "1 mm")
 @final
 @dataclass(frozen=True)
 class SheetForm:
-    """How a law is written in a sheet.
+    """The form of a law in a sheet.
 
     Attributes
     ----------

@@ -46,7 +46,7 @@ class Bar:
 
     @property
     def length(self) -> float:
-        """What is drawn and ranked: the share, or the total index where there is none."""
+        """The length, which ranks the bars: the share, or the total index where there is none."""
         if self.share is not None:
             return self.share
         return 0.0 if self.total is None else self.total.value

@@ -81,7 +81,7 @@ class CauseShare:
 
     @property
     def rank(self) -> float:
-        """What causes are sorted by: the share, or the total index where there is none."""
+        """The sort key of causes: the share, or the total index where there is none."""
         if self.share is not None:
             return self.share
         return -1.0 if self.total is None else self.total.value

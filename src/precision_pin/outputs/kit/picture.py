@@ -47,7 +47,7 @@ _HIGHEST_ASPECT: Final = 1.05
 @final
 @dataclass(frozen=True, eq=False)
 class Cloud:
-    """What is drawn about the tip.
+    """The cloud and circles drawn about the tip.
 
     Attributes
     ----------

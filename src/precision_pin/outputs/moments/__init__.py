@@ -1,1 +1,1 @@
-"""What is shown of moments."""
+"""Table, figure and report section of moments."""

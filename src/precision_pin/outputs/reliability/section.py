@@ -1,4 +1,4 @@
-"""How probable it is that the limits are exceeded."""
+"""Report section: probability of exceeding the limits."""
 
 from __future__ import annotations
 

@@ -92,7 +92,7 @@ class Results:
 
     @cached_property
     def causes(self) -> tuple[Cause, ...]:
-        """What varies, in words, with its tolerances."""
+        """Causes of the error in words, with their tolerances."""
         return find_causes(self.model)
 
     @property

@@ -1,4 +1,4 @@
-"""How to make the report again."""
+"""Report section: instructions for reproducing the report."""
 
 from __future__ import annotations
 

@@ -38,10 +38,10 @@ __all__ = [
 
 
 MOST_FRAMES: Final = 5
-"""How many sampled end-effector frames are drawn."""
+"""Number of sampled end-effector frames drawn."""
 
 MOST_GHOSTS: Final = 3
-"""How many arms as built."""
+"""Number of arms as built."""
 
 
 @final
@@ -73,7 +73,7 @@ class ViewPose:
 @final
 @dataclass(frozen=True, eq=False)
 class PageData:
-    """What all poses of a page have in common.
+    """Data that all poses of a page share.
 
     Attributes
     ----------

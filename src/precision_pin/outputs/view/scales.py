@@ -1,4 +1,4 @@
-"""How large things are drawn: the arm's size, the exaggeration, and the colours of error sizes."""
+"""Scales of the drawing: the arm's size, the exaggeration, and the colours of error sizes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the page needs to change tolerances: what each of them did to each sampled robot, to first order.
+"""Data for changing tolerances in the page: the effect of each on each sampled robot, to first order.
 
 The deviation of a draw from its mean moves the tip by J times the deviation. A tolerance k times as wide moves it k times
 as far, whatever its law. So a sample of the changed sheet is

@@ -20,7 +20,7 @@ from precision_pin.outputs.monte_carlo.table import statistic, subject
 __all__ = ["listed_contributions", "table"]
 
 LISTED: Final = 8
-"""How many draws are named, the largest contributions first; the rest stands in one line."""
+"""Number of draws named, the largest contributions first; the rest stands in one line."""
 
 
 def table(result: WorstCaseResult) -> str:

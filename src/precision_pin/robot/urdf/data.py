@@ -34,7 +34,7 @@ JointKind = Literal["revolute", "continuous", "prismatic", "fixed"]
 
 @dataclass(frozen=True)
 class Limits:
-    """How large a URDF may be.
+    """Size limits of a URDF.
 
     Attributes
     ----------

@@ -39,7 +39,7 @@ class Findings:
 
     @property
     def errors(self) -> int:
-        """How many errors there are so far."""
+        """Number of errors so far."""
         return self._count["error"]
 
     def error(self, code: str, message: str, line: int | None = None) -> None:
