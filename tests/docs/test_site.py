@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import itertools
 import json
+import os
 import re
 import shutil
 import subprocess
 import sys
+import time
 import zlib
 from pathlib import Path
 
@@ -32,13 +34,21 @@ def build(source: Path, target: Path) -> subprocess.CompletedProcess[str]:
 
 @pytest.fixture(scope="module")
 def site(tmp_path_factory) -> Path:
-    """Build the site of a copy of the pages."""
-    source = tmp_path_factory.mktemp("site") / "docs"
-    shutil.copytree(DOCS, source, ignore=lambda _, names: [name for name in names if LATER.search(name)])
-    target = source.parent / "html"
-    run = build(source, target)
-    assert run.returncode == 0, run.stderr
-    assert not run.stderr
+    """Build the site of a copy of the pages, once for all workers: the first one builds, the others wait for it."""
+    base = tmp_path_factory.getbasetemp()
+    home = (base.parent if "PYTEST_XDIST_WORKER" in os.environ else base) / "site"
+    target, done = home / "html", home / "done"
+    try:
+        home.mkdir()
+    except FileExistsError:
+        until = time.monotonic() + 240
+        while not done.exists() and time.monotonic() < until:
+            time.sleep(0.2)
+    else:
+        shutil.copytree(DOCS, home / "docs", ignore=lambda _, names: [name for name in names if LATER.search(name)])
+        run = build(home / "docs", target)
+        done.write_text(f"{run.returncode}\n{run.stderr}", encoding="utf-8")
+    assert done.read_text(encoding="utf-8") == "0\n"
     return target
 
 

@@ -502,7 +502,8 @@ def three_poses(tmp_path_factory):
 def test_several_poses_stand_on_one_page_the_worst_first(three_poses):
     sheet, found = three_poses
     assert found[0].analysis.pose_name == "far"
-    reader = Reader(page(found))
+    text = page(found)
+    reader = Reader(text)
     table = reader.table("3 poses, the worst first")
     assert [row[0] for row in table.rows[1:]] == [one.analysis.pose_name for one in found]
     for one, row in zip(found, table.rows[1:], strict=True):
@@ -516,4 +517,4 @@ def test_several_poses_stand_on_one_page_the_worst_first(three_poses):
     ]  # fmt: skip
     assert len(reader.named("iframe")) == 1
     assert {tag.attributes["href"][1:] for tag in reader.named("a")} <= set(identifiers)
-    assert page(found) == page(found)
+    assert page(found) == text
