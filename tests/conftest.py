@@ -45,9 +45,10 @@ def _compile_all_variants() -> None:
 
 
 def pytest_collection_finish() -> None:
-    """Let the garbage collector pass over what importing and collecting made, which stays, and come less often."""
-    gc.collect()
-    gc.freeze()
+    """Run the garbage collector less often: what importing and collecting made stays.
+
+    Not `gc.freeze`: Hypothesis looks for the referrers of its generator, and finds none among frozen objects.
+    """
     gc.set_threshold(50_000, 20, 20)
 
 
