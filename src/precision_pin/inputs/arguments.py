@@ -155,6 +155,8 @@ def check_numbers(what: str, values: object, shape: tuple[int | None, ...] | Non
 
 
 def _fits(array: NDArray[Any], shape: tuple[int | None, ...]) -> bool:
+    if array.shape == shape:
+        return True
     return array.ndim == len(shape) and all(want in (None, has) for want, has in zip(shape, array.shape, strict=True))
 
 
