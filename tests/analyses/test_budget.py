@@ -307,6 +307,7 @@ def test_a_parameter_named_like_a_joint_belongs_to_what_uses_it():
     }
 
 
+@pytest.mark.slow
 def test_same_seed_same_result_and_poses_in_order(paper):
     first = pp.budget(paper, seed=5, samples=FEW)
     other = [-1.0, 0.2, 1.2, -1.0]

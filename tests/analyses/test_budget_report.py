@@ -138,6 +138,7 @@ def test_command_prints_the_table(run, paper):
     assert max(map(len, out.splitlines())) <= 100
 
 
+@pytest.mark.slow
 def test_command_writes_json_and_pictures(run, paper, tmp_path):
     code, out, err = run("4dof.errors.yaml", "--samples", str(FEW), "--json", "-", "--out", "plots", "--pose", "paper")
     assert code == 0

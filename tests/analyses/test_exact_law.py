@@ -338,6 +338,7 @@ def test_a_flat_far_vector_does_not_depend_on_axes():
 # --- models ---
 
 
+@pytest.mark.slow
 def test_the_papers_arm_agrees_with_its_samples():
     model = ErrorModel.load(examples.PAPER_SHEET)
     result = exact_law(model, seed=1)
@@ -394,6 +395,7 @@ def test_joint_normal_draws_count_as_one_with_the_others():
     assert x.agreement.agrees
 
 
+@pytest.mark.slow
 def test_several_poses_and_json():
     model = ErrorModel.load(examples.PAPER_SHEET)
     q = [0.1, 0.2, 0.3, 0.4]

@@ -25,6 +25,7 @@ from precision_pin.model.error_model import ErrorModel
 from precision_pin.robot.chain import Chain
 from precision_pin.sources.joint_offset import JointOffset
 from support.plain_robot import chain_of, joint, link, robot
+from support.thinning import mostly_slow
 
 
 def slides(count: int) -> Chain:
@@ -58,10 +59,10 @@ def uniform_sum(half_widths, x: float) -> Fraction:
     ("half_widths", "mean"),
     [
         ((0.3, 0.5, 0.9), 0.0),
-        ((1.0, 1.0, 1.0), 1e3),
+        pytest.param((1.0, 1.0, 1.0), 1e3, marks=pytest.mark.slow),
         pytest.param((1.0, 0.1, 0.01, 1e-3), 0.0, marks=pytest.mark.slow),
         pytest.param((1.0,) * 8, 0.0, marks=pytest.mark.slow),
-        ((1, 1, 1, 2e-3, 3e-3), 0),
+        pytest.param((1, 1, 1, 2e-3, 3e-3), 0, marks=pytest.mark.slow),
     ],
 )
 def test_the_bound_holds_for_sums_of_uniforms(half_widths, mean):
@@ -87,7 +88,7 @@ def lognormal_nodes(cv: float, panels: int):
     return np.expm1(sigma * z - sigma**2 / 2), (half * weights).ravel() * density
 
 
-@pytest.mark.parametrize("cv", [0.05, 0.2, 1.0, 2.0])
+@pytest.mark.parametrize("cv", mostly_slow([0.05, 0.2, 1.0, 2.0], fast=1))
 def test_the_bound_holds_for_a_lognormal_number_with_a_normal_one(cv):
     found = law_of_x(laws.Lognormal(cv, 1.0), laws.Normal(0.1 * cv))
     z, weights = lognormal_nodes(cv, 1000)
@@ -96,7 +97,7 @@ def test_the_bound_holds_for_a_lognormal_number_with_a_normal_one(cv):
     assert np.abs(found.law.cumulative(x) - expected).max() <= found.error < 1e-10
 
 
-@pytest.mark.parametrize("cv", [0.2, 1.0])
+@pytest.mark.parametrize("cv", mostly_slow([0.2, 1.0], fast=1))
 def test_three_lognormal_numbers_take_seconds(cv):
     """They took 72 s with a bound of the characteristic function that fell as 1/ω³; compared with 10⁶ plain samples."""
     begin = time.perf_counter()

@@ -425,6 +425,7 @@ def test_memory_does_not_grow_with_the_samples(paper):
 # --- the result ---
 
 
+@pytest.mark.slow
 def test_poses_progress_and_seeds(paper):
     told = []
     turned = moments(

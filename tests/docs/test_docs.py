@@ -152,6 +152,7 @@ def set_up_like_a_reader(page: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(importlib.metadata, "distribution", distribution)
 
 
+@pytest.mark.slow
 def test_a_reader_has_the_examples_and_not_what_only_the_tests_need(monkeypatch):
     set_up_like_a_reader("README.md", monkeypatch)
     assert example_urdfs()
@@ -161,6 +162,7 @@ def test_a_reader_has_the_examples_and_not_what_only_the_tests_need(monkeypatch)
         importlib.metadata.distribution("hypothesis")
 
 
+@pytest.mark.slow
 def test_the_package_imports_nothing_that_is_neither_locked_nor_an_extra():
     # Pinocchio is found by a path of its own, this package by its sources
     owners = owners_of_modules() | {"precision_pin": ["precision-pin"], "pinocchio": ["pin"]}

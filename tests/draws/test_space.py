@@ -356,6 +356,7 @@ def test_a_seed_that_is_ignored_is_found() -> None:
     assert any("the next seed" in failure for failure in failures)
 
 
+@pytest.mark.slow
 def test_bias_of_0_2_percent_of_the_half_width_is_found_at_1e6_draws() -> None:
     # of a half-width of 3 sigma: z = 6 at 1e6 draws, the limit is 4.9
     failures = sampling_failures(altered(lambda x: x + np.array([[0.0], [0.002 * 1.5]])), TWO)

@@ -52,6 +52,7 @@ def test_jobs_are_done_the_last_after_all_others(tmp_path: Path, started: list[s
     assert 0 <= shares[0] <= shares[-1] <= 1
 
 
+@pytest.mark.slow
 def test_jobs_that_fail_or_end_their_process_keep_nothing_else_from_being_done(tmp_path: Path) -> None:
     jobs = [
         Job("os", "rmdir", (str(tmp_path / "none"),), 3.0),
@@ -109,6 +110,7 @@ def test_a_process_ends_with_whoever_asked() -> None:
         assert worker.wait(timeout=10) == 0
 
 
+@pytest.mark.slow
 def test_jobs_begun_ahead_are_done_once_and_others_join_them(
     tmp_path: Path, started: list[subprocess.Popen[str]]
 ) -> None:
@@ -123,6 +125,7 @@ def test_jobs_begun_ahead_are_done_once_and_others_join_them(
     assert all(worker.returncode is not None for worker in started)
 
 
+@pytest.mark.slow
 def test_jobs_begun_ahead_that_nobody_asks_for_end_with_the_process() -> None:
     code = (
         "from precision_pin.compile_ahead import Job, begin_jobs\n"

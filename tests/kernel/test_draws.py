@@ -101,6 +101,7 @@ def test_a_scope_repeats_its_numbers_exactly_where_it_should(scope: Scope) -> No
     assert (same_unit, same_pose) == (scope is Scope.UNIT, scope is not Scope.VISIT)
 
 
+@pytest.mark.slow
 def test_logarithm_and_turned_are_within_two_units_in_the_last_place() -> None:
     u = np.concatenate(
         [np.random.default_rng(1).random(20_000), 2.0 ** -np.arange(1, 54), 1 - 2.0 ** -np.arange(2, 54)]

@@ -123,11 +123,11 @@ def test_one_target_up_to_half_a_turn(largest: float, series: int) -> None:
     ("largest", "series"),
     [
         (0.0099, [FINE, FINE, FINE]),
-        (0.0101, [FINE, FINE, NARROW]),
-        (0.0199, [FINE, FINE, NARROW]),
-        (0.0201, [NARROW, NARROW, NARROW]),
-        (0.249, [NARROW, NARROW, NARROW]),
-        (0.251, [NARROW, NARROW, WIDE]),
+        pytest.param(0.0101, [FINE, FINE, NARROW], marks=pytest.mark.slow),
+        pytest.param(0.0199, [FINE, FINE, NARROW], marks=pytest.mark.slow),
+        pytest.param(0.0201, [NARROW, NARROW, NARROW], marks=pytest.mark.slow),
+        pytest.param(0.249, [NARROW, NARROW, NARROW], marks=pytest.mark.slow),
+        pytest.param(0.251, [NARROW, NARROW, WIDE], marks=pytest.mark.slow),
         (3.0, [WIDE, WIDE, WIDE]),
     ],
 )

@@ -306,6 +306,7 @@ def test_a_link_bends_and_twists_as_a_rod_in_space_to_second_order():
 # --- warnings ---
 
 
+@pytest.mark.slow
 def test_a_robot_that_varies_too_much_is_warned_of(arm):
     """Lognormal, 70 %: the robots that are settled one by one rest elsewhere by more than 2 %; ± 30 % needs no warning."""
     stretched = varied(arm, Lognormal(0.7, 1.0))

@@ -34,6 +34,7 @@ from precision_pin.outputs.view import Shown, page
 from precision_pin.outputs.view.live import serve
 from precision_pin.robot.chain import Chain
 from support.browser import chromium, complaints, needs_chromium, outside_requests, visited
+from support.thinning import mostly_slow
 
 HOSTILE = "</title><script>document.title = 'owned'</script><img src=x onerror=alert(1)>\u202e"
 SCRIPT = """
@@ -296,7 +297,8 @@ def rewritten_with_the_same_stamp(path: Path, text: str) -> None:
 
 
 @pytest.mark.parametrize(
-    "write", [lambda path, text: path.write_text(text, "utf-8"), replaced, rewritten_with_the_same_stamp]
+    "write",
+    mostly_slow([replaced, lambda path, text: path.write_text(text, "utf-8"), rewritten_with_the_same_stamp], fast=1),
 )
 def test_a_change_is_seen_however_it_is_written(served, sheet, write):
     first = served.get("/version")[2]
@@ -308,6 +310,7 @@ def test_a_change_is_seen_however_it_is_written(served, sheet, write):
     assert served.get("/version")[2] != first
 
 
+@pytest.mark.slow
 def test_a_touch_and_a_page_that_comes_out_the_same_change_nothing(served, sheet):
     version = served.get("/version")[2]
     os.utime(sheet.path, (1e9, 1e9))
@@ -316,6 +319,7 @@ def test_a_touch_and_a_page_that_comes_out_the_same_change_nothing(served, sheet
     assert served.get("/version")[2] == version
 
 
+@pytest.mark.slow
 def test_coarse_stamps_hide_no_change(tmp_path, monkeypatch):
     genuine, begun = Path.stat, time.time_ns()
 
@@ -332,6 +336,7 @@ def test_coarse_stamps_hide_no_change(tmp_path, monkeypatch):
         assert running.line().startswith("the files have changed")
 
 
+@pytest.mark.slow
 def test_a_large_file_is_read_once(tmp_path, monkeypatch):
     opened = []
     genuine = Path.open
@@ -351,6 +356,7 @@ def test_a_large_file_is_read_once(tmp_path, monkeypatch):
         assert opened == [mesh]
 
 
+@pytest.mark.slow
 def test_a_file_in_the_middle_of_being_written_is_left_alone(served, sheet):
     # of a writer that the machine stopped for longer than the server waits, a half would rightly be read: try again
     for number in range(5):
@@ -371,6 +377,7 @@ def test_a_file_in_the_middle_of_being_written_is_left_alone(served, sheet):
     assert served.get("/page")[2].decode() == small_page(f"half {number} 34")
 
 
+@pytest.mark.slow
 def test_a_change_while_the_page_is_made_is_not_lost(tmp_path):
     path = tmp_path / "arm.yaml"
     path.write_text("one", "utf-8")
@@ -388,6 +395,7 @@ def test_a_change_while_the_page_is_made_is_not_lost(tmp_path):
     assert made == ["one", "two", "three"]
 
 
+@pytest.mark.slow
 def test_a_removed_file_is_an_error_until_it_is_back(served, sheet):
     sheet.path.unlink()
     assert served.line() == "precision-pin: error E_SHEET: cannot read it: No such file or directory"
@@ -422,6 +430,7 @@ def test_the_first_page_must_come_out_right(sheet):
     assert announced == []
 
 
+@pytest.mark.slow
 def test_a_bug_ends_the_server_and_frees_the_port(tmp_path):
     path = tmp_path / "arm.yaml"
     path.write_text("one", "utf-8")

@@ -309,6 +309,7 @@ def test_the_verdict_of_a_reliability_analysis(paper_things):
     assert row[6] == ("met" if entry.met else "NOT MET")
 
 
+@pytest.mark.slow
 def test_of_many_poses_a_few_are_shown(model):
     result = pp.worst_case(model, [[0.0, 0.1 * k, 1.0, 0.0] for k in range(5)], samples=100)
     page = shown(result)
@@ -468,6 +469,7 @@ def test_the_tutorial_carries_its_outputs_and_nothing_of_the_machine(tutorial):
     assert kinds <= {"execute_result", "display_data"}  # no errors, nothing on stderr
 
 
+@pytest.mark.slow
 def test_the_command_of_the_docs_executes_a_notebook(tmp_path, monkeypatch):
     path = tmp_path / "small.ipynb"
     nbformat.write(

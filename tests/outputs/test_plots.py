@@ -74,7 +74,7 @@ CASES = (
     "large",
     "outliers",
 )
-FAST_CASES = ("offset", "one sample")
+FAST_CASES = ("offset",)
 
 
 def figures_of(summary: Summary) -> dict[str, Figure]:

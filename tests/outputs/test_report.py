@@ -260,6 +260,7 @@ def test_only_what_is_met_is_shown_as_met(interval, varies, words):
     assert ('class="verdict met"' in verdict(found).text) == (words == "The specification is met.")
 
 
+@pytest.mark.slow
 def test_a_result_says_what_it_rests_on_and_where_nothing_varies():
     results, _ = paper()
     analysis = results.analysis
@@ -286,6 +287,7 @@ def test_a_result_says_what_it_rests_on_and_where_nothing_varies():
     assert "verdict met" not in made
 
 
+@pytest.mark.slow
 def test_budget_is_that_of_the_analysis(model, reader):
     pose = budget(model, seed=4).poses[0]
     words = dict(zip((draw.name for draw in model.space.draws), model.draw_words, strict=True))
@@ -315,6 +317,7 @@ def test_budget_is_that_of_the_analysis(model, reader):
     ))  # fmt: skip
 
 
+@pytest.mark.slow
 def test_the_two_bearings_of_an_axis_are_one_cause_that_opens(model, reader):
     pose = budget(model, seed=4).poses[0]
     ends = [pose.draw(f"axis_install[joint1].{end}") for end in "AB"]

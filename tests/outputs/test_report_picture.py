@@ -85,6 +85,7 @@ def test_the_camera_is_a_right_handed_frame_with_the_base_upright():
         assert axes[1, 2] > 0
 
 
+@pytest.mark.slow
 def test_the_cloud_fills_a_fair_part_of_the_picture_and_the_limit_has_room(at):
     generator = np.random.default_rng(3)
     errors = 1e-3 * generator.standard_normal((3, 2000))
@@ -102,6 +103,7 @@ def test_the_cloud_fills_a_fair_part_of_the_picture_and_the_limit_has_room(at):
     assert draw_picture(at.posture, Cloud(0 * errors)).factor == 1
 
 
+@pytest.mark.slow
 def test_the_same_picture_has_the_same_bytes(at):
     def drawn() -> bytes:
         stream = io.BytesIO()

@@ -19,6 +19,7 @@ from precision_pin.kernel.sampler import BLOCK
 from precision_pin.sampling import cluster
 from precision_pin.sampling.cluster import dask_cluster
 from sampling.cases import MODEL, wait_until
+from support.thinning import mostly_slow
 
 
 class Cluster:
@@ -138,6 +139,7 @@ class Lost:
         return self.future
 
 
+@pytest.mark.slow
 def test_a_task_submitted_when_the_scheduler_is_already_lost_is_not_waited_for() -> None:
     task = cluster.DaskCluster(Lost()).submit(abs, -1)
     with pytest.raises(ConnectionError, match="the scheduler is lost"):
@@ -165,7 +167,7 @@ def test_no_client_is_made_of_what_is_no_address(monkeypatch, address: str) -> N
         pass
 
 
-@pytest.mark.parametrize("address", ["tcp://127.0.0.1:1", "127.0.0.1:1", "no address"])
+@pytest.mark.parametrize("address", mostly_slow(["tcp://127.0.0.1:1", "127.0.0.1:1", "no address"], fast=1))
 def test_no_scheduler_is_one_line(monkeypatch, address: str) -> None:
     monkeypatch.setattr(cluster, "PATIENCE", 0.5)
     with (

@@ -108,6 +108,7 @@ def test_a_state_is_written_once(whole: bytes, file: Path) -> None:
     assert file.read_bytes() == whole
 
 
+@pytest.mark.slow
 def test_torn_at_every_byte_of_the_last_record(whole: bytes, file: Path, no_waiting_for_disks) -> None:
     ends = record_ends(whole)
     for length in range(ends[-2], ends[-1]):

@@ -210,6 +210,7 @@ def test_a_task_survives_two_processes(tmp_path: Path, losses: int, given_up: bo
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.slow
 def test_a_broken_executor_that_was_handed_in_is_told_in_one_line() -> None:
     with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
         with pytest.raises(InputError, match=r"the executor ProcessPoolExecutor failed: BrokenProcessPool: ") as told:

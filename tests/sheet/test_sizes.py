@@ -98,6 +98,7 @@ def test_a_group_of_draws_that_cannot_be_added_leaves_the_others_be() -> None:
     assert extension.space().components == ("a", "b", "d.x", "d.y")
 
 
+@pytest.mark.slow
 def test_very_many_errors_are_not_all_listed(refuse: Refuse) -> None:
     start = time.process_time()
     found = refuse(many(1500).replace("offset: p", "offset: q"))
@@ -210,6 +211,7 @@ def _match_all(names: list[tuple[str, str]]) -> None:
                     pattern.fullmatch(text.encode() if isinstance(pattern.pattern, bytes) else text)
 
 
+@pytest.mark.slow
 def test_no_regular_expression_takes_long_over_any_text() -> None:
     """Those that are searched for inside a text see the package's own output, or a tag that an XML parser took."""
     names = []

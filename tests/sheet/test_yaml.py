@@ -269,6 +269,7 @@ KINDS = ["payload", "length", "axis_install", "beam", "joint_compliance", "frame
 sources = st.lists(st.dictionaries(st.sampled_from(KINDS), values, min_size=1, max_size=2), max_size=3)
 
 
+@pytest.mark.slow
 @settings(max_examples=80, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(st.dictionaries(st.sampled_from(TOPS), values, max_size=4), st.none() | sources)
 def test_any_structure_is_read_or_refused_but_never_crashes(

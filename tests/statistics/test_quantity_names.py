@@ -55,6 +55,7 @@ def test_another_word_is_refused(word: str, sampled: pp.MonteCarloResult) -> Non
             ask(word)
 
 
+@pytest.mark.slow
 def test_where_unbounded_laws_are_cut_is_called_k() -> None:
     new, old = (pp.budget(MODEL, samples=1024, **{name: 4.0}) for name in ("k", "bound_at"))
     assert new.to_dict()["poses"] == old.to_dict()["poses"]
