@@ -69,7 +69,7 @@ MISTAKES = [
     ("{uniform: 0.05 mm}", "{uniform: 0.05 mm, k: 2}", "E_INPUT", "'k' is no setting of the law uniform"),
     ("{uniform: 0.05 mm}", "{uniform: 0.05 mm, truncated: true}", "E_INPUT", "'truncated'"),
     ("{disc: 0.1 mm}", "{disc: 0.1 mm, mean: 1 mm}", "E_INPUT", "'mean'"),
-    ("{uniform: 0.05 mm}", "{normal: {std: 0.05 mm}, k: 2}", "E_INPUT", "k does nothing here"),
+    ("{uniform: 0.05 mm}", "{normal: {std: 0.05 mm}, k: 2}", "E_INPUT", "k has no effect here"),
     # keys that stand twice
     ("statics: nominal", "statics: nominal\ntip: link4", "E_DUPLICATE_KEY", "'tip' stands twice, first in line 3"),
     ("statics: nominal", "statics: nominal\nstatics: nominal", "E_DUPLICATE_KEY", "stands twice"),

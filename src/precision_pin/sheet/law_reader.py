@@ -55,7 +55,7 @@ class LawReader:
         self.unit = ""
 
     def value(self, *where: str | int) -> Any:
-        """Return what stands at a place."""
+        """Return the value at a place."""
         value: Any = self.settings
         for key in where:
             value = value[key]
@@ -69,7 +69,7 @@ class LawReader:
         return self._parsed(value, where, 1)[0]
 
     def numbers(self, *where: str | int) -> list[float]:
-        """Return the numbers at a place: a list with a unit each, or text with one unit."""
+        """Return the numbers at a place: a list with a unit for each, or text with one unit for all."""
         value = self.value(*where)
         if isinstance(value, list):
             return [self.number(*where, k) for k in range(len(value))]
@@ -127,7 +127,7 @@ class LawReader:
             return table.column(name, units.RATIO)
 
     def only(self, where: Path, *keys: str) -> None:
-        """Refuse anything but a mapping of these keys at a place, with the first one."""
+        """Refuse anything but a mapping of these keys at a place; the first key is required."""
         value = self.value(*where)
         if not isinstance(value, Mapping) or not set(value) <= set(keys) or keys[0] not in value:
             raise SettingError(where, f"keys with values belong here: {{{', '.join(f'{key}: …' for key in keys)}}}")
@@ -138,7 +138,7 @@ class LawReader:
 
     @contextmanager
     def place_errors(self, where: Path) -> Iterator[None]:
-        """Give a place to the input errors that have none."""
+        """Add a place to input errors that have none."""
         try:
             yield
         except SettingError:
