@@ -70,7 +70,7 @@ WRONG = {
     "infinite joint value": ((*A, "--q", "1e999 0 0 0 deg"), "--q: .*not finite"),
     "one unit for joints that turn and slide": (
         (*A, "gantry.urdf", "--q", "1 2 m"),
-        "--q: .*turn and joints that slide",
+        "--q: .*revolute and prismatic joints",
     ),
     "angle for a sliding joint": (
         (*A, "gantry.urdf", "--q", "1 deg, 2 deg"),

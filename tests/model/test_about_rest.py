@@ -1,4 +1,4 @@
-"""Equilibrium statics of robots whose stiffness and load vary: against exact rods, and against robots settled one by one."""
+"""Equilibrium statics of robots whose stiffness and load vary: against exact rods, and against robots solved one by one."""
 
 from __future__ import annotations
 

@@ -127,7 +127,7 @@ def mistakes(refuse: Refuse, law: str) -> Finding:
         ("{empirical: {samples: [0.1 mm, 1 deg]}}", "'deg'"),
         ("{empirical: {samples: {fil: single.csv}}}", "{file: …, column: …}"),
         ("{empirical: {samples: {file: missing.csv}}}", r"missing.csv does not exist"),
-        ("{empirical: {samples: {file: [a]}}}", "the name of a CSV file belongs here"),
+        ("{empirical: {samples: {file: [a]}}}", "expected the name of a CSV file"),
         ("{empirical: {samples: {file: high.csv}}}", "high.csv, line 2: 'high' is not a number"),
         ("{empirical: {samples: {file: gauge.csv}}}", "has the columns p, gap, shim, turn: choose one with column:"),
         (
@@ -217,22 +217,22 @@ def correlation(refuse: Refuse, entry: str) -> Finding:
     [
         ("  - 0.5", "a correlation is {parameters: [a1, a2], correlation: 0.5}"),
         ("  - {parameters: [a1, c], rho: 0.5}", "a correlation is {parameters: [a1, a2], correlation: 0.5}"),
-        ("  - {parameters: a1, correlation: 0.5}", "the names of two or more parameters belong here"),
-        ("  - {correlation: 0.5}", "the names of two or more parameters belong here"),
+        ("  - {parameters: a1, correlation: 0.5}", "expected the names of two or more parameters"),
+        ("  - {correlation: 0.5}", "expected the names of two or more parameters"),
         ("  - {parameters: [a1, c]}", "needs either correlation: (of two) or matrix:"),
         (
             "  - {parameters: [a1, c], correlation: 0.5, matrix: [[1, 0], [0, 1]]}",
             "needs either correlation: (of two) or",
         ),
-        ("  - {parameters: [a1], correlation: 0.5}", "correlation: belongs to two parameters, these are 1"),
+        ("  - {parameters: [a1], correlation: 0.5}", "correlation: is for two parameters, these are 1"),
         ("  - {parameters: [a1, a1], correlation: 0.5}", "the correlation names 'a1' twice"),
         (
             "  - {parameters: [a1, c], correlation: 1.5}",
             "correlation of 'a1' and 'c' is 1.5; it must lie between -1 and 1",
         ),
         ("  - {parameters: [a1, c], correlation: 0.5 mm}", "'mm'"),
-        ("  - {parameters: [a1, c], correlation: [0.5]}", "a plain number belongs here"),
-        ("  - {parameters: [a1, c], matrix: 0.5}", "rows of plain numbers belong here"),
+        ("  - {parameters: [a1, c], correlation: [0.5]}", "expected a plain number"),
+        ("  - {parameters: [a1, c], matrix: 0.5}", "expected rows of plain numbers"),
         ("  - {parameters: [a1, c], matrix: [[1, 0.5], [0.4, 1]]}", "is 0.5 in one place and 0.4 in the other"),
         ("  - {parameters: [a1, c], matrix: [[1, 0.5]]}", "expected 2 of 2"),
         ("  - {parameters: [a1, c], matrix: [[1, high], [0.4, 1]]}", "'high'"),
@@ -269,7 +269,7 @@ def test_a_mistake_inside_a_correlation_stands_at_its_own_line(refuse: Refuse) -
 def test_correlations_must_be_a_list(refuse: Refuse) -> None:
     (finding,) = refuse(HEAD + PARAMETERS + "correlations: {parameters: [a1, c]}\n")
     assert finding.line == 11
-    assert "a list belongs here" in finding.message
+    assert "expected a list" in finding.message
 
 
 # ---- schema ----

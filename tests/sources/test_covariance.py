@@ -111,8 +111,8 @@ def test_bad_settings_are_refused(settings, message):
     [
         ("std: [1 mm, 1 mm, 1 mm, 1 mm, 1 mrad, 1 mrad]", "'mm' in '1 mm' is not a unit of angle"),
         ("std: [1 mm, 1 mm, 1 mm]", "std: 3 numbers, expected 6"),
-        ("std: 1 mm", "std: a list of numbers belongs here"),
-        (f"std: {STDS}, correlation: 0.5", "correlation: rows of numbers belong here"),
+        ("std: 1 mm", "std: expected a list of numbers"),
+        (f"std: {STDS}, correlation: 0.5", "correlation: expected rows of numbers"),
         (f"std: {STDS}, correlation: [[1, high]]", "correlation.*'high'"),
         ("matrix: [[1, 0], [0, 1]]", "matrix: of covariance must be 6 rows of 6 numbers"),
         (f"std: {STDS}, correlation: {flow(NEGATIVE)}", "negative eigenvalue"),

@@ -100,7 +100,7 @@ def test_bad_settings_are_refused(settings, message):
 @pytest.mark.parametrize(
     ("kind", "settings", "message"),
     [
-        ("revolute", {"lead_error": 1e-5}, r"transmission\[hinge\]: lead_error: belongs to a joint that slides"),
+        ("revolute", {"lead_error": 1e-5}, r"transmission\[hinge\]: lead_error: is only for a prismatic joint"),
         (
             "prismatic",
             {"amplitude": (1e-5,), "order": (1.0,)},

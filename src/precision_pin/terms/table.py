@@ -28,7 +28,7 @@ __all__ = ["SlopeColumns", "TableLayout", "TermTable"]
 class TermTable:
     """The table that every engine and analysis reads: displacements of targets as products of parameters.
 
-    A joint value is a target like any other: its pivot is the joint's frame after it turned, its twist along the axis.
+    A joint value is a target like any other: its pivot is the joint's frame after its motion, its twist along the axis.
 
     Attributes
     ----------
