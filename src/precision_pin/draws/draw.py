@@ -114,7 +114,7 @@ class Draw:
         except (OverflowError, FloatingPointError):
             matrix = np.array([[np.inf]])
         if not np.isfinite(matrix).all():
-            raise InputError(f"the variance of {self.name!r} is too large for a number; its tolerance is far too large")
+            raise InputError(f"the variance of {self.name!r} overflows; its tolerance is far too large")
         return matrix
 
 
