@@ -131,10 +131,10 @@ def settle(
         before, change = change, float(np.abs(following - current).max(initial=0.0))
         current = following
         if change < within:
-            return feedback.settled(current)
+            return feedback.rest_at(current)
         if not change <= _SHRINKS * before:
             break
-    return feedback.settled(_follow_loads(feedback, within))
+    return feedback.rest_at(_follow_loads(feedback, within))
 
 
 @final
@@ -164,7 +164,7 @@ class Feedback:
         """Return G, ``(2K, 6)``, for displacements ``(2K, 6)``."""
         return self._sum(self._terms(displacements))
 
-    def settled(self, displacements: Array) -> Settled:
+    def rest_at(self, displacements: Array) -> Settled:
         """Return the arm at rest for known displacements."""
         posture = self._displace(displacements)
         terms = tuple(self._make_terms(posture))
@@ -228,7 +228,7 @@ class Feedback:
         return {term.factors: float(product) for term, product in zip(terms, self._products, strict=True)}
 
     @property
-    def loaded_ways(self) -> Array:
+    def loaded_directions(self) -> Array:
         """The directions in which displacements by loads can change, ``(M, 2K, 6)``."""
         ways = self.ways(self._table)
         return ways[ways[:, self.loaded].any(axis=(1, 2))]
@@ -237,7 +237,7 @@ class Feedback:
         return tuple(self._make_terms(self._displace(displacements)))
 
     def _displace(self, displacements: Array) -> Posture:
-        return replace(self._posture, deflection=deflected(self._posture, self._table, displacements))
+        return replace(self._posture, deflection=compute_deflection(self._posture, self._table, displacements))
 
     def _arrange(self, terms: tuple[Term, ...]) -> None:
         """Compute the layout of the terms and all that depends on their targets and factors only."""
@@ -317,7 +317,7 @@ class _Path:
     @classmethod
     def begin(cls, feedback: Feedback) -> _Path:
         """Return the arm without its loads."""
-        ways = feedback.loaded_ways
+        ways = feedback.loaded_directions
         return cls.at(feedback, ways, 0.0, feedback.at_start, np.zeros(len(ways)))
 
     @classmethod
@@ -361,7 +361,7 @@ class _Path:
         return np.eye(len(self.ways)) - share * self.slopes
 
 
-def deflected(posture: Posture, table: TermTable, displacements: Array) -> Deflection:
+def compute_deflection(posture: Posture, table: TermTable, displacements: Array) -> Deflection:
     """Return the state of the chain with all slots displaced by ``displacements``, ``(2K, 6)``."""
     unloaded, by_loads = displacements.reshape(2, -1, 6)
     poses, ends = posture.link_poses.copy(), posture.link_poses @ posture.chain.placements
