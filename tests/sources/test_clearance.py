@@ -219,7 +219,7 @@ def test_from_a_sheet_in_every_model(tmp_path):
             "direction: random, axial: 3 um",
             "slide slides: give its play along the axis as backlash",
         ),
-        ("direction: random", "direction: random, band: 3 N", "band: of clearance belongs to direction: load"),
+        ("direction: random", "direction: random, band: 3 N", "band: of clearance is used only with direction: load"),
         ("joint: turn", "joint: trun", "no joint on the chain named 'trun'; did you mean 'turn'"),
     ],
 )

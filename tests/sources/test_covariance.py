@@ -86,7 +86,7 @@ SKEW[0, 1] = 0.5
         ({"joint": "hinge", "std": STD, "matrix": rows(np.eye(6))}, "covariance needs either std: or matrix:"),
         (
             {"joint": "hinge", "matrix": rows(np.eye(6)), "correlation": rows(np.eye(6))},
-            "belongs to std:, not to matrix:",
+            "used only with std:, not with matrix:",
         ),
         ({"joint": "hinge", "std": STD[:5]}, "std: of covariance has 5 numbers, expected 6"),
         ({"joint": "hinge", "std": STD, "mean": (0.0,)}, "mean: of covariance has 1 numbers, expected 6"),

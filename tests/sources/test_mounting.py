@@ -62,7 +62,7 @@ def test_no_tolerance_no_spread():
 def test_bad_settings_are_refused():
     with pytest.raises(InputError, match="at: of mounting must be base or tool, got 'tip'"):
         Mounting(at="tip", x=1e-3)
-    with pytest.raises(InputError, match="flange: of mounting belongs to at: tool"):
+    with pytest.raises(InputError, match="flange: of mounting is used only with at: tool"):
         Mounting(at="base", flange="link7", x=1e-3)
     chain = chain_of(random_arm(12), tip="tool")
     with pytest.raises(

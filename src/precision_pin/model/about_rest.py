@@ -55,8 +55,8 @@ def terms_about_rest(settled: Settled) -> tuple[Term, ...]:
     flat = ways.reshape(len(ways), -1)
     added = flat.T @ (gain - np.eye(len(ways))) @ flat
     slots = len(added) // 6
-    sums = _own_and_added(settled, reacting, added.reshape(slots, 6, slots, 6).transpose(0, 2, 1, 3))
-    for slot, twist, factors in _second_order(settled, ways, gain, term_slopes):
+    sums = _first_order_twists(settled, reacting, added.reshape(slots, 6, slots, 6).transpose(0, 2, 1, 3))
+    for slot, twist, factors in _second_order_twists(settled, ways, gain, term_slopes):
         sums[slot, factors] = sums.get((slot, factors), 0.0) + twist
     return (
         *(term for term in settled.terms if not term.loaded),
@@ -67,7 +67,7 @@ def terms_about_rest(settled: Settled) -> tuple[Term, ...]:
     )
 
 
-def _own_and_added(settled: Settled, reacting: NDArray[np.intp], added: Array) -> dict[tuple[int, Factors], Array]:
+def _first_order_twists(settled: Settled, reacting: NDArray[np.intp], added: Array) -> dict[tuple[int, Factors], Array]:
     """Return the twists of ``G(v*, x) + (A - I)(G(v*, x) - v*)`` in the slots displaced by loads, by their factors.
 
     ``added`` ``(2K, 2K, 6, 6)`` is A - I: the further displacement in the first slot per displacement in the second.
@@ -84,7 +84,9 @@ def _own_and_added(settled: Settled, reacting: NDArray[np.intp], added: Array) -
     return sums
 
 
-def _second_order(settled: Settled, ways: Array, gain: Array, term_slopes: Array) -> list[tuple[int, Array, Factors]]:
+def _second_order_twists(
+    settled: Settled, ways: Array, gain: Array, term_slopes: Array
+) -> list[tuple[int, Array, Factors]]:
     """Return the last sum multiplied out: slot, twist, factors."""
     table = settled.table
     twists: dict[Factors, Array] = {}

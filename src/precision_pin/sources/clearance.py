@@ -112,7 +112,7 @@ class Clearance(Source):
         if self.direction == "load" and self.band is None:
             raise InputError("clearance with direction: load needs band:, the load below which a direction is random")
         if self.direction == "random" and self.band is not None:
-            raise InputError("band: of clearance belongs to direction: load")
+            raise InputError("band: of clearance is used only with direction: load")
         if self.band is not None and not 0 < self.band < np.inf:
             raise InputError(f"the band of clearance must be positive, got {self.band} N")
 

@@ -70,7 +70,7 @@ class Covariance(Source):
         if (self.std is None) == (self.matrix is None):
             raise InputError("covariance needs either std: or matrix:")
         if self.matrix is not None and self.correlation is not None:
-            raise InputError("correlation: of covariance belongs to std:, not to matrix:")
+            raise InputError("correlation: of covariance is used only with std:, not with matrix:")
         for name in ("std", "mean"):
             entries = getattr(self, name)
             if entries is not None and len(entries) != 6:

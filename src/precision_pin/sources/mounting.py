@@ -67,7 +67,7 @@ class Mounting(Source):
         if self.at not in ("base", "tool"):
             raise InputError(f"at: of mounting must be base or tool, got {self.at!r}")
         if self.at == "base" and self.flange is not None:
-            raise InputError("flange: of mounting belongs to at: tool")
+            raise InputError("flange: of mounting is used only with at: tool")
 
     @property
     def subject(self) -> str:

@@ -29,7 +29,7 @@ class Thermal(Source):
     ΔT moves the end by ``α ΔT p``. A gradient g across the link, G = g × its direction made normal to p, bends it into an
     arc: the warm side grows, the link bends away from it with curvature α|G|, its end turns by ``-α p × G`` and moves by
     ``-α G l²/2``. Source: Boley and Weiner, Theory of Thermal Stresses (1960), free beams: a temperature that is linear
-    over the section strains and bends them without stress. Steady temperatures; the travel of a prismatic joint does not
+    over the section strains and bends them without stress. Bodies at rest; the travel of a prismatic joint does not
     grow, since its encoder sets it.
 
     Attributes

@@ -81,7 +81,7 @@ class Transmission(Source):
         if self.period is not None and not 0 < self.period < math.inf:
             raise InputError(f"the period of transmission must be positive, got {self.period}")
         if self.period is not None and not self.amplitude:
-            raise InputError("period: of transmission belongs to amplitude:")
+            raise InputError("period: of transmission is used only with amplitude:")
 
     @property
     def subject(self) -> str:
