@@ -140,7 +140,7 @@ class Encoder(Source):
         return tuple(draws)
 
     def remarks(self, space: LabelledSpace) -> Iterator[Finding]:
-        """Yield a warning where the amplitude or the eccentricity varies about zero."""
+        """Yield a warning if the amplitude or the eccentricity varies about zero."""
         for field in ("amplitude", "eccentricity"):
             setting = getattr(self, field)
             if setting is not None and self._is_periodic:
