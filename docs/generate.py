@@ -37,7 +37,7 @@ WORDS: Final = {str: "text", int: "whole number", bool: "true or false", Path: "
 
 CORRELATIONS: Final = {
     "parameters": "the names, two or more",
-    "correlation": "of two parameters: that of their normal scores",
+    "correlation": "of two parameters: the correlation of their normal scores",
     "matrix": "of any number: the correlations of their normal scores, row by row",
 }
 

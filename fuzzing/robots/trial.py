@@ -51,9 +51,9 @@ LOOKS = re.compile(r"visual|collision|[Mm]aterial|[Gg]eometry|[Mm]esh|color")
 DRAWN = 10
 """Every so many a robot is also read from a file and drawn."""
 NO_CHAIN = re.compile(
-    r"no joint moves between |the joint .* mimics .*; lock it to keep it still|.* leaves; name one as the tip"
+    r"no joint moves between |the joint .* mimics .*; lock it at a value|.* leaves; name one as the tip"
 )
-"""What a robot may be told that has no chain between two of its links."""
+"""Messages for a robot without a chain between two of its links."""
 
 
 @dataclass

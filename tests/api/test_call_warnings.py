@@ -82,7 +82,7 @@ def test_the_result_holds_what_was_warned_of() -> None:
         result = pp.monte_carlo(ARM, OUTSIDE, **SAMPLED)
     assert seen == []
     assert [line for line in result.warnings if "W_JOINT_LIMIT" in line]
-    with pytest.warns(PrecisionPinWarning, match="1 of 2 poses lie outside joint limits, the first of them pose 1"):
+    with pytest.warns(PrecisionPinWarning, match="1 of 2 poses are outside joint limits, the first of them pose 1"):
         poses = pp.sample_poses(ARM, [INSIDE, OUTSIDE], **SAMPLED)
     assert len(poses.warnings) == 1
 
@@ -121,7 +121,7 @@ def test_limits_tell_rows_from_columns() -> None:
     columns[0] = 4.0  # the first joint at every pose; of rows, every joint of the first pose
     assert told(lambda: chain.at_many(columns)) == []
     (warning,) = told(lambda: chain.at_many(columns.T))
-    assert "as rows they would keep the joint limits" in str(warning.message)
+    assert "as rows they would be within the joint limits" in str(warning.message)
 
 
 @pytest.mark.parametrize("count", [3, 5])

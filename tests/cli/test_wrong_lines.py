@@ -70,7 +70,7 @@ WRONG = {
     "infinite joint value": ((*A, "--q", "1e999 0 0 0 deg"), "--q: .*not finite"),
     "one unit for joints that turn and slide": (
         (*A, "gantry.urdf", "--q", "1 2 m"),
-        "--q: .*turn and joints that slide",
+        "--q: .*revolute and prismatic joints",
     ),
     "angle for a sliding joint": (
         (*A, "gantry.urdf", "--q", "1 deg, 2 deg"),
@@ -100,7 +100,7 @@ WRONG = {
     "a robot in place of a sheet": ((*A, "4dof.urdf", "gantry.urdf"), "one robot and one sheet are expected"),
     "text that is no XML": ((*A, "notes.txt", PAPER), "notes.txt:1: error E_"),
     "a sheet that is no YAML": ((*A, "broken.yaml"), "broken.yaml:[23]: error E_YAML"),
-    "an empty sheet": ((*A, "empty.yaml"), "empty.yaml:1: error E_SHEET: a sheet begins with"),
+    "an empty sheet": ((*A, "empty.yaml"), "empty.yaml:1: error E_SHEET: a sheet must begin with"),
     "a sheet that is not text": ((*A, "binary.yaml"), "binary.yaml: error E_FILE: the sheet is not UTF-8"),
     "a name far too long": ((*A, "x" * 300 + ".urdf"), "error E_FILE"),
     "a sheet's name far too long": ((*A, "x" * 300 + ".yaml"), "error E_FILE"),

@@ -226,19 +226,19 @@ def test_root_and_mix_are_the_cholesky_root_in_alphabetical_order() -> None:
         (("a", "b", "c"), [[1, 0.5], [0.5, 1]], "expected 3 of 3"),
         (("a", "b"), [[1, 0.5], [0.4, 1]], "correlation of 'a' and 'b' is 0.5 in one place and 0.4 in the other"),
         (("a", "b"), [[1, math.nan], [math.nan, 1]], "correlation matrix must be rows of finite numbers"),
-        (("a", "b"), [[1, 0.5], [0.5, 2]], "correlation of 'b' with itself is 2, it must be 1"),
+        (("a", "b"), [[1, 0.5], [0.5, 2]], "correlation of 'b' with itself is 2; it must be 1"),
         (("a", "b"), [[1, 1.2], [1.2, 1]], "correlation of 'a' and 'b' is 1.2; it must lie between -1 and 1"),
         (("a", "b"), [[1, -1], [-1, 1]], "one parameter"),
         (
             ("a", "b", "c"),
             [[1, 0.9, 0], [0.9, 1, -0.5], [0, -0.5, 1]],
             # c alone leaves ±√(1 - 0.25) to a and b
-            r"eigenvalue -0.0296.*: the 0.9 of 'a' and 'b' does not go with the others, which leave -0.866 to 0.866$",
+            r"eigenvalue -0.0296.*: the 0.9 of 'a' and 'b' contradicts the others, which allow -0.866 to 0.866$",
         ),
         (
             ("a", "b", "c", "d"),
             [[1, 0.1, 0.9, 0.9], [0.1, 1, 0.1, 0.1], [0.9, 0.1, 1, -0.6], [0.9, 0.1, -0.6, 1]],
-            "the 0.9 of 'a' and 'c' does not go with the others",
+            "the 0.9 of 'a' and 'c' contradicts the others",
         ),
         (("a", "b"), [[1, 1 - 1e-7], [1 - 1e-7, 1]], "smallest eigenvalue 1e-07, at least 1e-06"),
     ],
@@ -264,7 +264,7 @@ def test_one_wrong_entry_in_a_large_matrix_is_the_pair_that_is_named() -> None:
     for i, j in pairs:
         wrong = matrix.copy()
         wrong[i, j] = wrong[j, i] = -matrix[i, j]  # a slipped sign
-        with pytest.raises(InputError, match=f"of '{names[i]}' and '{names[j]}' does not go with"):
+        with pytest.raises(InputError, match=f"of '{names[i]}' and '{names[j]}' contradicts the others, which"):
             Correlation(names, tuple(map(tuple, wrong.tolist())))
 
 
@@ -283,7 +283,7 @@ def test_the_range_that_the_others_leave_is_where_the_determinant_changes_sign()
         with pytest.raises(InputError, match="not positive definite"):
             Correlation(tuple("abcd"), tuple(map(tuple, entry(2, 3, x)(np.array(others)).tolist())))
     with pytest.raises(
-        InputError, match=f"the 0.95 of 'c' and 'd' does not go with the others, which leave {low:.3g} to {high:.3g}"
+        InputError, match=f"the 0.95 of 'c' and 'd' contradicts the others, which allow {low:.3g} to {high:.3g}"
     ):
         Correlation(tuple("abcd"), tuple(map(tuple, entry(2, 3, 0.95)(np.array(others)).tolist())))
 
@@ -427,10 +427,10 @@ DRAWS = (
     [
         ([("a", "p")], "'p' draws 2 numbers"),
         ([("j", "a")], "'j' draws 2 numbers"),
-        ([("p.x", "a")], "'p.x' is one of several numbers of 'p'"),
+        ([("p.x", "a")], "'p.x' is one of the several numbers of 'p'"),
         ([("a", "f")], "'f' is fixed"),
         ([("a", "v")], "'a' is drawn for each unit, 'v' for each visit"),
-        ([("a", "b"), ("b", "w")], "'b' stands in two correlations"),
+        ([("a", "b"), ("b", "w")], "'b' is in two correlations"),
         ([("a", "wb")], "no parameter named 'wb'"),
     ],
 )
@@ -448,7 +448,9 @@ def test_an_unknown_name_is_told_what_there_is() -> None:
 def test_a_law_of_several_numbers_is_not_correlated_even_if_it_has_one(law: Law) -> None:
     """Its number has a name of its own, ``a.0``."""
     correlation = Correlation(("a", "b"), ((1.0, 0.5), (0.5, 1.0)))
-    with pytest.raises(InputError, match=r"the law of 'a' is one of several numbers, though of one here \('a.0'\)"):
+    with pytest.raises(
+        InputError, match=r"the law of 'a' is made for several numbers, though it has one here \('a.0'\)"
+    ):
         Space((Draw("a", law), Draw("b", Normal(1.0))), (correlation,))
 
 

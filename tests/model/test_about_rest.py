@@ -1,4 +1,4 @@
-"""Equilibrium statics of robots whose stiffness and load vary: against exact rods, and against robots settled one by one."""
+"""Equilibrium statics of robots whose stiffness and load vary: against exact rods, and against robots solved one by one."""
 
 from __future__ import annotations
 
@@ -85,7 +85,7 @@ def test_products_of_load_and_stiffness_are_kept(arm):
 
 @pytest.mark.slow
 def test_stiffnesses_that_vary_one_by_one(arm):
-    """A sheet with ± 30 % on EI and 10 % on every joint: 40 robots of it settled one by one, and the sampler."""
+    """A sheet with ± 30 % on EI and 10 % on every joint: 40 robots of it solved one by one, and the sampler."""
     sheet = ErrorModel.load(PAPER_SHEET)
     sources = [
         *(source for source in sheet.sources if not isinstance(source, Beam)),
@@ -308,11 +308,11 @@ def test_a_link_bends_and_twists_as_a_rod_in_space_to_second_order():
 
 @pytest.mark.slow
 def test_a_robot_that_varies_too_much_is_warned_of(arm):
-    """Lognormal, 70 %: the robots that are settled one by one rest elsewhere by more than 2 %; ± 30 % needs no warning."""
+    """Lognormal, 70 %: the robots that are solved one by one rest elsewhere by more than 2 %; ± 30 % needs no warning."""
     stretched = varied(arm, Lognormal(0.7, 1.0))
     (*_, finding) = stretched.statics_findings(stretched.at(PAPER_Q))
     assert finding.code == "W_STATICS"
-    assert "settled one by one" in finding.message
+    assert "solved one by one" in finding.message
     given, true = (float(finding.message.split("|d| ")[1].split(" mm for ")[k].split()[0]) for k in (0, 1))
     factor = varied(arm, Lognormal(0.7, 1.0)).space.sample(0, 0, 1000)[0]
     farthest = np.sort(factor)[[0, 9]]

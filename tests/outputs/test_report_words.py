@@ -49,7 +49,7 @@ LAWS = (
     (Uniform(5e-5), units.LENGTH, "uniform within ±0.05 mm"),
     (Uniform(1e-6, mean=2e-5), units.LENGTH, "uniform within ±0.001 mm about 0.02 mm"),
     (Triangular(1e-4, mean=0.5), units.LENGTH, "triangular within ±0.1 mm about 500 mm"),
-    (Arcsine(2e-3), units.ANGLE, "arcsine (a sine wave met at random) within ±2 mrad"),
+    (Arcsine(2e-3), units.ANGLE, "arcsine (a sine wave at a random phase) within ±2 mrad"),
     (Normal(3e-4), units.ANGLE, "normal, standard deviation 0.3 mrad"),
     (Normal(2e-5, mean=-1e-3), units.ANGLE, "normal, standard deviation 20 µrad, mean -1 mrad"),
     (Normal(0.02, mean=1.0), units.MASS, "normal, standard deviation 0.02 kg, mean 1 kg"),
@@ -83,7 +83,7 @@ def test_laws_of_several_numbers_in_words():
     )
     rows = Rows(((0.0, 0.0), (2e-3, 4e-3)), ("x", "rx"))
     assert rows.describe(mixed) == (
-        "2 measured rows, each as likely, standard deviations x 1 mm, rx 2 mrad"
+        "2 measured rows, all equally likely, standard deviations x 1 mm, rx 2 mrad"
     )  # fmt: skip
 
 

@@ -105,8 +105,8 @@ def test_one_warning_off_the_chain_is_given_as_it_is():
     # the grip is on this chain, the wheel is not
     chain = Chain.from_robot(urdf.parse(robot(), "r.urdf"), "finger")
     assert [finding.message for finding in chain_findings(chain)] == [
-        "joint 'grip': zero lies outside the limits 0.5 … 1",
-        "joint 'wheel': zero lies outside the limits 0.5 … 1",
+        "joint 'grip': zero is outside the limits 0.5 … 1",
+        "joint 'wheel': zero is outside the limits 0.5 … 1",
     ]
 
 

@@ -225,9 +225,9 @@ def test_wrong_joint_values_are_refused(q, message):
 def test_a_joint_slides_within_reason_and_turns_at_will():
     chain = chain_of(ARM, tip="tool")  # the fourth joint slides
     for q in ([0, 0, 0, 1e308, 0, 0, 0], [0, 0, 0, -1.1e6, 0, 0, 0]):
-        with pytest.raises(InputError, match=r"joint value .* m of joint4; a joint slides 1,000,000 m at most"):
+        with pytest.raises(InputError, match=r"joint value .* m of joint4; it slides 1,000,000 m at most"):
             chain.at(q)
-        with pytest.raises(InputError, match=r"joint value .* m of joint4; a joint slides 1,000,000 m at most"):
+        with pytest.raises(InputError, match=r"joint value .* m of joint4; it slides 1,000,000 m at most"):
             chain.at_many(np.array([np.zeros(7), q]).T)
     assert np.isfinite(chain.at([0, 1e15, 0, 0, 0, 0, 0]).pose).all()
 
@@ -262,7 +262,7 @@ def test_the_only_leaf_is_the_tip():
 
 
 def test_a_link_off_the_way_is_no_place():
-    with pytest.raises(InputError, match="'finger' is not on the way from 'base' to 'tool'"):
+    with pytest.raises(InputError, match="'finger' is not on the path from 'base' to 'tool'"):
         chain_of(ARM, tip="tool").frame_place("finger")
 
 
@@ -330,7 +330,7 @@ def test_a_mimic_of_a_joint_on_the_chain_stands_still_and_says_so():
     assert chain.at([0.0]).findings == ()
     (finding,) = chain.at([0.5]).findings
     assert (finding.severity, finding.code) == ("warning", "W_MIMIC")
-    assert "joint k mimics j, so it would stand at 1.1 here, but is kept at 0.1" in finding.message
+    assert "joint k mimics j, so it would be at 1.1 here, but it is locked at 0.1" in finding.message
     assert chain_of(text, tip="arm", locked={"k": 1.1}).at([0.5]).findings == ()
 
 

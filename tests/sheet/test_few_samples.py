@@ -81,11 +81,11 @@ def test_the_factor_is_that_of_these_samples():
     factor = np.sqrt(hazen_variance(samples[None])[0]) / samples.std(ddof=1)
     assert factor == pytest.approx(0.86, abs=0.005)
     assert said is not None
-    assert f"is {factor:.2f} of theirs" in said
+    assert f"{factor:.2f} times the samples' standard deviation" in said
     assert f"up to {np.sqrt(4 / stats.chi2.ppf(0.05, 4)):.1f} times" in said
     said = few_samples(Rows(((1.0, 5.0), (2.0, 5.0), (4.0, 5.0))))
     assert said is not None
-    assert f"is {np.sqrt(2 / 3):.2f} of theirs" in said
+    assert f"{np.sqrt(2 / 3):.2f} times the samples' standard deviation" in said
 
 
 def test_the_limit_covers_the_true_deviation_as_often_as_it_says():

@@ -127,26 +127,26 @@ def mistakes(refuse: Refuse, law: str) -> Finding:
         ("{empirical: {samples: [0.1 mm, 1 deg]}}", "'deg'"),
         ("{empirical: {samples: {fil: single.csv}}}", "{file: …, column: …}"),
         ("{empirical: {samples: {file: missing.csv}}}", r"missing.csv does not exist"),
-        ("{empirical: {samples: {file: [a]}}}", "the name of a CSV file belongs here"),
+        ("{empirical: {samples: {file: [a]}}}", "expected the name of a CSV file"),
         ("{empirical: {samples: {file: high.csv}}}", "high.csv, line 2: 'high' is not a number"),
-        ("{empirical: {samples: {file: gauge.csv}}}", "has the columns p, gap, shim, turn: say which with column:"),
+        ("{empirical: {samples: {file: gauge.csv}}}", "has the columns p, gap, shim, turn: choose one with column:"),
         (
             "{empirical: {samples: {file: gauge.csv, column: gup}}}",
             "no column in .*gauge.csv named 'gup'; did you mean 'gap'",
         ),
         ("{empirical: {quantiles: {file: single.csv, column: gap}}}", "named 'p'"),
-        ("{empirical: {quantiles: [0.1 mm]}}", "quantiles are pairs of a probability and a value"),
-        ("{empirical: {quantiles: [[0, 0.1 mm], [1]]}}", "quantiles are pairs of a probability and a value"),
+        ("{empirical: {quantiles: [0.1 mm]}}", "quantiles must be pairs of a probability and a value"),
+        ("{empirical: {quantiles: [[0, 0.1 mm], [1]]}}", "quantiles must be pairs of a probability and a value"),
         ("{empirical: {quantiles: [[0, 0.1 mm], [half, 1 mm]]}}", "'half'"),
         ("{empirical: {quantiles: [[0, 0.1], [1, 1 mm]]}}", "has no unit"),
         ("{empirical: {quantiles: [[0, 0.1 mm], [0.9, 1 mm]]}}", "go from probability 0 to 1"),
         ("{empirical: {quantiles: [[0, 0.1 mm], [1, 0 mm]]}}", "the value 0 follows 0.0001"),
-        ("{rows: 0.1 mm}", "rows takes numbers that belong together"),
-        ("{rows: []}", "rows takes numbers that belong together"),
+        ("{rows: 0.1 mm}", "rows takes rows of numbers that belong together"),
+        ("{rows: []}", "rows takes rows of numbers that belong together"),
         ("{rows: [[0.1 mm, 0.2 mm], [0.3 mm]]}", "1 numbers, the first row has 2"),
         ("{rows: [[0.1 mm], [0.2 deg]]}", "'deg'"),
         ("{rows: {file: gauge.csv, columns: [gap, turn]}}", "'mrad' of the column 'turn' is not a unit of length"),
-        ("{rows: {file: gauge.csv, columns: gap}}", "a list of columns belongs here"),
+        ("{rows: {file: gauge.csv, columns: gap}}", "columns must be a list of column names"),
         ("{rows: {file: gauge.csv, columns: [gap, gup]}}", "did you mean 'gap'"),
     ],
 )
@@ -217,32 +217,32 @@ def correlation(refuse: Refuse, entry: str) -> Finding:
     [
         ("  - 0.5", "a correlation is {parameters: [a1, a2], correlation: 0.5}"),
         ("  - {parameters: [a1, c], rho: 0.5}", "a correlation is {parameters: [a1, a2], correlation: 0.5}"),
-        ("  - {parameters: a1, correlation: 0.5}", "the names of two or more parameters belong here"),
-        ("  - {correlation: 0.5}", "the names of two or more parameters belong here"),
+        ("  - {parameters: a1, correlation: 0.5}", "expected the names of two or more parameters"),
+        ("  - {correlation: 0.5}", "expected the names of two or more parameters"),
         ("  - {parameters: [a1, c]}", "needs either correlation: (of two) or matrix:"),
         (
             "  - {parameters: [a1, c], correlation: 0.5, matrix: [[1, 0], [0, 1]]}",
             "needs either correlation: (of two) or",
         ),
-        ("  - {parameters: [a1], correlation: 0.5}", "correlation: belongs to two parameters, these are 1"),
+        ("  - {parameters: [a1], correlation: 0.5}", "correlation: is for two parameters, these are 1"),
         ("  - {parameters: [a1, a1], correlation: 0.5}", "the correlation names 'a1' twice"),
         (
             "  - {parameters: [a1, c], correlation: 1.5}",
             "correlation of 'a1' and 'c' is 1.5; it must lie between -1 and 1",
         ),
         ("  - {parameters: [a1, c], correlation: 0.5 mm}", "'mm'"),
-        ("  - {parameters: [a1, c], correlation: [0.5]}", "a plain number belongs here"),
-        ("  - {parameters: [a1, c], matrix: 0.5}", "rows of plain numbers belong here"),
+        ("  - {parameters: [a1, c], correlation: [0.5]}", "expected a plain number"),
+        ("  - {parameters: [a1, c], matrix: 0.5}", "expected rows of plain numbers"),
         ("  - {parameters: [a1, c], matrix: [[1, 0.5], [0.4, 1]]}", "is 0.5 in one place and 0.4 in the other"),
         ("  - {parameters: [a1, c], matrix: [[1, 0.5]]}", "expected 2 of 2"),
         ("  - {parameters: [a1, c], matrix: [[1, high], [0.4, 1]]}", "'high'"),
         ("  - {parameters: [a1, b], correlation: 0.5}", "no parameter named 'b'"),
         ("  - {parameters: [a1, a33], correlation: 0.5}", "did you mean 'a3'"),
         ("  - {parameters: [a1, pin], correlation: 0.5}", "'pin' draws 2 numbers"),
-        ("  - {parameters: [a1, pin.x], correlation: 0.5}", "'pin.x' is one of several numbers of 'pin'"),
+        ("  - {parameters: [a1, pin.x], correlation: 0.5}", "'pin.x' is one of the several numbers of 'pin'"),
         ("  - {parameters: [a1, play], correlation: 0.5}", "'a1' is drawn for each unit, 'play' for each visit"),
         ("  - {parameters: [a1, still], correlation: 0.5}", "'still' is fixed"),
-        ("  - {parameters: [a1, a5], correlation: 0.5}", "'a5' stands in two correlations"),
+        ("  - {parameters: [a1, a5], correlation: 0.5}", "'a5' is in two correlations"),
         (
             "  - {parameters: [a1, c, z], matrix: [[1, 0.9, -0.9], [0.9, 1, 0.9], [-0.9, 0.9, 1]]}",
             "not positive definite (smallest eigenvalue -0.8",
@@ -269,7 +269,7 @@ def test_a_mistake_inside_a_correlation_stands_at_its_own_line(refuse: Refuse) -
 def test_correlations_must_be_a_list(refuse: Refuse) -> None:
     (finding,) = refuse(HEAD + PARAMETERS + "correlations: {parameters: [a1, c]}\n")
     assert finding.line == 11
-    assert "a list belongs here" in finding.message
+    assert "expected a list" in finding.message
 
 
 # ---- schema ----

@@ -89,15 +89,15 @@ class TestTolerances:
 
     def test_where_no_law_belongs_there_is_none(self, refuse: Refuse) -> None:
         (finding,) = refuse(with_sources("axis_install: {joint: joint1, radius: ±0.1 mm, span: 100 mm}"))
-        assert "a plain quantity belongs here, not a law or a tolerance" in finding.message
+        assert "expected a plain quantity, not a law or a tolerance" in finding.message
 
     def test_a_number_without_unit_is_told_both_meanings(self, refuse: Refuse) -> None:
         (finding,) = refuse(with_sources("joint_offset: {joint: joint1, offset: 0.02}"))
         assert "'0.02' has no unit; an angle needs one of" in finding.message
-        assert "the number is the same in every robot" in finding.message
-        assert "'±0.02 UNIT', a tolerance" in finding.message
+        assert "with a unit it is a constant, the same in every robot" in finding.message
+        assert "with ±, as '±0.02 UNIT', it is a tolerance" in finding.message
         (finding,) = refuse(HEAD + "parameters:\n  a: 0.1 mm\nsources: []\n")
-        assert "a tolerance such as ±0.1 mm" in finding.message
+        assert "a tolerance, such as ±0.1 mm" in finding.message
         assert "{fixed: 0.1 mm}" in finding.message
 
     def test_the_json_schema_takes_them(self) -> None:

@@ -124,7 +124,7 @@ def test_hints_are_found_among_very_many_names() -> None:
         ('tip: "\\ud800"\n', 3, "surrogate"),
         ('"\\ud800": tool\n', 3, "surrogate"),
         ("poses:\n  <<: {joint1: 1 deg}\n", 4, "merge keys"),
-        ("x: &a [[*a]]\n", 3, "stands inside"),
+        ("x: &a [[*a]]\n", 3, "is inside its own anchor"),
         ("tip: " + "%YAML 1.1\n---\n", 3, "not YAML"),
     ],
 )

@@ -283,8 +283,8 @@ def test_a_segment_of_no_length_is_refused(settings):
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
-        ({"EI": 5.0}, "beam has segments:, so EI must stand in these"),
-        ({"wall": 0.002}, "so wall must stand in these"),
+        ({"EI": 5.0}, "beam has segments:, so give EI in the segments"),
+        ({"wall": 0.002}, "so give wall in the segments"),
         ({"axial_stiffness": 5.0}, "either section: or segments:, or axial_stiffness:"),
     ],
 )

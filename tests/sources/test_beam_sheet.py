@@ -127,7 +127,7 @@ def test_every_engine_reads_it(folder, statics):
         ("length: 0.5 m", "length: 5 m", 12, "the beam's segments are 5.4425 m long in all, its link 1.77 m"),
         ("fraction: 25 %", "fraction: 25 %, length: 1 m", 21, "a segment needs one of length: and fraction:"),
         ("I_y: 20 cm⁴", "I_y: 20 cm³", 21, "'cm^3' in '20 cm³' is not a unit of second moment of area"),
-        ("area: 5 cm^2, ", "", 12, "the section general misses area; it takes area, I_y, I_z, J"),
+        ("area: 5 cm^2, ", "", 12, "the section general lacks area; it needs area, I_y, I_z, J"),
         ("EA: 10 MN", "EA: lots", 22, "no parameter named 'lots'"),
         (
             "{EI_y: 9 kN*m^2, EI_z: 8 kN*m^2, GI: {uniform: 50 N*m^2, mean: 4 kN*m^2}, EA: 10 MN}",
@@ -149,7 +149,7 @@ def test_mistakes_are_reported_in_one_line_where_they_stand(folder, old, new, li
 
 def test_segments_that_are_no_list(folder):
     head, _, _ = TEXT.partition("segments:")
-    with pytest.raises(SheetError, match="segments: a list belongs here"):
+    with pytest.raises(SheetError, match="segments: expected a list"):
         load(folder, head + "segments: {length: 1 m}\n")
 
 

@@ -214,8 +214,12 @@ def test_from_a_sheet_in_every_model(tmp_path):
         ("diametral: 0.03 mm", "diametral: -0.03 mm", r"diametral of clearance\[slide\] can become negative"),
         ("diametral: 0.03 mm", "diametral: [1 um, 2 um, 3 um]", "needs one or two diametral:"),
         ("diametral: 0.03 mm", "diametral: {normal: 1 um}", r"diametral of clearance\[slide\] can become negative"),
-        ("direction: random", "direction: random, axial: 3 um", "slide slides: its play along the axis is backlash"),
-        ("direction: random", "direction: random, band: 3 N", "band: of clearance belongs to direction: load"),
+        (
+            "direction: random",
+            "direction: random, axial: 3 um",
+            "slide slides: give its play along the axis as backlash",
+        ),
+        ("direction: random", "direction: random, band: 3 N", "band: of clearance is used only with direction: load"),
         ("joint: turn", "joint: trun", "no joint on the chain named 'trun'; did you mean 'turn'"),
     ],
 )
@@ -260,7 +264,5 @@ def test_bearings_nearer_than_numbers_tell_are_refused():
     slide = chain_of(robot(link("a"), joint("j", "prismatic", "a", "b", axis=(0, 0, 1)), link("b")))
     play = Clearance(joint="j", diametral=(0.02 * MM,), span=1e-14, direction="random", pads_on="child")
     assert np.isfinite(ErrorModel(slide, Space(), [play]).at([0.0]).jacobian).all()
-    with pytest.raises(
-        InputError, match=r"the span is too small: at .* m along the axis both bearings are at one place"
-    ):
+    with pytest.raises(InputError, match=r"the span is too small: both bearings are at .* m along the axis"):
         ErrorModel(slide, Space(), [play]).at([0.5])

@@ -86,7 +86,7 @@ SKEW[0, 1] = 0.5
         ({"joint": "hinge", "std": STD, "matrix": rows(np.eye(6))}, "covariance needs either std: or matrix:"),
         (
             {"joint": "hinge", "matrix": rows(np.eye(6)), "correlation": rows(np.eye(6))},
-            "belongs to std:, not to matrix:",
+            "used only with std:, not with matrix:",
         ),
         ({"joint": "hinge", "std": STD[:5]}, "std: of covariance has 5 numbers, expected 6"),
         ({"joint": "hinge", "std": STD, "mean": (0.0,)}, "mean: of covariance has 1 numbers, expected 6"),
@@ -111,8 +111,8 @@ def test_bad_settings_are_refused(settings, message):
     [
         ("std: [1 mm, 1 mm, 1 mm, 1 mm, 1 mrad, 1 mrad]", "'mm' in '1 mm' is not a unit of angle"),
         ("std: [1 mm, 1 mm, 1 mm]", "std: 3 numbers, expected 6"),
-        ("std: 1 mm", "std: a list of numbers belongs here"),
-        (f"std: {STDS}, correlation: 0.5", "correlation: rows of numbers belong here"),
+        ("std: 1 mm", "std: expected a list of numbers"),
+        (f"std: {STDS}, correlation: 0.5", "correlation: expected rows of numbers"),
         (f"std: {STDS}, correlation: [[1, high]]", "correlation.*'high'"),
         ("matrix: [[1, 0], [0, 1]]", "matrix: of covariance must be 6 rows of 6 numbers"),
         (f"std: {STDS}, correlation: {flow(NEGATIVE)}", "negative eigenvalue"),

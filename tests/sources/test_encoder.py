@@ -114,13 +114,13 @@ def test_bad_settings_are_refused(settings, message):
 @pytest.mark.parametrize(
     ("kind", "settings", "message"),
     [
-        ("revolute", {"amplitude": 1e-3, "period": 1e-3}, "period: belongs to a joint that slides"),
-        ("revolute", {"scale": 1e-6}, "scale: belongs to a joint that slides"),
+        ("revolute", {"amplitude": 1e-3, "period": 1e-3}, "period: is only for a prismatic joint"),
+        ("revolute", {"scale": 1e-6}, "scale: is only for a prismatic joint"),
         ("prismatic", {"amplitude": 1e-6}, "both of amplitude: and period:"),
         ("prismatic", {"offset": 1e-6, "period": 1e-3}, "both of amplitude: and period:"),
-        ("prismatic", {"eccentricity": 1e-6, "radius": 0.02}, "belong to a joint that turns"),
-        ("prismatic", {"offset": 1e-6, "ratio": 100.0}, "belong to a joint that turns"),
-        ("prismatic", {"amplitude": 1e-6, "period": 1e-3, "heads": 2}, "belong to a joint that turns"),
+        ("prismatic", {"eccentricity": 1e-6, "radius": 0.02}, "are only for a revolute joint"),
+        ("prismatic", {"offset": 1e-6, "ratio": 100.0}, "are only for a revolute joint"),
+        ("prismatic", {"amplitude": 1e-6, "period": 1e-3, "heads": 2}, "are only for a revolute joint"),
     ],
 )
 def test_settings_of_the_other_kind_of_joint_are_refused(kind, settings, message):
@@ -132,11 +132,11 @@ def test_settings_of_the_other_kind_of_joint_are_refused(kind, settings, message
     ("line", "message"),
     [
         ("encoder: {joint: joint1, resolution: 1 mm}", "'mm' in '1 mm' is not a unit of angle"),
-        ("encoder: {joint: joint1, resolution: {uniform: 1 deg}}", "a plain quantity belongs here, not a law"),
+        ("encoder: {joint: joint1, resolution: {uniform: 1 deg}}", "expected a plain quantity, not a law"),
         ("encoder: {joint: joint1, amplitude: 1 mrad, order: two}", "order: .*integer"),
         ("encoder: {joint: joint1, amplitude: 1 mrad, ratio: 1:100}", "ratio: .*'1:100'"),
         ("encoder: {joint: joint1, resolution: 1 deg, scope: day}", "scope: .*'pose' or 'visit'"),
-        ("encoder: {joint: joint1, scale: {uniform: 5 um/m}}", "belongs to a joint that slides"),
+        ("encoder: {joint: joint1, scale: {uniform: 5 um/m}}", "is only for a prismatic joint"),
         ("encoder: {joint: joint1, scale: {uniform: 5 ppm}}", "'ppm' .*not a unit of relative length"),
     ],
 )

@@ -47,5 +47,5 @@ def test_exactly_one_place_is_needed(where):
 
 def test_a_frame_on_a_branch_moves_nothing_and_is_refused():
     chain = chain_of(random_arm(12), tip="tool")
-    with pytest.raises(InputError, match="'bracket' is not on the way from 'base' to 'tool'"):
+    with pytest.raises(InputError, match="'bracket' is not on the path from 'base' to 'tool'"):
         ErrorModel(chain, Space(), [Frame(frame="bracket", x=1e-3)]).at(Q7)

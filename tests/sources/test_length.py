@@ -50,7 +50,7 @@ def test_bad_settings_are_refused(settings, message):
 @pytest.mark.parametrize(
     ("settings", "error", "message"),
     [
-        ({"joint": "hinge"}, InputError, "the link has no length, name a direction"),
+        ({"joint": "hinge"}, InputError, "the link has no length; give a direction"),
         ({"frame": "tool", "along": "w of hinge"}, InputError, "'w of hinge' is not understood"),
         ({"frame": "tool", "along": "z of hing"}, UnknownNameError, "did you mean 'hinge'"),
         ({"joint": "arm"}, UnknownNameError, "no joint on the chain named 'arm'"),

@@ -62,14 +62,15 @@ def test_no_tolerance_no_spread():
 def test_bad_settings_are_refused():
     with pytest.raises(InputError, match="at: of mounting must be base or tool, got 'tip'"):
         Mounting(at="tip", x=1e-3)
-    with pytest.raises(InputError, match="flange: of mounting belongs to at: tool"):
+    with pytest.raises(InputError, match="flange: of mounting is used only with at: tool"):
         Mounting(at="base", flange="link7", x=1e-3)
     chain = chain_of(random_arm(12), tip="tool")
     with pytest.raises(
-        InputError, match=r"mounting\[tool\]: 'half2' is no flange of the tool, it is not beyond 'joint7'"
+        InputError,
+        match=r"mounting\[tool\]: 'half2' is no flange of the tool: it is not beyond the last joint, 'joint7'",
     ):
         ErrorModel(chain, Space(), [Mounting(at="tool", flange="half2", x=Uniform(1e-3))]).at(Q7)
-    with pytest.raises(InputError, match="'finger' is not on the way from 'base' to 'tool'"):
+    with pytest.raises(InputError, match="'finger' is not on the path from 'base' to 'tool'"):
         ErrorModel(chain, Space(), [Mounting(at="tool", flange="finger", x=Uniform(1e-3))]).at(Q7)
     with pytest.raises(UnknownNameError, match="no link named 'link8'"):
         ErrorModel(chain, Space(), [Mounting(at="tool", flange="link8", x=Uniform(1e-3))]).at(Q7)
@@ -81,7 +82,10 @@ def test_bad_settings_are_refused():
         ("mounting: {x: 1 mm}", "the key 'at' is missing"),
         ("mounting: {at: floor, x: 1 mm}", "at: .*'base' or 'tool'"),
         ("mounting: {at: base, rx: 1 mm}", "'mm' in '1 mm' is not a unit of angle"),
-        ("mounting: {at: tool, flange: link2, x: 1 mm}", "'link2' is no flange of the tool, it is not beyond 'joint4'"),
+        (
+            "mounting: {at: tool, flange: link2, x: 1 mm}",
+            "'link2' is no flange of the tool: it is not beyond the last joint, 'joint4'",
+        ),
     ],
 )
 def test_bad_sheets_give_one_line(tmp_path, line, message):

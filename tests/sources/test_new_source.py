@@ -199,5 +199,5 @@ def test_a_source_whose_types_no_module_knows_is_sampled_and_named_where_they_ar
     model = ErrorModel(chain, Space(), [source])
     assert model.at(np.zeros(4)).covariance.any()
     assert [draw.quantities for draw in model.space.draws] == [(), (units.ANGLE,)]
-    with pytest.raises(InputError, match=r"nowhere\.(Sagging|Rail): the types of its settings are not known"):
+    with pytest.raises(InputError, match=r"nowhere\.(Sagging|Rail): the types of its settings cannot be found"):
         _ = model.owners

@@ -89,7 +89,7 @@ def test_no_tolerance_no_spread():
         ({"amplitude": (1e-3,), "order": (1.0, 2.0)}, "one order: for each amplitude:, got 1 and 2"),
         ({"amplitude": (1e-3,), "order": (0.0,)}, "an order of transmission must be positive"),
         ({"amplitude": (1e-3,), "order": (1.0,), "period": 0.0}, "period of transmission must be positive, got 0"),
-        ({"stiffness": 1e3, "period": 1.0}, "period: of transmission belongs to amplitude:"),
+        ({"stiffness": 1e3, "period": 1.0}, "period: of transmission is used only with amplitude:"),
     ],
 )
 def test_bad_settings_are_refused(settings, message):
@@ -100,7 +100,7 @@ def test_bad_settings_are_refused(settings, message):
 @pytest.mark.parametrize(
     ("kind", "settings", "message"),
     [
-        ("revolute", {"lead_error": 1e-5}, r"transmission\[hinge\]: lead_error: belongs to a joint that slides"),
+        ("revolute", {"lead_error": 1e-5}, r"transmission\[hinge\]: lead_error: is only for a prismatic joint"),
         (
             "prismatic",
             {"amplitude": (1e-5,), "order": (1.0,)},

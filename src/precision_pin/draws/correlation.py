@@ -1,9 +1,10 @@
 """Correlation between draws of one number: a Gaussian copula.
 
-The matrix given is that of normal scores. Draw i has the score z_i = Σ_j L_ij n_j, with n independent standard normal
-numbers, each of its own draw's stream, and L L^T the matrix, and the value F_i⁻¹(Φ(z_i)). Laws stay what they are; their
-Pearson correlation is not the scores', and follows from :func:`covariance_of`. (Nelsen, An Introduction to Copulas, 2nd
-ed., 2006, section 2.3; Cario and Nelson, 1997, who call the result NORTA.)
+The given matrix is the correlation of the normal scores. Draw i has the score z_i = Σ_j L_ij n_j and the value
+F_i⁻¹(Φ(z_i)). L L^T is the matrix; the n_j are independent standard normal numbers, each from the stream of its own
+draw. The law of each draw does not change. The Pearson correlation of the values differs from that of the scores and
+follows from :func:`covariance_of`. (Nelsen, An Introduction to Copulas, 2nd ed., 2006, section 2.3; Cario and Nelson,
+1997, who call the result NORTA.)
 """
 
 from __future__ import annotations
@@ -30,20 +31,23 @@ __all__ = ["LEAST_EIGENVALUE", "BlockCovariance", "Correlation", "check_correlat
 
 
 LEAST_EIGENVALUE: Final = 1e-6
-"""A matrix with a smaller eigenvalue is refused: numbers that always move together are one parameter."""
+"""A matrix with a smaller eigenvalue is refused: parameters that always move together are one parameter."""
 
 MOST_TOGETHER: Final = 500
-"""The most parameters of one correlation."""
+"""Largest number of parameters in one correlation."""
 
 _MOST_REPAIRED: Final = 40
-"""Up to so many, the entry is looked for that makes a matrix right when changed alone."""
+"""Largest size for which every entry is tried as the only wrong one, in order to name it in the message."""
 
 _REACH: Final = 9.0
+"""Integrals over a normal score end at ±9; the probability beyond is 2e-19."""
+
 _RULES: Final = tuple(np.polynomial.legendre.leggauss(nodes) for nodes in (12, 4, 2))
 _SHORT: Final = (math.inf, 0.1, 0.01)
-"""Panels that are no longer, in units of the kernel's width, take the rule of as many nodes."""
+"""Longest panel for each rule of ``_RULES``, in widths of the density's ridge."""
 
 _ROWS: Final = 64
+"""Rows of the double integral summed at once, which bounds the memory."""
 
 
 @final
@@ -61,10 +65,10 @@ class Correlation:
     Raises
     ------
     InputError
-        Fewer than two names, one that stands twice, a matrix of another size, not symmetric, without 1 on its diagonal,
-        or not positive definite. The pair named then is the one whose entry, changed alone and by the least, would make
-        it so; where no single entry can, the one whose C_ij v_i v_j pulls the smallest eigenvalue down most, v its
-        eigenvector.
+        Fewer than two names, a name given twice, or a matrix that has another size, is not symmetric, has not 1 on its
+        diagonal or is not positive definite. In the last case the message names the pair whose entry needs the smallest
+        change to make the matrix positive definite. If no single entry can do so, it names the pair with the lowest
+        C_ij v_i v_j, where v is the eigenvector of the smallest eigenvalue.
     """
 
     names: tuple[str, ...]
@@ -79,8 +83,8 @@ class Correlation:
             raise InputError("a correlation needs at least two parameters")
         if size > MOST_TOGETHER:
             raise InputError(
-                f"a correlation of {size:,} parameters has a matrix of {size**2:,} numbers, each with an integral over both "
-                f"laws; at most {MOST_TOGETHER} can be correlated together"
+                f"a correlation of {size:,} parameters is too large, since each pair takes an integral over both laws; "
+                f"at most {MOST_TOGETHER} can be correlated together"
             )
         if len(set(self.names)) < size:
             twice = next(name for k, name in enumerate(self.names) if name in self.names[:k])
@@ -102,11 +106,11 @@ class Correlation:
             if not -1 < upper < 1:
                 raise InputError(
                     f"the correlation of {a!r} and {b!r} is {upper:g}; it must lie between -1 and 1 "
-                    "(what always moves together is one parameter)"
+                    "(two that always move together are one parameter)"
                 )
         for k, name in enumerate(self.names):
             if self.matrix[k][k] != 1:
-                raise InputError(f"the correlation of {name!r} with itself is {self.matrix[k][k]:g}, it must be 1")
+                raise InputError(f"the correlation of {name!r} with itself is {self.matrix[k][k]:g}; it must be 1")
         self._check_definite(np.array(self.matrix))
 
     def _check_definite(self, matrix: Array) -> None:
@@ -114,13 +118,13 @@ class Correlation:
         if values[0] >= LEAST_EIGENVALUE:
             return
         repairs = []
-        # each takes time with the cube of the size
+        # the time of each attempt grows with the cube of the size
         for i, j in itertools.combinations(range(len(matrix)), 2) if len(matrix) <= _MOST_REPAIRED else ():
             allowed = _allowed_interval(matrix, i, j)
             if allowed is not None and not allowed[0] < matrix[i, j] < allowed[1]:
                 change = min(abs(matrix[i, j] - end) for end in allowed)
                 repairs.append(
-                    (change, i, j, f"does not go with the others, which leave {allowed[0]:.3g} to {allowed[1]:.3g}")
+                    (change, i, j, f"contradicts the others, which allow {allowed[0]:.3g} to {allowed[1]:.3g}")
                 )
         if not repairs:
             pull = np.triu(matrix * np.outer(vectors[:, 0], vectors[:, 0]), 1)
@@ -141,9 +145,9 @@ class Correlation:
 
     @cached_property
     def order(self) -> tuple[int, ...]:
-        """Positions of the names in alphabetical order, in which they are made to depend on one another.
+        """Positions of the names in alphabetical order, the order of the rows of :attr:`root`.
 
-        So the numbers do not depend on the order in which the names are given.
+        The random numbers therefore do not depend on the order in which the names are given.
         """
         return tuple(sorted(range(len(self.names)), key=self.names.__getitem__))
 
@@ -162,11 +166,11 @@ class Correlation:
     def mix(self, normals: Array) -> Array:
         """Return normal scores ``(m, N)`` for independent normal numbers ``(m, N)``, both in the order of the names.
 
-        None is farther out than any single normal number drawn, 8.6; less than one in 10¹⁶ would be.
+        Scores are cut off at ±8.6, the farthest that a single normal number is drawn; fewer than one in 10¹⁶ lie beyond.
         """
         scores = np.empty_like(normals)
         for k, target in enumerate(self.order):
-            # in written order: matrix products of numpy depend on how many columns there are
+            # summed one by one: the last bits of a matrix product of numpy depend on the number of columns
             total = self.root[k, k] * normals[target]
             for j, other in enumerate(self.order[:k]):
                 total = total + self.root[k, j] * normals[other]
@@ -236,7 +240,7 @@ class BlockCovariance:
 
 
 def _allowed_interval(matrix: Array, i: int, j: int) -> tuple[float, float] | None:
-    """Return between what an entry must lie for the matrix to be positive definite; ``None`` if no number is right.
+    """Return the interval of an entry in which the matrix is positive definite; ``None`` if there is none.
 
     The partial correlation of the two, given all others, lies between -1 and 1.
     """
@@ -257,9 +261,9 @@ def _allowed_interval(matrix: Array, i: int, j: int) -> tuple[float, float] | No
 def covariance_of(first: Law, second: Law, correlation: float) -> float:
     """Return the covariance of two numbers whose normal scores are correlated.
 
-    Closed forms where there are: normal, uniform (6/π asin(ρ/2), Pearson 1907) and lognormal pairs. Else, with
-    g_i = F_i⁻¹ ∘ Φ, the double integral of g_1(x) g_2(y) against the bivariate normal density by composite
-    Gauss-Legendre, panels split where a law jumps or bends and no wider than the density's ridge.
+    Normal, uniform (6/π asin(ρ/2), Pearson 1907) and lognormal pairs have closed forms. For other pairs it is the double
+    integral of g_1(x) g_2(y) against the bivariate normal density, with g_i = F_i⁻¹ ∘ Φ, by composite Gauss-Legendre
+    quadrature. Panels are split where a law jumps or bends and are no wider than the density's ridge.
 
     Parameters
     ----------
@@ -278,7 +282,7 @@ def covariance_of(first: Law, second: Law, correlation: float) -> float:
     closed = first.covariance_with(second, correlation)
     if closed is not None:
         return closed
-    # the integral of a normal law is the shorter one
+    # a normal law first: its integral is the shorter one
     for law, other in sorted(((first, second), (second, first)), key=lambda pair: not pair[0].is_normal):
         single = law.covariance_by_scores(correlation, partial(_nodes_beyond, other))
         if single is not None:
@@ -294,7 +298,7 @@ def _double_integral(first: Law, second: Law, correlation: float) -> float:
     width = math.sqrt((1 - correlation) * (1 + correlation))
     x, outer = _nodes(first, width, _REACH)
     y, inner = _nodes(second, width, _REACH)
-    # of the density of y at x, less what _nodes has in it already
+    # of the density of y given x; exp(y²/2) removes the normal density that _nodes has already multiplied in
     inner = inner * np.exp(y**2 / 2) / width
     total = 0.0
     for first_row in range(0, x.size, _ROWS):
@@ -307,7 +311,7 @@ def _double_integral(first: Law, second: Law, correlation: float) -> float:
 
 
 def _nodes(law: Law, width: float, reach: float) -> tuple[Array, Array]:
-    """Return normal scores, rising, and (value - mean) × density × weight at each.
+    """Return normal scores in rising order, and (value - mean) × density × weight at each.
 
     The panels are split where the law jumps or bends, and no wider than ``width`` or 1.
     """
@@ -329,41 +333,44 @@ def _nodes(law: Law, width: float, reach: float) -> tuple[Array, Array]:
 
 
 def check_correlations(draws: Sequence[Draw], correlations: Sequence[Correlation]) -> None:
-    """Refuse correlations of what cannot be correlated.
+    """Check that every correlation is between draws that can be correlated.
 
     Raises
     ------
     InputError
-        Of what is no draw here, or of draws that are fixed, of several numbers, of different scopes, or in two of them.
+        A name that is none of the draws, or a draw that is fixed, has several numbers, has another scope than the rest
+        or is in two correlations.
     """
     known = {draw.name: draw for draw in draws}
-    taken: set[str] = set()
+    correlated: set[str] = set()
     for correlation in correlations:
         for name in correlation.names:
             if name not in known:
                 owner = next((draw.name for draw in draws if name in draw.components), None)
                 if owner is not None:
                     raise InputError(
-                        f"{name!r} is one of several numbers of {owner!r}, which a correlation cannot take"
+                        f"{name!r} is one of the several numbers of {owner!r}; a correlation is between draws of one number"
                     )
                 raise UnknownNameError(
                     "parameter", name, (draw.name for draw in draws if draw.components == (draw.name,))
                 )
             draw, first = known[name], known[correlation.names[0]]
             if draw.law.size != 1:
-                raise InputError(f"{name!r} draws {draw.law.size} numbers; a correlation is between single ones")
+                raise InputError(
+                    f"{name!r} draws {draw.law.size} numbers; a correlation is between draws of one number"
+                )
             if draw.components != (name,):
                 raise InputError(
-                    f"the law of {name!r} is one of several numbers, though of one here ({draw.components[0]!r}); "
-                    "a correlation is between laws of single numbers, such as normal or empirical"
+                    f"the law of {name!r} is made for several numbers, though it has one here ({draw.components[0]!r}); "
+                    "a correlation is between laws of one number, such as normal or empirical"
                 )
             if not draw.law.streamed:
-                raise InputError(f"{name!r} is fixed, it cannot be correlated")
+                raise InputError(f"{name!r} is fixed; it cannot be correlated")
             if draw.scope is not first.scope:
                 raise InputError(
                     f"{first.name!r} is drawn for each {first.scope.value}, {name!r} for each {draw.scope.value}; "
-                    "what is correlated has one scope"
+                    "correlated draws must have one scope"
                 )
-            if name in taken:
-                raise InputError(f"{name!r} stands in two correlations; put all that belongs together into one")
-            taken.add(name)
+            if name in correlated:
+                raise InputError(f"{name!r} is in two correlations; put all that are correlated with it into one")
+            correlated.add(name)

@@ -1,4 +1,4 @@
-"""A draw: a law with a name and a scope, and the word of the counter that says for which pose and visit it is made."""
+"""A draw: a law with a name and a scope; and the counter word for the pose and visit of a draw."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ MOST_VISITS = 4095
 
 
 class Scope(Enum):
-    """How often a draw is made."""
+    """Scope of a draw: one number for each robot, for each pose or for each visit."""
 
     UNIT = "unit"
     """Once for each built robot."""
     POSE = "pose"
     """Once for each robot and pose."""
     VISIT = "visit"
-    """Each time a robot comes to a pose."""
+    """Once for each robot, pose and visit."""
 
 
 def occasion(scope: Scope, pose: int = 0, visit: int = 0) -> int:
@@ -61,13 +61,13 @@ class Draw:
     ----------
     name
         Names the stream of random numbers. Inside a source's setting it may be empty: the draw is then named
-        after the place where it stands, ``source[joint or link].field``.
+        after the setting, ``source[joint or link].field``.
     law
-        What is drawn.
+        The distribution.
     scope
-        How often.
+        How often it is drawn.
     quantities
-        What each of the numbers is, None where that is not known; empty where none is. They play no part in comparing.
+        The quantity of each number, None where it is not known; empty where none is known. Not compared by ``==``.
     """
 
     name: str
@@ -96,7 +96,7 @@ class Draw:
 
     @property
     def known_quantities(self) -> tuple[Quantity | None, ...]:
-        """The quantity of each number, None where that is not known; a model's draws know which kind of joint they are at."""
+        """The quantity of each number, None where it is unknown or, outside a model, still depends on the kind of joint."""
         quantities = self.quantities or (None,) * self.law.size
         return tuple(None if isinstance(one, PerJoint) else one for one in quantities)
 
@@ -107,14 +107,14 @@ class Draw:
         Raises
         ------
         InputError
-            It is beyond any number.
+            It overflows.
         """
         try:
             matrix = self.law.covariance
         except (OverflowError, FloatingPointError):
             matrix = np.array([[np.inf]])
         if not np.isfinite(matrix).all():
-            raise InputError(f"the variance of {self.name!r} is beyond any number; its tolerance is far too large")
+            raise InputError(f"the variance of {self.name!r} overflows; its tolerance is far too large")
         return matrix
 
 

@@ -37,10 +37,10 @@ __all__ = [
 
 
 Slopes = dict[int, float]
-"""Derivatives by the number of the component."""
+"""Derivatives by the column of the component."""
 
 MOST_OPERATIONS: Final = 32
-"""The most operations one parameter may take."""
+"""Largest number of operations in one parameter's formula."""
 
 
 class Operator(IntEnum):
@@ -57,7 +57,7 @@ class Operator(IntEnum):
 
 
 class Expression(ABC):  # noqa: B024 - nothing to override: the engines read the tree
-    """A number that may be random: a component of a draw, a constant or an operation on such."""
+    """A number that may be random: a component of a draw, a constant or an operation on these."""
 
     def __add__(self, other: Expression | float) -> Expression:
         return Operation(Operator.ADD, (self, _expression(other)))
@@ -107,7 +107,7 @@ class Constant(Expression):
 
     def __post_init__(self) -> None:
         if not math.isfinite(self.value):
-            raise InputError(f"a formula holds the number {self.value}")
+            raise InputError(f"a formula contains {self.value}; its numbers must be finite")
 
 
 @final
@@ -118,9 +118,9 @@ class Operation(Expression):
     Attributes
     ----------
     operator, arguments
-        What is computed from what.
+        The operation and its one or two arguments.
     depth
-        How many operations stand above one another; parts that are shared count once for every way to them.
+        Number of operations on the longest path from the result down to a component or constant.
     """
 
     operator: Operator
@@ -131,14 +131,14 @@ class Operation(Expression):
     def __post_init__(self) -> None:
         below = [argument.depth for argument in self.arguments if isinstance(argument, Operation)]
         object.__setattr__(self, "depth", 1 + max(below, default=0))
-        # kept, since parts are shared: hashing through them again takes time exponential in the depth
+        # stored: parts are shared, and hashing them anew each time takes time exponential in the depth
         object.__setattr__(self, "_hash", hash((self.operator, self.arguments)))
 
     def __hash__(self) -> int:
         return self._hash
 
     def __eq__(self, other: object) -> bool:
-        """Return whether another formula is written alike; a part that is used twice is compared once."""
+        """Return whether another formula is the same tree; a part that is used twice is compared once."""
         if not isinstance(other, Operation):
             return NotImplemented
         waiting: list[tuple[Expression, Expression]] = [(self, other)]
@@ -158,7 +158,7 @@ class Operation(Expression):
         return True
 
     def __reduce__(self) -> tuple[type[Operation], tuple[Operator, tuple[Expression, ...]]]:
-        # hashes differ from process to process
+        # without the stored hash, which differs from process to process
         return Operation, (self.operator, self.arguments)
 
 
@@ -195,11 +195,11 @@ class Program:
     Attributes
     ----------
     components
-        d, how many components there are.
+        d, the number of components.
     constants
-        The constants' values.
+        Values of the constants.
     operations
-        ``(operator, left register, right register)``; right is left for operators of one argument.
+        ``(operator, left register, right register)``; both registers are the same for an operator of one argument.
     outputs
         The register of each parameter.
     """
@@ -292,20 +292,20 @@ class Program:
                 except FloatingPointError as error:
                     raise InputError(
                         f"a parameter's formula fails for some sample ({error}); "
-                        "a divisor that may reach zero needs a law that keeps away from it"
+                        "a divisor needs a law whose values cannot come near zero"
                     ) from error
         return values
 
 
 def component_names(expression: Expression) -> set[str]:
-    """Return the names of the components in an expression; a part that is used twice is looked at once."""
+    """Return the names of the components in an expression."""
     parts: dict[Expression, None] = {}
     _collect(expression, parts)
     return {part.name for part in parts if isinstance(part, Component)}
 
 
 def operations(expression: Expression) -> int:
-    """Return how many operations an expression takes; a part that is used twice is computed once."""
+    """Return the number of operations in an expression; a part that is used twice counts once."""
     parts: dict[Expression, None] = {}
     _collect(expression, parts)
     return _count(parts)

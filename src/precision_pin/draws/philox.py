@@ -1,7 +1,7 @@
 """Philox4x32-10, the counter-based random generator, as plain numpy.
 
 Source: Salmon, Moraes, Dror, Shaw, "Parallel random numbers: as easy as 1, 2, 3", SC11, 2011. A number depends only
-on (seed, stream, occasion, unit): any sample can be replayed alone and threads do not matter.
+on (seed, stream, occasion, unit): any sample can be computed again alone, and the number of threads changes nothing.
 """
 
 from __future__ import annotations
@@ -89,7 +89,7 @@ def uniforms(seed: int, stream: int, occasion: int, first_pair: int, pairs: int)
     occasion
         32-bit word: 0 for unit scope, see :func:`precision_pin.draws.space.occasion`.
     first_pair, pairs
-        Which pairs of units (even, odd).
+        The pairs of units (even, odd).
 
     Returns
     -------
@@ -108,7 +108,7 @@ def uniforms(seed: int, stream: int, occasion: int, first_pair: int, pairs: int)
 
 
 def direction(turns: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return cos 2πu and sin 2πu ``(2, N)`` for numbers u of turns, 0 to 1; quarters are taken off before any rounding."""
+    """Return cos 2πu and sin 2πu ``(2, N)`` for u in turns, 0 to 1; whole quarters are subtracted first, which is exact."""
     quarters = np.rint(4 * turns)
     angle = 2 * np.pi * (turns - quarters / 4)
     cosine, sine = np.cos(angle), np.sin(angle)

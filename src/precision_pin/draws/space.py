@@ -1,4 +1,4 @@
-"""The space of random numbers: draws, their scopes, and where each number comes from.
+"""The space of random numbers: draws, their scopes and the stream of each number.
 
 A sample is (unit, pose, visit). The column order of the space is the order of its draws; the random
 numbers themselves depend on names only, so that adding or reordering draws changes no other draw.
@@ -37,27 +37,27 @@ __all__ = ["FARTHEST_NORMAL", "Draw", "Extension", "LabelledSpace", "Scope", "Se
 
 
 _UNCHECKED: Final = 2**28
-"""Bytes below which asking what is free takes longer than it is worth."""
+"""Bytes below which free memory is not checked: the check would take longer than the sampling."""
 
 
 @final
 @dataclass(frozen=True)
 class Space:
-    """Draws in column order, and which of them are correlated.
+    """Draws in column order, and their correlations.
 
     Attributes
     ----------
     draws
         In column order.
     correlations
-        Each of several draws of one number and one scope; a draw belongs to one at most. The numbers depend on the names
-        only: neither other draws nor the order of anything changes them.
+        Each is between draws of one number that have one scope; a draw is in at most one. The random numbers depend on
+        names only: neither other draws nor any order changes them.
 
     Raises
     ------
     InputError
-        Two different draws, or a draw and a component of another, share a name. A correlation of what is no draw here,
-        or of draws that are fixed, of several numbers, of different scopes, or correlated already.
+        Two different draws, or a draw and a component of another, share a name. A correlation that
+        :func:`~precision_pin.draws.correlation.check_correlations` refuses.
     """
 
     draws: tuple[Draw, ...] = ()
@@ -69,7 +69,7 @@ class Space:
         object.__setattr__(self, "correlations", correlations)
         names: set[str] = set()
         for draw in self.draws:
-            _take_names(draw, names)
+            _claim_names(draw, names)
         check_correlations(self.draws, correlations)
 
     @cached_property
@@ -131,9 +131,9 @@ class Space:
         Raises
         ------
         InputError
-            There are so many that there is not memory enough.
+            The matrix would not fit into memory.
         """
-        self._check_dense("covariance")
+        self._check_matrix_memory("covariance")
         return self._covariance
 
     @cached_property
@@ -144,16 +144,16 @@ class Space:
     @cached_property
     @returns_read_only
     def pearson(self) -> Array:
-        """Pearson correlation of the components, ``(d, d)``: what follows from laws and correlations.
+        """Pearson correlation of the components, ``(d, d)``, which follows from the laws and the correlations.
 
-        1 on the diagonal; 0 where one of two does not vary.
+        1 on the diagonal; 0 where one of the two does not vary.
 
         Raises
         ------
         InputError
-            There are so many that there is not memory enough.
+            The matrix would not fit into memory.
         """
-        self._check_dense("correlation")
+        self._check_matrix_memory("correlation")
         return self.pearson_within(range(self.size))
 
     def pearson_within(self, columns: Sequence[int]) -> Array:
@@ -165,7 +165,7 @@ class Space:
         np.fill_diagonal(matrix, 1.0)
         return matrix
 
-    def _check_dense(self, what: str) -> None:
+    def _check_matrix_memory(self, what: str) -> None:
         check_memory(24.0 * self.size**2, f"the {what} of {self.size:,} numbers", "use block_covariance instead")
 
     @cached_property
@@ -174,7 +174,7 @@ class Space:
         return tuple(draw.law.interval(k) for draw in self.draws for k in range(draw.law.size))
 
     def including(self, draws: Sequence[Draw]) -> Space:
-        """Return the space with further draws; one that is there already, equal in all, is shared."""
+        """Return the space with further draws; a draw equal to one of the space is shared."""
         extension = Extension(self)
         extension.add(check_items("the draws", draws, Draw))
         return extension.space()
@@ -197,9 +197,9 @@ class Space:
         seed
             64-bit seed.
         first, count
-            Which units.
+            The units.
         pose, visit
-            Which pose and visit, 0-based.
+            The pose and the visit, 0-based.
 
         Raises
         ------
@@ -214,29 +214,31 @@ class Space:
         """
         check_seed(seed)
         seed = int(seed)
-        first = check_whole("first, the number of a unit,", first, 0, 2**64 - 1, "from 0 to 2^64 - 1")
+        first = check_whole("first, the index of a unit,", first, 0, 2**64 - 1, "from 0 to 2^64 - 1")
         count = check_whole("count", count, 0, 2**64 - first, "of units, the last of them 2^64 - 1 or below")
         check_whole("the pose", pose, 0, MOST_POSES - 1)
         check_whole("the visit", visit, 0, MOST_VISITS - 1)
-        self._check_sampled(count)
+        self._check_sample_memory(count)
         units = philox.Units(seed, first, count)
         x = np.empty((self.size, count))
         for draw, rows in zip(self.draws, self.slices, strict=True):
             if not draw.law.streamed:
                 x[rows] = draw.law.mean_vector[:, None]
-            elif draw.name not in self._correlated:
+            elif draw.name not in self._correlated_draws:
                 word = occasion(draw.scope, pose, visit)
                 make = units.normals if draw.law.variates == "normal" else units.uniforms
                 x[rows] = draw.law.sample(np.array([make(stream, word) for stream in self.streams[rows]]))
         for correlation in self.correlations:
             columns = [self.index[name] for name in correlation.names]
-            word = occasion(self._correlated[correlation.names[0]].scope, pose, visit)
-            self._take(correlation, np.array([units.normals(self.streams[column], word) for column in columns]), x)
+            word = occasion(self._correlated_draws[correlation.names[0]].scope, pose, visit)
+            self._set_correlated(
+                correlation, np.array([units.normals(self.streams[column], word) for column in columns]), x
+            )
         return x
 
     def inverse(self, uniforms: ArrayLike) -> Array:
-        """Return the numbers ``(d, N)`` for given uniform numbers ``(d, N)``, every law by its inverse."""
-        # many numbers, and only read: arrays are not copied
+        """Return the numbers ``(d, N)`` for given uniform numbers ``(d, N)``, by the inverse of each law."""
+        # large and only read, so an array is not copied
         u = (
             uniforms
             if type(uniforms) is np.ndarray and uniforms.dtype == np.float64
@@ -244,33 +246,35 @@ class Space:
         )
         if u.ndim != 2 or len(u) != self.size:
             raise InputError(f"uniforms of shape {u.shape}, expected ({self.size}, N)")
-        self._check_sampled(u.shape[1])
+        self._check_sample_memory(u.shape[1])
         if u.size and not (u.min() > 0 and u.max() < 1):
             raise InputError("uniforms must lie above 0 and below 1")
         x = np.empty_like(u)
         for draw, rows in zip(self.draws, self.slices, strict=True):
             x[rows] = draw.law.inverse(u[rows])
         for correlation in self.correlations:
-            self._take(correlation, lazy_special.ndtri(u[[self.index[name] for name in correlation.names]]), x)
+            self._set_correlated(
+                correlation, lazy_special.ndtri(u[[self.index[name] for name in correlation.names]]), x
+            )
         return x
 
-    def _check_sampled(self, count: int) -> None:
-        needed = 24.0 * self.size * count  # the numbers, and what they are made from
+    def _check_sample_memory(self, count: int) -> None:
+        needed = 24.0 * self.size * count  # the numbers, and the uniforms they are made from
         if needed > _UNCHECKED:
             check_memory(needed, f"sampling {self.size:,} numbers {count:,} times at once", "sample a part at a time")
 
     @cached_property
-    def _correlated(self) -> dict[str, Draw]:
+    def _correlated_draws(self) -> dict[str, Draw]:
         names = {name for correlation in self.correlations for name in correlation.names}
         return {draw.name: draw for draw in self.draws if draw.name in names}
 
-    def _take(self, correlation: Correlation, normals: Array, x: Array) -> None:
+    def _set_correlated(self, correlation: Correlation, normals: Array, x: Array) -> None:
         """Set the rows of correlated draws in ``x`` from independent normal numbers."""
         for name, scores in zip(correlation.names, correlation.mix(normals), strict=True):
-            x[self.index[name]] = self._correlated[name].law.at_scores(scores[None])[0]
+            x[self.index[name]] = self._correlated_draws[name].law.at_scores(scores[None])[0]
 
 
-def _take_names(draw: Draw, taken: set[str]) -> None:
+def _claim_names(draw: Draw, taken: set[str]) -> None:
     own = {draw.name, *draw.components}
     for name in own:
         if name in taken or not name:
@@ -280,12 +284,12 @@ def _take_names(draw: Draw, taken: set[str]) -> None:
 
 @final
 class Extension:
-    """Further draws for a space, added group by group, so that a group that cannot be added leaves the others be.
+    """Further draws for a space, added group by group; a group that is refused adds nothing.
 
     Parameters
     ----------
     space
-        What is extended.
+        The space to extend.
     """
 
     def __init__(self, space: Space) -> None:
@@ -294,20 +298,20 @@ class Extension:
         self._taken = {name for draw in space.draws for name in (draw.name, *draw.components)}
 
     def add(self, draws: Iterable[Draw]) -> None:
-        """Add draws; one that is there already, equal in all, is shared.
+        """Add draws; a draw equal to one that is there already is shared.
 
         Raises
         ------
         InputError
-            A draw of that name is there and differs, or one of another name has a component of that name. None of the
-            draws is added then.
+            A different draw has the name already, or the name is a component of another draw. None of the draws is
+            added then.
         """
         added: dict[str, Draw] = {}
         names: set[str] = set()
         for draw in draws:
             known = self._known.get(draw.name) or added.get(draw.name)
             if known is None:
-                _take_names(draw, names)
+                _claim_names(draw, names)
                 added[draw.name] = draw
             elif known != draw:
                 raise InputError(f"the draw {draw.name!r} is given twice with different laws or scopes")
@@ -318,7 +322,7 @@ class Extension:
         self._taken |= names
 
     def space(self) -> Space:
-        """Return the space with all that was added."""
+        """Return the extended space."""
         return Space(tuple(self._known.values()), self._correlations)
 
 
@@ -339,14 +343,14 @@ _SETTING: Final = "a finite number, the name of a parameter, a law, a draw or a 
 @final
 @dataclass(frozen=True)
 class LabelledSpace:
-    """The space as one source sees it: what its settings stand for.
+    """The space of one source: turns its settings into numbers and expressions.
 
     Attributes
     ----------
     space
         All draws of the model.
     label
-        The source's label, ``kind[joint or link]``, before which its own draws are named.
+        The source's label, ``kind[joint or link]``, the prefix of its own draws' names.
     """
 
     space: Space
@@ -385,8 +389,8 @@ class LabelledSpace:
         Raises
         ------
         InputError
-            The number, or the law's support, reaches below; a normal law must keep its mean 8.6 standard deviations
-            away, farther than any sample lies.
+            The number, or the lower end of the law's support, is too low. The mean of a normal law must lie 8.6 standard
+            deviations above zero, farther than any sample lies from it.
         """
         value = self.value(field, setting)
         lowest = self._lowest(value)
@@ -398,7 +402,7 @@ class LabelledSpace:
         return value
 
     def _lowest(self, value: Value) -> float:
-        """Return the lowest number that a setting takes in any sample; a formula is taken at its word."""
+        """Return the lowest value of a setting in any sample; infinity for a formula, whose range is not checked."""
         if not isinstance(value, Expression):
             return value
         if not isinstance(value, Component):
@@ -415,5 +419,5 @@ class LabelledSpace:
 
 
 def entry_name(field: str, k: int) -> str:
-    """Return the name of the k-th of several values of a field; the first has none."""
+    """Return the name of the k-th of several values of a field: ``field``, ``field[1]``, ``field[2]``, …."""
     return field if k == 0 else f"{field}[{k}]"

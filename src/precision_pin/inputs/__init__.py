@@ -1,1 +1,1 @@
-"""Checks of arguments, arrays, files, and of the memory that a request takes."""
+"""Checks of arguments, arrays and files, and of the memory that a request needs."""

@@ -1,8 +1,8 @@
 """Checks of the arguments of public functions.
 
-A wrong argument of any kind (type, shape, number, name) ends in an :class:`~precision_pin.errors.InputError` of one line
-that names the argument, what is allowed and what was given. Every check returns what it let pass in the type that the
-package works with; arrays as copies that cannot be written. A check costs a microsecond or two.
+A wrong argument of any kind (type, shape, number, name) raises an :class:`~precision_pin.errors.InputError` of one line
+that names the argument, the allowed values and the given value. Every check returns the accepted value in the type that
+the package works with; arrays are read-only copies. A check costs a microsecond or two.
 """
 
 from __future__ import annotations
@@ -40,39 +40,41 @@ __all__ = [
 Kind = TypeVar("Kind")
 
 _LONGEST: Final = 60
+"""Characters of a value that a message shows."""
+
 _NUMBERS: Final = "iuf"
-"""Kinds of numpy's types that are real numbers."""
+"""Kinds of numpy types that are real numbers."""
 _MANY: Final = 2**20
-"""More numbers than this are copied only if there is memory for them; asking takes longer than copying fewer."""
+"""Free memory is checked before more numbers than this are copied; for fewer the check takes longer than the copy."""
 
 
 def shown(value: object) -> str:
-    """Return a value as a message shows it: on one line, shortened."""
+    """Return a value as messages show it: on one line, shortened."""
     try:
         text = " ".join(repr(value).split())
-    except Exception:  # noqa: BLE001 - a value that cannot even be shown is named by its type
+    except Exception:  # noqa: BLE001 - if repr fails, the type must do
         text = f"a {type(value).__name__}"
     return visible(text, _LONGEST)
 
 
 def check_whole(what: str, value: object, least: int, most: int, limits: str = "") -> int:
-    """Return a whole number; neither true nor false, nor a float.
+    """Return a whole number; booleans and floats are refused.
 
     Parameters
     ----------
     what
         The argument, in words.
     value
-        What was given.
+        The given value.
     least, most
-        What is allowed.
+        The allowed range.
     limits
-        How a message says what is allowed; from least to most if left out.
+        Text for the allowed range in the message; "from least to most" if left out.
 
     Raises
     ------
     InputError
-        It is none, or out of range.
+        The value is no whole number, or out of range.
     """
     if isinstance(value, bool) or not isinstance(value, int | np.integer) or not least <= value <= most:
         allowed = limits or f"from {least} to {most}"
@@ -83,21 +85,21 @@ def check_whole(what: str, value: object, least: int, most: int, limits: str = "
 def check_number(
     what: str, value: object, allowed: str = "a finite number", within: Callable[[float], bool] | None = None
 ) -> float:
-    """Return a finite number; neither true nor false, nor text.
+    """Return a finite number; booleans and text are refused.
 
     Parameters
     ----------
     what, value
-        The argument, in words, and what was given.
+        The argument, in words, and the given value.
     allowed
-        What is allowed, as a message says it after "must be".
+        Text for the allowed values, which follows "must be" in the message.
     within
-        Whether a finite number is allowed; all are if left out.
+        Test of a finite number; all are allowed if left out.
 
     Raises
     ------
     InputError
-        It is none, or not allowed.
+        The value is no number, or not allowed.
     """
     number = _number(value)
     if number is None or not math.isfinite(number) or not (within is None or within(number)):
@@ -119,25 +121,25 @@ def _number(value: object) -> float | None:
 
 
 def check_numbers(what: str, values: object, shape: tuple[int | None, ...] | None = None, needs: str = "") -> Array:
-    """Return finite numbers as a copy that cannot be written.
+    """Return finite numbers as a read-only copy.
 
     Parameters
     ----------
     what, values
-        The argument, in words, and what was given: a number, sequences of numbers, or an array.
+        The argument, in words, and the given value: a number, sequences of numbers, or an array.
     shape
-        What is allowed; ``None`` for any length, left out for any shape.
+        The allowed shape, with ``None`` for any length; any shape if left out.
     needs
-        How a message says what is allowed.
+        Text for the allowed values in the message.
 
     Raises
     ------
     InputError
-        Something else than numbers, one that is not finite, or another shape; more than there is memory for.
+        Something other than numbers, a number that is not finite, another shape, or more numbers than fit into memory.
     """
     if isinstance(values, np.ndarray) and (shape is None or _fits(values, shape)):
         if values.size > _MANY:
-            # the copy, and a byte for each of what is not finite
+            # 8 bytes a number for the copy, and 1 for the mask of finite numbers
             check_memory(9.0 * values.size, f"reading {what}, {values.size:,} numbers,", "give fewer at a time")
     elif isinstance(values, np.ndarray) and values.dtype.kind in _NUMBERS and shape is not None:
         raise InputError(f"{what} must be {needs or _numbers_of(shape)}, got an array of shape {values.shape}")
@@ -161,7 +163,7 @@ def _fits(array: NDArray[Any], shape: tuple[int | None, ...]) -> bool:
 
 
 def _array(values: object) -> Array | None:
-    """Return a copy of numbers, ``None`` where they are none: text that could be read as a number is none."""
+    """Return a copy of numbers; ``None`` for anything else, including text that could be read as a number."""
     try:
         given = np.asarray(values)
     except (TypeError, ValueError, OverflowError, MemoryError):
@@ -187,7 +189,7 @@ def check_flag(what: str, value: object) -> bool:
     Raises
     ------
     InputError
-        It is neither.
+        The value is neither.
     """
     if not isinstance(value, bool | np.bool_):
         raise InputError(f"{what} must be True or False, got {shown(value)}")
@@ -200,7 +202,7 @@ def check_text(what: str, value: object, example: str = "") -> str:
     Raises
     ------
     InputError
-        It is none.
+        The value is no text.
     """
     if not isinstance(value, str):
         raise InputError(f"{what} must be text{f', such as {example!r}' if example else ''}, got {shown(value)}")
@@ -213,9 +215,9 @@ def check_name(kind: str, value: object, known: Iterable[str]) -> str:
     Raises
     ------
     UnknownNameError
-        Nothing has it.
+        Nothing has the name.
     InputError
-        It is no text.
+        The value is no text.
     """
     name = check_text(f"the name of a {kind}", value)
     names = tuple(known)
@@ -225,33 +227,33 @@ def check_name(kind: str, value: object, known: Iterable[str]) -> str:
 
 
 def check_choice(what: str, value: str, choices: tuple[str, ...]) -> None:
-    """Refuse what is none of several words.
+    """Check that a value is one of several words.
 
     Raises
     ------
     InputError
-        It is another.
+        The value is none of them.
     """
     if not isinstance(value, str) or value not in choices:
         raise InputError(f"{what} must be {' or '.join(choices)}, got {shown(value)}")
 
 
 def check_instance(what: str, value: object, kind: type[Kind], made: str = "") -> Kind:
-    """Return something of one type.
+    """Return a value after a check of its type.
 
     Parameters
     ----------
     what, value
-        The argument, in words, and what was given.
+        The argument, in words, and the given value.
     kind
         The type.
     made
-        How to make one, for the message.
+        Text for the message: how to make one.
 
     Raises
     ------
     InputError
-        It is of another type.
+        The value has another type.
     """
     if not isinstance(value, kind):
         hint = f" ({made})" if made else ""
@@ -265,7 +267,7 @@ def check_items(what: str, values: object, kind: type[Kind], made: str = "") -> 
     Raises
     ------
     InputError
-        It is no collection, or an item is of another type.
+        The value is no collection, or an item has another type.
     """
     if isinstance(values, str | bytes | Mapping) or not isinstance(values, Iterable):
         raise InputError(f"{what} must be a list of {kind.__name__}, got {shown(values)}")
@@ -273,25 +275,25 @@ def check_items(what: str, values: object, kind: type[Kind], made: str = "") -> 
 
 
 def check_mapping(what: str, value: object) -> Mapping[str, Any]:
-    """Return a mapping from names.
+    """Return a mapping whose keys are text.
 
     Raises
     ------
     InputError
-        It is none, or a key is no text.
+        The value is no mapping, or a key is no text.
     """
     if not isinstance(value, Mapping) or not all(isinstance(key, str) for key in value):
-        raise InputError(f"{what} must be a dictionary by name, got {shown(value)}")
+        raise InputError(f"{what} must be a dictionary with names as keys, got {shown(value)}")
     return value
 
 
 def check_callable(what: str, value: object) -> None:
-    """Refuse what cannot be called.
+    """Check that a value can be called.
 
     Raises
     ------
     InputError
-        It cannot.
+        The value cannot be called.
     """
     if not callable(value):
         raise InputError(f"{what} must be a function, got {shown(value)}")
@@ -303,7 +305,7 @@ def check_path(what: str, value: object) -> str:
     Raises
     ------
     InputError
-        It is no path.
+        The value is no path.
     """
     if not isinstance(value, str | os.PathLike):
         raise InputError(f"{what} must be the path of a file, got {shown(value)}")

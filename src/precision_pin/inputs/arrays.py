@@ -1,4 +1,4 @@
-"""Arrays that cannot be changed from outside: copies of what is handed in, read-only views of what is handed out."""
+"""Arrays that callers cannot change: copies of input arrays, read-only views of output arrays."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ Given = ParamSpec("Given")
 
 
 def read_only(value: Thing) -> Thing:
-    """Return a view of an array that cannot be written, of a tuple of such the same; anything else as it is."""
+    """Return a read-only view of an array, or of each array in a tuple; anything else is returned unchanged."""
     if isinstance(value, np.ndarray):
         if value.flags.writeable:
             view = value.view()
@@ -31,24 +31,24 @@ def read_only(value: Thing) -> Thing:
 
 
 def fix_copy(values: ArrayLike) -> NDArray[np.float64]:
-    """Return a copy as an array of numbers that cannot be written."""
+    """Return a read-only copy as an array of floats."""
     copy = np.array(values, dtype=float, order="C")
     copy.flags.writeable = False
     return copy
 
 
 def returns_read_only(method: Callable[Concatenate[Owner, Given], Thing]) -> Callable[Concatenate[Owner, Given], Thing]:
-    """Make a method return arrays that cannot be written; stands inside ``cached_property``."""
+    """Make a method return read-only arrays; to be used inside ``cached_property``."""
 
     @wraps(method)
-    def made(self: Owner, /, *arguments: Given.args, **options: Given.kwargs) -> Thing:
+    def call_method(self: Owner, /, *arguments: Given.args, **options: Given.kwargs) -> Thing:
         return read_only(method(self, *arguments, **options))
 
-    return made
+    return call_method
 
 
 def fix_fields(instance: Any) -> None:
-    """Make the arrays in the fields of a frozen data class read-only, from its ``__post_init__``; they are not copied."""
+    """Make the arrays in the fields of a frozen data class read-only without a copy; called by ``__post_init__``."""
     for name in _field_names(instance.__class__):
         value = getattr(instance, name)
         if isinstance(value, _MAY_BE_WRITTEN):

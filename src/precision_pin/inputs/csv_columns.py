@@ -4,8 +4,8 @@
     0.012, -0.3
     0.008, 0.1
 
-The first row names the columns, each with its unit in brackets (none for a plain number). Columns are parted by commas,
-numbers have a point. Blank lines and lines that begin with ``#`` do not count.
+The first row names the columns, each with its unit in brackets (none for a plain number). Commas separate the columns;
+the decimal sign is a point. Blank lines and lines that begin with ``#`` are skipped.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ __all__ = ["LARGEST_FILE", "NUMBER", "Measured", "numbers", "read"]
 LARGEST_FILE: Final = 16 * 2**20
 
 MOST_COLUMNS: Final = 1000
-"""Of a file; more are a file of another form, such as one with all numbers in its first line."""
+"""Columns of a file; a file with more has another form, such as all numbers in its first line."""
 
 _HEADING: Final = re.compile(r"([^\[\]]+)(?:\[([^\[\]]*)\])?")
 NUMBER: Final = re.compile(r"[+-]?(?:\d++(?:\.\d*+)?|\.\d++)(?:[eE][+-]?\d++)?", re.ASCII)
@@ -50,13 +50,13 @@ class Measured:
     Attributes
     ----------
     file
-        Its name, for messages.
+        Name of the file, for messages.
     names
-        Of the columns.
+        Names of the columns.
     units
-        Of the columns, as written; empty for a plain number.
+        Units of the columns, as written; empty for a plain number.
     rows
-        The numbers as they stand in the file, not in SI, ``(R, C)``.
+        The numbers as written in the file, not in SI, ``(R, C)``.
     """
 
     file: str
@@ -89,7 +89,7 @@ class Measured:
         if not unit and not any("" in quantity.units for quantity in quantities):
             si = quantities[0].si
             raise UnitError(
-                f"{self.file}: the column {name!r} has no unit; write that of a {wanted} behind its name: {name} [{si}]"
+                f"{self.file}: the column {name!r} has no unit; write the unit of a {wanted} after its name: {name} [{si}]"
             )
         try:
             factor = units.parse(f"1 {unit}", *quantities)
@@ -102,7 +102,7 @@ class Measured:
         with np.errstate(over="ignore"):
             values = self.rows[:, position] * factor
         if not (np.abs(values) <= units.LARGEST).all():
-            raise InputError(f"{self.file}: the column {name!r} holds a number that is too large")
+            raise InputError(f"{self.file}: the column {name!r} contains a number that is too large")
         return tuple(values.tolist())
 
 
@@ -112,13 +112,15 @@ def read(path: str | os.PathLike[str]) -> Measured:
     Raises
     ------
     InputError
-        It is not there, cannot be read or is larger than 16 MiB; or, with its line: no header, a column without a name
-        or two of one name, a row of another length, what is not a number.
+        The file does not exist, cannot be read or is larger than 16 MiB. Or, with the line: there is no header, a column
+        has no name, two have one name, a row has another length, or a cell is no number.
     """
     file = os.fspath(path)
     lines = [(number, line) for number, line in enumerate(_text(file).splitlines(), start=1) if not _is_comment(line)]
     if len(lines) < 2:
-        raise InputError(f"{file} holds no rows of numbers; a header such as 'x [mm], y [mm]' and rows belong there")
+        raise InputError(
+            f"{file} contains no rows of numbers; it needs a header such as 'x [mm], y [mm]' and rows of numbers"
+        )
     number, line = lines[0]
     where = f"{file}, line {number}"
     header = _header(_cells(line, where), where)
@@ -129,15 +131,15 @@ def read(path: str | os.PathLike[str]) -> Measured:
 
 
 def numbers(lines: Sequence[str], columns: int) -> Array | None:
-    """Return lines of plain numbers parted by commas all at once, ``(R, C)``.
+    """Return lines of plain numbers separated by commas, read all at once, ``(R, C)``.
 
-    None where any of them is something else: reading line by line then says which.
+    None if any cell is something else: reading line by line then finds which.
     """
     if any(map(_NOT_PLAIN.search, lines)):
         return None
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("error")  # no lines, or none but blanks
+            warnings.simplefilter("error")  # raised for no lines, or blank ones only
             found = np.loadtxt(lines, delimiter=",", comments=None, ndmin=2)
     except (ValueError, UserWarning):
         return None
@@ -146,11 +148,11 @@ def numbers(lines: Sequence[str], columns: int) -> Array | None:
 
 def _cells(line: str, where: str) -> list[str]:
     if line.count('"') % 2:
-        raise InputError(f"{where}: a quotation mark is opened and not closed")
+        raise InputError(f"{where}: a quotation mark is not closed")
     try:
         return [cell.strip() for cell in next(csv.reader([line]))]
     except csv.Error as error:
-        raise InputError(f"{where}: no row of cells parted by commas: {error}") from None
+        raise InputError(f"{where}: not a row of cells separated by commas: {error}") from None
 
 
 def _row(line: str, columns: int, where: str) -> list[float]:
@@ -179,13 +181,13 @@ def _header(cells: list[str], where: str) -> list[tuple[str, str]]:
         match = _HEADING.fullmatch(cell)
         name = "" if match is None else match[1].rstrip()
         if match is None or not name:
-            hint = "; columns are parted by commas" if ";" in cell or "\t" in cell else ""
+            hint = "; columns are separated by commas" if ";" in cell or "\t" in cell else ""
             raise InputError(f"{where}: {shown(cell, _LONGEST)} does not name a column such as 'x [mm]'{hint}")
         if name in header:
             raise InputError(f"{where}: two columns are named {shown(name, _LONGEST)}")
         header[name] = (match[2] or "").strip()
     if all(map(NUMBER.fullmatch, header)):
-        raise InputError(f"{where}: the first row names the columns and their units, such as 'x [mm], y [mm]'")
+        raise InputError(f"{where}: the first row must name the columns and their units, such as 'x [mm], y [mm]'")
     return list(header.items())
 
 

@@ -1,6 +1,6 @@
 """Reading files that users name: regular ones of bounded size, never a pipe or a device.
 
-Which files are read is kept for whoever is about to write, so that nothing is written over them.
+The names of the files read are recorded, so that no output is written over an input.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ _noted: Final[ContextVar[list[str] | None]] = ContextVar("noted_inputs", default
 
 @contextmanager
 def noted_inputs() -> Iterator[list[str]]:
-    """Yield the list that the names of the files read inside are added to."""
+    """Collect the names of the files that are read inside; yields the list of them."""
     files: list[str] = []
     token = _noted.set(files)
     try:
@@ -47,12 +47,12 @@ class UnreadableFileError(Exception):
     Attributes
     ----------
     kind
-        Why: it is missing, of another kind than a regular file, not to be read by this user, too large, not UTF-8, or the
-        system refuses it.
+        The cause: the file is missing, no regular file, not readable for this user, too large or not UTF-8, or the system
+        refuses to read it.
     reason
-        What a message says after the file's name: "does not exist", ….
+        Text that follows the file's name in a message: "does not exist", ….
     found
-        What it is in place of a regular file: "a directory", …; else empty.
+        What the path is, if not a regular file: "a directory", …; else empty.
     """
 
     def __init__(
@@ -77,12 +77,12 @@ def read_regular_file(path: str | os.PathLike[str], most_bytes: int) -> bytes:
     Raises
     ------
     UnreadableFileError
-        It is missing, no regular file, larger, or cannot be read.
+        The file is missing, no regular file, larger than ``most_bytes``, or cannot be read.
     """
     note_input(path)
     try:
         _require_regular(os.stat(path))
-        # non-blocking and checked again: the name may have been exchanged for a pipe in between
+        # non-blocking and checked again: a pipe may have replaced the file in between
         descriptor = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_CLOEXEC", 0))
         with os.fdopen(descriptor, "rb") as stream:
             _require_regular(os.fstat(stream.fileno()))
@@ -105,7 +105,7 @@ def read_text_file(path: str | os.PathLike[str], most_bytes: int) -> str:
     Raises
     ------
     UnreadableFileError
-        As of :func:`read_regular_file`, or it is not UTF-8.
+        As in :func:`read_regular_file`, or the file is not UTF-8.
     """
     try:
         text = read_regular_file(path, most_bytes).decode("utf-8-sig")
@@ -115,26 +115,26 @@ def read_text_file(path: str | os.PathLike[str], most_bytes: int) -> str:
 
 
 def is_regular(status: os.stat_result) -> bool:
-    """Return whether this is a file of a disk: no directory, pipe or device, and nothing that the kernel makes up.
+    """Return whether this is a file on a disk: no directory, pipe, device or virtual file of the kernel.
 
-    What lies below ``/proc`` and ``/sys`` claims to be regular, but its size is not known and reading it may have effects.
+    Files below ``/proc`` and ``/sys`` claim to be regular, but their size is unknown and reading them may have effects.
     """
-    return stat.S_ISREG(status.st_mode) and status.st_dev not in _made_up()
+    return stat.S_ISREG(status.st_mode) and status.st_dev not in _virtual_devices()
 
 
 @cache
-def _made_up() -> frozenset[int]:
-    """Return the device numbers of the file systems that the kernel makes up."""
+def _virtual_devices() -> frozenset[int]:
+    """Return the device numbers of the virtual file systems of the kernel."""
     return frozenset(os.stat(folder).st_dev for folder in _KERNEL_FOLDERS if os.path.ismount(folder))
 
 
 def _require_regular(status: os.stat_result) -> None:
     if not is_regular(status):
-        found = _kind_in_words(status.st_mode)
+        found = _describe_kind(status.st_mode)
         raise UnreadableFileError("kind", f"is not a regular file but {found}", found)
 
 
-def _kind_in_words(mode: int) -> str:
+def _describe_kind(mode: int) -> str:
     if stat.S_ISREG(mode):
         return "a file of the kernel (/proc or /sys)"
     if stat.S_ISDIR(mode):

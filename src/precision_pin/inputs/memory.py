@@ -1,4 +1,4 @@
-"""Limits on the memory that a request may take."""
+"""Limits on the memory that a request may use."""
 
 from __future__ import annotations
 
@@ -13,20 +13,20 @@ from precision_pin.errors import InputError
 __all__ = ["available_memory", "check_kept", "check_memory"]
 
 _UNCHECKED: Final = 2**28
-"""Bytes below which asking what is free takes longer than it is worth."""
+"""Requests below this many bytes are not checked, because the check takes longer than it is worth."""
 
 _MEMORY: Final = Path("/proc/meminfo")
 _GROUPS, _OWN_GROUPS = Path("/sys/fs/cgroup"), Path("/proc/self/cgroup")
 
 
 def available_memory() -> int | None:
-    """Return how many bytes this process may still take without swapping; ``None`` where the system does not tell."""
+    """Return the bytes that this process can still allocate without swapping; ``None`` if the system does not say."""
     found = []
     with suppress(OSError, ValueError, StopIteration):
         line = next(line for line in _MEMORY.read_text("ascii").splitlines() if line.startswith("MemAvailable:"))
         found.append(1024 * int(line.split()[1]))
     if not found:
-        with suppress(OSError, ValueError):  # not Linux: all there is
+        with suppress(OSError, ValueError):  # not Linux: all physical memory
             found.append(os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE"))
     for limit, used in _group_files():
         with suppress(OSError, ValueError):  # no such group, or one without a limit
@@ -35,7 +35,7 @@ def available_memory() -> int | None:
 
 
 def _group_files() -> Iterator[tuple[Path, Path]]:
-    """Yield where the limit of this process's control group and of each above it stand, and what they have taken."""
+    """Yield the files with the limit and the usage of this process's control group and of each group above it."""
     lines = []
     with suppress(OSError, ValueError):
         lines = _OWN_GROUPS.read_text("utf-8").splitlines()
@@ -52,21 +52,21 @@ def _group_files() -> Iterator[tuple[Path, Path]]:
 
 
 def check_memory(needed: float, what: str, instead: str) -> None:
-    """Refuse what takes more memory than is free.
+    """Refuse a request that needs more memory than is free.
 
     Parameters
     ----------
     needed
-        How many bytes it takes.
+        Bytes that the request needs.
     what
-        What it is, as "keeping 1,000 samples".
+        Text for the request, such as "keeping 1,000 samples".
     instead
-        What to do.
+        Text for the alternative.
 
     Raises
     ------
     InputError
-        There is not memory enough.
+        There is not enough memory.
     """
     available = available_memory() if needed > _UNCHECKED else None
     if available is not None and needed > available:
@@ -76,12 +76,12 @@ def check_memory(needed: float, what: str, instead: str) -> None:
 
 
 def check_kept(samples: int) -> None:
-    """Refuse to keep more errors, 48 bytes each, than there is memory for.
+    """Refuse to keep more pose errors, 48 bytes each, than fit into memory.
 
     Raises
     ------
     InputError
-        There is not memory enough.
+        There is not enough memory.
     """
     most = (available_memory() or 0) // 48
     check_memory(

@@ -1,1 +1,1 @@
-"""The error model: terms at a pose, added up to first order or multiplied out."""
+"""The error model: the terms at a pose, added to first order or multiplied exactly."""

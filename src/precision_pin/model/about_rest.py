@@ -1,12 +1,13 @@
-"""The terms of an arm at rest under its loads, as functions of its parameters.
+"""The terms of an arm at rest under its loads, as functions of the parameters.
 
-About the rest v* at the parameters' means, with A = (I - ∂G/∂v)⁻¹ there (G: :mod:`precision_pin.model.equilibrium`),
+About the rest state v* at the parameters' means, with A = (I - ∂G/∂v)⁻¹ there (G: :mod:`precision_pin.model.equilibrium`),
 
     v(x) = v* + A (G(v*, x) - v*) + Σ (f - f̄) S_f A Σ (h - h̄) t_h
 
-keeps every term with its factors: 1/k stays 1/k, and products of load and stiffness stay products. The last sum is how the
-feedback itself changes with the parameters: f and h are the products of factors of terms that loads cause, t_h their twists
-and S_f the slopes of these. Its derivative at the means is that of the arm solved anew; what is left out is of third order.
+keeps every term with its factors: 1/k stays 1/k, and products of load and stiffness stay products. The last sum is the
+change of the feedback itself with the parameters: f and h are the products of factors of terms caused by loads, t_h their
+twists and S_f the slopes of these. The derivative of v(x) at the means equals that of the arm solved again; the neglected
+terms are of third order.
 """
 
 from __future__ import annotations
@@ -26,11 +27,11 @@ __all__ = ["terms_about_rest"]
 
 
 _MOST_PRODUCTS: Final = 200
-"""The most products of the last sum that are kept, the largest first: their number grows with the square of the loads'."""
+"""Largest number of products kept of the last sum, the largest first; it grows with the square of the number of loads."""
 
 
 def terms_about_rest(settled: Settled) -> tuple[Term, ...]:
-    """Return the terms about v*, those that no load causes as they are.
+    """Return the terms about v*; those not caused by loads are unchanged.
 
     Parameters
     ----------
@@ -40,7 +41,7 @@ def terms_about_rest(settled: Settled) -> tuple[Term, ...]:
     Raises
     ------
     InputError
-        The arm buckles: a push would move it on.
+        The arm buckles: its rest state is not stable.
     """
     feedback, table = settled.feedback, settled.table
     reacting = np.flatnonzero(feedback.loaded)
@@ -54,8 +55,8 @@ def terms_about_rest(settled: Settled) -> tuple[Term, ...]:
     flat = ways.reshape(len(ways), -1)
     added = flat.T @ (gain - np.eye(len(ways))) @ flat
     slots = len(added) // 6
-    sums = _own_and_added(settled, reacting, added.reshape(slots, 6, slots, 6).transpose(0, 2, 1, 3))
-    for slot, twist, factors in _second_order(settled, ways, gain, term_slopes):
+    sums = _first_order_twists(settled, reacting, added.reshape(slots, 6, slots, 6).transpose(0, 2, 1, 3))
+    for slot, twist, factors in _second_order_twists(settled, ways, gain, term_slopes):
         sums[slot, factors] = sums.get((slot, factors), 0.0) + twist
     return (
         *(term for term in settled.terms if not term.loaded),
@@ -66,10 +67,10 @@ def terms_about_rest(settled: Settled) -> tuple[Term, ...]:
     )
 
 
-def _own_and_added(settled: Settled, reacting: NDArray[np.intp], added: Array) -> dict[tuple[int, Factors], Array]:
-    """Return the twists of ``G(v*, x) + (A - I)(G(v*, x) - v*)`` in the slots that loads displace, by their factors.
+def _first_order_twists(settled: Settled, reacting: NDArray[np.intp], added: Array) -> dict[tuple[int, Factors], Array]:
+    """Return the twists of ``G(v*, x) + (A - I)(G(v*, x) - v*)`` in the slots displaced by loads, by their factors.
 
-    ``added`` ``(2K, 2K, 6, 6)`` is A - I: what a displacement in the second slot adds to that in the first.
+    ``added`` ``(2K, 2K, 6, 6)`` is A - I: the further displacement in the first slot per displacement in the second.
     """
     sums: dict[tuple[int, Factors], Array] = {}
     for source, twist, term in zip(settled.slots.tolist(), settled.table.twists, settled.terms, strict=True):
@@ -83,7 +84,9 @@ def _own_and_added(settled: Settled, reacting: NDArray[np.intp], added: Array) -
     return sums
 
 
-def _second_order(settled: Settled, ways: Array, gain: Array, term_slopes: Array) -> list[tuple[int, Array, Factors]]:
+def _second_order_twists(
+    settled: Settled, ways: Array, gain: Array, term_slopes: Array
+) -> list[tuple[int, Array, Factors]]:
     """Return the last sum multiplied out: slot, twist, factors."""
     table = settled.table
     twists: dict[Factors, Array] = {}
@@ -97,7 +100,7 @@ def _second_order(settled: Settled, ways: Array, gain: Array, term_slopes: Array
     mean = settled.feedback.products(settled.terms)
     responses = {factors: gain @ np.einsum("mki,ki->m", ways, twist) for factors, twist in twists.items()}
     lengths = {factors: sum(operations(factor) + 1 for factor in factors) for factors in twists}
-    # what has too many factors for a term becomes a formula, which must not have too many operations
+    # a product with too many factors for a term becomes a formula, which has a largest number of operations
     pairs = [
         (slot, factors, others)
         for slot, factors in slopes
@@ -110,7 +113,7 @@ def _second_order(settled: Settled, ways: Array, gain: Array, term_slopes: Array
         for (slot, factors, others), twist in zip(pairs, added, strict=True)
     ]
     result: list[tuple[int, Array, Factors]] = []
-    # in their own order, not by size, so that terms have the same one at every pose
+    # in their own order instead of by size, so that the order of terms is the same at every pose
     for k in sorted(np.argsort(sizes)[::-1][:_MOST_PRODUCTS].tolist()):
         (slot, factors, others), twist = pairs[k], added[k]
         first, second = sorted((factors, others), key=rank.__getitem__)

@@ -1,8 +1,8 @@
 """Statics on the deflected arm: loads re-evaluated where the arm comes to rest.
 
-``v = G(v, x)`` with v the displacements of all targets and G what the terms say, for parameters x, when the loads hang on
-the arm displaced by v. Displacements are kept in *slots*, two of a target: of K targets the first K hold what no load
-causes, the second K what loads cause, which is how links bend.
+``v = G(v, x)`` with v the displacements of all targets, and G the displacements given by the terms for parameters x when
+the loads act on the arm displaced by v. Displacements are in *slots*, two for each target: the first K slots of K targets
+are displacements without loads, the second K those by loads, which bend the links.
 """
 
 from __future__ import annotations
@@ -25,44 +25,44 @@ from precision_pin.typing import Array
 __all__ = ["Feedback", "Settled", "refuse_buckling", "settle"]
 
 MakeTerms = Callable[[Posture], Sequence[Term]]
-"""Makes the terms of all sources at a posture."""
+"""Function that returns the terms of all sources at a posture."""
 
 SETTLED: Final = 1e-13
 """Change of the displacements (m, rad) below which the arm is at rest."""
 STEP: Final = 1e-7
-"""Step (m, rad) of the differences of G: the smaller its curvature's error, the larger that of rounding, both 1e-9."""
+"""Step (m, rad) of the differences of G: at this step the errors by curvature and by rounding are both about 1e-9."""
 
 _NOISE: Final = 1e-8
-"""Slope (1/m, 1/rad) of a term's twist over the twist, below which it is the rounding of the differences."""
+"""Slope (1/m, 1/rad) of a term's twist over the twist below which it is rounding of the differences."""
 
 _PUSH: Final = 1e-6
-"""Displacement (m, rad) aside from which the search for rest begins, so that it leaves a rest that is not stable."""
+"""Offset (m, rad) of the start of the search for rest, so that the search leaves a rest state that is not stable."""
 _SHRINKS: Final = 0.5
 """Largest ratio of one change to the change before at which loads and deflections are computed in turn."""
 _MOST_ROUNDS: Final = 100
 _MOST_CORRECTIONS: Final = 12
 _MOST_STEPS: Final = 500
 _SMALLEST_STEP: Final = 1e-7
-"""Of the loads, as a share of what they are."""
+"""Smallest step of the loads, as a share of the full loads."""
 _SHORT_STEP: Final = 0.1
-"""Of the load at which the undeflected arm buckles, up to one and a half times that."""
+"""Step of the loads, as a share of the load at which the undeflected arm buckles, up to ``_PAST`` times that load."""
 _PAST: Final = 1.5
 _LONGEST_LEAP: Final = 0.3
 _LARGEST_SURPRISE: Final = 0.1
-"""Largest displacement (m, rad) in one step of the loads, and difference between the expected one and where it led."""
+"""Largest displacement (m, rad) in one step of the loads, and its largest difference from the predicted one."""
 _NEAR_BUCKLING: Final = 0.9
-"""Growth of a displacement from one round of loads to the next above which a rest hardly resists a push."""
+"""Growth of a displacement from one round of loads to the next above which the rest state is almost unstable."""
 _BUCKLES: Final = (
-    "the arm buckles under its loads: beyond {:.3g} times these it has no stable rest, "
-    "so equilibrium statics has no answer"
+    "the arm buckles under its loads: beyond {:.3g} times these loads it has no stable rest state, "
+    "so equilibrium statics has no solution"
 )
-_TO_AND_FRO: Final = (
-    "the arm does not come to rest under its loads: at {} loads it goes to and fro, as where crossing a backlash or "
-    "clearance turns its load over; a wider band decides"
+_NO_REST: Final = (
+    "the arm does not come to rest under its loads: at {} loads it alternates between two states, as if crossing a "
+    "backlash or clearance reverses its load; give a wider band"
 )
 _ROUNDING: Final = 1e-13
 _NO_WAY: Final = 1e-9
-"""Share of a place's largest singular value below which its terms do not move it that way."""
+"""Share of a place's largest singular value below which its terms do not move it in that direction."""
 
 
 @final
@@ -75,9 +75,9 @@ class Settled:
     posture
         The posture with its loads on the deflected arm.
     terms
-        The terms there.
+        The terms at that posture.
     table
-        Their table.
+        The table of the terms.
     displacements
         v*, of the slots of the table's targets, ``(2K, 6)``.
     feedback
@@ -102,8 +102,8 @@ def settle(
 ) -> Settled:
     """Return the arm at rest under its loads.
 
-    Loads and deflections are computed in turn. Where they do not converge quickly, the loads are raised from nothing in
-    steps, and the arm follows by Newton's method: it is refused only where no stable rest is left.
+    Loads and deflections are computed in turn. If they do not converge quickly, the loads are raised from zero in
+    steps, and Newton's method follows the arm. An error is raised only if there is no stable rest state.
 
     Parameters
     ----------
@@ -112,16 +112,16 @@ def settle(
     space
         All draws.
     make_terms
-        What the sources say at a posture.
+        Function that returns the terms of all sources at a posture.
     within
-        Change of the displacements (m, rad) from one round to the next that is small enough.
+        Change of the displacements (m, rad) from one round to the next at which the arm is at rest.
     values
-        Of the components, ``(d,)``; their means if left out.
+        Values of the components, ``(d,)``; their means if left out.
 
     Raises
     ------
     InputError
-        The arm buckles before its loads are reached, or goes to and fro.
+        The arm buckles below its full loads, or does not come to rest.
     """
     feedback = Feedback(posture, space, make_terms, space.mean if values is None else values)
     aside = max(_PUSH, 100 * within) * feedback.loaded[:, None]
@@ -131,28 +131,28 @@ def settle(
         before, change = change, float(np.abs(following - current).max(initial=0.0))
         current = following
         if change < within:
-            return feedback.settled(current)
+            return feedback.rest_at(current)
         if not change <= _SHRINKS * before:
             break
-    return feedback.settled(_follow_loads(feedback, within))
+    return feedback.rest_at(_follow_loads(feedback, within))
 
 
 @final
 class Feedback:
-    """G: the displacements that the terms say, parameters given, when the loads hang on the arm displaced by v.
+    """G: the displacements given by the terms, for fixed parameters, when the loads act on the arm displaced by v.
 
     Attributes
     ----------
     at_start
-        Displacements that the terms say on the undisplaced arm, ``(2K, 6)``.
+        Displacements given by the terms on the undisplaced arm, ``(2K, 6)``.
     loaded
-        Which slots loads displace, ``(2K,)``.
+        True for the slots displaced by loads, ``(2K,)``.
     """
 
     def __init__(self, posture: Posture, space: Space, make_terms: MakeTerms, values: Array) -> None:
         self._posture, self._space, self._make_terms, self._values = posture, space, make_terms, values
         self._table = TermTable.build(posture, space, make_terms(posture))
-        # a deflection of zero, since terms of bent links belong to deflected arms only
+        # with a deflection of zero, since the terms of bent links exist on deflected arms only
         terms = self._terms(np.zeros((2 * len(self._table.targets), 6)))
         self._arrange(terms)
         self._table = self._layout.at(posture, terms)
@@ -164,17 +164,17 @@ class Feedback:
         """Return G, ``(2K, 6)``, for displacements ``(2K, 6)``."""
         return self._sum(self._terms(displacements))
 
-    def settled(self, displacements: Array) -> Settled:
-        """Return the arm at rest where its displacements are known."""
-        posture = self._displaced(displacements)
+    def rest_at(self, displacements: Array) -> Settled:
+        """Return the arm at rest for known displacements."""
+        posture = self._displace(displacements)
         terms = tuple(self._make_terms(posture))
         table = TermTable.build(posture, self._space, terms)
         return Settled(posture, terms, table, self._sum(terms), self)
 
     def ways(self, table: TermTable) -> Array:
-        """Return the ways in which slots can change, ``(M, 2K, 6)``.
+        """Return the directions in which slots can change, ``(M, 2K, 6)``.
 
-        Of what loads cause, one for a joint value and six for a place; of what they do not, those of its terms.
+        A slot displaced by loads has one for a joint value and six for a place; any other slot has those of its terms.
         """
         chain, ways, targets = self._posture.chain, [], table.targets
         for slot in range(2 * len(targets)):
@@ -196,12 +196,12 @@ class Feedback:
         return np.array(ways).reshape(-1, 2 * len(targets), 6)
 
     def term_slopes(self, displacements: Array, ways: Array) -> Array:
-        """Return the derivatives of all terms' twists for a step along every way, ``(T, 6, M)``.
+        """Return the derivatives of all terms' twists along every direction, ``(T, 6, M)``.
 
         Raises
         ------
         InputError
-            A step takes the load of a backlash or clearance over the edge of its band.
+            A step moves the load of a backlash or clearance across the edge of its band.
         """
         here = self._terms(displacements)
         chain, changes = self._posture.chain, []
@@ -209,14 +209,14 @@ class Feedback:
         for way in ways:
             there = self._terms(displacements + STEP * way)
             if not self._layout.fits(there):
-                raise InputError(_TO_AND_FRO.format("these"))
+                raise InputError(_NO_REST.format("these"))
             changes.append((self._layout.twists(chain, there) - twists) / STEP)
         slopes = np.moveaxis(np.array(changes), 0, -1)
         noise = _NOISE * np.abs(twists).max(axis=1, initial=0.0)
         return np.where(np.abs(slopes) > noise[:, None, None], slopes, 0.0)
 
     def slopes(self, term_slopes: Array, ways: Array) -> Array:
-        """Return ∂G/∂v of what loads cause, ``(M, M)``: along every way, for a step along every way."""
+        """Return ∂G/∂v of the displacements by loads, ``(M, M)``: along every direction, for a step along every direction."""
         result = np.zeros((len(self.loaded), 6, len(ways)))
         rows = self._is_loaded
         np.add.at(result, self._slots[rows], self._products[rows, None, None] * term_slopes[rows])
@@ -224,23 +224,23 @@ class Feedback:
         return slopes
 
     def products(self, terms: tuple[Term, ...]) -> dict[Factors, float]:
-        """Return the product of each term's factors, by the factors, for terms as they are at rest."""
+        """Return the product of each term's factors, by the factors, for the terms at rest."""
         return {term.factors: float(product) for term, product in zip(terms, self._products, strict=True)}
 
     @property
-    def loaded_ways(self) -> Array:
-        """The ways in which what loads cause can change, ``(M, 2K, 6)``."""
+    def loaded_directions(self) -> Array:
+        """The directions in which displacements by loads can change, ``(M, 2K, 6)``."""
         ways = self.ways(self._table)
         return ways[ways[:, self.loaded].any(axis=(1, 2))]
 
     def _terms(self, displacements: Array) -> tuple[Term, ...]:
-        return tuple(self._make_terms(self._displaced(displacements)))
+        return tuple(self._make_terms(self._displace(displacements)))
 
-    def _displaced(self, displacements: Array) -> Posture:
-        return replace(self._posture, deflection=deflected(self._posture, self._table, displacements))
+    def _displace(self, displacements: Array) -> Posture:
+        return replace(self._posture, deflection=compute_deflection(self._posture, self._table, displacements))
 
     def _arrange(self, terms: tuple[Term, ...]) -> None:
-        """Compute what depends on the terms' targets and factors only."""
+        """Compute the layout of the terms and all that depends on their targets and factors only."""
         self._layout = TableLayout.of(terms, self._space)
         padded = np.append(self._layout.program.evaluate(self._values[:, None])[:, 0], 1.0)
         self._products = padded[self._layout.factors].prod(axis=1)
@@ -250,28 +250,28 @@ class Feedback:
     def _sum(self, terms: tuple[Term, ...]) -> Array:
         if not self._layout.fits(terms):
             known = self._layout.targets
-            self._arrange(terms)  # such as where a load changes the side of a backlash
+            self._arrange(terms)  # for example if a load changes the side of a backlash
             if self._layout.targets != known:
-                raise InternalError("a source's terms come and go with the deflection of the arm")
+                raise InternalError("the targets of a source's terms change with the deflection of the arm")
         total = np.zeros((2 * len(self._layout.targets), 6))
         np.add.at(total, self._slots, self._layout.twists(self._posture.chain, terms) * self._products[:, None])
         return total
 
 
 def _follow_loads(feedback: Feedback, within: float) -> Array:
-    """Return the displacements of the arm at rest, followed while the loads are raised from nothing to what they are.
+    """Return the displacements of the arm at rest, followed while the loads are raised from zero to their full size.
 
-    With a share s of the loads, ``z = s g(z)``, z the displacements that loads cause. A step of s is halved where Newton's
-    method does not lead from the tangent's guess to a stable rest nearby.
+    With a share s of the loads, ``z = s g(z)``, z the displacements by loads. A step of s is halved if Newton's method does
+    not lead from the tangent's prediction to a stable rest state nearby.
     """
     path = _Path.begin(feedback)
     first_growth = _growth(path.slopes)
-    # an arm that leans bends past the load at which the straight one buckles: short steps do not miss it on the way
+    # an arm that leans bends past the load at which a straight one buckles; short steps find that load on the path
     short = _SHORT_STEP / first_growth if first_growth >= 1.0 else 1.0
     step = short
     for _ in range(_MOST_STEPS):
         share = min(1.0, path.share + step)
-        further = path.followed_to(share, within)
+        further = path.follow_to(share, within)
         if further is None and step < _SMALLEST_STEP:
             break
         if further is None:
@@ -284,7 +284,7 @@ def _follow_loads(feedback: Feedback, within: float) -> Array:
             return path.displacements
     if path.share * _growth(path.slopes) > _NEAR_BUCKLING:
         raise InputError(_BUCKLES.format(path.share))
-    raise InputError(_TO_AND_FRO.format(f"{path.share:.3g} times the"))
+    raise InputError(_NO_REST.format(f"{path.share:.3g} times the"))
 
 
 @final
@@ -295,15 +295,15 @@ class _Path:
     Attributes
     ----------
     feedback, ways
-        G, and the M ways in which its loaded targets move.
+        G, and the M directions in which its loaded targets move.
     share
-        Of the loads.
+        Share of the loads.
     others
-        Displacements that no load causes, ``(2K, 6)``.
+        Displacements not caused by loads, ``(2K, 6)``.
     moved
-        z along every way, ``(M,)``.
+        z along every direction, ``(M,)``.
     pull, slopes
-        g(z) along every way, ``(M,)``, and ∂g/∂z, ``(M, M)``, under all loads.
+        g(z) along every direction, ``(M,)``, and ∂g/∂z, ``(M, M)``, under all loads.
     """
 
     feedback: Feedback
@@ -317,12 +317,12 @@ class _Path:
     @classmethod
     def begin(cls, feedback: Feedback) -> _Path:
         """Return the arm without its loads."""
-        ways = feedback.loaded_ways
+        ways = feedback.loaded_directions
         return cls.at(feedback, ways, 0.0, feedback.at_start, np.zeros(len(ways)))
 
     @classmethod
     def at(cls, feedback: Feedback, ways: Array, share: float, others: Array, moved: Array) -> _Path:
-        """Return the arm with displacements, whether or not it rests there."""
+        """Return the arm with given displacements, at rest or not."""
         others = np.where(feedback.loaded[:, None], 0.0, others)
         displacements = others + np.einsum("m,mki->ki", moved, ways)
         reaction = feedback(displacements)
@@ -331,19 +331,19 @@ class _Path:
 
     @property
     def displacements(self) -> Array:
-        """Of all slots, ``(2K, 6)``."""
+        """Displacements of all slots, ``(2K, 6)``."""
         others = np.where(self.feedback.loaded[:, None], 0.0, self.others)
         displacements: Array = others + np.einsum("m,mki->ki", self.moved, self.ways)
         return displacements
 
-    def followed_to(self, share: float, within: float) -> _Path | None:
-        """Return the arm at rest under another share of its loads, none where no stable rest is near the tangent's guess."""
+    def follow_to(self, share: float, within: float) -> _Path | None:
+        """Return the arm at rest under another share of its loads; None if no stable rest state is near the prediction."""
         try:
-            return self._corrected(share, within)
-        except np.linalg.LinAlgError:  # just where it buckles
+            return self._correct(share, within)
+        except np.linalg.LinAlgError:  # exactly at buckling
             return None
 
-    def _corrected(self, share: float, within: float) -> _Path | None:
+    def _correct(self, share: float, within: float) -> _Path | None:
         guess = self.moved + (share - self.share) * np.linalg.solve(self._stiffness(self.share), self.pull)
         if not np.abs(guess - self.moved).max() < _LONGEST_LEAP:
             return None
@@ -361,8 +361,8 @@ class _Path:
         return np.eye(len(self.ways)) - share * self.slopes
 
 
-def deflected(posture: Posture, table: TermTable, displacements: Array) -> Deflection:
-    """Return where the chain stands with all slots displaced, ``(2K, 6)``."""
+def compute_deflection(posture: Posture, table: TermTable, displacements: Array) -> Deflection:
+    """Return the state of the chain with all slots displaced by ``displacements``, ``(2K, 6)``."""
     unloaded, by_loads = displacements.reshape(2, -1, 6)
     poses, ends = posture.link_poses.copy(), posture.link_poses @ posture.chain.placements
     moves = np.moveaxis(se3.displacement((unloaded + by_loads).T), -1, 0)
@@ -390,17 +390,17 @@ def deflected(posture: Posture, table: TermTable, displacements: Array) -> Defle
 
 
 def _link(target: Target) -> int:
-    """Return the chain link that a target belongs to: of a joint value the one that the joint moves."""
+    """Return the chain link of a target: for a joint value the one that the joint moves."""
     return target.joint + 1 if isinstance(target, JointValue) else target.link
 
 
 def _growth(slopes: Array) -> float:
-    """Return by how much the fastest growing displacement grows from one round of loads to the next; unstable from 1 on."""
+    """Return the growth of the fastest growing displacement from one round of loads to the next; unstable from 1 on."""
     return float(np.linalg.eigvals(slopes).real.max(initial=0.0))
 
 
 def refuse_buckling(slopes: Array) -> None:
-    """Raise an error where a rest is not stable, for ∂G/∂v there.
+    """Raise an error if a rest state with this ∂G/∂v is not stable.
 
     Raises
     ------

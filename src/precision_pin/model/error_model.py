@@ -1,4 +1,4 @@
-"""The error model: sources, draws and chain make the term table of a pose."""
+"""The error model: makes the term table of a pose from sources, draws and chain."""
 
 from __future__ import annotations
 
@@ -39,15 +39,17 @@ __all__ = ["ErrorModel", "limit_findings"]
 
 
 _AT_ONCE: Final = 4096
-"""Poses whose joints are placed together."""
+"""Poses whose joint frames are computed together."""
 
 _TRIED: Final = 1000
 _TRIED_SEED: Final = 0
 _TRIED_RANKS: Final = ((9, 0.005), (0, 0.02))
-"""Robots settled one by one to try equilibrium statics: by rank from the farthest, with the share they may be off."""
-_NO_MATTER: Final = 1e-9
+"""Test of equilibrium statics on single robots: their number and seed; ranks by distance, with the allowed difference."""
+_NEGLIGIBLE: Final = 1e-9
+"""Difference of errors (m, rad) that never causes a warning."""
+
 _LARGEST_TURN: Final = 0.15
-"""Turn of a link's end by loads (rad) beyond which a warning is given: a bent cantilever's deflection is out by 0.4 %."""
+"""Rotation of a link's end by loads (rad) above which a warning is given: a cantilever's deflection is then wrong by 0.4 %."""
 
 
 @final
@@ -61,7 +63,7 @@ class ErrorModel:
     space
         The draws that have names of their own (a sheet's ``parameters``).
     sources
-        Error sources, in any order. Laws that stand in their settings become draws of the model.
+        Error sources, in any order. Laws in their settings become draws of the model.
     poses
         Named configurations, the first one the default.
     statics
@@ -88,7 +90,7 @@ class ErrorModel:
         statics: Literal["nominal", "equilibrium"] = "nominal",
     ) -> None:
         check_choice("statics", statics, ("nominal", "equilibrium"))
-        check_instance("chain", chain, Chain, "as Chain.from_urdf makes it")
+        check_instance("chain", chain, Chain, "as Chain.from_urdf returns it")
         check_instance("space", space, Space, "of the named draws")
         self.statics = statics
         self.chain = chain
@@ -96,14 +98,14 @@ class ErrorModel:
         self.labels = labels(self.sources)
         drawn = space.including(own_draws(self.sources, self.labels))
         self.space = with_quantities(drawn, self.sources, self.labels, chain)
-        self.poses = _named_poses(chain, {} if poses is None else poses)
+        self.poses = _read_poses(chain, {} if poses is None else poses)
         self.assumed: tuple[str, ...] = ()
         self._layout: TableLayout | None = None
 
     @classmethod
     @warns_at_end
     def load(cls, path: str | os.PathLike[str], kinds: Iterable[type[Source]] = ()) -> ErrorModel:
-        """Read a sheet and the robot it names; warns of what was found in them, as ``precision-pin check`` does.
+        """Read a sheet and its robot, with the same warnings as ``precision-pin check``.
 
         Parameters
         ----------
@@ -115,7 +117,7 @@ class ErrorModel:
         Raises
         ------
         SheetError, UrdfError
-            Carry every finding at once.
+            Carries all findings.
         """
         listed = check_items("the kinds of sources", kinds, type)
         sheet = read_sheet(check_path("the path of the sheet", path), kinds=listed)
@@ -124,14 +126,14 @@ class ErrorModel:
 
     @classmethod
     def from_sheet(cls, sheet: Sheet) -> ErrorModel:
-        """Return the model of a sheet already read."""
-        check_instance("sheet", sheet, Sheet, "as sheet.read makes it; ErrorModel.load takes a path")
+        """Return the model of a sheet that has been read."""
+        check_instance("sheet", sheet, Sheet, "as sheet.read returns it; ErrorModel.load takes a path")
         model = cls(sheet.chain, sheet.space, sheet.sources, sheet.poses, sheet.statics)
         model.assumed = tuple(model.labels[k] for k in sheet.assumed)
         return model
 
     def configuration(self, q: ArrayLike | Mapping[str, float] | str | None = None) -> Array:
-        """Return joint values in chain order, given so, by joint name, by a pose's name, or as the first pose.
+        """Return joint values in chain order: given in that order, by joint name or by a pose's name; or of the first pose.
 
         Raises
         ------
@@ -153,7 +155,7 @@ class ErrorModel:
     def configurations(
         self, q: ArrayLike | Mapping[str, ArrayLike] | Sequence[object]
     ) -> tuple[Array, tuple[str, ...]]:
-        """Return the joint values ``(n, P)`` of many poses and their names, empty where one has none; see :meth:`at_many`."""
+        """Return the joint values ``(n, P)`` of many poses and their names, empty if a pose has none; see :meth:`at_many`."""
         if isinstance(q, str):
             q = [q]
         listed = isinstance(q, list | tuple)
@@ -165,14 +167,14 @@ class ErrorModel:
         return values, names or ("",) * values.shape[1]
 
     def pose_name(self, q: object) -> str:
-        """Return the name of the pose that :meth:`configuration` makes of ``q``, empty where it has none."""
+        """Return the name of the pose that :meth:`configuration` returns for ``q``, empty if it has none."""
         return q if isinstance(q, str) else next(iter(self.poses), "") if q is None else ""
 
     @warns_at_end
     def at(self, q: ArrayLike | Mapping[str, float] | str | None = None) -> PoseModel:
         """Return the model at a pose; ``q`` as in :meth:`configuration`.
 
-        Warns where joint values lie outside their limits, and of the other findings of the posture.
+        Warns of joint values outside their limits, and of the other findings of the posture.
         """
         at = self._at(self.chain.at(self.configuration(q)))
         add(at.posture.findings)
@@ -180,9 +182,9 @@ class ErrorModel:
 
     @warns_at_end
     def at_many(self, q: ArrayLike | Mapping[str, ArrayLike] | Sequence[object]) -> Iterator[PoseModel]:
-        """Return the model at P poses, made one after another as they are asked for.
+        """Return an iterator of the model at P poses, one after another.
 
-        As :meth:`at` gives them, to rounding; the joints' poses are computed for many at once.
+        Each equals that of :meth:`at`, to rounding; the joints' frames are computed for many poses at once.
 
         Parameters
         ----------
@@ -193,7 +195,7 @@ class ErrorModel:
         Raises
         ------
         InputError
-            Wrong joint values, at once; what :meth:`at` refuses, when its turn comes.
+            Wrong joint values, immediately; the errors of :meth:`at`, when the iterator reaches the pose.
         UnknownNameError
             No such joint on the chain.
         """
@@ -202,35 +204,35 @@ class ErrorModel:
         return self.at_columns(values)
 
     def at_columns(self, values: Array) -> Iterator[PoseModel]:
-        """Return the model at poses ``(n, P)`` as :meth:`configurations` reads them, one after another."""
+        """Return the model at poses ``(n, P)`` as :meth:`configurations` returns them, one after another."""
         return (self._at(bare) for first in range(0, values.shape[1], _AT_ONCE) for bare in self._bare(values, first))
 
     def statics_findings(self, at: PoseModel) -> tuple[Finding, ...]:
-        """Return warnings where the statics are stretched.
+        """Return warnings that the statics are beyond their range of validity.
 
-        ``W_DEFLECTION``: a link bends so far that formulas for small deflections are out. ``W_STATICS``: of nominal statics,
-        where they put the tip elsewhere than the arm at rest by more than a tenth of the spread that tolerances cause; of
-        equilibrium statics, where robots that are settled one by one rest elsewhere than the model says by more than 0.5 %
-        (the 99 % robot of a thousand) or 2 % (the farthest).
+        ``W_DEFLECTION``: a link bends so far that formulas for small deflections are inaccurate. ``W_STATICS``, nominal
+        statics: the tip is farther from that of the arm at rest than a tenth of the spread by tolerances. ``W_STATICS``,
+        equilibrium statics: single robots, each solved on its own, differ from the model by more than 0.5 % (the 99 %
+        robot of a thousand) or 2 % (the farthest).
         """
         if not any(term.loaded for term in at.terms):
             return ()
-        stretched = self._nominal_findings(at) if self.statics == "nominal" else self._equilibrium_findings(at)
-        return (*_bending_findings(at), *stretched)
+        findings = self._nominal_findings(at) if self.statics == "nominal" else self._equilibrium_findings(at)
+        return (*_bending_findings(at), *findings)
 
     def _nominal_findings(self, at: PoseModel) -> tuple[Finding, ...]:
         spread, negligible = spread_of(at)
         try:
-            settled = settle(at.posture, self.space, self._make_terms, within=1e-3 * negligible)
+            rest_state = settle(at.posture, self.space, self._make_terms, within=1e-3 * negligible)
         except InputError as error:
             return (Finding("warning", "W_STATICS", f"{error.findings[0].message}; nominal statics hide it"),)
-        rest = PoseModel(at.posture, self.space, settled.table, settled.terms)
+        rest = PoseModel(at.posture, self.space, rest_state.table, rest_state.terms)
         gap = float(np.linalg.norm((rest.error_at_means - at.error_at_means)[:3]))
         if gap <= negligible:
             return ()
         message = (
-            f"loads at the undeflected pose (statics: nominal) put the tip {gap * 1e3:.3g} mm away from where the arm "
-            f"comes to rest, more than a tenth of the spread of {spread * 1e3:.3g} mm; statics: equilibrium follows it"
+            f"loads at the undeflected pose (statics: nominal) put the tip {gap * 1e3:.3g} mm away from that of the arm at "
+            f"rest, more than a tenth of the spread of {spread * 1e3:.3g} mm; use statics: equilibrium"
         )
         return (Finding("warning", "W_STATICS", message),)
 
@@ -243,18 +245,18 @@ class ErrorModel:
                 sizes = np.linalg.norm(errors[rows], axis=0)
                 robot = int(np.argsort(-sizes, kind="stable")[rank])
                 try:
-                    settled = settle(at.posture, self.space, self._make_terms, values=x[:, robot])
+                    rest_state = settle(at.posture, self.space, self._make_terms, values=x[:, robot])
                 except InputError as error:
                     message = f"of {_TRIED:,} robots the one with {what} {1e3 * sizes[robot]:.3g} {unit} fails: "
                     return (Finding("warning", "W_STATICS", message + error.findings[0].message),)
-                alone = PoseModel(at.posture, self.space, settled.table, settled.terms).exact(x[:, [robot]])[:, 0]
+                alone = PoseModel(at.posture, self.space, rest_state.table, rest_state.terms).exact(x[:, [robot]])[:, 0]
                 size = float(np.linalg.norm(alone[rows]))
-                if abs(sizes[robot] - size) > allowed * size + _NO_MATTER:
+                if abs(sizes[robot] - size) > allowed * size + _NEGLIGIBLE:
                     found[what] = f"{what} {1e3 * sizes[robot]:.4g} {unit} for {1e3 * size:.4g}"
         if not found:
             return ()
         message = (
-            f"stiffness or load vary so much that equilibrium statics are stretched: of {_TRIED:,} robots settled one by one "
+            f"stiffness or load vary too much for equilibrium statics: compared with {_TRIED:,} robots solved one by one "
             f"the model gives {' and '.join(found.values())}"
         )
         return (Finding("warning", "W_STATICS", message),)
@@ -264,7 +266,7 @@ class ErrorModel:
         return f"<ErrorModel of {self.chain!r}: {counts}>"
 
     def _repr_html_(self) -> str:
-        """Return what a notebook shows: sources with their settings, draws with laws and scopes, poses."""
+        """Return the HTML for a notebook: sources with settings, draws with laws and scopes, poses."""
         chain = self.chain
         sources = [[label, _settings(source)] for label, source in zip(self.labels, self.sources, strict=True)]
         draws = [[draw.name, repr(draw.law), draw.scope.value] for draw in self.space.draws]
@@ -284,7 +286,7 @@ class ErrorModel:
         )
 
     def _bare(self, values: Array, first: int) -> Iterator[Posture]:
-        """Yield the postures, with the chain's own loads, of `_AT_ONCE` configurations out of ``(n, P)``."""
+        """Yield the postures, with the chain's own loads, of the next `_AT_ONCE` configurations of ``(n, P)``."""
         many = self.chain.at_columns(values[:, first : first + _AT_ONCE])
         poses = np.ascontiguousarray(np.moveaxis(many.joint_poses, -1, 0))
         for k in range(len(many)):
@@ -304,7 +306,7 @@ class ErrorModel:
 
     @cached_property
     def bound_sources(self) -> tuple[BoundSource, ...]:
-        """Every source with what its settings stand for."""
+        """Every source with the values of its settings."""
         pairs = zip(self.sources, self.labels, strict=True)
         return tuple(BoundSource(source, LabelledSpace(self.space, label)) for source, label in pairs)
 
@@ -315,7 +317,7 @@ class ErrorModel:
 
     @cached_property
     def owners(self) -> tuple[tuple[str, ...], ...]:
-        """For each draw of the space the labels of the sources that use it."""
+        """Labels of the sources that use each draw of the space."""
         return draw_owners(self.space, self.sources, self.labels)
 
     def _make_terms(self, posture: Posture) -> tuple[Term, ...]:
@@ -323,7 +325,7 @@ class ErrorModel:
 
 
 def _bending_findings(at: PoseModel) -> tuple[Finding, ...]:
-    """Return a warning about the place that loads turn farthest, every parameter at its mean, where that is too far."""
+    """Return a warning if loads turn a place too far, every parameter at its mean; it names the place turned most."""
     loaded = TermTable.build(at.posture, at.space, [term for term in at.terms if term.loaded])
     moved = loaded.displacements(loaded.products(loaded.program.evaluate(at.space.mean[:, None])))[:, 3:, 0]
     turns = {
@@ -335,14 +337,14 @@ def _bending_findings(at: PoseModel) -> tuple[Finding, ...]:
     if turn <= _LARGEST_TURN:
         return ()
     message = (
-        f"loads turn the {name} by {turn:.2g} rad: formulas for small deflections are out by some "
+        f"loads turn the {name} by {turn:.2g} rad: formulas for small deflections are wrong by about "
         f"{20 * turn**2:.1g} % of the deflection"
     )
     return (Finding("warning", "W_DEFLECTION", message),)
 
 
 def limit_findings(chain: Chain, values: Array) -> tuple[Finding, ...]:
-    """Return a warning where poses ``(n, P)`` lie outside the joints' limits: how many, and the first of them in full."""
+    """Return a warning if poses ``(n, P)`` are outside the joints' limits: their number, and the first of them."""
     outside = chain.configurations.outside(values)
     poses = np.flatnonzero(outside.any(axis=0))
     if not poses.size:
@@ -350,13 +352,13 @@ def limit_findings(chain: Chain, values: Array) -> tuple[Finding, ...]:
     first = int(poses[0])
     joint = chain.joints[int(np.flatnonzero(outside[:, first])[0])]
     message = (
-        f"{poses.size:,} of {values.shape[1]:,} poses lie outside joint limits, the first of them pose {first}, with the joint "
+        f"{poses.size:,} of {values.shape[1]:,} poses are outside joint limits, the first of them pose {first}, with the joint "
         f"{joint.name} at {values[chain.joint_index(joint.name), first]:.6g} {'m' if joint.kind == 'prismatic' else 'rad'}"
     )
     return (Finding("warning", "W_JOINT_LIMIT", message, chain.robot.file, joint.line),)
 
 
-def _named_poses(chain: Chain, poses: Mapping[str, ArrayLike | Mapping[str, float]]) -> dict[str, Array]:
+def _read_poses(chain: Chain, poses: Mapping[str, ArrayLike | Mapping[str, float]]) -> dict[str, Array]:
     found = {}
     for name, q in check_mapping("the poses", poses).items():
         try:
@@ -367,7 +369,7 @@ def _named_poses(chain: Chain, poses: Mapping[str, ArrayLike | Mapping[str, floa
 
 
 def _settings(source: Source) -> str:
-    """Return a source's settings without those that are left out; a draw by its name, or its law if it has none."""
+    """Return the given settings of a source as text; a draw by its name, or by its law if it has none."""
     texts = []
     for name, value in source.settings().items():
         if isinstance(value, Draw):

@@ -14,20 +14,21 @@ from precision_pin.statistics import NO_SPREAD
 __all__ = ["MOST_POSES", "pose_findings"]
 
 TRIED: Final = 64
-"""Robots that are looked at for a spread."""
+"""Robots sampled to find whether errors vary."""
 MOST_POSES: Final = 200
-"""Poses of a sheet that are tried; of more the limits are looked at, which takes no time."""
+"""Poses of a sheet that are tried; of further poses only the joint limits are checked, which is fast."""
 MOST_NUMBERS: Final = 500
-"""Random numbers up to which first order is looked at too, for which every derivative is needed."""
+"""Random numbers up to which the first-order model is checked too, which needs every derivative."""
 _LARGEST_SQUARE: Final = 1e75
 _SEED: Final = 0
 
 
 def pose_findings(model: ErrorModel, pose: str, *, spread: bool = True) -> tuple[Finding, ...]:
-    """Return what an analysis at a pose would say of the pose itself, and why it would refuse.
+    """Return the findings that an analysis at a pose would have about the pose itself, errors included.
 
-    Of statics that are stretched the analysis alone warns: that is an assumption of the model, not a slip in the sheet. With
-    more than 500 random numbers some robots are tried, and first order is not.
+    Warnings about the range of validity of the statics are left to the analysis, since they concern an assumption of the
+    model and no mistake in the sheet. With more than 500 random numbers some robots are sampled in place of the
+    first-order check.
 
     Parameters
     ----------
@@ -36,7 +37,7 @@ def pose_findings(model: ErrorModel, pose: str, *, spread: bool = True) -> tuple
     pose
         The name of the pose.
     spread
-        Warn where no error varies.
+        Warn if no error varies.
     """
     try:
         with np.errstate(over="raise"):
@@ -60,11 +61,11 @@ def _largest_square(at: PoseModel) -> float:
 
 
 def _varies(at: PoseModel) -> bool:
-    """Return whether robots differ, to first order or as some that are tried."""
+    """Return whether robots differ, to first order or in a sample."""
     if not at.space.size:
         return False
     if at.space.size <= MOST_NUMBERS and float(np.diag(at.covariance).max()) > NO_SPREAD**2:
         return True
     errors = at.exact(at.space.sample(_SEED, 0, TRIED))
-    # of very many numbers none may have met a rare value
+    # with very many numbers the sample may contain no rare value
     return bool(np.ptp(errors, axis=1).max() > NO_SPREAD) or at.space.size > MOST_NUMBERS

@@ -1,6 +1,6 @@
-"""The error model at one pose: a term table, which clear numpy evaluates.
+"""The error model at one pose: a term table, evaluated in plain numpy.
 
-The engines here are the oracle of the compiled kernel. Errors are ``[d; δ]`` of the tip in base axes (m, rad):
+The compiled kernel is tested against the methods here. Errors are ``[d; δ]`` of the tip in base axes (m, rad):
 ``d = p' - p``, ``δ = Log(R' Rᵀ)``.
 """
 
@@ -66,14 +66,14 @@ class PoseModel:
         return result
 
     def exact(self, x: ArrayLike) -> Array:
-        """Return the errors ``(6, N)`` of the displaced chain multiplied out, for component values ``(d, N)``.
+        """Return the errors ``(6, N)`` of the displaced chain as a product of poses, for component values ``(d, N)``.
 
         ``T' = Π (T_k E_k T_k⁻¹) · T`` over the targets in chain order, T_k their undisplaced poses.
 
         Raises
         ------
         InputError
-            A target turns by π or more, where rotation vectors are no longer unique; or an error overflows.
+            A target turns by π or more, so that its rotation vector is not unique; or an error overflows.
         """
         values = self._check(x)
         try:
@@ -101,7 +101,7 @@ class PoseModel:
     def tangent(self) -> tuple[Array, Array]:
         """First-order model of :meth:`exact` at the components' means: ``(e0 (6,), J (6, d))``.
 
-        Under gravity it is taken on the deflected arm, and differs from :meth:`linear`.
+        Under gravity it is that of the deflected arm, and differs from :meth:`linear`.
         """
         jacobian = np.zeros((6, self.space.size))
         for part in self.jacobian_parts:
@@ -116,7 +116,7 @@ class PoseModel:
 
     @cached_property
     def jacobian_parts(self) -> tuple[SlopeColumns, ...]:
-        """Each target's part of the Jacobian of :attr:`tangent`; their sum is J."""
+        """The part of each target in the Jacobian of :attr:`tangent`; their sum is J."""
         table, mean = self.table, self.space.mean
         error = self.error_at_means
         moved = table.displacements(table.products(table.program.evaluate(mean[:, None])))[:, :, 0]
@@ -146,7 +146,7 @@ class PoseModel:
         return self.space.block_covariance.between(self.jacobian, self.jacobian)
 
     def findings(self, model: str) -> tuple[Finding, ...]:
-        """Return the warnings about this pose: limits and, for ``model`` "linear", superposition stretched."""
+        """Return the warnings about this pose: limits and, for ``model`` "linear", the error of superposition."""
         if model != "linear" or not self.space.size:
             return self.posture.findings
         superposed = self.linear(self.space.mean[:, None])[:, 0]
@@ -164,7 +164,7 @@ class PoseModel:
         return f"<PoseModel of {self.posture!r}: terms {len(self.terms)}, random numbers {self.space.size}>"
 
     def _repr_html_(self) -> str:
-        """Return what a notebook shows: error at the means and first-order spread, mm and mrad."""
+        """Return the HTML for a notebook: error at the means and first-order spread, mm and mrad."""
         chain = self.posture.chain
         title = f"{os.path.basename(chain.robot.file)}: {chain.base} to {chain.tip}, first order at one pose"
         pose = ", ".join(map(joint_value, chain.joints, self.posture.q))
@@ -181,12 +181,12 @@ class PoseModel:
         return rendered(title, [Table(columns, rows, words=2)], [f"{pose}; base axes", counts])
 
     def _check(self, x: ArrayLike) -> Array:
-        # not copied, unlike other arrays: many samples are many numbers, and only read
+        # not copied, unlike other arrays: it may be large, and is only read
         values = x if type(x) is np.ndarray and x.dtype == np.float64 else check_numbers("x", x)
         if values.ndim != 2 or values.shape[0] != self.space.size:
             raise InputError(f"x has shape {values.shape}, expected ({self.space.size}, N): rows as in model.space")
         terms, parameters = self.table.factors.shape, len(self.table.program.outputs)
-        # factors and products of terms, displacements of targets and what is made of them
+        # numbers for each robot: factors and products of terms, displacements of targets and the poses made of them
         numbers = (terms[1] + 1) * terms[0] + 2 * parameters + 6 * len(self.table.targets) + 64
         check_memory(
             8.0 * numbers * values.shape[1], f"evaluating {values.shape[1]:,} robots", "evaluate some of them at a time"
@@ -197,7 +197,7 @@ class PoseModel:
 
 
 def spread_of(at: PoseModel) -> tuple[float, float]:
-    """Return the spread of the tip's position, and how far apart two places of it are that need no warning, m."""
+    """Return the spread of the tip's position, and the largest distance between two tips that needs no warning, m."""
     spread = float(np.sqrt(np.trace(at.covariance[:3, :3])))
     return spread, max(0.1 * spread, 1e-9)
 

@@ -1,7 +1,7 @@
-"""A base-to-tip chain out of a URDF tree, and the chain at one configuration.
+"""A base-to-tip chain of a URDF tree, and the chain at one configuration.
 
-*Chain link* i = 0…n is everything rigid between joint i and joint i+1 (1-based joints; 0 is the base side, n carries
-the tip). Its axes are those of joint i's URDF frame after it turned, for link 0 those of the base link. Arrays over
+*Chain link* i = 0…n is the rigid part between joint i and joint i+1 (1-based joints; 0 is the base side, n carries
+the tip). Its axes are those of joint i's URDF frame after its motion, for link 0 those of the base link. Arrays over
 joints are 0-based: ``axes[0]`` belongs to joint 1.
 """
 
@@ -60,7 +60,7 @@ class Chain(ChainGeometry):
     robot, base, tip, joints, locked, placements, link_frames
         As in :class:`precision_pin.robot.chain_geometry.ChainGeometry`.
     gravity
-        Base axes, m/s², ``(3,)``.
+        Gravity in base axes, m/s², ``(3,)``.
     loads
         The weights of the URDF's links, and payloads.
     """
@@ -78,22 +78,22 @@ class Chain(ChainGeometry):
         gravity: Sequence[float] = EARTH,
         locked: Mapping[str, float] | None = None,
     ) -> Chain:
-        """Read a URDF strictly and cut the chain out of it.
+        """Read a URDF strictly and extract the chain from it.
 
         Parameters
         ----------
         path
             The URDF.
         tip
-            The link that is the end-effector; the only leaf if left out.
+            The end-effector link; the only leaf if left out.
         base
-            The link that stands still; the root if left out. Any link may be the base.
+            The fixed link; the root if left out. Any link may be the base.
         gravity
-            In the base link's axes, m/s².
+            Gravity in the base link's axes, m/s².
         locked
-            Values (rad or m) at which joints stand still; joints off the chain that are not named stand at zero, or at
-            the limit nearest to it. Mimic joints follow a joint off the chain; one that mimics a joint on the chain
-            stands where that joint's zero puts it. A joint on the chain may be locked too.
+            Values (rad or m) at which joints are locked; other joints off the chain are locked at zero, or at the limit
+            nearest to it. A mimic joint follows a joint off the chain; if it mimics a joint on the chain, it is locked at
+            the value for that joint's zero. A joint on the chain may be locked too.
 
         Raises
         ------
@@ -115,8 +115,8 @@ class Chain(ChainGeometry):
         gravity: Sequence[float] = EARTH,
         locked: Mapping[str, float] | None = None,
     ) -> Chain:
-        """Cut the chain out of a robot already read; see :meth:`from_urdf`."""
-        check_instance("robot", robot, Robot, "as urdf.read makes it")
+        """Extract the chain from a robot that has been read; see :meth:`from_urdf`."""
+        check_instance("robot", robot, Robot, "as urdf.read returns it")
         down = check_numbers("gravity", gravity, (3,), "three finite numbers, in base axes")
         if locked is not None:
             locked = {
@@ -139,7 +139,7 @@ class Chain(ChainGeometry):
 
     @cached_property
     def configurations(self) -> Configurations:
-        """Reads joint values of the chain."""
+        """Reader of joint values of the chain."""
         return Configurations(self.joints)
 
     def configuration(self, q: ArrayLike | Mapping[str, float]) -> Array:
@@ -148,7 +148,7 @@ class Chain(ChainGeometry):
         Raises
         ------
         InputError
-            Wrong count, missing joint, or a value that is no finite number; a joint slid beyond 1000 km.
+            Wrong count, missing joint, or a value that is no finite number; a prismatic joint beyond 1000 km.
         UnknownNameError
             No such joint on the chain.
         """
@@ -166,14 +166,14 @@ class Chain(ChainGeometry):
         Parameters
         ----------
         q
-            An array ``(n, P)``, rad and m, in chain order: poses are columns. Or a list of P poses, each as for :meth:`at`. Or
-            for every joint's name its P values, or one for all. Of a square array nobody can tell rows from columns: it is
-            taken as columns, with a warning, unless its rows lie outside the joints' limits and its columns do not.
+            An array ``(n, P)``, rad and m, in chain order: poses are columns. Or a list of P poses, each as for :meth:`at`.
+            Or a mapping from every joint's name to its P values, or to one value for all poses. A square array is ambiguous:
+            it is read as columns, with a warning, unless its rows are outside the joints' limits and its columns are not.
 
         Raises
         ------
         InputError
-            Another shape, a missing joint, or a value that is no finite number; a joint slid beyond 1000 km.
+            Another shape, a missing joint, or a value that is no finite number; a prismatic joint beyond 1000 km.
         UnknownNameError
             No such joint on the chain.
         """
@@ -193,9 +193,9 @@ class Chain(ChainGeometry):
         mass
             kg.
         centre
-            Its centre of mass in the frame it hangs on, m.
+            Its centre of mass in the frame of the link that carries it, m.
         at
-            The URDF link it hangs on; the tip if left out.
+            The URDF link that carries it; the tip if left out.
 
         Raises
         ------
@@ -218,13 +218,13 @@ class Chain(ChainGeometry):
         return f"<Chain of {file!r}, {self.base!r} to {self.tip!r}: joints {joints}>"
 
     def _repr_html_(self) -> str:
-        """Return what a notebook shows: the joints with their limits, and where each stands behind the one before."""
+        """Return the HTML for a notebook: the joints with their limits, and the pose of each in the one before."""
         still = ", ".join(f"{name} {value:.6g}" for name, value in self.locked.items())
         return rendered(
             f"{os.path.basename(self.robot.file)}: {self.base} to {self.tip}, {len(self.joints)} joints",
             [joint_table(self.joints, self.placements, self.tip)],
             [
-                "x y z, roll pitch yaw: where a joint's frame stands in the one before it, that one not turned",
+                "x y z, roll pitch yaw: pose of a joint's frame in the one before it, for joint values of zero",
                 f"gravity {spaced(self.gravity)} m/s², base axes",
                 *([f"locked (rad, m): {still}"] if still else []),
             ],
@@ -247,15 +247,14 @@ class Posture:
     q
         Joint values in chain order, ``(n,)``.
     joint_poses
-        Each joint's frame after it turned, in the base, ``(n, 4, 4)``, by Pinocchio; by compiled loops where the
+        Each joint's frame after its motion, in the base, ``(n, 4, 4)``, by Pinocchio, or by compiled loops if the
         posture is one of many.
     loads
-        The weights on the chain: its own, and those that sources add.
+        The weights on the chain: its own, and those of sources.
     deflection
-        Where the chain stands under load; ``None`` where loads are taken on the undisplaced arm. It moves the loads, not
-        the places.
+        The chain under load; ``None`` if the loads act on the undisplaced arm. It moves the loads, not the places.
     tilts
-        What sources add to gravity: vectors ``(3,)``, base axes, m/s², with the parameters that multiply them.
+        Contributions of sources to gravity: vectors ``(3,)``, base axes, m/s², with the parameters that multiply them.
     """
 
     chain: Chain
@@ -278,13 +277,13 @@ class Posture:
     @cached_property
     @returns_read_only
     def loaded_link_poses(self) -> Array:
-        """Axes of every chain link in the base as loads see them, ``(n+1, 4, 4)``."""
+        """Axes of every chain link in the base where loads act on it, ``(n+1, 4, 4)``."""
         return self.link_poses if self.deflection is None else self.deflection.links
 
     @cached_property
     @returns_read_only
     def loaded_ends(self) -> Array:
-        """Far end of every chain link in the base as loads see it, ``(n+1, 4, 4)``."""
+        """Far end of every chain link in the base where loads act on it, ``(n+1, 4, 4)``."""
         return self.link_poses @ self.chain.placements if self.deflection is None else self.deflection.ends
 
     @cached_property
@@ -304,7 +303,7 @@ class Posture:
     @cached_property
     @returns_read_only
     def joint_jacobian(self) -> Array:
-        """Derivative of the tip's pose to the joint values, base axes at the tip, ``(6, n)``."""
+        """Derivative of the tip's pose with respect to the joint values, base axes at the tip, ``(6, n)``."""
         arms = self.pose[:3, 3] - self.joint_poses[:, :3, 3]
         slide = self.chain.prismatic[:, None]
         linear = np.where(slide, self.joint_axes, np.cross(self.joint_axes, arms))
@@ -312,16 +311,16 @@ class Posture:
 
     @cached_property
     def load_torque(self) -> Array:
-        """Torque (N·m) or force (N) that the weight of robot and chain payload puts on the joints, ``(n,)``.
+        """Torque (N·m) or force (N) of the weight of robot and chain payload on the joints, ``(n,)``.
 
-        By Pinocchio, minus its generalised gravity (eq 23's τ). Payloads that sources add are not in it.
+        By Pinocchio, minus its generalised gravity (eq 23's τ). Payloads of sources are not included.
         """
         return self._statics[0]
 
     @cached_property
     @returns_read_only
     def link_wrench(self) -> Array:
-        """Force and moment ``(n+1, 6)`` which everything beyond it puts on each chain link's far end, by Pinocchio.
+        """Force and moment ``(n+1, 6)`` of everything beyond it on each chain link's far end, by Pinocchio.
 
         At and in the axes of the link's end; zero for the last link, whose own loads count on the link.
         """
@@ -336,7 +335,7 @@ class Posture:
 
     @cached_property
     def findings(self) -> tuple[Finding, ...]:
-        """Warnings: joint values outside their limits, and mimic joints that stand still though they would follow."""
+        """Warnings: joint values outside their limits, and mimic joints that are locked but should follow."""
         found = []
         values = dict(zip(self.chain.joint_names, self.q, strict=True)) | dict(self.chain.locked)
         for joint in self.chain.robot.joints:
@@ -346,16 +345,16 @@ class Posture:
             due = mimic.multiplier * values[mimic.joint] + mimic.offset
             if abs(due - values[joint.name]) > 1e-9:
                 message = (
-                    f"joint {joint.name} mimics {mimic.joint}, so it would stand at {due:.6g} here, but is kept at "
-                    f"{values[joint.name]:.6g}, and the weight beyond it too; lock it where it matters"
+                    f"joint {joint.name} mimics {mimic.joint}, so it would be at {due:.6g} here, but it is locked at "
+                    f"{values[joint.name]:.6g}, with the weight beyond it; lock it at another value if that matters"
                 )
                 found.append(Finding("warning", "W_MIMIC", message, self.chain.robot.file, joint.line))
         for joint, value in zip(self.chain.joints, self.q, strict=True):
             limit = joint.limit
             if limit is not None and joint.kind != "continuous" and not limit.lower <= value <= limit.upper:
                 scale, unit = (1.0, "m") if joint.kind == "prismatic" else (180 / np.pi, "deg")
-                stands, low, high = (f"{scale * x:.6g}" for x in (value, limit.lower, limit.upper))
-                message = f"joint {joint.name} at {stands} {unit} is outside its limits {low} to {high} {unit}"
+                actual, low, high = (f"{scale * x:.6g}" for x in (value, limit.lower, limit.upper))
+                message = f"joint {joint.name} at {actual} {unit} is outside its limits {low} to {high} {unit}"
                 found.append(Finding("warning", "W_JOINT_LIMIT", message, self.chain.robot.file, joint.line))
         return tuple(found)
 
@@ -400,7 +399,7 @@ class Posture:
         return statics.wrench_on(weights, self.chain.gravity, self.tilts, point)
 
     def torque_on(self, joint: int) -> dict[Factors, float]:
-        """Return what the loads put on a joint (0-based), N·m or N, by the parameters that multiply it."""
+        """Return the torque or force of the loads on a joint (0-based), N·m or N, by the parameters that multiply it."""
         beyond = [load for load in self.loads if load.link > joint]
         frame = self.loaded_link_poses[joint + 1]
         wrenches = self.wrench_on(beyond, frame[:3, 3])

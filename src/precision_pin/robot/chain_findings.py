@@ -14,22 +14,22 @@ from precision_pin.robot.urdf.findings import shown
 __all__ = ["chain_findings"]
 
 _ABOUT_ONE: Final = re.compile(r"""(?:the )?(link|joint) (?:name )?('(?:[^'\\]|\\.)*'|"(?:[^"\\]|\\.)*")""")
-"""A warning about a link or joint begins with it, and so does an entry of one that lists several."""
+"""Begin of a warning about a link or joint, and of each entry of a warning that lists several."""
 _OF_A_LOAD: Final = {"W_MASS_LARGE", "W_UNITS"}
-"""Questions about a mass or a length; wherever it hangs on the arm, its weight bends it."""
+"""Warnings about a mass or a length, which matter off the path too: the weight of any link loads the arm."""
 
 
 def chain_findings(chain: Chain) -> tuple[Finding, ...]:
-    """Return the warnings about a chain's URDF, those about links and joints off the chain in one line.
+    """Return the warnings about a chain's URDF, with those about links and joints off the chain in one line.
 
-    That the robot has several leaves is left out: which of them is meant is settled.
+    The warning about several leaves is left out, since the chain's tip is known.
     """
     findings = [finding for finding in chain.robot.findings if finding.code != "W_BRANCHED"]
-    on_the_way, loads = _names_on_the_way(chain), _names_of_loads(chain)
+    on_path, loads = _names_on_path(chain), _names_of_loads(chain)
 
     def concerns_chain(finding: Finding) -> bool:
         subjects = _subjects(finding)
-        return not subjects or bool(subjects & (on_the_way | loads if finding.code in _OF_A_LOAD else on_the_way))
+        return not subjects or bool(subjects & (on_path | loads if finding.code in _OF_A_LOAD else on_path))
 
     off = [finding for finding in findings if not concerns_chain(finding)]
     if len(off) < 2:
@@ -45,25 +45,25 @@ def chain_findings(chain: Chain) -> tuple[Finding, ...]:
     return (*kept, Finding("warning", "W_OFF_CHAIN", message, file))
 
 
-def _names_on_the_way(chain: Chain) -> set[str]:
-    """Return the links and joints from base to tip, as findings name them."""
+def _names_on_path(chain: Chain) -> set[str]:
+    """Return the links and joints from base to tip, named as in findings."""
     way = chain.robot.path(chain.base, chain.tip)
     links = {chain.base, *(joint.child for joint in way)}
-    return {_named("link", name) for name in links} | {_named("joint", joint.name) for joint in way}
+    return {_name_subject("link", name) for name in links} | {_name_subject("joint", joint.name) for joint in way}
 
 
 def _names_of_loads(chain: Chain) -> set[str]:
-    """Return the links that a joint of the chain moves, and the joints that lead to them, as findings name them."""
+    """Return the links that a joint of the chain moves, and the joints that lead to them, named as in findings."""
     moved = {name for name, frame in chain.link_frames.items() if frame.link > 0}
     joints = {joint.name for joint in chain.robot.joints if joint.child in moved}
-    return {_named("link", name) for name in moved} | {_named("joint", name) for name in joints}
+    return {_name_subject("link", name) for name in moved} | {_name_subject("joint", name) for name in joints}
 
 
-def _named(what: str, name: str) -> str:
+def _name_subject(what: str, name: str) -> str:
     return f"{what} {shown(name)}"
 
 
 def _subjects(finding: Finding) -> set[str]:
-    """Return the links and joints that a warning is about; none if it is about something else too."""
+    """Return the links and joints that a warning is about; none if it is about anything else too."""
     named = [_ABOUT_ONE.match(text) for text in finding.subjects or (finding.message,)]
     return {f"{one[1]} {one[2]}" for one in named if one is not None} if all(named) else set()

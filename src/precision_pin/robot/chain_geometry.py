@@ -1,4 +1,4 @@
-"""The kinematics of a chain: its joints and rigid links, cut out of a URDF tree, and the places on them."""
+"""The kinematics of a chain: its joints and rigid links, extracted from a URDF tree, and the places on them."""
 
 from __future__ import annotations
 
@@ -41,12 +41,12 @@ class ChainGeometry:
     joints
         The chain's n joints, base to tip.
     locked
-        Value of every joint that moves but is not among them.
+        Value of every other joint that can move.
     placements
-        ``(n+1, 4, 4)``: from joint i's frame after it turned (base for i = 0) to joint i+1's origin frame before it
+        ``(n+1, 4, 4)``: from joint i's frame after its motion (base for i = 0) to joint i+1's origin frame before it
         turns (the tip for i = n).
     link_frames
-        Every URDF link.
+        Position of every URDF link on the chain.
     """
 
     robot: Robot
@@ -74,23 +74,23 @@ class ChainGeometry:
     @cached_property
     @returns_read_only
     def prismatic(self) -> NDArray[np.bool_]:
-        """Which joints slide, ``(n,)``."""
+        """True for each prismatic joint, ``(n,)``."""
         return np.array([joint.kind == "prismatic" for joint in self.joints])
 
     @cached_property
     @returns_read_only
     def reversed_joints(self) -> NDArray[np.bool_]:
-        """Which joints the chain passes against the file, because the base lies beyond them, ``(n,)``."""
+        """True for each joint that the chain passes against the file, because the base is beyond it, ``(n,)``."""
         return np.array([joint.reversed for joint in self.joints])
 
     @cached_property
     @returns_read_only
     def written_axes(self) -> Array:
-        """Unit axis of each joint in its own frame as the file writes it, ``(n, 3)``: reversed joints have the other one."""
+        """Unit axis of each joint in its own frame as in the file, ``(n, 3)``; opposite to :attr:`axes` if reversed."""
         return np.array([joint.written_axis for joint in self.joints])
 
     def runs_backwards(self, link: int) -> bool:
-        """Return whether a chain link's far end is the end that the file has nearer its root: where its own joint sits."""
+        """Return whether a chain link's far end is its end nearer the file's root, at its own joint in the file."""
         if link < len(self.joints):
             return bool(self.reversed_joints[link])
         return self.robot.path(self.base, self.tip)[-1].reversed
@@ -106,7 +106,7 @@ class ChainGeometry:
         return self.joint_names.index(check_name("joint on the chain", name, self.joint_names))
 
     def link_frame(self, name: str) -> LinkFrame:
-        """Return where a URDF link stands.
+        """Return the position of a URDF link on the chain.
 
         Raises
         ------
@@ -116,15 +116,15 @@ class ChainGeometry:
         return self.link_frames[check_name("link", name, self.link_frames)]
 
     def end(self, link: int) -> Place:
-        """Return the place at a chain link's far end: joint i+1's origin frame before it turns, or the tip."""
+        """Return the place at a chain link's far end: joint i+1's origin frame before its motion, or the tip."""
         return self._places[link][0]
 
     def seat(self, link: int) -> Place:
-        """Return the place where the next joint sits, after the link's end and in the same frame."""
+        """Return the place of the next joint's seat, after the link's end and in the same frame."""
         return self._places[link][1]
 
     def frame_place(self, name: str) -> Place:
-        """Return the place at a URDF link's frame on the way from base to tip; the tip's is the last link's end.
+        """Return the place at a URDF link's frame on the path from base to tip; the tip's is the last link's end.
 
         Raises
         ------
@@ -133,7 +133,9 @@ class ChainGeometry:
         """
         where = self.link_frame(name)
         if where.path_rank is None:
-            raise InputError(f"{name!r} is not on the way from {self.base!r} to {self.tip!r}: moving it moves nothing")
+            raise InputError(
+                f"{name!r} is not on the path from {self.base!r} to {self.tip!r}: moving it does not move the tip"
+            )
         if name == self.tip:
             return self.end(where.link)
         return Place(where.link, (ORDER_FRAME, where.path_rank), f"frame {name}", where.frame)
@@ -160,7 +162,7 @@ class ChainGeometry:
 
 
 def cut_chain(robot: Robot, tip: str | None, base: str | None, locked: Mapping[str, float] | None) -> ChainGeometry:
-    """Cut a chain out of a robot; the arguments and errors are those of :meth:`precision_pin.Chain.from_urdf`."""
+    """Extract a chain from a robot; the arguments and errors are those of :meth:`precision_pin.Chain.from_urdf`."""
     if base is not None:
         robot.link(check_text("the name of the base link", base))
     if tip is None:
@@ -178,9 +180,7 @@ def cut_chain(robot: Robot, tip: str | None, base: str | None, locked: Mapping[s
         raise InputError(f"no joint moves between {rooted.root!r} and {tip!r}; choose another base or tip")
     for joint in joints:
         if joint.mimic is not None:
-            raise InputError(
-                f"the joint {joint.name!r} on the chain mimics {joint.mimic.joint!r}; lock it to keep it still"
-            )
-    stilled = locked_values(rooted, joints, locked or {})
-    frames, placements = link_frames(rooted, tip, joints, stilled)
-    return ChainGeometry(rooted, rooted.root, tip, joints, stilled, placements, frames)
+            raise InputError(f"the joint {joint.name!r} on the chain mimics {joint.mimic.joint!r}; lock it at a value")
+    locked_at = locked_values(rooted, joints, locked or {})
+    frames, placements = link_frames(rooted, tip, joints, locked_at)
+    return ChainGeometry(rooted, rooted.root, tip, joints, locked_at, placements, frames)

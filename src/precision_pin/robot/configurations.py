@@ -21,25 +21,25 @@ __all__ = ["Configurations"]
 
 
 LONGEST: Final = 1e6
-"""Metres a joint may slide; of larger values too few digits are left for errors of nanometres."""
+"""Largest value (m) of a prismatic joint; larger values leave too few digits for errors of nanometres."""
 
 
 @final
 @dataclass(frozen=True)
 class Configurations:
-    """Reads joint values for joints in order."""
+    """Reader of joint values, for joints in a fixed order."""
 
     joints: tuple[Joint, ...]
 
     @cached_property
     def names(self) -> tuple[str, ...]:
-        """Of the joints."""
+        """Names of the joints."""
         return tuple(joint.name for joint in self.joints)
 
     def one(self, q: ArrayLike | Mapping[str, float]) -> Array:
         """Return joint values ``(n,)``, given in order or by name; see :meth:`precision_pin.robot.chain.Chain.configuration`."""
         if isinstance(q, Mapping):
-            q = [q[name] for name in self._in_order(q)]
+            q = [q[name] for name in self._check_names(q)]
         values = check_numbers("joint values", q, needs="a number for each joint, rad or m, in chain order or by name")
         if values.shape != (len(self.names),):
             raise InputError(
@@ -51,9 +51,9 @@ class Configurations:
     def many(self, q: ArrayLike | Mapping[str, ArrayLike] | Sequence[object]) -> Array:
         """Return the values of P poses, ``(n, P)``; see :meth:`precision_pin.robot.chain.Chain.at_many`."""
         if isinstance(q, list | tuple):
-            return self._listed(q)
+            return self._read_list(q)
         if isinstance(q, Mapping):
-            rows = [np.atleast_1d(check_numbers(f"joint values of {name}", q[name])) for name in self._in_order(q)]
+            rows = [np.atleast_1d(check_numbers(f"joint values of {name}", q[name])) for name in self._check_names(q)]
             if len({row.shape for row in rows if row.size != 1}) > 1 or any(row.ndim != 1 for row in rows):
                 raise InputError("the joints have different numbers of values; each needs one, or one for each pose")
             q = np.array(np.broadcast_arrays(*rows))
@@ -68,7 +68,7 @@ class Configurations:
         return values
 
     def doubts(self, q: object) -> tuple[Finding, ...]:
-        """Return a warning where nobody can tell whether a square array holds poses in columns, as it is read, or in rows."""
+        """Return a warning if the poses of a square array, which is read by columns, could as well be its rows."""
         count = len(self.names)
         if not isinstance(q, np.ndarray) or q.shape != (count, count) or count == 1:
             return ()
@@ -76,7 +76,7 @@ class Configurations:
         if rows and not columns:
             return ()
         hint = (
-            "; as rows they would keep the joint limits, which as columns they do not" if columns and not rows else ""
+            "; as rows they would be within the joint limits, as columns they are not" if columns and not rows else ""
         )
         message = (
             f"an array of {count} by {count} joint values is taken as {count} poses in columns{hint}; transpose it if they "
@@ -85,14 +85,14 @@ class Configurations:
         return (Finding("warning", "W_SQUARE_POSES", message),)
 
     def outside(self, values: Array) -> NDArray[np.bool_]:
-        """Return which joint values ``(n, P)`` lie outside their limits."""
+        """Return a mask ``(n, P)`` of the joint values outside their limits."""
         low, high = self.limits
         return (values < low[:, None]) | (values > high[:, None])
 
     @cached_property
     @returns_read_only
     def limits(self) -> tuple[Array, Array]:
-        """Lowest and highest value of each joint, infinite where it has no limits."""
+        """Lowest and highest value of each joint, infinite if it has no limits."""
         limits = [
             (-np.inf, np.inf)
             if joint.limit is None or joint.kind == "continuous"
@@ -104,16 +104,16 @@ class Configurations:
 
     @staticmethod
     def count(q: object) -> int:
-        """Return how many poses are given for :meth:`many`, without a look at their values."""
+        """Return the number of poses given for :meth:`many`, without checking their values."""
         if isinstance(q, list | tuple):
             return len(q)
         if isinstance(q, Mapping):
             return max((Configurations.count(row) for row in q.values()), default=0)
         return q.shape[-1] if isinstance(q, np.ndarray) and q.ndim else 1
 
-    def _listed(self, poses: Sequence[object]) -> Array:
+    def _read_list(self, poses: Sequence[object]) -> Array:
         if poses and all(map(_is_row, poses)):
-            # all at once; where one of them is wrong, it is looked for below
+            # all at once; if one of them is wrong, the loop below finds it
             with suppress(InputError):
                 return fix_copy(check_numbers("joint values", poses, (None, len(self.names))).T)
         columns = []
@@ -128,17 +128,17 @@ class Configurations:
         return fix_copy(np.column_stack(columns))
 
     def _check_travel(self, values: Array) -> None:
-        """Refuse values ``(n, P)`` of joints that slide beyond `LONGEST`."""
-        slides = np.array([joint.kind == "prismatic" for joint in self.joints], dtype=bool)
-        too_far = (np.abs(values) > LONGEST) & slides[:, None]
+        """Refuse values ``(n, P)`` of prismatic joints beyond `LONGEST`."""
+        prismatic = np.array([joint.kind == "prismatic" for joint in self.joints], dtype=bool)
+        too_far = (np.abs(values) > LONGEST) & prismatic[:, None]
         if too_far.any():
             joint, pose = np.argwhere(too_far)[0]
             raise InputError(
-                f"joint value {values[joint, pose]:g} m of {self.names[joint]}; a joint slides {LONGEST:,.0f} m at most"
+                f"joint value {values[joint, pose]:g} m of {self.names[joint]}; it slides {LONGEST:,.0f} m at most"
             )
 
-    def _in_order(self, q: Mapping[str, object]) -> tuple[str, ...]:
-        """Return the joints' names, each of which ``q`` has a value for."""
+    def _check_names(self, q: Mapping[str, object]) -> tuple[str, ...]:
+        """Return the joints' names in order, after a check that ``q`` has a value for each and no others."""
         for name in check_mapping("joint values", q):
             check_name("joint on the chain", name, self.names)
         missing = [name for name in self.names if name not in q]
@@ -148,7 +148,7 @@ class Configurations:
 
 
 def _is_row(pose: object) -> bool:
-    """Return whether a pose is a list or an array, truth values not among its numbers."""
+    """Return whether a pose is a list or an array without booleans."""
     if isinstance(pose, np.ndarray):
         return bool(pose.dtype.kind != "b")
     return isinstance(pose, list | tuple) and not any(isinstance(value, bool | np.bool_) for value in pose)

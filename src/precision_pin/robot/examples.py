@@ -33,7 +33,7 @@ PAPER_SHEET: Final = ROBOTS / f"4dof{SUFFIX}"
 def example_urdfs() -> dict[str, Path]:
     """Return the URDFs of the package example-robot-data by short name (``ur5``, ``panda``, …), empty if not installed.
 
-    It has no Python module; its files are found through its metadata. A file that stands empty is left out.
+    It has no Python module; its files are found through its metadata. Empty files are left out.
     """
     try:
         distribution = importlib.metadata.distribution("example-robot-data")
@@ -54,18 +54,18 @@ def resolve_robot(text: str, folder: str | os.PathLike[str] = ".") -> Path:
     Raises
     ------
     InputError
-        The text is empty, example-robot-data is not installed or has no such robot, or there is no such file and another
-        one may be meant, which the message gives.
+        The text is empty, example-robot-data is not installed or has no such robot, or the file is missing and the message
+        suggests another one.
     """
     if not text.strip():
         raise InputError([Finding("error", "E_FILE_MISSING", "the path of the robot is empty")])
     if text.startswith(PREFIX):
         return _example(text.removeprefix(PREFIX))
     path = Path(folder) / text
-    meant = None if os.path.lexists(path) or text.endswith(os.sep) else _meant(path)
-    if meant is not None:
-        # names no file of its own, so that a sheet can give its line
-        raise InputError([Finding("error", "E_FILE_MISSING", f"there is no file {text!r}; did you mean {meant}?")])
+    suggestion = None if os.path.lexists(path) or text.endswith(os.sep) else _suggest_robot(path)
+    if suggestion is not None:
+        # the finding has no file of its own, so that a sheet can add its file and line
+        raise InputError([Finding("error", "E_FILE_MISSING", f"there is no file {text!r}; did you mean {suggestion}?")])
     return path
 
 
@@ -87,8 +87,8 @@ def _example(name: str) -> Path:
     raise InputError([Finding("error", "E_NAME", message)])
 
 
-def _meant(path: Path) -> str | None:
-    """Return what a robot that is not there may have been meant for: ``example:NAME``, or a file beside it."""
+def _suggest_robot(path: Path) -> str | None:
+    """Return a suggestion for a missing robot: ``example:NAME``, or a file in the same folder."""
     name = path.name.casefold().removesuffix(ROBOT_SUFFIXES[0]).removesuffix("_robot")
     examples = {known.casefold(): PREFIX + known for known in example_urdfs()}
     if name in examples:
@@ -98,14 +98,14 @@ def _meant(path: Path) -> str | None:
 
 
 def similar_file(path: Path, suffixes: tuple[str, ...]) -> str | None:
-    """Return the file in the same folder whose name is most like one that is not there, None if none is.
+    """Return the file in the same folder with the name most similar to a missing one; None if there is none.
 
     Parameters
     ----------
     path
-        What is not there.
+        The missing path.
     suffixes
-        How the names of those that count end.
+        Suffixes of the files considered.
     """
     stems: dict[str, str] = {}
     with suppress(OSError, ValueError), os.scandir(path.parent) as entries:
@@ -118,7 +118,7 @@ def similar_file(path: Path, suffixes: tuple[str, ...]) -> str | None:
 
 
 def starting_sheet(robot: Path) -> str:
-    """Return the name of the sheet that ``init`` writes for a robot, into the folder where it runs."""
+    """Return the name of the sheet that ``init`` writes for a robot, into the current folder."""
     return robot.stem.removesuffix("_robot") + SUFFIX
 
 

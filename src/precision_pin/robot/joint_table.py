@@ -15,14 +15,14 @@ __all__ = ["joint_table", "spaced"]
 
 
 def joint_table(joints: Sequence[Joint], placements: Array, tip: str) -> Table:
-    """Return each joint with its limits and where it stands behind the one before, and the tip.
+    """Return the table of joints with limits and the pose of each in the one before, and of the tip.
 
     Parameters
     ----------
     joints
         n joints, base to tip.
     placements
-        ``(n+1, 4, 4)``, as a chain has them.
+        ``(n+1, 4, 4)``, the placements of the chain.
     tip
         Name of the last frame.
     """
@@ -54,5 +54,5 @@ def _placement(pose: Array) -> tuple[str, str]:
 
 
 def spaced(values: Array) -> str:
-    """Return numbers side by side, six digits."""
+    """Return numbers separated by spaces, with six digits."""
     return " ".join(f"{round(value, 6) + 0.0:.6g}" for value in values.tolist())

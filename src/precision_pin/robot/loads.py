@@ -1,4 +1,4 @@
-"""The weights on a chain, and where it stands under them."""
+"""The weights on a chain, and its state under load."""
 
 from __future__ import annotations
 
@@ -31,16 +31,16 @@ class Load:
     link
         Chain link that carries it.
     frame
-        The frame its moments are given in, in the chain link's axes, ``(4, 4)``.
+        The frame of its moments, in the chain link's axes, ``(4, 4)``.
     attachment
-        Where it enters the chain link, in the chain link's axes, ``(3,)``.
+        The point of the chain link at which it acts, in the chain link's axes, ``(3,)``.
     along
-        Whether it is the weight of the link's own body, taken as spread evenly along the link.
+        True for the weight of the link's own body, which is spread evenly along the link.
     moments
         Mass (kg) and first moment (kg·m) ``(4,)`` with the parameters that multiply them; these add.
     stretch
-        The part of the way whose own weight it is, ``(2, 3)``, in the chain link's axes. ``None``: all of it for a
-        weight ``along`` the link; none of it for another, which acts at a point.
+        Ends of the part of the link that it is the weight of, ``(2, 3)``, in the chain link's axes. ``None``: the whole
+        link for a weight ``along`` it; for any other weight a point.
     """
 
     link: int
@@ -71,7 +71,7 @@ class Deflection:
     links, ends
         Chain links and their far ends, ``(n+1, 4, 4)``, base.
     bending
-        What loads displace each chain link's far end, ``[d; δ]`` in the end's axes, ``(n+1, 6)``.
+        Displacement of each chain link's far end by the loads, ``[d; δ]`` in the end's axes, ``(n+1, 6)``.
     """
 
     links: Array

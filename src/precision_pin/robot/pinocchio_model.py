@@ -1,7 +1,7 @@
-"""The only user of Pinocchio: what it loads, checked against our own reading, and what it computes.
+"""The only module that calls Pinocchio: the models it loads, checked against our own reader, and their kinematics and statics.
 
-One wrapper owns every call, because a wrong call ends the process by signal rather than by an exception. Pinocchio never
-sees a name of the file: it keeps links and joints in one list of frames and refuses a name that occurs twice there.
+All calls are here, because a wrong call ends the process by a signal instead of an exception. Pinocchio gets no names
+from the file: it keeps links and joints in one list of frames and refuses a name that occurs twice in it.
 """
 
 from __future__ import annotations
@@ -22,13 +22,13 @@ __all__ = ["PinocchioModel"]
 
 
 AGREEMENT = 1e-9
-"""Largest difference allowed between Pinocchio and our own reading, relative to the robot's reach and mass."""
+"""Largest difference allowed between Pinocchio and our own reader, relative to the robot's reach and mass."""
 
 
 @final
 @dataclass(frozen=True, eq=False)
 class PinocchioModel:
-    """A robot as Pinocchio holds it, with the joints off the chain locked.
+    """Pinocchio's model of a robot, with the joints off the chain locked.
 
     Attributes
     ----------
@@ -45,28 +45,28 @@ class PinocchioModel:
     def load(
         cls, robot: Robot, joints: Sequence[str], locked: Mapping[str, float], gravity: Sequence[float]
     ) -> PinocchioModel:
-        """Load the canonical form of a robot, compare, lock what is off the chain.
+        """Load the canonical form of a robot, compare it with our own, and lock the joints off the chain.
 
         Parameters
         ----------
         robot
-            Strictly read, rooted at the chain's base.
+            The robot, read strictly and rooted at the chain's base.
         joints
             The chain's joints, base to tip.
         locked
             Value of every other joint that moves.
         gravity
-            Base axes, m/s².
+            Gravity in base axes, m/s².
 
         Raises
         ------
         InternalError
-            Pinocchio's model differs from our reading.
+            Pinocchio's model differs from our own.
         """
-        numbered = _numbered(robot)
-        names = {old.name: new.name for old, new in zip(robot.joints, numbered.joints, strict=True)}
-        full = pinocchio.buildModelFromXML(canonical(numbered))
-        _verify(full, numbered, [link.name for link in robot.links])
+        renamed = _replace_names(robot)
+        names = {old.name: new.name for old, new in zip(robot.joints, renamed.joints, strict=True)}
+        full = pinocchio.buildModelFromXML(canonical(renamed))
+        _verify(full, renamed, [link.name for link in robot.links])
         reference = pinocchio.neutral(full)
         numbers = [full.getJointId(names[name]) for name in locked]
         for number, value in zip(numbers, locked.values(), strict=True):
@@ -93,23 +93,23 @@ class PinocchioModel:
         return PinocchioModel(model, self.joints)
 
     def joint_poses(self, q: Array) -> Array:
-        """Return each chain joint's frame after it turned, in the base, ``(n, 4, 4)``."""
+        """Return each chain joint's frame after its motion, in the base, ``(n, 4, 4)``."""
         data = self.model.createData()
         pinocchio.forwardKinematics(self.model, data, self._values(q))
         return np.array([data.oMi[k].homogeneous for k in self.joints]).reshape(-1, 4, 4)
 
     def statics(self, q: Array) -> tuple[Array, Array]:
-        """Return what gravity puts on the joints and on the links' far ends.
+        """Return the loads of gravity on the joints and on the links' far ends.
 
         Returns
         -------
         tuple
             Torque or force on each joint ``(n,)`` (minus the generalised gravity), and the force and moment
-            ``(n, 6)`` which everything beyond joint i+1 puts on link i, at and in that joint's frame after it turned.
+            ``(n, 6)`` of everything beyond joint i+1 on link i, at and in that joint's frame after its motion.
         """
         data = self.model.createData()
-        still = np.zeros(self.model.nv)
-        torque = pinocchio.rnea(self.model, data, self._values(q), still, still)
+        zeros = np.zeros(self.model.nv)
+        torque = pinocchio.rnea(self.model, data, self._values(q), zeros, zeros)
         columns = [self.model.joints[k].idx_v for k in self.joints]
         wrenches = np.array([-data.f[k].vector for k in self.joints]).reshape(-1, 6)
         return -np.asarray(torque)[columns], wrenches
@@ -121,10 +121,10 @@ class PinocchioModel:
         return values
 
 
-def _numbered(robot: Robot) -> Robot:
-    """Return the robot with numbers for names: ``link000000``, ``joint000000`` … in the order of the names.
+def _replace_names(robot: Robot) -> Robot:
+    """Return the robot with names replaced by numbers: ``link000000``, ``joint000000`` … in the order of the names.
 
-    Readers of URDF sort by name, so the order of Pinocchio's joints, and of its sums, is that of the file's own names.
+    URDF readers sort by name, so Pinocchio's joints and its sums have the same order as with the file's own names.
     """
     links = _numbers("link", (link.name for link in robot.links))
     joints = _numbers("joint", (joint.name for joint in robot.joints))
@@ -146,7 +146,7 @@ def _numbers(kind: str, names: Iterable[str]) -> dict[str, str]:
 def _verify(model: Any, robot: Robot, written: Sequence[str]) -> None:
     """Compare names, masses, centres and forward kinematics; a difference is a bug in our canonical form.
 
-    ``written`` gives the links' names in the file, for messages.
+    ``written`` are the links' names in the file, for messages.
     """
     names = {link.name: name for link, name in zip(robot.links, written, strict=True)}
     moving = [joint for joint in robot.joints if joint.kind != "fixed"]
@@ -174,7 +174,7 @@ def _verify(model: Any, robot: Robot, written: Sequence[str]) -> None:
         frame = model.frames[number]
         if np.abs(data.oMf[number].homogeneous - ours[link.name]).max() > AGREEMENT * reach:
             raise InternalError(
-                f"{robot.file}: Pinocchio places the link {names[link.name]!r} elsewhere than the URDF says"
+                f"{robot.file}: Pinocchio places the link {names[link.name]!r} at another pose than the URDF"
             )
         if link.inertial is not None:
             local = frame.placement.homogeneous

@@ -1,4 +1,4 @@
-"""Places on a chain, and where the URDF's links stand on it."""
+"""Places on a chain, and the positions of the URDF's links on it."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ ORDER_START, ORDER_FRAME, ORDER_CUSTOM, ORDER_END, ORDER_SEAT = range(-1, 4)
 """Order of the kinds of places on one chain link."""
 
 _SAME_POINT: Final = 1e-9
-"""Distance (m) up to which two frames stand at one point."""
+"""Distance (m) up to which two frames count as being at one point."""
 
 
 @final
@@ -29,8 +29,8 @@ _SAME_POINT: Final = 1e-9
 class Place:
     """A point of the chain where a small rigid displacement ``E = Trans(d)·Exp(δ)`` is inserted.
 
-    Two places are the same if link, order and name are; contributions to one place add, places multiply in the
-    order of ``(link, order)``.
+    Two places are the same if link, order and name are. Contributions to one place add; the displacements of different
+    places multiply in the order of ``(link, order)``.
 
     Attributes
     ----------
@@ -39,7 +39,7 @@ class Place:
     order
         Position among the link's places: its start, frames along it, then custom ones, the end, the seat.
     name
-        For people.
+        Name for messages and reports.
     frame
         Its pose in the chain link's axes, ``(4, 4)``.
     """
@@ -56,33 +56,33 @@ class Place:
 
     @property
     def is_seat(self) -> bool:
-        """Whether it is where the next joint sits, after the link's end."""
+        """True for the seat of the next joint, after the link's end."""
         return self.order[0] == ORDER_SEAT
 
     @property
     def is_start(self) -> bool:
-        """Whether it is right behind the joint before its link."""
+        """True for the start of a link, directly after the joint before it."""
         return self.order[0] == ORDER_START
 
     @property
     def joint(self) -> int | None:
-        """The joint (0-based) that it is about how it sits: the one after a seat, or before a link's start."""
+        """The joint (0-based) whose mounting it displaces: the one after a seat, or before a link's start."""
         if self.is_seat:
             return self.link
         return self.link - 1 if self.is_start else None
 
     def is_same(self, other: object) -> bool:
-        """Return whether another place at this point of the chain is this one, frame included."""
+        """Return whether another place is the same as this one, frame included."""
         return isinstance(other, Place) and self == other and np.array_equal(self.frame, other.frame)
 
     @classmethod
     def start(cls, link: int, name: str) -> Place:
-        """Return the place at a link's start, right behind the joint before it."""
+        """Return the place at a link's start, directly after the joint before it."""
         return cls(link, (ORDER_START, 0), name, np.eye(4))
 
     @classmethod
     def custom(cls, link: int, rank: int, name: str, frame: Array) -> Place:
-        """Return a place of a source's own, before the link's end; ``rank`` orders those of one source."""
+        """Return a place defined by a source, before the link's end; ``rank`` orders those of one source."""
         return cls(link, (ORDER_CUSTOM, rank), name, frame)
 
 
@@ -98,17 +98,17 @@ class LinkFrame:
     frame
         Its pose in the chain link's axes, ``(4, 4)``.
     path_rank
-        Its position among the URDF links on the way from base to tip within the chain link; ``None`` for a branch.
+        Its position among the URDF links on the path from base to tip within the chain link; ``None`` for a branch.
     attachment
-        Of a branch: where the joint that holds it stands on the way, in the chain link's axes, ``(3,)``; its own origin
-        for a link on the way. A joint stands at its frame in the file, wherever the base is.
+        For a branch: position on the path of the joint that holds it, in the chain link's axes, ``(3,)``; for a link on
+        the path its own origin. The position of a joint is its frame in the file, whatever the base is.
     stretch
-        Of a link on the way: from where to where it is part of the way, ``(2, 3)``, in the chain link's axes: from joint
-        to joint, on over the links without mass that it carries. ``None`` for a branch.
+        For a link on the path: the ends of its part of the path, ``(2, 3)``, in the chain link's axes: from joint to
+        joint, extended over the links without mass that it carries. ``None`` for a branch.
     is_own
-        Whether it is the chain link's own body: of the links on the way, the one nearest to the file's root, which is
-        the child of the joint that moves it. Where that one has no mass, the next one with mass whose frame stands at
-        the same point.
+        True for the chain link's own body: of the links on the path, the one nearest to the file's root, which is the
+        child of the joint that moves it. If that one has no mass, the next one with mass whose frame is at the same
+        point.
     """
 
     link: int
@@ -122,7 +122,7 @@ class LinkFrame:
         fix_fields(self)
 
     def entry(self, centre: ArrayLike) -> Array:
-        """Return where a weight enters the chain link, in the chain link's axes, ``(3,)``.
+        """Return the point of the chain link at which a weight acts, in the chain link's axes, ``(3,)``.
 
         Parameters
         ----------
@@ -132,7 +132,7 @@ class LinkFrame:
         Returns
         -------
         NDArray
-            The centre itself for a link on the way; where the branch leaves the way for another.
+            The centre itself for a link on the path; for a branch the point where it leaves the path.
         """
         if self.path_rank is None:
             return self.attachment
@@ -172,10 +172,10 @@ def locked_values(robot: Robot, joints: Sequence[Joint], locked: Mapping[str, fl
 def link_frames(
     robot: Robot, tip: str, joints: Sequence[Joint], locked: Mapping[str, float]
 ) -> tuple[dict[str, LinkFrame], Array]:
-    """Return where every link stands, and the placements between the chain's joints."""
+    """Return the position of every link, and the placements between the chain's joints."""
     moving = {joint.name: k + 1 for k, joint in enumerate(joints)}
     way = robot.path(robot.root, tip)
-    on_way = {robot.root, *(joint.child for joint in way)}
+    path_links = {robot.root, *(joint.child for joint in way)}
     frames = {robot.root: LinkFrame(0, np.eye(4), 0, np.zeros(3))}
     placements = np.tile(np.eye(4), (len(joints) + 1, 1, 1))
     waiting = list(robot.child_joints(robot.root))
@@ -183,7 +183,7 @@ def link_frames(
         joint = waiting.pop()
         parent = frames[joint.parent]
         origin = parent.frame @ joint.origin
-        on_path = joint.child in on_way
+        on_path = joint.child in path_links
         if joint.name in moving:
             placements[moving[joint.name] - 1] = origin
             frames[joint.child] = LinkFrame(moving[joint.name], np.eye(4), 0, np.zeros(3))
@@ -203,21 +203,21 @@ def link_frames(
         ends = row.ends(frames, placements)
         own = row.own(robot, frames)
         for k, name in enumerate(row.names):
-            frames[name] = replace(frames[name], stretch=ends[row.carried(robot, k)], is_own=k == own)
+            frames[name] = replace(frames[name], stretch=ends[row.weight_ends(robot, k)], is_own=k == own)
     return frames, placements
 
 
 @final
 @dataclass(frozen=True)
 class _Row:
-    """The URDF links on the way within one chain link, base to tip, and the joints between them."""
+    """The URDF links on the path within one chain link, base to tip, and the joints between them."""
 
     names: list[str]
     joints: list[Joint]
 
     def ends(self, frames: Mapping[str, LinkFrame], placements: Array) -> Array:
-        """Return where the first link begins, the joints stand and the last one ends, ``(len(names) + 1, 3)``."""
-        # the joint that holds a link lies at this link's frame, in the file
+        """Return the begin of the first link, the joints' positions and the end of the last link, ``(len(names) + 1, 3)``."""
+        # in the file, the joint that holds a link is at the frame of this link
         holds = [self.names[k] if joint.reversed else self.names[k + 1] for k, joint in enumerate(self.joints)]
         points = [np.zeros(3), *(frames[name].frame[:3, 3] for name in holds)]
         return np.array([*points, placements[frames[self.names[0]].link][:3, 3]])
@@ -230,8 +230,8 @@ class _Row:
         with_mass = [k for k in here if robot.link(self.names[k]).mass]
         return min(with_mass, key=lambda k: abs(k - first), default=first)
 
-    def carried(self, robot: Robot, number: int) -> list[int]:
-        """Return between which two of the ends a link weighs: on over those without mass that hang on it in the file."""
+    def weight_ends(self, robot: Robot, number: int) -> list[int]:
+        """Return the two ends of a link's weight, extended over links without mass that it carries in the file."""
 
         def weightless(k: int) -> bool:
             return not robot.link(self.names[k]).mass

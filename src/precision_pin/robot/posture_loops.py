@@ -1,16 +1,14 @@
-"""The compiled loops over poses: where the joints stand, the tip's Jacobian, what gravity puts on joints and links.
+"""The compiled loops over poses: joint frames, the tip's Jacobian, and the loads of gravity on joints and links.
 
-All compiled code of this capability stands in this one file (numba does not see that a cached function is stale when
-a function it calls changes in another file). It knows nothing of robots: :mod:`precision_pin.robot.postures` lays a chain out
-as arrays.
+All compiled code for postures is in this one file, because numba does not notice that a cached function is stale when a
+function it calls changes in another file. It works on arrays only; :mod:`precision_pin.robot.postures` makes them from a chain.
 
-Poses are worked on in *tiles* of `TILE`. One *row* of a workspace holds one number of a tile's poses. LLVM computes
-several poses at once where it sees that the rows of a loop do not overlap: in each workspace their distances are
-constants of the code, so what changes while going along the chain has a workspace of its own, and a loop names a place
-in the other one by one offset. Offsets are unsigned: signed ones make numba test for negative indices, which keeps
-LLVM from that too.
+Poses are computed in *tiles* of `TILE`. One *row* of a workspace holds one number for each pose of a tile. LLVM computes
+several poses at once if it can tell that the rows of a loop do not overlap. In each workspace their distances are
+constants of the code; data that changes along the chain therefore has its own workspace, which a loop addresses by one
+offset. Offsets are unsigned: signed ones make numba test for negative indices, which also prevents this.
 
-Every joint's frame is turned beforehand so that its z is the joint's axis. A joint then mixes two columns only.
+Every joint's frame is rotated beforehand so that its z is the joint's axis. A joint then mixes two columns only.
 """
 
 from __future__ import annotations
@@ -29,7 +27,7 @@ Scalar = Any
 """A number inside compiled code: an offset (np.uint64), an index or a double."""
 
 TILE: Final = 128
-"""Poses worked on together."""
+"""Poses computed together."""
 FARTHEST_TURN: Final = 1e6
 """Largest joint angle (rad) whose sine and cosine are right to rounding here."""
 
@@ -38,10 +36,10 @@ _TILE = _U(TILE)
 
 _R = tuple(_U(row * TILE) for row in range(17))
 """Offsets of rows."""
-# the workspace of the joint at hand, f: its frame (rotation by rows, position), then these
+# workspace f of the current joint: its frame (rotation by rows, position), then these
 _SINE, _COSINE, _BEYOND = _R[12], _R[13], _R[14]
 _F_SIZE: Final = 17 * TILE
-# the workspace of the links' ends, w: each one's rotation and position, then the first moment of the link after it
+# workspace w of the links' ends: for each, its rotation and position, then the first moment of the link after it
 _END_SIZE: Final = 15 * TILE
 _END = _U(_END_SIZE)
 
@@ -126,7 +124,7 @@ def _slide(f: Array, w: Array, end: Scalar) -> None:
 
 @fma
 def _weigh(f: Array, w: Array, end: Scalar, mass: Scalar, moments: Array, joint: Scalar) -> None:
-    """Note the first moment of the link after a joint, about the base."""
+    """Store the first moment of the link after a joint, about the base."""
     m0, m1, m2 = moments[joint, 0], moments[joint, 1], moments[joint, 2]
     for i in range(_TILE):
         for row in (0, 1, 2):
@@ -135,33 +133,33 @@ def _weigh(f: Array, w: Array, end: Scalar, mass: Scalar, moments: Array, joint:
 
 
 @fma
-def _put(rows: Array, row: Scalar, out: Array, at: Scalar, size: Scalar) -> None:
+def _copy_row(rows: Array, row: Scalar, out: Array, at: Scalar, size: Scalar) -> None:
     """Copy one row of a tile to its place in a result."""
     for i in range(size):
         out[at + i] = rows[row + i]
 
 
 @fma
-def _put_zeros(out: Array, at: Scalar, size: Scalar) -> None:
+def _fill_zeros(out: Array, at: Scalar, size: Scalar) -> None:
     for i in range(size):
         out[at + i] = 0.0
 
 
 @fma
-def _put_frame(f: Array, aligned: Array, joint: Scalar, out: Array, at: Scalar, count: Scalar, size: Scalar) -> None:
-    """Write the frame, turned back from the joint's axis to the axes of the URDF, as a pose: rows of ``(4, 4)``."""
+def _write_frame(f: Array, aligned: Array, joint: Scalar, out: Array, at: Scalar, count: Scalar, size: Scalar) -> None:
+    """Write the frame, rotated back from the joint's axis to the axes of the URDF, as a pose: rows of ``(4, 4)``."""
     for row in range(_U(3)):
         x, p = _U(3) * row * _TILE, (_U(9) + row) * _TILE
         for column in range(_U(3)):
             a0, a1, a2 = aligned[joint, column, 0], aligned[joint, column, 1], aligned[joint, column, 2]
             for i in range(_TILE):
                 f[_SINE + i] = f[x + i] * a0 + f[x + _R[1] + i] * a1 + f[x + _R[2] + i] * a2
-            _put(f, _SINE, out, at, size)
+            _copy_row(f, _SINE, out, at, size)
             at += count
-        _put(f, p, out, at, size)
+        _copy_row(f, p, out, at, size)
         at += count
     for _ in range(3):
-        _put_zeros(out, at, size)
+        _fill_zeros(out, at, size)
         at += count
     for i in range(size):
         out[at + i] = 1.0
@@ -169,7 +167,7 @@ def _put_frame(f: Array, aligned: Array, joint: Scalar, out: Array, at: Scalar, 
 
 @fma
 def _column(f: Array, w: Array, end: Scalar, tip: Scalar) -> None:
-    """Make the velocity of the tip for a joint that turns in the frame's first three rows."""
+    """Write the velocity of the tip for a revolute joint into the frame's first three rows."""
     for i in range(_TILE):
         e, t = end + i, tip + i
         z0, z1, z2 = w[e + _R[2]], w[e + _R[5]], w[e + _R[8]]
@@ -181,7 +179,7 @@ def _column(f: Array, w: Array, end: Scalar, tip: Scalar) -> None:
 
 @fma
 def _gather(f: Array, w: Array, end: Scalar, mass: Scalar, gravity: Array) -> None:
-    """Add the link after an end to the first moment; make the wrench at the end in the frame's first six rows."""
+    """Add the link after an end to the first moment; write the wrench at the end into the frame's first six rows."""
     g0, g1, g2 = gravity[0], gravity[1], gravity[2]
     for i in range(_TILE):
         e = end + i
@@ -201,7 +199,7 @@ def _gather(f: Array, w: Array, end: Scalar, mass: Scalar, gravity: Array) -> No
 
 @fma
 def _straighten(f: Array, aligned: Array, joint: Scalar) -> None:
-    """Turn the wrench in the frame's rows from the joint's axis to the axes of the URDF."""
+    """Rotate the wrench in the frame's rows from the joint's axis to the axes of the URDF."""
     a00, a01, a02 = aligned[joint, 0, 0], aligned[joint, 0, 1], aligned[joint, 0, 2]
     a10, a11, a12 = aligned[joint, 1, 0], aligned[joint, 1, 1], aligned[joint, 1, 2]
     a20, a21, a22 = aligned[joint, 2, 0], aligned[joint, 2, 1], aligned[joint, 2, 2]
@@ -214,7 +212,7 @@ def _straighten(f: Array, aligned: Array, joint: Scalar) -> None:
 
 
 def allocate_scratch(joints: int) -> tuple[Array, Array]:
-    """Return scratch arrays of `run` for a chain of so many joints."""
+    """Return the scratch arrays of `run` for a chain with this number of joints."""
     return np.empty(_F_SIZE), np.empty((joints + 1) * _END_SIZE)
 
 
@@ -236,7 +234,7 @@ def run(
     torques: Array,
     wrenches: Array,
 ) -> None:
-    """Work through poses tile by tile. Results are flat: rows of P numbers, one for each pose.
+    """Compute all poses, tile by tile. Results are flat: rows of P numbers, one for each pose.
 
     Parameters
     ----------
@@ -245,19 +243,19 @@ def run(
     q
         ``(n, P)`` joint values; angles not above `FARTHEST_TURN`.
     slides, slanted
-        ``(n,)`` which joints slide, and which have another axis than z.
+        ``(n,)`` masks of the prismatic joints, and of those with another axis than z.
     aligned
         ``(n + 1, 3, 3)`` from axes whose z is the joint's to those of the URDF; the identity for the tip.
     turns, arms
-        ``(n + 1, 3, 3)`` and ``(n + 1, 3)``: the links' placements between frames so aligned.
+        ``(n + 1, 3, 3)`` and ``(n + 1, 3)``: the links' placements between these aligned frames.
     masses, moments
         ``(n,)`` and ``(n, 3)``: mass and first moment of the link after each joint, in its aligned frame.
     gravity
         ``(3,)``, base axes.
     poses
-        ``(n + 1, 4, 4, P)`` to fill with the joints' frames and the tip; or no numbers: not wanted.
+        ``(n + 1, 4, 4, P)`` to fill with the joints' frames and the tip; empty if not wanted.
     jacobians, torques, wrenches
-        ``(6, n, P)``, ``(n, P)`` and ``(n + 1, 6, P)`` to fill; or no numbers.
+        ``(6, n, P)``, ``(n, P)`` and ``(n + 1, 6, P)`` to fill; empty if not wanted.
     """
     joints, poses_given = q.shape
     n, count = _U(joints), _U(poses_given)
@@ -284,12 +282,12 @@ def run(
                 _turn(f, w, end)
             _weigh(f, w, end, masses[joint], moments, joint)
             if poses.size:
-                _put_frame(f, aligned, joint, poses, joint * _U(16) * count + begin, count, size)
+                _write_frame(f, aligned, joint, poses, joint * _U(16) * count + begin, count, size)
         _go_to_end(f, w, tip, turns, arms, n)
         if poses.size:
             for i in range(_U(12) * _TILE):
                 f[i] = w[tip + i]
-            _put_frame(f, aligned, n, poses, n * _U(16) * count + begin, count, size)
+            _write_frame(f, aligned, n, poses, n * _U(16) * count + begin, count, size)
         if not torques.size:
             continue
         beyond = 0.0
@@ -302,17 +300,17 @@ def run(
             for row in range(_U(3)):
                 along = end + (_U(3) * row + _U(2)) * _TILE
                 if slides[last]:
-                    _put(w, along, jacobians, at + row * n * count, size)
-                    _put_zeros(jacobians, at + (row + _U(3)) * n * count, size)
+                    _copy_row(w, along, jacobians, at + row * n * count, size)
+                    _fill_zeros(jacobians, at + (row + _U(3)) * n * count, size)
                 else:
-                    _put(f, row * _TILE, jacobians, at + row * n * count, size)
-                    _put(w, along, jacobians, at + (row + _U(3)) * n * count, size)
+                    _copy_row(f, row * _TILE, jacobians, at + row * n * count, size)
+                    _copy_row(w, along, jacobians, at + (row + _U(3)) * n * count, size)
             beyond += masses[last]
             _gather(f, w, end, beyond, gravity)
-            _put(f, _R[2] if slides[last] else _R[5], torques, at, size)
+            _copy_row(f, _R[2] if slides[last] else _R[5], torques, at, size)
             if slanted[last]:
                 _straighten(f, aligned, last)
             for row in range(_U(6)):
-                _put(f, row * _TILE, wrenches, (last * _U(6) + row) * count + begin, size)
+                _copy_row(f, row * _TILE, wrenches, (last * _U(6) + row) * count + begin, size)
         for row in range(_U(6)):
-            _put_zeros(wrenches, (n * _U(6) + row) * count + begin, size)
+            _fill_zeros(wrenches, (n * _U(6) + row) * count + begin, size)

@@ -1,9 +1,9 @@
 """A chain at many configurations at once: poses, Jacobians, load torques and link wrenches by compiled loops.
 
-What :class:`precision_pin.robot.chain.Posture` says of one configuration, for thousands, in about a tenth of a microsecond
-each; nothing here calls Pinocchio. Axes and signs are the same, the configurations' axis comes last.
+They give the results of :class:`precision_pin.robot.chain.Posture` for thousands of configurations, in about 0.1 µs each,
+without Pinocchio. Axes and signs are the same; the dimension of the configurations comes last.
 
-The compiled code is kept in numba's cache on disk; a cache that is damaged or cannot be used costs time only.
+The compiled code is in numba's cache on disk; a damaged or unusable cache only costs time.
 """
 
 from __future__ import annotations
@@ -37,20 +37,20 @@ def alignment(axis: Array) -> Array:
 @final
 @dataclass(frozen=True, eq=False)
 class ChainConstants:
-    """Constants of a chain, at any configuration, as the compiled loops read them.
+    """Constants of a chain for the compiled loops, the same at every configuration.
 
     Attributes
     ----------
     axes
         Unit axis of each joint in its own frame, ``(n, 3)``.
     slides, slanted
-        Which joints slide, and which have another axis than z, ``(n,)``.
+        Masks of the prismatic joints, and of those with another axis than z, ``(n,)``.
     aligned
         ``(n + 1, 3, 3)`` from axes whose z is the joint's axis to those of its frame; the identity for the tip.
     turns, arms
-        ``(n + 1, 3, 3)`` and ``(n + 1, 3)``: the placements, between frames so aligned.
+        ``(n + 1, 3, 3)`` and ``(n + 1, 3)``: the placements between these aligned frames.
     masses, moments
-        ``(n,)`` kg and ``(n, 3)`` kg·m: mass and first moment of the chain link after each joint, so aligned.
+        ``(n,)`` kg and ``(n, 3)`` kg·m: mass and first moment of the chain link after each joint, in its aligned frame.
     gravity
         Base axes, m/s², ``(3,)``.
     """
@@ -111,8 +111,8 @@ class ChainConstants:
 class Postures:
     """A chain at P configurations, undisplaced; made by :meth:`precision_pin.robot.chain.Chain.at_many`.
 
-    Results are computed when first asked for: Jacobians, torques and wrenches together, poses together. Column k of each
-    is what :class:`precision_pin.robot.chain.Posture` gives at ``q[:, k]``, to rounding.
+    Results are computed on first use: Jacobians, torques and wrenches together, poses together. Column k of each equals
+    what :class:`precision_pin.robot.chain.Posture` gives at ``q[:, k]``, to rounding.
 
     Attributes
     ----------
@@ -137,7 +137,7 @@ class Postures:
 
     @property
     def joint_poses(self) -> Array:
-        """Each joint's frame after it turned, in the base, ``(n, 4, 4, P)``."""
+        """Each joint's frame after its motion, in the base, ``(n, 4, 4, P)``."""
         return self._poses[:-1]
 
     @cached_property
@@ -154,14 +154,14 @@ class Postures:
 
     @property
     def load_torque(self) -> Array:
-        """Torque (N·m) or force (N) that the weight of robot and chain payload puts on the joints, ``(n, P)``."""
+        """Torque (N·m) or force (N) of the weight of robot and chain payload on the joints, ``(n, P)``."""
         return self._rates[1]
 
     @property
     def link_wrench(self) -> Array:
-        """Force and moment which everything beyond it puts on each chain link's far end, ``(n + 1, 6, P)``.
+        """Force and moment of everything beyond it on each chain link's far end, ``(n + 1, 6, P)``.
 
-        At and in the axes of the link's end, which is the next joint's origin frame before it turns; zero for the last
+        At and in the axes of the link's end, which is the next joint's origin frame before its motion; zero for the last
         link.
         """
         return self._rates[2]
@@ -181,7 +181,7 @@ class Postures:
         check_memory(
             8.0 * (13 * joints + 6) * count, f"computing Jacobians and wrenches at {count:,} configurations", _FEWER
         )
-        # one piece of memory: large ones are quicker to get
+        # one block of memory: a large block is faster to allocate than several
         rows = np.empty((6 * joints + joints + 6 * (joints + 1), count))
         jacobian, torque, wrench = np.split(rows, [6 * joints, 7 * joints])
         self._run(_NOTHING, jacobian, torque, wrench)
@@ -214,7 +214,7 @@ _FEWER: Final = "give fewer at a time"
 
 
 def _within_reach(q: Array, slides: NDArray[np.bool_]) -> Array:
-    """Return the values with angles of many turns brought back to one, in rows without gaps."""
+    """Return the values with angles of many turns reduced to one turn, as a contiguous array."""
     from precision_pin.robot.posture_loops import FARTHEST_TURN
 
     far = ~slides[:, None] & (np.abs(q) > FARTHEST_TURN)

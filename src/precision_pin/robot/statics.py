@@ -15,7 +15,7 @@ __all__ = ["Weight", "torque_on", "weigh", "wrench_basis", "wrench_on"]
 
 
 Weight = tuple[list[float], list[tuple[Factors, float, float, float, float]]]
-"""A load in the base: its frame's origin, and of its moments the factors, mass and first moment in base axes."""
+"""A load in the base: the origin of its frame, and for each of its moments factors, mass and first moment in base axes."""
 _NOTHING: Final = (0.0, 0.0, 0.0, 0.0)
 
 
@@ -45,7 +45,7 @@ def wrench_basis(frame: Array, gravity: Array, point: ArrayLike) -> Array:
 
 
 def weigh(loads: Sequence[Load], link_poses: Array) -> dict[Load, Weight]:
-    """Return loads in the base, in numbers of Python: for sums of three they are quicker than arrays.
+    """Return loads in the base as Python floats, which are faster than arrays for sums of three numbers.
 
     Parameters
     ----------
@@ -75,16 +75,16 @@ def wrench_on(
     Parameters
     ----------
     weights
-        As :func:`weigh` gives them.
+        As :func:`weigh` returns them.
     gravity
         ``(3,)``, base axes, m/s².
     tilts
-        What sources add to gravity: vectors ``(3,)``, base axes, m/s², with the parameters that multiply them.
+        Contributions of sources to gravity: vectors ``(3,)``, base axes, m/s², with the parameters that multiply them.
     point
         ``(3,)``, base axes, m.
     """
     x, y, z = np.asarray(point, dtype=float).tolist()
-    # mass and first moment about the point, by the part of gravity that pulls at them and by their factors
+    # mass and first moment about the point, for each part of gravity and each set of factors
     sums: dict[tuple[int, Factors], tuple[float, float, float, float]] = {}
     for (o_x, o_y, o_z), pieces in weights:
         for part in range(1 + len(tilts)):
@@ -108,16 +108,16 @@ def wrench_on(
 
 
 def torque_on(axis: Array, slides: bool, wrenches: Mapping[Factors, Array]) -> dict[Factors, float]:
-    """Return what wrenches put on a joint, N·m or N, by the parameters that multiply them.
+    """Return the torque or force of wrenches on a joint, N·m or N, by the parameters that multiply them.
 
     Parameters
     ----------
     axis
-        Of the joint, ``(3,)``, base axes.
+        Axis of the joint, ``(3,)``, base axes.
     slides
-        Whether the joint slides.
+        True for a prismatic joint.
     wrenches
-        About the joint's origin.
+        Wrenches about the joint's origin.
     """
     rows = slice(0, 3) if slides else slice(3, 6)
     return {factors: float(axis @ wrench[rows]) for factors, wrench in wrenches.items()}

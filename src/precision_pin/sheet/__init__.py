@@ -1,6 +1,6 @@
-"""The YAML sheet: which robot, which poses, which error sources with which laws.
+"""The YAML sheet: robot, poses, and error sources with their laws.
 
-Reading collects every finding with its line before it refuses.
+The reader collects every finding with its line before it raises an error.
 """
 
 from precision_pin.sheet.reader import Overrides, Sheet, parse_pose, read

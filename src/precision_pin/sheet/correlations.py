@@ -1,4 +1,4 @@
-"""The sheet's correlations: which parameters depend on one another."""
+"""The correlations between the parameters of a sheet."""
 
 from __future__ import annotations
 
@@ -19,18 +19,18 @@ __all__ = ["correlated_space"]
 def correlated_space(
     draws: Sequence[Draw], entries: Sequence[object], findings: Findings, unread: Sequence[str]
 ) -> Space:
-    """Return the space of the sheet's draws with its correlations; what is wrong with these becomes findings.
+    """Return the space of the sheet's draws with its correlations; errors in these become findings.
 
     Parameters
     ----------
     draws
         The sheet's parameters.
     entries
-        What stands under ``correlations``.
+        The entries under ``correlations``.
     findings
-        Where to collect.
+        Collector of the errors.
     unread
-        Names of parameters that could not be read: a correlation that holds one is left out.
+        Names of parameters that could not be read; a correlation that uses one is left out.
     """
     space = Space(tuple(draws))
     for k, entry in enumerate(entries):
@@ -52,18 +52,18 @@ def _correlation(entry: object) -> Correlation:
         )
     names = entry.get("parameters")
     if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
-        raise SettingError(("parameters",), "the names of two or more parameters belong here: [a1, a2]")
+        raise SettingError(("parameters",), "expected the names of two or more parameters: [a1, a2]")
     if ("correlation" in entry) == ("matrix" in entry):
         raise InputError("a correlation needs either correlation: (of two) or matrix:")
     if "correlation" in entry:
         if len(names) != 2:
             raise SettingError(
-                ("parameters",), f"correlation: belongs to two parameters, these are {len(names)}; use matrix:"
+                ("parameters",), f"correlation: is for two parameters, these are {len(names)}; use matrix:"
             )
         return Correlation.pair(names[0], names[1], _number(entry["correlation"], ("correlation",)))
     rows = entry["matrix"]
     if not isinstance(rows, list) or not all(isinstance(row, list) for row in rows):
-        raise SettingError(("matrix",), "rows of plain numbers belong here: [[1, 0.5], [0.5, 1]]")
+        raise SettingError(("matrix",), "expected rows of plain numbers: [[1, 0.5], [0.5, 1]]")
     numbers = [[_number(cell, ("matrix", i, j)) for j, cell in enumerate(row)] for i, row in enumerate(rows)]
     try:
         return Correlation(tuple(names), tuple(map(tuple, numbers)))
@@ -73,7 +73,7 @@ def _correlation(entry: object) -> Correlation:
 
 def _number(value: Any, where: Path) -> float:
     if isinstance(value, Mapping | list):
-        raise SettingError(where, "a plain number belongs here")
+        raise SettingError(where, "expected a plain number")
     try:
         return units.parse(value, units.RATIO)
     except InputError as error:

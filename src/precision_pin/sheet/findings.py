@@ -1,4 +1,4 @@
-"""Findings at the lines of a sheet."""
+"""Collector of the findings of a sheet, with their lines."""
 
 from __future__ import annotations
 
@@ -18,28 +18,28 @@ from precision_pin.sheet.text import Path, Text
 __all__ = ["Findings"]
 
 _SHAPES: Final = {
-    "dict_type": "keys with values belong here, {key: value}",
-    "list_type": "a list belongs here, one entry after each '-'",
-    "tuple_type": "a list belongs here, one entry after each '-'",
-    "model_type": "keys with values belong here, {key: value}",
-    "string_type": "one value belongs here",
+    "dict_type": "expected keys with values, {key: value}",
+    "list_type": "expected a list, one entry after each '-'",
+    "tuple_type": "expected a list, one entry after each '-'",
+    "model_type": "expected keys with values, {key: value}",
+    "string_type": "expected one value",
 }
 MOST_ERRORS: Final = 100
-"""Errors of a sheet that are listed; reading ends where there are more."""
+"""Largest number of errors that are listed for a sheet; with more, reading stops."""
 
-_POSE: Final = "joint values in chain order with one unit, a list of values, or keys with values by joint belong here"
+_POSE: Final = "expected joint values in chain order with one unit, a list of values, or joint names with values"
 
 
 @final
 class Findings:
-    """Collects findings at the lines of a text.
+    """Collector of findings at the lines of a text.
 
     Parameters
     ----------
     text
         The sheet's contents.
     file
-        Its name.
+        The sheet's name.
     """
 
     def __init__(self, text: Text, file: str) -> None:
@@ -57,7 +57,7 @@ class Findings:
         self.found.append(Finding("warning", code, message, self.file, self.text.line(path)))
 
     def take(self, path: Path, error: InputError) -> None:
-        """Add an error met at a path; at the line of the key or name where the message is about one."""
+        """Add an error raised for a path, at the line of the key or name that the message is about."""
         if isinstance(error, SettingError):
             path = (*path, *error.below)
         if isinstance(error, UnknownNameError):
@@ -69,7 +69,7 @@ class Findings:
         self._add([finding.at(self.file, self.text.line(path)) for finding in error.findings])
 
     def take_validation(self, error: ValidationError, path: Path, model: type[BaseModel]) -> None:
-        """Add pydantic's errors about what stands at a path."""
+        """Add pydantic's errors about the value at a path."""
         seen: set[Path] = set()
         for entry in error.errors():
             where = self.walk(path, entry["loc"])
@@ -91,7 +91,7 @@ class Findings:
             seen.add(where)
 
     def walk(self, path: Path, location: Path) -> Path:
-        """Return pydantic's location as a path: without the names of types, which it puts between the keys."""
+        """Return pydantic's location as a path, without the type names that pydantic puts between the keys."""
         value = self._value(path)
         for key in location:
             known = value if isinstance(value, dict) else range(len(value)) if isinstance(value, list) else ()
@@ -105,7 +105,7 @@ class Findings:
         Raises
         ------
         SheetError
-            With all findings, warnings too, in the order of their lines; of very many the first ones.
+            Carries all findings, warnings included, in the order of their lines; of very many only the first ones.
         """
         if not any(finding.severity == "error" for finding in self.found):
             return
@@ -134,7 +134,7 @@ class Findings:
 
 
 def _within(value: Any, path: Path) -> Iterator[tuple[Path, Any]]:
-    """Yield what stands at a path and all below it, in the order of the text."""
+    """Yield the value at a path and all values below it, in the order of the text."""
     yield path, value
     entries = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
     for key, entry in entries:
@@ -150,7 +150,7 @@ def _keys(model: type[BaseModel], location: Path) -> list[str]:
 
 
 def _inner(hint: object) -> type[BaseModel] | None:
-    """Return the model that a type is made of."""
+    """Return the model inside a type, such as that of the items of a list."""
     if isinstance(hint, type) and issubclass(hint, BaseModel):
         return hint
     return next(filter(None, map(_inner, typing.get_args(hint))), None)

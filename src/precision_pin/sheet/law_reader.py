@@ -1,4 +1,4 @@
-"""Reader of the settings of a law: numbers with units, and files; which settings a law takes it says itself."""
+"""Reader of the settings of a law: numbers with units, and files. The law itself defines its settings."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ __all__ = ["LawReader", "SettingError"]
 
 @final
 class SettingError(InputError):
-    """Something is wrong inside a setting.
+    """Error inside a setting.
 
     Parameters
     ----------
     below
-        Where, from the setting down.
+        Path from the setting down to the error.
     reason
-        A message, or the error met there.
+        A message, or the error raised there.
     """
 
     def __init__(self, below: Path, reason: str | InputError) -> None:
@@ -36,16 +36,16 @@ class SettingError(InputError):
 
 @final
 class LawReader:
-    """Reads a law's settings, all numbers of one quantity, narrowing which it can be; keeps the first unit as :attr:`unit`.
+    """Reader of a law's settings, whose numbers all have one quantity; :attr:`unit` is the first unit read.
 
     Parameters
     ----------
     settings
         The law as a mapping.
     quantities
-        What its numbers may be; narrowed as units are read.
+        Possible quantities of the numbers; each unit that is read narrows them down.
     folder
-        Where files are looked for.
+        The folder that file names are relative to.
     """
 
     def __init__(self, settings: Mapping[str, Any], quantities: tuple[Quantity, ...], folder: FilePath) -> None:
@@ -55,7 +55,7 @@ class LawReader:
         self.unit = ""
 
     def value(self, *where: str | int) -> Any:
-        """Return what stands at a place."""
+        """Return the value at a place."""
         value: Any = self.settings
         for key in where:
             value = value[key]
@@ -65,23 +65,23 @@ class LawReader:
         """Return the number at a place in SI."""
         value = self.value(*where)
         if isinstance(value, Mapping | list):
-            raise SettingError(where, "a number with a unit belongs here")
-        return self._parsed(value, where, 1)[0]
+            raise SettingError(where, "expected a number with a unit")
+        return self._parse(value, where, 1)[0]
 
     def numbers(self, *where: str | int) -> list[float]:
-        """Return the numbers at a place: a list with a unit each, or text with one unit."""
+        """Return the numbers at a place: a list with a unit for each, or text with one unit for all."""
         value = self.value(*where)
         if isinstance(value, list):
             return [self.number(*where, k) for k in range(len(value))]
         if isinstance(value, Mapping):
-            raise SettingError(where, "numbers with a unit belong here, such as 0.1 0.2 mm")
-        return self._parsed(value, where, None)
+            raise SettingError(where, "expected numbers with a unit, such as 0.1 0.2 mm")
+        return self._parse(value, where, None)
 
     def half_width(self, *where: str | int) -> float:
         """Return the number at a place, which must not be negative."""
         result = self.number(*where)
         if result < 0:
-            raise SettingError(where, "the half-width is negative; a tolerance is zero or more")
+            raise SettingError(where, "the half-width is negative; a tolerance must be zero or more")
         return result
 
     def mean(self) -> float:
@@ -108,7 +108,7 @@ class LawReader:
         """Return the contents of the file at a place, its path relative to the folder."""
         name = self.value(*where)
         if not isinstance(name, str) or not name:
-            raise SettingError(where, "the name of a CSV file belongs here")
+            raise SettingError(where, "expected the name of a CSV file")
         try:
             return csv_columns.read(self.folder / name)
         except InputError as error:
@@ -127,10 +127,10 @@ class LawReader:
             return table.column(name, units.RATIO)
 
     def only(self, where: Path, *keys: str) -> None:
-        """Refuse anything but a mapping of these keys at a place, with the first one."""
+        """Refuse anything but a mapping of these keys at a place; the first key is required."""
         value = self.value(*where)
         if not isinstance(value, Mapping) or not set(value) <= set(keys) or keys[0] not in value:
-            raise SettingError(where, f"keys with values belong here: {{{', '.join(f'{key}: …' for key in keys)}}}")
+            raise SettingError(where, f"expected keys with values: {{{', '.join(f'{key}: …' for key in keys)}}}")
 
     def error(self, where: Path, reason: str) -> SettingError:
         """Return an error at a place."""
@@ -138,7 +138,7 @@ class LawReader:
 
     @contextmanager
     def place_errors(self, where: Path) -> Iterator[None]:
-        """Give a place to the input errors that have none."""
+        """Add a place to input errors that have none."""
         try:
             yield
         except SettingError:
@@ -146,7 +146,7 @@ class LawReader:
         except InputError as error:
             raise SettingError(where, error) from None
 
-    def _parsed(self, value: object, where: Path, count: int | None) -> list[float]:
+    def _parse(self, value: object, where: Path, count: int | None) -> list[float]:
         try:
             result = units.parse_vector(value, *self.quantities, count=count)
         except InputError as error:

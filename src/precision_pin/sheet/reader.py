@@ -1,4 +1,4 @@
-"""Reading a sheet: text, then its shape, then the robot, then every source, with all findings at once."""
+"""Reader of a sheet: text, structure, robot and sources in turn; all findings are reported at once."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ class Sheet:
     findings
         Warnings about sheet and URDF.
     assumed
-        Which of the sources, by position, the sheet marks as assumptions.
+        Positions of the sources that the sheet marks as assumptions.
     """
 
     file: str
@@ -142,7 +142,7 @@ def _contents(file: str) -> str:
 
 
 def _document(text: Text, findings: Findings) -> tuple[Document, set[str]]:
-    """Return the sheet's contents, and which keys at the top are wrong; these are left out, so that reading goes on.
+    """Return the sheet's contents and the top-level keys that are wrong; these are left out, so that reading continues.
 
     Raises
     ------
@@ -150,7 +150,7 @@ def _document(text: Text, findings: Findings) -> tuple[Document, set[str]]:
         The sheet does not consist of keys with values.
     """
     if not isinstance(text.data, dict):
-        findings.error((), "a sheet begins with 'precision-pin: 1' and holds keys such as robot: and sources:")
+        findings.error((), "a sheet must begin with 'precision-pin: 1' and contain keys such as robot: and sources:")
         findings.refuse()
     data: dict[str, Any] = {key: value for key, value in text.data.items() if value != ""}
     try:
@@ -171,9 +171,9 @@ def _document(text: Text, findings: Findings) -> tuple[Document, set[str]]:
 def _parameters(
     document: Document, findings: Findings, quantities: tuple[units.Quantity, ...], folder: FilePath
 ) -> tuple[dict[str, NamedParameter], tuple[str, ...]]:
-    """Return the named parameters by each of their components' names, and the names of those that could not be read.
+    """Return the named parameters by the names of their components, and the names of those that could not be read.
 
-    One that could not be read is stood in for, so that what uses it is not reported too.
+    A placeholder replaces a parameter that could not be read, so that its uses are not reported as errors too.
     """
     named: dict[str, NamedParameter] = {}
     owners: dict[str, str] = {}
@@ -181,7 +181,9 @@ def _parameters(
     for name, law in document.parameters.items():
         path: Path = ("parameters", name)
         if not NAME.fullmatch(name):
-            findings.error(path, f"{name!r} cannot name a parameter: letters, digits and _ . - after a letter")
+            findings.error(
+                path, f"{name!r} cannot name a parameter: a name is a letter followed by letters, digits and _ . -"
+            )
             continue
         try:
             parameter = parse_parameter(name, law, quantities, folder)
@@ -192,12 +194,12 @@ def _parameters(
         names = {name, *parameter.draw.components}
         taken = next((other for other in sorted(names) if other in owners), None)
         if taken is not None:
-            findings.error(path, f"the name {taken!r} is taken by the parameter {owners[taken]!r}")
+            findings.error(path, f"the name {taken!r} is already used by the parameter {owners[taken]!r}")
             continue
         owners |= dict.fromkeys(names, name)
         named |= dict.fromkeys(parameter.draw.components, parameter)
-    stand_ins = {name: NamedParameter(Draw(name, Fixed(0.0)), quantities) for name in unread if name not in owners}
-    return named | stand_ins, tuple(stand_ins)
+    placeholders = {name: NamedParameter(Draw(name, Fixed(0.0)), quantities) for name in unread if name not in owners}
+    return named | placeholders, tuple(placeholders)
 
 
 def _chain(document: Document, findings: Findings, overrides: Overrides, folder: FilePath) -> Chain | None:
@@ -210,7 +212,7 @@ def _chain(document: Document, findings: Findings, overrides: Overrides, folder:
         findings.take(("robot",), error)
         return None
     gravity = _gravity(document, findings)
-    locked = _locked(document, findings, robot)
+    locked = _parse_locked(document, findings, robot)
     if locked is None:
         return None
     try:
@@ -227,7 +229,7 @@ def _gravity(document: Document, findings: Findings) -> tuple[float, ...]:
         return tuple(units.parse_vector(document.gravity, units.ACCELERATION, count=3))
     except InputError as error:
         allowed = ", ".join(GRAVITIES)
-        message = f"gravity: {error.findings[0].message}; it takes three numbers with m/s^2, or one of {allowed}"
+        message = f"gravity: {error.findings[0].message}; give three numbers in m/s^2, or one of {allowed}"
         findings.error(("gravity",), message)
         return EARTH
 
@@ -236,7 +238,7 @@ def _joint_quantity(joint: Joint) -> units.Quantity:
     return units.LENGTH if joint.kind == "prismatic" else units.ANGLE
 
 
-def _locked(document: Document, findings: Findings, robot: Robot) -> dict[str, float] | None:
+def _parse_locked(document: Document, findings: Findings, robot: Robot) -> dict[str, float] | None:
     values: dict[str, float] = {}
     for name, value in document.locked.items():
         try:
@@ -250,7 +252,7 @@ def _poses(document: Document, findings: Findings, chain: Chain) -> dict[str, Ar
     poses: dict[str, Array] = {}
     for name, value in document.poses.items():
         if name == "<<":
-            findings.error(("poses", name), "'<<' would merge keys, which a sheet cannot; write them out")
+            findings.error(("poses", name), "'<<' would merge keys, which sheets do not support; write the keys out")
             continue
         try:
             poses[name] = parse_pose(value, chain)
@@ -274,7 +276,7 @@ def parse_pose(value: str | list[str] | Mapping[str, str], chain: Chain) -> Arra
     if isinstance(value, str):
         if len(set(quantities)) > 1:
             raise InputError(
-                "the chain has joints that turn and joints that slide: give each joint its own unit, by name"
+                "the chain has revolute and prismatic joints: give each joint value its own unit, by joint name"
             )
         return chain.configuration(units.parse_vector(value, quantities[0]))
     if len(value) != len(quantities):
@@ -292,7 +294,7 @@ def _parse_at(where: str | int, text: str, quantity: units.Quantity) -> float:
 def _sources(
     document: Document, findings: Findings, known: Mapping[str, type[Source]], context: Context
 ) -> tuple[dict[int, Source], set[int]]:
-    """Return the sources that could be read, by their position in the sheet, and which of them are marked as assumed."""
+    """Return the sources that could be read, by position in the sheet, and the positions of those marked as assumed."""
     sources: dict[int, Source] = {}
     assumed: set[int] = set()
     for k, entry in enumerate(document.sources):
@@ -331,7 +333,7 @@ def _sources(
 def _try_terms(
     chain: Chain, space: Space, sources: Mapping[int, Source], poses: Mapping[str, Array], findings: Findings
 ) -> None:
-    """Let every source make its terms at every pose, so that a wrong joint or link is found with its line."""
+    """Compute the terms of every source at every pose, so that a wrong joint or link is reported at its line."""
     extension = Extension(space)
     usable: list[tuple[Path, Source, str]] = []
     for (k, source), label in zip(sources.items(), labels(list(sources.values())), strict=True):

@@ -1,4 +1,4 @@
-"""Warnings about what a sheet says that is allowed but seldom meant."""
+"""Warnings about contents of a sheet that are allowed but probably unintended."""
 
 from __future__ import annotations
 
@@ -24,20 +24,20 @@ from precision_pin.terms.source import Source
 __all__ = ["FEW", "few_samples", "pose_remark", "remark_on_poses", "remark_on_sources"]
 
 FEW: Final = 30
-"""Below so many measured samples the spread of what is drawn from them is warned of."""
+"""Fewer measured samples than this cause a warning about the spread of the draws from them."""
 _CONFIDENCE: Final = 0.95
 
 LARGE_ANGLE: Final = math.radians(2)
-"""An error as large as that, written in rad, is asked about."""
+"""An error of at least this angle, written in rad, causes a warning."""
 MOST_TURNS: Final = 2
-"""Turns beyond which the value of a joint without limits, written in rad, is asked about."""
+"""Turns beyond which the value of a joint without limits, written in rad, causes a warning."""
 _LARGE_BY_NATURE: Final = frozenset(("roll", "period"))
 _SLIP: Final = 0.002
-"""How near to a multiple of π/4 a number is that was rounded from it."""
+"""Largest distance to a multiple of π/4 at which a number is taken for its rounded value."""
 
 
 def remark_on_sources(document: Document, space: Space, sources: Mapping[int, Source], findings: Findings) -> None:
-    """Warn of what a sheet without error says that is seldom meant; refuse laws that are too wide to compute with."""
+    """Warn of settings that are probably unintended; refuse laws that are too wide to compute with."""
     names = labels(list(sources.values()))
     extended = space.including(own_draws(list(sources.values()), names))
     placed: list[tuple[Path, Source, str]] = [
@@ -75,7 +75,7 @@ def _remark_on_draw(path: Path, draw: Draw, findings: Findings) -> None:
 
 
 def _remark_on_constants(document: Document, sources: Mapping[int, Source], findings: Findings) -> None:
-    """Warn of numbers that stand alone where an error belongs, all of them in one line."""
+    """Warn of plain numbers in place of tolerances, all of them in one message."""
     found = [
         (("sources", k, source.kind(), *below), text)
         for k, source in sources.items()
@@ -85,14 +85,14 @@ def _remark_on_constants(document: Document, sources: Mapping[int, Source], find
         path, text = found[0]
         key, size = path[3], text.lstrip(" +-")
         message = (
-            f"{key}: {text} is a constant error, the same in every robot{_more(found)}; a tolerance is ±{size} (that is "
-            f"{{uniform: {size}}}), a constant that is meant {{fixed: {text}}}"
+            f"{key}: {text} is a constant error, the same in every robot{_more(found)}; write a tolerance as ±{size} (that "
+            f"is {{uniform: {size}}}), an intended constant as {{fixed: {text}}}"
         )
         findings.warning(path, message, "W_CONSTANT")
 
 
 def _remark_on_angles(document: Document, sources: Mapping[int, Source], findings: Findings) -> None:
-    """Ask about errors written in rad that are large angles, all of them in one line."""
+    """Warn of errors written in rad that are large angles, all of them in one message."""
     parts: list[tuple[Path, Any]] = [(("parameters", name), law) for name, law in document.parameters.items()]
     parts += [(("sources", k), document.sources[k]) for k in sources]
     found = [((*path, *below), text) for path, part in parts for below, text in _large_angles(part)]
@@ -107,12 +107,12 @@ def _more(found: Sequence[object]) -> str:
 
 
 def remark_on_poses(document: Document, chain: Chain, findings: Findings) -> None:
-    """Warn of poses whose unit looks wrong, or that there are none."""
+    """Warn of poses whose unit looks wrong, and of a sheet without poses."""
     if not document.poses:
-        message = "there are no poses; what is asked about has to be given with --q"
+        message = "there are no poses; give joint values with --q"
         findings.warning((), message, "W_NO_POSES")
-    turning = {joint.name: joint for joint in chain.robot.joints if joint.kind != "prismatic"}
-    remark = _pose_question(document.locked, turning)
+    rotating = {joint.name: joint for joint in chain.robot.joints if joint.kind != "prismatic"}
+    remark = _pose_question(document.locked, rotating)
     if remark is not None:
         findings.warning(("locked",), f"locked: {remark}", "W_ANGLE_UNIT")
     for name, value in document.poses.items():
@@ -122,7 +122,7 @@ def remark_on_poses(document: Document, chain: Chain, findings: Findings) -> Non
 
 
 def pose_remark(value: str | list[str] | Mapping[str, str], chain: Chain) -> str | None:
-    """Return a question about the units of a pose that can be read; ``None`` where there is nothing to ask."""
+    """Return a question about the unit of a valid pose; ``None`` if the unit looks right."""
     if isinstance(value, str):
         numbers, unit = units.split(value)
         value = [f"{number!r} {unit}" for number in numbers]
@@ -131,11 +131,11 @@ def pose_remark(value: str | list[str] | Mapping[str, str], chain: Chain) -> str
 
 
 def few_samples(law: Law) -> str | None:
-    """Return what to say of a law made of few measured samples; None for any other.
+    """Return a warning about a law made from few measured samples; None for any other law.
 
-    Drawing from n samples has the variance with the divisor n, or less with straight lines between them: on average less
-    than the true one. How far the true one may lie above theirs is its upper confidence limit for normal numbers,
-    ``s √((n - 1)/χ²)`` with the lower quantile of χ² of n - 1 degrees of freedom.
+    Draws from n samples have the variance of the samples with the divisor n, or less with straight lines between the
+    samples: on average less than the true variance. The warning gives the upper confidence limit of the true standard
+    deviation for normal numbers, ``s √((n - 1)/χ²)`` with the lower quantile of χ² of n - 1 degrees of freedom.
     """
     samples = law.measured
     if samples is None:
@@ -152,21 +152,21 @@ def few_samples(law: Law) -> str | None:
     factor = float((drawn[varies] / spread[varies]).min())
     most = math.sqrt((count - 1) / (2 * float(lazy_special.gammaincinv((count - 1) / 2, 1 - _CONFIDENCE))))
     return (
-        f"{count} measured samples: the standard deviation of what is drawn from them is {factor:.2f} of theirs (divisor "
-        f"n - 1), and the true one may be up to {most:.1f} times theirs ({_CONFIDENCE:.0%} confidence, for normal numbers); "
-        f"give a law with its spread, or {FEW} samples"
+        f"{count} measured samples: draws from them have {factor:.2f} times the samples' standard deviation (divisor n - 1), "
+        f"and the true one may be up to {most:.1f} times the samples' ({_CONFIDENCE:.0%} confidence, for normal numbers); "
+        f"give a law with a known spread, or at least {FEW} samples"
     )
 
 
 def _constants(source: Source, settings: Mapping[str, Any]) -> Iterator[tuple[Path, str]]:
-    """Yield where a source has a number alone for an error, and the text of it.
+    """Yield the path and the text of each plain number that a source has in place of a tolerance.
 
     Parameters
     ----------
     source
-        As read: a law is a draw there, a number a number.
+        The source as read: laws are draws, plain numbers are floats.
     settings
-        As they stand in the sheet.
+        Its settings as written in the sheet.
     """
     for key in source.deviations:
         value = getattr(source, key)
@@ -180,7 +180,7 @@ def _constants(source: Source, settings: Mapping[str, Any]) -> Iterator[tuple[Pa
 
 
 def _large_angles(value: object, below: Path = ()) -> Iterator[tuple[Path, str]]:
-    """Yield where, inside a source's settings or a law, an angle is written in rad that is large for an error."""
+    """Yield the path and the text of each angle in rad that is large for an error, in a source's settings or a law."""
     if isinstance(value, Mapping):
         for key, entry in value.items():
             if key not in _LARGE_BY_NATURE:
@@ -198,25 +198,24 @@ def _large_angles(value: object, below: Path = ()) -> Iterator[tuple[Path, str]]
 
 
 def _pose_question(written: Mapping[str, str], joints: Mapping[str, Joint]) -> str | None:
-    """Return a question about joint values whose unit looks wrong; ``None`` where there is nothing to ask.
+    """Return a question about joint values whose unit looks wrong; ``None`` if all units look right.
 
-    Degrees are taken for written as rad where a value is outside the joint's limits, or beyond two turns where it has
-    none, and would be inside them in degrees. Radians are taken for written as degrees where all values are small and one is
-    a multiple of π/4.
+    A value in rad looks wrong if it is outside the joint's limits, or beyond two turns if there are none, and would be
+    inside them in degrees. A value in degrees looks wrong if all values are small and it is close to a multiple of π/4.
 
     Parameters
     ----------
     written
         Text with a unit, by joint.
     joints
-        The joints that turn.
+        The joints that rotate.
     """
     small, slips = True, []
     for name, text in written.items():
         if name not in joints:
             continue
         (number, *_), unit = units.split(text)
-        if unit == "rad" and _is_rather_in_degrees(number, joints[name]):
+        if unit == "rad" and _looks_like_degrees(number, joints[name]):
             return f"{name} at {number:g} rad is {math.degrees(number):.4g} deg; did you mean deg?"
         if unit in ("deg", "°"):
             small = small and abs(number) <= 2 * math.pi
@@ -226,7 +225,7 @@ def _pose_question(written: Mapping[str, str], joints: Mapping[str, Joint]) -> s
     return slips[0] if small and slips else None
 
 
-def _is_rather_in_degrees(number: float, joint: Joint) -> bool:
+def _looks_like_degrees(number: float, joint: Joint) -> bool:
     limit = None if joint.kind == "continuous" else joint.limit
     if limit is None or math.isinf(limit.lower) or math.isinf(limit.upper):
         return abs(number) > MOST_TURNS * 2 * math.pi

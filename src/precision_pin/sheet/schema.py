@@ -48,7 +48,7 @@ __all__ = [
 
 VERSION = "1"
 ASSUMED: Final = "assumed"
-"""The key of any source that says that its numbers are assumptions."""
+"""The key, allowed in every source, that marks its numbers as assumptions."""
 _LAW: Final = {"title": "law"}
 
 
@@ -62,9 +62,9 @@ class Context:
     named
         The sheet's parameters, by the name of each of their numbers.
     prismatic
-        Whether each joint of the chain slides, by name.
+        True for each prismatic joint of the chain, by name.
     folder
-        Of the sheet, which files are relative to.
+        Folder of the sheet, to which file names are relative.
     """
 
     named: Mapping[str, NamedParameter]
@@ -79,19 +79,20 @@ class Document(BaseModel):
 
     version: Literal["1"] = Field(alias="precision-pin", description="Version of the sheet's format.")
     robot: str = Field(description="The URDF, relative to the sheet, or example:NAME.")
-    tip: str | None = Field(None, description="The link that is the end-effector; the only leaf if left out.")
-    base: str | None = Field(None, description="The link that stands still; the root if left out.")
+    tip: str | None = Field(None, description="The end-effector link; the only leaf if left out.")
+    base: str | None = Field(None, description="The fixed link; the root if left out.")
     gravity: str = Field("earth", description="Base axes, such as '0 0 -9.81 m/s^2'; or earth, moon, none.")
     statics: Literal["nominal", "equilibrium"] = Field(
-        "nominal", description="Loads at the undeflected pose, as in the paper; or on the arm at rest under them."
+        "nominal",
+        description="nominal: loads act on the undeflected arm, as in the paper; equilibrium: on the arm at rest under them.",
     )
-    locked: dict[str, str] = Field(default_factory=dict, description="Joints that stand still at a value.")
+    locked: dict[str, str] = Field(default_factory=dict, description="Values of joints that are locked.")
     poses: dict[str, str | list[str] | dict[str, str]] = Field(
         default_factory=dict, description="Named joint values: in chain order with one unit, one by one, or by joint."
     )
     parameters: dict[str, Any] = Field(default_factory=dict, description="Named laws, to be shared by sources.")
     correlations: list[Any] = Field(
-        default_factory=list, description="Which parameters are correlated, as normal scores are."
+        default_factory=list, description="Correlations of parameters, given for their normal scores."
     )
     sources: list[Any] = Field(default_factory=list, description="Error sources, each under its kind.")
 
@@ -128,7 +129,7 @@ def json_schema(kinds: Mapping[str, type[Source]] | None = None) -> dict[str, An
                 "maxProperties": 1,
             }
         )
-    # a YAML reader with types of its own takes the version for a number
+    # other YAML readers read the version as a number
     schema["properties"]["precision-pin"] |= {"const": 1, "type": "integer"}
     schema["properties"]["sources"]["items"] = {"oneOf": choices}
     tolerance = {"type": "string", "pattern": TOLERANCE_PATTERN}
@@ -140,7 +141,7 @@ def json_schema(kinds: Mapping[str, type[Source]] | None = None) -> dict[str, An
 
 
 def _field_type(entry: SettingField) -> Any:
-    """Return the pydantic type of a setting: quantities and laws read from text, the rest as it stands."""
+    """Return the pydantic type of a setting: quantities and laws are read from text, all else is unchanged."""
     part, hint = entry.part, entry.hint
     if part is not None:
         return tuple[Annotated[source_model(part), AfterValidator(_make(part))], ...]  # type: ignore[misc]
@@ -183,7 +184,7 @@ Notes = tuple[Quantity | PerJoint | PerEntry, ...]
 
 @cache
 def used_quantities(kinds: tuple[type, ...]) -> tuple[Quantity, ...]:
-    """Return every quantity that some random setting of the kinds takes, so that a bare number fits none by accident."""
+    """Return the quantities of all random settings of the kinds: those that a named parameter can have."""
     found: dict[Quantity, None] = {}
     for kind in kinds:
         for entry in setting_fields(kind):
@@ -208,15 +209,15 @@ def _context(info: ValidationInfo[Any]) -> Context:
 
 
 def _quantities(notes: Notes, info: ValidationInfo[Any]) -> tuple[Quantity, ...]:
-    """Return what a setting may be, for the joint that the source names."""
+    """Return the quantities that a setting can have at the joint that the source names."""
     result: list[Quantity] = []
     for note in notes:
         if not isinstance(note, PerJoint):
             result += _either(note)
         else:
-            slides = _context(info).prismatic.get(info.data.get("joint", ""))
-            result += [note.revolute] if slides is not True else []
-            result += [note.prismatic] if slides is not False else []
+            is_prismatic = _context(info).prismatic.get(info.data.get("joint", ""))
+            result += [note.revolute] if is_prismatic is not True else []
+            result += [note.prismatic] if is_prismatic is not False else []
     return tuple(result)
 
 
@@ -232,7 +233,7 @@ def _read_number(notes: Notes) -> Any:
 
 def _read_file(value: object, info: ValidationInfo[Any]) -> FilePath:
     if not isinstance(value, str) or not value:
-        raise ValueError("the name of a file belongs here")
+        raise ValueError("expected the name of a file")
     return _context(info).folder / value
 
 
@@ -273,7 +274,7 @@ def _read_tuple(notes: Notes) -> Any:
 
 
 def _read_numbers(notes: Notes, levels: int) -> Any:
-    """Return the reader of a list of plain quantities, or of rows of such (``levels`` 2)."""
+    """Return the reader of a list of plain quantities, or of rows of them (``levels`` 2)."""
 
     def read(value: object, info: ValidationInfo[Any]) -> tuple[object, ...]:
         return _numbers(value, notes, levels, info, ())
@@ -286,7 +287,7 @@ def _numbers(value: object, notes: Notes, levels: int, info: ValidationInfo[Any]
     try:
         if not isinstance(value, list):
             if levels > 1 or per_entry is not None:
-                raise InputError("rows of numbers belong here" if levels > 1 else "a list of numbers belongs here")
+                raise InputError("expected rows of numbers" if levels > 1 else "expected a list of numbers")
             return tuple(parse_vector(value, *_quantities(notes, info)))
         if per_entry is not None and len(value) != len(per_entry):
             raise InputError(f"{len(value)} numbers, expected {len(per_entry)}")
@@ -310,7 +311,7 @@ class SettingReason(ValueError):
     Attributes
     ----------
     below
-        Where it is, from the setting down.
+        Path from the setting down to the error.
     """
 
     def __init__(self, error: InputError, below: Path = ()) -> None:
@@ -338,7 +339,7 @@ def _setting_schema(notes: Notes) -> dict[str, Any]:
 
 
 def _with_references(schema: Any) -> Any:
-    """Return a schema with references where laws may stand; pydantic refuses references to what it does not know."""
+    """Return a schema with references in place of laws, which pydantic itself cannot write."""
     if isinstance(schema, dict):
         return {"$ref": "#/$defs/law"} if schema == _LAW else {key: _with_references(schema[key]) for key in schema}
     return [_with_references(entry) for entry in schema] if isinstance(schema, list) else schema
@@ -378,7 +379,7 @@ def _correlation_schema() -> dict[str, Any]:
         "type": "object",
         "properties": {
             "parameters": {"type": "array", "items": {"type": "string"}, "minItems": 2},
-            "correlation": number | {"description": "of two: that of their normal scores"},
+            "correlation": number | {"description": "of two parameters: the correlation of their normal scores"},
             "matrix": {"type": "array", "items": {"type": "array", "items": number}},
         },
         "required": ["parameters"],

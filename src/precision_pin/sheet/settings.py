@@ -1,4 +1,4 @@
-"""A setting's text to what a source takes: a quantity, a law or a parameter's name."""
+"""Parser of the text of a setting: a quantity, a law or a parameter's name."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ __all__ = [
 
 NAME: Final = re.compile(r"[^\W\d][\w.\[\]#-]*")
 TOLERANCE_PATTERN: Final = r"±|\+/-|\+-"
-"""Of the sign in a tolerance written as text: before it a mean or nothing, behind it the half-width."""
+"""The sign in a tolerance written as text: a mean or nothing before it, the half-width after it."""
 
 _HERE: Final = FilePath()
 
@@ -37,14 +37,14 @@ _HERE: Final = FilePath()
 @final
 @dataclass(frozen=True)
 class NamedParameter:
-    """A draw of the sheet's ``parameters``, and the quantities that its unit fits.
+    """A draw of the sheet's ``parameters``, and the quantities that have its unit.
 
     Attributes
     ----------
     draw
         The draw.
     quantities
-        What it may be used for.
+        The quantities it can be used for.
     """
 
     draw: Draw
@@ -60,7 +60,7 @@ def parse_number(value: object, quantities: Sequence[Quantity]) -> float:
         A law, a name, or a wrong number.
     """
     if isinstance(value, Mapping) or tolerance_law(value) is not None:
-        raise InputError("a plain quantity belongs here, not a law or a tolerance")
+        raise InputError("expected a plain quantity, not a law or a tolerance")
     return units.parse(value, *quantities)
 
 
@@ -74,11 +74,11 @@ def parse_setting(
     value
         Text, such as ``0.1 mm``, ``±0.1 mm`` or ``a1``, or a law as a mapping.
     quantities
-        What may stand here.
+        The quantities allowed for the setting.
     named
         The sheet's parameters by the name of each of their numbers.
     folder
-        Where files are looked for.
+        The folder that file names are relative to.
 
     Raises
     ------
@@ -100,7 +100,7 @@ def parse_setting(
         if not set(named[name].quantities) & set(quantities):
             wanted = " or ".join(quantity.name for quantity in quantities)
             is_one = " or ".join(quantity.name for quantity in named[name].quantities)
-            raise UnitError(f"the parameter {name!r} is a {is_one}, but a {wanted} belongs here")
+            raise UnitError(f"the parameter {name!r} is a {is_one}; expected a {wanted}")
         return name
     try:
         return units.parse(value, *quantities)
@@ -108,7 +108,7 @@ def parse_setting(
         if not _is_bare_number(value):
             raise
         message = error.findings[0].message
-        more = f"with its unit the number is the same in every robot, with ± before it, as '±{value} UNIT', a tolerance"
+        more = f"with a unit it is a constant, the same in every robot; with ±, as '±{value} UNIT', it is a tolerance"
         raise UnitError(f"{message}; {more}") from None
 
 
@@ -120,7 +120,7 @@ def _is_bare_number(value: object) -> bool:
 
 
 def tolerance_law(value: object) -> dict[str, str] | None:
-    """Return the law that ``±0.02 deg`` or ``1 ± 0.05 kg`` says, a uniform one; ``None`` for what is no tolerance."""
+    """Return the uniform law of a tolerance such as ``±0.02 deg`` or ``1 ± 0.05 kg``; ``None`` for anything else."""
     if not isinstance(value, str):
         return None
     sign = re.search(TOLERANCE_PATTERN, value)
@@ -145,7 +145,7 @@ def parse_parameter(name: str, value: object, quantities: Sequence[Quantity], fo
     law = value if isinstance(value, Mapping) else tolerance_law(value)
     if law is None:
         raise InputError(
-            "a law belongs here, such as {uniform: 0.1 mm}, or a tolerance such as ±0.1 mm; a number that does not vary is "
+            "expected a law, such as {uniform: 0.1 mm}, or a tolerance, such as ±0.1 mm; write a number that does not vary as "
             "{fixed: 0.1 mm}"
         )
     return parse_law(name, law, quantities, folder)
@@ -154,7 +154,7 @@ def parse_parameter(name: str, value: object, quantities: Sequence[Quantity], fo
 def parse_law(
     name: str, value: Mapping[str, Any], quantities: Sequence[Quantity], folder: FilePath = _HERE
 ) -> NamedParameter:
-    """Return the draw of a law written as a mapping with one law key; files are looked for in a folder.
+    """Return the draw of a law written as a mapping with one law key; file names are relative to the folder.
 
     Raises
     ------
@@ -182,7 +182,7 @@ def parse_law(
 
 
 def law_options(*keys: str) -> tuple[str, ...]:
-    """Return the keys that may stand beside those of some laws, of all if none are given; the scope may beside any."""
+    """Return the keys allowed beside those of some laws, of all laws if none is given; ``scope`` is always allowed."""
     laws = laws_of_sheets()
     own = [option.key for key in keys or laws for option in laws[key].form.options]
     return (*dict.fromkeys(own), "scope")

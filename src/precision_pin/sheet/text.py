@@ -1,6 +1,6 @@
-"""YAML text to plain data that remembers its lines.
+"""Parser of YAML text into plain data with line numbers.
 
-Every scalar stays text: units.py reads the numbers, so that ``1e-4``, ``on`` and ``12:30`` mean what they say.
+Every scalar stays text, so that YAML converts none of ``1e-4``, ``on`` and ``12:30``; units.py reads the numbers.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ class Text:
     lines
         Line of every key and item by its path.
     findings
-        Duplicate keys and the like.
+        Findings about the text itself, such as duplicate keys.
     """
 
     data: Any
@@ -53,7 +53,7 @@ class Text:
     findings: tuple[Finding, ...]
 
     def line(self, path: Path) -> int:
-        """Return the line of a path, or of the nearest thing that holds it."""
+        """Return the line of a path, or of the innermost entry that contains it."""
         while path and path not in self.lines:
             path = path[:-1]
         return self.lines.get(path, 1)
@@ -62,7 +62,7 @@ class Text:
 @final
 @dataclass(slots=True)
 class _Node:
-    """A scalar, whose text stands in ``text``; a list; or a mapping, whose entries are keys and values in turn."""
+    """A scalar with its ``text``, a list, or a mapping whose entries are keys and values in turn."""
 
     line: int
     text: str | None = None
@@ -89,7 +89,7 @@ def read_text(text: str, file: str) -> Text:
         line = error.problem_mark.line + 1 if error.problem_mark else None
         raise SheetError([wrong(f"not YAML: {error.problem or error.context}", line)]) from None
     except (YAMLError, ValueError, OverflowError) as error:
-        # outside of its own errors the parser fails on numbers out of range, such as \UFFFFFFFF
+        # the parser raises these, which are not its own errors, for numbers out of range such as \UFFFFFFFF
         raise SheetError([wrong(f"not YAML: {str(error).splitlines()[0]}", 1)]) from None
     return _Conversion(file, findings, wrong).text(root)
 
@@ -98,14 +98,14 @@ Wrong = Callable[[str, int | None], Finding]
 
 
 def _compose(events: Iterable[Event], findings: list[Finding], wrong: Wrong) -> _Node | None:
-    """Return the tree of a stream of events, without recursion: text may nest as deep as it likes.
+    """Return the tree of a stream of events, without recursion, since text may be nested to any depth.
 
-    What an alias stands for becomes part of the tree as it is, once for every alias.
+    The node of an anchor becomes part of the tree once more for every alias.
 
     Raises
     ------
     SheetError
-        Too large or deep, several documents, or an alias of nothing or of what holds it.
+        Too large or deep, several documents, or an alias without an anchor or inside its own anchor.
     """
     open_nodes: list[_Node] = [_Node(1)]
     anchors: dict[str, _Node] = {}
@@ -119,11 +119,13 @@ def _compose(events: Iterable[Event], findings: list[Finding], wrong: Wrong) -> 
         elif isinstance(event, DocumentStartEvent):
             documents += 1
             if documents > 1:
-                raise SheetError([wrong("not YAML: a sheet is a single document, this begins another one", line)])
+                raise SheetError(
+                    [wrong("not YAML: a sheet must be a single document, but another one begins here", line)]
+                )
         elif isinstance(event, AliasEvent):
             node = anchors.get(event.anchor)
             if node is None or any(node is holder for holder in open_nodes):
-                reason = "names nothing above it" if node is None else "stands inside what it names"
+                reason = "has no anchor above it" if node is None else "is inside its own anchor"
                 raise SheetError([wrong(f"not YAML: the alias {event.anchor!r} {reason}", line)])
             open_nodes[-1].entries.append(node)
         elif isinstance(event, NodeEvent):
@@ -142,7 +144,7 @@ def _compose(events: Iterable[Event], findings: list[Finding], wrong: Wrong) -> 
 
 @final
 class _Conversion:
-    """Turns a tree into plain data; as deep as the tree is, which is not deep unless aliases make it so."""
+    """Conversion of a tree into plain data by recursion, with a limit on the depth that aliases can make."""
 
     def __init__(self, file: str, findings: list[Finding], wrong: Wrong) -> None:
         self._file, self._findings, self._wrong = file, findings, wrong
@@ -173,7 +175,7 @@ class _Conversion:
             key = self._word(key_node.text, key_node.line)
             if key in result:
                 first = self._lines[(*path, key)]
-                message = f"the key {key!r} stands twice, first in line {first}"
+                message = f"the key {key!r} is given twice, first in line {first}"
                 self._findings.append(Finding("error", "E_DUPLICATE_KEY", message, self._file, key_node.line))
             else:
                 self._lines[(*path, key)] = key_node.line

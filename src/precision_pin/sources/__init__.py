@@ -1,7 +1,7 @@
 """Error sources, one file for each kind.
 
-A kind is a module here with one :class:`~precision_pin.terms.source.Source` in it; nothing else lists them. The sheet's schema
-and the documentation's catalogue derive from the classes.
+Each module here with a :class:`~precision_pin.terms.source.Source` class adds a kind; there is no other list of them. The
+schema of the sheet and the catalogue in the documentation are derived from the classes.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ def catalogue() -> dict[str, type[Source]]:
 
 
 def __getattr__(name: str) -> type[Source]:
-    # names of modules are asked for too, while they are imported: then the catalogue is not complete
+    # Python also looks up module names here during import, when the catalogue is not complete
     if name[:1].isupper():
         for source in catalogue().values():
             if source.__name__ == name:

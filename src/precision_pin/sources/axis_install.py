@@ -22,25 +22,25 @@ __all__ = ["AxisInstall"]
 @final
 @dataclass(frozen=True, kw_only=True)
 class AxisInstall(Source):
-    """Installation error of a joint's axis: the real axis passes through two points off the nominal one.
+    """Installation error of a joint's axis: the real axis passes through two points beside the nominal axis.
 
     In the joint's frame turned so that z is the axis, the real axis passes through A in the plane z = start and B in
     the plane z = start + span, each uniform over the area of a disc about the nominal axis. With
     ``AE = (x_B - x_A, y_B - y_A)`` and ``L = span`` the joint's seat is displaced by ``d = A - AE·start/L`` and
     ``δ = (-AE_y, AE_x, 0)/L``. Source: eqs 18 and 19 of Wei, Jia and Chen (2015); eq 19 prints the angles before the
-    position. The span is not in the paper; the result is nearly proportional to 1/span. The points stay with the link
-    that is the joint's parent in the file, also where the base lies beyond the joint.
+    position. The span is not in the paper; the result is nearly proportional to 1/span. The points belong to the link
+    that is the joint's parent in the file, even if the base is beyond the joint.
 
     Attributes
     ----------
     joint
-        Whose axis.
+        The joint.
     radius, diameter
-        Of the discs. One of the two.
+        Radius or diameter of the discs; give one of the two.
     span
-        Distance of the two planes (between the bearings).
+        Distance between the two planes (between the bearings).
     start
-        Where on the axis as the file writes it, from the joint's origin, the first plane lies.
+        Position of the first plane on the axis as written in the file, from the joint's origin.
 
     Raises
     ------
@@ -88,7 +88,7 @@ class AxisInstall(Source):
         axes[:3, :3] = axes[3:, 3:] = turn
         place = chain.seat(joint)
         if chain.reversed_joints[joint]:
-            # the frame before the joint turns lies behind it, and what is displaced is the link that carries it
+            # the frame before the joint's motion is beyond it; the displaced part is the link with that frame
             place, axes = Place.start(joint + 1, f"seat of {self.joint}"), -axes
         crossing = self.start / self.span
         for point, share, sign in (("A", 1 + crossing, -1.0), ("B", -crossing, 1.0)):

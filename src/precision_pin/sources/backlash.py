@@ -22,23 +22,23 @@ __all__ = ["Backlash"]
 @final
 @dataclass(frozen=True, kw_only=True)
 class Backlash(Source):
-    """Backlash of a joint's drive: the load lays the joint on one flank, half the backlash off the middle of the gap.
+    """Backlash of a joint's drive: the load pushes the joint onto one flank, half the backlash from the middle of the gap.
 
-    ``Δθ = sign(τ) b/2`` with τ the torque that the load puts on the joint, all parameters at their means, as in eq 23
-    of Wei, Jia and Chen (2015). Where ``|τ|`` is below the band, friction holds the joint where it came to rest:
-    ``Δθ = u b/2`` with u uniform on -1 to 1. The side follows from the mean load, so it needs no random number and does
-    not turn over with a load that scatters; the deviation does not grow with the load, so it is no deflection:
-    equilibrium statics decides the side on the deflected arm. There the band must be wider than what crossing the gap
-    changes of the torque: an arm that comes to rest between the flanks has no side.
+    ``Δθ = sign(τ) b/2`` with τ the torque of the load on the joint, all parameters at their means, as in eq 23 of Wei,
+    Jia and Chen (2015). If ``|τ|`` is below the band, friction holds the joint where it came to rest: ``Δθ = u b/2``
+    with u uniform on -1 to 1. The side follows from the mean load, so it needs no random number and does not change
+    with the scatter of the load. The deviation does not grow with the load and is therefore no deflection; equilibrium
+    statics takes the side from the deflected arm. There the band must be wider than the change of the torque across the
+    gap, since an arm that comes to rest between the flanks has no side.
 
     Attributes
     ----------
     joint
-        Which joint.
+        The joint.
     backlash
-        b, the whole gap from flank to flank, at the joint; for a prismatic joint a length.
+        b, the whole gap from flank to flank, at the joint; a length for a prismatic joint.
     band
-        Torque (where the joint slides: force) below which the side is random: about the friction of the joint.
+        Torque (for a prismatic joint: force) below which the side is random: about the friction of the joint.
     scope
         How often a random side is drawn: once for each ``unit``, at each ``pose`` or at each ``visit``.
 
@@ -71,7 +71,7 @@ class Backlash(Source):
         return self.joint
 
     def own_draws(self, label: str) -> tuple[Draw, ...]:
-        """Return where in the gap the joint stands when the load does not say: -1 to 1."""
+        """Return the position in the gap, -1 to 1, for a load below the band."""
         return (Draw(f"{label}.side", Uniform(1.0), Scope(self.scope), (units.RATIO,)),)
 
     def terms(self, posture: Posture, space: LabelledSpace) -> Iterator[Term]:

@@ -27,15 +27,15 @@ __all__ = ["Beam", "beam_axes", "point_flexibility", "stretch_flexibility", "wei
 _PARALLEL: Final = 1e-9
 """Sine of the angle below which an axis counts as parallel to the beam."""
 _NO_LENGTH: Final = 1e-9
-"""Part of the beam's length up to which a stretch of it is a point."""
+"""Fraction of the beam's length up to which a stretch counts as a point."""
 _FORCE: Final = np.repeat([1.0, 0.0], 3)
 _MOMENT: Final = np.repeat([0.0, 1.0], 3)
-"""Which components of a wrench are its force, and its moment."""
+"""Masks of the force and of the moment in a wrench ``[F; M]``."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class OnLink(Source):
-    """A source about one link."""
+    """Base class of a source on one link."""
 
     link: str
 
@@ -50,20 +50,20 @@ class OnLink(Source):
 class Beam(Profile, OnLink):
     """Flexibility of a link: a cantilever from its joint's origin to the next joint's (or the tip).
 
-    x runs along it; z is its joint's axis made normal to x (where parallel: the next joint's axis, then the link's y);
-    y = z × x; then both turned by ``roll`` about x. Where the base lies beyond the link, clamp and tip change places, but
-    x, y, z and the order of ``segments`` stay. The tip carries what hangs beyond the link. What else is bolted to it acts
-    at a projection: payloads on the way at that of their mean centre of mass, branches (fixed, or behind locked joints)
-    at that of the joint that holds them. Euler-Bernoulli, small deflection:
+    x runs along the link; z is its joint's axis made normal to x (if parallel: the next joint's axis, then the link's y);
+    y = z × x; ``roll`` turns y and z about x. If the base is beyond the link, clamp and free end change places, but x, y,
+    z and the order of ``segments`` stay. All loads beyond the link act on the free end. Other loads on the link act at
+    their projections on the beam: payloads at that of their mean centre of mass, branches (fixed, or behind locked
+    joints) at that of the joint that holds them. Euler-Bernoulli, small deflection:
     ``Δl = F_x l/EA + q_x l²/2EA``, ``w_y = F_y l³/3EI_z + M_z l²/2EI_z + q_y l⁴/8EI_z``,
     ``θ_z = F_y l²/2EI_z + M_z l/EI_z + q_y l³/6EI_z``, likewise with the other sign for w_z and θ_y, ``Δφ = M_x l/GI``;
-    with ``segments`` each bends so under what acts beyond its start and carries the rest along. At rest under its loads
-    (``statics: equilibrium``) it bends to second order: loads act where its shape, a cubic, has moved them, its sections
-    bend about axes that have turned, and bent it is shorter. So it buckles as a column, at 1.0075 of Euler's load; in
-    segments somewhat late, at 1.05 of it where one half has a quarter of the other's rigidity. Source: section 3.2 and
-    eq 21 of Wei, Jia and Chen (2015), which prints θ_z before θ_y and gives EI and GI in N·m/rad; here EI and GI are
-    rigidities in N·m², and stiffnesses of the whole link in N·m/rad are settings of their own (``EI = k l``). Sections:
-    :mod:`precision_pin.sources.cross_sections`.
+    with ``segments`` each part bends in this way under the loads beyond its start and carries the rest along. With
+    ``statics: equilibrium`` the bending is of second order: loads act where the beam's shape, a cubic, has moved them,
+    its sections bend about axes that have turned, and bending shortens it. The beam then buckles as a column, at 1.0075
+    times Euler's load; with segments later, at 1.05 times if one half has a quarter of the other's rigidity. Source:
+    section 3.2 and eq 21 of Wei, Jia and Chen (2015), which prints θ_z before θ_y and gives EI and GI in
+    N·m/rad; here EI and GI are rigidities in N·m², and stiffnesses of the whole link in N·m/rad are separate settings
+    (``EI = k l``). Sections: :mod:`precision_pin.sources.cross_sections`.
 
     Attributes
     ----------
@@ -75,21 +75,21 @@ class Beam(Profile, OnLink):
     material
         ``steel``, ``stainless_steel``, ``aluminium`` or ``titanium``: gives E, G and density.
     E, G
-        Modulus of elasticity, shear modulus: instead of the material's.
+        Modulus of elasticity and shear modulus, in place of the material's.
     poisson_ratio
-        Instead of G: ``G = E/(2 (1 + ν))``.
+        In place of G: ``G = E/(2 (1 + ν))``.
     density
-        Instead of the material's, for ``self_weight: section``.
+        Density in place of the material's, for ``self_weight: section``.
     outer_diameter
-        Of a tube.
+        Outer diameter of a tube.
     diameter
-        Of a rod.
+        Diameter of a rod.
     width, height
-        Of a box, outside: along z (the joint's axis) and along y.
+        Outer dimensions of a box: along z (the joint's axis) and along y.
     wall
-        Thickness, of a tube or box.
+        Wall thickness of a tube or box.
     area
-        Of a general section.
+        Area of a general section.
     I_y, I_z
         Second moments of area of a general section about y and z.
     J
@@ -101,25 +101,26 @@ class Beam(Profile, OnLink):
     EA
         Axial rigidity; rigid if left out, as is each of the others.
     segments
-        Parts with sections of their own, from the link's own joint on: each with ``length`` or ``fraction`` (one may have
+        Parts with their own sections, starting at the link's own joint: each with ``length`` or ``fraction`` (one may have
         neither) and any of the settings above.
     bending_stiffness, torsion_stiffness
-        Instead of EI and GI: moment at the end for one radian there.
+        In place of EI and GI: moment at the end for one radian there.
     axial_stiffness
-        Instead of EA: force at the end for one metre there.
+        In place of EA: force at the end for one metre there.
     roll
-        Of the section about x.
+        Angle of the section about x.
     self_weight
-        How the masses of the URDF links on the way act. ``uniform``: that of the link's own body (the child of its joint;
-        a frame without mass is passed over) spread evenly over its part of the way, those bolted to it about their centres
-        of mass as far as their own parts go to both sides; ``centre``: each at the projection of its centre of mass, with
-        the moment of the offset; ``section``: density × area in place of the own body's mass, the others as ``uniform``.
+        Distribution of the masses of the URDF links along the beam. ``uniform``: the mass of the link's own body (the
+        child of its joint; frames without mass are skipped) is spread evenly over its part of the beam, that of a body
+        bolted to it evenly about its centre of mass, as far as its own part reaches on both sides. ``centre``: each mass
+        acts at the projection of its centre of mass, with the moment of the offset. ``section``: density × area in place
+        of the own body's mass, the others as ``uniform``.
 
     Raises
     ------
     InputError
-        No stiffness at all, one given twice, settings that do not make a section, a link without length, segments of
-        another length, or two sources that give a link its weight by section.
+        No stiffness, a stiffness given twice, settings that do not define a section, a link without length, segments whose
+        lengths do not add up to it, or two sources that give a link its weight by section.
     """
 
     segments: tuple[Segment, ...] = ()
@@ -148,7 +149,7 @@ class Beam(Profile, OnLink):
             part.check(may_be_rigid=bool(at_end), weighs=self.self_weight == "section")
 
     def loads(self, posture: Posture, space: LabelledSpace) -> Iterator[Load]:
-        """Yield, where the section gives the weight, what takes the URDF's masses away and what comes instead."""
+        """Yield, if the section gives the weight, loads that cancel the URDF's masses, and the weights in their place."""
         if self.self_weight != "section":
             return
         chain = posture.chain
@@ -165,26 +166,30 @@ class Beam(Profile, OnLink):
         place = chain.end(link)
         axes = beam_axes(chain, link, self.roll)
         length = float(np.linalg.norm(place.frame[:3, 3]))
-        turn = _both(place.frame[:3, :3].T @ axes)
+        turn = _block_diagonal(place.frame[:3, :3].T @ axes)
         shape = BentShape.of(posture, link, axes)
-        pushes = list(self._pushes(posture, space, link, length, axes, shape))
+        beam_loads = list(self._beam_loads(posture, space, link, length, axes, shape))
         if shape is not None:
             yield Term.of(place, turn @ shape.second_order, loaded=True)
         for start, stop, part in self._parts(length, chain.runs_backwards(link)):
-            acting = [(push, push.on_shape(shape, start, stop)) for push in pushes if push.stop > start]
+            acting = [
+                (beam_load, beam_load.on_shape(shape, start, stop))
+                for beam_load in beam_loads
+                if beam_load.stop > start
+            ]
             for stiffness, rows in self._stiffnesses(part, space, length):
                 flexibility = 1.0 / stiffness
                 total: dict[Factors, Array] = {}
-                for push, on_shape in acting:
-                    displacement = push.displacement(start, stop, length, rows) + on_shape[list(rows)].sum(axis=0)
-                    total[push.factors] = total.get(push.factors, np.zeros(6)) + displacement
+                for beam_load, on_shape in acting:
+                    displacement = beam_load.displacement(start, stop, length, rows) + on_shape[list(rows)].sum(axis=0)
+                    total[beam_load.factors] = total.get(beam_load.factors, np.zeros(6)) + displacement
                 for factors, displacement in total.items():
                     yield Term.of(place, turn @ displacement, *factors, flexibility, loaded=True)
 
     def _parts(self, length: float, backwards: bool) -> Iterator[tuple[float, float, Stretch]]:
-        """Return start, end (m along the beam) and settings of every part, from the clamp on.
+        """Return start, end (m along the beam) and settings of every part, beginning at the clamp.
 
-        ``backwards`` where the first of the segments is the last from the clamp on.
+        ``backwards`` if the first of the segments is the farthest from the clamp.
         """
         cuts, parts = (0.0, *ends(self.segments, length)), stretches(self, self.segments)
         if backwards:
@@ -212,7 +217,7 @@ class Beam(Profile, OnLink):
                 yield (values[name] if factor == 1.0 else values[name] * factor), rows
 
     def _weights(self, chain: Chain, space: LabelledSpace, link: int) -> Iterator[tuple[float, float, Load]]:
-        """Yield start, end and weight of every part, by its section."""
+        """Yield start, end and weight of every part, the weight from its section."""
         axes = beam_axes(chain, link)
         length = float(np.linalg.norm(chain.placements[link][:3, 3]))
         for start, stop, part in self._parts(length, chain.runs_backwards(link)):
@@ -222,66 +227,68 @@ class Beam(Profile, OnLink):
             moments = ((scale * np.array([1.0, *centre]), factors),)
             yield start, stop, Load(link, np.eye(4), centre, along=True, moments=moments)
 
-    def _pushes(
+    def _beam_loads(
         self, posture: Posture, space: LabelledSpace, link: int, length: float, axes: Array, shape: BentShape | None
-    ) -> Iterator[_Push]:
-        """Yield what loads the beam."""
+    ) -> Iterator[_BeamLoad]:
+        """Yield the loads on the beam."""
         chain, base = posture.chain, posture.loaded_link_poses[link]
-        to_beam = _both((base[:3, :3] @ axes).T)
+        to_beam = _block_diagonal((base[:3, :3] @ axes).T)
 
-        def pushes(loads: Sequence[Load], point: Array, start: float, stop: float) -> Iterator[_Push]:
+        def beam_loads(loads: Sequence[Load], point: Array, start: float, stop: float) -> Iterator[_BeamLoad]:
             for factors, wrench in posture.wrench_on(loads, point).items():
-                yield _Push(start, stop, to_beam @ wrench, factors)
+                yield _BeamLoad(start, stop, to_beam @ wrench, factors)
 
-        def hung(load: Load) -> Iterator[_Push]:
+        def attached_loads(load: Load) -> Iterator[_BeamLoad]:
             reach = float(axes[:, 0] @ load.attachment)
-            room = 0.0 if self.self_weight == "centre" else _room(load, reach, axes[:, 0], length)
+            half_spread = 0.0 if self.self_weight == "centre" else _half_spread(load, reach, axes[:, 0], length)
             point = axes[:, 0] * reach
             if shape is not None:
-                # what is bolted to a bent beam moves and turns with it
-                moved = _both(axes) @ shape.displacement(reach)
+                # a body bolted to a bent beam moves and turns with it
+                moved = _block_diagonal(axes) @ shape.displacement(reach)
                 about = se3.compose(se3.translation(point), se3.displacement(moved), se3.translation(-point))
                 load, point = dataclasses.replace(load, frame=about @ load.frame), point + moved[:3]
-            for push in pushes([load], base[:3, :3] @ point + base[:3, 3], reach, reach):
-                if room == 0.0:
-                    yield push
+            for beam_load in beam_loads([load], base[:3, :3] @ point + base[:3, 3], reach, reach):
+                if half_spread == 0.0:
+                    yield beam_load
                 else:
-                    yield dataclasses.replace(push, wrench=push.wrench * _MOMENT)
-                    yield _Push(reach - room, reach + room, push.wrench * _FORCE, push.factors)
+                    yield dataclasses.replace(beam_load, wrench=beam_load.wrench * _MOMENT)
+                    yield _BeamLoad(
+                        reach - half_spread, reach + half_spread, beam_load.wrench * _FORCE, beam_load.factors
+                    )
 
         end = posture.loaded_ends[link][:3, 3]
-        yield from pushes([load for load in posture.loads if load.link > link], end, length, length)
+        yield from beam_loads([load for load in posture.loads if load.link > link], end, length, length)
         own = _along(posture.loads, link)
         match self.self_weight:
             case "uniform":
                 for load in own:
                     start, stop = _stretch(load, axes[:, 0], length)
-                    yield from pushes([load], end, start, stop) if stop > start else hung(load)
+                    yield from beam_loads([load], end, start, stop) if stop > start else attached_loads(load)
             case "centre":
                 for load in own:
-                    yield from hung(load)
+                    yield from attached_loads(load)
             case "section":
                 weights = list(self._weights(chain, space, link))
                 if len(own) != 2 * len(_along(chain.loads, link)) + len(weights):
                     raise InputError(f"two beams give the link of {self.link!r} its weight by section")
                 for start, stop, load in weights:
-                    yield from pushes([load], end, start, stop)
+                    yield from beam_loads([load], end, start, stop)
         for load in posture.loads:
             if load.link == link and not load.along:
-                yield from hung(load)
+                yield from attached_loads(load)
 
 
 @final
 @dataclass(frozen=True, eq=False)
-class _Push:
+class _BeamLoad:
     """A load on a beam: at one point, or spread evenly between two.
 
     Attributes
     ----------
     start, stop
-        Between where it acts, m along the beam.
+        Ends of the stretch on which it acts, m along the beam; equal for a point.
     wrench
-        ``[F; M]``, beam axes: at the point; of a spread load its weight.
+        ``[F; M]``, beam axes: at the point; for a spread load its whole weight.
     factors
         Parameters that multiply it.
     """
@@ -292,11 +299,11 @@ class _Push:
     factors: Factors
 
     def displacement(self, start: float, stop: float, length: float, rows: tuple[int, ...]) -> Array:
-        """Return how it displaces the beam's end by bending one part, of unit stiffness in the rows given."""
+        """Return the displacement of the beam's end by bending of one part, with unit stiffness in the given rows."""
         bent = np.zeros((6, 6))
         spread = self.stop - self.start
         if spread == 0.0:
-            # a point of the part feels what acts beyond it as at its end
+            # a load beyond the part acts on it through the end of the part
             reach = min(self.stop, stop)
             bent = point_flexibility(stop - start, reach - start) @ _lever(self.stop - reach).T
         else:
@@ -313,9 +320,9 @@ class _Push:
         return _lever(length - stop) @ displacement
 
     def on_shape(self, shape: BentShape | None, start: float, stop: float) -> Array:
-        """Return by how much more it displaces the beam's end since it acts on the shape, for each row, ``(6, 6)``.
+        """Return the further displacement of the beam's end because the load acts on the bent shape, ``(6, 6)``.
 
-        For the flexibility of one part that governs the row; none along x, and none on the undeflected arm.
+        One row for the unit flexibility of one part that governs it; zero along x, and zero on the undeflected arm.
         """
         result = np.zeros((6, 6))
         if shape is not None:
@@ -324,7 +331,7 @@ class _Push:
 
 
 def _lever(reach: float) -> Array:
-    """Return what a displacement becomes ``reach`` (m) further along x; transposed, what a wrench becomes before it."""
+    """Return the matrix of a displacement ``reach`` (m) further along x; its transpose moves a wrench back by as much."""
     result = np.eye(6)
     result[1, 5], result[2, 4] = reach, -reach
     return result
@@ -335,18 +342,18 @@ def _along(loads: Iterable[Load], link: int) -> list[Load]:
 
 
 def _stretch(load: Load, x: Array, length: float) -> tuple[float, float]:
-    """Return from where to where (m along the beam) a weight's part of the way goes; twice the same for no length."""
+    """Return the ends (m along the beam) of a weight's part of the beam, equal if it has no length."""
     if load.stretch is None:
         return (0.0, length) if load.along else (0.0, 0.0)
     start, stop = sorted(float(min(max(reach, 0.0), length)) for reach in load.stretch @ x)
     return (start, stop) if stop - start > _NO_LENGTH * length else (start, start)
 
 
-def _room(load: Load, reach: float, x: Array, length: float) -> float:
-    """Return how far (m) a weight's part of the way goes to both sides of its centre, which lies at ``reach``."""
+def _half_spread(load: Load, reach: float, x: Array, length: float) -> float:
+    """Return the distance (m) that a weight's part of the beam reaches on both sides of its centre at ``reach``."""
     start, stop = _stretch(load, x, length)
-    room = min(reach - start, stop - reach)
-    return room if room > _NO_LENGTH * length else 0.0
+    half_spread = min(reach - start, stop - reach)
+    return half_spread if half_spread > _NO_LENGTH * length else 0.0
 
 
 def point_flexibility(length: float, reach: float) -> Array:
@@ -384,7 +391,7 @@ def weight_flexibility(length: float) -> Array:
 def stretch_flexibility(length: float, start: float, stop: float) -> Array:
     """Return the end's displacement for a total weight spread between two points (m) of a cantilever.
 
-    The mean of :func:`point_flexibility` over the reach; of all of it :func:`weight_flexibility`.
+    The mean of :func:`point_flexibility` over the reach; over the whole beam :func:`weight_flexibility`.
     """
     if start == 0.0 and stop == length:
         return weight_flexibility(length)
@@ -417,7 +424,7 @@ def beam_axes(chain: Chain, link: int, roll: float = 0.0) -> Array:
     if link < len(chain.joints):
         ends.append(far_end[:3, :3] @ chain.written_axes[link])
     backwards = chain.runs_backwards(link)
-    # in a link that the file begins at the far end, that end's joint and axes count, and x points back
+    # if the file begins the link at the far end, the joint and axes of that end count, and x points back
     own_axes, x = (far_end[:3, :3], -x) if backwards else (np.eye(3), x)
     candidates = [*(reversed(ends) if backwards else ends), own_axes[:, 1], own_axes[:, 2]]
     z = next(normal for normal in (axis - x * (x @ axis) for axis in candidates) if np.linalg.norm(normal) > _PARALLEL)
@@ -426,7 +433,7 @@ def beam_axes(chain: Chain, link: int, roll: float = 0.0) -> Array:
     return axes * [-1.0, -1.0, 1.0] if backwards else axes
 
 
-def _both(turn: Array) -> Array:
+def _block_diagonal(turn: Array) -> Array:
     result = np.zeros((6, 6))
     result[:3, :3] = result[3:, 3:] = turn
     return result

@@ -20,43 +20,43 @@ from precision_pin.terms.term import Term
 __all__ = ["BearingStiffness"]
 
 _ROWS: Final = {"radial": (0, 1), "axial": (2,), "tilt": (3, 4), "roll": (5,)}
-"""Components of the wrench, and of the displacement, that each stiffness joins."""
+"""Components of wrench and displacement that each stiffness connects."""
 
 
 @final
 @dataclass(frozen=True, kw_only=True)
 class BearingStiffness(Source):
-    """Flexibility of a joint's bearing: the seat gives under the wrench of everything beyond the joint.
+    """Flexibility of a joint's bearing: the seat yields under the wrench of all loads beyond the joint.
 
-    With z on the joint's axis and F, M about the bearing's centre, which is displaced by ``d = (F_x/k_r, F_y/k_r,
-    F_z/k_a)`` and turned by ``δ = (M_x/k_t, M_y/k_t, 0)``. About its own axis the joint is free (along it, where it
-    slides): what acts there the drive carries, see ``joint_compliance``. Linear, without play, radial force and tilt
-    uncoupled at the centre. Of two bearings of radial stiffness k a span L apart, the centre half way:
+    z is the joint's axis, and F and M act at the bearing's centre. The centre is displaced by ``d = (F_x/k_r, F_y/k_r,
+    F_z/k_a)`` and turned by ``δ = (M_x/k_t, M_y/k_t, 0)``. A revolute joint is free about its axis, a prismatic one
+    along it; the drive carries the load there, see ``joint_compliance``. Linear, without play; radial force and tilt are
+    uncoupled at the centre. Two bearings of radial stiffness k at a span L have, about the point half way between them,
     ``k_r = 2k``, ``k_t = k L²/2``. Source: the bushing of multibody mechanics with uncoupled springs; ISO/TS 16281 for
-    how the stiffness of a rolling bearing follows from its inside.
+    the stiffness of a rolling bearing from its internal geometry.
 
     Attributes
     ----------
     joint
-        Whose bearing.
+        The joint.
     radial
         k_r, normal to the axis; rigid if left out, as is each of the others.
     axial
-        k_a, along the axis. Not of a joint that slides.
+        k_a, along the axis; not for a prismatic joint.
     tilt
         k_t, about every axis normal to the joint's: the moment stiffness of a data sheet.
     roll
-        Where the joint slides: about its axis, ``δ_z = M_z/k``.
+        For a prismatic joint: about its axis, ``δ_z = M_z/k``.
     centre
-        Where on the axis as the file writes it, from the joint's origin, the bearing's centre lies.
+        Position of the bearing's centre on the axis as written in the file, from the joint's origin.
     pads_on
-        Where the joint slides: the link that the bearing is fixed to, ``child`` (a carriage, which travels along its
-        rail; ``centre`` counts from the joint's frame after it moved) or ``parent`` (fixed guides).
+        For a prismatic joint: the link that the bearing is fixed to, ``child`` (a carriage, which travels along its rail;
+        ``centre`` is measured from the joint's frame after its motion) or ``parent`` (fixed guides).
 
     Raises
     ------
     InputError
-        No stiffness at all, or pads on neither link.
+        No stiffness, or pads on neither link.
     """
 
     words: ClassVar[Mapping[str, str]] = {
@@ -86,12 +86,12 @@ class BearingStiffness(Source):
         """Yield a term for each stiffness and each group of loads with the same random factors."""
         chain = posture.chain
         joint = chain.joint_index(self.joint)
-        slides = bool(chain.prismatic[joint])
-        free = "axial" if slides else "roll"
+        is_prismatic = bool(chain.prismatic[joint])
+        free = "axial" if is_prismatic else "roll"
         if getattr(self, free) is not None:
-            way = "slides along" if slides else "turns about"
+            way = "slides along" if is_prismatic else "turns about"
             raise InputError(
-                f"{free}: of {self.label()}: the joint {way} its axis; joint_compliance is the flexibility of its drive"
+                f"{free}: of {self.label()}: the joint {way} its axis; joint_compliance gives the flexibility of its drive"
             )
         place = chain.seat(joint)
         to_place = seat_axes(chain, joint)

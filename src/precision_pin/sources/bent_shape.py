@@ -15,7 +15,7 @@ __all__ = ["BentShape"]
 
 
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(5)
-"""Exact up to degree 9."""
+"""Gauss-Legendre rule, exact up to degree 9."""
 _ALONG: Final = np.array([1.0, 0.0, 0.0])
 _NEXT: Final = [1, 2, 0]
 _AFTER: Final = [2, 0, 1]
@@ -24,7 +24,7 @@ _AFTER: Final = [2, 0, 1]
 @final
 @dataclass(frozen=True, eq=False)
 class BentShape:
-    """A cantilever's shape: the cubic that its end's displacement and turn give.
+    """The shape of a cantilever: the cubic through the displacement and rotation of its end.
 
     One such cubic gives Euler's load of a column with one end free as 2.486 EI/l², where π²/4 = 2.467 is exact (Przemieniecki,
     Theory of Matrix Structural Analysis, 1968, chapter 15).
@@ -32,7 +32,7 @@ class BentShape:
     Attributes
     ----------
     length
-        Of the beam, m.
+        Length of the beam, m.
     end
         ``[u, w_y, w_z; φ, θ_y, θ_z]`` of its end, beam axes.
     """
@@ -42,7 +42,7 @@ class BentShape:
 
     @classmethod
     def of(cls, posture: Posture, link: int, axes: Array) -> BentShape | None:
-        """Return the shape of a chain link on the deflected arm, none on the undeflected one; ``axes`` as columns."""
+        """Return the shape of a chain link on the deflected arm, None on the undeflected one; ``axes`` as columns."""
         if posture.deflection is None:
             return None
         place = posture.chain.placements[link]
@@ -53,7 +53,7 @@ class BentShape:
     def displacement(self, reach: ArrayLike) -> Array:
         """Return the displacements ``(..., 6)`` at places ``reach`` ``(...)`` (m) along the beam, beam axes.
 
-        What stands off its ends moves with them.
+        Places beyond an end move with that end.
         """
         l, along = self.length, np.asarray(reach, dtype=float)  # noqa: E741
         s, beyond = np.clip(along / l, 0.0, 1.0), np.maximum(along - l, 0.0)
@@ -71,7 +71,7 @@ class BentShape:
         return np.stack(rows, axis=-1)
 
     def slope(self, reach: Array) -> Array:
-        """Return how the turn changes along the beam, ``(N, 3)``, rad/m: the shape's twist and curvatures."""
+        """Return the rate of rotation along the beam, ``(N, 3)``, rad/m: the shape's twist and curvatures."""
         l, s = self.length, reach / self.length  # noqa: E741
         _, w_y, w_z, phi, theta_y, theta_z = self.end
         bent, straight = 6 * (1 - 2 * s) / l**2, (6 * s - 2) / l
@@ -80,10 +80,10 @@ class BentShape:
 
     @property
     def second_order(self) -> Array:
-        """The part of the end's displacement that the turns along the beam add beyond their sum, ``(6,)``, beam axes.
+        """The displacement of the end by the rotations along the beam beyond their sum, ``(6,)``, beam axes.
 
-        With θ(x) the turn, ``δ = -½ ∫ θ × θ' dx`` (turns do not commute) and ``d = ½ ∫ θ × (θ × e_x) dx``, which shortens a
-        bent beam, and what δ adds on the way.
+        With θ(x) the rotation, ``δ = -½ ∫ θ × θ' dx`` (rotations do not commute) and ``d = ½ ∫ θ × (θ × e_x) dx``, which
+        shortens a bent beam, plus the displacement that δ causes along the beam.
         """
         x, weights = _nodes(0.0, self.length)
         turn = self.displacement(x)[:, 3:]
@@ -92,20 +92,20 @@ class BentShape:
         return total
 
     def bending(self, wrench: Array, loaded: tuple[float, float], part: tuple[float, float]) -> Array:
-        """Return by how much more a load displaces the beam's end since it acts on the shape, ``(3, 6)``.
+        """Return the further displacement of the beam's end because a load acts on the bent shape, ``(3, 6)``.
 
-        The moment at x is that of the force where the shape has moved it, ``M + Δr × F``, and bends the section about axes
-        that have turned by θ: ``κ = D (M + Δr × F - θ × M) + θ × D M`` to second order, D the flexibilities. A row for each
-        of D's: of unit flexibility about x, y and z, the others rigid.
+        The moment at x is that of the force at its displaced point, ``M + Δr × F``. It bends the section about axes that
+        have turned by θ: ``κ = D (M + Δr × F - θ × M) + θ × D M`` to second order, D the flexibilities. One row each for
+        unit flexibility about x, y and z, with the others rigid.
 
         Parameters
         ----------
         wrench
-            ``[F; M]``, beam axes: about the point where it acts, or a weight spread evenly between two.
+            ``[F; M]``, beam axes: at the point where it acts, or of a weight spread evenly between two points.
         loaded
-            Between where it acts, m along the beam.
+            Ends of the stretch on which it acts, m along the beam.
         part
-            The part that bends, from where to where.
+            Ends of the part that bends, m along the beam.
         """
         x, weights = _nodes(part[0], min(part[1], loaded[1]))
         begin, stop = np.maximum(loaded[0], x), loaded[1]
@@ -126,26 +126,26 @@ class BentShape:
         )
 
     def _mean_place(self, begin: Array, stop: float) -> Array:
-        """Return the mean displacement of the points from each of N places to another, ``(N, 3)``."""
+        """Return the mean displacement of the points between each of N places and ``stop``, ``(N, 3)``."""
         x = (begin[:, None] * (1 - _NODES) + stop * (1 + _NODES)) / 2
         mean: Array = np.einsum("k,nki->ni", _WEIGHTS / 2, self.displacement(x)[..., :3])
         return mean
 
 
 def _nodes(start: float, stop: float) -> tuple[Array, Array]:
-    """Return where to evaluate along the beam (m), and the weights of the sum that is the integral."""
+    """Return the nodes of the quadrature along the beam (m), and their weights."""
     half = (stop - start) / 2
     return start + half * (1 + _NODES), half * _WEIGHTS
 
 
 def _at_end(turn: Array, reach: Array, weights: Array) -> Array:
-    """Return what turns ``(..., N, 3)``, weighted, displace the beam's end in all, each ``reach`` (m) before it, ``(..., 6)``."""
+    """Return the beam end's displacement ``(..., 6)`` by weighted rotations ``(..., N, 3)``, each ``reach`` (m) before it."""
     lever = (weights * reach) @ turn
     zero = np.zeros_like(lever[..., 0])
     return np.concatenate([np.stack([zero, lever[..., 2], -lever[..., 1]], axis=-1), weights @ turn], axis=-1)
 
 
 def _cross(one: Array, other: Array) -> Array:
-    """Return the vector products ``(..., 3)``; faster for a few than numpy's."""
+    """Return the vector products ``(..., 3)``; for a few vectors faster than numpy's cross."""
     result: Array = one[..., _NEXT] * other[..., _AFTER] - one[..., _AFTER] * other[..., _NEXT]
     return result

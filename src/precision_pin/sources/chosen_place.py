@@ -1,4 +1,4 @@
-"""The place that a source's ``joint``, ``link`` or ``frame`` chooses."""
+"""The place given by the ``joint``, ``link`` or ``frame`` of a source."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ __all__ = ["check_choice", "chosen_place"]
 
 
 def check_choice(kind: str, joint: str | None, link: str | None, frame: str | None) -> None:
-    """Refuse anything but one of the three.
+    """Check that exactly one of the three is given.
 
     Raises
     ------
@@ -28,7 +28,7 @@ def chosen_place(chain: Chain, joint: str | None, link: str | None, frame: str |
     UnknownNameError
         No such joint or link.
     InputError
-        The frame is not on the way to the tip.
+        The frame is not on the path to the tip.
     """
     if joint is not None:
         return chain.seat(chain.joint_index(joint))

@@ -24,54 +24,55 @@ __all__ = ["Clearance"]
 @final
 @dataclass(frozen=True, kw_only=True)
 class Clearance(Source):
-    """Clearance of a joint's two bearings: each journal lies off centre by half the diametral clearance.
+    """Clearance of a joint's two bearings: each journal is off centre by half the diametral clearance.
 
-    The bearings stand on the axis at A, ``z = start``, and B, ``z = start + span``. With ``direction: load`` a journal
-    lies where its load presses it, along the line of the bearing's reaction. The loads are the statics of a beam on two
-    supports: with F and M of everything beyond the joint, all parameters at their means, about the joint's origin,
-    ``P_B = ((M_y, -M_x) - z_A (F_x, F_y)) / span`` and ``P_A = (F_x, F_y) - P_B``. Where a load is below the band, and
-    with ``direction: random``, the journal lies in a random direction: always in contact, on a circle (Ting, Zhu and
+    The bearings are on the axis at A, ``z = start``, and B, ``z = start + span``. With ``direction: load`` the load
+    presses a journal against its bearing, along the line of the bearing's reaction. The loads are those of a beam on two
+    supports: with F and M of all loads beyond the joint, all parameters at their means, about the joint's origin,
+    ``P_B = ((M_y, -M_x) - z_A (F_x, F_y)) / span`` and ``P_A = (F_x, F_y) - P_B``. If a load is below the band, or with
+    ``direction: random``, the journal is off centre in a random direction: always in contact, on a circle (Ting, Zhu and
     Watkins, Mechanism and Machine Theory 35, 2000), or anywhere in the disc (Zhu and Ting, ASME DETC 1998). The axis
     runs through both journals, which displaces the seat as in eqs 18 and 19 of Wei, Jia and Chen (2015). Axial play
-    shifts the seat by half of it to the side of the axial force; where that is below the band, and with
-    ``direction: random``, by anything up to that half, all alike.
+    shifts the seat by half the play to the side of the axial force. If that force is below the band, or with
+    ``direction: random``, the shift is uniform between minus and plus this half.
 
-    The direction is that of the mean load and does not turn with a load that scatters. The shift does not grow with the
-    load, so it is no deflection: equilibrium statics turns it with the deflected arm, but takes no derivative of it.
+    The direction is that of the mean load and does not change with the scatter of the load. The shift does not grow with
+    the load and is therefore no deflection: equilibrium statics turns it with the deflected arm, but takes no derivative
+    of it.
 
-    A joint that slides runs on two pads with the same lateral play in every direction; its play along the axis is
-    ``backlash``, and nothing here turns it about the axis.
+    A prismatic joint runs on two pads with the same lateral play in every direction; its play along the axis is
+    ``backlash``, and this source does not turn it about the axis.
 
     Attributes
     ----------
     joint
-        Whose bearings.
+        The joint.
     diametral
-        Total radial play, from one side to the opposite one: bore minus journal. One, the same in both bearings, or
-        two: of A and of B.
+        Total radial play, from one side to the opposite one: bore minus journal. One value for both bearings, or two
+        values, for A and for B.
     span
-        Distance of the bearings.
+        Distance between the bearings.
     start
-        Where on the axis as the file writes it, from the joint's origin, bearing A stands.
+        Position of bearing A on the axis as written in the file, from the joint's origin.
     axial
-        Total axial play, from one end to the other. Not of a joint that slides.
+        Total axial play, from one end to the other; not for a prismatic joint.
     direction
-        Of the shifts: ``load`` or ``random``.
+        Direction of the shifts: ``load`` or ``random``.
     band
-        Load of a bearing below which its direction is random; belongs to ``direction: load``.
+        Load of a bearing below which its direction is random; only with ``direction: load``.
     law
-        Of a random direction: ``circle`` (in contact) or ``disc``.
+        Law of a random direction: ``circle`` (in contact) or ``disc``.
     scope
         How often a random direction is drawn: once for each ``unit``, at each ``pose`` or at each ``visit``.
     pads_on
-        Where the joint slides: the link that the pads are fixed to, ``child`` (a carriage, which travels along its
-        rail; ``start`` counts from the joint's frame after it moved) or ``parent`` (fixed guides).
+        For a prismatic joint: the link that the pads are fixed to, ``child`` (a carriage, which travels along its rail;
+        ``start`` is measured from the joint's frame after its motion) or ``parent`` (fixed guides).
 
     Raises
     ------
     InputError
-        Not one or two diametral clearances, a span or band that is not positive, a band without need or missing, or a
-        word that is none of those above.
+        Not one or two diametral clearances, a span or band that is not positive, a band that is missing or not needed, or
+        a word that is none of those above.
     """
 
     words: ClassVar[Mapping[str, str]] = {
@@ -111,7 +112,7 @@ class Clearance(Source):
         if self.direction == "load" and self.band is None:
             raise InputError("clearance with direction: load needs band:, the load below which a direction is random")
         if self.direction == "random" and self.band is not None:
-            raise InputError("band: of clearance belongs to direction: load")
+            raise InputError("band: of clearance is used only with direction: load")
         if self.band is not None and not 0 < self.band < np.inf:
             raise InputError(f"the band of clearance must be positive, got {self.band} N")
 
@@ -122,7 +123,7 @@ class Clearance(Source):
 
     @property
     def depends_on(self) -> Dependence:
-        """The loads where they say the direction; the configuration where a carriage travels."""
+        """The loads if they decide the direction; else the configuration, since a carriage may travel."""
         return "loads" if self.direction == "load" else "configuration"
 
     def is_alike_everywhere(self, chain: Chain) -> bool:
@@ -139,11 +140,13 @@ class Clearance(Source):
         return tuple(draws)
 
     def terms(self, posture: Posture, space: LabelledSpace) -> Iterator[Term]:
-        """Yield a term for each journal that its load places, two for each other one, and one for the axial play."""
+        """Yield one term for each journal placed by its load, two for any other journal, and one for the axial play."""
         chain = posture.chain
         joint = chain.joint_index(self.joint)
         if chain.prismatic[joint] and self.axial != 0.0:
-            raise InputError(f"{self.joint} slides: its play along the axis is backlash, not axial play of clearance")
+            raise InputError(
+                f"{self.joint} slides: give its play along the axis as backlash, not as axial: of clearance"
+            )
         place = chain.seat(joint)
         to_place = seat_axes(chain, joint)
         load = np.zeros(6) + at_means(seat_wrench(posture, joint), space.space)
@@ -155,24 +158,24 @@ class Clearance(Source):
         size_b = others[0] if others else size_a
         for name, height, other, size in (("A", near, far, size_a), ("B", far, near, size_b)):
             shift = shift_of_point(height, other)
-            push = shift.T @ load
-            if self._is_decided(push):
-                yield Term.of(place, to_place @ shift @ push / np.linalg.norm(push), *_halved(size))
+            force = shift.T @ load
+            if self._is_decided(force):
+                yield Term.of(place, to_place @ shift @ force / np.linalg.norm(force), *_half_factors(size))
             else:
                 for column, axis in zip(shift.T, "xy", strict=True):
-                    yield Term.of(place, to_place @ column, *_halved(size), space.component(f"{name}.{axis}"))
+                    yield Term.of(place, to_place @ column, *_half_factors(size), space.component(f"{name}.{axis}"))
         if self.axial != 0.0:
             along = to_place[:, 2]
             size = space.positive("axial", self.axial, zero=True)
             if self._is_decided(load[2:3]):
-                yield Term.of(place, along * np.sign(load[2]), *_halved(size))
+                yield Term.of(place, along * np.sign(load[2]), *_half_factors(size))
             else:
-                yield Term.of(place, along, *_halved(size), space.component("side"))
+                yield Term.of(place, along, *_half_factors(size), space.component("side"))
 
     def _is_decided(self, force: np.ndarray[tuple[int], np.dtype[np.float64]]) -> bool:
-        """Return whether a load says where the play is taken up."""
+        """Return whether a load decides the side on which the play is taken up."""
         return self.band is not None and float(np.linalg.norm(force)) >= self.band
 
 
-def _halved(play: Value) -> tuple[Value, float]:
+def _half_factors(play: Value) -> tuple[Value, float]:
     return play, 0.5

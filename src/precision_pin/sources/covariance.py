@@ -25,33 +25,33 @@ _SIX: Final = units.PerEntry((units.LENGTH,) * 3 + (units.ANGLE,) * 3)
 @final
 @dataclass(frozen=True, kw_only=True)
 class Covariance(Source):
-    """Six jointly normal errors of any place, as a calibration or a tracker gives them: mean and 6×6 covariance.
+    """Six jointly normal errors of any place, such as from a calibration or a tracker: mean and 6×6 covariance.
 
     The place's displacement is ``Trans(x, y, z)·Exp((rx, ry, rz))`` with (x, y, z, rx, ry, rz) normal in the place's own
-    axes; what other sources do to the same place adds. With standard deviations s and correlation C the covariance is
+    axes; displacements of the same place by other sources add. With standard deviations s and correlation C the covariance is
     ``s_i C_ij s_j``. Source: JCGM 101:2008 (GUM supplement 1), 6.4.8.
 
     Attributes
     ----------
     joint, link, frame
-        Which place, one of the three: the seat of a joint (its URDF origin frame before it turns; where the base lies
+        The place; give one of the three: the seat of a joint (its URDF origin frame before its motion; if the base is
         beyond the joint, the frame of its child link), the end of the chain link that a URDF link belongs to (the next
-        joint's origin frame, or the tip), or the frame of a URDF link on the way to the tip.
+        joint's origin frame, or the tip), or the frame of a URDF link on the path to the tip.
     std
         Standard deviations of x, y, z, rx, ry, rz.
     correlation
-        Of the six, with ``std``: rows of plain numbers, symmetric, with 1 on the diagonal. Left out: independent.
+        Correlation of the six, with ``std``: rows of plain numbers, symmetric, with 1 on the diagonal; none if left out.
     matrix
-        Instead of ``std`` and ``correlation``: the covariance itself, rows of plain numbers in m², m·rad and rad².
+        In place of ``std`` and ``correlation``: the covariance itself, rows of plain numbers in m², m·rad and rad².
     mean
         Mean of the six; zero if left out.
     scope
-        How often it is drawn: ``unit``, ``pose`` or ``visit``.
+        How often the errors are drawn: ``unit``, ``pose`` or ``visit``.
 
     Raises
     ------
     InputError
-        Not one place, not one of std and matrix, or no covariance: not 6×6, not symmetric, a negative eigenvalue.
+        Not one place, not one of std and matrix, or a matrix that is not 6×6, not symmetric or has a negative eigenvalue.
     """
 
     words: ClassVar[Mapping[str, str]] = {"error": "error of {subject}, given as covariance"}
@@ -70,7 +70,7 @@ class Covariance(Source):
         if (self.std is None) == (self.matrix is None):
             raise InputError("covariance needs either std: or matrix:")
         if self.matrix is not None and self.correlation is not None:
-            raise InputError("correlation: of covariance belongs to std:, not to matrix:")
+            raise InputError("correlation: of covariance is used only with std:, not with matrix:")
         for name in ("std", "mean"):
             entries = getattr(self, name)
             if entries is not None and len(entries) != 6:

@@ -1,6 +1,6 @@
-"""Cross-sections and materials of beams: dimensions to the constants that bending, torsion and weight need.
+"""Cross-sections and materials of beams: from dimensions to the constants for bending, torsion and weight.
 
-Dimensions are numbers (m) or expressions; what comes out is alike. The y and z axes are those of the beam.
+Dimensions are numbers (m) or expressions; so are the constants. The y and z axes are those of the beam.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ class Material:
     density
         kg/m³.
     source
-        Where the numbers stand.
+        Reference for the numbers.
     """
 
     E: float

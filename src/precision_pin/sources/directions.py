@@ -1,4 +1,4 @@
-"""Directions as a sheet spells them."""
+"""Directions written in a sheet."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ _PARALLEL: Final = 1e-9
 def direction_of(text: str, posture: Posture) -> NDArray[np.float64]:
     """Return the unit vector, base axes, of ``[-]x|y|z|axis of JOINT`` or ``[-]x|y|z of BASE``.
 
-    ``x``, ``y``, ``z`` are the axes of the joint's URDF frame after it turned (those of its child link in the file), or
-    of the chain's base link; ``axis`` is the joint's as the file writes it. All of them are the same directions in space
-    wherever the base is.
+    ``x``, ``y``, ``z`` are the axes of the joint's URDF frame after its motion (those of its child link in the file), or
+    of the chain's base link; ``axis`` is the joint's axis as written in the file. The directions in space do not depend
+    on the choice of the base.
 
     Raises
     ------
     InputError
-        Spelled otherwise.
+        Written in another form.
     UnknownNameError
         No such joint on the chain.
     """
@@ -42,14 +42,14 @@ def direction_of(text: str, posture: Posture) -> NDArray[np.float64]:
     if letter == "axis":
         direction = -posture.joint_axes[joint] if is_reversed else posture.joint_axes[joint]
     else:
-        # what turns with the file's child is the link before a joint that the chain passes against the file
+        # for a joint that the chain passes against the file, the file's child link is the one before the joint
         turned = posture.link_poses[joint] @ chain.placements[joint] if is_reversed else posture.joint_poses[joint]
         direction = turned[:3, _AXES[letter]]
     return np.asarray(-direction if sign < 0 else direction, dtype=float)
 
 
 def is_fixed(text: str, chain: Chain, link: int) -> bool:
-    """Return whether a direction, spelled as for :func:`direction_of`, turns with a chain link wherever the joints stand."""
+    """Return whether a direction, written as for :func:`direction_of`, is fixed in a chain link at all joint values."""
     _, letter, joint = _parse(text, chain)
     if joint is None:
         carrier, direction = 0, np.eye(3)[_AXES[letter]]
@@ -60,15 +60,15 @@ def is_fixed(text: str, chain: Chain, link: int) -> bool:
     else:
         carrier, direction = joint + 1, np.eye(3)[_AXES[letter]]
     while carrier != link:
-        # onwards through the joint behind the carrier, or back through the one before it
-        onwards = carrier < link
-        passed = carrier if onwards else carrier - 1
+        # forward through the joint after the carrier, or back through the one before it
+        forward = carrier < link
+        passed = carrier if forward else carrier - 1
         turn = chain.placements[passed][:3, :3]
-        direction = turn.T @ direction if onwards else direction
+        direction = turn.T @ direction if forward else direction
         if not chain.prismatic[passed] and np.linalg.norm(np.cross(chain.axes[passed], direction)) > _PARALLEL:
             return False
-        direction = direction if onwards else turn @ direction
-        carrier += 1 if onwards else -1
+        direction = direction if forward else turn @ direction
+        carrier += 1 if forward else -1
     return True
 
 

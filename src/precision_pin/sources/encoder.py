@@ -26,33 +26,33 @@ _AT_JOINT: Final = units.PerJoint(units.ANGLE, units.LENGTH)
 class Encoder(Source):
     """Errors of a joint's encoder: resolution, zero, eccentricity or another periodic error, scale.
 
-    A controller holds the reading, so what the reading lacks the joint has too much: every error here is the joint's,
-    true less read, and is added to its value. Resolution: uniform, ± half a step (JCGM 100:2008, F.2.2.1). Periodic:
-    ``amplitude · sin(order · θ + φ)`` with θ the angle of the encoder's shaft and φ a phase that is random, uniform on the
-    turn, but the same at every pose of one built robot; so an amplitude t has the standard deviation t/√2, one that
-    varies ``√(E[t²]/2)``. A disc that sits eccentric by e, read at radius r, gives the once-per-turn error of amplitude
-    e/r, ±412 e/D arcsec for e in µm and the diameter D in mm (Heidenhain, Angle Encoders without Integral Bearing). The
-    mean of two heads opposite each other keeps the even orders and has no odd ones, eccentricity among them. On the
-    motor's side θ turns ``ratio`` times as fast as the joint, and an error of the shaft counts 1/ratio at the joint. At a
-    joint that slides, the linear encoder has ``sin(2π · order · d / period + φ)`` and a scale that is too long or too
-    short: ``scale · d``.
+    A controller holds the reading, so a reading that is too small means a joint value that is too large: every error here
+    is true value minus reading and is added to the joint's value. Resolution: uniform, ± half a step (JCGM 100:2008,
+    F.2.2.1). Periodic: ``amplitude · sin(order · θ + φ)`` with θ the angle of the encoder's shaft. The phase φ is random,
+    uniform over a turn, but the same at every pose of one built robot. A fixed amplitude t therefore gives the standard
+    deviation t/√2, a random one ``√(E[t²]/2)``. A disc with an eccentricity e, read at radius r, gives the once-per-turn
+    error of amplitude e/r, ±412 e/D arcsec for e in µm and the diameter D in mm (Heidenhain, Angle Encoders without
+    Integral Bearing). The mean of two opposite heads keeps the even orders and cancels the odd ones, which include
+    eccentricity. On the motor's side θ turns ``ratio`` times as fast as the joint, and an error of the shaft is 1/ratio
+    of it at the joint. At a prismatic joint the linear encoder has ``sin(2π · order · d / period + φ)`` and a scale that
+    is too long or too short: ``scale · d``.
 
     Attributes
     ----------
     joint
-        Which joint.
+        The joint.
     resolution
         One step of the encoder's shaft, or of a linear encoder.
     scope
-        Of the resolution's error: ``pose`` (a pose lies at one place within its step) or ``visit``.
+        Scope of the resolution's error: ``pose`` (a pose is at one position within its step) or ``visit``.
     offset
-        Where on the joint's own scale the encoder has its zero: it is added to the joint's value. A reading that is too
-        large by o is the offset -o.
+        Position of the encoder's zero on the joint's own scale, added to the joint's value. A reading that is too large by
+        o is the offset -o.
     amplitude
-        Of the periodic error, at the encoder's shaft; half of peak to peak. The sign is the phase's affair: a law for it
-        has its mean above zero.
+        Amplitude of the periodic error at the encoder's shaft, half of peak to peak. The phase covers both signs, so a law
+        for the amplitude has its mean above zero.
     eccentricity, radius
-        Instead of amplitude: how far the disc sits off its shaft's axis, and the mean radius of its graduation.
+        In place of amplitude: distance of the disc's centre from the shaft's axis, and mean radius of its graduation.
     order
         Periods of the periodic error in a turn of the encoder's shaft, or in ``period``.
     heads
@@ -60,16 +60,15 @@ class Encoder(Source):
     ratio
         Turns of the encoder's shaft for one turn of the joint: 1 on the joint's side, the gear ratio on the motor's.
     period
-        Length in which the periodic error of a linear encoder repeats itself.
+        Length of one period of a linear encoder's periodic error.
     scale
-        Error of a linear encoder's pitch, relative to the travel from the joint's zero: positive where it is too long and
-        the joint goes too far.
+        Error of a linear encoder's pitch, relative to the travel from the joint's zero: positive if it is too long and the
+        joint travels too far.
 
     Raises
     ------
     InputError
-        No error at all, half of a pair, a step, radius, ratio or period out of range, or what belongs to the other kind
-        of joint.
+        No error, half of a pair, a step, radius, ratio or period out of range, or a setting for the other kind of joint.
     """
 
     deviations: ClassVar[tuple[str, ...]] = ("offset", "scale")
@@ -112,7 +111,9 @@ class Encoder(Source):
         if self.order != int(self.order) or self.order < 1:
             raise InputError(f"the order of encoder must be 1, 2, 3, …, got {self.order}")
         if self.eccentricity is not None and self.order != 1:
-            raise InputError("eccentricity: of encoder is a once-per-turn error; give others by amplitude: and order:")
+            raise InputError(
+                "eccentricity: of encoder is a once-per-turn error; give other orders with amplitude: and order:"
+            )
         if self.heads not in (1, 2):
             raise InputError(f"heads: of encoder must be 1 or 2, got {self.heads}")
         if self.scope not in ("pose", "visit"):
@@ -125,11 +126,11 @@ class Encoder(Source):
 
     @property
     def depends_on(self) -> Dependence:
-        """The chain; the configuration where the error is not the same at every joint value."""
+        """The chain, or the configuration if the error depends on the joint value."""
         return "configuration" if self.scale is not None or self._is_periodic else "chain"
 
     def own_draws(self, label: str) -> tuple[Draw, ...]:
-        """Return the place within a step and the phase."""
+        """Return the position within a step, and the phase."""
         draws = []
         if self.resolution is not None:
             step = self.resolution / self.ratio
@@ -139,7 +140,7 @@ class Encoder(Source):
         return tuple(draws)
 
     def remarks(self, space: LabelledSpace) -> Iterator[Finding]:
-        """Yield a warning where the amplitude or the eccentricity varies about zero."""
+        """Yield a warning if the amplitude or the eccentricity varies about zero."""
         for field in ("amplitude", "eccentricity"):
             setting = getattr(self, field)
             if setting is not None and self._is_periodic:
@@ -148,8 +149,8 @@ class Encoder(Source):
     def terms(self, posture: Posture, space: LabelledSpace) -> Iterator[Term]:
         """Yield a term for each error, two for the periodic one."""
         joint = posture.chain.joint_index(self.joint)
-        slides = bool(posture.chain.prismatic[joint])
-        self._check_kind(slides)
+        is_prismatic = bool(posture.chain.prismatic[joint])
+        self._check_kind(is_prismatic)
         target, value = JointValue(joint), float(posture.q[joint])
         if self.resolution is not None:
             yield Term.of(target, 1.0, space.component("quantisation"))
@@ -169,24 +170,24 @@ class Encoder(Source):
 
     @property
     def _is_periodic(self) -> bool:
-        """Whether there is a periodic error that the heads do not cancel."""
+        """True if there is a periodic error that the heads do not cancel."""
         given = self.amplitude is not None or self.eccentricity is not None
         return given and (self.heads == 1 or self.order % 2 == 0)
 
-    def _check_kind(self, slides: bool) -> None:
-        """Refuse settings of the other kind of joint.
+    def _check_kind(self, is_prismatic: bool) -> None:
+        """Check that the settings suit the kind of joint.
 
         Raises
         ------
         InputError
-            There are some, or a linear encoder's period is missing.
+            A setting is for the other kind, or a linear encoder's period is missing.
         """
-        if not slides:
+        if not is_prismatic:
             for name in ("period", "scale"):
                 if getattr(self, name) is not None:
-                    raise InputError(f"{self.label()}: {name}: belongs to a joint that slides")
+                    raise InputError(f"{self.label()}: {name}: is only for a prismatic joint")
             return
         if self.eccentricity is not None or self.heads != 1 or self.ratio != 1:
-            raise InputError(f"{self.label()}: eccentricity:, heads: and ratio: belong to a joint that turns")
+            raise InputError(f"{self.label()}: eccentricity:, heads: and ratio: are only for a revolute joint")
         if (self.amplitude is None) != (self.period is None):
             raise InputError(f"{self.label()}: a linear encoder needs both of amplitude: and period:")

@@ -23,14 +23,14 @@ __all__ = ["Frame"]
 class Frame(Source):
     """Six errors at any place: a shift and a small turn in the place's own axes.
 
-    The place's displacement is ``Trans(x, y, z)·Exp((rx, ry, rz))``; what other sources do to the same place adds.
+    The place's displacement is ``Trans(x, y, z)·Exp((rx, ry, rz))``; displacements of the same place by other sources add.
 
     Attributes
     ----------
     joint, link, frame
-        Which place, one of the three: the seat of a joint (its URDF origin frame before it turns; where the base lies
+        The place; give one of the three: the seat of a joint (its URDF origin frame before its motion; if the base is
         beyond the joint, the frame of its child link), the end of the chain link that a URDF link belongs to (the next
-        joint's origin frame, or the tip), or the frame of a URDF link on the way to the tip.
+        joint's origin frame, or the tip), or the frame of a URDF link on the path to the tip.
     x, y, z
         Shift.
     rx, ry, rz

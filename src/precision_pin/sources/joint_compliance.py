@@ -18,17 +18,17 @@ __all__ = ["JointCompliance"]
 @final
 @dataclass(frozen=True, kw_only=True)
 class JointCompliance(Source):
-    """Flexibility of a joint: it turns (or slides) by its compliance times what the load puts on it.
+    """Flexibility of a joint: it turns (or slides) by its compliance times the load on it.
 
-    ``dθ = C τ`` with τ the torque that the *load* puts on the joint. Source: eq 23 of Wei, Jia and Chen (2015), after
+    ``dθ = C τ`` with τ the torque of the *load* on the joint. Source: eq 23 of Wei, Jia and Chen (2015), after
     Spong. C is not in the paper.
 
     Attributes
     ----------
     joint
-        Which joint.
+        The joint.
     compliance
-        C; for a prismatic joint a linear compliance.
+        C; a linear compliance for a prismatic joint.
     """
 
     words: ClassVar[Mapping[str, str]] = {"compliance": "compliance of {subject}"}

@@ -20,15 +20,15 @@ __all__ = ["JointOffset"]
 class JointOffset(Source):
     """Error of a joint's value: encoder zero, homing, control.
 
-    ``Δθ`` (or Δd of a prismatic joint) adds to the joint's value. Source: Δθ of eqs 6 and 16 of Wei, Jia and Chen
+    ``Δθ`` (or Δd of a prismatic joint) is added to the joint's value. Source: Δθ of eqs 6 and 16 of Wei, Jia and Chen
     (2015).
 
     Attributes
     ----------
     joint
-        Which joint.
+        The joint.
     offset
-        The error of its value; an angle, for a prismatic joint a length.
+        The error of its value: an angle, or a length for a prismatic joint.
     """
 
     deviations: ClassVar[tuple[str, ...]] = ("offset",)

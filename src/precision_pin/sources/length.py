@@ -22,27 +22,27 @@ __all__ = ["Length"]
 @final
 @dataclass(frozen=True, kw_only=True)
 class Length(Source):
-    """Manufacturing error of a length: moves a joint's origin, or a frame, along a direction.
+    """Manufacturing error of a length: it moves a joint's origin, or a frame, along a direction.
 
     The displacement is ``direction × (sum of the parameters)`` at the end of the chain link that carries the joint's
-    origin or the frame; all that lies beyond, seen from the base, moves that way. Lengths may share parameters: in the
-    paper's Table 1 the length a₁ stands in y₁ and in z₄, so one random a₁ moves both. Source: section 3.1 of Wei, Jia and
+    origin or the frame; all parts beyond it, seen from the base, move with it. Lengths may share parameters: in the
+    paper's Table 1 the length a₁ is in y₁ and in z₄, so one random a₁ moves both. Source: section 3.1 of Wei, Jia and
     Chen (2015), ``Δx, Δy, Δz`` of a link.
 
     Attributes
     ----------
     joint, frame
-        What moves: a joint's origin, or a frame on the way to the tip. One of the two.
+        The moved part: a joint's origin, or a frame on the path to the tip; give one of the two.
     along
         Direction: ``link`` (from the link's start to its end, the default), or ``[-]x|y|z of JOINT`` (axes of its frame
-        after it turned, which is its child link's) or ``[-]axis of JOINT`` (as the file writes it).
+        after its motion, which is its child link's) or ``[-]axis of JOINT`` (as written in the file).
     parameters
         Deviations from the nominal length; they add.
 
     Raises
     ------
     InputError
-        Not exactly one of joint and frame; a link without length along itself.
+        Not exactly one of joint and frame, or the direction ``link`` for a link without length.
     """
 
     deviations: ClassVar[tuple[str, ...]] = ("parameters",)
@@ -70,7 +70,7 @@ class Length(Source):
         return "configuration"
 
     def is_alike_everywhere(self, chain: Chain) -> bool:
-        """Return whether the direction turns with the link."""
+        """Return whether the direction is fixed in the link."""
         return self.along == "link" or is_fixed(self.along, chain, self._link(chain))
 
     def terms(self, posture: Posture, space: LabelledSpace) -> Iterator[Term]:
@@ -82,7 +82,7 @@ class Length(Source):
             way = place.frame[:3, 3]
             reach = float(np.linalg.norm(way))
             if reach == 0:
-                raise InputError(f"{self.label()}: the link has no length, name a direction with along:")
+                raise InputError(f"{self.label()}: the link has no length; give a direction with along:")
             direction = posture.link_poses[link][:3, :3] @ way / reach
         else:
             direction = direction_of(self.along, posture)

@@ -22,17 +22,17 @@ __all__ = ["Levelling"]
 @final
 @dataclass(frozen=True, kw_only=True)
 class Levelling(Source):
-    """A base that does not stand level, so that gravity pulls from another direction than drawn.
+    """A base that is not level, so that gravity acts in another direction than drawn.
 
-    The base is turned out of level by the small rotation vector r = (rx, ry, rz), so that in its own axes gravity turns
-    the other way: ``g' = g - r × g``. Every flexible source feels the weights under it; nothing else moves: what the
-    tilt itself does to the tip's place in the world is a ``mounting`` at the base, which may share the parameters. First
-    order in r: what is left out of ``Exp(-r) g`` is below |r|²/2 of the weight. Source: the Euler-Rodrigues formula.
+    The base is tilted by the small rotation vector r = (rx, ry, rz), so that in its own axes gravity turns the other
+    way: ``g' = g - r × g``. The weights on every flexible source change with it; nothing else moves. The displacement of
+    the tip in the world by the tilt itself is a ``mounting`` at the base, which may share the parameters. First order in
+    r: the neglected part of ``Exp(-r) g`` is below |r|²/2 of the weight. Source: the Euler-Rodrigues formula.
 
     Attributes
     ----------
     rx, ry, rz
-        How far the base is turned out of level about its own x, y and z. About the direction of gravity it does nothing.
+        Tilt of the base about its own x, y and z. A rotation about the direction of gravity has no effect.
     """
 
     deviations: ClassVar[tuple[str, ...]] = ("rx", "ry", "rz")
@@ -60,7 +60,7 @@ class Levelling(Source):
     def gravity(
         self, posture: Posture, space: LabelledSpace
     ) -> Iterator[tuple[np.ndarray[tuple[int], np.dtype[np.float64]], Factors]]:
-        """Yield ``-e × g`` for each axis e about which the base is turned."""
+        """Yield ``-e × g`` for each axis e about which the base is tilted."""
         for axis, field in zip(np.eye(3), ("rx", "ry", "rz"), strict=True):
             tilt = space.value(field, getattr(self, field))
             change: NDArray[np.float64] = -np.cross(axis, posture.chain.gravity)

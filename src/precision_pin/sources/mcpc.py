@@ -25,18 +25,18 @@ __all__ = ["Mcpc"]
 class Mcpc(Source):
     """Errors of one link's MCPC parameters, exact at any size.
 
-    Places are inserted at the axes of Rot(x, α), Rot(y, β) and Rot(z, γ) and where the link is translated, so that the
-    displaced link is ``Rot(x, α+Δα) Rot(y, β+Δβ) [Rot(z, γ+Δγ)] Trans(x+Δx, y+Δy, [z+Δz])``. Source: eqs 1 and 2 of
+    Places are inserted at the axes of Rot(x, α), Rot(y, β) and Rot(z, γ) and at the translation of the link. The
+    displaced link is then ``Rot(x, α+Δα) Rot(y, β+Δβ) [Rot(z, γ+Δγ)] Trans(x+Δx, y+Δy, [z+Δz])``. Source: eqs 1 and 2 of
     Wei, Jia and Chen (2015). An error of θ is a ``joint_offset``.
 
     Attributes
     ----------
     link
-        A URDF link of the chain link whose parameters err.
+        A URDF link of the chain link whose parameters have errors.
     alpha, beta, gamma
-        Δα, Δβ, Δγ; Δγ of the last link only.
+        Δα, Δβ, Δγ; Δγ only for the last link.
     x, y, z
-        Δx, Δy, Δz; Δz of the last link only.
+        Δx, Δy, Δz; Δz only for the last link.
 
     Raises
     ------
@@ -69,7 +69,7 @@ class Mcpc(Source):
         return "chain"
 
     def terms(self, posture: Posture, space: LabelledSpace) -> Iterator[Term]:
-        """Yield a term for each parameter that errs."""
+        """Yield a term for each parameter whose error is not zero."""
         chain = posture.chain
         link = chain.link_frame(self.link).link
         last = link == len(chain.joints)

@@ -21,13 +21,13 @@ __all__ = ["Mounting"]
 @final
 @dataclass(frozen=True, kw_only=True)
 class Mounting(Source):
-    """Mounting error of the robot in its cell, or of the tool on its flange: a shift and a small turn.
+    """Mounting error of the robot in its cell, or of the tool on its flange: a shift and a small rotation.
 
-    At the base the whole arm moves with its base link's frame: the displacement comes before everything else, and the
-    error at the tip is that of the tip in the cell. At the tool, the tip moves; with ``flange`` the tool turns about
-    that link's frame, so that a tilt also moves the tip by tilt × length of the tool. The displacement is
-    ``Trans(x, y, z)·Exp((rx, ry, rz))`` in the axes of the frame that is mounted. The direction of gravity stays fixed
-    in base axes: that a base stands out of level is a ``levelling``, which may share the parameters. Source: Δx … Δγ of
+    At the base the whole arm moves with its base link's frame: the displacement comes before all others, and the error
+    at the tip is that of the tip in the cell. At the tool the tip moves; with ``flange`` the tool turns about that link's
+    frame, so that a tilt also moves the tip by tilt × length of the tool. The displacement is
+    ``Trans(x, y, z)·Exp((rx, ry, rz))`` in the axes of the mounted frame. The direction of gravity stays fixed in base
+    axes: a base that is not level is a ``levelling``, which may share the parameters. Source: Δx … Δγ of
     the base and of the last link in eqs 1 and 2 of Wei, Jia and Chen (2015).
 
     Attributes
@@ -35,8 +35,8 @@ class Mounting(Source):
     at
         ``base`` (base to world) or ``tool`` (flange to tool).
     flange
-        Belongs to ``at: tool``: the URDF link that the tool is screwed to, whose frame the tool turns about, on the way
-        to the tip and beyond the last joint. Left out, the tip's own frame.
+        Only with ``at: tool``: the URDF link that the tool is bolted to, on the path to the tip and beyond the last joint;
+        the tool turns about its frame. If left out, about the tip's own frame.
     x, y, z
         Shift.
     rx, ry, rz
@@ -45,7 +45,7 @@ class Mounting(Source):
     Raises
     ------
     InputError
-        ``at`` is neither, or a flange where none belongs or that does not carry the tool.
+        ``at`` is neither, or a flange at the base or one that does not carry the tool.
     """
 
     deviations: ClassVar[tuple[str, ...]] = ("x", "y", "z", "rx", "ry", "rz")
@@ -67,7 +67,7 @@ class Mounting(Source):
         if self.at not in ("base", "tool"):
             raise InputError(f"at: of mounting must be base or tool, got {self.at!r}")
         if self.at == "base" and self.flange is not None:
-            raise InputError("flange: of mounting belongs to at: tool")
+            raise InputError("flange: of mounting is used only with at: tool")
 
     @property
     def subject(self) -> str:
@@ -93,5 +93,7 @@ class Mounting(Source):
         place = chain.frame_place(self.flange or chain.tip)
         if place.link != len(chain.joints):
             last = chain.joint_names[-1]
-            raise InputError(f"{self.label()}: {self.flange!r} is no flange of the tool, it is not beyond {last!r}")
+            raise InputError(
+                f"{self.label()}: {self.flange!r} is no flange of the tool: it is not beyond the last joint, {last!r}"
+            )
         return place

@@ -22,19 +22,19 @@ __all__ = ["Payload"]
 @final
 @dataclass(frozen=True, kw_only=True)
 class Payload(Source):
-    """A weight that hangs on the arm. It displaces nothing itself: it loads the flexible joints and links.
+    """A payload on the arm. It displaces nothing itself: its weight loads the flexible joints and links.
 
-    Mass m and first moment m·c enter torques and link wrenches linearly, so a random mass or centre costs a product. A
-    ``beam`` feels it at the projection of its mean centre of mass; where it hangs on a branch, of the branch's attachment.
+    Mass m and first moment m·c enter torques and link wrenches linearly, so a random mass or centre is a product. On a
+    ``beam`` it acts at the projection of its mean centre of mass or, on a branch, of the branch's attachment.
 
     Attributes
     ----------
     at
-        The link it hangs on.
+        The link that carries it.
     mass
         Its mass.
     com
-        Its centre of mass in that link's frame: three numbers, each of which may be random.
+        Its centre of mass in that link's frame: three numbers, any of them random if need be.
     """
 
     words: ClassVar[Mapping[str, str]] = {"mass": "payload mass at {subject}", "com": "payload centre at {subject}"}
@@ -49,7 +49,7 @@ class Payload(Source):
 
     @property
     def subject(self) -> str:
-        """The link it hangs on."""
+        """The link that carries it."""
         return self.at
 
     @property

@@ -1,4 +1,4 @@
-"""Periodic errors of a joint's value, whose phase is random but the same wherever a built robot goes."""
+"""Periodic errors of a joint's value, with a phase that is random but the same at every pose of a built robot."""
 
 from __future__ import annotations
 
@@ -19,33 +19,33 @@ _ROUNDING: Final = 1e-9
 
 
 def phase_draw(name: str) -> Draw:
-    """Return the draw of a phase φ: the point (cos φ, sin φ), φ uniform on the turn, once for each built robot."""
+    """Return the draw of a phase φ: the point (cos φ, sin φ), with φ uniform over a turn, once for each built robot."""
     return Draw(name, Circle(1.0), Scope.UNIT, (units.RATIO,) * 2)
 
 
 def periodic_terms(joint: int, angle: float, amplitude: Value, space: LabelledSpace, phase: str) -> Iterator[Term]:
-    """Yield the terms of ``amplitude · sin(angle + φ)`` on a joint's value, linear in φ's point.
+    """Yield the terms of ``amplitude · sin(angle + φ)`` on a joint's value, linear in (cos φ, sin φ).
 
     Parameters
     ----------
     joint
-        0-based.
+        Index of the joint, 0-based.
     angle
-        Where in its period the error is at this pose, rad.
+        Angle of the error within its period at this pose, rad.
     amplitude
         rad or m.
     space, phase
-        What the source sees, and its own draw of φ.
+        Space of the source, and the name of its own draw of φ.
     """
     yield Term.of(JointValue(joint), math.sin(angle), amplitude, space.component(f"{phase}.x"))
     yield Term.of(JointValue(joint), math.cos(angle), amplitude, space.component(f"{phase}.y"))
 
 
 def amplitude_remarks(field: str, amplitude: Value, space: LabelledSpace) -> Iterator[Finding]:
-    """Yield a warning where an amplitude varies about zero.
+    """Yield a warning if an amplitude varies about zero.
 
-    The phase is random already, so the error has the standard deviation ``√(E[amplitude²]/2)``: of a law about zero that
-    of the tolerance over √2, and nothing of an amplitude. The first-order model, taken at the mean, has none at all.
+    The phase is random already, so the error has the standard deviation ``√(E[amplitude²]/2)``. For a law about zero this
+    is the standard deviation of the law over √2, and in the first-order model, which takes the mean, it is zero.
     """
     if not isinstance(amplitude, Component):
         return
@@ -53,8 +53,8 @@ def amplitude_remarks(field: str, amplitude: Value, space: LabelledSpace) -> Ite
     mean, deviation = float(space.space.mean[column]), float(space.space.block_covariance.variances[column]) ** 0.5
     if deviation > 0 and abs(mean) <= _ROUNDING * deviation:
         message = (
-            f"{field} of {space.label} varies about zero, where first-order analyses see nothing of it; its phase is "
-            "random already: write a known amplitude as a plain number (the error's standard deviation is it over √2), "
-            "one with a tolerance with a mean: above zero"
+            f"{field} of {space.label} varies about zero, so first-order analyses miss it; the phase is random already: "
+            "write a known amplitude as a plain number (the error's standard deviation is then the amplitude over √2), an "
+            "uncertain one with a mean: above zero"
         )
         yield Finding("warning", "W_AMPLITUDE", message)

@@ -1,4 +1,4 @@
-"""The sections of a beam as a sheet gives them: by rigidities, or by shape, dimensions and material."""
+"""The sections of a beam in a sheet: given by rigidities, or by shape, dimensions and material."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ RIGIDITIES: Final = ("EI", "EI_y", "EI_z", "GI", "EA")
 SEGMENT_STIFFNESSES: Final = "section:, EI:, EI_y: with EI_z:, GI:, EA:"
 STIFFNESSES: Final = f"{SEGMENT_STIFFNESSES}, bending_stiffness:, torsion_stiffness:, axial_stiffness:, segments:"
 LENGTHS_AGREE: Final = 1e-6
-"""Part of the link by which its segments may miss its length."""
+"""Largest difference between the sum of the segments and the link's length, relative to it."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -68,19 +68,19 @@ class Profile(ABC):  # noqa: B024 - nothing to override: the settings that beams
     EA: Annotated[Setting | None, units.AXIAL_RIGIDITY] = None
 
     def given(self, *names: str) -> tuple[str, ...]:
-        """Return which of the settings are given."""
+        """Return the names of those settings that are given."""
         return tuple(name for name in names if getattr(self, name) is not None)
 
 
 @final
 @dataclass(frozen=True, kw_only=True)
 class Segment(Profile):
-    """Part of a beam with a section of its own.
+    """Part of a beam with its own section.
 
     Attributes
     ----------
     length, fraction
-        How long it is: a length, or its part of the link. One segment may have neither: it takes what is left.
+        Its length, absolute or relative to the link. One segment may have neither: it takes the rest of the link.
     """
 
     length: Annotated[float | None, units.LENGTH] = None
@@ -97,16 +97,16 @@ class Segment(Profile):
 @final
 @dataclass(frozen=True)
 class Stretch:
-    """A part of a beam with one section, and where its settings stand.
+    """A part of a beam with one section, and the origin of its settings.
 
     Attributes
     ----------
     profile
-        Its settings, those of the beam that hold for it included.
+        Its settings, including those it takes from the beam.
     prefix
-        Before the names of its own settings.
+        Prefix of the names of its own settings.
     shared
-        Settings that it has from the beam.
+        Settings that it takes from the beam.
     """
 
     profile: Profile
@@ -114,19 +114,19 @@ class Stretch:
     shared: tuple[str, ...] = ()
 
     def check(self, *, may_be_rigid: bool = False, weighs: bool = False) -> None:
-        """Refuse settings that are missing or contradict each other.
+        """Check that no setting is missing and none contradicts another.
 
         Parameters
         ----------
         may_be_rigid
-            Whether it may go without any stiffness.
+            True if it needs no stiffness of its own.
         weighs
-            Whether the section gives the weight.
+            True if the section gives the weight.
 
         Raises
         ------
         InputError
-            Names the settings.
+            Names the wrong settings.
         """
         profile, where = self.profile, self.prefix.rstrip(".") or "beam"
         for name in profile.given("E", "G", "density", *DIMENSIONS, *RIGIDITIES):
@@ -142,7 +142,7 @@ class Stretch:
         if weighs and (profile.section is None or not profile.given("material", "density")):
             raise InputError(f"{where}: self_weight: section needs section: with density: or material:")
         if profile.density is not None and not weighs:
-            raise InputError(f"{where}: density: counts only with self_weight: section")
+            raise InputError(f"{where}: density: is used only with self_weight: section")
 
     def rigidities(self, space: LabelledSpace) -> dict[str, Value]:
         """Return the rigidities by name; those that are missing are infinite.
@@ -202,9 +202,9 @@ class Stretch:
 
     def _check_rigidities(self, where: str) -> None:
         profile = self.profile
-        lost = [name for name in profile.given(*DIMENSIONS, *MATERIAL) if name not in self.shared]
-        if lost:
-            raise InputError(f"{where}: {', '.join(lost)} need section:, one of {', '.join(SHAPES)}")
+        unused = [name for name in profile.given(*DIMENSIONS, *MATERIAL) if name not in self.shared]
+        if unused:
+            raise InputError(f"{where}: {', '.join(unused)} need section:, one of {', '.join(SHAPES)}")
         if profile.EI is not None and profile.given("EI_y", "EI_z"):
             raise InputError(f"{where} needs one of EI: and EI_y: with EI_z:")
         if len(profile.given("EI_y", "EI_z")) == 1:
@@ -222,8 +222,8 @@ class Stretch:
         missing = [name for name in needed if name not in profile.given(*needed)]
         extra = [name for name in profile.given(*DIMENSIONS) if name not in needed]
         if missing or extra:
-            what = f"misses {', '.join(missing)}" if missing else f"does not take {', '.join(extra)}"
-            raise InputError(f"{where}: the section {profile.section} {what}; it takes {', '.join(needed)}")
+            what = f"lacks {', '.join(missing)}" if missing else f"has no {', '.join(extra)}"
+            raise InputError(f"{where}: the section {profile.section} {what}; it needs {', '.join(needed)}")
         if profile.G is not None and profile.poisson_ratio is not None:
             raise InputError(f"{where} needs one of G: and poisson_ratio:")
         if profile.poisson_ratio is not None and not -1 < profile.poisson_ratio <= 0.5:
@@ -237,10 +237,10 @@ class Stretch:
 
 
 def stretches(beam: Profile, segments: tuple[Segment, ...]) -> tuple[Stretch, ...]:
-    """Return the parts of a beam: itself, or its segments with what they have from it.
+    """Return the parts of a beam: the beam itself, or its segments with the settings they take from it.
 
-    A segment that names no material (nor any of its constants) has the beam's, one that names neither section nor
-    rigidities the beam's section.
+    A segment without a material (or any of its constants) takes the beam's; one without section and rigidities takes the
+    beam's section.
 
     Raises
     ------
@@ -251,7 +251,7 @@ def stretches(beam: Profile, segments: tuple[Segment, ...]) -> tuple[Stretch, ..
         return (Stretch(beam),)
     outside = beam.given(*DIMENSIONS, *RIGIDITIES)
     if outside:
-        raise InputError(f"beam has segments:, so {', '.join(outside)} must stand in these")
+        raise InputError(f"beam has segments:, so give {', '.join(outside)} in the segments")
     result = []
     for k, segment in enumerate(segments):
         shared: list[str] = []
@@ -265,12 +265,12 @@ def stretches(beam: Profile, segments: tuple[Segment, ...]) -> tuple[Stretch, ..
 
 
 def ends(segments: tuple[Segment, ...], length: float) -> tuple[float, ...]:
-    """Return where the parts of a beam of this length end, from its start, m.
+    """Return the end of each part of a beam of this length, from its start, m.
 
     Raises
     ------
     InputError
-        The segments are not as long as the link.
+        The lengths of the segments do not add up to that of the link.
     """
     if not segments:
         return (length,)
@@ -288,7 +288,7 @@ def ends(segments: tuple[Segment, ...], length: float) -> tuple[float, ...]:
 
 
 def _extreme(space: LabelledSpace, value: Value, sign: int) -> float:
-    """Return the highest (sign 1) or lowest (-1) number a value takes in any sample; a formula is taken at its word."""
+    """Return the highest (sign 1) or lowest (-1) value in any sample; the range of a formula is not checked."""
     if isinstance(value, float | int):
         return float(value)
     if not isinstance(value, Component):

@@ -28,22 +28,22 @@ _COLUMNS: Final = dict.fromkeys(("x", "y", "z"), units.LENGTH) | dict.fromkeys((
 @final
 @dataclass(frozen=True, kw_only=True)
 class Table(Source):
-    """Errors of any place as they were measured together: each sample takes one row of a table, every row alike likely.
+    """Errors of any place that were measured together: each sample takes one row of a table, all equally likely.
 
-    The place's displacement is ``Trans(x, y, z)·Exp((rx, ry, rz))`` in the place's own axes, a column that is missing
-    counts as zero; what other sources do to the same place adds. No law is fitted, nothing lies between the rows (the
-    bootstrap: Efron and Tibshirani, An Introduction to the Bootstrap, 1993, chapter 6).
+    The place's displacement is ``Trans(x, y, z)·Exp((rx, ry, rz))`` in the place's own axes. A missing column
+    counts as zero; displacements of the same place by other sources add. No law is fitted, and there are no values
+    between the rows (the bootstrap: Efron and Tibshirani, An Introduction to the Bootstrap, 1993, chapter 6).
 
     Attributes
     ----------
     joint, link, frame
-        Which place, one of the three: the seat of a joint (its URDF origin frame before it turns; where the base lies
+        The place; give one of the three: the seat of a joint (its URDF origin frame before its motion; if the base is
         beyond the joint, the frame of its child link), the end of the chain link that a URDF link belongs to (the next
-        joint's origin frame, or the tip), or the frame of a URDF link on the way to the tip.
+        joint's origin frame, or the tip), or the frame of a URDF link on the path to the tip.
     file
-        A CSV file with columns among x, y, z, rx, ry, rz, the unit behind each name: ``x [mm], rx [mrad]``.
+        A CSV file with columns among x, y, z, rx, ry, rz, with the unit after each name: ``x [mm], rx [mrad]``.
     scope
-        How often it is drawn: ``unit``, ``pose`` or ``visit``.
+        How often the errors are drawn: ``unit``, ``pose`` or ``visit``.
 
     Raises
     ------
@@ -63,7 +63,7 @@ class Table(Source):
         check_choice("table", self.joint, self.link, self.frame)
         if self.scope not in (scope.value for scope in Scope):
             raise InputError(f"scope: of table must be unit, pose or visit, got {self.scope!r}")
-        _ = self._law  # the file is read once, and now
+        _ = self._law  # read the file now, so that an error in it is raised here
 
     @property
     def subject(self) -> str:

@@ -23,33 +23,33 @@ __all__ = ["Thermal"]
 @final
 @dataclass(frozen=True, kw_only=True)
 class Thermal(Source):
-    """Links that are warmer than when they were measured, evenly or on one side.
+    """Links that are warmer than when they were measured, either evenly or on one side.
 
     With p from a link's start (its joint's origin) to its end (the next joint's, or the tip) and l = |p|, an even change
-    ΔT moves the end by ``α ΔT p``. A gradient g across the link, G = g × its direction made normal to p, makes it an
+    ΔT moves the end by ``α ΔT p``. A gradient g across the link, G = g × its direction made normal to p, bends it into an
     arc: the warm side grows, the link bends away from it with curvature α|G|, its end turns by ``-α p × G`` and moves by
-    ``-α G l²/2``. Source: Boley and Weiner, Theory of Thermal Stresses (1960), free beams: a temperature linear over the
-    section strains and bends them without stress. Bodies at rest; travel of a joint that slides does not grow, which is
-    its encoder's affair.
+    ``-α G l²/2``. Source: Boley and Weiner, Theory of Thermal Stresses (1960), free beams: a temperature that is linear
+    over the section strains and bends them without stress. Bodies at rest; the travel of a prismatic joint does not
+    grow, since its encoder sets it.
 
     Attributes
     ----------
     link
-        A URDF link of the chain link that is warmer; all links of the arm with the same random numbers if left out.
+        A URDF link of the chain link that is warmer; if left out, all links of the arm with the same random numbers.
     expansion
         Coefficient of linear expansion α.
     temperature_change
-        ΔT, the link's mean temperature less that at which it was measured (20 °C by ISO 1).
+        ΔT, the link's mean temperature minus that at which it was measured (20 °C by ISO 1).
     gradient
-        g, change of temperature over distance across the link.
+        g, change of temperature per distance across the link.
     across
-        Direction in which it gets warmer, ``[-]x|y|z of JOINT`` (axes of its frame after it turned) or of the chain's
-        base link, or ``[-]axis of JOINT``; only its part normal to the link counts. Belongs to gradient.
+        Direction in which it gets warmer, ``[-]x|y|z of JOINT`` (axes of its frame after its motion) or of the chain's
+        base link, or ``[-]axis of JOINT``; only its part normal to the link counts. Only with gradient.
 
     Raises
     ------
     InputError
-        Neither a change nor a gradient, a gradient without direction or the reverse, or a link without length.
+        Neither a change nor a gradient, a gradient without direction or the reverse, or a named link without length.
     """
 
     words: ClassVar[Mapping[str, str]] = {
@@ -77,11 +77,11 @@ class Thermal(Source):
 
     @property
     def depends_on(self) -> Dependence:
-        """The chain; with a gradient its direction, which the configuration turns."""
+        """The chain, or the configuration if there is a gradient, whose direction it turns."""
         return "chain" if self.gradient is None else "configuration"
 
     def is_alike_everywhere(self, chain: Chain) -> bool:
-        """Return whether the direction in which it gets warmer turns with every link that bends."""
+        """Return whether the direction of the gradient is fixed in every link that bends."""
         return self.across is None or all(is_fixed(self.across, chain, link) for link in self._links(chain))
 
     def terms(self, posture: Posture, space: LabelledSpace) -> Iterator[Term]:
@@ -113,6 +113,6 @@ class Thermal(Source):
 
 
 def _bending(way: Array, warmer: Array) -> Array:
-    """Return the end's shift and turn ``(6,)`` for a gradient of one towards ``warmer`` and an expansion of one."""
+    """Return the end's shift and rotation ``(6,)`` for a unit gradient towards ``warmer`` and unit expansion."""
     normal = warmer - way * (way @ warmer) / (way @ way)
     return np.concatenate([-normal * (way @ way) / 2, -np.cross(way, normal)])

@@ -23,35 +23,36 @@ __all__ = ["Transmission"]
 class Transmission(Source):
     """Errors of a joint's gear or screw: kinematic error, wind-up under load, lead error.
 
-    The motor is where it should be, the joint is not. Kinematic error: a sum of ``amplitude · sin(2π order q/period +
-    φ)``, q the joint's value; a gear wheel's runout has order 1, its teeth their number, the wave generator of a strain
-    wave gear twice the gear ratio (Tuttle and Seering, IEEE Transactions on Robotics and Automation 12, 1996). Each φ is
-    random, uniform on the turn, but the same at every pose of one built robot; so an amplitude t has the standard
-    deviation t/√2, one that varies ``√(E[t²]/2)``. Wind-up: ``τ/k`` with τ the torque (or force) that the load puts on
-    the joint, as eq 23 of Wei, Jia and Chen (2015) with C = 1/k. Lead error of a screw or rack: ``lead_error · d``, the
-    deviation of the specified travel in ISO 3408-3.
+    The motor is in position, the joint is not. Kinematic error: a sum of ``amplitude · sin(2π order q/period + φ)`` with
+    q the joint's value. The runout of a gear wheel has order 1, its teeth have their number as order, the wave generator
+    of a strain wave gear twice the gear ratio (Tuttle and Seering, IEEE Transactions on Robotics and Automation 12,
+    1996). Each φ is random, uniform over a turn, but the same at every pose of one built robot. A fixed amplitude t
+    therefore gives the standard deviation t/√2, a random one ``√(E[t²]/2)``. Wind-up: ``τ/k`` with τ the torque (or
+    force) of the load on the joint, as eq 23 of Wei, Jia and Chen (2015) with C = 1/k. Lead error of a screw or rack:
+    ``lead_error · d``, the deviation of the specified travel in ISO 3408-3.
 
     Attributes
     ----------
     joint
-        Which joint.
+        The joint.
     amplitude
-        Of the kinematic error, half of peak to peak, one or several; angles, for a joint that slides lengths. The sign is
-        the phase's affair: a law for it has its mean above zero.
+        Amplitudes of the kinematic error, half of peak to peak, one or several: angles, or lengths for a prismatic joint.
+        The phase covers both signs, so a law for an amplitude has its mean above zero.
     order
-        How often each repeats itself in ``period``.
+        Number of repetitions of each in ``period``.
     period
-        A full turn of the joint if left out; for a joint that slides needed with amplitude: the lead of its screw.
+        Period of order 1, a full turn of the joint if left out. A prismatic joint needs it with amplitude: the lead of its
+        screw.
     stiffness
-        k of the wind-up, all of the drive train at the joint; of a joint that slides a linear one.
+        k of the wind-up, of the whole drive train at the joint; a linear stiffness for a prismatic joint.
     lead_error
-        Of a joint that slides, relative to the travel from the joint's zero.
+        Lead error of a prismatic joint, relative to the travel from the joint's zero.
 
     Raises
     ------
     InputError
-        No error at all, not one order for each amplitude, an order or period that is not positive, a stiffness that may
-        reach zero, or what belongs to the other kind of joint.
+        No error, not one order for each amplitude, an order or period that is not positive, a stiffness that may reach
+        zero, or a setting for the other kind of joint.
     """
 
     deviations: ClassVar[tuple[str, ...]] = ("lead_error",)
@@ -80,7 +81,7 @@ class Transmission(Source):
         if self.period is not None and not 0 < self.period < math.inf:
             raise InputError(f"the period of transmission must be positive, got {self.period}")
         if self.period is not None and not self.amplitude:
-            raise InputError("period: of transmission belongs to amplitude:")
+            raise InputError("period: of transmission is used only with amplitude:")
 
     @property
     def subject(self) -> str:
@@ -89,7 +90,7 @@ class Transmission(Source):
 
     @property
     def depends_on(self) -> Dependence:
-        """The configuration; the loads where they wind it up."""
+        """The configuration, or the loads if there is a wind-up."""
         return "configuration" if self.stiffness is None else "loads"
 
     def own_draws(self, label: str) -> tuple[Draw, ...]:
@@ -104,11 +105,11 @@ class Transmission(Source):
     def terms(self, posture: Posture, space: LabelledSpace) -> Iterator[Term]:
         """Yield two terms for each amplitude, one for the lead, and one for each group of loads with the same factors."""
         joint = posture.chain.joint_index(self.joint)
-        slides = bool(posture.chain.prismatic[joint])
-        if slides and self.amplitude and self.period is None:
-            raise InputError(f"{self.label()}: a joint that slides needs period: with amplitude:")
-        if not slides and self.lead_error is not None:
-            raise InputError(f"{self.label()}: lead_error: belongs to a joint that slides")
+        is_prismatic = bool(posture.chain.prismatic[joint])
+        if is_prismatic and self.amplitude and self.period is None:
+            raise InputError(f"{self.label()}: a prismatic joint needs period: with amplitude:")
+        if not is_prismatic and self.lead_error is not None:
+            raise InputError(f"{self.label()}: lead_error: is only for a prismatic joint")
         value = float(posture.q[joint])
         turn = 2 * math.pi * value / self.period if self.period is not None else value
         for k, amplitude in enumerate(space.values("amplitude", self.amplitude)):

@@ -1,4 +1,4 @@
-"""Terms of the error model at a pose: displacements of places, times random numbers; and the table of them."""
+"""Terms of the error model at a pose (displacements of places times random numbers), and their table."""
 
 from precision_pin.terms.source import Dependence, Source
 from precision_pin.terms.term import Term

@@ -1,4 +1,4 @@
-"""A source bound to what its settings stand for, and a posture with the loads of such sources."""
+"""A source bound to the values of its settings, and a posture with the loads of such sources."""
 
 from __future__ import annotations
 
@@ -14,51 +14,51 @@ from precision_pin.typing import Array
 
 __all__ = ["BoundSource", "load_posture"]
 
-Answer = TypeVar("Answer")
+Item = TypeVar("Item")
 
 
 @final
 class BoundSource:
-    """A source and what its settings stand for; what does not depend on the posture it is asked for once.
+    """A source with the values of its settings; results that do not depend on the posture are computed once.
 
     Parameters
     ----------
     source
         The source.
     view
-        The space as it sees it.
+        The space of the source.
     """
 
     def __init__(self, source: Source, view: LabelledSpace) -> None:
         self.source, self.view = source, view
-        # asked once: there are thousands of postures
+        # read once, because there may be thousands of postures
         self._is_same_everywhere = source.depends_on == "chain"
-        self._kept: dict[str, tuple[Any, ...]] = {}
+        self._results: dict[str, tuple[Any, ...]] = {}
 
     def loads(self, posture: Posture) -> Iterable[Load]:
-        """Return its loads at a posture without those of sources."""
-        return self._answer("loads", self.source.loads, posture)
+        """Return the loads of the source, at a posture without the loads of sources."""
+        return self._call("loads", self.source.loads, posture)
 
     def gravity(self, posture: Posture) -> Iterable[tuple[Array, Factors]]:
-        """Return what it adds to gravity at a posture without the loads of sources."""
-        return self._answer("gravity", self.source.gravity, posture)
+        """Return the contributions of the source to gravity, at a posture without the loads of sources."""
+        return self._call("gravity", self.source.gravity, posture)
 
     def terms(self, posture: Posture) -> Iterable[Term]:
-        """Return its terms at a posture with all loads."""
-        return self._answer("terms", self.source.terms, posture)
+        """Return the terms of the source, at a posture with all loads."""
+        return self._call("terms", self.source.terms, posture)
 
-    def _answer(
-        self, name: str, method: Callable[[Posture, LabelledSpace], Iterator[Answer]], posture: Posture
-    ) -> Iterable[Answer]:
+    def _call(
+        self, name: str, method: Callable[[Posture, LabelledSpace], Iterator[Item]], posture: Posture
+    ) -> Iterable[Item]:
         if not self._is_same_everywhere:
             return method(posture, self.view)
-        if name not in self._kept:
-            self._kept[name] = tuple(method(posture, self.view))
-        return self._kept[name]
+        if name not in self._results:
+            self._results[name] = tuple(method(posture, self.view))
+        return self._results[name]
 
 
 def load_posture(bare: Posture, sources: Iterable[BoundSource]) -> Posture:
-    """Return a posture with what sources hang on it and add to gravity."""
+    """Return a posture with the loads of sources and their contributions to gravity."""
     listed = tuple(sources)
-    laden = bare.with_loads([load for source in listed for load in source.loads(bare)])
-    return laden.with_tilts([tilt for source in listed for tilt in source.gravity(bare)])
+    loaded = bare.with_loads([load for source in listed for load in source.loads(bare)])
+    return loaded.with_tilts([tilt for source in listed for tilt in source.gravity(bare)])

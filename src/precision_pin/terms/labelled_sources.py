@@ -1,4 +1,4 @@
-"""The sources of a model together: their labels, their draws, which of them uses which draw, and draws in words."""
+"""The sources of a model together: their labels and draws, the owners of each draw, and draws in words."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ __all__ = ["draw_owners", "draw_words", "labels", "own_draws", "with_quantities"
 def labels(sources: Sequence[Source]) -> tuple[str, ...]:
     """Return every source's label.
 
-    Sources with one label are told apart by ``#2``, ``#3``, … in the order of their settings (names and directions before
+    Sources with the same label get the suffixes ``#2``, ``#3``, … in the order of their settings (names and directions before
     numbers and laws), so that neither the order of the sources nor, as a rule, another tolerance changes a label.
     """
     result = [source.label() for source in sources]
@@ -55,23 +55,23 @@ def draw_owners(space: Space, sources: Sequence[Source], labels: Sequence[str]) 
 
 
 def draw_words(space: Space, sources: Sequence[Source], labels: Sequence[str]) -> tuple[str, ...]:
-    """Return what each draw is in a reader's words, such as ``tilt of joint2 about z``.
+    """Return each draw in words, such as ``tilt of joint2 about z``.
 
-    A draw with a name of the user's keeps it, followed by what it stands for first.
+    A draw that the user named keeps its name, followed by its first use in words.
     """
     uses: dict[str, list[str]] = {}
     own: set[str] = set()
     for source, label in zip(sources, labels, strict=True):
         for number, place in source.places(label).items():
-            # one of several with a name of its own needs no number
+            # one of several values needs no index if it has its own name
             uses.setdefault(number, []).append(
                 source.describe(place if number.startswith(label) else re.sub(r"\[\d+\]$", "", place))
             )
         own.update(draw.name for draw in source.draws(label))
-    return tuple(_in_words(draw, uses, draw.name in own) for draw in space.draws)
+    return tuple(_describe_draw(draw, uses, draw.name in own) for draw in space.draws)
 
 
-def _in_words(draw: Draw, uses: Mapping[str, Sequence[str]], is_unnamed: bool) -> str:
+def _describe_draw(draw: Draw, uses: Mapping[str, Sequence[str]], is_unnamed: bool) -> str:
     described = list(dict.fromkeys(use for name in draw.components for use in uses.get(name, ())))
     if not described:
         return draw.name
@@ -82,29 +82,29 @@ def _in_words(draw: Draw, uses: Mapping[str, Sequence[str]], is_unnamed: bool) -
 
 
 def with_quantities(space: Space, sources: Sequence[Source], labels: Sequence[str], chain: Chain) -> Space:
-    """Return a space whose draws say what they are: as the first source that uses a number says, else as they did."""
+    """Return a space whose draws have quantities: from the first source that uses a number, else those they had."""
     known: dict[str, Quantity] = {}
     for source, label in zip(sources, labels, strict=True):
         joint = source.settings().get("joint")
-        slides = joint in chain.joint_names and bool(chain.prismatic[chain.joint_names.index(joint)])
+        is_prismatic = joint in chain.joint_names and bool(chain.prismatic[chain.joint_names.index(joint)])
         try:
             numbers = source.numbers(label)
         except InputError:
-            continue  # its types are not known
+            continue  # the types of its settings cannot be found
         for name, note in numbers.items():
             if note is not None:
-                known.setdefault(name, _at_joint(note, slides))
-    return Space(tuple(_with_quantities(draw, known) for draw in space.draws), space.correlations)
+                known.setdefault(name, _at_joint(note, is_prismatic))
+    return Space(tuple(_set_quantities(draw, known) for draw in space.draws), space.correlations)
 
 
-def _with_quantities(draw: Draw, known: Mapping[str, Quantity]) -> Draw:
+def _set_quantities(draw: Draw, known: Mapping[str, Quantity]) -> Draw:
     own = itertools.zip_longest(draw.components, draw.quantities)
-    # what the sheet says has its unit, too
+    # an equal quantity from the sheet is kept, since it also has the unit in which it was written
     found = tuple(said if known.get(name) in (None, said) else known[name] for name, said in own)
     return dataclasses.replace(draw, quantities=found) if any(found) else draw
 
 
-def _at_joint(note: Quantity | PerJoint, slides: bool) -> Quantity:
+def _at_joint(note: Quantity | PerJoint, is_prismatic: bool) -> Quantity:
     if isinstance(note, PerJoint):
-        return note.prismatic if slides else note.revolute
+        return note.prismatic if is_prismatic else note.revolute
     return note

@@ -1,4 +1,4 @@
-"""Error sources: settings in, terms out; what a source draws and needs is read off its settings here, and nowhere else."""
+"""Error sources, from settings to terms. Only this module inspects the settings of a source for its draws and quantities."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ __all__ = [
 ]
 
 Dependence = Literal["chain", "configuration", "loads"]
-"""The part of a posture that a source reads: its chain, the joint values too, or the loads too."""
+"""The part of a posture that a source reads: its chain; also the joint values; or also the loads."""
 
 
 @final
@@ -46,11 +46,11 @@ class SettingField:
     Attributes
     ----------
     name
-        Of the field.
+        Name of the field.
     hint
-        The type it is declared with, its notes included.
+        The declared type, with its annotations.
     default
-        What it is where it is left out; :data:`dataclasses.MISSING` where it must be given.
+        The value if it is left out; :data:`dataclasses.MISSING` if it must be given.
     """
 
     name: str
@@ -59,18 +59,18 @@ class SettingField:
 
     @property
     def may_be_random(self) -> bool:
-        """Whether it takes laws, so that text in it names a parameter."""
+        """True if it takes laws; text in it then names a parameter."""
         return takes_law(self.hint)
 
     @property
     def part(self) -> type | None:
-        """The data class whose instances, in a list, it holds; ``None`` for any other setting."""
+        """The data class of its entries if it is a list of such; ``None`` for any other setting."""
         entry = next(iter(typing.get_args(self.hint)), None) if typing.get_origin(self.hint) is tuple else None
         return entry if isinstance(entry, type) and dataclasses.is_dataclass(entry) else None
 
     @property
     def notes(self) -> tuple[Any, ...]:
-        """Notes at the type, such as quantities."""
+        """Annotations of the type, such as quantities."""
         return typing.get_args(self.hint)[1:] if typing.get_origin(self.hint) is typing.Annotated else ()
 
 
@@ -94,11 +94,11 @@ class _Leaf:
     Attributes
     ----------
     name
-        Where it stands: ``kind[subject].field``, of a part of a setting ``kind[subject].field[0].field``.
+        Its name: ``kind[subject].field``, or in a part of a setting ``kind[subject].field[0].field``.
     value
         The value.
     owner, entry
-        The class whose field it stands in, and the field's name.
+        The class whose field holds it, and the field's name.
     """
 
     name: str
@@ -108,24 +108,24 @@ class _Leaf:
 
     @property
     def field(self) -> SettingField:
-        """The field it stands in, with its type.
+        """The field that holds it, with its type.
 
         Raises
         ------
         InputError
-            Its type cannot be found: the class was made where no module knows the names in its annotations.
+            Its type cannot be found, because no module defines the names in the annotations of the class.
         """
         try:
             return next(field for field in setting_fields(self.owner) if field.name == self.entry)
         except NameError as error:
             where = f"{self.owner.__module__}.{self.owner.__qualname__}"
             raise InputError(
-                f"{where}: the types of its settings are not known ({error}); make it in a module"
+                f"{where}: the types of its settings cannot be found ({error}); define the class in a module"
             ) from None
 
     @property
     def draw(self) -> Draw | None:
-        """The draw that stands here, if one does."""
+        """The draw in the setting; None if there is none."""
         match self.value:
             case Law() as law:
                 return Draw(self.name, law)
@@ -138,11 +138,11 @@ class _Leaf:
 
     @property
     def quantity(self) -> Quantity | PerJoint | None:
-        """The quantity of the value, where the field says it."""
+        """The quantity of the value; None if the field has none."""
         return next((note for note in self.field.notes if isinstance(note, Quantity | PerJoint)), None)
 
     def numbers(self) -> dict[str, Quantity | PerJoint | None]:
-        """Return the random numbers that the value is, holds or names, with what they are."""
+        """Return the random numbers that the value draws, uses or names, with their quantities."""
         if isinstance(self.value, str):
             return {self.value: self.quantity} if self.field.may_be_random else {}
         if isinstance(self.value, Expression):
@@ -152,7 +152,7 @@ class _Leaf:
 
 
 def _leaves(part: Any, label: str) -> Iterator[_Leaf]:
-    """Yield every value in settings, each of several by itself and those of the parts of a setting too."""
+    """Yield every value in the settings: each entry of a list, and each value in a part of a setting."""
     for entry in dataclasses.fields(part):
         setting = getattr(part, entry.name)
         for k, value in enumerate(setting if isinstance(setting, tuple) else (setting,)):
@@ -163,14 +163,14 @@ def _leaves(part: Any, label: str) -> Iterator[_Leaf]:
 
 
 class Source(ABC):
-    """An error source: settings in, terms out.
+    """An error source, which makes terms from its settings.
 
     A final, frozen data class whose fields are its settings; the docstring holds the physics with equation and
-    reference. It knows the posture and its own draws, nothing of what reads the terms.
+    reference. It reads the posture and its own draws, and does not depend on the users of its terms.
     """
 
     def __init_subclass__(cls, **options: Any) -> None:
-        """Have the plain settings of every source checked before its own checks compare them."""
+        """Check the plain settings of every source before its own checks use them."""
         super().__init_subclass__(**options)
         own_checks: Callable[[Any], None] | None = cls.__dict__.get("__post_init__")
 
@@ -185,22 +185,22 @@ class Source(ABC):
     @property
     @abstractmethod
     def subject(self) -> str:
-        """The joint, link or frame it is about, as in its label."""
+        """The joint, link or frame in its label."""
 
     @property
     def depends_on(self) -> Dependence:
         """The part of a posture that the source reads: its ``chain``, the ``configuration`` too, or the ``loads`` on it too.
 
-        Of a source that says ``chain``, terms, loads and gravity are the same to the last digit at every posture, so it is
-        asked once. The terms of one that says ``configuration`` are the same under all loads and on the deflected arm.
-        ``loads`` is always safe.
+        For ``chain``, the terms, loads and gravity of the source are the same to the last digit at every posture, so they
+        are computed once. For ``configuration``, its terms are the same under all loads and on the deflected arm. ``loads``
+        is always safe.
         """
         return "loads"
 
     def is_alike_everywhere(self, chain: Chain) -> bool:
         """Return whether its terms are the same at every posture of a chain, to rounding.
 
-        Of one that reads the configuration they may be, such as along a direction that turns with the link it is on.
+        Those of a source that reads the configuration may be, for example along a direction fixed in their own link.
         """
         del chain
         return self.depends_on == "chain"
@@ -214,16 +214,16 @@ class Source(ABC):
         posture
             The chain at its nominal configuration, with all loads on it.
         space
-            What the settings stand for.
+            The space of the source, which gives the values of its settings.
         """
 
     def loads(self, posture: Posture, space: LabelledSpace) -> Iterator[Load]:
-        """Yield the weights the source hangs on the chain; none by default."""
+        """Yield the weights that the source adds to the chain; none by default."""
         del posture, space
         return iter(())
 
     def gravity(self, posture: Posture, space: LabelledSpace) -> Iterator[tuple[Array, Factors]]:
-        """Yield what the source adds to gravity: vectors ``(3,)``, base axes, m/s², with the parameters that multiply them.
+        """Yield contributions to gravity: vectors ``(3,)``, base axes, m/s², with the parameters that multiply them.
 
         None by default.
         """
@@ -231,15 +231,15 @@ class Source(ABC):
         return iter(())
 
     def remarks(self, space: LabelledSpace) -> Iterator[Finding]:
-        """Yield warnings about settings that are allowed but seldom meant; none by default."""
+        """Yield warnings about settings that are allowed but probably unintended; none by default."""
         del space
         return iter(())
 
     deviations: ClassVar[tuple[str, ...]] = ()
-    """Settings that say how far something is off: zero if all is well, so that a number alone is a constant error."""
+    """Settings that are deviations from nominal, so that a plain number other than zero is a constant error."""
 
     def own_draws(self, label: str) -> tuple[Draw, ...]:
-        """Return the draws the source makes itself, with their quantities, beside the laws in its settings.
+        """Return the draws that the source defines itself, besides the laws in its settings, with their quantities.
 
         None by default.
         """
@@ -252,12 +252,12 @@ class Source(ABC):
         return re.sub(r"(?<=[a-z])(?=[A-Z])", "_", cls.__name__).lower()
 
     words: ClassVar[Mapping[str, str]] = {}
-    """Words for a setting, or a draw of its own, by its name: text in which ``{subject}`` and other settings may
-    stand; kind, setting and subject where nothing is said."""
+    """Description of a setting or of an own draw, by its name; it may contain ``{subject}`` and other settings. Without
+    an entry the description consists of kind, setting and subject."""
 
     @final
     def describe(self, setting: str) -> str:
-        """Return what a setting (``rz``, ``segments[0].wall``) or a draw of its own is, in words."""
+        """Return the description of a setting (``rz``, ``segments[0].wall``) or of an own draw, in words."""
         first, *parts = re.sub(r"\[(\d+)\]", lambda index: f" {int(index[1]) + 1}", setting).split(".")
         name, _, number = first.partition(" ")
         if name in self.words and not parts:
@@ -268,7 +268,7 @@ class Source(ABC):
 
     @final
     def label(self) -> str:
-        """Return ``kind[subject]``, by which its unnamed draws are named."""
+        """Return ``kind[subject]``, the prefix of the names of its unnamed draws."""
         return f"{self.kind()}[{self.subject}]"
 
     @final
@@ -278,13 +278,13 @@ class Source(ABC):
 
     @final
     def draws(self, label: str) -> tuple[Draw, ...]:
-        """Return every draw the source needs beyond the model's named ones: laws in its settings and its own."""
+        """Return every draw of the source besides the model's named ones: laws in its settings, and own draws."""
         held = [leaf.draw for leaf in _leaves(self, label)]
         return (*(draw for draw in held if draw is not None), *self.own_draws(label))
 
     @final
     def places(self, label: str) -> dict[str, str]:
-        """Return the setting, or the draw of its own, in which each random number stands that the source uses, by its name.
+        """Return the setting or own draw of each random number that the source uses, by the number's name.
 
         Raises
         ------
@@ -302,9 +302,9 @@ class Source(ABC):
 
     @final
     def numbers(self, label: str) -> dict[str, Quantity | PerJoint | None]:
-        """Return every random number the source uses, by name, with what it is, None where no setting says so.
+        """Return every random number that the source uses, by name, with its quantity, None if no setting gives one.
 
-        Those that its settings hold or name, in parts of settings and in formulas too, and those that it draws itself.
+        These are the numbers that its settings hold or name, parts of settings and formulas included, and its own draws.
 
         Raises
         ------
@@ -322,7 +322,7 @@ class Source(ABC):
 
 
 def _check_plain_settings(source: Source) -> None:
-    """Refuse what is no number, text or list in settings declared as such; which of them are allowed, each kind says."""
+    """Check that settings declared as numbers, text or lists are such; each kind then checks their values."""
     for field in dataclasses.fields(source):  # type: ignore[arg-type]
         value, declared = getattr(source, field.name), str(field.type).removeprefix("Annotated[")
         if value is None and "| None" in declared:
@@ -339,7 +339,7 @@ def _check_plain_settings(source: Source) -> None:
 
 
 def _check_finite_settings(source: Source) -> None:
-    """Refuse infinity and what is no number, which a kind's own checks may have let pass."""
+    """Refuse infinity and not-a-number, which the own checks of a kind may have accepted."""
     for field in dataclasses.fields(source):  # type: ignore[arg-type]
         value = getattr(source, field.name)
         if isinstance(value, float) and str(field.type).removeprefix("Annotated[").startswith("float"):
@@ -352,15 +352,15 @@ def fix_settings(source: Source) -> Source:
         raise InputError(f"a source must be a frozen data class, got {shown(source)}")
     check_choice(f"depends_on of {source.label()}", source.depends_on, typing.get_args(Dependence))
     settings = source.settings()
-    fixed = {name: _fixed(value) for name, value in settings.items()}
+    fixed = {name: _fix_value(value) for name, value in settings.items()}
     if all(fixed[name] is value for name, value in settings.items()):
         return source
     return dataclasses.replace(source, **fixed)
 
 
-def _fixed(value: object) -> object:
+def _fix_value(value: object) -> object:
     if isinstance(value, list):
-        return tuple(map(_fixed, value))
+        return tuple(map(_fix_value, value))
     if isinstance(value, np.ndarray) and value.flags.writeable:
         copy = np.array(value)
         copy.flags.writeable = False

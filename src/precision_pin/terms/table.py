@@ -1,4 +1,4 @@
-"""The term table: what every engine and analysis reads."""
+"""The term table, which every engine and analysis reads."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ __all__ = ["SlopeColumns", "TableLayout", "TermTable"]
 class TermTable:
     """The table that every engine and analysis reads: displacements of targets as products of parameters.
 
-    A joint value is a target like any other: its pivot is the joint's frame after it turned, its twist along the axis.
+    A joint value is a target like any other: its pivot is the joint's frame after its motion, its twist is along the axis.
 
     Attributes
     ----------
@@ -39,13 +39,13 @@ class TermTable:
     frames
         Pose of every target in the base, ``(K, 4, 4)``.
     program
-        Computes the P parameters from the d components.
+        Program that computes the P parameters from the d components.
     target
         Target of each of the T terms, ``(T,)``.
     twists
         ``[d; δ]`` in the target's axes, ``(T, 6)``.
     factors
-        Up to three parameters that multiply it, ``(T, 3)``, -1 for none.
+        Up to three parameters that multiply the twist, ``(T, 3)``, -1 for none.
     """
 
     pose: Array
@@ -68,7 +68,7 @@ class TermTable:
     @cached_property
     @returns_read_only
     def sensitivities(self) -> Array:
-        """Derivative of the tip's error to each target's displacement, undisplaced chain, ``(K, 6, 6)``."""
+        """Derivative of the tip's error with respect to each target's displacement, undisplaced chain, ``(K, 6, 6)``."""
         result = np.zeros((len(self.targets), 6, 6))
         for k, frame in enumerate(self.frames):
             rotation = frame[:3, :3]
@@ -78,6 +78,7 @@ class TermTable:
 
     def products(self, parameters: Array) -> Array:
         """Return each term's product of factors, ``(T, N)``, for parameters ``(P, N)``."""
+        # index -1, for no factor, reads the appended 1
         padded = np.concatenate([parameters, np.ones((1, parameters.shape[1]))])
         result: Array = np.prod(padded[self.factors], axis=1)
         return result
@@ -90,7 +91,7 @@ class TermTable:
         return result
 
     def displacement_slopes(self, mean: Array) -> tuple[SlopeColumns, ...]:
-        """Return the derivatives of each target's displacement to the components, at ``(d,)`` values."""
+        """Return the derivatives of each target's displacement with respect to the components, at ``(d,)`` values."""
         gradient = self.program.gradient(mean)
         padded = np.append(self.program.evaluate(mean[:, None])[:, 0], 1.0)
         sizes = np.array([*map(len, gradient), 0], dtype=np.intp)
@@ -104,10 +105,12 @@ class TermTable:
         counts = sizes[self.factors].ravel()
         entry = np.repeat(np.arange(counts.size), counts)
         place = begins[self.factors].ravel()[entry] + np.arange(entry.size) - (np.cumsum(counts) - counts)[entry]
-        terms, component, slopes = _summed(
+        terms, component, slopes = _sum_entries(
             entry // MOST_FACTORS, components[place], (derivatives[place] * others.ravel()[entry])[None], mean.size
         )
-        targets, component, slopes = _summed(self.target[terms], component, self.twists[terms].T * slopes, mean.size)
+        targets, component, slopes = _sum_entries(
+            self.target[terms], component, self.twists[terms].T * slopes, mean.size
+        )
         ends = np.searchsorted(targets, np.arange(len(self.targets) + 1))
         return tuple(SlopeColumns(component[a:b], slopes[:, a:b]) for a, b in itertools.pairwise(ends.tolist()))
 
@@ -115,7 +118,7 @@ class TermTable:
 @final
 @dataclass(frozen=True, eq=False)
 class SlopeColumns:
-    """Derivatives ``(6, m)`` to some components, whose columns are ``(m,)``; those to all others are zero."""
+    """Derivatives ``(6, m)`` with respect to the components in columns ``(m,)``; all others are zero."""
 
     columns: NDArray[np.intp]
     slopes: Array
@@ -124,10 +127,10 @@ class SlopeColumns:
         fix_fields(self)
 
 
-def _summed(
+def _sum_entries(
     rows: NDArray[np.intp], columns: NDArray[np.intp], values: Array, width: int
 ) -> tuple[NDArray[np.intp], NDArray[np.intp], Array]:
-    """Return the entries of a matrix in the order of rows and columns; values ``(n, E)`` of one place are added in turn."""
+    """Return the entries of a matrix sorted by row and column; values ``(n, E)`` of one place are added in their order."""
     keys, number = np.unique(rows * width + columns, return_inverse=True)
     sums = np.array([np.bincount(number, weights=value, minlength=keys.size) for value in values])
     return keys // max(width, 1), keys % max(width, 1), sums
@@ -141,7 +144,7 @@ class TableLayout:
     Attributes
     ----------
     terms
-        Some such table's terms.
+        The terms of one such table.
     targets, program, target, factors
         As in :class:`TermTable`.
     links, places
@@ -161,7 +164,7 @@ class TableLayout:
     joints: NDArray[np.intp]
 
     def __post_init__(self) -> None:
-        # read-only before any table is made: every table then has these very arrays, by which the sampler knows its like
+        # read-only before any table is made, so that all tables share these arrays; the sampler recognises the layout by them
         fix_fields(self)
 
     @classmethod
@@ -238,9 +241,9 @@ _Order = tuple[int, int, int, str]
 
 
 def _chain_order(target: Target) -> _Order:
-    """Return where a target stands on the chain: a joint before all places of the link it moves.
+    """Return the sort key of a target along the chain: a joint before all places of the link it moves.
 
-    Places of different sources may have one rank; their names then tell them apart and order them.
+    Places of different sources may have the same rank; their names then order them.
     """
     if isinstance(target, JointValue):
         return (target.joint + 1, -1, 0, "")
@@ -248,5 +251,5 @@ def _chain_order(target: Target) -> _Order:
 
 
 def _is_same(one: Target, other: Target) -> bool:
-    """Return whether two targets are one, a place's frame included."""
+    """Return whether two targets are the same, the frames of places included."""
     return one is other or (one.is_same(other) if isinstance(one, Place) else one == other)

@@ -27,7 +27,7 @@ __all__ = ["MOST_FACTORS", "JointValue", "Target", "Term", "at_means"]
 
 
 MOST_FACTORS = 3
-"""The most parameters one term may multiply."""
+"""Largest number of parameters in one term."""
 
 
 @final
@@ -55,7 +55,7 @@ class Term:
     factors
         At most three parameters.
     loaded
-        Whether a load causes it, so that it depends on where the loads hang.
+        True if a load causes it, so that it depends on where the loads act.
 
     Raises
     ------
@@ -77,7 +77,7 @@ class Term:
         if type(self.factors) is not tuple or not all(isinstance(factor, Expression) for factor in self.factors):
             object.__setattr__(self, "factors", check_items("the factors of a term", self.factors, Expression))
         if not isinstance(self.loaded, bool):
-            object.__setattr__(self, "loaded", check_flag("loaded, of a term,", self.loaded))
+            object.__setattr__(self, "loaded", check_flag("loaded of a term", self.loaded))
         if len(self.factors) > MOST_FACTORS:
             raise InputError(
                 f"a term on {self.target} has {len(self.factors)} factors, at most {MOST_FACTORS} are allowed"
@@ -87,7 +87,7 @@ class Term:
     def of(cls, target: Target, twist: ArrayLike, *values: Value, loaded: bool = False) -> Term:
         """Return the term with numbers multiplied into the twist and expressions kept as factors.
 
-        More than three factors: the first ones become one formula, their product.
+        Of more than three factors, the first ones become one formula, their product.
         """
         scaled = np.atleast_1d(check_numbers("the twist of a term", twist))
         factors: list[Expression] = []
@@ -120,7 +120,7 @@ def at_means(values: Mapping[Factors, ArrayLike], space: Space) -> Array:
     Returns
     -------
     NDArray
-        Of the values' shape. A product's mean too where its factors do not depend on one another and none is a formula.
+        In the shape of the values. It is also the mean of a product whose factors are independent and no formulas.
     """
     mean = space.mean[:, None]
     total: Array = np.zeros(())

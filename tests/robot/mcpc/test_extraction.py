@@ -265,7 +265,7 @@ def test_to_placements_touches_only_what_changed_and_moves_the_link_behind():
 def test_to_placements_refuses_another_chain():
     chain, other = cases.random_chain(4), cases.random_chain(12)
     arm = mcpc.from_chain(chain)
-    with pytest.raises(InputError, match="not the same joints"):
+    with pytest.raises(InputError, match="do not have the same joints"):
         mcpc.to_placements(arm, mcpc.from_chain(other), chain)
     moved = dataclasses.replace(chain, placements=chain.placements + 1e-6 * (np.arange(4) == 3)[None, None])
     with pytest.raises(InputError, match="placement 0 of the chain"):

@@ -174,7 +174,7 @@ WARNINGS = [
     (COLOR, COLOR.replace("0.5 0.5", "255 255"), "W_MATERIAL", ["grey", "between 0 and 1"], "255"),
     (COLOR, "", "W_MATERIAL", ["grey", "neither color nor texture"], "<material"),
     (END, "<material/></robot>", "W_MATERIAL", ["no name"], "<material/>"),
-    (USED, '<material name="gray"/>', "W_MATERIAL", ["upper", "gray", "nowhere"], "gray"),
+    (USED, '<material name="gray"/>', "W_MATERIAL", ["upper", "gray", "not defined"], "gray"),
     (USED, "<material/>", "W_MATERIAL", ["upper", "without a name"], "<material/>"),
     (USED, f'<material name="">{COLOR}</material>', "W_MATERIAL", ["upper", "without a name"], '<material name=""'),
     (CYLINDER, '<cylinder radius="-1" length="1"/>', "W_GEOMETRY", ["upper", "positive"], "<visual>"),

@@ -25,10 +25,10 @@ __all__ = ["Arcsine"]
 @final
 @dataclass(frozen=True)
 class Arcsine(HalfWidthLaw):
-    """Arcsine (U-shaped) on mean ± half_width: a sine wave met at a random moment (JCGM 101:2008, 6.4.6)."""
+    """Arcsine (U-shaped) on mean ± half_width: a sine wave at a random phase (JCGM 101:2008, 6.4.6)."""
 
     form: ClassVar = SheetForm(
-        "arcsine", {"arcsine": "0.05 mm"}, "a sine wave of amplitude t met at a random moment; σ = t/√2", (MEAN,)
+        "arcsine", {"arcsine": "0.05 mm"}, "a sine wave of amplitude t at a random phase; σ = t/√2", (MEAN,)
     )
 
     @property
@@ -41,15 +41,15 @@ class Arcsine(HalfWidthLaw):
         return self.mean + self.half_width * np.sin(np.pi * (variates - 0.5))
 
     def describe(self, quantities: Sequence[Quantity | None]) -> str:
-        """Return what is drawn, in words."""
-        return f"arcsine (a sine wave met at random) within {about(self.half_width, self.mean, quantities[0])}"
+        """Return the law in words."""
+        return f"arcsine (a sine wave at a random phase) within {about(self.half_width, self.mean, quantities[0])}"
 
     def kernel_row(self) -> KernelRow:
         """Return mean and half-width."""
         return KernelRow("arcsine", np.array([self.mean, self.half_width]))
 
     def projection(self, weights: Array) -> ArcsineProjection:
-        """Return what it is along weights."""
+        """Return the projection on weights."""
         return ArcsineProjection(abs(float(weights[0])) * self.half_width)
 
     def _deviation_characteristic(self, frequency: Array) -> Array:
@@ -60,14 +60,14 @@ class Arcsine(HalfWidthLaw):
 @final
 @dataclass(frozen=True)
 class ArcsineProjection(SymmetricProjection):
-    """An arcsine law, or a circle seen from the side."""
+    """Projection of an arcsine law, or of a circle."""
 
     @property
     def breaks(self) -> tuple[float, ...]:
         return -math.pi / 2, math.pi / 2
 
     def cumulative(self, z: Array) -> Array:
-        value: Array = 0.5 + np.arcsin(self.scaled(z)) / np.pi
+        value: Array = 0.5 + np.arcsin(self.scale_to_reach(z)) / np.pi
         return value
 
     def density(self, z: Array) -> Array:
@@ -84,7 +84,7 @@ class ArcsineProjection(SymmetricProjection):
         return np.full_like(s, 1 / np.pi)
 
     def parameter(self, z: Array) -> Array:
-        value: Array = np.arcsin(self.scaled(z))
+        value: Array = np.arcsin(self.scale_to_reach(z))
         return value
 
     def characteristic(self, frequency: Array) -> NDArray[np.complex128]:

@@ -1,4 +1,4 @@
-"""Base classes of laws of one form."""
+"""Base classes of similar laws."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ __all__ = ["BoundedLaw", "HalfWidthLaw", "PlaneLaw", "SymmetricLaw"]
 
 
 class BoundedLaw(Law):
-    """Of one number, between two ends."""
+    """A law of one number between two ends."""
 
     @property
     @abstractmethod
@@ -32,7 +32,7 @@ class BoundedLaw(Law):
 
 
 class PlaneLaw(Law):
-    """Of two numbers, symmetric about the origin in every direction."""
+    """A law of two numbers with circular symmetry about the origin."""
 
     radius: float
 
@@ -43,7 +43,7 @@ class PlaneLaw(Law):
 
     @property
     def components(self) -> tuple[str, ...]:
-        """X and y."""
+        """``.x`` and ``.y``."""
         return (".x", ".y")
 
     @property
@@ -57,7 +57,7 @@ class PlaneLaw(Law):
 
 
 class SymmetricLaw(Law):
-    """Of one number: symmetric about its mean."""
+    """A law of one number that is symmetric about its mean."""
 
     mean: float
 
@@ -99,7 +99,7 @@ class SymmetricLaw(Law):
 
 @dataclass(frozen=True)
 class HalfWidthLaw(SymmetricLaw):
-    """Of one number: on mean ± half_width, the key of its form."""
+    """A symmetric law on mean ± half_width; in a sheet the half-width is the value under the law's key."""
 
     half_width: float
     mean: float = 0.0
@@ -112,7 +112,7 @@ class HalfWidthLaw(SymmetricLaw):
 
     @classmethod
     def from_sheet(cls, reader: SheetReader) -> Self:
-        """Return the law that a sheet has."""
+        """Return the law written in a sheet."""
         return cls(reader.half_width(cls.form.key), reader.mean())
 
     @property

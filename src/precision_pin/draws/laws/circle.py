@@ -1,4 +1,4 @@
-"""A point of a circle."""
+"""The law of a point on a circle."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class Circle(PlaneLaw):
 
     @classmethod
     def from_sheet(cls, reader: SheetReader) -> Circle:
-        """Return the law that a sheet has."""
+        """Return the law written in a sheet."""
         return cls(reader.half_width("circle"))
 
     @property
@@ -49,30 +49,30 @@ class Circle(PlaneLaw):
         return np.eye(2) * self.radius**2 / 2
 
     def sample(self, variates: Array) -> Array:
-        """Return the point at the angle 2π u₁; u₀ is not used, so that a disc turns into a circle in place."""
+        """Return the point at the angle 2π u₁; u₀ is not used, so that a circle in place of a disc keeps its angles."""
         return self.radius * direction(variates[1])
 
     def from_normals(self, normals: Array) -> Array:
-        """Return the point at the angle 4π Φ(z₁), so that every angle is met within 0.7 of the middle."""
+        """Return the point at the angle 4π Φ(z₁), so that |z₁| below 0.7 covers every angle."""
         turn = 4 * np.pi * cumulative(normals[1])
         return self.radius * np.array([np.cos(turn), np.sin(turn)])
 
     def ellipsoid(self, k: float) -> Array:
-        """Return that of the disc, whatever k."""
+        """Return the ellipsoid of the disc, for every k."""
         del k
         return self.radius * np.eye(2)
 
     def standardised_moments(self) -> Moments:
-        """Of variance r²/2: E x⁴ = 3 r⁴/8, E x² y² = r⁴/8."""
+        """Return the moments: variance r²/2, E x⁴ = 3 r⁴/8, E x² y² = r⁴/8."""
         return 0.0, 1.5, 0.5
 
     def describe(self, quantities: Sequence[Quantity | None]) -> str:
-        """Return what is drawn, in words."""
+        """Return the law in words."""
         return f"a point uniform on a circle of radius {write_number(self.radius, quantities[0])}"
 
     @property
     def streamed(self) -> range:
-        """The second, which gives the angle."""
+        """The second variate, which gives the angle."""
         return range(1, 2)
 
     def kernel_row(self) -> KernelRow:
@@ -80,7 +80,7 @@ class Circle(PlaneLaw):
         return KernelRow("circle", np.array([self.radius]))
 
     def projection(self, weights: Array) -> ArcsineProjection:
-        """Return what it is along weights."""
+        """Return the projection on weights."""
         return ArcsineProjection(self.radius * math.hypot(*weights))
 
     def characteristic(self, frequency: ArrayLike) -> NDArray[np.complex128]:

@@ -1,4 +1,4 @@
-"""A point of a disc."""
+"""The law of a point in a disc."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from precision_pin.units import Quantity
 __all__ = ["Disc"]
 
 LARGEST_SCALED_BESSEL: Final = 0.82504
-"""No z > 0 has √z |J₁(z)| above this; it is reached at z = 2.166."""
+"""Upper bound of √z |J₁(z)| for z > 0, reached at z = 2.166."""
 
 
 @final
@@ -43,7 +43,7 @@ class Disc(PlaneLaw):
 
     @classmethod
     def from_sheet(cls, reader: SheetReader) -> Disc:
-        """Return the law that a sheet has."""
+        """Return the law written in a sheet."""
         return cls(reader.half_width("disc"))
 
     @property
@@ -57,23 +57,23 @@ class Disc(PlaneLaw):
         return value
 
     def from_normals(self, normals: Array) -> Array:
-        """Return r √(1 - exp(-|z|²/2)) in the direction of z: smoother than polar coordinates, which tear at an angle."""
+        """Return r √(1 - exp(-|z|²/2)) in the direction of z: smoother than polar coordinates, which jump at one angle."""
         length = np.hypot(*normals)
         unit = np.divide(normals, length, out=np.zeros_like(normals), where=length > 0)
         value: Array = self.radius * np.sqrt(-np.expm1(-(length**2) / 2)) * unit
         return value
 
     def ellipsoid(self, k: float) -> Array:
-        """Return that of the disc, whatever k."""
+        """Return the ellipsoid of the disc, for every k."""
         del k
         return self.radius * np.eye(2)
 
     def standardised_moments(self) -> Moments:
-        """Of variance r²/4: E x⁴ = r⁴/8, E x² y² = r⁴/24."""
+        """Return the moments: variance r²/4, E x⁴ = r⁴/8, E x² y² = r⁴/24."""
         return 0.0, 2.0, 2 / 3
 
     def describe(self, quantities: Sequence[Quantity | None]) -> str:
-        """Return what is drawn, in words."""
+        """Return the law in words."""
         return f"a point uniform over a disc of radius {write_number(self.radius, quantities[0])}"
 
     def tolerance(self, quantities: Sequence[Quantity | None]) -> str:
@@ -86,7 +86,7 @@ class Disc(PlaneLaw):
         return KernelRow("disc", np.array([self.radius]))
 
     def projection(self, weights: Array) -> _Projection:
-        """Return what it is along weights."""
+        """Return the projection on weights."""
         return _Projection(self.radius * math.hypot(*weights))
 
     def characteristic(self, frequency: ArrayLike) -> NDArray[np.complex128]:
@@ -100,19 +100,19 @@ class Disc(PlaneLaw):
 @final
 @dataclass(frozen=True)
 class _Projection(SymmetricProjection):
-    """A disc seen from the side."""
+    """Projection of a disc."""
 
     @property
     def breaks(self) -> tuple[float, ...]:
         return -math.pi / 2, math.pi / 2
 
     def cumulative(self, z: Array) -> Array:
-        t = self.scaled(z)
+        t = self.scale_to_reach(z)
         value: Array = 0.5 + (t * np.sqrt((1 - t) * (1 + t)) + np.arcsin(t)) / np.pi
         return value
 
     def density(self, z: Array) -> Array:
-        t = self.scaled(z)
+        t = self.scale_to_reach(z)
         value: Array = 2 / (np.pi * self.reach) * np.sqrt((1 - t) * (1 + t))
         return value
 
@@ -125,7 +125,7 @@ class _Projection(SymmetricProjection):
         return value
 
     def parameter(self, z: Array) -> Array:
-        value: Array = np.arcsin(self.scaled(z))
+        value: Array = np.arcsin(self.scale_to_reach(z))
         return value
 
     def characteristic(self, frequency: Array) -> NDArray[np.complex128]:

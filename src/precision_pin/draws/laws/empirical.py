@@ -1,4 +1,4 @@
-"""A table of quantiles."""
+"""The empirical law, a table of quantiles."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ from precision_pin.units import Quantity
 __all__ = ["Empirical"]
 
 _BYTES: Final = 300.0
-"""Of memory for each sample, as tuples and as arrays."""
+"""Memory for each sample, as tuples and as arrays."""
 
 _FILE: Final[Mapping[str, Any]] = {
     "type": "object",
@@ -53,24 +53,24 @@ _SCHEMA: Final[Mapping[str, Any]] = {
 @final
 @dataclass(frozen=True)
 class Empirical(BoundedLaw):
-    """A measured distribution: a table of quantiles, straight lines between them.
+    """A measured distribution: a table of quantiles with straight lines between them.
 
     Attributes
     ----------
     quantiles
-        ``(p, x)``: with probability p the number is at most x. From p = 0 to p = 1, neither ever falling. A p that stands
-        twice is a gap in which nothing lies; an x that stands twice is a value with a probability of its own.
+        ``(p, x)``: with probability p the number is at most x. From p = 0 to p = 1; neither p nor x ever falls. A p given
+        twice is a gap without values; an x given twice is a value with a probability of its own.
 
     Raises
     ------
     InputError
-        A table that does not begin at 0, end at 1 and rise.
+        A table that does not begin at p = 0, end at p = 1 or rise.
     """
 
     form: ClassVar = SheetForm(
         "empirical",
         {"empirical": {"samples": "0.11 0.13 0.12 mm"}},
-        "what was measured: `samples`, or `quantiles`; in the sheet or from a file",
+        "a measured distribution: `samples` or `quantiles`, in the sheet or from a file",
         schema=_SCHEMA,
     )
     quantiles: tuple[tuple[float, float], ...]
@@ -82,18 +82,18 @@ class Empirical(BoundedLaw):
         p, x = self._knots
         if p[0] != 0 or p[-1] != 1:
             raise InputError(
-                f"the quantiles of an empirical law go from probability 0 to 1, these from {p[0]:g} to {p[-1]:g}"
+                f"the quantiles of an empirical law must go from probability 0 to 1, these go from {p[0]:g} to {p[-1]:g}"
             )
         for k in (np.flatnonzero((np.diff(p) < 0) | (np.diff(x) < 0))[:1] + 1).tolist():
             for what, values in (("probability", p), ("value", x)):
                 if values[k] < values[k - 1]:
                     raise InputError(
-                        f"the quantiles of an empirical law rise, but the {what} {values[k]:g} follows {values[k - 1]:g}"
+                        f"the quantiles of an empirical law must rise, but the {what} {values[k]:g} follows {values[k - 1]:g}"
                     )
 
     @classmethod
     def from_sheet(cls, reader: SheetReader) -> Empirical:
-        """Return the law that a sheet has, of samples or of quantiles."""
+        """Return the law written in a sheet, from samples or quantiles."""
         value = reader.settings["empirical"]
         if not isinstance(value, Mapping) or len(value) != 1 or not set(value) <= {"samples", "quantiles"}:
             raise reader.error(
@@ -117,9 +117,9 @@ class Empirical(BoundedLaw):
 
     @classmethod
     def from_samples(cls, samples: Iterable[float]) -> Empirical:
-        """Return the law of n samples, the k-th smallest being the quantile at (k - 1/2)/n (Hazen).
+        """Return the law of n samples, with the k-th smallest as the quantile at (k - 1/2)/n (Hazen).
 
-        The outer half of the smallest and of the largest stays where it is, so that the law has the samples' mean.
+        Half of the probability of the smallest and of the largest sample stays at that sample, which keeps the samples' mean.
 
         Raises
         ------
@@ -138,7 +138,7 @@ class Empirical(BoundedLaw):
 
     @property
     def sample_count(self) -> int | None:
-        """How many samples the law was made of; None where it is no table that :meth:`from_samples` makes."""
+        """Number of samples behind the law; None if :meth:`from_samples` would not make this table."""
         p, x = self._knots
         count = p.size - 2
         if count < 1 or x[0] != x[1] or x[-1] != x[-2]:
@@ -154,7 +154,7 @@ class Empirical(BoundedLaw):
     @cached_property
     @returns_read_only
     def segments(self) -> Array:
-        """The straight lines ``(s, 4)``: the probability and value at which each begins, its slope, the value at its end."""
+        """The straight lines ``(s, 4)``: probability and value at the begin of each, its slope, the value at its end."""
         p, x = self._knots
         step = np.diff(p)
         slopes = np.divide(np.diff(x), step, out=np.zeros_like(step), where=step > 0)
@@ -168,7 +168,7 @@ class Empirical(BoundedLaw):
 
     @property
     def breaks(self) -> tuple[float, ...]:
-        """The probabilities between 0 and 1 at which lines meet."""
+        """Probabilities between 0 and 1 at which two lines meet."""
         return tuple(self.segments[1:, 0].tolist())
 
     @property
@@ -191,7 +191,7 @@ class Empirical(BoundedLaw):
 
     @property
     def cell_edges(self) -> Array:
-        """Where the lines begin, and 1."""
+        """Probabilities at which the lines begin, and 1."""
         return np.append(self.segments[:, 0], 1.0)
 
     @property
@@ -201,11 +201,11 @@ class Empirical(BoundedLaw):
 
     @property
     def measured(self) -> Array | None:
-        """The samples, where it is a table that :meth:`from_samples` makes."""
+        """The samples; None if :meth:`from_samples` would not make this table."""
         return np.array(self.quantiles[1:-1], dtype=float)[:, 1:] if self.sample_count is not None else None
 
     def cumulants(self) -> Array:
-        """Return those of the lines, by Gauss-Legendre of four nodes, which is exact."""
+        """Return the cumulants of the lines, by Gauss-Legendre quadrature with four nodes, which is exact."""
         begin, value, _, end = self.segments.T
         nodes, weights = np.polynomial.legendre.leggauss(4)
         middles = (1 + nodes[:, None]) / 2
@@ -213,7 +213,7 @@ class Empirical(BoundedLaw):
         return cumulants_of(values, (weights[:, None] / 2 * np.diff(np.append(begin, 1.0))).ravel())
 
     def describe(self, quantities: Sequence[Quantity | None]) -> str:
-        """Return what is drawn, in words."""
+        """Return the law in words."""
         low, high = self.ends
         unit = WrittenUnit.suiting(quantities[0], self.ends)
         far = spread(self.mean_vector, self.covariance, quantities[0])
@@ -224,7 +224,7 @@ class Empirical(BoundedLaw):
         return KernelRow("empirical", self.segments)
 
     def projection(self, weights: Array) -> Lines:
-        """Return what it is along weights."""
+        """Return the projection on weights."""
         w = float(weights[0])
         begins, stops = (w * (self.segments[:, column] - self.mean_vector) for column in (1, 3))
         return Lines.of(np.diff(np.append(self.segments[:, 0], 1.0)), begins, stops)
@@ -249,18 +249,18 @@ class Empirical(BoundedLaw):
 
 
 def _column(reader: SheetReader, table: Measured, where: Place, *others: str) -> tuple[float, ...]:
-    """Return the column named, or the only one beside others."""
+    """Return the named column, or the only one besides ``others``."""
     rest = [name for name in table.names if name not in others]
     name = reader.value(*where).get("column")
     if name is None and len(rest) != 1:
-        raise reader.error(where, f"{table.file} has the columns {', '.join(table.names)}: say which with column:")
+        raise reader.error(where, f"{table.file} has the columns {', '.join(table.names)}: choose one with column:")
     return reader.column(table, rest[0] if name is None else str(name), where)
 
 
 def _pairs(reader: SheetReader, where: Place) -> tuple[tuple[float, float], ...]:
     rows = reader.value(*where)
     if not isinstance(rows, list) or not all(isinstance(row, list) and len(row) == 2 for row in rows):
-        raise reader.error(where, "quantiles are pairs of a probability and a value: [[0, -0.1 mm], [1, 0.2 mm]]")
+        raise reader.error(where, "quantiles must be pairs of a probability and a value: [[0, -0.1 mm], [1, 0.2 mm]]")
     shares = []
     for k, row in enumerate(rows):
         with reader.place_errors((*where, k)):

@@ -1,4 +1,4 @@
-"""A number that does not vary."""
+"""The law of a number that does not vary."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ __all__ = ["Fixed"]
 @final
 @dataclass(frozen=True)
 class Fixed(SymmetricLaw):
-    """A number that does not vary, kept as a parameter so that derivatives to it exist."""
+    """A number that does not vary; it is a parameter, so that derivatives with respect to it exist."""
 
     is_normal: ClassVar[bool] = True
     form: ClassVar = SheetForm(
@@ -35,7 +35,7 @@ class Fixed(SymmetricLaw):
 
     @classmethod
     def from_sheet(cls, reader: SheetReader) -> Fixed:
-        """Return the law that a sheet has."""
+        """Return the law written in a sheet."""
         return cls(reader.number("fixed"))
 
     @property
@@ -53,7 +53,7 @@ class Fixed(SymmetricLaw):
         return np.full_like(variates, self.mean)
 
     def describe(self, quantities: Sequence[Quantity | None]) -> str:
-        """Return what is drawn, in words."""
+        """Return the law in words."""
         return f"fixed at {write_number(self.mean, quantities[0])}"
 
     @property

@@ -1,4 +1,4 @@
-"""Several numbers, jointly normal."""
+"""The joint normal law of several numbers."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ __all__ = ["JointNormal"]
 @final
 @dataclass(frozen=True)
 class JointNormal(Law):
-    """Several numbers jointly normal.
+    """Several jointly normal numbers.
 
     Parameters
     ----------
@@ -71,7 +71,9 @@ class JointNormal(Law):
         if (np.abs(covariance - covariance.T) > slack).any():
             raise InputError("the covariance of a joint normal law must be symmetric")
         if (np.abs(covariance) > (1 + 1e-9) * np.outer(scale, scale)).any():
-            raise InputError("the covariance of a joint normal law holds a negative variance or a correlation above 1")
+            raise InputError(
+                "the covariance of a joint normal law contains a negative variance or a correlation above 1"
+            )
         unit = np.where(scale > 0, scale, 1.0)
         lowest = np.linalg.eigvalsh(covariance / np.outer(unit, unit)).min()
         if lowest < -1e-9:
@@ -79,7 +81,7 @@ class JointNormal(Law):
 
     @classmethod
     def from_sheet(cls, reader: SheetReader) -> JointNormal:
-        """Return the law that a sheet has."""
+        """Return the law written in a sheet."""
         value = reader.settings["joint_normal"]
         if (
             not isinstance(value, Mapping)
@@ -96,7 +98,7 @@ class JointNormal(Law):
             means = reader.settings["mean"]
             if not isinstance(means, list) or len(means) != std.size:
                 raise reader.error(
-                    ("mean",), f"the mean of this joint_normal is a list of {std.size} numbers with units"
+                    ("mean",), f"the mean of this joint_normal must be a list of {std.size} numbers with units"
                 )
             centre = tuple(reader.number("mean", k) for k in range(std.size))
         covariance = _correlation(reader, std.size) * np.outer(std, std)
@@ -104,12 +106,12 @@ class JointNormal(Law):
 
     @property
     def size(self) -> int:
-        """How many numbers."""
+        """The number of components."""
         return len(self.matrix)
 
     @property
     def components(self) -> tuple[str, ...]:
-        """Numbered from 0."""
+        """``.0``, ``.1``, …."""
         return tuple(f".{k}" for k in range(self.size))
 
     @property
@@ -144,15 +146,15 @@ class JointNormal(Law):
         return mean - reach, mean + reach
 
     def ellipsoid(self, k: float) -> Array:
-        """Return that of (x - mean)ᵀ Σ⁻¹ (x - mean) = k²."""
+        """Return the ellipsoid (x - mean)ᵀ Σ⁻¹ (x - mean) = k²."""
         return k * self.root
 
     def standardised_moments(self) -> Moments:
-        """Those of independent normal numbers."""
+        """Return the moments of independent normal numbers."""
         return NORMAL_MOMENTS
 
     def describe(self, quantities: Sequence[Quantity | None]) -> str:
-        """Return what is drawn, in words."""
+        """Return the law in words."""
         covariance = self.covariance
         std = np.sqrt(np.maximum(np.diag(covariance), 0.0))
         unit = np.where(std > 0, std, 1.0)
@@ -161,7 +163,7 @@ class JointNormal(Law):
         return f"{self.size} numbers jointly normal, {deviations(self.components, covariance, quantities)}, {together}"
 
     def kernel_row(self) -> KernelRow:
-        """Return the mean, and below it the root of the covariance."""
+        """Return the mean, with the root of the covariance below it."""
         root = self.root
         reaches = np.abs(root).sum(axis=1) * FARTHEST_NORMAL
         ends = zip((self.mean_vector - reaches).tolist(), (self.mean_vector + reaches).tolist(), strict=True)
@@ -183,7 +185,7 @@ def _correlation(reader: SheetReader, size: int) -> Array:
         raise reader.error(where, f"correlation must be {size} rows of {size} plain numbers: [[1, …], …]")
     try:
         matrix = np.array([[units.parse(entry, units.RATIO) for entry in row] for row in rows])
-    except (InputError, ValueError):  # no numbers, or rows that are not of one length
+    except (InputError, ValueError):  # not numbers, or rows of different lengths
         raise reader.error(where, "correlation must be rows of plain numbers") from None
     if matrix.shape != (size, size) or not (np.diag(matrix) == 1).all() or not (matrix == matrix.T).all():
         raise reader.error(

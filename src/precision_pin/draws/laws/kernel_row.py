@@ -1,4 +1,4 @@
-"""A law as the compiled loops take it."""
+"""The row of a law in the tables of the compiled loops."""
 
 from __future__ import annotations
 
@@ -31,16 +31,16 @@ Branch = Literal[
 @final
 @dataclass(frozen=True, eq=False)
 class KernelRow:
-    """A law as the compiled loops take it.
+    """The row of a law in the tables of the compiled loops.
 
     Attributes
     ----------
     branch
-        Which loop makes its numbers of its variates.
+        The loop that turns its variates into its numbers.
     numbers
-        What the loop takes, ``(n,)``, or a table of it, ``(r, c)``: see :class:`precision_pin.kernel.loops.Draws`.
+        The loop's parameters, ``(n,)``, or a table of them, ``(r, c)``: see :class:`precision_pin.kernel.loops.Draws`.
     intervals
-        What each number stays between there, if that is not what :meth:`~precision_pin.draws.laws.Law.interval` says.
+        Bounds of each number in the loop, if they differ from :meth:`~precision_pin.draws.laws.Law.interval`.
     """
 
     branch: Branch

@@ -32,11 +32,11 @@ class Law(ABC):
     Attributes
     ----------
     variates
-        What :meth:`sample` is fed: ``"uniform"`` on (0, 1) or standard ``"normal"`` numbers.
+        The input of :meth:`sample`: ``"uniform"`` on (0, 1) or standard ``"normal"`` numbers.
     form
-        How it is written in a sheet; without a key where no sheet names it.
+        Its form in a sheet; without a key if no sheet can name it.
     is_normal
-        Whether sums of its numbers are normal; of numbers that do not vary too.
+        True if sums of its numbers are normal; also true of numbers that do not vary.
     """
 
     variates: ClassVar[Literal["uniform", "normal"]] = "uniform"
@@ -45,7 +45,7 @@ class Law(ABC):
 
     @classmethod
     def from_sheet(cls, reader: SheetReader) -> Law:
-        """Return the law that a sheet has; of a law whose :attr:`form` has a key.
+        """Return the law written in a sheet; only for a law whose :attr:`form` has a key.
 
         Raises
         ------
@@ -88,28 +88,28 @@ class Law(ABC):
 
     @property
     def streamed(self) -> range:
-        """Which of its numbers :meth:`sample` uses the variates of; none of a number that does not vary."""
+        """Indices of the variates that :meth:`sample` uses; none for a number that does not vary."""
         return range(self.size)
 
     def kernel_row(self) -> KernelRow | None:
-        """Return what the compiled loops are given; None where they have no loop for the law."""
+        """Return the law's row for the compiled loops; None if they have no loop for it."""
         return None
 
     def projection(self, weights: Array) -> Projection | None:
-        """Return the number ``w·(x - mean)`` for weights ``(size,)`` along which the law varies, as its own law.
+        """Return the law of the number ``w·(x - mean)``, for weights w ``(size,)`` along which the law varies.
 
-        None where only the characteristic function is known.
+        None if only the characteristic function is known.
         """
         del weights
         return None
 
     def describe(self, quantities: Sequence[Quantity | None]) -> str:
-        """Return what is drawn, in words.
+        """Return the law in words.
 
         Parameters
         ----------
         quantities
-            What each of its numbers is; None where that is not known: SI is then written.
+            The quantity of each number; None where it is unknown, and the number is then written in SI.
         """
         name = type(self).__name__
         if self.size > 1:
@@ -117,12 +117,12 @@ class Law(ABC):
         return name + spread(self.mean_vector, self.covariance, quantities[0])
 
     def tolerance(self, quantities: Sequence[Quantity | None]) -> str:
-        """Return how far it varies, short: ``±0.3 mm``, ``0 mm to 2 mm``, ``σ 0.1 mm``; empty where no quantity is known.
+        """Return its range in short: ``±0.3 mm``, ``0 mm to 2 mm``, ``σ 0.1 mm``; empty where no quantity is known.
 
         Parameters
         ----------
         quantities
-            What each of its numbers is.
+            The quantity of each number.
         """
         quantity = quantities[0] if quantities else None
         if quantity is None or not quantity.si or any(other != quantity for other in quantities):
@@ -140,9 +140,9 @@ class Law(ABC):
         return f"{unit(low)} to {unit(high)}"
 
     def interval(self, number: int) -> tuple[float, float]:
-        """Return what a number of the law (0-based) stays between in every sample.
+        """Return the bounds of a number of the law (0-based) in every sample.
 
-        Its support; of a law fed with normal numbers, what numbers up to 8.6 standard deviations out give.
+        They are the ends of its support. For a law made from normal numbers they are its values at ±8.6 standard deviations.
         """
         direction = np.zeros(self.size)
         direction[number] = 1.0
@@ -150,63 +150,66 @@ class Law(ABC):
 
     @property
     def cell_edges(self) -> Array | None:
-        """Uniform numbers from 0 to 1 between which the law is constant or a straight line; None of other laws."""
+        """Uniform numbers from 0 to 1 between which the values are constant or linear; None for other laws."""
         return None
 
     @property
     def lines(self) -> Array | None:
-        """The straight lines ``(k, 4)`` between :attr:`cell_edges`: begin, value there, slope, value at the end; or None."""
+        """Straight lines ``(k, 4)`` between :attr:`cell_edges`: begin, value there, slope, value at the end; or None."""
         return None
 
     @property
     def measured(self) -> Array | None:
-        """The samples ``(n, size)`` that the law was made of, where it is known that it was."""
+        """The samples ``(n, size)`` that the law was made from; None if there are none or they are unknown."""
         return None
 
     @property
     def extreme_points(self) -> Array | None:
-        """Points ``(n, size)`` of which the convex hull is all that the law takes, where there are such."""
+        """Points ``(n, size)`` whose convex hull is that of the support; None if no such points are known."""
         return None
 
     def ellipsoid(self, k: float) -> Array | None:
-        """Return the root ``(size, size)`` of the ellipsoid about the mean that holds the law.
+        """Return the root ``(size, size)`` of the ellipsoid about the mean that contains the law.
 
-        Where the law is not bounded it is cut at k standard deviations. None where it is no ellipsoid.
+        An unbounded law is cut off at k standard deviations. None if the support is no ellipsoid.
         """
         del k
         return None
 
     def standardised_moments(self) -> Moments | None:
-        """Return the moments of its standardised numbers; None where they are not known, or where others do not vanish."""
+        """Return the moments of its standardised numbers; None if they are unknown or other mixed moments do not vanish."""
         return None if self.size > 1 else moments_by_quadrature(self.at_scores, self.breaks)
 
     def cumulants(self) -> Array | None:
         """Return the second, third, fourth and sixth cumulant of each number, ``(4, size)``.
 
-        None of a law whose tails are no heavier than a normal law's, and which may be taken for one.
+        None for a law whose tails are no heavier than a normal law's; it may be treated as normal.
         """
         return None
 
     def covariance_with(self, other: Law, correlation: float) -> float | None:
-        """Return the covariance with a number whose normal score is correlated, where there is a closed form."""
+        """Return the covariance with a number whose normal score is correlated; None if there is no closed form."""
         del other, correlation
         return None
 
     def covariance_by_scores(self, correlation: float, nodes: Callable[[float], tuple[Array, Array]]) -> float | None:
-        """Return the covariance with another number as an integral over that number's score, where its mean there is known.
+        """Return the covariance with another number as an integral over that number's score.
+
+        None if the mean at a given score of the other number is unknown.
 
         Parameters
         ----------
         correlation
             Of the two normal scores.
         nodes
-            Scores z of the other number up to so much farther out than usual, and (value - mean) × density × weight there.
+            Takes a distance beyond the usual range. Returns the scores z of the other number up to there, and
+            (value - mean) × density × weight at each.
         """
         del correlation, nodes
         return None
 
     def from_normals(self, normals: Array) -> Array:
-        """Return samples from independent standard normal numbers ``(size, N)``, as smooth a function of them as there is."""
+        """Return samples from independent standard normal numbers ``(size, N)``, by the smoothest function available."""
         return self.at_scores(normals)
 
     @property
@@ -226,19 +229,19 @@ class Law(ABC):
 
 
 def cumulative(scores: Array) -> Array:
-    """Return Φ of normal scores; from the lower tail, so that every engine rounds alike near 1."""
+    """Return Φ of normal scores, from the lower tail, so that all engines round alike near 1."""
     tail = lazy_special.ndtr(-np.abs(scores))
     value: Array = np.where(scores > 0, 1 - tail, tail)
     return value
 
 
 def take_size(law: Law, field: str, what: str, *, zero: bool = True) -> None:
-    """Keep a field as a float; refuse what is not a finite number of zero or more (above zero without ``zero``).
+    """Store a field as a float; refuse all but finite numbers of zero or more (above zero without ``zero``).
 
     Raises
     ------
     InputError
-        It is not.
+        The field is something else.
     """
     allowed = f"{'zero or more' if zero else 'positive'} and finite"
     size = check_number(what, getattr(law, field), allowed, lambda value: value > 0 or (value == 0 and zero))
@@ -246,34 +249,34 @@ def take_size(law: Law, field: str, what: str, *, zero: bool = True) -> None:
 
 
 def take_number(law: Law, field: str, what: str) -> None:
-    """Keep a field as a float; refuse what is not a finite number.
+    """Store a field as a float; refuse all but finite numbers.
 
     Raises
     ------
     InputError
-        It is not.
+        The field is something else.
     """
     object.__setattr__(law, field, check_number(what, getattr(law, field)))
 
 
 def take_rows(law: Law, field: str, what: str, columns: int | None = None) -> Array:
-    """Keep a field as rows of floats, as tuples, and return it; refuse what is not finite numbers in rows of one length.
+    """Store a field as tuples of floats and return the array; refuse all but finite numbers in rows of one length.
 
     Raises
     ------
     InputError
-        It is not.
+        The field is something else.
     """
     given = getattr(law, field)
     if isinstance(given, list | tuple) and all(isinstance(row, list | tuple) for row in given):
         for k, row in enumerate(given):
             if len(row) != len(given[0]):
-                raise InputError(f"row {k + 1} of {what} has {len(row)} numbers, the first {len(given[0])}")
+                raise InputError(f"row {k + 1} of {what} has {len(row)} numbers, the first has {len(given[0])}")
     rows = "at least one row of " + ("finite numbers" if columns is None else f"{columns} finite numbers")
     table = check_numbers(what, given, (None, columns), rows)
     if not table.size:
         raise InputError(f"{what} must be {rows}, got {shown(given)}")
-    # a tuple and a list for each row, and an object for each number
+    # memory of a tuple and a list for each row and an object for each number
     check_memory((152.0 + 48 * table.shape[1]) * len(table), f"{what}, {table.size:,} numbers,", "give fewer")
     object.__setattr__(law, field, tuple(map(tuple, table.tolist())))
     return table

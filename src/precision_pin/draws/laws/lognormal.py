@@ -1,13 +1,13 @@
 """The lognormal law.
 
-For sums with other numbers its characteristic function is needed at very many frequencies, and a bound of it. With
+Sums with other numbers need its characteristic function, and a bound of it, at very many frequencies. With
 x = exp(σz - σ²/2) of mean 1 and z normal, E exp(i t (x - 1)) is an integral over z (see :meth:`Lognormal.characteristic`).
-As a function of ln t it is smooth: one octave after another it is interpolated at Chebyshev points, so that a million
-frequencies take little more than a thousand integrals.
+It is smooth as a function of ln t and is interpolated octave by octave at Chebyshev points. A million frequencies then
+take little more than a thousand integrals.
 
 Bound: on the line at height η the integrand is no larger than exp((η² - z²)/2 - t exp(-σ²/2) sin(ση) exp(σz)), so that
-|E exp(i t x)| ≤ exp(η²/2) L(t sin ση) with L the Laplace transform of x, for every η from 0 to π/σ. Each of these falls with
-t, and so does the least of them.
+|E exp(i t x)| ≤ exp(η²/2) L(t sin ση) with L the Laplace transform of x, for every η from 0 to π/σ. Each
+of these bounds falls with t, and so does the least of them.
 """
 
 from __future__ import annotations
@@ -38,30 +38,43 @@ WIDEST_LOGNORMAL: Final = 1e3
 """Largest standard deviation of a lognormal law, in means."""
 
 _STEP: Final = 1 / 40
+"""Step of the trapezoidal rule, in standard deviations."""
+
 _NODES: Final = _STEP * np.arange(-360, 361)
-"""For the characteristic function, standard deviations from the saddle point."""
+"""Nodes for the characteristic function, in standard deviations from the saddle point."""
 
 LOGNORMAL_ERROR: Final = 3e-14
 """Bound of the error of :func:`lognormal_characteristic`."""
 
-_AT_ONCE: Final = 1000
-_FEW: Final = 2000
+_BATCH: Final = 1000
+"""Frequencies integrated at once, which bounds the memory."""
+
+_MOST_INTEGRALS: Final = 2000
+"""Up to this many frequencies each has its own integral; more are interpolated."""
+
 _DEGREES: Final = (24, 48, 96)
-_SETTLED: Final = 2e-14
-_SMALL: Final = 0.3
-"""Up to this σ the function turns least about the mean, above it about zero."""
+"""Degrees of the Chebyshev series, tried in turn."""
+
+_SERIES_TOLERANCE: Final = 2e-14
+"""Sum of a series' last four coefficients at which it has converged."""
+
+_SMALL_SIGMA: Final = 0.3
+"""Up to this σ the phase varies least relative to the mean, above it relative to zero."""
 
 _PER_OCTAVE: Final = 4
 _OCTAVES: Final = (-30, 170)
+"""Frequencies of the table of bounds: the exponents of 2 of its ends, and its entries in each octave."""
+
 _HEIGHTS: Final = np.linspace(0.1, 9.0, 60)
 _SCORES: Final = np.arange(-38.0, 9.01, 0.2)
 _MARGIN: Final = 1.0 + 1e-6
+"""Lines η tried for the bound; nodes of the Laplace transform, and a factor that covers its quadrature error."""
 
 
 @final
 @dataclass(frozen=True)
 class Lognormal(Law):
-    """The exponential of a normal number: what cannot be negative and errs by a factor, as a stiffness does.
+    """The exponential of a normal number, for what is never negative and varies by a factor, such as a stiffness.
 
     With mean m and standard deviation s of the number itself, its logarithm has the variance σ² = ln(1 + s²/m²) and the
     mean ln m - σ²/2 (JCGM 101:2008, table 1, and C.3 of Johnson, Kotz and Balakrishnan, chapter 14).
@@ -96,7 +109,7 @@ class Lognormal(Law):
 
     @classmethod
     def from_sheet(cls, reader: SheetReader) -> Lognormal:
-        """Return the law that a sheet has."""
+        """Return the law written in a sheet."""
         value = reader.settings["lognormal"]
         if not isinstance(value, Mapping) or set(value) != {"std"}:
             raise reader.error(
@@ -148,7 +161,7 @@ class Lognormal(Law):
     def cumulants(self) -> Array:
         """Return the cumulants from the moments, by the recursion over powers of exp(σ²)."""
         if self.log_std < 0.05:
-            # the differences of the moments are rounding here, and the law is all but normal
+            # here the differences of the moments are rounding error, and the law is almost normal
             return np.array([[self.std**2], [0.0], [0.0], [0.0]])
         w = math.exp(self.log_std**2)
         # in units of mean; with w - 1 = v the terms of high order in v are those of a heavy tail (Johnson and Kotz, ch. 14)
@@ -165,13 +178,13 @@ class Lognormal(Law):
 
     def covariance_by_scores(self, correlation: float, nodes: Callable[[float], tuple[Array, Array]]) -> float:
         """Return the integral of the number's mean at a score z of the other, m exp(τz - τ²/2) with τ = ρσ."""
-        # weighting z by that shifts its density by τ
+        # the factor exp(τz - τ²/2) shifts the density of z by τ
         shift = correlation * self.log_std
         z, weighted = nodes(abs(shift))
         return self.mean * float((weighted * np.expm1(shift * z - shift**2 / 2)).sum())
 
     def describe(self, quantities: Sequence[Quantity | None]) -> str:
-        """Return what is drawn, in words."""
+        """Return the law in words."""
         (quantity,) = quantities
         return f"lognormal, mean {write_number(self.mean, quantity)}, standard deviation {write_number(self.std, quantity)}"
 
@@ -180,7 +193,7 @@ class Lognormal(Law):
         return KernelRow("lognormal", np.array([self.mean, self.log_std, self.log_std**2 / 2]))
 
     def projection(self, weights: Array) -> _Projection:
-        """Return what it is along weights."""
+        """Return the projection on weights."""
         return _Projection(float(weights[0]), self.mean, self.log_std)
 
     def characteristic(self, frequency: ArrayLike) -> NDArray[np.complex128]:
@@ -188,13 +201,13 @@ class Lognormal(Law):
 
         There is no closed form. The integral over the normal number z is taken along a line parallel to the real axis: at
         the height of the saddle point of its integrand, -W(-i t m σ² exp(-σ²/2))/σ with Lambert's W, or higher, so that
-        the integrand neither cancels nor oscillates where it counts. There the trapezoidal rule converges faster than any
+        the integrand neither cancels nor oscillates where it is large. There the trapezoidal rule converges faster than any
         power of its step (Trefethen and Weideman, SIAM Review 56, 2014).
         """
         t = np.asarray(frequency, dtype=float)
         if not self.log_std:
-            still: NDArray[np.complex128] = np.exp(1j * t[0] * self.mean)
-            return still
+            constant: NDArray[np.complex128] = np.exp(1j * t[0] * self.mean)
+            return constant
         return in_chunks(self._along_saddles, t, 4 * _NODES.size)
 
     def _along_saddles(self, frequency: Array) -> NDArray[np.complex128]:
@@ -213,7 +226,7 @@ class Lognormal(Law):
 @final
 @dataclass(frozen=True)
 class _Projection(Projection):
-    """The weight times (x - mean) of a lognormal number."""
+    """Projection of a lognormal number, the weight times (x - mean)."""
 
     weight_of_number: float
     mean: float
@@ -221,7 +234,7 @@ class _Projection(Projection):
 
     @property
     def ends(self) -> tuple[float, float]:
-        """The largest number that can be drawn."""
+        """The lowest and the highest value that can be drawn."""
         low, high = self.position(np.array([-FARTHEST_NORMAL, FARTHEST_NORMAL]))
         return float(low), float(high)
 
@@ -280,7 +293,7 @@ class _Projection(Projection):
         return LOGNORMAL_ERROR
 
     def envelope(self, frequency: Array) -> Array:
-        """Return the least of 1, V/ω with V, twice its highest value, the total variation of the density, and a table."""
+        """Return the least of 1, V/ω and a table; V is the total variation of the density, twice its highest value."""
         scale = abs(self.weight_of_number) * self.mean
         height = scale * math.exp(-(self.log_std**2)) * self.log_std
         bound: Array = np.minimum(
@@ -301,15 +314,15 @@ def lognormal_characteristic(frequency: Array, log_std: float) -> NDArray[np.com
         σ, the standard deviation of ln x.
     """
     t = np.abs(frequency)
-    value = _integrate(t, log_std) if t.size <= _FEW else _interpolate(t, log_std)
+    value = _integrate(t, log_std) if t.size <= _MOST_INTEGRALS else _interpolate(t, log_std)
     result: NDArray[np.complex128] = np.where(frequency < 0, value.conj(), value)
     return result
 
 
 def _integrate(t: Array, sigma: float) -> NDArray[np.complex128]:
     parts = [np.zeros(0, dtype=complex)]
-    for first in range(0, t.size, _AT_ONCE):
-        some = t[first : first + _AT_ONCE]
+    for first in range(0, t.size, _BATCH):
+        some = t[first : first + _BATCH]
         scaled = some * math.exp(-(sigma**2) / 2)
         saddle = -lazy_special.lambertw(-1j * scaled * sigma**2) / sigma
         height = np.maximum(saddle.imag, min(1.0, math.pi / (2 * sigma)))
@@ -321,7 +334,7 @@ def _integrate(t: Array, sigma: float) -> NDArray[np.complex128]:
 
 
 def _interpolate(t: Array, sigma: float) -> NDArray[np.complex128]:
-    turn = 0.0 if sigma <= _SMALL else 1.0
+    turn = 0.0 if sigma <= _SMALL_SIGMA else 1.0
     result = np.ones(t.size, dtype=complex)
     exponents = np.frexp(t)[1]
     for exponent in np.unique(exponents[t > 0]):
@@ -334,7 +347,7 @@ def _interpolate(t: Array, sigma: float) -> NDArray[np.complex128]:
 
 
 def _octave(t: Array, high: float, sigma: float, turn: float) -> NDArray[np.complex128] | None:
-    """Return the function times exp(i turn t), interpolated between high/2 and high; ``None`` where integrals are fewer."""
+    """Return the function times exp(i turn t), interpolated between high/2 and high; ``None`` where fewer integrals do."""
     for degree in _DEGREES:
         if t.size <= degree + 1:
             return None
@@ -344,16 +357,16 @@ def _octave(t: Array, high: float, sigma: float, turn: float) -> NDArray[np.comp
         cosines = np.cos(np.pi * np.outer(np.arange(degree + 1), np.arange(degree + 1) + 0.5) / (degree + 1))
         coefficients = cosines @ values * (2 / (degree + 1))
         coefficients[0] /= 2
-        if np.abs(coefficients[-4:]).sum() <= _SETTLED:
+        if np.abs(coefficients[-4:]).sum() <= _SERIES_TOLERANCE:
             found: NDArray[np.complex128] = np.polynomial.chebyshev.chebval(4 * t / high - 3, coefficients)
             return found
     return None
 
 
 def lognormal_envelope(frequency: Array, log_std: float) -> Array:
-    """Return a bound of |E exp(i t x)| of x lognormal with mean 1 that never rises, t ``(N,)`` not negative."""
+    """Return a non-increasing bound of |E exp(i t x)| of x lognormal with mean 1, t ``(N,)`` not negative."""
     table = _table(log_std)
-    # the table's value at the nearest frequency below
+    # the table's value at the nearest lower frequency, an upper bound since the table falls
     octaves = np.log2(np.maximum(frequency, 2.0 ** _OCTAVES[0]))
     index = np.floor((octaves - _OCTAVES[0]) * _PER_OCTAVE - 1e-9).astype(int)
     bound: Array = table[np.clip(index, 0, table.size - 1)]
@@ -366,7 +379,7 @@ def _table(sigma: float) -> Array:
     t = np.exp2(exponents)
     heights = _HEIGHTS[sigma * _HEIGHTS < math.pi]
     sines = np.sin(sigma * heights)
-    # the Laplace transform at s, from a table of its own: at the nearest s below, as it falls
+    # the Laplace transform at s, from its own table at the nearest lower s: an upper bound, since it falls
     low = (_OCTAVES[0] - 20) * _PER_OCTAVE
     places = np.arange(low, exponents[-1] * _PER_OCTAVE + 1) / _PER_OCTAVE
     exponent = -np.exp2(places)[:, None] * np.exp(sigma * _SCORES - sigma**2 / 2) - _SCORES**2 / 2

@@ -51,8 +51,8 @@ class Normal(SymmetricLaw):
 
     @classmethod
     def from_sheet(cls, reader: SheetReader) -> Normal | TruncatedNormal:
-        """Return the law that a sheet has, cut off if it says so."""
-        value, k = reader.settings["normal"], _k(reader)
+        """Return the law written in a sheet, truncated if the sheet says so."""
+        value, k = reader.settings["normal"], _read_k(reader)
         if isinstance(value, Mapping):
             if set(value) != {"std"}:
                 raise reader.error(
@@ -62,10 +62,10 @@ class Normal(SymmetricLaw):
             std = reader.half_width("normal", "std")
         else:
             std = reader.half_width("normal") / k
-        mean, truncated = reader.mean(), _is_truncated(reader)
+        mean, truncated = reader.mean(), _read_truncated(reader)
         if isinstance(value, Mapping) and "k" in reader.settings and not truncated:
             raise reader.error(
-                ("k",), "k does nothing here: {std: …} is the standard deviation itself, and nothing is cut off"
+                ("k",), "k has no effect here: {std: …} is the standard deviation itself, and the law is not truncated"
             )
         return TruncatedNormal(std, mean, k) if truncated else cls(std, mean)
 
@@ -104,7 +104,7 @@ class Normal(SymmetricLaw):
         return self.std * correlation * float((weighted * z).sum())
 
     def describe(self, quantities: Sequence[Quantity | None]) -> str:
-        """Return what is drawn, in words."""
+        """Return the law in words."""
         (quantity,) = quantities
         return f"normal, standard deviation {write_number(self.std, quantity)}{mean_beside(self.mean, quantity)}"
 
@@ -117,14 +117,14 @@ class Normal(SymmetricLaw):
         return value
 
 
-def _k(reader: SheetReader) -> float:
+def _read_k(reader: SheetReader) -> float:
     k = reader.ratio("k") if "k" in reader.settings else 3.0
     if not k > 0:
         raise reader.error(("k",), f"k must be positive, got {reader.settings['k']}")
     return k
 
 
-def _is_truncated(reader: SheetReader) -> bool:
+def _read_truncated(reader: SheetReader) -> bool:
     value = str(reader.settings.get("truncated", "false")).lower()
     if value not in ("true", "false"):
         raise reader.error(("truncated",), f"truncated must be true or false, got {reader.settings['truncated']!r}")

@@ -26,7 +26,7 @@ __all__ = [
 
 
 FARTHEST_NORMAL: Final = 8.6
-"""No normal number drawn lies farther out, in standard deviations: the smallest uniform number is 2⁻⁵³."""
+"""Largest normal number that is drawn, in standard deviations: the smallest uniform number is 2⁻⁵³."""
 
 Moments = tuple[float, float, float]
 """E ζ³, E ζ⁴ of standardised numbers and E ζ_k² ζ_l² of two of them."""
@@ -34,18 +34,21 @@ Moments = tuple[float, float, float]
 NORMAL_MOMENTS: Final[Moments] = (0.0, 3.0, 1.0)
 
 _PANELS: Final = 36
+"""Panels of the quadrature over normal scores, besides those that the breaks add."""
+
 _CHUNK: Final = 2**20
+"""Numbers that :func:`in_chunks` holds in memory at once."""
 
 
 def in_chunks(
     function: Callable[[Array], NDArray[np.complex128]], frequency: Array, width: int
 ) -> NDArray[np.complex128]:
-    """Return a function ``(m, T) → (T,)`` of frequencies ``(m, …)``, called for so few at a time that memory suffices.
+    """Return the values of a function ``(m, T) → (T,)`` at frequencies ``(m, …)``, computed in chunks to bound the memory.
 
     Parameters
     ----------
     function
-        Needs about ``width`` numbers for each of its T columns.
+        Takes the memory of about ``width`` numbers for each of its T columns.
     frequency
         ``(m, …)``.
     width
@@ -69,7 +72,7 @@ def triangular_root(covariance: Array) -> Array:
 
 
 def moments_of(values: Array, weights: Array) -> Moments:
-    """Return the moments of a single number that has values with weights; those of nothing that varies do not matter."""
+    """Return the moments of a number with weighted values; those of a normal number if it does not vary."""
     deviations = values - weights @ values
     variance = float(weights @ deviations**2)
     if variance <= 0:
@@ -79,14 +82,14 @@ def moments_of(values: Array, weights: Array) -> Moments:
 
 
 def moments_by_quadrature(at_scores: Callable[[Array], Array], breaks: Sequence[float]) -> Moments:
-    """Return the moments of a number from its values at normal scores: Gauss-Legendre, cut where it jumps or bends.
+    """Return the moments of a number from its values at normal scores, by Gauss-Legendre panels.
 
     Parameters
     ----------
     at_scores
         The values ``(1, N)`` at scores ``(1, N)``.
     breaks
-        Uniform numbers at which they jump or bend.
+        Uniform numbers at which the values jump or bend; the panels are split there.
     """
     bends = lazy_special.ndtri(np.array(breaks, dtype=float))
     bends = bends[np.abs(bends) < FARTHEST_NORMAL]

@@ -1,7 +1,7 @@
-"""Part of a draw along one direction, as a random number ``z = w·(x - mean)`` of its own.
+"""The projection of a draw on one direction: the random number ``z = w·(x - mean)``.
 
-Each projection knows its cumulative law and density in closed form, a smooth parametrisation to integrate along, and a bound
-of its characteristic function that never rises: what the truncation of an inversion is certified by.
+Each projection has its cumulative law and density in closed form, a smooth parametrisation to integrate along, and a
+non-increasing bound of its characteristic function. This bound certifies the truncation error of an inversion.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ __all__ = ["Lines", "Projection", "SymmetricProjection", "power_bound"]
 
 
 class Projection(ABC):
-    """A number of zero mean (or, of lines, any mean) along one direction of a law.
+    """The number along one direction of a law, of zero mean (of any mean for :class:`Lines`).
 
     The parametrisation: z = position(s) with the probability weight(s) ds, s from the first to the last of ``breaks``,
     both functions smooth between the breaks.
@@ -30,16 +30,16 @@ class Projection(ABC):
     @property
     @abstractmethod
     def ends(self) -> tuple[float, float]:
-        """Between which all of it lies."""
+        """The lowest and the highest value."""
 
     @property
     @abstractmethod
     def breaks(self) -> tuple[float, ...]:
-        """Ends and kinks of the parameter, rising."""
+        """Ends and kinks of the parameter, in rising order."""
 
     @property
     def kinks(self) -> tuple[float, ...]:
-        """Values between which the cumulative law is smooth, and no steeper in one place than in another by much."""
+        """Values between which the cumulative law is smooth and its slope varies little."""
         return self.ends
 
     @abstractmethod
@@ -52,7 +52,7 @@ class Projection(ABC):
 
     @abstractmethod
     def position(self, s: Array) -> Array:
-        """Return the value at a parameter; never falling."""
+        """Return the value at a parameter, a non-decreasing function."""
 
     @abstractmethod
     def weight(self, s: Array) -> Array:
@@ -60,35 +60,35 @@ class Projection(ABC):
 
     @abstractmethod
     def parameter(self, z: Array) -> Array:
-        """Return the parameter of a value, any value beyond the ends taken at the end."""
+        """Return the parameter of a value; a value beyond an end has the parameter of that end."""
 
     @abstractmethod
     def envelope(self, frequency: Array) -> Array:
-        """Return a bound of |E exp(i ω z)| that never rises with ω."""
+        """Return a bound of |E exp(i ω z)| that does not increase with ω."""
 
     @abstractmethod
     def characteristic(self, frequency: Array) -> NDArray[np.complex128]:
-        """Return E exp(i ω z), from deviations alone: a mean far larger than the spread takes no digits."""
+        """Return E exp(i ω z), from deviations alone, so that a mean far larger than the spread costs no digits."""
 
     @property
     def characteristic_error(self) -> float:
-        """Bound of the error of :meth:`characteristic`, that of rounding ω apart."""
+        """Bound of the error of :meth:`characteristic`, without that of rounding ω."""
         return 1e-15
 
     def within(self, score: float) -> tuple[float, float]:
-        """Return ends beyond which lies no more than beyond ± a number of standard deviations of a normal law."""
+        """Return limits outside which lies no more probability than outside ± ``score`` of a standard normal law."""
         del score
         return self.ends
 
     @property
     def is_bounded(self) -> bool:
-        """Whether nothing lies beyond the ends."""
+        """True if nothing lies beyond the ends."""
         return True
 
 
 @dataclass(frozen=True)
 class SymmetricProjection(Projection):
-    """Symmetric about zero, up to a reach."""
+    """A projection symmetric about zero, within ± its reach."""
 
     reach: float
 
@@ -97,12 +97,12 @@ class SymmetricProjection(Projection):
         """Minus and plus the reach."""
         return -self.reach, self.reach
 
-    def scaled(self, z: Array) -> Array:
-        """Return z over the reach, at most 1."""
+    def scale_to_reach(self, z: Array) -> Array:
+        """Return z over the reach, limited to ±1."""
         scaled: Array = np.clip(z / self.reach, -1.0, 1.0)
         return scaled
 
-    def inside(self, z: Array, density: Array) -> Array:
+    def limit_to_reach(self, z: Array, density: Array) -> Array:
         """Return the density, zero beyond the reach."""
         value: Array = np.where(np.abs(z) < self.reach, density, 0.0)
         return value
@@ -111,14 +111,14 @@ class SymmetricProjection(Projection):
 @final
 @dataclass(frozen=True, eq=False)
 class Lines(Projection):
-    """Uniform pieces and single values: empirical and two-point laws, rows of a table.
+    """A projection of uniform pieces and single values: of empirical and two-point laws and of rows of a table.
 
     Attributes
     ----------
     shares
         Probability of each piece, ``(s,)``.
     begins, stops
-        Where each begins and stops, rising, ``(s,)``; equal for a single value.
+        Lower and upper end of each, rising, ``(s,)``; equal for a single value.
     """
 
     shares: Array
@@ -147,12 +147,12 @@ class Lines(Projection):
 
     @property
     def kinks(self) -> tuple[float, ...]:
-        """Where pieces begin and stop."""
+        """The ends of the pieces."""
         return tuple(np.unique(np.concatenate([self.begins, self.stops])).tolist())
 
     @property
     def has_jumps(self) -> bool:
-        """Whether a value has a probability of its own."""
+        """True if some value has a probability of its own."""
         return bool((self.begins == self.stops).any())
 
     def cumulative(self, z: Array) -> Array:
@@ -200,11 +200,11 @@ class Lines(Projection):
 
     @property
     def characteristic_error(self) -> float:
-        """That of a sum of as many numbers as there are pieces."""
+        """Bound of the error of the sum over all pieces."""
         return 1e-15 + 1.2e-16 * self.shares.size
 
     def envelope(self, frequency: Array) -> Array:
-        """Σ share · min(1, 2/(length ω)): that of each piece, 1 of a single value."""
+        """Σ share · min(1, 2/(length ω)): the bound of each piece, 1 for a single value."""
         lengths = (self.stops - self.begins) / 2
         bounds = np.array([power_bound(1.0, 1.0, length * frequency) for length in lengths])
         value: Array = np.tensordot(self.shares, bounds, axes=1)

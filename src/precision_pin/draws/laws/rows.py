@@ -1,4 +1,4 @@
-"""The rows of a table, each alike likely."""
+"""The law of rows of a table, all equally likely."""
 
 from __future__ import annotations
 
@@ -37,14 +37,14 @@ _SCHEMA: Final[Mapping[str, Any]] = {"anyOf": [{"type": "array", "minItems": 1},
 @final
 @dataclass(frozen=True)
 class Rows(Law):
-    """Several numbers that were measured together: the rows of a table, each as likely as any other.
+    """Several numbers that were measured together: the rows of a table, all equally likely.
 
     Parameters
     ----------
     table
-        The rows, each of as many numbers.
+        The rows, all of one length.
     names
-        Of the columns; numbered from 0 if left out.
+        Names of the columns; numbered from 0 if left out.
 
     Raises
     ------
@@ -55,7 +55,7 @@ class Rows(Law):
     form: ClassVar = SheetForm(
         "rows",
         {"rows": [["0.1 mm", "0.2 mm"], ["0 mm", "-0.1 mm"]]},
-        "several numbers `.0`, `.1`, … that were measured together: one of the rows, each alike likely",
+        "several numbers `.0`, `.1`, … that were measured together: one of the rows, all equally likely",
         schema=_SCHEMA,
     )
     table: tuple[tuple[float, ...], ...]
@@ -70,20 +70,20 @@ class Rows(Law):
 
     @classmethod
     def from_sheet(cls, reader: SheetReader) -> Rows:
-        """Return the law that a sheet has."""
+        """Return the law written in a sheet."""
         value = reader.settings["rows"]
         if isinstance(value, Mapping):
             reader.only(("rows",), "file", "columns")
             table = reader.file("rows", "file")
             names = value.get("columns", list(table.names))
             if not isinstance(names, list) or not names:
-                raise reader.error(("rows", "columns"), "a list of columns belongs here")
+                raise reader.error(("rows", "columns"), "columns must be a list of column names")
             columns = [reader.column(table, str(name), ("rows",)) for name in names]
             return cls(tuple(zip(*columns, strict=True)))
         if not isinstance(value, list) or not value:
             raise reader.error(
                 ("rows",),
-                "rows takes numbers that belong together, row by row, or {file: measured.csv, columns: [a, b]}",
+                "rows takes rows of numbers that belong together, or {file: measured.csv, columns: [a, b]}",
             )
         rows = tuple(tuple(reader.numbers("rows", k)) for k in range(len(value)))
         for k, row in enumerate(rows):
@@ -99,7 +99,7 @@ class Rows(Law):
 
     @property
     def size(self) -> int:
-        """How many columns."""
+        """The number of columns."""
         return len(self.table[0])
 
     @property
@@ -115,7 +115,7 @@ class Rows(Law):
 
     @property
     def covariance(self) -> Array:
-        """Covariance ``(size, size)`` of the rows as all there is: divided by their number, not by one less."""
+        """Covariance ``(size, size)`` of the rows as the whole population: divided by their number, not by one less."""
         centred = self.array - self.mean_vector
         value: Array = centred.T @ centred / len(self.table)
         return value
@@ -132,7 +132,7 @@ class Rows(Law):
 
     @property
     def cell_edges(self) -> Array:
-        """Each row alike likely."""
+        """Uniform numbers between which one row is drawn, all equally far apart."""
         edges: Array = np.arange(len(self.table) + 1) / len(self.table)
         return edges
 
@@ -147,11 +147,11 @@ class Rows(Law):
         return np.unique(self.array, axis=0)
 
     def standardised_moments(self) -> Moments | None:
-        """Those of the one column."""
+        """Return the moments of a single column; None for several."""
         return None if self.size > 1 else moments_of(self.array[:, 0], self._shares)
 
     def cumulants(self) -> Array:
-        """Return those of the rows."""
+        """Return the cumulants of the rows."""
         return cumulants_of(self.array, self._shares)
 
     @property
@@ -159,14 +159,14 @@ class Rows(Law):
         return np.full(len(self.array), 1 / len(self.array))
 
     def describe(self, quantities: Sequence[Quantity | None]) -> str:
-        """Return what is drawn, in words."""
+        """Return the law in words."""
         rows = len(self.table)
         stds = deviations(self.components, self.covariance, quantities)
-        return f"{rows} measured row{'s' if rows > 1 else ''}, each as likely, {stds}"
+        return f"{rows} measured row{'s' if rows > 1 else ''}, all equally likely, {stds}"
 
     @property
     def streamed(self) -> range:
-        """The first, which chooses the row."""
+        """The first variate, which selects the row."""
         return range(1)
 
     def kernel_row(self) -> KernelRow:
@@ -174,7 +174,7 @@ class Rows(Law):
         return KernelRow("table", self.array)
 
     def projection(self, weights: Array) -> Lines:
-        """Return what it is along weights."""
+        """Return the projection on weights."""
         values = (self.array - self.mean_vector) @ weights
         return Lines.of(np.full(values.size, 1 / values.size), values, values)
 

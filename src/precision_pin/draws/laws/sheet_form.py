@@ -13,7 +13,7 @@ from precision_pin.inputs.csv_columns import Measured
 __all__ = ["DEVIATIONS", "MEAN", "NUMBER", "LawOption", "Place", "SheetForm", "SheetReader"]
 
 Place = tuple[str | int, ...]
-"""Keys and positions from a law's mapping down."""
+"""Path of keys and indices below the mapping of a law."""
 
 NUMBER: Final[Mapping[str, Any]] = {"type": "string", "description": "a number with its unit"}
 DEVIATIONS: Final[Mapping[str, Any]] = {
@@ -22,22 +22,22 @@ DEVIATIONS: Final[Mapping[str, Any]] = {
     "required": ["std"],
     "additionalProperties": False,
 }
-"""JSON schemas of what laws take under their key."""
+"""JSON schema of a standard deviation under a law's key."""
 
 
 @final
 @dataclass(frozen=True)
 class LawOption:
-    """A key that may stand beside a law's own.
+    """A key that is allowed beside a law's own.
 
     Attributes
     ----------
     key
         The key.
     meaning
-        For the schema and the documentation; what several laws say of one key is put together.
+        Text for the schema and the documentation; the texts of several laws for one key are joined.
     example
-        A value that the law's example takes.
+        A value that fits the law's example.
     """
 
     key: str
@@ -56,15 +56,15 @@ class SheetForm:
     Attributes
     ----------
     key
-        The key that names it; empty where no sheet does.
+        The key that names it; empty if no sheet can.
     example
-        A law as a mapping, lengths for numbers.
+        A law as a mapping, with lengths as its numbers.
     meaning
         A line for the documentation.
     options
-        The keys that may stand beside the law's own; the scope may beside any.
+        The keys allowed beside the law's own; ``scope`` is allowed beside any.
     schema
-        JSON schema of what stands under the key.
+        JSON schema of the value under the key.
     """
 
     key: str
@@ -75,20 +75,20 @@ class SheetForm:
 
 
 class SheetReader(Protocol):
-    """Reads a law's settings, numbers of one quantity; what is wrong with one is an error at its place."""
+    """Reader of a law's settings, which are numbers of one quantity; an error names its place in the sheet."""
 
     @property
     def settings(self) -> Mapping[str, Any]:
         """The law as a mapping."""
 
     def value(self, *where: str | int) -> Any:
-        """Return what stands at a place."""
+        """Return the value at a place."""
 
     def number(self, *where: str | int) -> float:
         """Return the number at a place in SI."""
 
     def numbers(self, *where: str | int) -> list[float]:
-        """Return the numbers at a place: a list with a unit each, or text with one unit."""
+        """Return the numbers at a place: a list with a unit for each, or text with one unit for all."""
 
     def half_width(self, *where: str | int) -> float:
         """Return the number at a place, which must not be negative."""
@@ -109,10 +109,10 @@ class SheetReader(Protocol):
         """Return a file's column of numbers without a unit."""
 
     def only(self, where: Place, *keys: str) -> None:
-        """Refuse anything but a mapping of these keys at a place, with the first one."""
+        """Refuse anything but a mapping of these keys at a place; the first key is required."""
 
     def error(self, where: Place, reason: str) -> InputError:
         """Return an error at a place."""
 
     def place_errors(self, where: Place) -> AbstractContextManager[None]:
-        """Give a place to the input errors that have none."""
+        """Add a place to input errors that have none."""

@@ -36,7 +36,7 @@ class Triangular(HalfWidthLaw):
 
     @property
     def breaks(self) -> tuple[float, ...]:
-        """One half: the density bends there."""
+        """One half, where the density has a kink."""
         return (0.5,)
 
     def sample(self, variates: Array) -> Array:
@@ -46,7 +46,7 @@ class Triangular(HalfWidthLaw):
         return self.mean + self.half_width * deviation
 
     def describe(self, quantities: Sequence[Quantity | None]) -> str:
-        """Return what is drawn, in words."""
+        """Return the law in words."""
         return f"triangular within {about(self.half_width, self.mean, quantities[0])}"
 
     def kernel_row(self) -> KernelRow:
@@ -54,7 +54,7 @@ class Triangular(HalfWidthLaw):
         return KernelRow("triangular", np.array([self.mean, self.half_width]))
 
     def projection(self, weights: Array) -> _Projection:
-        """Return what it is along weights."""
+        """Return the projection on weights."""
         return _Projection(abs(float(weights[0])) * self.half_width)
 
     def _deviation_characteristic(self, frequency: Array) -> Array:
@@ -74,13 +74,13 @@ class _Projection(SymmetricProjection):
         return -self.reach, 0.0, self.reach
 
     def cumulative(self, z: Array) -> Array:
-        t = self.scaled(z)
+        t = self.scale_to_reach(z)
         tail = (1 - np.abs(t)) ** 2 / 2
         value: Array = np.where(t > 0, 1 - tail, tail)
         return value
 
     def density(self, z: Array) -> Array:
-        return (1 - np.abs(self.scaled(z))) / self.reach
+        return (1 - np.abs(self.scale_to_reach(z))) / self.reach
 
     def position(self, s: Array) -> Array:
         return self.reach * s
@@ -89,7 +89,7 @@ class _Projection(SymmetricProjection):
         return 1 - np.abs(s)
 
     def parameter(self, z: Array) -> Array:
-        return self.scaled(z)
+        return self.scale_to_reach(z)
 
     def characteristic(self, frequency: Array) -> NDArray[np.complex128]:
         return (np.sinc(self.reach * frequency / (2 * np.pi)) ** 2).astype(complex)

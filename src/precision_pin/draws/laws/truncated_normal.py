@@ -1,4 +1,4 @@
-"""The normal law, cut off."""
+"""The truncated normal law."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class TruncatedNormal(SymmetricLaw):
     def __post_init__(self) -> None:
         take_size(self, "std", "the standard deviation of a truncated normal law")
         take_number(self, "mean", "the mean of a truncated normal law")
-        allowed = f"finite and at least {SMALLEST_K} (cut off closer to its mean the law is uniform)"
+        allowed = f"finite and at least {SMALLEST_K} (below, the law is practically uniform)"
         k = check_number("k of a truncated normal law", self.k, allowed, lambda value: value >= SMALLEST_K)
         object.__setattr__(self, "k", k)
 
@@ -63,7 +63,7 @@ class TruncatedNormal(SymmetricLaw):
         return self.mean + self.std * deviation
 
     def describe(self, quantities: Sequence[Quantity | None]) -> str:
-        """Return what is drawn, in words."""
+        """Return the law in words."""
         (quantity,) = quantities
         unit = WrittenUnit.suiting(quantity, [self.std])
         cut = f"cut off at ±{unit(self.k * self.std)}{mean_beside(self.mean, quantity)}"
@@ -75,7 +75,7 @@ class TruncatedNormal(SymmetricLaw):
         return KernelRow("truncated", np.array(numbers))
 
     def projection(self, weights: Array) -> _Projection:
-        """Return what it is along weights."""
+        """Return the projection on weights."""
         return _Projection(abs(float(weights[0])) * self.reach, self.k)
 
     def _deviation_characteristic(self, frequency: Array) -> Array:
@@ -103,12 +103,12 @@ class _Projection(SymmetricProjection):
         return math.erf(self.k / math.sqrt(2))
 
     def cumulative(self, z: Array) -> Array:
-        score = self.k * self.scaled(z)
+        score = self.k * self.scale_to_reach(z)
         value: Array = (1 + lazy_special.erf(score / math.sqrt(2)) / self._inner) / 2
         return value
 
     def density(self, z: Array) -> Array:
-        return self.inside(z, self.weight(self.k * self.scaled(z)) * self.k / self.reach)
+        return self.limit_to_reach(z, self.weight(self.k * self.scale_to_reach(z)) * self.k / self.reach)
 
     def position(self, s: Array) -> Array:
         return self.reach / self.k * s
@@ -118,7 +118,7 @@ class _Projection(SymmetricProjection):
         return value
 
     def parameter(self, z: Array) -> Array:
-        return self.k * self.scaled(z)
+        return self.k * self.scale_to_reach(z)
 
     def characteristic(self, frequency: Array) -> NDArray[np.complex128]:
         law = TruncatedNormal(self.reach / self.k, 0.0, self.k)
@@ -129,9 +129,10 @@ class _Projection(SymmetricProjection):
         return 2e-15 / self._inner
 
     def envelope(self, frequency: Array) -> Array:
-        """Return the normal law's, and for the tails the less of their probability and total variation over ω, 4φ(k)/ω.
+        """Return the bound of the normal law plus that of the removed tails, over P(|z| < k).
 
-        All over P(|z| < k). Also at most the total variation of the whole density over ω (k small).
+        The bound of the tails is the smaller of their probability and their total variation over ω, 4φ(k)/ω. For small k
+        the total variation of the whole density over ω is the smaller bound.
         """
         omega = np.maximum(self.reach / self.k * frequency, 1e-300)
         height = math.exp(-(self.k**2) / 2) / math.sqrt(2 * math.pi)

@@ -1,4 +1,4 @@
-"""One of two values."""
+"""The law of one of two values."""
 
 from __future__ import annotations
 
@@ -26,22 +26,22 @@ __all__ = ["TwoPoint"]
 @final
 @dataclass(frozen=True)
 class TwoPoint(BoundedLaw):
-    """One of two values, centre - half_width or centre + half_width: a side taken, a sign not known.
+    """One of two values, centre - half_width or centre + half_width, such as a clearance taken up on one side.
 
     Attributes
     ----------
     half_width
-        Half the distance of the two.
+        Half the distance between the two.
     centre
         Halfway between them; the mean only where both are equally likely.
     probability
-        Of the upper one.
+        Probability of the upper one.
     """
 
     form: ClassVar = SheetForm(
         "two_point",
         {"two_point": "0.05 mm"},
-        "centre - t or centre + t, nothing between; `probability` of the upper one, 0.5 unless given; `centre` 0",
+        "centre - t or centre + t, nothing between; `probability` of the upper one, default 0.5; `centre`, default 0",
         (
             LawOption("centre", "two_point: halfway between the two, default 0", "1 mm"),
             LawOption("probability", "two_point: of the upper one, default 0.5", "0.3"),
@@ -61,7 +61,7 @@ class TwoPoint(BoundedLaw):
 
     @classmethod
     def from_sheet(cls, reader: SheetReader) -> TwoPoint:
-        """Return the law that a sheet has."""
+        """Return the law written in a sheet."""
         half_width = reader.half_width("two_point")
         centre = reader.number("centre") if "centre" in reader.settings else 0.0
         probability = reader.ratio("probability") if "probability" in reader.settings else 0.5
@@ -106,12 +106,12 @@ class TwoPoint(BoundedLaw):
         return np.array([0.0, self.threshold, 1.0])
 
     def cumulants(self) -> Array:
-        """Return those of the two values."""
+        """Return the cumulants of the two values."""
         half, p = self.half_width, self.probability
         return cumulants_of(np.array([[-half], [half]]), np.array([1 - p, p]))
 
     def describe(self, quantities: Sequence[Quantity | None]) -> str:
-        """Return what is drawn, in words."""
+        """Return the law in words."""
         low, high = self.ends
         unit = WrittenUnit.suiting(quantities[0], self.ends)
         return f"{unit(low)} or {unit(high)}, the latter with probability {100 * self.probability:.6g} %"
@@ -121,7 +121,7 @@ class TwoPoint(BoundedLaw):
         return KernelRow("two_point", np.array([self.centre, self.half_width, self.threshold]))
 
     def projection(self, weights: Array) -> Lines:
-        """Return what it is along weights."""
+        """Return the projection on weights."""
         ends = float(weights[0]) * (np.array(self.ends) - self.mean_vector)
         return Lines.of(np.array([1 - self.probability, self.probability]), ends, ends)
 

@@ -27,7 +27,9 @@ __all__ = ["Uniform"]
 class Uniform(HalfWidthLaw):
     """Uniform on mean ± half_width."""
 
-    form: ClassVar = SheetForm("uniform", {"uniform": "0.05 mm"}, "anywhere within mean ± t alike; σ = t/√3", (MEAN,))
+    form: ClassVar = SheetForm(
+        "uniform", {"uniform": "0.05 mm"}, "equally likely anywhere within mean ± t; σ = t/√3", (MEAN,)
+    )
 
     @property
     def variance(self) -> float:
@@ -45,7 +47,7 @@ class Uniform(HalfWidthLaw):
         return self.half_width * other.half_width * 2 / math.pi * math.asin(correlation / 2)
 
     def describe(self, quantities: Sequence[Quantity | None]) -> str:
-        """Return what is drawn, in words."""
+        """Return the law in words."""
         return f"uniform within {about(self.half_width, self.mean, quantities[0])}"
 
     def kernel_row(self) -> KernelRow:
@@ -53,7 +55,7 @@ class Uniform(HalfWidthLaw):
         return KernelRow("uniform", np.array([self.mean, self.half_width]))
 
     def projection(self, weights: Array) -> _Projection:
-        """Return what it is along weights."""
+        """Return the projection on weights."""
         return _Projection(abs(float(weights[0])) * self.half_width)
 
     def _deviation_characteristic(self, frequency: Array) -> Array:
@@ -69,11 +71,11 @@ class _Projection(SymmetricProjection):
         return -1.0, 1.0
 
     def cumulative(self, z: Array) -> Array:
-        value: Array = (1 + self.scaled(z)) / 2
+        value: Array = (1 + self.scale_to_reach(z)) / 2
         return value
 
     def density(self, z: Array) -> Array:
-        return self.inside(z, np.full_like(z, 0.5 / self.reach))
+        return self.limit_to_reach(z, np.full_like(z, 0.5 / self.reach))
 
     def position(self, s: Array) -> Array:
         return self.reach * s
@@ -82,7 +84,7 @@ class _Projection(SymmetricProjection):
         return np.full_like(s, 0.5)
 
     def parameter(self, z: Array) -> Array:
-        return self.scaled(z)
+        return self.scale_to_reach(z)
 
     def characteristic(self, frequency: Array) -> NDArray[np.complex128]:
         return np.sinc(self.reach * frequency / np.pi).astype(complex)

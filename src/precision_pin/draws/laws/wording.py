@@ -1,4 +1,4 @@
-"""Pieces of the sentences that say what is drawn, numbers in units that people use."""
+"""Phrases that describe laws, with numbers in suitable units."""
 
 from __future__ import annotations
 
@@ -15,29 +15,29 @@ __all__ = ["about", "deviations", "mean_beside", "spread", "write_number"]
 
 
 def write_number(value: float, quantity: Quantity | None) -> str:
-    """Return a number with the unit that suits it."""
+    """Return a number with a suitable unit."""
     return WrittenUnit.suiting(quantity, [value])(value)
 
 
 def about(half_width: float, mean: float, quantity: Quantity | None) -> str:
-    """Return a half-width, about a mean that is not zero."""
+    """Return a half-width as text, with the mean if it is not zero."""
     unit = WrittenUnit.suiting(quantity, [half_width, mean])
     return f"±{unit(half_width)}" + (f" about {unit(mean)}" if mean else "")
 
 
 def mean_beside(mean: float, quantity: Quantity | None) -> str:
-    """Return what to add for a mean, nothing for zero."""
+    """Return the phrase for a mean, empty for zero."""
     return f", mean {write_number(mean, quantity)}" if mean else ""
 
 
 def spread(mean: Array, covariance: Array, quantity: Quantity | None) -> str:
-    """Return what to add for the mean and the standard deviation of one number."""
+    """Return the phrase for the mean and the standard deviation of one number."""
     std = math.sqrt(float(covariance[0, 0]))
     return f", mean {write_number(float(mean[0]), quantity)}, standard deviation {write_number(std, quantity)}"
 
 
 def deviations(components: Sequence[str], covariance: Array, quantities: Sequence[Quantity | None]) -> str:
-    """Return the standard deviations of several numbers."""
+    """Return the phrase for the standard deviations of several numbers."""
     stds = np.sqrt(np.maximum(np.diag(covariance), 0.0)).tolist()
     each = zip(components, stds, quantities, strict=True)
     return "standard deviations " + ", ".join(

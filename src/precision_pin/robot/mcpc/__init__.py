@@ -1,4 +1,4 @@
-"""MCPC parameters of a serial arm: extraction, error Jacobian, and the ways to and from displacements.
+"""MCPC parameters of a serial arm: extraction, error Jacobian, and conversion to and from displacements.
 
 MCPC is the modified complete and parametrically continuous model of Zhuang, Wang and Roth (Robotics and
 Computer-Integrated Manufacturing 10(4), 1993) in the form of Wei, Jia and Chen (MATEC Web of Conferences

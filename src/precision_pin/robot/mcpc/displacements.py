@@ -1,9 +1,9 @@
-"""Frame displacements to MCPC parameter errors and back: what replaces eqs 20 and 22 of the paper.
+"""Conversion of frame displacements to MCPC parameter errors and back, in place of eqs 20 and 22 of the paper.
 
 Erratum. The paper writes ``ΔΩ_k = J_k⁻¹ D_k``. The matrix of one link is 6x5 and has no inverse, at
-α = ±90° it even loses rank, and a pseudo-inverse gives answers that depend on the unit of length. Four
-parameters cannot carry six numbers; but what they cannot carry is a motion along and about the next joint's
-axis, which commutes with that joint and so can be handed to the next link.
+α = ±90° it even loses rank, and a pseudo-inverse gives results that depend on the unit of length. Four
+parameters cannot represent six numbers. The remainder is a motion along and about the next joint's axis,
+which commutes with that joint and can therefore be passed to the next link.
 """
 
 from __future__ import annotations
@@ -23,16 +23,16 @@ from precision_pin.typing import Array
 __all__ = ["frame_displacements", "parameter_errors"]
 
 RIGID = 1e-9
-"""Largest departure of a given displacement from a rigid motion."""
+"""Largest deviation of a given displacement from a rigid motion."""
 
 
 def parameter_errors(mcpc: Mcpc, displacements: ArrayLike, chart: Literal["complete", "offsets"] = "complete") -> Array:
     """Return the parameter errors ΔΩ ``(5n+6,)`` that move the tip as the given displacements do.
 
     ``mcpc.perturbed(ΔΩ)`` has the tip of ``Q_0 V_0 E_0 Q_1 V_1 E_1 ⋯ Q_n V_n E_n`` at every q, exactly at
-    any size. Of each displaced link (α, β, x, y) are solved; what is left is ``Trans(z)·Rot(z, γ)``
-    along and about the next joint's axis and is pushed through that joint into the next link; the last link
-    absorbs the rest in its six parameters. Replaces eqs 20 and 22.
+    any size. For each displaced link (α, β, x, y) are solved. The remainder ``Trans(z)·Rot(z, γ)``, along and
+    about the next joint's axis, is passed through that joint to the next link; the last link absorbs the rest
+    in its six parameters. Replaces eqs 20 and 22.
 
     Parameters
     ----------
@@ -42,9 +42,9 @@ def parameter_errors(mcpc: Mcpc, displacements: ArrayLike, chart: Literal["compl
         ``E_0 … E_n``, E_i inserted after ``V_i`` (in the axes of frame i+1; E_n: of the tip): poses
         ``(n+1, 4, 4)`` or ``[d; δ]`` ``(n+1, 6)`` in m and rad.
     chart
-        ``"complete"``: 4n+6 parameters, every Δθ and Δd zero. ``"offsets"``: what is left about the
-        next axis goes to Δθ_{i+1}, or along it to Δd_{i+1} if that joint is prismatic; the other of the
-        two is pushed on.
+        ``"complete"``: 4n+6 parameters, every Δθ and Δd zero. ``"offsets"``: the remainder about the next
+        axis becomes Δθ_{i+1}, or along it Δd_{i+1} if that joint is prismatic; the other of the two is
+        passed on.
 
     Returns
     -------
@@ -56,7 +56,7 @@ def parameter_errors(mcpc: Mcpc, displacements: ArrayLike, chart: Literal["compl
     InputError
         Wrong shape, a number that is not finite, a pose that is not rigid, an unknown chart.
     """
-    check_instance("mcpc", mcpc, Mcpc, "as mcpc.from_chain makes it")
+    check_instance("mcpc", mcpc, Mcpc, "as mcpc.from_chain returns it")
     check_choice("mcpc chart", chart, ("complete", "offsets"))
     n = mcpc.joint_count
     result = np.zeros(5 * n + 6)
@@ -86,8 +86,8 @@ def parameter_errors(mcpc: Mcpc, displacements: ArrayLike, chart: Literal["compl
 def frame_displacements(mcpc: Mcpc, parameter_errors: ArrayLike) -> Array:
     """Return displacements ``E_0 … E_n`` ``(n+1, 4, 4)`` that move the tip as the parameter errors do.
 
-    ``E_i = V_i⁻¹·V_i'·S_{i+1}``, with ``S_{i+1}`` the turn Δθ_{i+1} (or shift Δd_{i+1}) about the next joint's
-    axis: it commutes with that joint, so the error of joint i+1 stands at the end of link i. ``S_{n+1} = I``.
+    ``E_i = V_i⁻¹·V_i'·S_{i+1}``, with ``S_{i+1}`` the rotation Δθ_{i+1} about (or shift Δd_{i+1} along) the next
+    joint's axis: it commutes with that joint, so the error of joint i+1 is at the end of link i. ``S_{n+1} = I``.
     Inserted after ``V_i`` they give the tip of ``mcpc.perturbed(parameter_errors)`` at every q, exactly;
     the bodies between need not lie where the original sources put them. `parameter_errors` in chart
     ``"offsets"`` gives the same errors back.
@@ -97,7 +97,7 @@ def frame_displacements(mcpc: Mcpc, parameter_errors: ArrayLike) -> Array:
     InputError
         There are not 5n+6 finite numbers.
     """
-    n = check_instance("mcpc", mcpc, Mcpc, "as mcpc.from_chain makes it").joint_count
+    n = check_instance("mcpc", mcpc, Mcpc, "as mcpc.from_chain returns it").joint_count
     errors = mcpc.checked_errors(parameter_errors)
     actual = mcpc.perturbed(errors)
     result = np.empty((n + 1, 4, 4))
@@ -130,7 +130,7 @@ def _poses(displacements: ArrayLike, count: int) -> Array:
 
 
 def _nearest_tilt(direction: Array, alpha: float, beta: float) -> tuple[float, float]:
-    """Return the (α, β) that bring z onto a direction, of the two pairs the one nearer to the given one."""
+    """Return the (α, β) that bring z onto a direction: of the two pairs, the one nearer to the given pair."""
     first = tilt_angles(direction)
     second = (first[0] + math.pi, math.pi - first[1])
     return min(

@@ -1,4 +1,4 @@
-"""From a chain's joint placements to MCPC parameters, and back."""
+"""Extraction of MCPC parameters from a chain's joint placements, and the way back."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ PARALLEL = 1e-9
 COINCIDENT = 1e-9
 """Parallel axes closer than this (m) count as coincident when a joint offset is chosen."""
 NEARLY_SINGULAR = 0.1
-"""Below this |cos β_0| the base frame is turned."""
+"""Smallest |cos β_0| at which the base frame is not turned."""
 TIE = 1e-12
-"""Offsets this close (rad) to -π/2 are taken as +π/2, so that rounding does not flip them."""
+"""Offsets this close (rad) to -π/2 become +π/2, so that rounding does not change their sign."""
 SAME_CHAIN = 1e-9
-"""Largest difference (m, rad) between a chain's placements and those its MCPC parameters give."""
+"""Largest difference (m, rad) between a chain's placements and those of its MCPC parameters."""
 
 
 class JointChain(Protocol):
@@ -50,7 +50,7 @@ class JointChain(Protocol):
 
     @property
     def prismatic(self) -> NDArray[np.bool_]:
-        """``(n,)`` whether a joint slides."""
+        """``(n,)`` True for each prismatic joint."""
 
 
 def from_chain(chain: JointChain) -> Mcpc:
@@ -81,11 +81,11 @@ def from_chain(chain: JointChain) -> Mcpc:
     alpha, beta, x, y, offset = (np.zeros(joints + 1) for _ in range(5))
     frames = []
 
-    unturned = np.eye(4)
+    before_turn = np.eye(4)
     for i in range(joints + 1):
-        point, direction = _next_axis(unturned, placements[i], axes[i])
+        point, direction = _next_axis(before_turn, placements[i], axes[i])
         offset[i] = _offset(point, direction, last=i == joints) if i else _base_turn(direction)
-        frame = unturned @ axial_motion(offset[i], 0.0)
+        frame = before_turn @ axial_motion(offset[i], 0.0)
         frames.append(frame)
 
         point, direction = _next_axis(frame, placements[i], axes[i])
@@ -94,7 +94,7 @@ def from_chain(chain: JointChain) -> Mcpc:
             rotation = tilt(alpha[i], beta[i])
             x[i], y[i], _ = rotation.T @ point
             next_frame = se3.pose(rotation, rotation @ (x[i], y[i], 0.0))
-            unturned = se3.inverse(placements[i]) @ frame @ next_frame
+            before_turn = se3.inverse(placements[i]) @ frame @ next_frame
 
     tip = se3.inverse(frames[-1]) @ placements[-1]
     untilted = tilt(alpha[-1], beta[-1]).T @ tip[:3, :3]
@@ -123,7 +123,7 @@ def joint_placements(mcpc: Mcpc) -> tuple[Array, Array]:
     Its joint frames are the MCPC frames (after their constant turn); its forward kinematics is
     ``mcpc.forward_kinematics``. To keep a robot's own joint frames use `to_placements`.
     """
-    n = check_instance("mcpc", mcpc, Mcpc, "as mcpc.from_chain makes it").joint_count
+    n = check_instance("mcpc", mcpc, Mcpc, "as mcpc.from_chain returns it").joint_count
     placements = np.array([mcpc.link_pose(i) @ (mcpc.joint_pose(i + 1) if i < n else np.eye(4)) for i in range(n + 1)])
     placements[0] = axial_motion(mcpc.base_turn, 0.0) @ placements[0]
     return placements, np.tile(Z_AXIS, (n, 1))
@@ -134,8 +134,8 @@ def to_placements(nominal: Mcpc, perturbed: Mcpc, chain: JointChain) -> Array:
 
     With the chain's own axes they reproduce ``perturbed.forward_kinematics(q)`` at every q. Each link keeps
     its axes relative to the MCPC frame at its joint; an error Δθ or Δd of a joint goes into the
-    placement of that joint, so that the link behind it moves along. A placement whose parameters did not
-    change is the chain's own, to the last bit.
+    placement of that joint, so that the link beyond it moves too. A placement whose parameters did not
+    change is the chain's own, bit for bit.
 
     Parameters
     ----------
@@ -149,7 +149,7 @@ def to_placements(nominal: Mcpc, perturbed: Mcpc, chain: JointChain) -> Array:
     Raises
     ------
     InputError
-        The chain is not the one that ``nominal`` was extracted from, or ``perturbed`` not made of it.
+        The chain is not the one that ``nominal`` was extracted from, or ``perturbed`` was not made from it.
     """
     same = (
         nominal.joint_names == perturbed.joint_names == tuple(chain.joint_names)
@@ -157,7 +157,7 @@ def to_placements(nominal: Mcpc, perturbed: Mcpc, chain: JointChain) -> Array:
         and nominal.base_turn == perturbed.base_turn
     )
     if not same:
-        raise InputError("mcpc to_placements: the two parameter sets and the chain have not the same joints")
+        raise InputError("mcpc to_placements: the two parameter sets and the chain do not have the same joints")
     original = np.asarray(chain.placements, dtype=float)
     result = original.copy()
     for i in range(nominal.joint_count + 1):
@@ -179,7 +179,7 @@ def _placement(nominal: Mcpc, actual: Mcpc, link: int) -> Array:
 
 
 def _next_axis(frame: Array, placement: Array, axis: Array) -> tuple[Array, Array]:
-    """Return the next axis in an MCPC frame: its foot of the perpendicular from the origin, its direction."""
+    """Return the next axis in an MCPC frame: the foot of the perpendicular from the origin, and the direction."""
     next_joint = se3.inverse(frame) @ placement
     direction = next_joint[:3, :3] @ axis
     direction = direction / np.linalg.norm(direction)
@@ -190,10 +190,10 @@ def _next_axis(frame: Array, placement: Array, axis: Array) -> tuple[Array, Arra
 def _offset(point: Array, direction: Array, *, last: bool) -> float:
     """Return the joint's constant turn in (-π/2, π/2]."""
     if math.hypot(direction[0], direction[1]) > PARALLEL:
-        return _folded(math.atan2(-direction[0], direction[1]))
+        return _reduce_to_half_turn(math.atan2(-direction[0], direction[1]))
     if last or math.hypot(point[0], point[1]) <= COINCIDENT:
         return 0.0
-    return _folded(math.atan2(point[1], point[0]))
+    return _reduce_to_half_turn(math.atan2(point[1], point[0]))
 
 
 def _base_turn(direction: Array) -> float:
@@ -201,10 +201,10 @@ def _base_turn(direction: Array) -> float:
     return math.pi / 2 if cos_beta < NEARLY_SINGULAR else 0.0
 
 
-def _folded(angle: float) -> float:
+def _reduce_to_half_turn(angle: float) -> float:
     """Return the angle modulo π, in (-π/2, π/2].
 
-    The extra half turn is taken up by the signs of α, x and y; what a tie leaves over is taken up by β.
+    The signs of α, x and y absorb the half turn; β absorbs the rest of a tie.
     """
     folded = math.remainder(angle, math.pi)
     return math.pi / 2 if folded < -math.pi / 2 + TIE else folded + 0.0

@@ -26,16 +26,16 @@ Z_AXIS = (0.0, 0.0, 1.0)
 @final
 @dataclass(frozen=True)
 class McpcRow:
-    """One row of the parameter table, laid out as the paper's Table 1.
+    """One row of the parameter table, in the form of the paper's Table 1.
 
     Attributes
     ----------
     link
         Number i of the chain link, 0..n; the row describes ``T_i``.
     joint
-        Name of the joint that turns before this link; None for link 0.
+        Name of the joint before this link; None for link 0.
     prismatic
-        Whether that joint slides.
+        True if that joint is prismatic.
     turn
         Constant turn about z before α (rad): the base turn for link 0, θ_off,i after joint i.
     shift
@@ -64,14 +64,14 @@ class McpcRow:
 class Mcpc:
     """The MCPC parameters of a chain of n joints.
 
-    Made by `from_chain`; may also be written down directly. Arrays are copied and made read-only.
+    Made by `from_chain`, or directly from numbers. Arrays are copied and made read-only.
 
     Parameters
     ----------
     joint_names
         The n joints in chain order.
     prismatic
-        ``(n,)`` whether a joint slides.
+        ``(n,)`` True for each prismatic joint.
     alpha, beta, x, y
         ``(n+1,)`` parameters of links 0..n (rad, rad, m, m).
     gamma, z
@@ -134,7 +134,7 @@ class Mcpc:
         n = self.joint_count
         links = range(n + 1)
         return (
-            *(f"{'d' if slides else 'theta'}_{i + 1}" for i, slides in enumerate(self.prismatic)),
+            *(f"{'d' if is_prismatic else 'theta'}_{i + 1}" for i, is_prismatic in enumerate(self.prismatic)),
             *(f"alpha_{i}" for i in links),
             *(f"beta_{i}" for i in links),
             f"gamma_{n}",
@@ -144,7 +144,7 @@ class Mcpc:
         )
 
     def parameter_indices(self, link: int) -> tuple[int, ...]:
-        """Return where the columns of `link_matrix` (same order) stand among the 5n+6 parameters."""
+        """Return the positions of the columns of `link_matrix` (same order) among the 5n+6 parameters."""
         n = self.joint_count
         self._check_link(link)
         joint = (link - 1,) if link else ()
@@ -156,7 +156,7 @@ class Mcpc:
 
     @property
     def table(self) -> tuple[McpcRow, ...]:
-        """The n+1 rows of the parameter table, laid out as the paper's Table 1 (SI units)."""
+        """The n+1 rows of the parameter table, in the form of the paper's Table 1 (SI units)."""
         n = self.joint_count
         return tuple(
             McpcRow(
@@ -278,7 +278,7 @@ class Mcpc:
     def perturbed(self, parameter_errors: ArrayLike) -> Mcpc:
         """Return the arm with errors ``(5n+6,)`` added to its parameters; exact at any size.
 
-        Δθ goes to the joint offset, Δd to the joint shift. ``frame_in_link`` stays: each link keeps its own
+        Δθ goes to the joint offset, Δd to the joint shift. ``frame_in_link`` does not change: each link keeps its own
         axes relative to the MCPC frame at its joint (see `to_placements`).
 
         Raises
@@ -311,15 +311,17 @@ class Mcpc:
         return f"<Mcpc of {self.joint_count} joints: {', '.join(map(repr, self.joint_names))}>"
 
     def _repr_html_(self) -> str:
-        """Return what a notebook shows: the table as the paper's Table 1 lays it out, degrees and mm."""
+        """Return the HTML for a notebook: the table in the form of the paper's Table 1, in degrees and mm."""
         rows = []
         for row in self.table:
             turns = [
-                _shown(row.turn, math.degrees(1)),
-                *(_shown(angle, math.degrees(1)) for angle in (row.alpha, row.beta, row.gamma)),
+                _format_value(row.turn, math.degrees(1)),
+                *(_format_value(angle, math.degrees(1)) for angle in (row.alpha, row.beta, row.gamma)),
             ]
             joint = "base" if row.joint is None else f"{row.joint} (slides)" if row.prismatic else row.joint
-            rows.append([str(row.link), joint, *turns, *(_shown(length, 1e3) for length in (row.x, row.y, row.z))])
+            rows.append(
+                [str(row.link), joint, *turns, *(_format_value(length, 1e3) for length in (row.x, row.y, row.z))]
+            )
         columns = ("i", "joint", "offset [°]", "α [°]", "β [°]", "γ [°]", "x [mm]", "y [mm]", "z [mm]")
         return rendered(f"MCPC parameters of {self.joint_count} joints", [Table(columns, rows, words=2)])
 
@@ -344,7 +346,7 @@ def finite_array(what: str, value: ArrayLike, shape: tuple[int, ...]) -> Array:
     return array
 
 
-def _shown(value: float | None, factor: float) -> str:
+def _format_value(value: float | None, factor: float) -> str:
     return "" if value is None else f"{round(factor * value, 6) + 0.0:.9g}"
 
 
@@ -374,7 +376,7 @@ def half_open(angle: float) -> float:
 
 
 def _turn(axis: Array, point: Array) -> Array:
-    """Return ``[k × t; k]``: a turn about an axis through -t, seen at the frame's origin."""
+    """Return ``[k × t; k]``: a rotation about an axis through -t, seen at the frame's origin."""
     return np.concatenate([np.cross(axis, point), axis])
 
 

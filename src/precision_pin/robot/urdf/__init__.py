@@ -1,7 +1,7 @@
-"""Strict reading of URDF before any C++ sees it, its canonical form, and changes of root.
+"""Strict reader of URDF files, run before any C++ code; their canonical form; changes of root.
 
-`read` refuses what a lenient parser would turn into a silently wrong robot; `check` lists what there is to
-say about a file; `canonical` writes the one form that Pinocchio gets to see.
+`read` refuses a file that a lenient parser would turn into a silently wrong robot; `check` lists all findings
+about a file; `canonical` writes the only form that Pinocchio reads.
 """
 
 from precision_pin.robot.urdf.angles import snapped

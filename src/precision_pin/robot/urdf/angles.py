@@ -1,4 +1,4 @@
-"""Right angles that a file writes with too few digits."""
+"""Right angles that are written with too few digits."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ MOST_DECIMALS = 5
 WIDEST = 4 * math.pi
 
 
-def _meant(angle: float) -> float | None:
-    """Return the multiple of 45° that a rounded angle stands for, None where it stands for itself.
+def _find_exact_angle(angle: float) -> float | None:
+    """Return the multiple of 45° that an angle is rounded from, None if it is not rounded.
 
-    A right angle counts as rounded where it is off by up to 2 mrad and written with up to five decimals:
-    more decimals look measured. Odd multiples of 45° must be cut or rounded at their last decimal.
+    A right angle counts as rounded if it is off by up to 2 mrad and written with up to five decimals, since more
+    decimals look measured. An odd multiple of 45° must be truncated or rounded at its last decimal.
     """
     if abs(angle) > WIDEST:
         return None
@@ -43,12 +43,12 @@ def _meant(angle: float) -> float | None:
 def check_angles(joint: Joint, findings: Findings) -> None:
     """Warn of rounded right angles in a joint's origin (``W_ANGLE_ROUNDED``)."""
     for name, angle in zip(("roll", "pitch", "yaw"), joint.rpy, strict=True):
-        exact = _meant(angle)
+        exact = _find_exact_angle(angle)
         if exact is not None:
             degrees = round(math.degrees(exact))
             message = (
                 f"joint {shown(joint.name)}: {name} {angle!r} is {abs(angle - exact):.1e} rad off {degrees}°; "
-                f"write {exact!r} if that is meant (snapping does it)"
+                f"write {exact!r} if that is intended (snapping does it)"
             )
             findings.warning("W_ANGLE_ROUNDED", message, joint.line)
 
@@ -56,11 +56,11 @@ def check_angles(joint: Joint, findings: Findings) -> None:
 def snapped(robot: Robot) -> Robot:
     """Return the robot with rounded right angles of its joint origins made exact.
 
-    What ``W_ANGLE_ROUNDED`` warns of is changed and nothing else; those warnings go.
+    Only angles with a ``W_ANGLE_ROUNDED`` warning change; these warnings are removed.
     """
     joints = []
     for joint in robot.joints:
-        roll, pitch, yaw = (angle if (exact := _meant(angle)) is None else exact for angle in joint.rpy)
+        roll, pitch, yaw = (angle if (exact := _find_exact_angle(angle)) is None else exact for angle in joint.rpy)
         joints.append(replace(joint, rpy=(roll, pitch, yaw)))
     findings = tuple(found for found in robot.findings if found.code != "W_ANGLE_ROUNDED")
     return replace(robot, joints=tuple(joints), findings=findings)

@@ -1,4 +1,4 @@
-"""The one form of URDF that Pinocchio gets to see."""
+"""The canonical form of URDF, the only one that Pinocchio reads."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from precision_pin.robot.urdf.robot import Robot
 
 __all__ = ["UNLIMITED", "canonical"]
 
-# stands for "no limit": finite, as Pinocchio samples and clamps between limits
+# written for "no limit": finite, because Pinocchio samples and clamps between limits
 UNLIMITED = 1e9
 NO_MASS = Inertial(0.0, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 0.0, 0.0, 0.0))
 PARTS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
-# newlines and tabs must be references: a parser turns them into blanks otherwise
+# newlines and tabs must be character references: a parser turns them into blanks otherwise
 ESCAPES = str.maketrans(
     {"&": "&amp;", "<": "&lt;", ">": "&gt;", '"': "&quot;", "\n": "&#10;", "\r": "&#13;", "\t": "&#9;"}
 )
@@ -22,12 +22,12 @@ ESCAPES = str.maketrans(
 def canonical(robot: Robot) -> str:
     """Return the robot as a complete URDF text.
 
-    Every link has a full inertial (zeros where it has no mass), every moving joint a unit axis and finite
-    limits (`UNLIMITED` where there are none); ``continuous`` becomes ``revolute`` so that every joint has
+    Every link has a full inertial (zeros if it has no mass), every moving joint a unit axis and finite
+    limits (`UNLIMITED` if there are none); ``continuous`` becomes ``revolute`` so that every joint has
     one value. Visuals, collisions, dynamics, mimics and everything else are left out. Numbers are written
-    so that reading gives back the same bits.
+    so that they are read back bit for bit.
     """
-    lines = ['<?xml version="1.0" encoding="UTF-8"?>', f'<robot name="{_escaped(robot.name)}">']
+    lines = ['<?xml version="1.0" encoding="UTF-8"?>', f'<robot name="{_escape(robot.name)}">']
     lines += [_link(link) for link in robot.links]
     lines += [_joint(joint) for joint in robot.joints]
     return "\n".join([*lines, "</robot>", ""])
@@ -37,7 +37,7 @@ def _link(link: Link) -> str:
     inertial = link.inertial or NO_MASS
     inertia = " ".join(f'{part}="{_number(value)}"' for part, value in zip(PARTS, inertial.inertia, strict=True))
     return (
-        f'  <link name="{_escaped(link.name)}"><inertial>{_origin(inertial.com, inertial.rpy)}'
+        f'  <link name="{_escape(link.name)}"><inertial>{_origin(inertial.com, inertial.rpy)}'
         f'<mass value="{_number(inertial.mass)}"/><inertia {inertia}/></inertial></link>'
     )
 
@@ -45,8 +45,8 @@ def _link(link: Link) -> str:
 def _joint(joint: Joint) -> str:
     kind = "revolute" if joint.kind == "continuous" else joint.kind
     text = (
-        f'  <joint name="{_escaped(joint.name)}" type="{kind}"><parent link="{_escaped(joint.parent)}"/>'
-        f'<child link="{_escaped(joint.child)}"/>{_origin(joint.xyz, joint.rpy)}'
+        f'  <joint name="{_escape(joint.name)}" type="{kind}"><parent link="{_escape(joint.parent)}"/>'
+        f'<child link="{_escape(joint.child)}"/>{_origin(joint.xyz, joint.rpy)}'
     )
     if joint.moves:
         text += f'<axis xyz="{_numbers(joint.axis)}"/>{_limit(joint)}'
@@ -77,5 +77,5 @@ def _number(value: float) -> str:
     return repr(float(value))
 
 
-def _escaped(text: str) -> str:
+def _escape(text: str) -> str:
     return text.translate(ESCAPES)

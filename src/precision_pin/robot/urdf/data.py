@@ -49,7 +49,7 @@ class Limits:
     moving_joints
         Joints that are not fixed.
     links_in_depth
-        Links on the longest way from the root to a tip, both counted.
+        Links on the longest path from the root to a tip, both included.
     """
 
     file_bytes: int = 16 * 1024 * 1024
@@ -161,7 +161,7 @@ class Link:
 class Limit:
     """Joint limits: position in rad or m, effort in N·m or N, velocity in rad/s or m/s.
 
-    Infinite where the file leaves them open; ``lower`` and ``upper`` always on a continuous joint.
+    Infinite if the file leaves them open; ``lower`` and ``upper`` of a continuous joint always are.
     """
 
     lower: float
@@ -172,7 +172,7 @@ class Limit:
 
 @dataclass(frozen=True)
 class Mimic:
-    """A joint value tied to another: ``multiplier`` × value of ``joint`` + ``offset``."""
+    """A joint value that follows another: ``multiplier`` × value of ``joint`` + ``offset``."""
 
     joint: str
     multiplier: float = 1.0
@@ -192,11 +192,11 @@ class Joint:
     axis
         Unit vector in the joint's frame; ``(1, 0, 0)`` for a fixed joint.
     limit, mimic
-        Where given.
+        Limits and mimic, if given.
     line
-        Where in the file.
+        Line in the file.
     reversed
-        Whether it is passed against the file, from the file's child to its parent: see `rerooted`.
+        True if it is passed against the file, from the file's child to its parent: see `rerooted`.
     """
 
     name: str
@@ -213,12 +213,12 @@ class Joint:
 
     @property
     def moves(self) -> bool:
-        """Whether the joint has a value."""
+        """True if the joint has a value."""
         return self.kind != "fixed"
 
     @property
     def written_axis(self) -> Array:
-        """Unit vector of its axis as the file writes it, in the joint's frame, ``(3,)``."""
+        """Unit vector of its axis as written in the file, in the joint's frame, ``(3,)``."""
         axis = np.array(self.axis)
         return -axis if self.reversed else axis
 

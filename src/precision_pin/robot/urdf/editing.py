@@ -1,4 +1,4 @@
-"""Changing placements in a URDF's text and nothing else: every other byte stays as it is."""
+"""Editor of the placements in a URDF's text: every other byte stays unchanged."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ Edit = tuple[int, int, bytes]
 @final
 @dataclass(frozen=True)
 class Placement:
-    """New numbers for a joint's ``<origin>``; what is ``None`` stays as it is written.
+    """New numbers for a joint's ``<origin>``; ``None`` leaves a vector as written.
 
     Attributes
     ----------
@@ -50,7 +50,7 @@ class AddedFrame:
     parent
         The link it is fixed to.
     xyz, rpy
-        Where, in the parent's axes; m and rad.
+        Its pose in the parent's axes; m and rad.
     """
 
     link: str
@@ -63,7 +63,7 @@ class AddedFrame:
 @final
 @dataclass(frozen=True)
 class _JointText:
-    """Byte positions in a ``<joint>``: of its first child element, and of its ``<origin>`` where it has one."""
+    """Byte positions in a ``<joint>``: of its first child element, and of its ``<origin>`` if it has one."""
 
     first_child: int
     origin: int | None
@@ -72,18 +72,18 @@ class _JointText:
 @final
 @dataclass(frozen=True, eq=False)
 class UrdfText:
-    """The text of a URDF that was read without error, and where its placements stand in it.
+    """The text of a URDF that was read without error, and the positions of its placements.
 
     Attributes
     ----------
     data
-        The whole file; UTF-8 where it is written in another encoding.
+        The whole file; converted to UTF-8 from any other encoding.
     joints
-        Where each joint's placement stands, by the joint's name.
+        Positions of each joint's placement, by the joint's name.
     end
         Position of the root's end tag.
     meshes
-        The names of mesh files as the file writes them, visual and collision, without repeats.
+        The names of mesh files as written in the file, visual and collision, without repeats.
     """
 
     data: bytes
@@ -93,12 +93,12 @@ class UrdfText:
 
     @classmethod
     def scan(cls, data: bytes) -> UrdfText:
-        """Return where the placements stand.
+        """Return the text with the positions of its placements.
 
         Parameters
         ----------
         data
-            A file that `parse` accepts; anything else has no meaning here.
+            A file that `parse` accepts; the result for any other is undefined.
         """
         text = utf8_text(data)
         scanner = _Scanner(text)
@@ -116,8 +116,8 @@ class UrdfText:
         added
             Frames to write at the end of the robot.
         comment
-            Lines of a comment at the top, after the XML declaration; two dashes in a row, which end a comment, are
-            parted. None for no comment.
+            Lines of a comment at the top, after the XML declaration; a blank separates two dashes in a row, which
+            would end the comment. None for no comment.
 
         Raises
         ------
@@ -126,12 +126,12 @@ class UrdfText:
         """
         edits: list[Edit] = []
         for name, placement in placements.items():
-            edits += self._placed(self.joints[name], placement)
+            edits += self._edit_placement(self.joints[name], placement)
         newline = b"\r\n" if b"\r\n" in self.data else b"\n"
         if added:
-            lines = [self._encoded(line, "xmlcharrefreplace") for frame in added for line in _frame_lines(frame)]
+            lines = [self._encode(line, "xmlcharrefreplace") for frame in added for line in _frame_lines(frame)]
             edits.append((self.end, self.end, b"".join(line + newline for line in lines)))
-        listed = [self._encoded(_harmless(line), "backslashreplace") for line in comment]
+        listed = [self._encode(_make_safe(line), "backslashreplace") for line in comment]
         if listed:
             edits.append(self._comment(listed, newline))
         pieces = []
@@ -141,7 +141,7 @@ class UrdfText:
             done = stop
         return b"".join([*pieces, self.data[done:]])
 
-    def _placed(self, joint: _JointText, placement: Placement) -> list[Edit]:
+    def _edit_placement(self, joint: _JointText, placement: Placement) -> list[Edit]:
         values = {
             name: b" ".join(repr(float(number)).encode() for number in vector)
             for name, vector in ((b"xyz", placement.xyz), (b"rpy", placement.rpy))
@@ -150,7 +150,7 @@ class UrdfText:
         if not values:
             return []
         if joint.origin is None:
-            # before the first child, in a line of its own where that has one
+            # before the first child, on its own line if the child has one
             before = self.data[: joint.first_child]
             blanks = before[len(before.rstrip()) :]
             attributes = b"".join(b' %s="%s"' % item for item in values.items())
@@ -176,14 +176,14 @@ class UrdfText:
             return (start, start, text + newline)
         return (declaration.end(), declaration.end(), newline + text)
 
-    def _encoded(self, text: str, replacing: str) -> bytes:
-        # a file of ASCII characters may declare another encoding than UTF-8, so it stays ASCII
+    def _encode(self, text: str, replacing: str) -> bytes:
+        # stays ASCII, since a file of ASCII characters may declare another encoding than UTF-8
         return text.encode("ascii", replacing) if self.data.isascii() else text.encode()
 
 
 def _frame_lines(frame: AddedFrame) -> list[str]:
     xyz, rpy = (" ".join(repr(float(number)) for number in vector) for vector in (frame.xyz, frame.rpy))
-    link, joint, parent = map(_quoted, (frame.link, frame.joint, frame.parent))
+    link, joint, parent = map(_quote, (frame.link, frame.joint, frame.parent))
     return [
         f"  <link name={link}/>",
         f'  <joint name={joint} type="fixed"><origin xyz="{xyz}" rpy="{rpy}"/>'
@@ -191,18 +191,18 @@ def _frame_lines(frame: AddedFrame) -> list[str]:
     ]
 
 
-def _quoted(name: str) -> str:
+def _quote(name: str) -> str:
     return quoteattr(name, {"\t": "&#9;", "\n": "&#10;", "\r": "&#13;"})
 
 
-def _harmless(line: str) -> str:
-    """Return a line for a comment: nothing in it ends the comment or the line."""
+def _make_safe(line: str) -> str:
+    """Return a line that is safe in a comment: it ends neither the comment nor the line."""
     visible = "".join(one if one.isprintable() else " " for one in line)
     return re.sub("-(?=-)", "- ", visible)
 
 
 class _Scanner:
-    """Runs expat over one text and notes byte positions."""
+    """Scanner of one text with expat, which records byte positions."""
 
     end: int
 

@@ -1,4 +1,4 @@
-"""Which elements and attributes a URDF may hold, and how often."""
+"""Elements and attributes that a URDF may contain, and how often."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from precision_pin.robot.urdf.xmltree import Node
 
 __all__ = ["check_attributes", "check_children", "read_name"]
 
-# parent → (children that may stand once, children that may stand often)
+# parent → (children allowed once, children allowed often)
 CHILDREN: dict[str, tuple[frozenset[str], frozenset[str]]] = {
     "robot": (
         frozenset(),
@@ -22,7 +22,7 @@ CHILDREN: dict[str, tuple[frozenset[str], frozenset[str]]] = {
         frozenset(),
     ),
 }
-# only elements whose numbers or names are used: elsewhere a stray attribute changes nothing
+# only elements whose numbers or names are used: in others an unknown attribute changes nothing
 ATTRIBUTES: dict[str, frozenset[str]] = {
     "robot": frozenset({"name", "version"}),
     "link": frozenset({"name", "type"}),
@@ -39,13 +39,13 @@ ATTRIBUTES: dict[str, frozenset[str]] = {
 
 
 def check_children(node: Node, owner: str, findings: Findings) -> None:
-    """Refuse a second element where one may stand (``E_DUP_ELEMENT``); warn of unknown ones."""
+    """Refuse a second element where only one is allowed (``E_DUP_ELEMENT``); warn of unknown ones."""
     once, often = CHILDREN[node.tag]
     seen: set[str] = set()
     for child in node.children:
         if child.tag in once:
             if child.tag in seen:
-                message = f"{owner}: <{child.tag}> stands more than once in <{node.tag}>; keep one"
+                message = f"{owner}: <{child.tag}> occurs more than once in <{node.tag}>; keep one"
                 findings.error("E_DUP_ELEMENT", message, child.line)
             seen.add(child.tag)
             check_attributes(child, owner, findings)

@@ -1,4 +1,4 @@
-"""Opening a file that a user named: a regular file of bounded size, never a pipe or a device."""
+"""Reader of a file that a user named: a regular file of bounded size, never a pipe or a device."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Collecting findings while a file is read, and showing the file's own text in them safely."""
+"""Collector of the findings about a file while it is read, which shows the file's own text safely."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ MOST_NAMES = 6
 
 
 def hint(name: str, valid: Collection[str]) -> str:
-    """Return ``"; did you mean …?"``, or nothing where the search would be slow or pointless."""
+    """Return ``"; did you mean …?"``, or an empty text if the search would be slow or pointless."""
     if not valid or len(valid) > 500 or len(name) > 100 or any(len(candidate) > 100 for candidate in valid):
         return ""
     return "; " + nearest(name, valid)
@@ -23,17 +23,17 @@ def hint(name: str, valid: Collection[str]) -> str:
 
 @final
 class Findings:
-    """Findings about one file, in the making.
+    """Collector of the findings about one file.
 
     Parameters
     ----------
     file
-        Name of the file, as it shall stand in the messages.
+        Name of the file, for messages.
     """
 
     def __init__(self, file: str) -> None:
         self._file = file
-        self._kept: list[Finding] = []
+        self._findings: list[Finding] = []
         self._count: dict[str, int] = {"error": 0, "warning": 0}
         self._groups: dict[tuple[str, str], tuple[int | None, list[str]]] = {}
 
@@ -51,7 +51,7 @@ class Findings:
         self._add("warning", code, message, line)
 
     def grouped_warning(self, code: str, message: str, name: str, line: int | None) -> None:
-        """Add ``name`` to the one warning of this code and message; it stands at the first line."""
+        """Add ``name`` to the one warning of this code and message, which has the line of the first name."""
         if len(self._groups) >= MOST_FINDINGS and (code, message) not in self._groups:
             self._count["warning"] += 1
             return
@@ -66,7 +66,7 @@ class Findings:
             more = f" and {len(names) - MOST_NAMES} more" if len(names) > MOST_NAMES else ""
             self._add("warning", code, f"{message} ({listed}{more})", line, tuple(names))
         self._groups = {}
-        ordered = sorted(self._kept, key=lambda finding: finding.line or 0)
+        ordered = sorted(self._findings, key=lambda finding: finding.line or 0)
         for severity, code in (("error", "E_MORE"), ("warning", "W_MORE")):
             left_out = self._count[severity] - MOST_FINDINGS
             if left_out > 0:
@@ -84,4 +84,4 @@ class Findings:
     ) -> None:
         self._count[severity] += 1
         if self._count[severity] <= MOST_FINDINGS:
-            self._kept.append(Finding(severity, code, one_line(message), self._file, line, subjects))
+            self._findings.append(Finding(severity, code, one_line(message), self._file, line, subjects))

@@ -1,4 +1,4 @@
-"""Whether the inertias of a robot can belong to matter."""
+"""Check that the inertias of a robot are physically possible."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ __all__ = ["check_inertias"]
 
 Verdict = Literal["physical", "point", "negative", "triangle"]
 
-# inertias are commonly written with three digits; a plate's then miss ixx + iyy = izz by as much
+# inertias are often written with three digits; those of a plate then violate ixx + iyy = izz by as much
 ROUNDING = 1e-3
-# matter within a micrometre of its centre: what export programs leave of zeros
+# radius of gyration of one micrometre: export programs write such inertias for zeros
 POINT_RADIUS = 1e-6
 WHAT = {
     "negative": ("E_INERTIA_PD", "one is negative; all must be zero or more"),
@@ -29,16 +29,16 @@ WHAT = {
 def check_inertias(links: tuple[Link, ...], robot: Robot | None, findings: Findings) -> None:
     """Refuse unphysical inertias (``E_INERTIA_PD``, ``E_INERTIA_TRIANGLE``).
 
-    A link that fixed joints make part of a larger rigid body is only warned of (``W_INERTIA``) where the
-    whole body is physical: only the body's inertia can ever act. A link with mass and no inertia is a
-    point mass (``W_INERTIA_ZERO``); one zero principal moment (a slender rod) is legal and silent.
+    A link that fixed joints make part of a larger rigid body only gets a warning (``W_INERTIA``) if the
+    whole body is physical, because only the body's inertia has an effect. A link with mass and no inertia is a
+    point mass (``W_INERTIA_ZERO``); one zero principal moment (a slender rod) is allowed without a warning.
 
     Parameters
     ----------
     links
         The links that could be read.
     robot
-        The tree, None where there is none because of other errors.
+        The tree, None if other errors prevent one.
     """
     bodies = {} if robot is None else _bodies(robot)
     for link in links:
@@ -49,22 +49,22 @@ def check_inertias(links: tuple[Link, ...], robot: Robot | None, findings: Findi
         verdict = _verdict(moments, inertial.mass)
         owner = f"link {shown(link.name)}"
         if verdict == "point" and inertial.mass > 0:
-            message = f"{owner}: the inertia is zero; its {inertial.mass:g} kg are taken as a point mass"
+            message = f"{owner}: the inertia is zero; its {inertial.mass:g} kg are treated as a point mass"
             findings.warning("W_INERTIA_ZERO", message, link.line)
         if verdict not in WHAT:
             continue
         code, why = WHAT[verdict]
-        message = f"{owner}: principal moments of inertia {_listed(moments)} kg·m²: {why}"
+        message = f"{owner}: principal moments of inertia {_format_moments(moments)} kg·m²: {why}"
         body = bodies.get(link.name)
         if body is None or body.links == 1 or not _is_physical(body):
             findings.error(code, message, link.line)
         else:
-            message += f"; let pass, as the whole rigid body of {body.links} links it is fixed in is physical"
+            message += f"; accepted, because the rigid body of {body.links} links that it belongs to is physical"
             findings.warning("W_INERTIA", message, link.line)
 
 
 def _verdict(moments: Array, mass: float) -> Verdict:
-    """Judge principal moments in rising order."""
+    """Return the verdict on principal moments in rising order."""
     if np.abs(moments).max() <= abs(mass) * POINT_RADIUS**2:
         return "point"
     if moments[0] < -ROUNDING * moments[2]:
@@ -75,7 +75,7 @@ def _verdict(moments: Array, mass: float) -> Verdict:
 
 
 def _is_physical(body: _Body) -> bool:
-    # huge numbers may have overflowed on the way
+    # sums of huge numbers may have overflowed
     return bool(np.isfinite(body.tensor).all()) and _verdict(_moments(body.tensor), body.mass) not in WHAT
 
 
@@ -84,13 +84,13 @@ def _moments(tensor: Array) -> Array:
     return np.asarray(np.linalg.eigvalsh(tensor), dtype=np.float64)
 
 
-def _listed(moments: Array) -> str:
+def _format_moments(moments: Array) -> str:
     return ", ".join(f"{moment:.4g}" for moment in moments)
 
 
 @dataclass(frozen=True)
 class _Body:
-    """Links joined by fixed joints: mass, centre and inertia about it, in the axes of the topmost."""
+    """Links joined by fixed joints: mass, centre and inertia about it, in the axes of the topmost link."""
 
     links: int
     mass: float
@@ -99,7 +99,7 @@ class _Body:
 
 
 def _bodies(robot: Robot) -> dict[str, _Body]:
-    """Return for each link name the rigid body that the link is part of."""
+    """Return the rigid body of each link, by the link's name."""
     top: dict[str, str] = {robot.root: robot.root}
     poses: dict[str, Array] = {robot.root: np.eye(4)}
     for joint in robot.joints_from_root:
@@ -112,11 +112,11 @@ def _bodies(robot: Robot) -> dict[str, _Body]:
     with np.errstate(over="ignore", invalid="ignore"):
         for link in robot.links:
             body = bodies.get(top[link.name], _Body(0, 0.0, np.zeros(3), np.zeros((3, 3))))
-            bodies[top[link.name]] = _joined(body, link.inertial, poses[link.name])
+            bodies[top[link.name]] = _add_link(body, link.inertial, poses[link.name])
     return {name: bodies[at] for name, at in top.items()}
 
 
-def _joined(body: _Body, inertial: Inertial | None, pose: Array) -> _Body:
+def _add_link(body: _Body, inertial: Inertial | None, pose: Array) -> _Body:
     """Return the body with one more link (parallel-axis theorem)."""
     if inertial is None:
         return _Body(body.links + 1, body.mass, body.centre, body.tensor)

@@ -1,4 +1,4 @@
-"""Reading ``<joint>`` elements."""
+"""Reader of ``<joint>`` elements."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ DEFAULT_AXIS = (1.0, 0.0, 0.0)
 
 
 def read_joint(node: Node, findings: Findings) -> Joint | None:
-    """Return the joint, None where its name or one of its links is missing.
+    """Return the joint, None if its name or one of its links is missing.
 
-    Errors go to ``findings``; a joint returned beside an error is only good for looking further.
+    Errors go to ``findings``; a joint returned with an error only serves to find further errors.
     """
     check_attributes(node, "joint", findings)
     name = read_name(node, findings)
@@ -88,10 +88,10 @@ def _end(node: Node, tag: str, owner: str, findings: Findings) -> str | None:
 def _axis(node: Node, owner: str, findings: Findings) -> Vector:
     element = node.first("axis")
     if element is None:
-        findings.warning("W_AXIS_DEFAULT", f"{owner} has no axis; the default 1 0 0 is taken", node.line)
+        findings.warning("W_AXIS_DEFAULT", f"{owner} has no axis; the default 1 0 0 is used", node.line)
         return DEFAULT_AXIS
     if element.get("xyz") is None:
-        message = f'{owner}: <axis> has no xyz, which other readers take as zero; <axis xyz="…"/> is needed'
+        message = f'{owner}: <axis> has no xyz, which other readers read as zero; <axis xyz="…"/> is needed'
         findings.error("E_AXIS_ZERO", message, element.line)
         return DEFAULT_AXIS
     values = read_numbers(element, "xyz", 3, owner, findings)
@@ -100,15 +100,15 @@ def _axis(node: Node, owner: str, findings: Findings) -> Vector:
     written = shown(element.get("xyz") or "")
     length = math.hypot(*values)
     if length < SHORTEST_AXIS:
-        message = f"{owner}: axis {written} has as good as no direction; a vector of length one is needed"
+        message = f"{owner}: axis {written} is almost zero; a vector of length one is needed"
         findings.error("E_AXIS_ZERO", message, element.line)
         return DEFAULT_AXIS
     if length > LONGEST_AXIS:
-        message = f"{owner}: axis {written} is of length {length:.3g}; a vector of length one is needed"
+        message = f"{owner}: axis {written} has length {length:.3g}; a vector of length one is needed"
         findings.error("E_AXIS_NORM", message, element.line)
         return DEFAULT_AXIS
     if abs(length - 1) > UNIT_TOLERANCE:
-        message = f"{owner}: axis {written} is of length {length:.7g}, not one; its direction is taken"
+        message = f"{owner}: axis {written} has length {length:.7g}, not one; its direction is used"
         findings.warning("W_AXIS_NORM", message, element.line)
     return (values[0] / length, values[1] / length, values[2] / length)
 
@@ -145,7 +145,7 @@ def _limit(node: Node, kind: str | None, owner: str, findings: Findings) -> Limi
 
 
 def _check_unused_limit(node: Node, owner: str, findings: Findings) -> None:
-    """Warn of a fixed joint's limit over which other readers stumble; it is not used."""
+    """Warn of a fixed joint's limit, which is not used, if other readers refuse the file for it."""
     element = node.first("limit")
     if element is None:
         return
@@ -175,9 +175,9 @@ def _open_limits(
     zero = [name for name in missing if name in ("lower", "upper")]
     unlimited = [name for name in missing if name in ("effort", "velocity")]
     if zero:
-        remarks.append(f"{' and '.join(zero)} not given, taken as 0")
+        remarks.append(f"{' and '.join(zero)} not given, 0 is used")
     if unlimited:
-        remarks.append(f"{' and '.join(unlimited)} not given, taken as unlimited")
+        remarks.append(f"{' and '.join(unlimited)} not given, no limit is used")
     infinite = [name for name, value in values.items() if value is not None and math.isinf(value)]
     if infinite:
         remarks.append(f"{' and '.join(infinite)} infinite")
@@ -201,7 +201,7 @@ def _check_range(lower: float, upper: float, kind: str | None, owner: str, line:
         message = f"{owner}: limit {large[0]:g} {unit} is beyond ±{widest:.4g} {unit}; are these {meant}?"
         findings.warning("W_UNITS", message, line)
     if not lower <= 0 <= upper:
-        message = f"{owner}: zero lies outside the limits {lower:g} … {upper:g}"
+        message = f"{owner}: zero is outside the limits {lower:g} … {upper:g}"
         findings.warning("W_NEUTRAL", message, line)
 
 
@@ -227,7 +227,7 @@ def _mimic(node: Node, kind: str | None, name: str | None, owner: str, findings:
         return None
     message = (
         f"{owner} mimics {shown(joint)} ({factors[0]:g} × value + {factors[1]:g}); "
-        "off the chain it follows, on the chain it must be locked"
+        "off the chain it follows that joint, on the chain it must be locked"
     )
     findings.warning("W_MIMIC", message, element.line)
     return Mimic(joint, factors[0], factors[1])
@@ -239,7 +239,7 @@ def _dynamics(node: Node, owner: str, findings: Findings) -> None:
         return
     given = [name for name in ("damping", "friction") if element.get(name) is not None]
     if not given:
-        message = f"{owner}: <dynamics> gives neither damping nor friction; it is ignored"
+        message = f"{owner}: <dynamics> has neither damping nor friction; it is ignored"
         findings.warning("W_DYNAMICS", message, element.line)
     for name in given:
         numbers = read_numbers(element, name, 1, owner, findings)

@@ -1,4 +1,4 @@
-"""Reading ``<link>`` elements and their masses."""
+"""Reader of ``<link>`` elements and their masses."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ PARTS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 
 
 def read_link(node: Node, findings: Findings, looks: Looks, colours: dict[str, Colour]) -> Link | None:
-    """Return the link, None where it has no name.
+    """Return the link, None if it has no name.
 
-    Errors go to ``findings``; a link returned beside an error is only good for looking further.
+    Errors go to ``findings``; a link returned with an error only serves to find further errors.
     """
     check_attributes(node, "link", findings)
     name = read_name(node, findings)
@@ -71,14 +71,14 @@ def _mass(node: Node, owner: str, findings: Findings) -> float | None:
     if mass < 0:
         findings.error("E_MASS_NEG", f"{owner}: mass {mass:g} kg is negative; zero or more is needed", element.line)
     elif mass > BEYOND_USE:
-        findings.error("E_UNITS", f"{owner}: mass {mass:g} kg is beyond any use; masses are in kg", element.line)
+        findings.error("E_UNITS", f"{owner}: mass {mass:g} kg is implausibly large; masses are in kg", element.line)
     elif mass > LARGE_MASS:
         message = f"{owner}: mass {mass:g} kg; are these grams? masses are in kg"
         findings.warning("W_MASS_LARGE", message, element.line)
     elif mass == 0:
         findings.grouped_warning("W_MASS_ZERO", "a mass of zero is given; it weighs nothing", owner, element.line)
     elif mass < TINY_MASS:
-        message = f"{owner}: mass {mass:g} kg is under a milligram; the link as good as weighs nothing"
+        message = f"{owner}: mass {mass:g} kg is under a milligram"
         findings.warning("W_MASS_TINY", message, element.line)
     return mass
 
@@ -99,7 +99,7 @@ def _inertia(node: Node, owner: str, findings: Findings) -> tuple[float, ...] | 
     if len(numbers) < len(PARTS):
         return None
     if np.abs(numbers).max() > BEYOND_USE * LONGEST_REACH**2:
-        message = f"{owner}: an inertia of {max(numbers, key=abs):g} kg·m² is beyond any use"
+        message = f"{owner}: an inertia of {max(numbers, key=abs):g} kg·m² is implausibly large"
         findings.error("E_UNITS", message, element.line)
         return None
     return numbers

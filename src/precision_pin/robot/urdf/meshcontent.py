@@ -1,6 +1,6 @@
-"""Mesh files: read within limits, and checked for what they claim before any mesh library sees them.
+"""Mesh files: read within limits, and checked before any mesh library reads them.
 
-Mesh loaders are known to crash on such files, or to open whatever a file names, so nothing here calls one.
+Mesh loaders are known to crash on broken files, or to open any file that a mesh names, so no loader is called here.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ WORD: Final = re.compile(rb"\S+")
 @final
 @dataclass(frozen=True, eq=False)
 class MeshFile:
-    """A mesh file that holds what it claims.
+    """A mesh file whose contents agree with its header.
 
     Attributes
     ----------
@@ -51,7 +51,7 @@ class MeshFile:
     data
         The whole file.
     companions
-        The files beside it that it names and that were read: buffers of a glTF, material files of an OBJ. Never images.
+        Further files that it names and that were read: buffers of a glTF, material files of an OBJ; never images.
     """
 
     kind: str
@@ -60,7 +60,7 @@ class MeshFile:
 
 
 def read_mesh(path: Path) -> MeshFile:
-    """Return a mesh file, checked.
+    """Return a mesh file after checking it.
 
     Parameters
     ----------
@@ -70,7 +70,7 @@ def read_mesh(path: Path) -> MeshFile:
     Raises
     ------
     BrokenMeshError
-        It cannot be read, is too large, or does not hold what it claims; says which.
+        The file cannot be read, is too large, or its contents do not agree with its header.
     """
     companions: dict[str, bytes] = {}
 
@@ -101,7 +101,7 @@ def _read(path: Path, what: str) -> bytes:
 
 
 def _read_companion(path: Path, name: str) -> bytes:
-    """Return a file that a mesh names: one in the mesh's own folder or below it, and nothing else."""
+    """Return a file that a mesh names: one only one in the mesh's own folder or below it is read."""
     written = unquote(name).replace("\\", "/")
     inside = PurePosixPath(written)
     folder = path.resolve().parent
@@ -234,7 +234,7 @@ def _check_ply_row(reader: _PlyReader, name: str, properties: list[list[str]], v
 
 
 class _PlyReader:
-    """Hands out the numbers of a PLY body one after the other."""
+    """Reader of the numbers of a PLY body, one after the other."""
 
     def __init__(
         self, *, values: Iterator[float] | None = None, data: bytes = b"", at: int = 0, order: str = "<"
@@ -253,7 +253,7 @@ class _PlyReader:
         return number
 
     def takes_rows(self, name: str, count: int, properties: list[list[str]]) -> bool:
-        """Check rows of plain numbers all at once and pass them; return False where the body is text."""
+        """Check rows of plain numbers all at once and skip them; return False if the body is text."""
         if self._values is not None:
             return False
         fields = [(f"{k} {words[-1]}", self._order + _ply_code(words[0])) for k, words in enumerate(properties)]

@@ -1,4 +1,4 @@
-"""Where the mesh files of a URDF lie, and whether they may be opened."""
+"""Location of the mesh files of a URDF, and the check that they may be opened."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ LONGEST_NAME = 4096
 
 
 def locate_mesh(filename: str, folder: Path, package_dirs: Sequence[Path] = ()) -> Path | None:
-    """Return the path of a mesh named in a URDF, None where it cannot be known.
+    """Return the path of a mesh named in a URDF, None if it is unknown.
 
     Parameters
     ----------
     filename
         As written: a path, ``file://…`` or ``package://NAME/…``.
     folder
-        Folder of the URDF; relative paths start there. A package is looked for among ``package_dirs`` (each
+        Folder of the URDF; relative paths start there. A package is searched for among ``package_dirs`` (each
         a package or a folder of packages), then in the folders above, and beside those.
     package_dirs
         Further folders.
@@ -66,7 +66,7 @@ def _package(name: str, folder: Path, package_dirs: Sequence[Path]) -> Path | No
 
 @final
 class MeshFiles:
-    """Checks the mesh files a URDF names, each once.
+    """Checker of the mesh files that a URDF names, each once.
 
     Parameters
     ----------
@@ -75,9 +75,9 @@ class MeshFiles:
     folder
         Folder of the URDF.
     package_dirs
-        Folders in which packages lie.
+        Folders that contain packages.
     look_inside
-        Whether to read the files; otherwise only their existence and kind are looked at.
+        True to read the files; otherwise only their existence and kind are checked.
     """
 
     def __init__(self, findings: Findings, folder: Path, package_dirs: Sequence[Path], *, look_inside: bool) -> None:
@@ -89,7 +89,7 @@ class MeshFiles:
         self._seen: set[str] = set()
 
     def check(self, filename: str, owner: str, line: int) -> None:
-        """Look at one mesh; what is wrong with it becomes a warning."""
+        """Check one mesh; any problem becomes a warning."""
         if filename in self._seen:
             return
         self._seen.add(filename)
@@ -124,7 +124,7 @@ class MeshFiles:
         package = _package_root(path, self._folder, self._package_dirs) if in_package else None
         allowed = [*self._allowed, *([package] if package else [])]
         if not any(real.is_relative_to(folder) for folder in allowed):
-            message = f"{label} lies outside the folders of this robot; it is not opened"
+            message = f"{label} is outside the folders of this robot; it is not opened"
             self._findings.warning("W_MESH_PATH", message, line)
             return
         try:
@@ -155,7 +155,7 @@ class MeshFiles:
 
 
 def _leaves_its_package(filename: str) -> bool:
-    """Return whether a ``package://`` name goes up beyond its package, which need not exist."""
+    """Return whether a ``package://`` name leads out of its package, which need not exist."""
     depth = 0
     for part in filename[len("package://") :].split("/"):
         depth += -1 if part == ".." else part not in ("", ".")

@@ -1,4 +1,4 @@
-"""Whether scene files (glTF, COLLADA) are what they claim: sizes, counts, indices, and trees that stay finite."""
+"""Checks of scene files (glTF, COLLADA): sizes, counts, indices, and trees without circles."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from precision_pin.robot.urdf.findings import shown
 __all__ = ["MOST_TRIANGLES", "BrokenMeshError", "check_collada", "check_glb", "check_gltf"]
 
 Companion = Callable[[str], bytes]
-"""Gives the bytes of a file that a mesh names, or raises `BrokenMeshError`."""
+"""Function that returns the bytes of a file that a mesh names, or raises `BrokenMeshError`."""
 
 MOST_TRIANGLES: Final = 4_000_000
 """Triangles of one file, every instance counted, and corners of one list."""
@@ -32,7 +32,7 @@ WIDTHS: Final = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3"
 
 
 class BrokenMeshError(Exception):
-    """Carries what is wrong with a mesh file."""
+    """A mesh file is broken; the message continues a sentence that names the file."""
 
 
 # --- glTF ---
@@ -100,7 +100,7 @@ def _from_uri(uri: str, companion: Companion) -> bytes:
 
 
 def _view(view: Mapping[str, Any], buffers: list[bytes]) -> tuple[bytes, int]:
-    """Return a view's bytes and its stride, 0 where its rows touch."""
+    """Return a view's bytes and its stride, 0 for contiguous rows."""
     start, length = int(view.get("byteOffset", 0)), int(view["byteLength"])
     buffer = buffers[_index(view["buffer"], buffers)]
     if start < 0 or length < 0 or start + length > len(buffer):
@@ -146,7 +146,7 @@ def _check_primitive(primitive: Mapping[str, Any], accessors: list[NDArray[Any]]
 
 
 def _check_nodes(tree: Mapping[str, Any], triangles: list[int]) -> None:
-    """Refuse nodes that are no forest, which is what the format demands: readers walk them without end."""
+    """Refuse nodes that are no forest, as the format requires: readers would follow a circle without end."""
     nodes = tree.get("nodes", [])
     parents: dict[int, int] = {}
     total = 0
@@ -220,7 +220,7 @@ def _check_xml(data: bytes) -> None:
 
 
 def _check_geometry(geometry: ElementTree.Element) -> int:
-    """Return the number of triangles, about."""
+    """Return the approximate number of triangles."""
     rows = {}
     for source in geometry.iter("source"):
         rows["#" + source.get("id", "")] = _check_source(source)
@@ -236,7 +236,7 @@ def _check_geometry(geometry: ElementTree.Element) -> int:
 
 
 def _check_source(source: ElementTree.Element) -> int:
-    """Return the rows of a source."""
+    """Return the number of rows of a source."""
     array, accessor = source.find("float_array"), source.find("technique_common/accessor")
     if array is None:
         return 0
@@ -273,7 +273,7 @@ def _check_faces(faces: ElementTree.Element, rows: Mapping[str, int]) -> int:
 
 
 def _check_instances(root: ElementTree.Element, geometries: Mapping[str, int]) -> None:
-    """Refuse nodes that instance one another in a circle or without measure."""
+    """Refuse nodes that instance one another in a circle or too often."""
     nodes = {"#" + node.get("id", ""): node for node in root.iter("node") if node.get("id")}
     known: dict[str, int] = {}
     open_nodes: set[str] = set()

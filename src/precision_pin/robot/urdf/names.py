@@ -1,4 +1,4 @@
-"""Names that would be misread by a person, a sheet, a browser or a spreadsheet."""
+"""Check for names that a person, a sheet, a browser or a spreadsheet would misread."""
 
 from __future__ import annotations
 
@@ -29,9 +29,9 @@ def check_names(links: Sequence[Link], joints: Sequence[Joint], findings: Findin
         for thing in things:
             name = thing.name
             if name == RESERVED:
-                message = f"the {kind} name {name!r} is reserved for the world; another is needed"
+                message = f"the {kind} name {name!r} is reserved for the world; choose another name"
                 findings.error("E_RESERVED_NAME", message, thing.line)
-            odd = _odd(name)
+            odd = _find_odd_character(name)
             if odd is not None:
                 message = f"the {kind} name {shown(name)} holds {odd}; letters, digits and _ - . : are safe everywhere"
                 findings.warning("W_NAME_CHARS", message, thing.line)
@@ -46,8 +46,8 @@ def check_names(links: Sequence[Link], joints: Sequence[Joint], findings: Findin
             findings.warning("W_NAME_SHARED", message, link.line)
 
 
-def _odd(name: str) -> str | None:
-    """Return what is odd about a name, in words."""
+def _find_odd_character(name: str) -> str | None:
+    """Return a phrase for the unusual character of a name, None if there is none."""
     if name[0] in "-.:":
         return f"a leading {name[0]!r}"
     for character in name:
@@ -57,6 +57,6 @@ def _odd(name: str) -> str | None:
 
 
 def _skeleton(name: str) -> str:
-    """Return what is left of a name for a quick reader: no case, no width, no script, nothing invisible."""
+    """Return a name as a quick reader sees it: without case, width, script and invisible characters."""
     folded = unicodedata.normalize("NFKC", name).casefold().translate(LOOK_ALIKE)
     return "".join(character for character in folded if unicodedata.category(character)[0] not in "CZ")

@@ -1,4 +1,4 @@
-"""Strict numbers: plain ASCII decimals, the right count, finite."""
+"""Strict reader of numbers: plain ASCII decimals, of the right count, finite."""
 
 from __future__ import annotations
 
@@ -19,47 +19,47 @@ BLANKS = re.compile(r"[ \t\r\n]+")
 
 @dataclass(frozen=True)
 class BadNumbers:
-    """Why a text is not numbers: a code (``E_NUMBER`` or ``E_NOT_FINITE``) and the reason."""
+    """Reason that a text is not numbers, with its code (``E_NUMBER`` or ``E_NOT_FINITE``)."""
 
     code: str
     reason: str
 
 
 def parse_numbers(text: str, count: int, *, infinite: bool = False) -> tuple[float, ...] | BadNumbers:
-    """Return ``count`` numbers, or why the text is not that.
+    """Return ``count`` numbers, or the reason that the text is something else.
 
     Parameters
     ----------
     text
         Decimals such as ``-1``, ``.5``, ``+2.5e-3`` with blanks, tabs or newlines between and around.
     count
-        How many there must be.
+        Number of numbers expected.
     infinite
-        Whether ``inf`` and ``-inf`` are let pass. An overflow such as ``1e400`` never is.
+        True to accept ``inf`` and ``-inf``. An overflow such as ``1e400`` is never accepted.
     """
     words = BLANKS.split(text.strip(" \t\r\n"))
     if words == [""]:
-        return BadNumbers("E_NUMBER", f"is empty; {_wanted(count)}")
+        return BadNumbers("E_NUMBER", f"is empty; {_describe_count(count)}")
     values = []
     for word in words:
         if PLAIN.fullmatch(word):
             value = float(word)
             if math.isinf(value):
-                return BadNumbers("E_NOT_FINITE", f"holds {shown(word)}, which overflows; {_wanted(count)}")
+                return BadNumbers("E_NOT_FINITE", f"holds {shown(word)}, which overflows; {_describe_count(count)}")
         elif NOT_FINITE.fullmatch(word):
             if not infinite or "inf" not in word.lower() or "#" in word:
-                return BadNumbers("E_NOT_FINITE", f"holds {shown(word)}, which is not finite; {_wanted(count)}")
+                return BadNumbers("E_NOT_FINITE", f"holds {shown(word)}, which is not finite; {_describe_count(count)}")
             value = float(word)
         else:
             comma = " with a decimal point, and blanks (no commas) between them" if "," in word else ""
-            return BadNumbers("E_NUMBER", f"holds {shown(word)}, not a plain number; {_wanted(count)}{comma}")
+            return BadNumbers("E_NUMBER", f"holds {shown(word)}, not a plain number; {_describe_count(count)}{comma}")
         values.append(value)
     if len(values) != count:
-        return BadNumbers("E_NUMBER", f"holds {len(values)} numbers; {_wanted(count)}")
+        return BadNumbers("E_NUMBER", f"holds {len(values)} numbers; {_describe_count(count)}")
     return tuple(values)
 
 
-def _wanted(count: int) -> str:
+def _describe_count(count: int) -> str:
     return "one finite decimal number is needed" if count == 1 else f"{count} finite decimal numbers are needed"
 
 
@@ -68,11 +68,11 @@ def read_numbers(
 ) -> tuple[float, ...] | None:
     """Return an attribute's numbers, or add an error naming its owner and return None.
 
-    A missing attribute is an error like an empty one; where it may be missing, ask before.
+    A missing attribute is an error like an empty one; for an optional attribute check before that it is there.
     """
     text = node.get(attribute)
     if text is None:
-        findings.error("E_NUMBER", f"{owner}: <{node.tag}> has no {attribute}; {_wanted(count)}", node.line)
+        findings.error("E_NUMBER", f"{owner}: <{node.tag}> has no {attribute}; {_describe_count(count)}", node.line)
         return None
     result = parse_numbers(text, count, infinite=infinite)
     if isinstance(result, BadNumbers):
@@ -81,7 +81,7 @@ def read_numbers(
         return None
     if node.has_breaks or is_misread(text, count):
         message = (
-            "white space after a number, or other than blanks between numbers, is read as it stands, but urdfdom "
+            "white space after a number, or other than blanks between numbers, is accepted here, but urdfdom "
             "(ROS, Gazebo, Pinocchio) drops the inertial or refuses the file; delete it"
         )
         findings.grouped_warning("W_NUMBER_BLANKS", message, f"{owner}: <{node.tag}> {attribute}", node.line)
@@ -89,13 +89,13 @@ def read_numbers(
 
 
 def is_misread(text: str, count: int) -> bool:
-    """Return whether sound numbers stop urdfdom, which parts them at blanks and nothing else."""
+    """Return whether urdfdom fails on valid numbers, since it splits them at blanks only."""
     pieces = [text] if count == 1 else text.split(" ")
     return any(piece[-1].isspace() or len(piece.split()) > 1 for piece in pieces if piece)
 
 
 def read_vector(node: Node | None, attribute: str, owner: str, findings: Findings) -> tuple[float, float, float]:
-    """Return three numbers, zeros where the element or attribute is missing or wrong."""
+    """Return three numbers, zeros if the element or attribute is missing or wrong."""
     if node is None or node.get(attribute) is None:
         return ZERO3
     values = read_numbers(node, attribute, 3, owner, findings)

@@ -1,4 +1,4 @@
-"""From a URDF's text to a `Robot`, all findings at once."""
+"""Reader of a URDF's text into a `Robot`, with all findings at once."""
 
 from __future__ import annotations
 
@@ -42,9 +42,9 @@ def read(path: str | os.PathLike[str], *, limits: Limits = DEFAULT_LIMITS, packa
     path
         A regular file; the URDF 1.0 format of http://wiki.ros.org/urdf/XML.
     limits
-        How large it may be.
+        Size limits of the file.
     package_dirs
-        Folders in which the packages of ``package://`` mesh names lie, beside those found around the file.
+        Folders of the packages in ``package://`` mesh names, besides those found near the file.
 
     Returns
     -------
@@ -63,7 +63,7 @@ def read(path: str | os.PathLike[str], *, limits: Limits = DEFAULT_LIMITS, packa
 def check(
     path: str | os.PathLike[str], *, limits: Limits = DEFAULT_LIMITS, package_dirs: Paths = ()
 ) -> tuple[Finding, ...]:
-    """Return everything there is to say about a URDF file; never raises for bad input.
+    """Return all findings about a URDF file; never raises for bad input.
 
     As `read`, and the mesh files are opened and checked too.
     """
@@ -78,9 +78,9 @@ def parse(data: bytes, file: str, *, limits: Limits = DEFAULT_LIMITS) -> Robot:
     data
         The text, UTF-8.
     file
-        What to call it in findings.
+        Name of the file in findings.
     limits
-        How large it may be.
+        Size limits of the file.
 
     Raises
     ------
@@ -113,7 +113,7 @@ def _from_file(
 
 
 def _read_text(data: bytes, file: str, findings: Findings, limits: Limits, meshes: MeshFiles | None) -> Robot | None:
-    """Return the robot where links and joints make a tree, with errors or without."""
+    """Return the robot if links and joints make a tree, with or without errors."""
     node = parse_xml(data, findings, limits)
     if node is None or not _is_robot(node, findings):
         return None
@@ -134,7 +134,7 @@ def _read_text(data: bytes, file: str, findings: Findings, limits: Limits, meshe
     check_mimics(joints, findings)
     for joint in joints:
         check_angles(joint, findings)
-    # a joint without name or end, or a twin, would make half the tree look lost: say only what is known
+    # a joint without name or end, or a duplicate, would make half the tree look disconnected: check complete trees only
     complete = None not in read_links and len(joints) == len(read_joints)
     sound = check_tree(links, joints, findings) if complete else False
     robot = Robot(name or "", file, links, joints) if sound else None

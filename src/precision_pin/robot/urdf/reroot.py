@@ -1,4 +1,4 @@
-"""The same mechanism seen from another link."""
+"""The same mechanism with another link as its root."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ __all__ = ["rerooted", "rpy_of"]
 def rerooted(robot: Robot, base: str) -> Robot:
     """Return the same mechanism with ``base`` as the root link.
 
-    Every link and joint keeps its name, every link its frame, every joint value its meaning: all relative
-    poses stay. A moving joint between the old root and ``base`` is reversed: it stands at its old child's
-    frame and moves, about the negated axis, an added massless link; a fixed joint with the inverse of the
-    old origin carries the old parent. Fixed joints are just turned round. All of these are marked as reversed; a
-    joint that is turned round twice is not.
+    Every link and joint keeps its name, every link its frame, every joint value its meaning: no relative
+    pose changes. A moving joint between the old root and ``base`` is reversed: it is at its old child's
+    frame and moves an added massless link about the negated axis; a fixed joint with the inverse of the
+    old origin carries the old parent. Fixed joints are simply inverted. All of these are marked as reversed; a
+    joint that is reversed twice is not.
 
     Parameters
     ----------
@@ -63,8 +63,8 @@ def rerooted(robot: Robot, base: str) -> Robot:
 def rpy_of(rotation: ArrayLike) -> Vector:
     """Return roll, pitch, yaw (rad) of a rotation ``(3, 3)``, pitch in [-π/2, π/2].
 
-    Accurate to rounding also at pitch ±π/2, where yaw alone is arbitrary: yaw is taken first and undone, so
-    that roll always makes up for it.
+    Accurate to rounding also at pitch ±π/2, where yaw alone is arbitrary: yaw is found first and removed, so
+    that roll always compensates for it.
     """
     r = np.asarray(rotation, dtype=float)
     pitch = math.atan2(-r[2, 0], math.hypot(r[0, 0], r[1, 0]))

@@ -1,4 +1,4 @@
-"""A robot as its URDF tells it: a tree of links and joints."""
+"""A robot as its URDF defines it: a tree of links and joints."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class Robot:
     name
         The robot's name.
     file
-        Where it was read from.
+        The file it was read from.
     links, joints
         All of them; exactly one link, the root, is no joint's child.
     findings
@@ -105,7 +105,7 @@ class Robot:
         UnknownNameError
             One of the links does not exist.
         InputError
-            ``base`` does not lie between the root and ``tip``; `rerooted` gives a robot where it does.
+            ``base`` is not between the root and ``tip``; `rerooted` returns a robot in which it is.
         """
         self.link(base)
         joints: list[Joint] = []
@@ -125,7 +125,7 @@ class Robot:
         Parameters
         ----------
         values
-            Joint values by name, rad or m; joints not named stand at zero. Mimic joints are joints like
+            Joint values by name, rad or m; joints not named are at zero. Mimic joints are joints like
             any other here: their coupling is not applied.
 
         Raises

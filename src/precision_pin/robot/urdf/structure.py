@@ -1,4 +1,4 @@
-"""Whether links and joints make one tree."""
+"""Check that links and joints make one tree."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ def without_twins(
     for link in links:
         if kept_links.setdefault(link.name, link) is not link:
             first = kept_links[link.name].line
-            message = f"link {shown(link.name)} stands twice (first in line {first}); names must be unique"
+            message = f"link {shown(link.name)} occurs twice (first in line {first}); names must be unique"
             findings.error("E_DUP_LINK", message, link.line)
     kept_joints: dict[str, Joint] = {}
     for joint in joints:
         if kept_joints.setdefault(joint.name, joint) is not joint:
             first = kept_joints[joint.name].line
-            message = f"joint {shown(joint.name)} stands twice (first in line {first}); names must be unique"
+            message = f"joint {shown(joint.name)} occurs twice (first in line {first}); names must be unique"
             findings.error("E_DUP_JOINT", message, joint.line)
     return tuple(kept_links.values()), tuple(kept_joints.values())
 
@@ -69,15 +69,15 @@ def _check_roots(links: Sequence[Link], parents: dict[str, Joint], findings: Fin
     roots = [link for link in links if link.name not in parents]
     circles = _circles(links, parents)
     if not roots:
-        message = f"no root: every link is some joint's child; a circle runs through {_listed(circles[0])}"
+        message = f"no root: every link is some joint's child; a circle runs through {_list_names(circles[0])}"
         findings.error("E_NO_ROOT", message, links[0].line)
         return False
     if len(roots) > 1:
         names = [link.name for link in roots]
-        message = f"{len(roots)} links have no parent: {_listed(names)}; one root is needed"
+        message = f"{len(roots)} links have no parent: {_list_names(names)}; one root is needed"
         findings.error("E_TWO_ROOTS", message, roots[1].line)
     for circle in circles:
-        message = f"links {_listed(circle)} hang on each other in a circle, not on the root"
+        message = f"links {_list_names(circle)} form a circle that is not connected to the root"
         findings.error("E_LOOP", message, parents[circle[0]].line)
     return len(roots) == 1 and not circles
 
@@ -102,7 +102,7 @@ def _circles(links: Sequence[Link], parents: dict[str, Joint]) -> list[list[str]
 def check_size(robot: Robot, line: int, limits: Limits, findings: Findings) -> None:
     """Check a sound tree: ``E_NO_DOF``, ``E_TOO_BIG``, ``W_BRANCHED``, and its reach (``W_UNITS``).
 
-    ``line`` is where the robot begins.
+    ``line`` is the line of the robot element.
     """
     moving = len(robot.moving_joints)
     if moving == 0:
@@ -126,16 +126,16 @@ def check_size(robot: Robot, line: int, limits: Limits, findings: Findings) -> N
         )
         findings.error("E_TOO_BIG", message, line)
     farthest = max(reach, key=lambda name: reach[name])
-    # a single origin beyond the reach has had its own warning
+    # a single origin beyond the reach already has its own warning
     if reach[farthest] > LONGEST_REACH and all(_length(joint) <= LONGEST_REACH for joint in robot.joints):
         joint = longest[farthest]
         message = (
-            f"the way from the root to {shown(farthest)} is {reach[farthest]:.4g} m long, "
+            f"the path from the root to {shown(farthest)} is {reach[farthest]:.4g} m long, "
             f"most of it ({_length(joint):.4g} m) in joint {shown(joint.name)}; are these millimetres?"
         )
         findings.warning("W_UNITS", message, joint.line)
     if len(robot.leaves) > 1:
-        message = f"the robot has {len(robot.leaves)} tips: {_listed(robot.leaves)}; name the one you mean"
+        message = f"the robot has {len(robot.leaves)} tips: {_list_names(robot.leaves)}; name the one you mean"
         findings.warning("W_BRANCHED", message, robot.link(robot.root).line)
 
 
@@ -144,6 +144,6 @@ def _length(joint: Joint) -> float:
     return float((x * x + y * y + z * z) ** 0.5)
 
 
-def _listed(names: Sequence[str]) -> str:
+def _list_names(names: Sequence[str]) -> str:
     more = f", … ({len(names)} in all)" if len(names) > MOST_NAMED else ""
     return ", ".join(shown(name) for name in names[:MOST_NAMED]) + more

@@ -1,4 +1,4 @@
-"""Reading what a link looks like. Nothing here can refuse a robot, save text that would mislead a parser."""
+"""Reader of visuals and materials. A robot is refused here only for text that is dangerous to other parsers."""
 
 from __future__ import annotations
 
@@ -15,26 +15,26 @@ __all__ = ["Colour", "Looks"]
 
 Colour = tuple[float, float, float, float]
 
-# C's printf directives: parsers are known to log bad text as a format. One class, then another that shares
-# no character with it: never quadratic
+# C's printf directives: parsers are known to log bad text as a format string. The two character classes share no
+# character, so that matching never takes quadratic time
 DIRECTIVE = re.compile(r"%[-+ #0-9.*hlqjztL]*[diouxXeEfFgGaAcspn]")
 SHAPES = ("box", "cylinder", "sphere", "mesh")
 
 
 class _Bad(Exception):
-    """A look that cannot be used; carries the reason."""
+    """A visual or material that cannot be used; carries the reason."""
 
 
 @final
 class Looks:
-    """Reads materials and visuals, and checks collision shapes likewise (which are not kept).
+    """Reader of materials and visuals, which also checks collision shapes (these are not kept).
 
     Parameters
     ----------
     findings
         Receives ``W_MATERIAL``, ``W_GEOMETRY``, ``W_MESH_…``, ``E_MATERIAL``, ``E_GEOMETRY``.
     meshes
-        Checks mesh files; None where there is no folder to look in.
+        Checker of mesh files; None if there is no folder to search.
     """
 
     def __init__(self, findings: Findings, meshes: MeshFiles | None) -> None:
@@ -71,7 +71,7 @@ class Looks:
         if not name:
             problem = "has no name"
         elif top and name in self._defined:
-            problem = "is defined twice; the first is taken"
+            problem = "is defined twice; the first is used"
         elif color is not None:
             try:
                 colours.setdefault(name, _colour(color))
@@ -120,7 +120,7 @@ class Looks:
             message = "a material without a name, for which other readers leave the visual out"
             self._findings.grouped_warning("W_MATERIAL", message, owner, material.line)
         elif color is None and name not in self._defined:
-            message = f"material {shown(name)} is defined nowhere; what has it is drawn grey"
+            message = f"material {shown(name)} is not defined; its visuals are drawn grey"
             self._findings.grouped_warning("W_MATERIAL", message, owner, material.line)
         if color is None:
             return colours.get(name)
@@ -162,7 +162,7 @@ class Looks:
         if node.get("scale") is not None:
             numbers = parse_numbers(node.get("scale") or "", 3)
             if isinstance(numbers, BadNumbers):
-                message = f"{owner}: mesh scale {shown(node.get('scale') or '')} {numbers.reason}; 1 1 1 is taken"
+                message = f"{owner}: mesh scale {shown(node.get('scale') or '')} {numbers.reason}; 1 1 1 is used"
                 self._findings.warning("W_MESH_SCALE", message, node.line)
             else:
                 scale = (numbers[0], numbers[1], numbers[2])
@@ -174,7 +174,7 @@ class Looks:
 
 
 def _misleads(node: Node) -> bool:
-    # a file name's %20 is no directive of anybody's, and file names are never logged by a parser here
+    # %20 in a file name is no directive, and file names are never logged by a parser here
     texts = (value for name, value in node.attributes.items() if name != "filename")
     return any(DIRECTIVE.search(text) for text in texts) or any(map(_misleads, node.children))
 

@@ -1,4 +1,4 @@
-"""XML text to a tree with line numbers: no DTD, no entities, bounded in every direction."""
+"""Parser of XML text into a tree with line numbers: no DTD, no entities, with limits on every size."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from precision_pin.robot.urdf.findings import Findings, shown
 __all__ = ["Node", "parse_xml", "utf8_text"]
 
 UTF8_MARK = codecs.BOM_UTF8
-# encodings that may be declared, with Python's name; those of 16 bits need their mark or their declaration
+# encodings that may be declared, with Python's names; 16-bit encodings need a byte-order mark or a declaration
 ENCODINGS = {
     "utf-8": "utf-8", "utf8": "utf-8", "us-ascii": "ascii", "ascii": "ascii", "iso-8859-1": "latin-1", "latin-1": "latin-1",
     "latin1": "latin-1", "iso-8859-15": "iso-8859-15", "windows-1252": "cp1252", "cp1252": "cp1252",
@@ -28,7 +28,7 @@ LONGEST_DECLARATION = 400
 BREAK = re.compile(
     rb"""<[^"'>]*(?:(?:"[^"\t\r\n]*"|'[^'\t\r\n]*')[^"'>]*)*(?:"[^"\t\r\n]*[\t\r\n]|'[^'\t\r\n]*[\t\r\n])"""
 )
-# below these children of <robot> nothing is read, so nothing is kept
+# nothing is read below these children of <robot>, so nothing is stored
 OPAQUE = {"gazebo", "transmission", "ros2_control", "sensor"}
 
 
@@ -36,7 +36,7 @@ OPAQUE = {"gazebo", "transmission", "ros2_control", "sensor"}
 class Node:
     """One XML element: its tag, attributes, line (from 1) and child elements.
 
-    ``has_breaks`` says of the origin of an inertial whether tabs or line ends stand in its attributes, which XML turns
+    ``has_breaks`` is true for the origin of an inertial whose attributes contain tabs or line ends, which XML turns
     into blanks.
     """
 
@@ -73,7 +73,7 @@ def parse_xml(data: bytes, findings: Findings, limits: Limits) -> Node | None:
     Parameters
     ----------
     data
-        The whole file, in an encoding that `utf8_text` knows; any line ends.
+        The whole file, in an encoding that `utf8_text` supports; any line ends.
     findings
         Receives ``E_XML_EMPTY``, ``E_XML_SYNTAX``, ``E_XML_ENCODING``, ``E_XML_DTD``, ``E_XML_DEPTH``,
         ``E_TOO_BIG`` or ``E_XACRO``.
@@ -88,8 +88,8 @@ def parse_xml(data: bytes, findings: Findings, limits: Limits) -> Node | None:
 
 
 def utf8_text(data: bytes) -> bytes:
-    """Return a file that `parse_xml` takes as UTF-8, and its declaration then says so; UTF-8 and ASCII stay as they are."""
-    text = _decoded(data)
+    """Return a file that `parse_xml` accepts as UTF-8, with its declaration changed; UTF-8 and ASCII are not changed."""
+    text = _decode(data)
     return data if data.removeprefix(UTF8_MARK) == text.encode() else _with_declared_utf8(text).encode()
 
 
@@ -99,7 +99,7 @@ def _plain_utf8(data: bytes, limits: Limits) -> bytes:
         raise _Refused("E_TOO_BIG", message, None)
     if not data.strip():
         raise _Refused("E_XML_EMPTY", "the file is empty; a <robot> element is needed", 1)
-    text = _decoded(data)
+    text = _decode(data)
     if not text.strip():
         raise _Refused("E_XML_EMPTY", "the file is empty; a <robot> element is needed", 1)
     if text.startswith("\ufeff"):
@@ -110,14 +110,14 @@ def _plain_utf8(data: bytes, limits: Limits) -> bytes:
     return _with_declared_utf8(text).encode()
 
 
-def _decoded(data: bytes) -> str:
-    """Return the text without its mark, by the mark and the declared encoding, which must agree."""
+def _decode(data: bytes) -> str:
+    """Return the text without its byte-order mark; the mark and the declared encoding must agree."""
     if data.startswith((codecs.BOM_UTF32_LE, codecs.BOM_UTF32_BE, b"<\0\0\0", b"\0\0\0<")):
         raise _Refused("E_XML_ENCODING", f"the text is UTF-32; {READ}", 1)
     wide = next((name for name, starts in WIDE.items() if data.startswith(starts)), None)
     marked = wide or ("utf-8" if data.startswith(UTF8_MARK) else None)
     start = data[:LONGEST_DECLARATION].decode(wide or "latin-1", "ignore")
-    declared = _declared_encoding(start.removeprefix("\ufeff").removeprefix(UTF8_MARK.decode("latin-1")))
+    declared = _find_encoding(start.removeprefix("\ufeff").removeprefix(UTF8_MARK.decode("latin-1")))
     encoding = "utf-8" if declared is None else ENCODINGS.get(declared.lower())
     if encoding is None:
         raise _Refused("E_XML_ENCODING", f"the declared encoding {shown(declared or '')} is not read; {READ}", 1)
@@ -138,7 +138,7 @@ def _decoded(data: bytes) -> str:
         ) from None
 
 
-def _declared_encoding(start: str) -> str | None:
+def _find_encoding(start: str) -> str | None:
     match = DECLARATION.match(start)
     return None if match is None else match[1]
 
@@ -149,12 +149,12 @@ def _with_declared_utf8(text: str) -> str:
 
 
 def _line_of(before: str) -> int:
-    """Return the line in which a text that goes before ends."""
+    """Return the line in which the text ``before`` ends."""
     return 1 + before.replace("\r\n", "\n").replace("\r", "\n").count("\n")
 
 
 class _Builder:
-    """Runs expat over one text; ``root`` is the result."""
+    """Builder of the tree of one text with expat; ``root`` is the result."""
 
     root: Node
 
@@ -185,7 +185,7 @@ class _Builder:
             raise _Refused("E_XACRO", message, line)
 
     def _declaration(self, version: str, encoding: str | None, standalone: int) -> None:
-        # a declaration that was found before says UTF-8 by now
+        # a declaration found earlier has been changed to UTF-8
         if encoding is not None and encoding.lower() != "utf-8":
             raise _Refused("E_XML_ENCODING", f"the declared encoding {shown(encoding)} is not read; {READ}", 1)
 
@@ -200,7 +200,7 @@ class _Builder:
         line = self._parser.CurrentLineNumber
         self._depth += 1
         self._elements += 1 + len(attributes)
-        self._within_limits(tag, attributes, line)
+        self._check_limits(tag, attributes, line)
         self._note_xacro(tag, attributes, line)
         if self._opaque_depth is not None:
             return
@@ -221,7 +221,7 @@ class _Builder:
             self._opaque_depth = None
         self._depth -= 1
 
-    def _within_limits(self, tag: str, attributes: dict[str, str], line: int) -> None:
+    def _check_limits(self, tag: str, attributes: dict[str, str], line: int) -> None:
         limits = self._limits
         if self._depth > limits.xml_depth:
             message = f"elements are nested more than {limits.xml_depth} deep"
