@@ -138,6 +138,7 @@ def hostile_model(tmp_path_factory) -> pp.ErrorModel:
     return pp.ErrorModel(chain, pp.Space((draw,)), [source, other], {f"{HOSTILE}pose": [0.0, 0.1, 1.0]})
 
 
+@pytest.mark.slow
 def test_no_name_is_markup(hostile_model):
     for what in everything(hostile_model):
         page = shown(what)

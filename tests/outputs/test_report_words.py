@@ -168,6 +168,7 @@ def test_text_is_never_markup():
     assert (made.caption, made.rows) == ("<c>", [["<h>", "n"], ["<r>", "<d>"]])
 
 
+@pytest.mark.slow
 def test_files_are_named_without_their_folders():
     results, _ = paper()
     folder = PAPER_SHEET.parent
