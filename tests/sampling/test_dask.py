@@ -151,7 +151,7 @@ def test_a_timeout_of_the_task_itself_is_passed_on() -> None:
 
 
 def test_no_address_is_one_line() -> None:
-    with pytest.raises(InputError, match="address of a Dask scheduler is empty"), dask_cluster(" "):
+    with pytest.raises(InputError, match="address of the Dask scheduler is empty"), dask_cluster(" "):
         pass
 
 

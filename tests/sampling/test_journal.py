@@ -115,7 +115,7 @@ def test_torn_at_every_byte_of_the_last_record(whole: bytes, file: Path, no_wait
         told: list[str] = []
         with opened_by(file, told=told) as (journal, state):
             assert_same_bits(state, STATES[-2])
-            assert (f"{length - ends[-2]} bytes at its end are torn or damaged" in told[0]) == (length > ends[-2])
+            assert (f"the last {length - ends[-2]} bytes are incomplete or damaged" in told[0]) == (length > ends[-2])
             journal.save(STATES[-1])
         assert file.read_bytes() == whole
 
@@ -128,7 +128,7 @@ def test_torn_at_every_byte_of_the_beginning(whole: bytes, file: Path, no_waitin
             assert state is EMPTY
             for further in STATES:
                 journal.save(further)
-        assert told == [f"the journal {file} holds nothing yet: from the first sample on"]
+        assert told == [f"the journal {file} is empty; the run starts from the first sample"]
         assert file.read_bytes() == whole
 
 
@@ -152,7 +152,7 @@ def test_a_flipped_bit_anywhere_never_gives_a_wrong_state(whole: bytes, file: Pa
         # all that was before the damage
         assert state.count == 100 * sum(end <= place for end in ends[1:])
         assert_same_bits(state, known[state.count])
-        assert "torn or damaged and are left out" in told[0]
+        assert "incomplete or damaged and are ignored" in told[0]
 
 
 @pytest.mark.parametrize(
@@ -163,7 +163,7 @@ def test_other_files_are_left_as_they_are(file: Path, contents: bytes) -> None:
     with pytest.raises(InputError, match=r"is not a journal of this version|beginning of the journal"):
         state_in(file)
     with (
-        pytest.raises(InputError, match="is there already; resume the run it holds, or remove it"),
+        pytest.raises(InputError, match="already exists; resume its run, or remove the file"),
         opened_by(file, resume=False),
     ):
         pass
@@ -374,11 +374,11 @@ def test_every_part_of_the_identity_counts(whole: bytes, file: Path) -> None:
     for name, value in IDENTITY.items():
         other = {**IDENTITY, name: value + "x"}
         expected = f"{name} has changed" if name.startswith("the ") else f"{name} was {value!r}, is '{value}x'"
-        with pytest.raises(InputError, match=f"is that of another run: {expected}$"), opened_by(file, identity=other):
+        with pytest.raises(InputError, match=f"belongs to another run: {expected}$"), opened_by(file, identity=other):
             pass
     for other in ({"seed": "0"}, {**IDENTITY, "the moon": "full"}):
         with (
-            pytest.raises(InputError, match=r"is that of another run: the (error model|moon) has changed$"),
+            pytest.raises(InputError, match=r"belongs to another run: the (error model|moon) has changed$"),
             opened_by(file, identity=other),
         ):
             pass

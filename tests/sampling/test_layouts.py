@@ -124,7 +124,9 @@ def test_blocks_can_be_sent_back() -> None:
 
 
 def test_other_versions_on_a_worker_are_refused() -> None:
-    with pytest.raises(InputError, match=r"a worker has numpy \S+, the run was begun with 0\.0; install the same"):
+    with pytest.raises(
+        InputError, match=r"a worker has numpy \S+, the run was started with 0\.0; install the same version"
+    ):
         work(packages=(("numpy", "0.0"),)).observe(0, 1)
 
 
@@ -201,7 +203,9 @@ def test_a_task_survives_two_processes(tmp_path: Path, losses: int, given_up: bo
     try:
         task = work(packages=Deadly(tmp_path))
         if given_up:
-            with pytest.raises(InputError, match="worker processes ended 3 times over blocks 0 to 1; is there memory"):
+            with pytest.raises(
+                InputError, match="worker processes died 3 times at blocks 0 to 1; check the free memory"
+            ):
                 sampled(task, workers)
         else:
             assert_same_bits(sampled(task, workers), in_one_go(task))
@@ -239,10 +243,10 @@ def test_an_error_of_a_sample_comes_as_it_is_from_every_kind_of_worker(two_proce
         ({"processes": True}, "processes must be a whole number"),
         ({"threads": 1, "processes": 1}, "threads and processes exclude each other"),
         ({"threads": 1, "executor": Muddled()}, "threads and executor exclude each other"),
-        ({"tasks_under_way": 3}, "tasks_under_way goes with an executor"),
+        ({"tasks_under_way": 3}, "tasks_under_way is possible with an executor only"),
         ({"executor": Muddled(), "tasks_under_way": 0}, "tasks_under_way must be a whole number"),
-        ({"executor": map}, r"an executor has submit\(function, \*arguments\), type has not"),
-        ({"resume": True}, "nothing to resume from without a journal"),
+        ({"executor": map}, r"an executor must have submit\(function, \*arguments\); type does not"),
+        ({"resume": True}, "resume needs a journal to resume from"),
         ({"journal": "never-made", "keep_samples": True}, "a journal holds statistics only"),
     ],
 )

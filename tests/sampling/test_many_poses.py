@@ -250,7 +250,7 @@ def test_wrong_inputs_are_told_in_a_line(q: Any, settings: dict[str, Any], messa
 
 def test_more_poses_than_can_be_numbered() -> None:
     many = np.zeros((len(JOINTS), 2**20))
-    with pytest.raises(InputError, match="1,048,576 poses; draws of pose or visit scope can be made at 1,048,575"):
+    with pytest.raises(InputError, match="1,048,576 poses; with draws of pose or visit scope at most 1,048,575"):
         sample_poses(MIXED, many, samples=1)
 
 

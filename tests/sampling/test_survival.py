@@ -280,18 +280,18 @@ def test_a_changed_input_is_told(analyze: Any, tmp_path: Path) -> None:
         samples = () if "--samples" in arguments else ("--samples", "100")
         code, _, err = analyze("4dof.errors.yaml", "--quiet", "--journal", "j", *samples, *arguments)
         assert code == 2
-        return without_warnings(err).removeprefix("precision-pin: error E_INPUT: the journal j is ")
+        return without_warnings(err).removeprefix("precision-pin: error E_INPUT: the journal j ")
 
     assert analyze("4dof.errors.yaml", "--journal", "j", "--samples", "100")[0] == 0
     before = (tmp_path / "j").read_bytes()
-    assert refused() == "there already; resume the run it holds, or remove it\n"
-    assert refused("--resume", "--seed", "8") == "that of another run: seed was '0', is '8'\n"
-    assert refused("--resume", "--model", "linear") == "that of another run: model was 'exact', is 'linear'\n"
-    assert refused("--resume", "--samples", "200") == "that of another run: samples was '100', is '200'\n"
+    assert refused() == "already exists; resume its run, or remove the file\n"
+    assert refused("--resume", "--seed", "8") == "belongs to another run: seed was '0', is '8'\n"
+    assert refused("--resume", "--model", "linear") == "belongs to another run: model was 'exact', is 'linear'\n"
+    assert refused("--resume", "--samples", "200") == "belongs to another run: samples was '100', is '200'\n"
     with (tmp_path / "4dof.errors.yaml").open("a", encoding="utf-8") as stream:
         stream.write("# a remark\n")
-    assert refused("--resume") == "that of another run: the sheet has changed\n"
+    assert refused("--resume") == "belongs to another run: the sheet has changed\n"
     with (tmp_path / "4dof.urdf").open("a", encoding="utf-8") as stream:
         stream.write("<!-- a remark -->\n")
-    assert refused("--resume") == "that of another run: the URDF has changed; the sheet has changed\n"
+    assert refused("--resume") == "belongs to another run: the URDF has changed; the sheet has changed\n"
     assert (tmp_path / "j").read_bytes() == before
