@@ -1,4 +1,4 @@
-"""Methods for rare events against closed forms and quadrature: surfaces that curve, branches, laws that jump."""
+"""Methods for rare events against closed forms and quadrature: curved surfaces, branches, laws with jumps."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A real Dask cluster: a scheduler and workers as processes of their own."""
+"""Sampling on a real Dask cluster with a scheduler and workers as separate processes."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from sampling.cases import MODEL, wait_until
 
 
 class Cluster:
-    """A scheduler on this machine, and what was started for it."""
+    """Scheduler on this machine, with the processes started for it."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
@@ -121,7 +121,7 @@ def test_a_cluster_that_goes_away_is_told_and_the_journal_goes_on(scheduler: Clu
 
 
 class Lost:
-    """A client that has lost its scheduler, and futures that nobody will ever fill."""
+    """Client that has lost its scheduler, with futures that never complete."""
 
     status = "connecting"
 

@@ -1,4 +1,4 @@
-"""The journal's file: torn ends, flipped bits, full disks, other runs, other processes."""
+"""File of the journal: incomplete ends, flipped bits, full disks, other runs, other processes."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def file(tmp_path: Path) -> Path:
 
 @pytest.fixture
 def no_waiting_for_disks(monkeypatch) -> None:
-    """Thousands of records; that they are forced to the disk is tested elsewhere."""
+    """Thousands of records; flushing them to disk is tested elsewhere."""
     monkeypatch.setattr(os, "fsync", lambda descriptor: None)
 
 
@@ -73,7 +73,7 @@ def state_in(file: Path, told: list[str] | None = None) -> State:
 
 @pytest.fixture
 def whole(file: Path) -> bytes:
-    """Write a journal of three states; its bytes."""
+    """Write a journal of three states and return its bytes."""
     with opened_by(file, resume=False) as (journal, state):
         assert state is EMPTY
         for further in STATES:
@@ -82,7 +82,7 @@ def whole(file: Path) -> bytes:
 
 
 def record_ends(data: bytes) -> list[int]:
-    """Where records end, by the format as it is written down."""
+    """Return the ends of the records, by the documented format."""
     ends, offset = [], len(MAGIC)
     while offset < len(data):
         offset += 24 + int.from_bytes(data[offset : offset + 8], "little")
@@ -230,7 +230,7 @@ def test_pauses_grow_with_the_run(file: Path, monkeypatch, no_waiting_for_disks)
 
 
 def full_after(monkeypatch, room: int):
-    """Make the disk full after so many further bytes."""
+    """Simulate a disk that is full after a number of further bytes."""
     real, left = os.pwrite, [room]
 
     def pwrite(descriptor: int, data: bytes, offset: int) -> int:
@@ -270,7 +270,7 @@ def test_a_journal_that_cannot_be_begun_leaves_no_file(file: Path, monkeypatch, 
 
 @pytest.mark.slow
 def test_a_run_on_a_real_full_disk(tmp_path: Path) -> None:
-    """Room for the beginning and a few states; the process may write no larger file."""
+    """The largest file size of the process allows the beginning and a few states only."""
     code = (
         "import resource, sys\n"
         "import precision_pin as pp\n"
@@ -444,7 +444,7 @@ def test_digests_tell_apart_what_looks_alike() -> None:
 
 
 class Stopping:
-    """Progress that ends the run after so many samples."""
+    """Progress function that ends the run after a number of samples."""
 
     def __init__(self, after: int, error: BaseException) -> None:
         self.left, self.error = after, error
@@ -492,7 +492,7 @@ def test_an_interrupted_run_goes_on_with_any_workers(file: Path, first, then) ->
 
 def test_a_second_interrupt_stops_at_once(file: Path) -> None:
     class Interrupting(Muddled):
-        """Brings the second Ctrl-C when its third task is waited for."""
+        """Executor that raises the second Ctrl-C while its third task is awaited."""
 
         def submit(self, function, /, *arguments):
             future = super().submit(function, *arguments)

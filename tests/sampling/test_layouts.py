@@ -1,4 +1,4 @@
-"""The same bits, whatever computes the blocks and in whatever order they are done."""
+"""Identical bits for all kinds of workers and any order of the blocks."""
 
 from __future__ import annotations
 
@@ -130,11 +130,11 @@ def test_other_versions_on_a_worker_are_refused() -> None:
         work(packages=(("numpy", "0.0"),)).observe(0, 1)
 
 
-# how much is under way -----------------------------------------------------------------------------------------------
+# tasks under way -----------------------------------------------------------------------------------------------------
 
 
 class Counting(Executor):
-    """Threads that know how many futures of theirs are alive."""
+    """Threads that count their live futures."""
 
     def __init__(self, workers: int) -> None:
         self._max_workers = workers
@@ -174,14 +174,14 @@ def test_work_in_flight_is_bounded_and_futures_are_released(workers: int, asked:
 
 
 class Unsendable:
-    """Ends the process that it is sent to."""
+    """Object that kills the process in which it is unpickled."""
 
     def __reduce__(self) -> tuple[Any, tuple[int]]:
         return os._exit, (1,)
 
 
 class Deadly:
-    """Ends the process that it is sent to, unless that has a file's permission, which it takes along."""
+    """Object that kills the process in which it is unpickled and deletes a permit, as long as there are permits."""
 
     def __init__(self, permits: Path) -> None:
         self.permits = permits

@@ -1,4 +1,4 @@
-"""Runs that are killed, interrupted or lose their workers: no result is lost, no process stays."""
+"""Runs that are killed, interrupted or lose their workers: no result is lost, and no process remains."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from sampling import kill_target
 from sampling.cases import MODEL, assert_same_bits, in_one_go, sampled, spawned, wait_until, work
 
 TRIALS = int(os.environ.get("KILL_TRIALS", "10"))
-"""How many runs are killed again and again until they are done."""
+"""Number of runs that are killed repeatedly until they are complete."""
 
 
 @pytest.mark.slow

@@ -1,4 +1,4 @@
-"""Sampling until the result is precise enough: where it stops, that nothing but the samples decides it, and refusals."""
+"""Sampling until the result is precise enough: the point at which it stops, its independence of the workers, and errors."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ TARGET = "95 % to 0.03 mm"
 
 
 def numbers(result: pp.Analysis) -> dict[str, object]:
-    """Return all of a result but what was asked for."""
+    """Return a result without its targets."""
     return {key: value for key, value in result.to_dict().items() if key != "until"}
 
 
