@@ -110,7 +110,11 @@ class SampledBudget:
                 deviations_of(variances), dict(zip(NORMS, self.quantiles, strict=True)), dict.fromkeys(NORMS, none)
             )
         values, changes = smooth_quantiles.quantile_changes(
-            self._norms(self._with_half(self.x, rows)), self.known, MARKED, self.confidence, self._unseen(rows)
+            self._norms(self._with_half(self.x, rows)),
+            self.known,
+            MARKED,
+            self.confidence,
+            self._estimate_unseen_change(rows),
         )
         return Halved(
             deviations_of(variances),
@@ -125,7 +129,7 @@ class SampledBudget:
         result[rows] = mean + (x[rows] - mean) / 2
         return result
 
-    def _unseen(self, rows: slice) -> Array:
+    def _estimate_unseen_change(self, rows: slice) -> Array:
         """Return the possible change of the norms by halving in regions without points."""
         nodes, weights = self.marginals.outermost(range(rows.start, rows.stop), self.x.shape[1])
         x = self.nodes[:, nodes]

@@ -197,7 +197,7 @@ def summed(method: str, parts: Sequence[tuple[float, Estimate]], unknown: float,
     notes = [part.note for _, part in parts if part.note]
     note = ""
     if not resolved:
-        note = notes[0] if notes else f"not resolved: nothing is known of strata of {bounds:.2g} together"
+        note = notes[0] if notes else f"not resolved: no estimate for strata of a total probability of {bounds:.2g}"
     return Estimate(
         method,
         probability,
@@ -258,7 +258,7 @@ def judged(estimates: Sequence[Estimate]) -> Verdict:
         return Verdict(others[0] if others else plain, True, "", ())
     if len(others) < 2:
         which = f"only {others[0].method} gave an estimate" if others else "no method gave an estimate"
-        return Verdict(plain, False, f"{which}, and two that agree are needed", ())
+        return Verdict(plain, False, f"{which}, but two agreeing estimates are needed", ())
     return Verdict(others[0], True, "", ())
 
 
@@ -274,8 +274,8 @@ def remarks(verdict: Verdict, searched: Form) -> tuple[str, ...]:
     if span[0] > best.interval[1] or span[1] < best.interval[0]:
         which = f"FORM ({span[0]:.3g})" if span[0] == span[1] else f"FORM ({in_words(span)} for all its design points)"
         return (
-            f"{which} takes the failure surface as flat; it is curved, and {best.method} ({in_words(best.interval)}) is the "
-            "estimate to go by",
+            f"{which} assumes a flat failure surface, but it is curved; the estimate to use is {best.method} "
+            f"({in_words(best.interval)})",
         )
     return ()
 

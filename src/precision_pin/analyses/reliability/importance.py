@@ -177,7 +177,7 @@ def importance_sampling(
         if not expected or not pool.shape[1]:
             break
         ratios = 1 / proposal.density(pool)
-        if _foreseen(ratios, expected, samples) <= _GOOD_VARIATION:
+        if _predict_variation(ratios, expected, samples) <= _GOOD_VARIATION:
             break
         worst = np.argsort(ratios)[::-1][:_MORE_CENTRES]
         spread = np.concatenate([spread, towards_surface(margin, pool[:, worst], jumps, _STEPS)], axis=1)
@@ -238,7 +238,7 @@ def _plain_failures(margin: Margin, size: int, generator: np.random.Generator, s
     return sum(counts)
 
 
-def _foreseen(ratios: Array, probability: float, samples: int) -> float:
+def _predict_variation(ratios: Array, probability: float, samples: int) -> float:
     """Return the coefficient of variation that failures predict from their φ/q."""
     return math.sqrt(max(float(ratios.mean()) / probability - 1, 0.0) / samples)
 
@@ -254,10 +254,10 @@ def _estimate(weights: Array, proposal: _Proposal, checks: Array, confidence: fl
     variation, missed = spread / math.sqrt(samples) / probability, 0.0
     if checks.shape[1] >= _FEWEST_CHECKS:
         ratios = np.sort(1 / proposal.density(checks))[::-1]
-        count = _unseen(ratios, probability, samples)
+        count = _count_uncovered(ratios, probability, samples)
         missed = clopper_pearson(count, ratios.size, confidence)[1]
         if count < ratios.size:
-            variation = max(variation, _foreseen(ratios[count:], probability, samples))
+            variation = max(variation, _predict_variation(ratios[count:], probability, samples))
     effective = float(weights.sum()) ** 2 / float((weights**2).sum())
     largest = float(weights.max() / weights.sum())
     skewness = float(((weights - probability) ** 3).mean()) / max(spread, 1e-300) ** 3
@@ -274,7 +274,7 @@ def _estimate(weights: Array, proposal: _Proposal, checks: Array, confidence: fl
     return Estimate(METHOD, probability, (low, min(1.0, high / (1 - missed))), variation, samples, enough, note)
 
 
-def _unseen(ratios: Array, probability: float, samples: int) -> int:
+def _count_uncovered(ratios: Array, probability: float, samples: int) -> int:
     """Return the number of failures, by descending φ/q, in regions where fewer than five samples are expected."""
     expected = np.cumsum(samples * probability / (ratios.size * ratios))
     return int((expected < _FEWEST_EXPECTED).sum())

@@ -129,7 +129,7 @@ class SpecificationReliability:
         """Differences between the methods, one line each, beginning with the consequence for the verdict."""
         means = "the verdict is the same by every method"
         if len(self._verdicts()) > 1:
-            means = "the verdict differs between the methods, and the samples' interval, which always holds, decides"
+            means = "the verdict differs between the methods; the samples' interval, which is always valid, decides"
         return (*(f"{means}; {line}" for line in self.contradictions), *self.remarks)
 
     @property
