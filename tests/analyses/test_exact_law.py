@@ -427,10 +427,8 @@ def test_poses_are_one_or_several(poses, count):
 
 
 def test_an_array_of_several_poses_is_refused():
-    """Elsewhere poses are columns, and of a square array nobody can tell."""
-    with pytest.raises(
-        pp.InputError, match=r"list\(array\) where they are rows, list\(array.T\) where they are columns"
-    ):
+    """Elsewhere poses are columns, and in a square array rows and columns cannot be distinguished."""
+    with pytest.raises(pp.InputError, match=r"list\(array\) for poses in rows, list\(array.T\) for poses in columns"):
         listed_poses(np.zeros((3, 4)))
 
 

@@ -1,4 +1,4 @@
-"""What an exact law says about its own error, against rational arithmetic, fine quadrature and the exact model."""
+"""Stated errors of exact laws, against rational arithmetic, fine quadrature and the exact model."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ def uniform_sum(half_widths, x: float) -> Fraction:
     ],
 )
 def test_the_bound_holds_for_sums_of_uniforms(half_widths, mean):
-    """Means that are far larger than the spread take no digits: the error is that of the deviations."""
+    """Means much larger than the spread cost no digits: the error is that of the deviations."""
     found = law_of_x(*[laws.Uniform(float(width), mean) for width in half_widths])
     middle = mean * len(half_widths)
     x = middle + np.random.default_rng(0).uniform(-1, 1, 25) * sum(half_widths)
@@ -160,14 +160,14 @@ ARM = """<robot name="arm"><link name="base"/><link name="tool"/><joint name="jo
 
 @pytest.mark.filterwarnings("ignore:.*use analyze:precision_pin.errors.PrecisionPinWarning")
 def test_a_law_that_is_not_that_of_the_exact_model_is_said():
-    """A link along x turned by θ: dx = cos θ - 1 does not vary at first order, dy = sin θ bends for ±1.5 rad."""
+    """A link along x turned by θ: dx = cos θ - 1 does not vary at first order, dy = sin θ is nonlinear for ±1.5 rad."""
     chain = chain_of(ARM, tip="tool", gravity=(0, 0, 0))
     wide, narrow = (
         exact_law(ErrorModel(chain, Space(), [JointOffset(joint="joint1", offset=laws.Uniform(reach))]), [0.0]).poses[0]
         for reach in (1.5, 1e-9)
     )
     assert any(line.startswith("dx: does not vary at first order") for line in wide.warnings)
-    assert any(line.startswith("dy: ") and "the model bends" in line for line in wide.warnings)
+    assert any(line.startswith("dy: ") and "the model is nonlinear" in line for line in wide.warnings)
     assert not any(line.startswith("δz") for line in wide.warnings)
     assert narrow.warnings == ()
     assert wide.to_dict()["warnings"] == list(wide.warnings)

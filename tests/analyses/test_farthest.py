@@ -1,4 +1,4 @@
-"""The global search alone: bodies whose farthest point is known, and bodies looked at from very many directions."""
+"""Global search of the farthest point: bodies with a known farthest point, and bodies sampled in very many directions."""
 
 from __future__ import annotations
 

@@ -329,7 +329,7 @@ def test_control_and_sobol_are_narrower_than_plain_sampling():
     for method in ("control", "sobol-control"):
         assert errors[method][0][1] < errors["plain"][0][1] / 300
         assert errors[method][1][1, 1] < errors["plain"][1][1, 1] / 300
-        # a mean and a variance that the tangent knows nothing of: 1 - cos
+        # a mean and a variance that the tangent does not contain: 1 - cos
         assert errors[method][0][0] < errors["plain"][0][0] / 100
         assert errors[method][1][0, 0] < errors["plain"][1][0, 0] / 100
         assert errors[method][2][0] < errors["plain"][2][0] / 2
@@ -399,7 +399,7 @@ def test_plain_sampling_is_that_of_monte_carlo(paper):
 
 
 def test_methods_agree_on_the_papers_arm(paper):
-    """Discs, uniform laws and products with loads; closed form, control, Sobol and plain sampling tell the same."""
+    """Discs, uniform laws and products with loads: closed form, control, Sobol and plain sampling agree."""
     closed = moments(paper, method="closed").poses[0]
     assert closed.remainder.order == 4
     for method in SAMPLED:

@@ -1,4 +1,4 @@
-"""Whose a random number is that stands in a part of a setting: a beam's segments."""
+"""Owner of a random number in a part of a setting: the segments of a beam."""
 
 from __future__ import annotations
 

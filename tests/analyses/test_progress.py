@@ -1,4 +1,4 @@
-"""Every analysis that may take long tells how far it is, from zero to what there is to do."""
+"""Progress of the analyses, from zero to the announced number of steps."""
 
 from __future__ import annotations
 

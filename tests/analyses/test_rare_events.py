@@ -1,4 +1,4 @@
-"""Methods for rare events against closed forms and quadrature: surfaces that curve, branches, laws that jump."""
+"""Methods for rare events against closed forms and quadrature: curved surfaces, branches, laws with jumps."""
 
 from __future__ import annotations
 
@@ -261,7 +261,7 @@ def test_one_method_alone_is_not_resolved_where_samples_see_nothing():
     for estimates in ([plain, one], [plain, one, none]):
         verdict = judged(estimates)
         assert (verdict.best, verdict.resolved) == (plain, False)
-        assert verdict.reason == "only importance sampling gave an estimate, and two that agree are needed"
+        assert verdict.reason == "only importance sampling gave an estimate, but two agreeing estimates are needed"
     seen = plain_estimate(20, 100_000, 0.95)
     assert judged([seen, estimate("importance sampling", 1.5e-4, 2.1e-4)]).best.method == "importance sampling"
     assert judged([seen, none]).best is seen

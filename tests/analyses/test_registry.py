@@ -1,4 +1,4 @@
-"""An analysis is its folder and one line in the registry: one is added here, and found wherever analyses are."""
+"""Registration of an analysis by its folder and one line: an added one is found by all parts of the package."""
 
 from __future__ import annotations
 

@@ -199,7 +199,7 @@ def test_what_methods_differ_in_begins_with_what_it_means_for_the_verdict():
     assert text.endswith("note: the verdict is the same by every method; one and another disagree")
     text = written(estimate("sampling", 0.010, 0.012), estimate("subset simulation", 0.06, 0.07))
     assert (
-        "note: the verdict differs between the methods, and the samples' interval, which always holds, decides;" in text
+        "note: the verdict differs between the methods; the samples' interval, which is always valid, decides;" in text
     )
     assert "DISAGREE" not in text
 

@@ -1,4 +1,4 @@
-"""Every analysis takes the same arguments, and every result has the same surroundings, tables and file."""
+"""Common interface of the analyses: arguments, provenance, tables and files of all results."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The worst case: published numbers, corners by brute force, closed forms, and the exact model beside it."""
+"""Worst case against published numbers, corners by brute force, closed forms, and the exact model."""
 
 from __future__ import annotations
 
@@ -270,7 +270,7 @@ def test_a_law_of_another_package_counts_by_its_support_function():
 
 
 def test_what_cannot_be_cut_is_refused():
-    with pytest.raises(InputError, match="the law of x0 is not bounded"):
+    with pytest.raises(InputError, match="the law of x0 is unbounded"):
         Supports.of(space_of(Ball(0.3, reach=np.inf)), 3.0)
     for k in (0.0, -1.0, np.nan, np.inf):
         with pytest.raises(InputError, match="k, where unbounded laws are cut"):

@@ -37,12 +37,12 @@ EVERY_LAW = Space(
 
 @cache
 def from_python(function: Any) -> Any:
-    """Return a function of the compiled loops, which only compiled code may call, as Python calls it."""
+    """Return a Python callable for a function of the compiled loops, which only compiled code may call."""
     return njit(error_model="numpy")(lambda *arguments: function(*arguments))
 
 
 def compiled_variants(function: Any) -> list[Any]:
-    """Return for which kinds of laws and models an outermost function is compiled: the types of those arguments."""
+    """Return the variants (laws, models) for which an outermost function is compiled, as types of these arguments."""
     place = list(inspect.signature(function.py_func).parameters).index("rare")
     return [signature[place : place + 2] for signature in function.signatures]
 

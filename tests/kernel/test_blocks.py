@@ -1,4 +1,4 @@
-"""Accumulating in blocks: the same bits however the work is cut, and those of the plain statistics."""
+"""Accumulation in blocks: the same bits for any division of the work, equal to those of the plain statistics."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Jobs for other processes: done in order, whatever becomes of the processes, which never outlive whoever asked."""
+"""Compilation jobs in other processes: done in order even if a process dies; no process outlives its parent."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The compiled random numbers: Philox, the laws, the functions they rest on."""
+"""Compiled random numbers: Philox, the laws, and the functions they use."""
 
 from __future__ import annotations
 

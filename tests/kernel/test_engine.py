@@ -291,7 +291,7 @@ def test_bounds_of_components_and_angles_hold() -> None:
 def test_more_than_the_memory_holds_is_refused_at_once(count):
     layout = sampler.to_arrays(random_table(3, targets=2, terms=4, shift=1e-3, turn=1e-3))
     for keep in (lambda: sampler.sample(layout, 1, 0, count), lambda: sampler.errors(layout, "exact", 1, 0, count)):
-        with pytest.raises(InputError, match=r"keeping \d+ numbers of each of [\d,]+ robots takes .* GB"):
+        with pytest.raises(InputError, match=r"keeping \d+ numbers for each of [\d,]+ robots takes .* GB"):
             keep()
 
 

@@ -1,4 +1,4 @@
-"""The first call: one compilation for every robot, a cache that may be damaged or impossible, plain Python."""
+"""First call: one compilation for all robots, a cache that is damaged or cannot be written, and plain Python."""
 
 from __future__ import annotations
 
@@ -100,7 +100,7 @@ def test_one_compilation_serves_every_table() -> None:
 @pytest.mark.skipif(INTERPRETED, reason="nothing is compiled")
 @pytest.mark.parametrize("name", PARTS)
 def test_parts_compiled_ahead_are_those_that_the_loops_ask_for(name: str) -> None:
-    """A part of which the types differed would be compiled twice: ahead for nothing, then with the loops."""
+    """A part with other argument types would be compiled twice: ahead in vain, then with the loops."""
     for variant in ((None, None), (True, None), (None, True)):
         sampler.warm_up(*variant)
         many_poses.warm_up(*variant)

@@ -1,4 +1,4 @@
-"""A small run, and what its tests share."""
+"""Small run and helpers for the tests of sampling."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def sampled(
 
 
 def in_one_go(work: Work) -> State:
-    """Return the state by the kernel's own loop over all blocks, which knows no tasks."""
+    """Return the state by the kernel's own loop over all blocks, without tasks."""
     return sampler.accumulate(work.layout, work.plan, work.model, work.seed, 0, work.blocks, samples=work.samples)
 
 
@@ -51,7 +51,7 @@ def assert_same_bits(first: State, second: State) -> None:
 
 
 class Muddled:
-    """An executor that computes nothing until it is asked for a result, then everything it has, in a wrong order."""
+    """Executor that computes nothing until a result is requested, then all submitted calls in the wrong order."""
 
     def __init__(self, *, shuffle: random.Random | None = None) -> None:
         self.shuffle = shuffle
@@ -86,7 +86,7 @@ class Lazy(Future[Any]):
 
 
 def spawned(process: psutil.Process) -> list[psutil.Process]:
-    """Return the processes that sample for a process."""
+    """Return the worker processes of a process."""
     found = []
     for child in process.children(recursive=True):
         try:

@@ -1,4 +1,4 @@
-"""A small run with a journal, to be killed: imported once by a server, from which processes are made in no time."""
+"""Small run with a journal, to be killed; a fork server imports it once, so that its processes start quickly."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ sampler.warm_up()
 
 
 def go(file: str, result: str) -> None:
-    """Sample, going on from the journal if it is there; write the result."""
+    """Sample, resuming from the journal if it exists, and write the result."""
     journal.SHORTEST_PAUSE = journal.LONGEST_PAUSE = journal.COST_OF_WRITING = 0
     journal.MOST_RECORDS = 3
     analysis = monte_carlo(

@@ -1,4 +1,4 @@
-"""A real Dask cluster: a scheduler and workers as processes of their own."""
+"""Sampling on a real Dask cluster with a scheduler and workers as separate processes."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from support.thinning import mostly_slow
 
 
 class Cluster:
-    """A scheduler on this machine, and what was started for it."""
+    """Scheduler on this machine, with the processes started for it."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
@@ -122,7 +122,7 @@ def test_a_cluster_that_goes_away_is_told_and_the_journal_goes_on(scheduler: Clu
 
 
 class Lost:
-    """A client that has lost its scheduler, and futures that nobody will ever fill."""
+    """Client that has lost its scheduler, with futures that never complete."""
 
     status = "connecting"
 
@@ -153,7 +153,7 @@ def test_a_timeout_of_the_task_itself_is_passed_on() -> None:
 
 
 def test_no_address_is_one_line() -> None:
-    with pytest.raises(InputError, match="address of a Dask scheduler is empty"), dask_cluster(" "):
+    with pytest.raises(InputError, match="address of the Dask scheduler is empty"), dask_cluster(" "):
         pass
 
 

@@ -1,4 +1,4 @@
-"""The journal's file: torn ends, flipped bits, full disks, other runs, other processes."""
+"""File of the journal: incomplete ends, flipped bits, full disks, other runs, other processes."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def file(tmp_path: Path) -> Path:
 
 @pytest.fixture
 def no_waiting_for_disks(monkeypatch) -> None:
-    """Thousands of records; that they are forced to the disk is tested elsewhere."""
+    """Thousands of records; flushing them to disk is tested elsewhere."""
     monkeypatch.setattr(os, "fsync", lambda descriptor: None)
 
 
@@ -73,7 +73,7 @@ def state_in(file: Path, told: list[str] | None = None) -> State:
 
 @pytest.fixture
 def whole(file: Path) -> bytes:
-    """Write a journal of three states; its bytes."""
+    """Write a journal of three states and return its bytes."""
     with opened_by(file, resume=False) as (journal, state):
         assert state is EMPTY
         for further in STATES:
@@ -82,7 +82,7 @@ def whole(file: Path) -> bytes:
 
 
 def record_ends(data: bytes) -> list[int]:
-    """Where records end, by the format as it is written down."""
+    """Return the ends of the records, by the documented format."""
     ends, offset = [], len(MAGIC)
     while offset < len(data):
         offset += 24 + int.from_bytes(data[offset : offset + 8], "little")
@@ -116,7 +116,7 @@ def test_torn_at_every_byte_of_the_last_record(whole: bytes, file: Path, no_wait
         told: list[str] = []
         with opened_by(file, told=told) as (journal, state):
             assert_same_bits(state, STATES[-2])
-            assert (f"{length - ends[-2]} bytes at its end are torn or damaged" in told[0]) == (length > ends[-2])
+            assert (f"the last {length - ends[-2]} bytes are incomplete or damaged" in told[0]) == (length > ends[-2])
             journal.save(STATES[-1])
         assert file.read_bytes() == whole
 
@@ -129,7 +129,7 @@ def test_torn_at_every_byte_of_the_beginning(whole: bytes, file: Path, no_waitin
             assert state is EMPTY
             for further in STATES:
                 journal.save(further)
-        assert told == [f"the journal {file} holds nothing yet: from the first sample on"]
+        assert told == [f"the journal {file} is empty; the run starts from the first sample"]
         assert file.read_bytes() == whole
 
 
@@ -153,7 +153,7 @@ def test_a_flipped_bit_anywhere_never_gives_a_wrong_state(whole: bytes, file: Pa
         # all that was before the damage
         assert state.count == 100 * sum(end <= place for end in ends[1:])
         assert_same_bits(state, known[state.count])
-        assert "torn or damaged and are left out" in told[0]
+        assert "incomplete or damaged and are ignored" in told[0]
 
 
 @pytest.mark.parametrize(
@@ -164,7 +164,7 @@ def test_other_files_are_left_as_they_are(file: Path, contents: bytes) -> None:
     with pytest.raises(InputError, match=r"is not a journal of this version|beginning of the journal"):
         state_in(file)
     with (
-        pytest.raises(InputError, match="is there already; resume the run it holds, or remove it"),
+        pytest.raises(InputError, match="already exists; resume its run, or remove the file"),
         opened_by(file, resume=False),
     ):
         pass
@@ -231,7 +231,7 @@ def test_pauses_grow_with_the_run(file: Path, monkeypatch, no_waiting_for_disks)
 
 
 def full_after(monkeypatch, room: int):
-    """Make the disk full after so many further bytes."""
+    """Simulate a disk that is full after a number of further bytes."""
     real, left = os.pwrite, [room]
 
     def pwrite(descriptor: int, data: bytes, offset: int) -> int:
@@ -271,7 +271,7 @@ def test_a_journal_that_cannot_be_begun_leaves_no_file(file: Path, monkeypatch, 
 
 @pytest.mark.slow
 def test_a_run_on_a_real_full_disk(tmp_path: Path) -> None:
-    """Room for the beginning and a few states; the process may write no larger file."""
+    """The largest file size of the process allows the beginning and a few states only."""
     code = (
         "import resource, sys\n"
         "import precision_pin as pp\n"
@@ -375,11 +375,11 @@ def test_every_part_of_the_identity_counts(whole: bytes, file: Path) -> None:
     for name, value in IDENTITY.items():
         other = {**IDENTITY, name: value + "x"}
         expected = f"{name} has changed" if name.startswith("the ") else f"{name} was {value!r}, is '{value}x'"
-        with pytest.raises(InputError, match=f"is that of another run: {expected}$"), opened_by(file, identity=other):
+        with pytest.raises(InputError, match=f"belongs to another run: {expected}$"), opened_by(file, identity=other):
             pass
     for other in ({"seed": "0"}, {**IDENTITY, "the moon": "full"}):
         with (
-            pytest.raises(InputError, match=r"is that of another run: the (error model|moon) has changed$"),
+            pytest.raises(InputError, match=r"belongs to another run: the (error model|moon) has changed$"),
             opened_by(file, identity=other),
         ):
             pass
@@ -445,7 +445,7 @@ def test_digests_tell_apart_what_looks_alike() -> None:
 
 
 class Stopping:
-    """Progress that ends the run after so many samples."""
+    """Progress function that ends the run after a number of samples."""
 
     def __init__(self, after: int, error: BaseException) -> None:
         self.left, self.error = after, error
@@ -493,7 +493,7 @@ def test_an_interrupted_run_goes_on_with_any_workers(file: Path, first, then) ->
 
 def test_a_second_interrupt_stops_at_once(file: Path) -> None:
     class Interrupting(Muddled):
-        """Brings the second Ctrl-C when its third task is waited for."""
+        """Executor that raises the second Ctrl-C while its third task is awaited."""
 
         def submit(self, function, /, *arguments):
             future = super().submit(function, *arguments)

@@ -1,4 +1,4 @@
-"""Journals that were made to harm: bombs, headers of arrays that no machine holds, states that no samples add up to."""
+"""Malicious journals: decompression bombs, headers of huge arrays, states that no samples could give."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from sampling.test_journal import EMPTY, IDENTITY, STATES, state_in
 
 
 def journal_of(file: Path, *payloads: bytes) -> None:
-    """Write a journal of whole records, whatever they hold."""
+    """Write a journal of complete records with any contents."""
     records = [
         len(data).to_bytes(8, "little")
         + hashlib.blake2b(len(data).to_bytes(8, "little") + data, digest_size=16).digest()
@@ -51,7 +51,7 @@ def array(values: Any) -> bytes:
 
 
 def header_of(shape: tuple[int, ...]) -> bytes:
-    """Return the header of an array as large as one likes, and no array."""
+    """Return the header of an array of any size, without the array."""
     buffer = io.BytesIO()
     np.lib.format.write_array_header_1_0(buffer, {"descr": "<f8", "fortran_order": False, "shape": shape})
     return buffer.getvalue() + bytes(64)
@@ -120,4 +120,4 @@ def test_a_record_longer_than_any_state_is_not_read(file: Path) -> None:
     begun = time.perf_counter()
     assert_same_bits(state_in(file, told), STATES[-1])
     assert time.perf_counter() - begun < 1
-    assert "torn or damaged" in told[0]
+    assert "incomplete or damaged" in told[0]

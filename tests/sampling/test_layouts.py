@@ -1,4 +1,4 @@
-"""The same bits, whatever computes the blocks and in whatever order they are done."""
+"""Identical bits for all kinds of workers and any order of the blocks."""
 
 from __future__ import annotations
 
@@ -124,15 +124,17 @@ def test_blocks_can_be_sent_back() -> None:
 
 
 def test_other_versions_on_a_worker_are_refused() -> None:
-    with pytest.raises(InputError, match=r"a worker has numpy \S+, the run was begun with 0\.0; install the same"):
+    with pytest.raises(
+        InputError, match=r"a worker has numpy \S+, the run was started with 0\.0; install the same version"
+    ):
         work(packages=(("numpy", "0.0"),)).observe(0, 1)
 
 
-# how much is under way -----------------------------------------------------------------------------------------------
+# tasks under way -----------------------------------------------------------------------------------------------------
 
 
 class Counting(Executor):
-    """Threads that know how many futures of theirs are alive."""
+    """Threads that count their live futures."""
 
     def __init__(self, workers: int) -> None:
         self._max_workers = workers
@@ -172,14 +174,14 @@ def test_work_in_flight_is_bounded_and_futures_are_released(workers: int, asked:
 
 
 class Unsendable:
-    """Ends the process that it is sent to."""
+    """Object that kills the process in which it is unpickled."""
 
     def __reduce__(self) -> tuple[Any, tuple[int]]:
         return os._exit, (1,)
 
 
 class Deadly:
-    """Ends the process that it is sent to, unless that has a file's permission, which it takes along."""
+    """Object that kills the process in which it is unpickled and deletes a permit, as long as there are permits."""
 
     def __init__(self, permits: Path) -> None:
         self.permits = permits
@@ -201,7 +203,9 @@ def test_a_task_survives_two_processes(tmp_path: Path, losses: int, given_up: bo
     try:
         task = work(packages=Deadly(tmp_path))
         if given_up:
-            with pytest.raises(InputError, match="worker processes ended 3 times over blocks 0 to 1; is there memory"):
+            with pytest.raises(
+                InputError, match="worker processes died 3 times at blocks 0 to 1; check the free memory"
+            ):
                 sampled(task, workers)
         else:
             assert_same_bits(sampled(task, workers), in_one_go(task))
@@ -240,10 +244,10 @@ def test_an_error_of_a_sample_comes_as_it_is_from_every_kind_of_worker(two_proce
         ({"processes": True}, "processes must be a whole number"),
         ({"threads": 1, "processes": 1}, "threads and processes exclude each other"),
         ({"threads": 1, "executor": Muddled()}, "threads and executor exclude each other"),
-        ({"tasks_under_way": 3}, "tasks_under_way goes with an executor"),
+        ({"tasks_under_way": 3}, "tasks_under_way is possible with an executor only"),
         ({"executor": Muddled(), "tasks_under_way": 0}, "tasks_under_way must be a whole number"),
-        ({"executor": map}, r"an executor has submit\(function, \*arguments\), type has not"),
-        ({"resume": True}, "nothing to resume from without a journal"),
+        ({"executor": map}, r"an executor must have submit\(function, \*arguments\); type does not"),
+        ({"resume": True}, "resume needs a journal to resume from"),
         ({"journal": "never-made", "keep_samples": True}, "a journal holds statistics only"),
     ],
 )

@@ -28,7 +28,7 @@ ARRAYS = [name for name, kind in PosesResult.__annotations__.items() if kind == 
 
 
 def offsets(scopes: dict[int, Scope]) -> ErrorModel:
-    """Return the paper's arm with a random offset of every joint, a part of it at all poses, a part drawn anew."""
+    """Return the paper's arm with random joint offsets, partly common to all poses and partly drawn at each pose."""
     draws = [Draw(f"robot{k}", Normal(3e-3)) for k in range(len(JOINTS))]
     draws += [Draw(f"again{k}", Uniform(3e-3), scope) for k, scope in scopes.items()]
     sources = [
@@ -117,7 +117,7 @@ def test_a_group_that_is_done_is_told_of_before_the_next_is_laid_out(monkeypatch
     lay_out = sampler.to_arrays_at_poses
 
     class AtOnce:
-        """Does what is submitted before it returns."""
+        """Executor that runs a call before it returns the future."""
 
         def __init__(self, _: int) -> None:
             pass
@@ -250,7 +250,7 @@ def test_wrong_inputs_are_told_in_a_line(q: Any, settings: dict[str, Any], messa
 
 def test_more_poses_than_can_be_numbered() -> None:
     many = np.zeros((len(JOINTS), 2**20))
-    with pytest.raises(InputError, match="1,048,576 poses; draws of pose or visit scope can be made at 1,048,575"):
+    with pytest.raises(InputError, match="1,048,576 poses; with draws of pose or visit scope at most 1,048,575"):
         sample_poses(MIXED, many, samples=1)
 
 

@@ -1,4 +1,4 @@
-"""What the bins are planned from: quantiles against sorted samples where the first order vanishes, and what decides the plan."""
+"""Planning of the bins: quantiles against sorted samples where the first order vanishes, and the inputs of the plan."""
 
 from __future__ import annotations
 
@@ -99,7 +99,7 @@ def test_a_run_that_ends_before_the_pilot_fails_is_not_stopped_by_it():
 
 
 def test_bins_that_turn_out_too_wide_are_told():
-    """Errors a million times as far as those of the pilot: of a law that no pilot and no tangent shows."""
+    """Errors a million times as large as those of the pilot, from a law that neither pilot nor tangent shows."""
     random = np.random.default_rng(2)
     errors = np.zeros((6, 100_000))
     errors[0] = 1e-9 * random.standard_normal(100_000)
@@ -131,7 +131,7 @@ def test_a_result_warns_of_quantiles_in_wide_bins():
     assert not any("W_BINS" in line for line in pp.monte_carlo(MODEL, "paper", samples=20_000).warnings)
 
 
-# what the laws tell of tails -----------------------------------------------------------------------------------------
+# tails known from the laws -------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""Runs that are killed, interrupted or lose their workers: no result is lost, no process stays."""
+"""Runs that are killed, interrupted or lose their workers: no result is lost, and no process remains."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from sampling import kill_target
 from sampling.cases import MODEL, assert_same_bits, in_one_go, sampled, spawned, wait_until, work
 
 TRIALS = int(os.environ.get("KILL_TRIALS", "10"))
-"""How many runs are killed again and again until they are done."""
+"""Number of runs that are killed repeatedly until they are complete."""
 
 
 @pytest.mark.slow
@@ -280,18 +280,18 @@ def test_a_changed_input_is_told(analyze: Any, tmp_path: Path) -> None:
         samples = () if "--samples" in arguments else ("--samples", "100")
         code, _, err = analyze("4dof.errors.yaml", "--quiet", "--journal", "j", *samples, *arguments)
         assert code == 2
-        return without_warnings(err).removeprefix("precision-pin: error E_INPUT: the journal j is ")
+        return without_warnings(err).removeprefix("precision-pin: error E_INPUT: the journal j ")
 
     assert analyze("4dof.errors.yaml", "--journal", "j", "--samples", "100")[0] == 0
     before = (tmp_path / "j").read_bytes()
-    assert refused() == "there already; resume the run it holds, or remove it\n"
-    assert refused("--resume", "--seed", "8") == "that of another run: seed was '0', is '8'\n"
-    assert refused("--resume", "--model", "linear") == "that of another run: model was 'exact', is 'linear'\n"
-    assert refused("--resume", "--samples", "200") == "that of another run: samples was '100', is '200'\n"
+    assert refused() == "already exists; resume its run, or remove the file\n"
+    assert refused("--resume", "--seed", "8") == "belongs to another run: seed was '0', is '8'\n"
+    assert refused("--resume", "--model", "linear") == "belongs to another run: model was 'exact', is 'linear'\n"
+    assert refused("--resume", "--samples", "200") == "belongs to another run: samples was '100', is '200'\n"
     with (tmp_path / "4dof.errors.yaml").open("a", encoding="utf-8") as stream:
         stream.write("# a remark\n")
-    assert refused("--resume") == "that of another run: the sheet has changed\n"
+    assert refused("--resume") == "belongs to another run: the sheet has changed\n"
     with (tmp_path / "4dof.urdf").open("a", encoding="utf-8") as stream:
         stream.write("<!-- a remark -->\n")
-    assert refused("--resume") == "that of another run: the URDF has changed; the sheet has changed\n"
+    assert refused("--resume") == "belongs to another run: the URDF has changed; the sheet has changed\n"
     assert (tmp_path / "j").read_bytes() == before

@@ -1,4 +1,4 @@
-"""Sampling until the result is precise enough: where it stops, that nothing but the samples decides it, and refusals."""
+"""Sampling until the result is precise enough: the point at which it stops, its independence of the workers, and errors."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ TARGET = "95 % to 0.03 mm"
 
 
 def numbers(result: pp.Analysis) -> dict[str, object]:
-    """Return all of a result but what was asked for."""
+    """Return a result without its targets."""
     return {key: value for key, value in result.to_dict().items() if key != "until"}
 
 
@@ -84,15 +84,15 @@ def test_samples_that_do_not_suffice_are_told_with_how_many_would() -> None:
     told = [line for line in found.warnings if "W_UNTIL" in line]
     assert len(told) == 1
     expected = found.samples * (1.96 * found.position.norm.std / np.sqrt(found.samples) / 1e-6) ** 2
-    assert float(re.search(r"about (\S+) would do", told[0])[1]) == pytest.approx(expected, rel=0.01)
+    assert float(re.search(r"about (\S+) are needed", told[0])[1]) == pytest.approx(expected, rel=0.01)
 
 
 def test_what_no_number_of_samples_gives_is_refused() -> None:
-    with pytest.raises(InputError, match=r"kept to \S+ m only, the tolerance asked for is 1e-06 m"):
+    with pytest.raises(InputError, match=r"resolved to \S+ m only, the target.s tolerance is 1e-06 m"):
         pp.monte_carlo(MODEL, samples=10**12, until=["99.73 % to 1 um"])
     with pytest.raises(InputError, match="target 'sometime' is not understood"):
         pp.monte_carlo(MODEL, until=["sometime"])
-    with pytest.raises(InputError, match="samples cannot be kept"):
+    with pytest.raises(InputError, match="keep_samples is not possible"):
         pp.monte_carlo(MODEL, until=[TARGET], keep_samples=True)
 
 

@@ -1,4 +1,4 @@
-"""How often the intervals hold the truth, over 10,000 fixed seeds."""
+"""Coverage of the intervals over 10,000 fixed seeds."""
 
 import importlib
 import math

@@ -1,4 +1,4 @@
-"""What is printed lies inside the interval of what it is printed for."""
+"""Printed numbers lie inside the intervals of the numbers they stand for."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from precision_pin.statistics.distribution import CONTENTS
     ("value", "interval", "text"),
     [
         (36.862, (36.850, 36.874), "36.86"),
-        # the nearer end is passed by rounding to 36.9: a digit more
+        # rounding to 36.9 would pass the nearer end: one more digit
         (36.862, (36.7, 36.88), "36.86"),
         (1.4142, (1.4141, 1.52), "1.4142"),
         (-0.0361, (-0.03612, -0.03608), "-0.03610"),
         (0.0, (0.0, 0.3), "0.0"),
         (2.0, (2.0, 2.0), "2.00000"),
-        # known better than rounding: as exact
+        # known better than rounding: printed as exact
         (2 / 3, (2 / 3 - 1e-12, 2 / 3 + 1e-12), "0.666667"),
         # known to eight digits: all of them are printed
         (37.69123456, (37.6912340, 37.6912351), "37.691235"),

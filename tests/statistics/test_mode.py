@@ -1,4 +1,4 @@
-"""The mode's interval: it holds the mode of skewed and lopsided laws, and there is none where there is no mode."""
+"""Interval of the mode: it contains the mode of skewed and asymmetric laws, and is absent where there is no mode."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def norm_of(random: np.random.Generator, spreads: tuple[float, float, float], sa
 
 
 def mode_of_the_norm(spreads: tuple[float, float, float]) -> float:
-    """Where the density of |d| is largest, by quadrature over the sphere's directions (Gauss-Legendre, trapezium)."""
+    """Mode of |d|, by quadrature of the density over the directions of the sphere (Gauss-Legendre, trapezium)."""
     cosine, weight = np.polynomial.legendre.leggauss(400)
     angle = np.arange(400) * 2 * math.pi / 400
     sine = np.sqrt(1 - cosine**2)

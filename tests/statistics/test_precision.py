@@ -1,4 +1,4 @@
-"""Targets as users write them, and when they are reached."""
+"""Targets as text, and the precision reached."""
 
 from __future__ import annotations
 
@@ -163,7 +163,7 @@ def test_how_many_samples_it_takes_goes_with_the_square():
 @pytest.mark.slow
 @pytest.mark.parametrize(("statistic", "least"), [("mean", 0.93), ("std", 0.94), (0.95, 0.93)])
 def test_stopping_at_doubled_looks_costs_little_coverage(statistic, least):
-    """Looks at 512, 1024, … samples of a skewed law: intervals of stopped runs cover less often than the 95 % stated.
+    """Checks at 512, 1024, … samples of a skewed law: intervals of stopped runs cover less often than the stated 95 %.
 
     Mean and quantile lose no more than 2 percentage points, a standard deviation, whose interval is wide enough for worse
     tails, no more than 1; where just so much is lost, 600 runs fail with probability 1e-4.

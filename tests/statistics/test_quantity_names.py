@@ -1,4 +1,4 @@
-"""A quantity is called by the same words wherever one is asked for, and by one name in results."""
+"""Names of quantities: the same words are accepted everywhere, and results use one name."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ NAMES = {
     "attitude.y": ("ry", "δy"),
     "attitude.z": ("rz", "δz"),
 }
-"""What each is called in results, and what a user may write besides."""
+"""Name of each quantity in results, and the other words that users may write."""
 WORDS = [(word, name) for name, words in NAMES.items() for word in (name, *words)]
 
 

@@ -1,4 +1,4 @@
-"""Specifications as text: every name that a table prints, and slips that get a question instead of a wrong verdict."""
+"""Specifications as text: all names that tables print, and slips that give an error instead of a wrong verdict."""
 
 from __future__ import annotations
 

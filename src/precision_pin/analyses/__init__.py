@@ -1,1 +1,1 @@
-"""Analyses, one file for each question."""
+"""Analyses of the pose error, one folder each."""

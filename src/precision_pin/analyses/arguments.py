@@ -1,4 +1,4 @@
-"""The arguments that every analysis takes."""
+"""Checks of the arguments that all analyses have in common."""
 
 from __future__ import annotations
 
@@ -24,19 +24,19 @@ def check_request(
     findings: Sequence[Finding],
     progress: Progress | bool | None,
 ) -> tuple[list[Pose], tuple[Finding, ...]]:
-    """Check the common arguments before any work is done; return the poses one by one, and the findings.
+    """Check the common arguments before any work is done; return a list of poses, and the findings.
 
     Parameters
     ----------
     error_model, seed, confidence, findings, progress
-        As the analysis was given them.
+        Arguments of the analysis.
     poses
-        Its arguments ``poses``, ``q`` and ``pose``, three names of one.
+        Its arguments ``poses``, ``q`` and ``pose``, which are synonyms.
 
     Raises
     ------
     InputError
-        One of them is wrong.
+        An argument is wrong.
     """
     check_instance("error_model", error_model, ErrorModel, "as ErrorModel.load makes it")
     check_seed(seed)

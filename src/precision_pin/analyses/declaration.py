@@ -1,8 +1,8 @@
-"""Declarations of analyses: all that the command line, the report, the package and the documentation know of one.
+"""Declarations of the analyses for the command line, the report, the package and the documentation.
 
-A declaration names functions and classes by their modules and imports none of them: the list of commands is shown without
-a compiler and without a plotting library. Named tuples are made in a tenth of the time of data classes, and faster still
-where annotations are types, not text: no ``from __future__ import annotations`` here.
+A declaration names functions and classes by their modules and imports none of them, so that the list of commands needs
+neither the compiler nor the plotting library. Named tuples are created in a tenth of the time of data classes, and faster
+still where annotations are types instead of text. This file therefore has no ``from __future__ import annotations``.
 """
 
 from collections.abc import Mapping
@@ -13,36 +13,36 @@ __all__ = ["Declaration", "Option", "load"]
 
 
 def load(place: str) -> Any:
-    """Return what ``package.module:name`` names."""
+    """Import and return the object ``package.module:name``."""
     module, _, name = place.partition(":")
     return getattr(import_module(module), name)
 
 
 class Option(NamedTuple):
-    """An option of an analysis's command, beside those that every analysis has.
+    """Option of an analysis's command, in addition to the common ones.
 
     Attributes
     ----------
     flag
-        As ``--samples``.
+        Name on the command line, such as ``--samples``.
     argument
-        The function's keyword.
+        Keyword argument of the function.
     help
-        One line.
+        Help text, one line.
     kind
         Type of the value.
     default
-        Shown in the help, unless it is None.
+        Default value, shown in the help unless it is None.
     metavar
-        What stands for the value; of numbers and choices it may be left out.
+        Placeholder of the value in the help; optional for numbers and choices.
     choices
-        The values allowed, if not all.
+        Allowed values; empty for any value.
     is_repeated, is_needed
-        Whether it may be given several times (then the argument is a tuple), and whether it must be given.
+        True if the option may be given several times (the argument is then a tuple), and if it is required.
     is_of_table
-        Whether it is an argument of the table in place of the analysis.
+        True if it is an argument of the table instead of the analysis.
     check
-        ``module:function`` that refuses a wrong value, before any input is read.
+        ``module:function`` that rejects a wrong value before any input is read.
     """
 
     flag: str
@@ -59,36 +59,35 @@ class Option(NamedTuple):
 
 
 class Declaration(NamedTuple):
-    """An analysis.
+    """Declaration of an analysis.
 
     Attributes
     ----------
     name
-        Its command, and its name in files and in the JSON's schema.
+        Name of the command, also in files and in the schema of the JSON.
     function, result
-        ``module:name`` of the function, whose arguments are ``(model, pose, *, seed, findings, progress, …)``, and of what
-        it returns, a :class:`precision_pin.analyses.result.Result`.
+        ``module:name`` of the function, with the arguments ``(model, pose, *, seed, findings, progress, …)``, and of the
+        class of its result, a :class:`precision_pin.analyses.result.Result`.
     outputs
-        The package of its modules ``table``, ``figure`` and ``section``: ``table.table(result, …)`` returns text,
-        ``figure.figure(result, k)`` the figure of pose k, ``figure.draw(axes, result, k, quantity)`` draws
-        one panel of it, ``section.content(result, results)`` the parts of its section of
-        the report.
+        Package with the modules ``table``, ``figure`` and ``section``: ``table.table(result, …)`` returns text,
+        ``figure.figure(result, k)`` the figure of pose k, ``section.content(result, results)`` the parts of the report's
+        section, and ``figure.draw(axes, result, k, quantity)`` draws one panel of the figure.
     title, heading
-        In the report's list of contents, and above its section.
+        Entry in the report's table of contents, and heading of its section.
     summary, description
-        One line in the list of commands, one line in the command's help.
+        One line in the list of commands, one line in the help of the command.
     options
-        Of its command.
+        Options of the command.
     report_settings
-        Arguments that a report gives it as it gives them to the sampling: ``samples``, ``specifications``. Without
-        specifications, what takes them is left out.
+        Arguments that a report passes on as it does to the sampling: ``samples``, ``specifications``. An analysis with
+        specifications is left out of a report without any.
     steps
-        ``module:function(space, poses, **arguments)`` that returns how many steps it tells of at so many poses; without it,
-        the samples at each pose.
+        ``module:function(space, poses, **arguments)`` that returns the number of progress steps for a number of poses; by
+        default the samples at all poses.
     unit
-        What those steps are.
+        Unit of these steps.
     has_warnings_in_table
-        Whether its table says what it warns of, so that the command does not say it again.
+        True if the table includes the warnings, so that the command does not print them again.
     """
 
     name: str
@@ -106,11 +105,11 @@ class Declaration(NamedTuple):
     has_warnings_in_table: bool = False
 
     def run(self, model: Any, pose: Any, **arguments: Any) -> Any:
-        """Run the analysis; returns its result."""
+        """Run the analysis and return its result."""
         return load(self.function)(model, pose=pose, **arguments)
 
     def count_steps(self, space: Any, poses: int, arguments: Mapping[str, Any]) -> int:
-        """Return how many steps the analysis tells of at so many poses, with some of its arguments."""
+        """Return the number of progress steps for a number of poses and some of the arguments."""
         defaults = {option.argument: option.default for option in self.options if not option.is_of_table}
         known = {**defaults, **{key: value for key, value in arguments.items() if key in defaults}}
         if self.steps:
@@ -123,11 +122,11 @@ class Declaration(NamedTuple):
         return text
 
     def figure(self, result: Any, pose: int) -> Any:
-        """Return the figure of a result's pose, by its number."""
+        """Return the figure of a result at a pose, given by its number."""
         return load(f"{self.outputs}.figure:figure")(result, pose)
 
     def draw(self, axes: Any, result: Any, pose: int, quantity: str) -> None:
-        """Draw one panel of a result's figure on given axes: of ``"position"`` or ``"attitude"``."""
+        """Draw one panel of a result's figure, ``"position"`` or ``"attitude"``, on given axes."""
         load(f"{self.outputs}.figure:draw")(axes, result, pose, quantity)
 
     def content(self, result: Any, results: Any) -> Any:

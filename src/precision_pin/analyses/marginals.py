@@ -1,12 +1,13 @@
-"""Whether samples can have met what matters: the tails and the rare values of the laws, looked at one number at a time.
+"""Test whether samples represent the tails and the rare values of the laws, one number at a time.
 
-A sample of N knows nothing of what happens with a probability below 1/N, and an interval found from it does not either: a
-jump of probability 1e-5, or the outermost numbers of a wide lognormal law, may carry much of a variance. The laws are
-known, though. Every uniform number behind a sample is moved by itself from one end to the other, all others at their
-medians, on nodes that crowd towards both ends; a statistic that is a mean over samples then has a known second and third
-moment, as far as single numbers cause them. From these follows the skewness of the mean of all replicates (of a net, whose
-replicates have one point in each n-th of each axis, that of the two outermost n-ths). A mean whose skewness is above
-`MOST_SKEWNESS` is not near enough to normal for any interval from its replicates, and is not resolved.
+N samples contain no information on events with a probability below 1/N, and neither does an interval derived from them. A
+jump of probability 1e-5, or the outermost values of a wide lognormal law, may nevertheless contribute much to a variance.
+The laws themselves are known. Every uniform number of a sample is therefore varied from one end to the other, with all
+others at their medians, on nodes that are dense towards both ends. This gives the second and third moment of a statistic
+that is a mean over samples, as far as single numbers cause them, and from these the skewness of the mean of all
+replicates. The replicates of a net have one point in each n-th of each axis; for them only the two outermost n-ths count.
+A mean whose skewness exceeds `MOST_SKEWNESS` is too far from normal for an interval from its replicates, and is not
+resolved.
 """
 
 from __future__ import annotations
@@ -27,24 +28,25 @@ __all__ = ["MOST_SKEWNESS", "Marginals", "law_breaks"]
 
 
 MOST_SKEWNESS: Final = 0.6
-"""Of the mean of all replicates: that of a count of 2.8 expected events."""
+"""Largest skewness of the mean of all replicates; a count of 2.8 expected events has as much."""
 
 _DEEPEST: Final = -50
-"""Nodes go from 2 to this to 1 less as much."""
+"""Exponent of the outermost cell's inner edges, 2⁻⁵⁰ from both ends."""
 
 _STEP: Final = 2
 """Octaves in a cell."""
 
 _FEW: Final = 3.0
-"""Samples expected where it may be that none lies."""
+"""Expected number of samples below which a region may be without any."""
 
 _MOST_BREAKS: Final = 200
+"""Laws with more breaks, such as large tables, are treated as smooth: the nodes would be too many."""
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(3)
 _ROUNDING: Final = 1e-24
 
 
 def law_breaks(space: Space) -> list[tuple[float, ...]]:
-    """Return for each component the uniform numbers at which its law jumps or bends."""
+    """Return, for each component, the uniform numbers at which the inverse of its law has jumps or kinks."""
     result: list[tuple[float, ...]] = []
     for draw in space.draws:
         breaks = tuple(draw.law.breaks) if draw.law.size == 1 else ()
@@ -60,15 +62,15 @@ class Marginals:
     Attributes
     ----------
     uniforms
-        ``(d, M)``, those along the first number, then those along the second, …; all others at 1/2.
+        ``(d, M)`` nodes along the first number, then those along the second, …, with all other numbers at 1/2.
     weights
-        ``(M,)`` probability of each node, 1 in all for each number.
+        ``(M,)`` probability of each node, with the sum 1 for each number.
     columns
-        Of each number.
+        Columns of the nodes of each number.
     points
-        Of a replicate.
+        Points in a replicate.
     is_net
-        Whether a replicate is a net, or random.
+        True if a replicate is a net, false if it is random.
     """
 
     uniforms: Array
@@ -84,13 +86,13 @@ class Marginals:
         Parameters
         ----------
         dimension
-            d.
+            Number of uniform numbers, d.
         points
-            Of a replicate.
+            Points in a replicate.
         is_net
-            Whether a replicate is a net.
+            True if a replicate is a net.
         breaks
-            Of each number where a law jumps or bends.
+            Jumps and kinks of each number's law, as from :func:`law_breaks`.
         """
         rows, shares, columns = [], [], []
         first = 0
@@ -105,27 +107,27 @@ class Marginals:
             uniforms[number, where] = row
         return cls(uniforms, np.concatenate([np.zeros(0), *shares]), tuple(columns), points, is_net)
 
-    def centred(self, values: Array) -> Array:
-        """Return values ``(q, M)`` less their mean along each number."""
+    def subtract_means(self, values: Array) -> Array:
+        """Return values ``(q, M)`` minus their mean along each number."""
         result = np.empty_like(values)
         for where in self.columns:
             part = values[:, where]
             result[:, where] = part - (part @ self.weights[where])[:, None]
         return result
 
-    def resolved(
+    def is_resolved(
         self, contributions: Array, replicate_variance: Array, factors: Array | None = None
     ) -> NDArray[np.bool_]:
-        """Return whether the mean of a statistic over all samples is near enough to normal, ``(q,)``.
+        """Return ``(q,)`` whether the mean of a statistic over all samples is sufficiently near to normal.
 
         Parameters
         ----------
         contributions
-            What a sample at each node adds to the mean, ``(q, M)``.
+            ``(q, M)`` contribution of a sample at each node to the mean.
         replicate_variance
-            Variance of a replicate's mean that was seen, ``(q,)``.
+            ``(q,)`` sampled variance of a replicate's mean.
         factors
-            Of the contributions along each number, ``(d, q)``; 1 if left out.
+            ``(d, q)`` factors of the contributions along each number, by default 1.
         """
         second, third = np.zeros(len(contributions)), np.zeros(len(contributions))
         for number, where in enumerate(self.columns):
@@ -135,7 +137,7 @@ class Marginals:
                 share = weights.sum()
                 part = contributions[:, where][:, cell]
                 off = part - (part @ weights / share)[:, None]
-                # n·share numbers of the cell in each replicate, each n-th of what a replicate adds
+                # each replicate has n·share numbers in the cell, and each of them has the weight 1/n
                 count = self.points * share
                 second += factor**2 * (count * (off**2 @ weights / share) / self.points**2)
                 third += factor**3 * (count * (off**3 @ weights / share) / self.points**3)
@@ -145,7 +147,7 @@ class Marginals:
         return result
 
     def outermost(self, numbers: Sequence[int], samples: int) -> tuple[NDArray[np.intp], Array]:
-        """Return the nodes along some numbers beyond which few of so many samples lie, and their weights."""
+        """Return the outermost nodes along some numbers, beyond which few of the samples lie, and their weights."""
         inside = np.ones(self.weights.size, dtype=bool)
         for number in numbers:
             u = self.uniforms[number, self.columns[number]]
@@ -154,7 +156,7 @@ class Marginals:
         return nodes, self.weights[nodes]
 
     def _cells(self, number: int) -> list[slice | NDArray[np.bool_]]:
-        """Return the nodes of parts that are sampled each by itself."""
+        """Return the nodes of the parts of an axis that are sampled independently."""
         if not self.is_net:
             return [slice(None)]
         u = self.uniforms[number, self.columns[number]]
@@ -162,7 +164,7 @@ class Marginals:
 
 
 def _line(points: int, breaks: tuple[float, ...]) -> tuple[Array, Array]:
-    """Return nodes and weights on (0, 1): cells of two octaves towards both ends, with edges at 1/n and at all breaks."""
+    """Return nodes and weights on (0, 1), in cells of two octaves towards both ends with edges at 1/n and all breaks."""
     middle = -round(math.log2(points))
     outer = np.exp2([*range(middle, _DEEPEST, -_STEP), float(_DEEPEST)])
     inner = np.exp2([*range(middle, -1, _STEP), -1.0])

@@ -1,4 +1,4 @@
-"""Provenance of an analysis, and the ways to give it poses."""
+"""Provenance of an analysis, and its poses."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from precision_pin.sampling.versions import versions
 __all__ = ["Pose", "PoseLabel", "Poses", "Provenance", "listed_poses"]
 
 Pose = ArrayLike | Mapping[str, float] | str | None
-"""A pose's name, joint values in chain order or by name; ``None`` for the model's first pose."""
+"""Name of a pose, or joint values in chain order or by name; ``None`` for the model's first pose."""
 
 MOST_POSES: Final = 10_000
 
@@ -26,7 +26,7 @@ MOST_POSES: Final = 10_000
 @final
 @dataclass(frozen=True)
 class Provenance:
-    """Of what, with which seed, computed by which versions.
+    """Robot, seed and software versions of a result.
 
     Attributes
     ----------
@@ -35,13 +35,13 @@ class Provenance:
     statics
         ``"nominal"`` or ``"equilibrium"``.
     seed
-        64-bit seed of everything sampled.
+        64-bit seed of all samples.
     assumed
-        The sources, by label, that the sheet marks as assumptions.
+        Labels of the sources that the sheet marks as assumptions.
     sources
-        How many sources there are.
+        Number of sources.
     versions
-        Of Python and the libraries that computed it.
+        Versions of Python and the libraries that computed the result.
     """
 
     robot: str
@@ -79,16 +79,16 @@ class Provenance:
 @final
 @dataclass(frozen=True)
 class PoseLabel:
-    """Which pose.
+    """Name and joint values of a pose.
 
     Attributes
     ----------
     name
-        Its name, empty if it has none.
+        Name of the pose, empty for a pose without one.
     q
         Value of each joint, rad or m.
     sliding_joints
-        Which of them slide.
+        Sliding joints, whose values are in m.
     """
 
     name: str
@@ -106,7 +106,7 @@ class PoseLabel:
         )
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the keys of a pose."""
+        """Return the pose as in the JSON."""
         return {"name": self.name, "q": dict(self.q)}
 
 
@@ -115,18 +115,18 @@ Poses = Pose | Sequence[Pose]
 
 
 def listed_poses(poses: Poses, q: Poses = None, pose: Poses = None) -> list[Pose]:
-    """Return poses one by one: a row of numbers is one pose, any other list several.
+    """Return a list of poses. A row of numbers is one pose, any other list contains several.
 
     Parameters
     ----------
     poses, q, pose
-        Three names of one argument.
+        Synonyms, of which one may be given.
 
     Raises
     ------
     InputError
-        More than one is given; an empty list, or more than 10,000 poses; an array of several poses, of which nobody can tell
-        whether they are its rows or its columns.
+        More than one argument is given; the list is empty or has more than 10,000 poses; or the poses are in an array, where
+        rows and columns cannot be distinguished.
     """
     given = {name: value for name, value in (("poses", poses), ("q", q), ("pose", pose)) if value is not None}
     if len(given) > 1:
@@ -134,8 +134,8 @@ def listed_poses(poses: Poses, q: Poses = None, pose: Poses = None) -> list[Pose
     poses = next(iter(given.values()), None)
     if isinstance(poses, np.ndarray) and poses.ndim > 1:
         raise InputError(
-            f"poses in an array of shape {poses.shape}: give a list of poses instead, list(array) where they are rows, "
-            "list(array.T) where they are columns"
+            f"poses in an array of shape {poses.shape}: give a list of poses instead, list(array) for poses in rows, "
+            "list(array.T) for poses in columns"
         )
     numbers = isinstance(poses, list | tuple) and all(isinstance(entry, int | float | np.number) for entry in poses)
     is_row = (numbers and len(poses) > 0) or (isinstance(poses, np.ndarray) and poses.ndim == 1 and poses.size > 0)  # type: ignore[arg-type]
@@ -143,5 +143,7 @@ def listed_poses(poses: Poses, q: Poses = None, pose: Poses = None) -> list[Pose
         list(poses) if isinstance(poses, list | tuple | np.ndarray) and not is_row else [poses]  # type: ignore[list-item]
     )
     if not 0 < len(several) <= MOST_POSES:
-        raise InputError(f"{len(several)} poses are given; name 1 to {MOST_POSES:,}, or none for the model's first")
+        raise InputError(
+            f"{len(several)} poses are given; give 1 to {MOST_POSES:,}, or none for the model's first pose"
+        )
     return several

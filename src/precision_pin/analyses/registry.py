@@ -1,6 +1,6 @@
-"""The analyses, a line each: the folder whose ``DECLARATION`` says what belongs to one.
+"""Registry of the analyses, one line for each: the folder with its ``DECLARATION``.
 
-The command line, the report, the package's names and the documentation read this list and know no analysis by name.
+The command line, the report, the package and the documentation find all analyses by this list.
 """
 
 from __future__ import annotations
@@ -19,17 +19,17 @@ FOLDERS: list[str] = [
     "precision_pin.analyses.reliability",
     "precision_pin.analyses.moments",
 ]
-"""In the order of the commands and of the report's sections."""
+"""Folders in the order of the commands and of the report's sections."""
 
 
 def declarations() -> dict[str, Declaration]:
-    """Return every analysis's declaration by its name."""
+    """Return the declarations of all analyses, keyed by name."""
     found: list[Declaration] = [import_module(folder).DECLARATION for folder in FOLDERS]
     return {one.name: one for one in found}
 
 
 def find_function(name: str) -> Any:
-    """Return the analysis's function of this name, ``None`` if there is none."""
+    """Return the function of this name among those of the analyses; ``None`` if there is none."""
     for one in declarations().values():
         if one.function.rpartition(":")[2] == name:
             return load(one.function)

@@ -1,14 +1,13 @@
-"""Estimates from independent replicates, with intervals that mind skewness.
+"""Estimates from independent replicates, with intervals that allow for skewness.
 
-A statistic of all replicates gets its standard error from leaving out one replicate after another (jackknife). The means
-of few heavy-tailed numbers are skewed, and Student's symmetric interval then misses on one side: the pseudo-values of the
-jackknife also give their skewness, and with it Hall's transformation of Student's ratio (Journal of the Royal Statistical
-Society B 54, 1992, 221) gives an interval with ends of different distance. What is reported is the farther end, on both
-sides, never less than Student's, and a tenth wider: of ratios and of nets, whose scrambles are not quite the independent normal
-numbers that both suppose, it held the truth in 92 to 94 of 100 runs without.
+The standard error of a statistic follows from leaving out one replicate after another (jackknife). Means of few values
+with heavy tails are skewed, and Student's symmetric interval then misses on one side. The pseudo-values of the jackknife
+also give the skewness, and Hall's transformation of Student's ratio (Journal of the Royal Statistical Society B 54, 1992,
+221) gives an interval with unequal sides. The longer side is reported on both sides, at least as long as Student's, and
+widened by a tenth. Without this widening, intervals of ratios and of nets, whose replicates are not quite the independent
+normal values assumed, covered in 92 to 94 of 100 runs.
 
-No replicate shows a tail that none has met. That takes what is known of the laws, see
-:mod:`precision_pin.analyses.marginals`.
+Tails that no replicate contains are assessed from the laws, see :mod:`precision_pin.analyses.marginals`.
 """
 
 from __future__ import annotations
@@ -29,24 +28,24 @@ __all__ = ["REPLICATES", "Estimates", "estimated", "half_widths", "jackknife", "
 
 
 REPLICATES: Final = 32
-"""Independent runs, or scrambles of a net."""
+"""Number of independent runs, or scrambles of a net."""
 
 _WIDENING: Final = 1.1
 _ROUNDING: Final = 1e-14
-"""Skewness of replicates that differ by less than this share of themselves is that of rounding."""
+"""Relative spread of the replicates below which their skewness counts as rounding."""
 
 
 @final
 @dataclass(frozen=True, eq=False)
 class Estimates:
-    """Estimates of one shape with half the width of their intervals.
+    """Estimates with the half-widths of their intervals.
 
     Attributes
     ----------
     value, half_width
-        Arrays of one shape; not-a-number where nothing can be told.
+        Arrays of one shape; NaN where not resolved.
     replicate_variance
-        Variance of what one replicate by itself would give, about.
+        Approximate variance of the estimate of a single replicate.
     """
 
     value: Array
@@ -55,12 +54,12 @@ class Estimates:
 
     @property
     def standard_error(self) -> Array:
-        """Of the values."""
+        """Standard error of the values."""
         result: Array = np.sqrt(self.replicate_variance / REPLICATES)
         return result
 
     def where(self, resolved: Array | NDArray[np.bool_]) -> Estimates:
-        """Return the estimates, not-a-number where they are not resolved."""
+        """Return the estimates, with NaN where they are not resolved."""
         keep = np.asarray(resolved, dtype=bool)
         return Estimates(
             np.where(keep, self.value, np.nan),
@@ -75,7 +74,7 @@ def pseudo_values(statistic: Callable[[NDArray[np.bool_]], Array]) -> tuple[Arra
     Parameters
     ----------
     statistic
-        Takes which replicates to use, ``(REPLICATES,)``.
+        Function of the mask ``(REPLICATES,)`` of the replicates to use.
     """
     everything = np.ones(REPLICATES, dtype=bool)
     whole = np.asarray(statistic(everything), dtype=float)
@@ -89,9 +88,9 @@ def jackknife(statistic: Callable[[NDArray[np.bool_]], Array], confidence: float
     Parameters
     ----------
     statistic
-        Takes which replicates to use, ``(REPLICATES,)``.
+        Function of the mask ``(REPLICATES,)`` of the replicates to use.
     confidence
-        Of the interval.
+        Confidence of the interval.
     """
     return estimated(*pseudo_values(statistic), confidence)
 
@@ -102,7 +101,7 @@ def estimated(value: Array, pseudo: Array, confidence: float) -> Estimates:
 
 
 def half_widths(pseudo: Array, confidence: float) -> Array:
-    """Return half the width of intervals of the means of ``(REPLICATES, …)``, for skewed ones to the farther side."""
+    """Return the half-widths of the intervals of means of ``(REPLICATES, …)``, for skewed means those of the longer side."""
     middle, spread = pseudo.mean(axis=0), pseudo.std(axis=0)
     varies = spread > _ROUNDING * np.abs(middle)
     cubes = ((pseudo - middle) ** 3).mean(axis=0)

@@ -1,4 +1,4 @@
-"""The base class of the results of all analyses."""
+"""Base class of the results of all analyses."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class PoseResult(Protocol):
 
     @property
     def pose(self) -> PoseLabel:
-        """Which pose."""
+        """Name and joint values of the pose."""
 
     def to_dict(self) -> dict[str, Any]:
         """Return the entry of ``poses`` in the JSON."""
@@ -37,22 +37,22 @@ class PoseResult(Protocol):
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class Result(JsonResult):
-    """Result of an analysis at one or several poses, with all that is needed to reproduce it.
+    """Result of an analysis at one or several poses, with all settings that reproduce it.
 
-    A subclass adds what it was asked for and :meth:`settings`, :meth:`to_pandas` and the three parts of the notebook view.
+    A subclass adds its own settings, :meth:`settings`, :meth:`to_pandas` and the three parts of the notebook view.
 
     Attributes
     ----------
     provenance
-        Of what, with which seed and versions.
+        Robot, seed and software versions.
     samples, confidence
-        How many samples were drawn at each pose, and the confidence of every interval by itself.
+        Number of samples at each pose; confidence of each interval by itself.
     poses
         One entry for each pose.
     findings
-        Those handed over, such as the sheet's.
+        Findings passed in, such as those of the sheet.
     warnings
-        One line each: the findings, then what the analysis itself warns of.
+        One line each: the findings, then the warnings of the analysis.
     """
 
     provenance: Provenance
@@ -64,17 +64,17 @@ class Result(JsonResult):
 
     @property
     def heading(self) -> Provenance:
-        """Old name of ``provenance``."""
+        """Former name of ``provenance``."""
         return self.provenance
 
     @property
     def met(self) -> bool:
-        """Whether every demand is met; true of an analysis that judges none."""
+        """True if every specification is met, and for an analysis without specifications."""
         return True
 
     @property
     def new_warnings(self) -> tuple[str, ...]:
-        """The warnings that are not among the findings handed over."""
+        """Warnings that are not among the findings passed in."""
         return self.warnings[len(dict.fromkeys(map(str, self.findings))) :]
 
     @property
@@ -83,11 +83,11 @@ class Result(JsonResult):
         raise NotImplementedError
 
     def settings(self) -> dict[str, Any]:
-        """Return what was asked for, as the JSON has it between provenance and poses."""
+        """Return the settings, the keys of the JSON between provenance and poses."""
         return {"samples": self.samples, "confidence": self.confidence}
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the result as its schema has it, SI units, base axes."""
+        """Return the result in its JSON schema, SI units, base axes."""
         return self._head() | {"poses": [pose.to_dict() for pose in self.poses]}
 
     def to_pandas(self) -> pandas.DataFrame:
@@ -101,7 +101,9 @@ class Result(JsonResult):
         raise NotImplementedError
 
     def to_xarray(self) -> xarray.Dataset:
-        """Return the result as a dataset over the levels of the index of :meth:`to_pandas`, with its columns as variables.
+        """Return the result as a dataset, m and rad.
+
+        The dimensions are the index levels of :meth:`to_pandas`, the variables its columns.
 
         Raises
         ------
@@ -118,23 +120,23 @@ class Result(JsonResult):
         Parameters
         ----------
         pose
-            Which of ``poses``, 0-based.
+            Number of the pose, from 0.
         quantity
-            What is drawn on given axes: ``"position"`` or ``"attitude"``; a figure of its own shows both.
+            Panel to draw on given axes, ``"position"`` or ``"attitude"``; a new figure shows both.
         axes
-            Axes of matplotlib to draw one panel on; ``None`` makes a figure with all panels, a legend and a caption.
+            Matplotlib axes to draw one panel on; ``None`` creates a figure with all panels, a legend and a caption.
 
         Returns
         -------
         Axes | Figure
-            The axes given, or the new figure, which a notebook shows and ``savefig`` writes.
+            The given axes, or the new figure, which a notebook shows and ``savefig`` writes.
 
         Raises
         ------
         UnknownNameError
-            Another quantity.
+            There is no such quantity.
         InputError
-            No such pose.
+            There is no such pose.
         """
         if quantity not in UNITS:
             raise UnknownNameError("quantity", quantity, tuple(UNITS))
@@ -148,11 +150,11 @@ class Result(JsonResult):
 
     @property
     def labels(self) -> list[str]:
-        """Names of the poses in data frames, no two alike."""
+        """Names of the poses in data frames, all different."""
         return pose_labels([entry.pose.name for entry in self.poses])
 
     def attributes(self) -> dict[str, Any]:
-        """Return what a data frame says of how it was computed: the JSON, of the poses their joint values only."""
+        """Return the attributes of a data frame: the JSON with the joint values only of the poses."""
         joints = {label: dict(entry.pose.q) for label, entry in zip(self.labels, self.poses, strict=True)}
         return self._head() | {"poses": joints}
 
@@ -166,19 +168,19 @@ class Result(JsonResult):
         }
 
     def _title(self) -> str:
-        """Return what a notebook shows above the result, without the robot."""
+        """Return the heading of the notebook view, without the robot."""
         raise NotImplementedError
 
     def _table(self, pose: Any) -> Table:
-        """Return what a notebook shows of a pose; ``pose`` is an entry of ``poses``."""
+        """Return the table of the notebook view for an entry of ``poses``."""
         raise NotImplementedError
 
     def _notes(self) -> list[str]:
-        """Return the lines below the tables but for the warnings."""
+        """Return the lines below the tables, without the warnings."""
         raise NotImplementedError
 
     def _repr_html_(self) -> str:
-        """Return what a notebook shows: mm and mrad."""
+        """Return the notebook view: mm and mrad."""
         of = self.provenance
         hidden = len(self.poses) - MOST_POSES
         return rendered(
@@ -189,10 +191,10 @@ class Result(JsonResult):
 
 
 def name_pose(pose: PoseLabel) -> str:
-    """Return a pose's name and joint values, as a notebook has them above its table."""
+    """Return name and joint values of a pose, the heading of its table in a notebook."""
     return (f"pose {pose.name!r}: " if pose.name else "") + joint_text(pose.q, pose.sliding_joints)
 
 
 def list_warnings(findings: Iterable[Finding], found: Iterable[str]) -> tuple[str, ...]:
-    """Return findings and what an analysis warns of besides as lines, each once."""
+    """Return findings and further warnings as lines, without repetitions."""
     return tuple(dict.fromkeys((*map(str, findings), *found)))

@@ -1,7 +1,7 @@
-"""The compiled sampler: loops over arrays, and what lays models out for them.
+"""Compiled sampler: loops over arrays, and the conversion of error models to these arrays.
 
-The functions of :mod:`precision_pin.kernel.sampler` that the documentation shows are found here too. They are imported
-when they are first used: who only compiles the loops needs no robot.
+The functions of :mod:`precision_pin.kernel.sampler` that the documentation shows are available here too. They are
+imported on first use, so that a process that only compiles the loops does not import the robot model.
 """
 
 from __future__ import annotations

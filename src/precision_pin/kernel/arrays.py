@@ -1,4 +1,4 @@
-"""Turning a term table into the arrays that the compiled loops read."""
+"""Conversion of a term table to the arrays that the compiled loops read."""
 
 from __future__ import annotations
 
@@ -33,36 +33,36 @@ if TYPE_CHECKING:
 __all__ = ["SamplerArrays", "convert_table", "convert_tables"]
 
 Column = tuple[int, ...]
-"""One row, or two that are multiplied."""
+"""One row, or two rows to multiply."""
 
-# a little less than the series reach, for the rounding of what is compared
+# slightly below the range of the series, to allow for rounding of the bounds that are compared
 _FINE_UP_TO: Final = 0.01 * (1 - 1e-9)
 _NARROW_UP_TO: Final = 0.25 * (1 - 1e-9)
-"""Angles (rad) that are served by the shortest and the short series."""
+"""Largest angles (rad) for the shortest and the short series."""
 
-_NEGLIGIBLE: Final = 2.0**-58
-_LARGEST_POWER: Final = 8
+_NEGLIGIBLE: Final = 2.0**-58  # components below this share of a vector's largest one are rounding
+_LARGEST_POWER: Final = 8  # whole exponents up to this one are evaluated by multiplications
 
 
 @final
 @dataclass(frozen=True, eq=False)
 class SamplerArrays:
-    """An error model at one pose as arrays: nothing about it is compiled anew, whatever the robot.
+    """Error model at one pose as arrays, which the same compiled loops read for every robot.
 
     Attributes
     ----------
     space
-        Its draws.
+        The draws of the model.
     targets
-        K, how many targets displace the chain.
+        Number of targets that displace the chain, K.
     rows
         Rows of a workspace.
     draws, formulas, superposition, motions
-        What the compiled loops read, see :mod:`precision_pin.kernel.loops`.
+        Arrays for the compiled loops, see :mod:`precision_pin.kernel.loops`.
     lowest, highest
-        ``(d,)`` what a component drawn by Box-Muller or by inverse stays between.
+        ``(d,)`` bounds of each component, drawn by Box-Muller or by the inverse distribution function.
     largest_angle
-        Bound on the sum of all targets' turns over all samples, rad; infinite where none is known.
+        Bound on the sum of the rotation angles of all targets, for all samples, rad; infinite where unknown.
     """
 
     space: Space
@@ -78,16 +78,16 @@ class SamplerArrays:
 
     @cached_property
     def scopes(self) -> tuple[Scope, ...]:
-        """The scope of each stream of ``draws``."""
+        """Scope of each stream of ``draws``."""
         return tuple(draw.scope for draw in self.space.draws for _ in draw.law.streamed)
 
     @cached_property
     def rare(self) -> Wanted:
-        """Whether the space needs loops that are compiled where they are wanted only."""
+        """True if the space has rare laws, whose loops are compiled on demand, otherwise None."""
         return rare_laws(self.space)
 
     def words(self, pose: int, visit: int) -> NDArray[np.uint64]:
-        """Return the last counter word of every stream drawn, in the order of ``draws.streams``."""
+        """Return the last counter word of every stream, in the order of ``draws.streams``."""
         occasions = {scope: occasion(scope, pose, visit) for scope in dict.fromkeys(self.scopes)}
         return np.array([occasions[scope] for scope in self.scopes], dtype=np.uint64)
 
@@ -98,21 +98,21 @@ def convert_table(table: TermTable, space: Space) -> SamplerArrays:
     Raises
     ------
     InputError
-        The compiled sampler does not know a law.
+        The compiled sampler does not support a law.
     """
     return convert_tables((table,), space)[0]
 
 
 def convert_tables(tables: Sequence[TermTable], space: Space) -> list[SamplerArrays]:
-    """Return the arrays of term tables, each as `convert_table` makes them by itself, bit by bit.
+    """Return the arrays of term tables, with the same bits as `convert_table` of each.
 
-    Tables one after another that share targets, program and factors, as one model's at several poses do, share draws and
-    formulas afterwards.
+    The arrays of consecutive tables with the same targets, program and factors, such as those of one model at several
+    poses, share draws and formulas.
 
     Raises
     ------
     InputError
-        The compiled sampler does not know a law.
+        The compiled sampler does not support a law.
     """
     found: list[SamplerArrays] = []
     for _, alike in groupby(tables, key=lambda table: (id(table.program), id(table.target), id(table.factors))):
@@ -147,10 +147,10 @@ def _convert_alike(tables: Sequence[TermTable], space: Space) -> list[SamplerArr
 
 @final
 class _RowAllocator:
-    """Rows handed out one after another, each with an interval its numbers stay in; components come first."""
+    """Allocator of consecutive rows, each with an interval that contains its values; components come first."""
 
     def __init__(self, space: Space) -> None:
-        # row k is component k: the loops count on it where they keep components
+        # row k is component k: the loops rely on this where they store components
         self.intervals = intervals(space)
         self.constants: dict[float, int] = {}
 
@@ -182,7 +182,7 @@ def _convert_formulas(table: TermTable, rows: _RowAllocator) -> tuple[list[tuple
         a, b = register[left], register[right]
         low, high = rows.intervals[b]
         if operator is Operator.POWER and low == high and low in range(1, _LARGEST_POWER + 1):
-            # a small whole power is a few products, and a product costs a hundredth of a power
+            # a product costs a hundredth of a general power
             result = a
             for _ in range(int(low) - 1):
                 result = apply(Operator.MULTIPLY, result, a)
@@ -194,7 +194,7 @@ def _convert_formulas(table: TermTable, rows: _RowAllocator) -> tuple[list[tuple
 
 @final
 class _Products:
-    """The distinct products of parameters that are factors of further products, a row for each."""
+    """Distinct products of parameters that are factors of further products, with a row for each."""
 
     def __init__(self, rows: _RowAllocator, parameters: Sequence[int]) -> None:
         self._rows = rows
@@ -204,10 +204,10 @@ class _Products:
         self._results: list[int] = []
 
     def column(self, factors: NDArray[np.intp]) -> Column:
-        """Return one or two rows whose product is that of parameters; of none, a row of ones."""
+        """Return one or two rows whose product is that of the parameters; a row of ones if there are none."""
         if not factors.size:
             return (self._rows.constant(1.0),)
-        # sorted: a product has one row, whatever the order of its factors in the sheet
+        # sorted, so that a product has one row for any order of its factors in the sheet
         key = tuple(sorted(self._parameters[factor] for factor in factors))
         return key if len(key) == 1 else (self._row(key[:-1]), key[-1])
 
@@ -239,7 +239,7 @@ class _Products:
 
 
 def _result_interval(operator: Operator, a: Interval, b: Interval) -> Interval:
-    """Return an interval that holds the operation's results; all numbers where nothing better is known."""
+    """Return an interval that contains the results of an operation; the whole real line where no bound is known."""
     everything = (-math.inf, math.inf)
     match operator:
         case Operator.ADD:
@@ -265,7 +265,7 @@ def _result_interval(operator: Operator, a: Interval, b: Interval) -> Interval:
             return (-1.0, 1.0)
     if any(map(math.isnan, ends)):
         return everything
-    # outwards by more than the rounding of either end and of the samples' own operation
+    # widened by more than the rounding of the ends and of the same operation on the samples
     low, high = min(ends), max(ends)
     return low - 1e-14 * abs(low), high + 1e-14 * abs(high)
 
@@ -280,16 +280,16 @@ def _product_interval(a: Interval, b: Interval) -> Interval:
 def _convert_displacements(
     tables: Sequence[TermTable], columns: Sequence[Column], rows: _RowAllocator
 ) -> list[tuple[Superposition, Motions, float]]:
-    """Return, for each table, both models and the bound on the sum of the targets' turns.
+    """Return, for each table, the arrays of both models and the bound on the sum of the targets' rotation angles.
 
-    Numbers are added and multiplied one by one, not by a matrix product, whose bits depend on how many there are.
+    Sums and products are elementwise: the bits of a matrix product depend on its size.
     """
     count = len(tables[0].targets)
     poses, frames, twists = _stack(tables, "pose"), _stack(tables, "frames"), _stack(tables, "twists")
     target = tables[0].target
     turned = _rotate(frames[:, target, :3, :3], twists[:, :, 3:])
     shifted = _rotate(frames[:, target, :3, :3], twists[:, :, :3])
-    # from each pivot to the tip
+    # vectors from each pivot to the tip
     arms = poses[:, None, :3, 3] - frames[:, :, :3, 3]
     lever = -arms[:, target]
     carried = shifted + np.stack(
@@ -301,20 +301,20 @@ def _convert_displacements(
     )
     sums = [_Sum.of(columns, carried, range(len(columns))), _Sum.of(columns, turned, range(len(columns)))]
     angles = np.zeros((len(tables), count))
-    # tip first, as the loops compose them
+    # from tip to base, the order in which the loops compose them
     for place, k in enumerate(reversed(range(count))):
         terms = np.flatnonzero(target == k).tolist()
         shift, turn = _Sum.of(columns, shifted, terms), _Sum.of(columns, turned, terms)
         angles[:, place] = _largest_turns(turn, rows)
-        # half: the loops work with half the rotation vector; a half is exact
+        # the loops use half the rotation vector; halving is exact
         sums += [shift, _Sum(turn.columns, turn.vectors / 2)]
-    # target by target: the order in which np.sum adds depends on how many numbers there are
+    # target by target: the order in which np.sum adds depends on the number of terms
     total = np.zeros(len(tables))
     for column in angles.T:
         total = total + column
     reach = np.concatenate([angles, total[:, None]], axis=1)
     series = np.where(reach <= _FINE_UP_TO, FINE, np.where(reach <= _NARROW_UP_TO, NARROW, WIDE))
-    # a table's entries are those that are not zero: nearly always the same ones at all poses
+    # only nonzero entries are stored; they are nearly always the same at all poses
     kept = np.concatenate([part.vectors.any(axis=-1) for part in sums], axis=1)
     patterns, numbers = np.unique(kept, axis=0, return_inverse=True)
     found: dict[int, tuple[Superposition, Motions, float]] = {}
@@ -328,14 +328,14 @@ def _convert_displacements(
 @final
 @dataclass(frozen=True, eq=False)
 class _Sum:
-    """A vector as a sum ``vector × column``: the columns, and a vector for each at every pose, ``(P, columns, 3)``."""
+    """Sum of ``vector × column``: the columns, and the vector of each at every pose, ``(P, columns, 3)``."""
 
     columns: list[Column]
     vectors: Array
 
     @classmethod
     def of(cls, columns: Sequence[Column], vectors: Array, terms: Iterable[int]) -> _Sum:
-        """Return the sum of terms with vectors ``(P, T, 3)``; those of one column are added up."""
+        """Return the sum of terms with vectors ``(P, T, 3)``; the vectors of terms with the same column are added."""
         moved: dict[Column, Array] = {}
         for term in terms:
             column = columns[term]
@@ -344,17 +344,17 @@ class _Sum:
         return cls(list(moved), stacked)
 
     def entries(self, kept: NDArray[np.bool_], poses: NDArray[np.intp], *, least: int = 0, filler: int = 0) -> _Entries:
-        """Return the entries at some poses, at least so many of single rows."""
+        """Return the entries at some poses, with at least `least` entries of single rows."""
         chosen = np.flatnonzero(kept).tolist()
         single = [k for k in chosen if len(self.columns[k]) == 1]
         double = [k for k in chosen if len(self.columns[k]) == 2]
         rows = [self.columns[k][0] for k in single]
         others = max(len(rows) - least, 0)
-        # the loops take six, five, four or three at once
+        # the loops process six, five, four or three entries at once, never one or two
         size = least + others + {1: 2, 2: 1}.get(others % 6, 0)
-        # what fills up has a vector of zero: any row serves that holds finite numbers
+        # padding entries have a zero vector; their row only needs finite values
         rows += ([self.columns[k][0] for k in chosen[:1]] or [filler]) * (size - len(rows))
-        # three products in one pass; one that fills up has a vector of zero as well
+        # three products in one pass; padding products have a zero vector as well
         sets = -(-len(double) // 3)
         factors = [row for k in double for row in self.columns[k]]
         factors += factors[:1] * (6 * sets - len(factors))
@@ -367,7 +367,7 @@ class _Sum:
 @final
 @dataclass(frozen=True, eq=False)
 class _Entries:
-    """Entries of a sum as `precision_pin.kernel.loops.Motions` has them: rows, vectors, how many are of single rows."""
+    """Entries of a sum in the format of `precision_pin.kernel.loops.Motions`: rows, vectors, number of single rows."""
 
     rows: list[int]
     vectors: Array
@@ -391,17 +391,17 @@ def _rotate(rotation: Array, vector: Array) -> Array:
 
 
 def _drop_rounding(vector: Array) -> Array:
-    """Return vectors ``(P, 3)`` without components that are rounding errors of their direction."""
+    """Return vectors ``(P, 3)`` with components that are rounding errors set to zero."""
     return np.where(np.abs(vector) > _NEGLIGIBLE * np.abs(vector).max(axis=-1, keepdims=True), vector, 0.0)
 
 
 def _largest_turns(turn: _Sum, rows: _RowAllocator) -> Array:
-    """Return how far a target may turn at each pose, ``(P,)``, rad; infinite where no bound is known."""
+    """Return the bound on a target's rotation angle at each pose, ``(P,)``, rad; infinite where unknown."""
     reach = np.zeros((len(turn.vectors), 3))
     with np.errstate(invalid="ignore", over="ignore"):
         for k, column in enumerate(turn.columns):
             vector = np.abs(turn.vectors[:, k])
-            # zero times an infinite end is no number: components that the vector does not have are left out
+            # zero vectors are skipped, because zero times an infinite end is NaN
             interval: Interval = reduce(_product_interval, (rows.intervals[row] for row in column))
             furthest = max(map(abs, interval))
             reach = reach + np.where(vector.any(axis=-1, keepdims=True), vector * furthest, 0.0)
@@ -412,16 +412,16 @@ def _largest_turns(turn: _Sum, rows: _RowAllocator) -> Array:
 def _assemble(
     sums: Sequence[_Sum], kept: NDArray[np.bool_], poses: NDArray[np.intp], arms: Array, series: NDArray[np.int64]
 ) -> Iterable[tuple[Superposition, Motions]]:
-    """Yield both models at the poses where the same entries are kept."""
+    """Yield the arrays of both models at the poses with the same nonzero entries."""
     ends = np.cumsum([0, *(len(part.columns) for part in sums)]).tolist()
     of_part = [kept[begin:end] for begin, end in pairwise(ends)]
     listed = [part.entries(own, poses) for part, own in zip(sums[:2], of_part[:2], strict=True)]
     for shift, turn, shift_kept, turn_kept in zip(sums[2::2], sums[3::2], of_part[2::2], of_part[3::2], strict=True):
-        # three entries of a shift go with a target's turn, in one loop
+        # one loop of the sampler processes three entries of a shift together with the target's turn
         least = 3 if turn_kept.any() else 0
         turns = turn.entries(turn_kept, poses, least=least)
         listed += [shift.entries(shift_kept, poses, least=least, filler=turns.rows[0] if least else 0), turns]
-    # the superposition's, then shifts and turns of the targets, tip first
+    # the superposition's shifts and turns, then those of the targets, from tip to base
     parts = [listed[0:1], listed[1:2], listed[2::2], listed[3::2]]
     row_offsets = [offsets([row for entries in part for row in entries.rows]) for part in parts]
     vectors = [
@@ -434,7 +434,7 @@ def _assemble(
     all_arms, all_series = freeze(arms, *arms.shape), np.array(series, dtype=np.int64)
     all_series.flags.writeable = False
     for k in range(len(poses)):
-        # views of arrays of all poses: made once, read-only like them
+        # views of the arrays of all poses, read-only like them
         yield (
             Superposition(row_offsets[0], vectors[0][k], row_offsets[1], vectors[1][k], superposed),
             Motions(

@@ -1,9 +1,9 @@
-"""Blocks of samples: what each of them gives, and how they are added up.
+"""Blocks of samples: their statistics, and the addition to a state.
 
-Units come in *blocks* of `BLOCK`, part of the format: each block has sums of its own, which depend on the error model,
-the seed and the block's number only. Added up in block order (`Blocks.add_to`) they give the same bits however the
-blocks were spread over calls, threads or machines of one type, and the bits of
-:func:`precision_pin.statistics.observe`.
+Units are sampled in *blocks* of `BLOCK`. Each block has its own sums, which depend on the error model, the seed and the
+block's number only. Added in block order (`Blocks.add_to`) they give the same bits for any distribution of the blocks over
+calls, threads or machines of one type, and the same bits as :func:`precision_pin.statistics.observe`. The size of a block
+must therefore not change.
 """
 
 from __future__ import annotations
@@ -25,9 +25,9 @@ BLOCK: Final = ATOM
 """Units in a block, 16,384."""
 
 MOST_UNITS: Final = 2**63
-"""Units are numbered by signed integers of 64 bits."""
+"""Number of units that signed integers of 64 bits can index."""
 
-# the sketch counts in 32 bits: of more samples in a call a bin could overflow
+# the sketch counts with 32 bits: with more samples in a call a bin could overflow
 _MOST_BLOCKS_IN_A_CALL: Final = 2**32 // BLOCK - 1
 _UPPER: Final = np.triu_indices(6)
 
@@ -40,20 +40,21 @@ class Blocks:
     Attributes
     ----------
     count
-        Samples.
+        Number of samples.
     lowest, highest
         ``(8,)`` smallest and largest value of each quantity.
     sums
-        ``(blocks, 31)`` sums of each block by itself: of (value - centre) of the eight quantities, of the products of
-        two components' (value - centre) (upper triangle of 6 × 6, by rows), of the squares of the two norms'.
+        ``(blocks, 31)`` sums of each block: of (value - centre) of the eight quantities, of the products of two
+        components' (value - centre) (upper triangle of 6 × 6, by rows), and of the squared (value - centre) of the norms.
     sketch
         ``(8, COLUMNS)`` counts, see :mod:`precision_pin.statistics.sketch`.
     inside
         ``(S,)`` samples inside each specification.
     largest, largest_units
-        ``(2, LARGEST)`` largest |d| and |δ|, and which units made them, see :class:`precision_pin.statistics.State`.
+        ``(2, LARGEST)`` largest |d| and |δ|, and the units with these errors, see
+        :class:`precision_pin.statistics.State`.
     errors
-        ``(6, count)`` the errors themselves where they were to be kept.
+        ``(6, count)`` the errors themselves, or None if they are not kept.
     """
 
     count: int
@@ -67,9 +68,9 @@ class Blocks:
     errors: Array | None
 
     def add_to(self, state: State) -> State:
-        """Return the state after these blocks too; added in block order, the bits never depend on the grouping."""
+        """Return the state with these blocks added; in block order, the bits do not depend on the grouping."""
         before = np.concatenate([state.sums, state.products[_UPPER], state.norm_squares])
-        # one block after the other, unlike np.sum
+        # one block after another: np.sum would add pairwise
         sums = np.add.accumulate(np.vstack([before, self.sums]), axis=0)[-1]
         products = np.empty((6, 6))
         products[_UPPER] = products.T[_UPPER] = sums[8:29]
@@ -89,12 +90,12 @@ class Blocks:
 
 
 def check_blocks(first_block: int, blocks: int, samples: int | None) -> tuple[int, int]:
-    """Return the first unit of blocks, and how many units they hold of a run of so many samples.
+    """Return the first unit and the number of units of some blocks, in a run of the given number of samples.
 
     Raises
     ------
     InputError
-        There are no such blocks.
+        The blocks are outside the run, or too many for one call.
     """
     first = int(first_block) * BLOCK
     end = min(first + int(blocks) * BLOCK, MOST_UNITS)

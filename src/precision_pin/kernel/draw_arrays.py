@@ -1,4 +1,4 @@
-"""Turning the draws of a space into the arrays that the compiled loops read."""
+"""Conversion of the draws of a space to the arrays that the compiled loops read."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ __all__ = [
 ]
 
 COMMON: Final[frozenset[Branch]] = frozenset(("fixed", "uniform", "triangular", "normal", "truncated"))
-"""The laws' loops that are always compiled; others, and those of correlation, where they are wanted."""
+"""Laws whose loops are always compiled; the loops of the other laws and of correlation are compiled on demand."""
 
 _COLUMNS: Final[Mapping[Branch, int]] = {
     "uniform": 2,
@@ -39,11 +39,11 @@ _COLUMNS: Final[Mapping[Branch, int]] = {
     "arcsine": 2,
     "two_point": 3,
 }
-"""Number of parameters that the loops take of each law."""
+"""Number of parameters that the loop of each law reads."""
 _SINGLE: Final[tuple[Branch, ...]] = ("disc", "circle")
-"""Loops that take one."""
+"""Laws with a single parameter."""
 _OWN: Final[tuple[Branch, ...]] = ("joint", "empirical", "table")
-"""Loops that take a table of each law."""
+"""Laws with a table of parameters."""
 
 BESIDE: Final[Mapping[str, tuple[str, ...]]] = {
     **{f"{branch}_rows": (branch,) for branch in (*_COLUMNS, *_SINGLE)},
@@ -56,51 +56,51 @@ BESIDE: Final[Mapping[str, tuple[str, ...]]] = {
     "empirical_rows": (),
     "table_rows": ("table_shapes",),
 }
-"""Fields of :class:`precision_pin.kernel.loops.Draws` that hold rows, and those that hold one entry for each row."""
+"""Fields of :class:`precision_pin.kernel.loops.Draws` with row offsets, and the fields with one entry for each row."""
 
 Interval = tuple[float, float]
 
 
 def offset(row: int) -> int:
-    """Return the offset of a workspace's row."""
+    """Return the offset of a row in the workspace."""
     return row * STRIDE
 
 
 def offsets(rows: Sequence[int]) -> NDArray[np.uint64]:
-    """Return the offsets of rows, frozen."""
+    """Return the offsets of rows as a read-only array."""
     return freeze_offsets([offset(row) for row in rows])
 
 
 def freeze_offsets(values: ArrayLike) -> NDArray[np.uint64]:
-    """Return whole numbers as an array that cannot be written: numba takes others for another type."""
+    """Return whole numbers as a read-only array: to numba a writeable array is another type."""
     array = np.ascontiguousarray(values, dtype=np.uint64)
     array.flags.writeable = False
     return array
 
 
 def freeze(values: ArrayLike, *shape: int) -> Array:
-    """Return numbers, flat or of a shape, as an array that cannot be written."""
+    """Return numbers as a read-only array, flat or with a given shape."""
     array = np.array(values, dtype=float).reshape(shape or -1)
     array.flags.writeable = False
     return array
 
 
 def rare_laws(space: Space) -> Wanted:
-    """Return whether a space needs loops that are compiled where they are wanted only."""
+    """Return True for a space with rare laws, whose loops are compiled on demand, otherwise None."""
     rows = (draw.law.kernel_row() for draw in space.draws)
     common = not space.correlations and all(row is not None and row.branch in COMMON for row in rows)
     return None if common else True
 
 
 def convert_draws(space: Space, constants: Mapping[float, int]) -> Draws:
-    """Return the arrays of a space's draws; a row for each component, in order, and those of constants.
+    """Return the arrays of a space's draws, with a row for each component, in order, and for each constant.
 
     Parameters
     ----------
     space
         The draws.
     constants
-        Rows that hold one number throughout, by the number.
+        Rows of constants, keyed by their values.
     """
     placed = list(zip((draw.law for draw in space.draws), space.slices, strict=True))
     streamed = [columns.start + k for law, columns in placed for k in law.streamed]
@@ -114,7 +114,7 @@ def convert_draws(space: Space, constants: Mapping[float, int]) -> Draws:
     fixed = {row: float(value[0]) for row, value in by_branch["fixed"].items()}
     fixed |= {row: value for value, row in constants.items()}
     normal = by_branch["normal"]
-    # Python's numbers: a square that is none becomes infinite without a word, and is refused where errors are
+    # Python floats: an overflow of the square gives infinity without a warning, and the errors are then rejected
     plain = {row: numbers.tolist() for row, numbers in normal.items() if row not in mixed}
     normals = {row: (mean, -2 * std * std) for row, (mean, std) in plain.items()}
     normals |= dict.fromkeys(sorted((from_normals - normal.keys()) | mixed), (0.0, -2.0))
@@ -155,7 +155,7 @@ def convert_draws(space: Space, constants: Mapping[float, int]) -> Draws:
 def _kernel_row(law: Law) -> KernelRow:
     row = law.kernel_row()
     if row is None:
-        raise InputError(f"the compiled sampler does not know the law {type(law).__name__}")
+        raise InputError(f"the compiled sampler does not support the law {type(law).__name__}")
     return row
 
 
@@ -168,7 +168,7 @@ def _stack_roots(tables: Sequence[Array]) -> tuple[Array, NDArray[np.uint64]]:
 
 
 def _pad(matrices: Sequence[Array]) -> Array:
-    """Return square matrices as one array, padded to the largest by zeros."""
+    """Return square matrices as one array, padded with zeros to the size of the largest."""
     largest = max(map(len, matrices), default=1)
     padded = np.zeros((len(matrices), largest, largest))
     for k, matrix in enumerate(matrices):
@@ -177,18 +177,18 @@ def _pad(matrices: Sequence[Array]) -> Array:
 
 
 def _stack_rows(parts: Sequence[Array], columns: int) -> tuple[Array, NDArray[np.uint64]]:
-    """Return matrices on top of one another, and at which row each begins, with the end of the last."""
+    """Return matrices stacked vertically, and the first row of each, followed by the total number of rows."""
     stacked = np.concatenate([np.zeros((0, columns)), *parts])
     return freeze(stacked, *stacked.shape), freeze_offsets(np.cumsum([0, *map(len, parts)]))
 
 
 def intervals(space: Space) -> list[Interval]:
-    """Return what each component stays between, drawn with uniform numbers of 53 bits.
+    """Return the bounds of each component, drawn with uniform numbers of 53 bits.
 
     Raises
     ------
     InputError
-        The compiled sampler does not know a law.
+        The compiled sampler does not support a law.
     """
     found: list[Interval] = []
     for draw in space.draws:

@@ -1,20 +1,20 @@
-"""The compiled loops of the sampler: draw, derive, displace, compose, count.
+"""Compiled loops of the sampler: draw, derive, displace, compose, count.
 
-All compiled code of the package stands in this one file (numba does not see that a cached function is stale when a
-function it calls changes in another file). It knows nothing of robots: everything arrives as arrays, laid out by
+All compiled code of the package is in this one file, because numba does not notice that a cached function is stale when a
+function it calls changes in another file. The code is independent of the robot: all data arrive as arrays, made by
 :mod:`precision_pin.kernel.arrays`.
 
-Samples are worked on in *tiles* of `TILE`. One *row* of a workspace holds one quantity of a tile; rows stand `STRIDE`
-doubles apart and are named by the offset of their first element, an unsigned integer (signed offsets make numba test
-for negative indices, which keeps LLVM from vectorising). Rows that every model has stand in an array of their own, the
-*scratch* `s`, those of its parameters in `w`: what is in one array would be tested for overlap before every loop, which
-takes as long as the loop. Sampled tiles hold the even units first, then the odd ones, as Philox and Box-Muller give
-them; they are put in order only where a result leaves the tile.
+Samples are processed in *tiles* of `TILE`. One *row* of a workspace holds one quantity of a tile. Rows are `STRIDE`
+doubles apart and are identified by the offset of their first element, an unsigned integer: signed offsets make numba test
+for negative indices, which keeps LLVM from vectorising. The rows that every model has are in one array, the *scratch* `s`;
+the rows of the parameters are in another, `w`. In a single array LLVM would test them for overlap before every loop, which
+takes as long as the loop itself. Sampled tiles hold the even units first, then the odd ones, the order of Philox and
+Box-Muller. They are reordered only where a result leaves the tile.
 
-Floating-point contraction (fused multiply-add) is allowed in what is marked `fma` only: logarithms, normal
-numbers, discs' directions, displacements. All else, uniform numbers and sums included, is plain IEEE arithmetic in a
-written order. No mathematical library is called but for powers, sines and cosines in derived formulas. So bits are the
-same on machines of one type, and numbers within rounding on others.
+Floating-point contraction (fused multiply-add) is allowed only in functions marked `fma`: logarithms, normal numbers,
+directions of discs, displacements. All other code, including uniform numbers and sums, is strict IEEE arithmetic in the
+written order. The mathematical library is called only for powers, sines and cosines in derived formulas. The bits are
+therefore the same on machines of one type, and the numbers agree to rounding on others.
 """
 
 from __future__ import annotations
@@ -73,78 +73,79 @@ __all__ = [
 Offsets = NDArray[np.uint64]
 Bins = NDArray[np.uint32]
 Scalar = Any
-"""A number inside compiled code: an offset (np.uint64), an index or a double."""
+"""Number inside compiled code: an offset (np.uint64), an index or a double."""
 Wanted = Literal[True] | None
-"""True, or None: to numba another type, for which what it stands for is left out and takes no time to compile."""
+"""Flag for optional code: True, or None, which is another type to numba, so that the code is not compiled at all."""
 
 TILE: Final = 128
-"""Samples worked on together."""
+"""Samples processed together."""
 STRIDE: Final = TILE + 8
-"""Doubles from one row to the next; not a power of two, so that rows do not fall on the same cache lines."""
+"""Doubles from one row to the next; not a power of two, so that rows do not compete for the same cache lines."""
 ATOM: Final = 1 << 14
-"""Samples of one partial sum, that of :func:`precision_pin.statistics.observe`."""
+"""Samples in one partial sum, as in :func:`precision_pin.statistics.observe`."""
 LANES: Final = 16
-"""Running sums of one quantity. More than a vector holds, and fixed: the order of additions, so every bit, is then our own."""
+"""Running sums of one quantity. They are more than a vector register holds, and a fixed number: this fixes the order of the
+additions, and with it every bit, for all processors."""
 HELD: Final = 16
-"""Tiles of which the bins are found before they are counted."""
+"""Tiles whose bins are found before they are counted."""
 LARGEST: Final = 10
 """Number of largest errors kept."""
 SUMS: Final = 31
 """Partial sums of an atom: 8 residuals, 21 products of two components (upper triangle by rows), 2 squared norms."""
 
 LANE_DOUBLES: Final = (SUMS + 16) * LANES
-"""Lanes of a pose: those of the sums, of the eight smallest and of the eight largest values."""
+"""Doubles in the lanes of a pose: of the sums, the eight smallest and the eight largest values."""
 
 NORM_MANTISSA: Final = 5
 NORM_EXPONENTS: Final = (-4, 4)
 NORM_COLUMNS: Final = 2 * (1 + ((NORM_EXPONENTS[1] - NORM_EXPONENTS[0]) << NORM_MANTISSA))
-"""Columns of the small sketch of a norm, 514: as the large one, with 32 bins an octave and eight octaves on each side."""
+"""Columns of the small sketch of a norm, 514: like the large sketch, with 32 bins per octave, eight octaves on each side."""
 
 FINE, NARROW, WIDE = 0, 1, 2
-"""Which series serve a target's turn."""
+"""Series for the rotation of a target, by its largest angle."""
 DRAW, LINEAR, EXACT = 0, 1, 2
-"""Stages of the work on a tile."""
+"""Last stage of the work on a tile."""
 FORMULA, ANGLE, NOT_FINITE = 1, 2, 3
-"""Why a run stopped."""
+"""Reasons for stopping a run."""
 
 _U = np.uint64
 
-# rows of the scratch: the eight quantities, where the tip's displacement e and the quaternion's vector v are built up too;
-# the quaternion's scalar; of one target, what is collected of half its rotation vector X, a multiple G of that, and a
-# function C of its length
+# rows of the scratch: the eight quantities, which also hold the tip's displacement e and the quaternion's vector v while they
+# are composed; the quaternion's scalar; and for the current target half its rotation vector X as far as it is summed, the
+# multiple G of it, and the function C of its length
 _D, _E0, _E1, _E2, _T, _V0, _V1, _V2, _V, _X0, _X1, _X2, _G0, _G1, _G2, _C = (_U(row * STRIDE) for row in range(16))
-# the residuals take the place of G and C, so that the scratch stays near the processor
+# the residuals reuse the rows of G and C, so that the scratch stays in the first-level cache
 _RESIDUALS: Final = _G0
 _R0, _R1, _R2, _R3, _R4, _R5, _R6, _R7 = (_RESIDUALS + _U(q * STRIDE) for q in range(8))
-# behind the residuals, which end with row 19
+# after the residuals, which end with row 19
 _LANES: Final = _U(20 * STRIDE)
 (
     _P0, _P1, _P2, _P3, _P4, _P5, _P6, _P7, _P8, _P9, _P10, _P11, _P12, _P13, _P14, _P15, _P16, _P17, _P18, _P19, _P20,
     _P21, _P22,
 ) = (_LANES + _U((8 + k) * LANES) for k in range(23))  # fmt: skip
 SCRATCH: Final = 20 + -(-(SUMS + 16) * LANES // STRIDE)
-"""Rows of the scratch."""
+"""Number of rows of the scratch."""
 
 _TILE = _U(TILE)
 _PAIRS = _U(TILE // 2)
 _EIGHTH = _U(TILE // 8)
 _STRIDE = _U(STRIDE)
 _LANE = _U(LANES)
-# unsigned, like the offsets they are added to: with a signed number the sum would be signed
+# unsigned, like the offsets they are added to: the sum with a signed number would be signed
 _ZERO, _ONE, _TWO, _THREE, _FOUR, _FIVE, _SIX, _TWELVE, _HALF_WORD, _MANTISSA, _SIGN_FROM_FOUR = (
     _U(k) for k in (0, 1, 2, 3, 4, 5, 6, 12, 32, 52, 61)
 )
-# of Philox4x32 (Salmon, Moraes, Dror and Shaw, SC 2011): the multipliers, and what the keys grow by in each round
+# Philox4x32 (Salmon, Moraes, Dror and Shaw, SC 2011): the multipliers, and the increments of the keys in each round
 _MULTIPLIER_0, _MULTIPLIER_1 = _U(0xD2511F53), _U(0xCD9E8D57)
 _WEYL_0, _WEYL_1 = _U(0x9E3779B9), _U(0xBB67AE85)
 _LOW = _U(0xFFFFFFFF)
 _BITS_OF_ONE = _U(0x3FF0000000000000)
 _ONE_LESS = 1.0 - 2.0**-53
-# added and taken off again these round to whole numbers and to eighths: the mantissa has no bits left for less; 1.5, so
-# that negative numbers do not leave the range where that holds
+# adding and subtracting these rounds to whole numbers and to eighths, because the mantissa has no bits for less; the factor
+# 1.5 keeps sums with negative numbers in the same binade
 _ROUND_TO_WHOLE = 1.5 * 2.0**52
 _ROUND_TO_EIGHTH = 1.5 * 2.0**49
-# a whole number in the mantissa of 2^52 is a double without a conversion, for which not all processors have a vector
+# a whole number in the mantissa of 2^52 gives a double without a conversion, for which not all processors have a vector
 # instruction
 _BITS_OF_2_52 = _U(0x4330000000000000)
 _ROOT_OF_HALF = math.sqrt(0.5)
@@ -155,8 +156,8 @@ _HIGH_HALF = _U(0xFFFFFFFFF8000000)
 _BIAS = _U(1023)
 
 # polynomials, highest power first
-# (2 artanh(√z/2)/√z - 1)/z up to z = 0.03, sin(2π√z)/√z and cos(2π√z) up to z = 1/256, within 1e-15, 3e-16 and 3e-17 of
-# their values: interpolated at Chebyshev nodes
+# (2 artanh(√z/2)/√z - 1)/z up to z = 0.03, sin(2π√z)/√z and cos(2π√z) up to z = 1/256, with relative errors below 1e-15,
+# 3e-16 and 3e-17: interpolated at Chebyshev nodes
 _ARTANH = (
     9.019753805148336e-05, 0.00043399051425642025, 0.002232143255777381, 0.012499999998508662, 0.08333333333333423,
 )  # fmt: skip
@@ -167,7 +168,7 @@ _SINE = (
 _COSINE = (
     -26.335385167684986, 60.24425228323669, -85.45681645024156, 64.9393940220264, -19.739208802178542, 1.0,
 )  # fmt: skip
-# near the root of two; its logarithm less that of two is the difference of the two double numbers within 3e-21
+# a number near √2 whose logarithm minus log 2, both rounded to doubles, is exact to 3e-21
 _ROOT_OF_TWO, _ITS_LOGARITHM = 1.414213562372734, 0.3465735902797174
 _CENTRE = (
     2.5090809287301226727e3, 3.3430575583588128105e4, 6.7265770927008700853e4, 4.5921953931549871457e4,
@@ -197,7 +198,7 @@ _EXPONENTIAL = (
     4.13813679705723846039e-08, -1.65339022054652515390e-06, 6.61375632143793436117e-05,
     -2.77777777770155933842e-03, 1.66666666666666019037e-01,
 )  # fmt: skip
-# Φ(-z) exp(z²/2), 0 ≤ z ≤ 8.65, within 2.6e-18 of itself: interpolated at Chebyshev nodes of (z - 2.5)/(z + 2.5)
+# Φ(-z) exp(z²/2), 0 ≤ z ≤ 8.65, with a relative error below 2.6e-18: interpolated at Chebyshev nodes of (z - 2.5)/(z + 2.5)
 _MILLS = (
     0.398942277294474654756, 12.6671510236808289922, 191.785311942068851348, 1807.15013551905889277,
     11648.2058378305628335, 53256.6653173253926117, 173206.594692038836659, 389109.250073612829344,
@@ -208,8 +209,8 @@ _MILLS_BELOW = (
     137960.744566166715363, 462414.16719060097007, 1100069.97552553588879, 1773118.43149761954608,
     1744706.82940626728931, 794349.421920370853286,
 )  # fmt: skip
-# tan √s/√s and 2 cos² √s up to s = 0.005² and to 1/64, atan √t/√t up to t = tan² 0.005 and to tan² 1/8, within 9e-17:
-# interpolated at Chebyshev nodes
+# tan √s/√s and 2 cos² √s up to s = 0.005² and up to 1/64, atan √t/√t up to t = tan² 0.005 and up to tan² 1/8, with errors
+# below 9e-17: interpolated at Chebyshev nodes
 _FINE_TANGENT = (0.13333535716592487, 0.3333333333143598, 1.0)
 _FINE_COSINE = (0.6666635726618821, -1.9999999999760678, 2.0)
 _FINE_ARC = (0.19999502750452347, -0.3333333332948705, 1.0)
@@ -228,7 +229,7 @@ _LONG_COSINE = tuple((-1) ** k / math.factorial(2 * k) for k in range(11, -1, -1
 _LONG_SINC = tuple((-1) ** k / math.factorial(2 * k + 1) for k in range(11, -1, -1))
 _LONG_ARC = tuple((-1) ** k / (2 * k + 1) for k in range(20, -1, -1))
 
-# numbers of other files are repeated here, not imported: numba would not see them change; a test compares them
+# constants of other files are repeated here, not imported, because numba would not notice a change; a test compares them
 _ADD, _SUBTRACT, _MULTIPLY, _DIVIDE, _POWER, _SQRT, _SIN, _COS = range(8)  # precision_pin.draws.expressions.Operator
 _SHIFT, _OFFSET, _BINS = 43, 1011 << 9, 10_241  # precision_pin.statistics.sketch
 _FARTHEST = 8.6  # precision_pin.draws.laws.FARTHEST_NORMAL
@@ -238,25 +239,25 @@ _NORM_OFFSET = _U(((1023 + NORM_EXPONENTS[0]) << NORM_MANTISSA) - 1)
 _NORM_LAST = _U(NORM_COLUMNS // 2 - 1)
 
 
-# named tuples: numba takes them from Python as they are
+# named tuples, which numba accepts from Python without conversion
 class Draws(NamedTuple):
-    """The components of a space by kind of law; every ``*rows`` are row offsets."""
+    """Components of a space by kind of law; all fields ``*rows`` are row offsets."""
 
     fixed_rows: Offsets
     fixed_values: Array
     stream_rows: Offsets
     streams: Offsets
     normal_rows: Offsets
-    """Normal laws but the correlated ones; and what other laws begin with: correlated, jointly normal, lognormal ones."""
+    """Uncorrelated normal laws, and the normal numbers that correlated, jointly normal and lognormal laws start from."""
     normal: Array
     """``(k, 2)`` mean, -2 times the variance."""
     group_starts: Offsets
     """Correlated rows: those of group g are ``group_rows[starts[g] … starts[g + 1]]``."""
     group_rows: Offsets
     group_roots: Array
-    """``(groups, m, m)`` root of the scores' correlation, padded to the largest m by zeros."""
+    """``(groups, m, m)`` root of the scores' correlation matrix, padded with zeros to the largest m."""
     cumulated_rows: Offsets
-    """Which become uniform numbers again."""
+    """Correlated rows that are turned back into uniform numbers."""
     uniform_rows: Offsets
     uniform: Array
     """``(k, 2)`` mean, half-width."""
@@ -264,7 +265,7 @@ class Draws(NamedTuple):
     triangular: Array
     """``(k, 2)`` mean, half-width."""
     scaled_rows: Offsets
-    """Correlated normal laws, of standard normal numbers."""
+    """Correlated normal laws, scaled from standard normal numbers."""
     scaled: Array
     """``(k, 2)`` mean, standard deviation."""
     truncated_rows: Offsets
@@ -272,13 +273,13 @@ class Draws(NamedTuple):
     """``(k, 5)`` mean, standard deviation, k, Φ(-k), Φ(k) - Φ(-k)."""
     disc_rows: Offsets
     disc: Array
-    """``(k,)`` radius; y stands one row after x."""
+    """``(k,)`` radius; y is in the row after x."""
     circle_rows: Offsets
     circle: Array
-    """``(k,)`` radius; y stands one row after x."""
+    """``(k,)`` radius; y is in the row after x."""
     joint_rows: Offsets
     joint_roots: Array
-    """``(k, m + 1, m)`` the mean, then the root of the covariance, padded to the largest m by zeros."""
+    """``(k, m + 1, m)`` the mean, then the root of the covariance, padded with zeros to the largest m."""
     joint_sizes: Offsets
     lognormal_rows: Offsets
     lognormal: Array
@@ -293,10 +294,10 @@ class Draws(NamedTuple):
     empirical_starts: Offsets
     """The lines of law k are ``empirical[starts[k] … starts[k + 1]]``."""
     empirical: Array
-    """``(lines, 4)`` probability and value at which each begins, slope, value at its end."""
+    """``(lines, 4)`` probability and value at the start of each line, slope, value at its end."""
     table_rows: Offsets
     table_shapes: Offsets
-    """``(k, 3)`` numbers in a row, rows, position of the first number in ``table``."""
+    """``(k, 3)`` numbers in a row, number of rows, index of the first number in ``table``."""
     table: Array
 
 
@@ -308,44 +309,45 @@ class Formulas(NamedTuple):
     right: Offsets
     results: Offsets
     product_factors: Offsets
-    """``(k, 2)``."""
+    """``(k, 2)`` rows of the two factors."""
     products: Offsets
 
 
 class Superposition(NamedTuple):
-    """The linear model's two vectors as sums, see `Motions`; at many poses, one pose behind the other."""
+    """Two vectors of the linear model as sums, see `Motions`; the poses are concatenated."""
 
     shift_rows: Offsets
     shifts: Array
     turn_rows: Offsets
     turns: Array
     starts: Offsets
-    """``(2 P + 1, 2)`` as `Motions`' starts, of shifts and of turns."""
+    """``(2 P + 1, 2)`` starts of shifts and turns, as in `Motions`."""
 
 
 class Motions(NamedTuple):
-    """The targets, tip first: of each two vectors in base axes, d and half its δ, as sums of two parts.
+    """Targets from tip to base, each with two vectors in base axes: d and half of δ. Each vector is a sum of two parts.
 
-    First ``vector × row``: entries ``starts[2 k] … starts[2 k + 1] - 1`` of target k. A target that turns has at least
-    three of each; all others are filled up with vectors of zero where there are one or two more than a multiple of six.
-    Then, up to ``starts[2 k + 2] - 1``, sets of six entries that hold three terms ``vector × row × row``: their six rows,
-    and three vectors in the place of six.
+    The first part consists of terms ``vector × row``, entries ``starts[2 k] … starts[2 k + 1] - 1`` of target k. A target
+    that rotates has at least three of them for each vector. Zero vectors are added where the number of the others is one or
+    two above a multiple of six, because the loops never process one or two entries. The second part, up to
+    ``starts[2 k + 2] - 1``, consists of sets of six entries for three terms ``vector × row × row``: six rows, and three
+    vectors in the first three of six places.
     """
 
     shift_starts: Offsets
-    """``(2 K + 1,)``."""
+    """``(2 K + 1,)`` first entries of the parts."""
     shift_rows: Offsets
     shifts: Array
-    """``(entries, 3)``."""
+    """``(entries, 3)`` vectors."""
     turn_starts: Offsets
-    """``(2 K + 1,)``."""
+    """``(2 K + 1,)`` first entries of the parts."""
     turn_rows: Offsets
     turns: Array
-    """``(entries, 3)``."""
+    """``(entries, 3)`` vectors."""
     arms: Array
     """``(K, 3)`` from each pivot to the undisplaced tip, base axes."""
     series: NDArray[np.int64]
-    """``(K + 1,)`` `FINE`, `NARROW` or `WIDE`: for turns up to 0.01 rad, 0.25 rad or π of a target, at last of all."""
+    """``(K + 1,)`` `FINE`, `NARROW` or `WIDE`, for rotations up to 0.01 rad, 0.25 rad or π: of each target, then of the sum."""
 
 
 class Counting(NamedTuple):
@@ -369,7 +371,7 @@ else:
 
     @intrinsic
     def _float_of(context: Any, bits: Any) -> Any:
-        """Return the double of 64 bits."""
+        """Return the double with these 64 bits."""
         del context, bits
 
         def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
@@ -393,17 +395,17 @@ else:
 
 @strict
 def _round(c: Any, key_0: Scalar, key_1: Scalar) -> Any:
-    """Return the four words after a round; only their low halves count, the high ones hold what is left over."""
+    """Return the four words after a round; only their low halves are valid, the high halves are leftovers."""
     a, b = _MULTIPLIER_0 * (c[0] & _LOW), _MULTIPLIER_1 * (c[2] & _LOW)
     return (b >> _HALF_WORD) ^ c[1] ^ key_0, b, (a >> _HALF_WORD) ^ c[3] ^ key_1, a
 
 
 @strict
 def _uniform(product: Scalar, word: Scalar, key: Scalar) -> Scalar:
-    """Return (2j + 1)/2⁵³, j the top 52 of the 64 bits that one product of the last round makes; every step is exact.
+    """Return (2j + 1)/2⁵³, with j the top 52 of the 64 bits from one product of the last round; every step is exact.
 
-    Their upper half is the product's lower one; the lower half is its upper one, mixed with a word and the key. The key
-    is mixed in last: so written, two instructions less are needed.
+    The upper half of these bits is the product's lower half; their lower half is the product's upper half, xored with a
+    word and the key. The key comes last, which saves two instructions.
     """
     bits = ((product << _HALF_WORD) | (product >> _HALF_WORD)) ^ (word & _LOW)
     return _float_of((bits >> _TWELVE) ^ (_BITS_OF_ONE | (key >> _TWELVE))) - _ONE_LESS
@@ -411,14 +413,14 @@ def _uniform(product: Scalar, word: Scalar, key: Scalar) -> Scalar:
 
 @strict
 def _last_round(c: Any, key_0: Scalar, key_1: Scalar) -> tuple[Scalar, Scalar]:
-    """Return the two uniform numbers that four words give after a last round."""
+    """Return the two uniform numbers of four words after a last round."""
     a, b = _MULTIPLIER_0 * (c[0] & _LOW), _MULTIPLIER_1 * (c[2] & _LOW)
     return _uniform(b, c[1], key_0), _uniform(a, c[3], key_1)
 
 
 @strict
 def _share(products: Offsets, low: Scalar, mask: Scalar) -> None:
-    """Write what the first two rounds of a tile's pairs have in common for all streams: two products, the second's upper half."""
+    """Write the parts of a tile's first two rounds that all streams share: two products, and the second's upper half."""
     for i in range(_PAIRS):
         first = _MULTIPLIER_0 * (low + i)
         second = _MULTIPLIER_1 * (((first >> _HALF_WORD) ^ mask) & _LOW)
@@ -437,15 +439,15 @@ def uniforms(
 ) -> None:
     """Fill rows with uniform numbers, as `precision_pin.draws.philox.uniforms`: even units first, then odd ones.
 
-    The first pair's number is a multiple of half a tile, so that all pairs' upper counter words are the same. Then of the four
-    products of the first two rounds two are the same for all pairs, and two for all streams with one last word; these
-    stand in ``products``, which has room for 3/2 `TILE` words.
+    The number of the first pair is a multiple of half a tile, so that all pairs have the same upper counter word. Of the four
+    products of the first two rounds, two are then the same for all pairs, and two for all streams with the same last word.
+    The latter are stored in ``products``, 3/2 `TILE` words.
     """
     low, high = first_pair & _LOW, first_pair >> _HALF_WORD
     key_0, key_1 = seed & _LOW, seed >> _HALF_WORD
     next_0, next_1 = (key_0 + _WEYL_0) & _LOW, (key_1 + _WEYL_1) & _LOW
     for k in range(rows.size):
-        # the last word says for which pose and visit a stream is: as a rule it is that of the stream before
+        # the last word encodes pose and visit of a stream; it is mostly that of the stream before
         if k == 0 or words[k] != words[k - 1]:
             _share(products, low, words[k] ^ key_1)
         row = rows[k]
@@ -453,14 +455,14 @@ def uniforms(
         same_3 = _MULTIPLIER_0 * (((other >> _HALF_WORD) ^ high ^ key_0) & _LOW)
         same_0, same_2 = other ^ next_0, (same_3 >> _HALF_WORD) ^ next_1
         for i in range(_EIGHTH):
-            # four pairs a turn, so that their chains of multiplications overlap
+            # four pairs per iteration, so that their chains of multiplications overlap
             j, m, n = i + _EIGHTH, i + _TWO * _EIGHTH, i + _THREE * _EIGHTH
             a = _after_two_rounds(products, i, same_0, same_2, same_3)
             b = _after_two_rounds(products, j, same_0, same_2, same_3)
             c = _after_two_rounds(products, m, same_0, same_2, same_3)
             d = _after_two_rounds(products, n, same_0, same_2, same_3)
             x, y = next_0, next_1
-            # seven rounds more; a loop of more than five is not unrolled, and then nothing is vectorised
+            # seven more rounds; LLVM unrolls a loop of at most five, and without unrolling it does not vectorise
             for _ in range(4):
                 x, y = (x + _WEYL_0) & _LOW, (y + _WEYL_1) & _LOW
                 a, b, c, d = _round(a, x, y), _round(b, x, y), _round(c, x, y), _round(d, x, y)
@@ -485,7 +487,7 @@ def _polynomial(z: Scalar, coefficients: Any) -> Scalar:
 
 @fma
 def _series(z: Scalar, coefficients: Any) -> Scalar:
-    # the same sum as `_polynomial`, contracted
+    # the sum of `_polynomial`, with contraction
     value = coefficients[0]
     for k in range(1, len(coefficients)):
         value = value * z + coefficients[k]
@@ -494,9 +496,9 @@ def _series(z: Scalar, coefficients: Any) -> Scalar:
 
 @fma
 def logarithm(x: Scalar) -> Scalar:
-    """Return log x of a normal number, within 2 ulp: 2 artanh(s/2) of s = 2(m - c)/(m + c), x = 2ᵉ m.
+    """Return log x of a normalised double within 2 ulp, by 2 artanh(s/2) with s = 2(m - c)/(m + c) and x = 2ᵉ m.
 
-    c is 1 or near √2, whichever is nearer to m.
+    The constant c is 1 or near √2, whichever is nearer to m.
     """
     # m from 2^(-1/4) to 2^(3/4)
     shifted = _bits_of(x) + _U(0x0005175F00000000)
@@ -514,9 +516,9 @@ def logarithm(x: Scalar) -> Scalar:
 
 @fma
 def _octant(u: Scalar) -> Any:
-    """Return u in eighths of a turn, as bits, whether they are odd, and cosine and sine of 2πu but for quarter turns.
+    """Return u in eighths of a turn, as bits, whether they are odd, and cosine and sine of 2πu up to quarter turns.
 
-    Where they are odd both are √2 times too long; so the series need to reach only to 1/16 of a turn.
+    For odd eighths both are √2 times too large. The series thereby need to cover 1/16 of a turn only.
     """
     rounded = u + _ROUND_TO_EIGHTH
     eighths = _bits_of(rounded)
@@ -529,8 +531,8 @@ def _octant(u: Scalar) -> Any:
 
 @fma
 def _quarters(eighths: Scalar, x: Scalar, y: Scalar, length: Scalar) -> tuple[Scalar, Scalar]:
-    """Return length × (y, x), turned by the quarter turns in the eighths."""
-    # the third bit, half a turn, becomes the sign: no branch
+    """Return length × (y, x), rotated by the quarter turns in the eighths."""
+    # the third bit, half a turn, becomes the sign without a branch
     signed = _float_of(_bits_of(length) ^ ((eighths & _FOUR) << _SIGN_FROM_FOUR))
     odd = (eighths & _TWO) != _ZERO
     return signed * (x if odd else y), signed * (-y if odd else x)
@@ -538,7 +540,7 @@ def _quarters(eighths: Scalar, x: Scalar, y: Scalar, length: Scalar) -> tuple[Sc
 
 @fma
 def sine_and_cosine(u: Scalar, radius: Scalar) -> tuple[Scalar, Scalar]:
-    """Return radius × sin 2πu and radius × cos 2πu for 0 ≤ u ≤ 1, for a radius of 1 within 4e-16, near 0 within 2 ulp."""
+    """Return radius × sin 2πu and radius × cos 2πu for 0 ≤ u ≤ 1: within 4e-16 for a radius of 1, within 2 ulp near 0."""
     eighths, diagonal, x, y = _octant(u)
     return _quarters(eighths, x, y, radius * (_ROOT_OF_HALF if diagonal else 1.0))
 
@@ -549,7 +551,7 @@ def normal_score(p: Scalar) -> Scalar:
     q = p - 0.5
     r = 0.180625 - q * q
     t = np.sqrt(-logarithm(p)) - 1.6
-    # both branches and a choice: a branch would keep the loop from being vectorised, which costs three times as much
+    # both formulas, then a selection: a branch would prevent vectorisation, which triples the cost
     central = q >= -0.425
     above = q * _polynomial(r, _CENTRE) if central else -_polynomial(t, _TAIL)
     below = _polynomial(r, _CENTRE_BELOW) if central else _polynomial(t, _TAIL_BELOW)
@@ -565,7 +567,7 @@ def far_normal_score(p: Scalar) -> Scalar:
 
 @strict
 def exponential(x: Scalar) -> Scalar:
-    """Return exp x for |x| < 700, within 1 ulp; the method and coefficients of fdlibm's e_exp.c."""
+    """Return exp x for |x| < 700, within 1 ulp, by the method and coefficients of fdlibm's e_exp.c."""
     # the low bits of the rounded number are the power of two, as a whole number
     rounded = x * 1.44269504088896338700e00 + _ROUND_TO_WHOLE
     k = rounded - _ROUND_TO_WHOLE
@@ -579,7 +581,7 @@ def exponential(x: Scalar) -> Scalar:
 
 @strict
 def cumulative(z: Scalar) -> Scalar:
-    """Return Φ(z) for |z| ≤ 8.65, the lower tail within a few ulp, as `precision_pin.draws.laws.law.cumulative`."""
+    """Return Φ(z) for |z| ≤ 8.65, as `precision_pin.draws.laws.law.cumulative`; the lower tail is within a few ulp."""
     a = abs(z)
     # the square of the high half is exact
     high = _float_of(_bits_of(a) & _HIGH_HALF)
@@ -592,8 +594,8 @@ def cumulative(z: Scalar) -> Scalar:
 
 @fma_noinline
 def normals(w: Array, rows: Offsets, laws: Array) -> None:
-    """Turn rows of uniform numbers into normal ones, by mean and -2σ²: Box-Muller of each pair (even unit, odd unit)."""
-    # first all logarithms, then the rest: the constants of one loop fit into the registers, those of both do not
+    """Turn rows of uniform numbers into normal ones with mean and -2σ², by Box-Muller for each pair (even, odd unit)."""
+    # two loops, first the logarithms: the constants of one loop fit into the registers, those of both do not
     for k in range(rows.size):
         row = rows[k]
         for i in range(_PAIRS):
@@ -611,8 +613,8 @@ def normals(w: Array, rows: Offsets, laws: Array) -> None:
 
 @strict
 def correlate(w: Array, rows: Offsets, root: Array) -> None:
-    """Mix rows of standard normal numbers, the last row first, as `precision_pin.draws.correlation.Correlation.mix`."""
-    # from the last row up: a row is mixed from those before it, which must still be independent
+    """Mix rows of standard normal numbers, as `precision_pin.draws.correlation.Correlation.mix`."""
+    # from the last row to the first: a row is mixed from those before it, which must still be independent
     for back in range(rows.size):
         k = rows.size - 1 - back
         target = rows[k]
@@ -623,7 +625,7 @@ def correlate(w: Array, rows: Offsets, root: Array) -> None:
             for i in range(_TILE):
                 w[target + i] += factor * w[other + i]
         for i in range(_TILE):
-            # where the laws' inverse is cut as well
+            # the same bound at which the laws clip their inverse
             score = w[target + i]
             score = score if score > -_FARTHEST else -_FARTHEST
             w[target + i] = score if score < _FARTHEST else _FARTHEST
@@ -661,7 +663,7 @@ def two_point_law(w: Array, row: Scalar, centre: Scalar, half_width: Scalar, thr
 
 @strict
 def empirical_law(w: Array, row: Scalar, lines: Array, first: Scalar, last: Scalar) -> None:
-    """Turn uniform numbers into `precision_pin.draws.laws.Empirical`, by bisection of the lines ``first … last - 1``."""
+    """Turn uniform numbers into `precision_pin.draws.laws.Empirical`, by bisection in the lines ``first … last - 1``."""
     for i in range(_TILE):
         u = w[row + i]
         low, high = first, last
@@ -691,7 +693,7 @@ def table_law(w: Array, row: Scalar, size: Scalar, count: Scalar, first: Scalar,
 def uniform_law(w: Array, row: Scalar, mean: Scalar, half_width: Scalar) -> None:
     """Turn uniform numbers into `precision_pin.draws.laws.Uniform`."""
     for i in range(_TILE):
-        # exactly twice the half-width times exactly half of 2u - 1: one addition less
+        # doubling the half-width and halving 2u - 1 are exact, and save an addition
         w[row + i] = mean + (half_width + half_width) * (w[row + i] - 0.5)
 
 
@@ -713,7 +715,7 @@ def truncated_law(w: Array, row: Scalar, mean: Scalar, std: Scalar, k: Scalar, c
         u = w[row + i]
         p = cut + (u if u < 0.5 else 1.0 - u) * share
         far += 1 if p < _FAR_TAIL else 0
-    if far:  # about once in 10¹¹ numbers, so that the others do not pay for it
+    if far:  # about once in 10¹¹ numbers; a separate loop keeps the common one fast
         for i in range(_TILE):
             u = w[row + i]
             p = cut + (u if u < 0.5 else 1.0 - u) * share
@@ -744,8 +746,8 @@ def circle_law(w: Array, row: Scalar, radius: Scalar) -> None:
 
 @strict
 def joint_law(w: Array, row: Scalar, size: Scalar, root: Array) -> None:
-    """Turn rows of standard normal numbers into `precision_pin.draws.laws.JointNormal`, the last row first."""
-    # from the last row up, as in `correlate`
+    """Turn rows of standard normal numbers into `precision_pin.draws.laws.JointNormal`."""
+    # from the last row to the first, as in `correlate`
     for back in range(size):
         k = size - _ONE - _U(back)
         target = row + k * _STRIDE
@@ -764,9 +766,9 @@ def joint_law(w: Array, row: Scalar, size: Scalar, root: Array) -> None:
 
 @cached_part_inline
 def apply_laws(w: Array, draws: Draws, rare: Wanted) -> None:
-    """Turn the rows of uniform numbers into the components of the space; rare laws where they are wanted."""
-    # normal numbers first, then those that become uniform again: the laws below take either. A loop for each law, with no
-    # choice inside it, is vectorised
+    """Turn the rows of uniform numbers into the components of the space; rare laws only if requested."""
+    # normal numbers first, then those that are turned back into uniform ones: the laws below start from either. Each law has
+    # its own loop without branches, which LLVM can vectorise
     normals(w, draws.normal_rows, draws.normal)
     if rare is not None:
         for k in range(draws.group_starts.size - 1):
@@ -822,7 +824,7 @@ def _multiply(w: Array, factors: Offsets, results: Offsets) -> None:
 
 @cached_part_inline
 def _derive(w: Array, formulas: Formulas) -> Scalar:
-    """Evaluate the operations and products; return how many results are not finite."""
+    """Evaluate the operations and products; return the number of results that are not finite."""
     failures = 0
     for step in range(formulas.operators.size):
         operator = formulas.operators[step]
@@ -851,7 +853,7 @@ def _derive(w: Array, formulas: Formulas) -> Scalar:
         elif operator == _COS:
             for i in range(_TILE):
                 w[result + i] = np.cos(w[a + i])
-        # counted, not left at the first: a loop with a way out is not vectorised
+        # all are counted, because a loop with an early exit is not vectorised
         for i in range(_TILE):
             failures += 0 if abs(w[result + i]) < np.inf else 1
     _multiply(w, formulas.product_factors, formulas.products)
@@ -863,7 +865,7 @@ def _derive(w: Array, formulas: Formulas) -> Scalar:
 
 @inline
 def _two(rows: Offsets, vectors: Array, k: Scalar) -> Any:
-    """Return the rows and the vectors of entries ``k, k + 1``."""
+    """Return rows and vectors of the entries ``k, k + 1``."""
     m = k + _ONE
     return (rows[k], rows[m]), (
         (vectors[k, 0], vectors[k, 1], vectors[k, 2]),
@@ -873,7 +875,7 @@ def _two(rows: Offsets, vectors: Array, k: Scalar) -> Any:
 
 @inline
 def _three(rows: Offsets, vectors: Array, k: Scalar) -> Any:
-    """Return the rows and the vectors of entries ``k, k + 1, k + 2``."""
+    """Return rows and vectors of the entries ``k, k + 1, k + 2``."""
     first, second = _two(rows, vectors, k)
     n = k + _TWO
     return (*first, rows[n]), (*second, (vectors[n, 0], vectors[n, 1], vectors[n, 2]))
@@ -882,7 +884,7 @@ def _three(rows: Offsets, vectors: Array, k: Scalar) -> Any:
 @fma
 def _add(s: Array, w: Array, result: Scalar, rows: Any, vectors: Any) -> None:
     """Add ``vector × row`` of a few entries to three rows of the scratch."""
-    # the entries of a pass are added up before the three sums are read and written
+    # the entries of a pass are added first, so that the three sums are read and written once
     one, two, three = result, result + _STRIDE, result + _U(2 * STRIDE)
     for i in range(_TILE):
         p = w[rows[0] + i]
@@ -897,8 +899,9 @@ def _add(s: Array, w: Array, result: Scalar, rows: Any, vectors: Any) -> None:
 
 @inline
 def _mix(s: Array, w: Array, result: Scalar, start: Scalar, stop: Scalar, rows: Offsets, vectors: Array) -> None:
-    """Add ``vector × row`` to three rows of the scratch, for entries ``start … stop - 1``, six, five, four or three at once."""
-    # the more in one pass, the less often the sums are read and written; one or two are never left, the arrays are filled up
+    """Add ``vector × row`` to three rows of the scratch, for the entries ``start … stop - 1``."""
+    # six, five, four or three entries in a pass: the more, the less often the sums are read and written; the arrays are padded
+    # so that one or two are never left
     k = start
     while k < stop:
         left = stop - k
@@ -952,7 +955,7 @@ def _clear(s: Array, row: Scalar) -> None:
 def _turn(
     s: Array, w: Array, k: Scalar, rows: Offsets, vectors: Array, tangents: Any, cosines: Any, collected: Any
 ) -> None:
-    """Write G = tan|h| h/|h| and C = 2 cos²|h| of half a rotation vector h: three entries, and X unless that is None."""
+    """Write G = tan|h| h/|h| and C = 2 cos²|h| for half a rotation vector h, the sum of three entries and X, if given."""
     (a, b, c), ((ax, ay, az), (bx, by, bz), (cx, cy, cz)) = _three(rows, vectors, k)
     for i in range(_TILE):
         p, q, r = w[a + i], w[b + i], w[c + i]
@@ -962,7 +965,7 @@ def _turn(
         if collected is not None:
             x, y, z = x + s[_X0 + i], y + s[_X1 + i], z + s[_X2 + i]
             s[_X0 + i], s[_X1 + i], s[_X2 + i] = 0.0, 0.0, 0.0
-        # with tan and cos² no root and no division is needed; the quaternion (1, G) is not of length 1, and need not be
+        # with tan and cos² neither a root nor a division is needed; the quaternion (1, G) need not have unit length
         square = x * x + y * y + z * z
         tangent = _series(square, tangents)
         s[_G0 + i] = tangent * x
@@ -981,8 +984,8 @@ def _add_cross(
 
 @fma
 def _begin(s: Array, w: Array, k: Scalar, rows: Offsets, vectors: Array, rx: Scalar, ry: Scalar, rz: Scalar) -> None:
-    """Turn and shift, as `_carry`, what is at rest."""
-    # e = 0 and q = 1 drop out
+    """Do as `_carry` for the first target, where nothing is displaced yet."""
+    # the terms of e = 0 and q = 1 are left out
     (a, b, c), ((ax, ay, az), (bx, by, bz), (cx, cy, cz)) = _three(rows, vectors, k)
     for i in range(_TILE):
         gx, gy, gz, factor = s[_G0 + i], s[_G1 + i], s[_G2 + i], s[_C + i]
@@ -998,9 +1001,9 @@ def _begin(s: Array, w: Array, k: Scalar, rows: Offsets, vectors: Array, rx: Sca
 
 @fma
 def _carry(s: Array, w: Array, k: Scalar, rows: Offsets, vectors: Array, rx: Scalar, ry: Scalar, rz: Scalar) -> None:
-    """Turn and shift what lies beyond a target: e ← e + (Rot - 1)(r + e) + three entries, q ← (1, G) q.
+    """Rotate and shift the part of the chain beyond a target: e ← e + (Rot - 1)(r + e) + three entries, q ← (1, G) q.
 
-    (Rot - 1) p = G × C (p + G × p), in which nothing cancels; q is a multiple of the rotation's quaternion.
+    (Rot - 1) p = G × C (p + G × p) is evaluated without cancellation; q is a multiple of the rotation's quaternion.
     """
     (a, b, c), ((ax, ay, az), (bx, by, bz), (cx, cy, cz)) = _three(rows, vectors, k)
     for i in range(_TILE):
@@ -1018,8 +1021,8 @@ def _carry(s: Array, w: Array, k: Scalar, rows: Offsets, vectors: Array, rx: Sca
 
 @strict
 def _too_far(s: Array, skipped: Scalar, count: Scalar, sampled: bool) -> Scalar:
-    """Return the first sample of which the half rotation vector X is π/2 long or more, or -1."""
-    # counted first, one pass without a way out; which sample it is, is looked for only where there is one
+    """Return the first sample whose half rotation vector X has a length of π/2 or more, or -1."""
+    # counted first in a loop without an early exit; the sample is searched only where there is one
     beyond = 0
     for i in range(_TILE):
         x, y, z = s[_X0 + i], s[_X1 + i], s[_X2 + i]
@@ -1035,7 +1038,7 @@ def _too_far(s: Array, skipped: Scalar, count: Scalar, sampled: bool) -> Scalar:
 
 @fma
 def _carry_wide(s: Array, rx: Scalar, ry: Scalar, rz: Scalar) -> None:
-    """Turn what lies beyond a target as `_carry`, by the quaternion of the half rotation vector X, |X| < π/2."""
+    """Do as `_carry`, with the quaternion of the half rotation vector X, |X| < π/2."""
     for i in range(_TILE):
         x, y, z = s[_X0 + i], s[_X1 + i], s[_X2 + i]
         square = x * x + y * y + z * z
@@ -1062,10 +1065,10 @@ def _carry_wide(s: Array, rx: Scalar, ry: Scalar, rz: Scalar) -> None:
 
 @fma
 def _rotation_vector_narrow(s: Array, arc: Any) -> None:
-    """Turn the quaternion's vector into the rotation vector, in place: 2 atan(|v|/w) v/|v|, up to 0.25 rad."""
+    """Convert the quaternion's vector to the rotation vector in place: 2 atan(|v|/w) v/|v|, up to 0.25 rad."""
     for i in range(_TILE):
         x, y, z = s[_V0 + i], s[_V1 + i], s[_V2 + i]
-        # one division: of it follow the tangent of half the angle and the scale, whatever the quaternion's length
+        # a single division gives both the tangent of half the angle and the scale, for any length of the quaternion
         g = 1.0 / s[_V + i]
         scale = 2.0 * g * _series((x * x + y * y + z * z) * g * g, arc)
         s[_V0 + i] = scale * x
@@ -1075,10 +1078,10 @@ def _rotation_vector_narrow(s: Array, arc: Any) -> None:
 
 @fma
 def _rotation_vector_wide(s: Array) -> None:
-    """As `_rotation_vector_narrow`, up to π, with the angle halved twice more; the angle is in [0, π]."""
+    """Do as `_rotation_vector_narrow` for angles in [0, π], by halving the angle twice more."""
     for i in range(_TILE):
         x, y, z, a = s[_V0 + i], s[_V1 + i], s[_V2 + i], s[_V + i]
-        # q and -q are one rotation: that of the smaller angle is taken
+        # q and -q are the same rotation; the one with the smaller angle is used
         sign = 1.0 if a >= 0.0 else -1.0
         square = x * x + y * y + z * z
         g = 1.0 / (np.sqrt(a * a + square) + abs(a))
@@ -1092,7 +1095,7 @@ def _rotation_vector_wide(s: Array) -> None:
 
 @strict
 def _stay(s: Array) -> None:
-    """Let no sample be displaced."""
+    """Set all displacements to zero."""
     _clear(s, _E0)
     _clear(s, _V0)
     for i in range(_TILE):
@@ -1101,15 +1104,15 @@ def _stay(s: Array) -> None:
 
 @inline
 def _part(starts: Offsets, k: Scalar) -> Any:
-    """Return where the entries of single rows begin, where those of products do, and where both end."""
+    """Return the first entry of single rows, the first entry of products, and the end of both."""
     return starts[k + k], starts[k + k + _ONE], starts[k + k + _TWO]
 
 
 @cached_part_inline
 def _displace(s: Array, w: Array, motions: Motions, skipped: Scalar, count: Scalar, sampled: bool) -> Scalar:
-    """Compose all targets from the tip to the base; return the sample of which a target turns by π or more, or -1.
+    """Compose all targets from tip to base; return the first sample in which a target rotates by π or more, or -1.
 
-    The tip's displacement e and the rotation q, not the pose, are carried along, so that nothing cancels. X is zero
+    The tip's displacement e and the rotation q are composed instead of the pose, which avoids cancellation. X is zero
     before and after.
     """
     turn_rows, turns, shift_rows, shifts = motions.turn_rows, motions.turns, motions.shift_rows, motions.shifts
@@ -1120,7 +1123,8 @@ def _displace(s: Array, w: Array, motions: Motions, skipped: Scalar, count: Scal
         shift, shift_products, shift_end = _part(motions.shift_starts, k)
         rx, ry, rz = motions.arms[k, 0], motions.arms[k, 1], motions.arms[k, 2]
         if turn < turn_end:
-            # of single rows, all but the last three of a turn are collected, and the first three of a shift go with it
+            # of the single rows, all but the last three of a turn are summed first; the last three, and the first three of the
+            # shift, are added in the loop of `_turn` and `_carry`
             own = turn_products - _THREE
             _mix(s, w, _X0, turn, own, turn_rows, turns)
             _mix_products(s, w, _X0, turn_products, turn_end, turn_rows, turns)
@@ -1166,7 +1170,7 @@ def _displace(s: Array, w: Array, motions: Motions, skipped: Scalar, count: Scal
 
 @cached_part_inline
 def _superpose(s: Array, w: Array, superposition: Superposition, pose: Scalar) -> None:
-    """Write the linear model's six numbers where `_displace` leaves them."""
+    """Write the six errors of the linear model to the rows that `_displace` uses."""
     shift_rows, shifts, turn_rows, turns, starts = superposition
     # columns: shifts, turns
     begin, products, end = _part(starts, pose)
@@ -1183,7 +1187,7 @@ def _superpose(s: Array, w: Array, superposition: Superposition, pose: Scalar) -
 
 @strict
 def _place_of(sample: Scalar, sampled: bool) -> Scalar:
-    """Return where in a row a sample of the tile stands."""
+    """Return the index of a sample of the tile within a row."""
     if sampled:
         return _U((sample >> 1) + (sample & 1) * (TILE // 2))
     return _U(sample)
@@ -1191,13 +1195,13 @@ def _place_of(sample: Scalar, sampled: bool) -> Scalar:
 
 @cached_part
 def _norms(s: Array) -> Scalar:
-    """Write the two norms; return how many samples are not finite."""
+    """Write the two norms; return the number of samples that are not finite."""
     failures = 0
     for part in range(_TWO):
         norm = part * _U(4 * STRIDE)
         for i in range(_TILE):
             x, y, z = s[norm + _STRIDE + i], s[norm + _U(2 * STRIDE) + i], s[norm + _U(3 * STRIDE) + i]
-            # squares beyond all numbers become infinite, and are refused as errors that are not finite
+            # squares that overflow become infinite and are reported as errors that are not finite
             length = np.sqrt(x * x + y * y + z * z)
             s[norm + i] = length
             failures += 0 if length < np.inf else 1
@@ -1216,9 +1220,9 @@ def _not_finite(s: Array, skipped: Scalar, count: Scalar, sampled: bool) -> Scal
 
 @cached_part
 def _keep_largest(s: Array, count: Scalar, first: Scalar, largest: Array, units: NDArray[np.int64]) -> None:
-    """Keep the largest norms, largest first, of equal ones the earlier unit's."""
+    """Keep the largest norms in descending order, of equal ones the earlier unit's."""
     least_distance, least_angle = largest[0, LARGEST - 1], largest[1, LARGEST - 1]
-    # one pass without a way out: after the first tiles hardly any holds one of the largest
+    # a first loop without early exit: after the first tiles hardly any tile has one of the largest norms
     above = 0
     for i in range(_TILE):
         above += 1 if (s[_D + i] > least_distance) | (s[_T + i] > least_angle) else 0
@@ -1270,14 +1274,14 @@ def _greater(a: Any, b: Any) -> Any:
 
 @strict
 def _measure_some(s: Array, centre: Array, count: Scalar) -> Scalar:
-    """Do as `_measure` with a tile's first samples, one by one; the others' residuals are zero."""
-    # in the order of `_measure`, lane by lane; the zeros of samples that nobody asked for change no sum
+    """Do as `_measure` for the first samples of a tile, one by one; the residuals of the others are zero."""
+    # in the order of `_measure`, lane by lane; the zeros of unrequested samples change no sum
     failures = _norms(s)
     for q in range(_U(8)):
         for i in range(_TILE):
             lane = _LANES + q * _LANE + i % _LANE
             residual = 0.0
-            # the number of the sample that stands at i, even ones first
+            # the sample at index i, even ones first
             if (i + i if i < _PAIRS else i + i - (_TILE - _ONE)) < _U(count):
                 value = s[q * _STRIDE + i]
                 residual = value - centre[q]
@@ -1291,9 +1295,10 @@ def _measure_some(s: Array, centre: Array, count: Scalar) -> Scalar:
 
 @cached_part
 def _measure(s: Array, centre: Array, count: Scalar) -> Scalar:
-    """Write the norms and all residuals; add these into their lanes, and let smallest and largest values take in the tile's.
+    """Write the norms and all residuals, add these to their lanes, and update the smallest and largest values.
 
-    All in one loop: the square roots take so long that the rest is done meanwhile. Return how many samples are not finite.
+    Return the number of samples that are not finite. All is done in one loop, because the processor does the rest while it
+    waits for the square roots.
     """
     if count < TILE:
         return _measure_some(s, centre, count)
@@ -1302,10 +1307,10 @@ def _measure(s: Array, centre: Array, count: Scalar) -> Scalar:
         rows = part * _FOUR * _STRIDE
         sums = _LANES + part * _FOUR * _LANE
         lows, highs = sums + _U(SUMS) * _LANE, sums + _U(SUMS + 8) * _LANE
-        # a norm and its three components together: what makes the norm is read once
+        # a norm and its three components together, so that the components are read once
         middle = _four(centre, part * _FOUR, _ONE)
         for lane in range(_LANE):
-            # each lane adds up every sixteenth sample, in their order: bits do not depend on how many lanes a vector has
+            # each lane adds every sixteenth sample in order, so that the bits do not depend on the processor's vector width
             total, low, high = _four(s, sums + lane, _LANE), _four(s, lows + lane, _LANE), _four(s, highs + lane, _LANE)
             for k in range(_U(TILE // LANES)):
                 i = rows + k * _LANE + lane
@@ -1331,9 +1336,9 @@ def _measure(s: Array, centre: Array, count: Scalar) -> Scalar:
 
 @cached_part
 def _find_bins(s: Array, bins: Bins, held: Scalar, inverse_scale: Array) -> None:
-    """Write in which bins of the sketch the residuals fall; there is room for `HELD` tiles, quantity by quantity.
+    """Write the bins of the residuals in the sketch, for up to `HELD` tiles, quantity by quantity.
 
-    Only the upper halves of the scaled residuals are looked at: they stand behind the tiles.
+    Only the upper halves of the scaled residuals are needed; they are stored after the tiles.
     """
     for q in range(_U(8)):
         residuals, halves, factor = _RESIDUALS + q * _STRIDE, (_U(8 * HELD) + q) * _TILE, inverse_scale[q]
@@ -1341,20 +1346,20 @@ def _find_bins(s: Array, bins: Bins, held: Scalar, inverse_scale: Array) -> None
             bins[halves + i] = np.uint32(_bits_of(s[residuals + i] * factor) >> _HALF_WORD)
     for q in range(_U(8)):
         first, halves = (q * _U(HELD) + _U(held)) * _TILE, (_U(8 * HELD) + q) * _TILE
-        # from here on whole numbers of 32 bits only, of which a vector holds twice as many
+        # from here on only whole numbers of 32 bits, of which a vector holds twice as many
         zero = np.int32(q * _U(2 * _BINS) + _U(_BINS))
         for i in range(_TILE):
             half = np.int32(bins[halves + i])
             magnitude = np.int32(((half & _ALL_BUT_SIGN) >> np.int32(_SHIFT - 32)) - np.int32(_OFFSET - 1))
             magnitude = np.int32(min(max(magnitude, np.int32(0)), np.int32(_BINS - 1)))
-            # from zero on upwards, or of what is negative from zero - 1 on downwards
+            # upwards from zero, or downwards from zero - 1 for a negative residual
             bins[first + i] = np.uint32(zero + np.int32(magnitude ^ np.int32(half >> _SIGN)))
 
 
 @strict
 def _count_bins(bins: Bins, first: Scalar, tiles: Scalar, count: Scalar, sketch: NDArray[np.uint32]) -> None:
-    """Count the samples of so many tiles, of the last one only ``count``, in the bins where they fall."""
-    # whole tiles, then what is too much taken off again: the loop has no test; a count below zero wraps around and back
+    """Count the bins of the samples in some tiles, of the last tile only ``count`` samples."""
+    # whole tiles, then the excess is subtracted, so that the loop needs no test; a count below zero wraps around and back
     last = first + (_U(tiles) - _ONE) * _TILE
     for i in range(first, last + _TILE):
         sketch[bins[i]] += np.uint32(1)
@@ -1364,7 +1369,7 @@ def _count_bins(bins: Bins, first: Scalar, tiles: Scalar, count: Scalar, sketch:
 
 @cached_part
 def _count_all_bins(bins: Bins, tiles: Scalar, count: Scalar, sketch: NDArray[np.uint32]) -> None:
-    """Count what `_find_bins` found, each quantity of all tiles by itself: its part of the sketch stays near."""
+    """Count the bins of `_find_bins`, one quantity at a time for all tiles, so that its part of the sketch stays cached."""
     for q in range(_U(8)):
         _count_bins(bins, q * _U(HELD) * _TILE, tiles, count, sketch)
 
@@ -1399,8 +1404,8 @@ def _count_inside(s: Array, count: Scalar, counting: Counting, inside: NDArray[n
 
 @cached_part
 def _add_products(s: Array) -> None:
-    """Add the products of the residuals' rows into their lanes: of two components each, then of each norm."""
-    # 64 samples at a time: the 23 sums of a lane are read and written once for four of them
+    """Add the products of the residuals to their lanes: of two components each, then the square of each norm."""
+    # 64 samples at a time: the 23 sums of a lane are read and written once for four samples
     for begin in range(_ZERO, _TILE, _U(4 * LANES)):
         for lane in range(_LANE):
             xx, xy, xz, xa, xb, xc = (
@@ -1446,10 +1451,10 @@ def _add_products(s: Array) -> None:
 
 @cached_part
 def _fold(s: Array, sums: Array) -> None:
-    """Fold each sum's lanes in halves and empty them."""
+    """Fold the lanes of each sum in halves, add them to the sums and clear them."""
     for k in range(_U(SUMS)):
         lanes = _LANES + k * _LANE
-        # in halves: an order of additions that vectors of any length keep
+        # in halves: this order of additions is the same for every vector width
         half = LANES // 2
         while half:
             for lane in range(_U(half)):
@@ -1462,7 +1467,7 @@ def _fold(s: Array, sums: Array) -> None:
 
 @cached_part
 def _empty_lanes(s: Array, lowest: Array, highest: Array) -> None:
-    """Begin with sums of nothing, and with these smallest and largest values."""
+    """Set the sums to zero, and the extremes to the given smallest and largest values."""
     for i in range(_U(SUMS * LANES)):
         s[_LANES + i] = 0.0
     for q in range(_U(8)):
@@ -1473,7 +1478,7 @@ def _empty_lanes(s: Array, lowest: Array, highest: Array) -> None:
 
 @cached_part
 def _fold_extremes(s: Array, lowest: Array, highest: Array) -> None:
-    """Fold the lanes' smallest and largest values."""
+    """Fold the smallest and largest values of the lanes."""
     for q in range(_U(8)):
         for lane in range(_LANE):
             low = s[_LANES + (_U(SUMS) + q) * _LANE + lane]
@@ -1484,7 +1489,7 @@ def _fold_extremes(s: Array, lowest: Array, highest: Array) -> None:
 
 @strict
 def _failed_formula(w: Array, formulas: Formulas, skipped: Scalar, count: Scalar, sampled: bool) -> Scalar:
-    """Return the first sample of which an operation's result is not finite, or -1."""
+    """Return the first sample with an operation whose result is not finite, or -1."""
     for sample in range(skipped, count):
         i = _place_of(sample, sampled)
         for step in range(formulas.results.size):
@@ -1523,38 +1528,38 @@ def run(
     largest: Array,
     largest_units: NDArray[np.int64],
 ) -> tuple[Scalar, Scalar]:
-    """Work through samples tile by tile.
+    """Sample tile by tile.
 
     Parameters
     ----------
     s, bins, products, w
-        Room: `SCRATCH` rows; ``(8 · (HELD + 1) · TILE,)``; ``(3/2 · TILE,)``; the rows that the
-        offsets name. All begin at multiples of 64 bytes but the bins.
+        Work arrays: `SCRATCH` rows; ``(8 · (HELD + 1) · TILE,)``; ``(3/2 · TILE,)``; the rows of the offsets. All except the
+        bins are aligned to 64 bytes.
     draws, formulas, superposition, motions
-        The layout.
+        Arrays of the error model.
     stage
-        `DRAW`, or any other.
+        Last stage: `DRAW` draws only, `LINEAR` and `EXACT` compute errors.
     rare, linear
-        Whether there are rare laws, and whether the model is the linear one.
+        True for rare laws, and for the linear model; otherwise None.
     seed, words
-        Key and, for each stream, the last counter word.
+        Key, and the last counter word of each stream.
     first, skip, count
-        First unit, a multiple of `TILE`, how many samples at the beginning nobody asked for (they may fail), and how many
-        samples with them.
+        First unit, a multiple of `TILE`; number of unrequested samples at the beginning, which may fail; number of samples
+        including these.
     given
-        ``(d, count)`` component values to use, or no columns: draw them.
+        ``(d, count)`` component values to use; without columns they are drawn.
     kept_components, kept_errors
-        ``(d, count)`` and ``(6, count)`` to fill, or no columns.
+        ``(d, count)`` and ``(6, count)`` arrays to fill; without columns nothing is stored.
     counting, sums, lowest, highest, sketch, inside, largest, largest_units
-        What to subtract; ``(atoms, SUMS)`` partial sums, none: count nothing; ``(8,)``; ``(8,)``; ``(8 · COLUMNS,)``;
-        ``(S,)``; ``(2, LARGEST)`` and their units; the last six to add to.
+        Centres, bins and limits; ``(atoms, SUMS)`` partial sums, without rows nothing is counted; ``(8,)``; ``(8,)``;
+        ``(8 · COLUMNS,)``; ``(S,)``; ``(2, LARGEST)`` and their units. The last six are updated.
 
     Returns
     -------
     tuple
-        Why the run stopped (0: it did not) and at which sample.
+        Reason for stopping, 0 if the run is complete, and the sample.
     """
-    # rows of numbers that never change are filled once: drawing leaves them as they are
+    # the rows of constants are filled once; drawing does not change them
     for row in range(draws.fixed_rows.size):
         for i in range(_TILE):
             w[draws.fixed_rows[row] + i] = draws.fixed_values[row]
@@ -1577,7 +1582,7 @@ def run(
                 offset = _U(k * STRIDE)
                 for i in range(size):
                     w[offset + _U(i)] = given[k, begin + i]
-                # the rest of the last tile repeats a sample, so that it has numbers that mean something
+                # the rest of the last tile repeats a sample, so that its values are valid
                 for i in range(size, TILE):
                     w[offset + _U(i)] = given[k, begin]
         if kept_components.shape[1]:
@@ -1587,7 +1592,7 @@ def run(
                     kept_components[k, begin + i] = w[offset + _place_of(i, sampled)]
         if stage == DRAW:
             continue
-        # what fails in a sample that nobody asked for does not stop a run
+        # a failure in an unrequested sample does not stop the run
         if _derive(w, formulas):
             sample = _failed_formula(w, formulas, skipped, size, sampled)
             if sample >= 0:
@@ -1612,12 +1617,12 @@ def run(
             _keep_largest(s, size, first + _U(begin), largest, largest_units)
             _count_inside(s, size, counting, inside)
             _add_products(s)
-            # bins are counted some tiles late: a quantity's part of the sketch then stays near
+            # bins are counted for several tiles at once: a quantity's part of the sketch then stays in the cache
             held = tile % HELD
             _find_bins(s, bins, held, counting.inverse_scale)
             if held == HELD - 1 or tile == tiles - 1:
                 _count_all_bins(bins, held + 1, size, sketch)
-            # the first unit of a counted run begins an atom
+            # this assumes that a counted run starts at the first unit of an atom
             if (begin + TILE) % ATOM == 0 or tile == tiles - 1:
                 _fold(s, sums[begin // ATOM])
     if counted:
@@ -1630,7 +1635,7 @@ def run(
 
 @strict
 def _keep_lanes(s: Array, lanes: Array) -> None:
-    """Put the lanes aside."""
+    """Copy the lanes of the scratch to another array."""
     for k in range(_U(LANE_DOUBLES)):
         lanes[k] = s[_LANES + k]
 
@@ -1668,41 +1673,41 @@ def run_poses(
     largest: Array,
     largest_units: NDArray[np.int64],
 ) -> tuple[Scalar, Scalar, Scalar]:
-    """Work through samples of P poses; what is drawn once for a unit is drawn once for all poses.
+    """Sample P poses tile by tile, with the draws of unit scope shared by all poses.
 
     Parameters
     ----------
     s, bins, products, workspaces
-        Room as `run`'s, the last ``(T, rows)`` of tiles that are worked on together, T ≤ `HELD`.
+        Work arrays as in `run`; the last is ``(T, rows)`` for the tiles that are processed together, T ≤ `HELD`.
     lanes
-        ``(P, LANE_DOUBLES)`` room.
+        ``(P, LANE_DOUBLES)`` work array.
     unit_draws, unit_formulas, unit_words
-        What is done once for a tile.
+        Draws and formulas evaluated once for a tile.
     draws, formulas, words
-        What is done at every pose; ``words`` are ``(P, streams)``.
+        Draws and formulas evaluated at every pose; ``words`` is ``(P, streams)``.
     superposition
-        All poses' entries, one behind the other.
+        Entries of all poses, concatenated.
     motions
-        All poses' entries, one behind the other; starts ``(P, 2 K + 1)``, arms ``(P, K, 3)``, series ``(P, K + 1)``.
+        Entries of all poses, concatenated; starts ``(P, 2 K + 1)``, arms ``(P, K, 3)``, series ``(P, K + 1)``.
     rare, linear
         As in `run`.
     seed, first, count
         As in `run`.
     centre, inverse_scale
-        ``(P, 8)``.
+        ``(P, 8)`` centres and reciprocals of the scales.
     limit_rows, limits
         ``(S,)`` quantities and their limits.
     norms_only
-        Keep the small sketches of the two norms instead of the large ones of all, and no largest errors.
+        Fill the small sketches of the two norms instead of the large ones of all quantities, and no largest errors.
     sums, lowest, highest, sketch, inside, largest, largest_units
-        As in `run`, each with P in front.
+        As in `run`, with a first axis of length P.
 
     Returns
     -------
     tuple
-        Why the run stopped (0: it did not), at which pose and sample.
+        Reason for stopping, 0 if the run is complete, the pose and the sample.
     """
-    # not the constants themselves, which numba takes for other types: it would compile what they are given to anew
+    # variables, because literal constants are other types to numba, for which it would compile the callees again
     nobody, sampled = np.int64(0), count > 0
     together = workspaces.shape[0]
     for t in range(together):
@@ -1728,7 +1733,7 @@ def run_poses(
                 sample = _failed_formula(w, unit_formulas, 0, size, True)
                 if sample >= 0:
                     return FORMULA, 0, tile * TILE + sample
-        # poses outside, tiles inside: a pose's arrays and sketch stay near while the tiles are worked on
+        # outer loop over poses, inner loop over tiles: the arrays and the sketch of a pose stay in the cache
         for pose in range(poses):
             at = Motions(
                 motions.shift_starts[pose],
@@ -1759,7 +1764,7 @@ def run_poses(
                     sample = _displace(s, w, at, nobody, size, sampled)
                     if sample >= 0:
                         return ANGLE, pose, tile * TILE + sample
-                # the pose's sums go on from where its tile before left them
+                # restore the pose's sums after its preceding tile
                 for k in range(_U(LANE_DOUBLES)):
                     s[_LANES + k] = own_lanes[k]
                 if _measure(s, counting.centre, size):

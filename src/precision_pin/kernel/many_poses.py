@@ -1,15 +1,16 @@
-"""The compiled sampler over many poses of one arm: what is drawn once for a built robot is drawn once for all of them.
+"""Compiled sampler for many poses of one arm, with the draws of unit scope shared by all poses.
 
-A unit's draws of unit scope are the same at every pose; those of pose and visit scope are made anew at each. So drawing
-costs one pose's time however many poses there are, and what remains is displacing and counting.
+A unit's draws of unit scope are the same at every pose; those of pose and visit scope are drawn at each pose. The cost of
+the shared draws does not grow with the number of poses.
 
-`observe_poses` gives what :func:`precision_pin.kernel.sampler.observe_blocks` gives at each pose, bit by bit. `observe_norms`
-keeps what a map needs, in 4 kB a pose instead of 656: the moments of all six components, counts inside specifications,
-and a small sketch of |d| and |δ| alone.
+`observe_poses` returns the statistics of :func:`precision_pin.kernel.sampler.observe_blocks` at each pose, with the same
+bits. `observe_norms` keeps only the statistics for a map, in 4 kB per pose instead of 656: the moments of all six
+components, counts inside specifications, and a small sketch of |d| and |δ|.
 
-The small sketch is that of :mod:`precision_pin.statistics.sketch` with 32 bins an octave, from 1/16 to 16 of the planned
-spread on each side of the planned mean (`norm_edges`). A bin that holds v, in units of the spread from the mean, is at
-most ``max(1/16, |v|/32)`` wide up to 16; the outermost bins are open, and cut at the smallest and largest value seen.
+The small sketch is that of :mod:`precision_pin.statistics.sketch` with 32 bins per octave, from 1/16 to 16 of the planned
+spread on each side of the planned mean (`norm_edges`). With v the distance from the mean in units of the spread, the bin
+that contains v is at most ``max(1/16, |v|/32)`` wide up to 16. The outermost bins are open and end at the smallest and
+largest value.
 """
 
 from __future__ import annotations
@@ -63,22 +64,22 @@ __all__ = [
 
 
 MOST_TOGETHER: Final = 64
-"""Poses that are best worked on together: drawing is then next to nothing, and what is kept stays in the cache."""
+"""Best number of poses to process together: the cost of drawing is then negligible, and the sums stay in the cache."""
 
 
 @final
 @dataclass(frozen=True, eq=False)
 class NormBlocks:
-    """Sums and sketches of consecutive blocks at P poses, as far as a map needs them.
+    """Sums and small sketches of consecutive blocks at P poses, for a map.
 
     Attributes
     ----------
     count
-        Samples at each pose.
+        Number of samples at each pose.
     lowest, highest
         ``(P, 2)`` smallest and largest |d| and |δ|.
     sums
-        ``(P, blocks, 31)`` as in :class:`precision_pin.kernel.sampler.Blocks`, to the bit.
+        ``(P, blocks, 31)`` with the same bits as in :class:`precision_pin.kernel.sampler.Blocks`.
     sketch
         ``(P, 2, 514)`` counts of |d| and |δ| between `norm_edges`.
     inside
@@ -114,14 +115,14 @@ def observe_poses(
     first_pose: int = 0,
     visit: int = 0,
 ) -> list[Blocks]:
-    """Return what blocks give at P poses: the bits of :func:`precision_pin.kernel.sampler.observe_blocks` at each.
+    """Return the statistics of blocks at P poses, as :func:`precision_pin.kernel.sampler.observe_blocks` at each.
 
     Parameters
     ----------
     tables
-        One model at the poses.
+        Arrays of one model at the poses.
     plans
-        For each pose; with the same specifications.
+        A plan for each pose, all with the same specifications.
     model, seed, first_block, blocks, samples, visit
         As in :func:`precision_pin.kernel.sampler.observe_blocks`.
     first_pose
@@ -130,8 +131,8 @@ def observe_poses(
     Raises
     ------
     InputError
-        No poses, or not as many plans; poses of different models; plans with different specifications; or as
-        :func:`precision_pin.kernel.sampler.observe_blocks`, with the pose's number.
+        There are no poses, or a different number of plans; the poses are of different models; the plans have different
+        specifications; or as in :func:`precision_pin.kernel.sampler.observe_blocks`, with the number of the pose.
     """
     units = _Units(seed, *check_blocks(first_block, blocks, samples), first_pose, visit)
     counts = _run(tables, plans, model, units, 8 * COLUMNS, LARGEST, tiles=HELD)
@@ -163,9 +164,9 @@ def observe_norms(
     first_pose: int = 0,
     visit: int = 0,
 ) -> NormBlocks:
-    """Return what blocks give at P poses, as far as a map needs it; other threads run meanwhile.
+    """Return the sums and small sketches of blocks at P poses; release Python's global lock.
 
-    Parameters and errors as in `observe_poses`. Of the plans' scales only those of the norms are used.
+    Parameters and errors as in `observe_poses`. Only the scales of the norms are used.
     """
     units = _Units(seed, *check_blocks(first_block, blocks, samples), first_pose, visit)
     counts = _run(tables, plans, model, units, 2 * NORM_COLUMNS, 0, tiles=1)
@@ -180,18 +181,18 @@ def observe_norms(
 
 
 def warm_up(rare: Wanted = None, linear: Wanted = None) -> None:
-    """Compile a variant of the loops over poses, or load it from numba's cache; what samples first does so by itself."""
+    """Compile a variant of the loops over poses, or load it from numba's cache; the first sampling does so by itself."""
     plan = Plan(np.zeros(8), np.ones(8), ())
     observe_norms([empty_table(rare)], [plan], "linear" if linear else "exact", 0, 0, 1, samples=1)
 
 
-# inside --------------------------------------------------------------------------------------------------------------
+# private -------------------------------------------------------------------------------------------------------------
 
 
 @final
 @dataclass(frozen=True)
 class _Units:
-    """Which units, at which poses and visit."""
+    """Range of units, with the first pose and the visit."""
 
     seed: int
     first: int
@@ -224,13 +225,16 @@ def _run(
     *,
     tiles: int,
 ) -> _Counts:
-    """Run the compiled loops over the poses and raise what stopped them; keep no largest errors: the small sketch."""
+    """Run the compiled loops over the poses; raise an error where they stop.
+
+    With `largest` 0 the small sketches of the norms are filled, and no largest errors are kept.
+    """
     check_seed(units.seed)
     linear: Wanted = True if stage_of(model) == LINEAR else None
     joined = tables if isinstance(tables, JoinedTables) else JoinedTables.of(tables)
     poses = len(joined.layouts)
     if len(plans) != poses:
-        raise InputError(f"{poses} poses and {len(plans)} plans; one plan for each pose")
+        raise InputError(f"{poses} poses and {len(plans)} plans; give one plan for each pose")
     specifications = plans[0].specifications
     if any(plan.specifications != specifications for plan in plans):
         raise InputError("the plans of poses that are sampled together have different specifications")

@@ -1,4 +1,4 @@
-"""The parts of the compiled loops by name: enough to have them compiled, without the compiler in this process."""
+"""Names of the parts of the compiled loops, for starting their compilation without loading the compiler."""
 
 from __future__ import annotations
 
@@ -29,21 +29,22 @@ PARTS: Final[Mapping[str, float]] = {
     "_fold_extremes": 0.1,
     "_count_all_bins": 0.1,
 }
-"""The parts, and about how many seconds each takes to compile."""
+"""Parts and their approximate compilation times in seconds."""
 
 _MODULE: Final = "precision_pin.kernel.parts"
 _LAWS: Final = "apply_laws"
 _RARE: Final = 1.5
-"""Seconds that rare laws take more."""
+"""Additional compilation time of the rare laws, in seconds."""
 
 
 def part_jobs(rare: Literal[True] | None, linear: Literal[True] | None) -> list[Job]:
-    """Return what compiles the parts of a variant."""
+    """Return the jobs that compile the parts of a variant."""
     laws = Job(_MODULE, "compile_part", (_LAWS, rare), PARTS[_LAWS] + (_RARE if rare else 0.0))
-    return [laws, *_same_for_all_laws("_displace" if linear else "_superpose")]
+    return [laws, *_list_common_jobs("_displace" if linear else "_superpose")]
 
 
-def _same_for_all_laws(unused: str) -> list[Job]:
+def _list_common_jobs(unused: str) -> list[Job]:
+    """Return the jobs of the parts that do not depend on the laws, except one unused part."""
     return [
         Job(_MODULE, "compile_part", (name, None), seconds)
         for name, seconds in PARTS.items()
@@ -52,10 +53,10 @@ def _same_for_all_laws(unused: str) -> list[Job]:
 
 
 def begin_compiling() -> None:
-    """Have other processes begin with the parts of the exact model where none was ever compiled.
+    """Start compiling the parts of the exact model in other processes, if the cache is empty.
 
-    Whoever needs the loops later waits for what is left; where they turn out to be compiled, or are not needed, nothing
-    is waited for. The cache is looked for by its file name alone: numba takes long to load.
+    The first use of the loops waits for the jobs that are still running; without a use nothing waits for them. The cache is
+    recognised by its file names alone, because numba takes long to load.
     """
     beside = Path(__file__).parent / "__pycache__"
     folder = Path(os.environ["NUMBA_CACHE_DIR"]) if os.environ.get("NUMBA_CACHE_DIR") else beside
@@ -66,4 +67,4 @@ def begin_compiling() -> None:
     except OSError:
         return
     if is_ours and not is_there:
-        begin_jobs(_same_for_all_laws("_superpose"))
+        begin_jobs(_list_common_jobs("_superpose"))

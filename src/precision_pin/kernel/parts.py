@@ -1,4 +1,4 @@
-"""The parts of the compiled loops, for compiling them side by side: which there are, and what types they are given."""
+"""Parallel compilation of the parts of the compiled loops, with arguments of the types they are called with."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ from precision_pin.terms.table import TermTable
 __all__ = ["compile_part", "compile_parts", "empty_table", "part_arguments"]
 
 _TOGETHER: Final = 3.5
-"""Seconds that the outermost function takes when the parts are there."""
+"""Seconds that the outermost function takes to compile once its parts are compiled."""
 
 
 def empty_table(rare: Wanted = None) -> SamplerArrays:
-    """Return the layout of a model whose tip stays where it is; with a rare law if that is wanted."""
+    """Return the arrays of a model without errors, optionally with a rare law."""
     table = TermTable(
         pose=np.eye(4),
         targets=(),
@@ -38,7 +38,7 @@ def empty_table(rare: Wanted = None) -> SamplerArrays:
 
 
 def part_arguments(name: str, rare: Wanted = None) -> tuple[Any, ...]:
-    """Return arguments of the types that a part is called with; it is never called with these themselves."""
+    """Return arguments of the types that a part is called with, for compilation only."""
     layout = empty_table(rare)
     s, w, eight = np.zeros(SCRATCH * STRIDE), np.zeros(layout.rows * STRIDE), np.zeros(8)
     bins, offsets, offset = np.zeros(8 * (HELD + 1) * TILE, np.uint32), np.zeros(0, np.uint64), np.uint64(0)
@@ -70,7 +70,7 @@ def compile_part(name: str, rare: Wanted) -> None:
 
 
 def compile_parts(rare: Wanted, linear: Wanted, module: str) -> None:
-    """Compile the parts of a variant side by side by other processes, then what the module's ``warm_up`` does."""
+    """Compile the parts of a variant in parallel in other processes, then run the module's ``warm_up``."""
     if not can_keep(loops.run):
         return
     last = Job(module, "warm_up", (rare, linear), _TOGETHER, last=True)

@@ -1,6 +1,6 @@
-"""One error model laid out at many poses: what is the same at all of them, and what is not.
+"""Arrays of one error model at many poses, with the common work separated.
 
-Draws of unit scope, and what formulas make of them alone, are the same at every pose; they are taken out, to be done once.
+Draws of unit scope, and formulas of such draws alone, have the same values at every pose; they are evaluated once.
 """
 
 from __future__ import annotations
@@ -26,20 +26,20 @@ __all__ = ["JoinedTables", "is_alike"]
 @final
 @dataclass(frozen=True, eq=False)
 class JoinedTables:
-    """One error model laid out at P poses, with what they share taken out.
+    """Arrays of one error model at P poses, with the common draws and formulas separated.
 
     Attributes
     ----------
     layouts
-        The poses.
+        Arrays of the model at each pose.
     unit_draws, unit_formulas
-        What is done once for all poses.
+        Draws and formulas evaluated once for all poses.
     draws, formulas
-        What is done at each.
+        Draws and formulas evaluated at each pose.
     scopes
         Scope of each stream of ``draws``.
     superposition, motions
-        All poses one behind the other, as :func:`precision_pin.kernel.loops.run_poses` takes them.
+        Arrays of all poses concatenated, in the format of :func:`precision_pin.kernel.loops.run_poses`.
     """
 
     layouts: tuple[SamplerArrays, ...]
@@ -53,19 +53,21 @@ class JoinedTables:
 
     @classmethod
     def of(cls, layouts: Sequence[SamplerArrays]) -> JoinedTables:
-        """Join layouts; those of one model made together by :func:`precision_pin.kernel.sampler.to_arrays_at_poses` join faster.
+        """Join the arrays of one model at several poses.
+
+        Arrays from one call of :func:`precision_pin.kernel.sampler.to_arrays_at_poses` are joined faster.
 
         Raises
         ------
         InputError
-            No layouts, or layouts with different draws, targets or formulas.
+            There are no poses, or their draws, targets or formulas differ.
         """
         if not layouts:
             raise InputError("no poses to sample; give at least one")
         first = layouts[0]
         if not all(is_alike(first, other) for other in layouts[1:]):
             raise InputError(
-                "poses that are sampled together must be of one model: with the same draws, targets and formulas"
+                "poses that are sampled together must be of one model, with the same draws, targets and formulas"
             )
         varying = _find_varying(first)
         unit_formulas, formulas = _split_formulas(first.formulas, varying)
@@ -89,7 +91,7 @@ class JoinedTables:
 
 
 def is_alike(one: SamplerArrays, other: SamplerArrays) -> bool:
-    """Return whether two layouts have the same draws and formulas, in the same places: those of one model do."""
+    """Return whether the arrays of two poses have the same draws and formulas in the same rows."""
     if one.draws is other.draws and one.formulas is other.formulas:
         return True
     pairs = [*zip(one.draws, other.draws, strict=True), *zip(one.formulas, other.formulas, strict=True)]
@@ -105,7 +107,7 @@ def is_alike(one: SamplerArrays, other: SamplerArrays) -> bool:
 
 
 def _find_varying(layout: SamplerArrays) -> Offsets:
-    """Return the rows that are not the same at every pose: draws of pose and visit scope and what is made of them."""
+    """Return the rows that differ between poses: draws of pose and visit scope, and results computed from them."""
     space = layout.space
     found = {
         component * loops.STRIDE
@@ -133,7 +135,7 @@ def _all_rows(draws: Draws) -> Offsets:
 
 
 def _select_draws(draws: Draws, rows: Offsets) -> Draws:
-    """Return the draws that stand in rows."""
+    """Return the draws in the given rows."""
     kept = {name: np.isin(getattr(draws, name), rows) for name in BESIDE}
     chosen = {field: getattr(draws, field)[kept[name]] for name in BESIDE for field in (name, *BESIDE[name])}
     groups = [
@@ -155,13 +157,13 @@ def _select_draws(draws: Draws, rows: Offsets) -> Draws:
 
 
 def _select_runs(starts: Offsets, values: NDArray[Any], chosen: Sequence[int]) -> tuple[Offsets, NDArray[Any]]:
-    """Return where runs ``values[starts[k] … starts[k + 1]]`` begin when only some are left, and those."""
+    """Return starts and values of the chosen ones of the runs ``values[starts[k] … starts[k + 1]]``."""
     runs = [values[int(starts[k]) : int(starts[k + 1])] for k in chosen]
     return np.cumsum([0, *map(len, runs)]).astype(np.uint64), np.concatenate([values[:0], *runs])
 
 
 def _split_formulas(formulas: Formulas, varying: Offsets) -> tuple[Formulas, Formulas]:
-    """Return what is the same at every pose, and what is not."""
+    """Return the formulas with the same results at every pose, and the others."""
     steps, products = np.isin(formulas.results, varying), np.isin(formulas.products, varying)
     unit, each = (
         Formulas(
@@ -178,13 +180,13 @@ def _split_formulas(formulas: Formulas, varying: Offsets) -> tuple[Formulas, For
 
 
 def _freeze_copy(array: NDArray[Any]) -> NDArray[Any]:
-    """Return an array of our own that cannot be written: numba takes others for another type."""
+    """Return a read-only copy of an array: to numba a writeable array is another type."""
     own = np.array(array, order="C")
     own.flags.writeable = False
     return own
 
 
-# poses one behind the other ------------------------------------------------------------------------------------------
+# concatenation of poses ----------------------------------------------------------------------------------------------
 
 
 def _join_entries(parts: Sequence[Superposition | Motions]) -> dict[str, NDArray[Any]]:

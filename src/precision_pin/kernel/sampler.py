@@ -1,11 +1,11 @@
-"""The compiled sampler: errors of units by the million, and their statistics.
+"""Compiled sampler: errors of millions of units, and their statistics.
 
-A pose's error model is laid out as arrays (`to_arrays`); one compiled function, the same for every robot and
-sheet, then draws, derives, displaces, composes and counts (:mod:`precision_pin.kernel.loops`). Results agree with
-:meth:`precision_pin.model.pose_model.PoseModel.exact` and ``linear`` on :meth:`precision_pin.draws.space.Space.sample`
-to rounding.
+The error model at a pose is converted to arrays (`to_arrays`). One compiled function, the same for every robot and
+sheet, then draws the components, evaluates derived parameters, displaces the chain and accumulates the statistics
+(:mod:`precision_pin.kernel.loops`). Results agree with :meth:`precision_pin.model.pose_model.PoseModel.exact` and
+``linear`` on :meth:`precision_pin.draws.space.Space.sample` to rounding.
 
-Units come in blocks (:mod:`precision_pin.kernel.blocks`), whose sums do not depend on how they are spread over calls.
+Units are sampled in blocks (:mod:`precision_pin.kernel.blocks`), whose sums do not depend on their distribution over calls.
 """
 
 from __future__ import annotations
@@ -76,39 +76,39 @@ Model = Literal["exact", "linear"]
 
 _NOTHING: Final = np.zeros((0, 0))
 _STAGES: Final = {"linear": LINEAR, "exact": EXACT}
-"""Models as the compiled loops number them."""
+"""Stage of the compiled loops for each model."""
 
 REASONS: Final = {
     FORMULA: "a parameter's formula fails; a divisor that may reach zero needs a law that keeps away from it",
     ANGLE: "an error turns a place by half a turn or more; the tolerances or loads are far too large",
     NOT_FINITE: "the error is not a finite number; the tolerances or loads are far too large",
 }
-"""Why the compiled loops stopped, in words."""
+"""Messages for the reasons why the compiled loops stop."""
 
 
 def to_arrays(pose_model: PoseModel) -> SamplerArrays:
-    """Lay the error model at a pose out for the compiled sampler; takes milliseconds, compiles nothing.
+    """Convert the error model at a pose to arrays for the compiled sampler, in milliseconds and without compiling.
 
     Raises
     ------
     InputError
-        The compiled sampler does not know a law.
+        The compiled sampler does not support a law.
     """
     return convert_table(pose_model.table, pose_model.space)
 
 
 def to_arrays_at_poses(pose_models: Sequence[PoseModel]) -> list[SamplerArrays]:
-    """Lay one model out at several poses, as `to_arrays` does each, in less time.
+    """Convert one model at several poses to arrays, faster than by `to_arrays` for each.
 
     Raises
     ------
     InputError
-        The compiled sampler does not know a law.
+        The compiled sampler does not support a law.
     """
     return convert_tables([at.table for at in pose_models], pose_models[0].space) if pose_models else []
 
 
-# the names of before: `to_arrays` compiles nothing
+# former names, kept as aliases
 CompiledTable = SamplerArrays
 compile_table = to_arrays
 compile_tables = to_arrays_at_poses
@@ -117,15 +117,15 @@ compile_tables = to_arrays_at_poses
 def sample(layout: SamplerArrays, seed: int, first: int, count: int, *, pose: int = 0, visit: int = 0) -> Array:
     """Return the components ``(d, count)`` of units ``first … first + count - 1``.
 
-    As :meth:`precision_pin.draws.space.Space.sample`, which gives the same bits where a law needs only ``+ - × ÷`` and the
-    square root, and the same numbers within a few units in the last place elsewhere.
+    :meth:`precision_pin.draws.space.Space.sample` gives the same bits for laws computed with ``+ - × ÷`` and the square root
+    only, and the same numbers within a few units in the last place for all others.
 
     Raises
     ------
     InputError
         A wrong seed, unit, pose or visit.
     """
-    # a tile is drawn whole, so that a unit's numbers do not depend on where a call begins
+    # always whole tiles, so that a unit's numbers do not depend on the first unit of the call
     skip = _check_units(first, count)
     _check_kept(layout.space.size, count)
     kept = np.empty((layout.space.size, skip + count))
@@ -138,20 +138,20 @@ def errors(
 ) -> Array:
     """Return the errors ``(6, count)``, ``[d; δ]`` in m and rad, base axes, of units ``first … first + count - 1``.
 
-    The same bits as `accumulate` sees, whatever the range asked for.
+    The bits do not depend on the range and are those that `accumulate` uses.
 
     Parameters
     ----------
     layout
         The error model at a pose.
     model
-        ``"exact"``: the displaced chain multiplied out; ``"linear"``: superposition (eqs 12-17).
+        ``"exact"`` evaluates the displaced chain, ``"linear"`` superposes first-order errors (eqs 12-17).
     seed
         64-bit seed.
     first, count
-        Which units.
+        First unit and number of units.
     pose, visit
-        Which pose and visit the draws of those scopes are for, 0-based.
+        Numbers of pose and visit for the draws of these scopes, from 0.
 
     Raises
     ------
@@ -174,7 +174,7 @@ def errors_at(layout: SamplerArrays, model: Model, x: ArrayLike) -> Array:
     InputError
         x has another shape; or as in `errors`.
     """
-    values = np.array(x, dtype=float, order="C")  # a copy: a read-only array would be another type to numba
+    values = np.array(x, dtype=float, order="C")  # a copy: to numba a read-only array is another type
     if not np.isfinite(values).all():
         raise InputError("x holds a value that is not a finite number")
     if values.ndim != 2 or values.shape[0] != layout.space.size:
@@ -183,7 +183,7 @@ def errors_at(layout: SamplerArrays, model: Model, x: ArrayLike) -> Array:
     motions = layout.motions
     inside = (values >= layout.lowest[:, None]) & (values <= layout.highest[:, None])
     if not inside.all():
-        # the short series were chosen for what the laws can give
+        # the short series are valid within the bounds of the laws only
         series = np.full_like(motions.series, WIDE)
         series.flags.writeable = False
         motions = motions._replace(series=series)
@@ -205,25 +205,25 @@ def observe_blocks(
     pose: int = 0,
     visit: int = 0,
 ) -> Blocks:
-    """Return what blocks ``first_block … first_block + blocks - 1`` give; other threads run meanwhile.
+    """Return the statistics of blocks ``first_block … first_block + blocks - 1``; release Python's global lock.
 
     Parameters
     ----------
     layout, model, seed, pose, visit
         As in `errors`.
     plan
-        What is subtracted, binned and counted.
+        Centres, bins and specifications.
     first_block, blocks
-        Which blocks of `BLOCK` units.
+        First block of `BLOCK` units, and number of blocks.
     samples
-        The number of units of the whole run, at which its last block ends.
+        Number of units of the whole run, at which its last block ends.
     keep_errors
         Return the errors as well.
 
     Raises
     ------
     InputError
-        As `errors`.
+        As in `errors`.
     """
     first, count = check_blocks(first_block, blocks, samples)
     result = Blocks(
@@ -241,7 +241,7 @@ def observe_blocks(
         layout,
         stage_of(model),
         _Units(seed, first, 0, count, pose, visit),
-        # no columns: the errors are not kept
+        # an array without columns: the errors are not kept
         errors=_NOTHING if result.errors is None else result.errors,
         plan=plan,
         into=result,
@@ -264,33 +264,33 @@ def accumulate(
 ) -> State:
     """Return the statistics after blocks ``first_block … first_block + blocks - 1``, added to ``state``.
 
-    Parameters and errors as in `observe_blocks`, which threads use; then ``accumulate`` is `Blocks.add_to` of each
-    in turn. Going on from the state of the blocks before gives the same bits as one call for all.
+    Parameters and errors as in `observe_blocks`, to which this function applies `Blocks.add_to`. Continuing from the
+    state of the preceding blocks gives the same bits as one call for all blocks.
     """
     found = observe_blocks(layout, plan, model, seed, first_block, blocks, samples=samples, pose=pose, visit=visit)
     return found.add_to(start(plan) if state is None else state)
 
 
 def is_compiled(rare: Wanted = None, linear: Wanted = None) -> bool:
-    """Return whether a variant of the loops is compiled, in this process or in numba's cache, as far as can be known."""
+    """Return whether a variant of the loops is compiled, in this process or presumably in numba's cache."""
     layout, stage = empty_table(rare), LINEAR if linear else EXACT
     return is_kept(loops.run, _arguments(layout, stage, _ONE_UNIT))
 
 
 def stage_of(model: Model) -> int:
-    """Return what a model is to the compiled loops.
+    """Return the stage of the compiled loops for a model.
 
     Raises
     ------
     InputError
-        It is neither ``"exact"`` nor ``"linear"``.
+        The model is neither ``"exact"`` nor ``"linear"``.
     """
     check_choice("model", model, ("exact", "linear"))
     return _STAGES[model]
 
 
 def variant_of(space: Space, model: Model) -> tuple[Wanted, Wanted]:
-    """Return which variant of the loops samples a model of a space: with rare laws, of the linear model.
+    """Return the variant of the loops for a model of a space: whether it has rare laws, and whether it is linear.
 
     Raises
     ------
@@ -301,18 +301,21 @@ def variant_of(space: Space, model: Model) -> tuple[Wanted, Wanted]:
 
 
 def warm_up(rare: Wanted = None, linear: Wanted = None) -> None:
-    """Compile a variant of the loops, or load it from numba's cache; whatever samples first does so by itself."""
-    # a unit of a robot that stays where it is: the types are those of any model
+    """Compile a variant of the loops, or load it from numba's cache; the first sampling does so by itself."""
+    # one unit of a model without errors, which has the array types of every model
     _run(empty_table(rare), LINEAR if linear else EXACT, _ONE_UNIT)
 
 
-# inside --------------------------------------------------------------------------------------------------------------
+# private -------------------------------------------------------------------------------------------------------------
 
 
 @final
 @dataclass(frozen=True)
 class _Units:
-    """Which units: the first, how many nobody asked for, how many with them; for which pose and visit."""
+    """Range of units, with pose and visit.
+
+    The range is `count` units from `first` on. Of these the first `skip` complete a tile and are not requested.
+    """
 
     seed: int
     first: int
@@ -326,39 +329,39 @@ _ONE_UNIT: Final = _Units(0, 0, 0, 1, 0, 0)
 
 
 def _check_units(first: int, count: int) -> int:
-    """Return how many units to begin earlier, so as to begin with a tile."""
+    """Return the number of units between the start of the tile and the first unit."""
     whole = isinstance(first, int | np.integer) and isinstance(count, int | np.integer)
     if not whole or first < 0 or count < 0 or first + count > MOST_UNITS:
         raise InputError(
-            f"{count!r} units from {first!r} on: both whole numbers, units are numbered from 0 to 2^63 - 1"
+            f"{count!r} units from {first!r} on: both must be whole numbers, and units are numbered from 0 to 2^63 - 1"
         )
     return int(first) % TILE
 
 
 def _check_kept(rows: int, count: int) -> None:
-    check_memory(8.0 * rows * count, f"keeping {rows} numbers of each of {count:,} robots", "ask for fewer at a time")
+    check_memory(8.0 * rows * count, f"keeping {rows} numbers for each of {count:,} robots", "request fewer at a time")
 
 
 def allocate_scratch() -> tuple[Array, NDArray[np.uint32], NDArray[np.uint64]]:
-    """Return scratch arrays of the compiled loops, whatever the model: values, bins, products."""
+    """Return the scratch arrays of the compiled loops, the same for every model: values, bins, products."""
     return allocate_rows(SCRATCH), np.empty(8 * (HELD + 1) * TILE, dtype=np.uint32), allocate_rows(2).view(np.uint64)
 
 
 def allocate_rows(rows: int) -> Array:
-    """Return an array for rows, on a 64-byte boundary: a vector load across two cache lines costs twice."""
+    """Return an array for rows, aligned to 64 bytes: a vector load across two cache lines costs twice as much."""
     longer = np.zeros(rows * STRIDE + 8)
     begin = -longer.ctypes.data // 8 % 8
     return longer[begin : begin + rows * STRIDE]
 
 
 def _run(layout: SamplerArrays, stage: int, units: _Units, **given: Any) -> None:
-    """Run the compiled loops over samples, with what `_arguments` takes, and raise what stopped them."""
+    """Run the compiled loops with the arguments of `_arguments`; raise an error where they stop."""
     check_seed(units.seed)
-    # made before the question whether there is anything to do: wrong poses and visits are refused all the same
+    # before the return for an empty range, so that wrong poses and visits are rejected in any case
     arguments = _arguments(layout, stage, units, **given)
     if not units.count:
         return
-    # not False: None leaves the other model out of what is compiled
+    # None, not False: the code of the other model is then not compiled
     linear: Wanted = True if stage == LINEAR else None
     ahead = partial(compile_parts, layout.rare, linear, __name__)
     reason, where = map(int, call(loops.run, arguments, (layout.rare, linear), ahead))
@@ -378,20 +381,20 @@ def _arguments(
     plan: Plan | None = None,
     into: Blocks | None = None,
 ) -> tuple[Any, ...]:
-    """Return what the compiled loops are called with."""
+    """Return the arguments of the compiled loops."""
     centre, scale = (np.zeros(8), np.ones(8)) if plan is None else (plan.centre, plan.scale)
     specifications = () if plan is None else plan.specifications
     counting = Counting(
         centre=np.array(centre),
-        # divided here, multiplied in the loops
+        # inverted once, so that the loops multiply instead of dividing
         inverse_scale=1 / scale,
         limit_rows=np.array([specification.row for specification in specifications], dtype=np.uint64),
         limits=np.array([specification.limit for specification in specifications], dtype=float),
     )
-    # by position, in the order of `loops.run`; what is not wanted is an array without entries: None would be another type
-    # to numba, and another compilation
+    # by position, in the order of `loops.run`; unused arguments are empty arrays, because None is another type to numba
+    # and would need another compilation
     return (
-        # new ones at each call, so that threads share nothing
+        # allocated at each call, so that threads share no scratch
         *allocate_scratch(),
         allocate_rows(layout.rows),
         layout.draws,

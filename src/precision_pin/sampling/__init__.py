@@ -1,8 +1,9 @@
-"""Sampling a pose: tasks of blocks on threads, processes or a cluster, merged in block order, kept in a journal.
+"""Sampling at a pose: tasks of blocks on threads, processes or a cluster, merged in block order, saved in a journal.
 
-A block is a fixed run of units; its statistics depend on error model, seed and block number only, and blocks are added
-in order. So a result has the same bits whatever computed the blocks, in whatever order, and however often the run was
-stopped and went on. Names are imported when first used: who only shows a result needs no compiler.
+A block is a fixed range of robot indices. Its statistics depend on error model, seed and block number only, and blocks
+are added in order. A result therefore has the same bits whichever worker computed a block, in any order of completion,
+and however often the run was stopped and resumed. Names are imported on first use, so that displaying a result does not
+load the compiler.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Blocks of samples at one pose, as work that can be sent to another process or machine."""
+"""Description of the work of a run, which can be sent to another process or machine."""
 
 from __future__ import annotations
 
@@ -24,19 +24,19 @@ MOST_SAMPLES: Final = 10**12
 
 
 def check_samples(samples: int) -> None:
-    """Refuse a number of samples that is not a whole number from 1 to 10¹².
+    """Check that the number of samples is a whole number from 1 to 10¹².
 
     Raises
     ------
     InputError
-        It is not.
+        The number is not whole or lies outside.
     """
     check_whole("the number of samples", samples, 1, MOST_SAMPLES, f"from 1 to {MOST_SAMPLES:.0e}")
 
 
 @lru_cache(maxsize=1)
 def packages() -> tuple[tuple[str, str], ...]:
-    """Return name and version of what decides a block's bits, of this process."""
+    """Return name and version of the packages of this process that determine the bits of a block."""
     found = versions()
     return tuple((name, found[name]) for name in ("precision-pin", "numpy", "numba"))
 
@@ -44,24 +44,24 @@ def packages() -> tuple[tuple[str, str], ...]:
 @final
 @dataclass(frozen=True, eq=False)
 class Work:
-    """All that a block's statistics depend on, but for its number. Can be pickled.
+    """All inputs of a block's statistics except the block number. Can be pickled.
 
     Attributes
     ----------
     layout
         The error model at the pose.
     plan
-        What is subtracted, binned and counted.
+        Centres, bins and specifications.
     model
         ``"exact"`` or ``"linear"``.
     seed
         64-bit seed.
     samples
-        The number of samples of the whole run, at which its last block ends.
+        Number of samples of the whole run, at which its last block ends.
     keep_errors
         Return the errors as well.
     packages
-        Versions where the run began; other versions elsewhere are refused.
+        Versions in the process that started the run; a worker with other versions is an error.
     """
 
     layout: sampler.SamplerArrays
@@ -78,19 +78,19 @@ class Work:
         return -(-self.samples // sampler.BLOCK)
 
     def observe(self, first_block: int, blocks: int) -> sampler.Blocks:
-        """Return what blocks ``first_block … first_block + blocks - 1`` give.
+        """Return the statistics of blocks ``first_block … first_block + blocks - 1``.
 
         Raises
         ------
         InputError
-            As :func:`precision_pin.kernel.sampler.observe_blocks`; or this process has other versions of the packages than
-            the run was begun with.
+            As :func:`precision_pin.kernel.sampler.observe_blocks`; or the package versions of this process differ from
+            those of the process that started the run.
         """
         here = dict(packages())
         for name, version in self.packages:
             if here[name] != version:
                 raise InputError(
-                    f"a worker has {name} {here[name]}, the run was begun with {version}; install the same"
+                    f"a worker has {name} {here[name]}, the run was started with {version}; install the same version"
                 )
         return sampler.observe_blocks(
             self.layout, self.plan, self.model, self.seed, first_block, blocks,
@@ -100,23 +100,23 @@ class Work:
     def __reduce__(self) -> tuple[Callable[..., Work], tuple[bytes]]:
         buffer = io.BytesIO()
         _Pickler(buffer, protocol=5).dump(tuple(vars(self).values()))
-        return _unpickled, (buffer.getvalue(),)
+        return _unpickle_work, (buffer.getvalue(),)
 
 
-def _unpickled(data: bytes) -> Work:
+def _unpickle_work(data: bytes) -> Work:
     return Work(*pickle.loads(data))
 
 
 class _Pickler(pickle.Pickler):
-    """Keeps arrays that cannot be written so: to numba they are another type, for which it would compile anew."""
+    """Pickler that keeps read-only arrays read-only: numba compiles separately for writeable ones."""
 
     def reducer_override(self, thing: Any) -> Any:
-        """Return how a read-only array is made again; the default for all else."""
+        """Return the reconstruction of a read-only array; the default for all other objects."""
         if type(thing) is np.ndarray and not thing.flags.writeable:
-            return _read_only, (np.array(thing),)
+            return _make_read_only, (np.array(thing),)
         return NotImplemented
 
 
-def _read_only(array: NDArray[Any]) -> NDArray[Any]:
+def _make_read_only(array: NDArray[Any]) -> NDArray[Any]:
     array.flags.writeable = False
     return array

@@ -16,47 +16,47 @@ __all__ = ["DaskCluster", "dask_cluster"]
 PATIENCE: Final = 10
 """Seconds to wait for the scheduler, and again for its first worker."""
 
-_LOOK: Final = 0.5
-"""Seconds after which it is looked whether the scheduler is still there."""
+_CHECK_INTERVAL: Final = 0.5
+"""Seconds between two checks that the scheduler is still connected."""
 
 
 @final
 class _Task:
-    """Submitted tasks; one that the scheduler has lost would be waited for without end."""
+    """Submitted task. Waiting for it ends with an error where the scheduler is lost; Dask's own wait never would."""
 
     def __init__(self, future: Any, client: Any) -> None:
         self._future = future
         self._client = client
 
     def result(self) -> Any:
-        """Return what the task returned, or raise what it raised; ConnectionError where the scheduler is lost."""
+        """Return the task's value or raise its exception; raise ConnectionError where the scheduler is lost."""
         while True:
-            done, _ = wait([self._future], timeout=_LOOK)
+            done, _ = wait([self._future], timeout=_CHECK_INTERVAL)
             if done:
                 return self._future.result()
             if self._client.status != "running":
                 raise ConnectionError("the scheduler is lost")
 
     def cancel(self) -> None:
-        """Call it off."""
+        """Cancel the task."""
         self._future.cancel()
 
 
 @final
 class DaskCluster:
-    """An executor on a running cluster."""
+    """Executor on a running Dask cluster."""
 
     def __init__(self, client: Any) -> None:
         self._client = client
         self._executor = client.get_executor(pure=False)
 
     def submit(self, function: Callable[..., Any], /, *arguments: Any) -> _Task:
-        """Return the task of calling a function."""
+        """Submit a function call and return its task."""
         return _Task(self._executor.submit(function, *arguments), self._client)
 
 
-def _connected(connect: Callable[..., Any], address: str) -> Any:
-    """Return a client; where distributed's own thread does not start in its ten seconds, under load, try once more."""
+def _connect_client(connect: Callable[..., Any], address: str) -> Any:
+    """Return a client, on the second try if distributed's thread does not start within its ten seconds under load."""
     try:
         return connect(address, timeout=PATIENCE, set_as_default=False)
     except AssertionError:
@@ -65,15 +65,15 @@ def _connected(connect: Callable[..., Any], address: str) -> Any:
 
 @contextmanager
 def dask_cluster(address: str) -> Iterator[tuple[DaskCluster, int]]:
-    """Yield an executor on a running Dask cluster, and how many tasks it can be given at a time.
+    """Yield an executor on a running Dask cluster, and the number of tasks to keep under way.
 
-    The workers need the same version of this package. A worker that is lost is replaced by others; Dask gives up where a
-    task lost several.
+    The workers need the same version of this package. Other workers take over the tasks of a lost one; Dask gives up on a
+    task that has lost several workers.
 
     Parameters
     ----------
     address
-        Of the scheduler, such as ``tcp://host:8786``.
+        Address of the scheduler, such as ``tcp://host:8786``.
 
     Raises
     ------
@@ -81,19 +81,19 @@ def dask_cluster(address: str) -> Iterator[tuple[DaskCluster, int]]:
         The package distributed is not installed, there is no scheduler at the address, or it has no workers.
     """
     if not address.strip():
-        raise InputError("the address of a Dask scheduler is empty; it reads such as tcp://host:8786")
+        raise InputError("the address of the Dask scheduler is empty; give one such as tcp://host:8786")
     try:
         import distributed
         from distributed.comm.addressing import get_address_host_port
     except ImportError:
         raise InputError("Dask is not installed (pip install 'precision-pin[dask]')") from None
-    # errors are reported by exceptions
+    # errors reach the user as exceptions; the log would repeat them with tracebacks
     logging.getLogger("distributed").setLevel(logging.CRITICAL)
     client: Any = None
     try:
-        # a client of no address fails too, but is then closed in vain for twenty seconds, and prints a traceback
+        # with an invalid address the client itself takes twenty seconds to close and prints a traceback
         get_address_host_port(address)
-        client = _connected(distributed.Client, address)
+        client = _connect_client(distributed.Client, address)
         client.wait_for_workers(1, timeout=PATIENCE)
     except (OSError, ValueError, TypeError, TimeoutError, AssertionError) as error:
         if client is None:

@@ -1,4 +1,4 @@
-"""The identity of a run: all that decides its bits, in words and digests."""
+"""Identity of a run: all inputs that determine its bits, as texts and digests."""
 
 from __future__ import annotations
 
@@ -28,23 +28,23 @@ _PLAN: Final = "the planned centres and scales"
 
 
 def identity(work: Work, posture: Posture, files: Mapping[str, str | os.PathLike[str]]) -> dict[str, str]:
-    """Return what decides the bits of a run, by what it is called in a message.
+    """Return all inputs that determine the bits of a run, keyed by their names in messages.
 
     Parameters
     ----------
     work
-        What is computed.
+        The work of the run.
     posture
         The pose.
     files
-        What the model was read from, by what it is called.
+        Files that the model was read from, keyed by their names in messages.
 
     Raises
     ------
     InputError
         A file cannot be read.
     """
-    # as numba sees the processor, or is configured to
+    # the processor that numba compiles for, as detected or configured
     triple, processor, features = cpu_target.target_context.codegen().magic_tuple()
     joints = zip(posture.chain.joint_names, posture.q, strict=True)
     return {
@@ -68,7 +68,10 @@ def identity(work: Work, posture: Posture, files: Mapping[str, str | os.PathLike
 
 
 def differences(then: Mapping[str, str], now: Mapping[str, str]) -> list[str]:
-    """Return what differs between two runs, in words; the plan, which follows from the rest, only where nothing else does."""
+    """Return one text for each difference between two runs.
+
+    The plan follows from the other inputs and is listed only where nothing else differs.
+    """
     found = [name for name in dict.fromkeys([*now, *then]) if then.get(name) != now.get(name)]
     return [
         f"{name} {'has changed' if name.startswith('the ') else f'was {then.get(name)!r}, is {now.get(name)!r}'}"
@@ -83,14 +86,14 @@ def digest(value: Any) -> str:
     Raises
     ------
     InternalError
-        There is something else among them.
+        A value of another type is among them.
     """
     hasher = hashlib.blake2b(digest_size=16)
-    _feed(hasher, value)
+    _update(hasher, value)
     return hasher.hexdigest()
 
 
-def _feed(hasher: hashlib.blake2b, value: Any) -> None:
+def _update(hasher: hashlib.blake2b, value: Any) -> None:
     match value:
         case np.ndarray():
             _say(hasher, "array", value.dtype.str, *map(str, value.shape))
@@ -102,23 +105,23 @@ def _feed(hasher: hashlib.blake2b, value: Any) -> None:
         case Mapping():
             _say(hasher, "mapping", str(len(value)))
             for key, entry in value.items():
-                _feed(hasher, key)
-                _feed(hasher, entry)
+                _update(hasher, key)
+                _update(hasher, entry)
         case Sequence():
             _say(hasher, "sequence", str(len(value)))
             for entry in value:
-                _feed(hasher, entry)
+                _update(hasher, entry)
         case _ if is_dataclass(value):
             _say(hasher, type(value).__name__)
             for field in fields(value):
                 _say(hasher, field.name)
-                _feed(hasher, getattr(value, field.name))
+                _update(hasher, getattr(value, field.name))
         case _:
             raise InternalError(f"no digest of a {type(value).__name__}")
 
 
 def _say(hasher: hashlib.blake2b, *words: str) -> None:
-    """Feed words such that no two lists of them are alike."""
+    """Hash words with their lengths, so that different lists of words never hash the same bytes."""
     for word in words:
         data = word.encode("utf-8", "surrogatepass")
         hasher.update(len(data).to_bytes(8, "little") + data)
@@ -128,4 +131,6 @@ def _file_digest(path: Path) -> str:
     try:
         return hashlib.sha256(path.read_bytes()).hexdigest()
     except OSError as error:
-        raise InputError(f"cannot read {path}, which the journal tells the run by: {error.strerror or error}") from None
+        raise InputError(
+            f"cannot read {path}, which identifies the run in the journal: {error.strerror or error}"
+        ) from None

@@ -1,10 +1,10 @@
-"""A run's journal: a file that a stopped run goes on from.
+"""Journal of a run: the file from which a stopped run is resumed.
 
-A line that names the format, then records, each a length, a digest of length and payload, and the payload: first the
-identity of the run as JSON, then states, each of all blocks up to some block. A record is only ever added at the end
-and then forced to the disk, so that whatever stops the run leaves whole records and at most one that is torn, which
-the digest shows. One state is enough to go on: after `MOST_RECORDS` of them the file is replaced, in one step, by
-one that holds the last.
+The file starts with a line that names the format. Records follow, each a length, a digest of length and payload, and the
+payload. The first payload is the identity of the run as JSON; the others are states, each of all blocks up to some block.
+Records are only appended and then flushed to disk, so that a run stopped at any moment leaves complete records and at
+most one incomplete one, which the digest reveals. One state is enough to resume from: after `MOST_RECORDS` of them the
+file is replaced atomically by one with the last state only.
 """
 
 from __future__ import annotations
@@ -34,10 +34,10 @@ LARGEST_IDENTITY: Final = 2**20
 
 SHORTEST_PAUSE: Final = 2.0
 LONGEST_PAUSE: Final = 60.0
-"""Seconds between two records; between these, a hundredth of the time that the run has taken."""
+"""Limits of the pause between two records, in seconds; within them it is a hundredth of the run time so far."""
 
 COST_OF_WRITING: Final = 20
-"""A pause is at least so many times as long as writing the last record took."""
+"""Smallest ratio of a pause to the time that writing the last record took."""
 
 _HEAD: Final = struct.Struct("<Q16s")
 
@@ -59,43 +59,43 @@ def opened(
     resume: bool,
     tell: Callable[[str], None],
 ) -> Iterator[tuple[Journal, State]]:
-    """Yield an open journal and the state to go on from; no other process can open it meanwhile.
+    """Yield an open journal and the state to resume from; the file is locked against other processes.
 
     Parameters
     ----------
     path
-        The file.
+        Path of the file.
     identity
-        What decides the bits of the run.
+        All inputs that determine the bits of the run.
     start
         The state before any sample.
     resume
-        Go on from the file; where it is not there, the run begins. Without, it must not be there.
+        Resume from the file, or start the run where the file does not exist. If false, the file must not exist.
     tell
-        Told in a line what was found.
+        Called with one line about the contents of the file.
 
     Raises
     ------
     InputError
-        The file is there and should not be, is in use, is no journal, or is that of another run.
+        The file exists although it must not, is in use, is not a journal, or belongs to another run.
     OutputError
-        It cannot be written.
+        The file cannot be written.
     """
     name = os.fspath(path)
-    journal = Journal(name, _locked(name, resume=resume), identity)
+    journal = Journal(name, _open_locked(name, resume=resume), identity)
     try:
         yield journal, journal.begin(start, resume=resume, tell=tell)
     finally:
         journal.close()
 
 
-def _locked(name: str, *, resume: bool) -> int:
-    """Return the descriptor of the file, made if need be, that no other process has."""
+def _open_locked(name: str, *, resume: bool) -> int:
+    """Return the descriptor of the file, created if necessary and locked against other processes."""
     while True:
         try:
             descriptor = os.open(name, os.O_RDWR | os.O_CREAT | os.O_NONBLOCK | (0 if resume else os.O_EXCL), 0o666)
         except FileExistsError:
-            raise InputError(f"the journal {name} is there already; resume the run it holds, or remove it") from None
+            raise InputError(f"the journal {name} already exists; resume its run, or remove the file") from None
         except (OSError, ValueError) as error:
             raise _unwritable(name, error) from None
         try:
@@ -113,7 +113,7 @@ def _locked(name: str, *, resume: bool) -> int:
         except BaseException:
             os.close(descriptor)
             raise
-        os.close(descriptor)  # replaced by the process that had it; look again
+        os.close(descriptor)  # the process that held the lock has replaced the file: open the new one
 
 
 def _unwritable(name: str, error: Exception) -> OutputError:
@@ -122,7 +122,7 @@ def _unwritable(name: str, error: Exception) -> OutputError:
 
 @final
 class Journal:
-    """An open journal. Made by :func:`opened`."""
+    """Open journal, created by :func:`opened`."""
 
     def __init__(self, name: str, descriptor: int, identity: Mapping[str, str]) -> None:
         self._name = name
@@ -138,7 +138,7 @@ class Journal:
 
     @property
     def name(self) -> str:
-        """The file, as it was given."""
+        """Path of the file, as given."""
         return self._name
 
     @property
@@ -147,11 +147,11 @@ class Journal:
         return self._saved
 
     def begin(self, start: State, *, resume: bool, tell: Callable[[str], None]) -> State:
-        """Return the state to go on from, as in :func:`opened`."""
+        """Return the state to resume from, as in :func:`opened`."""
         size = os.fstat(self._descriptor).st_size
         if size < len(self._opening) and self._opening.startswith(self._read(0, size)):
             if resume:
-                tell(f"the journal {self._name} holds nothing yet: from the first sample on")
+                tell(f"the journal {self._name} is empty; the run starts from the first sample")
             try:
                 self._append(self._opening)
                 self._flush_folder()
@@ -163,23 +163,23 @@ class Journal:
         return self._last_state(start, size, tell)
 
     def save_if_due(self, state: State) -> None:
-        """Add a record if the last one is long enough ago.
+        """Add a record if the pause since the last one is over.
 
         Raises
         ------
         OutputError
-            It cannot be written; the records before are there still.
+            The record cannot be written; the earlier records remain.
         """
         if time.monotonic() >= self._due:
             self.save(state)
 
     def save(self, state: State) -> None:
-        """Add a record, unless the last one holds the same samples.
+        """Add a record, unless the last one has the same samples.
 
         Raises
         ------
         OutputError
-            It cannot be written; the records before are there still.
+            The record cannot be written; the earlier records remain.
         """
         if state.count == self._saved:
             return
@@ -196,20 +196,20 @@ class Journal:
         self._due = now + max(pause, COST_OF_WRITING * (now - begun))
 
     def close(self) -> None:
-        """Close the file and let others have it."""
+        """Close the file and release its lock."""
         os.close(self._descriptor)
 
     def _last_state(self, start: State, size: int, tell: Callable[[str], None]) -> State:
-        """Return the state of the last record up to the first that is not whole, and cut the file there."""
+        """Return the state of the last record before the first incomplete one; the next record overwrites the rest."""
         if self._read(0, len(MAGIC)) != MAGIC:
-            raise InputError(f"{self._name} is not a journal of this version of precision-pin; it is left as it is")
+            raise InputError(f"{self._name} is not a journal of this version of precision-pin; the file is unchanged")
         header = next(self._records(len(MAGIC), size, 1, LARGEST_IDENTITY), None)
         identity = None if header is None else _identity(header)
         if header is None or identity is None:
-            raise InputError(f"the beginning of the journal {self._name} is damaged; remove it and begin anew")
+            raise InputError(f"the beginning of the journal {self._name} is damaged; remove the file and start again")
         changed = differences(identity, self._identity)
         if changed:
-            raise InputError(f"the journal {self._name} is that of another run: {'; '.join(changed)}")
+            raise InputError(f"the journal {self._name} belongs to another run: {'; '.join(changed)}")
         self._end = len(MAGIC) + _HEAD.size + len(header)
         last = None
         for payload in self._records(self._end, size, MOST_RECORDS, largest(start)):
@@ -219,12 +219,13 @@ class Journal:
         state = start if last is None else unpacked(last, start)
         self._saved = state.count
         if self._end < size:
-            tell(f"the journal {self._name}: {size - self._end} bytes at its end are torn or damaged and are left out")
+            ignored = size - self._end
+            tell(f"the journal {self._name}: the last {ignored} bytes are incomplete or damaged and are ignored")
         tell(f"the journal {self._name} holds the first {state.count:,} samples")
         return state
 
     def _records(self, offset: int, size: int, most: int, largest: int) -> Iterator[bytes]:
-        """Yield records, as many and as large as a run writes them at most, up to the first that is not whole."""
+        """Yield records up to the first incomplete one, within the largest number and size that a run writes."""
         for _ in range(most):
             if offset + _HEAD.size > size:
                 return
@@ -253,7 +254,7 @@ class Journal:
 
     def _append(self, data: bytes) -> None:
         try:
-            os.ftruncate(self._descriptor, self._end)  # what an interrupted write left
+            os.ftruncate(self._descriptor, self._end)  # removes the remains of an interrupted write
             _write(self._descriptor, data, self._end)
         except OSError as error:
             with suppress(OSError):
@@ -262,7 +263,7 @@ class Journal:
         self._end += len(data)
 
     def _replace(self, record: bytes) -> None:
-        """Put a file in place of this one that holds only the last state."""
+        """Replace the file atomically by one with the last state only."""
         part, before, descriptor = self._place + ".part", self._descriptor, -1
         try:
             descriptor = os.open(part, os.O_RDWR | os.O_CREAT | os.O_TRUNC, 0o666)
@@ -282,7 +283,7 @@ class Journal:
         self._flush_folder()
 
     def _flush_folder(self) -> None:
-        """Force the file's name to the disk, where folders can be."""
+        """Flush the file's folder entry to disk, on systems that support it."""
         with suppress(OSError):
             folder = os.open(os.path.dirname(self._place), os.O_RDONLY)
             try:
@@ -291,12 +292,12 @@ class Journal:
                 os.close(folder)
 
     def _lost(self, error: OSError) -> OutputError:
-        kept = f"; it holds the first {self._saved:,} samples, from which the run can go on" if self._saved else ""
+        kept = f"; it holds the first {self._saved:,} samples, from which the run can be resumed" if self._saved else ""
         return OutputError(f"cannot write the journal {self._name}: {error.strerror or error}{kept}")
 
 
 def _identity(header: bytes) -> dict[str, str] | None:
-    """Return what the first record says of the run, nothing where it is no such record."""
+    """Return the identity of a run from the first record; None where the record is no identity."""
     try:
         found = json.loads(header)
     except (ValueError, RecursionError):

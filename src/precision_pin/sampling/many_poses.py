@@ -1,7 +1,7 @@
-"""The distribution of the pose error at many poses, by sampling: the same built robots at all of them.
+"""Distribution of the pose error at many poses, by sampling the same built robots at all of them.
 
-The poses are worked on in groups, a group in tasks of some blocks each. A block's sums depend on error model, seed, pose
-and block number only, and are added in block order: so the result has the same bits for any number of threads.
+The poses are processed in groups, each group in tasks of some blocks. The sums of a block depend on error model, seed,
+pose and block number only and are added in block order. The result therefore has the same bits for any number of threads.
 """
 
 from __future__ import annotations
@@ -50,15 +50,15 @@ Counts = NDArray[np.int64]
 Model = Literal["exact", "linear"]
 
 MOST_SAMPLES: Final = 2**32 - 1
-"""Samples at each pose; the sketches count with 32 bits."""
+"""Most samples at each pose; the sketches count with 32 bits."""
 MOST_THREADS: Final = 1024
 
 _PILOTS: Final = (256, 1024)
-"""Samples from which first the centres, then the spreads are planned: the first of the run."""
+"""Numbers of samples from which first the centres, then the spreads are planned: the first samples of the run."""
 _NUMBERS: Final = 73
-"""Numbers in the result for a pose, its name among them and specifications apart."""
+"""Numbers in the result of a pose, including its name, without the specifications."""
 _TASK: Final = 256
-"""Blocks times poses of a task, a fraction of a second."""
+"""Blocks times poses in a task, which takes a fraction of a second."""
 
 
 @warns_at_end
@@ -78,40 +78,40 @@ def sample_poses(
 ) -> PosesResult:
     """Sample the pose error of the same built robots at many poses.
 
-    Draws of unit scope are made once for a robot and hold at all poses; those of pose and visit scope are made at each. The
-    samples at pose p are those of :func:`precision_pin.monte_carlo` with the same seed where all draws have unit scope; with
-    other scopes, pose p is the p-th, from 0.
+    Draws of unit scope are made once for a robot and apply at all poses; those of pose and visit scope are made at each
+    pose. Where all draws have unit scope, the samples at every pose are those of :func:`precision_pin.monte_carlo` with
+    the same seed. Draws of other scopes depend on the number of the pose, counted from 0.
 
     Parameters
     ----------
     error_model
         Chain, draws and sources.
     q
-        The poses: an array ``(n, P)`` of joint values (rad, m) in chain order, poses in columns; a list of poses, each a name,
-        joint values in chain order or by name; or P values for every joint's name. A square array is taken as columns, with a
-        warning where joint limits do not tell.
+        The poses: an array ``(n, P)`` of joint values (rad, m) in chain order, one column for each pose; a list of poses, each
+        a name, joint values in chain order or by name; or a mapping of joint names to P values. A square array is read by
+        columns, with a warning where the joint limits do not rule out rows.
     samples
-        How many built robots, at most 2³² - 1.
+        Number of built robots, at most 2³² - 1.
     seed
         64-bit seed.
     model
-        ``"exact"`` multiplies the displaced chain out, ``"linear"`` superposes (eqs 12-17).
+        ``"exact"`` evaluates the displaced chain, ``"linear"`` superposes first-order errors (eqs 12-17).
     specifications
-        Limits to count against: one or a list, each as :func:`precision_pin.specification` makes it or its text.
+        Limits to count against: one or a list, each from :func:`precision_pin.specification` or its text.
     confidence
-        Of every interval.
+        Confidence of every interval.
     findings
-        Warnings to carry along, such as those of the sheet.
+        Warnings to include in the result, such as those of the sheet.
     threads
-        How many threads sample; all cores if left out. They decide no bit of the result.
+        Number of threads, by default one for each core. It does not change the result.
     progress
-        Told how many samples, of all poses together, have been added since it was last called; ``True`` shows a bar.
+        Function called with the number of samples, of all poses together, added since its last call; ``True`` shows a bar.
 
     Raises
     ------
     InputError
         A wrong number of samples, seed, model, confidence or threads; no poses, wrong joint values, more than 2²⁰-1 poses
-        where draws have pose or visit scope, or more than there is memory for; errors too large to compute with.
+        where draws have pose or visit scope, or more than fit into memory; errors too large to compute with.
     UnknownNameError
         No such pose or joint.
     """
@@ -134,7 +134,7 @@ def sample_poses(
         total = count * work.samples
         step = stack.enter_context(progress_bar.progress(total)) if progress is True else progress or _nothing
         pool = ThreadPoolExecutor(threads or available_cores())
-        # what is under way when the run fails or is interrupted is waited for: a task takes a fraction of a second
+        # after a failure or an interrupt the running tasks are awaited; each takes a fraction of a second
         stack.callback(pool.shutdown, wait=True, cancel_futures=True)
         tasks = _tasks(error_model, values, work)
         most = 2 * (threads or available_cores())
@@ -145,11 +145,11 @@ def sample_poses(
             group.add(future.result())
             step(future.result().count * group.poses)
             if group.count == work.samples:
-                parts.append(group.finished(confidence))
+                parts.append(group.to_arrays(confidence))
 
         for group, first_block, blocks in tasks:
             under_way.append((group, pool.submit(group.observe, first_block, blocks)))
-            # what is done is added at once: laying further groups out takes longer than sampling few robots at them
+            # finished tasks are added at once: with few robots, preparing further groups takes longer than sampling
             while under_way and (len(under_way) >= most or under_way[0][1].done()):
                 add_oldest()
         while under_way:
@@ -185,30 +185,30 @@ def _poses(
 ) -> tuple[Array, tuple[str, ...]]:
     """Return joint values ``(n, P)`` and the poses' names."""
     given, specified = error_model.chain.configurations.count(q), len(specifications)
-    # joint values and results, the latter once in groups and once joined
+    # joint values, and the results twice: once in groups and once concatenated
     numbers = 3 * len(error_model.chain.joints) + 2 * (_NUMBERS + 3 * specified)
     check_memory(8.0 * numbers * given, f"sampling {given:,} poses", "sample fewer of them at a time")
     values, names = error_model.configurations(q)
     if not names:
         raise InputError("no poses to sample; give at least one")
-    drawn_anew = any(draw.scope is not Scope.UNIT for draw in error_model.space.draws)
-    if drawn_anew and len(names) > MOST_POSES:
-        raise InputError(f"{len(names):,} poses; draws of pose or visit scope can be made at {MOST_POSES:,} at most")
+    has_pose_draws = any(draw.scope is not Scope.UNIT for draw in error_model.space.draws)
+    if has_pose_draws and len(names) > MOST_POSES:
+        raise InputError(f"{len(names):,} poses; with draws of pose or visit scope at most {MOST_POSES:,} are possible")
     return values, names
 
 
 def _tasks(error_model: ErrorModel, values: Array, work: _Work) -> Iterator[tuple[_Group, int, int]]:
-    """Yield each group of poses with the blocks to observe, laid out as they are asked for."""
+    """Yield each group of poses with the blocks to observe; groups are prepared one at a time."""
     models = error_model.at_columns(values)
     first_pose = 0
     blocks = -(-work.samples // sampler.BLOCK)
     while together := list(islice(models, MOST_TOGETHER)):
         layouts = sampler.to_arrays_at_poses(together)
         while layouts:
-            # formulas may be others at another pose; nearly always they are not
+            # one group needs the same formulas at all its poses, which may change from pose to pose but rarely do
             alike = next((k for k, other in enumerate(layouts) if not is_alike(layouts[0], other)), len(layouts))
-            group = _Group.planned(JoinedTables.of(layouts[:alike]), first_pose, work)
-            # so many tasks that a single group occupies all threads
+            group = _Group.with_plans(JoinedTables.of(layouts[:alike]), first_pose, work)
+            # at least 16 tasks, so that a single group occupies all threads
             size = min(max(1, _TASK // alike), -(-blocks // 16))
             for first_block in range(0, blocks, size):
                 yield group, first_block, min(size, blocks - first_block)
@@ -217,7 +217,7 @@ def _tasks(error_model: ErrorModel, values: Array, work: _Work) -> Iterator[tupl
 
 
 def _nothing(_: int) -> None:
-    """Take no notice."""
+    """Do nothing."""
 
 
 # a group of poses ----------------------------------------------------------------------------------------------------
@@ -236,7 +236,7 @@ class _Work:
 
 @final
 class _Group:
-    """Some poses that are sampled together, and what was seen there."""
+    """Poses that are sampled together, and their accumulated statistics."""
 
     def __init__(self, tables: JoinedTables, first_pose: int, work: _Work, plans: Sequence[Plan]) -> None:
         self.poses = len(tables.layouts)
@@ -248,7 +248,7 @@ class _Group:
         self._inside = np.zeros((self.poses, len(work.specifications)), dtype=np.int64)
 
     @classmethod
-    def planned(cls, tables: JoinedTables, first_pose: int, work: _Work) -> _Group:
+    def with_plans(cls, tables: JoinedTables, first_pose: int, work: _Work) -> _Group:
         """Return a group with centres and spreads planned from the first samples."""
         poses = len(tables.layouts)
         plans = [Plan(np.zeros(8), np.ones(8), work.specifications)] * poses
@@ -267,7 +267,7 @@ class _Group:
         return cls(tables, first_pose, work, plans)
 
     def observe(self, first_block: int, blocks: int) -> NormBlocks:
-        """Return what blocks give."""
+        """Return the statistics of some blocks."""
         work = self._work
         return observe_norms(
             self._tables, self._plans, work.model, work.seed, first_block, blocks,
@@ -284,8 +284,8 @@ class _Group:
         self._sketch += found.sketch
         self._inside += found.inside
 
-    def finished(self, confidence: float) -> dict[str, Array]:
-        """Return the group's part of the result's arrays, poses last."""
+    def to_arrays(self, confidence: float) -> dict[str, Array]:
+        """Return the group's part of the result's arrays; the last axis is the pose."""
         mean, std = self._moments()
         covariance = np.full((6, 6, self.poses), np.nan)
         if self.count > 1:
@@ -313,7 +313,7 @@ class _Group:
         }
 
     def _moments(self) -> tuple[Array, Array]:
-        """Return mean and standard deviation of the eight quantities, ``(P, 8)``; no deviation for one sample."""
+        """Return mean and standard deviation of the eight quantities, ``(P, 8)``; the deviation of one sample is zero."""
         centre = np.array([plan.centre for plan in self._plans])
         sums, squares = self._sums[:, :8], np.empty((self.poses, 8))
         squares[:, COMPONENTS] = self._sums[:, 8 + np.flatnonzero(_UPPER[0] == _UPPER[1])]
@@ -324,8 +324,8 @@ class _Group:
     def _quantile(self, cumulative: Counts, level: float, confidence: float) -> tuple[Array, Array, Array]:
         """Return quantiles ``(2, P)``, their intervals ``(2, 2, P)`` and the widths of their bins.
 
-        As :meth:`precision_pin.statistics.Distribution.quantile`: the linear interpolation of order statistics at rank
-        1 + (N - 1) p, each placed inside its bin by its rank in it.
+        As in :meth:`precision_pin.statistics.Distribution.quantile`, the order statistics at rank 1 + (N - 1) p are
+        interpolated linearly, each placed inside its bin by its rank in the bin.
         """
         ranks = quantile_ranks(self.count, level, confidence)
         if ranks is None:
@@ -335,7 +335,7 @@ class _Group:
         below = min(int(position), self.count - 1)
         first, lower, upper = self._order_statistic(cumulative, below + 1)
         second, _, second_upper = self._order_statistic(cumulative, min(below + 2, self.count))
-        # value - centre was rounded when it was binned: one step of the last bit on each side
+        # value - centre was rounded before binning: widen by one unit in the last place on each side
         _, low, _ = self._order_statistic(cumulative, ranks[0])
         _, _, high = self._order_statistic(cumulative, ranks[1])
         ends = (
@@ -346,7 +346,7 @@ class _Group:
         return quantile.T, np.stack([end.T for end in ends], axis=1), (np.maximum(upper, second_upper) - lower).T
 
     def _order_statistic(self, cumulative: Counts, rank: int) -> tuple[Array, Array, Array]:
-        """Return estimates of the rank-th smallest norms (from 1), ``(P, 2)``, and the ends of the bins that hold them."""
+        """Return estimates of the rank-th smallest norms (from 1), ``(P, 2)``, and the edges of their bins."""
         if rank in (1, self.count):
             seen = self._lowest if rank == 1 else self._highest
             return seen, seen, seen

@@ -1,4 +1,4 @@
-"""The distribution of the pose error at one pose, by sampling."""
+"""Distribution of the pose error at one pose, by sampling."""
 
 from __future__ import annotations
 
@@ -49,15 +49,15 @@ from precision_pin.statistics.specification import Specifications, listed_specif
 __all__ = ["Progress", "check_progress", "monte_carlo"]
 
 _LARGEST_SQUARE: Final = 1e75
-"""Squares of errors beyond this are refused, m² or rad²: of fourth powers, which intervals rest on, there is no sum."""
+"""Largest square of errors accepted, m² or rad²: beyond, the sums of fourth powers for the intervals overflow."""
 
 _COARSE: Final = 0.05
-"""Share of the standard deviation beyond which the error of a quantile's bins is worth a warning."""
+"""Share of the standard deviation above which the bin error of a quantile gives a warning."""
 _ROUNDING: Final = 1e-14
-"""Errors below this, m or rad, are rounding."""
+"""Errors below this value, m or rad, count as rounding."""
 
 Progress = Callable[[int], None]
-"""Takes the number of samples added since it was last called."""
+"""Function called with the number of samples added since its last call."""
 
 
 @warns_at_end
@@ -87,63 +87,63 @@ def monte_carlo(
 ) -> MonteCarloResult:
     """Sample the pose error at one pose (section 4 of Wei, Jia and Chen, 2015).
 
-    The result has the same bits whatever computes it, and however often it is stopped and resumed, on machines of one
-    type. What stretches an assumption, such as joint values outside their limits, stands in the result's ``warnings`` and is
-    told by Python's ``warnings`` too, as :class:`precision_pin.errors.PrecisionPinWarning`; ``findings`` are not told again.
+    On machines of one type the result has the same bits for any workers, and however often the run is stopped and resumed.
+    Conditions that strain an assumption, such as joint values outside their limits, are listed in the result's ``warnings``
+    and issued as :class:`precision_pin.errors.PrecisionPinWarning`; ``findings`` are not issued again.
 
     Parameters
     ----------
     error_model
         Chain, draws and sources.
     q, pose
-        The pose: joint values in chain order, by joint name, a pose's name, or the model's first pose if left out. Two names
-        of one argument.
+        The pose: joint values in chain order, by joint name, or the name of a pose; by default the model's first pose. The
+        two arguments are synonyms.
     samples
-        How many built robots; with ``until``, at most.
+        Number of built robots; with ``until``, the largest number.
     seed
         64-bit seed.
     model
-        ``"exact"`` multiplies the displaced chain out, ``"linear"`` superposes (eqs 12-17).
+        ``"exact"`` evaluates the displaced chain, ``"linear"`` superposes first-order errors (eqs 12-17).
     specifications
-        Limits to count against: one or a list, each as :func:`precision_pin.specification` makes it or its text.
+        Limits to count against: one or a list, each from :func:`precision_pin.specification` or its text.
     until
-        How precise the result is to become, one target or a list, as ``"95 % to 0.01 mm"`` (see
-        :func:`precision_pin.statistics.precision.target`): sampling ends as soon as all of them are reached, looking after 1,
-        2, 4, 8 … blocks of 16,384 samples.
+        Target precision, one or a list, such as ``"95 % to 0.01 mm"`` (see
+        :func:`precision_pin.statistics.precision.target`). Sampling ends as soon as all targets are reached. They are checked
+        after 1, 2, 4, 8 … blocks of 16,384 samples.
     keep_samples
         Keep every error, ``(6, samples)``.
     confidence
-        Of every interval.
+        Confidence of every interval.
     findings
-        Warnings to carry along, such as those of the sheet.
+        Warnings to include in the result, such as those of the sheet.
     threads
-        How many threads sample; all cores if left out.
+        Number of threads, by default one for each core.
     processes
-        How many processes sample instead, started for this run. They end with this process, however it ends.
+        Number of processes to use instead of threads, started for this run. They end with this process, however it ends.
     executor
-        What samples instead: anything with ``submit(function, *arguments)`` that returns a future, as the executors of
-        :mod:`concurrent.futures`, loky, mpi4py and Dask. It is left open. See also :func:`dask_cluster`.
+        Executor to use instead of threads: any object with ``submit(function, *arguments)`` that returns a future, such as
+        the executors of :mod:`concurrent.futures`, loky, mpi4py and Dask. It is not shut down. See also :func:`dask_cluster`.
     tasks_under_way
-        How many tasks the executor is given at a time; twice its number of workers, or twice the cores of this machine
-        where it does not tell it.
+        Number of tasks given to the executor at a time. The default is twice its number of workers, or twice the number of
+        cores of this machine where the executor does not state it.
     journal
-        A file in which the run is kept, every two seconds to a minute, to be resumed from. Ctrl-C then finishes what is
-        under way before it ends the run.
+        File in which the state of the run is saved every two seconds to a minute, to resume from. Ctrl-C then finishes the
+        running tasks before it ends the run.
     resume
-        Go on from the journal, if it is there.
+        Resume from the journal, if the file exists.
     files
-        What the model was read from besides the URDF, by what it is called, as ``{"sheet": "arm.errors.yaml"}``. A run
-        is not resumed after one of them changed.
+        Files that the model was read from besides the URDF, keyed by their names in messages, such as
+        ``{"sheet": "arm.errors.yaml"}``. A run is not resumed after one of them has changed.
     progress
-        Called after every few blocks; ``True`` shows a bar.
+        Function called after every few blocks; ``True`` shows a bar.
     tell
-        Told, in lines, what the journal held and how far ``until`` is.
+        Function called with one line about the contents of the journal, and about the progress towards ``until``.
 
     Raises
     ------
     InputError
         A wrong number of samples, seed, model, confidence, pose, or workers; errors too large to compute with; more
-        samples to keep than there is memory; workers that fail; a journal that is in use or of another run.
+        samples to keep than fit into memory; workers that fail; a journal that is in use or belongs to another run.
     OutputError
         The journal cannot be written.
     """
@@ -168,16 +168,16 @@ def monte_carlo(
     if tell is not None:
         check_callable("tell", tell)
     if resume and journal is None:
-        raise InputError("there is nothing to resume from without a journal")
+        raise InputError("resume needs a journal to resume from")
     if keep_samples:
         if journal is not None:
-            raise InputError("a journal holds statistics only; samples cannot be kept in such a run")
+            raise InputError("a journal holds statistics only; keep_samples is not possible with a journal")
         if until:
-            raise InputError("how many samples it takes until then is not known; samples cannot be kept in such a run")
+            raise InputError("with until the number of samples is not known in advance; keep_samples is not possible")
         check_kept(samples)
     targets = [target(text) for text in until]
     workers = chosen(threads, processes, executor, tasks_under_way)
-    at = _placed(error_model, pose)
+    at = _model_at_pose(error_model, pose)
     layout = sampler.to_arrays(at)
     plan = planned(at, layout, model, int(seed), specifications)
     work = Work(layout, plan, model, int(seed), int(samples), keep_samples, packages())
@@ -206,9 +206,9 @@ def monte_carlo(
     precisions = [reached(wanted, summary) for wanted in targets]
     found = (
         *at.findings(model), *error_model.statics_findings(at),
-        *_constant(summary, findings),
-        *_coarse(summary),
-        *(_missed(text, one, summary.samples) for text, one in zip(until, precisions, strict=True) if not one.reached),
+        *_find_constant_error(summary, findings),
+        *_find_coarse_bins(summary),
+        *(_missed_target(text, one, summary.samples) for text, one in zip(until, precisions, strict=True) if not one.reached),
     )  # fmt: skip
     add(found)
     return MonteCarloResult(
@@ -236,7 +236,7 @@ def monte_carlo(
 
 
 def check_progress(progress: object) -> None:
-    """Refuse what is neither a function of a number of samples, nor true or false, nor left out.
+    """Check that progress is a function of a number of samples, a flag or None.
 
     Raises
     ------
@@ -250,7 +250,7 @@ def check_progress(progress: object) -> None:
 def _enough(
     targets: Sequence[Target], plan: Plan, confidence: float, tell: Callable[[str], None]
 ) -> Callable[[State], bool]:
-    """Return what says whether all targets are reached, and tells how many samples they may take where they are not."""
+    """Return a function that checks whether all targets are reached, and reports the samples needed where they are not."""
 
     def enough(state: State) -> bool:
         summary = finish(plan, state, confidence)
@@ -268,28 +268,28 @@ def _enough(
 
 
 def _check_resolved(wanted: Target, found: Precision, summary: Summary) -> None:
-    """Refuse a tolerance below the sketch's own error, which no number of samples makes smaller."""
+    """Reject a tolerance below the error of the sketch, which no number of samples reduces."""
     if isinstance(wanted.statistic, str):
         return
     error = summary.distribution(wanted.quantity).quantile_error(wanted.statistic)
     unit = "m" if wanted.quantity.startswith("position") else "rad"
     if error is not None and error > found.tolerance:
         raise InputError(
-            f"the {wanted.statistic:.6g} quantile of {wanted.quantity} is kept to {error:.2g} {unit} only, the "
-            f"tolerance asked for is {found.tolerance:.2g} {unit}; ask for a larger one, or for the exact law"
+            f"the {wanted.statistic:.6g} quantile of {wanted.quantity} is resolved to {error:.2g} {unit} only, the "
+            f"target's tolerance is {found.tolerance:.2g} {unit}; set a larger one, or compute the exact law"
         )
 
 
-def _constant(summary: Summary, known: Sequence[Finding]) -> list[Finding]:
-    """Return a warning where the error does not vary at all, unless the sheet's findings say so already."""
+def _find_constant_error(summary: Summary, known: Sequence[Finding]) -> list[Finding]:
+    """Return a warning where the error does not vary, unless the sheet's findings include it."""
     if any(summary.varying) or any(finding.code in ("W_NO_SOURCES", "W_NOTHING_VARIES") for finding in known):
         return []
     message = "no source makes the error vary at this pose: every robot is alike, and no specification can be judged"
     return [Finding("warning", "W_NOTHING_VARIES", message)]
 
 
-def _coarse(summary: Summary) -> list[Finding]:
-    """Return a warning for each quantity of which a quantile lies in a bin too wide for the spread that was seen."""
+def _find_coarse_bins(summary: Summary) -> list[Finding]:
+    """Return a warning for each quantity with a quantile in a bin that is too wide for the sampled spread."""
     found = []
     for quantity in QUANTITIES:
         distribution = summary.distribution(quantity)
@@ -301,28 +301,28 @@ def _coarse(summary: Summary) -> list[Finding]:
         if errors[level] > allowed:
             unit = "m" if quantity.startswith("position") else "rad"
             message = (
-                f"the {100 * level:.4g} % quantile of {quantity} is kept to {errors[level]:.2g} {unit} only, rare errors lie "
-                "too far outside those that the bins were planned from; its interval is widened by that"
+                f"the {100 * level:.4g} % quantile of {quantity} is resolved to {errors[level]:.2g} {unit} only, because rare "
+                "errors lie far outside the range that the bins were planned for; its interval is widened accordingly"
             )
             found.append(Finding("warning", "W_BINS", message))
     return found
 
 
-def _missed(text: str, found: Precision, samples: int) -> Finding:
+def _missed_target(text: str, found: Precision, samples: int) -> Finding:
     needed = found.needed(samples)
-    about = "" if needed is None else f"; about {needed:,.3g} would do"
-    return Finding("warning", "W_UNTIL", f"{samples:,} samples do not give {text}{about}")
+    about = "" if needed is None else f"; about {needed:,.3g} are needed"
+    return Finding("warning", "W_UNTIL", f"{samples:,} samples do not reach the target {text}{about}")
 
 
 def _makers(layout: sampler.SamplerArrays, seed: int, summary: Summary) -> dict[int, dict[str, float]]:
-    """Return the parameters of the units that made the largest errors."""
+    """Return the parameters of the units with the largest errors."""
     units = sorted({one.sample for one in (*summary.largest_position, *summary.largest_attitude)})
     names = layout.space.components
     return {unit: dict(zip(names, sampler.sample(layout, seed, unit, 1)[:, 0].tolist(), strict=True)) for unit in units}
 
 
-def _placed(error_model: ErrorModel, q: ArrayLike | Mapping[str, float] | str | None) -> PoseModel:
-    """Return the model at the pose, with its first order."""
+def _model_at_pose(error_model: ErrorModel, q: ArrayLike | Mapping[str, float] | str | None) -> PoseModel:
+    """Return the model at the pose, after checking that its first-order errors do not overflow."""
     try:
         with np.errstate(over="raise"):
             at = error_model.at(q)
@@ -336,4 +336,4 @@ def _placed(error_model: ErrorModel, q: ArrayLike | Mapping[str, float] | str | 
 
 
 def _nothing(_: object) -> None:
-    """Take no notice."""
+    """Do nothing."""

@@ -1,7 +1,8 @@
-"""Planning the centres to subtract and the width of bins, from the first samples of the seed.
+"""Planning of the centres to subtract and the width of the bins, from the first samples of the seed.
 
-First-order spreads are no guide where they vanish, as along the axes of a stretched arm: there products of errors decide.
-The plan does not depend on how many samples follow nor on what computes them, so that neither does any bit of a result.
+First-order spreads are of no use where they vanish, as along the axis of a stretched arm: there products of errors
+dominate. The plan does not depend on the number of samples that follow nor on the workers, so that neither changes a bit
+of the result.
 """
 
 from __future__ import annotations
@@ -21,10 +22,10 @@ from precision_pin.statistics import Plan, Specification, quantity_values
 __all__ = ["PILOT", "planned"]
 
 PILOT: Final = 512
-"""Samples that are planned from: the first of the seed, however many the run has."""
+"""Number of samples for planning: the first of the seed, even in a shorter run."""
 
 _FARTHEST: Final = 1e100
-"""No error is planned for that is larger, m or rad."""
+"""Largest error planned for, m or rad."""
 
 
 def planned(
@@ -39,7 +40,7 @@ def planned(
     Parameters
     ----------
     at, layout
-        The error model at the pose, and the same laid out.
+        The error model at the pose, and its arrays for the sampler.
     model, seed
         ``"exact"`` or ``"linear"``; 64-bit seed.
     specifications
@@ -50,7 +51,7 @@ def planned(
     try:
         pilot = quantity_values(sampler.errors(layout, model, seed, 0, PILOT))
     except InputError:
-        # the run meets that sample itself, unless it ends before
+        # the run reports the invalid sample itself, unless it ends before it
         return replace(Plan.from_moments(at.error_at_means, at.covariance, tuple(specifications)), skewness=skewness)
     with np.errstate(over="ignore", invalid="ignore"):
         farthest = np.maximum(layout.highest - at.space.mean, at.space.mean - layout.lowest)

@@ -1,4 +1,4 @@
-"""The sampled pose error at many poses, as arrays over the poses."""
+"""Sampled pose error at many poses, as arrays over the poses."""
 
 from __future__ import annotations
 
@@ -36,44 +36,44 @@ _COMPONENTS: Final = ("dx", "dy", "dz", "rx", "ry", "rz")
 @final
 @dataclass(frozen=True, eq=False, repr=False)
 class PosesResult(JsonResult):
-    """The distribution of the pose error at P poses, base axes, m and rad.
+    """Distribution of the pose error at P poses, base axes, m and rad.
 
-    Every built robot was sampled at all the poses: its draws of unit scope are the same at each.
+    Every built robot is sampled at all poses: its draws of unit scope are the same at each pose.
 
     Attributes
     ----------
     robot, base, tip
         The URDF and the ends of the chain.
     names
-        Of the poses, empty where one has none.
+        Names of the poses, empty for a pose without one.
     joints, q
         Joints in chain order, and their values ``(n, P)``, rad or m.
     samples, seed, model, statics
-        How it was sampled: built robots, 64-bit seed, ``"exact"`` or ``"linear"``, ``"nominal"`` or ``"equilibrium"``.
+        Settings of the run: built robots, 64-bit seed, ``"exact"`` or ``"linear"``, ``"nominal"`` or ``"equilibrium"``.
     confidence
-        Of every interval.
+        Confidence of every interval.
     mean
-        ``(6, P)`` of ``[d; δ]``.
+        ``(6, P)`` mean of ``[d; δ]``.
     covariance
-        ``(6, 6, P)`` with divisor N - 1; not-a-number for one sample.
+        ``(6, 6, P)`` sample covariance, divisor N - 1; NaN for one sample.
     norm_mean, norm_std, norm_max
-        ``(2, P)`` of |d| and |δ|: mean, standard deviation, largest seen.
+        ``(2, P)`` mean, standard deviation and largest sampled value of |d| and |δ|.
     quantile, quantile_interval
         ``(3, 2, P)`` and ``(3, 2, 2, P)``, the lower ends first: quantiles of |d| and |δ| at `LEVELS`, and distribution-free
-        intervals, widened by what the sketch does not resolve. Not-a-number where the samples are too few for an interval.
+        intervals, widened by the resolution of the sketch. NaN where the samples are too few for an interval.
     quantile_resolution
-        ``(3, 2, P)`` width of the sketch's bin that holds the quantile: the most by which it may differ from that of the
-        samples themselves.
+        ``(3, 2, P)`` width of the sketch's bin at the quantile: the largest difference from the quantile of the samples
+        themselves.
     specifications
-        What was counted.
+        Specifications whose samples are counted.
     probability, probability_interval
         ``(S, P)`` and ``(S, 2, P)``: share of the samples inside, and its Clopper-Pearson interval.
     warnings
-        One line each: the findings, then what was found besides.
+        One line each: the findings, then the warnings of the analysis.
     findings
-        Those handed over, such as the sheet's.
+        Findings passed in, such as those of the sheet.
     versions
-        Of Python and the libraries that computed it.
+        Versions of Python and the libraries that computed the result.
     """
 
     schema: ClassVar[str] = "precision-pin/poses/1"
@@ -110,7 +110,7 @@ class PosesResult(JsonResult):
 
     @property
     def poses(self) -> int:
-        """P, how many poses."""
+        """Number of poses, P."""
         return int(self.q.shape[1])
 
     @property
@@ -120,10 +120,10 @@ class PosesResult(JsonResult):
         return result
 
     def between(self, one: int, other: int) -> Array:
-        """Return the covariance ``(6, 6)`` between a robot's errors at two poses, in closed form, of the tangent model.
+        """Return the covariance ``(6, 6)`` between a robot's errors at two poses, in closed form from the tangent model.
 
         ``Cov(e_p, e_q) = J_p Σ_unit J_qᵀ`` with the covariance of the draws of unit scope alone: a robot's draws of pose and
-        visit scope at two poses have nothing to do with one another. At one pose it is ``J Σ Jᵀ`` of all draws.
+        visit scope at different poses are independent. For a pose with itself it is ``J Σ Jᵀ`` of all draws.
 
         Parameters
         ----------
@@ -147,17 +147,17 @@ class PosesResult(JsonResult):
         return covariance.between(here, there)
 
     def pose(self, name: str) -> int:
-        """Return the number of the pose of a name.
+        """Return the number of the pose with a name.
 
         Raises
         ------
         UnknownNameError
-            No pose has it.
+            No pose has this name.
         """
         return self.names.index(check_name("pose", name, [known for known in self.names if known]))
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the result as the ``precision-pin/poses/1`` schema has it, SI units; what is not resolved is null."""
+        """Return the result in the ``precision-pin/poses/1`` schema, SI units; null where not resolved."""
         norms = {name: getattr(self, name) for name in ("norm_mean", "norm_std", "norm_max")}
         norms |= {name: getattr(self, name) for name in ("quantile", "quantile_interval", "quantile_resolution")}
         return self._head() | {
@@ -169,20 +169,21 @@ class PosesResult(JsonResult):
             "poses": [
                 {
                     "pose": {"name": name, "q": dict(zip(self.joints, self.q[:, pose].tolist(), strict=True))},
-                    "mean": _listed(self.mean[:, pose]),
-                    "covariance": _listed(self.covariance[..., pose]),
-                    **{key: _listed(values[..., pose]) for key, values in norms.items()},
-                    "probability": _listed(self.probability[..., pose]),
-                    "probability_interval": _listed(self.probability_interval[..., pose]),
+                    "mean": _to_lists(self.mean[:, pose]),
+                    "covariance": _to_lists(self.covariance[..., pose]),
+                    **{key: _to_lists(values[..., pose]) for key, values in norms.items()},
+                    "probability": _to_lists(self.probability[..., pose]),
+                    "probability_interval": _to_lists(self.probability_interval[..., pose]),
                 }
                 for pose, name in enumerate(self.names)
             ],
         }
 
     def to_pandas(self) -> pandas.DataFrame:
-        """Return mean, standard deviation and quantiles as a data frame, m and rad: a row for each pose and quantity.
+        """Return the result as a data frame, m and rad: a row for each pose and quantity.
 
-        Components have ``mean`` and ``std``; norms ``max`` and ``quantile_0.5``, … with ``…_lower`` and ``…_upper`` besides.
+        Components have the columns ``mean`` and ``std``. Norms have these, ``max``, and ``quantile_0.5``, … with ``…_lower``
+        and ``…_upper``.
 
         Raises
         ------
@@ -210,13 +211,14 @@ class PosesResult(JsonResult):
         return found
 
     def to_xarray(self) -> xarray.Dataset:
-        """Return the result as a dataset, m and rad, not-a-number where the samples do not resolve a number.
+        """Return the result as a dataset, m and rad, NaN where not resolved.
 
-        Over ``pose``, numbered from 0: ``q`` with ``joint``; ``mean`` and ``std`` with ``component`` (dx … rz), ``covariance``
-        with ``component_2`` besides; ``norm_mean``, ``norm_std``, ``norm_max`` with ``norm`` (position, attitude), ``quantile``
-        and ``quantile_resolution`` with ``probability`` besides, ``quantile_interval`` with ``end`` (lower, upper) besides;
-        ``inside`` with ``specification``, ``inside_interval`` with ``end`` besides. Coordinate ``pose_name``. Attributes say
-        how it was sampled.
+        All variables have the dimension ``pose``, numbered from 0, with the coordinate ``pose_name``. Further dimensions:
+        ``joint`` for ``q``; ``component`` (dx … rz) for ``mean`` and ``std``, and ``component_2`` as well for ``covariance``;
+        ``norm`` (position, attitude) for ``norm_mean``, ``norm_std`` and ``norm_max``; ``probability`` and ``norm`` for
+        ``quantile`` and ``quantile_resolution``, and ``end`` (lower, upper) as well for ``quantile_interval``;
+        ``specification`` for ``inside``, and ``end`` as well for ``inside_interval``. The attributes give the settings of the
+        run.
 
         Raises
         ------
@@ -264,7 +266,7 @@ class PosesResult(JsonResult):
         }
 
     def _repr_html_(self) -> str:
-        """Return what a notebook shows: the norms at every pose, mm and mrad."""
+        """Return the notebook view: the norms at every pose, mm and mrad."""
         rows = [
             [
                 label,
@@ -291,8 +293,8 @@ class PosesResult(JsonResult):
         )
 
 
-def _listed(values: Array) -> Any:
-    """Return an array as lists, null for not-a-number."""
+def _to_lists(values: Array) -> Any:
+    """Return an array as nested lists, with None for NaN."""
     known = values.astype(object)
     known[~np.isfinite(values)] = None
     return known.tolist()

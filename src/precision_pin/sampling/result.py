@@ -1,4 +1,4 @@
-"""Result of a Monte Carlo run at one pose, with all that reproduces it."""
+"""Result of a Monte Carlo run at one pose, with all settings that reproduce it."""
 
 from __future__ import annotations
 
@@ -56,16 +56,16 @@ __all__ = ["Analysis", "Correlated", "MonteCarloResult", "Until"]
 @final
 @dataclass(frozen=True)
 class Correlated:
-    """Parameters that are correlated.
+    """Group of correlated parameters.
 
     Attributes
     ----------
     parameters
-        Their names.
+        Names of the parameters.
     scores
-        Correlation of their normal scores, as given, row by row.
+        Correlation matrix of their normal scores, as given, row by row.
     pearson
-        Correlation of the parameters themselves, which follows from it and their laws.
+        Correlation matrix of the parameters themselves, which follows from `scores` and the laws.
     """
 
     parameters: tuple[str, ...]
@@ -86,7 +86,7 @@ class Correlated:
 @final
 @dataclass(frozen=True)
 class Until:
-    """Precision that was asked for, and whether it was reached."""
+    """Target precision, as text, and the precision reached."""
 
     text: str
     precision: Precision
@@ -95,43 +95,43 @@ class Until:
 @final
 @dataclass(frozen=True, eq=False, repr=False)
 class MonteCarloResult(JsonResult):
-    """The distribution of the pose error at one pose.
+    """Distribution of the pose error at one pose.
 
     Attributes
     ----------
     robot, base, tip
         The URDF and the ends of the chain.
     pose_name, q
-        The pose: its name, empty if it has none, and the value of each joint (rad, m).
+        The pose: its name, empty for a pose without one, and the value of each joint (rad, m).
     seed, model, statics
-        How it was sampled: 64-bit seed, ``"exact"`` or ``"linear"``, ``"nominal"``.
+        Settings of the run: 64-bit seed, ``"exact"`` or ``"linear"``, ``"nominal"`` or ``"equilibrium"``.
     scopes
-        How many random numbers are drawn once for each unit, pose and visit.
+        Number of random numbers drawn once for each unit, pose and visit.
     nominal
-        The error with every parameter at its mean, ``(6,)``.
+        ``(6,)`` error with every parameter at its mean.
     summary
-        The statistics, base axes.
+        Statistics of the samples, base axes.
     sliding_joints
-        Which joints of ``q`` slide: their values are in m, the others' in rad.
+        Sliding joints of ``q``: their values are in m, all others in rad.
     correlations
-        The space's correlations, with what follows from them.
+        Correlations of the space.
     makers
-        The parameters, by name, of the units that made the largest errors of ``summary.largest_position`` and
-        ``largest_attitude``, by unit. ``space.sample(seed, unit, 1)`` draws a unit again.
+        Parameters, by name, of the units with the largest errors (``summary.largest_position`` and
+        ``largest_attitude``), keyed by unit. ``space.sample(seed, unit, 1)`` draws a unit again.
     assumed
-        The sources, by label, that the sheet marks as assumptions.
+        Labels of the sources that the sheet marks as assumptions.
     sources
-        How many sources there are.
+        Number of sources.
     versions
-        Of Python and the libraries that computed it.
+        Versions of Python and the libraries that computed the result.
     until
-        The targets at which sampling was to end.
+        Targets at which sampling was to end.
     findings
-        Those handed over, such as the sheet's.
+        Findings passed in, such as those of the sheet.
     warnings
-        One line each: the findings, then what the analysis itself warns of.
+        One line each: the findings, then the warnings of the analysis.
     errors
-        Every sample ``(6, N)``, if they were kept.
+        ``(6, N)`` every sample, if they were kept.
     """
 
     schema: ClassVar[str] = "precision-pin/analysis/1"
@@ -182,7 +182,7 @@ class MonteCarloResult(JsonResult):
         return self.summary.covariance
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the result as the ``precision-pin/analysis/1`` schema has it, SI units."""
+        """Return the result in the ``precision-pin/analysis/1`` schema, SI units; null where not resolved."""
         return {
             "schema": self.schema,
             "complete": True,
@@ -204,14 +204,14 @@ class MonteCarloResult(JsonResult):
             "nominal": {"position": self.nominal[:3].tolist(), "attitude": self.nominal[3:].tolist()},
             **self.summary.to_dict(),
             "largest": {
-                "position": [self._maker(one) for one in self.summary.largest_position],
-                "attitude": [self._maker(one) for one in self.summary.largest_attitude],
+                "position": [self._extreme_to_dict(one) for one in self.summary.largest_position],
+                "attitude": [self._extreme_to_dict(one) for one in self.summary.largest_attitude],
             },
             **({"until": [{"target": one.text, **asdict(one.precision)} for one in self.until]} if self.until else {}),
             **({"correlations": [asdict(group) for group in self.correlations]} if self.correlations else {}),
         }
 
-    def _maker(self, one: Extreme) -> dict[str, Any]:
+    def _extreme_to_dict(self, one: Extreme) -> dict[str, Any]:
         return {"unit": one.sample, "value": one.value, "parameters": dict(self.makers.get(one.sample, {}))}
 
     def plot(self, quantity: str = "position", *, axes: Axes | None = None) -> Axes | Figure:
@@ -220,33 +220,32 @@ class MonteCarloResult(JsonResult):
         Parameters
         ----------
         quantity
-            ``"position"`` or ``"attitude"`` for |d| or |δ|, ``"components"`` for all six, or one of them, such as
-            ``"position.x"``.
+            ``"position"`` or ``"attitude"`` for |d| or |δ|, ``"components"`` for all six components, or one component, such
+            as ``"position.x"``.
         axes
-            Axes of matplotlib to draw the histogram on; ``None`` makes a figure with title, legend and caption.
+            Matplotlib axes to draw the histogram on; ``None`` creates a figure with title, legend and caption.
 
         Returns
         -------
         Axes | Figure
-            The axes given, or the new figure, which a notebook shows and ``savefig`` writes.
+            The given axes, or the new figure, which a notebook shows and ``savefig`` writes.
 
         Raises
         ------
         UnknownNameError
-            Another quantity.
+            There is no such quantity.
         InputError
-            All six components on one pair of axes.
+            All six components are to be drawn on one pair of axes.
         """
-        # plots rest on results, not results on plots
+        # imported here, because the modules of the outputs import those of the results
         drawn: Axes | Figure = import_module("precision_pin.outputs.monte_carlo.figures").plot(self, quantity, axes)
         return drawn
 
     def to_pandas(self) -> pandas.DataFrame:
-        """Return the statistics as a data frame, m and rad, not-a-number where the samples do not resolve a number.
+        """Return the result as a data frame, m and rad, NaN where not resolved: a row for each quantity.
 
-        A row for each quantity (position.norm … attitude.z). Columns ``mean``, ``std``, ``mode`` and ``quantile_0.95``, …
-        each with ``…_lower`` and ``…_upper``, the ends of its interval; ``min`` and ``max``. ``attrs`` say how it was
-        sampled.
+        The columns are ``mean``, ``std``, ``mode`` and ``quantile_0.95``, …, each with the ends ``…_lower`` and ``…_upper``
+        of its interval, and ``min`` and ``max``. ``attrs`` gives the settings of the run.
 
         Raises
         ------
@@ -273,13 +272,14 @@ class MonteCarloResult(JsonResult):
         return frame
 
     def to_xarray(self) -> xarray.Dataset:
-        """Return the result as a dataset, m and rad, not-a-number where the samples do not resolve a number.
+        """Return the result as a dataset, m and rad, NaN where not resolved.
 
-        ``mean``, ``std``, ``min``, ``max``, ``mode`` over ``quantity`` (position.norm … attitude.z); ``quantile`` over
-        quantity and ``probability``, ``quantile_interval`` with ``end`` (lower, upper) besides; ``mean_interval``,
-        ``std_interval``, ``mode_interval`` over quantity and end; ``nominal`` over ``component`` (dx … rz), ``covariance``
-        over component and ``component_2``, ``covariance_interval`` with end besides; ``tolerance_bounds`` over quantity,
-        ``content`` and end; ``error`` over component and ``sample`` if the samples were kept. Attributes say how it was sampled.
+        The variables and their dimensions: ``mean``, ``std``, ``min``, ``max`` and ``mode`` over ``quantity`` (position.norm
+        … attitude.z); ``quantile`` over quantity and ``probability``; ``quantile_interval`` over these and ``end`` (lower,
+        upper); ``mean_interval``, ``std_interval`` and ``mode_interval`` over quantity and end; ``tolerance_bounds`` over
+        quantity, ``content`` and end; ``nominal`` over ``component`` (dx … rz); ``covariance`` over component and
+        ``component_2``; ``covariance_interval`` over these and end; ``error`` over component and ``sample``, if the samples
+        were kept. The attributes give the settings of the run.
 
         Raises
         ------
@@ -357,7 +357,7 @@ class MonteCarloResult(JsonResult):
         )
 
     def _repr_html_(self) -> str:
-        """Return what a notebook shows: mm and mrad, the half-width of each interval behind ±."""
+        """Return the notebook view: mm and mrad, the half-width of each interval after ±."""
         pose = repr(self.pose_name) if self.pose_name else "without a name"
         statistics = Table(
             ("", "unit", "mean", "std", "50 %", "95 %", "99.73 %", "smallest seen", "largest seen"),
@@ -394,7 +394,7 @@ class MonteCarloResult(JsonResult):
 
 
 Analysis = MonteCarloResult
-"""Old name."""
+"""Former name of `MonteCarloResult`, kept as an alias."""
 
 
 def _columns(distribution: Distribution, levels: Sequence[float]) -> dict[str, float]:
@@ -404,7 +404,7 @@ def _columns(distribution: Distribution, levels: Sequence[float]) -> dict[str, f
     row |= {"min": distribution.min, "max": distribution.max}
     row |= interval_columns("mode", distribution.mode, distribution.mode_interval())
     for level in levels:
-        # a norm's lower quantiles are not reported, there as in the JSON
+        # the low quantiles of a norm are not reported, as in the JSON
         shown = level in distribution.levels
         quantile = distribution.quantile(level) if shown else None
         row |= interval_columns(f"quantile_{level}", quantile, distribution.quantile_interval(level) if shown else None)

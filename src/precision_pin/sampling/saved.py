@@ -1,4 +1,4 @@
-"""The state of a run as bytes, and back."""
+"""Serialisation of the state of a run."""
 
 from __future__ import annotations
 
@@ -18,30 +18,30 @@ __all__ = ["largest", "packed", "unpacked"]
 
 
 _OVERHEAD: Final = 1000
-"""Bytes that an array takes beyond its numbers, and more."""
+"""Generous bound of the bytes that an array takes beyond its numbers."""
 
 
 def packed(state: State) -> bytes:
-    """Return a state as compressed bytes, without pickles: a journal may come from elsewhere."""
+    """Return a state as compressed bytes, without pickles: a journal may come from an untrusted source."""
     buffer = io.BytesIO()
     np.savez(buffer, allow_pickle=False, **_leaves(state, ""))
     return zlib.compress(buffer.getvalue(), level=1)
 
 
 def largest(pattern: State) -> int:
-    """Return more bytes than a state of the pattern's plan takes, packed or not."""
+    """Return an upper bound of the bytes of a state with the pattern's plan, packed or not."""
     return sum(np.asarray(leaf).nbytes * 101 // 100 + _OVERHEAD for leaf in _leaves(pattern, "").values())
 
 
 def unpacked(data: bytes, pattern: State) -> State:
-    """Return the state that was packed; ``pattern`` is one of the same plan, whose fields tell how to read it.
+    """Return the state from its packed bytes; ``pattern`` is a state of the same plan with the types and shapes to read.
 
-    Whatever the bytes are, no more is read than a state takes.
+    No more bytes are read than a state takes, whatever the input.
 
     Raises
     ------
     InputError
-        The bytes hold no such state.
+        The bytes are not such a state.
     """
     most = largest(pattern)
     try:
@@ -50,7 +50,7 @@ def unpacked(data: bytes, pattern: State) -> State:
             raise ValueError("it is too long")
         with zipfile.ZipFile(io.BytesIO(plain)) as members:
             arrays = {name: _read(members, name, np.asarray(leaf)) for name, leaf in _leaves(pattern, "").items()}
-        found: State = _rebuilt(arrays, pattern, "")
+        found: State = _rebuild(arrays, pattern, "")
         _check(found)
     except (zlib.error, zipfile.BadZipFile, KeyError, ValueError, TypeError, OSError, EOFError, RuntimeError) as error:
         raise InputError(f"the journal's last record cannot be read: {error}") from None
@@ -58,7 +58,7 @@ def unpacked(data: bytes, pattern: State) -> State:
 
 
 def _read(members: zipfile.ZipFile, name: str, like: NDArray[Any]) -> NDArray[Any]:
-    """Return an array of the type and shape of another; its header, which might ask for any size, must be the other's."""
+    """Return an array with the type and shape of another; a different header, which could claim any size, is an error."""
     pattern = io.BytesIO()
     np.save(pattern, like)
     size = pattern.tell()
@@ -71,23 +71,23 @@ def _read(members: zipfile.ZipFile, name: str, like: NDArray[Any]) -> NDArray[An
 
 
 def _check(state: State) -> None:
-    """Refuse what no samples add up to: a record whose digest is right need not be one of ours.
+    """Check that samples could give this state: a correct digest does not prove that a run wrote the record.
 
     Raises
     ------
     ValueError
-        Counts that do not go together, or sums that are not finite.
+        The counts are inconsistent, or sums are not finite.
     """
     sketched = state.sketch.sum(axis=1)
     sums = (state.sums, state.products, state.norm_squares)
     if state.count < 0 or state.sketch.min() < 0 or (sketched != state.count).any():
-        raise ValueError("its counts do not go together")
+        raise ValueError("its counts are inconsistent")
     if not all(np.isfinite(part).all() for part in sums):
         raise ValueError("its sums are not finite")
 
 
 def _leaves(value: Any, name: str) -> dict[str, Any]:
-    """Return arrays and numbers by where they stand in data classes and tuples."""
+    """Return arrays and numbers keyed by their path in data classes and tuples."""
     leaves: dict[str, Any] = {}
     for key, entry in _parts(value):
         below = f"{name}{key}"
@@ -95,7 +95,7 @@ def _leaves(value: Any, name: str) -> dict[str, Any]:
     return leaves
 
 
-def _rebuilt(arrays: dict[str, Any], pattern: Any, name: str) -> Any:
+def _rebuild(arrays: dict[str, Any], pattern: Any, name: str) -> Any:
     values = []
     for key, entry in _parts(pattern):
         below = f"{name}{key}"
@@ -105,7 +105,7 @@ def _rebuilt(arrays: dict[str, Any], pattern: Any, name: str) -> Any:
             case int():
                 values.append(int(arrays[below]))
             case _:
-                values.append(_rebuilt(arrays, entry, f"{below}."))
+                values.append(_rebuild(arrays, entry, f"{below}."))
     kind: Any = type(pattern)
     return kind(*values) if is_dataclass(pattern) else kind(values)
 

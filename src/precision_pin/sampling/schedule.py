@@ -1,4 +1,4 @@
-"""Blocks merged in their order, kept in a journal on the way."""
+"""Schedule of a run: blocks merged in order and saved in a journal."""
 
 from __future__ import annotations
 
@@ -23,18 +23,18 @@ __all__ = ["Sampling"]
 
 @final
 class Sampling:
-    """A run, from a state on to the last sample.
+    """Run from a given state to the last sample.
 
     Parameters
     ----------
     work
-        What is computed.
+        The work of the run.
     state
-        What was seen before.
+        State of the samples before.
     progress
-        Told how many samples have been added since it was last called.
+        Function called with the number of samples added since its last call.
     journal
-        Where the state is kept from time to time.
+        Journal in which the state is saved from time to time.
     """
 
     def __init__(self, work: Work, state: State, progress: Callable[[int], None], journal: Journal | None) -> None:
@@ -47,29 +47,29 @@ class Sampling:
     def run(
         self, workers: Workers, blocks_in_a_task: int | None = None, enough: Callable[[State], bool] | None = None
     ) -> None:
-        """Sample to the end, or to the first look at which it is enough: at 1, 2, 4, 8 … blocks.
+        """Sample to the end, or to the first check that is passed: after 1, 2, 4, 8 … blocks.
 
-        The looks do not depend on the workers, and so neither does the result.
+        The checks do not depend on the workers, and so neither does the result.
 
         Parameters
         ----------
         workers
-            What computes the blocks. Neither they nor their speed decide any bit of the result.
+            Workers that compute the blocks. Neither they nor their speed change the result.
         blocks_in_a_task
-            As many as is good for the workers if left out; it decides no bit either.
+            Blocks in a task, by default the number suited to the workers. It does not change the result.
         enough
-            Asked at each look; never, if left out.
+            Check that ends the run where it returns true; by default none.
 
         Raises
         ------
         KeyboardInterrupt
-            After what was under way is done and in the journal, if there is one; a note tells so.
+            Raised with a note after the running tasks are finished and saved in the journal, if there is one.
         InputError
-            A sample cannot be computed, or workers failed. What was done is in the journal.
+            A sample cannot be computed, or workers failed. The blocks finished before are in the journal.
         OutputError
             The journal cannot be written.
         """
-        for end in self._looks() if enough is not None else [self._work.blocks]:
+        for end in self._check_blocks() if enough is not None else [self._work.blocks]:
             if self._next_block() < end and self.state.count < self._work.samples:
                 self._run_to(end, workers, blocks_in_a_task)
             if enough is not None and self._next_block() == end and enough(self.state):
@@ -77,8 +77,8 @@ class Sampling:
         if self._journal is not None:
             self._journal.save(self.state)
 
-    def _looks(self) -> list[int]:
-        """Return after which blocks to look."""
+    def _check_blocks(self) -> list[int]:
+        """Return the numbers of blocks after which to check."""
         blocks = self._work.blocks
         return [*(2**k for k in range((blocks - 1).bit_length())), blocks]
 
@@ -95,9 +95,9 @@ class Sampling:
                 self._progress(found.count)
         except KeyboardInterrupt as interrupt:
             if self._journal is not None:
-                self._finish_begun(stream)
+                self._finish_running(stream)
                 self._journal.save(self.state)
-                interrupt.add_note(self._kept(self._journal))
+                interrupt.add_note(self._saved_note(self._journal))
             raise
         except OutputError:
             raise
@@ -114,8 +114,8 @@ class Sampling:
             self.errors[:, self.state.count : self.state.count + found.count] = found.errors
         self.state = found.add_to(self.state)
 
-    def _finish_begun(self, stream: Stream) -> None:
-        """Add what is under way; what fails now is found again by whoever goes on."""
+    def _finish_running(self, stream: Stream) -> None:
+        """Add the running tasks; one that fails now fails again in the resumed run, which reports it."""
         with suppress(Exception):
             while self.state.count < self._work.samples:
                 found = stream.result_under_way(self._next_block())
@@ -123,5 +123,5 @@ class Sampling:
                     return
                 self._add(found)
 
-    def _kept(self, journal: Journal) -> str:
+    def _saved_note(self, journal: Journal) -> str:
         return f"the journal {journal.name} holds the first {journal.saved:,} of {self._work.samples:,} samples"

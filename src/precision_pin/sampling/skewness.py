@@ -1,8 +1,8 @@
 """Skewness of the errors at a pose, to first order, from the laws of the draws.
 
-Samples that hold none of a law's rare or far values cannot tell of them. The laws can: cumulants of independent numbers
-add, each times a power of its slope. Correlated draws are taken for independent here, laws with tails no heavier than a
-normal law's for normal ones: the result only says how far the intervals of moments are to be trusted.
+Samples without any of a law's rare or large values do not show its skewness; the laws themselves do. The cumulants of
+independent variables add, each multiplied by a power of its slope. Here correlated draws are treated as independent, and
+laws with tails no heavier than normal as normal: the result only serves to judge the intervals of the moments.
 """
 
 from __future__ import annotations
@@ -21,9 +21,9 @@ __all__ = ["first_order_skewness"]
 
 
 _NO_SLOPE = 1e-3
-"""A component whose first-order spread is less than this share of its vector's is decided by higher orders."""
+"""Share of its vector's first-order spread below which a component is dominated by higher orders."""
 _NORMAL_SQUARE = math.sqrt(8)
-"""Skewness of the square of a normal number."""
+"""Skewness of the square of a normal variable."""
 
 
 def first_order_skewness(space: Space, slopes: Array) -> Array:
@@ -34,17 +34,17 @@ def first_order_skewness(space: Space, slopes: Array) -> Array:
     space
         The draws.
     slopes
-        ``(6, d)`` of the components of the error.
+        ``(6, d)`` slopes of the error's components.
 
     Notes
     -----
-    A norm, and a component that the draws do not move to first order, is taken to be as skewed as the squares of the
-    components of its vector, as far as those are more skewed than of a normal law.
+    The skewness of a norm, and of a component that the draws do not move to first order, is taken from the squares of the
+    components of its vector, minus the skewness of a normal variable's square.
     """
     found = np.zeros((8, 2))
     skewed = [_cumulants(draw.law) for draw in space.draws]
     if all(cumulants is None for cumulants in skewed):
-        # as of normal numbers
+        # only normal-like laws: components are not skewed, their squares as those of normal variables
         found[:, 1] = _NORMAL_SQUARE
         found[list(COMPONENTS), 1] *= (slopes != 0).any(axis=1)
         return found
@@ -57,7 +57,7 @@ def first_order_skewness(space: Space, slopes: Array) -> Array:
     variance = np.where(moves, second, 1.0)
     skewness = np.where(moves, third / variance**1.5, 0.0)
     k4, k6 = np.where(moves, fourth / variance**2, 0.0), np.where(moves, sixth / variance**3, 0.0)
-    # central moments of a standardised number from its cumulants, and of its square from those
+    # central moments of a standardised variable from its cumulants, then those of its square
     m4, m6 = k4 + 3, k6 + 15 * k4 + 10 * skewness**2 + 15
     square = (m6 - 3 * m4 + 2) / np.maximum(m4 - 1, 1e-9) ** 1.5
     found[list(COMPONENTS), 0], found[list(COMPONENTS), 1] = np.abs(skewness), np.where(moves, np.abs(square), 0.0)

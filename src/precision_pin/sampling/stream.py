@@ -1,4 +1,4 @@
-"""Tasks under way, in block order."""
+"""Stream of running tasks, in block order."""
 
 from __future__ import annotations
 
@@ -12,24 +12,24 @@ __all__ = ["Stream", "task_size"]
 
 
 def task_size(blocks: int, most: int) -> int:
-    """Return how many blocks a task takes: enough to keep a worker busy, never so many that progress stalls."""
+    """Return the number of blocks in a task: enough to keep a worker busy, few enough for regular progress."""
     return min(most, max(1, blocks // 8))
 
 
 @final
 class Stream:
-    """Hands out tasks ahead of the one that is waited for; holds no more of them than the workers take.
+    """Tasks submitted ahead of the one being awaited, at most as many as the workers accept.
 
     Parameters
     ----------
     work
-        What is computed.
+        The work of the run.
     workers
-        Where.
+        Workers that compute the tasks.
     first_block, end_block
-        Where to begin and before which to end; the blocks before are known.
+        The first block, and the one after the last.
     size
-        Blocks in a task; it changes no result.
+        Blocks in a task; it does not change the result.
     """
 
     def __init__(self, work: Work, workers: Workers, first_block: int, end_block: int, size: int) -> None:
@@ -41,7 +41,9 @@ class Stream:
         self._futures: dict[int, Any] = {}
 
     def result(self, block: int) -> Blocks:
-        """Return what the task gives that begins with a block, which ends the one before; keeps the workers busy.
+        """Wait for the task that begins with a block, and submit further tasks.
+
+        The block must be the one after the last of the task before.
 
         Raises
         ------
@@ -56,7 +58,7 @@ class Stream:
         return self._workers.result(self._futures[block])
 
     def result_under_way(self, block: int) -> Blocks | None:
-        """Return what the task gives that begins with a block, if it was begun; begins no further ones."""
+        """Wait for the task that begins with a block, None if it was not submitted; submit no further tasks."""
         self._forget_before(block)
         return self._workers.result(self._futures[block]) if block in self._futures else None
 

@@ -1,4 +1,4 @@
-"""Versions of what computes a result."""
+"""Versions of the packages that compute a result."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ __all__ = ["versions"]
 
 
 def versions(*further: str) -> dict[str, str]:
-    """Return the versions that a result depends on, and those of further distributions; ``unknown`` where pip knows none."""
+    """Return the versions that a result depends on, and those of further distributions; ``unknown`` without metadata."""
     names = ("precision-pin", "pin", "numpy", "scipy", "numba", *further)
     return {"python": python_version(), **{name: _version(name) for name in names}}
 
@@ -19,5 +19,5 @@ def versions(*further: str) -> dict[str, str]:
 def _version(name: str) -> str:
     try:
         return metadata.version(name)
-    except metadata.PackageNotFoundError:  # conda's pinocchio, or a checkout on the path: installed, but not by pip
+    except metadata.PackageNotFoundError:  # conda's pinocchio or a checkout on the path has no metadata of pip
         return "unknown"

@@ -1,4 +1,4 @@
-"""Where blocks are computed: threads of this process, processes of its own, or any executor that is handed in."""
+"""Workers that compute blocks: threads of this process, child processes, or an executor passed in."""
 
 from __future__ import annotations
 
@@ -23,30 +23,30 @@ __all__ = ["Foreign", "Processes", "Submitter", "Threads", "Workers", "available
 
 MOST_WORKERS: Final = 1024
 MOST_LOSSES: Final = 3
-"""Number of times that a process may end over one task."""
+"""Number of processes that may die during one task."""
 
 
 class Submitter(Protocol):
-    """Interface of an executor: :class:`concurrent.futures.Executor` and all that have its ``submit``."""
+    """Interface of an executor: :class:`concurrent.futures.Executor` and any class with its ``submit``."""
 
     def submit(self, function: Callable[..., Any], /, *arguments: Any) -> Any:
-        """Return a future, which has ``result()``."""
+        """Submit a call and return its future, which has ``result()``."""
 
 
 def available_cores() -> int:
-    """Return how many cores this process may use."""
+    """Return the number of cores that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 class Workers(ABC):
-    """Where tasks run.
+    """Workers that compute tasks.
 
     Attributes
     ----------
     most
-        How many tasks are under way at a time: twice as many as there are workers, so that none waits.
+        Largest number of submitted tasks: twice the number of workers, so that no worker waits.
     blocks_in_a_task
-        The most blocks of a task: enough of them that handing a task over costs little.
+        Largest number of blocks in a task, large enough that the cost of submitting a task is small.
     """
 
     most: int
@@ -54,11 +54,11 @@ class Workers(ABC):
 
     @abstractmethod
     def submit(self, work: Work, first_block: int, blocks: int) -> Any:
-        """Return the future of a task."""
+        """Submit a task and return its future."""
 
     @abstractmethod
     def result(self, future: Any) -> Blocks:
-        """Wait for a task.
+        """Wait for a task and return its blocks.
 
         Raises
         ------
@@ -68,37 +68,37 @@ class Workers(ABC):
 
     @abstractmethod
     def close(self, *, done: bool) -> None:
-        """End the workers; with ``done`` no task is under way."""
+        """End the workers; ``done`` states that no task is running."""
 
 
 @final
 class Threads(Workers):
-    """Threads of this process; the sampler runs without Python's lock."""
+    """Threads of this process; the sampler releases Python's global lock."""
 
     def __init__(self, threads: int) -> None:
         self.most = 2 * threads
         self._pool = ThreadPoolExecutor(max_workers=threads)
 
     def submit(self, work: Work, first_block: int, blocks: int) -> Future[Blocks]:
-        """Return the future of a task."""
+        """Submit a task and return its future."""
         return self._pool.submit(work.observe, first_block, blocks)
 
     def result(self, future: Future[Blocks]) -> Blocks:
-        """Wait for a task."""
+        """Wait for a task and return its blocks."""
         return future.result()
 
     def close(self, *, done: bool) -> None:
-        """End the threads; waits for the tasks that have begun."""
+        """End the threads after waiting for the running tasks."""
         self._pool.shutdown(wait=True, cancel_futures=True)
 
 
 @final
 class Processes(Workers):
-    """Processes of our own, a thread and a pipe for each.
+    """Child processes, with a thread and a pipe for each.
 
-    They end with this process, however it ends: that closes their pipes. One that ends before its time is replaced and
-    its task begun again. (The pool of :mod:`concurrent.futures` has one pipe for all, and waits for ever for the rest of a
-    result whose process was killed while it sent it.)
+    They end with this process, however it ends, because that closes their pipes. A process that dies early is replaced
+    and its task repeated. (The pool of :mod:`concurrent.futures` shares one pipe and hangs if a process is killed while it
+    sends a result.)
     """
 
     blocks_in_a_task = 64
@@ -113,11 +113,11 @@ class Processes(Workers):
         self._threads = ThreadPoolExecutor(processes)
 
     def submit(self, work: Work, first_block: int, blocks: int) -> Future[Blocks]:
-        """Return the future of a task."""
+        """Submit a task and return its future."""
         return self._threads.submit(self._observe, work, first_block, blocks)
 
     def result(self, future: Future[Blocks]) -> Blocks:
-        """Wait for a task."""
+        """Wait for a task and return its blocks."""
         return future.result()
 
     def close(self, *, done: bool) -> None:
@@ -153,38 +153,38 @@ class Processes(Workers):
         finally:
             self._idle.put(process)
         raise InputError(
-            f"worker processes ended {MOST_LOSSES} times over blocks {first_block} to {first_block + blocks - 1}; is there "
-            "memory enough? (a script that asks for processes begins its work under: if __name__ == '__main__')"
+            f"worker processes died {MOST_LOSSES} times at blocks {first_block} to {first_block + blocks - 1}; check the free "
+            "memory (a script that uses processes must start its work under: if __name__ == '__main__')"
         )
 
 
 @final
 class _Process:
-    """A process that computes blocks, and the pipe to it."""
+    """Child process that computes blocks, and the pipe to it."""
 
     def __init__(self) -> None:
         context = multiprocessing.get_context("spawn")
         self._pipe, other_end = context.Pipe()
         self._process = context.Process(target=_serve, args=(other_end,), daemon=True)
-        # Ctrl-C goes to all processes of a terminal, as other ends of it do; this one, in a thread of ours, must not take
-        # it. The tracker, which the first process brings along, would unblock it again.
+        # Ctrl-C and other signals of a terminal go to all its processes. The child inherits the signal mask of this
+        # thread and must not receive them. The resource tracker is started first: its start would unblock them again.
         resource_tracker.ensure_running()
         signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, signal.SIGTERM, signal.SIGHUP})
         self._process.start()
-        other_end.close()  # so that it is closed when the process ends
+        other_end.close()  # so that only the child holds it, and it closes when the child ends
 
     def ask(self, task: tuple[Work, int, int]) -> Blocks | Exception:
-        """Return what a task gives, or the error it raised."""
+        """Return the blocks of a task, or the exception it raised."""
         self._pipe.send(task)
         answer: Blocks | Exception = self._pipe.recv()
         return answer
 
     def kill(self) -> None:
-        """Stop what the process does."""
+        """Kill the process."""
         self._process.kill()
 
     def end(self) -> None:
-        """End the process, which is idle or killed."""
+        """End a process that is idle or killed."""
         self._pipe.close()
         self._process.join()
 
@@ -203,7 +203,7 @@ def _serve(pipe: Connection[Any, Any]) -> None:
 
 @final
 class Foreign(Workers):
-    """An executor that was handed in; it is left running."""
+    """Executor passed in by the caller; it is not shut down."""
 
     blocks_in_a_task = 64
 
@@ -213,27 +213,27 @@ class Foreign(Workers):
         self._under_way: set[Any] = set()
 
     def submit(self, work: Work, first_block: int, blocks: int) -> Any:
-        """Return the future of a task."""
+        """Submit a task and return its future."""
         try:
             future = self._executor.submit(_observe, work, first_block, blocks)
         except Exception as error:
-            raise self._failed(error) from error
+            raise self._make_error(error) from error
         self._under_way.add(future)
         return future
 
     def result(self, future: Any) -> Blocks:
-        """Wait for a task."""
+        """Wait for a task and return its blocks."""
         try:
             found: Blocks = future.result()
         except PrecisionPinError:
             raise
         except Exception as error:
-            raise self._failed(error) from error
+            raise self._make_error(error) from error
         finally:
             self._under_way.discard(future)
         return found
 
-    def _failed(self, error: Exception) -> InputError:
+    def _make_error(self, error: Exception) -> InputError:
         reason = " ".join(str(error).split())
         return InputError(
             f"the executor {type(self._executor).__name__} failed: {type(error).__name__}"
@@ -241,26 +241,26 @@ class Foreign(Workers):
         )
 
     def close(self, *, done: bool) -> None:
-        """Call off what is no longer needed."""
+        """Cancel the tasks that are no longer needed."""
         for future in self._under_way:
             if hasattr(future, "cancel"):
                 future.cancel()
 
 
 def _observe(work: Work, first_block: int, blocks: int) -> Blocks:
-    """Return what blocks give; a plain function, which every executor can send."""
+    """Return the statistics of some blocks; a plain function, which every executor can pickle."""
     return work.observe(first_block, blocks)
 
 
 def chosen(
     threads: int | None, processes: int | None, executor: Submitter | None, tasks_under_way: int | None
 ) -> Workers:
-    """Return the workers that were asked for; threads on all cores if nothing was.
+    """Return the requested workers, by default threads on all cores.
 
     Raises
     ------
     InputError
-        A wrong number, or more than one kind of worker.
+        A number is wrong, or more than one kind of worker is given.
     """
     asked = [
         name
@@ -273,13 +273,13 @@ def chosen(
         if number is not None:
             check_whole(name, number, 1, MOST_WORKERS)
     if tasks_under_way is not None and executor is None:
-        raise InputError("tasks_under_way goes with an executor")
+        raise InputError("tasks_under_way is possible with an executor only")
     if processes is not None:
         return Processes(processes)
     if executor is None:
         return Threads(threads or available_cores())
     if not callable(getattr(executor, "submit", None)):
-        raise InputError(f"an executor has submit(function, *arguments), {type(executor).__name__} has not")
-    known = getattr(executor, "_max_workers", None)  # as the executors of Python, loky and mpi4py call it
+        raise InputError(f"an executor must have submit(function, *arguments); {type(executor).__name__} does not")
+    known = getattr(executor, "_max_workers", None)  # the name in the executors of Python, loky and mpi4py
     workers = known if isinstance(known, int) else available_cores()
     return Foreign(executor, tasks_under_way or 2 * workers)

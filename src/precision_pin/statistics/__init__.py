@@ -1,9 +1,9 @@
 """Constant-memory statistics of the pose error.
 
-The way of the data: a `Plan` says what to subtract and at which scale to bin; `start` makes an empty
-`State`; `observe` adds a block of errors ``(6, N)``; `merge` joins two states; `finish` turns a state into
-a `Summary`. The state's size does not depend on the number of samples, its counts do not depend on how the
-samples were cut into blocks, and its sums depend on that only by rounding.
+A `Plan` holds the centre to subtract and the scale of the bins. `start` returns an empty `State`, `observe`
+adds a block of errors ``(6, N)``, `merge` joins two states, and `finish` turns a state into a `Summary`.
+The size of the state does not depend on the number of samples. Its counts do not depend on how the samples
+are divided into blocks; its sums depend on that by rounding only.
 
 The eight quantities, always in this order: ``position.norm``, ``position.x``, ``.y``, ``.z`` (m),
 ``attitude.norm``, ``attitude.x``, ``.y``, ``.z`` (rad), components in base axes.

@@ -1,4 +1,4 @@
-"""The accumulators, and how blocks of errors enter them."""
+"""Accumulators of the sampled errors, filled block by block."""
 
 from __future__ import annotations
 
@@ -21,22 +21,24 @@ Counts = NDArray[np.int64]
 LARGEST: Final = 10
 """Number of largest errors kept."""
 
+# lanes and span of the compiled sampler's sums, so that both add in the same order
 _LANES: Final = 16
 _SPAN: Final = 128
+# samples handled at a time: their arrays stay in the processor's cache
 _TILE: Final = 1 << 14
 
 
 @final
 @dataclass(frozen=True, eq=False)
 class State:
-    """Everything that is kept of the samples seen; its size does not depend on their number.
+    """Accumulated statistics of the samples observed so far; the size does not depend on their number.
 
     Attributes
     ----------
     count
-        Samples seen.
+        Samples observed.
     lowest, highest
-        ``(8,)`` smallest and largest value seen (+∞ and −∞ before the first).
+        ``(8,)`` smallest and largest value (+∞ and −∞ before the first sample).
     sums
         ``(8,)`` sums of value − centre.
     products
@@ -48,8 +50,8 @@ class State:
     inside
         ``(S,)`` samples inside each specification of the plan.
     largest, largest_units
-        ``(2, LARGEST)`` the largest |d| and |δ|, largest first, of equal ones the earlier sample's, −∞ where there are
-        fewer; and which samples they are, counted from the first observed, −1 where there is none.
+        ``(2, LARGEST)`` the largest |d| and |δ| in descending order, and the indices of their samples, counted from the
+        first observed. Of equal values the earlier sample comes first. Unused entries are −∞ and −1.
     """
 
     count: int
@@ -88,7 +90,7 @@ def observe(plan: Plan, state: State, errors: ArrayLike) -> State:
     plan
         The plan that the state was started with.
     state
-        What was seen before; left as it is.
+        The state so far; it is not changed.
     errors
         ``(6, N)`` errors [d; δ], m and rad, base axes; N may be 0.
 
@@ -108,13 +110,13 @@ def observe(plan: Plan, state: State, errors: ArrayLike) -> State:
 def merge(first: State, second: State) -> State:
     """Return the state of both sets of samples.
 
-    Counts, smallest and largest do not depend on order or grouping; the sums do, by rounding only, so
-    merge in the order of the blocks wherever identical bits matter.
+    Counts, smallest and largest values do not depend on order or grouping. The sums do, by rounding: merge in
+    the order of the blocks wherever identical bits matter.
 
     Raises
     ------
     InternalError
-        The states count different numbers of specifications.
+        The states have different numbers of specifications.
     """
     if first.inside.shape != second.inside.shape:
         raise InternalError(f"states of {first.inside.size} and {second.inside.size} specifications")
@@ -134,7 +136,7 @@ def merge(first: State, second: State) -> State:
 
 
 def largest_of(values: Array, units: Counts, more_values: Array, more_units: Counts) -> tuple[Array, Counts]:
-    """Return the `LARGEST` largest of two lots of values ``(2, m)`` and which samples they are, as in `State`."""
+    """Return the `LARGEST` largest of two sets of values ``(2, m)`` and the indices of their samples, as in `State`."""
     all_values, all_units = np.hstack([values, more_values]), np.hstack([units, more_units])
     order = np.lexsort((all_units, -all_values), axis=1)[:, :LARGEST]
     return np.take_along_axis(all_values, order, axis=1), np.take_along_axis(all_units, order, axis=1)
@@ -164,9 +166,9 @@ def quantity_values(errors: Array) -> Array:
 def lane_sums(rows: Array) -> Array:
     """Sum each row in sixteen fixed lanes: ``(k, N)`` → ``(k,)``.
 
-    Of every 128 samples the even ones come first, then the odd ones, as the compiled sampler makes them. In this order
-    lane l takes samples l, l + 16, … in turn; the lanes are then folded in halves. The order of additions is thereby
-    fixed, whatever the processor's vector width.
+    Within every 128 samples the even ones come first, then the odd ones: the order in which the compiled sampler makes
+    them. In this order lane l adds samples l, l + 16, …; the lanes are then folded in halves. The order of additions is
+    thereby the same for every vector width of the processor.
     """
     count, length = rows.shape
     padded = np.zeros((count, -(-length // _SPAN) * _SPAN))

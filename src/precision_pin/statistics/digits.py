@@ -1,11 +1,11 @@
 """Digits of a printed number that the sampling supports.
 
-The rule: the last digit printed is the first that is uncertain, at the smallest power of ten of which the
-half-width of the number's interval is five or less. The digit before it is then certain to half a unit, and
-rounding to it moves the number by less than the half-width. Where the interval reaches less far to one side, that may
-still carry the number past its end; then further digits are printed, until what is printed lies inside the interval.
+The last digit printed is the first uncertain one. Its place is the smallest power of ten that is at least a fifth of the
+half-width of the number's interval. The digit before it is then certain to half a unit, and rounding moves the number
+by less than the half-width. Where the interval is shorter on one side, the rounded number may still lie outside it;
+further digits are then printed until it lies inside.
 
-A number whose interval is no wider than rounding is known exactly, and printed with a fixed number of digits.
+A number whose interval is no wider than rounding is known exactly and printed with a fixed number of digits.
 """
 
 from __future__ import annotations
@@ -20,8 +20,9 @@ MOST_DIGITS = 6
 """Digits printed of a number that is known exactly, such as the largest value seen."""
 
 _ROUNDING: Final = 1e-9
-"""An interval narrower than this share of the number is that of a number known exactly."""
+"""Below this ratio of interval to number, the number counts as known exactly."""
 _EXACT_DIGITS: Final = 5
+"""Place of the last digit of an interval without width, counted from the leading digit."""
 _FINEST: Final = 17
 """Significant digits of a double."""
 
@@ -36,7 +37,7 @@ def significant_digits(value: float, half_width: float, *, most: int = MOST_DIGI
     half_width
         Half the width of its interval, in the same unit; 0 for a number known exactly.
     most
-        Never more digits than this.
+        Largest number of digits.
     """
     if value == 0:
         return most if half_width == 0 else 0
@@ -51,13 +52,13 @@ def format_supported(value: float | None, half_width: float | None, *, most: int
     value, half_width
         As in `significant_digits`; None where the samples do not resolve the number or its interval.
     most
-        Never more significant digits than this.
+        Largest number of significant digits.
     """
     if value is None or half_width is None:
         return "not resolved"
     if value == 0 and half_width == 0:
         return "0"
-    return _rounded(value, _last_place(value, half_width, most))
+    return _format_to_place(value, _last_place(value, half_width, most))
 
 
 def format_inside(value: float | None, interval: tuple[float, float] | None, *, most: int = MOST_DIGITS) -> str:
@@ -77,9 +78,9 @@ def format_inside(value: float | None, interval: tuple[float, float] | None, *, 
         return format_supported(value, 0.0, most=most)
     place = _last_place(value, half_width, _FINEST)
     finest = _leading_place(value) - _FINEST + 1 if value else place
-    while place > finest and not interval[0] <= float(_rounded(value, place)) <= interval[1]:
+    while place > finest and not interval[0] <= float(_format_to_place(value, place)) <= interval[1]:
         place -= 1
-    return _rounded(value, place)
+    return _format_to_place(value, place)
 
 
 def format_interval(low: float, high: float, per_si: float = 1.0) -> tuple[str, str]:
@@ -90,7 +91,7 @@ def format_interval(low: float, high: float, per_si: float = 1.0) -> tuple[str, 
     low, high
         The ends.
     per_si
-        What they are multiplied by first, in decimals, so that no end moves inwards.
+        Factor applied first. The product is computed in decimals, so that no end moves inwards.
     """
     ends = [Decimal(end) * Decimal(per_si) for end in (low, high)]
     width = ends[1] - ends[0]
@@ -100,16 +101,17 @@ def format_interval(low: float, high: float, per_si: float = 1.0) -> tuple[str, 
 
 
 def format_share(share: float, interval: tuple[float, float], required: float) -> tuple[str, str, str]:
-    """Return a share and the ends of its interval in per cent, the ends rounded outwards; it fits the verdict.
+    """Return a share and the ends of its interval in per cent, the ends rounded outwards.
 
-    It has as many digits as what is required, and at least two of the interval's width.
+    The texts have as many decimals as the required share, and at least two digits of the interval's width, so that
+    they agree with the verdict.
 
     Parameters
     ----------
     share, interval
         The share inside a limit, and an interval that holds it.
     required
-        The share that is required.
+        The required share.
     """
     low, high = (Decimal(end) * 100 for end in interval)
     demand = Decimal(f"{100 * required:.10g}").normalize()
@@ -119,7 +121,7 @@ def format_share(share: float, interval: tuple[float, float], required: float) -
     return f"{inside:f}", f"{low.quantize(place, ROUND_FLOOR):f}", f"{high.quantize(place, ROUND_CEILING):f}"
 
 
-def _rounded(value: float, place: int) -> str:
+def _format_to_place(value: float, place: int) -> str:
     return f"{round(value, -place) + 0.0:.{max(0, -place)}f}"
 
 

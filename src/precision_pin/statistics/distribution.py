@@ -1,4 +1,4 @@
-"""The distribution of one quantity, as far as the samples resolve it."""
+"""Distribution of one quantity, as far as the samples resolve it."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ __all__ = ["COMPONENT_LEVELS", "CONTENTS", "NORM_LEVELS", "Distribution", "Histo
 
 
 NORM_LEVELS: Final = (0.5, 0.95, 0.99, 0.9973)
-"""Quantiles reported of a norm."""
+"""Probabilities of the quantiles reported of a norm."""
 COMPONENT_LEVELS: Final = (0.00135, 0.01, 0.05, 0.5, 0.95, 0.99, 0.9973)
-"""Quantiles reported of a component."""
+"""Probabilities of the quantiles reported of a component."""
 
 CONTENTS: Final = (0.95, 0.99, 0.9973)
 """Shares of all units for which tolerance bounds are reported."""
@@ -37,7 +37,7 @@ _MOST_BARS: Final = 100
 @final
 @dataclass(frozen=True, eq=False)
 class Histogram:
-    """Bars to draw: ``(k + 1,)`` ascending edges (m or rad), ``(k,)`` densities (1/m or 1/rad)."""
+    """Histogram to draw: ``(k + 1,)`` ascending edges (m or rad) and ``(k,)`` densities (1/m or 1/rad)."""
 
     edges: Array
     density: Array
@@ -49,30 +49,30 @@ class Histogram:
 @final
 @dataclass(frozen=True, eq=False)
 class Distribution:
-    """The sampled distribution of one quantity, m or rad.
+    """Sampled distribution of one quantity, m or rad.
 
     Built by `precision_pin.statistics.finish`. Numbers that the samples do not resolve are None.
 
     Attributes
     ----------
     quantity
-        Its name, such as ``position.norm``.
+        Name of the quantity, such as ``position.norm``.
     samples
-        How many.
+        Number of samples.
     confidence
-        Of every interval.
+        Confidence of every interval.
     mean
         Sample mean.
     std
         Sample standard deviation, divisor N − 1; None for a single sample.
     min, max
-        Smallest and largest value *seen*; not bounds.
+        Smallest and largest *sampled* value; not bounds.
     bin_lower, bin_upper
-        ``(k,)`` ends of the occupied bins of the sketch, cut at `min` and `max`.
+        ``(k,)`` edges of the occupied bins of the sketch, clipped to `min` and `max`.
     bin_cumulative
         ``(k,)`` samples up to and including each occupied bin.
     skewness
-        Of the value and of its squared deviation from the mean, as far as the laws tell; not-a-number where they do not.
+        Skewness of the value and of its squared deviation from the mean, derived from the laws; NaN where unknown.
     """
 
     quantity: str
@@ -92,12 +92,12 @@ class Distribution:
 
     @property
     def is_norm(self) -> bool:
-        """Whether the quantity is a norm, hence never below zero."""
+        """True for a norm, which is never negative."""
         return self.quantity.endswith(".norm")
 
     @property
     def levels(self) -> tuple[float, ...]:
-        """The probabilities whose quantiles are reported."""
+        """Probabilities of the quantiles that are reported."""
         return NORM_LEVELS if self.is_norm else COMPONENT_LEVELS
 
     # quantiles ---------------------------------------------------------------------------------------
@@ -105,9 +105,9 @@ class Distribution:
     def quantile(self, p: float) -> float | None:
         """Return the p-quantile; None where the samples do not resolve it (no interval exists).
 
-        The linear interpolation of order statistics at rank 1 + (N − 1) p (numpy's default), each order
-        statistic being placed inside its bin of the sketch by its rank in the bin. It differs from the
-        quantile of the samples themselves by at most one bin: 2⁻⁹ of its distance from the planned middle,
+        The order statistics at rank 1 + (N − 1) p are interpolated linearly (numpy's default). Each order
+        statistic is placed inside its bin of the sketch by its rank in the bin. The result differs from the
+        quantile of the samples themselves by at most one bin: 2⁻⁹ of its distance from the planned centre,
         or 2⁻¹² of the planned scale where that is more (`Plan`).
 
         Raises
@@ -118,9 +118,9 @@ class Distribution:
         return None if quantile_ranks(self.samples, _level(p), self.confidence) is None else self._quantile(p)
 
     def quantile_interval(self, p: float) -> tuple[float, float] | None:
-        """Return the interval of the p-quantile, free of any assumption on the law; None if unresolved.
+        """Return the distribution-free interval of the p-quantile; None if unresolved.
 
-        Its ends are order statistics (see `quantile_ranks`), moved outwards to the edges of their bins.
+        The ends are order statistics (see `quantile_ranks`), moved outwards to the edges of their bins.
 
         Raises
         ------
@@ -130,10 +130,10 @@ class Distribution:
         return self._between(quantile_ranks(self.samples, _level(p), self.confidence))
 
     def quantile_error(self, p: float) -> float | None:
-        """Return how far `quantile` is at most from the quantile of the samples themselves; None if unresolved.
+        """Return the largest difference of `quantile` from the quantile of the samples themselves; None if unresolved.
 
-        The sketch's own error, of the two order statistics between which the quantile is interpolated; unlike
-        `quantile_interval` it says nothing of what further samples would give.
+        This is the error of the sketch alone, from the two order statistics that are interpolated. Unlike
+        `quantile_interval` it does not include the sampling error.
 
         Raises
         ------
@@ -151,10 +151,10 @@ class Distribution:
         return errors[0] + (position - below) * (errors[1] - errors[0])
 
     def quantile_upper_bound(self, p: float) -> float | None:
-        """Return the value below which the p-quantile lies with the stated confidence, one-sided.
+        """Return the one-sided upper bound of the p-quantile at the stated confidence.
 
-        With p = 0.9973: "at this confidence, at least 99.73 % of all units stay below". None where the
-        samples are fewer than Wilks' number.
+        With p = 0.9973: "at this confidence, at least 99.73 % of all units stay below". None with fewer samples
+        than Wilks' number.
 
         Raises
         ------
@@ -177,7 +177,7 @@ class Distribution:
     def tolerance_bounds(self, content: float) -> tuple[float, float] | None:
         """Return bounds between which this share of all units lies with the stated confidence (Wilks).
 
-        Of a norm from zero to `quantile_upper_bound`, of a component `tolerance_interval`.
+        For a norm these are zero and `quantile_upper_bound`, for a component the ends of `tolerance_interval`.
 
         Raises
         ------
@@ -196,9 +196,9 @@ class Distribution:
         return float(self.cumulative(np.array([check_number("value", value)]))[0])
 
     def cumulative(self, values: ArrayLike) -> Array:
-        """Return `cdf` of an array of values."""
+        """Return `cdf` for an array of values."""
         points = check_numbers("values", values)
-        # the interpolant is fixed at both ends of every occupied bin and is level between bins
+        # linear within every occupied bin, constant between bins
         ends = np.stack((self.bin_lower, self.bin_upper), axis=1).ravel()
         counts = np.stack((self._before, self.bin_cumulative), axis=1).ravel()
         inner = np.interp(points, ends, counts) / self.samples
@@ -207,20 +207,20 @@ class Distribution:
     def probability_inside(self, limit: float) -> float:
         """Return the share of samples with |value| ≤ limit, interpolated inside the bins of the sketch.
 
-        A specification of the plan is counted exactly instead.
+        Specifications of the plan do not use this: their samples are counted exactly.
         """
         if check_number("limit", limit) < 0:
             return 0.0
         return self.cdf(limit) - (self.cdf(-limit) if self.min < -limit else 0.0)
 
     def histogram(self, bars: int | None = None) -> Histogram | None:
-        """Return a histogram to draw, between `min` and `max`; None where all samples are the same.
+        """Return a histogram to draw, from `min` to `max`; None where all samples are equal.
 
         Parameters
         ----------
         bars
-            How many; by default as Freedman and Diaconis (1981) advise, bar width 2·IQR·N^(−1/3), but at
-            least as many as Sturges (1926), 1 + log₂ N, and at most 100.
+            Number of bars. The default follows Freedman and Diaconis (1981), bar width 2·IQR·N^(−1/3), with at
+            least the number of Sturges (1926), 1 + log₂ N, and at most 100.
         """
         span = self.max - self.min
         if span == 0:
@@ -241,7 +241,7 @@ class Distribution:
 
     @property
     def mode(self) -> float | None:
-        """Peak of the smoothed histogram; None where the samples do not resolve one, or are below 100."""
+        """Peak of the smoothed histogram; None where the samples do not resolve one, or are fewer than 100."""
         return None if self._peak is None else self._peak.value
 
     @property
@@ -250,16 +250,16 @@ class Distribution:
         return None if self._peak is None else self._peak.bandwidth
 
     def mean_interval(self) -> tuple[float, float] | None:
-        """Return Hall's interval of the mean (`moment_intervals`); None below 30 samples or where too few decide it."""
+        """Return Hall's interval of the mean (`moment_intervals`); None below 30 samples or for too skewed a law."""
         ends = self.moments.mean_interval
         return None if ends is None else (self.mean + ends[0], self.mean + ends[1])
 
     def variance_interval(self) -> tuple[float, float] | None:
-        """Return the interval of the variance (`moment_intervals`); None below 1,000 samples or where too few decide it."""
+        """Return the interval of the variance (`moment_intervals`); None below 1,000 samples or for too heavy a tail."""
         return self.moments.variance_interval
 
     def std_interval(self) -> tuple[float, float] | None:
-        """Return the roots of the ends of `variance_interval`; None where that is not resolved."""
+        """Return the square roots of the ends of `variance_interval`; None where that is not resolved."""
         ends = self.variance_interval()
         if ends is None or self.std is None:
             return None
@@ -269,10 +269,10 @@ class Distribution:
         """Return an interval that holds the mode of every unimodal law (`mode`); None where it is not resolved."""
         return None if self._peak is None else (self._peak.lower, self._peak.upper)
 
-    # how much of it to print -------------------------------------------------------------------------
+    # intervals and digits by name of the statistic ---------------------------------------------------
 
     def interval(self, statistic: str | float) -> tuple[float, float] | None:
-        """Return the interval of a statistic, named as in `half_width`; None where it is not resolved.
+        """Return the interval of a statistic, named as in `half_width`; None if unresolved.
 
         Raises
         ------
@@ -283,13 +283,13 @@ class Distribution:
         return None if value is None else interval
 
     def half_width(self, statistic: str | float) -> float | None:
-        """Return how far a statistic's interval reaches from it, on the farther side; None if unresolved.
+        """Return the distance of a statistic from the farther end of its interval; None if unresolved.
 
         Parameters
         ----------
         statistic
-            ``mean``, ``std``, ``mode``, ``min``, ``max`` (the last two are what was seen, hence 0), or the
-            probability of a quantile.
+            ``mean``, ``std``, ``mode``, ``min``, ``max`` or the probability of a quantile. The half-width of
+            ``min`` and ``max`` is 0: they are sampled values.
 
         Raises
         ------
@@ -300,9 +300,9 @@ class Distribution:
         return None if value is None or interval is None else max(value - interval[0], interval[1] - value)
 
     def resolution(self, statistic: str | float) -> int | None:
-        """Return how many significant digits of a statistic the samples support; None if unresolved.
+        """Return the number of significant digits of a statistic that the samples support; None if unresolved.
 
-        `statistic` and errors as in `half_width`; the rule is that of `significant_digits`, at most six.
+        `statistic` and errors as in `half_width`; the rule is that of `significant_digits`, with at most six digits.
         """
         value, _ = self._value_and_interval(statistic)
         half_width = self.half_width(statistic)
@@ -311,7 +311,7 @@ class Distribution:
         return significant_digits(value, half_width, most=MOST_DIGITS)
 
     def to_dict(self) -> dict[str, object]:
-        """Return S of the ``precision-pin/analysis/1`` schema: plain floats, None where not resolved."""
+        """Return the object S of the ``precision-pin/analysis/1`` schema: floats, None where not resolved."""
         intervals = {level: self.quantile_interval(level) for level in self.levels}
         return {
             "mean": self.mean,
@@ -324,13 +324,15 @@ class Distribution:
                 str(level): None if interval is None else list(interval) for level, interval in intervals.items()
             },
             "quantile_error": {str(level): self.quantile_error(level) for level in self.levels},
-            "mean_interval": _listed(self.mean_interval()),
-            "std_interval": _listed(self.std_interval()),
-            "mode_interval": _listed(self.mode_interval()),
-            "tolerance_bounds": {str(content): _listed(self.tolerance_bounds(content)) for content in CONTENTS},
+            "mean_interval": _interval_to_list(self.mean_interval()),
+            "std_interval": _interval_to_list(self.std_interval()),
+            "mode_interval": _interval_to_list(self.mode_interval()),
+            "tolerance_bounds": {
+                str(content): _interval_to_list(self.tolerance_bounds(content)) for content in CONTENTS
+            },
         }
 
-    # inside ------------------------------------------------------------------------------------------
+    # private -----------------------------------------------------------------------------------------
 
     def _value_and_interval(self, statistic: str | float) -> tuple[float | None, tuple[float, float] | None]:
         if not isinstance(statistic, str):
@@ -360,7 +362,7 @@ class Distribution:
 
     @cached_property
     def moments(self) -> Moments:
-        """Assumptions of the intervals of mean and variance."""
+        """Mean and variance with the assumptions of their intervals."""
         return Moments(
             deviations=(self.bin_lower + self.bin_upper) / 2 - self.mean,
             counts=self._counts,
@@ -374,7 +376,7 @@ class Distribution:
         return int(np.searchsorted(self.bin_cumulative, rank, side="left"))
 
     def _order_statistic(self, rank: int) -> float:
-        """Return the estimate of the rank-th smallest sample (from 1), inside the bin that holds it."""
+        """Return the estimate of the rank-th smallest sample (from 1), interpolated inside its bin."""
         if rank == 1:
             return self.min
         if rank == self.samples:
@@ -384,9 +386,9 @@ class Distribution:
         return float(self.bin_lower[index] + share * (self.bin_upper[index] - self.bin_lower[index]))
 
     def _outward(self, rank: int) -> tuple[float, float]:
-        """Return numbers certainly not above and not below the rank-th smallest sample."""
+        """Return a lower and an upper bound of the rank-th smallest sample."""
         index = self._bin(rank)
-        # value − centre was rounded when it was binned: one step of the last bit on each side
+        # value − centre was rounded before binning: widen by one unit in the last place on each side
         lower = float(np.nextafter(self.bin_lower[index], -np.inf))
         upper = float(np.nextafter(self.bin_upper[index], np.inf))
         return max(lower, self.min), min(upper, self.max)
@@ -417,7 +419,7 @@ class Distribution:
         )
 
 
-def _listed(interval: tuple[float, float] | None) -> list[float] | None:
+def _interval_to_list(interval: tuple[float, float] | None) -> list[float] | None:
     return None if interval is None else list(interval)
 
 

@@ -1,8 +1,8 @@
 """Distribution-free intervals: ranks of order statistics and the Clopper-Pearson interval.
 
-All rest on one fact: of N independent samples of a continuous law, the number below its p-quantile is
-binomial (N, p). Nothing else is assumed of the law; for a law with jumps the confidence is only higher.
-Tails come from the regularised incomplete beta function.
+Of N independent samples of a continuous law, the number below its p-quantile is binomial (N, p). All intervals
+follow from this and assume nothing else about the law; for a law with jumps the confidence is only higher.
+The binomial tails are computed with the regularised incomplete beta function.
 """
 
 from __future__ import annotations
@@ -25,12 +25,12 @@ __all__ = [
 
 
 def check_confidence(confidence: float) -> None:
-    """Refuse a confidence that does not lie above 0 and below 1.
+    """Check that a confidence lies above 0 and below 1.
 
     Raises
     ------
     InputError
-        It does not.
+        The confidence lies outside.
     """
     check_number("confidence", confidence, "above 0 and below 1", lambda share: 0 < share < 1)
 
@@ -39,9 +39,9 @@ def check_confidence(confidence: float) -> None:
 def quantile_ranks(samples: int, p: float, confidence: float) -> tuple[int, int] | None:
     """Return the ranks whose order statistics enclose the p-quantile, or None.
 
-    The lower rank is the largest l with P(B < l) ≤ (1 − confidence)/2, the upper one the smallest u with
-    P(B ≥ u) ≤ (1 − confidence)/2, B binomial (samples, p). Ranks count from 1. None where l would be 0 or
-    u above the number of samples: then no sample lies far enough out (David and Nagaraja, Order
+    For B binomial (samples, p), the lower rank is the largest l with P(B < l) ≤ (1 − confidence)/2, the upper
+    rank the smallest u with P(B ≥ u) ≤ (1 − confidence)/2. Ranks count from 1. The result is None where l would
+    be 0 or u would exceed the number of samples: no sample lies far enough out (David and Nagaraja, Order
     Statistics, section 7.1).
     """
     tail = (1 - confidence) / 2
@@ -60,7 +60,7 @@ def quantile_coverage(samples: int, p: float, ranks: tuple[int, int]) -> float:
 def upper_bound_rank(samples: int, p: float, confidence: float) -> int | None:
     """Return the rank whose order statistic bounds the p-quantile from above with this confidence.
 
-    The smallest u with P(B ≥ u) ≤ 1 − confidence; None where even the largest sample is not enough
+    This is the smallest u with P(B ≥ u) ≤ 1 − confidence; None where even the largest sample is no such bound
     (Wilks 1941: 95 % of the law with 95 % confidence needs 59 samples).
     """
     rank = _smallest_rank_above(samples, p, 1 - confidence)
@@ -69,10 +69,10 @@ def upper_bound_rank(samples: int, p: float, confidence: float) -> int | None:
 
 @lru_cache(maxsize=1024)
 def tolerance_ranks(samples: int, content: float, confidence: float) -> tuple[int, int] | None:
-    """Return the symmetric ranks r, N + 1 − r between which this content of the law lies.
+    """Return the symmetric ranks r and N + 1 − r between which this content of the law lies.
 
-    The probability between X₍r₎ and X₍N+1−r₎ has the law Beta(N + 1 − 2r, 2r); r is the largest for which it
-    exceeds the content with this confidence. None where r would be 0 (Wilks 1941: 93 samples for 95/95).
+    The probability between X₍r₎ and X₍N+1−r₎ is distributed as Beta(N + 1 − 2r, 2r); r is the largest rank for
+    which it exceeds the content with this confidence. None where r would be 0 (Wilks 1941: 93 samples for 95/95).
     """
     largest = samples // 2
     rank = bisect_left(
@@ -84,10 +84,10 @@ def tolerance_ranks(samples: int, content: float, confidence: float) -> tuple[in
 
 
 def clopper_pearson(inside: int, samples: int, confidence: float) -> tuple[float, float]:
-    """Return the Clopper-Pearson interval of a probability, given how many of the samples were inside.
+    """Return the Clopper-Pearson interval of a probability, given the number of samples inside.
 
     Its coverage is at least the confidence for every probability (Clopper and Pearson, Biometrika 26,
-    1934). The lower end is 0 for none inside, the upper end 1 for all inside.
+    1934). The lower end is 0 if no sample is inside, the upper end 1 if all are.
     """
     tail = (1 - confidence) / 2
     lower = float(betaincinv(inside, samples - inside + 1, tail)) if inside > 0 else 0.0

@@ -1,14 +1,14 @@
-"""The mode: peak of the histogram smoothed by a Gaussian, and an interval that holds the mode of the law.
+"""Mode of a law: peak of the histogram smoothed by a Gaussian, and an interval that contains the mode.
 
-Smoothing shifts the peak of a skewed law by more than its standard error, so the interval does not rest on the smoothed
-histogram. Of all windows of one width the one that holds the most probability holds the mode of every unimodal law: to
-both sides of the mode the density falls. The interval is the union of all windows whose count is not significantly
-smaller than the largest count (Bonferroni's correction for three comparisons made at once): the window sought is among
-them with more than the stated confidence. Nothing else is assumed of the law.
+Smoothing shifts the peak of a skewed law by more than its standard error, so the interval is not derived from the
+smoothed histogram. Of all windows of one width, the one with the most probability contains the mode of every unimodal
+law, because the density falls on both sides of the mode. The interval is the union of all windows whose count is not
+significantly smaller than the largest count (Bonferroni's correction for three simultaneous comparisons). It contains
+the most probable window with more than the stated confidence. Nothing else is assumed about the law.
 
-No mode is resolved where that union is wider than the standard deviation (a level law, two peaks alike), where it reaches
-the end of what was seen (a law without peak, but for a norm's mode of zero), or where finer windows find the mode
-elsewhere (a spike).
+The mode is not resolved in three cases: the union is wider than 1.6 standard deviations (a flat law, or two equal
+peaks); it reaches the smallest or largest sample (a law without peak; a norm with its mode at zero is allowed); or
+narrower windows find the mode elsewhere (a spike).
 """
 
 from __future__ import annotations
@@ -29,23 +29,24 @@ __all__ = ["Peak", "smoothed_peak"]
 _STEPS_PER_BANDWIDTH = 16
 _MOST_CELLS = 1 << 14
 _REACH = 5.0
+"""Half-width of the smoothing Gaussian, in bandwidths."""
 
 _WINDOW: Final = 2.5
-"""Width of the windows, in spreads times N^(-1/5): of all powers of N this one gives the shortest interval."""
+"""Width of the windows, in spreads times N^(-1/5): this power of N gives the shortest interval."""
 _STEPS_PER_WINDOW: Final = 16
 _TESTS: Final = 3
-"""Comparisons that count as made at once: windows side by side that can be nearly as full as the fullest one, unless the
-mode is not resolved anyway."""
+"""Number of simultaneous comparisons: adjacent windows that can be nearly as full as the fullest one while the mode is
+still resolved."""
 _WIDEST: Final = 1.6
-"""Longest interval given, in standard deviations; a level law is 3.5 of them wide, two equal peaks at least 2."""
+"""Longest interval reported, in standard deviations; a flat law is 3.5 of them wide, two equal peaks at least 2."""
 _FINER: Final = (4, 16)
-"""Factor by which the windows that look for spikes are narrower."""
+"""Factors by which the windows that search for spikes are narrower."""
 
 
 @final
 @dataclass(frozen=True)
 class Peak:
-    """The peak of a smoothed histogram, the smoothing's bandwidth, and the interval of the mode."""
+    """Peak of a smoothed histogram, bandwidth of the smoothing, and interval of the mode."""
 
     value: float
     bandwidth: float
@@ -69,24 +70,24 @@ def smoothed_peak(
     Parameters
     ----------
     cumulative
-        The samples' cumulative distribution.
+        Cumulative distribution of the samples.
     samples
-        How many.
+        Number of samples.
     spread
-        Their standard deviation.
+        Standard deviation of the samples.
     quartiles, bulk, seen
-        First and third quartile; the range in which the mode is sought; smallest and largest sample.
+        First and third quartile; the range in which the mode is searched; smallest and largest sample.
     confidence
-        Of the interval.
+        Confidence of the interval.
     reflect_at_zero
-        Whether the quantity cannot be negative; the histogram is then mirrored at zero before it is
-        smoothed, so that nothing leaks across the boundary.
+        True for a quantity that cannot be negative. The histogram is then mirrored at zero before it is
+        smoothed, so that no probability leaks across the boundary.
 
     Notes
     -----
-    Bandwidth: h = 0.969·s·N^(−1/7), s the smaller of std and IQR/1.349; of all powers of N this one is best for
-    the place of a peak (it balances bias h² against variance 1/(N h³); the factor is the normal reference
-    (4/5)^(1/7), Wand and Jones, Kernel Smoothing, 1995).
+    The bandwidth is h = 0.969·s·N^(−1/7), with s the smaller of std and IQR/1.349. This power of N is the best one
+    for the location of a peak: it balances bias h² against variance 1/(N h³). The factor is the normal reference
+    (4/5)^(1/7) (Wand and Jones, Kernel Smoothing, 1995).
     """
     if spread == 0:
         return Peak(value=bulk[0], bandwidth=0.0, lower=bulk[0], upper=bulk[0])
@@ -94,25 +95,25 @@ def smoothed_peak(
     robust = min(spread, interquartile / 1.349) if interquartile > 0 else spread
     width = _WINDOW * robust * samples ** (-1 / 5)
     sought = (max(bulk[0] - width, 0.0) if reflect_at_zero else bulk[0] - width, bulk[1] + width)
-    likely = _likeliest(cumulative, sought, width, samples, confidence)
+    likely = _likeliest_interval(cumulative, sought, width, samples, confidence)
     if likely is None or likely[1] - likely[0] > _WIDEST * spread:
         return None
     at_zero = reflect_at_zero and seen[0] < width
     if (likely[0] - seen[0] < width / 2 and not at_zero) or seen[1] - likely[1] < width / 2:
         return None
     for finer in _FINER:
-        spike = _likeliest(cumulative, sought, width / finer, samples, confidence)
+        spike = _likeliest_interval(cumulative, sought, width / finer, samples, confidence)
         if spike is not None and (spike[0] > likely[1] or spike[1] < likely[0]):
             return None
     bandwidth = (4 / 5) ** (1 / 7) * robust * samples ** (-1 / 7)
-    value = _smoothed(cumulative, bulk, bandwidth, reflect_at_zero=reflect_at_zero)
+    value = _find_smoothed_peak(cumulative, bulk, bandwidth, reflect_at_zero=reflect_at_zero)
     return Peak(value, bandwidth, min(likely[0], value), max(likely[1], value))
 
 
-def _likeliest(
+def _likeliest_interval(
     cumulative: Callable[[Array], Array], sought: tuple[float, float], width: float, samples: int, confidence: float
 ) -> tuple[float, float] | None:
-    """Return the union of the windows that may be the one with the most probability; None where there are too many."""
+    """Return the union of the windows that may hold the most probability; None where there are too many windows."""
     step = width / _STEPS_PER_WINDOW
     cells = math.ceil((sought[1] - sought[0]) / step)
     if not _STEPS_PER_WINDOW < cells <= _MOST_CELLS:
@@ -122,7 +123,7 @@ def _likeliest(
     held = below[_STEPS_PER_WINDOW:] - below[:-_STEPS_PER_WINDOW]
     best = int(np.argmax(held))
     starts = np.arange(held.size)
-    # what two windows share does not tell them apart
+    # samples in the overlap of two windows do not contribute to the difference of their counts
     shared_from, shared_to = np.maximum(starts, best), np.minimum(starts, best) + _STEPS_PER_WINDOW
     shared = np.where(shared_to > shared_from, below[shared_to] - below[np.minimum(shared_from, cells)], 0.0)
     critical = -float(ndtri((1 - confidence) / (2 * _TESTS)))
@@ -131,10 +132,10 @@ def _likeliest(
     return float(edges[alike[0]]), float(edges[alike[-1] + _STEPS_PER_WINDOW])
 
 
-def _smoothed(
+def _find_smoothed_peak(
     cumulative: Callable[[Array], Array], bulk: tuple[float, float], bandwidth: float, *, reflect_at_zero: bool
 ) -> float:
-    """Return where the smoothed histogram is highest within the bulk."""
+    """Return the value at which the smoothed histogram is highest within the bulk."""
     lower = bulk[0] - _REACH * bandwidth
     upper = bulk[1] + _REACH * bandwidth
     mirrored = reflect_at_zero and lower <= 0
@@ -160,7 +161,7 @@ def _smoothed(
 
 
 def _summit(middles: Array, density: Array, top: int, mirrored: bool) -> float:
-    """Return the summit of the parabola through the highest cell and its neighbours."""
+    """Return the vertex of the parabola through the highest cell and its neighbours."""
     left, centre, right = density[top - 1 : top + 2]
     bend = left - 2 * centre + right
     shift = 0.5 * (left - right) / bend if bend < 0 else 0.0

@@ -1,19 +1,19 @@
-"""Intervals of mean and variance that notice how far the law is from a normal one.
+"""Intervals of mean and variance for laws that are not normal.
 
-Both are means: of the values, and of the squares of their deviations. The interval of a mean is Hall's (Journal of the
-Royal Statistical Society B 54, 1992, 221-228): the central limit theorem with the skewness transformed away, and
-Student's quantile. What the skewness leaves is of the order of γ²/N; so the quantile is widened as γ/√N grows, and no
-interval is given where it gets near 1/2, the skewness of a value that one sample in four decides.
+The variance is a mean as well, that of the squared deviations. The interval of a mean is Hall's (Journal of the Royal
+Statistical Society B 54, 1992, 221-228): the central limit theorem with the skewness removed by a transformation, and
+Student's quantile. The transformation leaves an error of the order of γ²/N. The quantile is therefore widened as γ/√N
+grows, and no interval is given where γ/√N approaches 1/2, the skewness of a value decided by one sample in four.
 
-Samples of a heavy tail look harmless as long as they hold none of its large values. Two things guard against that: the
-skewness that the laws are known to have (`Plan.skewness`), and Hill's index of the tail (Annals of Statistics 3, 1975,
-1163-1174) from the √N samples farthest out, which hardly varies from seed to seed. The variance of a law of index 4 has
-no central limit theorem, and of an index not far above a slow one: the interval is widened as the index falls, and not
-given below. Of fewer than a thousand samples the index says too little.
+A sample of a heavy-tailed law may contain none of the large values and then looks harmless. Two measures guard against
+that: the skewness derived from the laws (`Plan.skewness`), and Hill's index of the tail (Annals of Statistics 3, 1975,
+1163-1174). The index is estimated from the √N outermost samples and hardly varies from seed to seed. For a tail index of
+4 or less the sample variance has no central limit theorem, and slightly above 4 it converges slowly. The interval is
+widened as the index falls, and not given below 3.5. With fewer than a thousand samples the index is too uncertain.
 
-The squared deviations are from the sampled mean, which lies nearer to the samples than the true one. Where the squares
-hardly vary (two equally likely values) that difference is all there is, so the upper end is moved by the square of the
-mean's half-width.
+The squared deviations are taken from the sample mean, which lies nearer to the samples than the true mean. Where the
+squares hardly vary (two equally likely values) this difference dominates. The upper end is therefore raised by the
+square of the mean's half-width.
 """
 
 from __future__ import annotations
@@ -38,31 +38,32 @@ Interval = tuple[float, float]
 _FEWEST_FOR_MEAN: Final = 30
 _FEWEST_FOR_VARIANCE: Final = 1000
 _MOST_SKEWED: Final = 0.4
-"""Largest skewness of a mean, γ/√N, with which an interval is given."""
+"""Largest skewness of a mean, γ/√N, for which an interval is given."""
 _SKEWED_AWAY: Final = 0.5
 """Skewness of a mean at which the widened interval would be infinite."""
 _LEAST_INDEX: Final = 3.5
+"""Smallest tail index for which an interval of the variance is given."""
 _INDEX: Final = 4.2
-"""Index of a tail at which the interval of the variance is widened to twice its length."""
+"""Tail index at which the interval of the variance is doubled in length."""
 _SKETCH_ERROR: Final = 0.05
-"""Largest relative difference of the variance from the bins and from the sums: beyond, the bins are too coarse."""
+"""Largest relative difference between the variance from the bins and from the sums; above it the bins are too coarse."""
 
 
 @final
 @dataclass(frozen=True, eq=False)
 class Moments:
-    """Mean and variance of some samples with their intervals.
+    """Mean and variance of a set of samples with their intervals.
 
     Attributes
     ----------
     deviations, counts
-        ``(k,)`` values less the mean, each for as many samples: the middles of bins.
+        ``(k,)`` bin centres minus the mean, and the number of samples in each bin.
     variance
         Mean square deviation of the samples themselves, divisor N.
     samples, confidence
-        How many; of the intervals.
+        Number of samples; confidence of the intervals.
     skewness
-        Of the values and of their squared deviations, as the laws have it; not-a-number where that is not known.
+        Skewness of the values and of their squared deviations, derived from the laws; NaN where unknown.
     """
 
     deviations: Array
@@ -77,7 +78,7 @@ class Moments:
 
     @property
     def mean_interval(self) -> Interval | None:
-        """How far the true mean may lie from that of the samples, ``(below, above)``; None where not resolved."""
+        """Interval of the true mean relative to the sample mean, ``(below, above)``; None where not resolved."""
         if self.samples < _FEWEST_FOR_MEAN or not self._usable:
             return None
         if self.variance == 0:
@@ -86,7 +87,7 @@ class Moments:
 
     @cached_property
     def variance_interval(self) -> Interval | None:
-        """The interval of the variance; None where not resolved."""
+        """Interval of the variance; None where not resolved."""
         if self.samples < _FEWEST_FOR_VARIANCE or not self._usable:
             return None
         if self.variance == 0:
@@ -98,29 +99,30 @@ class Moments:
         ends = _hall(self._mean_of_squares, self.skewness[1], widening, self._quantile, self.samples)
         if ends is None:
             return None
-        return max(self.variance + ends[0], 0.0), self.variance + ends[1] + self.moved**2
+        return max(self.variance + ends[0], 0.0), self.variance + ends[1] + self.mean_half_width**2
 
     @property
-    def moved(self) -> float:
-        """How far the sampled mean may lie from the true one."""
+    def mean_half_width(self) -> float:
+        """Half-width of Student's interval of the mean, without regard to skewness."""
         return self._quantile * self._mean_of_values.error
 
     @property
     def standard_errors(self) -> float:
-        """How many standard errors the interval of the variance reaches on its farther side, at least as many as a normal one."""
+        """Half-width of the variance's interval on its farther side, in standard errors; at least Student's quantile."""
         ends, error = self.variance_interval, self._mean_of_squares.error
         if ends is None or error == 0:
             return self._quantile
-        return max((self.variance - ends[0]) / error, (ends[1] - self.moved**2 - self.variance) / error, self._quantile)
+        above = ends[1] - self.mean_half_width**2 - self.variance
+        return max((self.variance - ends[0]) / error, above / error, self._quantile)
 
     @property
-    def fourth(self) -> float:
+    def fourth_moment(self) -> float:
         """Mean fourth power of the deviations."""
         return self._mean_of_squares.error**2 * self.samples + self.variance**2
 
     @cached_property
     def _usable(self) -> bool:
-        """Whether the bins give the variance that the sums give."""
+        """True if the bins reproduce the variance of the sums."""
         binned = _dot(self.counts, self.deviations**2) / self.samples
         return abs(binned - self.variance) <= _SKETCH_ERROR * self.variance
 
@@ -138,7 +140,7 @@ class Moments:
 
     @property
     def _tail_index(self) -> float:
-        """Hill's index of the √N samples farthest from the mean, less its standard error."""
+        """Hill's index of the √N samples farthest from the mean, minus its standard error."""
         outermost = math.ceil(math.sqrt(self.samples))
         order = np.argsort(-np.abs(self.deviations), kind="stable")
         distances, counts = np.abs(self.deviations)[order], self.counts[order]
@@ -161,7 +163,7 @@ class _Mean:
     @classmethod
     def of(cls, values: Array, counts: NDArray[np.int64], samples: int) -> _Mean:
         residuals = values - _dot(counts, values) / samples
-        # scaled, so that no power of a tiny or huge number is lost
+        # scaled, so that no power of a tiny or huge number underflows or overflows
         largest = float(np.abs(residuals).max())
         if largest == 0:
             return cls(0.0, 0.0)
@@ -172,14 +174,14 @@ class _Mean:
 
 
 def _dot(counts: NDArray[np.int64], values: Array) -> float:
-    """Return the sum of the values, each as often as it counts; BLAS would give other bits in another process."""
+    """Return the sum of the values weighted by their counts; BLAS may give different bits in another process."""
     return float((counts * values).sum())
 
 
 def _hall(mean: _Mean, known: float, widening: float, quantile: float, samples: int) -> Interval | None:
-    """Return how far the truth may lie from a mean, ``(below, above)``; None where the mean is too skewed."""
+    """Return Hall's interval relative to a mean, ``(below, above)``; None where the mean is too skewed."""
     skewness = mean.skewness
-    # fmax leaves out what is not a number
+    # fmax ignores NaN, an unknown skewness
     most = float(np.fmax(abs(skewness), abs(known) / math.sqrt(samples)))
     if most > _MOST_SKEWED:
         return None

@@ -1,4 +1,4 @@
-"""A plan of what to count: specifications, and the expected centre and spread of each quantity."""
+"""Plan of the accumulation: specifications, and the expected centre and spread of each quantity."""
 
 from __future__ import annotations
 
@@ -22,28 +22,28 @@ _SCALE_WITHOUT_SPREAD = 2.0**-30
 _SMALLEST_SCALE = 2.0**-40
 
 _OUTERMOST: Final = 2.0**8
-"""Up to where the sketch has bins, in units of the scale."""
+"""Outer end of the sketch's bins, in units of the scale."""
 _WIDEST: Final = 2.0**6
-"""The largest scale, in units of the spread seen: the bins about the centre are then 1/64 of the spread wide."""
+"""Largest scale, in units of the observed spread: the bins about the centre are then 1/64 of the spread wide."""
 _MARGIN: Final = 16.0
-"""Factor by which the bins reach farther out than the farthest sample of a pilot."""
+"""Ratio of the bins' outer end to the farthest sample of a pilot."""
 _NOISE: Final = 1e-12
-"""A spread below this share of how far errors reach is rounding."""
+"""Spreads below this share of the largest possible error count as rounding."""
 
 
 @final
 @dataclass(frozen=True)
 class Specification:
-    """A demand: |quantity| ≤ limit with at least the required probability.
+    """Requirement that |quantity| ≤ limit with at least the required probability.
 
     Attributes
     ----------
     quantity
         One of `QUANTITIES`, or another of its names (:func:`precision_pin.statistics.quantities.quantity_name`).
     limit
-        The largest absolute value allowed, m or rad; a value equal to the limit is inside.
+        Largest absolute value allowed, m or rad; a value equal to the limit is inside.
     required
-        The probability demanded, between 0 and 1 (both excluded: no sample can show 100 %).
+        Required probability, between 0 and 1 (both excluded: no sample can show 100 %).
 
     Raises
     ------
@@ -69,31 +69,31 @@ class Specification:
 
     @property
     def row(self) -> int:
-        """Row of the quantity in the arrays of eight."""
+        """Row of the quantity in the arrays with eight rows."""
         return QUANTITIES.index(self.quantity)
 
 
 @final
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """The centre and the scale of bins for each quantity, and the specifications to count.
+    """Centre and scale of the bins for each quantity, and the specifications to count.
 
-    Neither centre nor scale biases any result; they decide how finely the sketch resolves it and how much
-    the sums cancel. Middle and spread of a pilot's samples are good choices (`from_pilot`).
+    Neither centre nor scale biases any result. They decide how finely the sketch resolves a quantity and how many
+    digits cancel in the sums. Median and spread of a pilot's samples are good choices (`from_pilot`).
 
     Attributes
     ----------
     centre
-        ``(8,)`` planned middles, m and rad; subtracted before anything is summed or binned.
+        ``(8,)`` planned centres, m and rad; subtracted before anything is summed or binned.
     scale
         ``(8,)`` planned spreads, m and rad, each rounded to a power of two, so that dividing by it is
         exact. A spread of zero is replaced by 2⁻¹⁰ of the largest of its four (position or attitude), or
         by 2⁻³⁰ where all four are zero; none is below 2⁻⁴⁰.
     specifications
-        What is counted exactly.
+        Specifications whose samples are counted exactly.
     skewness
-        ``(8, 2)`` skewness of each quantity and of the square of its deviation from the mean, as far as the laws tell:
-        what intervals of moments must reckon with, seen or not. Not-a-number where that is not known, the default.
+        ``(8, 2)`` skewness of each quantity and of its squared deviation from the mean, derived from the laws. The
+        intervals of the moments allow for it even where the samples do not show it. NaN (the default) where unknown.
 
     Raises
     ------
@@ -131,23 +131,24 @@ class Plan:
 
     @classmethod
     def from_pilot(cls, values: ArrayLike, reach: ArrayLike, specifications: tuple[Specification, ...] = ()) -> Plan:
-        """Plan from some samples and from how far errors can reach.
+        """Return the plan for the samples of a pilot and the largest possible errors.
 
         Parameters
         ----------
         values
-            ``(8, N)`` the quantities of the samples, as `quantity_values` returns them.
+            ``(8, N)`` quantities of the samples, as `quantity_values` returns them.
         reach
-            ``(6,)`` how far the components can get from the middle, about; 0 where that is not known.
+            ``(6,)`` approximate largest deviation of each component from the centre; 0 where unknown.
         specifications
-            What is counted exactly.
+            Specifications whose samples are counted exactly.
 
         Notes
         -----
-        The centre is the median. The spread s is that of the bulk: the smallest of the interquartile range and the range
-        from 5 to 95 %, each over that of a unit normal law, and of the standard deviation, zeros and rounding left out.
-        The scale is s or, where errors get farther than 256 s, larger, so that the bins get that far too; at most 64 s, so
-        that the bulk stays resolved. Where the samples show no spread, the scale goes by the reach alone.
+        The centre is the median. The spread s is that of the bulk, the smallest of three estimates: the interquartile
+        range and the range from 5 to 95 %, each divided by that of a unit normal law, and the standard deviation.
+        Estimates that are zero or mere rounding are left out. The scale is s. Where errors exceed 256 s it is larger, so
+        that the bins cover them, but at most 64 s, so that the bulk stays resolved. Where the samples show no spread, the
+        scale follows from the reach alone.
         """
         seen = np.asarray(values, dtype=float)
         parts = np.asarray(reach, dtype=float)
@@ -174,21 +175,21 @@ class Plan:
     def from_moments(
         cls, mean: ArrayLike, covariance: ArrayLike, specifications: tuple[Specification, ...] = ()
     ) -> Plan:
-        """Plan from the linear model's mean and covariance.
+        """Return the plan for the mean and covariance of the linear model.
 
         Parameters
         ----------
         mean
             ``(6,)`` expected error [d; δ], m and rad, base axes.
         covariance
-            ``(6, 6)`` its covariance.
+            ``(6, 6)`` covariance of the error.
         specifications
-            What is counted exactly.
+            Specifications whose samples are counted exactly.
 
         Notes
         -----
-        For a norm: E|d|² = |m|² + tr C, Var|d|² = 2 tr C² + 4 mᵀCm (that of a normal vector), hence
-        Var|d| ≈ Var|d|² / (4 E|d|²) and (E|d|)² ≈ E|d|² − Var|d|. This only places bins.
+        For a norm: E|d|² = |m|² + tr C and Var|d|² = 2 tr C² + 4 mᵀCm (for a normal vector), hence
+        Var|d| ≈ Var|d|² / (4 E|d|²) and (E|d|)² ≈ E|d|² − Var|d|. These approximations only place bins.
         """
         expected = np.asarray(mean, dtype=float)
         spread = np.asarray(covariance, dtype=float)

@@ -1,16 +1,17 @@
-"""Demanded and reached precision of a statistic, by which a run may stop itself.
+"""Target and reached precision of a statistic, for runs that stop once the target is reached.
 
-JCGM 101:2008, 7.9, adds samples until the results are stable to a numerical tolerance. Here the measure is the interval
-that the samples give at the stated confidence: distribution-free order statistics for a quantile, Hall's interval for
-mean and standard deviation (:mod:`precision_pin.statistics.moment_intervals`).
+JCGM 101:2008, 7.9, adds samples until the results are stable to a numerical tolerance. The measure used here is the
+interval at the stated confidence: distribution-free order statistics for a quantile, Hall's interval for mean and
+standard deviation (:mod:`precision_pin.statistics.moment_intervals`).
 
-Looking again and again, and stopping at the first look that satisfies, favours runs that happened to underestimate their
-spread: intervals of a stopped run cover a little less often than they state. A rule that looks at the width alone is
-right in the limit of small tolerances (Chow and Robbins, Annals of Mathematical Statistics 36, 1965); few looks, each at
-twice the samples of the one before, and a first one of thousands of samples keep the loss small. With a first look at
-512 samples of a gamma law, and the tolerance where half of the runs pass a look, 95 % became 95.6 % for the mean and
-94.3 % for the 95 % quantile in 2,500 runs; the interval of the standard deviation, made wide for worse tails, held the
-truth in 99.9 %.
+Checking repeatedly and stopping at the first success favours runs that happen to underestimate their spread, so the
+intervals of a stopped run cover slightly less often than stated. A rule based on the width alone is right in the limit
+of small tolerances (Chow and Robbins, Annals of Mathematical Statistics 36, 1965). The loss is kept small by few checks,
+each at twice the samples of the one before, starting with thousands of samples.
+
+Measured with 2,500 runs of a gamma law, a first check at 512 samples and a tolerance that half of the runs pass at a
+check: the coverage of nominal 95 % was 95.6 % for the mean and 94.3 % for the 95 % quantile. The interval of the standard
+deviation, which is widened for heavy tails, covered in 99.9 %.
 """
 
 from __future__ import annotations
@@ -40,18 +41,18 @@ _EXAMPLES: Final = "'95 % to 0.01 mm', 'x mean to 1 um' or 'attitude std to 1 %'
 @final
 @dataclass(frozen=True)
 class Target:
-    """Demanded precision of a statistic.
+    """Target precision of a statistic.
 
     Attributes
     ----------
     quantity
-        One of the eight, such as ``position.norm``.
+        One of the eight quantities, such as ``position.norm``.
     statistic
         ``"mean"``, ``"std"``, or the probability of a quantile.
     tolerance
-        Largest half-width allowed of the statistic's interval: m or rad, or a share of the statistic itself.
+        Largest allowed half-width of the statistic's interval: m or rad, or a share of the statistic itself.
     relative
-        Whether it is such a share.
+        True if the tolerance is such a share.
     """
 
     quantity: str
@@ -68,11 +69,12 @@ class Precision:
     Attributes
     ----------
     half_width
-        How far its interval reaches from it, on the farther side, m or rad; ``None`` where the samples do not resolve it.
+        Distance of the statistic from the farther end of its interval, m or rad; ``None`` where the samples do not
+        resolve it.
     tolerance
-        How far it may, m or rad.
+        Largest allowed half-width, m or rad.
     reached
-        Whether it does not reach farther.
+        True if the half-width is within the tolerance.
     """
 
     half_width: float | None
@@ -80,15 +82,15 @@ class Precision:
     reached: bool
 
     def needed(self, samples: int) -> int | None:
-        """Return about how many samples it takes, given that so many gave this: half-widths shrink with their root.
+        """Return the estimated number of samples for the tolerance, ``None`` where it cannot be estimated.
 
-        ``None`` where that cannot be told.
+        The half-width of the given number of samples is extrapolated: half-widths shrink with the square root.
         """
         if self.reached:
             return samples
         if self.half_width is None or self.tolerance <= 0:
             return None
-        # beyond any number of samples there are, the ratio squared is no float
+        # far beyond any feasible number of samples; the square could overflow
         ratio = self.half_width / self.tolerance
         return None if ratio > _LARGEST_RATIO else round(samples * ratio**2)
 
@@ -103,14 +105,14 @@ def target(text: str) -> Target:
     ----------
     text
         ``[QUANTITY] STATISTIC to TOLERANCE``: the quantity as in :func:`precision_pin.specification` (position, attitude,
-        x, y, z, rx, ry, rz, or a name such as ``dx``, ``|d|`` or ``position.x``; if left out, position, or attitude where
-        the tolerance is an angle); the statistic ``mean``, ``std`` or the probability of a quantile, as ``95 %`` or
-        ``0.95``; the tolerance a length or an angle, or a share of the statistic such as ``1 %``.
+        x, y, z, rx, ry, rz, or a name such as ``dx``, ``|d|`` or ``position.x``; by default position, or attitude where
+        the tolerance is an angle); the statistic as ``mean``, ``std`` or the probability of a quantile, ``95 %`` or
+        ``0.95``; the tolerance as a length or an angle, or as a share of the statistic such as ``1 %``.
 
     Raises
     ------
     InputError
-        Not of this form, a probability outside 0 to 1, a tolerance that is not positive.
+        The text is not of this form, a probability lies outside 0 to 1, or a tolerance is not positive.
     UnknownNameError
         There is no such quantity.
     """
@@ -146,14 +148,14 @@ def target(text: str) -> Target:
 
 
 def reached(wanted: Target, found: Summary | Distribution) -> Precision:
-    """Return how precise a statistic is by now, beside how precise it is to become.
+    """Return the precision that a statistic has reached, and its tolerance.
 
     Parameters
     ----------
     wanted
         The statistic and its tolerance.
     found
-        What the samples so far say; its confidence is the interval's.
+        Results of the samples so far; their confidence is that of the interval.
 
     Raises
     ------

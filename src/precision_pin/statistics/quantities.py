@@ -1,7 +1,7 @@
-"""The eight quantities of a pose error and what they are called.
+"""The eight quantities of a pose error and their names.
 
-Results, JSON, data frames and Python use one name, such as ``position.z``; tables and figures show its symbol, ``dz``. What
-is written by a user may be either, or the short form of a specification, ``z``: the same words everywhere.
+Results, JSON, data frames and Python use one name, such as ``position.z``; tables and figures show its symbol, ``dz``.
+Users may write either, or the short form of a specification, ``z``. The same words are accepted everywhere.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ QUANTITY_WORDS: Final = {
     "rx": "attitude.x",
     "ry": "attitude.y",
     "rz": "attitude.z",
-    # as tables have them
+    # symbols of the tables
     "|d|": "position.norm",
     "dx": "position.x",
     "dy": "position.y",
@@ -52,11 +52,11 @@ QUANTITY_WORDS: Final = {
 """Names of quantities that users may give."""
 
 QUANTITY_PATTERN: Final = r"\|[^\s|@]++\||[^\W\d](?:[^\W\d]|\.(?=[^\W\d]))*+"
-"""Of a word that may be one of them: no digit, so that a number may follow without a blank."""
+"""Pattern of a word that may be such a name: no digit, so that a number may follow without a blank."""
 
 
 def quantity_name(quantity: str) -> str:
-    """Return the name in results of what a user calls a quantity: ``position.z`` for ``z``, ``dz`` and itself.
+    """Return the result name of a quantity, given any of its names: ``position.z`` for ``z``, ``dz`` and itself.
 
     Raises
     ------

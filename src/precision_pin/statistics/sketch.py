@@ -1,20 +1,20 @@
-"""A histogram over the bits of a float: 512 bins an octave, twenty octaves, both signs.
+"""Histogram binned by the bits of a float: 512 bins per octave, twenty octaves, both signs.
 
 A value is first centred and scaled, ``v = (value − centre) / scale``. The magnitude |v| falls into bin
 
-- ``0`` below 2⁻¹² (one bin for everything that small),
+- ``0`` below 2⁻¹² (one bin for all smaller magnitudes),
 - ``1 + (bits(|v|) >> 43) − OFFSET`` up to 2⁸: the exponent and the top nine bits of the mantissa,
-- ``BINS − 1``, the last one, for everything beyond as well.
+- ``BINS − 1``, the last bin, for all larger magnitudes.
 
 The column of the sketch is ``BINS + bin`` for v ≥ 0 and ``BINS − 1 − bin`` for v < 0, so that columns
-ascend with the value. Each step is monotone in the value, rounding included; a value's rank is therefore
-known exactly down to the bin, and counts of two sketches simply add.
+ascend with the value. Each step is monotone in the value, rounding included. The rank of a value is therefore
+known exactly down to the bin, and two sketches are merged by adding their counts.
 
-Error bound: a bin that holds v is at most ``max(2⁻¹², 2⁻⁹ |v|)`` wide, in units of the scale (the last bin
-ends at the smallest or largest value seen). Any value reconstructed inside its bin is off by no more.
+Error bound: a bin that contains v is at most ``max(2⁻¹², 2⁻⁹ |v|)`` wide, in units of the scale (the last bin
+ends at the smallest or largest value). A value reconstructed inside its bin has at most this error.
 
 The layout follows the float-bits histograms of HdrHistogram and DDSketch (Masson, Rim, Lee 2019, "DDSketch: a fast
-and fully-mergeable quantile sketch with relative-error guarantees"), centred on the planned middle.
+and fully-mergeable quantile sketch with relative-error guarantees"), centred on the planned centre.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ COLUMNS: Final = 2 * BINS
 
 
 def sketch_columns(scaled: Array) -> Counts:
-    """Return the column of each centred and scaled value; shapes are kept.
+    """Return the column of each centred and scaled value, in an array of the same shape.
 
     Parameters
     ----------

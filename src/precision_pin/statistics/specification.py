@@ -1,4 +1,4 @@
-"""Specifications as a user writes them: ``0.5 mm @ 99.73 %``, ``x 0.2 mm``, ``attitude 1 mrad @ 0.99``."""
+"""Specifications as text: ``0.5 mm @ 99.73 %``, ``x 0.2 mm``, ``attitude 1 mrad @ 0.99``."""
 
 from __future__ import annotations
 
@@ -16,13 +16,14 @@ from precision_pin.statistics.quantities import QUANTITY_PATTERN, QUANTITY_WORDS
 __all__ = ["DEFAULT_PROBABILITY", "Specifications", "listed_specifications", "specification"]
 
 DEFAULT_PROBABILITY: Final = 0.95
-"""Required probability of a specification that names none."""
+"""Required probability of a specification without one."""
 
 _FORM: Final = re.compile(rf"({QUANTITY_PATTERN})?\s*+(?:(?:<=|<|≤)\s*+)?(\S.*)", re.DOTALL)
 _LEAST_PER_CENT: Final = 0.01
+"""Smallest probability accepted in per cent; less is probably a ratio written with a per cent sign."""
 
 Specifications = Specification | str | Sequence[Specification | str]
-"""Limits as the analyses take them: one or several, each a specification or its text."""
+"""One or several limits, each a specification or its text."""
 
 
 def specification(text: str) -> Specification:
@@ -32,13 +33,14 @@ def specification(text: str) -> Specification:
     ----------
     text
         ``[QUANTITY] LIMIT [@ PROBABILITY]``. The quantity is position (the default of a length), attitude (the default
-        of an angle), a component x, y, z, rx, ry, rz, a name as in the tables such as ``dx`` or ``|d|``, or as in the JSON
-        such as ``position.x``; ≤ may follow it; the limit a length or an angle; the probability 95 % if left out.
+        of an angle), a component x, y, z, rx, ry, rz, a name of the tables such as ``dx`` or ``|d|``, or a name of the
+        JSON such as ``position.x``. It may be followed by ≤. The limit is a length or an angle. The probability is 95 %
+        by default.
 
     Raises
     ------
     InputError
-        Not of this form, a limit that is not positive, or a probability outside 0 to 1.
+        The text is not of this form, the limit is not positive, or the probability lies outside 0 to 1.
     """
     demand, at, probability_text = (
         part.strip() for part in check_text("a specification", text, "0.5 mm @ 99.73 %").partition("@")
@@ -54,13 +56,13 @@ def specification(text: str) -> Specification:
                 f"{limit_text!r} has no unit: '{limit_text} mm' limits the position, '{limit_text} mrad' the attitude"
             )
         limit = units.parse(limit_text, units.LENGTH, units.ANGLE)
-        required = _required(probability_text) if at else DEFAULT_PROBABILITY
+        required = _parse_required(probability_text) if at else DEFAULT_PROBABILITY
     except UnitError as error:
         raise InputError(f"specification {text!r}: {error.findings[0].message}") from None
     is_length = unit in units.LENGTH.units
     if word is None:
         word = "position" if is_length else "attitude"
-    # what is limited is the absolute value, which may be written so: |dx|
+    # the limit applies to the absolute value, which may be written |dx|
     word = word if word in QUANTITY_WORDS else word.strip("|")
     if word not in QUANTITY_WORDS:
         raise UnknownNameError("quantity of a specification", word, QUANTITY_WORDS)
@@ -74,8 +76,8 @@ def specification(text: str) -> Specification:
     return Specification(QUANTITY_WORDS[word], limit, required)
 
 
-def _required(text: str) -> float:
-    """Return the probability asked for; one that is written in per cent and below 1 % is refused as a slip."""
+def _parse_required(text: str) -> float:
+    """Return the required probability; one written in per cent and below 1 % is rejected as a probable slip."""
     value = units.parse_probability(text)
     if value < _LEAST_PER_CENT and units.split(text)[1] == "%":
         raise UnitError(
@@ -86,12 +88,12 @@ def _required(text: str) -> float:
 
 
 def listed_specifications(given: Specifications) -> tuple[Specification, ...]:
-    """Return specifications one by one, texts among them read.
+    """Return a tuple of specifications, the texts among them parsed.
 
     Raises
     ------
     InputError
-        Something that is neither a specification nor its text, or a text that is none.
+        An entry is neither a specification nor a text, or its text is not a specification.
     """
     if isinstance(given, Specification | str):
         given = (given,)

@@ -1,4 +1,4 @@
-"""From accumulators to what is reported."""
+"""Summary of the accumulated samples."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ __all__ = [
 Verdict = Literal["met", "not met", "undecided", "nothing to judge"]
 
 NO_SPREAD: Final = 1e-12
-"""Errors that differ by less (m, rad) are one error: that is rounding on an arm of metres."""
+"""Differences between errors below this value (m, rad) count as rounding on an arm of metres."""
 
 
 def judge(*, holds: bool, fails: bool, varies: bool = True) -> Verdict:
@@ -50,10 +50,10 @@ def judge(*, holds: bool, fails: bool, varies: bool = True) -> Verdict:
     Parameters
     ----------
     holds, fails
-        Whether the whole interval of the probability is enough, or too little.
+        Whether the whole interval of the probability is at least the required probability, or below it.
     varies
-        Whether the quantity differs from robot to robot at all. Where it does not, no tolerance was tried: that it is
-        inside shows nothing.
+        Whether the quantity differs from robot to robot. Where it does not, no tolerance acts on it, and being inside
+        proves nothing.
     """
     if fails:
         return "not met"
@@ -65,7 +65,7 @@ def judge(*, holds: bool, fails: bool, varies: bool = True) -> Verdict:
 @final
 @dataclass(frozen=True, eq=False)
 class VectorDistribution:
-    """The distributions of a three-vector's norm and components."""
+    """Distributions of the norm and the components of a three-vector."""
 
     norm: Distribution
     x: Distribution
@@ -73,16 +73,16 @@ class VectorDistribution:
     z: Distribution
 
     def to_dict(self) -> dict[str, object]:
-        """Return S of the norm and of each component, as in the ``precision-pin/analysis/1`` schema."""
+        """Return the object S of the ``precision-pin/analysis/1`` schema for the norm and each component."""
         return {name: getattr(self, name).to_dict() for name in ("norm", "x", "y", "z")}
 
 
 def capability_index(inside: float) -> float:
-    """Return Φ⁻¹(P)/3: the Cpk of a normal characteristic with one limit that has this share P inside.
+    """Return Φ⁻¹(P)/3: the Cpk of a normal characteristic with one limit and the share P inside it.
 
-    The benchmark Z of process capability (Bothe, *Measuring Process Capability*, 1997), a third of it: it rests on the share
-    alone, so that it holds for any law and for two limits, where the two tails are added up. 1 is 99.865 %, 1.33 is
-    99.9968 %; infinite for a share of 0 or 1.
+    This is a third of the benchmark Z of process capability (Bothe, *Measuring Process Capability*, 1997). It depends on
+    the share alone, so that it applies to any law, and to two limits, whose two tails are added. A value of 1 is 99.865 %,
+    1.33 is 99.9968 %. It is infinite for a share of 0 or 1.
     """
     if not 0 < inside < 1:
         return math.copysign(math.inf, inside - 0.5)
@@ -92,7 +92,7 @@ def capability_index(inside: float) -> float:
 @final
 @dataclass(frozen=True)
 class SpecificationResult:
-    """Result of a specification: the share of samples inside it.
+    """Result of a specification: the share of samples inside its limit.
 
     Attributes
     ----------
@@ -101,9 +101,9 @@ class SpecificationResult:
     probability
         Share of samples with |quantity| ≤ limit, counted exactly.
     interval
-        Its Clopper-Pearson interval.
+        Clopper-Pearson interval of the probability.
     varies
-        Whether the quantity varies at all.
+        True if the quantity differs from robot to robot.
     """
 
     quantity: str
@@ -115,31 +115,32 @@ class SpecificationResult:
 
     @property
     def verdict(self) -> Verdict:
-        """``"met"`` if the lower end of the interval reaches what is required, ``"not met"`` if the upper end does not.
+        """Verdict on the specification.
 
-        Between the two ``"undecided"``; ``"nothing to judge"`` if the quantity is inside, but does not vary.
+        ``"met"`` if the lower end of the interval is at least the required probability, ``"not met"`` if the upper end
+        is below it, otherwise ``"undecided"``; ``"nothing to judge"`` if the quantity is inside but does not vary.
         """
         low, high = self.interval
         return judge(holds=low >= self.required, fails=high < self.required, varies=self.varies)
 
     @property
     def met(self) -> bool:
-        """Whether the verdict is that it is met."""
+        """True if the verdict is ``"met"``."""
         return self.verdict == "met"
 
     @property
     def cpk(self) -> float:
-        """The process capability index of this share inside, :func:`capability_index`."""
+        """Process capability index of the share inside, :func:`capability_index`."""
         return capability_index(self.probability)
 
     @property
     def cpk_interval(self) -> tuple[float, float]:
-        """Of :attr:`cpk`: an end of the interval is that of the share."""
+        """Interval of :attr:`cpk`: the indices of the ends of the share's interval."""
         low, high = self.interval
         return capability_index(low), capability_index(high)
 
     def to_dict(self) -> dict[str, object]:
-        """Return the entry of ``spec`` in the ``precision-pin/analysis/1`` schema; null for an infinite index."""
+        """Return the entry of ``spec`` in the ``precision-pin/analysis/1`` schema; an infinite index is null."""
         return {
             "quantity": self.quantity,
             "limit": self.limit,
@@ -160,12 +161,12 @@ def _finite(value: float) -> float | None:
 @final
 @dataclass(frozen=True)
 class Extreme:
-    """One of the largest errors seen.
+    """One of the largest sampled errors.
 
     Attributes
     ----------
     sample
-        Which sample, and so which unit of the seed.
+        Index of the sample, which is the robot index of the seed.
     value
         |d| in m or |δ| in rad.
     """
@@ -177,14 +178,14 @@ class Extreme:
 @final
 @dataclass(frozen=True, eq=False)
 class Summary:
-    """Everything the samples say about the pose error, base axes.
+    """Statistics of the sampled pose error, base axes.
 
     Attributes
     ----------
     samples
-        How many.
+        Number of samples.
     confidence
-        Of every interval.
+        Confidence of every interval.
     position
         |d|, dx, dy, dz in m.
     attitude
@@ -194,11 +195,11 @@ class Summary:
     covariance
         ``(6, 6)`` sample covariance, divisor N − 1; None for a single sample.
     varying
-        Which of the eight quantities differ from robot to robot, in the order of `QUANTITIES`.
+        True for each of the eight quantities that differs from robot to robot, in the order of `QUANTITIES`.
     specifications
         One result for each specification of the plan, in its order.
     largest_position, largest_attitude
-        The ten samples with the largest |d| and |δ|, largest first; all of them where there are fewer.
+        The ten samples with the largest |d| and |δ|, in descending order; all samples if there are fewer.
     """
 
     samples: int
@@ -218,12 +219,12 @@ class Summary:
     @cached_property
     @returns_read_only
     def covariance_interval(self) -> Array | None:
-        """Ends of the intervals of the covariances, ``(6, 6, 2)``, not-a-number where not resolved; None for one sample.
+        """Ends of the intervals of the covariances, ``(6, 6, 2)``, NaN where not resolved; None for one sample.
 
-        The variance of (x - E x)(y - E y) is at most the root of the product of the fourth moments, less the square of
-        the covariance (Cauchy and Schwarz): what is kept of the samples tells no more. So the intervals hold the truth
-        more often than they state, the more so the less x and y are correlated; where one is a multiple of the other they
-        are those of the variances.
+        The accumulated statistics only bound the variance of (x - E x)(y - E y): it is at most the root of the product of
+        the fourth moments minus the square of the covariance (Cauchy-Schwarz). The intervals therefore cover more often
+        than stated, the more so the less x and y are correlated. Where one is a multiple of the other, they equal those
+        of the variances.
         """
         if self.covariance is None:
             return None
@@ -242,56 +243,56 @@ class Summary:
         return found
 
     def to_dict(self) -> dict[str, object]:
-        """Return the statistical part of the ``precision-pin/analysis/1`` schema, SI units."""
+        """Return the statistics of the ``precision-pin/analysis/1`` schema, SI units."""
         return {
             "samples": self.samples,
             "confidence": self.confidence,
             "position": self.position.to_dict(),
             "attitude": self.attitude.to_dict(),
             "covariance": None if self.covariance is None else self.covariance.tolist(),
-            "covariance_interval": _listed(self.covariance_interval),
+            "covariance_interval": _intervals_to_lists(self.covariance_interval),
             "spec": [result.to_dict() for result in self.specifications],
         }
 
 
 def varying_quantities(state: State, spread: ArrayLike | None = None) -> NDArray[np.bool_]:
-    """Return which of the eight quantities vary, ``(8,)``: in the samples or, where these are all alike, to first order.
+    """Return a mask ``(8,)`` of the quantities that vary, in the samples or to first order.
 
     Parameters
     ----------
     state
-        The samples.
+        The accumulated samples.
     spread
-        ``(6,)`` standard deviations of the components to first order, which rare values have that no sample met.
+        ``(6,)`` standard deviations of the components to first order. They include rare values that no sample has.
     """
     seen: NDArray[np.bool_] = state.highest - state.lowest > NO_SPREAD
     if spread is not None:
         seen[list(COMPONENTS)] |= np.asarray(spread) > NO_SPREAD
-    # a norm may be the same for all directions: an error on a circle is no constant
+    # a norm counts as varying with its components: errors on a circle have a constant norm
     seen[list(NORMS)] |= seen[list(COMPONENTS)].reshape(2, 3).any(axis=1)
     return seen
 
 
 def finish(plan: Plan, state: State, confidence: float = 0.95, *, spread: ArrayLike | None = None) -> Summary:
-    """Return what the accumulated samples say.
+    """Return the summary of the accumulated samples.
 
     Parameters
     ----------
     plan
         The plan that the state was started with.
     state
-        At least one sample.
+        State of at least one sample.
     confidence
-        Of every interval, between 0 and 1.
+        Confidence of every interval, between 0 and 1.
     spread
         As for :func:`varying_quantities`.
 
     Raises
     ------
     InputError
-        A confidence outside 0 to 1.
+        The confidence lies outside 0 to 1.
     InternalError
-        No samples, or a state of another plan.
+        The state has no samples or belongs to another plan.
     """
     check_confidence(confidence)
     if state.count < 1:
@@ -343,18 +344,19 @@ def _covariance(state: State) -> Array | None:
 
 
 def _covariance_interval(covariance: Array, parts: Sequence[Moments]) -> Array:
-    """Return the ends of the intervals of the covariances of numbers with these moments."""
+    """Return the ends of the intervals of the covariances, given the moments of the components."""
     found = np.full((*covariance.shape, 2), np.nan)
     resolved = [k for k, part in enumerate(parts) if part.variance_interval is not None]
     for i, j in itertools.product(resolved, resolved):
         one, other = parts[i], parts[j]
-        spread = math.sqrt(max(math.sqrt(one.fourth * other.fourth) - covariance[i, j] ** 2, 0.0) / one.samples)
-        half = max(one.standard_errors, other.standard_errors) * spread + one.moved * other.moved
+        fourth = math.sqrt(one.fourth_moment * other.fourth_moment)
+        spread = math.sqrt(max(fourth - covariance[i, j] ** 2, 0.0) / one.samples)
+        half = max(one.standard_errors, other.standard_errors) * spread + one.mean_half_width * other.mean_half_width
         found[i, j] = one.variance_interval if i == j else (covariance[i, j] - half, covariance[i, j] + half)
     return found
 
 
-def _listed(intervals: Array | None) -> list[list[list[float] | None]] | None:
+def _intervals_to_lists(intervals: Array | None) -> list[list[list[float] | None]] | None:
     if intervals is None:
         return None
     return [[None if np.isnan(ends).any() else ends.tolist() for ends in row] for row in intervals]

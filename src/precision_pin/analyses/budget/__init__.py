@@ -1,4 +1,4 @@
-"""Which tolerance makes how much of the error."""
+"""Error budget: the share of each tolerance in the pose error."""
 
 from precision_pin.analyses.declaration import Declaration, Option
 

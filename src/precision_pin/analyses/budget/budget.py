@@ -1,6 +1,7 @@
-"""The error budget: who causes how much of the spread of the pose error, and what a tighter tolerance would change.
+"""Error budget: shares of draws, sources and joints in the spread of the pose error, and the effect of tighter tolerances.
 
-Closed form on the tangent model beside Sobol indices of the exact model; the two agree as far as the model is linear.
+The budget has closed-form shares of the tangent model and Sobol indices of the exact model. They agree as far as the model
+is linear.
 """
 
 from __future__ import annotations
@@ -47,10 +48,10 @@ __all__ = ["budget", "check_points", "check_quantities", "count_steps", "evaluat
 
 
 MOST_NUMBERS: Final = 3e11
-"""The most random numbers that a budget may take."""
+"""Largest number of random numbers in a budget."""
 
 NUMBERS_A_MINUTE: Final = 6e9
-"""Roughly, of a usual machine."""
+"""Approximate speed of a common computer."""
 
 
 @warns_at_end
@@ -76,21 +77,21 @@ def budget(
     error_model
         Chain, draws and sources.
     pose, poses, q
-        A pose (a name, joint values, or None for the model's first) or a list of such; three names of one argument.
+        A pose (a name, joint values, or None for the model's first) or a list of poses. The three arguments are synonyms.
     seed
         64-bit seed of the sampled indices and quantiles.
     samples
-        Points of each of the two sets that pick-freeze starts from: 32 independent scrambles of a power of two. The exact
+        Points in each of the two sets of the pick-freeze method: 32 independent scrambles of a power of two. The exact
         model is evaluated about ``samples · (2 + 3 · draws)`` times.
     confidence
-        Of every interval, each by itself.
+        Confidence of each interval by itself.
     k, bound_at
-        How many standard deviations unbounded laws reach in the share of the worst case, as in
-        :func:`precision_pin.worst_case`. Two names of one argument, the second the old one.
+        Number of standard deviations at which unbounded laws are cut in the share of the worst case, as in
+        :func:`precision_pin.worst_case`. The two arguments are synonyms, of which the second is the former name.
     findings
-        Warnings to carry along, such as those of the sheet.
+        Warnings to include in the result, such as those of the sheet.
     progress
-        Told how many evaluations of the model have been made since it was last called, zero while points are prepared;
+        Function called with the number of evaluations of the model since its last call, zero while points are prepared;
         ``True`` shows a bar.
 
     Raises
@@ -120,12 +121,12 @@ def budget(
 
 
 def check_points(samples: int) -> None:
-    """Refuse a number of points that is not 32 times a power of two from 32 to 2¹³.
+    """Check that the number of points is 32 times a power of two from 32 to 2¹³.
 
     Raises
     ------
     InputError
-        It is not.
+        The number is another one.
     """
     allowed = [REPLICATES << k for k in range(5, 14)]
     if isinstance(samples, bool) or not isinstance(samples, int | np.integer) or samples not in allowed:
@@ -136,12 +137,12 @@ def check_points(samples: int) -> None:
 
 
 def _check_cost(space: Space, samples: int) -> None:
-    """Refuse what would take hours: the model is sampled for each draw, and takes time with each draw.
+    """Reject a budget that would take hours: the time grows with the square of the number of draws.
 
     Raises
     ------
     InputError
-        There are too many draws for so many samples, or too many for the memory.
+        There are too many draws for the number of samples, or for the memory.
     """
     draws, size = len(space.draws), space.size
     evaluations = samples * (2 + 3 * draws)
@@ -155,28 +156,28 @@ def _check_cost(space: Space, samples: int) -> None:
 
 
 def evaluations(space: Space, samples: int) -> int:
-    """Return how many robots a budget at a pose looks at."""
+    """Return the number of robots that a budget evaluates at a pose."""
     random = list_random_draws(space)
     groups = sum(any(random[draw] for draw in group) for group in correlated_groups(space))
-    # two sets of points, those with a group's numbers exchanged, and those with a draw halved beside the plain ones
+    # two sets of points, two more for each group with its numbers exchanged, one unchanged, and one for each halved draw
     return samples * (2 + 2 * groups + 1 + sum(random))
 
 
 def count_steps(space: Space, poses: int, samples: int, **others: object) -> int:
-    """Return how many steps a budget tells of, whatever its other arguments."""
+    """Return the number of progress steps of a budget."""
     del others
     return poses * evaluations(space, samples)
 
 
 def check_quantities(quantities: Sequence[str]) -> tuple[str, ...]:
-    """Return quantities under their names in results: ``position.x`` for ``x`` and ``dx``.
+    """Return the names of quantities in results: ``position.x`` for ``x`` and ``dx``.
 
-    ``position`` and ``attitude`` are all three components together here, ``|d|`` and ``|δ|`` the norms.
+    Here ``position`` and ``attitude`` are the three components together, ``|d|`` and ``|δ|`` the norms.
 
     Raises
     ------
     UnknownNameError
-        It is none of position, attitude, their norms and components.
+        A quantity is none of position, attitude, their norms and components.
     """
     for quantity in quantities:
         if quantity not in (*SAMPLED, *QUANTITY_WORDS):

@@ -1,4 +1,4 @@
-"""Result of a budget."""
+"""Result of an error budget."""
 
 from __future__ import annotations
 
@@ -37,14 +37,14 @@ __all__ = [
 ]
 
 VECTORS: Final = ("position", "attitude")
-"""Quantities of all three components: the variance is E|d - E d|², the trace of the covariance."""
+"""Quantities of three components together: their variance is E|d - E d|², the trace of the covariance."""
 
 ASSUMPTIONS: Final = (
     "share: closed form, tangent model at the means; of position and attitude: share of the trace of the covariance",
     "share of correlated draws or components: Shapley effects of the linear model",
     "first, total: Sobol indices of the exact model; intervals are for each number by itself",
-    "a draw that several sources name is a line of its own among the sources",
-    "joints and links: covariance of their part with the whole, negative where one undoes what others do",
+    "a draw that several sources use has its own line among the sources",
+    "joints and links: covariance of their part with the whole, negative where one compensates others",
     "worst_case: share of the half-width of the first-order range of a component; unbounded laws reach bound_at deviations",
     "null: does not vary, or is not resolved (too few points for tails or rare values of the laws, a jump at the quantile)",
     "halved: the draw's deviation from its mean is halved, all else unchanged; std in closed form, quantile sampled",
@@ -57,7 +57,7 @@ Shares = Mapping[str, float | None]
 @final
 @dataclass(frozen=True)
 class Estimate:
-    """A sampled number with its interval."""
+    """Sampled number with its interval."""
 
     value: float
     interval: tuple[float, float]
@@ -71,17 +71,17 @@ class Estimate:
 @final
 @dataclass(frozen=True)
 class Halved:
-    """The effect of halving one draw's tolerance.
+    """Effect of halving one draw's tolerance.
 
     Attributes
     ----------
     std
-        New standard deviations, m and rad, closed form; of position and attitude the root of the trace.
+        New standard deviations, m and rad, closed form; for position and attitude the root of the trace.
     quantile
-        New quantile of |d| and |δ|, m and rad, by ``position.norm`` and ``attitude.norm``; ``None`` where the points do not
-        resolve it.
+        New quantile of |d| and |δ|, m and rad, keyed by ``position.norm`` and ``attitude.norm``; ``None`` where the points
+        do not resolve it.
     change
-        How much less or more that is, same random numbers.
+        Change of the quantile, with the same random numbers.
     """
 
     std: Mapping[str, float]
@@ -92,26 +92,26 @@ class Halved:
 @final
 @dataclass(frozen=True)
 class DrawShare:
-    """One draw's part.
+    """Contribution of one draw.
 
     Attributes
     ----------
     name, scope
-        The draw.
+        Name and scope of the draw.
     unbounded
-        Whether its reach is infinite somewhere, and was taken at ``k`` standard deviations.
+        True if its reach is infinite in some component and was cut at ``k`` standard deviations.
     share
-        Of the variance, closed form; Shapley effects where draws are correlated.
+        Share of the variance, closed form; Shapley effects for correlated draws.
     components
-        The same for each of several numbers drawn together, by name.
+        Shares of the single numbers of a draw of several, by name.
     reach
-        Half-width of what it does to each component at the most, first order, m and rad.
+        Half-width of the range that it causes in each component, first order, m and rad.
     worst_case
-        Share of the sum of all draws' reaches.
+        Share of the sum of the reaches of all draws.
     halved
-        What a tolerance half as wide would give.
+        Effect of halving its tolerance.
     words, tolerance
-        What is drawn, and how far it varies, in a reader's words.
+        Description of the draw and of its tolerance, as text.
     """
 
     name: str
@@ -129,19 +129,19 @@ class DrawShare:
 @final
 @dataclass(frozen=True)
 class Group:
-    """Sobol indices of a draw, or of several that are correlated with one another.
+    """Sobol indices of a draw, or of several draws that are correlated with one another.
 
     Attributes
     ----------
     draws
-        Which.
+        Names of the draws.
     share
-        Closed form.
+        Share of the variance, closed form.
     first, total
-        Of the exact model, by quantity: the two vectors, norms and components; ``None`` where nothing varies or the points
-        do not resolve it.
+        Indices of the exact model by quantity: the two vectors, norms and components; ``None`` where the quantity does not
+        vary or the points do not resolve it.
     nonlinear
-        Quantities of which index and closed form differ by more than one percentage point beside the interval.
+        Quantities whose index differs from the closed form by more than one percentage point beyond the interval.
     """
 
     draws: tuple[str, ...]
@@ -154,7 +154,7 @@ class Group:
 @final
 @dataclass(frozen=True)
 class SourceShare:
-    """A source's own draws, or one draw that several sources (or none) name."""
+    """Share of a source's own draws, or of one draw that several sources (or none) use."""
 
     sources: tuple[str, ...]
     draws: tuple[str, ...]
@@ -164,7 +164,7 @@ class SourceShare:
 @final
 @dataclass(frozen=True)
 class PlaceShare:
-    """The share of a joint or a chain link."""
+    """Share of a joint or a chain link."""
 
     name: str
     share: Shares
@@ -173,14 +173,14 @@ class PlaceShare:
 @final
 @dataclass(frozen=True)
 class Sums:
-    """The sum checks of one quantity.
+    """Sums of the shares of one quantity, as a check.
 
     Attributes
     ----------
     closed
         Sum of the closed-form shares: 1 to rounding.
     first
-        Sum of the first-order indices: 1 where the exact model has no interactions, less where it has.
+        Sum of the first-order indices: 1 if the exact model has no interactions, less otherwise.
     std
         Standard deviation of the tangent model, m or rad.
     variance
@@ -196,12 +196,12 @@ class Sums:
 @final
 @dataclass(frozen=True)
 class PoseBudget:
-    """The budget at one pose.
+    """Error budget at one pose.
 
     Attributes
     ----------
     pose
-        Which.
+        Name and joint values of the pose.
     nominal
         Error with every parameter at its mean, ``[d; δ]``.
     std
@@ -211,9 +211,9 @@ class PoseBudget:
     reach
         Half-width of the range of every component, first order.
     draws, groups, sources, places
-        Who causes how much.
+        Shares of the draws, of groups of correlated draws, of the sources, and of the joints and links.
     sums
-        Sum checks by quantity.
+        Sums of the shares, by quantity.
     warnings
         One line each.
     """
@@ -231,20 +231,20 @@ class PoseBudget:
     warnings: tuple[str, ...]
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the budget as the JSON has it; what does not vary or is not resolved is null."""
+        """Return the entry of ``poses`` in the JSON; null where a quantity does not vary or is not resolved."""
         return dataclasses.asdict(self) | {"pose": self.pose.to_dict()}
 
     @property
     def ranked(self) -> tuple[DrawShare, ...]:
-        """The draws, the largest share of position first; equal ones, to rounding, as they stand."""
+        """Draws in descending order of their share of position; draws with equal shares keep their order."""
         return tuple(sorted(self.draws, key=lambda draw: -round(draw.share.get("position") or 0.0, 9)))
 
     def draw(self, name: str) -> DrawShare:
-        """Return a draw's line."""
+        """Return the entry of a draw."""
         return next(line for line in self.draws if line.name == name)
 
     def group(self, name: str) -> Group:
-        """Return the group that a draw belongs to."""
+        """Return the group of a draw."""
         return next(line for line in self.groups if name in line.draws)
 
 
@@ -256,7 +256,7 @@ class BudgetResult(Result):
     Attributes
     ----------
     k, marked
-        Standard deviations that unbounded laws reach, probability of the quantiles.
+        Number of standard deviations at which unbounded laws are cut; probability of the quantiles.
     """
 
     schema: ClassVar[str] = "precision-pin/budget/1"
@@ -267,35 +267,35 @@ class BudgetResult(Result):
 
     @property
     def assumptions(self) -> tuple[str, ...]:
-        """The meaning of the numbers, one sentence each."""
+        """Assumptions of the numbers, one sentence each."""
         return ASSUMPTIONS
 
     @property
     def bound_at(self) -> float:
-        """Old name of ``k``."""
+        """Former name of ``k``."""
         return self.k
 
     def settings(self) -> dict[str, Any]:
-        """Return what was asked for, as the JSON has it."""
+        """Return the settings, as in the JSON."""
         return {**super().settings(), "k": self.k, "bound_at": self.k, "marked": self.marked}
 
     def to_pandas(self, lines: Literal["draws", "sources", "places"] = "draws") -> pandas.DataFrame:
-        """Return shares as a data frame: a row for each pose, line and quantity, not-a-number for what there is not.
+        """Return the result as a data frame, m and rad, NaN where not available: a row for each pose, line and quantity.
 
-        Quantities are position, attitude, position.norm … attitude.z. Columns of draws: ``share``; ``first`` and ``total``
-        (Sobol indices, of draws that are correlated with no other) with ``…_lower`` and ``…_upper``; ``reach`` (m, rad)
-        and ``worst_case``; ``halved_std`` (m, rad); of norms ``halved_quantile`` and ``halved_change`` (m, rad) with their
-        intervals. Sources and places (joints and links) have a ``share``. ``attrs`` say how it was computed.
+        The quantities are position, attitude, position.norm … attitude.z. Draws have the columns ``share``; ``first`` and
+        ``total`` (Sobol indices of uncorrelated draws) with ``…_lower`` and ``…_upper``; ``reach`` and ``worst_case``;
+        ``halved_std``; and for norms ``halved_quantile`` and ``halved_change`` with their intervals. Sources and places
+        (joints and links) have a ``share``. ``attrs`` gives the settings.
 
         Parameters
         ----------
         lines
-            Of what: ``"draws"``, ``"sources"`` or ``"places"``.
+            Kind of rows: ``"draws"``, ``"sources"`` or ``"places"``.
 
         Raises
         ------
         UnknownNameError
-            Of anything else.
+            There is no such kind.
         InputError
             pandas is not installed.
         """
@@ -344,19 +344,19 @@ def _draw_rows(pose: PoseBudget) -> _Rows:
         for quantity in (*VECTORS, *QUANTITIES):
             alone = len(group.draws) == 1
             row = {"share": number(draw.share.get(quantity))}
-            row |= _estimated("first", group.first.get(quantity) if alone else None)
-            row |= _estimated("total", group.total.get(quantity) if alone else None)
+            row |= _estimate_columns("first", group.first.get(quantity) if alone else None)
+            row |= _estimate_columns("total", group.total.get(quantity) if alone else None)
             row["reach"] = number(draw.reach.get(quantity))
             row["worst_case"] = number(draw.worst_case.get(quantity))
             row["halved_std"] = number(draw.halved.std.get(quantity))
-            row |= _estimated("halved_quantile", draw.halved.quantile.get(quantity))
-            row |= _estimated("halved_change", draw.halved.change.get(quantity))
+            row |= _estimate_columns("halved_quantile", draw.halved.quantile.get(quantity))
+            row |= _estimate_columns("halved_change", draw.halved.change.get(quantity))
             yield (draw.name, quantity), row
 
 
 def _source_rows(pose: PoseBudget) -> _Rows:
     for line in pose.sources:
-        # a draw that several sources name is a line of its own
+        # a draw that several sources use has its own line
         name = line.sources[0] if len(line.sources) == 1 else line.draws[0]
         for quantity, share in line.share.items():
             yield (name, quantity), {"share": number(share)}
@@ -368,7 +368,7 @@ def _place_rows(pose: PoseBudget) -> _Rows:
             yield (line.name, quantity), {"share": number(share)}
 
 
-def _estimated(name: str, estimate: Estimate | None) -> dict[str, float]:
+def _estimate_columns(name: str, estimate: Estimate | None) -> dict[str, float]:
     return interval_columns(name, estimate and estimate.value, estimate and estimate.interval)
 
 
@@ -378,22 +378,22 @@ def _cells(pose: PoseBudget, draw: DrawShare) -> list[str]:
     alone = len(group.draws) == 1
 
     def index(sampled: Mapping[str, Estimate | None], vector: str) -> str:
-        return _scaled(sampled[vector] if alone else None, 100)
+        return _format_scaled(sampled[vector] if alone else None, 100)
 
     shares = {vector: draw.share.get(vector) for vector in VECTORS}
     position, attitude = ("-" if share is None else f"{100 * share + 0.0:.2f}" for share in shares.values())
     indices = [index(group.first, "position"), index(group.total, "position")]
-    halved = _scaled(draw.halved.change["position.norm"], 1e3)
+    halved = _format_scaled(draw.halved.change["position.norm"], 1e3)
     return [draw.name, draw.scope, position, *indices, attitude, index(group.total, "attitude"), halved]
 
 
-def _scaled(estimate: Estimate | None, factor: float) -> str:
+def _format_scaled(estimate: Estimate | None, factor: float) -> str:
     return "-" if estimate is None else plus_minus(factor * estimate.value, factor * estimate.half_width, decimals=3)
 
 
 def _pose_heading(pose: PoseBudget, marked: float) -> str:
     quantiles = "; ".join(
-        f"{100 * marked:g} % of {symbol} within {_scaled(pose.quantile[f'{vector}.norm'], 1e3)} {unit}"
+        f"{100 * marked:g} % of {symbol} within {_format_scaled(pose.quantile[f'{vector}.norm'], 1e3)} {unit}"
         for vector, symbol, unit in zip(VECTORS, ("|d|", "|δ|"), ("mm", "mrad"), strict=True)
     )
     return f"{name_pose(pose.pose)}; {quantiles}"

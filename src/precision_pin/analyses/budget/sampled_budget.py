@@ -1,4 +1,4 @@
-"""Sobol indices, quantiles and what halved tolerances give, of the exact model at one pose, by sampling."""
+"""Sampled part of a budget: Sobol indices, quantiles and effects of halved tolerances of the exact model at one pose."""
 
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ __all__ = ["MARKED", "NORMS", "SAMPLED", "SampledBudget", "list_random_draws"]
 
 
 MARKED: Final = 0.95
-"""Probability of the quantile that a halved tolerance is judged by."""
+"""Probability of the quantile on which the effect of a halved tolerance is given."""
 
 NONLINEAR: Final = 0.01
-"""Closed form and sampling differ where their shares do by more than this, intervals aside."""
+"""Difference of a share between closed form and sampling, beyond the interval, above which it counts as nonlinear."""
 
 NORMS: Final = tuple(QUANTITIES[row] for row in NORM_ROWS)
 
@@ -38,7 +38,7 @@ _TOGETHER: Final = np.array(
 
 
 def list_random_draws(space: Space) -> list[bool]:
-    """Return which draws vary."""
+    """Return, for each draw, whether it varies."""
     variances = space.block_covariance.variances
     return [bool(variances[rows].any()) for rows in space.slices]
 
@@ -88,7 +88,7 @@ class SampledBudget:
 
     def _errors(self, x: Array) -> Array:
         errors = sampler.errors_at(self.layout, "exact", x)
-        # not the nodes, which are few
+        # the nodes are few and not counted as progress
         self.step(self.samples if x.shape[1] == self.samples else 0)
         return errors
 
@@ -96,7 +96,7 @@ class SampledBudget:
         return quantity_values(self._errors(x))[list(NORM_ROWS)]
 
     def halve_each(self) -> list[Halved]:
-        """Return what halving every draw's deviation from its mean gives, one draw at a time, same numbers otherwise."""
+        """Return the effect of halving each draw's deviation from its mean, with the same random numbers otherwise."""
         return [self._halve(k) for k in range(len(self.random))]
 
     def _halve(self, draw: int) -> Halved:
@@ -110,7 +110,11 @@ class SampledBudget:
                 deviations_of(variances), dict(zip(NORMS, self.quantiles, strict=True)), dict.fromkeys(NORMS, none)
             )
         values, changes = smooth_quantiles.quantile_changes(
-            self._norms(self._with_half(self.x, rows)), self.known, MARKED, self.confidence, self._unseen(rows)
+            self._norms(self._with_half(self.x, rows)),
+            self.known,
+            MARKED,
+            self.confidence,
+            self._estimate_unseen_change(rows),
         )
         return Halved(
             deviations_of(variances),
@@ -119,21 +123,21 @@ class SampledBudget:
         )
 
     def _with_half(self, x: Array, rows: slice) -> Array:
-        """Return numbers with half of the deviation in some rows."""
+        """Return the samples with half the deviation in some rows."""
         result = x.copy()
         mean = self.at.space.mean[rows, None]
         result[rows] = mean + (x[rows] - mean) / 2
         return result
 
-    def _unseen(self, rows: slice) -> Array:
-        """Return what halving may change of the norms where no point lies."""
+    def _estimate_unseen_change(self, rows: slice) -> Array:
+        """Return the possible change of the norms by halving in regions without points."""
         nodes, weights = self.marginals.outermost(range(rows.start, rows.stop), self.x.shape[1])
         x = self.nodes[:, nodes]
         change: Array = np.abs(self._norms(self._with_half(x, rows)) - self._norms(x)) @ weights
         return change
 
     def groups(self, shares: Array, variances: Array) -> tuple[Group, ...]:
-        """Return the indices of every group beside the closed form."""
+        """Return indices and closed-form share of every group."""
         names = [draw.name for draw in self.at.space.draws]
         nothing = Estimate(0.0, (0.0, 0.0))
         none = {quantity: nothing if spread else None for quantity, spread in self._spreads().items()}

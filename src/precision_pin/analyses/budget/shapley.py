@@ -1,4 +1,4 @@
-"""Shapley values: what is worked out together, shared fairly.
+"""Shapley values: fair division of a joint result among its contributors.
 
 Source: Shapley, A value for n-person games (1953); as shares of a variance: Owen, SIAM/ASA Journal on Uncertainty
 Quantification 2 (2014); for correlated inputs: Song, Nelson and Staum, ibid. 4 (2016), Owen and Prieur, ibid. 5 (2017).
@@ -20,36 +20,36 @@ __all__ = ["MOST_PLAYERS", "effects", "explained", "values"]
 
 
 MOST_PLAYERS: Final = 12
-"""The most players among whom a game is shared: every one of the 2^n coalitions is worked out."""
+"""Largest number of players: all 2^n coalitions are evaluated."""
 
 DEPENDENT: Final = 1e-12
-"""Eigenvalues of a correlation matrix below this belong to numbers that follow from the others."""
+"""Eigenvalues of a correlation matrix below this belong to linearly dependent numbers."""
 
 
 def values(players: int, worth: Callable[[tuple[int, ...]], Array]) -> Array:
-    """Return each player's Shapley value, exact, from all coalitions.
+    """Return the exact Shapley value of each player, from all coalitions.
 
     φ_i = Σ over S without i of |S|! (n - |S| - 1)! / n! · (v(S ∪ i) - v(S)).
 
     Parameters
     ----------
     players
-        n, how many there are.
+        Number of players, n.
     worth
-        v of a coalition (ascending players), numbers of any one shape, for the empty one too.
+        Function v of a coalition (ascending players, possibly empty); its values have one shape.
 
     Raises
     ------
     InputError
-        More than twelve players.
+        There are more than twelve players.
 
     Returns
     -------
     NDArray
-        ``(n, …)``; adds up to v(everybody) - v(nobody).
+        ``(n, …)`` values, with the sum v(all players) - v(no player).
     """
     if players > MOST_PLAYERS:
-        raise InputError(f"{players} players of a Shapley value; at most {MOST_PLAYERS}")
+        raise InputError(f"{players} players for a Shapley value; at most {MOST_PLAYERS} are allowed")
     everybody = range(players)
     known = {
         coalition: worth(coalition)
@@ -67,23 +67,23 @@ def values(players: int, worth: Callable[[tuple[int, ...]], Array]) -> Array:
 
 
 def explained(slopes: Array, covariance: Array, known: Sequence[int]) -> Array:
-    """Return what knowing some inputs explains of the variance of linear outputs.
+    """Return the variance of linear outputs that some inputs explain.
 
-    v(S) = w Σ_·S Σ_SS⁺ Σ_S· wᵀ, the variance of the best linear prediction from them: Var(E[y | x_S]) for normal inputs.
+    v(S) = w Σ_·S Σ_SS⁺ Σ_S· wᵀ is the variance of the best linear prediction: Var(E[y | x_S]) for normal inputs.
 
     Parameters
     ----------
     slopes
-        ``(m, d)`` derivatives of the outputs to the inputs.
+        ``(m, d)`` derivatives of the outputs with respect to the inputs.
     covariance
-        ``(d, d)`` of the inputs; may be singular.
+        ``(d, d)`` covariance of the inputs; it may be singular.
     known
-        Columns of the inputs that are known.
+        Columns of the known inputs.
 
     Returns
     -------
     NDArray
-        ``(m,)``.
+        ``(m,)`` explained variances.
     """
     rows = [k for k in known if covariance[k, k] > 0]
     if not rows:
@@ -99,7 +99,7 @@ def explained(slopes: Array, covariance: Array, known: Sequence[int]) -> Array:
 def effects(slopes: Array, covariance: Array, groups: Sequence[Sequence[int]]) -> Array:
     """Return the Shapley effects ``(groups, m)`` of groups of inputs on the variances of linear outputs.
 
-    They add up to what all groups together explain; without correlation between groups they are the variance shares.
+    Their sum is the variance explained by all groups. Without correlation between groups they are the variance shares.
 
     Parameters
     ----------
@@ -111,7 +111,7 @@ def effects(slopes: Array, covariance: Array, groups: Sequence[Sequence[int]]) -
     Raises
     ------
     InputError
-        More than twelve groups.
+        There are more than twelve groups.
     """
     return values(
         len(groups),

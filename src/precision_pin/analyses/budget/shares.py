@@ -1,4 +1,4 @@
-"""Who causes how much of the variance and reach of the first-order model: by draw, source and place, in closed form."""
+"""Closed-form shares of draws, sources and places in the variance and the reach of the first-order model."""
 
 from __future__ import annotations
 
@@ -39,16 +39,16 @@ __all__ = [
 
 
 ROUNDING: Final = 1e-14
-"""Spreads (m, rad) up to this are rounding."""
+"""Largest spread (m, rad) that counts as rounding."""
 
 COMPONENTS: Final = tuple(QUANTITIES[row] for row in COMPONENT_ROWS)
 
 UNCORRELATED: Final = 1e-12
-"""Correlations up to this are rounding."""
+"""Largest correlation that counts as rounding."""
 
 
 def correlated_groups(space: Space) -> tuple[tuple[int, ...], ...]:
-    """Return the draws, by number, in groups that are independent of one another, in column order."""
+    """Return the numbers of the draws in mutually independent groups, in column order."""
     draw_of = np.repeat(np.arange(len(space.draws)), [draw.law.size for draw in space.draws])
     group_of = list(range(len(space.draws)))
     for columns, matrix in space.block_covariance.blocks:
@@ -67,8 +67,8 @@ def correlated_groups(space: Space) -> tuple[tuple[int, ...], ...]:
 def by_draw(at: PoseModel) -> Array:
     """Return each draw's part of the variances of the tangent model, ``(draws, 6)``.
 
-    ``J_g Σ_g J_gᵀ``; where draws are correlated, their Shapley effects. Of more than twelve draws correlated with one
-    another, not-a-number.
+    The part is ``J_g Σ_g J_gᵀ``, or the Shapley effect for correlated draws. It is NaN for draws in a group of more than
+    twelve correlated ones.
     """
     result = np.full((len(at.space.draws), 6), np.nan)
     for group in correlated_groups(at.space):
@@ -85,9 +85,10 @@ def by_draw(at: PoseModel) -> Array:
 
 
 def by_component(at: PoseModel, draw: int) -> Array | None:
-    """Return the parts of one draw's components, ``(size, 6)``: Shapley effects where they are correlated.
+    """Return the parts of one draw's components, ``(size, 6)``; Shapley effects for correlated components.
 
-    None for a single number, for a draw that is correlated with others, and for more than twelve correlated numbers.
+    The result is None for a single number, for a draw that is correlated with others, and for more than twelve correlated
+    numbers.
     """
     columns = _columns(at.space, [draw])
     if len(columns) == 1 or next(group for group in correlated_groups(at.space) if draw in group) != (draw,):
@@ -103,10 +104,10 @@ def by_component(at: PoseModel, draw: int) -> Array | None:
 
 
 def reaches(at: PoseModel, k: float) -> Array:
-    """Return how far each draw moves every component from its mean at the most, first order, ``(draws, 6)``, m and rad.
+    """Return the reach of each draw in every component, first order, ``(draws, 6)``, m and rad.
 
-    Half of the way from lowest to highest, ``(h(w) + h(-w))/2`` with w the draw's part of a row of J; k standard
-    deviations where the law is unbounded.
+    The reach is half the range, ``(h(w) + h(-w))/2`` with h the support function and w the draw's part of a row of J. For
+    an unbounded law it is k standard deviations.
     """
     result = np.zeros((len(at.space.draws), 6))
     for row, (draw, columns) in enumerate(zip(at.space.draws, at.space.slices, strict=True)):
@@ -119,10 +120,10 @@ def reaches(at: PoseModel, k: float) -> Array:
 
 
 def by_place(at: PoseModel, chain: Chain) -> dict[str, Array]:
-    """Return each joint's and chain link's part of the variances, ``(6,)`` by name, base to tip.
+    """Return the part of each joint and chain link in the variances, ``(6,)`` by name, from base to tip.
 
-    The error is a sum over places, ``e = Σ e_p``; the part of one is ``Cov(e_p, e)``, the Shapley value of the game
-    v(S) = Var(Σ_S e_p). It is negative where a place undoes what others do with the same draws.
+    The error is a sum over places, ``e = Σ e_p``. The part of a place is ``Cov(e_p, e)``, the Shapley value of the game
+    v(S) = Var(Σ_S e_p). It is negative where a place compensates the effect of the same draws at other places.
     """
     parts: dict[str, Array] = {}
     with_error = at.space.block_covariance.times(at.jacobian.T)
@@ -133,7 +134,7 @@ def by_place(at: PoseModel, chain: Chain) -> dict[str, Array]:
 
 
 def place_name(target: Target, chain: Chain) -> str:
-    """Return the joint whose value or seat a target is, or the chain link that carries it."""
+    """Return the name of the joint for a joint value or seat, otherwise of the chain link of the target."""
     joints = chain.joint_names
     if isinstance(target, JointValue):
         return joints[target.joint]
@@ -149,7 +150,7 @@ def _columns(space: Space, draws: Iterable[int]) -> list[int]:
 
 
 def group_part(at: PoseModel, group: tuple[int, ...], shares: Array) -> Array:
-    """Return a group's part of the variances, ``(6,)``; worked out whole where it was too large to be shared."""
+    """Return a group's part of the variances, ``(6,)``, computed as a whole if the group is too large for Shapley effects."""
     part: Array = shares[list(group)].sum(axis=0)
     if np.isfinite(part).all():
         return part
@@ -160,7 +161,7 @@ def group_part(at: PoseModel, group: tuple[int, ...], shares: Array) -> Array:
 
 
 def shares_of(parts: Array, variances: Array) -> Shares:
-    """Return parts of the six variances as shares, of the components and of both vectors; None where nothing varies."""
+    """Return the shares of components and vectors for parts of the six variances; None where a quantity does not vary."""
     values: list[tuple[str, float, float]] = [
         (vector, float(parts[rows].sum()), float(variances[rows].sum()))
         for vector, rows in zip(VECTORS, (slice(0, 3), slice(3, 6)), strict=True)
@@ -170,7 +171,7 @@ def shares_of(parts: Array, variances: Array) -> Shares:
 
 
 def component_shares(at: PoseModel, draw: int, variances: Array) -> dict[str, Shares]:
-    """Return the shares of the numbers of a draw of several, by name; empty where :func:`by_component` has none."""
+    """Return the shares of the single numbers of a draw, by name; empty where :func:`by_component` returns None."""
     parts = by_component(at, draw)
     if parts is None:
         return {}
@@ -179,7 +180,7 @@ def component_shares(at: PoseModel, draw: int, variances: Array) -> dict[str, Sh
 
 
 def worst_case_shares(part: Array, whole: Array) -> Shares:
-    """Return a draw's part of how far the six components reach, as shares; None where nothing reaches anywhere."""
+    """Return a draw's shares of the reaches of the six components; None where the reach is zero."""
     return {
         name: float(one / every) if every > ROUNDING else None
         for name, one, every in zip(COMPONENTS, part, whole, strict=True)
@@ -187,14 +188,14 @@ def worst_case_shares(part: Array, whole: Array) -> Shares:
 
 
 def deviations_of(variances: Array) -> dict[str, float]:
-    """Return standard deviations of the components, and of the vectors the root of the sum of their squares."""
+    """Return standard deviations of the components, and for the vectors the root of the sum of their squares."""
     squares = dict(zip(VECTORS, (variances[:3].sum(), variances[3:].sum()), strict=True))
     squares |= dict(zip(COMPONENTS, variances, strict=True))
     return {name: float(np.sqrt(max(square, 0.0))) for name, square in squares.items()}
 
 
 def source_shares(error_model: ErrorModel, shares: Array, variances: Array) -> tuple[SourceShare, ...]:
-    """Return one line for each source with draws of its own and one for each draw that several sources share."""
+    """Return one entry for each source with draws of its own, and one for each draw that several sources share."""
     lines: dict[tuple[str, ...], list[int]] = {}
     for k, labels in enumerate(error_model.owners):
         name = error_model.space.draws[k].name

@@ -1,10 +1,11 @@
-"""Quantiles of replicated samples, and how much they change when the same random numbers are used otherwise.
+"""Quantiles of replicated samples, and their changes with common random numbers.
 
-A quantile is taken as a weighted mean of the order statistics around it (Harrell and Davis, Biometrika 69, 1982): unlike a
-single one it moves smoothly with every sample, so that the jackknife over replicates gives its error, and that of the
-difference of two quantiles found with the same random numbers, in which most of the error of either drops out. The bias
-that the jackknife finds widens the interval. A jump or a gap of the law within the samples averaged is met by too few of them
-for that: where a single wide step between neighbours moves the mean by more than a tenth of the interval, nothing is given.
+A quantile is computed as a weighted mean of the order statistics around it (Harrell and Davis, Biometrika 69, 1982). Unlike
+a single order statistic it changes smoothly with every sample, so that the jackknife over replicates gives its error. It
+also gives the error of the difference of two quantiles with common random numbers, in which most of the error of either
+cancels. The bias estimated by the jackknife widens the interval. At a jump or a gap of the law within the averaged samples
+the jackknife fails, because too few samples are affected: where a single wide step between neighbours moves the mean by
+more than a tenth of the interval, no result is given.
 """
 
 from __future__ import annotations
@@ -25,10 +26,11 @@ __all__ = ["Quantiles", "found_quantiles", "quantile_changes", "quantiles"]
 
 
 LARGEST_STEP: Final = 0.1
-"""A jump between neighbours may move a quantile by this share of half its interval."""
+"""Largest allowed effect of a jump between neighbours on a quantile, as a share of its half-width."""
 
 JUMP: Final = 12.0
-"""Distances of neighbours above this many usual ones are jumps: of smooth laws, six in a million."""
+"""Ratio of a distance between neighbours to the mean distance above which it counts as a jump; smooth laws exceed it six
+times in a million."""
 
 _NEGLIGIBLE: Final = 1e-12
 _NEAR: Final = 0.02
@@ -37,18 +39,18 @@ _NEAR: Final = 0.02
 @final
 @dataclass(frozen=True, eq=False)
 class Quantiles:
-    """Quantiles of rows.
+    """Quantiles of several rows of samples.
 
     Attributes
     ----------
     value
-        ``(rows,)``.
+        ``(rows,)`` quantiles.
     pseudo
-        The jackknife's pseudo-values, ``(REPLICATES, rows)``.
+        ``(REPLICATES, rows)`` pseudo-values of the jackknife.
     steps
-        By how much each step between neighbours moves them, ``(rows, m)``.
+        ``(rows, m)`` effect of each step between neighbours on the quantile.
     jumps
-        Whether it is a jump, ``(rows, m)``.
+        ``(rows, m)`` true if the step is a jump.
     """
 
     value: Array
@@ -62,7 +64,7 @@ class Quantiles:
         )
 
     def estimates(self, confidence: float, unseen: Array | float = 0.0) -> Estimates:
-        """Return values with intervals, not-a-number at jumps and gaps."""
+        """Return values with intervals, NaN at jumps and gaps."""
         half = half_widths(self.pseudo, confidence) + np.abs(self.pseudo.mean(axis=0) - self.value) + unseen
         rounding = 1e-14 * np.abs(self.steps).sum(axis=1)
         smooth = (np.abs(self.steps) * self.jumps).max(axis=1) <= LARGEST_STEP * half + rounding
@@ -70,25 +72,25 @@ class Quantiles:
 
 
 def quantiles(samples: Array, probability: float, confidence: float) -> Estimates:
-    """Return a quantile of every row of ``(rows, REPLICATES · n)`` with its interval; not-a-number at jumps and gaps."""
+    """Return a quantile of every row of ``(rows, REPLICATES · n)`` with its interval; NaN at jumps and gaps."""
     return found_quantiles(samples, probability).estimates(confidence)
 
 
 def quantile_changes(
     samples: Array, before: Array | Quantiles, probability: float, confidence: float, unseen: Array | float = 0.0
 ) -> tuple[Estimates, Estimates]:
-    """Return a quantile of every row, and how much it is above that of ``before``, which has the same random numbers.
+    """Return a quantile of every row, and its difference from that of ``before`` with the same random numbers.
 
     Parameters
     ----------
     samples, before
-        ``(rows, REPLICATES · n)``; what is known of the latter already may be given in its place.
+        ``(rows, REPLICATES · n)`` samples; the quantiles of the latter may be given instead, if already computed.
     probability
-        Which quantile.
+        Probability of the quantile.
     confidence
-        Of the intervals.
+        Confidence of the intervals.
     unseen
-        What may change where no sample lies, ``(rows,)``; the intervals are wider by as much.
+        ``(rows,)`` possible change in regions without samples, by which the intervals are widened.
     """
     after = found_quantiles(samples, probability)
     change = after - (before if isinstance(before, Quantiles) else found_quantiles(before, probability))
@@ -96,7 +98,7 @@ def quantile_changes(
 
 
 def found_quantiles(samples: Array, probability: float) -> Quantiles:
-    """Return a quantile of every row with what its interval follows from."""
+    """Return a quantile of every row with the data for its interval."""
     count = samples.shape[1]
     first, weights = _weights(count, probability)
     start, fewer = _weights(count - count // REPLICATES, probability)
@@ -105,7 +107,7 @@ def found_quantiles(samples: Array, probability: float) -> Quantiles:
     rows = [_of_one(values, first, weights, start, fewer) for values in samples]
     near = np.array([row[2] for row in rows])
     distances = np.diff(near, axis=1)
-    # of neighbours in a smooth law the distance is exponential; its median is ln 2 of its mean
+    # the distances of neighbours of a smooth law are exponentially distributed, with the median ln 2 times the mean
     centre = distances[:, pulls > _NEAR]
     usual = np.median(centre, axis=1, keepdims=True) / math.log(2)
     return Quantiles(
@@ -117,13 +119,13 @@ def found_quantiles(samples: Array, probability: float) -> Quantiles:
 
 
 def _of_one(values: Array, first: int, weights: Array, start: int, fewer: Array) -> tuple[float, Array, Array]:
-    """Return a quantile, its pseudo-values, and the order statistics that it is a mean of."""
+    """Return a quantile, its pseudo-values, and the order statistics that it averages."""
     each = values.size // REPLICATES
     order = np.argsort(values, kind="stable")
     near = values[order[first : first + weights.size]]
     whole = float(near @ weights)
     replicate = order // each
-    # of the samples without one replicate, those of the ranks from start on: no more than this is looked at
+    # the quantile without one replicate needs the ranks from start on, all of them within this window
     ahead = np.bincount(replicate[:start], minlength=REPLICATES)
     window = slice(start, start + fewer.size + each)
     rising, of = values[order[window]], replicate[window]
@@ -135,7 +137,7 @@ def _of_one(values: Array, first: int, weights: Array, start: int, fewer: Array)
 
 @lru_cache(maxsize=64)
 def _weights(count: int, probability: float) -> tuple[int, Array]:
-    """Return the rank, 0-based, of the first order statistic that matters, and the weights from it on."""
+    """Return the rank, from 0, of the first order statistic with a relevant weight, and the weights from there on."""
     shape = (count + 1) * probability, (count + 1) * (1 - probability)
     weights = np.diff(special.betainc(*shape, np.linspace(0.0, 1.0, count + 1)))
     kept = np.flatnonzero(weights > _NEGLIGIBLE * weights.max())

@@ -1,11 +1,11 @@
-"""Sobol indices of any function by pick-freeze, on scrambled Sobol points with replicates for intervals.
+"""Sobol indices of any function by the pick-freeze method, on replicated scrambled Sobol points.
 
-First order: Azzini, Mara and Rosati, Environmental Modelling & Software 144 (2021) 105167, whose noise shrinks with the
-index itself; total: Jansen, Computer Physics Communications 117 (1999). Both from two sets of points and their mixtures
-as in Saltelli et al., ibid. 181 (2010). Of several outputs together: numerators and variances added up first (Gamboa,
-Janon, Klein and Lagnoux, 2014). Intervals: the points are independent scrambles (Owen, 1995) of one net; the estimates
-are smooth functions of the replicates' means, see :mod:`precision_pin.analyses.replicates`. An index whose variance or
-numerator the points cannot know (:mod:`precision_pin.analyses.marginals`) is not given.
+First order: Azzini, Mara and Rosati, Environmental Modelling & Software 144 (2021) 105167, whose noise decreases with the
+index itself. Total: Jansen, Computer Physics Communications 117 (1999). Both use two sets of points and their mixtures, as
+in Saltelli et al., ibid. 181 (2010). For several outputs together, numerators and variances are added first (Gamboa,
+Janon, Klein and Lagnoux, 2014). Intervals: the points are independent scrambles (Owen, 1995) of one net, and the estimates
+are smooth functions of the replicates' means, see :mod:`precision_pin.analyses.replicates`. An index is not given where
+the points do not resolve its variance or numerator (:mod:`precision_pin.analyses.marginals`).
 """
 
 from __future__ import annotations
@@ -35,13 +35,13 @@ class Indices:
     Attributes
     ----------
     first, total
-        ``(G, Q)``.
+        ``(G, Q)`` first-order and total indices.
     first_sum
         ``(Q,)`` sum of the first-order indices.
     variance
-        ``(Q,)``; of several outputs together: the sum of theirs.
+        ``(Q,)`` variance; for several outputs together the sum of their variances.
     varies
-        ``(Q,)`` whether the output varies at all.
+        ``(Q,)`` true if the output varies.
     """
 
     first: Estimates
@@ -52,30 +52,30 @@ class Indices:
 
 
 def scrambled_points(dimension: int, seed: int, points: int, step: Callable[[], None] = lambda: None) -> Array:
-    """Return `REPLICATES` independent scrambles of a Sobol net, one after the other.
+    """Return `REPLICATES` independent scrambles of a Sobol net, concatenated.
 
     Parameters
     ----------
     dimension
-        How many numbers a point has.
+        Number of coordinates of a point.
     seed
         64-bit seed.
     points
-        Of each replicate; a power of two.
+        Points in each replicate, a power of two.
     step
-        Called after each replicate.
+        Function called after each replicate.
 
     Returns
     -------
     NDArray
-        ``(dimension, REPLICATES · points)``, inside (0, 1): midpoints of 2³⁰ cells.
+        ``(dimension, REPLICATES · points)`` inside (0, 1): midpoints of 2³⁰ cells.
     """
-    # half a second to import, for this function only
+    # imported here, because it takes half a second and only this function needs it
     from scipy.stats import qmc
 
     made = []
     for k in range(REPLICATES):
-        # the keyword of every scipy since 1.14; the newer one, rng, is not known to all of them
+        # seed is accepted by every scipy since 1.14; the newer keyword rng is not
         net = qmc.Sobol(dimension, scramble=True, bits=_BITS, seed=np.random.default_rng([seed, k]))
         made.append(net.random(points))
         step()
@@ -102,19 +102,19 @@ def sobol_indices(
     Parameters
     ----------
     function
-        Takes uniform numbers ``(d, N)``, gives ``(q, N)``.
+        Function from uniform numbers ``(d, N)`` to values ``(q, N)``.
     points, other_points
         A and B, ``(d, REPLICATES · n)``, halves of one set of :func:`scrambled_points`.
     groups
         Rows of each group's inputs; groups must be independent of one another.
     outputs
-        ``(Q, q)`` zeros and ones: which of the function's numbers belong to one output; each by itself if left out.
+        ``(Q, q)`` zeros and ones that select the function's values of each output; by default each value is an output.
     smallest
-        An output whose variance is not larger than this has no indices (not-a-number).
+        Variance up to which the indices of an output are NaN.
     confidence
-        Of every interval, each by itself.
+        Confidence of each interval by itself.
     breaks
-        Of each input the uniform numbers at which the function jumps or bends.
+        Uniform numbers at which the function has jumps or kinks, for each input.
     """
     at_a, at_b = _split(function(points)), _split(function(other_points))
     together = np.eye(at_a.shape[0]) if outputs is None else outputs
@@ -123,15 +123,15 @@ def sobol_indices(
     shape = (len(groups), together.shape[0], REPLICATES)
     firsts, totals = np.zeros(shape), np.zeros(shape)
     for k, rows in enumerate(groups):
-        change = _split(function(_mixed(points, other_points, rows))) - at_a
-        change_back = at_b - _split(function(_mixed(other_points, points, rows)))
+        change = _split(function(_mix_points(points, other_points, rows))) - at_a
+        change_back = at_b - _split(function(_mix_points(other_points, points, rows)))
         firsts[k] = together @ (change * change_back).mean(axis=2) / 2
         totals[k] = together @ (change**2 + change_back**2).mean(axis=2) / 4
 
     variance = jackknife(lambda used: variances[:, used].mean(axis=1), confidence)
     marginals = Marginals.of(len(points), at_a.shape[2], is_net=True, breaks=breaks)
-    squares = together @ marginals.centred(function(marginals.uniforms)) ** 2
-    known = marginals.resolved(squares, variance.replicate_variance)
+    squares = together @ marginals.subtract_means(function(marginals.uniforms)) ** 2
+    known = marginals.is_resolved(squares, variance.replicate_variance)
     member = np.zeros((len(groups), len(points)))
     for k, rows in enumerate(groups):
         member[k, np.asarray(rows)] = 1
@@ -144,7 +144,7 @@ def sobol_indices(
             return result
 
         found = jackknife(statistic, confidence)
-        return found.where(known & _ratios_resolved(marginals, squares / variance.value[:, None], found, members))
+        return found.where(known & _are_ratios_resolved(marginals, squares / variance.value[:, None], found, members))
 
     with np.errstate(divide="ignore", invalid="ignore"):
         return Indices(
@@ -156,30 +156,30 @@ def sobol_indices(
         )
 
 
-def _ratios_resolved(marginals: Marginals, shares: Array, found: Estimates, members: Array) -> NDArray[np.bool_]:
-    """Return which indices the points can know: what a number adds to a numerator and takes by the variance below it.
+def _are_ratios_resolved(marginals: Marginals, shares: Array, found: Estimates, members: Array) -> NDArray[np.bool_]:
+    """Return which indices the points resolve, given the contributions of a number to numerator and denominator.
 
     Parameters
     ----------
     marginals, shares
-        Nodes, and what they add to the variance, over the variance, ``(Q, M)``.
+        Nodes, and their contributions to the variance divided by the variance, ``(Q, M)``.
     found
         The indices, ``(…, Q)``.
     members
-        Whether the numerator has what a number adds, ``(…, d)``.
+        ``(…, d)`` one if the number contributes to the numerator, otherwise zero.
     """
     values = found.value.reshape(-1, len(shares))
     seen = found.replicate_variance.reshape(values.shape)
     of_each = members.reshape(len(values), len(marginals.columns))
     resolved = [
-        marginals.resolved(shares, variance, member[:, None] - value)
+        marginals.is_resolved(shares, variance, member[:, None] - value)
         for value, variance, member in zip(values, seen, of_each, strict=True)
     ]
     return np.array(resolved, dtype=bool).reshape(found.value.shape)
 
 
-def _mixed(points: Array, other_points: Array, rows: Sequence[int] | NDArray[np.intp]) -> Array:
-    """Return points with some of their inputs from other points."""
+def _mix_points(points: Array, other_points: Array, rows: Sequence[int] | NDArray[np.intp]) -> Array:
+    """Return the points with some of their inputs replaced by those of other points."""
     result = points.copy()
     result[np.asarray(rows)] = other_points[np.asarray(rows)]
     return result

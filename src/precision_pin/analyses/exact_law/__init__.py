@@ -1,4 +1,4 @@
-"""The distribution of the first-order error, by Fourier inversion."""
+"""Distribution of the first-order error, by Fourier inversion."""
 
 from precision_pin.analyses.declaration import Declaration, Option
 

@@ -1,4 +1,4 @@
-"""The law of a sum of two independent parts: their convolution, by quadrature."""
+"""Law of a sum of two independent parts: their convolution, by quadrature."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ __all__ = ["MOST_PIECES", "ConvolvedLaw"]
 
 
 MOST_PIECES: Final = 2000
-"""The most pieces of the integral; a sum with more of them is taken as a series."""
+"""Largest number of pieces of the integral; a sum with more pieces is computed as a series."""
 
 
 @final
 @dataclass(frozen=True, eq=False)
 class ConvolvedLaw(NumberLaw):
-    """Two parts: ``F(x) = ∫ F₁(x - z(s)) w(s) ds`` along the second's parameter.
+    """Law of two parts, ``F(x) = ∫ F₁(x - z(s)) w(s) ds`` along the parameter of the second.
 
-    The integral is cut at every kink of either, and each piece taken by the double exponential rule (Takahasi and Mori,
-    1974), which minds no singularity at an end.
+    The integral is split at every kink of either part. Each piece is computed by the double exponential rule (Takahasi and
+    Mori, 1974), which converges in spite of singularities at the ends.
     """
 
     mean: float
@@ -36,13 +36,13 @@ class ConvolvedLaw(NumberLaw):
 
     @classmethod
     def of(cls, mean: float, one: Projection, other: Projection) -> ConvolvedLaw:
-        """Return the law; the part whose density is the rougher is integrated along."""
+        """Return the law of two parts; the integral runs along the part with the rougher density."""
         kept, integrated = (one, other) if _roughness(one) <= _roughness(other) else (other, one)
         return cls(mean, kept, integrated)
 
     @property
     def pieces(self) -> int:
-        """Into how many the integral is cut."""
+        """Number of pieces of the integral."""
         return len(self.kept.kinks) + len(self.integrated.breaks) - 1
 
     @property
@@ -62,17 +62,17 @@ class ConvolvedLaw(NumberLaw):
 
     @property
     def error(self) -> float:
-        """Of the double exponential rule, found on sums with a closed form."""
+        """Error of the double exponential rule, measured on sums with a closed form."""
         return 1e-11
 
     def cumulative(self, x: Array) -> Array:
-        """Return the integral of F₁."""
+        """Return P(number ≤ x), the integral of F₁."""
         value = self._integral(self.kept.cumulative, x)
         inside = (x >= self.low) & (x < self.high)
         return np.where(inside, np.clip(value, 0, 1), np.where(x >= self.high, 1.0, 0.0))
 
     def density(self, x: Array) -> Array:
-        """Return the integral of f₁."""
+        """Return the density, the integral of f₁."""
         return self._integral(self.kept.density, x)
 
     def _integral(self, function: Callable[[Array], Array], x: Array) -> Array:
@@ -92,7 +92,7 @@ class ConvolvedLaw(NumberLaw):
 
 
 def _roughness(part: Projection) -> int:
-    """Return 2 for lines, 1 for a density without bound (|φ| falls slower than 1/ω), 0 otherwise."""
+    """Return 2 for lines, 1 for an unbounded density (|φ| decreases slower than 1/ω), 0 otherwise."""
     if isinstance(part, Lines):
         return 2
     far = np.array([2.0**60, 2.0**62]) / max(abs(end) for end in part.ends)

@@ -1,4 +1,4 @@
-"""The exact law of the first-order model: no sampling, the tails included.
+"""Exact law of the first-order model, including the tails, without sampling.
 
 A component of the tangent model ``e0 + J (x - mean)`` is a sum of independent numbers, one for each draw; its law follows
 from their characteristic functions (:mod:`precision_pin.analyses.exact_law.fourier_inversion`).
@@ -43,21 +43,21 @@ __all__ = ["LEVELS", "Agreement", "ExactLaw", "ExactLawResult", "PoseLaws", "cou
 
 
 LARGEST_ERROR: Final = 1e-6
-"""A law whose cumulative probabilities cannot be certified to this is not given."""
+"""Largest certified error of the cumulative probabilities for which a law is given."""
 
 ROUNDING: Final = 1e-14
-"""Spreads (m, rad) up to this are rounding."""
+"""Largest spread (m, rad) that counts as rounding."""
 
 MOST_SAMPLES: Final = 10_000_000
 
 COMPARED: Final = 10_000
-"""So many of the samples are also put through the exact model."""
+"""Number of samples that are also evaluated with the exact model."""
 
 CERTAIN: Final = 1 - 1e-6
-"""Confidence at which the exact model is said to follow another law."""
+"""Confidence at which a deviation of the exact model from the law is reported."""
 
 _AT_ONCE: Final = 2**16
-"""Samples that are drawn between two steps of the progress."""
+"""Samples drawn between two steps of the progress."""
 
 _NEGLIGIBLE: Final = 1e-12
 _BINS: Final = 60
@@ -86,13 +86,14 @@ def exact_law(
     error_model
         Chain, draws and sources.
     pose, poses, q
-        A pose (a name, joint values, or None for the model's first) or a list of such; three names of one argument.
+        A pose (a name, joint values, or None for the model's first) or a list of poses. The three arguments are synonyms.
     seed, samples, confidence
-        Of the samples of the tangent model that the laws are compared with.
+        Seed and number of the samples of the tangent model for comparison; confidence of the comparison.
     findings
-        Warnings to carry along, such as those of the sheet.
+        Warnings to include in the result, such as those of the sheet.
     progress
-        Told how many samples have been drawn, and then compared at each pose, since it was last called; ``True`` shows a bar.
+        Function called with the number of samples drawn, and then compared at each pose, since its last call; ``True`` shows
+        a bar.
 
     Raises
     ------
@@ -103,7 +104,7 @@ def exact_law(
         error_model, (poses, q, pose), seed=seed, confidence=confidence, findings=findings, progress=progress
     )
     check_whole("the number of samples", samples, 100, MOST_SAMPLES)
-    _refuse_copulas(error_model.space)
+    _check_copulas(error_model.space)
     count = int(samples)
     with steps_to(progress, count_steps(error_model.space, len(chosen), count)) as step:
         deviations = _deviations(error_model.space, seed, count, step)
@@ -122,13 +123,13 @@ def exact_law(
 
 
 def count_steps(space: Space, poses: int, samples: int, **others: object) -> int:
-    """Return how many steps exact laws tell of: samples are drawn once, and compared at each pose."""
+    """Return the number of progress steps: samples are drawn once, and compared at each pose."""
     del space, others
     return samples * (1 + poses)
 
 
 def _deviations(space: Space, seed: int, count: int, step: Callable[[int], None]) -> Array:
-    """Return samples less their means, ``(d, count)``."""
+    """Return samples minus their means, ``(d, count)``."""
     check_memory(
         8.0 * (space.size + 16) * count, f"comparing {count:,} samples of {space.size:,} numbers", "ask for fewer"
     )
@@ -149,13 +150,13 @@ def _at_pose(error_model: ErrorModel, pose: Pose, deviations: Array, confidence:
     for row, name in enumerate(name for name in QUANTITIES if name not in _NORMS):
         laws[name] = _component(at.space, name, float(error[row]), jacobian[row], sampled[row], confidence)
     ordered = {name: laws[name] for name in QUANTITIES}
-    warnings = _bends(at, ordered, deviations[:, :COMPARED])
+    warnings = _find_nonlinear(at, ordered, deviations[:, :COMPARED])
     add(warnings)
     return PoseLaws(PoseLabel.of(error_model, pose, at), ordered, warnings)
 
 
-def _bends(at: PoseModel, laws: dict[str, ExactLaw], deviations: Array) -> tuple[str, ...]:
-    """Return a line for each quantity whose law is plainly not that of the exact model."""
+def _find_nonlinear(at: PoseModel, laws: dict[str, ExactLaw], deviations: Array) -> tuple[str, ...]:
+    """Return a warning for each quantity whose law clearly differs from that of the exact model."""
     try:
         errors = sampler.errors_at(sampler.to_arrays(at), "exact", at.space.mean[:, None] + deviations)
     except InputError as error:
@@ -167,28 +168,28 @@ def _bends(at: PoseModel, laws: dict[str, ExactLaw], deviations: Array) -> tuple
             if not agreement.agrees:
                 lines.append(
                     f"{symbol(name)}: {values.size:,} samples of the exact model lie {agreement.distance:.2g} from this law, "
-                    f"chance explains {agreement.band:.2g}; the model bends within the tolerances, use analyze"
+                    f"chance explains {agreement.band:.2g}; the model is nonlinear within the tolerances, use analyze"
                 )
         elif law.std == 0 and float(values.std()) > ROUNDING:
             lines.append(f"{symbol(name)}: does not vary at first order, but does in the exact model; use analyze")
     return tuple(lines)
 
 
-def _refuse_copulas(space: Space) -> None:
+def _check_copulas(space: Space) -> None:
     laws = {draw.name: draw.law for draw in space.draws}
     for correlation in space.correlations:
         for name in correlation.names:
             if not laws[name].is_normal:
                 raise InputError(
-                    f"{name!r} is correlated ({', '.join(correlation.names)}) and not normal: its sums have no exact law "
-                    "here; use analyze, or make all draws of the correlation normal"
+                    f"{name!r} is correlated ({', '.join(correlation.names)}) and not normal: exact laws need normal or "
+                    "independent draws; use analyze, or make all draws of the correlation normal"
                 )
 
 
 @final
 @dataclass(frozen=True, eq=False)
 class _Share:
-    """A draw that is not normal, along the weights of a component."""
+    """Contribution of a draw that is not normal to a component, with its weights."""
 
     law: Law
     weights: Array
@@ -197,7 +198,7 @@ class _Share:
 
     @property
     def ends(self) -> tuple[float, float]:
-        """Between which it lies."""
+        """Lower and upper end."""
         if self.part is not None:
             return self.part.ends
         middle = float(self.weights @ self.law.mean_vector)
@@ -205,7 +206,7 @@ class _Share:
 
     @property
     def summand(self) -> Summand:
-        """Bounds that a series needs; of a law defined elsewhere no bound is known but 1."""
+        """Bounds for the series; for a law defined by the user the only known bound of |φ| is 1."""
         part = self.part
         if part is not None:
             return Summand(part.within, part.is_bounded, part.envelope, part.characteristic, part.characteristic_error)
@@ -241,7 +242,7 @@ def _component(space: Space, quantity: str, mean: float, weights: Array, sampled
         left_out, bell_std = left_out + bell_std, 0.0
     contributors = len(kept) + (bell_std > 0)
     law = _law_of(mean, kept, bell_std)
-    # a left-out number moves the cumulative law by no more than the density times itself, a few standard deviations
+    # an omitted number changes the cumulative law by at most the density times its size, a few standard deviations
     error = math.inf if isinstance(law, str) else law.error + 10 * left_out / total
     if isinstance(law, str) or error > LARGEST_ERROR:
         reason = law if isinstance(law, str) else _UNCERTIFIED
@@ -251,14 +252,14 @@ def _component(space: Space, quantity: str, mean: float, weights: Array, sampled
 
 _UNCERTIFIED: Final = "not certified: too few of its draws have a density (values with a probability of their own)"
 _TOO_MANY: Final = (
-    "not certified: {terms:,} terms leave an error of {error:.0e} in the cumulative law, more than {largest:g}; the draws are "
-    "too unlike: wide tails, and a characteristic function that falls slowly"
+    "not certified: {terms:,} terms leave an error of {error:.0e} in the cumulative law, more than {largest:g}; the draws "
+    "combine wide tails with a characteristic function that decreases slowly"
 )
 _UNKNOWN_ERROR: Final = 1e-13
 
 
 def _law_of(mean: float, shares: Sequence[_Share], bell_std: float) -> NumberLaw | str:
-    """Return the law of a sum, or why there is none."""
+    """Return the law of a sum, or the reason why there is none."""
     if not shares:
         return NormalLaw(mean, bell_std)
     parts = [share.part for share in shares if share.part is not None]
@@ -332,10 +333,10 @@ def _with_samples(
 def agreement_of(
     law: NumberLaw | NormalNorm, rising: Array, confidence: float, std: float, effort: float = _EFFORT
 ) -> Agreement:
-    """Return how far sorted samples ``(N,)`` lie from a law of this standard deviation.
+    """Return the distance of sorted samples ``(N,)`` from a law with this standard deviation.
 
-    Every m-th sample is looked at, m as the time that the law takes demands; between two, both cumulative laws rise, so
-    that the distance grows by m/N at most.
+    Only every m-th sample is compared, with m chosen by the evaluation time of the law. Both cumulative laws are monotone,
+    so that the distance between two compared samples is larger by at most m/N.
     """
     match law:
         case SeriesLaw():
@@ -350,7 +351,7 @@ def agreement_of(
     step = max(1, math.ceil(2 * count * cost / effort))
     looked = np.unique(np.append(np.arange(0, count, step), count - 1))
     x = rising[looked]
-    # a value with a probability of its own is sampled with rounding, and must be found on both sides of it
+    # at a value with a finite probability, samples deviate by rounding; compare on both sides of it
     shift = 1e-9 * std
     above, below = law.cumulative(x + shift), law.cumulative(x - shift)
     up_to = np.searchsorted(rising, x, side="right") / count

@@ -41,15 +41,15 @@ class Agreement:
     Attributes
     ----------
     samples
-        How many.
+        Number of samples.
     distance
         Kolmogorov distance: the largest difference of the two cumulative laws, rounded up by at most ``slack``.
     band
-        What it stays below with the confidence stated: √(ln(2/α)/2N) (Dvoretzky, Kiefer and Wolfowitz 1956; Massart 1990).
+        Bound of the distance at the stated confidence: √(ln(2/α)/2N) (Dvoretzky, Kiefer and Wolfowitz 1956; Massart 1990).
     confidence
-        1 - α.
+        Confidence 1 - α.
     slack
-        By how much the distance may be too large.
+        Largest excess of the stated distance.
     edges, counts
         Histogram of the samples.
     """
@@ -67,33 +67,33 @@ class Agreement:
 
     @property
     def agrees(self) -> bool:
-        """Whether the distance is within the band."""
+        """True if the distance is within the band."""
         return self.distance - self.slack <= self.band
 
 
 @final
 @dataclass(frozen=True, eq=False)
 class ExactLaw:
-    """The law of one quantity.
+    """Law of one quantity.
 
     Attributes
     ----------
     quantity
         ``position.x`` … ``attitude.z`` or a norm; m or rad, base axes.
     law
-        Gives ``cumulative``, ``density`` and ``quantile``; ``None`` where there is none.
+        Object with ``cumulative``, ``density`` and ``quantile``; ``None`` if the law is not available.
     reason
-        Why there is none.
+        Reason why the law is not available.
     mean, std
-        Of the quantity; of a norm that is not available, ``None``.
+        Mean and standard deviation; ``None`` for a norm that is not available.
     contributors
-        How many draws matter; normal ones count as one.
+        Number of contributing draws; all normal draws count as one.
     error
-        Bound of the error of every cumulative probability, of a number within rounding of the one asked for.
+        Bound of the error of every cumulative probability, at a number within rounding of the argument.
     quantiles, quantile_errors
-        At :data:`LEVELS`, and the bound of the error of each.
+        Quantiles at :data:`LEVELS`, and the error bound of each.
     agreement
-        With samples of the tangent model.
+        Agreement with samples of the tangent model.
     """
 
     quantity: str
@@ -109,7 +109,7 @@ class ExactLaw:
 
     @property
     def curve(self) -> tuple[Array, Array, Array]:
-        """Values from 4.5 standard deviations below the mean to as many above, density and cumulative law there."""
+        """Values from 4.5 standard deviations below the mean to 4.5 above, with density and cumulative law."""
         if self.law is None or self.mean is None or self.std is None:
             return np.zeros(0), np.zeros(0), np.zeros(0)
         low = max(self.mean - 4.5 * self.std, self.law.low)
@@ -118,14 +118,14 @@ class ExactLaw:
         return x, self.law.density(x), self.law.cumulative(x)
 
     def shown_quantiles(self, digits: int) -> dict[float, tuple[float, int]]:
-        """Return the quantiles by level, each with the digits that it is known to, of so many at the most."""
+        """Return the quantiles by level, each with its number of certain digits, at most ``digits``."""
         return {
             level: (value, quantile_digits(value, error, digits))
             for level, value, error in zip(LEVELS, self.quantiles, self.quantile_errors, strict=False)
         }
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the law as the JSON has it, SI units; null for what is not known."""
+        """Return the entry of ``laws`` in the JSON, SI units; null where not available."""
         result: dict[str, Any] = {
             "mean": self.mean,
             "std": self.std,
@@ -159,16 +159,16 @@ class ExactLaw:
 @final
 @dataclass(frozen=True, eq=False)
 class PoseLaws:
-    """The laws at one pose.
+    """Laws at one pose.
 
     Attributes
     ----------
     pose
-        Which.
+        Name and joint values of the pose.
     laws
-        The eight quantities by name.
+        Laws of the eight quantities, by name.
     warnings
-        Where samples of the exact model do not follow the law of the first order, one line each.
+        Quantities whose exact model does not follow the first-order law, one line each.
     """
 
     pose: PoseLabel
@@ -176,7 +176,7 @@ class PoseLaws:
     warnings: tuple[str, ...] = ()
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the pose and its laws."""
+        """Return the entry of ``poses`` in the JSON."""
         return {
             "pose": self.pose.to_dict(),
             "laws": {name: law.to_dict() for name, law in self.laws.items()},
@@ -195,7 +195,7 @@ class ExactLawResult(Result):
 
     @property
     def agrees(self) -> bool:
-        """Whether every law agrees with its samples."""
+        """True if every law agrees with its samples."""
         laws = [law for pose in self.poses for law in pose.laws.values()]
         return all(law.agreement.agrees for law in laws if law.agreement is not None)
 
@@ -205,14 +205,14 @@ class ExactLawResult(Result):
         return ASSUMPTIONS
 
     def settings(self) -> dict[str, Any]:
-        """Return what was asked for, as the JSON has it."""
+        """Return the settings, as in the JSON."""
         return {"model": "tangent", **super().settings()}
 
     def to_pandas(self) -> pandas.DataFrame:
-        """Return the laws as a data frame, m and rad: a row for each pose and quantity, not-a-number for what there is not.
+        """Return the result as a data frame, m and rad, NaN where not available: a row for each pose and quantity.
 
-        Columns ``mean``, ``std``, ``contributors``, ``cumulative_error``; ``quantile_0.95``, … with ``…_error``, the bound
-        of its error; ``distance`` and ``band`` of the agreement with samples. ``attrs`` say how it was computed.
+        The columns are ``mean``, ``std``, ``contributors``, ``cumulative_error``; ``quantile_0.95``, … with ``…_error``, its
+        error bound; and ``distance`` and ``band`` of the agreement with samples. ``attrs`` gives the settings.
 
         Raises
         ------
@@ -289,7 +289,7 @@ def bound_text(bound: float) -> str:
 
 
 def quantile_digits(value: float, error: float, digits: int) -> int:
-    """Return how many digits of a quantile its error leaves, of so many at the most."""
+    """Return the number of certain digits of a quantile, at most ``digits``."""
     if not value or not error:
         return digits
     return max(1, min(digits, math.floor(math.log10(abs(value))) - math.ceil(math.log10(2 * error)) + 1))

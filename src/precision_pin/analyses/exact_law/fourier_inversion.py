@@ -1,17 +1,18 @@
-"""The law of one number that is a sum of independent parts, as a Fourier series.
+"""Law of a sum of independent parts, as a Fourier series.
 
-Of many parts the characteristic function is a product. On a support of length 2L, the density is its own Fourier series
-(Poisson's summation; Abate and Whitt, Queueing Systems 10, 1992): with ω_k = kπ/L and φ about the middle c,
+The characteristic function of a sum is a product. On a support of length 2L, the density equals its Fourier series
+(Poisson's summation; Abate and Whitt, Queueing Systems 10, 1992). With ω_k = kπ/L and φ about the middle c,
 
     f(c + y) = (1/2L) (1 + 2 Re Σ φ(ω_k) exp(-i ω_k y)),
     F(c + y) = (y + L)/2L + Re Σ (i/kπ) φ(ω_k) (exp(-i ω_k y) - (-1)^k).
 
-Bounded parts leave no other error than cutting the series at K, at most (2/π) Σ_{k>K} |φ(ω_k)|/k, which bounds of |φ|
-that never rise turn into a number. Unbounded parts add what lies beyond the ends chosen. A wide lognormal part, whose ends
-are far and whose |φ| falls slowly, is cut the nearer the larger the error aimed at. Rounding is bounded along with it: that
-of the characteristic function, of the phases kπy, which grows with k as the coefficients fall, and of the sums.
+For bounded parts the only error is the truncation of the series at K, at most (2/π) Σ_{k>K} |φ(ω_k)|/k, which is evaluated
+with monotone bounds of |φ|. Unbounded parts add the probability beyond the chosen ends. A wide lognormal part has distant
+ends and a |φ| that decreases slowly; its ends are moved inwards until the series is short enough, at the cost of a larger
+error. Rounding is bounded as well: of the characteristic function, of the phases kπy, whose error grows with k as the
+coefficients decrease, and of the sums.
 
-A cumulative probability at x is that at a number within a few units of rounding of x, as x - mean is itself rounded.
+A cumulative probability at x is the probability at a number within a few rounding units of x, because x - mean is rounded.
 """
 
 from __future__ import annotations
@@ -34,7 +35,7 @@ __all__ = ["MOST_TERMS", "SeriesLaw", "Summand", "certified_series"]
 
 
 UNIT: Final = 0.5**53
-"""Rounding of one number, relative."""
+"""Relative rounding error of a double."""
 
 MOST_TERMS: Final = 2**20
 _AIMS: Final = (
@@ -44,26 +45,26 @@ _AIMS: Final = (
     (1e-8, MOST_TERMS, 6.2),
     (3e-7, MOST_TERMS, 5.5),
 )
-"""Error to reach by the cut, terms that it may take, standard deviations at which unbounded parts end."""
+"""Target of the truncation error, largest number of terms, and standard deviations at which unbounded parts end."""
 
 
 @final
 @dataclass(frozen=True, eq=False)
 class SeriesLaw(NumberLaw):
-    """A Fourier series on the support.
+    """Fourier series of a law on its support.
 
     Attributes
     ----------
     mean
-        The number's mean.
+        Mean of the number.
     middle, half_length
-        The support: mean + middle ± half_length.
+        Support: mean + middle ± half_length.
     coefficients
         φ(ω_k) about the middle, ``(K + 1,)``; the first is 1.
     truncation
-        Bound of what the cut changes in the cumulative law.
+        Bound of the truncation error of the cumulative law.
     density_truncation
-        As much of the density; infinite where the bounds do not tell.
+        Bound of the truncation error of the density; infinite where unknown.
     beyond
         Probability beyond the support.
     rounding
@@ -84,38 +85,38 @@ class SeriesLaw(NumberLaw):
 
     @property
     def low(self) -> float:  # type: ignore[override]
-        """The support's lower end."""
+        """Lower end of the support."""
         return self.mean + self.middle - self.half_length
 
     @property
     def high(self) -> float:  # type: ignore[override]
-        """The support's upper end."""
+        """Upper end of the support."""
         return self.mean + self.middle + self.half_length
 
     @property
     def terms(self) -> int:
-        """K."""
+        """Number of terms, K."""
         return self.coefficients.size - 1
 
     @property
     def method(self) -> str:
-        """Inversion, with the number of terms."""
+        """Inversion of the characteristic function, with the number of terms."""
         return f"inversion of the characteristic function, {self.terms} terms"
 
     @property
     def error(self) -> float:
-        """Truncation, what lies beyond the support, and rounding."""
+        """Truncation error, probability beyond the support, and rounding."""
         return self.truncation + self.beyond + self.rounding
 
     def cumulative(self, x: Array) -> Array:
-        """Return the series of F."""
+        """Return P(number ≤ x), the series of F."""
         y = (x - self.mean - self.middle) / self.half_length
         inner = np.clip(y, -1.0, 1.0)
         value: Array = (inner + 1) / 2 + _sum(self._slopes, inner) - self._start
         return np.where(y <= -1, 0.0, np.where(y >= 1, 1.0, np.clip(value, 0.0, 1.0)))
 
     def density(self, x: Array) -> Array:
-        """Return the series of f."""
+        """Return the density, the series of f."""
         y = (x - self.mean - self.middle) / self.half_length
         value = _sum(self._heights, np.clip(y, -1.0, 1.0)) / self.half_length
         return np.where(np.abs(y) < 1, np.maximum(value, 0.0), 0.0)
@@ -135,7 +136,7 @@ class SeriesLaw(NumberLaw):
 
 
 def _arrange(coefficients: NDArray[np.complex128]) -> NDArray[np.complex128]:
-    """Return coefficients as a table ``(columns, rows)``, k = columns · row + column; zeros fill it up."""
+    """Return the coefficients as a table ``(columns, rows)``, k = columns · row + column, padded with zeros."""
     columns = _columns(coefficients.size)
     padded = np.zeros(-(-coefficients.size // columns) * columns, dtype=complex)
     padded[: coefficients.size] = coefficients
@@ -147,7 +148,7 @@ def _columns(size: int) -> int:
 
 
 def _sum(table: NDArray[np.complex128], y: Array) -> Array:
-    """Return Re Σ c_k exp(-i k π y): powers of exp(-iπy) in two steps, so that few exponentials are needed."""
+    """Return Re Σ c_k exp(-i k π y), with the powers of exp(-iπy) in two steps to save exponentials."""
     columns, rows = table.shape
     step = max(1, 2_000_000 // (rows + columns))
     parts = [np.zeros(0)]
@@ -162,7 +163,7 @@ def _sum(table: NDArray[np.complex128], y: Array) -> Array:
 @final
 @dataclass(frozen=True, eq=False)
 class _Bounds:
-    """Bounds of |φ|, and what they say about a cut at K."""
+    """Bounds of |φ|, and of the truncation error at K terms."""
 
     envelopes: Sequence[Callable[[Array], Array]]
     std: float
@@ -182,7 +183,7 @@ class _Bounds:
         return result
 
     def truncations(self, terms: int) -> tuple[float, float]:
-        """Return the bounds of the errors of F and f; the sums over octaves (2^j K, 2^(j+1) K]."""
+        """Return the bounds of the truncation errors of F and f, summed over octaves (2^j K, 2^(j+1) K]."""
         omega = terms * np.pi / self.half_length * self._octaves
         with np.errstate(under="ignore", over="ignore"):
             bound = self.bound(omega)
@@ -191,7 +192,7 @@ class _Bounds:
 
 
 def _sum_converging(terms: Array) -> float:
-    """Return the sum, infinite where the terms have not died out: it would grow with more of them."""
+    """Return the sum, infinite where the last terms are not negligible."""
     total = float(terms.sum())
     return total * (1 + 1e-9) if terms[-1] <= 1e-15 * total or total < 1e-250 else math.inf
 
@@ -199,20 +200,21 @@ def _sum_converging(terms: Array) -> float:
 @final
 @dataclass(frozen=True, eq=False)
 class Summand:
-    """One independent part of a sum, as its series needs it.
+    """Independent part of a sum, in the form that the series needs.
 
     Attributes
     ----------
     ends
-        Returns ends beyond which no more lies than beyond ± a number of standard deviations of a normal law.
+        Function of a number of standard deviations that returns ends with at most the probability beyond that a normal law
+        has there.
     is_bounded
-        Whether nothing lies there.
+        True if the probability beyond the ends is zero.
     envelope
-        Returns a bound of |φ| that never rises, for ω ``(n,)``.
+        Function of ω ``(n,)`` that returns a monotone bound of |φ|.
     characteristic
-        Returns φ of the deviation from the mean, for ω ``(n,)``.
+        Function of ω ``(n,)`` that returns φ of the deviation from the mean.
     characteristic_error
-        Bound of its error, rounding of ω apart.
+        Bound of the error of φ, except the rounding of ω.
     """
 
     ends: Callable[[float], tuple[float, float]]
@@ -226,18 +228,18 @@ class Summand:
 
 
 def certified_series(mean: float, std: float, summands: Sequence[Summand], largest_error: float) -> SeriesLaw | float:
-    """Return the series of a law with as many terms as its certified error needs; else the least error there is.
+    """Return the series of a law with the terms that its certified error needs, otherwise the smallest error reached.
 
     Parameters
     ----------
     mean
-        Of the number.
+        Mean of the number.
     std
-        Of its normal parts together.
+        Standard deviation of its normal parts together.
     summands
-        Its other parts.
+        The other parts.
     largest_error
-        A law of a larger error is not computed.
+        Largest error for which the law is computed.
     """
     for aim, most, score in _AIMS:
         ends = [summand.ends(min(score, FARTHEST)) for summand in summands]
@@ -266,8 +268,8 @@ def certified_series(mean: float, std: float, summands: Sequence[Summand], large
 def _rounding(bounds: Array, summands: Sequence[Summand]) -> float:
     """Return the bound of the rounding of a cumulative law with these bounds of |φ(ω_k)|, k from 1 on.
 
-    A phase of kπ is off by no more than a few units of its own, and moves a term φ/kπ by as many units of φ; the parts'
-    characteristic functions by their own errors; the sums add a unit for each term of an inner row.
+    The relative error of a phase kπ is a few rounding units, which changes a term φ/kπ by as many units of φ. The
+    characteristic functions of the parts add their own errors, and the sums one unit for each term of an inner row.
     """
     k = np.arange(1, bounds.size + 1)
     terms = float((bounds / (np.pi * k)).sum())

@@ -1,9 +1,10 @@
-"""The length of a normal vector: the root of a generalised chi-square.
+"""Length of a normal vector: the root of a generalised chi-square variable.
 
-In principal axes the density is a product; the probability of a ball of radius r about the origin is integrated one axis
-after another, ``P_m(r) = ∫ f_m(r sin θ) P_(m-1)(r cos θ) r cos θ dθ``, from the normal law ``P_1`` up. The integrands are
-analytic, so that Gauss-Legendre rules converge geometrically; nodes are doubled until the value stands still. (Imhof's
-inversion, Biometrika 48, 1961, gives the same probability by an integral that converges slowly in few dimensions.)
+In principal axes the density is a product. The probability of a ball of radius r about the origin is integrated one axis
+after another, ``P_m(r) = ∫ f_m(r sin θ) P_(m-1)(r cos θ) r cos θ dθ``, starting from the normal law ``P_1``. The integrands
+are analytic, so that Gauss-Legendre rules converge geometrically; the number of nodes is doubled until the value is
+stationary. (Imhof's inversion, Biometrika 48, 1961, gives the same probability by an integral that converges slowly in few
+dimensions.)
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ __all__ = ["NormalNorm"]
 
 
 ERROR: Final = 1e-12
-"""Change of the cumulative law at the last doubling."""
+"""Error of the cumulative law, ten times the largest change at the last doubling of the nodes."""
 
 _FARTHEST: Final = 9.0
 _NODES: Final = 48
@@ -37,7 +38,7 @@ _FLAT: Final = 1e-9
 @final
 @dataclass(frozen=True, eq=False)
 class NormalNorm:
-    """|v| of a normal v.
+    """Law of |v| for a normal vector v.
 
     Attributes
     ----------
@@ -55,17 +56,17 @@ class NormalNorm:
 
     @property
     def method(self) -> str:
-        """Integration over the ball."""
+        """Method of computation, as text."""
         return "generalised chi-square law, by integration over the ball"
 
     @property
     def error(self) -> float:
-        """See :data:`ERROR`."""
+        """Bound of the error of :meth:`cumulative`, :data:`ERROR`."""
         return ERROR
 
     @cached_property
     def _axes(self) -> tuple[Array, Array, float]:
-        """Standard deviations and means along the principal axes that vary, widest first; length of the rest."""
+        """Standard deviations and means along the varying principal axes, largest first; length of the constant part."""
         values, vectors = np.linalg.eigh(self.matrix)
         stds, means = np.sqrt(np.maximum(values, 0.0))[::-1], (vectors.T @ self.centre)[::-1]
         varies = stds > _FLAT * stds[0]
@@ -73,27 +74,27 @@ class NormalNorm:
 
     @property
     def low(self) -> float:
-        """Length of what does not vary."""
+        """Length of the constant part."""
         return self._axes[2]
 
     @property
     def high(self) -> float:
-        """Beyond it lies a probability below 1e-18."""
+        """Upper end, beyond which the probability is below 1e-18."""
         stds, means, still = self._axes
         return math.hypot(float(np.linalg.norm(np.abs(means) + _FARTHEST * stds)), still)
 
     def cumulative(self, r: Array) -> Array:
         """Return P(|v| ≤ r), ``(N,)``."""
         inner = np.sqrt(np.maximum(r**2 - self._axes[2] ** 2, 0.0))
-        return np.clip(self._settled(_ball, inner), 0.0, 1.0)
+        return np.clip(self._evaluate(_ball, inner), 0.0, 1.0)
 
     def density(self, r: Array) -> Array:
         """Return the density of |v|, ``(N,)``."""
         inner = np.sqrt(np.maximum(r**2 - self._axes[2] ** 2, 0.0))
-        return self._settled(_sphere, inner) * r / np.where(inner > 0, inner, np.inf)
+        return self._evaluate(_sphere, inner) * r / np.where(inner > 0, inner, np.inf)
 
     def quantile(self, p: float) -> float:
-        """Return the radius of the ball of this probability, by Brent's method."""
+        """Return the radius of the ball with this probability, by Brent's method."""
 
         def excess(r: float) -> float:
             return float(self.cumulative(np.array([r]))[0]) - p
@@ -102,7 +103,7 @@ class NormalNorm:
         return root
 
     def quantile_error(self, p: float) -> float:
-        """Return the bound of the quantile's error."""
+        """Return the error bound of :meth:`quantile`."""
         return float(quantile_bounds(self, np.array([p]), np.array([self.quantile(p)]))[0])
 
     @cached_property
@@ -118,12 +119,12 @@ class NormalNorm:
         square = float(self.centre @ self.centre + np.trace(self.matrix))
         return mean, math.sqrt(max(square - mean**2, 0.0))
 
-    def _settled(self, function: Callable[[Array, Array, Array, int], Array], radii: Array) -> Array:
-        """Return a function of radii, with as many nodes for each as it takes to stand still."""
+    def _evaluate(self, function: Callable[[Array, Array, Array, int], Array], radii: Array) -> Array:
+        """Return a function of radii, with the nodes of each doubled until the value is stationary."""
         stds, means, _ = self._axes
         step = max(1, _AT_ONCE // (2 * _NODES) ** (stds.size - 1))
         if radii.size > step:
-            parts = [self._settled(function, radii[first : first + step]) for first in range(0, radii.size, step)]
+            parts = [self._evaluate(function, radii[first : first + step]) for first in range(0, radii.size, step)]
             return np.concatenate(parts)
         nodes = _NODES
         values = function(radii, stds, means, nodes)
@@ -140,7 +141,7 @@ def _ball(radius: Array, stds: Array, means: Array, nodes: int) -> Array:
     """Return the probability of balls about the origin, ``radius`` of any shape."""
     if stds.size == 1:
         upper, lower = (radius - means[0]) / stds[0], (-radius - means[0]) / stds[0]
-        # the difference of the nearer tails, so that far balls keep their digits
+        # the difference of the nearer tails, so that distant balls keep their digits
         probability: Array = np.where(
             means[0] > 0,
             special.ndtr(upper) - special.ndtr(lower),
@@ -154,7 +155,7 @@ def _ball(radius: Array, stds: Array, means: Array, nodes: int) -> Array:
 
 
 def _sphere(radius: Array, stds: Array, means: Array, nodes: int) -> Array:
-    """Return the derivative of :func:`_ball` to the radius."""
+    """Return the derivative of :func:`_ball` with respect to the radius."""
     if stds.size == 1:
         return _density(radius, stds[0], means[0]) + _density(-radius, stds[0], means[0])
     across, along, weights = _slices(radius, stds[-1], means[-1], nodes)

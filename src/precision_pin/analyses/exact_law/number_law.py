@@ -1,4 +1,4 @@
-"""The law of one number, by its cumulative law and density; and the two in closed form: a normal number, and one part alone."""
+"""Law of one number by cumulative law and density, with the two closed forms: a normal number and a single part."""
 
 from __future__ import annotations
 
@@ -18,25 +18,25 @@ __all__ = ["FARTHEST", "ROUNDING", "NormalLaw", "NumberLaw", "SingleLaw"]
 
 
 ROUNDING: Final = 1e-14
-"""Bound of the rounding of a cumulative law in closed form."""
+"""Bound of the rounding error of a cumulative law in closed form."""
 
 FARTHEST: Final = 9.0
-"""Standard deviations beyond which a normal number is left out: probability 2.3e-19."""
+"""Number of standard deviations beyond which a normal law is neglected: probability 2.3e-19."""
 
 
 class NumberLaw(ABC):
-    """The law of one number.
+    """Law of one number.
 
     Attributes
     ----------
     mean
-        Its mean.
+        Mean of the number.
     low, high
-        What lies outside has a probability below the error.
+        Ends of the law; the probability outside is below the error.
     method
-        How it is computed, in words.
+        Method of computation, as text.
     error
-        Bound of the error of :meth:`cumulative`, rounding of x apart.
+        Bound of the error of :meth:`cumulative`, except the rounding of x.
     """
 
     mean: float
@@ -46,7 +46,7 @@ class NumberLaw(ABC):
     @property
     @abstractmethod
     def method(self) -> str:
-        """The method of computation, in words."""
+        """Method of computation, as text."""
 
     @property
     @abstractmethod
@@ -59,7 +59,7 @@ class NumberLaw(ABC):
 
     @abstractmethod
     def density(self, x: Array) -> Array:
-        """Return the density ``(N,)``, not-a-number where there is none."""
+        """Return the density ``(N,)``, NaN where there is none."""
 
     @final
     def quantile(self, p: float) -> float:
@@ -77,26 +77,26 @@ class NumberLaw(ABC):
 
     @final
     def quantile_error(self, p: float) -> float:
-        """Return the bound of :meth:`quantile`'s error."""
+        """Return the error bound of :meth:`quantile`."""
         return float(quantile_bounds(self, np.array([p]), np.array([self.quantile(p)]))[0])
 
 
 @final
 @dataclass(frozen=True)
 class NormalLaw(NumberLaw):
-    """A normal number."""
+    """Law of a normal number."""
 
     mean: float
     std: float
 
     @property
     def low(self) -> float:  # type: ignore[override]
-        """Nine standard deviations down."""
+        """Nine standard deviations below the mean."""
         return self.mean - FARTHEST * self.std
 
     @property
     def high(self) -> float:  # type: ignore[override]
-        """Nine standard deviations up."""
+        """Nine standard deviations above the mean."""
         return self.mean + FARTHEST * self.std
 
     @property
@@ -123,7 +123,7 @@ class NormalLaw(NumberLaw):
 @final
 @dataclass(frozen=True, eq=False)
 class SingleLaw(NumberLaw):
-    """One part alone."""
+    """Law of a single part."""
 
     mean: float
     part: Projection
@@ -149,9 +149,9 @@ class SingleLaw(NumberLaw):
         return ROUNDING
 
     def cumulative(self, x: Array) -> Array:
-        """Return the part's."""
+        """Return the cumulative law of the part."""
         return self.part.cumulative(x - self.mean)
 
     def density(self, x: Array) -> Array:
-        """Return the part's."""
+        """Return the density of the part."""
         return self.part.density(x - self.mean)

@@ -1,7 +1,8 @@
-"""Bounds of the true quantile about a computed one, given a bound of the error of the cumulative law.
+"""Error bounds of computed quantiles, given a bound of the error of the cumulative law.
 
-With |F̂ - F| ≤ ε, the p-quantile of F lies between those of F̂ at p - ε and p + ε. Where the law has a density there, a
-width δ of about 2ε over it is tried: F̂(q - δ) ≤ p - ε and F̂(q + δ) ≥ p + ε prove it. Elsewhere both ends are looked for.
+With |F̂ - F| ≤ ε, the p-quantile of F lies between those of F̂ at p - ε and p + ε. Where the law has a density, a width δ of
+about 2ε divided by the density is tried: F̂(q - δ) ≤ p - ε and F̂(q + δ) ≥ p + ε prove it. Elsewhere both quantiles of F̂
+are computed.
 """
 
 from __future__ import annotations
@@ -36,7 +37,7 @@ class _Law(Protocol):
 
 
 def quantile_bounds(law: _Law, levels: Array, quantiles: Array) -> Array:
-    """Return bounds of the errors of quantiles ``(N,)`` of a law at these levels, its own error taken for the bound of F's."""
+    """Return error bounds of quantiles ``(N,)`` of a law at these levels, from the law's own error bound."""
     rounding = _ROUNDING * (np.abs(quantiles) + law.high - law.low)
     with np.errstate(divide="ignore", invalid="ignore"):
         width = 2 * law.error / law.density(quantiles) + rounding

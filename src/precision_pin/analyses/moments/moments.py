@@ -1,24 +1,24 @@
-"""Mean and covariance of the exact error with far fewer samples than plain sampling takes.
+"""Mean and covariance of the exact error with far fewer samples than plain sampling needs.
 
-Two ways that go together. *Control variate* (Hammersley and Handscomb, Monte Carlo Methods, 1964, chapter 5): mean and
-covariance of a polynomial close to the exact error, the tangent and products of two numbers, are known, so only the
+Two methods can be combined. *Control variate* (Hammersley and Handscomb, Monte Carlo Methods, 1964, chapter 5): mean and
+covariance are known for a polynomial close to the exact error, the tangent with products of two numbers. Only the
 difference of the exact model from it is sampled, on the same random numbers
-(:mod:`precision_pin.analyses.moments.moments_control`). *Randomised quasi-Monte Carlo* (Owen, 1995): scrambled Sobol points in
-place of random ones.
+(:mod:`precision_pin.analyses.moments.moments_control`). *Randomised quasi-Monte Carlo* (Owen, 1995): scrambled Sobol points
+in place of random ones.
 
-Samples come in 32 independent replicates. With t the polynomial less its mean, y the exact error less that mean,
-g = y - t, C the polynomial's covariance, and a bar the mean over a replicate,
+Samples form 32 independent replicates. With t the polynomial minus its mean, y the exact error minus that mean,
+g = y - t, C the polynomial's covariance, and a bar for the mean over a replicate,
 
     mean       mean of the polynomial + average of ḡ
     covariance C + average of (t gᵀ + g tᵀ + g gᵀ)‾ - average over a ≠ b of (ȳ_a ȳ_bᵀ - t̄_a t̄_bᵀ)
 
-The coefficient of the control is one: it is so close that estimating a better one gains nothing, and one keeps the
-estimate unbiased. The products of means of *different* replicates make the covariance unbiased for Sobol points too, which
-depend on one another inside a replicate. Without control t is zero. Standard errors are the jackknife's over replicates,
-intervals Student's with 31 degrees of freedom, wider where the replicates are skewed
+The coefficient of the control is one. The polynomial is so close that an estimated coefficient would gain nothing, and one
+keeps the estimate unbiased. The products of means of *different* replicates make the covariance unbiased for Sobol points
+too, which depend on one another inside a replicate. Without control t is zero. Standard errors are those of the jackknife
+over replicates; intervals are Student's with 31 degrees of freedom, wider where the replicates are skewed
 (:mod:`precision_pin.analyses.replicates`; L'Ecuyer, Nakayama, Owen and Tuffin, Winter Simulation Conference 2023, on nets).
-What tails or rare values of the laws carry that the samples cannot know (:mod:`precision_pin.analyses.marginals`) is not
-resolved.
+An estimate is not resolved where it depends on tails or rare values of the laws that the samples do not represent
+(:mod:`precision_pin.analyses.marginals`).
 """
 
 from __future__ import annotations
@@ -53,13 +53,13 @@ __all__ = ["Measured", "MomentsResult", "PoseMoments", "Remainder", "check_sampl
 
 
 SMALLEST, LARGEST = 5, 19
-"""A replicate has 2⁵ to 2¹⁹ samples."""
+"""Exponents of the numbers of samples in a replicate, 2⁵ to 2¹⁹."""
 
 PILOT: Final = 1024
-"""Samples, used for nothing else, that tell how the norms follow the control."""
+"""Separate samples for the regression of the norms on the control."""
 
 MOST_NUMBERS: Final = 21_201
-"""The most dimensions a Sobol net of scipy has."""
+"""Largest number of dimensions of scipy's Sobol net."""
 
 _BLOCK: Final = 8192
 _BITS: Final = 30
@@ -90,22 +90,22 @@ def moments(
     error_model
         Chain, draws and sources.
     pose, poses, q
-        A pose (a name, joint values, or None for the model's first) or a list of such; three names of one argument.
+        A pose (a name, joint values, or None for the model's first) or a list of poses. The three arguments are synonyms.
     samples
-        At each pose: 32 replicates of a power of two from 32 to 2¹⁹. The memory taken does not depend on it.
+        Number of samples at each pose: 32 replicates of a power of two from 32 to 2¹⁹. Memory does not depend on it.
     seed
         64-bit seed. The random samples are units 0, 1, … as in :func:`precision_pin.monte_carlo`.
     method
-        ``"control"``: random samples, the tangent and the most important products as control variate. ``"sobol"``:
-        scrambled Sobol points, every law by its inverse. ``"sobol-control"``: both. ``"plain"``: random samples only.
-        ``"closed"``: no samples; Taylor terms up to the fourth order in the spread, see
+        ``"control"``: random samples, with the tangent and the most important products as control variate. ``"sobol"``:
+        scrambled Sobol points, with the inverse of every law. ``"sobol-control"``: both. ``"plain"``: random samples only.
+        ``"closed"``: no samples, but Taylor terms up to the fourth order in the spread, see
         :mod:`precision_pin.analyses.moments.moments_closed`.
     confidence
-        Of every interval, each by itself.
+        Confidence of each interval by itself.
     findings
-        Warnings to carry along, such as those of the sheet.
+        Warnings to include in the result, such as those of the sheet.
     progress
-        Told how many samples have been added since it was last called; ``True`` shows a bar.
+        Function called with the number of samples added since its last call; ``True`` shows a bar.
 
     Raises
     ------
@@ -140,18 +140,18 @@ def moments(
 
 
 def count_steps(space: Space, poses: int, samples: int, method: Method, **others: object) -> int:
-    """Return how many steps moments tell of."""
+    """Return the number of progress steps of the moments."""
     del space, others
     return 0 if method == "closed" else samples * poses
 
 
 def check_samples(samples: int) -> int:
-    """Return the samples of a replicate, for so many in all.
+    """Return the number of samples in a replicate, given their total.
 
     Raises
     ------
     InputError
-        They are not 32 times a power of two in the range that there is.
+        The total is not 32 times a power of two in the allowed range.
     """
     allowed = [REPLICATES << k for k in range(SMALLEST, LARGEST + 1)]
     if isinstance(samples, bool) or not isinstance(samples, int | np.integer) or samples not in allowed:
@@ -204,9 +204,9 @@ def _at_pose(
 
 @final
 class _Sampled:
-    """Means of products over every replicate, and what follows from them.
+    """Means of products over every replicate, and the estimates from them.
 
-    The rows multiplied are: 1, the control t (6, with control only), g or y (6), the norms less a constant (2).
+    The rows multiplied are: 1, the control t (6, with control only), g or y (6), the norms minus a constant (2).
     """
 
     def __init__(self, at: PoseModel, centre: Array, method: Method, count: int, seed: int, step: Progress) -> None:
@@ -225,12 +225,12 @@ class _Sampled:
                 totals[replicate] += _gram(rows)
                 step(errors.shape[1])
         self._products = totals / count
-        self._follows = self._pilot(self._control) if self._control else np.zeros((2, 2, 9))
+        self._norm_slopes = self._regress_norms(self._control) if self._control else np.zeros((2, 2, 9))
 
     def estimates(self, confidence: float) -> tuple[Measured, Measured, Measured, Measured]:
         """Return mean ``(6,)``, covariance ``(6, 6)``, mean and variance of the norms ``(2,)``."""
         found = jackknife(self._statistic, confidence)
-        found = found.where(self._resolved(found.value, found.replicate_variance))
+        found = found.where(self._are_resolved(found.value, found.replicate_variance))
         pieces = [
             Measured(*(part.reshape(shape) for part in parts))
             for shape, *parts in zip(
@@ -241,15 +241,15 @@ class _Sampled:
         ]
         return cast("tuple[Measured, Measured, Measured, Measured]", tuple(pieces))
 
-    def _resolved(self, values: Array, replicate_variance: Array) -> NDArray[np.bool_]:
-        """Return which estimates the samples can know, ``(46,)``."""
+    def _are_resolved(self, values: Array, replicate_variance: Array) -> NDArray[np.bool_]:
+        """Return ``(46,)`` which estimates the samples resolve."""
         space = self._at.space
         if not space.size:
             return np.ones(values.size, dtype=bool)
         marginals = Marginals.of(space.size, self._count, is_net=self._net, breaks=law_breaks(space))
         x = space.inverse(marginals.uniforms)
         rows = self._rows(x, sampler.errors_at(self._layout, "exact", x))
-        rest, norms = marginals.centred(rows[-8:-2]), rows[-2:]
+        rest, norms = marginals.subtract_means(rows[-8:-2]), rows[-2:]
         squares = rest[:, None] * rest
         if self._control:
             tangent = rows[1:7]
@@ -257,14 +257,14 @@ class _Sampled:
             crossed = tangent[:, None] * rest
             squares = squares + crossed + crossed.swapaxes(0, 1)
             controls = _controls(tangent.T, np.moveaxis(products, 2, 0) - self._control.covariance)
-            norms = norms - np.einsum("vc,mvc->vm", self._follows[:, 0], controls)
-            off = np.einsum("vc,mvc->vm", self._follows[:, 1], controls)
+            norms = norms - np.einsum("vc,mvc->vm", self._norm_slopes[:, 0], controls)
+            off = np.einsum("vc,mvc->vm", self._norm_slopes[:, 1], controls)
         else:
             off = np.zeros_like(norms)
-        # of a variance of norms, the square about their mean
+        # contributions to the variance of a norm are squares about its mean
         about = (rows[-2:] ** 2 - off) - 2 * (values[42:44] - self._centre)[:, None] * norms
         contributions = np.concatenate([rest, squares.reshape(36, -1), norms, about])
-        return marginals.resolved(contributions, replicate_variance)
+        return marginals.is_resolved(contributions, replicate_variance)
 
     def _statistic(self, used: NDArray[np.bool_]) -> Array:
         """Return all estimates from some of the replicates, in one row."""
@@ -278,21 +278,21 @@ class _Sampled:
             tangent = ones[:, 1:7]
             mixed = products[:, 1:7, -8:-2].mean(axis=0)
             covariance = covariance + mixed + mixed.T + self._control.covariance
-            covariance = covariance - _crossed(tangent + rest) + _crossed(tangent)
+            covariance = covariance - _average_cross_products(tangent + rest) + _average_cross_products(tangent)
             off = _controls(tangent, products[:, 1:7, 1:7] - self._control.covariance)
-            # of both norms: what a replicate's t and t tᵀ, known to be off their means, add to the norm and to its square
-            norms = norms - np.einsum("vc,rvc->rv", self._follows[:, 0], off)
-            squares = squares - np.einsum("vc,rvc->rv", self._follows[:, 1], off)
+            # the known deviations of a replicate's t and t tᵀ from their means correct the norms and their squares
+            norms = norms - np.einsum("vc,rvc->rv", self._norm_slopes[:, 0], off)
+            squares = squares - np.einsum("vc,rvc->rv", self._norm_slopes[:, 1], off)
         else:
-            covariance = covariance - _crossed(rest)
+            covariance = covariance - _average_cross_products(rest)
         covariance = (covariance + covariance.T) / 2
-        variance = squares.mean(axis=0) - np.diagonal(_crossed(norms))
+        variance = squares.mean(axis=0) - np.diagonal(_average_cross_products(norms))
         return np.concatenate([mean, covariance.ravel(), self._centre + norms.mean(axis=0), variance])
 
-    def _pilot(self, control: Control) -> Array:
-        """Return how the norms and their squares follow t and t tᵀ, ``(2 vectors, 2, 9)``.
+    def _regress_norms(self, control: Control) -> Array:
+        """Return the slopes of the norms and their squares to t and t tᵀ, ``(2 vectors, 2, 9)``.
 
-        From samples of their own: coefficients found on the samples themselves would bias the estimate.
+        The regression uses separate samples: coefficients from the samples themselves would bias the estimate.
         """
         x = sampler.sample(self._layout, self._seed, REPLICATES * self._count, PILOT)
         rows = self._rows(x, sampler.errors_at(self._layout, "exact", x))
@@ -301,7 +301,7 @@ class _Sampled:
         result = np.zeros((2, 2, 9))
         for vector, norm in enumerate(norms):
             spread = controls[:, vector].std(axis=0)
-            # t and t tᵀ are made comparable; what is rounding is left out
+            # t and t tᵀ are scaled to unit spread; spreads that are rounding are left out
             least = np.repeat([_ROUNDING, _ROUNDING**2], (3, 6))
             scale = np.where(spread > least, spread, np.inf)
             design = np.column_stack([np.ones(PILOT), controls[:, vector] / scale])
@@ -328,10 +328,10 @@ class _Sampled:
 
     def _points(self, replicate: int) -> Iterator[Array]:
         """Yield the points of one scramble, ``(d, N)`` inside (0, 1)."""
-        # half a second to import, for these methods only
+        # imported here, because it takes half a second and only these methods need it
         from scipy.stats import qmc
 
-        # the keyword of every scipy since 1.14; the newer one, rng, is not known to all of them
+        # seed is accepted by every scipy since 1.14; the newer keyword rng is not
         generator = np.random.default_rng([self._seed, replicate])
         net = qmc.Sobol(self._at.space.size, scramble=True, bits=_BITS, seed=generator)
         while True:
@@ -339,7 +339,7 @@ class _Sampled:
             yield np.ascontiguousarray(points)
 
     def _rows(self, x: Array | None, errors: Array) -> Array:
-        """Return the rows that are multiplied, ``(9 or 15, N)``."""
+        """Return the rows whose products are averaged, ``(9 or 15, N)``."""
         rows = np.empty((15 if self._control else 9, errors.shape[1]))
         rows[0] = 1.0
         np.subtract(errors, self._at.error_at_means[:, None], out=rows[-8:-2])
@@ -351,8 +351,8 @@ class _Sampled:
         return rows
 
 
-def _crossed(means: Array) -> Array:
-    """Return the average of m_a m_bᵀ over a ≠ b, ``(k, k)``, for means ``(R, k)``: without bias E m (E m)ᵀ."""
+def _average_cross_products(means: Array) -> Array:
+    """Return the average of m_a m_bᵀ over a ≠ b, ``(k, k)``, for means ``(R, k)``: an unbiased estimate of E m (E m)ᵀ."""
     count = len(means)
     total = means.sum(axis=0)
     result: Array = (np.outer(total, total) - means.T @ means) / (count * (count - 1))
@@ -360,7 +360,7 @@ def _crossed(means: Array) -> Array:
 
 
 def _gram(rows: Array) -> Array:
-    """Return rows times rows transposed."""
+    """Return the Gram matrix of the rows."""
     result = np.zeros((len(rows), len(rows)))
     for columns in thin(rows.shape[1], result.size):
         result += rows[:, columns] @ rows[:, columns].T
@@ -368,7 +368,7 @@ def _gram(rows: Array) -> Array:
 
 
 def _controls(means: Array, off: Array) -> Array:
-    """Return t and t tᵀ less its mean of both vectors, ``(R, 2, 9)``, for ``(R, 6)`` and ``(R, 6, 6)``."""
+    """Return t and t tᵀ minus its mean for both vectors, ``(R, 2, 9)``, from ``(R, 6)`` and ``(R, 6, 6)``."""
     parts = [
         np.concatenate([means[:, rows], off[:, rows, rows][:, _TRIANGLE[0], _TRIANGLE[1]]], axis=1) for rows in _VECTORS
     ]

@@ -1,7 +1,7 @@
-"""Mean and covariance of the exact error from its derivatives at the means: no sampling.
+"""Mean and covariance of the exact error from its derivatives at the means, without sampling.
 
-With ζ numbers of mean 0 and covariance I of which the components are an affine map, and f_k, f_kl, … the derivatives of
-the exact error to them at 0, the Taylor series gives (GUM, JCGM 100:2008, 5.1.2 note, carried on to the fourth order)
+Let the components be an affine map of numbers ζ with mean 0 and covariance I, and f_k, f_kl, … the derivatives of the exact
+error with respect to ζ at 0. The Taylor series gives (GUM, JCGM 100:2008, 5.1.2 note, continued to the fourth order)
 
     E f   = f + Σ f_kk/2 + Σ f_kkk s_k/6 + [Σ f_kkkk q_k + Σ_(k≠l) 3 f_kkll κ_kl]/24 + …
     Cov f = Σ f_k f_kᵀ + sym Σ f_k f_kkᵀ s_k/2
@@ -9,7 +9,7 @@ the exact error to them at 0, the Taylor series gives (GUM, JCGM 100:2008, 5.1.2
             + sym Σ f_k (f_kkk q_k + Σ_(l≠k) 3 f_kll κ_kl)ᵀ/6 + …
 
 where sym A = A + Aᵀ, s_k = E ζ_k³, q_k = E ζ_k⁴ and κ_kl = E ζ_k² ζ_l²; all other moments up to the fourth must vanish.
-First derivatives are the analytic tangent, the higher ones differences of exact errors half and one standard deviation
+First derivatives are the analytic tangent; higher ones are differences of exact errors at half and one standard deviation
 from the means.
 """
 
@@ -30,18 +30,18 @@ __all__ = ["ClosedMoments", "closed_moments"]
 @final
 @dataclass(frozen=True, eq=False)
 class ClosedMoments:
-    """Mean and covariance of the exact error, as far as the series goes.
+    """Mean and covariance of the exact error from the truncated series.
 
     Attributes
     ----------
     mean, covariance
-        ``(6,)`` and ``(6, 6)``.
+        ``(6,)`` mean and ``(6, 6)`` covariance.
     order
-        Of the last terms, in powers of the spread: 4, or 2 where moments of the draws are not known.
+        Order of the last terms, in powers of the spread: 4, or 2 where moments of the draws are unknown.
     last_mean
-        The terms beyond the second order of the mean (order 4), or of the second order (order 2).
+        Terms of the mean beyond the second order (order 4), or of the second order (order 2).
     last_covariance
-        The terms beyond the second order of the covariance; ``None`` at order 2, where there are none.
+        Terms of the covariance beyond the second order; ``None`` at order 2, where there are none.
     """
 
     mean: Array
@@ -64,7 +64,7 @@ def closed_moments(at: PoseModel) -> ClosedMoments:
     middle = exact.at(np.zeros((at.space.size, 1)))[:, 0]
     near = [exact.at(sign * STEP * numbers.columns) for sign in (1, -1)]
     far = [exact.at(sign * 2 * STEP * numbers.columns) for sign in (1, -1)]
-    # five points: the error of three would be of the fourth order itself
+    # five points, because the error of three points would be of the fourth order
     second = (16 * (near[0] + near[1]) - (far[0] + far[1]) - 30 * middle[:, None]) / (12 * STEP**2)
     curved = second.sum(axis=1) / 2
     if not numbers.known.all():
@@ -86,7 +86,7 @@ def closed_moments(at: PoseModel) -> ClosedMoments:
         plus, minus = near[0][:, [k]], near[1][:, [k]]
         mixed = (pp - pm - mp + mm) / (4 * STEP**2)
         weight = numbers.pairs[k, others]
-        # of the two orders of a pair one is gone through
+        # each pair is visited once, not in both orders
         last += (mixed * weight) @ mixed.T
         slopes[:, k] += 3 * (((pp + pm - 2 * plus) - (mp + mm - 2 * minus)) / (2 * STEP**3)) @ weight
         bent = (pp + mp - 2 * near[0][:, others]) - (pm + mm - 2 * near[1][:, others])

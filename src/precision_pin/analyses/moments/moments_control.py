@@ -1,8 +1,8 @@
-"""A control variate for the exact error: the tangent, and the products of two numbers that matter most beside it.
+"""Control variate for the exact error: the tangent and the most important products of two numbers.
 
-The tangent alone misses what is a product of numbers of mean zero, such as an amplitude and the sine of a phase. Mean and
-covariance of the polynomial are known, whatever its coefficients; so differences do for second derivatives, and leaving
-products out costs variance, never truth.
+The tangent alone misses products of numbers of mean zero, such as an amplitude and the sine of a phase. Mean and covariance
+of the polynomial are known for any coefficients. Second derivatives from differences are therefore accurate enough, and
+omitted products increase the variance but cause no bias.
 """
 
 from __future__ import annotations
@@ -24,16 +24,16 @@ __all__ = ["Control", "thin"]
 
 
 MOST_PRODUCTS: Final = 512
-"""Kept at most: 54 numbers have 1,485, of which 200 matter at all."""
+"""Largest number of products kept: 54 numbers have 1,485, of which 200 are relevant."""
 
 MOST_COMPONENTS: Final = 256
-"""Of models with more, products are not looked for: their number grows with the square."""
+"""Largest number of components for which products are used: their number grows with the square."""
 
 _THIN: Final = 2**18
-"""Products of matrices smaller than this stay on one thread of BLAS, which is faster for thin ones."""
+"""Size of matrix products below which BLAS stays on one thread, which is faster for thin matrices."""
 
 _LEAST: Final = 1e-10
-"""Of the variance of all products, what the last one kept adds at least."""
+"""Smallest share of a product kept in the variance of all products."""
 
 _ROUNDING: Final = 1e-14
 
@@ -41,24 +41,24 @@ _ROUNDING: Final = 1e-14
 @final
 @dataclass(frozen=True, eq=False)
 class Control:
-    """A polynomial in the components x, with ξ = x less their means: ``e0 + J ξ + Σ c_p ξ_a(p) ξ_b(p)``.
+    """Polynomial in the components x, ``e0 + J ξ + Σ c_p ξ_a(p) ξ_b(p)`` with ξ = x minus its mean.
 
     Attributes
     ----------
     mean, covariance
-        ``(6,)`` and ``(6, 6)``, of the polynomial.
+        ``(6,)`` mean and ``(6, 6)`` covariance of the polynomial.
     centre
         ``(d,)`` means of the components.
     jacobian
-        J, ``(6, d)``.
+        ``(6, d)`` matrix J.
     shift
-        ``(6,)`` what J x and the products are off by on average.
+        ``(6,)`` mean of J x and the products.
     used
-        The components that are multiplied, ``(U,)``.
+        ``(U,)`` components that occur in products.
     first, second
-        a and b of every product, as rows of those used, ``(P,)``.
+        ``(P,)`` a and b of every product, as rows of ``used``.
     coefficients
-        ``(6, P)``.
+        ``(6, P)`` coefficients c.
     """
 
     mean: Array
@@ -75,11 +75,11 @@ class Control:
     def of(cls, at: PoseModel) -> Control:
         """Return the control variate of a pose's exact error."""
         numbers = Uncorrelated.of(at.space)
-        # a product of two components is one of two numbers only where each number moves one component alone
+        # a product of two components is a product of two numbers only where each number moves a single component
         usable = np.flatnonzero(numbers.known & (np.count_nonzero(numbers.columns, axis=0) == 1))
         found = None
         if 0 < usable.size <= MOST_COMPONENTS:
-            with suppress(InputError):  # draws so wide that there is no error at their edge: the tangent must do
+            with suppress(InputError):  # draws so wide that the error does not exist at their edge: the tangent alone
                 found = _second_derivatives(at, numbers, usable)
         bends = np.zeros((6, usable.size, usable.size)) if found is None else found
         sizes = _variances(numbers, usable, bends)
@@ -107,7 +107,7 @@ class Control:
         )
 
     def deviations(self, x: Array) -> Array:
-        """Return the polynomial less its mean, ``(6, N)``, for components ``(d, N)``."""
+        """Return the polynomial minus its mean, ``(6, N)``, for components ``(d, N)``."""
         result = np.empty((6, x.shape[1]))
         work = 6 * max(len(self.centre), self.first.size)
         for columns in thin(x.shape[1], work):
@@ -120,7 +120,7 @@ class Control:
 
 
 def thin(count: int, work: int) -> Iterator[slice]:
-    """Yield columns, so many at a time that a product with ``work`` multiplications a column stays on one thread."""
+    """Yield slices of columns so narrow that a product with ``work`` multiplications per column stays on one thread."""
     step = max(64, _THIN // max(work, 1))
     return (slice(first, min(first + step, count)) for first in range(0, count, step))
 
@@ -142,7 +142,7 @@ def _second_derivatives(at: PoseModel, numbers: Uncorrelated, usable: NDArray[np
 
 
 def _variances(numbers: Uncorrelated, usable: NDArray[np.intp], bends: Array) -> Array:
-    """Return the variance that each product by itself adds to each component, ``(6, K, K)``."""
+    """Return the variance that each product alone adds to each component, ``(6, K, K)``."""
     weights = numbers.pairs[np.ix_(usable, usable)].copy()
     np.fill_diagonal(weights, (numbers.fourth[usable] - 1) / 4)
     result: Array = bends**2 * weights
@@ -152,7 +152,7 @@ def _variances(numbers: Uncorrelated, usable: NDArray[np.intp], bends: Array) ->
 def _beyond_tangent(
     first: Array, numbers: Uncorrelated, k: NDArray[np.intp], m: NDArray[np.intp], chosen: Array
 ) -> Array:
-    """Return what products ``chosen ζ_k ζ_m`` add to the covariance of the tangent, ``(6, 6)``."""
+    """Return the covariance ``(6, 6)`` that products ``chosen ζ_k ζ_m`` add to that of the tangent."""
     squares = np.zeros((6, numbers.size))
     alone = k == m
     squares[:, k[alone]] = chosen[:, alone]

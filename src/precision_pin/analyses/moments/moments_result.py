@@ -1,4 +1,4 @@
-"""Result of the moments of an error."""
+"""Result of the moments analysis."""
 
 from __future__ import annotations
 
@@ -51,11 +51,11 @@ class Measured:
     Attributes
     ----------
     value
-        Any shape; m, rad and products of these; not-a-number where the samples do not resolve it.
+        Values of any shape; m, rad and products of these; NaN where the samples do not resolve them.
     standard_error
-        Of each; ``None`` of a closed form.
+        Standard error of each value; ``None`` for a closed form.
     half_width
-        Half of each one's interval; ``None`` of a closed form.
+        Half-width of each interval; ``None`` for a closed form.
     """
 
     value: Array
@@ -66,23 +66,23 @@ class Measured:
         fix_fields(self)
 
     def interval(self, *index: int) -> tuple[float, float] | None:
-        """Return the interval of one of the numbers; ``None`` of a closed form and of what is not resolved."""
+        """Return the interval of one of the numbers; ``None`` for a closed form and where not resolved."""
         if self.half_width is None or not np.isfinite(self.half_width[index]):
             return None
         middle, half = float(self.value[index]), float(self.half_width[index])
         return middle - half, middle + half
 
     def to_dict(self) -> dict[str, Any]:
-        """Return lists, null for what there is not or is not resolved."""
+        """Return the numbers as in the JSON; null where not available or not resolved."""
         return {
-            "value": _listed(self.value),
-            "standard_error": None if self.standard_error is None else _listed(self.standard_error),
-            "half_width": None if self.half_width is None else _listed(self.half_width),
+            "value": _to_lists(self.value),
+            "standard_error": None if self.standard_error is None else _to_lists(self.standard_error),
+            "half_width": None if self.half_width is None else _to_lists(self.half_width),
         }
 
 
-def _listed(values: Array) -> Any:
-    """Return an array as lists, null for not-a-number."""
+def _to_lists(values: Array) -> Any:
+    """Return an array as nested lists, with None for NaN."""
     known = values.astype(object)
     known[~np.isfinite(values)] = None
     return known.tolist()
@@ -96,13 +96,13 @@ class Remainder:
     Attributes
     ----------
     order
-        Of the last terms, in powers of the spread: 4, or 2 where moments of the draws are not known. The first terms left
-        out are of the next order; with symmetric laws, of the next even one.
+        Order of the last terms, in powers of the spread: 4, or 2 where moments of the draws are unknown. The first omitted
+        terms are of the next order; with symmetric laws, of the next even order.
     last_mean
-        ``(6,)`` the terms of the mean beyond the second order (at order 2: those of the second), a measure of what is
-        left out, not a bound.
+        ``(6,)`` terms of the mean beyond the second order (at order 2: those of the second), a measure of the omitted
+        terms, not a bound.
     last_covariance
-        ``(6, 6)`` the terms of the covariance beyond J Σ Jᵀ; ``None`` at order 2.
+        ``(6, 6)`` terms of the covariance beyond J Σ Jᵀ; ``None`` at order 2.
     """
 
     order: int
@@ -113,7 +113,7 @@ class Remainder:
         fix_fields(self)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return lists, null for what there is not."""
+        """Return the terms as in the JSON; null where not available."""
         return {
             "order": self.order,
             "last_mean": self.last_mean.tolist(),
@@ -124,24 +124,24 @@ class Remainder:
 @final
 @dataclass(frozen=True, eq=False)
 class PoseMoments:
-    """The moments at one pose, base axes.
+    """Moments at one pose, base axes.
 
     Attributes
     ----------
     pose
-        Which.
+        Name and joint values of the pose.
     nominal
         ``(6,)`` error with every component at its mean.
     mean
-        ``(6,)`` of ``[d; δ]``, m and rad.
+        ``(6,)`` mean of ``[d; δ]``, m and rad.
     covariance
-        ``(6, 6)``.
+        ``(6, 6)`` covariance of ``[d; δ]``.
     norm_mean, norm_variance
-        ``(2,)`` of |d| and |δ|, m and rad; ``None`` of a closed form.
+        ``(2,)`` mean and variance of |d| and |δ|, m and rad; ``None`` for a closed form.
     remainder
-        What a closed form leaves out; ``None`` of samples.
+        Measure of the terms that a closed form omits; ``None`` for samples.
     first_order_mean, first_order_covariance
-        ``(6,)`` and ``(6, 6)`` of the first-order model.
+        ``(6,)`` mean and ``(6, 6)`` covariance of the first-order model.
     warnings
         One line each.
     """
@@ -162,7 +162,7 @@ class PoseMoments:
 
     @property
     def bias(self) -> Measured:
-        """Mean of the exact error less that of the first-order model, ``(6,)``."""
+        """Mean of the exact error minus that of the first-order model, ``(6,)``."""
         return Measured(self.mean.value - self.first_order_mean, self.mean.standard_error, self.mean.half_width)
 
     @property
@@ -173,7 +173,7 @@ class PoseMoments:
 
     @property
     def variance(self) -> Measured:
-        """The diagonal of the covariance, ``(6,)``."""
+        """Diagonal of the covariance, ``(6,)``."""
         whole = self.covariance
         return Measured(
             np.diagonal(whole.value).copy(),
@@ -192,7 +192,7 @@ class PoseMoments:
         return None if self.norm_variance is None else deviations(self.norm_variance)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the pose and its moments."""
+        """Return the entry of ``poses`` in the JSON."""
         return {
             "pose": self.pose.to_dict(),
             "nominal": self.nominal.tolist(),
@@ -221,7 +221,7 @@ class MomentsResult(Result):
     Attributes
     ----------
     method
-        How it was computed; a closed form takes no samples.
+        Method of computation; a closed form needs no samples.
     """
 
     schema: ClassVar[str] = "precision-pin/moments/1"
@@ -231,18 +231,17 @@ class MomentsResult(Result):
 
     @property
     def assumptions(self) -> tuple[str, ...]:
-        """The meaning of the numbers, one sentence each."""
+        """Assumptions of the numbers, one sentence each."""
         return ASSUMPTIONS
 
     def settings(self) -> dict[str, Any]:
-        """Return what was asked for, as the JSON has it."""
+        """Return the settings, as in the JSON."""
         return {"model": "exact", "method": self.method, **super().settings()}
 
     def to_pandas(self) -> pandas.DataFrame:
-        """Return mean and standard deviation as a data frame, m and rad: a row for each pose and quantity.
+        """Return the result as a data frame, m and rad, NaN where not available: a row for each pose and quantity.
 
-        Columns ``mean`` and ``std``, each with ``_lower`` and ``_upper``; not-a-number for what there is not. ``attrs`` say
-        how it was computed.
+        The columns are ``mean`` and ``std``, each with ``_lower`` and ``_upper``. ``attrs`` gives the settings.
 
         Raises
         ------
@@ -285,7 +284,7 @@ class MomentsResult(Result):
 
     @property
     def how(self) -> str:
-        """The method in words, with what stands behind ±."""
+        """Method of computation and meaning of ±, as text."""
         if self.method == "closed":
             orders = sorted({pose.remainder.order for pose in self.poses if pose.remainder is not None})
             return f"{_WORDS[self.method]} up to order {' and '.join(map(str, orders))} in the spread"
@@ -296,7 +295,7 @@ class MomentsResult(Result):
 
 
 def deviations(variance: Measured) -> Measured:
-    """Return standard deviations, each with an interval that holds it where that of its variance does."""
+    """Return standard deviations with intervals that follow from those of the variances."""
     value = np.sqrt(np.maximum(variance.value, 0.0))
     if variance.standard_error is None or variance.half_width is None:
         return Measured(value)
@@ -322,12 +321,12 @@ def entries(pose: PoseMoments, row: int) -> tuple[_Entry, _Entry]:
 
 
 def cell(entry: _Entry) -> str:
-    """Return a number in mm or mrad with half of its interval."""
+    """Return a number in mm or mrad with the half-width of its interval, as text."""
     if entry is None:
         return "-"
     value, interval = entry
     if np.isnan(value):
         return "-"
     half = 0.0 if interval is None else (interval[1] - interval[0]) / 2
-    # nobody reads digits below a picometre
+    # digits below a picometre are of no use
     return plus_minus(1e3 * value, 1e3 * half, decimals=9)

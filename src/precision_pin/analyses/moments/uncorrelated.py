@@ -1,4 +1,4 @@
-"""The independent numbers behind the components of a space, standardised, with their moments up to the fourth."""
+"""Standardised uncorrelated numbers that generate the components of a space, with their moments up to the fourth."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ __all__ = ["STEP", "ErrorAround", "Uncorrelated"]
 
 
 STEP: Final = 0.5
-"""Of differences in place of derivatives, standard deviations."""
+"""Step of the differences that approximate derivatives, in standard deviations."""
 
 _FLAT: Final = 1e-12
 
 
 @final
 class ErrorAround:
-    """The exact error around the means of the components."""
+    """Exact error around the means of the components."""
 
     def __init__(self, at: PoseModel) -> None:
         self._layout = sampler.to_arrays(at)
@@ -46,25 +46,25 @@ class ErrorAround:
             reason = error.findings[0].message.partition(": ")[2]
             raise InputError(
                 f"one standard deviation from the means the exact error does not exist ({reason}); "
-                "its derivatives are no use for such wide draws"
+                "the closed form is not possible for such wide draws"
             ) from None
 
 
 @final
 @dataclass(frozen=True, eq=False)
 class Uncorrelated:
-    """Numbers ζ of mean 0 and covariance I, of which the components are an affine map.
+    """Numbers ζ with mean 0 and covariance I, of which the components are an affine map.
 
     Attributes
     ----------
     columns
-        ``(d, K)``, what each moves the components by.
+        ``(d, K)`` displacement of the components by each number.
     third, fourth
-        ``(K,)`` their moments.
+        ``(K,)`` third and fourth moments.
     pairs
         ``(K, K)`` E ζ_k² ζ_l²; the diagonal is not used.
     known
-        ``(K,)`` whether a number's moments up to the fourth are known, and others than these vanish.
+        ``(K,)`` true if the moments up to the fourth are known, and all moments other than these vanish.
     """
 
     columns: Array
@@ -75,12 +75,12 @@ class Uncorrelated:
 
     @property
     def size(self) -> int:
-        """K."""
+        """Number of numbers ζ, K."""
         return int(self.columns.shape[1])
 
     @classmethod
     def of(cls, space: Space) -> Uncorrelated:
-        """Return the numbers behind a space's components."""
+        """Return the numbers that generate the components of a space."""
         laws = {draw.name: draw.law for draw in space.draws}
         together = {name for correlation in space.correlations for name in correlation.names}
         groups = [[space.index[name] for name in correlation.names] for correlation in space.correlations]
@@ -108,7 +108,7 @@ class Uncorrelated:
             moved[group] = vectors[:, varies] * np.sqrt(values[varies])
             skewness, kurtosis, across = NORMAL_MOMENTS if known is None else known
             columns.append(moved)
-            # an axis of a single number may point downwards
+            # the eigenvector of a single number may have a negative sign
             third += [skewness * (np.sign(moved.sum()) if len(group) == 1 else 1.0)] * count
             fourth += [kurtosis] * count
             complete += [known is not None] * count

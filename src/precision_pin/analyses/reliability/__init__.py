@@ -1,4 +1,4 @@
-"""Probability of missing a specification."""
+"""Probability of exceeding the limit of a specification."""
 
 from precision_pin.analyses.declaration import Declaration, Option
 

@@ -1,4 +1,4 @@
-"""A probability of failure as one method gives it: estimates, their intervals, which to go by."""
+"""Estimates of a probability of failure by several methods, their intervals, and the choice among them."""
 
 from __future__ import annotations
 
@@ -36,45 +36,45 @@ __all__ = [
 
 
 LARGEST_VARIATION: Final = 0.3
-"""An estimate with a larger coefficient of variation is not resolved."""
+"""Largest coefficient of variation of a resolved estimate."""
 
 ENOUGH_VARIATION: Final = 0.1
-"""With a smaller coefficient of variation, plain sampling decides alone."""
+"""Largest coefficient of variation with which plain sampling decides alone."""
 
 LARGEST_UNKNOWN: Final = 0.1
-"""Largest share of the probability that may lie where a method has no estimate."""
+"""Largest share of the probability in strata without an estimate."""
 
 WIDENING: Final = 1.1
-"""By how much intervals of weighted and of conditional samples are wider: their standard errors are estimates themselves."""
+"""Factor of the intervals of weighted and conditional samples, because their standard errors are estimates themselves."""
 
 SAMPLING: Final = "sampling"
 _FEWEST_DIGITS: Final = 3
 _MOST_DIGITS: Final = 9
 _AGREEING: Final = 0.99
-"""Two estimates agree where the interval of their difference at this confidence holds 0."""
+"""Confidence of the interval of a difference that must contain 0 for two estimates to agree."""
 
 
 @final
 @dataclass(frozen=True)
 class Estimate:
-    """A probability of failure with its uncertainty.
+    """Probability of failure with its uncertainty.
 
     Attributes
     ----------
     method
         ``"sampling"``, ``"importance sampling"`` or ``"subset simulation"``.
     probability
-        Of failure.
+        Probability of failure.
     interval
-        At the confidence stated.
+        Its interval at the stated confidence.
     variation
-        Coefficient of variation, infinite where no failure was met.
+        Coefficient of variation; infinite if no failure occurred.
     evaluations
-        Of the error model.
+        Number of evaluations of the error model.
     resolved
-        Whether it may be relied on; the reason why not stands in ``note``.
+        True if the estimate is reliable; otherwise ``note`` gives the reason.
     note
-        In words.
+        Remark, as text.
     """
 
     method: str
@@ -86,7 +86,7 @@ class Estimate:
     note: str = ""
 
     def to_dict(self) -> dict[str, object]:
-        """Return the estimate as the JSON has it; null for an infinite coefficient of variation."""
+        """Return the estimate as in the JSON; an infinite coefficient of variation is null."""
         return {
             "method": self.method,
             "probability": self.probability,
@@ -101,18 +101,18 @@ class Estimate:
 @final
 @dataclass(frozen=True)
 class Verdict:
-    """Which estimate to go by.
+    """Choice of the estimate to use.
 
     Attributes
     ----------
     best
         The estimate.
     resolved
-        Whether it is; otherwise it is plain sampling's, of which only the interval tells.
+        True if it is resolved; otherwise it is plain sampling's, of which only the interval is meaningful.
     reason
-        Why not, in words; empty where it is.
+        Reason why it is not resolved; empty if it is.
     contradictions
-        Which estimates contradict each other, one line each.
+        Contradictions between estimates, one line each.
     """
 
     best: Estimate
@@ -131,21 +131,21 @@ def plain_estimate(failures: int, samples: int, confidence: float, method: str =
 
 
 def skewed_interval(mean: float, error: float, skewness: float, count: int, confidence: float) -> tuple[float, float]:
-    """Return the interval of a mean whose terms are skewed (Hall, *J. R. Statist. Soc. B* 54, 1992).
+    """Return the interval of a mean of skewed terms (Hall, *J. R. Statist. Soc. B* 54, 1992).
 
-    The studentised mean is transformed by a cubic that takes its skewness out; the interval is that of a normal number,
-    transformed back. Without skewness it is that of the central limit theorem. It is a tenth wider.
+    The studentised mean is transformed by a cubic that removes its skewness. The interval is that of a normal variable,
+    transformed back. Without skewness it is that of the central limit theorem. It is widened by a tenth.
 
     Parameters
     ----------
     mean, error
-        Of the terms, and its standard error.
+        Mean of the terms, and its standard error.
     skewness
-        Of the terms.
+        Skewness of the terms.
     count
-        How many terms.
+        Number of terms.
     confidence
-        Of the interval.
+        Confidence of the interval.
     """
     score = float(special.ndtri((1 + confidence) / 2))
     low, high = (mean - WIDENING * error * float(studentised(z, skewness / math.sqrt(count))) for z in (score, -score))
@@ -153,9 +153,9 @@ def skewed_interval(mean: float, error: float, skewness: float, count: int, conf
 
 
 def log_normal_interval(values: Array, confidence: float) -> tuple[float, float]:
-    """Return the interval of the mean of positive, about log-normal numbers (Cox's method with Student's t, Olsson, 2005).
+    """Return the interval of the mean of approximately log-normal values (Cox's method with Student's t, Olsson, 2005).
 
-    It is a tenth wider.
+    It is widened by a tenth.
     """
     logs = np.log(values)
     count, square = values.size, float(logs.var(ddof=1))
@@ -166,21 +166,21 @@ def log_normal_interval(values: Array, confidence: float) -> tuple[float, float]
 
 
 def summed(method: str, parts: Sequence[tuple[float, Estimate]], unknown: float, evaluations: int = 0) -> Estimate:
-    """Return Σ p_s P_s of the strata that a method was asked about.
+    """Return the sum Σ p_s P_s of a method's estimates in the strata.
 
-    Intervals are recovered from those of the parts: squares of the distances from estimate to end add up (Zou and Donner,
-    *Statistics in Medicine* 27, 2008). What is known only to lie below something adds to the upper end.
+    The interval is combined from those of the parts: the squared distances from estimate to end add (Zou and Donner,
+    *Statistics in Medicine* 27, 2008). A part with only an upper bound adds to the upper end.
 
     Parameters
     ----------
     method
-        Its name.
+        Name of the method.
     parts
         Probability of each stratum, and the estimate within.
     unknown
-        Probability of what was not looked at.
+        Probability of the strata that were not evaluated.
     evaluations
-        Besides those of the parts.
+        Number of evaluations in addition to those of the parts.
     """
     if len(parts) == 1 and not unknown and not evaluations:
         return parts[0][1]
@@ -197,7 +197,7 @@ def summed(method: str, parts: Sequence[tuple[float, Estimate]], unknown: float,
     notes = [part.note for _, part in parts if part.note]
     note = ""
     if not resolved:
-        note = notes[0] if notes else f"not resolved: nothing is known of strata of {bounds:.2g} together"
+        note = notes[0] if notes else f"not resolved: no estimate for strata of a total probability of {bounds:.2g}"
     return Estimate(
         method,
         probability,
@@ -210,11 +210,10 @@ def summed(method: str, parts: Sequence[tuple[float, Estimate]], unknown: float,
 
 
 def agree(one: Estimate, other: Estimate, confidence: float = _AGREEING) -> bool:
-    """Return whether two estimates may be of one probability.
+    """Return whether two estimates are consistent with the same probability.
 
-    Of plain sampling that counted too few failures to decide alone, only the counts are used: its Clopper-Pearson interval
-    must hold the other estimate. Of two others, ln(P₁/P₂) must lie within the distance at which their intervals, as those of
-    log-normal estimates at the confidence, hold 0.
+    Plain sampling with too few failures to decide alone is compared by its counts: its Clopper-Pearson interval must contain
+    the other estimate. For two other estimates, the interval of ln(P₁/P₂) must contain 0, with both taken as log-normal.
     """
     for plain, rare in ((one, other), (other, one)):
         if plain.method == SAMPLING and plain.variation > ENOUGH_VARIATION:
@@ -227,26 +226,27 @@ def agree(one: Estimate, other: Estimate, confidence: float = _AGREEING) -> bool
 
 
 def judged(estimates: Sequence[Estimate]) -> Verdict:
-    """Return the estimate to go by.
+    """Return the estimate to use.
 
-    Plain sampling where it varies by at most a tenth. Else the first of the other resolved ones in the order given, never
-    the one that claims to be the surest: an estimate that is too low claims to be surer. None of them may contradict the
-    others or the samples; and where the samples hold too few failures to be an estimate, there must be two of them.
+    Plain sampling is used where its coefficient of variation is at most a tenth. Otherwise it is the first of the other
+    resolved estimates in the given order, not the one with the smallest stated error, because an estimate that is too low
+    also understates its error. None of them may contradict the others or the samples. Where the samples contain too few
+    failures for an estimate of their own, two of the others are required.
 
-    Pairs agree at 99 % each. Where plain sampling decides, a contradiction changes nothing but is told, and is one of up to
-    three pairs: there the 99 % are those of all pairs together (Bonferroni).
+    Each pair is compared at 99 %. Where plain sampling decides, a contradiction has no effect but is reported; there are up
+    to three pairs, and the 99 % apply to all of them together (Bonferroni).
 
     Parameters
     ----------
     estimates
-        Plain sampling first.
+        Estimates, plain sampling first.
     """
     plain, others = estimates[0], [estimate for estimate in estimates[1:] if estimate.resolved]
     pairs = [(one, other) for k, one in enumerate((plain, *others)) for other in others[k:]]
     decides = plain.variation <= ENOUGH_VARIATION
     confidence = 1 - (1 - _AGREEING) / max(len(pairs), 1) if decides else _AGREEING
     lines = tuple(
-        f"{one.method} ({_said(one)}) and {other.method} ({_said(other)}) disagree"
+        f"{one.method} ({_describe_estimate(one)}) and {other.method} ({_describe_estimate(other)}) disagree"
         for one, other in pairs
         if not agree(one, other, confidence)
     )
@@ -258,12 +258,12 @@ def judged(estimates: Sequence[Estimate]) -> Verdict:
         return Verdict(others[0] if others else plain, True, "", ())
     if len(others) < 2:
         which = f"only {others[0].method} gave an estimate" if others else "no method gave an estimate"
-        return Verdict(plain, False, f"{which}, and two that agree are needed", ())
+        return Verdict(plain, False, f"{which}, but two agreeing estimates are needed", ())
     return Verdict(others[0], True, "", ())
 
 
 def remarks(verdict: Verdict, searched: Form) -> tuple[str, ...]:
-    """Return where FORM differs from the best estimate, which is common and no contradiction: failure surfaces are curved."""
+    """Return the differences between FORM and the best estimate, common because failure surfaces are curved."""
     best, span = verdict.best, searched.range
     if span is None:
         if verdict.resolved and best.interval[0] > 0:
@@ -274,13 +274,13 @@ def remarks(verdict: Verdict, searched: Form) -> tuple[str, ...]:
     if span[0] > best.interval[1] or span[1] < best.interval[0]:
         which = f"FORM ({span[0]:.3g})" if span[0] == span[1] else f"FORM ({in_words(span)} for all its design points)"
         return (
-            f"{which} takes the failure surface as flat; it is curved, and {best.method} ({in_words(best.interval)}) is the "
-            "estimate to go by",
+            f"{which} assumes a flat failure surface, but it is curved; the estimate to use is {best.method} "
+            f"({in_words(best.interval)})",
         )
     return ()
 
 
-def _said(estimate: Estimate) -> str:
+def _describe_estimate(estimate: Estimate) -> str:
     if estimate.method == SAMPLING:
         failures = round(estimate.probability * estimate.evaluations)
         return f"{failures} failures among {estimate.evaluations:,}, {in_words(estimate.interval)}"
@@ -288,13 +288,13 @@ def _said(estimate: Estimate) -> str:
 
 
 def in_words(interval: tuple[float, float]) -> str:
-    """Return an interval with at least three digits, its ends rounded outwards: what is printed holds what was computed."""
+    """Return an interval as text with at least three digits; its ends are rounded outwards, so that it is not shortened."""
     low, high = interval
     return f"{rounded(low, interval, down=True)} to {rounded(high, interval)}"
 
 
 def rounded(end: float, interval: tuple[float, float], *, down: bool = False) -> str:
-    """Return an end of an interval rounded outwards, with as many digits as leave it less than twice as wide."""
+    """Return an end of an interval rounded outwards, with enough digits that the width does not double."""
     if not end:
         return "0"
     low, high = interval

@@ -1,8 +1,9 @@
-"""FORM: the most likely failures, searched from many sides.
+"""FORM: search for the most likely failures from many starting points.
 
-In standard normal numbers u, the point of the failure surface nearest to the origin is the most likely failure; its
-distance β is the reliability index, Φ(-β) the probability beyond the tangent plane there, and the squares of the unit
-vector towards it tell how much each number matters (Hasofer and Lind 1974; Rackwitz and Fiessler 1978).
+In standard normal numbers u, the point of the failure surface nearest to the origin is the most likely failure. Its
+distance β is the reliability index, Φ(-β) is the probability beyond the tangent plane at this point, and the squared
+components of the unit vector towards it are the importance of each number (Hasofer and Lind 1974; Rackwitz and Fiessler
+1978).
 """
 
 from __future__ import annotations
@@ -23,14 +24,14 @@ from precision_pin.typing import Array
 __all__ = ["FARTHEST", "DesignPoint", "Form", "Margin", "form", "towards_surface"]
 
 Margin = Callable[[Array], Array]
-"""Margin to failure ``(N,)`` for standard normal numbers ``(d, N)``; negative where it fails."""
+"""Margin to failure ``(N,)`` as a function of standard normal numbers ``(d, N)``; negative at failures."""
 
 _STEP: Final = 1e-4
 _MOST_STEPS: Final = 40
 _MOST_BEYOND: Final = 12
 _LENGTHS: Final = np.array([4.0, 2.0, 1.0, 0.5, 0.25, 2.0**-3, 2.0**-4, 2.0**-6, 2.0**-8, 2.0**-11])
 _SUFFICIENT: Final = 0.1
-"""Share of the decrease that the slope of the merit promises (Armijo)."""
+"""Required share of the decrease that the slope of the merit predicts (Armijo)."""
 
 _TOLERANCE: Final = 1e-7
 _LOOSE: Final = 3e-4
@@ -39,11 +40,11 @@ _AT_ONCE: Final = 16_384
 
 _BULGE_RADIUS: Final = 1.1
 _BULGE_LIFT: Final = 0.75
-"""Radius of a bulge and how far it moves the surface, in distances of the point (Der Kiureghian and Dakessian, 1998)."""
+"""Radius of a bulge and its shift of the surface, as ratios to the point's distance (Der Kiureghian and Dakessian, 1998)."""
 
 _MOST_ROUNDS: Final = 8
 _MOST_BULGES: Final = 12
-"""With more points found than these, the surface curves round the origin and every point of it is one."""
+"""Largest number of points; with more, the surface curves around the origin and every point of it is a design point."""
 
 _BULGE_STARTS: Final = 8
 
@@ -51,18 +52,18 @@ _BULGE_STARTS: Final = 8
 @final
 @dataclass(frozen=True, eq=False)
 class DesignPoint:
-    """A point of the failure surface nearest to the origin among its neighbours.
+    """Point of the failure surface nearest to the origin among its neighbours.
 
     Attributes
     ----------
     u
-        Standard normal numbers, ``(d,)``.
+        ``(d,)`` standard normal numbers.
     beta
-        Its distance, negative where the origin itself fails.
+        Distance from the origin, negative if the origin itself fails.
     importance
-        Squares of the unit vector towards it, ``(d,)``, with the sum 1.
+        ``(d,)`` squared components of the unit vector towards the point, with the sum 1.
     stratum
-        Of which stratum the numbers are.
+        Number of the stratum of the normal numbers.
     """
 
     u: Array
@@ -75,23 +76,23 @@ class DesignPoint:
 
     @property
     def probability(self) -> float:
-        """Φ(-β)."""
+        """Probability Φ(-β)."""
         return float(special.ndtr(-self.beta))
 
 
 @final
 @dataclass(frozen=True, eq=False)
 class Form:
-    """The result of the search.
+    """Result of the search.
 
     Attributes
     ----------
     points
-        Distinct design points, nearest first; empty where the searches met none within 8.2.
+        Distinct design points, nearest first; empty if the searches found none within 8.2.
     starts
-        From how many points it started.
+        Number of starting points.
     bounds
-        Range of the probability where it is that of several strata; else it follows from the points.
+        Range of the probability for several strata together; otherwise it follows from the points.
     """
 
     points: tuple[DesignPoint, ...]
@@ -100,12 +101,12 @@ class Form:
 
     @property
     def probability(self) -> float | None:
-        """Φ(-β) of the nearest point."""
+        """Probability Φ(-β) of the nearest point."""
         return self.points[0].probability if self.points else None
 
     @property
     def range(self) -> tuple[float, float] | None:
-        """Between the largest single probability and the sum of all: the bounds of a union of half spaces."""
+        """Bounds of a union of half spaces: the largest single probability, and the sum of all."""
         if self.bounds is not None or not self.points:
             return self.bounds
         if self.points[0].beta < 0:
@@ -114,28 +115,28 @@ class Form:
 
 
 def form(margin: Margin, size: int, starts: Sequence[Array], jumps: Sequence[Jump] = ()) -> Form:
-    """Return the distinct design points that the searches from ``starts``, each ``(d,)``, lead to.
+    """Return the distinct design points found by searches from ``starts``, each ``(d,)``.
 
-    Each step is that of Hasofer, Lind, Rackwitz and Fiessler, of the length that makes the merit |u|²/2 + c |g| least among
-    those that lower it sufficiently (Zhang and Der Kiureghian, 1995); gradients are central differences. Then what was
-    found is removed by bulges of the surface, and the search goes on until it finds nothing new.
+    Each step is that of Hasofer, Lind, Rackwitz and Fiessler. Its length minimises the merit |u|²/2 + c |g| among those that
+    lower it sufficiently (Zhang and Der Kiureghian, 1995). Gradients are central differences. Points found are then hidden by
+    bulges of the surface, and the search is repeated until it finds no new point.
 
     Parameters
     ----------
     margin
         The limit state.
     size
-        d, how many numbers.
+        Number of normal numbers, d.
     starts
-        Where to begin.
+        Starting points.
     jumps
-        Numbers whose values jump; a search stays between the jumps that it begins between.
+        Numbers with jumps in their values; a search stays between two jumps.
     """
     if not size:
         return Form((), len(starts))
     at_origin = float(margin(np.zeros((size, 1)))[0])
     search = _Search(margin, jumps, abs(at_origin) or 1.0)
-    begin = search.settled(np.array(starts, dtype=float).reshape(-1, size).T)
+    begin = search.project_starts(np.array(starts, dtype=float).reshape(-1, size).T)
     ends, good = search.run(begin, _MOST_STEPS)
     distinct = _distinct([], ends[:, good])
     tried = len(starts)
@@ -144,7 +145,7 @@ def form(margin: Margin, size: int, starts: Sequence[Array], jumps: Sequence[Jum
         for _ in range(_MOST_ROUNDS):
             if not distinct or len(distinct) > _MOST_BULGES:
                 break
-            first = search.settled(np.concatenate([sides, begin[:, :_BULGE_STARTS]], axis=1))
+            first = search.project_starts(np.concatenate([sides, begin[:, :_BULGE_STARTS]], axis=1))
             bulged = _Search(_with_bulges(search, np.array(distinct).T), jumps, search.scale)
             met, well = bulged.run(first, _MOST_STEPS)
             tried += first.shape[1]
@@ -167,14 +168,14 @@ def form(margin: Margin, size: int, starts: Sequence[Array], jumps: Sequence[Jum
 def towards_surface(margin: Margin, samples: Array, jumps: Sequence[Jump], steps: int) -> Array:
     """Return points ``(d, M)`` of the failure surface, at most one for each sample ``(d, N)``, on its side of the origin.
 
-    A few steps of the search drop what does not matter; then the surface is met along the ray.
+    A few steps of the search remove the irrelevant directions; the point is then found along the ray from the origin.
     """
     size = samples.shape[0]
     if not samples.size:
         return samples
     at_origin = float(margin(np.zeros((size, 1)))[0])
     search = _Search(margin, jumps, abs(at_origin) or 1.0)
-    ends, _ = search.run(search.settled(samples), steps)
+    ends, _ = search.run(search.project_starts(samples), steps)
     factors = np.linspace(0.5, 1.5, 21)
     rays = (ends[:, :, None] * factors).reshape(size, -1)
     values = search.values(rays).reshape(ends.shape[1], factors.size)
@@ -197,7 +198,7 @@ def _distinct(known: list[Array], points: Array) -> list[Array]:
 
 
 def _with_bulges(search: _Search, points: Array) -> Margin:
-    """Return the margin, raised about points ``(d, P)`` so that the surface lies farther out there."""
+    """Return the margin, increased about points ``(d, P)`` so that the surface is farther out there."""
     _, slopes = search.with_gradients(points)
     distances = np.maximum(np.linalg.norm(points, axis=0), 1e-3)
     reach = (_BULGE_RADIUS * distances) ** 2
@@ -214,14 +215,14 @@ def _with_bulges(search: _Search, points: Array) -> Margin:
 @final
 @dataclass(frozen=True, eq=False)
 class _Search:
-    """Searches side by side; ``scale`` is what a margin counts as small against."""
+    """Simultaneous searches; margins are judged relative to ``scale``."""
 
     margin: Margin
     jumps: Sequence[Jump]
     scale: float
 
-    def settled(self, starts: Array) -> Array:
-        """Return the starts with numbers that jump put where their piece is nearest to the origin."""
+    def project_starts(self, starts: Array) -> Array:
+        """Return the starts, with numbers with jumps moved to the point of their piece nearest to the origin."""
         out = starts.copy()
         for jump in self.jumps:
             out[jump.row] = jump.nearest(jump.pieces(starts))
@@ -232,7 +233,7 @@ class _Search:
         return np.concatenate([np.zeros(0), *parts])
 
     def with_gradients(self, u: Array) -> tuple[Array, Array]:
-        """Return margins ``(S,)`` and their central differences ``(d, S)``, zero for numbers that jump."""
+        """Return margins ``(S,)`` and their central differences ``(d, S)``, zero for numbers with jumps."""
         size, count = u.shape
         rows = np.array(sorted(set(range(size)) - {jump.row for jump in self.jumps}), dtype=int)
         steps = np.zeros((rows.size, size))
@@ -244,7 +245,7 @@ class _Search:
         return values[0], gradients
 
     def run(self, starts: Array, most: int) -> tuple[Array, NDArray[np.bool_]]:
-        """Return where the searches end ``(d, S)`` and which of them settled within 8.2 on the surface."""
+        """Return the end points ``(d, S)``, and which searches converged on the surface within 8.2."""
         u = starts.copy()
         good = np.zeros(u.shape[1], dtype=bool)
         beyond = np.zeros(u.shape[1], dtype=int)
@@ -281,7 +282,7 @@ class _Search:
     def _line_search(
         self, u: Array, value: Array, gradient: Array, direction: Array
     ) -> tuple[Array, NDArray[np.bool_]]:
-        """Return the points of least merit among those that lower it sufficiently, and where there is one."""
+        """Return the points of least merit among those with a sufficient decrease, and where there is such a point."""
         size, count = u.shape
         norms = np.maximum(np.linalg.norm(u, axis=0), np.linalg.norm(u + direction, axis=0))
         square = (gradient**2).sum(axis=0)
@@ -290,7 +291,7 @@ class _Search:
         slope = (u * direction).sum(axis=0) + penalty * np.sign(value) * (gradient * direction).sum(axis=0)
         straight = u[:, :, None] + direction[:, :, None] * _LENGTHS
         ahead = self.values(straight.reshape(size, -1)).reshape(count, _LENGTHS.size)
-        # the surface bends away from the straight line: what the slope did not foresee is taken back along the gradient
+        # the surface is curved: the part of the change that the slope does not predict is corrected along the gradient
         unforeseen = ahead - value[:, None] - _LENGTHS * (gradient * direction).sum(axis=0)[:, None]
         bent = straight - (unforeseen / square[:, None]) * gradient[:, :, None]
         bent *= np.minimum(1.0, FARTHEST / np.maximum(np.linalg.norm(bent, axis=0), 1e-300))

@@ -1,4 +1,4 @@
-"""Importance sampling from proposals that cover the whole failure surface, and are checked by failures met otherwise."""
+"""Importance sampling from mixtures that cover the whole failure surface, checked by independently found failures."""
 
 from __future__ import annotations
 
@@ -27,10 +27,10 @@ __all__ = ["FEWEST_EFFECTIVE", "importance_sampling"]
 
 METHOD: Final = "importance sampling"
 FEWEST_EFFECTIVE: Final = 100
-"""Effective number of failures, (Σw)²/Σw², below which the estimate is not resolved."""
+"""Smallest effective number of failures, (Σw)²/Σw², of a resolved estimate."""
 
 LARGEST_WEIGHT: Final = 0.05
-"""Largest share that one sample may have in the estimate."""
+"""Largest share of one sample in a resolved estimate."""
 
 _PLAIN: Final = 0.1
 _STAYING: Final = 0.5
@@ -55,18 +55,18 @@ _FITTED: Final = 0.7
 @final
 @dataclass(frozen=True, eq=False)
 class _Proposal:
-    """A mixture: the law itself, and normal laws about centres that keep to their pieces half of the time.
+    """Mixture of the law itself and normal laws about centres; half of the samples keep to the pieces of their centre.
 
     Attributes
     ----------
     centres, widths
-        ``(d, C)`` means and standard deviations; 0 and 1 in numbers that jump.
+        ``(d, C)`` means and standard deviations; 0 and 1 for numbers with jumps.
     shares
-        ``(C,)`` of the centres; what they leave of 1 is the law itself.
+        ``(C,)`` shares of the centres; the remainder to 1 is the share of the law itself.
     jumps
-        Numbers that jump.
+        Numbers with jumps.
     pieces
-        ``(len(jumps), C)`` each centre's piece of each such number.
+        ``(len(jumps), C)`` piece of each such number for each centre.
     """
 
     centres: Array
@@ -77,14 +77,14 @@ class _Proposal:
 
     @classmethod
     def about(cls, points: Array, widths: Array, shares: Array, jumps: Sequence[Jump]) -> _Proposal:
-        """Return the mixture about points whose numbers that jump tell the pieces."""
+        """Return the mixture about points; their numbers with jumps determine the pieces."""
         centres, wide, pieces = points.copy(), widths.copy(), np.zeros((len(jumps), points.shape[1]), dtype=np.intp)
         for k, jump in enumerate(jumps):
             pieces[k] = jump.pieces(points)
             centres[jump.row], wide[jump.row] = 0.0, 1.0
         return cls(centres, wide, shares, jumps, pieces)
 
-    def drawn(self, generator: np.random.Generator, count: int) -> Array:
+    def draw(self, generator: np.random.Generator, count: int) -> Array:
         """Return samples ``(d, N)``."""
         plain = 1 - float(self.shares.sum())
         which = generator.choice(self.shares.size + 1, size=count, p=[*self.shares, plain])
@@ -98,7 +98,7 @@ class _Proposal:
         return u
 
     def ratios(self, u: Array) -> Array:
-        """Return each centre's density over that of the law, ``(C, N)``."""
+        """Return the density of each centre divided by that of the law, ``(C, N)``."""
         narrow = 1 / self.widths**2
         exponent = (self.centres * narrow).T @ u + ((1 - narrow) / 2).T @ u**2
         exponent -= ((self.centres**2 * narrow) / 2 + np.log(self.widths)).sum(axis=0)[:, None]
@@ -109,12 +109,12 @@ class _Proposal:
         return ratios
 
     def density(self, u: Array) -> Array:
-        """Return the density over that of the law."""
+        """Return the density of the mixture divided by that of the law."""
         value: Array = (1 - float(self.shares.sum())) + self.shares @ self.ratios(u)
         return value
 
-    def suited_to(self, failures: Array) -> _Proposal:
-        """Return the mixture with shares under which the failures are likelier (a few steps of expectation-maximisation)."""
+    def fit_shares(self, failures: Array) -> _Proposal:
+        """Return the mixture with shares fitted to the failures by a few steps of expectation-maximisation."""
         if not failures.shape[1]:
             return self
         ratios, shares = self.ratios(failures), self.shares
@@ -139,27 +139,29 @@ def importance_sampling(
 ) -> Estimate:
     """Return the probability of failure from samples of a mixture that covers the failure surface.
 
-    A tenth of the mixture is the law itself, which bounds the weights; the rest are unit normal laws about design points
-    and about points of the surface to which failures met elsewhere lead, so that a surface that curves round the origin, or
-    has several branches, is covered in proportion to what fails there. The estimate has no bias whatever the centres. With
-    r = φ/q its relative variance is (E[r | failure]/P - 1)/N: failures tell whether the mixture misses any of them. Centres
-    are added where some say so, before anything is sampled; others, used for nothing else, bound the standard error from
-    below, and the share of those that lie where next to no sample comes widens the interval at its upper end.
+    A tenth of the mixture is the law itself, which bounds the weights. The rest consists of unit normal laws about design
+    points, and about points of the surface found from known failures. A surface that curves around the origin, or has several
+    branches, is thereby covered in proportion to its failures. The estimate is unbiased for any centres.
+
+    With r = φ/q the relative variance is (E[r | failure]/P - 1)/N, so that known failures reveal whether the mixture misses
+    any of them. Centres are added about such failures before sampling. A separate set of failures, used for nothing else,
+    gives a lower bound of the standard error. The share of these in regions with hardly any sample raises the upper end of
+    the interval.
 
     Parameters
     ----------
     margin, size
-        The limit state and how many numbers it takes.
+        Limit state, and number of its normal numbers.
     points
         Design points, nearest first.
     seed, samples, confidence
-        Of the sampling.
+        Seed and number of the samples; confidence of the interval.
     failures
-        Failures ``(d, F)``, distributed as they are.
+        Failures ``(d, F)``, with the conditional distribution of failures.
     expected
-        Their probability, as far as it is known.
+        Probability of failure, as far as known.
     jumps
-        Numbers whose values jump.
+        Numbers with jumps in their values.
     """
     generator = np.random.Generator(np.random.Philox(seed))
     if expected >= _OFTEN:
@@ -170,18 +172,18 @@ def importance_sampling(
     pool, checks = np.array_split(known[:, used:], [(known.shape[1] - used) * 2 // 5], axis=1)
     clouds = _clouds(near, np.concatenate([known[:, :used], pool], axis=1))
     spread = towards_surface(margin, known[:, :used], jumps, _STEPS)
-    proposal = _mixture(points, near, clouds, spread, jumps).suited_to(pool)
+    proposal = _mixture(points, near, clouds, spread, jumps).fit_shares(pool)
     for _ in range(_ROUNDS):
         if not expected or not pool.shape[1]:
             break
         ratios = 1 / proposal.density(pool)
-        if _foreseen(ratios, expected, samples) <= _GOOD_VARIATION:
+        if _predict_variation(ratios, expected, samples) <= _GOOD_VARIATION:
             break
         worst = np.argsort(ratios)[::-1][:_MORE_CENTRES]
         spread = np.concatenate([spread, towards_surface(margin, pool[:, worst], jumps, _STEPS)], axis=1)
-        proposal = _mixture(points, near, clouds, spread, jumps).suited_to(pool)
+        proposal = _mixture(points, near, clouds, spread, jumps).fit_shares(pool)
     if not proposal.shares.size:
-        return Estimate(METHOD, 0.0, (0.0, 1.0), math.inf, 0, False, "not resolved: no failure to begin from")
+        return Estimate(METHOD, 0.0, (0.0, 1.0), math.inf, 0, False, "not resolved: no failure to start from")
     weights = np.concatenate(
         [_weights(margin, proposal, generator, min(_AT_ONCE, samples - first)) for first in range(0, samples, _AT_ONCE)]
     )
@@ -189,7 +191,7 @@ def importance_sampling(
 
 
 def _clouds(near: Array, failures: Array) -> tuple[Array, Array]:
-    """Return means and standard deviations ``(d, C)`` of the failures about each design point, where there are enough."""
+    """Return means and standard deviations ``(d, C)`` of the failures about each design point with enough of them."""
     if not 0 < near.shape[1] <= _MOST_CLOUDS:
         return near[:, :0], near[:, :0]
     nearest = (near.T @ failures / np.maximum(np.linalg.norm(near, axis=0), 1e-9)[:, None]).argmax(axis=0)
@@ -205,7 +207,7 @@ def _clouds(near: Array, failures: Array) -> tuple[Array, Array]:
 def _mixture(
     points: Sequence[DesignPoint], near: Array, clouds: tuple[Array, Array], spread: Array, jumps: Sequence[Jump]
 ) -> _Proposal:
-    """Return the mixture about design points, by their probabilities, clouds and points of the surface, all alike."""
+    """Return the mixture about design points, weighted by probability, and about clouds and surface points, all equal."""
     chances = np.array([point.probability for point in points[:_MOST_POINTS]])
     means, widths = clouds
     parts = [
@@ -221,7 +223,7 @@ def _mixture(
 
 
 def _weights(margin: Margin, proposal: _Proposal, generator: np.random.Generator, count: int) -> Array:
-    u = proposal.drawn(generator, count)
+    u = proposal.draw(generator, count)
     failed = margin(u) < 0
     weights = np.zeros(count)
     weights[failed] = 1 / proposal.density(u[:, failed])
@@ -236,8 +238,8 @@ def _plain_failures(margin: Margin, size: int, generator: np.random.Generator, s
     return sum(counts)
 
 
-def _foreseen(ratios: Array, probability: float, samples: int) -> float:
-    """Return the coefficient of variation that failures foresee from their φ/q."""
+def _predict_variation(ratios: Array, probability: float, samples: int) -> float:
+    """Return the coefficient of variation that failures predict from their φ/q."""
     return math.sqrt(max(float(ratios.mean()) / probability - 1, 0.0) / samples)
 
 
@@ -252,10 +254,10 @@ def _estimate(weights: Array, proposal: _Proposal, checks: Array, confidence: fl
     variation, missed = spread / math.sqrt(samples) / probability, 0.0
     if checks.shape[1] >= _FEWEST_CHECKS:
         ratios = np.sort(1 / proposal.density(checks))[::-1]
-        count = _unseen(ratios, probability, samples)
+        count = _count_uncovered(ratios, probability, samples)
         missed = clopper_pearson(count, ratios.size, confidence)[1]
         if count < ratios.size:
-            variation = max(variation, _foreseen(ratios[count:], probability, samples))
+            variation = max(variation, _predict_variation(ratios[count:], probability, samples))
     effective = float(weights.sum()) ** 2 / float((weights**2).sum())
     largest = float(weights.max() / weights.sum())
     skewness = float(((weights - probability) ** 3).mean()) / max(spread, 1e-300) ** 3
@@ -272,7 +274,7 @@ def _estimate(weights: Array, proposal: _Proposal, checks: Array, confidence: fl
     return Estimate(METHOD, probability, (low, min(1.0, high / (1 - missed))), variation, samples, enough, note)
 
 
-def _unseen(ratios: Array, probability: float, samples: int) -> int:
-    """Return how many of the failures, those of largest φ/q first, lie where fewer than five samples are to be expected."""
+def _count_uncovered(ratios: Array, probability: float, samples: int) -> int:
+    """Return the number of failures, by descending φ/q, in regions where fewer than five samples are expected."""
     expected = np.cumsum(samples * probability / (ratios.size * ratios))
     return int((expected < _FEWEST_EXPECTED).sum())

@@ -1,4 +1,4 @@
-"""Probability of failure by all methods, stratum by stratum, and which of them decides."""
+"""Probability of failure by all methods, stratum by stratum, and the choice among them."""
 
 from __future__ import annotations
 
@@ -25,36 +25,36 @@ __all__ = ["RareEvents", "rare_events"]
 
 IMPORTANCE_SAMPLES: Final = 20_000
 SUBSET_SAMPLES: Final = 2_000
-"""In each level of each replicate."""
+"""Samples in each level of each replicate."""
 
 NEGLIGIBLE: Final = 1e-9
-"""The least upper end for a stratum of which no method has an estimate, even if levels down to 1e-12 met no failure."""
+"""Smallest upper end for a stratum without an estimate, even if levels down to 1e-12 had no failure."""
 
 SMALL: Final = 0.01
-"""A stratum whose probability is a smaller share of what was found already is not looked at."""
+"""Ratio of a stratum's probability to the failure probability found so far below which it is not evaluated."""
 
 _STARTS_OF_FAILURES: Final = 12
 _MARGIN_OF_BOUND: Final = 10.0
-"""By how much the upper end for such a stratum lies above the largest number that any method saw."""
+"""Ratio of the upper end for a stratum without an estimate to the largest probability of any method."""
 
 
 @final
 @dataclass(frozen=True, eq=False)
 class RareEvents:
-    """The results of the methods.
+    """Results of all methods.
 
     Attributes
     ----------
     estimates
-        Plain sampling first.
+        Estimates, plain sampling first.
     verdict
-        What to go by.
+        Choice of the estimate to use.
     form
-        The design points of all strata, nearest first.
+        Design points of all strata, nearest first.
     strata
-        What was looked at; the remainder is what was not.
+        Evaluated strata; the remainder was not evaluated.
     remarks
-        Where FORM differs, one line each.
+        Differences between FORM and the estimate, one line each.
     """
 
     estimates: tuple[Estimate, ...]
@@ -66,7 +66,7 @@ class RareEvents:
 
 @dataclass(frozen=True, eq=False)
 class _Part:
-    """The result within a stratum."""
+    """Result within a stratum."""
 
     stratum: Stratum
     form: Form
@@ -88,13 +88,13 @@ def rare_events(
     space
         The draws.
     margin
-        What is left up to failure, ``(N,)``, for component values ``(d, N)``.
+        Margin to failure, ``(N,)``, for component values ``(d, N)``.
     starts
-        Where FORM begins, standard normal numbers ``(d,)``.
+        Starting points of FORM, standard normal numbers ``(d,)``.
     plain
-        Plain sampling's estimate.
+        Estimate by plain sampling.
     seed, confidence
-        Of the sampling, and of the intervals.
+        Seed of the sampling, confidence of the intervals.
     """
     if not space.size:
         verdict, nothing = judged([plain]), Form((), 0)
@@ -127,7 +127,7 @@ def _within(
     seeds: np.random.SeedSequence,
     confidence: float,
 ) -> _Part:
-    """Return what is found within a stratum: its importance sampling, its subset simulation, its design points."""
+    """Return importance sampling, subset simulation and design points within a stratum."""
     size = stratum.space.size
 
     def margin(normals: Array) -> Array:
@@ -141,7 +141,7 @@ def _within(
         return _Part(stratum, _all_fails(failing), (replace(sure, method=IMPORTANCE), replace(sure, method=SUBSET)))
     first, second = (int(word) for word in seeds.generate_state(2, np.uint64))
     subset = subset_simulation(margin, size, seed=first, samples=SUBSET_SAMPLES, confidence=confidence)
-    # failures lie wherever there are any, and lead to design points that no symmetry tells of
+    # known failures lead to design points that the symmetric starts may miss
     searched = form(margin, size, [*starts, *_some(subset.failures)], stratum.jumps)
     shifted = importance_sampling(
         margin, size, searched.points, seed=second, samples=IMPORTANCE_SAMPLES, confidence=confidence,
@@ -149,11 +149,11 @@ def _within(
     )  # fmt: skip
     if not searched.points and stratum.rare and float(margin(np.zeros((size, 1)))[0]) < 0:
         searched = _all_fails(np.zeros((size, 1)), searched.starts)
-    return _Part(stratum, searched, _bounded(stratum, subset, shifted))
+    return _Part(stratum, searched, _bound_estimates(stratum, subset, shifted))
 
 
 def _all_fails(points: Array, starts: int = 0) -> Form:
-    """Return points ``(d, P)`` as design points where no failure surface is met: all fails there, as far as was searched."""
+    """Return points ``(d, P)`` as design points of a stratum in which all searched points fail."""
     nothing = np.zeros(points.shape[0])
     return Form(tuple(DesignPoint(u, -FARTHEST, nothing) for u in points.T), starts)
 
@@ -163,10 +163,11 @@ def _some(failures: Array) -> list[Array]:
     return list(failures.T[::step][:_STARTS_OF_FAILURES])
 
 
-def _bounded(stratum: Stratum, subset: Subset, shifted: Estimate) -> tuple[Estimate, ...]:
-    """Return both estimates within a stratum; where there is none, an upper end stands for it.
+def _bound_estimates(stratum: Stratum, subset: Subset, shifted: Estimate) -> tuple[Estimate, ...]:
+    """Return both estimates within a stratum, or an upper bound where there is none.
 
-    It is that of the first level's counts, or ten times what either method or any replicate saw if that is less.
+    The bound is that of the first level's counts, or, if smaller, ten times the largest probability of either method or any
+    replicate.
     """
     estimates = (shifted, subset.estimate)
     if stratum.probability == 1:
@@ -177,7 +178,7 @@ def _bounded(stratum: Stratum, subset: Subset, shifted: Estimate) -> tuple[Estim
 
 
 def _together(parts: Sequence[_Part], unknown: float) -> Form:
-    """Return the design points of all strata, each with the probability of its stratum taken into its distance."""
+    """Return the design points of all strata, with distances that include the probability of the stratum."""
     if len(parts) == 1 and parts[0].stratum.probability == 1:
         return parts[0].form
     points: list[DesignPoint] = []
@@ -196,7 +197,7 @@ def _together(parts: Sequence[_Part], unknown: float) -> Form:
 
 
 def _of_stratum(point: DesignPoint, stratum: Stratum, number: int) -> DesignPoint:
-    """Return a design point with the index of Φ(-β) times the stratum's probability; its rare draws take what is added."""
+    """Return a design point with Φ(-β) multiplied by the stratum's probability; the added β² is assigned to the rare draws."""
     within = min(max(point.beta, -8.0), 38.0)
     beta = -float(special.ndtri_exp(special.log_ndtr(-within) + math.log(stratum.probability)))
     rare = stratum.rare_at(point.u)

@@ -1,7 +1,7 @@
-"""The probability that the error stays inside a limit, down to where plain sampling sees nothing.
+"""Probability that the error stays inside a limit, including failures too rare for plain sampling.
 
-Plain sampling, FORM, importance sampling and subset simulation answer the same question on the exact model; where they
-contradict each other, the result says so.
+Plain sampling, FORM, importance sampling and subset simulation estimate the same probability with the exact model.
+Contradictions between them are reported in the result.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ LISTED: Final = 3
 """Number of design points that are listed in full."""
 
 _NORM_STARTS: Final = np.array([n for n in np.ndindex(3, 3, 3) if n != (1, 1, 1)], dtype=float).T - 1.0
-"""The 26 directions to faces, edges and corners of a cube."""
+"""Directions to the 26 faces, edges and corners of a cube."""
 
 _REPEATS: Final = 4
 _ASIDE: Final = 0.3
@@ -69,16 +69,16 @@ def reliability(
     error_model
         Chain, draws and sources.
     specifications
-        Limits of position, attitude or a component, one or a list, each as :func:`precision_pin.specification` makes it or
-        its text.
+        Limits of position, attitude or a component, one or a list, each from :func:`precision_pin.specification` or its
+        text.
     pose, poses, q
-        A pose (a name, joint values, or None for the model's first) or a list of such; three names of one argument.
+        A pose (a name, joint values, or None for the model's first) or a list of poses. The three arguments are synonyms.
     seed, samples, confidence
-        Of plain sampling; seed and confidence of the other methods too.
+        Seed and confidence of all methods; number of plain samples.
     findings
-        Warnings to carry along, such as those of the sheet.
+        Warnings to include in the result, such as those of the sheet.
     progress
-        Told how many plain samples have been added since it was last called.
+        Function called with the number of plain samples added since its last call; ``True`` shows a bar.
 
     Raises
     ------
@@ -90,7 +90,7 @@ def reliability(
     )
     listed = listed_specifications(specifications)
     if not listed:
-        raise InputError("no specification is given; state at least one, such as '0.5 mm @ 99.73 %'")
+        raise InputError("no specification is given; give at least one, such as '0.5 mm @ 99.73 %'")
     found, warnings = [], list(map(str, known))
     for one in chosen:
         analysis = monte_carlo(
@@ -116,7 +116,7 @@ def reliability(
 
 
 def _margin(layout: sampler.SamplerArrays, specification: Specification) -> Callable[[Array], Array]:
-    """Return what is left up to the limit, in limits, for component values."""
+    """Return the margin to the limit, relative to the limit, as a function of component values."""
 
     def margin(x: Array) -> Array:
         errors = sampler.errors_at(layout, "exact", x)
@@ -127,7 +127,7 @@ def _margin(layout: sampler.SamplerArrays, specification: Specification) -> Call
 
 
 def _starts(at: PoseModel, specification: Specification) -> list[Array]:
-    """Return where the search begins: the tangent's steepest ways out, from all sides, two standard deviations away."""
+    """Return the starting points of the search, two standard deviations along the tangent's steepest directions."""
     rows = slice(0, 3) if specification.quantity.startswith("position") else slice(3, 6)
     part = specification.quantity.rpartition(".")[2]
     directions = (
@@ -136,7 +136,7 @@ def _starts(at: PoseModel, specification: Specification) -> list[Array]:
     spread = np.sqrt(at.space.block_covariance.variances)
     ways = (at.jacobian[rows] * spread).T @ directions
     lengths = np.linalg.norm(ways, axis=0)
-    # a little aside of the middle, where a gradient may vanish by symmetry
+    # a small random offset, because a gradient may vanish by symmetry
     aside = _ASIDE * np.random.Generator(np.random.Philox(0)).standard_normal(ways.shape)
     out = 2 * np.divide(ways, lengths, out=np.zeros_like(ways), where=lengths > 0)
     return list((out + aside).T)
@@ -161,7 +161,9 @@ def _of_specification(
         resolved=found.verdict.resolved,
         reason=found.verdict.reason,
         form=found.form,
-        failures=tuple(_told(at, layout, point, found.strata.parts) for point in found.form.points[:LISTED]),
+        failures=tuple(
+            _describe_failure(at, layout, point, found.strata.parts) for point in found.form.points[:LISTED]
+        ),
         contradictions=found.verdict.contradictions,
         remarks=found.remarks,
         strata=found.strata,
@@ -169,8 +171,10 @@ def _of_specification(
     )
 
 
-def _told(at: PoseModel, layout: sampler.SamplerArrays, point: DesignPoint, strata: Sequence[Stratum]) -> LikelyFailure:
-    """Return a design point in the terms of the model: parameters, error, importance of each draw."""
+def _describe_failure(
+    at: PoseModel, layout: sampler.SamplerArrays, point: DesignPoint, strata: Sequence[Stratum]
+) -> LikelyFailure:
+    """Return parameters, error and importance of each draw at a design point."""
     x = strata[point.stratum].values(point.u[:, None])
     groups = {draw.name: draw.name for draw in at.space.draws}
     for correlation in at.space.correlations:

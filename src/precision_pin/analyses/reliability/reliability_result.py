@@ -42,18 +42,18 @@ ASSUMPTIONS: Final = (
 @final
 @dataclass(frozen=True, eq=False)
 class LikelyFailure:
-    """A design point in the terms of the model.
+    """Design point in terms of the model's parameters.
 
     Attributes
     ----------
     beta, probability
         Reliability index and Φ(-β).
     parameters
-        Value of each component there, SI.
+        Value of each component at the point, SI.
     error
-        The exact error there, ``(6,)``, m and rad.
+        ``(6,)`` exact error at the point, m and rad.
     importance
-        Share of each draw (correlated ones together) in β², largest first; the sum is 1.
+        Share of each draw (correlated draws together) in β², in descending order; the sum is 1.
     """
 
     beta: float
@@ -66,7 +66,7 @@ class LikelyFailure:
         fix_fields(self)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the point as the JSON has it."""
+        """Return the point as in the JSON."""
         return {
             "beta": self.beta,
             "probability": self.probability,
@@ -79,32 +79,32 @@ class LikelyFailure:
 @final
 @dataclass(frozen=True, eq=False)
 class SpecificationReliability:
-    """One specification at one pose.
+    """Reliability for one specification at one pose.
 
     Attributes
     ----------
     specification
-        The demand.
+        The specification.
     estimates
-        Of the probability of failure, plain sampling first.
+        Estimates of the probability of failure, plain sampling first.
     best
-        The one to go by.
+        The estimate to use.
     resolved
-        Whether it is; otherwise ``best`` is plain sampling, of which only the interval tells.
+        True if ``best`` is resolved; otherwise it is plain sampling's, of which only the interval is meaningful.
     reason
-        Why it is not, in words.
+        Reason why it is not resolved.
     form
-        The design points.
+        Design points of FORM.
     failures
-        The first of them in the terms of the model.
+        The nearest design points in terms of the model's parameters.
     contradictions
-        Which methods contradict each other, one line each.
+        Contradictions between methods, one line each.
     remarks
-        Where FORM differs from the best estimate, one line each: common, and no contradiction.
+        Differences between FORM and the best estimate, one line each. They are common and no contradiction.
     strata
-        The parts by rare values of laws that jump that were looked at, and the probability of what was not.
+        Strata by the rare values of laws with jumps, and the probability outside the strata.
     varies
-        Whether the quantity varies at all.
+        True if the quantity differs from robot to robot.
     """
 
     specification: Specification
@@ -126,44 +126,44 @@ class SpecificationReliability:
 
     @property
     def comments(self) -> tuple[str, ...]:
-        """Differences between the methods, a line each, beginning with the consequence for the verdict."""
+        """Differences between the methods, one line each, beginning with the consequence for the verdict."""
         means = "the verdict is the same by every method"
         if len(self._verdicts()) > 1:
-            means = "the verdict differs between the methods, and the samples' interval, which always holds, decides"
+            means = "the verdict differs between the methods; the samples' interval, which is always valid, decides"
         return (*(f"{means}; {line}" for line in self.contradictions), *self.remarks)
 
     @property
     def probability(self) -> float:
-        """That the error stays inside the limit."""
+        """Probability that the error stays inside the limit."""
         return 1 - self.best.probability
 
     @property
     def interval(self) -> tuple[float, float]:
-        """Of :attr:`probability`."""
+        """Interval of :attr:`probability`."""
         low, high = self.best.interval
         return 1 - high, 1 - low
 
     @property
     def verdict(self) -> Verdict:
-        """As :attr:`precision_pin.statistics.SpecificationResult.verdict`, by the best estimate's interval."""
-        return self._judged(self.best)
+        """Verdict by the interval of the best estimate, as in :attr:`precision_pin.statistics.SpecificationResult.verdict`."""
+        return self._judge(self.best)
 
-    def _judged(self, estimate: Estimate) -> Verdict:
+    def _judge(self, estimate: Estimate) -> Verdict:
         low, high = estimate.interval
         allowed = 1 - self.specification.required
         return judge(holds=high <= allowed, fails=low > allowed, varies=self.varies)
 
     def _verdicts(self) -> set[Verdict]:
-        """Return the verdicts of the best and of every resolved estimate."""
-        return {self._judged(estimate) for estimate in (self.best, *(one for one in self.estimates if one.resolved))}
+        """Return the verdicts by the best and by every resolved estimate."""
+        return {self._judge(estimate) for estimate in (self.best, *(one for one in self.estimates if one.resolved))}
 
     @property
     def met(self) -> bool:
-        """Whether the verdict is that it is met."""
+        """True if the verdict is ``"met"``."""
         return self.verdict == "met"
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the entry of ``spec`` as the JSON has it."""
+        """Return the entry of ``spec`` in the JSON."""
         return {
             "quantity": self.specification.quantity,
             "limit": self.specification.limit,
@@ -199,20 +199,20 @@ class SpecificationReliability:
 @final
 @dataclass(frozen=True, eq=False)
 class PoseReliability:
-    """All specifications at one pose."""
+    """Reliability for all specifications at one pose."""
 
     pose: PoseLabel
     specifications: tuple[SpecificationReliability, ...]
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the pose with its specifications."""
+        """Return the entry of ``poses`` in the JSON."""
         return {"pose": self.pose.to_dict(), "spec": [entry.to_dict() for entry in self.specifications]}
 
 
 @final
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class ReliabilityResult(Result):
-    """Reliability at one or several poses; the samples are plain ones."""
+    """Reliability at one or several poses; ``samples`` is the number of plain samples."""
 
     schema: ClassVar[str] = "precision-pin/reliability/1"
 
@@ -220,7 +220,7 @@ class ReliabilityResult(Result):
 
     @property
     def met(self) -> bool:
-        """Whether every specification is met at every pose."""
+        """True if every specification is met at every pose."""
         return all(entry.met for pose in self.poses for entry in pose.specifications)
 
     @property
@@ -229,26 +229,26 @@ class ReliabilityResult(Result):
         return ASSUMPTIONS
 
     def settings(self) -> dict[str, Any]:
-        """Return what was asked for, as the JSON has it."""
+        """Return the settings, as in the JSON."""
         return {"model": "exact", **super().settings()}
 
     def to_pandas(self, lines: Literal["specifications", "methods"] = "specifications") -> pandas.DataFrame:
-        """Return the specifications as a data frame, m and rad: a row for each at every pose.
+        """Return the result as a data frame, m and rad: a row for each pose and specification, or method.
 
-        Columns ``quantity``, ``limit``, ``required``; ``probability`` (of keeping the limit) and ``failure`` (of exceeding
-        it) with ``…_lower`` and ``…_upper``; ``met``, ``verdict``, ``resolved``, ``method``; ``form`` and ``beta``, what the
-        nearest design point gives. Of methods: a row for each method besides, with its ``failure``, ``variation``,
-        ``evaluations`` and ``resolved``. ``attrs`` say how it was computed.
+        Specifications have the columns ``quantity``, ``limit``, ``required``; ``probability`` (of keeping the limit) and
+        ``failure`` (of exceeding it) with ``…_lower`` and ``…_upper``; ``met``, ``verdict``, ``resolved``, ``method``; and
+        ``form`` and ``beta`` of the nearest design point. Methods have ``failure``, ``variation``, ``evaluations`` and
+        ``resolved``. ``attrs`` gives the settings.
 
         Parameters
         ----------
         lines
-            Of what: ``"specifications"`` or ``"methods"``.
+            Kind of rows: ``"specifications"`` or ``"methods"``.
 
         Raises
         ------
         UnknownNameError
-            Of anything else.
+            There is no such kind.
         InputError
             pandas is not installed.
         """
@@ -296,7 +296,7 @@ class ReliabilityResult(Result):
 
 
 def _demand(specification: Specification, quantity: str) -> str:
-    """Return a specification as it may be written in one text, with this name of its quantity."""
+    """Return a specification as text, with this name of its quantity."""
     milli = f"{1e3 * specification.limit:.10g} {unit(specification.quantity)}"
     return f"{quantity} {milli} @ {100 * specification.required:.10g} %"
 

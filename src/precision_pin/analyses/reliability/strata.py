@@ -1,8 +1,8 @@
-"""Normal numbers for every law, and strata: rare values of laws that jump, sorted out before anything is searched or sampled.
+"""Transformation of laws to normal numbers, and strata of the rare values of laws with jumps.
 
-A law that jumps with a small probability (one of two values, a row of a table, an outlier among measured samples) hides a
-failure where no slope leads to it and few samples come by. Its rare values become strata of their own, whose probabilities
-are known; failure is then sought within each, P = Σ p_s P(failure | s).
+A law that jumps with a small probability (one of two values, a row of a table, an outlier among measured samples) can hide
+a failure: no slope leads to it, and few samples reach it. Its rare values therefore become strata with known probabilities,
+and the failures are searched within each: P = Σ p_s P(failure | s).
 """
 
 from __future__ import annotations
@@ -26,10 +26,10 @@ __all__ = ["FARTHEST", "Jump", "Strata", "Stratum", "from_normals", "stratified"
 
 
 FARTHEST: Final = 8.2
-"""Standard normal numbers are searched up to this distance: a probability of 1e-16."""
+"""Largest distance of the search in standard normal numbers: a probability of 1e-16."""
 
 RARE: Final = 1e-2
-"""Probability above which plain sampling is used."""
+"""Probability above which values are left to plain sampling."""
 
 MOST_STRATA: Final = 32
 
@@ -47,14 +47,14 @@ _LEAST_PROBABILITY: Final = 1e-16
 @final
 @dataclass(frozen=True, eq=False)
 class Jump:
-    """A normal number whose value jumps.
+    """Normal number whose value has jumps.
 
     Attributes
     ----------
     row
-        Which of the normal numbers.
+        Row of the normal number.
     edges
-        ``(k + 1,)`` of Φ(u), rising from 0 to 1; the value jumps at all but the outer ones.
+        ``(k + 1,)`` values of Φ(u), ascending from 0 to 1; the number jumps at all except the outer ones.
     """
 
     row: int
@@ -64,13 +64,13 @@ class Jump:
         fix_fields(self)
 
     def pieces(self, normals: Array) -> NDArray[np.intp]:
-        """Return between which edges each sample ``(d, N)`` lies, ``(N,)``."""
+        """Return the number of the piece between two edges, ``(N,)``, for each sample ``(d, N)``."""
         found = np.searchsorted(self.edges, special.ndtr(normals[self.row]), side="right") - 1
         inside: NDArray[np.intp] = np.clip(found, 0, self.edges.size - 2)
         return inside
 
     def scores(self, pieces: NDArray[np.intp], shares: Array) -> Array:
-        """Return the normal numbers a share (0 to 1) of the way through the pieces."""
+        """Return the normal numbers at a relative position (0 to 1) within the pieces."""
         low, high = self.edges[pieces], self.edges[pieces + 1]
         scores: Array = np.clip(special.ndtri(low + (high - low) * shares), -FARTHEST, FARTHEST)
         return scores
@@ -86,20 +86,20 @@ class Jump:
 @final
 @dataclass(frozen=True, eq=False)
 class Stratum:
-    """A part of all samples: some draws confined to some of their values, in one or several combinations.
+    """Stratum: some draws restricted to some of their values, in one or several combinations.
 
     Attributes
     ----------
     space
         The draws.
     probability
-        Of the part.
+        Probability of the stratum.
     cuts
-        For each draw that is confined, the groups of intervals ``(k, 2)`` of its uniform number; the first is the usual.
+        For each restricted draw, the groups of intervals ``(k, 2)`` of its uniform number; the first is the usual one.
     combinations
-        The part's combinations: one group of each such draw.
+        Combinations of the stratum: one group of each such draw.
     shares
-        ``(combinations,)`` of the part, with the sum 1.
+        ``(combinations,)`` shares in the stratum, with the sum 1.
     """
 
     space: Space
@@ -113,12 +113,12 @@ class Stratum:
 
     @property
     def rare(self) -> tuple[str, ...]:
-        """Draws that have a rare value in any of the combinations."""
+        """Draws with a rare value in any of the combinations."""
         return tuple(name for k, name in enumerate(self.cuts) if any(key[k] for key in self.combinations))
 
     def rare_at(self, normals: Array) -> tuple[str, ...]:
-        """Return which draws have a rare value at a point ``(d,)``."""
-        which, _ = self._chosen(normals[:, None])
+        """Return the draws with a rare value at a point ``(d,)``."""
+        which, _ = self._select_combinations(normals[:, None])
         return tuple(name for name, group in zip(self.cuts, self.combinations[which[0]], strict=True) if group)
 
     def values(self, normals: Array) -> Array:
@@ -140,13 +140,13 @@ class Stratum:
 
     @cached_property
     def jumps(self) -> tuple[Jump, ...]:
-        """The normal numbers whose value still jumps within the part."""
+        """Normal numbers with jumps within the stratum."""
         found = []
         correlated = {name for correlation in self.space.correlations for name in correlation.names}
         for draw, columns in zip(self.space.draws, self.space.slices, strict=True):
             cells = _cells(draw.law)
             if cells is None or draw.name in correlated:
-                continue  # what is correlated moves others smoothly
+                continue  # correlated draws change the others smoothly
             if draw.name == self._selector and len(self.combinations) > 1:
                 edges = np.concatenate([[0.0], np.cumsum(self.shares)])
             else:
@@ -161,7 +161,7 @@ class Stratum:
 
     @cached_property
     def certain(self) -> bool:
-        """Whether nothing varies within the part but the combination."""
+        """True if only the combination varies within the stratum."""
         return all(
             (draw.name in self.cuts and all(len(cut) == 1 for cut in self.cuts[draw.name]) and _is_discrete(draw.law))
             or not draw.law.covariance.any()
@@ -178,11 +178,11 @@ class Stratum:
 
     @property
     def _selector(self) -> str:
-        """The draw whose number chooses the combination, and then a value within its group."""
+        """Draw whose number selects the combination, and then a value within its group."""
         return next(iter(self.cuts), "")
 
-    def _chosen(self, u: Array) -> tuple[NDArray[np.intp], Array]:
-        """Return each sample's combination, and how far its uniform number is through it."""
+    def _select_combinations(self, u: Array) -> tuple[NDArray[np.intp], Array]:
+        """Return the combination of each sample, and the relative position of its uniform number within it."""
         if len(self.combinations) == 1:
             at = special.ndtr(u[self._rows[self._selector].start]) if self.cuts else np.zeros(u.shape[1])
             return np.zeros(u.shape[1], dtype=np.intp), at
@@ -192,8 +192,8 @@ class Stratum:
         return which, np.clip((at - (ends - self.shares)[which]) / self.shares[which], 0.0, 1.0)
 
     def _uniforms(self, u: Array) -> dict[str, Array]:
-        """Return the uniform numbers of the draws that are confined."""
-        which, through = self._chosen(u)
+        """Return the uniform numbers of the restricted draws."""
+        which, through = self._select_combinations(u)
         found = {}
         for k, (name, cuts) in enumerate(self.cuts.items()):
             own = through if name == self._selector else special.ndtr(u[self._rows[name].start])
@@ -214,7 +214,7 @@ class Stratum:
 
     @cached_property
     def _mixing(self) -> tuple[tuple[str, list[int], Array], ...]:
-        """First name, rows and triangular root of each correlation; what is confined, or else what jumps, comes first."""
+        """First name, rows and triangular root of each correlation, with restricted draws, or else those with jumps, first."""
         found = []
         laws = {draw.name: draw.law for draw in self.space.draws}
         for correlation in self.space.correlations:
@@ -231,18 +231,18 @@ class Stratum:
 @final
 @dataclass(frozen=True, eq=False)
 class Strata:
-    """Parts that exclude each other, and the probability of what none of them holds."""
+    """Mutually exclusive strata, and the probability outside all of them."""
 
     parts: tuple[Stratum, ...]
     remainder: float = 0.0
 
 
 def from_normals(space: Space, normals: Array) -> Array:
-    """Return component values ``(d, N)`` of independent standard normal numbers ``(d, N)``; the law stays what it is.
+    """Return component values ``(d, N)``, distributed by their laws, for independent standard normal numbers ``(d, N)``.
 
-    A number is F⁻¹(Φ(u)), of correlated draws after mixing. A disc's point lies in the direction of its two numbers, at
-    r √(1 - exp(-|u|²/2)): smoother than polar coordinates one by one, which tear at an angle. A circle's angle is
-    4πΦ(u₁), so that every angle is met within 0.7 of the middle. Beyond ±8.2, numbers are taken there.
+    A number is F⁻¹(Φ(u)), for correlated draws after mixing. The point of a disc lies in the direction of its two numbers at
+    r √(1 - exp(-|u|²/2)), because polar coordinates would be discontinuous at one angle. The angle of a circle is 4πΦ(u₁),
+    so that every angle is reached within 0.7 of the middle. Numbers beyond ±8.2 are clipped.
     """
     return Stratum(space).values(normals)
 
@@ -250,10 +250,10 @@ def from_normals(space: Space, normals: Array) -> Array:
 def stratified(space: Space, margin: Callable[[Array], Array]) -> Strata:
     """Return the strata of a space for a limit state.
 
-    Of a law of at most eight cells (values, or lines between quantiles) every cell of a probability below 0.01 is a group
-    by itself. Of others, as of a table of many rows, cells are put in order, the one that leaves the least margin first;
-    those up to a cumulative probability of 0.01 make a group for each power of ten. What is left is the usual group.
-    Strata are combinations of groups: the usual of all, then those of like probability together, at most 64 to a stratum
+    For a law of at most eight cells (values, or lines between quantiles), every cell with a probability below 0.01 is a group
+    of its own. For other laws, such as large tables, the cells are sorted by ascending margin; those up to a cumulative
+    probability of 0.01 form one group for each power of ten. The remaining cells are the usual group. Strata are combinations
+    of groups: first the usual groups of all draws, then combinations of similar probability together, at most 64 in a stratum
     and 32 strata.
 
     Parameters
@@ -261,7 +261,7 @@ def stratified(space: Space, margin: Callable[[Array], Array]) -> Strata:
     space
         The draws.
     margin
-        What is left up to failure, ``(N,)``, for component values ``(d, N)``.
+        Margin to failure, ``(N,)``, for component values ``(d, N)``.
     """
     remainder = 0.0
     groups: dict[str, list[Array]] = {}
@@ -274,13 +274,13 @@ def stratified(space: Space, margin: Callable[[Array], Array]) -> Strata:
     for correlation in space.correlations:
         names = [name for name in correlation.names if name in groups]
         rare = {name: sum(map(_length, groups[name][1:])) for name in names}
-        # correlated draws are confined one at a time; of the others' rare values only the probability is known
+        # of correlated draws only one is restricted; for the rare values of the others only the probability is known
         for name in sorted(names, key=rare.__getitem__, reverse=True)[1:]:
             remainder += rare[name]
             del groups[name]
     if not groups:
         return Strata((Stratum(space),), remainder)
-    # draws without correlation choose the combination
+    # the combination is selected by draws without correlation
     correlated = {name for correlation in space.correlations for name in correlation.names}
     cuts = {name: tuple(groups[name]) for name in sorted(groups, key=lambda name: name in correlated)}
     combinations: list[tuple[float, tuple[int, ...]]] = [(1.0, ())]
@@ -298,7 +298,7 @@ def stratified(space: Space, margin: Callable[[Array], Array]) -> Strata:
 
 
 def _alike(combinations: Sequence[tuple[float, tuple[int, ...]]]) -> list[list[tuple[float, tuple[int, ...]]]]:
-    """Return combinations, the most probable first, put together where their probabilities have one power of ten."""
+    """Return the combinations, most probable first, grouped by the power of ten of their probability."""
     found: list[list[tuple[float, tuple[int, ...]]]] = []
     for entry in combinations:
         if found and len(found[-1]) < _MOST_TOGETHER and found[-1][0][0] < 10 * entry[0] and any(found[-1][0][1]):
@@ -309,7 +309,7 @@ def _alike(combinations: Sequence[tuple[float, tuple[int, ...]]]) -> list[list[t
 
 
 def _within(cut: Array, uniforms: Array) -> Array:
-    """Return where uniform numbers of (0, 1) lie in a group of intervals."""
+    """Return uniform numbers of (0, 1) mapped into a group of intervals."""
     lengths = cut[:, 1] - cut[:, 0]
     ends = np.cumsum(lengths)
     at = uniforms * ends[-1]
@@ -327,7 +327,7 @@ def _length(cut: Array) -> float:
 
 
 def _cells(law: Law) -> Array | None:
-    """Return the intervals ``(k, 2)`` of the uniform number on which a law is constant or a line; None of other laws."""
+    """Return the intervals ``(k, 2)`` of the uniform number on which a law is constant or linear; None for other laws."""
     edges = law.cell_edges
     if edges is None:
         return None
@@ -337,7 +337,7 @@ def _cells(law: Law) -> Array | None:
 
 
 def _pieces(law: Law, cells: Array) -> Array:
-    """Return the cells, in a row where the law goes on from one to the next."""
+    """Return the cells, merged where the law is continuous from one to the next."""
     if law.lines is None:
         return cells
     torn = law.lines[1:, 1] != law.lines[:-1, 3]
@@ -347,7 +347,7 @@ def _pieces(law: Law, cells: Array) -> Array:
 
 
 def _hides(law: Law) -> bool:
-    """Return whether a law jumps, or nearly so: by a tenth of its range within half a normal score."""
+    """Return whether a law has a jump or a steep rise, a tenth of its range within half a normal score."""
     if law.lines is None:
         return True
     begin, value, _, end = law.lines.T
@@ -377,18 +377,18 @@ def _groups(space: Space, draw: Draw, columns: slice, cells: Array, margin: Call
         decade = np.minimum(np.floor(np.log10(np.maximum(reached, _LEAST_PROBABILITY)) + 1e-9), math.log10(RARE) - 1)
         labels = np.where(reached < RARE, -decade, 0).astype(int)
     usual = labels == 0
-    found = [_ordered(draw.law, cells[usual], severity[usual], usual)]
+    found = [_arrange_cells(draw.law, cells[usual], severity[usual], usual)]
     for label in sorted(set(labels[~usual].tolist())):
         chosen = labels == label
-        found.append(_ordered(draw.law, cells[chosen], severity[chosen], chosen))
+        found.append(_arrange_cells(draw.law, cells[chosen], severity[chosen], chosen))
     return found
 
 
 def _severity(
     space: Space, draw: Draw, columns: slice, cells: Array, margin: Callable[[Array], Array]
 ) -> tuple[Array, bool]:
-    """Return the least margin in each cell, the other numbers in the middle and elsewhere, and whether it depends on the cell."""
-    # a hair inside of both ends, and the middle
+    """Return the least margin in each cell for several values of the other numbers, and whether it depends on the cell."""
+    # just inside both ends, and the middle
     inside = np.array([1e-9, 0.5, 1 - 1e-9]) if draw.law.lines is not None else np.array([0.5])
     count = max(1, min(_PROBES, _MOST_PROBED // (inside.size * len(cells))))
     probes = np.random.Generator(np.random.Philox(0)).standard_normal((space.size, count))
@@ -409,8 +409,8 @@ def _severity(
     return least.min(axis=0), matters
 
 
-def _ordered(law: Law, cells: Array, severity: Array, chosen: NDArray[np.bool_]) -> Array:
-    """Return cells in a sensible order: values by what they leave, the lines between quantiles joined where they can be."""
+def _arrange_cells(law: Law, cells: Array, severity: Array, chosen: NDArray[np.bool_]) -> Array:
+    """Return the chosen cells: values sorted by their margin, lines between quantiles merged where adjacent."""
     if law.lines is None:
         ordered: Array = cells[np.argsort(severity, kind="stable")]
         return ordered

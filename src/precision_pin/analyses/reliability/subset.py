@@ -34,18 +34,18 @@ _TOLD: Final = 160
 @final
 @dataclass(frozen=True, eq=False)
 class Subset:
-    """The result of subset simulation.
+    """Result of subset simulation.
 
     Attributes
     ----------
     estimate
-        Of the probability.
+        Estimate of the probability.
     failures
-        ``(d, F)``, of all replicates in turn: distributed as failures are.
+        ``(d, F)`` failures of all replicates in turn, with the conditional distribution of failures.
     counted
-        Failures among the first level's samples, and how many those are.
+        Number of failures among the samples of the first level, and number of these samples.
     highest
-        The largest probability that a replicate gave, or of the level at which it met no failure.
+        Largest probability of a replicate, or of the last level of a replicate without failure.
     """
 
     estimate: Estimate
@@ -58,18 +58,18 @@ class Subset:
 
 
 def subset_simulation(margin: Margin, size: int, *, seed: int, samples: int, confidence: float) -> Subset:
-    """Return the probability of failure as a product of conditional ones of 0.1 (Au and Beck, 2001), and failures.
+    """Return the probability of failure as a product of conditional probabilities of 0.1 (Au and Beck, 2001), and failures.
 
-    Each level's samples are moved by u ← 0.8 u + 0.6 z, put back where they leave the level (Papaioannou, Betz, Zwirglmaier
-    and Straub, 2015). Twelve replicates, each by itself, give the mean, its coefficient of variation and its interval, that
-    of the mean of log-normal numbers: products of several estimates are skewed.
+    The samples of each level move by u ← 0.8 u + 0.6 z; a move out of the level is rejected (Papaioannou, Betz, Zwirglmaier
+    and Straub, 2015). Twelve independent replicates give the mean, its coefficient of variation and its interval. The
+    interval is that of a mean of log-normal values, because products of several estimates are skewed.
 
     Parameters
     ----------
     margin, size
-        The limit state and how many numbers it takes.
+        Limit state, and number of its normal numbers.
     seed, samples, confidence
-        Of the sampling; ``samples`` in each level of each replicate, a multiple of 10.
+        Seed of the sampling; number of samples in each level of each replicate, a multiple of 10; confidence of the interval.
     """
     run = _Run(margin, np.random.Generator(np.random.Philox(seed)), samples)
     found, reached, levels = run.found(size)
@@ -93,7 +93,7 @@ def subset_simulation(margin: Margin, size: int, *, seed: int, samples: int, con
 
 @final
 class _Run:
-    """All replicates side by side, each with levels of its own."""
+    """Simultaneous replicates, each with its own levels."""
 
     def __init__(self, margin: Margin, generator: np.random.Generator, samples: int) -> None:
         self.margin, self.generator, self.samples = margin, generator, samples
@@ -101,7 +101,7 @@ class _Run:
         self.failures: list[Array] = []
 
     def found(self, size: int) -> tuple[Array, Array, NDArray[np.intp]]:
-        """Return each replicate's probability of failure, that of its last level, and how many levels it went down."""
+        """Return, for each replicate, the probability of failure, that of its last level, and the number of levels."""
         seeds = max(1, round(_SHARE * self.samples))
         u = self.generator.standard_normal((REPLICATES, size, self.samples))
         values = self._margins(u)
@@ -114,7 +114,7 @@ class _Run:
             states, goes = [], []
             for k, (replicate, level) in enumerate(zip(active, levels, strict=True)):
                 at_most = values[k] <= level
-                flat = at_most.all()  # nothing leads further
+                flat = at_most.all()  # all margins are equal: there is no lower level
                 if level < 0 or flat or number == _MOST_LEVELS:
                     failed = values[k] < 0
                     found[replicate] = reached[replicate] * failed.mean()
@@ -129,11 +129,11 @@ class _Run:
             active, levels = active[goes], levels[goes]
             state = np.stack([u[k][:, chosen] for k, chosen in states])
             margins = np.stack([values[k][chosen] for k, chosen in states])
-            u, values = self._moved(state, margins, levels)
+            u, values = self._move_samples(state, margins, levels)
         return found, reached, ended
 
-    def _moved(self, state: Array, margins: Array, levels: Array) -> tuple[Array, Array]:
-        """Return as many samples at or below each replicate's level as there were at first."""
+    def _move_samples(self, state: Array, margins: Array, levels: Array) -> tuple[Array, Array]:
+        """Return the full number of samples at or below the level of each replicate."""
         states, kept = [state], [margins]
         while sum(part.shape[1] for part in kept) < self.samples:
             tried = _KEPT * state + math.sqrt(1 - _KEPT**2) * self.generator.standard_normal(state.shape)

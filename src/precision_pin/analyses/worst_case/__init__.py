@@ -1,4 +1,4 @@
-"""The largest error that bounded tolerances can make together."""
+"""Largest error that bounded tolerances can cause together."""
 
 from precision_pin.analyses.declaration import Declaration, Option
 
@@ -16,7 +16,7 @@ DECLARATION = Declaration(
     options=(
         Option("--k", "k", "Cut unbounded laws at k standard deviations.", float, 3.0),
         Option(
-            "--samples", "samples", "Samples shown beside it.", int, 100_000, "N",
+            "--samples", "samples", "Samples for comparison.", int, 100_000, "N",
             check="precision_pin.sampling.blocks:check_samples",
         ),
     ),

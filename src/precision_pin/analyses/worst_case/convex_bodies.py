@@ -1,8 +1,7 @@
-"""Supports of draws: bounded convex bodies about their means, and how far they reach in a direction.
+"""Supports of draws: bounded convex bodies about their means, and their support functions.
 
-The support function of a body K is h(w) = max w·x over x in K; the x that attains it, its support point, is the
-gradient of h (Rockafellar, Convex MonteCarloResult, 1970, corollary 23.5.3). Laws that are not bounded are cut at a stated
-number of standard deviations k.
+The support function of a body K is h(w) = max w·x over x in K. The x that attains it, the support point, is the gradient of
+h (Rockafellar, Convex Analysis, 1970, corollary 23.5.3). Unbounded laws are cut at a stated number of standard deviations k.
 """
 
 from __future__ import annotations
@@ -28,15 +27,15 @@ __all__ = ["Body", "Supports"]
 
 
 _STEP: Final = 1e-7
-"""Of the central differences that give the support point of a law known by its support function only."""
+"""Step of the central differences for the support point of a law given by its support function only."""
 
 
 class Body(ABC):
-    """A bounded set of deviations of m numbers from their means, given by the support function of its convex hull."""
+    """Bounded set of deviations of m numbers from their means, given by the support function of its convex hull."""
 
     @abstractmethod
     def heights(self, directions: Array) -> Array:
-        """Return h(w), ``(N,)``, for w ``(N, m)``."""
+        """Return the support function h(w), ``(N,)``, for w ``(N, m)``."""
 
     @abstractmethod
     def points(self, directions: Array) -> Array:
@@ -50,18 +49,18 @@ class Body(ABC):
     @property
     @abstractmethod
     def roots(self) -> tuple[Array, ...] | None:
-        """Matrices ``(m, p)`` with h(w) = w·centre + Σ |rootᵀ w|, or None if the body has no such form."""
+        """Matrices ``(m, p)`` with h(w) = w·centre + Σ |rootᵀ w|; None if the body has no such form."""
 
 
 @final
 @dataclass(frozen=True, eq=False)
 class _Box(Body):
-    """Every number between two ends, ``low`` and ``high`` ``(m,)``."""
+    """Box between the corners ``low`` and ``high``, ``(m,)``."""
 
     low: Array
     high: Array
     middle: Array
-    """Taken where a number does not matter: the median, which every law can take."""
+    """Value of numbers without influence: the median, which every law can take."""
 
     def heights(self, directions: Array) -> Array:
         value: Array = np.maximum(directions * self.low, directions * self.high).sum(axis=1)
@@ -84,7 +83,7 @@ class _Box(Body):
 @final
 @dataclass(frozen=True, eq=False)
 class _Ellipsoid(Body):
-    """root·v over |v| ≤ 1, ``root`` ``(m, m)``; a disc, its rim, or what a joint normal law stays in."""
+    """Ellipsoid root·v with |v| ≤ 1, ``root`` ``(m, m)``: a disc, its rim, or a joint normal law that is cut."""
 
     root: Array
 
@@ -94,7 +93,7 @@ class _Ellipsoid(Body):
 
     def points(self, directions: Array) -> Array:
         seen = directions @ self.root
-        # scaled first: a subnormal length has too few digits to divide by
+        # scaled first, because a subnormal length has too few digits to divide by
         largest = np.abs(seen).max(axis=1, keepdims=True)
         seen = np.divide(seen, largest, out=np.zeros_like(seen), where=largest > 0)
         seen[largest[:, 0] == 0, 0] = 1.0
@@ -113,7 +112,7 @@ class _Ellipsoid(Body):
 @final
 @dataclass(frozen=True, eq=False)
 class _Points(Body):
-    """A few points, ``(n, m)``."""
+    """Finite set of points, ``(n, m)``."""
 
     places: Array
 
@@ -137,7 +136,7 @@ class _Points(Body):
 @final
 @dataclass(frozen=True, eq=False)
 class _Described(Body):
-    """The support of a law of several numbers by its own support function only."""
+    """Support of a law of several numbers that is given by its support function only."""
 
     law: Law
 
@@ -166,20 +165,20 @@ class _Described(Body):
 @final
 @dataclass(frozen=True, eq=False)
 class Supports:
-    """The support of all draws of a space, as deviations from the means.
+    """Supports of all draws of a space, as deviations from the means.
 
     Attributes
     ----------
     space
         The draws.
     names
-        What is bounded together: a draw, or normal draws that are correlated, joined by commas.
+        Name of each body: its draw, or its correlated normal draws joined by commas.
     columns
-        The components of each.
+        Components of each body.
     bodies
-        What each can take.
+        Bodies of the possible deviations.
     cut
-        Names of the draws whose law is not bounded and was cut.
+        Names of the draws with an unbounded law, which was cut.
     """
 
     space: Space
@@ -193,17 +192,17 @@ class Supports:
 
     @classmethod
     def of(cls, space: Space, k: float) -> Supports:
-        """Return the supports, laws that are not bounded cut at k standard deviations.
+        """Return the supports, with unbounded laws cut at k standard deviations.
 
-        A normal law is cut at mean ± kσ, a joint normal law at the ellipsoid (x - mean)ᵀ Σ⁻¹ (x - mean) = k², any other
-        law of one number at the quantiles that a normal law has at ± k of its standard deviations. Normal laws that are
-        correlated are one joint normal law. Other correlated draws each keep their own set: a copula with correlations
-        between -1 and 1 excludes no combination.
+        A normal law is cut at mean ± kσ, a joint normal law at the ellipsoid (x - mean)ᵀ Σ⁻¹ (x - mean) = k². Any other
+        law of one number is cut at the quantiles of the same probabilities as those of a normal law at ± k standard
+        deviations. Correlated normal laws are treated as one joint normal law. Other correlated draws keep their own
+        supports: a copula with correlations between -1 and 1 excludes no combination.
 
         Raises
         ------
         InputError
-            k is not positive and finite, or a law of several numbers is not bounded and of unknown form.
+            k is not positive and finite, or a law of several numbers is unbounded and of unknown form.
         """
         k = check_number("k, where unbounded laws are cut,", k, "positive and finite", lambda value: value > 0)
         cut = tuple(draw.name for draw in space.draws if not _is_bounded(draw.law))
@@ -224,7 +223,7 @@ class Supports:
         return cls(space, tuple(names), tuple(columns), tuple(bodies), cut)
 
     def heights(self, weights: Array) -> Array:
-        """Return h of every body, ``(bodies, N)``, for weights ``(N, d)`` of the components."""
+        """Return the support function of every body, ``(bodies, N)``, for weights ``(N, d)`` of the components."""
         parts = [body.heights(weights[:, rows]) for body, rows in zip(self.bodies, self.columns, strict=True)]
         return np.array(parts).reshape(-1, len(weights))
 
@@ -273,7 +272,7 @@ def _body(name: str, law: Law, k: float) -> Body:
     bounded = _is_bounded(law)
     if law.size > 1:
         if not bounded:
-            raise InputError(f"the law of {name} is not bounded, and where to cut it is not known; truncate it")
+            raise InputError(f"the law of {name} is unbounded and has no rule for cutting it; truncate the law")
         return _Described(law)
     ends = np.array(_ends(law, 0)) if bounded else law.at_scores(np.array([[-k, k]]))[0]
     middle = law.inverse(np.full((1, 1), 0.5))[0]

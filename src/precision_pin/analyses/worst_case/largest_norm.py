@@ -1,13 +1,13 @@
-"""The point of a convex body in space that lies farthest from the origin, to a stated accuracy, globally.
+"""Farthest point of a three-dimensional convex body from the origin: global search to a stated accuracy.
 
-With the support function h(u) = max u·z over the body, the largest |z| is the largest h over the unit sphere. It has
-many local maxima (a zonotope has one at nearly each of its corners), so that an ascent alone proves nothing.
+With the support function h(u) = max u·z over the body, the largest |z| is the largest h over the unit sphere. h has many
+local maxima (a zonotope has one at nearly every corner), so that a local ascent proves nothing.
 
 Branch and bound: h is convex and positively homogeneous, so on the plane triangle with corners a, b, c on the sphere it
 is at most max(h(a), h(b), h(c)), and on the spherical triangle above it at most that over the distance ρ of the plane
-from the origin, ρ² = 1 - R² with R the radius of the circle through the corners. Triangles whose bound is not above the
-best value found are dropped, the others are cut in four; bound and value differ by R²/2 of themselves, so that 1e-9 takes
-triangles 1e-4 across, and those only near the maximum.
+from the origin, ρ² = 1 - R² with R the radius of the circle through the corners. Triangles whose bound does not exceed the
+best value found are discarded; the others are divided into four. The relative difference of bound and value is R²/2, so
+that an accuracy of 1e-9 needs triangles of a size of 1e-4, but only near the maximum.
 """
 
 from __future__ import annotations
@@ -27,10 +27,10 @@ __all__ = ["MOST_CELLS", "TOLERANCE", "Farthest", "farthest", "quadratic_bound"]
 
 
 TOLERANCE: Final = 1e-9
-"""Largest relative distance between the two ends of the largest value."""
+"""Largest relative difference between lower and upper bound of the result."""
 
 MOST_CELLS: Final = 400_000
-"""Triangles looked at before the search ends with what it has."""
+"""Largest number of triangles; the search then ends with the bounds reached."""
 
 _ROUNDING: Final = 1e-12
 _ASCENTS: Final = 500
@@ -40,18 +40,18 @@ _CHUNK: Final = 2**15
 @final
 @dataclass(frozen=True, eq=False)
 class Farthest:
-    """The largest |z| over a body.
+    """Bounds of the largest |z| over a body.
 
     Attributes
     ----------
     direction
-        Unit vector u in which the farthest point found lies, ``(3,)``.
+        ``(3,)`` unit vector u to the farthest point found.
     lower
-        |z| of that point.
+        Distance |z| of that point.
     upper
-        No point lies farther.
+        Upper bound of all distances.
     cells
-        How many spherical triangles were looked at; 0 where a bound in closed form was enough.
+        Number of spherical triangles evaluated; 0 where a bound in closed form was sufficient.
     """
 
     direction: Array
@@ -64,7 +64,7 @@ class Farthest:
 
     @property
     def certified(self) -> bool:
-        """Whether the two ends agree to 1e-9 of themselves."""
+        """True if the two bounds agree to a relative difference of 1e-9."""
         return self.upper <= self.lower * (1 + TOLERANCE)
 
 
@@ -75,31 +75,32 @@ def farthest(
     *,
     most_cells: int = MOST_CELLS,
 ) -> Farthest:
-    """Return how far a convex body reaches from the origin.
+    """Return the largest distance of a convex body from the origin.
 
     Parameters
     ----------
     heights
-        The support function: h(u) ``(N,)`` for directions u ``(N, 3)``.
+        Support function: h(u) ``(N,)`` for directions u ``(N, 3)``.
     touch
-        Points of the body ``(N, 3)``, each the farthest along one of the directions; used to ascend, proves nothing.
+        Function that returns points of the body ``(N, 3)``, each the farthest along one of the directions. It is used for
+        the local ascent only.
     bound
-        Returns an upper bound of the largest |z|, given the direction of the best point found; infinite if it knows
-        none. It is asked before the search, which is spared where it is tight.
+        Function that returns an upper bound of the largest |z|, given the direction of the best point found; infinite where
+        unknown. It is evaluated before the search, which is skipped if this bound is tight.
     most_cells
-        Triangles after which the search ends; the upper end is then the largest bound of those left.
+        Number of triangles at which the search ends; the upper bound is then the largest bound of the remaining ones.
     """
 
     def search(directions: Array) -> Array:
         parts = [directions[k : k + _CHUNK] for k in range(0, len(directions), _CHUNK)]
         return np.concatenate([heights(part) for part in parts])
 
-    def ascended(directions: Array) -> tuple[float, Array]:
+    def ascend(directions: Array) -> tuple[float, Array]:
         place = _ascend(touch, directions)
         return float(heights(place[None])[0]), place
 
     corners = _sphere()
-    best, direction = ascended(corners[:, 0])
+    best, direction = ascend(corners[:, 0])
     if best <= 0:
         return Farthest(direction, 0.0, 0.0, 0)
     goal = best * (1 + TOLERANCE - 2 * _ROUNDING)
@@ -116,24 +117,24 @@ def farthest(
         if not still.any() or cells + 4 * still.sum() > most_cells:
             upper = max(dropped, float(bounds[still].max(initial=0.0)))
             return Farthest(direction, best, min(upper, ceiling) * (1 + _ROUNDING), cells)
-        corners, values = _quartered(corners[still], values[still], search)
+        corners, values = _quarter(corners[still], values[still], search)
         if values.max() > best:
-            found, place = ascended(corners.reshape(-1, 3)[values.argmax()][None])
+            found, place = ascend(corners.reshape(-1, 3)[values.argmax()][None])
             if found > best:
                 best, direction = found, place
 
 
 def quadratic_bound(centre: Array, roots: list[Array], direction: Array) -> float:
-    """Return an upper bound of max over |u| = 1 of u·centre + Σ |rootᵀ u|, tight for some bodies of much symmetry.
+    """Return an upper bound of max over |u| = 1 of u·centre + Σ |rootᵀ u|, tight for some bodies of high symmetry.
 
-    Each norm is at most |rootᵀ u|²/(2t) + t/2, with equality where it is t, its value in ``direction``. What is left is
-    the maximum of a quadratic function on the sphere, whose dual min over λ of λ + ¼ cᵀ(λ - Q)⁻¹c bounds it (and is tight:
-    Sorensen, SIAM Journal on Numerical Analysis 19, 1982).
+    Each norm is at most |rootᵀ u|²/(2t) + t/2, with equality for the norm t; here t is the norm in ``direction``. The bound
+    is then the maximum of a quadratic function on the sphere. Its dual, min over λ of λ + ¼ cᵀ(λ - Q)⁻¹c, bounds this maximum
+    tightly (Sorensen, SIAM Journal on Numerical Analysis 19, 1982).
 
     Parameters
     ----------
     centre, roots
-        Of the body, ``(3,)`` and ``(3, p)`` each.
+        Centre ``(3,)`` and roots ``(3, p)`` of the body.
     direction
         Unit vector, ``(3,)``.
     """
@@ -166,9 +167,9 @@ def quadratic_bound(centre: Array, roots: list[Array], direction: Array) -> floa
 
 
 def _ascend(touch: Callable[[Array], Array], directions: Array) -> Array:
-    """Return the direction of the largest |z| that following z/|z| from these directions leads to, ``(3,)``.
+    """Return the direction ``(3,)`` of the largest |z| reached by repeated steps to the farthest point along z/|z|.
 
-    |z| never falls: the farthest point along z/|z| is no nearer than z.
+    |z| never decreases, because the farthest point along z/|z| is no nearer than z.
     """
     best = 0.0
     place: Array = directions[0]
@@ -185,18 +186,18 @@ def _ascend(touch: Callable[[Array], Array], directions: Array) -> Array:
 
 
 def _sphere() -> Array:
-    """Return spherical triangles that cover the sphere, ``(320, 3, 3)``: an icosahedron's, cut in sixteen."""
+    """Return spherical triangles that cover the sphere, ``(320, 3, 3)``: those of an icosahedron, each in sixteen parts."""
     golden = (1 + math.sqrt(5)) / 2
     corners = np.array([[0, a, b * golden] for a in (-1, 1) for b in (-1, 1)])
     corners = np.concatenate([np.roll(corners, k, axis=1) for k in range(3)]) / math.hypot(1, golden)
     triangles: Array = corners[ConvexHull(corners).simplices]
     for _ in range(2):
-        triangles, _ = _quartered(triangles, np.zeros(triangles.shape[:2]), lambda places: np.zeros(len(places)))
+        triangles, _ = _quarter(triangles, np.zeros(triangles.shape[:2]), lambda places: np.zeros(len(places)))
     return triangles
 
 
-def _quartered(corners: Array, values: Array, heights: Callable[[Array], Array]) -> tuple[Array, Array]:
-    """Return every triangle cut in four at the middles of its sides, and the values at the corners."""
+def _quarter(corners: Array, values: Array, heights: Callable[[Array], Array]) -> tuple[Array, Array]:
+    """Return the triangles divided into four at the midpoints of their sides, and the values at the corners."""
     middles = corners + np.roll(corners, -1, axis=1)
     middles /= np.linalg.norm(middles, axis=2, keepdims=True)
     between = heights(middles.reshape(-1, 3)).reshape(-1, 3)
@@ -211,7 +212,7 @@ def _quartered(corners: Array, values: Array, heights: Callable[[Array], Array])
 
 
 def _plane_distance(corners: Array) -> Array:
-    """Return how far from the origin the planes through three points of the unit sphere lie, from their sides."""
+    """Return the distance from the origin of planes through three points of the unit sphere, from the triangles' sides."""
     sides = corners - np.roll(corners, -1, axis=1)
     squares = (sides**2).sum(axis=2)
     area = (np.cross(sides[:, 0], sides[:, 1]) ** 2).sum(axis=1)

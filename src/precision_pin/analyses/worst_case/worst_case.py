@@ -1,7 +1,7 @@
-"""The worst case: how large the pose error can become if every draw does its worst at once.
+"""Worst case: the largest pose error if all draws take their worst values at once.
 
-The first-order model e = e0 + J (x - x̄) over the supports of the draws is bounded from above, certified; the exact model
-is searched from below. Reads the term table and the tangent only.
+The first-order model e = e0 + J (x - x̄) over the supports of the draws has a certified upper bound. A search of the exact
+model gives a lower bound. Reads the term table and the tangent only.
 """
 
 from __future__ import annotations
@@ -40,10 +40,10 @@ __all__ = ["farthest_error", "worst_case"]
 
 
 MOST_KEPT: Final = 1_000_000
-"""Up to so many samples the largest one is among the starting points of the search of the exact model."""
+"""Largest number of samples of which the largest error is a starting point of the search of the exact model."""
 
 MOST_NUMBERS: Final = 10_000
-"""Random numbers up to which the worst case is looked for, which takes time with their square."""
+"""Largest number of random numbers: the time of the search grows with their square."""
 
 _COMPONENTS: Final = tuple(f"{vector}.{axis}" for vector in ("position", "attitude") for axis in "xyz")
 _NORMS: Final = {"position.norm": slice(0, 3), "attitude.norm": slice(3, 6)}
@@ -51,7 +51,7 @@ _EXCHANGES: Final = 100
 _STEP: Final = 1e-4
 _GAIN: Final = 1e-12
 _NUMBERS_AT_ONCE: Final = 2**22
-"""Components of points that the exact model is evaluated at together, 8 bytes each."""
+"""Largest number of components, 8 bytes each, in one evaluation of the exact model."""
 
 
 @warns_at_end
@@ -71,8 +71,8 @@ def worst_case(
 ) -> WorstCaseResult:
     """Bound the error of the first-order model over the supports of the draws, and search the exact model.
 
-    A component i lies within e0ᵢ ± h(± Jᵀeᵢ), h the sum of the draws' support functions. The norm is at most the largest
-    u·e0 + h(Jᵀu) over unit vectors u, found globally by branch and bound; see
+    A component i lies within e0ᵢ ± h(± Jᵀeᵢ), with h the sum of the draws' support functions. The norm is at most the
+    largest u·e0 + h(Jᵀu) over unit vectors u, found globally by branch and bound; see
     :mod:`precision_pin.analyses.worst_case.largest_norm`.
 
     Parameters
@@ -80,15 +80,15 @@ def worst_case(
     error_model
         Chain, draws and sources.
     pose, poses, q
-        A pose (a name, joint values, or None for the model's first) or a list of such; three names of one argument.
+        A pose (a name, joint values, or None for the model's first) or a list of poses. The three arguments are synonyms.
     seed, samples, confidence
-        Of the samples of the exact model that are shown beside the bounds.
+        Seed, number and confidence of the samples of the exact model for comparison.
     k
-        Where unbounded laws are cut, standard deviations.
+        Number of standard deviations at which unbounded laws are cut.
     findings
-        Warnings to carry along, such as those of the sheet.
+        Warnings to include in the result, such as those of the sheet.
     progress
-        Told how many samples have been added since it was last called.
+        Function called with the number of samples added since its last call; ``True`` shows a bar.
 
     Raises
     ------
@@ -102,8 +102,8 @@ def worst_case(
     size = error_model.space.size
     if size > MOST_NUMBERS:
         raise InputError(
-            f"a worst case of {size:,} random numbers takes {2 * size**2:.1g} numbers for each step of its search, since the "
-            f"model is evaluated for each of them; at most {MOST_NUMBERS:,} are allowed: merge draws"
+            f"a worst case of {size:,} random numbers needs {2 * size**2:.1g} numbers for each step of its search; "
+            f"at most {MOST_NUMBERS:,} random numbers are allowed: merge draws"
         )
     supports = Supports.of(error_model.space, k)
     results, warnings = [], list(map(str, known))
@@ -184,7 +184,7 @@ def _bound(
     if sampled is not None:
         inside = sampled if not supports.cut else _toward(layout, supports, rows, sampled[None], at.space.mean)[0]
         starts = np.concatenate([starts, inside[None]])
-    place, size = _climbed(layout, supports, rows, starts, at.space.mean)
+    place, size = _climb(layout, supports, rows, starts, at.space.mean)
     values = _written_values(at.space, x)
     contributions = [
         Contribution(
@@ -221,7 +221,7 @@ def farthest_error(error: Array, jacobian: Array, supports: Supports) -> Farthes
     error, jacobian
         e0 ``(3,)`` and J ``(3, d)``.
     supports
-        What the d components can take.
+        Supports of the d components.
     """
 
     def heights(directions: Array) -> Array:
@@ -244,13 +244,13 @@ def farthest_error(error: Array, jacobian: Array, supports: Supports) -> Farthes
     return farthest(heights, touch, bound)
 
 
-def _climbed(
+def _climb(
     layout: sampler.SamplerArrays, supports: Supports, rows: slice, starts: Array, mean: Array
 ) -> tuple[Array, float]:
-    """Return the best point ``(d,)`` and |error| there that climbing the exact model from ``(S, d)`` leads to.
+    """Return the best point ``(d,)``, and |error| there, of local ascents of the exact model from ``(S, d)``.
 
-    Each step takes the draws to their support points along the gradient (Frank and Wolfe with a whole step): all of them,
-    or, where that does not help, the one that helps most. Every point lies in the supports, whatever their form.
+    Each step moves the draws to their support points along the gradient (Frank-Wolfe with a full step): all of them, or, if
+    that gives no increase, the one with the largest increase. Every point lies in the supports, of any form.
     """
     places, sizes = starts.copy(), _sizes(layout, rows, starts)
     groups = supports.columns
@@ -280,7 +280,7 @@ def _climbed(
 def _toward(layout: sampler.SamplerArrays, supports: Supports, rows: slice, places: Array, mean: Array) -> Array:
     """Return the points of the supports ``(S, d)`` farthest along the gradient of |error| at points ``(S, d)``."""
     low, high = (mean + end for end in supports.ends)
-    # inside the supports: beyond them a formula or a stiffness may have no value
+    # inside the supports, because a formula or a stiffness may be undefined outside
     inside = np.clip(places, low, high)
     step = _STEP * (high - low)
     upper, lower = np.minimum(inside + step, high), np.maximum(inside - step, low)
@@ -297,7 +297,7 @@ def _toward(layout: sampler.SamplerArrays, supports: Supports, rows: slice, plac
 
 
 def _batches(count: int, size: int) -> Iterator[NDArray[np.intp]]:
-    """Yield the numbers 0 … count - 1 of points of so many components, no more at once than take some memory."""
+    """Yield the numbers 0 … count - 1 of points with ``size`` components, in batches of limited memory."""
     at_once = max(_NUMBERS_AT_ONCE // max(size, 1), 1)
     for first in range(0, count, at_once):
         yield np.arange(first, min(first + at_once, count))
@@ -309,7 +309,7 @@ def _sizes(layout: sampler.SamplerArrays, rows: slice, places: Array) -> Array:
 
 
 def _written_values(space: Space, x: Array) -> list[str]:
-    """Return component values with their units; a plain number where the quantity is not known."""
+    """Return component values with their units; plain numbers where the unit is unknown."""
     quantities = [quantity for draw in space.draws for quantity in draw.known_quantities]
     return [
         f"{value:.4g}" if quantity is None else WrittenUnit.suiting(quantity, [value]).short(value)

@@ -1,4 +1,4 @@
-"""Result of a worst case at one pose or several, with all that reproduces it."""
+"""Result of a worst case at one or several poses."""
 
 from __future__ import annotations
 
@@ -34,10 +34,10 @@ __all__ = [
 
 
 SEEN_LEVEL: Final = 0.9973
-"""Which quantile of the samples stands beside the bound."""
+"""Probability of the sampled quantile that is shown with the bound."""
 
 BENT: Final = 1e-3
-"""Up to this share of the bound the exact model may go beyond it before that is said."""
+"""Share of the bound by which the exact model may exceed it without a warning."""
 
 _ROUNDING: Final = 1e-14
 
@@ -45,18 +45,18 @@ _ROUNDING: Final = 1e-14
 @final
 @dataclass(frozen=True)
 class Contribution:
-    """A draw's part of the worst first-order error of a norm.
+    """Contribution of a draw to the worst first-order error of a norm.
 
     Attributes
     ----------
     draw
-        Its name; those of normal draws that are correlated are joined by commas.
+        Name of the draw; names of correlated normal draws are joined by commas.
     components
         Names of its numbers.
     value
-        m or rad; zero or more if its mean is one of the values it can take, or between them.
+        Contribution, m or rad; not negative if the mean lies within the range of the draw.
     at
-        The values of its numbers there, with the units that read well.
+        Values of its numbers at the worst case, with suitable units.
     """
 
     draw: str
@@ -68,7 +68,7 @@ class Contribution:
 @final
 @dataclass(frozen=True)
 class ComponentBound:
-    """Ends between which a component of the first-order model lies (m or rad), and the smallest and largest seen."""
+    """Bounds of a component of the first-order model (m or rad), and the smallest and largest sampled value."""
 
     quantity: str
     low: float
@@ -79,16 +79,16 @@ class ComponentBound:
 @final
 @dataclass(frozen=True, eq=False)
 class ExactMaximum:
-    """The largest error of the exact model that a local search found: a lower bound of the largest there is.
+    """Largest error of the exact model found by local search, a lower bound of the maximum.
 
     Attributes
     ----------
     norm, error
         |d| or |δ| (m, rad) and the whole error ``(6,)``.
     parameters
-        Where: values of all components, SI.
+        Values of all components at this error, SI.
     starts
-        From how many points the search went.
+        Number of starting points of the search.
     """
 
     norm: float
@@ -103,28 +103,28 @@ class ExactMaximum:
 @final
 @dataclass(frozen=True, eq=False)
 class NormBound:
-    """The worst case of |d| or |δ|.
+    """Worst case of |d| or |δ|.
 
     Attributes
     ----------
     quantity
         ``"position.norm"`` or ``"attitude.norm"``.
     first_order
-        The largest norm of the first-order model and the direction of that error.
+        Largest norm of the first-order model, and the direction of that error.
     nominal
-        What the error at the means adds, u·e0 along that direction u (m, rad).
+        Contribution of the error at the means, u·e0 along that direction u (m, rad).
     contributions
-        What each draw adds, h(Jᵀu), largest first; with ``nominal`` they add up to the worst case.
+        Contribution of each draw, h(Jᵀu), in descending order; with ``nominal`` their sum is the worst case.
     parameters
-        Values of the components that attain it, SI.
+        Values of the components at the worst case, SI.
     exact_error
-        The exact model's error there, ``(6,)``.
+        ``(6,)`` error of the exact model at these values.
     exact_norm
-        Its norm.
+        Norm of this error.
     found
-        The largest error of the exact model found.
+        Largest error of the exact model found by the search.
     seen
-        The distribution of the samples; its ``max`` is the largest seen.
+        Distribution of the samples; its ``max`` is the largest sampled value.
     """
 
     quantity: str
@@ -142,7 +142,7 @@ class NormBound:
 
     @property
     def exceeded(self) -> bool:
-        """Whether the exact model goes beyond the bound of its first order by more than a thousandth of it."""
+        """True if the exact model exceeds the first-order bound by more than a thousandth."""
         return self.found.norm > self.first_order.upper * (1 + BENT) + _ROUNDING
 
     def to_dict(self) -> dict[str, Any]:
@@ -179,18 +179,18 @@ class NormBound:
 @final
 @dataclass(frozen=True, eq=False)
 class PoseWorstCase:
-    """The worst case at one pose.
+    """Worst case at one pose.
 
     Attributes
     ----------
     pose
-        Which.
+        Name and joint values of the pose.
     error_at_means
-        e0, ``(6,)``.
+        ``(6,)`` error at the means, e0.
     components
-        The six components of the error.
+        Bounds of the six components of the error.
     position, attitude
-        |d| and |δ|.
+        Worst cases of |d| and |δ|.
     """
 
     pose: PoseLabel
@@ -204,7 +204,7 @@ class PoseWorstCase:
 
     @property
     def heading(self) -> PoseLabel:
-        """Old name of ``pose``."""
+        """Former name of ``pose``."""
         return self.pose
 
     def to_dict(self) -> dict[str, Any]:
@@ -224,16 +224,16 @@ class PoseWorstCase:
 @final
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class WorstCaseResult(Result):
-    """The worst case at one pose or several; samples of the exact model stand beside the bounds.
+    """Worst case at one or several poses, with samples of the exact model for comparison.
 
     Attributes
     ----------
     k
-        Where unbounded laws are cut, standard deviations.
+        Number of standard deviations at which unbounded laws are cut.
     cut
-        The draws whose laws were cut.
+        Draws whose laws were cut.
     draws
-        How many draws there are.
+        Number of draws.
     """
 
     schema: ClassVar[str] = "precision-pin/worst-case/1"
@@ -259,7 +259,7 @@ class WorstCaseResult(Result):
         )
 
     def settings(self) -> dict[str, Any]:
-        """Return what was asked for, as the JSON has it."""
+        """Return the settings, as in the JSON."""
         return {
             "samples": self.samples,
             "model": "exact",
@@ -269,12 +269,12 @@ class WorstCaseResult(Result):
         }
 
     def to_pandas(self) -> pandas.DataFrame:
-        """Return the worst case as a data frame, m and rad: a row for each pose and quantity.
+        """Return the result as a data frame, m and rad, NaN where not available: a row for each pose and quantity.
 
-        ``low`` and ``high`` are the ends of the first-order model's range (a norm has no ``low``); ``attained`` is the
-        largest norm that was shown to be reached, ``exact_there`` the exact model's norm at the same parameters,
-        ``exact_found`` the largest that was found (not-a-number for components); ``seen_min`` and ``seen_max`` are the
-        smallest and largest of the samples. ``attrs`` say how it was computed.
+        ``low`` and ``high`` are the bounds of the first-order model (a norm has no ``low``), and ``attained`` is the largest
+        norm that is proven to be reached. ``exact_there`` is the norm of the exact model at the same parameters,
+        ``exact_found`` the largest norm found by the search (norms only). ``seen_min`` and ``seen_max`` are the smallest and
+        largest sampled values. ``attrs`` gives the settings.
 
         Raises
         ------
@@ -323,7 +323,7 @@ class WorstCaseResult(Result):
 
 
 def bound_milli(value: float, *, up: bool, digits: int = 6) -> str:
-    """Return a bound in mm or mrad, rounded outwards; ``-`` for none."""
+    """Return a bound in mm or mrad as text, rounded outwards; ``-`` for none."""
     text = milli(value, digits)
     shown, exact = (math.nan, math.nan) if text == "-" else (float(text), 1e3 * value)
     if exact == 0 or not (shown < exact if up else shown > exact):
