@@ -106,7 +106,7 @@ def test_a_tip_that_a_joint_moves_gets_a_frame(run, folder):
     outcome = run("export", "a.errors.yaml", "--out", "o")
     assert outcome.code == 0
     assert outcome.err_lines[:-1] == [
-        "forked.urdf: warning W_FRAME_ADDED: no placement stands between 'left' and the joint next to it, so its own error "
+        "forked.urdf: warning W_FRAME_ADDED: no placement is between 'left' and the joint next to it, so its own error "
         "is written as a fixed frame 'left_as_built'; take that as the tip"
     ]
     data = (folder / "o" / "forked.unit0000.urdf").read_text()

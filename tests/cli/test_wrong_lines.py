@@ -65,7 +65,7 @@ WRONG = {
     "empty joint values": ((*A, "--q", ""), "--q: expected a number"),
     "a joint missing": ((*A, "--q", "joint1: 0 deg, joint2: 0 deg"), "--q: no value for the joints joint3, joint4"),
     "an unknown joint": ((*A, "--q", "joint7: 0 deg"), "--q: no joint on the chain named 'joint7'; did you mean"),
-    "a joint twice": ((*A, "--q", "joint1: 0 deg, joint1: 1 deg"), "--q: the joint 'joint1' stands twice"),
+    "a joint twice": ((*A, "--q", "joint1: 0 deg, joint1: 1 deg"), "--q: the joint 'joint1' is given twice"),
     "names and none mixed": ((*A, "--q", "joint1: 0 deg, 1 deg"), "--q: '1 deg' names no joint"),
     "infinite joint value": ((*A, "--q", "1e999 0 0 0 deg"), "--q: .*not finite"),
     "one unit for joints that turn and slide": (

@@ -342,7 +342,7 @@ def test_the_file_names_what_is_frozen(tmp_path):
     assert "pose export: joint1 = 0.3 rad, joint2 = -0.7 rad, joint3 = 1.1 rad, joint4 = 0.2 m, " in comment
     assert "sheet: arm.errors.yaml" in comment
     assert "chain: base to tool" in comment
-    frozen = comment.partition("Frozen as they are at this pose: ")[2].partition(". ")[0].split(", ")
+    frozen = comment.partition("Fixed at their values at this pose: ")[2].partition(". ")[0].split(", ")
     assert set(frozen) == {
         "beam[link2]",
         "beam[link3]",
@@ -398,7 +398,7 @@ def test_a_robot_that_does_not_stand_where_it_should_is_not_given_out(tmp_path, 
     model = awkward_model(tmp_path)
     writer = AsBuilt.prepare(model, [0.1, 0.2, 0.3])
     monkeypatch.setattr(UrdfText, "edited", lambda text, *rest: text.data)
-    with pytest.raises(InternalError, match="does not stand where the exact model puts it"):
+    with pytest.raises(InternalError, match="is not where the exact model puts it"):
         next(writer.units(0, 0, 1))
 
 

@@ -200,7 +200,7 @@ def test_without_a_specification_the_sizes_stand_at_the_top(model, reader):
         value, interval = cell.split(" ", 1)
         assert agrees(value, 1e3 * norm.quantile(level))
         assert encloses(interval, *(1e3 * end for end in norm.quantile_interval(level)))
-    assert "No limit was asked about" in reader.text
+    assert "No limit was given" in reader.text
     assert f"99.73 % of the robots have a position error |d| of at most {row[1].split()[0]} mm." in reader.text
 
 
@@ -222,7 +222,7 @@ def test_verdict_against_specifications(model):
         assert agrees(row[2].removesuffix(" %"), 100 * held.mean())
         assert row[4] == met
     assert [row[0] for row in table.rows[1:]] == ["|d| ≤ 45 mm", "|dx| ≤ 0.1 mm", "|δ| ≤ 25 mrad"]
-    assert "No limit was asked about" not in reader.text
+    assert "No limit was given" not in reader.text
     low, high = results.analysis.summary.specifications[0].interval
     assert encloses(table.rows[1][3].removesuffix(" %"), 100 * low, 100 * high)
 
@@ -462,7 +462,7 @@ def test_an_arm_without_errors(tmp_path):
     urdf = PAPER_SHEET.parent / "4dof.urdf"
     sheet.write_text(f"precision-pin: 1\nrobot: {urdf}\nposes: {{p: 0 10 20 30 deg}}\n", "utf-8")
     reader = Reader(page(results_of(sheet, samples=100)))
-    assert "Nothing varies: there is nothing to share." in reader.text
+    assert "Nothing varies, so there are no shares." in reader.text
     assert "Nothing is drawn at random." in reader.text
     assert reader.table("Errors that few robots exceed").row("|d| [mm]") == ["0 [0, 0]", "–"]
 

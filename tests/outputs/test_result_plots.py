@@ -86,7 +86,7 @@ def test_sampled_results_draw_themselves():
     assert axes.has_data()
     with pytest.raises(UnknownNameError):
         result.plot("speed")
-    with pytest.raises(InputError, match="figure of their own"):
+    with pytest.raises(InputError, match="a separate figure"):
         result.plot("components", axes=axes)
 
 

@@ -227,7 +227,7 @@ def test_columns_may_stand_in_any_order_with_times_and_blank_lines(tmp_path, cha
         ("joint1,joint2,joint3\n1,2,3\n", 1, "no column for the joints joint4"),
         (f"{HEADER},joint5\n1,2,3,4,5\n", 1, "'joint5' is no joint of the chain; did you mean"),
         (f"{HEADER},joint1\n1,2,3,4,5\n", 1, "'joint1' has two columns"),
-        (f"{HEADER},t\n1,2,3,4,5\n", 1, "times stand first"),
+        (f"{HEADER},t\n1,2,3,4,5\n", 1, "times come first"),
         (f"{HEADER}\n1,2,3,4\n\n1,2,3\n", 4, "3 values for 4 columns"),
         (f"{HEADER}\n1,2,3,4,\n", 2, "5 values for 4 columns"),
         (f"{HEADER}\n1,2,3,4\n1,2,,4\n", 3, "joint3: '' is not a finite number"),

@@ -254,13 +254,15 @@ def test_more_poses_than_can_be_numbered() -> None:
         sample_poses(MIXED, many, samples=1)
 
 
-@pytest.mark.parametrize(("std", "message"), [(1e3, "half a turn or more"), (1e160, "half a turn|beyond any number")])
+@pytest.mark.parametrize(
+    ("std", "message"), [(1e3, "half a turn or more"), (1e160, "half a turn|too large to compute with")]
+)
 def test_errors_far_too_large(std: float, message: str) -> None:
     space = Space((Draw("a", Normal(std)),))
     model = ErrorModel(MODEL.chain, space, [JointOffset(joint=JOINTS[0], offset="a")])
     with pytest.raises(InputError, match=message):
         sample_poses(model, Q[:, :2], samples=10)
-    with pytest.raises(InputError, match=r"beyond any number|not a finite number"):
+    with pytest.raises(InputError, match=r"too large to compute with|not a finite number"):
         sample_poses(
             ErrorModel(MODEL.chain, Space((Draw("a", Normal(1e300)),)), model.sources), Q, model="linear", samples=9
         )

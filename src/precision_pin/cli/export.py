@@ -134,7 +134,7 @@ def _added(writer: AsBuilt) -> Iterator[Finding]:
     for what, name, new in (("tip", chain.tip, writer.tip), ("base", chain.base, writer.base)):
         if new != name:
             message = (
-                f"no placement stands between {name!r} and the joint next to it, so its own error is written as a fixed "
+                f"no placement is between {name!r} and the joint next to it, so its own error is written as a fixed "
                 f"frame {new!r}; take that as the {what}"
             )
             yield Finding("warning", "W_FRAME_ADDED", message, chain.robot.file)

@@ -219,6 +219,6 @@ def _joint_values(text: str) -> str | list[str] | dict[str, str]:
         if not colon:
             raise InputError(f"{entry!r} names no joint; write 'joint: value' for each, or values in chain order")
         if name in values:
-            raise InputError(f"the joint {name!r} stands twice")
+            raise InputError(f"the joint {name!r} is given twice")
         values[name] = value
     return values

@@ -95,7 +95,9 @@ def chain_options(command: Decorated) -> Decorated:
             metavar="DIR",
             help="Where ROS packages of meshes lie.",
         ),
-        click.option("--base", metavar="LINK", help="The link that stands still, in place of the sheet's or the root."),
+        click.option(
+            "--base", metavar="LINK", help="The link that does not move, in place of the sheet's or the root."
+        ),
         click.option("--tip", metavar="FRAME", help="The end-effector, in place of the sheet's or the only leaf."),
     ):
         command = option(command)

@@ -75,7 +75,7 @@ def _lack(message: str) -> InputError:
 def _message(error: Exception) -> str | None:
     text = str(error).casefold()
     if isinstance(error, MemoryError) or "bad_alloc" in text or "cannot allocate memory" in text:
-        return "there is not enough memory for this; fewer samples, poses or sources need less"
+        return "not enough memory; fewer samples, poses or sources need less"
     if isinstance(error, RuntimeError) and "start new thread" in text:
         return "the system lets no more threads start (a limit of processes or memory); --threads 1 needs the fewest"
     if isinstance(error, OSError) and error.errno in (errno.EMFILE, errno.ENFILE, errno.ENOMEM, errno.EAGAIN):

@@ -70,7 +70,7 @@ class Outputs:
             inside = os.path.dirname(place) == resolve(self.folder)
             if inside and (option == "--journal" or self._is_ours(os.path.basename(place))):
                 raise OutputError(
-                    f"cannot write {name} for {option}: it lies in the folder of --out, which has its own files"
+                    f"cannot write {name} for {option}: it lies in the folder of --out, whose files are written by name"
                 )
 
     def refuse_inputs(self, inputs: Iterable[str]) -> None:

@@ -93,7 +93,7 @@ def read_trajectory(path: str | os.PathLike[str], chain: Chain, most: int) -> Tr
     for name in columns:
         if name not in chain.joint_names:
             what = f"the column {name!r} is no joint of the chain; {nearest(name, chain.joint_names)}"
-            raise wrong(what + (f"; times stand first, as {_TIME!r}" if name == _TIME else ""), line)
+            raise wrong(what + (f"; times come first, as {_TIME!r}" if name == _TIME else ""), line)
         if columns.count(name) > 1:
             raise wrong(f"the joint {name!r} has two columns", line)
     missing = [name for name in chain.joint_names if name not in columns]

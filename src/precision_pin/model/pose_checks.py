@@ -46,10 +46,12 @@ def pose_findings(model: ErrorModel, pose: str, *, spread: bool = True) -> tuple
             if at.space.size <= MOST_NUMBERS and _largest_square(at) > _LARGEST_SQUARE:
                 raise OverflowError
             if spread and not _varies(at):
-                message = "no source makes the error vary: every robot is alike, and no specification can be judged"
+                message = (
+                    "no source makes the error vary: all robots have the same error, and no specification can be judged"
+                )
                 found.append(Finding("warning", "W_NOTHING_VARIES", message))
     except (OverflowError, FloatingPointError):
-        message = "the errors are beyond any number; the tolerances or loads are far too large"
+        message = "the errors are too large to compute with; the tolerances or loads are far too large"
         return (Finding("error", "E_INPUT", message),)
     except InputError as error:
         return error.findings

@@ -80,7 +80,9 @@ class PoseModel:
             with np.errstate(over="raise", invalid="raise"):
                 return self._multiply_out(values)
         except FloatingPointError:
-            raise InputError("an error is beyond any number; the tolerances or loads are far too large") from None
+            raise InputError(
+                "an error is too large to compute with; the tolerances or loads are far too large"
+            ) from None
 
     def _multiply_out(self, values: Array) -> Array:
         moved = self.table.displacements(self.table.products(self.table.program.evaluate(values)))

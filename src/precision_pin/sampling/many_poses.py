@@ -260,7 +260,7 @@ class _Group:
                     mean, spread = pilot._moments()
             except FloatingPointError:
                 raise InputError(
-                    f"the errors at poses {first_pose} to {first_pose + poses - 1} are beyond any number; "
+                    f"the errors at poses {first_pose} to {first_pose + poses - 1} are too large to compute with; "
                     "the tolerances or loads are far too large"
                 ) from None
             plans = [Plan(mean[pose], spread[pose], work.specifications) for pose in range(poses)]

@@ -284,7 +284,7 @@ def _find_constant_error(summary: Summary, known: Sequence[Finding]) -> list[Fin
     """Return a warning where the error does not vary, unless the sheet's findings include it."""
     if any(summary.varying) or any(finding.code in ("W_NO_SOURCES", "W_NOTHING_VARIES") for finding in known):
         return []
-    message = "no source makes the error vary at this pose: every robot is alike, and no specification can be judged"
+    message = "no source makes the error vary at this pose: all robots have the same error, and no specification can be judged"
     return [Finding("warning", "W_NOTHING_VARIES", message)]
 
 
@@ -331,7 +331,7 @@ def _model_at_pose(error_model: ErrorModel, q: ArrayLike | Mapping[str, float] |
             return at
     except (OverflowError, FloatingPointError):
         raise InputError(
-            "the errors at this pose are beyond any number; the tolerances or loads are far too large"
+            "the errors at this pose are too large to compute with; the tolerances or loads are far too large"
         ) from None
 
 

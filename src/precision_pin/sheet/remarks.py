@@ -57,7 +57,7 @@ def remark_on_sources(document: Document, space: Space, sources: Mapping[int, So
         message = "there are no error sources: every robot is perfect, and no specification can be judged"
         findings.warning(("sources",), message, "W_NO_SOURCES")
     elif not any(np.any(draw.law.covariance) for draw in extended.draws):
-        message = "no source varies: every robot is alike, and no specification can be judged"
+        message = "no source varies: all robots have the same error, and no specification can be judged"
         findings.warning(("sources",), message, "W_NOTHING_VARIES")
     _remark_on_constants(document, sources, findings)
     _remark_on_angles(document, sources, findings)

@@ -200,7 +200,7 @@ def _at_pose(
             variances = np.diag(at.covariance).copy()
     except (OverflowError, FloatingPointError):
         raise InputError(
-            "the errors at this pose are beyond any number; the tolerances or loads are far too large"
+            "the errors at this pose are too large to compute with; the tolerances or loads are far too large"
         ) from None
     groups = correlated_groups(at.space)
     shares = by_draw(at)

@@ -178,7 +178,7 @@ def _at_pose(
             plan = Plan.from_moments(nominal, covariance)
     except (OverflowError, FloatingPointError):
         raise InputError(
-            "the errors at this pose are beyond any number; the tolerances or loads are far too large"
+            "the errors at this pose are too large to compute with; the tolerances or loads are far too large"
         ) from None
     norm_mean = norm_variance = remainder = None
     if method == "closed":

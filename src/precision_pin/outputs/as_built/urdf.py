@@ -190,7 +190,7 @@ class AsBuilt:
         expected = se3.pose(se3.exp_rotation(error[3:]) @ posture.pose[:3, :3], posture.pose[:3, 3] + error[:3])
         scale = max(1.0, *(float(np.abs(pose[:3, 3]).max()) for pose in poses.values()))
         if np.abs(tip - expected).max() > AGREEMENT * scale:
-            raise InternalError(f"{chain.robot.file}: a robot as built does not stand where the exact model puts it")
+            raise InternalError(f"{chain.robot.file}: a robot as built is not where the exact model puts it")
 
 
 @final
@@ -353,13 +353,13 @@ def _about(model: ErrorModel, at: PoseModel, pose: str, base: str, tip: str) -> 
         yield f"held still on the way: {_values(held, [chain.locked[joint.name] for joint in held])}"
     yield f"pose{pose and ' ' + pose}: {_values(chain.joints, at.posture.q)}"
     yield (
-        "The unit's errors stand in the <origin> elements of the joints on the way. At this pose the robot has all of them, "
+        "The unit's errors are in the <origin> elements of the joints of the chain. At this pose the robot has all of them, "
         "those that loads cause and those drawn for each pose or visit (here pose 0, visit 0) included. At other poses it "
         "has those of the built robot that no pose changes: displaced frames and axes, joint offsets."
     )
     frozen = frozen_sources(model, at)
     if frozen:
-        yield f"Frozen as they are at this pose: {', '.join(frozen)}."
+        yield f"Fixed at their values at this pose: {', '.join(frozen)}."
     else:
         yield "No source was seen to depend on the pose."
 

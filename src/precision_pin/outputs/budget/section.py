@@ -28,7 +28,7 @@ def content(result: BudgetResult, results: Results) -> list[Child]:
     """Return the chart, a table of the causes for position and one for attitude, and one of sources and places."""
     pose = result.poses[0]
     if not pose.draws:
-        return [paragraph("Nothing varies: there is nothing to share.")]
+        return [paragraph("Nothing varies, so there are no shares.")]
     ranked = {vector: rank_causes(results.causes, pose, vector) for vector in VECTORS}
     chart = figure(
         draw_bars(result, 0, {vector: [_bar(one) for one in ranked[vector]] for vector in VECTORS}),
@@ -132,10 +132,10 @@ def _shares(pose: PoseBudget) -> list[Html]:
     places = [(place.name, place.share) for place in pose.places]
     return [
         _ranked(
-            "Sources: shares of the variance; a draw that several sources name has a line of its own", "source", sources
+            "Sources: shares of the variance; a draw that several sources name has its own line", "source", sources
         ),
         _ranked(
-            "Joints and links: covariance of their part with the whole, negative where one undoes what others do",
+            "Joints and links: covariance of their part with the whole, negative where one cancels the effect of others",
             "joint or link",
             places,
         ),

@@ -87,7 +87,7 @@ def plot(analysis: MonteCarloResult, quantity: str, axes: Axes | None) -> Axes |
         return figures_of(analysis)[quantity]
     if quantity == "components":
         raise InputError(
-            "the six components have a figure of their own: plot one of them on given axes, such as position.x"
+            "the six components have a separate figure; plot one of them on given axes, such as position.x"
         )
     drawn = histogram(
         analysis.summary.distribution(quantity if quantity in QUANTITIES else f"{quantity}.norm"),

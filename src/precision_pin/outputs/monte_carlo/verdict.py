@@ -36,7 +36,9 @@ def verdict(results: Results) -> Html:
         parts.append(paragraph(*text, class_="verdict met" if met == len(given) else "verdict failed"))
     else:
         if not any(results.analysis.summary.varying):
-            parts.append(paragraph(element("strong", "No source makes the error vary: every robot is alike.")))
+            parts.append(
+                paragraph(element("strong", "No source makes the error vary: all robots have the same error."))
+            )
         norms = (results.analysis.position.norm, results.analysis.attitude.norm)
         parts.append(paragraph(_sentence(norms[0]), " ", _sentence(norms[1]), class_="verdict"))
     return joined([*parts, _sizes(results)])
@@ -55,9 +57,7 @@ def describe_verdict(given: Sequence[SpecificationResult]) -> str:
 def specifications(results: Results) -> Html:
     """Return each specification with the share inside and its interval; without one, how to give one."""
     if not results.analysis.summary.specifications:
-        return paragraph(
-            'No limit was asked about: --spec names one, such as --spec "0.5 mm @ 99.73 %".', class_="note"
-        )
+        return paragraph('No limit was given: --spec sets one, such as --spec "0.5 mm @ 99.73 %".', class_="note")
     return joined([_specifications(results), _rule(results)])
 
 

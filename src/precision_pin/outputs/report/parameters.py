@@ -38,7 +38,7 @@ def parameters(poses: Sequence[Results]) -> Html:
     else:
         parts.append(paragraph("Nothing is drawn at random."))
     if quiet:
-        parts += [paragraph("Sources without random numbers of their own:", class_="note"), items(quiet, "note")]
+        parts += [paragraph("Sources without their own random numbers:", class_="note"), items(quiet, "note")]
     return section("parameters", "Parameters", *parts)
 
 

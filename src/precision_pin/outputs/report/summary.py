@@ -127,9 +127,7 @@ def _always(results: Results) -> list[Html]:
     marked = norm.quantile(0.95) or norm.max
     if size <= _NOTABLE * marked:
         return []
-    text = (
-        f"{milli(size, 3)} {unit(norm.quantity)} is there at the means, before anything varies: mean values and loads."
-    )
+    text = f"{milli(size, 3)} {unit(norm.quantity)} is the error before anything varies, from mean values and loads."
     return [paragraph(text)]
 
 

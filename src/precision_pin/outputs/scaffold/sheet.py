@@ -107,14 +107,14 @@ def _head(chain: Chain, robot_text: str) -> Lines:
     some = ", ".join(_escaped(name) for name in others[:_MANY]) + (", …" if len(others) > _MANY else "")
     return [
         f"# Error sheet of the robot {_escaped(chain.robot.name)}, drafted by `precision-pin init`.",
-        "# It runs as it stands: precision-pin analyze THIS_FILE",
+        "# It runs unedited: precision-pin analyze THIS_FILE",
         '# No number here was measured on this robot. What is marked "assumption" is a starting tolerance: replace it by',
         "# what a drawing, a data sheet or a calibration says, and delete its 'assumed: true': until then every verdict says",
         "# that it rests on assumptions. A tolerance is a half-width, ± about the mean.",
         "precision-pin: 1",
         f"robot: {quoted(robot_text)}",
         f"tip: {quoted(chain.tip)}" + (f"    # other leaves: {some}" if others else ""),
-        f"base: {quoted(chain.base)}    # stands still",
+        f"base: {quoted(chain.base)}    # does not move",
         f"gravity: {' '.join(map(_number, chain.gravity))} m/s^2    # base axes; or earth, moon, none",
         "statics: nominal    # loads at the undeflected pose",
     ]
@@ -177,7 +177,7 @@ def _locked(chain: Chain) -> Lines:
         f"{quoted(joint.name)}: {_number(chain.locked[joint.name])} {'m' if joint.kind == 'prismatic' else 'rad'}"
         for joint in free
     ]
-    lines = ["# Joints that stand still; their links hang on the arm."]
+    lines = ["# Joints that do not move; their links hang on the arm."]
     if len(free) > _MANY:
         lines += ["locked: {", *(f"  {line}" for line in _packed(entries)), "  }"]
     elif free:
@@ -236,7 +236,7 @@ def _parameters() -> Lines:
         "# parameters:",
         "#   set_up: {uniform: 0.05 mm}",
         "#   tool_mass: {normal: 0.06 kg, mean: 1 kg, scope: visit}",
-        "# They stand where a source takes a tolerance:  parameters: [set_up, {uniform: 0.02 mm}]",
+        "# A source takes them in place of a tolerance:  parameters: [set_up, {uniform: 0.02 mm}]",
         f"# A law has one of these keys and, as it allows, {', '.join(law_options())}; normal: t has the deviation t/3.",
     ]
     for key, law in laws_of_sheets().items():
