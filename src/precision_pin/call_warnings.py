@@ -30,7 +30,7 @@ def add(findings: Iterable[Finding | str]) -> None:
 
 
 def warns_at_end(function: Callable[Given, Result]) -> Callable[Given, Result]:
-    """Make a public function warn of what was found, unless it is part of another call, which then does."""
+    """Make a public function emit its warnings, unless another public call is under way, which then emits them."""
 
     @wraps(function)
     def called(*arguments: Given.args, **options: Given.kwargs) -> Result:

@@ -23,7 +23,17 @@ from dataclasses import dataclass
 from importlib import import_module
 from typing import Any, Final, final
 
-__all__ = ["COMPILING", "Job", "announced", "begin_jobs", "compile_jobs", "serve", "shown_by", "silent"]
+__all__ = [
+    "COMPILING",
+    "COMPILING_NOTE",
+    "Job",
+    "announced",
+    "begin_jobs",
+    "compile_jobs",
+    "serve",
+    "shown_by",
+    "silent",
+]
 
 Report = Callable[[float], None]
 """Takes the share of the work that is done, 0 to 1."""
@@ -42,6 +52,7 @@ _PROGRAM: Final = (
 
 
 COMPILING: Final = "compiling the sampler, once on this machine"
+COMPILING_NOTE: Final = f"{COMPILING}: some 8 s"
 
 
 def _ignore(share: float) -> None:
@@ -58,7 +69,7 @@ def silent() -> Iterator[Report]:
 def announced() -> Iterator[Report]:
     """Say on stderr that something is compiled: eight seconds of silence look like a crash."""
     with suppress(AttributeError, OSError, ValueError):  # stderr is closed, or there is none
-        sys.stderr.write(f"precision-pin: {COMPILING}: some 8 s\n")
+        sys.stderr.write(f"precision-pin: {COMPILING_NOTE}\n")
         sys.stderr.flush()
     yield _ignore
 
@@ -87,7 +98,7 @@ class Job:
 
 @contextmanager
 def shown_by(report: Callable[[], Any]) -> Iterator[None]:
-    """Show what is compiled meanwhile: ``report`` makes a context manager that yields what takes the share done."""
+    """Show compilation progress: ``report`` makes a context manager that yields a function of the share done."""
     _shown.append(report)
     try:
         yield
@@ -97,7 +108,7 @@ def shown_by(report: Callable[[], Any]) -> Iterator[None]:
 
 _shown: Final[list[Callable[[], Any]]] = []
 _begun: Final[list[_Begun]] = []
-"""Work that was begun and not asked for yet."""
+"""Compilation that was started and not yet waited for."""
 _served: Final[list[bool]] = []
 """Not empty in a process that others have asked: it starts none itself."""
 
@@ -180,7 +191,7 @@ def _cores() -> int:
 
 @final
 class _Crew:
-    """The processes, started one by one as there is work; each is asked and waited for by a thread.
+    """The processes, started as work arrives; a thread waits for each.
 
     Attributes
     ----------
@@ -277,7 +288,7 @@ class _Crew:
         self._answers.put((worker, job, alive))
 
     def _tell(self, running: dict[subprocess.Popen[str], tuple[Job, float]]) -> None:
-        """Report what is done, with the share of each running job that its time so far makes likely."""
+        """Report the share done, with an estimate from the elapsed time for each running job."""
         now = time.monotonic()
         # seconds for a unit of weight on one of the processes; at first that of a common machine
         pace = (now - self._began) * self._size / self._done if self._done else 1.0

@@ -73,7 +73,7 @@ class Finding:
     subjects: tuple[str, ...] = field(default=(), compare=False, repr=False)
 
     def __str__(self) -> str:
-        """Return one line, whatever names stand in it: shortened and escaped."""
+        """Return the finding as one line, with names shortened and escaped."""
         where = "precision-pin" if not self.file else visible(self.file, _LONGEST_FILE)
         if self.line is not None:
             where += f":{self.line}"
@@ -84,7 +84,7 @@ class Finding:
         return {name: getattr(self, name) for name in ("severity", "code", "message", "file", "line")}
 
     def at(self, file: str | None, line: int | None) -> Finding:
-        """Return the same finding placed at a file and line, where it has none of its own."""
+        """Return the finding with a file and line, if it has none."""
         return replace(self, file=self.file or file, line=self.line if self.line is not None else line)
 
 
@@ -166,7 +166,7 @@ class OutputError(InputError):
 
 
 class InternalError(PrecisionPinError):
-    """A check of our own failed: a bug in the package, not in the input."""
+    """An internal check failed: a bug in the package, not in the input."""
 
 
 class PrecisionPinWarning(UserWarning):

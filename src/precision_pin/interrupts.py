@@ -83,7 +83,7 @@ def begin() -> None:
 
 
 def end() -> None:
-    """Ignore signals from now on: all is done, and the exit code stands."""
+    """Ignore signals from now on: the work is complete and the exit code is fixed."""
     _state.over = True
     for number in _state.taken:
         signal.signal(number, signal.SIG_IGN)
@@ -115,7 +115,7 @@ def unwinding() -> Iterator[None]:
 
 @contextmanager
 def held() -> Iterator[None]:
-    """Heed a signal that comes inside at the end only: for what must be done whole, and takes no time."""
+    """Defer a signal to the end of the block: for short work that must not be cut."""
     _state.held += 1
     try:
         yield
@@ -127,7 +127,7 @@ def held() -> Iterator[None]:
 
 @contextmanager
 def undone(undo: Callable[[], None]) -> Iterator[None]:
-    """Undo what is begun inside if a signal ends the process; to be entered before anything is begun.
+    """Undo the work of the block if a signal ends the process; enter it before the work begins.
 
     Parameters
     ----------

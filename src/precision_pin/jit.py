@@ -1,4 +1,4 @@
-"""Functions compiled by numba: how they are made, kept in its cache on disk, and called whatever becomes of that cache.
+"""Functions compiled by numba: options, cache on disk, and calls that survive a damaged cache.
 
 Known troubles with the cache: a file cut short (a full disk, a killed process), a directory that cannot be written, a
 disk that fills while the code is saved. None of them may keep anything from being computed.
@@ -58,7 +58,7 @@ def strict(function: Function) -> Function:
 
 
 def inline(function: Function) -> Function:
-    """Compile as `strict`, into its callers: for what is given many arrays, which take long to hand over.
+    """Compile as `strict`, inlined into callers: for functions with many array arguments, which are slow to pass.
 
     Numba hands this down: what such a function calls is compiled into it, too, unless it is `fma_noinline`.
     """
@@ -66,7 +66,7 @@ def inline(function: Function) -> Function:
 
 
 def fma(function: Function) -> Function:
-    """Compile allowing fused multiply-add, and no other liberty: infinities and NaN stay what they are."""
+    """Compile with fused multiply-add and no other relaxation: infinities and NaN are kept."""
     return cast("Function", _inner(fastmath={"contract"})(function))
 
 
@@ -93,7 +93,7 @@ def cached_part_inline(function: Function) -> Function:
 def call(
     function: Any, arguments: tuple[Any, ...], variant: Hashable = None, ahead: Callable[[], None] | None = None
 ) -> Any:
-    """Return what an outermost function returns, compiled or loaded when first called.
+    """Call an outermost function, which is compiled or loaded on first use, and return its result.
 
     A cache that cannot be used is deleted; if that does not help, this process goes without one. All of this happens
     before anything is computed.
@@ -138,7 +138,7 @@ def make_ready(function: Any, arguments: tuple[Any, ...]) -> None:
 
 
 def is_kept(function: Any, arguments: tuple[Any, ...]) -> bool:
-    """Return whether a function is compiled for arguments, in this process or in numba's cache, as far as can be known."""
+    """Return whether a function is known to be compiled for arguments, in this process or in numba's cache."""
     if INTERPRETED:
         return True
     types = _types_of(arguments)
@@ -153,7 +153,7 @@ def is_kept(function: Any, arguments: tuple[Any, ...]) -> bool:
 
 
 def can_keep(function: Any) -> bool:
-    """Return whether there is a place on disk for a function."""
+    """Return whether numba can cache a function on disk."""
     return not INTERPRETED and function.stats.cache_path is not None
 
 

@@ -44,7 +44,7 @@ class _Finder:
 
 
 class _Loader:
-    """Gives the module itself, not a copy, so that its classes are one and the same under both names."""
+    """Gives the module itself, not a copy, so that its classes are identical under both names."""
 
     def create_module(self, spec: ModuleSpec) -> ModuleType:
         module = import_module(f"{_PACKAGE}.{MOVED[spec.name.partition('.')[2]]}")

@@ -22,7 +22,7 @@ _WORD: Final = re.compile(rf"\S{{{_LONGEST_WORD + 1},}}")
 
 
 def shortened(text: str, most: int = _LONGEST_NAME) -> str:
-    """Return a text of at most so many characters: what is too long loses its middle."""
+    """Return a text of at most so many characters; a longer one loses its middle."""
     if len(text) <= most:
         return text
     tail = most // 4
@@ -30,7 +30,7 @@ def shortened(text: str, most: int = _LONGEST_NAME) -> str:
 
 
 def visible(text: str, most: int = _LONGEST_NAME) -> str:
-    """Return a name shortened, with escapes for what does not print: control, format and unassigned characters."""
+    """Return a name shortened, with escapes for control, format and unassigned characters."""
     text = shortened(text, most)
     if text.isprintable():
         return text
@@ -43,7 +43,7 @@ def shown(text: str, most: int = _LONGEST_NAME) -> str:
 
 
 def one_line(text: str, most: int = LONGEST_LINE) -> str:
-    """Return a message as a line: what does not print is escaped, long words and a long whole lose their middle."""
+    """Return a message as one line: unprintable characters escaped, long words and long texts cut in the middle."""
     # cut first, so that no search goes through millions of characters
     text = visible(shortened(text, 10 * most), 10 * most)
     return shortened(_WORD.sub(lambda word: shortened(word[0], _LONGEST_WORD // 2), text), most)

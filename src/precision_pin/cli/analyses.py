@@ -80,7 +80,7 @@ def _shared_options(command: Decorated) -> Decorated:
 
 
 def _ask(shared: _Shared, name: str) -> _Question:
-    """Return what the options ask about, refusing before any work what could not be written at its end.
+    """Return sheet, model and poses of the options; refuse unwritable outputs before any work.
 
     Parameters
     ----------

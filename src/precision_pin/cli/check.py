@@ -71,7 +71,7 @@ def _findings(
 
 
 def _pose_findings(sheet: Sheet) -> tuple[Finding, ...]:
-    """Return what an analysis would warn of, or refuse, at each of the sheet's poses; of very many poses the limits alone."""
+    """Return the warnings and errors of an analysis at each of the sheet's poses; for very many poses, joint limits only."""
     from precision_pin.model.error_model import ErrorModel
     from precision_pin.model.pose_checks import MOST_POSES, pose_findings
 

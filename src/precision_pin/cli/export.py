@@ -90,7 +90,7 @@ def command(units: int, first: int, seed: int, out: str, **arm: Unpack[OnePoseOp
 
 
 def _estimate(writer: AsBuilt, seed: int, first: int, units: int, folder: Path) -> None:
-    """Tell how long the units take and how much they fill, where that is much.
+    """Print an estimate of time and size, where they are large.
 
     Raises
     ------
@@ -129,7 +129,7 @@ def _duration(seconds: float) -> str:
 
 
 def _added(writer: AsBuilt) -> Iterator[Finding]:
-    """Yield a warning for each frame that stands for one of the chain's in the files."""
+    """Yield a warning for each frame that replaces one of the chain's in the files."""
     chain = writer.at.posture.chain
     for what, name, new in (("tip", chain.tip, writer.tip), ("base", chain.base, writer.base)):
         if new != name:

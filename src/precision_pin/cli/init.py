@@ -66,7 +66,7 @@ def command(
 
 
 def _shipped(robot: str, tip: str | None, base: str | None) -> tuple[str | None, str]:
-    """Return the sheet that comes with this package for a robot and its chain, None if there is none, and what to say."""
+    """Return the sheet shipped for a robot and its chain, or None, and the note to print."""
     from precision_pin.robot.examples import shipped_sheet
     from precision_pin.sheet import read
 

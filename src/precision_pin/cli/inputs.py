@@ -86,7 +86,7 @@ def _beginning(path: Path) -> bytes:
 
 
 def _sheet_of(name: str, robot: Path) -> Path:
-    """Return the sheet that a robot alone goes with; a file that is no URDF is refused as such before any sheet is missed."""
+    """Return the sheet for a robot given alone; a file that is not a URDF is refused before a missing sheet is."""
     from precision_pin.robot import urdf
 
     if not os.path.isfile(robot):
@@ -118,7 +118,7 @@ def read_sheet(
     package_dirs: tuple[str, ...],
     outputs: Outputs | None = None,
 ) -> Sheet:
-    """Read the sheet and robot of a command line and print what there is to warn of.
+    """Read the sheet and robot of a command line and print the warnings.
 
     Raises
     ------
@@ -159,7 +159,7 @@ def read_inputs(found: Inputs, tip: str | None, base: str | None, package_dirs: 
 
 
 def _other_robot(found: Inputs) -> str | None:
-    """Return what a sheet names as its robot, None where that is the one of the command line or cannot be known."""
+    """Return the robot that a sheet names; None if it is the one of the command line or cannot be determined."""
     from precision_pin.sheet.text import read_text
 
     if found.sheet is None or found.robot is None:

@@ -64,6 +64,6 @@ def echo_warnings(findings: Sequence[Finding]) -> None:
 
 
 def echo_note(line: str) -> None:
-    """Print a line on stderr that is no warning and no error: what is being done, which file is used or was written."""
+    """Print a note on stderr: progress, or a file that is used or was written."""
     if not is_quiet():
         say(line)

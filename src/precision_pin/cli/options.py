@@ -1,4 +1,4 @@
-"""Options that several commands have, and what all commands refuse."""
+"""Options of several commands, and checks of all commands."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ class Command(click.Command):
         return left
 
     def invoke(self, ctx: click.Context) -> Any:
-        """Run the command, if the libraries can be loaded; the doctor says what is wrong where they cannot.
+        """Run the command if the libraries can be loaded; ``doctor`` runs anyway and reports what is missing.
 
         What the package warns of stands among the findings that the command prints itself.
         """

@@ -19,7 +19,7 @@ __all__ = ["run"]
 
 
 class LateGroup(click.Group):
-    """A group that knows its commands by name and imports one only to run it."""
+    """A group that lists its commands by name and imports one only to run it."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         """Return the names, main command first."""
@@ -32,7 +32,7 @@ class LateGroup(click.Group):
     def resolve_command(
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
-        """Name the nearest command where there is none of that name."""
+        """Suggest the nearest command for an unknown name."""
         name = args[0] if args else ""
         if name not in list_commands() and not name.startswith("-"):
             from precision_pin.errors import nearest
@@ -66,7 +66,7 @@ def cli() -> None:
 
 
 def run() -> int:
-    """Run the command line and return its exit code; says what went wrong."""
+    """Run the command line, print errors, and return the exit code."""
     prepare_streams()
     interrupts.begin()
     code = _code()

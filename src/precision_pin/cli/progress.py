@@ -17,8 +17,8 @@ __all__ = ["compile_sampler", "progress_bar"]
 
 
 def compile_sampler(space: Space, model: Literal["exact", "linear"] = "exact") -> None:
-    """Compile what samples a model where that was never done on this machine, and show how far that is."""
-    from precision_pin.compile_ahead import COMPILING, shown_by, silent
+    """Compile the sampler of a model, if it never was on this machine, and show progress."""
+    from precision_pin.compile_ahead import COMPILING_NOTE, shown_by, silent
     from precision_pin.display.progress import compilation
     from precision_pin.kernel import sampler
 
@@ -27,7 +27,7 @@ def compile_sampler(space: Space, model: Literal["exact", "linear"] = "exact") -
         return
     on_terminal = sys.stderr.isatty()
     if not on_terminal:
-        echo_note(f"{COMPILING}: some 8 s")
+        echo_note(COMPILING_NOTE)
     with shown_by(compilation if on_terminal and not is_quiet() else silent):
         sampler.warm_up(*variant)
     raise_if_interrupted()
@@ -35,7 +35,7 @@ def compile_sampler(space: Space, model: Literal["exact", "linear"] = "exact") -
 
 @contextmanager
 def progress_bar(total: int, what: str, unit: str = "samples") -> Iterator[Callable[[int], None]]:
-    """Show progress on a terminal, unless quiet; yields what takes the steps, each of which an interrupt ends."""
+    """Show progress on a terminal, unless quiet; yield a function that takes the steps and stops at an interrupt."""
     if is_quiet():
         yield lambda _: raise_if_interrupted()
         return

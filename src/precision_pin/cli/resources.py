@@ -63,7 +63,7 @@ def _started(wanted: int) -> int:
 
 
 def shortage(error: Exception) -> InputError | None:
-    """Return what the system did not give, where an error comes of that."""
+    """Return the resource that the system refused, if that caused an error."""
     message = _message(error)
     return None if message is None else _lack(message)
 

@@ -24,12 +24,12 @@ __all__ = ["echo_data", "prepare_streams", "raise_if_output_lost", "say"]
 
 @final
 class _Tolerant(io.RawIOBase):
-    """A descriptor that takes all there is to write, and forgets it after the first that failed."""
+    """A descriptor that discards everything after the first failed write."""
 
     def __init__(self, descriptor: int) -> None:
         self._descriptor = descriptor
         self.error: OSError | None = None
-        self.told = False
+        self.is_reported = False
 
     def write(self, data: Any) -> int:
         view = memoryview(data).cast("B")
@@ -53,7 +53,7 @@ class _Tolerant(io.RawIOBase):
 
 
 def prepare_streams() -> None:
-    """Make stdout and stderr tolerant; what they cannot show of a name is escaped."""
+    """Make stdout and stderr escape characters that they cannot encode."""
     for descriptor in range(3):
         # a file that is opened later must not be taken for a stream, to which libraries write
         try:
@@ -93,7 +93,7 @@ def echo_data(text: str) -> None:
 
 
 def raise_if_output_lost() -> None:
-    """Raise what was wrong with the standard output, once, unless its reader has gone.
+    """Raise the first error of the standard output, once, unless its reader has closed it.
 
     Raises
     ------
@@ -103,8 +103,8 @@ def raise_if_output_lost() -> None:
     with suppress(OSError, ValueError):
         sys.stdout.flush()
     raw = getattr(getattr(sys.stdout, "buffer", None), "raw", None)
-    if not isinstance(raw, _Tolerant) or raw.told:
+    if not isinstance(raw, _Tolerant) or raw.is_reported:
         return
     if raw.error is not None and not isinstance(raw.error, BrokenPipeError):
-        raw.told = True
+        raw.is_reported = True
         raise OutputError(f"cannot write to the standard output: {raw.error.strerror}")

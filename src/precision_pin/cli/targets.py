@@ -44,7 +44,7 @@ class Outputs:
     names: Sequence[str] = ()
 
     def check(self) -> None:
-        """Refuse before any work what could not be written at its end; makes nothing.
+        """Refuse unwritable outputs before any work; create nothing.
 
         Raises
         ------
@@ -74,7 +74,7 @@ class Outputs:
                 )
 
     def refuse_inputs(self, inputs: Iterable[str]) -> None:
-        """Refuse to write over what was read, by whatever name: through a link, too.
+        """Refuse to write over a file that was read, under any name, links included.
 
         Raises
         ------
@@ -101,7 +101,7 @@ class Outputs:
 @final
 @dataclass(frozen=True)
 class PageOutput:
-    """A page to write: a file, or ``NAME.html`` in a folder where the name ends in a slash or is that of a folder.
+    """A page to write: a file, or ``NAME.html`` in a folder if the name ends in a slash or names a folder.
 
     Attributes
     ----------

@@ -15,7 +15,7 @@ from precision_pin.cli.streams import echo_data
 __all__ = ["WIDTH", "echo_table"]
 
 WIDTH: Final = 100
-"""Columns of a line; tables keep within them by what they show."""
+"""Columns of a line; tables shorten their cells to fit."""
 
 _COLOURS: Final = {"MET": "green", "NOT MET": "red", "UNDECIDED": "yellow", "NOTHING TO JUDGE": "yellow"}
 _VERDICT: Final = re.compile(r"(?<=: )(NOT MET|MET|UNDECIDED|NOTHING TO JUDGE)(?= - )")

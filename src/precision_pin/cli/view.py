@@ -156,7 +156,7 @@ def command(
 @final
 @dataclass(frozen=True)
 class _Pose:
-    """A pose asked for, as :meth:`precision_pin.model.error_model.ErrorModel.at` takes it, and its name."""
+    """A requested pose, as :meth:`precision_pin.model.error_model.ErrorModel.at` takes it, and its name."""
 
     where: str | NDArray[np.float64] | None
     name: str | None
@@ -183,7 +183,7 @@ def _poses(sheet: Sheet, names: Sequence[str], all_poses: bool, q: str | None, t
 def _sampled(
     poses: Sequence[_Pose], sheet: Sheet, samples: int, seed: int, model: Literal["exact", "linear"]
 ) -> tuple[list[ViewPose], list[str]]:
-    """Return the errors of the same robots at every pose, and what they rest on; print what there is to warn of."""
+    """Return the errors of the same robots at every pose, and the shares that rest on assumptions; print warnings."""
     from precision_pin.display.tables import resting_on
     from precision_pin.kernel import sampler
     from precision_pin.model.error_model import ErrorModel
@@ -244,7 +244,7 @@ def _serve(
     *,
     open_browser: bool,
 ) -> None:
-    """Serve the page, first of a sheet that is read already, then of the files as they have become."""
+    """Serve the page, first from the sheet already read, then from the files as they change."""
     from precision_pin.outputs.view.live import serve
 
     known = [sheet]

@@ -1,1 +1,1 @@
-"""Display of results, whatever they are of: HTML, tables, progress."""
+"""Display of results: HTML, tables, progress."""

@@ -20,12 +20,12 @@ __all__ = ["require_writable", "resolve", "whole_folder", "write_files", "write_
 
 
 def resolve(path: str | os.PathLike[str]) -> str:
-    """Return where a name leads in the end.
+    """Return the path that a name leads to, links resolved.
 
     Raises
     ------
     OutputError
-        That cannot be told.
+        It cannot be resolved.
     """
     try:
         return os.path.realpath(path)
@@ -162,7 +162,7 @@ def _move_all(stage: Path, target: Path, path: Path) -> None:
 
 @contextmanager
 def _refused(name: str) -> Iterator[None]:
-    """Make an OutputError about a file of what the system says."""
+    """Return the OutputError for a file from an error of the system."""
     try:
         yield
     except (OSError, ValueError) as error:
@@ -170,7 +170,7 @@ def _refused(name: str) -> Iterator[None]:
 
 
 def _part(folder: Path) -> Path:
-    """Return a name in a folder for what is being written."""
+    """Return a temporary name in a folder, for a file that is being written."""
     return folder / f".precision-pin-{os.getpid()}-{secrets.token_hex(4)}.part"
 
 

@@ -1,4 +1,4 @@
-"""Text and tables that go into HTML: whatever a URDF or a sheet calls its parts, nothing of it is markup."""
+"""Text and tables for HTML; names from a URDF or a sheet never become markup."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _RIGHT: Final = ' style="text-align: right; white-space: nowrap"'
 
 
 def escaped(text: str) -> str:
-    """Return text for HTML, in elements or quoted attributes; what cannot be shown or encoded is replaced."""
+    """Return text escaped for HTML elements and quoted attributes; characters that cannot be shown or encoded are replaced."""
     visible = (one if one.isprintable() else " " if one.isspace() else "\N{REPLACEMENT CHARACTER}" for one in text)
     return html.escape("".join(visible), quote=True)
 

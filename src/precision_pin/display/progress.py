@@ -61,14 +61,14 @@ def progress(
 
 @contextmanager
 def steps_to(
-    told: Callable[[int], None] | bool | None, total: int, unit: str = "samples"
+    show: Callable[[int], None] | bool | None, total: int, unit: str = "samples"
 ) -> Iterator[Callable[[int], None]]:
     """Yield the function that takes each step of an analysis, for its argument ``progress``: a function, a bar or nothing."""
-    if told is True:
+    if show is True:
         with progress(total, unit=unit) as step:
             yield step
     else:
-        yield told or (lambda _: None)
+        yield show or (lambda _: None)
 
 
 @contextmanager

@@ -29,7 +29,7 @@ LARGEST_FILE: Final = 2**30
 
 
 class JsonResult:
-    """A result that is known by its JSON.
+    """A result read back from its JSON.
 
     Attributes
     ----------
@@ -44,7 +44,7 @@ class JsonResult:
         raise NotImplementedError
 
     def to_json(self) -> str:
-        """Return :meth:`to_dict` as text; what is not resolved or does not exist is null."""
+        """Return :meth:`to_dict` as text; numbers that are not resolved or do not exist are null."""
         return json.dumps(self.to_dict(), indent=2, ensure_ascii=False, allow_nan=False)
 
     def save(self, path: str | os.PathLike[str]) -> None:
@@ -59,7 +59,7 @@ class JsonResult:
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> SavedResult:
-        """Read what :meth:`save`, or ``--json`` of a command, has written.
+        """Read a file written by :meth:`save` or by ``--json`` of a command.
 
         The numbers of a file are those of the JSON, not the samples and laws behind them: so what is returned has the same
         ``to_dict`` and ``to_json``, and is no object of this class.
@@ -143,7 +143,7 @@ class SavedResult(JsonResult):
         return f"<SavedResult {self._get('schema')}: {self._get('robot')!r}, seed {self._get('seed')}>"
 
     def _repr_html_(self) -> str:
-        """Return what a notebook shows: what the result is of, and its warnings."""
+        """Return what a notebook shows: the kind of result and its warnings."""
         rows = [
             [key, str(value)]
             for key, value in self.data.items()

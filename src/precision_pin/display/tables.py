@@ -54,14 +54,14 @@ _DIGITS: Final = 6
 
 
 def symbol(quantity: str) -> str:
-    """Return what a quantity is called in a table: ``|d|``, ``dx``, … for ``position.norm``, ``position.x``, …."""
+    """Return the symbol of a quantity in tables: ``|d|``, ``dx``, … for ``position.norm``, ``position.x``, …."""
     vector, _, part = quantity.partition(".")
     letter = "d" if vector == "position" else "δ"
     return f"|{letter}|" if part == "norm" else f"{letter}{part}"
 
 
 def absolute(quantity: str) -> str:
-    """Return what the size of a quantity is called, which a specification limits: ``|d|``, ``|dx|``, …."""
+    """Return the symbol of a quantity's size, which a specification limits: ``|d|``, ``|dx|``, …."""
     return f"|{symbol(quantity).strip('|')}|"
 
 
@@ -167,7 +167,7 @@ def number(value: float | None) -> float:
 
 
 def interval_columns(name: str, value: float | None, interval: tuple[float, float] | None) -> dict[str, float]:
-    """Return the three columns ``name``, ``name_lower``, ``name_upper``; not-a-number for what is not resolved."""
+    """Return the three columns ``name``, ``name_lower``, ``name_upper``; not-a-number where not resolved."""
     low, high = interval or (None, None)
     return {name: number(value), f"{name}_lower": number(low), f"{name}_upper": number(high)}
 
@@ -219,7 +219,7 @@ def dataset(frame: pandas.DataFrame) -> xarray.Dataset:
 
 
 def described(attributes: Mapping[str, Any]) -> dict[str, str]:
-    """Return attributes as text: JSON, but for what is text already."""
+    """Return attributes as text: strings as they are, all else as JSON."""
     return {
         key: value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)
         for key, value in attributes.items()

@@ -1,1 +1,1 @@
-"""URDFs of robots as they may be built."""
+"""URDFs of sampled robots, as they may be built."""

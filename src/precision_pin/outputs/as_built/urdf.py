@@ -220,7 +220,7 @@ class _Step:
     added: bool = False
 
     def displaced(self, insertion: Array) -> Array:
-        """Return what to write for a displacement ``(4, 4)`` that follows the factor."""
+        """Return the placement to write, ``(4, 4)``, for a displacement after the factor."""
         result: Array = se3.inverse(insertion) @ self.written if self.backwards else self.written @ insertion
         return result
 
@@ -344,7 +344,7 @@ def frozen_sources(model: ErrorModel, at: PoseModel) -> tuple[str, ...]:
 
 
 def _about(model: ErrorModel, at: PoseModel, pose: str, base: str, tip: str) -> Iterator[str]:
-    """Yield what a written robot says about itself."""
+    """Yield the comment lines of a written robot."""
     chain = at.posture.chain
     yield f"chain: {base} to {tip}"
     way = chain.robot.path(chain.robot.root, chain.tip)

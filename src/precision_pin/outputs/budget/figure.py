@@ -37,7 +37,7 @@ MOST_CHARACTERS: Final = 48
 @final
 @dataclass(frozen=True)
 class Bar:
-    """One bar: what it is, its tolerance, its share of the variance and its total index, where there are such."""
+    """One bar: name, tolerance, share of the variance and total index, as far as they exist."""
 
     name: str
     tolerance: str
@@ -154,6 +154,6 @@ def _draw(axes: Axes, bars: Sequence[Bar], vector: str) -> None:
 
 
 def _shown(name: str) -> str:
-    """Return a name with a box for what the font of the figures does not have."""
+    """Return a name with a box for each character that the figures' font lacks."""
     known = get_font(findfont(FontProperties(family="DejaVu Sans"))).get_charmap()
     return "".join(character if ord(character) in known else "□" for character in name)

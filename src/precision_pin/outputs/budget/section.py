@@ -107,7 +107,7 @@ def _row(pose: PoseBudget, one: CauseShare, vector: str) -> list[Child]:
 
 
 def _name(cause: Cause, pose: PoseBudget, vector: str) -> Child:
-    """Return what a cause is called; its draws, or its numbers where it has several, are there to be opened."""
+    """Return the cell of a cause: its name, with its draws, or its components where it has several, folded below."""
     parts = [(part.words, pose.draw(part.name).share.get(vector)) for part in cause.parts]
     if len(parts) == 1:
         components = pose.draw(cause.names[0]).components

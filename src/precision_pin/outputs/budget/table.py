@@ -191,7 +191,7 @@ def _share_rows(
 
 
 def source_name(line: SourceShare) -> str:
-    """Return what a source's line is called; one of a draw that several sources name, after the draw."""
+    """Return the name of a source's line; a draw that several sources name gives its own name."""
     if len(line.sources) == 1:
         return line.sources[0]
     return f"{line.draws[0]}: {', '.join(line.sources) if line.sources else 'no source'}"

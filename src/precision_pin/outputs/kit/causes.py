@@ -1,4 +1,4 @@
-"""Causes of the error as a reader knows them: draws in words with their tolerances, those of one tolerance together."""
+"""Causes of the error in words: draws with their tolerances, those of one tolerance merged."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ __all__ = ["Cause", "CauseShare", "Part", "assumed_share", "find_causes", "rank_
 @final
 @dataclass(frozen=True)
 class Part:
-    """One draw of a cause: its name in the sheet, and what it is in words."""
+    """One draw of a cause: its name in the sheet and its description."""
 
     name: str
     words: str

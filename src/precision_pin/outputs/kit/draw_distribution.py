@@ -12,10 +12,10 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
 
 from precision_pin.display.tables import symbol
-from precision_pin.display.units import WrittenUnit as DisplayUnit
+from precision_pin.display.units import WrittenUnit
 from precision_pin.statistics import Distribution, Histogram, SpecificationResult, Verdict, format_inside, format_share
 
-__all__ = ["DisplayUnit", "display_unit", "draw_cumulative", "draw_histogram", "moments_text", "share_scale", "ticks"]
+__all__ = ["display_unit", "draw_cumulative", "draw_histogram", "moments_text", "share_scale", "ticks"]
 
 BLUE: Final = "#0072B2"
 SKY: Final = "#56B4E9"
@@ -41,12 +41,12 @@ _NARROWEST: Final = 0.05
 _SMALLEST_SPAN: Final = 0.02
 
 
-def display_unit(*distributions: Distribution) -> DisplayUnit:
+def display_unit(*distributions: Distribution) -> WrittenUnit:
     """Return the unit in which the largest of these values, all lengths or all angles, reads well.
 
     Millimetres or milliradians from 0.1 to 10,000; a thousandth, a millionth … of them for smaller values.
     """
-    return DisplayUnit.of_axis(distributions[0].quantity, max(max(abs(one.min), abs(one.max)) for one in distributions))
+    return WrittenUnit.of_axis(distributions[0].quantity, max(max(abs(one.min), abs(one.max)) for one in distributions))
 
 
 @final
@@ -54,8 +54,8 @@ def display_unit(*distributions: Distribution) -> DisplayUnit:
 class _Ruler:
     """The horizontal axis: drawn = (value − origin) · unit.per_si; numbers in labels are in `text_unit`."""
 
-    unit: DisplayUnit
-    text_unit: DisplayUnit
+    unit: WrittenUnit
+    text_unit: WrittenUnit
     origin: float
     label: str
 
@@ -63,7 +63,7 @@ class _Ruler:
         return (value - self.origin) * self.unit.per_si
 
 
-def _ruler(distribution: Distribution, unit: DisplayUnit) -> _Ruler:
+def _ruler(distribution: Distribution, unit: WrittenUnit) -> _Ruler:
     """Return the axis in this unit, or in one that suits the span where that is far smaller.
 
     Where the values hardly differ for their size, it is an axis of differences from a round number.
@@ -73,18 +73,18 @@ def _ruler(distribution: Distribution, unit: DisplayUnit) -> _Ruler:
     size = max(abs(distribution.min), abs(distribution.max))
     if span == 0 or span > _SMALLEST_RATIO * size:
         if 0 < span * unit.per_si < _SMALLEST_SPAN:
-            unit = DisplayUnit.of_axis(distribution.quantity, span)
+            unit = WrittenUnit.of_axis(distribution.quantity, span)
         return _Ruler(unit, unit, 0.0, f"{shown} [{unit.name}]")
     place = math.floor(math.log10(span * unit.per_si))
     rounded = round(distribution.mean * unit.per_si, -place)
-    fine = DisplayUnit.of_axis(distribution.quantity, span)
+    fine = WrittenUnit.of_axis(distribution.quantity, span)
     sign = "−" if rounded >= 0 else "+"
     offset = f"{abs(rounded):.{max(0, -place)}f}"
     return _Ruler(fine, unit, rounded / unit.per_si, f"{shown} {sign} {offset} {unit.name} [{fine.name}]")
 
 
 def draw_histogram(
-    axes: Axes, distribution: Distribution, unit: DisplayUnit, specifications: Sequence[SpecificationResult]
+    axes: Axes, distribution: Distribution, unit: WrittenUnit, specifications: Sequence[SpecificationResult]
 ) -> None:
     """Draw the probability density; lines are labelled for a legend."""
     bars = distribution.histogram()
@@ -108,7 +108,7 @@ def draw_histogram(
 
 
 def _draw_tails(axes: Axes, bars: Histogram, distribution: Distribution, ruler: _Ruler, limit: float) -> None:
-    """Colour what lies beyond a limit, to both sides for a component."""
+    """Colour the part beyond a limit, on both sides for a component."""
     sides = [(limit, math.inf)] if distribution.is_norm else [(-math.inf, -limit), (limit, math.inf)]
     for low, high in sides:
         edges = np.clip(bars.edges, low, high)
@@ -121,7 +121,7 @@ def _draw_tails(axes: Axes, bars: Histogram, distribution: Distribution, ruler: 
 
 
 def draw_cumulative(
-    axes: Axes, distribution: Distribution, unit: DisplayUnit, specifications: Sequence[SpecificationResult]
+    axes: Axes, distribution: Distribution, unit: WrittenUnit, specifications: Sequence[SpecificationResult]
 ) -> None:
     """Draw the cumulative distribution; lines are labelled for a legend."""
     ruler = _ruler(distribution, unit)
@@ -139,7 +139,7 @@ def draw_cumulative(
     _mark(axes, distribution, ruler, specifications)
 
 
-def share_scale(axes: Sequence[Axes], distributions: Sequence[Distribution], unit: DisplayUnit) -> list[bool]:
+def share_scale(axes: Sequence[Axes], distributions: Sequence[Distribution], unit: WrittenUnit) -> list[bool]:
     """Give axes one horizontal scale, but for those in another unit or of far narrower values; return which share it."""
     rulers = [_ruler(one, unit) for one in distributions]
     spans = [one.max - one.min for one in distributions]
@@ -184,9 +184,9 @@ def _mark(
 
 
 def _mark_limit(axes: Axes, distribution: Distribution, ruler: _Ruler, result: SpecificationResult) -> list[float]:
-    """Draw a limit where it is near the data, name it either way, and return what the axis has to show."""
+    """Draw a limit that is near the data, add it to the legend in any case, and return the range for the axis."""
     readable = 1e-3 <= result.limit * ruler.text_unit.per_si < 1e5
-    unit = ruler.text_unit if readable else DisplayUnit.of_axis(result.quantity, result.limit)
+    unit = ruler.text_unit if readable else WrittenUnit.of_axis(result.quantity, result.limit)
     label = f"limit {result.limit * unit.per_si:.6g} {unit.name}"
     low, high = _range(distribution, ruler)
     reach = _FARTHEST_LIMIT * (high - low)
@@ -218,17 +218,17 @@ def ticks() -> MaxNLocator:
     return MaxNLocator(nbins=_MOST_TICKS, steps=[1, 2, 5, 10], min_n_ticks=2)
 
 
-def _text(value: float | None, interval: tuple[float, float] | None, unit: DisplayUnit) -> str:
+def _text(value: float | None, interval: tuple[float, float] | None, unit: WrittenUnit) -> str:
     if value is None or interval is None:
         return "not resolved"
     return f"{format_inside(value * unit.per_si, (interval[0] * unit.per_si, interval[1] * unit.per_si))} {unit.name}"
 
 
-def moments_text(distribution: Distribution, unit: DisplayUnit) -> str:
+def moments_text(distribution: Distribution, unit: WrittenUnit) -> str:
     """Return mean and standard deviation in two lines, as far as they are resolved, for a panel's title."""
     unit = _ruler(distribution, unit).text_unit
     mean = _text(distribution.mean, distribution.mean_interval(), unit)
     std = distribution.std
     small = std is not None and std * unit.per_si < 1e-3
-    std_unit = DisplayUnit.of_axis(distribution.quantity, std) if std is not None and small else unit
+    std_unit = WrittenUnit.of_axis(distribution.quantity, std) if std is not None and small else unit
     return f"mean {mean}\nstd {_text(std, distribution.std_interval(), std_unit)}"

@@ -113,20 +113,20 @@ def set_height(figure: Figure, height: float) -> None:
 
 
 def wrapped(text: str, figure: Figure) -> list[str]:
-    """Return a text in lines that a figure has room for."""
+    """Return a text wrapped to the width of a figure."""
     width = figure.get_size_inches()[0] * _MILLIMETRES_PER_INCH
     return textwrap.wrap(text, int(width * _CHARACTERS_PER_MILLIMETRE))
 
 
 def caption(what: str, provenance: Provenance, pose: PoseLabel) -> list[str]:
-    """Return what a figure of 174 mm shows, and of which arm at which pose, in lines."""
+    """Return the caption lines of a figure of 174 mm: content, arm and pose."""
     named = f" at pose {visible(pose.name)}" if pose.name else ""
     arm = f"{visible(provenance.robot)}, {visible(provenance.base)} to {visible(provenance.tip)}"
     return textwrap.wrap(f"{what} of {arm}{named}", _CAPTION_CHARACTERS)
 
 
 def labelled(panels: Iterable[Axes]) -> dict[str, Any]:
-    """Return what has a label in some axes, by its label; what is in several stands once."""
+    """Return the labelled artists of some axes by label, each label once."""
     found: dict[str, Any] = {}
     for axes in panels:
         for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):

@@ -67,7 +67,7 @@ def items(entries: Iterable[Child], class_: str = "") -> Html:
 
 
 def definitions(entries: Iterable[tuple[str, Child]]) -> Html:
-    """Return terms with what they stand for."""
+    """Return a list of terms with their definitions."""
     return element("dl", *(element("div", element("dt", term), element("dd", text)) for term, text in entries))
 
 
@@ -78,7 +78,7 @@ def section(name: str, heading: str, *children: Child) -> Html:
 
 
 def beside(*tables: Html) -> Html:
-    """Return narrow tables side by side, as far as there is room."""
+    """Return narrow tables side by side, as many as fit."""
     return element("div", *tables, class_="beside")
 
 

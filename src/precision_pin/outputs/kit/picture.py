@@ -70,7 +70,7 @@ class Cloud:
 @final
 @dataclass(frozen=True, eq=False)
 class Picture:
-    """A picture and what has to be said of it.
+    """A picture and the facts for its caption.
 
     Attributes
     ----------
@@ -151,7 +151,7 @@ def draw_picture(posture: Posture, cloud: Cloud, package_dirs: Sequence[Path] = 
 
 
 def _choose_camera(posture: Posture, corners: Array) -> Camera:
-    """Return the side from which the arm stretches widest and the least of it stands before the tip."""
+    """Return the camera that shows the arm widest with the least of it in front of the tip."""
     points = np.vstack([posture.link_poses[:, :3, 3], posture.pose[:3, 3]])
     near = _CLOUD / 2 * arm_length(posture)
     some = corners[:: max(1, len(corners) // 4000), 0] if len(corners) else points
@@ -179,7 +179,7 @@ def _arm_frame(skeleton: Array, seen: Array) -> _Frame:
 
 
 def _choose_factor(cloud: Cloud, drawn: Array, extent: float) -> tuple[float, bool]:
-    """Return by how much errors are drawn too large, a round number, and whether the limit has room then."""
+    """Return the factor for drawing errors, a round number, and whether the limit then fits."""
     points = np.vstack([drawn, np.zeros((1, 2))])
     span = float(np.ptp(np.quantile(points, [0.01, 0.99], axis=0), axis=0).max()) if len(drawn) > 1 else 0.0
     reach = max(span, float(np.linalg.norm(drawn.mean(axis=0))) if len(drawn) else 0.0)

@@ -1,4 +1,4 @@
-"""Shapes as triangles in one frame: what a picture is made of."""
+"""Shapes as triangles in one frame, the input of a picture."""
 
 from __future__ import annotations
 

@@ -19,9 +19,9 @@ from matplotlib.figure import Figure
 
 from precision_pin.display.files import write_files
 from precision_pin.display.tables import symbol
+from precision_pin.display.units import WrittenUnit
 from precision_pin.errors import InputError, UnknownNameError
 from precision_pin.outputs.kit.draw_distribution import (
-    DisplayUnit,
     display_unit,
     draw_cumulative,
     draw_histogram,
@@ -57,9 +57,12 @@ __all__ = [
     "save",
 ]
 
+DisplayUnit = WrittenUnit
+"""The earlier name of :class:`~precision_pin.display.units.WrittenUnit`."""
+
 DOTS_PER_INCH: Final = 200
 
-_Draw = Callable[[Axes, Distribution, DisplayUnit, Sequence[SpecificationResult]], None]
+_Draw = Callable[[Axes, Distribution, WrittenUnit, Sequence[SpecificationResult]], None]
 
 
 def figures_of(analysis: MonteCarloResult) -> dict[str, Figure]:
@@ -109,7 +112,7 @@ def histogram(
     distribution: Distribution,
     *,
     title: str = "",
-    unit: DisplayUnit | None = None,
+    unit: WrittenUnit | None = None,
     seed: int | None = None,
     specifications: Sequence[SpecificationResult] = (),
     axes: Axes | None = None,
@@ -139,7 +142,7 @@ def cumulative(
     distribution: Distribution,
     *,
     title: str = "",
-    unit: DisplayUnit | None = None,
+    unit: WrittenUnit | None = None,
     seed: int | None = None,
     specifications: Sequence[SpecificationResult] = (),
     axes: Axes | None = None,
@@ -149,7 +152,7 @@ def cumulative(
 
 
 def figure_position(
-    summary: Summary, *, title: str = "Position error", seed: int | None = None, unit: DisplayUnit | None = None
+    summary: Summary, *, title: str = "Position error", seed: int | None = None, unit: WrittenUnit | None = None
 ) -> Figure:
     """Return the distribution of |d|, density above and cumulative below (the paper's figure 5), 85 mm wide.
 
@@ -168,7 +171,7 @@ def figure_position(
 
 
 def figure_attitude(
-    summary: Summary, *, title: str = "Attitude error", seed: int | None = None, unit: DisplayUnit | None = None
+    summary: Summary, *, title: str = "Attitude error", seed: int | None = None, unit: WrittenUnit | None = None
 ) -> Figure:
     """Return the distribution of |δ| (the paper's figure 6); arguments as in `figure_position`."""
     return _figure_of_norm(summary, summary.attitude.norm, title, seed, unit)
@@ -179,8 +182,8 @@ def figure_components(
     *,
     title: str = "Components of the pose error, base axes",
     seed: int | None = None,
-    position_unit: DisplayUnit | None = None,
-    attitude_unit: DisplayUnit | None = None,
+    position_unit: WrittenUnit | None = None,
+    attitude_unit: WrittenUnit | None = None,
 ) -> Figure:
     """Return the densities of dx, dy, dz, δx, δy, δz as two rows of three, 174 mm wide.
 
@@ -246,7 +249,7 @@ def save(figure: Figure, path_without_suffix: str | os.PathLike[str]) -> tuple[P
 
 
 def _figure_of_norm(
-    summary: Summary, norm: Distribution, title: str, seed: int | None, unit: DisplayUnit | None
+    summary: Summary, norm: Distribution, title: str, seed: int | None, unit: WrittenUnit | None
 ) -> Figure:
     with style():
         figure = new_figure(SINGLE_COLUMN)
@@ -263,7 +266,7 @@ def _alone_or_on(
     distribution: Distribution,
     draw: _Draw,
     title: str,
-    unit: DisplayUnit | None,
+    unit: WrittenUnit | None,
     seed: int | None,
     specifications: Sequence[SpecificationResult],
 ) -> Axes:

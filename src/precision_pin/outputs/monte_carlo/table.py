@@ -39,7 +39,7 @@ _COLUMNS = ("mean", "std", "min", "max", "mode", 0.5, 0.95, 0.99, 0.9973)
 
 
 def analysis_table(analysis: MonteCarloResult) -> str:
-    """Return what a designer wants to read of an analysis: error statistics in mm and mrad.
+    """Return the table of an analysis: error statistics in mm and mrad.
 
     Only the digits that the sampling supports are printed; min and max are the smallest and largest seen.
     """
@@ -71,7 +71,7 @@ def analysis_table(analysis: MonteCarloResult) -> str:
 
 
 def _within(analysis: MonteCarloResult, level: float) -> str:
-    """Return what so many robots are within."""
+    """Return |d| and |δ| within which a share of the robots stays, with units."""
     norms = (analysis.position.norm, analysis.attitude.norm)
     found = [f"{symbol(norm.quantity)} {statistic(norm, level)} {unit(norm.quantity)}" for norm in norms]
     return ", ".join(found)
@@ -164,7 +164,7 @@ def _bandwidths(analysis: MonteCarloResult) -> str:
 
 
 def demanded(specification: Specification | SpecificationResult) -> str:
-    """Return what a specification demands, such as ``|d| within 0.5 mm for 95 %``; of a large angle in degrees too."""
+    """Return a specification in words, such as ``|d| within 0.5 mm for 95 %``; of a large angle in degrees too."""
     of, limit = specification.quantity, specification.limit
     degrees = f" ({math.degrees(limit):.4g} deg)" if of.startswith("attitude") and limit >= _LARGE_ANGLE else ""
     return f"{absolute(of)} within {1e3 * limit:.6g} {unit(of)}{degrees} for {100 * specification.required:.10g} %"

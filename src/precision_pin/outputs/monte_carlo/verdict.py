@@ -1,4 +1,4 @@
-"""The top of the report: what was asked and what came out."""
+"""The top of the report: specifications and verdicts."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _WORDS: Final[dict[Verdict, str]] = {
 
 
 def verdict(results: Results) -> Html:
-    """Return whether every specification is met, how large the errors are, and what that rests on."""
+    """Return the verdict, the size of the errors, and the share that rests on assumptions."""
     given = results.analysis.summary.specifications
     parts: list[Child] = []
     if given:

@@ -22,7 +22,7 @@ _NOTHING = 5e-5
 
 
 def content(result: ReliabilityResult, results: Results) -> list[Child]:
-    """Return the verdicts, what each method gives, and which draws make the likeliest failure."""
+    """Return the verdicts, the estimate of each method, and the draws that matter most for failure."""
     entries = result.poses[0].specifications
     chart = inline_figure(
         figure(result, 0, [_important(entry, results) for entry in entries]),

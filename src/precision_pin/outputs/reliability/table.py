@@ -21,7 +21,7 @@ LISTED: Final = 6
 
 
 def table(result: ReliabilityResult) -> str:
-    """Return, for every specification, the verdict, what each method gave, the design point, and what methods differ in."""
+    """Return for every specification the verdict, each method's estimate, the design point, and differences between methods."""
     provenance = result.provenance
     blocks = []
     for entry in result.poses:
@@ -105,7 +105,7 @@ def _rare(part: Stratum) -> str:
 
 
 def _unresolved(entry: SpecificationReliability) -> list[str]:
-    """Return what the verdict rests on where the probability is not resolved, and why it is not."""
+    """Return the basis of the verdict where the probability is not resolved, and the reason."""
     if entry.verdict == "nothing to judge" or entry.resolved:
         return []
     counted = next(estimate for estimate in entry.estimates if estimate.method == SAMPLING)

@@ -40,7 +40,7 @@ CLOUD: Final = 5_000
 @final
 @dataclass(frozen=True)
 class Missing:
-    """Stands for a result that this model does not have.
+    """Marker of a result that does not exist for this model.
 
     Attributes
     ----------
@@ -213,7 +213,7 @@ def collect_poses(sheet: Sheet, poses: Sequence[Pose], *, step: Step, **settings
 
 
 def _goodness(results: Results) -> tuple[int, float, float]:
-    """Return what poses are sorted by: specifications met, the smallest share to spare, and the error, largest first."""
+    """Return the sort key of poses: specifications met, smallest margin, then the error, largest first."""
     given = results.analysis.summary.specifications
     norm = results.analysis.position.norm
     size = norm.quantile(0.95)

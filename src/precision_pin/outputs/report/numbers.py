@@ -16,7 +16,7 @@ MISSING: Final = "–"
 
 
 def outward(low: float, high: float, per_si: float = 1e3) -> tuple[str, str]:
-    """Return the ends of an interval as text, rounded away from each other; what is nothing but rounding is 0."""
+    """Return the ends of an interval as text, rounded outwards; an interval of rounding errors is 0."""
     if max(abs(low), abs(high)) < ROUNDING:
         return "0", "0"
     return format_interval(low, high, per_si)

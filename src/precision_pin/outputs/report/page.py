@@ -27,7 +27,7 @@ _LAST: Final = {
     "parameters": ("Parameters", parameters),
     "reproduce": ("Reproduce", reproduction),
 }
-"""Sections after those of the poses: in the list of contents, and what makes them."""
+"""Sections after those of the poses: title in the list of contents, and function."""
 _WITHOUT_SCRIPTS: Final = Html("<noscript><style>#view { display: none; }</style></noscript>")
 
 
@@ -78,7 +78,7 @@ def _details(results: Results) -> list[Html]:
 
 
 def _folded(results: Results) -> Html:
-    """Return what there is of a pose that is not the worst, to be opened."""
+    """Return the folded sections of a pose that is not the worst."""
     said = [f"Pose {name_pose(results)}"]
     if results.analysis.summary.specifications:
         said.append(describe_verdict(results.analysis.summary.specifications))

@@ -1,4 +1,4 @@
-"""Every draw: what it is, how often it is made, and what it feeds."""
+"""Table of all draws: law, scope and sources."""
 
 from __future__ import annotations
 

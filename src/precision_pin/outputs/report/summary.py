@@ -1,4 +1,4 @@
-"""The first screen of the report: the arm with its cloud, the verdict, the largest causes, what it rests on."""
+"""The first screen of the report: picture of the arm with its cloud, verdict, largest causes, assumptions."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def summary(poses: Sequence[Results]) -> Html:
 
 
 def name_pose(results: Results) -> str:
-    """Return a pose's name, or what stands for one."""
+    """Return a pose's name, or a phrase where it has none."""
     return results.analysis.pose_name or "joint values of the command line"
 
 
@@ -121,7 +121,7 @@ def _resting(results: Results, pose: PoseBudget | None) -> list[Html]:
 
 
 def _always(results: Results) -> list[Html]:
-    """Return what is off at the means, where that is a good part of the error."""
+    """Return a line on the error at the means, where it is a large part of the error."""
     size = float(np.linalg.norm(results.analysis.nominal[:3]))
     norm = results.analysis.position.norm
     marked = norm.quantile(0.95) or norm.max

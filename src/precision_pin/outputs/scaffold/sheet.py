@@ -54,7 +54,7 @@ _WORDS: Final = frozenset(("true", "false", "yes", "no", "on", "off", "y", "n", 
 
 
 def scaffold(chain: Chain, robot_text: str, *, pose: Sequence[float] | None = None) -> str:
-    """Return the text of a commented sheet for a chain; it loads and runs as it stands.
+    """Return the text of a commented sheet for a chain; it loads and runs unedited.
 
     The same chain gives the same text. All tolerances are assumptions, marked so, each with its reason: joint offsets of
     a strain wave gear's accuracy, axes seated to ISO 286-1 grade IT6, lengths to ISO 2768-1 class fine, joints that
@@ -191,7 +191,7 @@ def _locked(chain: Chain) -> Lines:
 
 
 def _follows(chain: Chain, joint: Joint) -> bool:
-    """Return whether a joint's value is what its mimic rule makes of the sheet's other values."""
+    """Return whether a joint's value follows from its mimic rule and the sheet's other values."""
     if joint.mimic is None:
         return False
     leader = chain.locked.get(joint.mimic.joint, 0.0)
@@ -396,7 +396,7 @@ def _comment(text: str, start: str = "# ", following: str | None = None) -> Line
 
 
 def _escaped(text: str) -> str:
-    """Return text with every character that is not printable written as an escape that YAML knows, too."""
+    """Return text with every unprintable character as an escape that is valid in YAML."""
     return "".join(character if character.isprintable() else f"\\U{ord(character):08x}" for character in text)
 
 

@@ -1,4 +1,4 @@
-"""Starting tolerances and poses for an arm of which nothing but its URDF is known."""
+"""Starting tolerances and poses for an arm known only by its URDF."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ __all__ = ["GIVE", "LEAST_SHARE", "SHORTEST", "TRIALS", "WIND_UP", "Survey", "ge
 
 
 TRIALS: Final = 64
-"""Poses that are tried to find a good first one and the load on every joint."""
+"""Number of poses tried to find a good first one and the load on every joint."""
 
 WIND_UP: Final = 2e-4
 """Turn of a joint, rad, under the load it is sized for."""

@@ -5,7 +5,6 @@ commands, which the bundled viewer (MeshCat and three.js) of the ``meshcat`` pac
 scripts of the page's own add what shows errors, from numbers.
 """
 
-from precision_pin.display.files import write_text as write_page
 from precision_pin.outputs.view.page import page, script_hashes
 from precision_pin.outputs.view.poses import ViewPose, limits_kept
 from precision_pin.outputs.view.scales import DEFAULT_POINTS, MOST_POINTS, MOST_POSES
@@ -19,7 +18,6 @@ __all__ = [
     "limits_kept",
     "page",
     "script_hashes",
-    "write_page",
 ]
 
 Shown = ViewPose

@@ -1,4 +1,4 @@
-"""The arm at a posture: its own shapes, and plain cylinders where it has none."""
+"""The arm at a posture: its URDF shapes, or plain cylinders where it has none."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ class Part:
 def draw_arm(
     scene: ShapeSink, posture: Posture, package_dirs: Sequence[Path] = ()
 ) -> tuple[tuple[Part, ...], tuple[str, ...]]:
-    """Put every link of the robot into the scene below ``arm``; return the parts, and notes on what is drawn otherwise.
+    """Put every link of the robot into the scene below ``arm``; return the parts, and notes on parts drawn differently.
 
     A link whose mesh is missing or cannot be read, and a rigid piece of the chain that has no shape at all, is drawn
     as plain cylinders along it.
@@ -128,7 +128,7 @@ class _Drawing:
         return None if name == self._chain.tip else self._chain.link_frames[name].path_rank
 
     def _draw_link(self, path: tuple[str, ...], link: Link) -> bool:
-        """Draw a link's shapes, and return whether there is anything to see."""
+        """Draw a link's shapes, and return whether any is visible."""
         complete = True
         for number, shape in enumerate(link.visuals):
             try:
@@ -177,7 +177,7 @@ class _Drawing:
             self._draw_rod((*path, f"rod{number}"), np.zeros(3), joint.origin[:3, 3])
 
     def _draw_bare_links(self, shown: set[int]) -> None:
-        """Draw what has no shapes of its own: rigid pieces of the chain as rods, their joints as drums."""
+        """Draw the parts without shapes: rigid pieces of the chain as rods, their joints as drums."""
         bare = set(range(len(self._posture.link_poses))) - shown
         for link in sorted(bare):
             path = self._part(f"chain{link}", link, np.eye(4), 0)

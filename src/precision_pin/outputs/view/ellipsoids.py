@@ -18,7 +18,7 @@ SHARES: Final = (0.95, 0.9973)
 """Which shares are drawn, the inner one first."""
 
 FEWEST: Final = 4
-"""Samples below which there is no ellipsoid: three span a plane."""
+"""Fewest samples for an ellipsoid: three only span a plane."""
 
 # directions in which the samples spread by less than this share of the widest are rounding
 _FLAT: Final = 1e-9

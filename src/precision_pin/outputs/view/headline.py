@@ -37,7 +37,7 @@ _WORDS: Final[dict[Verdict, str]] = {
 @final
 @dataclass(frozen=True)
 class Answer:
-    """A line of the answer, and what it rests on.
+    """The line with the answer, and its basis.
 
     Attributes
     ----------

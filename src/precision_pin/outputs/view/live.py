@@ -116,7 +116,7 @@ class _Content:
 
 
 def _made_anew(make_page: Callable[[], str], watched: Sequence[Path], announce: Callable[[str], None]) -> _Content:
-    """Return the page, or one that says why there is none."""
+    """Return the page, or one with the error message."""
     try:
         content = _Content.of(make_page())
     except InputError as error:
@@ -140,7 +140,7 @@ def _open(address: str) -> None:
 
 @final
 class _Watch:
-    """Files, and what they held when the page was last made."""
+    """Files, and their contents when the page was last made."""
 
     def __init__(self, paths: Sequence[Path]) -> None:
         self._paths = tuple(paths)

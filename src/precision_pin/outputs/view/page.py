@@ -227,7 +227,7 @@ def _draw_grid(scene: Scene, spacing: float) -> None:
 
 
 def _legend_of_arms(data: Sequence[PoseData]) -> dict[str, str]:
-    """Return the legend's words on the arms with errors, and what disables the boxes of those there are none of."""
+    """Return the legend's words for the arms with errors, and the attribute that disables boxes without content."""
     deflected = any(np.any(one.deflected) for one in data)
     missing = " disabled"
     return {
@@ -327,7 +327,7 @@ def _asset(name: str) -> str:
 
 
 def _scripts() -> tuple[str, str]:
-    """Return the code of the page's two scripts, the viewer's and ours, that can stand in script elements as it is."""
+    """Return the page's two scripts, MeshCat's viewer and our own, escaped for script elements."""
     own = "".join(_asset(f"{name}.js") for name in _SCRIPTS)
     scripts = viewer_script(), f'"use strict";\n(function () {{\n{own}}})();'
     for code in scripts:
@@ -337,7 +337,7 @@ def _scripts() -> tuple[str, str]:
 
 
 def _data(value: object) -> str:
-    """Return JSON that can stand in a script element."""
+    """Return JSON escaped for a script element."""
     return json.dumps(value, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
 
 

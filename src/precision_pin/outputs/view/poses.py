@@ -210,7 +210,7 @@ class PoseData:
         return tuple(self._displacements(x).transpose(2, 0, 1))
 
     def _live(self) -> dict[str, Any] | None:
-        """Return what lets the samples follow the sliders, as many of them as there is room for."""
+        """Return the numbers with which samples follow the sliders, for as many samples as the size limit allows."""
         if self._model is None or not self._page.groups.names:
             return None
         groups = self._page.groups

@@ -39,7 +39,7 @@ __all__ = [
 ]
 
 MOST_TOLERANCES: Final = 12
-"""Tolerances with a slider of their own; all others together have one."""
+"""Number of tolerances with their own slider; all others share one."""
 
 MOST_NUMBERS: Final = 600_000
 """The most deviations of a page, two bytes each."""
@@ -116,7 +116,7 @@ def choose_groups(pose_models: Sequence[PoseModel], words: Sequence[str] = (), *
 
 
 def samples_that_fit(space: Space, groups: Groups, poses: int) -> int:
-    """Return for how many samples there is room: draws made once for each robot are the same at all poses."""
+    """Return how many samples fit the size limit: draws made once for each robot are the same at all poses."""
     once, each = 0, 0
     for draws in groups.draws:
         numbers = sum(space.draws[k].law.size for k in draws)
@@ -186,7 +186,7 @@ class LivePose:
 
     @staticmethod
     def _rows(jacobian: Array, deviations: Array, weights: Array) -> tuple[Array, Array]:
-        """Return a group's slopes ``(6, r)`` and numbers ``(r, M)``, r at most 6, whose product is what it does."""
+        """Return a group's slopes ``(6, r)`` and numbers ``(r, M)``, r at most 6; their product is the group's error."""
         if len(deviations) <= _DIMENSION:
             return jacobian, deviations
         # many numbers span six directions at the most
@@ -221,12 +221,12 @@ def link_shares(at: PoseModel) -> list[float]:
 
 
 def _link(target: Target) -> int:
-    """Return the link that shows a target's share: of what sits at a joint, the one that the joint moves."""
+    """Return the link that shows a target's share: for a joint, the link that it moves."""
     if isinstance(target, JointValue):
         return target.joint + 1
     return target.link if target.joint is None else target.joint + 1
 
 
 def shown_names(names: Sequence[str]) -> list[str]:
-    """Return names as they can be shown; the page's script puts them in as text."""
+    """Return printable names; the page's script inserts them as text."""
     return [html.unescape(escaped(name)) for name in names]

@@ -16,6 +16,7 @@ from precision_pin.analyses.worst_case.worst_case_result import (
     WorstCaseResult,
 )
 from precision_pin.display.tables import ROUNDING, symbol
+from precision_pin.display.units import WrittenUnit
 from precision_pin.outputs.kit.draw_distribution import (
     BLACK,
     BLUE,
@@ -23,7 +24,6 @@ from precision_pin.outputs.kit.draw_distribution import (
     PURPLE,
     SKY,
     VERMILION,
-    DisplayUnit,
     display_unit,
 )
 from precision_pin.outputs.kit.figure_style import (
@@ -136,7 +136,7 @@ def _draw(axes: Axes, bound: NormBound, entries: Sequence[tuple[str, float]]) ->
     )
 
 
-def _lines(bound: NormBound, shown: DisplayUnit) -> list[tuple[float, str, object, float, str]]:
+def _lines(bound: NormBound, shown: WrittenUnit) -> list[tuple[float, str, object, float, str]]:
     quantile = bound.seen.quantile(SEEN_LEVEL)
     lines: list[tuple[float, str, object, float, str]] = [
         (bound.first_order.upper, VERMILION, "-", 1.6, "bound of the first-order model"),

@@ -28,7 +28,7 @@ _CUT: Final = 4
 
 
 def content(result: WorstCaseResult, results: Results) -> list[Child]:
-    """Return the bounds of the first-order model, the largest exact error found, and what adds up to them."""
+    """Return the bounds of the first-order model, the largest exact error found, and their contributions."""
     pose = result.poses[0]
     norms = (pose.position, pose.attitude)
     chart = figure(
@@ -59,7 +59,7 @@ def _assumptions(result: WorstCaseResult, results: Results) -> list[str]:
 
 
 def _entries(bound: NormBound, results: Results, most: int) -> list[tuple[str, float]]:
-    """Return the error at the means, the largest causes, and what the others add together."""
+    """Return the error at the means, the largest causes, and the sum of the others."""
     values = {entry.draw: entry.value for entry in bound.contributions}
     entries = [entry for entry in sum_by_cause(results.causes, values) if abs(entry[1]) > ROUNDING]
     named, rest = entries[:most], entries[most:]

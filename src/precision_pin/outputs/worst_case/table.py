@@ -20,11 +20,11 @@ from precision_pin.outputs.monte_carlo.table import statistic, subject
 __all__ = ["listed_contributions", "table"]
 
 LISTED: Final = 8
-"""Number of draws named, the largest contributions first; the rest stands in one line."""
+"""Number of draws named, the largest contributions first; the rest is one line."""
 
 
 def table(result: WorstCaseResult) -> str:
-    """Return the bounds, what the exact model reaches, what was seen, and who contributes; mm and mrad."""
+    """Return the bounds, the largest exact errors found and sampled, and the contributions; mm and mrad."""
     cut = f"cut at {result.k:g} standard deviations: {_listed(result.cut)}" if result.cut else "every law is bounded"
     provenance = result.provenance
     parts = []
@@ -73,7 +73,7 @@ def _component_rows(pose: PoseWorstCase) -> list[list[str]]:
 
 
 def _contributions(bound: NormBound) -> list[str]:
-    """Return how the draws add up, and at which values; whether the bound is certified stands in the heading."""
+    """Return the contributions of the draws and their values; the heading says whether the bound is certified."""
     found = bound.first_order
     if found.certified:
         width = 0.0 if found.upper == 0 else found.upper / found.lower - 1
@@ -104,7 +104,7 @@ def _exceeded(pose: PoseWorstCase) -> list[str]:
 
 
 def listed_contributions(bound: NormBound, nominal: str) -> list[tuple[str, float]]:
-    """Return the error at the means, the largest contributions and what the others add together."""
+    """Return the error at the means, the largest contributions and the sum of the others."""
     entries = [entry for entry in bound.contributions if abs(entry.value) > ROUNDING]
     few = len(entries) <= LISTED + 1
     named, rest = (entries, []) if few else (entries[:LISTED], entries[LISTED:])
