@@ -9,7 +9,7 @@ import pytest
 
 from precision_pin.outputs.monte_carlo.table import statistic, tolerance_bounds
 from precision_pin.statistics import Plan, finish, format_inside, observe, quantity_values, start
-from precision_pin.statistics.digits import format_interval
+from precision_pin.statistics.digits import format_interval, round_end
 from precision_pin.statistics.distribution import CONTENTS
 
 
@@ -108,3 +108,14 @@ def test_ends_of_an_interval_are_rounded_outwards():
         assert below <= low
         assert above >= low + width
         assert above - below <= 1.2 * width
+
+
+def test_ends_and_bounds_are_rounded_to_digits_in_their_direction():
+    """By hand; a decimal such as 0.3 that binary numbers miss is kept."""
+    assert round_end(0.04658, 2, up=True) == 0.047
+    assert round_end(0.04658, 2, up=False) == 0.046
+    assert round_end(-5.104151, 6, up=False) == -5.10416
+    assert round_end(-5.104159, 6, up=True) == -5.10415
+    assert round_end(9.5e-13, 1, up=True) == 1e-12
+    for exact in (0.3, 3e-5, 1e-300, 7.0):
+        assert round_end(exact, 1, up=True) == round_end(exact, 1, up=False) == exact

@@ -14,7 +14,15 @@ import math
 from decimal import ROUND_CEILING, ROUND_FLOOR, ROUND_HALF_EVEN, Decimal
 from typing import Final
 
-__all__ = ["MOST_DIGITS", "format_inside", "format_interval", "format_share", "format_supported", "significant_digits"]
+__all__ = [
+    "MOST_DIGITS",
+    "format_inside",
+    "format_interval",
+    "format_share",
+    "format_supported",
+    "round_end",
+    "significant_digits",
+]
 
 MOST_DIGITS = 6
 """Digits printed of a number that is known exactly, such as the largest value seen."""
@@ -81,6 +89,23 @@ def format_inside(value: float | None, interval: tuple[float, float] | None, *, 
     while place > finest and not interval[0] <= float(_format_to_place(value, place)) <= interval[1]:
         place -= 1
     return _format_to_place(value, place)
+
+
+def round_end(end: float, digits: int, *, up: bool) -> float:
+    """Return an end of an interval, or a bound, rounded up or down to significant digits.
+
+    Parameters
+    ----------
+    end
+        Finite. Its shortest decimal is rounded, so that 0.3, which is a little less in binary, is kept.
+    digits
+        How many.
+    up
+        The direction: up for an upper end, down for a lower one.
+    """
+    exact = Decimal(repr(float(end)))
+    place = Decimal(1).scaleb(exact.adjusted() - digits + 1)
+    return float(exact.quantize(place, ROUND_CEILING if up else ROUND_FLOOR))
 
 
 def format_interval(low: float, high: float, per_si: float = 1.0) -> tuple[str, str]:

@@ -16,6 +16,7 @@ from precision_pin.analyses.result import Result, name_pose
 from precision_pin.display.html import Table
 from precision_pin.display.tables import MOST_POSES, data_frame, milli, number, symbol, unit
 from precision_pin.inputs.arrays import fix_fields
+from precision_pin.statistics.digits import round_end
 from precision_pin.typing import Array
 
 if TYPE_CHECKING:
@@ -282,10 +283,7 @@ def _cells(law: ExactLaw) -> list[str]:
 
 def bound_text(bound: float) -> str:
     """Return a bound with one digit, rounded up."""
-    if bound <= 0:
-        return "0"
-    place = 10.0 ** math.floor(math.log10(bound))
-    return f"{math.ceil(bound / place * (1 - 1e-12)) * place:.0e}"
+    return "0" if bound <= 0 else f"{round_end(bound, 1, up=True):.0e}"
 
 
 def quantile_digits(value: float, error: float, digits: int) -> int:

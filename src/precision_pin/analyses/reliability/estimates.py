@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from decimal import ROUND_CEILING, ROUND_FLOOR, Decimal
 from typing import Final, final
 
 import numpy as np
@@ -13,6 +12,7 @@ from scipy import special
 
 from precision_pin.analyses.reliability.form import Form
 from precision_pin.statistics import clopper_pearson
+from precision_pin.statistics.digits import round_end
 from precision_pin.statistics.skewed_means import studentised
 from precision_pin.typing import Array
 
@@ -298,9 +298,7 @@ def rounded(end: float, interval: tuple[float, float], *, down: bool = False) ->
     if not end:
         return "0"
     low, high = interval
-    rounding = ROUND_FLOOR if down else ROUND_CEILING
-    for digits in range(_FEWEST_DIGITS, _MOST_DIGITS + 1):
-        step = Decimal(1).scaleb(Decimal(end).adjusted() - digits + 1)
-        if 2 * step <= Decimal(high) - Decimal(low) or digits == _MOST_DIGITS:
-            break
-    return f"{float(Decimal(end).quantize(step, rounding=rounding)):.{digits}g}"
+    leading = math.floor(math.log10(end))
+    enough = (n for n in range(_FEWEST_DIGITS, _MOST_DIGITS) if 2 * 10.0 ** (leading - n + 1) <= high - low)
+    digits = next(enough, _MOST_DIGITS)
+    return f"{round_end(end, digits, up=not down):.{digits}g}"

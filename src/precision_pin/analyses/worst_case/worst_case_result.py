@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar, Final, final
@@ -16,6 +15,7 @@ from precision_pin.display.html import Table
 from precision_pin.display.tables import data_frame, milli, symbol, unit
 from precision_pin.inputs.arrays import fix_fields
 from precision_pin.statistics import QUANTITIES, Distribution
+from precision_pin.statistics.digits import round_end
 from precision_pin.typing import Array
 
 if TYPE_CHECKING:
@@ -325,11 +325,9 @@ class WorstCaseResult(Result):
 def bound_milli(value: float, *, up: bool, digits: int = 6) -> str:
     """Return a bound in mm or mrad as text, rounded outwards; ``-`` for none."""
     text = milli(value, digits)
-    shown, exact = (math.nan, math.nan) if text == "-" else (float(text), 1e3 * value)
-    if exact == 0 or not (shown < exact if up else shown > exact):
+    if text == "-" or (float(text) >= 1e3 * value if up else float(text) <= 1e3 * value):
         return text
-    step = 10.0 ** (math.floor(math.log10(abs(exact))) - digits + 1)
-    return f"{shown + (step if up else -step):.{digits}g}"
+    return f"{round_end(1e3 * value, digits, up=up):.{digits}g}"
 
 
 def _rows(pose: PoseWorstCase) -> dict[str, dict[str, float]]:
