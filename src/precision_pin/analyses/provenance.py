@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Final, final
+from typing import Any, final
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -19,8 +19,6 @@ __all__ = ["Pose", "PoseLabel", "Poses", "Provenance", "listed_poses"]
 
 Pose = ArrayLike | Mapping[str, float] | str | None
 """A pose's name, joint values in chain order or by name; ``None`` for the model's first pose."""
-
-MOST_POSES: Final = 10_000
 
 
 @final
@@ -125,7 +123,7 @@ def listed_poses(poses: Poses, q: Poses = None, pose: Poses = None) -> list[Pose
     Raises
     ------
     InputError
-        More than one is given; an empty list, or more than 10,000 poses; an array of several poses, of which nobody can tell
+        More than one is given; an empty list; an array of several poses, of which nobody can tell
         whether they are its rows or its columns.
     """
     given = {name: value for name, value in (("poses", poses), ("q", q), ("pose", pose)) if value is not None}
@@ -142,6 +140,6 @@ def listed_poses(poses: Poses, q: Poses = None, pose: Poses = None) -> list[Pose
     several: list[Pose] = (
         list(poses) if isinstance(poses, list | tuple | np.ndarray) and not is_row else [poses]  # type: ignore[list-item]
     )
-    if not 0 < len(several) <= MOST_POSES:
-        raise InputError(f"{len(several)} poses are given; name 1 to {MOST_POSES:,}, or none for the model's first")
+    if not several:
+        raise InputError("0 poses are given; name at least one, or none for the model's first")
     return several
