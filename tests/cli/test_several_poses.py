@@ -119,3 +119,15 @@ def test_a_sheet_without_poses_has_no_all_poses(run, folder):
     refused = run("analyze", "none.yaml", "--all-poses")
     assert refused.code == 2
     assert "the sheet has no poses" in refused.err
+
+
+def test_one_robot_at_all_poses(run):
+    everywhere = run("analyze", SHEET, "--all-poses", *FEW, "--spec", "0.3 mm", "--spec-everywhere", "--json", "-")
+    (entry,) = everywhere.json["spec"]
+    assert entry["everywhere"]["probability"] <= min(pose["probability"] for pose in entry["poses"])
+    assert everywhere.code == (0 if entry["met"] else 1)
+    shown = run("analyze", SHEET, "--all-poses", *FEW, "--spec", "0.3 mm", "--spec-everywhere").out
+    assert "of robots keep it at all poses" in shown.replace("\n  ", " ")
+    refused = run("analyze", SHEET, "--all-poses", "--spec-everywhere")
+    assert (refused.code, len(refused.said)) == (2, 1)
+    assert "--spec-everywhere needs a --spec" in refused.said[0]

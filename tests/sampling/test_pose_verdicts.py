@@ -7,13 +7,17 @@ import json
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
+from scipy import stats
 
 import precision_pin as pp
+from precision_pin.draws.laws import Normal
+from precision_pin.draws.space import Draw, Scope, Space
 from precision_pin.errors import UnknownNameError
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.outputs.poses.table import poses_table
 from precision_pin.sampling.many_poses import sample_poses
 from precision_pin.sampling.pose_verdicts import PosesSpecification
+from precision_pin.sources import JointOffset
 from precision_pin.statistics import Specification, SpecificationResult
 from sampling.cases import MODEL
 
@@ -113,3 +117,51 @@ def test_two_specifications_of_one_kind_keep_their_order() -> None:
     two = (Specification("position.norm", 1.0, 0.5), Specification("position.norm", 1e-6, 0.5))
     found = sample_poses(MODEL, Q, samples=300, specifications=two)
     assert [of.met for of in found.specification_results] == [True, False]
+
+
+def test_everywhere_is_the_count_of_robots_that_keep_the_limit_at_all_poses() -> None:
+    # more robots than a task has, the last task not full
+    samples = 18_000
+    largest = np.zeros((2, samples))
+    for q in Q.T:
+        errors = pp.monte_carlo(MODEL, q, samples=samples, seed=9, keep_samples=True).errors
+        assert errors is not None
+        largest = np.maximum(largest, [np.linalg.norm(errors[:3], axis=0), np.abs(errors[2])])
+    limits = np.quantile(largest, 0.3, axis=1)
+    specifications = [
+        Specification(f"position.{part}", limit, 0.5) for part, limit in zip(("norm", "z"), limits, strict=True)
+    ]
+    kept = largest <= limits[:, None]
+    found = sample_poses(MODEL, Q, samples=samples, seed=9, specifications=specifications, everywhere=True, threads=2)
+    assert found.kept_everywhere == tuple(kept.sum(axis=1))
+    alone = sample_poses(MODEL, Q, samples=samples, seed=9, specifications=specifications, everywhere=True, threads=1)
+    assert alone.to_json() == found.to_json()
+    entry = json.loads(found.to_json())["spec"][0]["everywhere"]
+    assert entry["probability"] == kept[0].mean()
+
+
+def offsets(scope: Scope) -> ErrorModel:
+    """Return the paper's arm with one normal offset of its first joint."""
+    source = JointOffset(joint=MODEL.chain.joint_names[0], offset="turn")
+    return ErrorModel(MODEL.chain, Space((Draw("turn", Normal(1e-3), scope),)), [source])
+
+
+def test_at_equal_poses_robots_keep_it_at_all_or_none_if_drawn_once_and_independently_if_drawn_anew() -> None:
+    same = np.repeat(Q[:, :1], 3, axis=1)
+    for scope, power in ((Scope.UNIT, 1), (Scope.POSE, 3)):
+        # the turn about its axis is inside a standard deviation for 68.27 % of the draws
+        found = sample_poses(
+            offsets(scope), same, samples=40_000, specifications=["attitude 1 mrad @ 50 %"], everywhere=True
+        )
+        of_all = found.specification_results[0].everywhere
+        assert of_all is not None
+        expected = (2 * stats.norm.cdf(1) - 1) ** power
+        assert abs(of_all.probability - expected) < 4.5 * np.sqrt(expected * (1 - expected) / 40_000)
+        if scope is Scope.UNIT:
+            assert of_all.probability == found.probability[0, 0]
+            assert found.met
+        else:
+            # met at every pose, but not by enough robots at all of them
+            assert all(result.met for result in found.specification_results[0].results)
+            assert found.specification_results[0].verdict == "not met"
+            assert not found.met

@@ -61,6 +61,9 @@ class _Arm(ChainOptions, PoseOptions):
 @model_option
 @spec_option
 @click.option(
+    "--spec-everywhere", is_flag=True, help="Of several poses: a robot is inside only if it is at all of them."
+)
+@click.option(
     "--until", multiple=True, metavar='"95 % to 0.01 mm"', help="Sample until the result is so precise; repeats."
 )
 @click.option("--threads", type=int, metavar="N", help="How many threads sample; all cores if left out.")
@@ -77,6 +80,7 @@ def command(
     seed: int,
     model: Literal["exact", "linear"],
     specs: tuple[str, ...],
+    spec_everywhere: bool,
     until: tuple[str, ...],
     threads: int | None,
     processes: int | None,
@@ -108,6 +112,8 @@ def command(
     check_seed(seed)
     specifications = [specification(text) for text in specs]
     _check_together({"--threads": threads, "--processes": processes, "--dask": dask})
+    if spec_everywhere and not specs:
+        raise click.UsageError("--spec-everywhere needs a --spec")
     if resume and journal is None:
         raise click.UsageError("--resume needs the run's --journal FILE")
     check_poses(arm)
@@ -123,7 +129,7 @@ def command(
     if len(poses) > 1:
         at_one = {"--until": bool(until), "--processes": processes, "--dask": dask, "--journal": journal}
         refuse_of_one_pose([option for option, value in at_one.items() if value], len(poses))
-        job = PosesJob(samples, seed, model, tuple(specifications), threads, json_path, out)
+        job = PosesJob(samples, seed, model, tuple(specifications), spec_everywhere, threads, json_path, out)
         return analyze_poses(error_model, sheet, poses, job)
     where = poses[0].where
     compile_sampler(error_model.space, model)

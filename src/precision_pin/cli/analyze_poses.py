@@ -39,6 +39,7 @@ class PosesJob:
     seed: int
     model: Literal["exact", "linear"]
     specifications: tuple[Specification, ...]
+    everywhere: bool
     threads: int | None
     json_path: str | None
     out: str | None
@@ -65,10 +66,12 @@ def analyze_poses(error_model: ErrorModel, sheet: Sheet, poses: Sequence[AskedPo
     from precision_pin.sampling.many_poses import sample_poses
 
     compile_sampler(error_model.space, job.model)
-    with progress_bar(job.samples * len(poses), "sampling") as progress, unwinding():
+    passes = 2 if job.everywhere else 1
+    with progress_bar(passes * job.samples * len(poses), "sampling") as progress, unwinding():
         result = sample_poses(
             error_model, [pose.where for pose in poses], samples=job.samples, seed=job.seed, model=job.model,
-            specifications=job.specifications, findings=sheet.findings, threads=job.threads, progress=progress,
+            specifications=job.specifications, everywhere=job.everywhere,
+            findings=sheet.findings, threads=job.threads, progress=progress,
         )  # fmt: skip
         raise_if_interrupted()
     result = replace(result, names=tuple(pose.name for pose in poses))

@@ -21,7 +21,7 @@ from precision_pin.inputs.arrays import fix_fields
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.sampling.pose_verdicts import PosesSpecification
 from precision_pin.sampling.versions import versions
-from precision_pin.statistics import COMPONENTS, NORMS, QUANTITIES, Specification, SpecificationResult
+from precision_pin.statistics import COMPONENTS, NORMS, QUANTITIES, Specification, SpecificationResult, clopper_pearson
 from precision_pin.statistics.summary import NO_SPREAD
 from precision_pin.typing import Array
 
@@ -75,6 +75,8 @@ class PosesResult(JsonResult):
         What was counted.
     probability, probability_interval
         ``(S, P)`` and ``(S, 2, P)``: share of the samples inside, and its Clopper-Pearson interval.
+    kept_everywhere
+        How many robots keep each specification at all poses; ``None`` where that was not asked.
     warnings
         One line each: the findings, then what was found besides.
     findings
@@ -108,6 +110,7 @@ class PosesResult(JsonResult):
     probability: Array
     probability_interval: Array
     error_model: ErrorModel = field(repr=False)
+    kept_everywhere: tuple[int, ...] | None = None
     warnings: tuple[str, ...] = ()
     findings: tuple[Finding, ...] = ()
     versions: Mapping[str, str] = field(default_factory=versions, init=False)
@@ -128,7 +131,7 @@ class PosesResult(JsonResult):
 
     @property
     def met(self) -> bool:
-        """Whether every specification is met at every pose; true where there is none."""
+        """Whether every specification is met, at every pose and, where asked, by one robot at all; true without any."""
         return all(result.met for result in self.specification_results)
 
     @property
@@ -166,8 +169,18 @@ class PosesResult(JsonResult):
                 ),
                 labels,
                 tuple(self.norm_mean[int(spec.quantity.startswith("attitude"))].tolist()),
+                None if self.kept_everywhere is None else self._everywhere(rank, bool(varying[spec.row].any())),
             )
             for rank, spec in enumerate(self.specifications)
+        )
+
+    def _everywhere(self, rank: int, varies: bool) -> SpecificationResult:
+        """Return the share of robots that keep a specification at all poses."""
+        assert self.kept_everywhere is not None
+        spec, kept = self.specifications[rank], self.kept_everywhere[rank]
+        interval = clopper_pearson(kept, self.samples, self.confidence)
+        return SpecificationResult(
+            spec.quantity, spec.limit, spec.required, kept / self.samples, interval, varies=varies
         )
 
     def _varying(self) -> NDArray[np.bool_]:

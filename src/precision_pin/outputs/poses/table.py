@@ -49,14 +49,19 @@ def _verdict(specification: PosesSpecification) -> str:
     worst = specification.results[specification.worst]
     label = shown(specification.labels[specification.worst])
     demand = f"spec {demanded(worst)} at every pose: {specification.verdict.upper()}"
-    if specification.verdict == "nothing to judge":
+    if specification.verdict == "nothing to judge" and worst.verdict == specification.verdict:
         return f"{demand} - pose {label}: {NOTHING_VARIES}"
     share, low, high = format_share(worst.probability, worst.interval, worst.required)
     kept = sum(result.met for result in specification.results)
+    together = ""
+    if specification.everywhere is not None:
+        of_all = specification.everywhere
+        kept_share, *ends = format_share(of_all.probability, of_all.interval, of_all.required)
+        together = f"; {kept_share} % of robots keep it at all poses, interval {ends[0]} to {ends[1]} %"
     more = ": more samples decide it" if specification.verdict == "undecided" else ""
     return (
         f"{demand} - worst pose {label}, {share} % inside, interval {low} to {high} %; "
-        f"met at {kept:,} of {len(specification.results):,} poses{more}"
+        f"met at {kept:,} of {len(specification.results):,} poses{together}{more}"
     )
 
 
