@@ -90,7 +90,7 @@ def test_what_is_for_one_pose_is_refused_with_several(run, new_files, option, va
     assert new_files() == set()
 
 
-@pytest.mark.parametrize("command", ["analyze", "budget", "view"])
+@pytest.mark.parametrize("command", ["analyze", "budget", "view", "report --out page.html"])
 @pytest.mark.parametrize(
     ("one", "other"),
     [
@@ -100,14 +100,18 @@ def test_what_is_for_one_pose_is_refused_with_several(run, new_files, option, va
     ],
 )
 def test_two_ways_at_once_are_refused(run, command, one, other):
-    refused = run(command, SHEET, *one, *other)
+    refused = run(*command.split(), SHEET, *one, *other)
     assert refused.code == 2
     assert f"{one[0]} and {other[0]} exclude each other" in refused.err
 
 
-def test_a_trajectory_is_not_written_over(run, folder):
+def test_a_trajectory_is_not_written_over_nor_longer_than_a_report(run, folder):
     text = f"y_axis,{LONG}\n0,0\n0.1,0\n"
     (folder / "way.csv").write_text(text)
+    rows = text + "0.1,0\n" * 12
+    (folder / "long.csv").write_text(rows)
+    refused = run("report", SHEET, "--trajectory", "long.csv", "--out", "page.html")
+    assert (refused.code, len(refused.said)) == (2, 1)
     for command in ("analyze", "budget"):
         refused = run(command, SHEET, "--trajectory", "way.csv", "--json", "way.csv")
         assert (refused.code, (folder / "way.csv").read_text()) == (2, text)

@@ -16,7 +16,6 @@ if TYPE_CHECKING:
     pass
 
 __all__ = [
-    "ArmOptions",
     "ChainOptions",
     "Command",
     "OnePoseOptions",
@@ -28,7 +27,6 @@ __all__ = [
     "model_option",
     "one_pose_options",
     "pose_options",
-    "q_option",
     "seed_option",
     "spec_option",
 ]
@@ -114,12 +112,6 @@ class ChainOptions(TypedDict):
     package_dirs: tuple[str, ...]
 
 
-class ArmOptions(ChainOptions):
-    """Of which arm with which joint values: with :data:`q_option`."""
-
-    q: str | None
-
-
 class PoseOptions(TypedDict):
     """At which poses: :func:`pose_options`."""
 
@@ -129,15 +121,15 @@ class PoseOptions(TypedDict):
     trajectory: str | None
 
 
-class OnePoseOptions(ArmOptions):
+class OnePoseOptions(ChainOptions):
     """Of which arm at which pose: :func:`one_pose_options`."""
 
     pose: str | None
+    q: str | None
 
 
 _Q_HELP: Final = 'Joint values: "-90 3 88 -91 deg", "0.1 m, 10 deg" or "joint1: 10 deg, …".'
 inputs_argument: Final = click.argument("inputs", nargs=-1, metavar="[ROBOT.urdf] [SHEET.yaml]")
-q_option: Final = click.option("--q", metavar="VALUES", help=_Q_HELP)
 seed_option: Final = click.option("--seed", type=int, default=0, show_default=True, metavar="S", help="64-bit seed.")
 model_option: Final = click.option(
     "--model",
@@ -176,7 +168,8 @@ def pose_options(command: Decorated) -> Decorated:
 def one_pose_options(command: Decorated) -> Decorated:
     """Add the options of :class:`OnePoseOptions`."""
     pose = click.option("--pose", metavar="NAME", help="One of the sheet's poses; the first if left out.")
-    for option in (quiet_option, all_warnings_option, chain_options, q_option, pose, inputs_argument):
+    q = click.option("--q", metavar="VALUES", help=_Q_HELP)
+    for option in (quiet_option, all_warnings_option, chain_options, q, pose, inputs_argument):
         command = option(command)
     return command
 
