@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Final, final
+from typing import Any, final
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -19,8 +19,6 @@ __all__ = ["Pose", "PoseLabel", "Poses", "Provenance", "listed_poses"]
 
 Pose = ArrayLike | Mapping[str, float] | str | None
 """Name of a pose, or joint values in chain order or by name; ``None`` for the model's first pose."""
-
-MOST_POSES: Final = 10_000
 
 
 @final
@@ -125,8 +123,8 @@ def listed_poses(poses: Poses, q: Poses = None, pose: Poses = None) -> list[Pose
     Raises
     ------
     InputError
-        More than one argument is given; the list is empty or has more than 10,000 poses; or the poses are in an array, where
-        rows and columns cannot be distinguished.
+        More than one argument is given; the list is empty; or the poses are in an array, where rows and columns cannot be
+        distinguished.
     """
     given = {name: value for name, value in (("poses", poses), ("q", q), ("pose", pose)) if value is not None}
     if len(given) > 1:
@@ -142,8 +140,6 @@ def listed_poses(poses: Poses, q: Poses = None, pose: Poses = None) -> list[Pose
     several: list[Pose] = (
         list(poses) if isinstance(poses, list | tuple | np.ndarray) and not is_row else [poses]  # type: ignore[list-item]
     )
-    if not 0 < len(several) <= MOST_POSES:
-        raise InputError(
-            f"{len(several)} poses are given; give 1 to {MOST_POSES:,}, or none for the model's first pose"
-        )
+    if not several:
+        raise InputError("0 poses are given; give at least one, or none for the model's first pose")
     return several

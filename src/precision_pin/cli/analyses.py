@@ -11,15 +11,23 @@ import click
 
 from precision_pin.analyses.declaration import Declaration, Option, load
 from precision_pin.cli import EXIT_SPEC
-from precision_pin.cli.inputs import chosen_pose, read_sheet
+from precision_pin.cli.inputs import read_sheet
 from precision_pin.cli.notes import all_warnings_option, echo_note, quiet_option
-from precision_pin.cli.options import ArmOptions, SamplingCommand, chain_options, inputs_argument, q_option, seed_option
+from precision_pin.cli.options import (
+    ChainOptions,
+    PoseOptions,
+    SamplingCommand,
+    chain_options,
+    inputs_argument,
+    pose_options,
+    seed_option,
+)
+from precision_pin.cli.poses import check_poses, read_poses
 from precision_pin.cli.progress import compile_sampler, progress_bar
 from precision_pin.cli.streams import echo_data, say
 from precision_pin.cli.targets import Outputs
 from precision_pin.cli.terminal import echo_table
 from precision_pin.display.files import whole_folder, write_text
-from precision_pin.errors import Finding, InputError
 
 if TYPE_CHECKING:
     from precision_pin.analyses.result import Result
@@ -33,10 +41,9 @@ _INPUTS: Final = "Without arguments: the paper's arm and sheet, from inside the 
 Decorated = TypeVar("Decorated", bound=Callable[..., Any])
 
 
-class _Shared(ArmOptions):
+class _Shared(ChainOptions, PoseOptions):
     """The options that every analysis command takes."""
 
-    pose_names: tuple[str, ...]
     seed: int
     json_path: str | None
     out: str | None
@@ -71,8 +78,7 @@ def _shared_options(command: Decorated) -> Decorated:
         click.option("--json", "json_path", metavar="FILE", help="Write the result as JSON; - prints it alone."),
         seed_option,
         chain_options,
-        q_option,
-        click.option("--pose", "pose_names", multiple=True, metavar="NAME", help="One of the sheet's poses; repeats."),
+        pose_options,
         inputs_argument,
     ):
         command = option(command)
@@ -98,12 +104,12 @@ def _ask(shared: _Shared, name: str) -> _Question:
     from precision_pin.model.error_model import ErrorModel
 
     check_seed(shared["seed"])
-    if shared["pose_names"] and shared["q"] is not None:
-        raise InputError([Finding("error", "E_USAGE", "--pose and --q exclude each other")])
+    check_poses(shared)
     outputs = Outputs({"--json": shared["json_path"]}, shared["out"], (f"{name}.*", f"{name}-*"))
     outputs.check()
+    outputs.refuse_inputs([] if shared["trajectory"] is None else [shared["trajectory"]])
     sheet = read_sheet(shared["inputs"], shared["tip"], shared["base"], shared["package_dirs"], outputs)
-    poses = [chosen_pose(sheet, name, shared["q"]) for name in shared["pose_names"] or (None,)]
+    poses = [pose.where for pose in read_poses(sheet, shared)]
     return _Question(sheet, ErrorModel.from_sheet(sheet), poses)
 
 

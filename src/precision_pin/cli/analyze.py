@@ -9,16 +9,22 @@ from typing import TYPE_CHECKING, Literal, Unpack
 import click
 
 from precision_pin.cli import EXIT_SPEC
-from precision_pin.cli.inputs import chosen_pose, read_sheet
-from precision_pin.cli.notes import echo_note
+from precision_pin.cli.analyze_poses import FILES as FILES_OF_POSES
+from precision_pin.cli.analyze_poses import PosesJob, analyze_poses, refuse_of_one_pose
+from precision_pin.cli.inputs import read_sheet
+from precision_pin.cli.notes import all_warnings_option, echo_note, quiet_option
 from precision_pin.cli.options import (
-    OnePoseOptions,
+    ChainOptions,
+    PoseOptions,
     SamplingCommand,
+    chain_options,
+    inputs_argument,
     model_option,
-    one_pose_options,
+    pose_options,
     seed_option,
     spec_option,
 )
+from precision_pin.cli.poses import check_poses, read_poses
 from precision_pin.cli.progress import compile_sampler, progress_bar
 from precision_pin.cli.streams import echo_data, say
 from precision_pin.cli.targets import Outputs
@@ -38,14 +44,25 @@ MOST_UNTIL = 10**9
 """The most samples until a result is precise enough, where no number is given."""
 
 
+class _Arm(ChainOptions, PoseOptions):
+    """Of which arm at which poses."""
+
+
 @click.command("analyze", cls=SamplingCommand)
-@one_pose_options
+@inputs_argument
+@pose_options
+@chain_options
+@all_warnings_option
+@quiet_option
 @click.option(
     "--samples", type=int, metavar="N", help="How many built robots, 100,000 if left out; with --until at most, 1e9."
 )
 @seed_option
 @model_option
 @spec_option
+@click.option(
+    "--spec-everywhere", is_flag=True, help="Of several poses: a robot is inside only if it is at all of them."
+)
 @click.option(
     "--until", multiple=True, metavar='"95 % to 0.01 mm"', help="Sample until the result is so precise; repeats."
 )
@@ -63,6 +80,7 @@ def command(
     seed: int,
     model: Literal["exact", "linear"],
     specs: tuple[str, ...],
+    spec_everywhere: bool,
     until: tuple[str, ...],
     threads: int | None,
     processes: int | None,
@@ -71,9 +89,11 @@ def command(
     resume: bool,
     json_path: str | None,
     out: str | None,
-    **arm: Unpack[OnePoseOptions],
+    **arm: Unpack[_Arm],
 ) -> int:
-    """Sample the pose error of an arm at a pose.
+    """Sample the pose error of an arm at a pose, or of the same robots at several.
+
+    At several poses a specification is met only if it is met at every one.
 
     Without arguments: the paper's arm and sheet, from inside the package. ROBOT may be example:NAME. The result does not
     depend on what samples it: threads, processes or a cluster, at one go or resumed.
@@ -92,13 +112,26 @@ def command(
     check_seed(seed)
     specifications = [specification(text) for text in specs]
     _check_together({"--threads": threads, "--processes": processes, "--dask": dask})
+    if spec_everywhere and not specs:
+        raise click.UsageError("--spec-everywhere needs a --spec")
     if resume and journal is None:
         raise click.UsageError("--resume needs the run's --journal FILE")
-    outputs = Outputs({"--journal": journal, "--json": json_path}, out, FILES)
+    check_poses(arm)
+    may_be_several = arm["all_poses"] or arm["trajectory"] or max(len(arm["pose_names"]), len(arm["qs"])) > 1
+    outputs = Outputs(
+        {"--journal": journal, "--json": json_path}, out, (*FILES, *(FILES_OF_POSES if may_be_several else ()))
+    )
     outputs.check()
+    outputs.refuse_inputs([] if arm["trajectory"] is None else [arm["trajectory"]])
     sheet = read_sheet(arm["inputs"], arm["tip"], arm["base"], arm["package_dirs"], outputs)
     error_model = ErrorModel.from_sheet(sheet)
-    where = chosen_pose(sheet, arm["pose"], arm["q"])
+    poses = read_poses(sheet, arm)
+    if len(poses) > 1:
+        at_one = {"--until": bool(until), "--processes": processes, "--dask": dask, "--journal": journal}
+        refuse_of_one_pose([option for option, value in at_one.items() if value], len(poses))
+        job = PosesJob(samples, seed, model, tuple(specifications), spec_everywhere, threads, json_path, out)
+        return analyze_poses(error_model, sheet, poses, job)
+    where = poses[0].where
     compile_sampler(error_model.space, model)
     with ExitStack() as stack:
         executor, under_way = (None, None) if dask is None else stack.enter_context(dask_cluster(dask))

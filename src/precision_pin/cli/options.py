@@ -16,16 +16,17 @@ if TYPE_CHECKING:
     pass
 
 __all__ = [
-    "ArmOptions",
+    "ChainOptions",
     "Command",
     "OnePoseOptions",
+    "PoseOptions",
     "SamplingCommand",
     "chain_options",
     "describe_excess",
     "inputs_argument",
     "model_option",
     "one_pose_options",
-    "q_option",
+    "pose_options",
     "seed_option",
     "spec_option",
 ]
@@ -104,26 +105,33 @@ def chain_options(command: Decorated) -> Decorated:
     return command
 
 
-class ArmOptions(TypedDict):
-    """Of which arm: :data:`inputs_argument`, :data:`q_option` and :func:`chain_options`."""
+class ChainOptions(TypedDict):
+    """Of which chain of which robot: :data:`inputs_argument` and :func:`chain_options`."""
 
     inputs: tuple[str, ...]
-    q: str | None
     tip: str | None
     base: str | None
     package_dirs: tuple[str, ...]
 
 
-class OnePoseOptions(ArmOptions):
+class PoseOptions(TypedDict):
+    """At which poses: :func:`pose_options`."""
+
+    pose_names: tuple[str, ...]
+    all_poses: bool
+    qs: tuple[str, ...]
+    trajectory: str | None
+
+
+class OnePoseOptions(ChainOptions):
     """Of which arm at which pose: :func:`one_pose_options`."""
 
     pose: str | None
+    q: str | None
 
 
+_Q_HELP: Final = 'Joint values: "-90 3 88 -91 deg", "0.1 m, 10 deg" or "joint1: 10 deg, …".'
 inputs_argument: Final = click.argument("inputs", nargs=-1, metavar="[ROBOT.urdf] [SHEET.yaml]")
-q_option: Final = click.option(
-    "--q", metavar="VALUES", help='Joint values: "-90 3 88 -91 deg", "0.1 m, 10 deg" or "joint1: 10 deg, …".'
-)
 seed_option: Final = click.option("--seed", type=int, default=0, show_default=True, metavar="S", help="64-bit seed.")
 model_option: Final = click.option(
     "--model",
@@ -137,10 +145,33 @@ spec_option: Final = click.option(
 )
 
 
+def pose_options(command: Decorated) -> Decorated:
+    """Add the options of :class:`PoseOptions`, which :func:`precision_pin.cli.poses.read_poses` turns into poses."""
+    for option in (
+        click.option(
+            "--trajectory",
+            metavar="FILE.csv",
+            help="Poses: a row of joint names, rows of rad or m; first column t (s).",
+        ),
+        click.option("--q", "qs", multiple=True, metavar="VALUES", help=f"{_Q_HELP[:-1]}; repeats."),
+        click.option("--all-poses", is_flag=True, help="All of the sheet's poses."),
+        click.option(
+            "--pose",
+            "pose_names",
+            multiple=True,
+            metavar="NAME",
+            help="One of the sheet's poses, the first if left out; repeats.",
+        ),
+    ):
+        command = option(command)
+    return command
+
+
 def one_pose_options(command: Decorated) -> Decorated:
     """Add the options of :class:`OnePoseOptions`."""
     pose = click.option("--pose", metavar="NAME", help="One of the sheet's poses; the first if left out.")
-    for option in (quiet_option, all_warnings_option, chain_options, q_option, pose, inputs_argument):
+    q = click.option("--q", metavar="VALUES", help=_Q_HELP)
+    for option in (quiet_option, all_warnings_option, chain_options, q, pose, inputs_argument):
         command = option(command)
     return command
 

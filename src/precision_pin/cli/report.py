@@ -3,29 +3,31 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, Final, Literal, Unpack, final
 
 import click
 
 from precision_pin.cli import EXIT_SPEC
-from precision_pin.cli.inputs import chosen_pose, read_sheet
+from precision_pin.cli.inputs import read_sheet
 from precision_pin.cli.notes import all_warnings_option, echo_note, quiet_option
 from precision_pin.cli.options import (
-    ArmOptions,
+    ChainOptions,
+    PoseOptions,
     SamplingCommand,
     chain_options,
     inputs_argument,
     model_option,
-    q_option,
+    pose_options,
     seed_option,
     spec_option,
 )
+from precision_pin.cli.poses import check_poses, read_poses
 from precision_pin.cli.progress import compile_sampler, progress_bar
 from precision_pin.cli.streams import say
 from precision_pin.cli.targets import PageOutput
-from precision_pin.errors import Finding, InputError
+from precision_pin.errors import InputError
 
 if TYPE_CHECKING:
     from precision_pin.sampling import Progress
@@ -37,17 +39,13 @@ MOST_POSES: Final = 12
 """The most poses of one page, each with all its analyses."""
 
 
+class _Arm(ChainOptions, PoseOptions):
+    """Of which arm at which poses."""
+
+
 @click.command("report", cls=SamplingCommand)
 @inputs_argument
-@click.option(
-    "--pose",
-    "pose_names",
-    multiple=True,
-    metavar="NAME",
-    help="One of the sheet's poses, the first if left out; repeats.",
-)
-@click.option("--all-poses", is_flag=True, help="All of the sheet's poses.")
-@q_option
+@pose_options
 @chain_options
 @all_warnings_option
 @quiet_option
@@ -57,14 +55,12 @@ MOST_POSES: Final = 12
 @spec_option
 @click.option("--out", required=True, metavar="FILE.html", help="The page to write; report.html in a folder.")
 def command(
-    pose_names: tuple[str, ...],
-    all_poses: bool,
     samples: int,
     seed: int,
     model: Literal["exact", "linear"],
     specs: tuple[str, ...],
     out: str,
-    **arm: Unpack[ArmOptions],
+    **arm: Unpack[_Arm],
 ) -> int:
     """Write one self-contained page: verdict, distributions, budget, worst case, exact law, 3-D view.
 
@@ -78,12 +74,14 @@ def command(
     check_samples(samples)
     check_seed(seed)
     specifications = [specification(text) for text in specs]
-    _refuse_together(pose_names, all_poses, arm["q"])
+    check_poses(arm)
+    trajectory = arm["trajectory"]
     target = PageOutput(out, "report.html")
     target.check()
+    target.outputs.refuse_inputs([] if trajectory is None else [trajectory])
     package_dirs = arm["package_dirs"]
     sheet = read_sheet(arm["inputs"], arm["tip"], arm["base"], package_dirs, target.outputs)
-    poses = _choose_poses(sheet, pose_names, all_poses, arm["q"])
+    poses = _choose_poses(sheet, arm)
     from precision_pin.model.error_model import ErrorModel
     from precision_pin.outputs.report.collect import collect_poses, count_steps
     from precision_pin.outputs.report.page import page
@@ -91,14 +89,15 @@ def command(
     space = ErrorModel.from_sheet(sheet).space
     compile_sampler(space)
     compile_sampler(space, model)
-    options: dict[str, tuple[str | None, ...]] = {"--pose": pose_names, "--q": (arm["q"],)}
+    options: dict[str, tuple[str | None, ...]] = {"--pose": arm["pose_names"], "--q": arm["qs"]}
+    options |= {"--trajectory": (None if trajectory is None else _name(trajectory),)}
     options |= {"--tip": (arm["tip"],), "--base": (arm["base"],)}
     options |= {"--package-dir": tuple(map(_name, package_dirs)), "--samples": (str(samples),), "--seed": (str(seed),)}
     options |= {"--model": (model,), "--spec": specs, "--out": ("report.html",)}
     given = [
         word for option, values in options.items() for value in values if value is not None for word in (option, value)
     ]
-    given += ["--all-poses"] if all_poses else []
+    given += ["--all-poses"] if arm["all_poses"] else []
     step = _Steps(count_steps(specifications, len(poses)))
     found = collect_poses(
         sheet,
@@ -120,24 +119,12 @@ def command(
     return 0 if all(result.met for one in found for result in one.analysis.summary.specifications) else EXIT_SPEC
 
 
-def _refuse_together(names: Sequence[str], all_poses: bool, q: str | None) -> None:
-    asked = {"--pose": bool(names), "--all-poses": all_poses, "--q": q is not None}
-    given = [option for option, is_given in asked.items() if is_given]
-    if len(given) > 1:
-        raise InputError([Finding("error", "E_USAGE", f"{given[0]} and {given[1]} exclude each other")])
-
-
-def _choose_poses(sheet: Sheet, names: Sequence[str], all_poses: bool, q: str | None) -> list[Any]:
-    if all_poses and not sheet.poses:
-        raise InputError([Finding("error", "E_POSE", "the sheet has no poses", sheet.file)])
-    if q is not None:
-        return [chosen_pose(sheet, None, q)]
-    wanted: Sequence[str | None] = list(sheet.poses) if all_poses else list(dict.fromkeys(names)) or [None]
-    if len(wanted) > MOST_POSES:
-        raise InputError(
-            f"{len(wanted)} poses; a report shows at most {MOST_POSES}: name them by --pose; trajectory takes any number"
-        )
-    return [chosen_pose(sheet, name, None) for name in wanted]
+def _choose_poses(sheet: Sheet, arm: PoseOptions) -> list[Any]:
+    once: PoseOptions = {**arm, "pose_names": tuple(dict.fromkeys(arm["pose_names"]))}
+    poses = read_poses(sheet, once, MOST_POSES)
+    if len(poses) > MOST_POSES:
+        raise InputError(f"{len(poses)} poses; a report shows at most {MOST_POSES}; analyze takes any number")
+    return [pose.where for pose in poses]
 
 
 @final

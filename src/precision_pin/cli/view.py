@@ -4,25 +4,27 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, Unpack, final
+from typing import TYPE_CHECKING, Any, Literal, Unpack
 
 import click
 
 from precision_pin.cli import EXIT_SPEC
-from precision_pin.cli.inputs import chosen_pose, echo_findings, read_sheet
+from precision_pin.cli.inputs import echo_findings, read_sheet
 from precision_pin.cli.notes import all_warnings_option, echo_note, quiet_option
 from precision_pin.cli.options import (
-    ArmOptions,
+    ChainOptions,
+    PoseOptions,
     SamplingCommand,
     chain_options,
     inputs_argument,
     model_option,
-    q_option,
+    pose_options,
     seed_option,
     spec_option,
 )
+from precision_pin.cli.poses import AskedPose, check_poses, read_poses
 from precision_pin.cli.progress import compile_sampler, progress_bar
 from precision_pin.cli.targets import PageOutput
 from precision_pin.errors import Finding, InputError
@@ -42,20 +44,13 @@ CHUNK = 2**14
 """Samples between two steps of the progress."""
 
 
+class _Arm(ChainOptions, PoseOptions):
+    """Of which arm at which poses."""
+
+
 @click.command("view", cls=SamplingCommand)
 @inputs_argument
-@click.option(
-    "--pose",
-    "pose_names",
-    multiple=True,
-    metavar="NAME",
-    help="One of the sheet's poses, the first if left out; repeats.",
-)
-@click.option("--all-poses", is_flag=True, help="All of the sheet's poses.")
-@q_option
-@click.option(
-    "--trajectory", metavar="FILE.csv", help="Poses: a row of joint names, rows of rad or m; first column t (s)."
-)
+@pose_options
 @chain_options
 @click.option("--samples", type=int, default=5_000, show_default=True, metavar="N", help="How many to show at a pose.")
 @seed_option
@@ -72,9 +67,6 @@ CHUNK = 2**14
 @all_warnings_option
 @quiet_option
 def command(
-    pose_names: tuple[str, ...],
-    all_poses: bool,
-    trajectory: str | None,
     samples: int,
     seed: int,
     model: Literal["exact", "linear"],
@@ -83,7 +75,7 @@ def command(
     out: str | None,
     port: int | None,
     no_browser: bool,
-    **arm: Unpack[ArmOptions],
+    **arm: Unpack[_Arm],
 ) -> int:
     """Show the arm and its sampled errors in 3-D, in a page that needs no network.
 
@@ -101,15 +93,8 @@ def command(
     check_seed(seed)
     if samples > MOST_POINTS:
         raise InputError(f"--samples {samples} is more than a page can show; at most {MOST_POINTS}")
-    chosen = {
-        "--pose": bool(pose_names),
-        "--all-poses": all_poses,
-        "--q": arm["q"] is not None,
-        "--trajectory": trajectory,
-    }
-    given = [option for option, is_given in chosen.items() if is_given]
-    if len(given) > 1:
-        raise InputError([Finding("error", "E_USAGE", f"{given[0]} and {given[1]} exclude each other")])
+    check_poses(arm)
+    trajectory = arm["trajectory"]
     if out is not None and (port is not None or no_browser):
         option = "--no-browser" if port is None else "--port"
         raise InputError([Finding("error", "E_USAGE", f"{option} is for a page that is served, without --out")])
@@ -125,9 +110,7 @@ def command(
         return read_sheet(arm["inputs"], arm["tip"], arm["base"], arm["package_dirs"], outputs)
 
     def page_of(sheet: Sheet) -> str:
-        shown, remarks = _sampled(
-            _poses(sheet, pose_names, all_poses, arm["q"], trajectory), sheet, samples, seed, model
-        )
+        shown, remarks = _sampled(_poses(sheet, arm), sheet, samples, seed, model)
         kept.append(limits_kept(shown, specifications))
         return page(
             shown,
@@ -153,35 +136,17 @@ def command(
     return 0 if all(kept) else EXIT_SPEC
 
 
-@final
-@dataclass(frozen=True)
-class _Pose:
-    """A requested pose, as :meth:`precision_pin.model.error_model.ErrorModel.at` takes it, and its name."""
-
-    where: str | NDArray[np.float64] | None
-    name: str | None
-
-
-def _poses(sheet: Sheet, names: Sequence[str], all_poses: bool, q: str | None, trajectory: str | None) -> list[_Pose]:
+def _poses(sheet: Sheet, arm: PoseOptions) -> list[AskedPose]:
     from precision_pin.outputs.view import MOST_POSES
 
-    if trajectory is not None:
-        from precision_pin.cli.trajectory import read_trajectory
-
-        way = read_trajectory(trajectory, sheet.chain, MOST_POSES)
-        return [_Pose(values, name) for values, name in zip(way.values, way.names, strict=True)]
-    if all_poses and not sheet.poses:
-        raise InputError([Finding("error", "E_POSE", "the sheet has no poses", sheet.file)])
-    wanted: Sequence[str | None] = list(sheet.poses) if all_poses else names or [None]
-    if len(wanted) > MOST_POSES:
-        raise InputError(f"{len(wanted)} poses; a page shows at most {MOST_POSES}")
-    if q is not None:
-        return [_Pose(chosen_pose(sheet, None, q), None)]
-    return [_Pose(chosen_pose(sheet, name, None), name or next(iter(sheet.poses))) for name in wanted]
+    poses = read_poses(sheet, arm, MOST_POSES)
+    if len(poses) > MOST_POSES:
+        raise InputError(f"{len(poses)} poses; a page shows at most {MOST_POSES}")
+    return poses
 
 
 def _sampled(
-    poses: Sequence[_Pose], sheet: Sheet, samples: int, seed: int, model: Literal["exact", "linear"]
+    poses: Sequence[AskedPose], sheet: Sheet, samples: int, seed: int, model: Literal["exact", "linear"]
 ) -> tuple[list[ViewPose], list[str]]:
     """Return the errors of the same robots at every pose, and the shares that rest on assumptions; print warnings."""
     from precision_pin.display.tables import resting_on
@@ -198,7 +163,7 @@ def _sampled(
             at = error_model.at(pose.where)
             findings.append((*at.findings(model), *error_model.statics_findings(at)))
             errors = _drawn(sampler.to_arrays(at), model, seed, samples, number, progress)
-            shown.append(ViewPose(at, errors, pose.name, number, error_model.draw_words))
+            shown.append(ViewPose(at, errors, pose.name or None, number, error_model.draw_words))
     echo_findings(_gathered(findings))
     return shown, resting_on(error_model.assumed, len(error_model.sources))
 

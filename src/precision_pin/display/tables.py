@@ -133,15 +133,15 @@ def resting_on(assumed: Sequence[str], sources: int) -> list[str]:
 
 def pose_labels(names: Sequence[str]) -> list[str]:
     """Return a label for each pose, no two alike: its name, or ``pose 1``, ``pose 2``, … where it has none."""
-    labels: list[str] = []
+    labels: dict[str, None] = {}
     for rank, name in enumerate(names, start=1):
         label = plain = name or f"pose {rank}"
         again = 1
         while label in labels:
             again += 1
             label = f"{plain} ({again})"
-        labels.append(label)
-    return labels
+        labels[label] = None
+    return list(labels)
 
 
 # data --------------------------------------------------------------------------------------------

@@ -31,6 +31,7 @@ from precision_pin.kernel.many_poses import MOST_TOGETHER, NormBlocks, norm_edge
 from precision_pin.kernel.pose_arrays import JoinedTables, is_alike
 from precision_pin.model.error_model import ErrorModel, limit_findings
 from precision_pin.sampling import Progress, available_cores, check_progress
+from precision_pin.sampling.everywhere import count_everywhere
 from precision_pin.sampling.poses_result import LEVELS, PosesResult
 from precision_pin.statistics import (
     COMPONENTS,
@@ -71,6 +72,7 @@ def sample_poses(
     seed: int = 0,
     model: Model = "exact",
     specifications: Specifications = (),
+    everywhere: bool = False,
     confidence: float = 0.95,
     findings: Sequence[Finding] = (),
     threads: int | None = None,
@@ -98,6 +100,9 @@ def sample_poses(
         ``"exact"`` evaluates the displaced chain, ``"linear"`` superposes first-order errors (eqs 12-17).
     specifications
         Limits to count against: one or a list, each from :func:`precision_pin.specification` or its text.
+    everywhere
+        Whether a specification is met only if enough robots keep it at all poses, each robot at every one of them; this
+        samples every pose once more.
     confidence
         Confidence of every interval.
     findings
@@ -131,7 +136,7 @@ def sample_poses(
     add(found)
     parts: list[dict[str, Array]] = []
     with ExitStack() as stack:
-        total = count * work.samples
+        total = count * work.samples * (2 if everywhere and work.specifications else 1)
         step = stack.enter_context(progress_bar.progress(total)) if progress is True else progress or _nothing
         pool = ThreadPoolExecutor(threads or available_cores())
         # after a failure or an interrupt the running tasks are awaited; each takes a fraction of a second
@@ -154,6 +159,11 @@ def sample_poses(
                 add_oldest()
         while under_way:
             add_oldest()
+        kept = None
+        if everywhere:
+            kept = count_everywhere(
+                error_model, values, work.specifications, model, work.seed, work.samples, pool, step
+            )
     chain = error_model.chain
     return PosesResult(
         robot=os.path.basename(chain.robot.file),
@@ -169,6 +179,7 @@ def sample_poses(
         confidence=confidence,
         specifications=work.specifications,
         error_model=error_model,
+        kept_everywhere=kept,
         warnings=tuple(dict.fromkeys(map(str, (*known, *found)))),
         findings=known,
         **{name: np.concatenate([part[name] for part in parts], axis=-1) for name in parts[0]},

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
+from importlib import import_module
 from typing import TYPE_CHECKING, Any, ClassVar, Final, final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from precision_pin.display.html import Table, rendered
 from precision_pin.display.stored import JsonResult
@@ -16,13 +19,17 @@ from precision_pin.errors import Finding
 from precision_pin.inputs.arguments import check_name, check_whole
 from precision_pin.inputs.arrays import fix_fields
 from precision_pin.model.error_model import ErrorModel
+from precision_pin.sampling.pose_verdicts import PosesSpecification
 from precision_pin.sampling.versions import versions
-from precision_pin.statistics import COMPONENTS, NORMS, QUANTITIES, Specification
+from precision_pin.statistics import COMPONENTS, NORMS, QUANTITIES, Specification, SpecificationResult, clopper_pearson
+from precision_pin.statistics.summary import NO_SPREAD
 from precision_pin.typing import Array
 
 if TYPE_CHECKING:
     import pandas  # type: ignore[import-untyped]
     import xarray
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 __all__ = ["LEVELS", "PosesResult"]
 
@@ -68,6 +75,8 @@ class PosesResult(JsonResult):
         Specifications whose samples are counted.
     probability, probability_interval
         ``(S, P)`` and ``(S, 2, P)``: share of the samples inside, and its Clopper-Pearson interval.
+    kept_everywhere
+        How many robots keep each specification at all poses; ``None`` where that was not asked.
     warnings
         One line each: the findings, then the warnings of the analysis.
     findings
@@ -101,6 +110,7 @@ class PosesResult(JsonResult):
     probability: Array
     probability_interval: Array
     error_model: ErrorModel = field(repr=False)
+    kept_everywhere: tuple[int, ...] | None = None
     warnings: tuple[str, ...] = ()
     findings: tuple[Finding, ...] = ()
     versions: Mapping[str, str] = field(default_factory=versions, init=False)
@@ -118,6 +128,93 @@ class PosesResult(JsonResult):
         """Standard deviations of the components, ``(6, P)``."""
         result: Array = np.sqrt(np.diagonal(self.covariance).T)
         return result
+
+    @property
+    def met(self) -> bool:
+        """Whether every specification is met, at every pose and, where asked, by one robot at all; true without any."""
+        return all(result.met for result in self.specification_results)
+
+    @property
+    def worst_pose(self) -> int:
+        """Number of the worst pose, from 0.
+
+        Of the first specification that is not met, or of the first if all are; without specifications the pose with the
+        largest 95 % quantile of |d|, or the largest mean where the samples are too few for that.
+        """
+        results = self.specification_results
+        if results:
+            return next((result for result in results if not result.met), results[0]).worst
+        within = self.quantile[LEVELS.index(0.95), 0]
+        return int(np.argmax(self.norm_mean[0] if np.isnan(within).any() else within))
+
+    @cached_property
+    def specification_results(self) -> tuple[PosesSpecification, ...]:
+        """Each specification over all poses, judged at each pose as the result of one pose judges it."""
+        labels, varying = tuple(pose_labels(self.names)), self._varying()
+        return tuple(
+            PosesSpecification(
+                tuple(
+                    SpecificationResult(
+                        spec.quantity,
+                        spec.limit,
+                        spec.required,
+                        float(self.probability[rank, pose]),
+                        (
+                            float(self.probability_interval[rank, 0, pose]),
+                            float(self.probability_interval[rank, 1, pose]),
+                        ),
+                        bool(varying[spec.row, pose]),
+                    )
+                    for pose in range(self.poses)
+                ),
+                labels,
+                tuple(self.norm_mean[int(spec.quantity.startswith("attitude"))].tolist()),
+                None if self.kept_everywhere is None else self._everywhere(rank, bool(varying[spec.row].any())),
+            )
+            for rank, spec in enumerate(self.specifications)
+        )
+
+    def _everywhere(self, rank: int, varies: bool) -> SpecificationResult:
+        """Return the share of robots that keep a specification at all poses."""
+        assert self.kept_everywhere is not None
+        spec, kept = self.specifications[rank], self.kept_everywhere[rank]
+        interval = clopper_pearson(kept, self.samples, self.confidence)
+        return SpecificationResult(
+            spec.quantity, spec.limit, spec.required, kept / self.samples, interval, varies=varies
+        )
+
+    def _varying(self) -> NDArray[np.bool_]:
+        """Return which of the eight quantities vary at each pose, ``(8, P)``: in the samples or, where not, to first order."""
+        components = np.nan_to_num(self.std) > NO_SPREAD
+        specified = [spec.row for spec in self.specifications]
+        alike = np.flatnonzero(~_with_norms(components)[specified].all(axis=0))
+        for pose, at in zip(alike, self.error_model.at_columns(self.q[:, alike]), strict=True):
+            components[:, pose] |= np.sqrt(np.maximum(np.diag(at.covariance), 0.0)) > NO_SPREAD
+        return _with_norms(components)
+
+    def plot(self, quantity: str = "position", *, axes: Axes | None = None) -> Axes | Figure:
+        """Draw the median and the 95 and 99.73 % quantiles over the poses, with the limits that are asked about.
+
+        Parameters
+        ----------
+        quantity
+            ``"position"`` or ``"attitude"``, for |d| or |δ|.
+        axes
+            Axes of matplotlib to draw on; ``None`` makes a figure with title, legend and caption.
+
+        Returns
+        -------
+        Axes | Figure
+            The axes given, or the new figure, which a notebook shows and ``savefig`` writes.
+
+        Raises
+        ------
+        UnknownNameError
+            Another quantity.
+        """
+        # plots rest on results, not results on plots
+        drawn: Axes | Figure = import_module("precision_pin.outputs.poses.figure").plot(self, quantity, axes)
+        return drawn
 
     def between(self, one: int, other: int) -> Array:
         """Return the covariance ``(6, 6)`` between a robot's errors at two poses, in closed form from the tangent model.
@@ -162,10 +259,7 @@ class PosesResult(JsonResult):
         norms |= {name: getattr(self, name) for name in ("quantile", "quantile_interval", "quantile_resolution")}
         return self._head() | {
             "levels": list(LEVELS),
-            "spec": [
-                {"quantity": spec.quantity, "limit": spec.limit, "required": spec.required}
-                for spec in self.specifications
-            ],
+            "spec": [result.to_dict() for result in self.specification_results],
             "poses": [
                 {
                     "pose": {"name": name, "q": dict(zip(self.joints, self.q[:, pose].tolist(), strict=True))},
@@ -298,3 +392,11 @@ def _to_lists(values: Array) -> Any:
     known = values.astype(object)
     known[~np.isfinite(values)] = None
     return known.tolist()
+
+
+def _with_norms(components: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return which of the eight quantities vary, ``(8, P)``, where these components do: a norm where one of its three does."""
+    varying = np.zeros((8, components.shape[1]), dtype=np.bool_)
+    varying[list(COMPONENTS)] = components
+    varying[list(NORMS)] = components.reshape(2, 3, -1).any(axis=1)
+    return varying

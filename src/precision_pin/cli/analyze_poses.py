@@ -1,0 +1,99 @@
+"""``precision-pin analyze`` at several poses: the same robots at all of them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Final, Literal, final
+
+import click
+
+from precision_pin.cli import EXIT_SPEC
+from precision_pin.cli.notes import echo_note
+from precision_pin.cli.poses import AskedPose
+from precision_pin.cli.progress import compile_sampler, progress_bar
+from precision_pin.cli.streams import echo_data, say
+from precision_pin.cli.terminal import echo_table
+from precision_pin.display.files import whole_folder, write_text
+from precision_pin.interrupts import raise_if_interrupted, unwinding
+
+if TYPE_CHECKING:
+    from precision_pin.model.error_model import ErrorModel
+    from precision_pin.sampling.poses_result import PosesResult
+    from precision_pin.sheet import Sheet
+    from precision_pin.statistics import Specification
+
+__all__ = ["FILES", "PosesJob", "analyze_poses", "refuse_of_one_pose"]
+
+FILES: Final = ("poses.json", "position.*", "attitude.*")
+"""Files written to a folder."""
+
+
+@final
+@dataclass(frozen=True)
+class PosesJob:
+    """What to sample at every pose, on how many threads, and where the result is written."""
+
+    samples: int
+    seed: int
+    model: Literal["exact", "linear"]
+    specifications: tuple[Specification, ...]
+    everywhere: bool
+    threads: int | None
+    json_path: str | None
+    out: str | None
+
+
+def refuse_of_one_pose(options: Sequence[str], poses: int) -> None:
+    """Refuse options that are for one pose.
+
+    Raises
+    ------
+    UsageError
+        There is one.
+    """
+    if options:
+        are = "are" if len(options) > 1 else "is"
+        raise click.UsageError(
+            f"{' and '.join(options)} {are} for one pose, and {poses:,} are given; leave one or the other out"
+        )
+
+
+def analyze_poses(error_model: ErrorModel, sheet: Sheet, poses: Sequence[AskedPose], job: PosesJob) -> int:
+    """Sample at several poses, print and write what is asked for; returns the exit code."""
+    from precision_pin.outputs.poses.table import poses_table
+    from precision_pin.sampling.many_poses import sample_poses
+
+    compile_sampler(error_model.space, job.model)
+    passes = 2 if job.everywhere else 1
+    with progress_bar(passes * job.samples * len(poses), "sampling") as progress, unwinding():
+        result = sample_poses(
+            error_model, [pose.where for pose in poses], samples=job.samples, seed=job.seed, model=job.model,
+            specifications=job.specifications, everywhere=job.everywhere,
+            findings=sheet.findings, threads=job.threads, progress=progress,
+        )  # fmt: skip
+        raise_if_interrupted()
+    result = replace(result, names=tuple(pose.name for pose in poses))
+    for line in result.warnings[len(sheet.findings) :]:
+        say(line)
+    if job.json_path == "-":
+        echo_data(result.to_json())
+    else:
+        echo_table(poses_table(result))
+    if job.json_path is not None and job.json_path != "-":
+        write_text(Path(job.json_path), result.to_json() + "\n")
+    if job.out is not None:
+        _write_folder(result, Path(job.out))
+        echo_note(f"wrote {job.out}: poses.json, position and attitude over the poses as PNG and SVG")
+    return 0 if result.met else EXIT_SPEC
+
+
+def _write_folder(result: PosesResult, folder: Path) -> None:
+    from precision_pin.outputs.monte_carlo import figures
+    from precision_pin.outputs.poses.figure import figure
+
+    with whole_folder(folder) as stage:
+        write_text(stage / "poses.json", result.to_json() + "\n")
+        for quantity in ("position", "attitude"):
+            figures.save(figure(result, quantity), stage / quantity)

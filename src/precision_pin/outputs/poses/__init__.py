@@ -1,0 +1,1 @@
+"""The sampled pose error at several poses, as text and picture."""

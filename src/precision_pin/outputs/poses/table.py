@@ -1,0 +1,94 @@
+"""The sampled pose error at several poses as text for a terminal."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+
+from precision_pin.display.tables import ROUNDING, pose_labels, resting_on
+from precision_pin.display.text_table import aligned
+from precision_pin.outputs.monte_carlo.table import NOTHING_VARIES, demanded
+from precision_pin.sampling.pose_verdicts import PosesSpecification
+from precision_pin.sampling.poses_result import LEVELS, PosesResult
+from precision_pin.statistics import format_inside, format_share
+from precision_pin.statistics.digits import format_interval
+from precision_pin.visible import shown, visible
+
+__all__ = ["poses_table"]
+
+_HEADINGS: Final = {0.5: "median", 0.95: "95 %", 0.9973: "99.73 %"}
+
+
+def poses_table(result: PosesResult) -> str:
+    """Return what a designer wants to read of several poses: the worst pose and the verdicts, then a row for each pose."""
+    lines = [
+        f"{visible(result.robot)}: {visible(result.base)} to {visible(result.tip)}, {result.poses:,} poses",
+        f"{result.samples:,} samples at each, seed {result.seed}, {result.model} model, statics {result.statics}; "
+        f"the same robots at every pose; intervals and digits at {result.confidence:.0%} confidence",
+        "",
+        _worst(result),
+        *(_verdict(specification) for specification in result.specification_results),
+        "",
+        *aligned([_header(result), *_rows(result)]),
+        "",
+        "quantiles of |d| in mm with their intervals, shares inside each spec; - is not resolved by this many samples",
+    ]
+    lines += resting_on(result.error_model.assumed, len(result.error_model.sources))
+    return "\n".join(lines)
+
+
+def _worst(result: PosesResult) -> str:
+    label = pose_labels(result.names)[result.worst_pose]
+    within = ", ".join(f"{100 * level:.4g} % of robots within |d| {_quantile(result, rank, result.worst_pose)[0]} mm"
+                       for rank, level in enumerate(LEVELS[1:], start=1))  # fmt: skip
+    return f"worst pose {shown(label)}: {within}"
+
+
+def _verdict(specification: PosesSpecification) -> str:
+    worst = specification.results[specification.worst]
+    label = shown(specification.labels[specification.worst])
+    demand = f"spec {demanded(worst)} at every pose: {specification.verdict.upper()}"
+    if specification.verdict == "nothing to judge" and worst.verdict == specification.verdict:
+        return f"{demand} - pose {label}: {NOTHING_VARIES}"
+    share, low, high = format_share(worst.probability, worst.interval, worst.required)
+    kept = sum(result.met for result in specification.results)
+    together = ""
+    if specification.everywhere is not None:
+        of_all = specification.everywhere
+        kept_share, *ends = format_share(of_all.probability, of_all.interval, of_all.required)
+        together = f"; {kept_share} % of robots keep it at all poses, interval {ends[0]} to {ends[1]} %"
+    more = ": more samples decide it" if specification.verdict == "undecided" else ""
+    return (
+        f"{demand} - worst pose {label}, {share} % inside, interval {low} to {high} %; "
+        f"met at {kept:,} of {len(specification.results):,} poses{together}{more}"
+    )
+
+
+def _header(result: PosesResult) -> list[str]:
+    columns = [cell for level in LEVELS for cell in (_HEADINGS[level], "interval")]
+    return ["", "pose", *columns, *(f"spec {rank}" for rank in range(1, len(result.specifications) + 1))]
+
+
+def _rows(result: PosesResult) -> list[list[str]]:
+    rows, worst = [], result.worst_pose
+    for pose, label in enumerate(pose_labels(result.names)):
+        cells = [cell for rank in range(len(LEVELS)) for cell in _quantile(result, rank, pose)]
+        judged = [specification.results[pose] for specification in result.specification_results]
+        shares = [
+            f"{format_share(of.probability, of.interval, of.required)[0]} %{'' if of.met else f' {of.verdict}'}"
+            for of in judged
+        ]
+        rows.append(["worst" if pose == worst else "", label, *cells, *shares])
+    return rows
+
+
+def _quantile(result: PosesResult, rank: int, pose: int) -> tuple[str, str]:
+    """Return a quantile of |d| in mm and its interval."""
+    value, (low, high) = float(result.quantile[rank, 0, pose]), result.quantile_interval[rank, 0, :, pose].tolist()
+    if np.isnan(value):
+        return "-", "-"
+    if high < ROUNDING:
+        return "0", "[0, 0]"
+    below, above = format_interval(low, high, 1e3)
+    return format_inside(1e3 * value, (1e3 * low, 1e3 * high), most=5), f"[{below}, {above}]"

@@ -1,0 +1,81 @@
+"""Specifications over several poses: met only if met at every one."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Final, final
+
+from precision_pin.statistics import SpecificationResult, Verdict
+
+__all__ = ["PosesSpecification"]
+
+_WORST_FIRST: Final[tuple[Verdict, ...]] = ("not met", "undecided", "nothing to judge", "met")
+
+
+@final
+@dataclass(frozen=True)
+class PosesSpecification:
+    """Result of a specification over several poses.
+
+    Attributes
+    ----------
+    results
+        At each pose.
+    labels
+        Of the poses, no two alike.
+    largest
+        By which of two poses with the same share inside is the worse: the mean of the norm that the quantity belongs to.
+    everywhere
+        The share of robots that keep it at all poses, each robot at every one; ``None`` where that was not asked.
+    """
+
+    results: tuple[SpecificationResult, ...]
+    labels: tuple[str, ...]
+    largest: tuple[float, ...]
+    everywhere: SpecificationResult | None = None
+
+    @property
+    def worst(self) -> int:
+        """Number of the worst pose, from 0: the one that decides the verdict, of several the one with the smallest share."""
+
+        def order(pose: int) -> tuple[int, float, float]:
+            result = self.results[pose]
+            return _WORST_FIRST.index(result.verdict), result.probability, -self.largest[pose]
+
+        return min(range(len(self.results)), key=order)
+
+    @property
+    def verdict(self) -> Verdict:
+        """That of the worst pose or, if that is worse, of the robots that keep it at all poses."""
+        verdicts = [self.results[self.worst].verdict, *([self.everywhere.verdict] if self.everywhere else [])]
+        return min(verdicts, key=_WORST_FIRST.index)
+
+    @property
+    def met(self) -> bool:
+        """Whether the specification is met at every pose and, where asked, by enough robots at all of them."""
+        return self.verdict == "met"
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the entry of ``spec`` in the ``precision-pin/poses/1`` schema."""
+        specified = self.results[0]
+        of_all = self.everywhere
+        asked = of_all and {"probability": of_all.probability, "interval": list(of_all.interval), "met": of_all.met}
+        return {
+            "quantity": specified.quantity,
+            "limit": specified.limit,
+            "required": specified.required,
+            "met": self.met,
+            "verdict": self.verdict,
+            **({"everywhere": asked} if asked else {}),
+            "worst_pose": self.labels[self.worst],
+            "poses": [
+                {
+                    "name": label,
+                    "probability": result.probability,
+                    "interval": list(result.interval),
+                    "met": result.met,
+                    "verdict": result.verdict,
+                }
+                for label, result in zip(self.labels, self.results, strict=True)
+            ],
+        }

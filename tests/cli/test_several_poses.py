@@ -1,0 +1,137 @@
+"""Several poses as one question: ``--pose`` and ``--q`` repeat, ``--all-poses``, ``--trajectory``; what is refused there."""
+
+from __future__ import annotations
+
+import json
+import math
+
+import pytest
+
+SHEET = "gantry.errors.yaml"
+FEW = ("--samples", "500")
+LONG = "a_rather_long_name_for_a_joint_that_turns_about_x_of_the_carriage"
+
+
+def test_the_ways_to_give_two_poses_are_one(run, folder):
+    header = f"y_axis,{LONG}"
+    (folder / "way.csv").write_text(f"{header}\n0.25,{math.radians(30)!r}\n0,0\n")
+    named = run("analyze", SHEET, "--pose", "out", "--pose", "home", *FEW, "--json", "-")
+    everything = run("analyze", SHEET, "--all-poses", *FEW, "--json", "-")
+    by_values = run("analyze", SHEET, "--q", "250 mm, 30 deg", "--q", "0 mm, 0 deg", *FEW, "--json", "-")
+    along = run("analyze", SHEET, "--trajectory", "way.csv", *FEW, "--json", "-")
+    assert {named.code, everything.code, by_values.code, along.code} == {0}
+    assert named.out == everything.out
+    assert named.json["schema"] == "precision-pin/poses/1"
+    assert [pose["pose"]["name"] for pose in named.json["poses"]] == ["out", "home"]
+    assert [pose["pose"]["name"] for pose in along.json["poses"]] == ["row 1", "row 2"]
+    for other in (by_values, along):
+        for one, same in zip(named.json["poses"], other.json["poses"], strict=True):
+            assert one["mean"] == pytest.approx(same["mean"], abs=1e-15)
+
+
+def test_one_pose_in_any_form_is_the_analysis_of_one_pose(run, folder):
+    (folder / "one.yaml").write_text((folder / SHEET).read_text().replace("  home: [0 mm, 0 deg]\n", ""))
+    alone = run("analyze", "one.yaml", *FEW, "--json", "-")
+    assert alone.out == run("analyze", "one.yaml", "--all-poses", *FEW, "--json", "-").out
+    assert alone.json["schema"] == "precision-pin/analysis/1"
+
+
+def test_the_exit_code_the_worst_pose_and_a_row_for_each_pose(run):
+    kept = run("analyze", SHEET, "--all-poses", *FEW, "--spec", "2 mm")
+    assert kept.code == 0
+    assert "within 2 mm for 95 % at every pose: MET" in kept.out
+    missed = run("analyze", SHEET, "--all-poses", *FEW, "--spec", "0.05 mm", "--spec", "1 mrad")
+    assert missed.code == 1
+    lines = missed.out.splitlines()
+    assert next(k for k, line in enumerate(lines) if line.startswith("worst pose")) < next(
+        k for k, line in enumerate(lines) if line.startswith("spec")
+    )
+    assert "NOT MET - worst pose" in missed.out.replace("\n  ", " ")
+    rows = [line.split()[0:2] for line in lines if " mm" not in line and ("out " in line or "home " in line)]
+    assert sorted(word for row in rows for word in row if word in ("out", "home", "worst")) == ["home", "out", "worst"]
+
+
+def test_the_folder_holds_the_result_and_the_plots(run, new_files):
+    assert run("analyze", SHEET, "--all-poses", *FEW, "--out", "plots").code == 0
+    names = {"plots", "plots/poses.json"} | {f"plots/{q}.{s}" for q in ("position", "attitude") for s in ("png", "svg")}
+    assert new_files() == names
+    with open("plots/poses.json", encoding="utf-8") as file:
+        assert len(json.load(file)["poses"]) == 2
+
+
+@pytest.mark.parametrize(
+    "command",
+    [*(pytest.param(name, marks=pytest.mark.slow) for name in ("budget", "exact-law")), "worst-case", "moments"],
+)
+def test_the_analyses_take_poses_in_the_same_ways(run, folder, command):
+    (folder / "way.csv").write_text(f"t,y_axis,{LONG}\n0,0.25,0\n1,0,0\n2,0.1,0.1\n")
+    along = run(command, SHEET, "--trajectory", "way.csv", "--json", "-")
+    assert len(along.json["poses"]) == 3
+    everything = run(command, SHEET, "--all-poses", "--json", "-")
+    assert everything.out == run(command, SHEET, "--pose", "out", "--pose", "home", "--json", "-").out
+    by_values = run(command, SHEET, "--q", "0 mm, 0 deg", "--q", "1 mm, 1 deg", "--json", "-")
+    assert len(by_values.json["poses"]) == 2
+
+
+@pytest.mark.parametrize(
+    ("option", "values"),
+    [
+        ("--until", ["95 % to 0.01 mm"]),
+        ("--journal", ["run.journal"]),
+        ("--processes", ["2"]),
+        ("--dask", ["tcp://x:1"]),
+    ],
+)
+def test_what_is_for_one_pose_is_refused_with_several(run, new_files, option, values):
+    refused = run("analyze", SHEET, "--all-poses", option, *values)
+    assert refused.code == 2
+    assert len(refused.said) == 1
+    assert f"{option} is for one pose, and 2 are given" in refused.said[0]
+    assert new_files() == set()
+
+
+@pytest.mark.parametrize("command", ["analyze", "budget", "view", "report --out page.html"])
+@pytest.mark.parametrize(
+    ("one", "other"),
+    [
+        (("--pose", "out"), ("--q", "0 m, 0 deg")),
+        (("--pose", "out"), ("--all-poses",)),
+        (("--all-poses",), ("--trajectory", "way.csv")),
+    ],
+)
+def test_two_ways_at_once_are_refused(run, command, one, other):
+    refused = run(*command.split(), SHEET, *one, *other)
+    assert refused.code == 2
+    assert f"{one[0]} and {other[0]} exclude each other" in refused.err
+
+
+def test_a_trajectory_is_not_written_over_nor_longer_than_a_report(run, folder):
+    text = f"y_axis,{LONG}\n0,0\n0.1,0\n"
+    (folder / "way.csv").write_text(text)
+    rows = text + "0.1,0\n" * 12
+    (folder / "long.csv").write_text(rows)
+    refused = run("report", SHEET, "--trajectory", "long.csv", "--out", "page.html")
+    assert (refused.code, len(refused.said)) == (2, 1)
+    for command in ("analyze", "budget"):
+        refused = run(command, SHEET, "--trajectory", "way.csv", "--json", "way.csv")
+        assert (refused.code, (folder / "way.csv").read_text()) == (2, text)
+
+
+def test_a_sheet_without_poses_has_no_all_poses(run, folder):
+    text = (folder / SHEET).read_text()
+    (folder / "none.yaml").write_text(text[: text.index("poses:")] + text[text.index("sources:") :])
+    refused = run("analyze", "none.yaml", "--all-poses")
+    assert refused.code == 2
+    assert "the sheet has no poses" in refused.err
+
+
+def test_one_robot_at_all_poses(run):
+    everywhere = run("analyze", SHEET, "--all-poses", *FEW, "--spec", "0.3 mm", "--spec-everywhere", "--json", "-")
+    (entry,) = everywhere.json["spec"]
+    assert entry["everywhere"]["probability"] <= min(pose["probability"] for pose in entry["poses"])
+    assert everywhere.code == (0 if entry["met"] else 1)
+    shown = run("analyze", SHEET, "--all-poses", *FEW, "--spec", "0.3 mm", "--spec-everywhere").out
+    assert "of robots keep it at all poses" in shown.replace("\n  ", " ")
+    refused = run("analyze", SHEET, "--all-poses", "--spec-everywhere")
+    assert (refused.code, len(refused.said)) == (2, 1)
+    assert "--spec-everywhere needs a --spec" in refused.said[0]
