@@ -47,8 +47,9 @@ def test_the_exit_code_the_worst_pose_and_a_row_for_each_pose(run):
         k for k, line in enumerate(lines) if line.startswith("spec")
     )
     assert "NOT MET - worst pose" in missed.out.replace("\n  ", " ")
-    rows = [line.split()[0:2] for line in lines if " mm" not in line and ("out " in line or "home " in line)]
-    assert sorted(word for row in rows for word in row if word in ("out", "home", "worst")) == ["home", "out", "worst"]
+    rows = [line for line in lines if line.startswith(("out ", "home "))]
+    assert sorted(row.split()[0] for row in rows) == ["home", "out"]
+    assert sum("(worst)" in row for row in rows) == 1
 
 
 def test_the_folder_holds_the_result_and_the_plots(run, new_files):
@@ -135,3 +136,28 @@ def test_one_robot_at_all_poses(run):
     refused = run("analyze", SHEET, "--all-poses", "--spec-everywhere")
     assert (refused.code, len(refused.said)) == (2, 1)
     assert "--spec-everywhere needs a --spec" in refused.said[0]
+
+
+def test_of_many_poses_the_ten_worst_are_listed_within_100_columns(run, folder):
+    rows = [f"{0.02 * k},{0.01 * k}" for k in range(15)]
+    (folder / "way.csv").write_text("\n".join([f"y_axis,{LONG}", *rows, ""]))
+    found = run(
+        "analyze", SHEET, "--trajectory", "way.csv", *FEW, "--spec", "0.05 mm", "--spec", "1 mrad", "--json", "j"
+    )
+    listed = [line for line in found.out.splitlines() if line.startswith("row ")]
+    assert len(listed) == 10
+    assert "and 5 more poses: --json FILE writes all" in found.out
+    assert max(map(len, found.out.splitlines())) <= 100
+    shares = [pose["probability"] for pose in json.loads((folder / "j").read_text())["spec"][0]["poses"]]
+    worst = min(range(15), key=shares.__getitem__)
+    assert listed[0].startswith(f"row {worst + 1} (worst)")
+
+
+def test_warnings_at_each_pose_are_those_of_its_own_analysis(run):
+    at_one = run("analyze", "--q", "-90 3 88 -91 deg", *FEW)
+    at_two = run("analyze", "--q", "-90 3 88 -91 deg", "--q", "-80 3 88 -91 deg", *FEW, "--json", "-")
+    (warning,) = [line.split("W_STATICS: ")[1] for line in at_one.err_lines if "W_STATICS" in line]
+    warnings = [line for line in at_two.json["warnings"] if "W_STATICS" in line]
+    assert len(warnings) == 2
+    assert warnings[0].endswith(warning)
+    assert sum("W_STATICS" in line for line in at_two.err_lines) == 1

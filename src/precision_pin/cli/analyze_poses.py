@@ -10,12 +10,14 @@ from typing import TYPE_CHECKING, Final, Literal, final
 import click
 
 from precision_pin.cli import EXIT_SPEC
-from precision_pin.cli.notes import echo_note
+from precision_pin.cli.notes import echo_note, echo_warnings
 from precision_pin.cli.poses import AskedPose
 from precision_pin.cli.progress import compile_sampler, progress_bar
-from precision_pin.cli.streams import echo_data, say
+from precision_pin.cli.streams import echo_data
 from precision_pin.cli.terminal import echo_table
 from precision_pin.display.files import whole_folder, write_text
+from precision_pin.display.tables import pose_labels
+from precision_pin.errors import Finding
 from precision_pin.interrupts import raise_if_interrupted, unwinding
 
 if TYPE_CHECKING:
@@ -66,17 +68,17 @@ def analyze_poses(error_model: ErrorModel, sheet: Sheet, poses: Sequence[AskedPo
     from precision_pin.sampling.many_poses import sample_poses
 
     compile_sampler(error_model.space, job.model)
+    found = _find(error_model, poses, job.model)
+    echo_warnings(found)
     passes = 2 if job.everywhere else 1
     with progress_bar(passes * job.samples * len(poses), "sampling") as progress, unwinding():
         result = sample_poses(
             error_model, [pose.where for pose in poses], samples=job.samples, seed=job.seed, model=job.model,
             specifications=job.specifications, everywhere=job.everywhere,
-            findings=sheet.findings, threads=job.threads, progress=progress,
+            findings=(*sheet.findings, *found), threads=job.threads, progress=progress,
         )  # fmt: skip
         raise_if_interrupted()
     result = replace(result, names=tuple(pose.name for pose in poses))
-    for line in result.warnings[len(sheet.findings) :]:
-        say(line)
     if job.json_path == "-":
         echo_data(result.to_json())
     else:
@@ -87,6 +89,24 @@ def analyze_poses(error_model: ErrorModel, sheet: Sheet, poses: Sequence[AskedPo
         _write_folder(result, Path(job.out))
         echo_note(f"wrote {job.out}: poses.json, position and attitude over the poses as PNG and SVG")
     return 0 if result.met else EXIT_SPEC
+
+
+def _find(
+    error_model: ErrorModel, poses: Sequence[AskedPose], model: Literal["exact", "linear"]
+) -> tuple[Finding, ...]:
+    """Return the warnings at each pose, as an analysis of it has them; beyond the first 200, those about joint limits."""
+    from precision_pin.model.pose_checks import MOST_POSES
+
+    found = []
+    for rank, (pose, label) in enumerate(zip(poses, pose_labels([pose.name for pose in poses]), strict=True)):
+        if rank < MOST_POSES:
+            at = error_model.at(pose.where)
+            here = (*at.findings(model), *error_model.statics_findings(at))
+        else:
+            here = error_model.chain.at(error_model.configuration(pose.where)).findings
+        found += [replace(finding, message=f"pose {label}: {finding.message}") for finding in here]
+        raise_if_interrupted()
+    return tuple(found)
 
 
 def _write_folder(result: PosesResult, folder: Path) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, Final, final
 
 from precision_pin.statistics import SpecificationResult, Verdict
@@ -24,7 +25,7 @@ class PosesSpecification:
     labels
         Of the poses, no two alike.
     largest
-        By which of two poses with the same share inside is the worse: the mean of the norm that the quantity belongs to.
+        The mean at each pose of the norm that the quantity belongs to, which orders poses with the same share inside.
     everywhere
         The share of robots that keep it at all poses, each robot at every one; ``None`` where that was not asked.
     """
@@ -34,15 +35,20 @@ class PosesSpecification:
     largest: tuple[float, ...]
     everywhere: SpecificationResult | None = None
 
-    @property
-    def worst(self) -> int:
-        """Number of the worst pose, from 0: the one that decides the verdict, of several the one with the smallest share."""
+    @cached_property
+    def worst_first(self) -> list[int]:
+        """Numbers of the poses, from 0, the worst first: by verdict, then by the share inside, then by ``largest``."""
 
         def order(pose: int) -> tuple[int, float, float]:
             result = self.results[pose]
             return _WORST_FIRST.index(result.verdict), result.probability, -self.largest[pose]
 
-        return min(range(len(self.results)), key=order)
+        return sorted(range(len(self.results)), key=order)
+
+    @property
+    def worst(self) -> int:
+        """Number of the worst pose, which decides the verdict."""
+        return self.worst_first[0]
 
     @property
     def verdict(self) -> Verdict:

@@ -135,17 +135,23 @@ class PosesResult(JsonResult):
         return all(result.met for result in self.specification_results)
 
     @property
-    def worst_pose(self) -> int:
-        """Number of the worst pose, from 0.
+    def worst_first(self) -> list[int]:
+        """Numbers of the poses, from 0, the worst first.
 
-        Of the first specification that is not met, or of the first if all are; without specifications the pose with the
-        largest 95 % quantile of |d|, or the largest mean where the samples are too few for that.
+        By the first specification that is not met, or the first if all are; without specifications by the 95 % quantile of
+        |d|, or by its mean where the samples are too few for that.
         """
         results = self.specification_results
         if results:
-            return next((result for result in results if not result.met), results[0]).worst
+            return next((result for result in results if not result.met), results[0]).worst_first
         within = self.quantile[LEVELS.index(0.95), 0]
-        return int(np.argmax(self.norm_mean[0] if np.isnan(within).any() else within))
+        size = self.norm_mean[0] if np.isnan(within).any() else within
+        return [int(pose) for pose in np.argsort(-size, kind="stable")]
+
+    @property
+    def worst_pose(self) -> int:
+        """Number of the worst pose, the first of :attr:`worst_first`."""
+        return self.worst_first[0]
 
     @cached_property
     def specification_results(self) -> tuple[PosesSpecification, ...]:

@@ -15,7 +15,7 @@ from precision_pin.display.tables import symbol
 from precision_pin.display.units import WrittenUnit
 from precision_pin.statistics import Distribution, Histogram, SpecificationResult, Verdict, format_inside, format_share
 
-__all__ = ["display_unit", "draw_cumulative", "draw_histogram", "moments_text", "share_scale", "ticks"]
+__all__ = ["LIMIT_COLOURS", "display_unit", "draw_cumulative", "draw_histogram", "moments_text", "share_scale", "ticks"]
 
 BLUE: Final = "#0072B2"
 SKY: Final = "#56B4E9"
@@ -25,7 +25,7 @@ PURPLE: Final = "#CC79A7"
 BLACK: Final = "#000000"
 
 _QUANTILE_LINES: Final = ((BLUE, (0, (4, 1.5))), (PURPLE, (0, (1.2, 1.2))))
-_LIMIT_COLOURS: Final[dict[Verdict, str]] = {"met": GREEN, "not met": VERMILION}
+LIMIT_COLOURS: Final[dict[Verdict, str]] = {"met": GREEN, "not met": VERMILION}
 """Of a limit by its verdict; any other is black."""
 _LIMIT_DASHES: Final = (0, (6, 1.5, 1.2, 1.5))
 _MARKED_OF_NORM: Final = (0.95, 0.9973)
@@ -191,7 +191,7 @@ def _mark_limit(axes: Axes, distribution: Distribution, ruler: _Ruler, result: S
     low, high = _range(distribution, ruler)
     reach = _FARTHEST_LIMIT * (high - low)
     sides = (result.limit,) if distribution.is_norm else (-result.limit, result.limit)
-    colour = _LIMIT_COLOURS.get(result.verdict, BLACK)
+    colour = LIMIT_COLOURS.get(result.verdict, BLACK)
     drawn = [side for side in sides if low - reach <= side <= high + reach]
     if not drawn:
         label += " (beyond this axis)"

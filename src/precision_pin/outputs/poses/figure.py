@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from precision_pin.display.tables import pose_labels, symbol
 from precision_pin.display.units import WrittenUnit
 from precision_pin.errors import UnknownNameError
-from precision_pin.outputs.kit.draw_distribution import BLACK, BLUE, PURPLE, SKY, VERMILION
+from precision_pin.outputs.kit.draw_distribution import BLACK, BLUE, LIMIT_COLOURS, PURPLE, SKY, VERMILION
 from precision_pin.outputs.kit.figure_style import (
     DOUBLE_COLUMN,
     LINE_HEIGHT,
@@ -95,9 +95,12 @@ def _draw(axes: Axes, result: PosesResult, quantity: str) -> None:
         specified = specification.results[0]
         if specified.quantity == f"{quantity}.norm":
             axes.axhline(
-                specified.limit * unit.per_si, color=BLACK, linestyle=_LIMIT_DASHES, linewidth=1.2,
+                specified.limit * unit.per_si,
+                color=LIMIT_COLOURS.get(specification.verdict, BLACK),
+                linestyle=_LIMIT_DASHES,
+                linewidth=1.2,
                 label=f"limit {unit.short(specified.limit)} for {100 * specified.required:.6g} %",
-            )  # fmt: skip
+            )
     judged = [of for of in result.specification_results if of.results[0].quantity.startswith(quantity)]
     missed = [pose + 1 for pose in range(result.poses) if any(of.results[pose].verdict == "not met" for of in judged)]
     for place in missed:

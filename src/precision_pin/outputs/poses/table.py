@@ -17,7 +17,11 @@ from precision_pin.visible import shown, visible
 
 __all__ = ["poses_table"]
 
-_HEADINGS: Final = {0.5: "median", 0.95: "95 %", 0.9973: "99.73 %"}
+_HEADINGS: Final = ("median", "95 %", "interval", "99.73 %", "interval")
+_MOST_ROWS: Final = 12
+"""Poses of which all are listed."""
+_WORST_ROWS: Final = 10
+"""Poses listed of more than that, the worst first."""
 
 
 def poses_table(result: PosesResult) -> str:
@@ -31,6 +35,7 @@ def poses_table(result: PosesResult) -> str:
         *(_verdict(specification) for specification in result.specification_results),
         "",
         *aligned([_header(result), *_rows(result)]),
+        *_left_out(result),
         "",
         "quantiles of |d| in mm with their intervals, shares inside each spec; - is not resolved by this many samples",
     ]
@@ -66,21 +71,34 @@ def _verdict(specification: PosesSpecification) -> str:
 
 
 def _header(result: PosesResult) -> list[str]:
-    columns = [cell for level in LEVELS for cell in (_HEADINGS[level], "interval")]
-    return ["", "pose", *columns, *(f"spec {rank}" for rank in range(1, len(result.specifications) + 1))]
+    return ["pose", *_HEADINGS, *(f"spec {rank}" for rank in range(1, len(result.specifications) + 1))]
 
 
 def _rows(result: PosesResult) -> list[list[str]]:
-    rows, worst = [], result.worst_pose
-    for pose, label in enumerate(pose_labels(result.names)):
+    rows, labels = [], pose_labels(result.names)
+    for pose in _listed(result):
         cells = [cell for rank in range(len(LEVELS)) for cell in _quantile(result, rank, pose)]
         judged = [specification.results[pose] for specification in result.specification_results]
         shares = [
             f"{format_share(of.probability, of.interval, of.required)[0]} %{'' if of.met else f' {of.verdict}'}"
             for of in judged
         ]
-        rows.append(["worst" if pose == worst else "", label, *cells, *shares])
+        worst = " (worst)" if pose == result.worst_pose else ""
+        # the median's interval is left out: the row must fit a terminal
+        rows.append([labels[pose] + worst, cells[0], *cells[2:], *shares])
     return rows
+
+
+def _listed(result: PosesResult) -> list[int]:
+    """Return the poses of the table: all in their order, or of many the worst, that one first."""
+    if result.poses <= _MOST_ROWS:
+        return list(range(result.poses))
+    return result.worst_first[:_WORST_ROWS]
+
+
+def _left_out(result: PosesResult) -> list[str]:
+    more = result.poses - len(_listed(result))
+    return [f"and {more:,} more poses: --json FILE writes all"] if more else []
 
 
 def _quantile(result: PosesResult, rank: int, pose: int) -> tuple[str, str]:
