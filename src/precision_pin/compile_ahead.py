@@ -1,6 +1,6 @@
 """Compiling into numba's cache by other processes: several parts at once, with progress, and ended in an instant.
 
-A process compiles one function at a time, and hears nothing meanwhile: neither Ctrl-C nor a clock. So the work is given
+A process compiles one function at a time, and meanwhile reacts to nothing: neither Ctrl-C nor a timer. So the work is given
 to processes of our own. They end with this one, however it ends: that closes their pipes. Where none can be started, or
 one fails, nothing is lost: what is not in the cache afterwards is compiled by whoever needs it.
 """

@@ -338,7 +338,8 @@ def test_the_scene_is_drawn_also_in_a_sandboxed_frame_of_a_strict_page(context, 
     (tmp_path / "framed.html").write_text(outer, "utf-8")
     visit = visited(context, tmp_path / "framed.html")
     frame = visit.page.frames[1]
-    frame.wait_for_selector("body[data-ready=yes]", state="attached")
+    # drawn by the processor, with other tests beside it
+    frame.wait_for_selector("body[data-ready=yes]", state="attached", timeout=120_000)
     frame.check("#show-ghosts")
     frame.uncheck("#show-ghosts")
     for seen in (alone, picture(visit)):

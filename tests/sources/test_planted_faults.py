@@ -22,7 +22,7 @@ SIGNS = (
     Fault("beam", "roll", "@ rotation_about((1, 0, 0), roll)", "@ rotation_about((1, 0, 0), -roll)"),
     Fault("beam", "wrench turned the wrong way", "[:3, :3] @ axes).T)", "[:3, :3] @ axes))"),
     Fault("bearing_stiffness", "against the load", "Value = 1.0 / space", "Value = -1.0 / space"),
-    Fault("clearance", "against the load", "push = shift.T @ load", "push = -shift.T @ load"),
+    Fault("clearance", "against the load", "force = shift.T @ load", "force = -shift.T @ load"),
     Fault("clearance", "against the axial load", "along * np.sign(load[2])", "along * -np.sign(load[2])"),
     Fault("directions", "a minus is ignored", "-direction if sign < 0 else", "direction if sign < 0 else", "length"),
     Fault("frame", "every error reversed", "np.eye(6)[row]", "-np.eye(6)[row]"),
@@ -103,7 +103,9 @@ LAWS = (
     Fault("beam", "turn of a part's weight", "result[5, 1] = second / 2", "result[5, 1] = l**2 / 6"),
     Fault("beam", "axial weight of a part", "result[0, 0] = first", "result[0, 0] = l / 2"),
     Fault("beam", "what is bolted on goes along", "not load.along:", "load.stretch is None:"),
-    Fault("beam", "what is bolted on is a point", "room = min(reach - start, stop - reach)", "room = 0.0"),
+    Fault(
+        "beam", "what is bolted on is a point", "half_spread = min(reach - start, stop - reach)", "half_spread = 0.0"
+    ),
     Fault("beam", "axis not made normal", "axis - x * (x @ axis)", "axis"),
     Fault(
         "beam", "next joint's axis not turned", "far_end[:3, :3] @ chain.written_axes[link]", "chain.written_axes[link]"

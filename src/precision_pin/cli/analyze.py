@@ -45,7 +45,7 @@ MOST_UNTIL = 10**9
 
 
 class _Arm(ChainOptions, PoseOptions):
-    """Of which arm at which poses."""
+    """The arm and the poses."""
 
 
 @click.command("analyze", cls=SamplingCommand)
@@ -55,7 +55,10 @@ class _Arm(ChainOptions, PoseOptions):
 @all_warnings_option
 @quiet_option
 @click.option(
-    "--samples", type=int, metavar="N", help="How many built robots, 100,000 if left out; with --until at most, 1e9."
+    "--samples",
+    type=int,
+    metavar="N",
+    help="Number of robots, 100,000 if left out; with --until the most, 1e9 if left out.",
 )
 @seed_option
 @model_option
@@ -64,7 +67,7 @@ class _Arm(ChainOptions, PoseOptions):
     "--spec-everywhere", is_flag=True, help="Of several poses: a robot is inside only if it is at all of them."
 )
 @click.option(
-    "--until", multiple=True, metavar='"95 % to 0.01 mm"', help="Sample until the result is so precise; repeats."
+    "--until", multiple=True, metavar='"95 % to 0.01 mm"', help="Sample until this precision is reached; repeats."
 )
 @click.option("--threads", type=int, metavar="N", help="How many threads sample; all cores if left out.")
 @click.option("--processes", type=int, metavar="N", help="Sample in N processes instead.")

@@ -104,7 +104,8 @@ def _find(
             here = (*at.findings(model), *error_model.statics_findings(at))
         else:
             here = error_model.chain.at(error_model.configuration(pose.where)).findings
-        found += [replace(finding, message=f"pose {label}: {finding.message}") for finding in here]
+        where = f"pose {pose.name!r}" if pose.name else label
+        found += [replace(finding, message=f"{where}: {finding.message}") for finding in here]
         raise_if_interrupted()
     return tuple(found)
 

@@ -4,16 +4,13 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any, Final, TypedDict, TypeVar
+from typing import Any, Final, TypedDict, TypeVar
 
 import click
 
 from precision_pin.cli.notes import all_warnings_option, quiet_option
 from precision_pin.cli.resources import require_resources
 from precision_pin.errors import PrecisionPinWarning
-
-if TYPE_CHECKING:
-    pass
 
 __all__ = [
     "ChainOptions",
@@ -65,7 +62,7 @@ class Command(click.Command):
     def invoke(self, ctx: click.Context) -> Any:
         """Run the command if the libraries can be loaded; ``doctor`` runs anyway and reports what is missing.
 
-        What the package warns of stands among the findings that the command prints itself.
+        The command prints the package's warnings among its findings.
         """
         if self.name != "doctor":
             require_resources()
@@ -96,17 +93,15 @@ def chain_options(command: Decorated) -> Decorated:
             metavar="DIR",
             help="Where ROS packages of meshes lie.",
         ),
-        click.option(
-            "--base", metavar="LINK", help="The link that does not move, in place of the sheet's or the root."
-        ),
-        click.option("--tip", metavar="FRAME", help="The end-effector, in place of the sheet's or the only leaf."),
+        click.option("--base", metavar="LINK", help="The fixed link; the sheet's or the root if left out."),
+        click.option("--tip", metavar="FRAME", help="The end-effector; the sheet's or the only leaf if left out."),
     ):
         command = option(command)
     return command
 
 
 class ChainOptions(TypedDict):
-    """Of which chain of which robot: :data:`inputs_argument` and :func:`chain_options`."""
+    """The chain: :data:`inputs_argument` and :func:`chain_options`."""
 
     inputs: tuple[str, ...]
     tip: str | None
@@ -115,7 +110,7 @@ class ChainOptions(TypedDict):
 
 
 class PoseOptions(TypedDict):
-    """At which poses: :func:`pose_options`."""
+    """The poses: :func:`pose_options`."""
 
     pose_names: tuple[str, ...]
     all_poses: bool
@@ -124,7 +119,7 @@ class PoseOptions(TypedDict):
 
 
 class OnePoseOptions(ChainOptions):
-    """Of which arm at which pose: :func:`one_pose_options`."""
+    """One arm at one pose: :func:`one_pose_options`."""
 
     pose: str | None
     q: str | None
@@ -138,10 +133,10 @@ model_option: Final = click.option(
     type=click.Choice(["exact", "linear"]),
     default="exact",
     show_default=True,
-    help="The displaced chain multiplied out, or superposition as in the paper.",
+    help="The exact displaced chain, or superposition as in the paper.",
 )
 spec_option: Final = click.option(
-    "--spec", "specs", multiple=True, metavar='"0.5 mm @ 99.73 %"', help="A limit to keep; repeats."
+    "--spec", "specs", multiple=True, metavar='"0.5 mm @ 99.73 %"', help="A limit to judge; repeats."
 )
 
 

@@ -40,7 +40,7 @@ MOST_POSES: Final = 12
 
 
 class _Arm(ChainOptions, PoseOptions):
-    """Of which arm at which poses."""
+    """The arm and the poses."""
 
 
 @click.command("report", cls=SamplingCommand)

@@ -45,7 +45,7 @@ CHUNK = 2**14
 
 
 class _Arm(ChainOptions, PoseOptions):
-    """Of which arm at which poses."""
+    """The arm and the poses."""
 
 
 @click.command("view", cls=SamplingCommand)

@@ -100,7 +100,7 @@ def _in_kernel() -> bool:
 
 
 def _tqdm(in_kernel: bool) -> Any:
-    """Return tqdm's class for where this runs; that ipywidgets is missing in a notebook is no news."""
+    """Return tqdm's class for where this runs; no warning if ipywidgets is missing in a notebook."""
     if not in_kernel:
         from tqdm import tqdm as plain
 

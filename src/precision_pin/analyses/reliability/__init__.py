@@ -15,7 +15,7 @@ DECLARATION = Declaration(
     description="Estimate how probable it is that the error exceeds a limit, down to one in ten million and below.",
     options=(
         Option(
-            "--spec", "specifications", "A limit to keep; repeats.", metavar='"0.5 mm @ 99.73 %"', is_repeated=True,
+            "--spec", "specifications", "A limit to judge; repeats.", metavar='"0.5 mm @ 99.73 %"', is_repeated=True,
             is_needed=True, check="precision_pin.statistics.specification:listed_specifications",
         ),
         Option(

@@ -32,7 +32,7 @@ def poses_table(result: PosesResult) -> str:
         f"the same robots at every pose; intervals and digits at {result.confidence:.0%} confidence",
         "",
         _worst(result),
-        *(_verdict(specification) for specification in result.specification_results),
+        *(_verdict(result, specification) for specification in result.specification_results),
         "",
         *aligned([_header(result), *_rows(result)]),
         *_left_out(result),
@@ -44,20 +44,24 @@ def poses_table(result: PosesResult) -> str:
 
 
 def _worst(result: PosesResult) -> str:
-    label = pose_labels(result.names)[result.worst_pose]
     within = ", ".join(f"{100 * level:.4g} % of robots within |d| {_quantile(result, rank, result.worst_pose)[0]} mm"
                        for rank, level in enumerate(LEVELS[1:], start=1))  # fmt: skip
-    return f"worst pose {shown(label)}: {within}"
+    return f"worst {_name(result, result.worst_pose)}: {within}"
 
 
-def _verdict(specification: PosesSpecification) -> str:
+def _name(result: PosesResult, pose: int) -> str:
+    name = result.names[pose]
+    return f"pose {shown(name)}" if name else pose_labels(result.names)[pose]
+
+
+def _verdict(result: PosesResult, specification: PosesSpecification) -> str:
     worst = specification.results[specification.worst]
-    label = shown(specification.labels[specification.worst])
+    pose = _name(result, specification.worst)
     demand = f"spec {demanded(worst)} at every pose: {specification.verdict.upper()}"
     if specification.verdict == "nothing to judge" and worst.verdict == specification.verdict:
-        return f"{demand} - pose {label}: {NOTHING_VARIES}"
+        return f"{demand} - {pose}: {NOTHING_VARIES}"
     share, low, high = format_share(worst.probability, worst.interval, worst.required)
-    kept = sum(result.met for result in specification.results)
+    kept = sum(of.met for of in specification.results)
     together = ""
     if specification.everywhere is not None:
         of_all = specification.everywhere
@@ -65,7 +69,7 @@ def _verdict(specification: PosesSpecification) -> str:
         together = f"; {kept_share} % of robots keep it at all poses, interval {ends[0]} to {ends[1]} %"
     more = ": more samples decide it" if specification.verdict == "undecided" else ""
     return (
-        f"{demand} - worst pose {label}, {share} % inside, interval {low} to {high} %; "
+        f"{demand} - worst {pose}, {share} % inside, interval {low} to {high} %; "
         f"met at {kept:,} of {len(specification.results):,} poses{together}{more}"
     )
 
