@@ -1,7 +1,7 @@
 """Warnings of public functions by Python's ``warnings``: each line once a call, however many functions take part in it.
 
 A function that users call is marked with :func:`warns_at_end`; whatever runs inside it adds findings with :func:`add`. The
-outermost call tells them when it is done, as :class:`~precision_pin.errors.PrecisionPinWarning` at the line of the caller.
+outermost call issues them when it returns, as :class:`~precision_pin.errors.PrecisionPinWarning` at the line of the caller.
 """
 
 from __future__ import annotations

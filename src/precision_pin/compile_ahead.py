@@ -144,7 +144,7 @@ def _compile(jobs: Sequence[Job], report: Report) -> None:
         crew.work()  # what came too late for the thread
         crew.waiting += [job for job in jobs if job.last]
         crew.work()
-    except OSError:  # no process can be started, or what was started is none of ours
+    except OSError:  # no process can be started, or another program was started
         return
     finally:
         crew.end()

@@ -189,7 +189,7 @@ def nearest(name: str, valid: Iterable[str], *, most: int = 12) -> str:
     if not names:
         return "there are none"
     beside = bisect.bisect(names, name)
-    # comparing takes long with very many names, or long ones: those that begin alike stand beside one another
+    # comparing takes long with very many names, or long ones: those that begin alike are adjacent
     near = names[max(beside - MOST_COMPARED // 2, 0) : beside + MOST_COMPARED // 2]
     short = [candidate for candidate in near if len(candidate) <= LONGEST_COMPARED]
     import difflib  # late: every start reads this module, and hardly any needs it

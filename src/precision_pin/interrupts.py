@@ -194,7 +194,7 @@ def _leave() -> None:
         with suppress(OSError):
             undo()
     with suppress(OSError):
-        # a progress bar may stand on the line
+        # a progress bar may be on the line
         os.write(2, b"\n" * os.isatty(2) + NAMES[_state.number].encode() + b"\n")
     os._exit(128 + _state.number)
 

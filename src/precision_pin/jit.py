@@ -103,7 +103,7 @@ def call(
     function, arguments
         What to call.
     variant
-        Tells apart arguments that are of different types to numba.
+        Distinguishes arguments of different numba types.
     ahead
         Is called before the function has to be compiled: compiles it, or parts of it, into the cache.
     """

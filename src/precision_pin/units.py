@@ -56,7 +56,7 @@ class Quantity:
     Attributes
     ----------
     name
-        As it stands in messages.
+        Name used in messages.
     si
         The SI unit, ``""`` for a pure number.
     units
@@ -231,7 +231,7 @@ def parse(text: object, *quantities: Quantity) -> float:
     text
         Such as ``"0.05 mm"``; a plain number only where a quantity accepts no unit.
     quantities
-        What may stand here; the unit decides which is meant.
+        Quantities accepted here; the unit decides which is meant.
 
     Raises
     ------
@@ -268,9 +268,9 @@ def parse_vector(text: object, *quantities: Quantity, count: int | None = None) 
     Parameters
     ----------
     text
-        Numbers parted by blanks, then the unit.
+        Numbers separated by blanks, then the unit.
     quantities
-        What may stand here.
+        Quantities accepted here.
     count
         How many numbers there must be; any number of them if ``None``.
 

@@ -1,7 +1,7 @@
-"""Names and texts that users give, as messages, tables and figures show them: on one line, and not without end.
+"""Names and texts that users give, as messages, tables and figures show them: on one line, of limited length.
 
-A name may hold a line break, a mark that turns the direction of writing, a terminal's command, or a million letters;
-what is shown of it is what it is made of, cut where it is long.
+A name may hold a line break, a mark that turns the direction of writing, a terminal escape sequence, or a million
+letters; its characters are shown as escapes, and a long name is cut.
 """
 
 from __future__ import annotations

@@ -61,7 +61,7 @@ class _Question:
     model
         The sheet's error model.
     poses
-        The poses asked for, each as :meth:`precision_pin.model.error_model.ErrorModel.at` takes it.
+        The requested poses, each as :meth:`precision_pin.model.error_model.ErrorModel.at` takes it.
     """
 
     sheet: Sheet
@@ -169,7 +169,7 @@ def _run(declaration: Declaration, given: dict[str, Any]) -> int:
 
 
 def _answer(declaration: Declaration, shared: _Shared, result: Result, of_table: dict[str, Any]) -> None:
-    """Print a result and write the files asked for: ``NAME.json`` and a figure for each pose.
+    """Print a result and write the requested files: ``NAME.json`` and a figure for each pose.
 
     Raises
     ------

@@ -63,7 +63,7 @@ def refuse_of_one_pose(options: Sequence[str], poses: int) -> None:
 
 
 def analyze_poses(error_model: ErrorModel, sheet: Sheet, poses: Sequence[AskedPose], job: PosesJob) -> int:
-    """Sample at several poses, print and write what is asked for; returns the exit code."""
+    """Sample at several poses, print and write the result; returns the exit code."""
     from precision_pin.outputs.poses.table import poses_table
     from precision_pin.sampling.many_poses import sample_poses
 

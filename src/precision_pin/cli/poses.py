@@ -24,7 +24,7 @@ MOST_ROWS: Final = 2**20 - 1
 @final
 @dataclass(frozen=True, eq=False)
 class AskedPose:
-    """A pose asked for.
+    """A requested pose.
 
     Attributes
     ----------

@@ -64,7 +64,7 @@ def command(
 ) -> int:
     """Write one self-contained page: verdict, distributions, budget, worst case, exact law, 3-D view.
 
-    Several poses stand on one page, the worst first; the exit code is 1 if a specification is not met at any of
+    Several poses are on one page, the worst first; the exit code is 1 if a specification is not met at any of
     them. Without arguments: the paper's arm and sheet, from inside the package. ROBOT may be example:NAME.
     """
     from precision_pin.draws.space import check_seed

@@ -69,7 +69,7 @@ def read_trajectory(path: str | os.PathLike[str], chain: Chain, most: int) -> Tr
     Raises
     ------
     InputError
-        The file cannot be read, names other joints, or holds what is no finite number; one line that says where.
+        The file cannot be read, names other joints, or holds a value that is not a finite number; one line that says where.
     """
     file = os.fspath(path)
 

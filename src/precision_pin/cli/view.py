@@ -81,7 +81,7 @@ def command(
 
     Without arguments: the paper's arm and sheet. Several poses get a slider. With --spec the page says at its top whether
     the limit is kept by the robots it shows, and draws it. Without --out the page is served to this
-    machine only, until Ctrl-C, and made anew whenever the sheet or the robot changes.
+    machine only, until Ctrl-C, and rebuilt whenever the sheet or the robot changes.
     """
     from precision_pin.draws.space import check_seed
     from precision_pin.outputs.view import MOST_POINTS, limits_kept, page

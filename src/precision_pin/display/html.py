@@ -32,13 +32,13 @@ class Table:
     Attributes
     ----------
     columns
-        What stands above each column.
+        Column headings.
     rows
         One text for each column.
     heading
         A line above the table, none if empty.
     words
-        How many columns, from the left, hold words; they are set to the left, the numbers behind them to the right.
+        How many columns, from the left, hold words; they are aligned left, the numbers after them right.
     """
 
     columns: Sequence[str]

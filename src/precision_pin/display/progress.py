@@ -29,7 +29,7 @@ def progress(
     total
         How many steps there will be.
     what
-        Stands before the bar.
+        Label before the bar.
     delay
         Seconds before it is shown.
     unit
@@ -90,7 +90,7 @@ def compilation() -> Iterator[Callable[[float], None]]:
 
 
 def _bar(**shape: Any) -> Any:
-    """Return tqdm's bar; it shows nothing where stderr is no terminal, but in a notebook, whose is none."""
+    """Return tqdm's bar; it shows nothing where stderr is not a terminal, except in a notebook."""
     in_kernel = _in_kernel()
     return _tqdm(in_kernel)(leave=False, disable=False if in_kernel else None, file=sys.stderr, **shape)
 

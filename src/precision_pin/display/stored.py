@@ -34,7 +34,7 @@ class JsonResult:
     Attributes
     ----------
     schema
-        Name of the JSON's schema; of a class for several, how their names begin.
+        Name of the JSON's schema; for a class that covers several, their common prefix.
     """
 
     schema: ClassVar[str] = "precision-pin/"
@@ -62,7 +62,7 @@ class JsonResult:
         """Read a file written by :meth:`save` or by ``--json`` of a command.
 
         The numbers of a file are those of the JSON, not the samples and laws behind them: so what is returned has the same
-        ``to_dict`` and ``to_json``, and is no object of this class.
+        ``to_dict`` and ``to_json``, and is not an instance of this class.
 
         Raises
         ------

@@ -204,7 +204,7 @@ def data_frame(
 
 
 def dataset(frame: pandas.DataFrame) -> xarray.Dataset:
-    """Return a frame whose index is a full grid as a dataset; ``attrs`` become text, as netCDF wants it.
+    """Return a frame whose index is a full grid as a dataset; ``attrs`` become text, as netCDF requires.
 
     Raises
     ------

@@ -44,7 +44,7 @@ def count_everywhere(
     pool
         What the robots are sampled on; threads, which share memory.
     step
-        Told how many samples have been made since it was last called.
+        Called with the number of samples made since the last call.
 
     Raises
     ------

@@ -151,7 +151,7 @@ class AsBuilt:
         InputError
             A seed or unit out of range, or an error that turns a place by half a turn or more.
         InternalError
-            A written robot, read again, does not stand where the exact model puts it.
+            A written robot, read again, is not where the exact model puts it.
         """
         table = self.at.table
         for start in range(first, first + count, BLOCK):
@@ -269,8 +269,8 @@ def _way(robot: Robot, base: str, tip: str) -> tuple[tuple[Joint, ...], tuple[Jo
 def _links(robot: Robot, chain: Chain) -> tuple[tuple[_Step, ...], ...]:
     """Return the steps of every chain link, ranked as the links on the way are.
 
-    A moving joint passed backwards is two steps, as in `precision_pin.robot.urdf.rerooted`: none of the file's origins stands
-    before its motion, its own stands behind it.
+    A moving joint passed backwards is two steps, as in `precision_pin.robot.urdf.rerooted`: none of the file's origins
+    comes before its motion; its own comes after it.
     """
     links: list[list[_Step]] = [[]]
     frame = np.eye(4)

@@ -138,11 +138,11 @@ def draw_rows(
     most
         How many draws have a row of their own.
     further
-        Returns what stands behind a draw's name, scope, share, S1 and ST, all in per cent.
+        Returns the cells after a draw's name, scope, share, S1 and ST, all in per cent.
     columns
         How many cells that is.
     nonlinear
-        Stands behind ST where the exact model is not linear.
+        Mark after ST where the exact model is not linear.
     """
 
     def indices(group: Group) -> list[str]:

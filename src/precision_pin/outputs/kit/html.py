@@ -101,7 +101,7 @@ def table(
     rows
         The first cell of each is its heading.
     words
-        Columns that hold words and stand to the left, beside the first.
+        Columns of words besides the first, aligned left.
     last
         Whether the last row is a sum.
     """

@@ -215,7 +215,7 @@ def _whole_frame(arm: _Frame, drawn: Array, radius: float) -> _Frame:
     low, high = points.min(axis=0), points.max(axis=0)
     margin = _MARGIN * float((high - low).max())
     low, high = low - margin, high + margin
-    low[1] -= margin  # the scale stands below
+    low[1] -= margin  # the scale is below
     size, middle = high - low, (low + high) / 2
     height = max(size[1], _LOWEST_ASPECT * size[0])
     width = max(size[0], height / _HIGHEST_ASPECT)

@@ -33,7 +33,7 @@ class Camera:
     Attributes
     ----------
     azimuth, elevation
-        Where the viewer stands, rad.
+        Direction of view, rad.
     """
 
     azimuth: float

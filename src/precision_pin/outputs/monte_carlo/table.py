@@ -89,8 +89,8 @@ def pose_text(name: str, q: Mapping[str, float], sliding_joints: Collection[str]
 
 def subject(provenance: Provenance, pose: PoseLabel) -> str:
     """Return the arm, the ends of its chain and the pose of a result."""
-    stands = pose_text(pose.name, pose.q, pose.sliding_joints)
-    return f"{visible(provenance.robot)}: {visible(provenance.base)} to {visible(provenance.tip)}, pose {stands}"
+    where = pose_text(pose.name, pose.q, pose.sliding_joints)
+    return f"{visible(provenance.robot)}: {visible(provenance.base)} to {visible(provenance.tip)}, pose {where}"
 
 
 def _header() -> list[str]:

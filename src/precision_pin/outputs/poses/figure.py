@@ -29,10 +29,10 @@ from precision_pin.visible import visible
 __all__ = ["figure", "plot"]
 
 _MOST_NAMED: Final = 24
-"""Poses whose names stand below the axis; more are numbered."""
+"""Most poses named below the axis; more are numbered."""
 _MOST_LETTERS: Final = 18
 _MOST_LEVEL: Final = 80
-"""Letters of all names together that stand side by side."""
+"""Most letters of all names together without turning them."""
 _LIMIT_DASHES: Final = (0, (6, 1.5, 1.2, 1.5))
 _STYLES: Final = ((SKY, ":"), (BLUE, "-"), (PURPLE, "--"))
 """Colour and dashes of each quantile."""

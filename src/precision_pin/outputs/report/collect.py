@@ -134,7 +134,7 @@ def collect(
     package_dirs
         Folders of packages of meshes.
     step
-        Told of each step.
+        Called at each step.
     error_model
         The sheet's, if it is there already.
 

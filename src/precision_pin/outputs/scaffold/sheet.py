@@ -65,7 +65,7 @@ def scaffold(chain: Chain, robot_text: str, *, pose: Sequence[float] | None = No
     chain
         The arm; its tip, base, gravity and locked joints go into the sheet, payloads do not.
     robot_text
-        What stands after ``robot:``, a path relative to the sheet or ``example:NAME``.
+        The value of ``robot:``, a path relative to the sheet or ``example:NAME``.
     pose
         Joint values of the first pose, ``(n,)``, rad and m; a well-conditioned one within the limits if left out.
 

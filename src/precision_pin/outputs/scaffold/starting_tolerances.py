@@ -73,7 +73,7 @@ class Survey:
     trials
         Poses within the limits, ``(T, n)``, in ``units``.
     units
-        Of each joint's values: deg or m; rad where the limits leave a joint no room, so that it stands on them exactly.
+        Of each joint's values: deg or m; rad where a joint's limits coincide, so that its value equals them exactly.
     start, far
         The trial that is best conditioned and, of the others, the one whose tip is farthest from the first joint.
     loads

@@ -43,7 +43,7 @@ class Part:
     name
         Of its node below ``arm``.
     link
-        Chain link that it stands on.
+        Chain link that it is on.
     frame
         Its pose in the chain link's axes, ``(4, 4)``.
     rank

@@ -72,7 +72,7 @@ def page(
 ) -> str:
     """Return a self-contained HTML page that shows the arm and its sampled errors.
 
-    The arm stands undisplaced; end-effector positions of the samples are drawn at the nominal tip plus a factor times
+    The arm is drawn undisplaced; end-effector positions of the samples are drawn at the nominal tip plus a factor times
     their error, coloured by the true size of the error, with the ellipsoids of :mod:`.ellipsoids`. A slider in the page
     changes the factor of everything that shows errors: a few sampled end-effector frames are moved and turned by it,
     ``Exp(factor·δ)·R``, by 90° at most; arms as built, and the arm with every draw at its mean, are the chain multiplied

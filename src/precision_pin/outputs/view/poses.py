@@ -245,7 +245,7 @@ def limits_attitude(specifications: Sequence[Specification]) -> bool:
 def mcpc_frames(posture: Posture) -> list[dict[str, Any]]:
     """Return the MCPC frames 0 to n + 1 (Wei, Jia and Chen, 2015, Fig 4): chain link, and pose in its axes.
 
-    Frame i stands on link i, after the joint turned; frame n + 1 is the tip's.
+    Frame i is on link i, after the joint turned; frame n + 1 is the tip's.
     """
     frames = mcpc.from_chain(posture.chain).frame_in_link
     standing = [*enumerate(frames), (len(frames) - 1, posture.chain.placements[-1])]

@@ -124,7 +124,7 @@ def default_factor(
     float
         Drawn so, five standard deviations of the cloud along its widest direction in the picture span about 27 % of
         the picture's width, in which the whole arm and the cloud are seen. It is less where the mean error would else
-        stand so far away from the nominal tip that the arm took less than 45 % of the picture.
+        are so far away from the nominal tip that the arm took less than 45 % of the picture.
     """
     errors = np.asarray(positions, dtype=float)
     axes = picture_axes(view_direction(posture, errors) if direction is None else direction)
@@ -140,9 +140,9 @@ def default_factor(
     whole = max(_picture_width(arm), 1e-9)
 
     def misses(factor: float) -> float:
-        stands = tip + factor * mean
+        centre = tip + factor * mean
         half = factor * span / 2
-        width = _picture_width(np.column_stack([arm, stands - half, stands + half]))
+        width = _picture_width(np.column_stack([arm, centre - half, centre + half]))
         if whole < _LEAST_ARM * width:
             return math.inf
         return abs(math.log(factor * span / width / _WANTED))
