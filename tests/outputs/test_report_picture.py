@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import io
+import itertools
 
 import numpy as np
 import pytest
@@ -101,6 +102,19 @@ def test_the_cloud_fills_a_fair_part_of_the_picture_and_the_limit_has_room(at):
     assert near.shows_limit
     assert not far.shows_limit
     assert draw_picture(at.posture, Cloud(0 * errors)).factor == 1
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("middle", "limit"), [(0.0, 4e-3), (36e-3, 42e-3), (36e-3, 60e-3), (0.0, 2e-3)])
+def test_the_texts_of_a_picture_do_not_overlap(at, middle, limit):
+    """A limit about a cloud far from the tip reaches down to the scale of the errors."""
+    errors = 1e-3 * np.random.default_rng(3).standard_normal((3, 500)) + [[middle], [0.0], [0.0]]
+    made = draw_picture(at.posture, Cloud(errors, middle + 2.8e-3, limit)).figure
+    made.canvas.draw()
+    boxes = {text.get_text(): text.get_window_extent() for text in made.axes[0].texts}
+    assert len(boxes) >= 5
+    pairs = itertools.combinations(boxes, 2)
+    assert [(one, other) for one, other in pairs if boxes[one].overlaps(boxes[other])] == []
 
 
 @pytest.mark.slow

@@ -37,6 +37,8 @@ _CLOUD: Final = 0.27
 _LIMIT: Final = 0.36
 _SMALLEST: Final = 0.08
 _MARGIN: Final = 0.05
+# height of the line of text below a circle
+_LABEL: Final = 0.05
 _FACTORS: Final = (1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0)
 _BAR: Final = 0.16
 _TRIAD: Final = 0.085
@@ -213,6 +215,8 @@ def _whole_frame(arm: _Frame, drawn: Array, radius: float) -> _Frame:
     around = np.array([[-radius, -radius], [radius, radius]])
     points = np.vstack([arm.low, arm.high, drawn, around])
     low, high = points.min(axis=0), points.max(axis=0)
+    if radius > 0:
+        low[1] = min(low[1], -radius - _LABEL * float((high - low).max()))
     margin = _MARGIN * float((high - low).max())
     low, high = low - margin, high + margin
     low[1] -= margin  # the scale is below
