@@ -61,7 +61,7 @@ def _ignore(share: float) -> None:
 
 @contextmanager
 def silent() -> Iterator[Report]:
-    """Say nothing of compiling."""
+    """Print nothing about compiling."""
     yield _ignore
 
 

@@ -71,7 +71,7 @@ def fma(function: Function) -> Function:
 
 
 def fma_noinline(function: Function) -> Function:
-    """Compile as `fma`, but not into its callers: among theirs, its constants would find no registers."""
+    """Compile as `fma`, but not inlined: with the callers' constants, its own would not fit the registers."""
     return cast("Function", _inner(forceinline=False, fastmath={"contract"})(function))
 
 
@@ -195,7 +195,7 @@ def _types_of(arguments: tuple[Any, ...]) -> tuple[Any, ...]:
 
 @contextmanager
 def _no_garbage_collection() -> Iterator[None]:
-    """Let the collector rest: a compiler makes many objects and leaves few, among which it would look all the time."""
+    """Pause the garbage collector: a compiler makes many objects and keeps few, which it would search all the time."""
     enabled = gc.isenabled()
     gc.disable()
     try:

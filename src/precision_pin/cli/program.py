@@ -93,12 +93,12 @@ def _code() -> int:
     except InputError as error:
         return _say(str(error), EXIT_INPUT)
     except Exception as error:  # noqa: BLE001 - the last resort
-        if interrupts.came():  # what a library made of it
+        if interrupts.came():  # a library has replaced the exception
             return _interrupted(interrupts.came())
         lack = shortage(error)
         if lack is not None:
             return _say(str(lack), EXIT_INPUT)
-        # a bug is shown whole
+        # a bug is shown with its traceback
         what = error if isinstance(error, InternalError) else f"\n{traceback.format_exc()}"
         return _say(f"internal error (a bug in precision-pin): {what}".replace(": \n", ":\n"), EXIT_INTERNAL)
 

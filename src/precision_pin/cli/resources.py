@@ -40,7 +40,7 @@ def require_resources() -> None:
     if not started:
         raise _lack("the system lets no thread start (a limit of processes or of memory, ulimit -a)")
     if started < wanted or (limit is not None and limit < AMPLE):
-        # libraries of linear algebra would send this process a SIGINT for want of threads
+        # libraries of linear algebra would send this process a SIGINT where threads are missing
         os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 

@@ -81,7 +81,7 @@ def say(line: str) -> None:
 
 
 def echo_data(text: str) -> None:
-    """Print data on stdout; that its reader has gone, as ``head`` does, is no error.
+    """Print data on stdout; a reader that closes early, as ``head`` does, is no error.
 
     Raises
     ------

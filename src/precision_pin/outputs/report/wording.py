@@ -24,7 +24,7 @@ def subject(results: Results) -> str:
 
 
 def describe_run(poses: Sequence[Results]) -> str:
-    """Return what was sampled, short."""
+    """Return a short description of the sampling."""
     analysis = poses[0].analysis
     named = f"pose '{analysis.pose_name}'" if analysis.pose_name else "joint values of the command line"
     where = named if len(poses) == 1 else f"{len(poses)} poses"

@@ -155,7 +155,7 @@ class _Drawing:
                     self._surfaces.append((part, surface, surface.colour or colour, shape.origin, owner))
 
     def _draw_surfaces(self) -> None:
-        """Draw the meshes of all links, which share the page's room."""
+        """Draw the meshes of all links, which share the page's size limit."""
         if not self._surfaces:
             return
         paths, surfaces, colours, origins, owners = zip(*self._surfaces, strict=True)

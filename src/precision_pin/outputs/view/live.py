@@ -1,4 +1,4 @@
-"""A page that follows its files: served on this machine alone, made anew and reloaded when one of them changes.
+"""A page that follows its files: served on this machine alone, rebuilt and reloaded when one of them changes.
 
 The browser shows an outer document whose one frame holds the page, so the page keeps its own strict policy and needs
 no script for this. The outer document asks twice a second for the page's version, a digest, and loads the frame again
@@ -54,7 +54,7 @@ def serve(
     announce: Callable[[str], None],
     tick: Callable[[], None] = lambda: None,
 ) -> None:
-    """Serve a page on 127.0.0.1 until Ctrl-C, and make it anew whenever a watched file changes.
+    """Serve a page on 127.0.0.1 until Ctrl-C, and rebuild it whenever a watched file changes.
 
     Only this machine can reach the page, but every user of it can. While the files are wrong, the browser shows what
     is wrong with them, and the page again once they are right.
@@ -149,7 +149,7 @@ class _Watch:
         self._next = 0.0
 
     def changed(self) -> bool:
-        """Return whether the page should be made anew; looks at the files four times a second at most."""
+        """Return whether the page should be rebuilt; looks at the files four times a second at most."""
         if time.monotonic() < self._next:
             return False
         self._next = time.monotonic() + _LOOK
@@ -217,14 +217,14 @@ class _Server(socketserver.ThreadingMixIn, socketserver.TCPServer):
         super().shutdown_request(request)
 
     def server_close(self) -> None:
-        # browsers keep silent connections in stock, whose threads would be waited for
+        # browsers keep idle connections open, whose threads would be waited for
         for connection in tuple(self._connections):
             with suppress(OSError):
                 connection.shutdown(socket.SHUT_RDWR)
         super().server_close()
 
     def handle_error(self, request: Any, client_address: Any) -> None:
-        """Say nothing of readers who left."""
+        """Log nothing about readers who left."""
         if not isinstance(sys.exception(), OSError):
             super().handle_error(request, client_address)
 
@@ -280,7 +280,7 @@ class _Handler(BaseHTTPRequestHandler):
         super().end_headers()
 
     def log_message(self, format: str, *args: object) -> None:
-        """Say nothing of requests."""
+        """Log nothing about requests."""
 
 
 def _asset(name: str) -> str:
