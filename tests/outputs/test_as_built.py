@@ -364,7 +364,7 @@ def test_a_file_without_anything_frozen_says_so(tmp_path):
     (built,) = AsBuilt.prepare(model, np.zeros(6)).units(0, 0, 1)
     comment = " ".join(COMMENT.search(built.text)[0].decode().split())
     assert comment.endswith("No source was seen to depend on the pose. -->")
-    assert "held still on the way: joint2 = 0.25 rad pose: " in comment
+    assert "locked on the way: joint2 = 0.25 rad pose: " in comment
 
 
 @pytest.mark.parametrize(

@@ -304,7 +304,7 @@ def test_a_change_is_seen_however_it_is_written(served, sheet, write):
     first = served.get("/version")[2]
     write(sheet.path, "two")
     begun = time.monotonic()
-    assert served.line() == "the files have changed; the page was made anew"
+    assert served.line() == "the files have changed; the page was rebuilt"
     assert time.monotonic() - begun < 3
     assert served.get("/page")[2].decode() == small_page("two")
     assert served.get("/version")[2] != first

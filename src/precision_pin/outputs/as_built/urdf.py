@@ -350,7 +350,7 @@ def _about(model: ErrorModel, at: PoseModel, pose: str, base: str, tip: str) -> 
     way = chain.robot.path(chain.robot.root, chain.tip)
     held = [joint for joint in way if joint.name in chain.locked]
     if held:
-        yield f"held still on the way: {_values(held, [chain.locked[joint.name] for joint in held])}"
+        yield f"locked on the way: {_values(held, [chain.locked[joint.name] for joint in held])}"
     yield f"pose{pose and ' ' + pose}: {_values(chain.joints, at.posture.q)}"
     yield (
         "The unit's errors are in the <origin> elements of the joints of the chain. At this pose the robot has all of them, "

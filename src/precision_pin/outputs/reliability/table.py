@@ -95,7 +95,7 @@ def _strata_lines(entry: SpecificationReliability) -> list[str]:
     named = ", ".join(f"{_rare(part)} {part.probability:.3g}" for part in parts[:LISTED])
     more = f", … ({len(parts)} in all)" if len(parts) > LISTED else ""
     left = f"; not looked at, added to the upper ends: {entry.strata.remainder:.3g}" if entry.strata.remainder else ""
-    return [f"  rare values, each sought by itself, and their probabilities  {named or 'none'}{more}{left}"]
+    return [f"  rare values, each searched separately, and their probabilities  {named or 'none'}{more}{left}"]
 
 
 def _rare(part: Stratum) -> str:

@@ -127,7 +127,7 @@ def _made_anew(make_page: Callable[[], str], watched: Sequence[Path], announce: 
                 watched=", ".join(f"<code>{escaped(str(path))}</code>" for path in watched),
             )
         )
-    announce("the files have changed; the page was made anew")
+    announce("the files have changed; the page was rebuilt")
     return content
 
 

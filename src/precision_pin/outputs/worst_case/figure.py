@@ -97,7 +97,7 @@ def explain_excess(pose: PoseWorstCase) -> list[str]:
         name = symbol(bound.quantity)
         if bound.found.norm > upper:
             lines.append(
-                f"{name}: the exact model goes beyond its first-order bound: it bends over tolerances this large"
+                f"{name}: the exact model goes beyond its first-order bound: it is not linear over tolerances this large"
             )
         if bound.seen.max > upper:
             lines.append(f"{name}: samples lie beyond the bound, which cuts unbounded laws and is of the first order")

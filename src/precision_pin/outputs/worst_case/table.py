@@ -32,7 +32,7 @@ def table(result: WorstCaseResult) -> str:
         lines = [
             subject(provenance, pose.pose),
             f"worst case of {result.draws} draws, {cut}",
-            f"beside it {result.samples:,} samples, seed {provenance.seed}, exact model, statics {provenance.statics}; "
+            f"compared with {result.samples:,} samples, seed {provenance.seed}, exact model, statics {provenance.statics}; "
             "errors in base axes",
             "",
             *aligned(_norm_rows(pose)),
@@ -88,7 +88,7 @@ def _contributions(bound: NormBound) -> list[str]:
         [f"  {name}", unit(bound.quantity), milli(value), _values(bound, name)]
         for name, value in listed_contributions(bound, "error at the means")
     ]
-    return [f"what makes up {symbol(bound.quantity)} ({how}):", *aligned(rows)]
+    return [f"contributions to {symbol(bound.quantity)} ({how}):", *aligned(rows)]
 
 
 def _exceeded(pose: PoseWorstCase) -> list[str]:
@@ -98,7 +98,7 @@ def _exceeded(pose: PoseWorstCase) -> list[str]:
             lines.append(
                 f"the exact model goes beyond the first-order bound of {symbol(bound.quantity)} by "
                 f"{1e3 * (bound.found.norm - bound.first_order.upper):.3g} {unit(bound.quantity)}: "
-                "it bends over tolerances this large"
+                "it is not linear over tolerances this large"
             )
     return ["", *lines] if lines else []
 
