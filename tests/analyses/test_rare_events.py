@@ -490,7 +490,7 @@ def test_a_tool_length_that_jumps_once_in_20_000():
         assert first.importance["joint_offset[joint1].offset"] == pytest.approx(1, abs=1e-6)
         assert sum(first.importance.values()) == pytest.approx(1, rel=1e-9)
     assert "NOT MET" in table(result)
-    assert "rare values, each sought by itself" in table(result)
+    assert "rare values, each searched separately" in table(result)
 
 
 def test_a_stratum_of_everything_is_the_space():
