@@ -73,8 +73,8 @@ class PoseSet:
     def at(cls, chain: Chain, q: Array, names: tuple[str, ...] | None = None, times: Array | None = None) -> PoseSet:
         """Return the poses of joint values ``(n, P)``, as :meth:`Chain.configurations.many` reads them, with their statuses."""
         postures = chain.at_columns(q)
-        outside: list[bool] = chain.configurations.outside(q).any(axis=0).tolist()
-        singular: list[bool] = (smallest_singular_values(chain, q) < SINGULAR_BELOW).tolist()
+        outside = map(bool, chain.configurations.outside(q).any(axis=0))
+        singular = map(bool, smallest_singular_values(chain, q) < SINGULAR_BELOW)
         status = tuple(_status(*flags) for flags in zip(outside, singular, strict=True))
         return cls(
             q=q,
@@ -91,7 +91,7 @@ class PoseSet:
     @property
     def known(self) -> NDArray[np.bool_]:
         """Mask ``(P,)`` of the poses whose joint values are known."""
-        return np.isfinite(self.q[0]) if len(self.q) else np.ones(len(self), dtype=np.bool_)
+        return np.isfinite(self.q[0])
 
     def of(self, mask: NDArray[np.bool_]) -> PoseSet:
         """Return the poses that a mask ``(P,)`` selects, in order."""
