@@ -42,6 +42,7 @@ if TYPE_CHECKING:
     from precision_pin.errors import PrecisionPinError as PrecisionPinError
     from precision_pin.model.error_model import ErrorModel as ErrorModel
     from precision_pin.robot import mcpc as mcpc
+    from precision_pin.robot.approach import ApproachedPose as ApproachedPose
     from precision_pin.robot.chain import Chain as Chain
     from precision_pin.robot.chain import Posture as Posture
     from precision_pin.robot.postures import Postures as Postures
@@ -58,6 +59,7 @@ old_paths.install()
 
 _HOMES: Final = {
     "Analysis": "sampling.result",
+    "ApproachedPose": "robot.approach",
     "Arcsine": "draws.laws",
     "Chain": "robot.chain",
     "Circle": "draws.laws",

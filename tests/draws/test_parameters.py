@@ -108,7 +108,7 @@ def test_arguments_stand_before_what_uses_them() -> None:
 
 
 def test_operator_numbers_are_the_interface_of_the_kernel() -> None:
-    names = ["ADD", "SUBTRACT", "MULTIPLY", "DIVIDE", "POWER", "SQRT", "SIN", "COS"]
+    names = ["ADD", "SUBTRACT", "MULTIPLY", "DIVIDE", "POWER", "SQRT", "SIN", "COS", "SIGN"]
     assert [(operator.name, operator.value) for operator in Operator] == [(name, k) for k, name in enumerate(names)]
 
 

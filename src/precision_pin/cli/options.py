@@ -112,6 +112,8 @@ class ChainOptions(TypedDict):
 class PoseOptions(TypedDict):
     """The poses: :func:`pose_options`."""
 
+    approach: str | None
+
     pose_names: tuple[str, ...]
     all_poses: bool
     qs: tuple[str, ...]
@@ -123,9 +125,11 @@ class OnePoseOptions(ChainOptions):
 
     pose: str | None
     q: str | None
+    approach: str | None
 
 
 _Q_HELP: Final = 'Joint values: "-90 3 88 -91 deg", "0.1 m, 10 deg" or "joint1: 10 deg, …".'
+_APPROACH_HELP: Final = 'How joints moved last: "joint1 +, joint2 -"'
 inputs_argument: Final = click.argument("inputs", nargs=-1, metavar="[ROBOT.urdf] [SHEET.yaml]")
 seed_option: Final = click.option("--seed", type=int, default=0, show_default=True, metavar="S", help="64-bit seed.")
 model_option: Final = click.option(
@@ -143,6 +147,11 @@ spec_option: Final = click.option(
 def pose_options(command: Decorated) -> Decorated:
     """Add the options of :class:`PoseOptions`, which :func:`precision_pin.cli.poses.read_poses` turns into poses."""
     for option in (
+        click.option(
+            "--approach",
+            metavar="DIRECTIONS",
+            help=f'{_APPROACH_HELP}, or "previous": from the pose before it.',
+        ),
         click.option(
             "--trajectory",
             metavar="FILE.csv",
@@ -166,7 +175,8 @@ def one_pose_options(command: Decorated) -> Decorated:
     """Add the options of :class:`OnePoseOptions`."""
     pose = click.option("--pose", metavar="NAME", help="One of the sheet's poses; the first if left out.")
     q = click.option("--q", metavar="VALUES", help=_Q_HELP)
-    for option in (quiet_option, all_warnings_option, chain_options, q, pose, inputs_argument):
+    approach = click.option("--approach", metavar="DIRECTIONS", help=f"{_APPROACH_HELP}.")
+    for option in (quiet_option, all_warnings_option, chain_options, approach, q, pose, inputs_argument):
         command = option(command)
     return command
 

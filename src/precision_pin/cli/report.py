@@ -91,6 +91,7 @@ def command(
     compile_sampler(space, model)
     options: dict[str, tuple[str | None, ...]] = {"--pose": arm["pose_names"], "--q": arm["qs"]}
     options |= {"--trajectory": (None if trajectory is None else _name(trajectory),)}
+    options |= {"--approach": (arm["approach"],)}
     options |= {"--tip": (arm["tip"],), "--base": (arm["base"],)}
     options |= {"--package-dir": tuple(map(_name, package_dirs)), "--samples": (str(samples),), "--seed": (str(seed),)}
     options |= {"--model": (model,), "--spec": specs, "--out": ("report.html",)}

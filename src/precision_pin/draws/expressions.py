@@ -31,6 +31,7 @@ __all__ = [
     "component_names",
     "cos",
     "operations",
+    "sign",
     "sin",
     "sqrt",
 ]
@@ -41,6 +42,8 @@ Slopes = dict[int, float]
 
 MOST_OPERATIONS: Final = 32
 """Largest number of operations in one parameter's formula."""
+MOST_LOAD_OPERATIONS = 256
+"""The same of a formula with a sign, which a source makes of all loads on a joint."""
 
 
 class Operator(IntEnum):
@@ -54,6 +57,7 @@ class Operator(IntEnum):
     SQRT = 5
     SIN = 6
     COS = 7
+    SIGN = 8
 
 
 class Expression(ABC):  # noqa: B024 - nothing to override: the engines read the tree
@@ -181,6 +185,11 @@ def cos(argument: Expression) -> Expression:
     return Operation(Operator.COS, (argument,))
 
 
+def sign(argument: Expression) -> Expression:
+    """Return 1 where an expression is zero or positive, else -1; its derivative counts as zero."""
+    return Operation(Operator.SIGN, (argument,))
+
+
 def _expression(value: Expression | float) -> Expression:
     return value if isinstance(value, Expression) else Constant(float(value))
 
@@ -216,22 +225,20 @@ class Program:
         Raises
         ------
         InputError
-            A parameter needs more than 32 operations, or names a component that does not exist.
+            A parameter needs more than 32 operations (256 with a sign), or names a component that does not exist.
         """
         distinct: dict[Expression, None] = {}
         for parameter in parameters:
-            if isinstance(parameter, Operation) and parameter.depth > MOST_OPERATIONS:
+            if isinstance(parameter, Operation) and parameter.depth > MOST_LOAD_OPERATIONS:
                 raise InputError(
                     f"a parameter's formula takes {parameter.depth} operations or more, "
                     f"at most {MOST_OPERATIONS} are allowed"
                 )
             own: dict[Expression, None] = {}
             _collect(parameter, own)
-            count = _count(own)
-            if count > MOST_OPERATIONS:
-                raise InputError(
-                    f"a parameter's formula takes {count} operations, at most {MOST_OPERATIONS} are allowed"
-                )
+            count, most = _count(own), MOST_LOAD_OPERATIONS if _has_sign(own) else MOST_OPERATIONS
+            if count > most:
+                raise InputError(f"a parameter's formula takes {count} operations, at most {most} are allowed")
             distinct.update(own)
         constants = [part for part in distinct if isinstance(part, Constant)]
         register: dict[Expression, int] = {part: len(component_index) + k for k, part in enumerate(constants)}
@@ -315,6 +322,10 @@ def _count(parts: Mapping[Expression, None]) -> int:
     return sum(isinstance(part, Operation) for part in parts)
 
 
+def _has_sign(parts: Mapping[Expression, None]) -> bool:
+    return any(isinstance(part, Operation) and part.operator is Operator.SIGN for part in parts)
+
+
 def _collect(expression: Expression, found: dict[Expression, None]) -> None:
     """Add an expression and its parts, arguments before what uses them."""
     if expression in found:
@@ -347,6 +358,8 @@ def _apply(operator: Operator, a: Array, b: Array) -> Array:
         case Operator.COS:
             cosine: Array = np.cos(a)
             return cosine
+        case Operator.SIGN:
+            return np.where(a >= 0, 1.0, -1.0)
 
 
 def _slopes(operator: Operator, a: float, b: float, result: float, da: Slopes, db: Slopes) -> Slopes:
@@ -375,3 +388,5 @@ def _slope(operator: Operator, a: float, b: float, result: float, da: float, db:
             return math.cos(a) * da
         case Operator.COS:
             return -math.sin(a) * da
+        case Operator.SIGN:
+            return 0.0

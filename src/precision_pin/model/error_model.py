@@ -5,11 +5,12 @@ from __future__ import annotations
 import itertools
 import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from functools import cached_property
 from typing import Final, Literal, final
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from precision_pin.call_warnings import add, warns_at_end
 from precision_pin.display.html import Table, rendered
@@ -25,6 +26,7 @@ from precision_pin.inputs.arguments import (
 from precision_pin.model.about_rest import terms_about_rest
 from precision_pin.model.equilibrium import settle
 from precision_pin.model.pose_model import PoseModel, joint_value, spread_of
+from precision_pin.robot.approach import Approach, ApproachedPose, read_approach, read_approaches
 from precision_pin.robot.chain import Chain, Place, Posture
 from precision_pin.sheet import Sheet
 from precision_pin.sheet import read as read_sheet
@@ -65,7 +67,8 @@ class ErrorModel:
     sources
         Error sources, in any order. Laws in their settings become draws of the model.
     poses
-        Named configurations, the first one the default.
+        Named configurations, the first one the default; with an approach where one is an
+        :class:`~precision_pin.robot.approach.ApproachedPose`.
     statics
         ``"nominal"``: loads at the undeflected pose, as in the paper. ``"equilibrium"``: on the arm at rest under them.
 
@@ -73,6 +76,8 @@ class ErrorModel:
     ----------
     chain, sources, poses, statics
         As given.
+    approaches
+        Approach of each named pose that has one.
     assumed
         Labels of the sources that the sheet marks as assumptions.
     labels
@@ -86,7 +91,7 @@ class ErrorModel:
         chain: Chain,
         space: Space,
         sources: Sequence[Source],
-        poses: Mapping[str, ArrayLike | Mapping[str, float]] | None = None,
+        poses: Mapping[str, ArrayLike | Mapping[str, float] | ApproachedPose] | None = None,
         statics: Literal["nominal", "equilibrium"] = "nominal",
     ) -> None:
         check_choice("statics", statics, ("nominal", "equilibrium"))
@@ -98,7 +103,7 @@ class ErrorModel:
         self.labels = labels(self.sources)
         drawn = space.including(own_draws(self.sources, self.labels))
         self.space = with_quantities(drawn, self.sources, self.labels, chain)
-        self.poses = _read_poses(chain, {} if poses is None else poses)
+        self.poses, self.approaches = _read_poses(chain, {} if poses is None else poses)
         self.assumed: tuple[str, ...] = ()
         self._layout: TableLayout | None = None
 
@@ -128,12 +133,15 @@ class ErrorModel:
     def from_sheet(cls, sheet: Sheet) -> ErrorModel:
         """Return the model of a sheet that has been read."""
         check_instance("sheet", sheet, Sheet, "as sheet.read returns it; ErrorModel.load takes a path")
-        model = cls(sheet.chain, sheet.space, sheet.sources, sheet.poses, sheet.statics)
+        poses = {name: ApproachedPose(q, sheet.approaches.get(name, ())) for name, q in sheet.poses.items()}
+        model = cls(sheet.chain, sheet.space, sheet.sources, poses, sheet.statics)
         model.assumed = tuple(model.labels[k] for k in sheet.assumed)
         return model
 
-    def configuration(self, q: ArrayLike | Mapping[str, float] | str | None = None) -> Array:
+    def configuration(self, q: ArrayLike | Mapping[str, float] | ApproachedPose | str | None = None) -> Array:
         """Return joint values in chain order: given in that order, by joint name or by a pose's name; or of the first pose.
+
+        Those of an :class:`~precision_pin.robot.approach.ApproachedPose` are those of its pose.
 
         Raises
         ------
@@ -142,6 +150,8 @@ class ErrorModel:
         InputError
             Wrong joint values, or none given and the model has no poses.
         """
+        if isinstance(q, ApproachedPose):
+            return self.configuration(q.pose)
         if q is None:
             if not self.poses:
                 raise InputError("the model has no poses; give joint values")
@@ -152,31 +162,75 @@ class ErrorModel:
             return self.poses[q]
         return self.chain.configuration(q)
 
+    def approach(self, q: ArrayLike | Mapping[str, float] | ApproachedPose | str | None = None) -> Approach:
+        """Return the approach of a pose as :meth:`configuration` takes it; empty where none is given.
+
+        Raises
+        ------
+        UnknownNameError
+            No such joint.
+        InputError
+            Wrong directions, or the approach is from the pose before, which there is not.
+        """
+        if not isinstance(q, ApproachedPose):
+            return self.approaches.get(self.pose_name(q), ())
+        if q.is_from_previous:
+            raise InputError("the approach is 'previous', but there is no pose before; give + or - by joint")
+        return read_approach(self.chain.joint_names, q.approach)
+
     def configurations(
-        self, q: ArrayLike | Mapping[str, ArrayLike] | Sequence[object]
+        self, q: ArrayLike | Mapping[str, ArrayLike] | Sequence[object] | ApproachedPose
     ) -> tuple[Array, tuple[str, ...]]:
         """Return the joint values ``(n, P)`` of many poses and their names, empty if a pose has none; see :meth:`at_many`."""
+        if isinstance(q, ApproachedPose):
+            return self.configurations(q.pose)
         if isinstance(q, str):
             q = [q]
         listed = isinstance(q, list | tuple)
-        names = tuple(one if isinstance(one, str) else "" for one in q) if listed else ()  # type: ignore[union-attr]
-        if any(names):
-            q = [self.configuration(one) if isinstance(one, str) else one for one in q]  # type: ignore[union-attr]
+        names = tuple(self.pose_name(one) if one is not None else "" for one in q) if listed else ()  # type: ignore[union-attr]
+        if any(isinstance(one, str | ApproachedPose) for one in (q if listed else ())):  # type: ignore[union-attr]
+            named = (str, ApproachedPose)
+            q = [self.configuration(one) if isinstance(one, named) else one for one in q]  # type: ignore[union-attr]
         values = self.chain.configurations.many(q)
         add(self.chain.configurations.doubts(q))
         return values, names or ("",) * values.shape[1]
 
+    def approaches_of(self, q: object, values: Array) -> NDArray[np.int8] | None:
+        """Return the approach of each of many poses, ``(n, P)``; ``None`` if none has one.
+
+        Parameters
+        ----------
+        q
+            The poses, as :meth:`configurations` takes them. Of an :class:`~precision_pin.robot.approach.ApproachedPose`
+            the approach is that of each of its poses.
+        values
+            Their joint values ``(n, P)``.
+        """
+        return read_approaches(q, values, self.approach)
+
     def pose_name(self, q: object) -> str:
         """Return the name of the pose that :meth:`configuration` returns for ``q``, empty if it has none."""
+        if isinstance(q, ApproachedPose):
+            return self.pose_name(q.pose)
         return q if isinstance(q, str) else next(iter(self.poses), "") if q is None else ""
 
     @warns_at_end
-    def at(self, q: ArrayLike | Mapping[str, float] | str | None = None) -> PoseModel:
-        """Return the model at a pose; ``q`` as in :meth:`configuration`.
+    def at(
+        self, q: ArrayLike | Mapping[str, float] | ApproachedPose | str | None = None, *, approach: object = None
+    ) -> PoseModel:
+        """Return the model at a pose.
 
         Warns of joint values outside their limits, and of the other findings of the posture.
+
+        Parameters
+        ----------
+        q
+            As in :meth:`configuration`.
+        approach
+            As in :class:`~precision_pin.robot.approach.ApproachedPose`; by default that of the pose.
         """
-        at = self._at(self.chain.at(self.configuration(q)))
+        q = q if approach is None else ApproachedPose(q, approach)
+        at = self._at(replace(self.chain.at(self.configuration(q)), approach=self.approach(q)))
         add(at.posture.findings)
         return at
 
@@ -201,11 +255,16 @@ class ErrorModel:
         """
         values, _ = self.configurations(q)
         add(limit_findings(self.chain, values))
-        return self.at_columns(values)
+        return self.at_columns(values, self.approaches_of(q, values))
 
-    def at_columns(self, values: Array) -> Iterator[PoseModel]:
-        """Return the model at poses ``(n, P)`` as :meth:`configurations` returns them, one after another."""
-        return (self._at(bare) for first in range(0, values.shape[1], _AT_ONCE) for bare in self._bare(values, first))
+    def at_columns(self, values: Array, approaches: NDArray[np.int8] | None = None) -> Iterator[PoseModel]:
+        """Return the model at poses ``(n, P)`` as :meth:`configurations` returns them, one after another.
+
+        Their approaches are those of :meth:`approaches_of`.
+        """
+        for first in range(0, values.shape[1], _AT_ONCE):
+            for k, bare in enumerate(self._bare(values, first), start=first):
+                yield self._at(bare if approaches is None else replace(bare, approach=tuple(approaches[:, k].tolist())))
 
     def statics_findings(self, at: PoseModel) -> tuple[Finding, ...]:
         """Return warnings that the statics are beyond their range of validity.
@@ -358,14 +417,20 @@ def limit_findings(chain: Chain, values: Array) -> tuple[Finding, ...]:
     return (Finding("warning", "W_JOINT_LIMIT", message, chain.robot.file, joint.line),)
 
 
-def _read_poses(chain: Chain, poses: Mapping[str, ArrayLike | Mapping[str, float]]) -> dict[str, Array]:
-    found = {}
+def _read_poses(
+    chain: Chain, poses: Mapping[str, ArrayLike | Mapping[str, float] | ApproachedPose]
+) -> tuple[dict[str, Array], dict[str, Approach]]:
+    """Return joint values by the poses' names, and the approaches of those that have one."""
+    found, approaches = {}, {}
     for name, q in check_mapping("the poses", poses).items():
         try:
-            found[name] = chain.configuration(q)
+            pose, approach = (q.pose, q.approach) if isinstance(q, ApproachedPose) else (q, ())
+            found[name] = chain.configuration(pose)
+            if own := read_approach(chain.joint_names, approach):
+                approaches[name] = own
         except InputError as error:
             raise InputError(f"pose {name!r}: {error.findings[0].message}") from None
-    return found
+    return found, approaches
 
 
 def _settings(source: Source) -> str:

@@ -3,7 +3,8 @@
 The reader collects every finding with its line before it raises an error.
 """
 
-from precision_pin.sheet.reader import Overrides, Sheet, parse_pose, read
+from precision_pin.sheet.poses import parse_pose
+from precision_pin.sheet.reader import Overrides, Sheet, read
 from precision_pin.sheet.remarks import pose_remark
 from precision_pin.sheet.schema import json_schema
 from precision_pin.sources import catalogue
