@@ -47,6 +47,7 @@ if TYPE_CHECKING:
     from precision_pin.robot.chain import Posture as Posture
     from precision_pin.robot.postures import Postures as Postures
     from precision_pin.sampling import monte_carlo as monte_carlo
+    from precision_pin.sampling.approaches import sample_approaches as sample_approaches
     from precision_pin.sampling.many_poses import sample_poses as sample_poses
     from precision_pin.sampling.poses_result import PosesResult as PosesResult
     from precision_pin.sampling.result import Analysis as Analysis
@@ -93,6 +94,7 @@ _HOMES: Final = {
     "monte_carlo": "sampling",
     "progress": "display.progress",
     "reliability": "analyses.reliability.reliability",
+    "sample_approaches": "sampling.approaches",
     "sample_poses": "sampling.many_poses",
     "specification": "statistics.specification",
     "worst_case": "analyses.worst_case.worst_case",

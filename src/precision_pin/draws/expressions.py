@@ -30,8 +30,10 @@ __all__ = [
     "Value",
     "component_names",
     "cos",
+    "fix_signs",
     "operations",
     "sign",
+    "signs_of",
     "sin",
     "sqrt",
 ]
@@ -40,10 +42,8 @@ __all__ = [
 Slopes = dict[int, float]
 """Derivatives by the column of the component."""
 
-MOST_OPERATIONS: Final = 32
-"""Largest number of operations in one parameter's formula."""
-MOST_LOAD_OPERATIONS = 256
-"""The same of a formula with a sign, which a source makes of all loads on a joint."""
+MOST_OPERATIONS: Final = 256
+"""Largest number of operations in one parameter's formula; all loads on a joint are one."""
 
 
 class Operator(IntEnum):
@@ -225,20 +225,22 @@ class Program:
         Raises
         ------
         InputError
-            A parameter needs more than 32 operations (256 with a sign), or names a component that does not exist.
+            A parameter needs more than 256 operations, or names a component that does not exist.
         """
         distinct: dict[Expression, None] = {}
         for parameter in parameters:
-            if isinstance(parameter, Operation) and parameter.depth > MOST_LOAD_OPERATIONS:
+            if isinstance(parameter, Operation) and parameter.depth > MOST_OPERATIONS:
                 raise InputError(
                     f"a parameter's formula takes {parameter.depth} operations or more, "
                     f"at most {MOST_OPERATIONS} are allowed"
                 )
             own: dict[Expression, None] = {}
             _collect(parameter, own)
-            count, most = _count(own), MOST_LOAD_OPERATIONS if _has_sign(own) else MOST_OPERATIONS
-            if count > most:
-                raise InputError(f"a parameter's formula takes {count} operations, at most {most} are allowed")
+            count = _count(own)
+            if count > MOST_OPERATIONS:
+                raise InputError(
+                    f"a parameter's formula takes {count} operations, at most {MOST_OPERATIONS} are allowed"
+                )
             distinct.update(own)
         constants = [part for part in distinct if isinstance(part, Constant)]
         register: dict[Expression, int] = {part: len(component_index) + k for k, part in enumerate(constants)}
@@ -318,12 +320,35 @@ def operations(expression: Expression) -> int:
     return _count(parts)
 
 
+def signs_of(expressions: Sequence[Expression]) -> list[Expression]:
+    """Return every sign in some expressions, each once."""
+    parts: dict[Expression, None] = {}
+    for expression in expressions:
+        _collect(expression, parts)
+    return [part for part in parts if _is_sign(part)]
+
+
+def fix_signs(expression: Expression, values: Mapping[Expression, float]) -> Expression:
+    """Return an expression with its signs replaced by numbers."""
+    parts: dict[Expression, None] = {}
+    _collect(expression, parts)
+    fixed: dict[Expression, Expression] = {}
+    for part in parts:
+        if _is_sign(part):
+            fixed[part] = Constant(values[part])
+        elif isinstance(part, Operation):
+            fixed[part] = Operation(part.operator, tuple(fixed[argument] for argument in part.arguments))
+        else:
+            fixed[part] = part
+    return fixed[expression]
+
+
+def _is_sign(part: Expression) -> bool:
+    return isinstance(part, Operation) and part.operator is Operator.SIGN
+
+
 def _count(parts: Mapping[Expression, None]) -> int:
     return sum(isinstance(part, Operation) for part in parts)
-
-
-def _has_sign(parts: Mapping[Expression, None]) -> bool:
-    return any(isinstance(part, Operation) and part.operator is Operator.SIGN for part in parts)
 
 
 def _collect(expression: Expression, found: dict[Expression, None]) -> None:

@@ -89,7 +89,9 @@ def read_approach(joints: Sequence[str], approach: object) -> Approach:
     if not isinstance(approach, Sequence | np.ndarray):
         raise InputError(f"an approach is + or - by joint, such as 'joint1 +, joint2 -', got {shown(approach)}")
     if len(approach) not in (0, len(joints)):
-        raise InputError(f"{len(approach)} directions for {len(joints)} joints; expected {', '.join(joints)}")
+        raise InputError(
+            f"{len(approach)} directions of approach for {len(joints)} joints; expected {', '.join(joints)}"
+        )
     return tuple(map(_sign, joints, approach)) if len(approach) else ()
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from functools import reduce
-from operator import mul
+from operator import add, mul
 
 from precision_pin.draws.expressions import Component, Value, sign
 from precision_pin.draws.space import Space
@@ -22,12 +22,12 @@ Interval = tuple[float, float]
 
 def load_value(load: Mapping[Factors, float]) -> Value:
     """Return a load as a number, or as a formula where it is random."""
-    total: Value = float(load.get((), 0.0))
-    for factors, number in load.items():
-        if factors and number:
-            part = reduce(mul, factors) * float(number)
-            total = part if isinstance(total, float) and not total else part + total
-    return total
+    constant = float(load.get((), 0.0))
+    parts = [reduce(mul, factors) * float(number) for factors, number in load.items() if factors and number]
+    while len(parts) > 1:
+        # in pairs, so that the formula is not deep
+        parts = [reduce(add, parts[k : k + 2]) for k in range(0, len(parts), 2)]
+    return parts[0] + constant if parts and constant else parts[0] if parts else constant
 
 
 def bounds_of(load: Mapping[Factors, float], space: Space) -> Interval:
