@@ -195,8 +195,8 @@ def calls() -> Iterator[Call]:
             "specifications": [], "findings": [], "threads": 1, "progress": None,
         },
         pose_words | {"q": "pose|joint", "approach": "approach|joint"},
-        approach=APPROACH_FINE, **sampled_fine, specifications=NO_SPECIFICATION, findings="empty list, empty tuple", threads=OPTIONAL,
-        progress="nothing, true, function, type",
+        approach=APPROACH_FINE, **sampled_fine, specifications=NO_SPECIFICATION, findings="empty list, empty tuple",
+        threads=OPTIONAL, progress="nothing, true, function, type",
     )  # fmt: skip
     yield call(
         "ApproachedPose",

@@ -19,7 +19,7 @@ ALL = {"joint1": -90, "joint2": 3, "joint3": 88, "joint4": -91}
         (f"{{q: {Q}, approach: {{joint2: +, joint4: -}}}}", (0, 1, 0, -1)),
         (f"{{q: {Q}, approach: 'joint2 +, joint4 -'}}", (0, 1, 0, -1)),
         (f"{{q: {Q}, approach: [0, +, 0, -]}}", (0, 1, 0, -1)),
-        (f"{{q: [-90 deg, 3 deg, 88 deg, -91 deg], approach: {{joint2: 1, joint4: '-1'}}}}", (0, 1, 0, -1)),
+        ("{q: [-90 deg, 3 deg, 88 deg, -91 deg], approach: {joint2: 1, joint4: '-1'}}", (0, 1, 0, -1)),
         ("{q: {joint1: -90 deg, joint2: 3 deg, joint3: 88 deg, joint4: -91 deg}, approach: joint1 -}", (-1, 0, 0, 0)),
         (f"{{q: {Q}}}", None),
         (f"{{q: {Q}, approach: {{}}}}", None),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from functools import cached_property
 from typing import Final, Literal, final
@@ -20,28 +21,28 @@ from precision_pin.inputs.arguments import (
     check_choice,
     check_instance,
     check_items,
-    check_mapping,
     check_path,
 )
 from precision_pin.model.about_rest import terms_about_rest
 from precision_pin.model.equilibrium import settle
+from precision_pin.model.named_poses import read_poses
 from precision_pin.model.pose_model import PoseModel, joint_value, spread_of
 from precision_pin.robot.approach import Approach, ApproachedPose, read_approach, read_approaches
 from precision_pin.robot.chain import Chain, Place, Posture
 from precision_pin.sheet import Sheet
 from precision_pin.sheet import read as read_sheet
-from precision_pin.terms.bound_source import BoundSource, load_posture
+from precision_pin.terms.bound_source import BoundSource, load_posture, terms_at_many
 from precision_pin.terms.labelled_sources import draw_owners, draw_words, labels, own_draws, with_quantities
 from precision_pin.terms.source import Source, fix_settings
 from precision_pin.terms.table import TableLayout, TermTable
-from precision_pin.terms.term import Term
+from precision_pin.terms.term import Term, TermsOfPose
 from precision_pin.typing import Array
 
 __all__ = ["ErrorModel", "limit_findings"]
 
 
-_AT_ONCE: Final = 4096
-"""Poses whose joint frames are computed together."""
+_AT_ONCE: Final = 256
+"""Poses whose joint frames and terms are computed together; their arrays stay in the processor's cache."""
 
 _TRIED: Final = 1000
 _TRIED_SEED: Final = 0
@@ -103,7 +104,7 @@ class ErrorModel:
         self.labels = labels(self.sources)
         drawn = space.including(own_draws(self.sources, self.labels))
         self.space = with_quantities(drawn, self.sources, self.labels, chain)
-        self.poses, self.approaches = _read_poses(chain, {} if poses is None else poses)
+        self.poses, self.approaches = read_poses(chain, {} if poses is None else poses)
         self.assumed: tuple[str, ...] = ()
         self._layout: TableLayout | None = None
 
@@ -262,9 +263,10 @@ class ErrorModel:
 
         Their approaches are those of :meth:`approaches_of`.
         """
-        for first in range(0, values.shape[1], _AT_ONCE):
-            for k, bare in enumerate(self._bare(values, first), start=first):
-                yield self._at(bare if approaches is None else replace(bare, approach=tuple(approaches[:, k].tolist())))
+        parts = [slice(first, first + _AT_ONCE) for first in range(0, values.shape[1], _AT_ONCE)]
+        return itertools.chain.from_iterable(
+            self._at_once(values[:, part], None if approaches is None else approaches[:, part]) for part in parts
+        )
 
     def statics_findings(self, at: PoseModel) -> tuple[Finding, ...]:
         """Return warnings that the statics are beyond their range of validity.
@@ -344,12 +346,33 @@ class ErrorModel:
             ],
         )
 
-    def _bare(self, values: Array, first: int) -> Iterator[Posture]:
-        """Yield the postures, with the chain's own loads, of the next `_AT_ONCE` configurations of ``(n, P)``."""
-        many = self.chain.at_columns(values[:, first : first + _AT_ONCE])
+    def _at_once(self, values: Array, approaches: NDArray[np.int8] | None) -> Iterable[PoseModel]:
+        """Return the model at poses ``(n, P)``, with the terms of all of them made together where the sources accept that."""
+        many = self.chain.at_columns(values)
         poses = np.ascontiguousarray(np.moveaxis(many.joint_poses, -1, 0))
-        for k in range(len(many)):
-            yield Posture(self.chain, many.q[:, k].copy(), poses[k], self.chain.loads)
+        bare = [Posture(self.chain, many.q[:, k].copy(), poses[k], self.chain.loads) for k in range(len(many))]
+        if approaches is not None:
+            bare = [replace(one, approach=tuple(own)) for one, own in zip(bare, approaches.T.tolist(), strict=True)]
+        if self.statics == "nominal" and len(bare) > 1:
+            together = Posture(self.chain, many.q, many.joint_poses, self.chain.loads)
+            with suppress(InputError):  # of one pose: it is raised again when its turn comes
+                terms = terms_at_many(together, bare, self.bound_sources)
+                if terms is not None:
+                    return self._models(load_posture(together, self.bound_sources), terms, bare)
+        return map(self._at, bare)
+
+    def _models(self, posture: Posture, terms: tuple[Term, ...], bare: Sequence[Posture]) -> Iterator[PoseModel]:
+        """Yield the model at each configuration of a posture; the terms have a twist for each."""
+        tables = self._layout_of(terms).at_many(posture, terms)
+        for k, (one, table) in enumerate(zip(bare, tables, strict=True)):
+            loaded = one.with_loads(posture.loads[len(one.loads) :]).with_tilts(posture.tilts)
+            yield PoseModel(loaded, self.space, table, TermsOfPose(terms, k))
+
+    def _layout_of(self, terms: tuple[Term, ...]) -> TableLayout:
+        """Return the layout of terms: that of the last ones, unless these have other targets or factors."""
+        if self._layout is None or not self._layout.fits(terms):
+            self._layout = TableLayout.of(terms, self.space)
+        return self._layout
 
     def _at(self, bare: Posture) -> PoseModel:
         """Return the model at a posture with the chain's own loads."""
@@ -358,10 +381,7 @@ class ErrorModel:
             terms = self._make_terms(posture)
         else:
             terms = terms_about_rest(settle(posture, self.space, self._make_terms))
-        layout = self._layout
-        if layout is None or not layout.fits(terms):
-            layout = self._layout = TableLayout.of(terms, self.space)
-        return PoseModel(posture, self.space, layout.at(posture, terms), terms)
+        return PoseModel(posture, self.space, self._layout_of(terms).at(posture, terms), terms)
 
     @cached_property
     def bound_sources(self) -> tuple[BoundSource, ...]:
@@ -415,22 +435,6 @@ def limit_findings(chain: Chain, values: Array) -> tuple[Finding, ...]:
         f"{joint.name} at {values[chain.joint_index(joint.name), first]:.6g} {'m' if joint.kind == 'prismatic' else 'rad'}"
     )
     return (Finding("warning", "W_JOINT_LIMIT", message, chain.robot.file, joint.line),)
-
-
-def _read_poses(
-    chain: Chain, poses: Mapping[str, ArrayLike | Mapping[str, float] | ApproachedPose]
-) -> tuple[dict[str, Array], dict[str, Approach]]:
-    """Return joint values by the poses' names, and the approaches of those that have one."""
-    found, approaches = {}, {}
-    for name, q in check_mapping("the poses", poses).items():
-        try:
-            pose, approach = (q.pose, q.approach) if isinstance(q, ApproachedPose) else (q, ())
-            found[name] = chain.configuration(pose)
-            if own := read_approach(chain.joint_names, approach):
-                approaches[name] = own
-        except InputError as error:
-            raise InputError(f"pose {name!r}: {error.findings[0].message}") from None
-    return found, approaches
 
 
 def _settings(source: Source) -> str:
