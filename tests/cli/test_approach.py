@@ -63,6 +63,17 @@ def test_from_the_pose_before(run, sheet, folder):
     assert [pose["approach"] for pose in poses(both)] == [{"joint4": "-"}] * 2
 
 
+def test_rounding_is_zero_in_a_table_of_robots_of_which_few_turn_over(run, sheet, folder):
+    """The turn about x is 0 or 0.29 mrad, but for rounding of 1e-42."""
+    text = SHEET.replace(
+        "band: 1000 N*m}", "band: 121 N*m}\n  - payload: {at: tool, mass: {normal: 100 g, mean: 1 kg, truncated: true}}"
+    )
+    (folder / "turns.yaml").write_text(text + "  - backlash: {joint: joint3, backlash: 1 arcmin, band: 1.5 N*m}\n")
+    table = run("analyze", "turns.yaml", "--approach", "joint2 +, joint3 -", "--samples", "20000").out
+    (row,) = (line for line in table.splitlines() if line.startswith("δx   mrad") and "to" not in line)
+    assert max(map(len, row.split())) <= 8
+
+
 def test_export_at_an_approach(run, sheet, folder):
     assert run("export", sheet, "--approach", "joint2 -", "--out", "built").code == 0
     assert (folder / "built" / "units.csv").exists()

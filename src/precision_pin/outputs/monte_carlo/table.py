@@ -127,7 +127,8 @@ def statistic(distribution: Distribution, which: str | float) -> str:
     interval = distribution.interval(which)
     if value is None or interval is None:
         return "-"
-    if max(abs(distribution.min), abs(distribution.max)) < ROUNDING:
+    # where few robots have an error, the others have one of rounding
+    if max(abs(distribution.min), abs(distribution.max)) < ROUNDING or max(map(abs, (value, *interval))) < ROUNDING:
         return "0"
     return format_inside(1e3 * value, (1e3 * interval[0], 1e3 * interval[1]), most=5)
 
