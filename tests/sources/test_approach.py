@@ -210,6 +210,33 @@ def test_equilibrium_takes_the_load_on_the_deflected_arm() -> None:
     assert found == {"nominal": -5e-4, "equilibrium": 5e-4}
 
 
+def test_equilibrium_says_where_single_robots_lie_otherwise() -> None:
+    """The lever of the hand about the wrist is that of the droop, which differs from robot to robot."""
+    chain = chain_of(
+        robot(
+            link("base"),
+            joint("shoulder", "revolute", "base", "upper", axis=(0, 1, 0)),
+            link("upper", 5.0, (0.5, 0, 0)),
+            joint("wrist", "revolute", "upper", "hand", (0.6, 0, 0), axis=(0, 1, 0)),
+            link("hand", 2.0, (0.0, 0, 0.3)),
+        )
+    )
+    load = G * (5.0 * 0.5 + 2.0 * 0.6)
+
+    def found(mean: float, compliance: float) -> list[str]:
+        sources = [
+            Payload(at="hand", mass=Uniform(2.0, mean=3.0), com=(0.0, 0.0, 0.3)),
+            JointCompliance(joint="shoulder", compliance=compliance),
+            Backlash(joint="wrist", backlash=1e-3, band=mean),
+        ]
+        model = ErrorModel(chain, Space(), sources, statics="equilibrium")
+        return [finding.code for finding in model.statics_findings(model.at([0.0, -0.01], approach="wrist +"))]
+
+    assert found(0.6, 0.05 / load) == ["W_TURNOVER"]
+    assert found(10.0, 0.05 / load) == []  # friction holds every robot
+    assert found(0.6, 1e-7) == []  # an arm that hardly bends
+
+
 @pytest.mark.filterwarnings("ignore::precision_pin.errors.PrecisionPinWarning")
 def test_many_poses_with_their_own_approaches_are_those_of_each_alone() -> None:
     model = hinge_with_load()
@@ -220,6 +247,8 @@ def test_many_poses_with_their_own_approaches_are_those_of_each_alone() -> None:
     for k, approach in enumerate((None, "hinge +", "hinge +", "hinge -")):
         alone = pp.monte_carlo(model, q[:, k], approach=approach, samples=3000, seed=4)
         np.testing.assert_allclose(many.mean[:, k], alone.summary.mean, rtol=0, atol=1e-15)
+    assert many.to_xarray()["approach"].sel(joint="hinge").values.tolist() == [0, 1, 1, -1]
+    assert "approach" not in pp.sample_poses(model, q, samples=100).to_xarray()
     entries = many.to_dict()["poses"]
     assert [entry["pose"].get("approach") for entry in entries] == [
         None,

@@ -22,7 +22,7 @@ from precision_pin.terms.table import TableLayout, TermTable
 from precision_pin.terms.term import JointValue, Target, Term
 from precision_pin.typing import Array
 
-__all__ = ["Feedback", "Settled", "refuse_buckling", "settle"]
+__all__ = ["Feedback", "MakeTerms", "Settled", "refuse_buckling", "settle"]
 
 MakeTerms = Callable[[Posture], Sequence[Term]]
 """Function that returns the terms of all sources at a posture."""

@@ -25,8 +25,9 @@ from precision_pin.inputs.arguments import (
 )
 from precision_pin.model.about_rest import terms_about_rest
 from precision_pin.model.equilibrium import settle
-from precision_pin.model.named_poses import read_poses
+from precision_pin.model.named_poses import limit_findings, read_poses
 from precision_pin.model.pose_model import PoseModel, joint_value, spread_of
+from precision_pin.model.turnover import resettled_findings
 from precision_pin.robot.approach import Approach, ApproachedPose, read_approach, read_approaches
 from precision_pin.robot.chain import Chain, Place, Posture
 from precision_pin.sheet import Sheet
@@ -274,11 +275,15 @@ class ErrorModel:
         ``W_DEFLECTION``: a link bends so far that formulas for small deflections are inaccurate. ``W_STATICS``, nominal
         statics: the tip is farther from that of the arm at rest than a tenth of the spread by tolerances. ``W_STATICS``,
         equilibrium statics: single robots, each solved on its own, differ from the model by more than 0.5 % (the 99 %
-        robot of a thousand) or 2 % (the farthest).
+        robot of a thousand) or 2 % (the farthest). ``W_TURNOVER``, equilibrium statics with an approach: single robots take
+        up play on other sides.
         """
         if not any(term.loaded for term in at.terms):
             return ()
-        findings = self._nominal_findings(at) if self.statics == "nominal" else self._equilibrium_findings(at)
+        if self.statics == "nominal":
+            findings = self._nominal_findings(at)
+        else:
+            findings = (*self._equilibrium_findings(at), *resettled_findings(at, self._make_terms))
         return (*_bending_findings(at), *findings)
 
     def _nominal_findings(self, at: PoseModel) -> tuple[Finding, ...]:
@@ -420,21 +425,6 @@ def _bending_findings(at: PoseModel) -> tuple[Finding, ...]:
         f"{20 * turn**2:.1g} % of the deflection"
     )
     return (Finding("warning", "W_DEFLECTION", message),)
-
-
-def limit_findings(chain: Chain, values: Array) -> tuple[Finding, ...]:
-    """Return a warning if poses ``(n, P)`` are outside the joints' limits: their number, and the first of them."""
-    outside = chain.configurations.outside(values)
-    poses = np.flatnonzero(outside.any(axis=0))
-    if not poses.size:
-        return ()
-    first = int(poses[0])
-    joint = chain.joints[int(np.flatnonzero(outside[:, first])[0])]
-    message = (
-        f"{poses.size:,} of {values.shape[1]:,} poses are outside joint limits, the first of them pose {first}, with the joint "
-        f"{joint.name} at {values[chain.joint_index(joint.name), first]:.6g} {'m' if joint.kind == 'prismatic' else 'rad'}"
-    )
-    return (Finding("warning", "W_JOINT_LIMIT", message, chain.robot.file, joint.line),)
 
 
 def _settings(source: Source) -> str:
