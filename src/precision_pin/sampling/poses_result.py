@@ -330,7 +330,8 @@ class PosesResult(JsonResult):
         """Return the result as a dataset, m and rad, NaN where not resolved.
 
         All variables have the dimension ``pose``, numbered from 0, with the coordinate ``pose_name``. Further dimensions:
-        ``joint`` for ``q``, and for ``approach`` where a pose has one; ``component`` (dx … rz) for ``mean`` and ``std``, and ``component_2`` as well for ``covariance``;
+        ``joint`` for ``q``, and for ``approach`` where a pose has one; ``component`` (dx … rz) for ``mean`` and ``std``, and
+        ``component_2`` as well for ``covariance``;
         ``norm`` (position, attitude) for ``norm_mean``, ``norm_std`` and ``norm_max``; ``probability`` and ``norm`` for
         ``quantile`` and ``quantile_resolution``, and ``end`` (lower, upper) as well for ``quantile_interval``;
         ``specification`` for ``inside``, and ``end`` as well for ``inside_interval``. The attributes give the settings of the
