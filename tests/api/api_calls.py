@@ -210,10 +210,10 @@ def calls() -> Iterator[Call]:
         pp.sample_approaches,
         {
             "error_model": arm, "pose": POSE, "approaches": ["joint1 +", "joint1 -"], "robots": 3, "cycles": 2, "seed": 0,
-            "model": "exact", "number": 0,
+            "model": "exact", "target": (0.0, 0.0, 0.1), "number": 0, "first": 0,
         },
         {"error_model": "ErrorModel", "pose": "joint|pose", "approaches": "approach|joint", "number": "number"},
-        pose=POSE_FINE, robots=WHOLE, cycles=WHOLE, seed="zero", number="zero",
+        pose=POSE_FINE, robots=WHOLE, cycles=WHOLE, seed="zero", number="zero", first="zero",
     )  # fmt: skip
     yield call(
         "reliability",

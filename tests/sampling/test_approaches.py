@@ -77,6 +77,17 @@ def test_robots_are_those_that_are_analysed() -> None:
     np.testing.assert_array_equal(found.errors[1, 1], sampler.errors(layout, "exact", 9, 0, 20, visit=3))
 
 
+def test_a_measured_point_beside_the_tip_and_robots_from_the_middle() -> None:
+    model = hinge(Draw("zero", Normal(2e-3)))
+    sides: dict[str, Any] = {"approaches": ["hinge +", "hinge -"], "robots": 5, "cycles": 2}
+    found = pp.sample_approaches(model, [0.4], target=(1.0, 0.5, 0.2), first=7, **sides)
+    # the point lies sqrt(2² + 0.5²) m from the axis
+    np.testing.assert_allclose(found.variation, 2 * np.sin(GAP / 2) * np.hypot(2.0, 0.5), rtol=1e-11)
+    all_of_them = pp.sample_approaches(model, [0.4], **{**sides, "robots": 12})
+    np.testing.assert_array_equal(found.errors, all_of_them.errors[..., 7:])
+    np.testing.assert_array_equal(all_of_them.shifts, all_of_them.errors[:, :, :3])
+
+
 @pytest.mark.parametrize(
     ("settings", "message"),
     [

@@ -10,10 +10,11 @@ from typing import Literal, final
 import numpy as np
 from numpy.typing import ArrayLike
 
+from precision_pin import se3
 from precision_pin.draws.draw import MOST_POSES, MOST_VISITS
 from precision_pin.draws.space import check_seed
 from precision_pin.errors import InputError
-from precision_pin.inputs.arguments import check_instance, check_items, check_whole
+from precision_pin.inputs.arguments import check_instance, check_items, check_numbers, check_whole
 from precision_pin.inputs.arrays import fix_fields, returns_read_only
 from precision_pin.inputs.memory import check_memory
 from precision_pin.kernel import sampler
@@ -34,11 +35,14 @@ class ApproachErrors:
     approaches
         The approaches, 1, -1 or 0 for each joint in chain order.
     errors
-        ``[d; δ]``, base axes, m and rad, ``(A, n, 6, N)``.
+        ``[d; δ]`` of the tip, base axes, m and rad, ``(A, n, 6, N)``.
+    shifts
+        Error of the target point's position, base axes, m, ``(A, n, 3, N)``.
     """
 
     approaches: tuple[Approach, ...]
     errors: Array
+    shifts: Array
 
     def __post_init__(self) -> None:
         fix_fields(self)
@@ -47,7 +51,7 @@ class ApproachErrors:
     @returns_read_only
     def barycentres(self) -> Array:
         """Mean position error of each robot's visits under each approach, m, ``(A, 3, N)``."""
-        means: Array = self.errors[:, :, :3].mean(axis=1)
+        means: Array = self.shifts.mean(axis=1)
         return means
 
     @property
@@ -60,12 +64,12 @@ class ApproachErrors:
     @property
     def unidirectional(self) -> Array:
         """Position repeatability of each robot under each approach, m, ``(A, N)``: RP of ISO 9283, l̄ + 3 S_l."""
-        return np.array([_repeatability(visits[:, :3]) for visits in self.errors])
+        return np.array([_repeatability(visits) for visits in self.shifts])
 
     @property
     def bidirectional(self) -> Array:
         """Position repeatability of each robot over the visits under all approaches together, m, ``(N,)``."""
-        return _repeatability(self.errors[:, :, :3].reshape(-1, 3, self.errors.shape[-1]))
+        return _repeatability(self.shifts.reshape(-1, 3, self.shifts.shape[-1]))
 
 
 def sample_approaches(
@@ -77,7 +81,9 @@ def sample_approaches(
     cycles: int = 30,
     seed: int = 0,
     model: Literal["exact", "linear"] = "exact",
+    target: ArrayLike = (0.0, 0.0, 0.0),
     number: int = 0,
+    first: int = 0,
 ) -> ApproachErrors:
     """Return the errors of the same built robots at one pose, visited several times under each of several approaches.
 
@@ -97,8 +103,12 @@ def sample_approaches(
         64-bit seed.
     model
         ``"exact"`` evaluates the displaced chain, ``"linear"`` superposes first-order errors.
+    target
+        The measured point in the axes of the tip, m.
     number
         Number of the pose, from 0, for draws of pose and visit scope.
+    first
+        Number of the first robot.
 
     Raises
     ------
@@ -115,9 +125,11 @@ def sample_approaches(
     check_whole("the number of robots", robots, 1, sampler.BLOCK * 2**20)
     check_whole("the number of cycles", cycles, 2, MOST_VISITS // len(listed))
     check_whole("the number of the pose", number, 0, MOST_POSES - 1)
+    check_whole("first, the number of a robot,", first, 0, 2**63)
     check_seed(seed)
+    point = check_numbers("the target", target, (3,), "three finite numbers, m")
     check_memory(
-        2 * 48.0 * len(listed) * cycles * robots, f"keeping {cycles} visits of {robots:,} robots", "ask for fewer"
+        2 * 72.0 * len(listed) * cycles * robots, f"keeping {cycles} visits of {robots:,} robots", "ask for fewer"
     )
     poses = [error_model.at(pose, approach=approach) for approach in listed]
     found = np.empty((len(listed), cycles, 6, robots))
@@ -125,8 +137,12 @@ def sample_approaches(
         for cycle in range(cycles):
             # visits of different approaches are different occasions
             visit = rank * cycles + cycle
-            found[rank, cycle] = sampler.errors(layout, model, int(seed), 0, robots, pose=number, visit=visit)
-    return ApproachErrors(tuple(at.posture.approach for at in poses), found)
+            found[rank, cycle] = sampler.errors(layout, model, int(seed), first, robots, pose=number, visit=visit)
+    lever = poses[0].posture.pose[:3, :3] @ point
+    turned = se3.exp_rotation(np.moveaxis(found[:, :, 3:], 2, 0).reshape(3, -1))
+    carried = np.einsum("ijn,j->in", turned, lever) - lever[:, None]
+    shifts = found[:, :, :3] + np.moveaxis(carried.reshape(3, len(listed), cycles, robots), 0, 2)
+    return ApproachErrors(tuple(at.posture.approach for at in poses), found, shifts)
 
 
 def _repeatability(visits: Array) -> Array:
