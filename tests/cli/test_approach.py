@@ -74,6 +74,14 @@ def test_rounding_is_zero_in_a_table_of_robots_of_which_few_turn_over(run, sheet
     assert max(map(len, row.split())) <= 8
 
 
+def test_a_journal_is_of_one_approach(run, sheet):
+    first = run("analyze", sheet, "--approach", "joint2 +", *FEW, "--journal", "run.journal")
+    again = run("analyze", sheet, "--approach", "joint2 -", *FEW, "--journal", "run.journal", "--resume")
+    assert (first.code, again.code) == (0, 2)
+    assert "(+)" in again.err
+    assert "(-)" in again.err
+
+
 def test_export_at_an_approach(run, sheet, folder):
     assert run("export", sheet, "--approach", "joint2 -", "--out", "built").code == 0
     assert (folder / "built" / "units.csv").exists()
