@@ -178,18 +178,18 @@ class Clearance(Source):
             by_robot = self._radial_directions(
                 {factors: shift.T @ wrench for factors, wrench in own.items()}, space.space
             )
+            random = [space.component(f"{name}.{axis}") for axis in "xy"]
             if by_robot is not None:
-                x, y, loose = by_robot
-                for column, axis, share in zip(shift.T, "xy", (x, y), strict=True):
+                *held, loose = by_robot
+                for column, share, anywhere in zip(shift.T, held, random, strict=True):
                     yield Term.of(place, to_place @ column, *_half_factors(size), share)
                     if loose != 0.0:
-                        random = space.component(f"{name}.{axis}")
-                        yield Term.of(place, to_place @ column, *_half_factors(size), loose, random)
+                        yield Term.of(place, to_place @ column, *_half_factors(size), loose, anywhere)
             elif self._is_decided(force):
                 yield Term.of(place, to_place @ shift @ force / np.linalg.norm(force), *_half_factors(size))
             else:
-                for column, axis in zip(shift.T, "xy", strict=True):
-                    yield Term.of(place, to_place @ column, *_half_factors(size), space.component(f"{name}.{axis}"))
+                for column, anywhere in zip(shift.T, random, strict=True):
+                    yield Term.of(place, to_place @ column, *_half_factors(size), anywhere)
         if self.axial != 0.0:
             along = to_place[:, 2]
             size = space.positive("axial", self.axial, zero=True)
@@ -223,7 +223,7 @@ class Clearance(Source):
         along_x, along_y = load_value(x), load_value(y)
         # never zero, and exact where the load decides
         length = sqrt(Constant((_NOTHING * self.band) ** 2) + along_x * along_x + along_y * along_y)
-        if lowest >= self.band:
+        if self.band <= lowest:
             return along_x / length, along_y / length, 0.0
         held = (sign(length - self.band) + 1.0) * 0.5
         return along_x / length * held, along_y / length * held, 1.0 - held
