@@ -17,6 +17,8 @@ if TYPE_CHECKING:
     from precision_pin import sources as sources
     from precision_pin.analyses.budget.budget import budget as budget
     from precision_pin.analyses.exact_law.exact_law import exact_law as exact_law
+    from precision_pin.analyses.map.between_poses import pose_covariance as pose_covariance
+    from precision_pin.analyses.map.map_poses import map_poses as map_poses
     from precision_pin.analyses.moments.moments import moments as moments
     from precision_pin.analyses.reliability.reliability import reliability as reliability
     from precision_pin.analyses.worst_case.worst_case import worst_case as worst_case
@@ -87,8 +89,10 @@ _HOMES: Final = {
     "Uniform": "draws.laws",
     "budget": "analyses.budget.budget",
     "exact_law": "analyses.exact_law.exact_law",
+    "map_poses": "analyses.map.map_poses",
     "moments": "analyses.moments.moments",
     "monte_carlo": "sampling",
+    "pose_covariance": "analyses.map.between_poses",
     "progress": "display.progress",
     "reliability": "analyses.reliability.reliability",
     "sample_poses": "sampling.many_poses",

@@ -198,6 +198,19 @@ def calls() -> Iterator[Call]:
         progress="nothing, true, function, type",
     )  # fmt: skip
     yield call(
+        "map_poses",
+        pp.map_poses,
+        {
+            "error_model": arm, "poses": np.tile(np.array(POSE)[:, None], 2), **sampled, "relative_to": None,
+            "specifications": [], "verify": 1, "findings": [], "threads": 1, "progress": None,
+        },
+        pose_words | {"poses": "pose|joint", "relative_to": "pose|joint"},
+        **sampled_fine | {"samples": OPTIONAL}, relative_to=POSE_FINE, verify="zero", specifications=NO_SPECIFICATION,
+        findings="empty list, empty tuple", threads=OPTIONAL, progress="nothing, true, function, type",
+    )  # fmt: skip
+    yield call("pose_covariance", pp.pose_covariance,
+               {"error_model": arm, "poses": np.tile(np.array(POSE)[:, None], 2)}, pose_words | {"poses": "pose|joint"})  # fmt: skip
+    yield call(
         "reliability",
         pp.reliability,
         {"error_model": arm, "specifications": "200 mm @ 99 %", "poses": POSE, "findings": [], "progress": None, **sampled},

@@ -8,6 +8,7 @@ from typing import Final, Literal, final
 import numpy as np
 from numpy.typing import NDArray
 
+from precision_pin.display.tables import pose_labels
 from precision_pin.errors import InputError
 from precision_pin.inputs.arrays import fix_fields
 from precision_pin.robot.chain import Chain
@@ -93,6 +94,11 @@ class PoseSet:
         """Mask ``(P,)`` of the poses whose joint values are known."""
         mask: NDArray[np.bool_] = np.isfinite(self.q[0])
         return mask
+
+    @property
+    def labels(self) -> list[str]:
+        """A label for each pose, no two alike: its name, or ``pose 1``, ``pose 2``, … where it has none."""
+        return pose_labels(self.names)
 
     def of(self, mask: NDArray[np.bool_]) -> PoseSet:
         """Return the poses that a mask ``(P,)`` selects, in order."""
