@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 
     from precision_pin import sources as sources
     from precision_pin.analyses.budget.budget import budget as budget
+    from precision_pin.analyses.compensation.compensate import compensate as compensate
     from precision_pin.analyses.exact_law.exact_law import exact_law as exact_law
     from precision_pin.analyses.map.between_poses import pose_covariance as pose_covariance
     from precision_pin.analyses.map.map_poses import map_poses as map_poses
@@ -88,6 +89,7 @@ _HOMES: Final = {
     "TwoPoint": "draws.laws",
     "Uniform": "draws.laws",
     "budget": "analyses.budget.budget",
+    "compensate": "analyses.compensation.compensate",
     "exact_law": "analyses.exact_law.exact_law",
     "map_poses": "analyses.map.map_poses",
     "moments": "analyses.moments.moments",
