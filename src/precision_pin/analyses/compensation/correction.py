@@ -224,7 +224,7 @@ class _Arm:
                 break
             slopes = self.slopes(values[:, active], poses[active]) * free[:, active]
             step, _ = self.step(values[:, active], error[:, active], slopes)
-            values[:, active] += step
+            values[:, active] += step * free[:, active]  # exactly at its limit, whatever the rounding
             error[:, active] = self.error(values[:, active], poses[active])
             iterations[active] += 1
             done[active] = self._is_done(error[:, active], step)

@@ -32,8 +32,9 @@ def compensation_table(result: CompensationResult) -> str:
     made = result.correction
     goal = _CORRECTED[result.mode] if result.weights is None else "weighted position and attitude"
     count = len(result.poses)
+    poses = f"{count:,} pose{'s' if count > 1 else ''}"
     lines = [
-        f"{visible(of.robot)}: {visible(of.base)} to {visible(of.tip)}, {count:,} pose{'s' if count > 1 else ''}, {goal} corrected",
+        f"{visible(of.robot)}: {visible(of.base)} to {visible(of.tip)}, {poses}, {goal} corrected",
         f"error with every component at its mean, exact model, statics {of.statics}; base axes",
         "",
         *_headline(result),
