@@ -208,6 +208,16 @@ def calls() -> Iterator[Call]:
         **sampled_fine | {"samples": OPTIONAL}, relative_to=POSE_FINE, verify="zero", specifications=NO_SPECIFICATION,
         findings="empty list, empty tuple", threads=OPTIONAL, progress="nothing, true, function, type",
     )  # fmt: skip
+    yield call(
+        "compensate",
+        pp.compensate,
+        {
+            "error_model": arm, "poses": np.array(POSE)[:, None], "mode": "pose", "weights": np.ones(6), "findings": [],
+            "progress": None,
+        },
+        pose_words | {"poses": "pose|joint"},
+        findings="empty list, empty tuple", progress="nothing, true, function, type",
+    )  # fmt: skip
     yield call("pose_covariance", pp.pose_covariance, {"error_model": arm, "poses": np.tile(np.array(POSE)[:, None], 2)},
                pose_words | {"poses": "pose|joint"})  # fmt: skip
     yield call(

@@ -18,7 +18,7 @@ from precision_pin.cli.options import (
     inputs_argument,
     pose_options,
 )
-from precision_pin.cli.poses import check_poses, read_poses
+from precision_pin.cli.poses import MOST_ROWS, check_poses, read_pose_set
 from precision_pin.cli.progress import progress_bar
 from precision_pin.cli.streams import echo_data, say
 from precision_pin.cli.targets import Outputs
@@ -124,19 +124,15 @@ def _weights(text: str | None) -> list[float] | None:
 
 def _poses(sheet: Sheet, options: _Options) -> tuple[PoseSet, tuple[str, ...]]:
     """Return the poses, and the columns of the file that they come from."""
+    if options["trajectory"] is None:
+        return read_pose_set(sheet, options), ()
     import numpy as np
 
     from precision_pin.cli.trajectory import read_trajectory
     from precision_pin.robot.pose_set import PoseSet
 
-    if options["trajectory"] is not None:
-        path = read_trajectory(options["trajectory"], sheet.chain, 2**20 - 1)
-        return PoseSet.at(sheet.chain, path.values.T, path.names, path.times), path.columns
-    asked = read_poses(sheet, options)
-    values = [sheet.poses[one.where] if isinstance(one.where, str) else one.where for one in asked]
-    if any(value is None for value in values):
-        values = [next(iter(sheet.poses.values()))]
-    return PoseSet.at(sheet.chain, np.array(values).T, tuple(one.name for one in asked)), ()
+    way = read_trajectory(options["trajectory"], sheet.chain, MOST_ROWS)
+    return PoseSet.at(sheet.chain, np.ascontiguousarray(way.values.T), way.names, way.times), way.columns
 
 
 def _write(result: CompensationResult, columns: tuple[str, ...], options: _Options) -> None:

@@ -363,7 +363,7 @@ def _bending_findings(at: PoseModel) -> tuple[Finding, ...]:
 
 
 def limit_findings(chain: Chain, values: Array, names: Sequence[str] = ()) -> tuple[Finding, ...]:
-    """Return a warning if poses ``(n, P)`` are outside the joints' limits: their number, and the first of them, by name if any."""
+    """Return a warning if poses ``(n, P)`` are outside the joints' limits: their number, and the name of the first of them."""
     outside = chain.configurations.outside(values)
     poses = np.flatnonzero(outside.any(axis=0))
     if not poses.size:

@@ -85,8 +85,8 @@ def compensate(
     effective = given_weights if given_weights is not None else _POSITION if mode == "position" else np.ones(6)
     with steps_to(progress, values.shape[1], "poses") as step:
         correction = correct(error_model, values, effective, given_weights is None, step)
-    known = [label for label, is_known in zip(given.labels, given.known, strict=True) if is_known]
-    found = limit_findings(error_model.chain, values, known)
+    labels = [label for label, is_known in zip(given.labels, given.known, strict=True) if is_known]
+    found = limit_findings(error_model.chain, values, labels)
     add(found)
     result = _with_laws(error_model, given, correction, mode, given_weights)
     return replace(

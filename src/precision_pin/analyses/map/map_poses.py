@@ -110,8 +110,8 @@ def map_poses(
     reference = None if relative_to is None else error_model.configuration(relative_to)
     values = given.q[:, given.known]
     names, lines = source_lines(error_model)
-    known = [label for label, is_known in zip(given.labels, given.known, strict=True) if is_known]
-    found = limit_findings(error_model.chain, values, known)
+    labels = [label for label, is_known in zip(given.labels, given.known, strict=True) if is_known]
+    found = limit_findings(error_model.chain, values, labels)
     with steps_to(progress, count_steps(len(given), samples, verify if samples is None else 0), "steps") as step:
         closed = first_order(error_model, values, lines, reference, step)
         result = _closed_form(error_model, given, closed, names, listed, reference, seed)
