@@ -108,7 +108,7 @@ def _ask(shared: _Shared, name: str) -> _Question:
     outputs = Outputs({"--json": shared["json_path"]}, shared["out"], (f"{name}.*", f"{name}-*"))
     outputs.check()
     outputs.refuse_inputs([] if shared["trajectory"] is None else [shared["trajectory"]])
-    sheet = read_sheet(shared["inputs"], shared["tip"], shared["base"], shared["package_dirs"], outputs)
+    sheet = read_sheet(shared, outputs)
     poses = [pose.where for pose in read_poses(sheet, shared)]
     return _Question(sheet, ErrorModel.from_sheet(sheet), poses)
 

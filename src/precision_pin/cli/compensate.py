@@ -88,7 +88,7 @@ def command(**options: Unpack[_Options]) -> int:
     )
     outputs.check()
     outputs.refuse_inputs([] if options["trajectory"] is None else [options["trajectory"]])
-    sheet = read_sheet(options["inputs"], options["tip"], options["base"], options["package_dirs"], outputs)
+    sheet = read_sheet(options, outputs)
     poses, columns = _poses(sheet, options)
     with progress_bar(len(poses), "correcting", "poses") as progress:
         result = compensate(

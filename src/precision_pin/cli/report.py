@@ -80,7 +80,7 @@ def command(
     target.check()
     target.outputs.refuse_inputs([] if trajectory is None else [trajectory])
     package_dirs = arm["package_dirs"]
-    sheet = read_sheet(arm["inputs"], arm["tip"], arm["base"], package_dirs, target.outputs)
+    sheet = read_sheet(arm, target.outputs)
     poses = _choose_poses(sheet, arm)
     from precision_pin.model.error_model import ErrorModel
     from precision_pin.outputs.report.collect import collect_poses, count_steps
