@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 
     from precision_pin import sources as sources
     from precision_pin.analyses.budget.budget import budget as budget
+    from precision_pin.analyses.compensation.compensate import compensate as compensate
     from precision_pin.analyses.exact_law.exact_law import exact_law as exact_law
     from precision_pin.analyses.map.between_poses import pose_covariance as pose_covariance
     from precision_pin.analyses.map.map_poses import map_poses as map_poses
@@ -96,6 +97,7 @@ _HOMES: Final = {
     "Uniform": "draws.laws",
     "box_places": "robot.pose_sources.place_grid",
     "budget": "analyses.budget.budget",
+    "compensate": "analyses.compensation.compensate",
     "exact_law": "analyses.exact_law.exact_law",
     "inverse_kinematics": "robot.inverse_kinematics",
     "joint_grid": "robot.pose_sources.joint_grid",

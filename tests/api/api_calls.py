@@ -243,6 +243,16 @@ def calls() -> Iterator[Call]:
                {"rotation": "orientation"}, label="word, digits, empty text")  # fmt: skip
     yield call("Orientation.along", pp.Orientation.along,
                {"direction": (0.0, 0.0, -1.0), "angles": 4, "tool_axis": (1.0, 0.0, 0.0)}, angles=OPTIONAL)  # fmt: skip
+    yield call(
+        "compensate",
+        pp.compensate,
+        {
+            "error_model": arm, "poses": np.array(POSE)[:, None], "mode": "pose", "weights": np.ones(6), "findings": [],
+            "progress": None,
+        },
+        pose_words | {"poses": "pose|joint"},
+        findings="empty list, empty tuple", progress="nothing, true, function, type",
+    )  # fmt: skip
     yield call("pose_covariance", pp.pose_covariance, {"error_model": arm, "poses": np.tile(np.array(POSE)[:, None], 2)},
                pose_words | {"poses": "pose|joint"})  # fmt: skip
     yield call(

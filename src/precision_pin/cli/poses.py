@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from precision_pin.robot.pose_set import PoseSet
     from precision_pin.sheet import Sheet
 
-__all__ = ["AskedPose", "AskedPoses", "check_poses", "pose_files", "read_pose_set", "read_poses"]
+__all__ = ["MOST_ROWS", "AskedPose", "AskedPoses", "check_poses", "pose_files", "read_pose_set", "read_poses"]
 
 MOST_ROWS: Final = 2**20 - 1
 """The most poses of a trajectory or a grid where a command sets no lower bound: draws of pose scope can be made at no more."""

@@ -27,7 +27,7 @@ from precision_pin.statistics import COMPONENTS, Specification, check_confidence
 from precision_pin.statistics.specification import Specifications, listed_specifications
 from precision_pin.typing import Array
 
-__all__ = ["VERIFIED", "VERIFYING_SAMPLES", "map_poses"]
+__all__ = ["VERIFIED", "VERIFYING_SAMPLES", "PosesGiven", "map_poses", "pose_set", "source_lines"]
 
 VERIFIED: Final = 5
 """Poses that are verified with fresh samples, the worst ones of the closed form."""
@@ -103,14 +103,15 @@ def map_poses(
         check_whole("the number of samples", samples, 1, MOST_SAMPLES)
     check_whole("verify, a number of poses,", verify, 0, 10_000)
     listed = listed_specifications(specifications)
-    given = _pose_set(error_model, poses)
+    given = pose_set(error_model, poses)
     check_memory(8.0 * _NUMBERS * len(given), f"a map of {len(given):,} poses", "map fewer of them at a time")
     if not given.known.any():
         raise InputError(f"none of the {len(given):,} poses has joint values: {_count_of(given)}")
     reference = None if relative_to is None else error_model.configuration(relative_to)
     values = given.q[:, given.known]
-    names, lines = _source_lines(error_model)
-    found = limit_findings(error_model.chain, values)
+    names, lines = source_lines(error_model)
+    labels = [label for label, is_known in zip(given.labels, given.known, strict=True) if is_known]
+    found = limit_findings(error_model.chain, values, labels)
     with steps_to(progress, count_steps(len(given), samples, verify if samples is None else 0), "steps") as step:
         closed = first_order(error_model, values, lines, reference, step)
         result = _closed_form(error_model, given, closed, names, listed, reference, seed)
@@ -135,7 +136,16 @@ def count_steps(poses: int, samples: int | None, verify: int) -> int:
     return poses + (poses * samples if samples is not None else min(verify, poses) * VERIFYING_SAMPLES)
 
 
-def _pose_set(error_model: ErrorModel, poses: PosesGiven) -> PoseSet:
+def pose_set(error_model: ErrorModel, poses: PosesGiven) -> PoseSet:
+    """Return poses given in any way as a pose set.
+
+    Raises
+    ------
+    InputError
+        Wrong joint values, or a pose set of another number of joints.
+    UnknownNameError
+        No such pose or joint.
+    """
     if isinstance(poses, PoseSet):
         if len(poses.q) != len(error_model.chain.joints):
             raise InputError(
@@ -151,7 +161,7 @@ def _count_of(poses: PoseSet) -> str:
     return ", ".join(f"{count:,} {status}" for status, count in counts.items())
 
 
-def _source_lines(error_model: ErrorModel) -> tuple[tuple[str, ...], list[NDArray[np.intp]]]:
+def source_lines(error_model: ErrorModel) -> tuple[tuple[str, ...], list[NDArray[np.intp]]]:
     """Return the names of lines of sources and the components of each: a source's own draws, or what several share."""
     lines: dict[str, list[int]] = {}
     space = error_model.space
