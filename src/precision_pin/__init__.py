@@ -47,6 +47,12 @@ if TYPE_CHECKING:
     from precision_pin.robot import mcpc as mcpc
     from precision_pin.robot.chain import Chain as Chain
     from precision_pin.robot.chain import Posture as Posture
+    from precision_pin.robot.inverse_kinematics import inverse_kinematics as inverse_kinematics
+    from precision_pin.robot.pose_sources.joint_grid import joint_grid as joint_grid
+    from precision_pin.robot.pose_sources.orientation import Orientation as Orientation
+    from precision_pin.robot.pose_sources.place_grid import box_places as box_places
+    from precision_pin.robot.pose_sources.place_grid import place_grid as place_grid
+    from precision_pin.robot.pose_sources.place_grid import plane_places as plane_places
     from precision_pin.robot.postures import Postures as Postures
     from precision_pin.sampling import monte_carlo as monte_carlo
     from precision_pin.sampling.many_poses import sample_poses as sample_poses
@@ -75,6 +81,7 @@ _HOMES: Final = {
     "Lognormal": "draws.laws",
     "MonteCarloResult": "sampling.result",
     "Normal": "draws.laws",
+    "Orientation": "robot.pose_sources.orientation",
     "Posture": "robot.chain",
     "PosesResult": "sampling.poses_result",
     "Postures": "robot.postures",
@@ -88,12 +95,17 @@ _HOMES: Final = {
     "TruncatedNormal": "draws.laws",
     "TwoPoint": "draws.laws",
     "Uniform": "draws.laws",
+    "box_places": "robot.pose_sources.place_grid",
     "budget": "analyses.budget.budget",
     "compensate": "analyses.compensation.compensate",
     "exact_law": "analyses.exact_law.exact_law",
+    "inverse_kinematics": "robot.inverse_kinematics",
+    "joint_grid": "robot.pose_sources.joint_grid",
     "map_poses": "analyses.map.map_poses",
     "moments": "analyses.moments.moments",
     "monte_carlo": "sampling",
+    "place_grid": "robot.pose_sources.place_grid",
+    "plane_places": "robot.pose_sources.place_grid",
     "pose_covariance": "analyses.map.between_poses",
     "progress": "display.progress",
     "reliability": "analyses.reliability.reliability",

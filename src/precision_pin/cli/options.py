@@ -130,6 +130,7 @@ class PoseOptions(TypedDict):
     all_poses: bool
     qs: tuple[str, ...]
     trajectory: str | None
+    grid: str | None
 
 
 class OnePoseOptions(ChainOptions):
@@ -157,6 +158,11 @@ spec_option: Final = click.option(
 def pose_options(command: Decorated) -> Decorated:
     """Add the options of :class:`PoseOptions`, which :func:`precision_pin.cli.poses.read_poses` turns into poses."""
     for option in (
+        click.option(
+            "--grid",
+            metavar="FILE.yaml",
+            help="Poses: a grid over joint values, or over places by inverse kinematics.",
+        ),
         click.option(
             "--trajectory",
             metavar="FILE.csv",
