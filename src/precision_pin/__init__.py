@@ -16,7 +16,10 @@ if TYPE_CHECKING:
 
     from precision_pin import sources as sources
     from precision_pin.analyses.budget.budget import budget as budget
+    from precision_pin.analyses.compensation.compensate import compensate as compensate
     from precision_pin.analyses.exact_law.exact_law import exact_law as exact_law
+    from precision_pin.analyses.map.between_poses import pose_covariance as pose_covariance
+    from precision_pin.analyses.map.map_poses import map_poses as map_poses
     from precision_pin.analyses.moments.moments import moments as moments
     from precision_pin.analyses.reliability.reliability import reliability as reliability
     from precision_pin.analyses.worst_case.worst_case import worst_case as worst_case
@@ -45,6 +48,12 @@ if TYPE_CHECKING:
     from precision_pin.robot.approach import ApproachedPose as ApproachedPose
     from precision_pin.robot.chain import Chain as Chain
     from precision_pin.robot.chain import Posture as Posture
+    from precision_pin.robot.inverse_kinematics import inverse_kinematics as inverse_kinematics
+    from precision_pin.robot.pose_sources.joint_grid import joint_grid as joint_grid
+    from precision_pin.robot.pose_sources.orientation import Orientation as Orientation
+    from precision_pin.robot.pose_sources.place_grid import box_places as box_places
+    from precision_pin.robot.pose_sources.place_grid import place_grid as place_grid
+    from precision_pin.robot.pose_sources.place_grid import plane_places as plane_places
     from precision_pin.robot.postures import Postures as Postures
     from precision_pin.sampling import monte_carlo as monte_carlo
     from precision_pin.sampling.approaches import sample_approaches as sample_approaches
@@ -75,6 +84,7 @@ _HOMES: Final = {
     "Lognormal": "draws.laws",
     "MonteCarloResult": "sampling.result",
     "Normal": "draws.laws",
+    "Orientation": "robot.pose_sources.orientation",
     "Posture": "robot.chain",
     "PosesResult": "sampling.poses_result",
     "Postures": "robot.postures",
@@ -88,10 +98,18 @@ _HOMES: Final = {
     "TruncatedNormal": "draws.laws",
     "TwoPoint": "draws.laws",
     "Uniform": "draws.laws",
+    "box_places": "robot.pose_sources.place_grid",
     "budget": "analyses.budget.budget",
+    "compensate": "analyses.compensation.compensate",
     "exact_law": "analyses.exact_law.exact_law",
+    "inverse_kinematics": "robot.inverse_kinematics",
+    "joint_grid": "robot.pose_sources.joint_grid",
+    "map_poses": "analyses.map.map_poses",
     "moments": "analyses.moments.moments",
     "monte_carlo": "sampling",
+    "place_grid": "robot.pose_sources.place_grid",
+    "plane_places": "robot.pose_sources.place_grid",
+    "pose_covariance": "analyses.map.between_poses",
     "progress": "display.progress",
     "reliability": "analyses.reliability.reliability",
     "sample_approaches": "sampling.approaches",

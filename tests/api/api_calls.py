@@ -216,6 +216,64 @@ def calls() -> Iterator[Call]:
         pose=POSE_FINE, robots=WHOLE, cycles=WHOLE, seed="zero", number="zero", first="zero",
     )  # fmt: skip
     yield call(
+        "map_poses",
+        pp.map_poses,
+        {
+            "error_model": arm, "poses": np.tile(np.array(POSE)[:, None], 2), **sampled, "relative_to": None,
+            "specifications": [], "verify": 1, "findings": [], "threads": 1, "progress": None,
+        },
+        pose_words | {"poses": "pose|joint", "relative_to": "pose|joint"},
+        **sampled_fine | {"samples": OPTIONAL}, relative_to=POSE_FINE, verify="zero", specifications=NO_SPECIFICATION,
+        findings="empty list, empty tuple", threads=OPTIONAL, progress="nothing, true, function, type",
+    )  # fmt: skip
+    yield call(
+        "inverse_kinematics",
+        pp.inverse_kinematics,
+        {
+            "chain": chain, "wanted": at.posture.pose, "task": "axis", "tool_axis": (1.0, 0.0, 0.0), "reference": POSE,
+            "progress": None,
+        },
+        {"wanted": "wanted pose", "reference": "joint"},
+        reference=OPTIONAL, progress="nothing, true, function, type",
+    )  # fmt: skip
+    yield call("joint_grid", pp.joint_grid, {"chain": chain, "values": {name: [0.0, 0.5] for name in chain.joint_names}},
+               {"values": "values|joint"})  # fmt: skip
+    yield call("box_places", pp.box_places, {"x": [0.3, 0.4], "y": [0.0], "z": 0.2}, dict.fromkeys("xyz", "values"),
+               x=NUMBER, y=NUMBER, z=NUMBER)  # fmt: skip
+    yield call(
+        "plane_places",
+        pp.plane_places,
+        {"origin": [0.3, 0.0, 0.2], "u": [1.0, 0.0, 0.0], "v": [0.0, 0.0, 1.0], "along_u": [0.0, 0.1], "along_v": [0.0]},
+        {"u": "direction u", "v": "direction v", "along_u": "values of u", "along_v": "values of v"},
+        along_u=NUMBER, along_v=NUMBER,
+    )  # fmt: skip
+    yield call(
+        "place_grid",
+        pp.place_grid,
+        {
+            "chain": chain, "places": np.array([[0.3], [0.0], [0.2]]), "orientations": pp.Orientation.free(),
+            "branches": "all", "reference": POSE, "progress": None,
+        },
+        {"reference": "joint"},
+        reference=OPTIONAL, progress="nothing, true, function, type",
+    )  # fmt: skip
+    yield call("Orientation.given", pp.Orientation.given, {"rotation": np.eye(3), "label": "upright"},
+               {"rotation": "orientation"}, label="word, digits, empty text")  # fmt: skip
+    yield call("Orientation.along", pp.Orientation.along,
+               {"direction": (0.0, 0.0, -1.0), "angles": 4, "tool_axis": (1.0, 0.0, 0.0)}, angles=OPTIONAL)  # fmt: skip
+    yield call(
+        "compensate",
+        pp.compensate,
+        {
+            "error_model": arm, "poses": np.array(POSE)[:, None], "mode": "pose", "weights": np.ones(6), "findings": [],
+            "progress": None,
+        },
+        pose_words | {"poses": "pose|joint"},
+        findings="empty list, empty tuple", progress="nothing, true, function, type",
+    )  # fmt: skip
+    yield call("pose_covariance", pp.pose_covariance, {"error_model": arm, "poses": np.tile(np.array(POSE)[:, None], 2)},
+               pose_words | {"poses": "pose|joint"})  # fmt: skip
+    yield call(
         "reliability",
         pp.reliability,
         {"error_model": arm, "specifications": "200 mm @ 99 %", "poses": POSE, "findings": [], "progress": None, **sampled},

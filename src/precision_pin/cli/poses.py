@@ -1,13 +1,16 @@
-"""The poses that a command line means: by name, by joint values, all of the sheet's, or those of a trajectory."""
+"""The poses that a command line means: by name, by joint values, all of the sheet's, those of a trajectory or a grid."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final, final
 
 from precision_pin.cli.inputs import chosen_pose
+from precision_pin.cli.notes import echo_note, echo_warnings
 from precision_pin.cli.options import PoseOptions
+from precision_pin.cli.progress import progress_bar
 from precision_pin.errors import Finding, InputError, UnknownNameError
 
 if TYPE_CHECKING:
@@ -15,12 +18,13 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from precision_pin.robot.approach import ApproachedPose
+    from precision_pin.robot.pose_set import PoseSet
     from precision_pin.sheet import Sheet
 
-__all__ = ["AskedPose", "approach_poses", "check_poses", "read_poses"]
+__all__ = ["MOST_ROWS", "AskedPose", "AskedPoses", "check_poses", "pose_files", "read_pose_set", "read_poses"]
 
 MOST_ROWS: Final = 2**20 - 1
-"""The most poses of a trajectory where a command sets no lower bound: draws of pose scope can be made at no more."""
+"""The most poses of a trajectory or a grid where a command sets no lower bound: draws of pose scope can be made at no more."""
 
 
 @final
@@ -40,6 +44,25 @@ class AskedPose:
     name: str
 
 
+@final
+class AskedPoses(list[AskedPose]):
+    """The requested poses in order.
+
+    Attributes
+    ----------
+    left_out
+        Warnings about poses of a grid that are not among them, since no joint values lead there.
+    """
+
+    def __init__(self, poses: Iterable[AskedPose], left_out: tuple[Finding, ...] = ()) -> None:
+        super().__init__(poses)
+        self.left_out = left_out
+
+    def noted_in(self, sheet: Sheet) -> Sheet:
+        """Return a sheet with the warnings about poses that are left out, so that they get into results."""
+        return replace(sheet, findings=(*sheet.findings, *self.left_out))
+
+
 def check_poses(options: PoseOptions) -> None:
     """Refuse two ways to name poses at once.
 
@@ -53,25 +76,33 @@ def check_poses(options: PoseOptions) -> None:
         "--all-poses": options["all_poses"],
         "--q": bool(options["qs"]),
         "--trajectory": options["trajectory"] is not None,
+        "--grid": options["grid"] is not None,
     }
     given = [option for option, is_given in chosen.items() if is_given]
     if len(given) > 1:
         raise InputError([Finding("error", "E_USAGE", f"{given[0]} and {given[1]} exclude each other")])
 
 
-def read_poses(sheet: Sheet, options: PoseOptions, most: int = MOST_ROWS) -> list[AskedPose]:
+def pose_files(options: PoseOptions) -> list[str]:
+    """Return the files that hold the poses, which no output may overwrite."""
+    return [file for file in (options["trajectory"], options["grid"]) if file is not None]
+
+
+def read_poses(sheet: Sheet, options: PoseOptions, most: int = MOST_ROWS) -> AskedPoses:
     """Return the poses that the options ask for, the sheet's first where they ask for none.
+
+    Poses of a grid whose joint values are not known are left out, with a warning.
 
     Raises
     ------
     InputError
-        No such pose, wrong joint values, a wrong trajectory or one of more than ``most`` poses, or a wrong approach.
+        No such pose, wrong joint values, a wrong trajectory or grid, one of more than ``most`` poses, or a wrong approach.
     """
     poses = _read_poses(sheet, options, most)
     return poses if options["approach"] is None else approach_poses(sheet, poses, options["approach"])
 
 
-def approach_poses(sheet: Sheet, poses: Sequence[AskedPose], approach: str) -> list[AskedPose]:
+def approach_poses(sheet: Sheet, poses: AskedPoses, approach: str) -> AskedPoses:
     """Return poses with the approach that ``--approach`` asks for.
 
     Raises
@@ -81,44 +112,137 @@ def approach_poses(sheet: Sheet, poses: Sequence[AskedPose], approach: str) -> l
     """
     import numpy as np
 
-    from precision_pin.robot.approach import PREVIOUS, ApproachedPose, approaches_along, read_approach
+    from precision_pin.robot.approach import ApproachedPose
 
-    if approach != PREVIOUS:
-        try:
-            directions = read_approach(sheet.chain.joint_names, approach)
-        except InputError as error:
-            message = f"--approach: {error.findings[0].message}"
-            raise InputError([Finding("error", "E_POSE", message)]) from None
-        return [replace(pose, where=ApproachedPose(pose.where, directions)) for pose in poses]
-    if len(poses) < 2:
-        message = "--approach previous is the way from the pose before, and there is one pose; give + or - by joint"
-        raise InputError([Finding("error", "E_POSE", message)])
-    along = approaches_along(np.column_stack([_values(sheet, pose) for pose in poses]))
-    return [
+    values = np.column_stack([_values(sheet, pose) for pose in poses])
+    approached = [
         replace(pose, where=ApproachedPose(pose.where, tuple(directions)))
-        for pose, directions in zip(poses, along.T.tolist(), strict=True)
+        for pose, directions in zip(poses, _approaches(sheet, values, approach).T.tolist(), strict=True)
     ]
+    return AskedPoses(approached, poses.left_out)
+
+
+def _approaches(sheet: Sheet, values: NDArray[np.float64], approach: str) -> NDArray[np.int8]:
+    """Return the approach of poses ``(n, P)`` that ``--approach`` asks for, ``(n, P)``."""
+    import numpy as np
+
+    from precision_pin.robot.approach import PREVIOUS, approaches_along, read_approach
+
+    if approach == PREVIOUS:
+        if values.shape[1] < 2:
+            message = "--approach previous is the way from the pose before, and there is one pose; give + or - by joint"
+            raise InputError([Finding("error", "E_POSE", message)])
+        return approaches_along(values)
+    try:
+        directions = read_approach(sheet.chain.joint_names, approach)
+    except InputError as error:
+        message = f"--approach: {error.findings[0].message}"
+        raise InputError([Finding("error", "E_POSE", message)]) from None
+    return np.repeat(np.array(directions, dtype=np.int8)[:, None], values.shape[1], axis=1)
 
 
 def _values(sheet: Sheet, pose: AskedPose) -> NDArray[np.float64]:
     """Return the joint values of a pose without an approach."""
-    if isinstance(pose.where, str):
-        if pose.where not in sheet.poses:
-            raise UnknownNameError("pose", pose.where, sheet.poses)
-        return sheet.poses[pose.where]
-    return pose.where  # type: ignore[return-value]
+    where = next(iter(sheet.poses)) if pose.where is None else pose.where
+    if isinstance(where, str):
+        if where not in sheet.poses:
+            raise UnknownNameError("pose", where, sheet.poses)
+        return sheet.poses[where]
+    return where  # type: ignore[return-value]
 
 
-def _read_poses(sheet: Sheet, options: PoseOptions, most: int) -> list[AskedPose]:
+def _read_poses(sheet: Sheet, options: PoseOptions, most: int) -> AskedPoses:
     """Return the poses without the approach of the command line."""
+    if options["grid"] is not None:
+        return _known_poses(_read_grid(sheet, options["grid"], most), options["grid"])
     if options["trajectory"] is not None:
         from precision_pin.cli.trajectory import read_trajectory
 
         way = read_trajectory(options["trajectory"], sheet.chain, most)
-        return [AskedPose(values, name) for values, name in zip(way.values, way.names, strict=True)]
+        return AskedPoses(AskedPose(values, name) for values, name in zip(way.values, way.names, strict=True))
     if options["all_poses"] and not sheet.poses:
         raise InputError([Finding("error", "E_POSE", "the sheet has no poses", sheet.file)])
     if options["qs"]:
-        return [AskedPose(chosen_pose(sheet, None, q), "") for q in options["qs"]]
+        return AskedPoses(AskedPose(chosen_pose(sheet, None, q), "") for q in options["qs"])
     wanted = list(sheet.poses) if options["all_poses"] else options["pose_names"] or (None,)
-    return [AskedPose(chosen_pose(sheet, name, None), name or next(iter(sheet.poses))) for name in wanted]
+    return AskedPoses(AskedPose(chosen_pose(sheet, name, None), name or next(iter(sheet.poses))) for name in wanted)
+
+
+def read_pose_set(sheet: Sheet, options: PoseOptions, most: int = MOST_ROWS) -> PoseSet:
+    """Return the poses that the options ask for with status and approach of each, the sheet's first where they ask for none.
+
+    Raises
+    ------
+    InputError
+        As :func:`read_poses`.
+    """
+    poses = _read_pose_set(sheet, options, most)
+    approach = options["approach"]
+    return poses if approach is None else replace(poses, approaches=_approaches(sheet, poses.q, approach))
+
+
+def _read_pose_set(sheet: Sheet, options: PoseOptions, most: int) -> PoseSet:
+    """Return the poses, those of the sheet with their own approaches."""
+    import numpy as np
+
+    from precision_pin.robot.pose_set import PoseSet
+
+    if options["grid"] is not None:
+        return _read_grid(sheet, options["grid"], most)
+    if options["trajectory"] is not None:
+        from precision_pin.cli.trajectory import read_trajectory
+
+        way = read_trajectory(options["trajectory"], sheet.chain, most)
+        return PoseSet.at(sheet.chain, np.ascontiguousarray(way.values.T), way.names, way.times)
+    asked = _read_poses(sheet, options, most)
+    poses = PoseSet.at(
+        sheet.chain, np.column_stack([_values(sheet, pose) for pose in asked]), tuple(pose.name for pose in asked)
+    )
+    own = [sheet.approaches.get(pose.name, ()) for pose in asked]
+    if not any(own):
+        return poses
+    none = (0,) * len(sheet.chain.joints)
+    return replace(poses, approaches=np.array([one or none for one in own], dtype=np.int8).T)
+
+
+def _read_grid(sheet: Sheet, file: str, most: int) -> PoseSet:
+    from precision_pin.sheet.pose_grid import read_pose_grid
+
+    grid = read_pose_grid(file, sheet.chain, sheet.poses)
+    with progress_bar(grid.count, "inverse kinematics", "poses") as step:
+        poses = grid.solve(step)
+    if len(poses) > most:
+        raise InputError([Finding("error", "E_GRID", f"{len(poses):,} poses; at most {most:,} are allowed here", file)])
+    echo_note(f"{file}: {len(poses):,} poses: {_counted(poses.status)}")
+    return poses
+
+
+def _known_poses(poses: PoseSet, file: str) -> AskedPoses:
+    """Return the poses with joint values, and a warning about the others.
+
+    Raises
+    ------
+    InputError
+        None has.
+    """
+    known = poses.known
+    if not known.any():
+        message = f"no joint values lead to any of the {len(poses):,} poses: {_counted(poses.status)}"
+        raise InputError([Finding("error", "E_GRID", message, file)])
+    asked = [
+        AskedPose(values, name)
+        for values, name, is_known in zip(poses.q.T, poses.names, known, strict=True)
+        if is_known
+    ]
+    if known.all():
+        return AskedPoses(asked)
+    out = poses.of(~known)
+    first = f"first {out.names[0]!r}" if len(out) > 1 else repr(out.names[0])
+    message = f"{len(out):,} of {len(poses):,} poses are left out: {_counted(out.status)} ({first})"
+    warning = Finding("warning", "W_UNREACHED", message, file)
+    echo_warnings([warning])
+    return AskedPoses(asked, (warning,))
+
+
+def _counted(statuses: Sequence[str]) -> str:
+    return ", ".join(f"{count:,} {status}" for status, count in Counter(statuses).items())

@@ -21,39 +21,31 @@ from precision_pin.inputs.arguments import (
     check_choice,
     check_instance,
     check_items,
+    check_mapping,
     check_path,
 )
 from precision_pin.model.about_rest import terms_about_rest
 from precision_pin.model.equilibrium import settle
-from precision_pin.model.named_poses import limit_findings, read_poses
-from precision_pin.model.pose_model import PoseModel, joint_value, spread_of
-from precision_pin.model.turnover import resettled_findings
+from precision_pin.model.named_poses import read_poses
+from precision_pin.model.pose_model import PoseModel, joint_value
+from precision_pin.model.statics_findings import statics_findings
 from precision_pin.robot.approach import Approach, ApproachedPose, read_approach, read_approaches
-from precision_pin.robot.chain import Chain, Place, Posture
-from precision_pin.sheet import Sheet
+from precision_pin.robot.chain import Chain, Posture
+from precision_pin.robot.chain_findings import limit_findings
+from precision_pin.sheet import Sheet, read_data
 from precision_pin.sheet import read as read_sheet
 from precision_pin.terms.bound_source import BoundSource, load_posture, terms_at_many
 from precision_pin.terms.labelled_sources import draw_owners, draw_words, labels, own_draws, with_quantities
 from precision_pin.terms.source import Source, fix_settings
-from precision_pin.terms.table import TableLayout, TermTable
+from precision_pin.terms.table import TableLayout
 from precision_pin.terms.term import Term, TermsOfPose
 from precision_pin.typing import Array
 
-__all__ = ["ErrorModel", "limit_findings"]
+__all__ = ["ErrorModel"]
 
 
 _AT_ONCE: Final = 256
 """Poses whose joint frames and terms are computed together; their arrays stay in the processor's cache."""
-
-_TRIED: Final = 1000
-_TRIED_SEED: Final = 0
-_TRIED_RANKS: Final = ((9, 0.005), (0, 0.02))
-"""Test of equilibrium statics on single robots: their number and seed; ranks by distance, with the allowed difference."""
-_NEGLIGIBLE: Final = 1e-9
-"""Difference of errors (m, rad) that never causes a warning."""
-
-_LARGEST_TURN: Final = 0.15
-"""Rotation of a link's end by loads (rad) above which a warning is given: a cantilever's deflection is then wrong by 0.4 %."""
 
 
 @final
@@ -82,6 +74,8 @@ class ErrorModel:
         Approach of each named pose that has one.
     assumed
         Labels of the sources that the sheet marks as assumptions.
+    sheet
+        The sheet it was read from; ``None`` for a model made in Python.
     labels
         Each source's label.
     space
@@ -107,6 +101,7 @@ class ErrorModel:
         self.space = with_quantities(drawn, self.sources, self.labels, chain)
         self.poses, self.approaches = read_poses(chain, {} if poses is None else poses)
         self.assumed: tuple[str, ...] = ()
+        self.sheet: Sheet | None = None
         self._layout: TableLayout | None = None
 
     @classmethod
@@ -132,13 +127,64 @@ class ErrorModel:
         return cls.from_sheet(sheet)
 
     @classmethod
+    @warns_at_end
+    def from_dict(
+        cls, data: Mapping[str, object], folder: str | os.PathLike[str] = ".", kinds: Iterable[type[Source]] = ()
+    ) -> ErrorModel:
+        """Return the model of a sheet given as a dictionary.
+
+        Parameters
+        ----------
+        data
+            The keys and values of the YAML sheet: text, numbers, lists and dictionaries. A number with a unit is text.
+        folder
+            Folder that the names of the robot and of tables are relative to.
+        kinds
+            Source classes beyond those of the package.
+
+        Raises
+        ------
+        InputError
+            Carries all findings, each with the path of its key.
+        """
+        listed = check_items("the kinds of sources", kinds, type)
+        sheet = read_data(check_mapping("the sheet", data), check_path("the folder", folder), listed)
+        add(sheet.findings)
+        return cls.from_sheet(sheet)
+
+    @classmethod
     def from_sheet(cls, sheet: Sheet) -> ErrorModel:
         """Return the model of a sheet that has been read."""
         check_instance("sheet", sheet, Sheet, "as sheet.read returns it; ErrorModel.load takes a path")
         poses = {name: ApproachedPose(q, sheet.approaches.get(name, ())) for name, q in sheet.poses.items()}
         model = cls(sheet.chain, sheet.space, sheet.sources, poses, sheet.statics)
         model.assumed = tuple(model.labels[k] for k in sheet.assumed)
+        model.sheet = sheet
         return model
+
+    @warns_at_end
+    def with_(self, changes: Mapping[str, object]) -> ErrorModel:
+        """Return the model with some values of its sheet changed, as ``--set`` does.
+
+        Draws keep their names, so that the same seed gives the same robots but for the change.
+
+        Parameters
+        ----------
+        changes
+            Values by path: ``parameters.a1``, ``axis_install[joint2].radius``, ``payload.mass``, ``statics``; ``*`` stands for
+            anything. Values are those of a sheet, such as ``"0.05 mm"``, ``"±0.1 mm"`` or ``{"normal": "0.2 mrad"}``.
+
+        Raises
+        ------
+        InputError
+            The model was not read from a sheet or a dictionary; a path that names nothing; a wrong value.
+        """
+        given = check_mapping("the changes", changes)
+        if self.sheet is None:
+            raise InputError("the model was not read from a sheet or a dictionary; make it anew with other sources")
+        sheet = self.sheet.with_changes(given)
+        add(sheet.findings)
+        return type(self).from_sheet(sheet)
 
     def configuration(self, q: ArrayLike | Mapping[str, float] | ApproachedPose | str | None = None) -> Array:
         """Return joint values in chain order: given in that order, by joint name or by a pose's name; or of the first pose.
@@ -278,54 +324,7 @@ class ErrorModel:
         robot of a thousand) or 2 % (the farthest). ``W_TURNOVER``, equilibrium statics with an approach: single robots take
         up play on other sides.
         """
-        if not any(term.loaded for term in at.terms):
-            return ()
-        if self.statics == "nominal":
-            findings = self._nominal_findings(at)
-        else:
-            findings = (*self._equilibrium_findings(at), *resettled_findings(at, self._make_terms))
-        return (*_bending_findings(at), *findings)
-
-    def _nominal_findings(self, at: PoseModel) -> tuple[Finding, ...]:
-        spread, negligible = spread_of(at)
-        try:
-            rest_state = settle(at.posture, self.space, self._make_terms, within=1e-3 * negligible)
-        except InputError as error:
-            return (Finding("warning", "W_STATICS", f"{error.findings[0].message}; nominal statics hide it"),)
-        rest = PoseModel(at.posture, self.space, rest_state.table, rest_state.terms)
-        gap = float(np.linalg.norm((rest.error_at_means - at.error_at_means)[:3]))
-        if gap <= negligible:
-            return ()
-        message = (
-            f"loads at the undeflected pose (statics: nominal) put the tip {gap * 1e3:.3g} mm away from that of the arm at "
-            f"rest, more than a tenth of the spread of {spread * 1e3:.3g} mm; use statics: equilibrium"
-        )
-        return (Finding("warning", "W_STATICS", message),)
-
-    def _equilibrium_findings(self, at: PoseModel) -> tuple[Finding, ...]:
-        x = self.space.sample(_TRIED_SEED, 0, _TRIED)
-        errors = at.exact(x)
-        found: dict[str, str] = {}
-        for rank, allowed in _TRIED_RANKS:
-            for rows, what, unit in ((slice(0, 3), "|d|", "mm"), (slice(3, 6), "|δ|", "mrad")):
-                sizes = np.linalg.norm(errors[rows], axis=0)
-                robot = int(np.argsort(-sizes, kind="stable")[rank])
-                try:
-                    rest_state = settle(at.posture, self.space, self._make_terms, values=x[:, robot])
-                except InputError as error:
-                    message = f"of {_TRIED:,} robots the one with {what} {1e3 * sizes[robot]:.3g} {unit} fails: "
-                    return (Finding("warning", "W_STATICS", message + error.findings[0].message),)
-                alone = PoseModel(at.posture, self.space, rest_state.table, rest_state.terms).exact(x[:, [robot]])[:, 0]
-                size = float(np.linalg.norm(alone[rows]))
-                if abs(sizes[robot] - size) > allowed * size + _NEGLIGIBLE:
-                    found[what] = f"{what} {1e3 * sizes[robot]:.4g} {unit} for {1e3 * size:.4g}"
-        if not found:
-            return ()
-        message = (
-            f"stiffness or load vary too much for equilibrium statics: compared with {_TRIED:,} robots solved one by one "
-            f"the model gives {' and '.join(found.values())}"
-        )
-        return (Finding("warning", "W_STATICS", message),)
+        return statics_findings(at, self.statics, self._make_terms)
 
     def __repr__(self) -> str:
         counts = f"sources {len(self.sources)}, draws {len(self.space.draws)}, poses {len(self.poses)}"
@@ -406,25 +405,6 @@ class ErrorModel:
 
     def _make_terms(self, posture: Posture) -> tuple[Term, ...]:
         return tuple(itertools.chain.from_iterable(source.terms(posture) for source in self.bound_sources))
-
-
-def _bending_findings(at: PoseModel) -> tuple[Finding, ...]:
-    """Return a warning if loads turn a place too far, every parameter at its mean; it names the place turned most."""
-    loaded = TermTable.build(at.posture, at.space, [term for term in at.terms if term.loaded])
-    moved = loaded.displacements(loaded.products(loaded.program.evaluate(at.space.mean[:, None])))[:, 3:, 0]
-    turns = {
-        target.name: float(np.linalg.norm(turn))
-        for target, turn in zip(loaded.targets, moved, strict=True)
-        if isinstance(target, Place)
-    }
-    name, turn = max(turns.items(), key=lambda entry: entry[1], default=("", 0.0))
-    if turn <= _LARGEST_TURN:
-        return ()
-    message = (
-        f"loads turn the {name} by {turn:.2g} rad: formulas for small deflections are wrong by about "
-        f"{20 * turn**2:.1g} % of the deflection"
-    )
-    return (Finding("warning", "W_DEFLECTION", message),)
 
 
 def _settings(source: Source) -> str:

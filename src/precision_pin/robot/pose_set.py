@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Final, Literal, final
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
+from precision_pin.display.tables import pose_labels
 from precision_pin.errors import InputError
 from precision_pin.inputs.arrays import fix_fields
 from precision_pin.robot.chain import Chain
 from precision_pin.typing import Array
 
-__all__ = ["NO_BRANCH", "SINGULAR_BELOW", "PoseSet", "PoseStatus", "smallest_singular_values"]
+__all__ = ["NO_BRANCH", "SINGULAR_BELOW", "PoseSet", "PoseStatus", "chain_length", "smallest_singular_values"]
 
 PoseStatus = Literal["reached", "unreachable", "limit", "singular"]
 """``reached``; ``unreachable``: no joint values lead there; ``limit``: a joint is outside its limits; ``singular``: joint values
@@ -44,6 +46,12 @@ class PoseSet:
         Tip in the base where it is known, else where it was wanted, m, ``(3, P)``.
     times
         Time of each point of a path, s, ``(P,)``; ``None`` where the poses are not passed in time.
+    node
+        Rank of the place or wanted pose to which each pose belongs, ``(P,)``: poses of one node are its branches and wrist
+        angles. ``None`` where each pose is its own.
+    approaches
+        Direction in which each joint moved last, 1, -1 or 0, ``(n, P)``; see :mod:`precision_pin.robot.approach`. ``None``
+        where no pose has one.
 
     Raises
     ------
@@ -57,10 +65,13 @@ class PoseSet:
     branch: NDArray[np.int64]
     position: Array
     times: Array | None = None
+    node: NDArray[np.int64] | None = None
+    approaches: NDArray[np.int8] | None = None
 
     def __post_init__(self) -> None:
         counts = {self.q.shape[1], len(self.names), len(self.status), len(self.branch), self.position.shape[1]}
-        counts |= set() if self.times is None else {len(self.times)}
+        counts |= {len(field) for field in (self.times, self.node) if field is not None}
+        counts |= set() if self.approaches is None else {self.approaches.shape[1]}
         if len(counts) > 1:
             raise InputError(
                 f"the fields of a pose set have {', '.join(map(str, sorted(counts)))} poses, expected one number"
@@ -94,9 +105,60 @@ class PoseSet:
         mask: NDArray[np.bool_] = np.isfinite(self.q[0])
         return mask
 
+    @classmethod
+    def joined(cls, sets: Sequence[PoseSet]) -> PoseSet:
+        """Return the poses of several sets in order, without times, nodes and approaches."""
+        return cls(
+            q=np.concatenate([poses.q for poses in sets], axis=1),
+            names=tuple(name for poses in sets for name in poses.names),
+            status=tuple(status for poses in sets for status in poses.status),
+            branch=np.concatenate([poses.branch for poses in sets]),
+            position=np.concatenate([poses.position for poses in sets], axis=1),
+        )
+
+    @property
+    def labels(self) -> list[str]:
+        """A label for each pose, no two alike: its name, or ``pose 1``, ``pose 2``, … where it has none."""
+        return pose_labels(self.names)
+
     def of(self, mask: NDArray[np.bool_]) -> PoseSet:
         """Return the poses that a mask ``(P,)`` selects, in order."""
-        chosen = np.flatnonzero(mask)
+        return self.take(np.flatnonzero(mask))
+
+    def best_and_worst(self, values: ArrayLike) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+        """Return the pose with the least and the pose with the greatest value of each node.
+
+        They are its best and worst branch and angle about the tool axis. A value that is not a number is passed over.
+
+        Parameters
+        ----------
+        values
+            A value for each pose, such as a spread or a quantile, ``(P,)``.
+
+        Returns
+        -------
+        tuple
+            Positions of the best and of the worst poses, ``(N,)`` for nodes in order; -1 where a node has no value.
+        """
+        given = np.asarray(values, dtype=np.float64)
+        if given.shape != (len(self),):
+            raise InputError(f"values of shape {given.shape} for {len(self)} poses, expected ({len(self)},)")
+        nodes = np.arange(len(self)) if self.node is None else self.node
+        found = []
+        for filler, choose in ((np.inf, np.minimum), (-np.inf, np.maximum)):
+            filled = np.where(np.isnan(given), filler, given)
+            extremes = np.full(int(nodes.max()) + 1, filler)
+            choose.at(extremes, nodes, filled)
+            is_extreme = (filled == extremes[nodes]) & ~np.isnan(given)
+            positions = np.full(len(extremes), -1, dtype=np.intp)
+            # the first of equal ones
+            last_first = np.flatnonzero(is_extreme)[::-1]
+            positions[nodes[last_first]] = last_first
+            found.append(positions)
+        return found[0], found[1]
+
+    def take(self, chosen: NDArray[np.intp]) -> PoseSet:
+        """Return the poses at some positions, in that order."""
         return replace(
             self,
             q=self.q[:, chosen],
@@ -105,7 +167,14 @@ class PoseSet:
             branch=self.branch[chosen],
             position=self.position[:, chosen],
             times=None if self.times is None else self.times[chosen],
+            node=None if self.node is None else self.node[chosen],
+            approaches=None if self.approaches is None else self.approaches[:, chosen],
         )
+
+
+def chain_length(chain: Chain) -> float:
+    """Return the sum of the distances between a chain's joints and its tip, m; 1 m where they are all zero."""
+    return float(np.linalg.norm(chain.placements[1:, :3, 3], axis=1).sum()) or 1.0
 
 
 def smallest_singular_values(chain: Chain, q: Array) -> Array:
@@ -115,7 +184,7 @@ def smallest_singular_values(chain: Chain, q: Array) -> Array:
     does not change with the robot's size: rows of the position are divided by it, and a prismatic joint moves in units of it.
     Of a chain of fewer than six joints it is the smallest of as many values as it has joints.
     """
-    length = float(np.linalg.norm(chain.placements[1:, :3, 3], axis=1).sum()) or 1.0
+    length = chain_length(chain)
     scaled = np.moveaxis(chain.at_columns(q).joint_jacobian, -1, 0).copy()
     scaled[:, :3] /= length
     scaled[:, :, chain.prismatic] *= length
