@@ -18,7 +18,7 @@ from precision_pin.cli.options import (
     inputs_argument,
     pose_options,
 )
-from precision_pin.cli.poses import MOST_ROWS, check_poses, pose_files, read_pose_set
+from precision_pin.cli.poses import check_poses, pose_files, read_pose_set, read_way
 from precision_pin.cli.progress import progress_bar
 from precision_pin.cli.streams import echo_data, say
 from precision_pin.cli.targets import Outputs
@@ -29,6 +29,7 @@ from precision_pin.errors import Finding, InputError
 if TYPE_CHECKING:
     from precision_pin.analyses.compensation.compensation_result import CompensationResult
     from precision_pin.robot.pose_set import PoseSet
+    from precision_pin.robot.pose_sources.trajectory import Column
     from precision_pin.sheet import Sheet
 
 __all__ = ["command"]
@@ -122,20 +123,15 @@ def _weights(text: str | None) -> list[float] | None:
     return numbers
 
 
-def _poses(sheet: Sheet, options: _Options) -> tuple[PoseSet, tuple[str, ...]]:
+def _poses(sheet: Sheet, options: _Options) -> tuple[PoseSet, tuple[Column, ...]]:
     """Return the poses, and the columns of the file that they come from."""
     if options["trajectory"] is None:
         return read_pose_set(sheet, options), ()
-    import numpy as np
-
-    from precision_pin.cli.trajectory import read_trajectory
-    from precision_pin.robot.pose_set import PoseSet
-
-    way = read_trajectory(options["trajectory"], sheet.chain, MOST_ROWS)
-    return PoseSet.at(sheet.chain, np.ascontiguousarray(way.values.T), way.names, way.times), way.columns
+    way = read_way(sheet, options["trajectory"], options)
+    return way.poses, way.columns
 
 
-def _write(result: CompensationResult, columns: tuple[str, ...], options: _Options) -> None:
+def _write(result: CompensationResult, columns: tuple[Column, ...], options: _Options) -> None:
     """Write the files that are asked for; corrected joint values only where every pose has them.
 
     Raises

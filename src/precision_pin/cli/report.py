@@ -92,6 +92,7 @@ def command(
     options: dict[str, tuple[str | None, ...]] = {"--pose": arm["pose_names"], "--q": arm["qs"]}
     files = {"--trajectory": arm["trajectory"], "--grid": arm["grid"]}
     options |= {option: (None if file is None else _name(file),) for option, file in files.items()}
+    options |= {"--step": arm["steps"]}
     options |= {"--tip": (arm["tip"],), "--base": (arm["base"],)}
     options |= {"--package-dir": tuple(map(_name, package_dirs)), "--samples": (str(samples),), "--seed": (str(seed),)}
     options |= {"--model": (model,), "--spec": specs, "--out": ("report.html",)}
