@@ -108,7 +108,7 @@ def _ask(shared: _Shared, name: str) -> _Question:
     outputs = Outputs({"--json": shared["json_path"]}, shared["out"], (f"{name}.*", f"{name}-*"))
     outputs.check()
     outputs.refuse_inputs(pose_files(shared))
-    sheet = read_sheet(shared["inputs"], shared["tip"], shared["base"], shared["package_dirs"], outputs)
+    sheet = read_sheet(shared, outputs)
     asked = read_poses(sheet, shared)
     return _Question(asked.noted_in(sheet), ErrorModel.from_sheet(sheet), [pose.where for pose in asked])
 

@@ -126,7 +126,7 @@ def command(
     )
     outputs.check()
     outputs.refuse_inputs(pose_files(arm))
-    sheet = read_sheet(arm["inputs"], arm["tip"], arm["base"], arm["package_dirs"], outputs)
+    sheet = read_sheet(arm, outputs)
     error_model = ErrorModel.from_sheet(sheet)
     poses = read_poses(sheet, arm)
     sheet = poses.noted_in(sheet)

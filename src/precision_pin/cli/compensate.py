@@ -89,7 +89,7 @@ def command(**options: Unpack[_Options]) -> int:
     )
     outputs.check()
     outputs.refuse_inputs(pose_files(options))
-    sheet = read_sheet(options["inputs"], options["tip"], options["base"], options["package_dirs"], outputs)
+    sheet = read_sheet(options, outputs)
     poses, columns = _poses(sheet, options)
     with progress_bar(len(poses), "correcting", "poses") as progress:
         result = compensate(

@@ -79,7 +79,7 @@ def command(
     target.check()
     target.outputs.refuse_inputs(pose_files(arm))
     package_dirs = arm["package_dirs"]
-    sheet = read_sheet(arm["inputs"], arm["tip"], arm["base"], package_dirs, target.outputs)
+    sheet = read_sheet(arm, target.outputs)
     asked = _choose_poses(sheet, arm)
     sheet, poses = asked.noted_in(sheet), [pose.where for pose in asked]
     from precision_pin.model.error_model import ErrorModel

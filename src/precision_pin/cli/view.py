@@ -106,7 +106,7 @@ def command(
     kept: list[bool] = []
 
     def read() -> Sheet:
-        return read_sheet(arm["inputs"], arm["tip"], arm["base"], arm["package_dirs"], outputs)
+        return read_sheet(arm, outputs)
 
     def page_of(sheet: Sheet) -> str:
         shown, remarks = _sampled(_poses(sheet, arm), sheet, samples, seed, model)
