@@ -6,6 +6,7 @@ import inspect
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -134,6 +135,7 @@ NUMBER = "zero, one half, minus one"
 POSITIVE = "one half"
 NOT_NEGATIVE = "zero, one half"
 OPTIONAL = "nothing"
+WAY = Path(__file__).with_name("way.csv")
 FILE = "path|file|3|nonsense"
 POSE_FINE = "nothing"
 SEVERAL = "nothing, list of nothing"
@@ -256,6 +258,14 @@ def calls() -> Iterator[Call]:
         },
         {"reference": "joint"},
         reference=OPTIONAL, progress="nothing, true, function, type",
+    )  # fmt: skip
+    yield call(
+        "read_trajectory", pp.read_trajectory, {"path": WAY, "chain": chain, "most": 10}, {"path": FILE, "most": "most"}
+    )
+    way = pp.read_trajectory(WAY, chain)
+    yield call(
+        "Trajectory.refined", way.refined, {"time_step": 0.5, "angle_step": 0.1, "length_step": None, "most": 100},
+        time_step="nothing, one half", angle_step="nothing, one half", length_step=OPTIONAL,
     )  # fmt: skip
     yield call("Orientation.given", pp.Orientation.given, {"rotation": np.eye(3), "label": "upright"},
                {"rotation": "orientation"}, label="word, digits, empty text")  # fmt: skip

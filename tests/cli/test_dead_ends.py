@@ -23,6 +23,7 @@ WITH_ROBOT = {
     "init": (),
     "mcpc": (),
     "worst-case": (),
+    "compensate": (),
     "exact-law": (),
     "reliability": ("--spec", "1 mm"),
     "moments": (),

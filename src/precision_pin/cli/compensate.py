@@ -18,7 +18,7 @@ from precision_pin.cli.options import (
     inputs_argument,
     pose_options,
 )
-from precision_pin.cli.poses import MOST_ROWS, check_poses, pose_files, read_pose_set
+from precision_pin.cli.poses import check_poses, pose_files, read_pose_set, read_way
 from precision_pin.cli.progress import progress_bar
 from precision_pin.cli.streams import echo_data, say
 from precision_pin.cli.targets import Outputs
@@ -28,6 +28,7 @@ from precision_pin.errors import Finding, InputError
 
 if TYPE_CHECKING:
     from precision_pin.analyses.compensation.compensation_result import CompensationResult
+    from precision_pin.robot.pose_sources.trajectory import Column
     from precision_pin.sheet import Sheet
 
 __all__ = ["command"]
@@ -121,15 +122,13 @@ def _weights(text: str | None) -> list[float] | None:
     return numbers
 
 
-def _columns(sheet: Sheet, options: _Options) -> tuple[str, ...]:
+def _columns(sheet: Sheet, options: _Options) -> tuple[Column, ...]:
     """Return the columns of the trajectory; none where the poses come from elsewhere."""
-    from precision_pin.cli.trajectory import read_trajectory
-
     path = options["trajectory"]
-    return () if path is None else read_trajectory(path, sheet.chain, MOST_ROWS).columns
+    return () if path is None else read_way(sheet, path, options).columns
 
 
-def _write(result: CompensationResult, columns: tuple[str, ...], options: _Options) -> None:
+def _write(result: CompensationResult, columns: tuple[Column, ...], options: _Options) -> None:
     """Write the files that are asked for; corrected joint values only where every pose has them.
 
     Raises

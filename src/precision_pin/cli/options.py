@@ -90,7 +90,7 @@ def chain_options(command: Decorated) -> Decorated:
         "changes",
         multiple=True,
         metavar="PATH=VALUE",
-        help="Change the sheet: 'axis_install[*].radius=0.05 mm', 'parameters.a1=±0.1 mm'; repeats.",
+        help="Change the sheet: 'parameters.a1=±0.1 mm', 'payload.mass=2 kg', 'KIND[*].KEY=VALUE'; repeats.",
     )
     return robot_options(changes(command))
 
@@ -133,6 +133,7 @@ class PoseOptions(TypedDict):
     qs: tuple[str, ...]
     trajectory: str | None
     grid: str | None
+    steps: tuple[str, ...]
 
 
 class OnePoseOptions(ChainOptions):
@@ -175,7 +176,14 @@ def pose_options(command: Decorated) -> Decorated:
         click.option(
             "--trajectory",
             metavar="FILE.csv",
-            help="Poses: a row of joint names, rows of rad or m; first column t (s).",
+            help="Poses: a row of joint names and units, as joint1 [deg], and rows of values; times come first.",
+        ),
+        click.option(
+            "--step",
+            "steps",
+            multiple=True,
+            metavar='"0.1 s"',
+            help="Poses between the rows of a trajectory: largest step in s, deg or mm; repeats.",
         ),
         click.option("--q", "qs", multiple=True, metavar="VALUES", help=f"{_Q_HELP[:-1]}; repeats."),
         click.option("--all-poses", is_flag=True, help="All of the sheet's poses."),

@@ -19,9 +19,10 @@ if TYPE_CHECKING:
 
     from precision_pin.robot.approach import ApproachedPose
     from precision_pin.robot.pose_set import PoseSet
+    from precision_pin.robot.pose_sources.trajectory import Trajectory
     from precision_pin.sheet import Sheet
 
-__all__ = ["MOST_ROWS", "AskedPose", "AskedPoses", "check_poses", "pose_files", "read_pose_set", "read_poses"]
+__all__ = ["AskedPose", "AskedPoses", "check_poses", "pose_files", "read_pose_set", "read_poses", "read_way"]
 
 MOST_ROWS: Final = 2**20 - 1
 """The most poses of a trajectory or a grid where a command sets no lower bound: draws of pose scope can be made at no more."""
@@ -64,12 +65,12 @@ class AskedPoses(list[AskedPose]):
 
 
 def check_poses(options: PoseOptions) -> None:
-    """Refuse two ways to name poses at once.
+    """Refuse two ways to name poses at once, and steps without a trajectory.
 
     Raises
     ------
     InputError
-        More than one is given.
+        More than one is given, or steps alone.
     """
     chosen = {
         "--pose": bool(options["pose_names"]),
@@ -81,6 +82,8 @@ def check_poses(options: PoseOptions) -> None:
     given = [option for option, is_given in chosen.items() if is_given]
     if len(given) > 1:
         raise InputError([Finding("error", "E_USAGE", f"{given[0]} and {given[1]} exclude each other")])
+    if options["steps"] and options["trajectory"] is None:
+        raise InputError([Finding("error", "E_USAGE", "--step needs a --trajectory, between whose rows it puts poses")])
 
 
 def pose_files(options: PoseOptions) -> list[str]:
@@ -156,9 +159,7 @@ def _read_poses(sheet: Sheet, options: PoseOptions, most: int) -> AskedPoses:
     if options["grid"] is not None:
         return _known_poses(_read_grid(sheet, options["grid"], most), options["grid"])
     if options["trajectory"] is not None:
-        from precision_pin.cli.trajectory import read_trajectory
-
-        way = read_trajectory(options["trajectory"], sheet.chain, most)
+        way = read_way(sheet, options["trajectory"], options, most)
         return AskedPoses(AskedPose(values, name) for values, name in zip(way.values, way.names, strict=True))
     if options["all_poses"] and not sheet.poses:
         raise InputError([Finding("error", "E_POSE", "the sheet has no poses", sheet.file)])
@@ -190,10 +191,7 @@ def _read_pose_set(sheet: Sheet, options: PoseOptions, most: int) -> PoseSet:
     if options["grid"] is not None:
         return _read_grid(sheet, options["grid"], most)
     if options["trajectory"] is not None:
-        from precision_pin.cli.trajectory import read_trajectory
-
-        way = read_trajectory(options["trajectory"], sheet.chain, most)
-        return PoseSet.at(sheet.chain, np.ascontiguousarray(way.values.T), way.names, way.times)
+        return read_way(sheet, options["trajectory"], options, most).poses
     asked = _read_poses(sheet, options, most)
     poses = PoseSet.at(
         sheet.chain, np.column_stack([_values(sheet, pose) for pose in asked]), tuple(pose.name for pose in asked)
@@ -203,6 +201,35 @@ def _read_pose_set(sheet: Sheet, options: PoseOptions, most: int) -> PoseSet:
         return poses
     none = (0,) * len(sheet.chain.joints)
     return replace(poses, approaches=np.array([one or none for one in own], dtype=np.int8).T)
+
+
+def read_way(sheet: Sheet, file: str, options: PoseOptions, most: int = MOST_ROWS) -> Trajectory:
+    """Return the trajectory of a file, with the poses between its rows that ``--step`` asks for.
+
+    Raises
+    ------
+    InputError
+        A wrong file or step, or more than ``most`` poses.
+    """
+    from precision_pin import units
+    from precision_pin.robot.pose_sources.trajectory import TIME, read_trajectory
+
+    way = read_trajectory(file, sheet.chain, most)
+    kinds = {"time_step": TIME, "angle_step": units.ANGLE, "length_step": units.LENGTH}
+    steps: dict[str, float] = {}
+    for text in options["steps"]:
+        kind = ""
+        try:
+            value = units.parse(text, *kinds.values())
+            kind = next(kind for kind, quantity in kinds.items() if units.split(text)[1] in quantity.units)
+            if kind in steps:
+                raise InputError(f"a second step of {kinds[kind].name}")
+            steps[kind] = value
+            way.refined(**steps, most=most)
+        except InputError as error:
+            message = error.findings[0].message.removeprefix(f"{kind}: ")
+            raise InputError([Finding("error", "E_TRAJECTORY", f"--step {text!r}: {message}", file)]) from None
+    return way.refined(**steps, most=most)
 
 
 def _read_grid(sheet: Sheet, file: str, most: int) -> PoseSet:

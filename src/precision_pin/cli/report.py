@@ -93,6 +93,7 @@ def command(
     files = {"--trajectory": arm["trajectory"], "--grid": arm["grid"]}
     options |= {option: (None if file is None else _name(file),) for option, file in files.items()}
     options |= {"--approach": (arm["approach"],)}
+    options |= {"--step": arm["steps"]}
     options |= {"--tip": (arm["tip"],), "--base": (arm["base"],)}
     options |= {"--package-dir": tuple(map(_name, package_dirs)), "--samples": (str(samples),), "--seed": (str(seed),)}
     options |= {"--model": (model,), "--spec": specs, "--out": ("report.html",)}
