@@ -299,6 +299,7 @@ QUICK = {
     "export": ("--units", "2", "--out", "built"),
     "check": (),
     "mcpc": (),
+    "compensate": (),
     "init": ("4dof.urdf", "--force"),
 }
 LONGER = {
