@@ -299,10 +299,10 @@ QUICK = {
     "export": ("--units", "2", "--out", "built"),
     "check": (),
     "mcpc": (),
-    "compensate": (),
     "init": ("4dof.urdf", "--force"),
 }
 LONGER = {
+    "compensate": ("--out", "corrected"),
     "worst-case": (*FEW, "--out", "worst"),
     "budget": ("--samples", "1024", "--out", "shares"),
     "exact-law": (*FEW, "--out", "laws"),

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from precision_pin.analyses.compensation.compensation_result import CompensationResult, Mode
 from precision_pin.analyses.compensation.correction import Correction, correct
 from precision_pin.analyses.map.first_order import first_order
-from precision_pin.analyses.map.map_poses import PosesGiven, pose_set, source_lines
+from precision_pin.analyses.map.map_poses import PosesGiven, approached, pose_set, source_lines
 from precision_pin.analyses.map.normal_norms import norm_quantiles, principal_axes
 from precision_pin.analyses.provenance import Provenance
 from precision_pin.call_warnings import add, warns_at_end
@@ -89,12 +89,24 @@ def compensate(
         correction = correct(error_model, values, approaches, effective, given_weights is None, step)
     labels = [label for label, is_known in zip(given.labels, given.known, strict=True) if is_known]
     found = limit_findings(error_model.chain, values, labels)
-    add(found)
     result = _with_laws(error_model, given, correction, mode, given_weights)
+    found = (*found, *_statics_findings(error_model, result))
+    add(found)
     return replace(
         result,
         findings=known_findings,
         warnings=tuple(dict.fromkeys(map(str, (*known_findings, *found)))),
+    )
+
+
+def _statics_findings(error_model: ErrorModel, result: CompensationResult) -> tuple[Finding, ...]:
+    """Return the warnings about statics at the pose with the largest error at the means, with its name."""
+    sizes = np.linalg.norm(result.correction.before[:3], axis=0)
+    worst = int(np.nanargmax(sizes))
+    at = error_model.at(approached(result.poses.take(np.array([worst])))[0])
+    return tuple(
+        replace(finding, message=f"{result.poses.labels[worst]}: {finding.message}")
+        for finding in error_model.statics_findings(at)
     )
 
 

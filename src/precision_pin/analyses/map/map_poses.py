@@ -30,7 +30,15 @@ from precision_pin.statistics import COMPONENTS, Specification, check_confidence
 from precision_pin.statistics.specification import Specifications, listed_specifications
 from precision_pin.typing import Array
 
-__all__ = ["VERIFIED", "VERIFYING_SAMPLES", "PosesGiven", "map_poses", "pose_set", "source_lines"]
+__all__ = [
+    "VERIFIED",
+    "VERIFYING_SAMPLES",
+    "PosesGiven",
+    "approached",
+    "map_poses",
+    "pose_set",
+    "source_lines",
+]
 
 VERIFIED: Final = 5
 """Poses that are verified with fresh samples, the worst ones of the closed form."""
