@@ -340,6 +340,7 @@ def calls() -> Iterator[Call]:
         "Chain.with_payload", chain.with_payload, {"mass": 1.0, "centre": [0.0, 0.0, 0.1], "at": chain.tip},
         {"centre": "centre", "at": "link"}, mass=NOT_NEGATIVE, at=OPTIONAL,
     )  # fmt: skip
+    yield call("Chain.with_target", chain.with_target, {"point": [0.0, 0.0, 0.1]}, {"point": "target"})
     urdf = chain.robot.file
     yield call(
         "Chain.from_urdf",

@@ -103,3 +103,23 @@ def test_steps_put_poses_between_the_rows_of_a_trajectory(run, folder):
         assert message in refused.err
     alone = run("analyze", SHEET, "--step", "1 s")
     assert (alone.code, "--step needs a --trajectory" in alone.err) == (2, True)
+
+
+def test_a_target_shifts_every_result_by_its_lever_arm(run):
+    # the tool turns about x by 0.1 mrad (the sheet gives 3 sigma): a point 200 mm along y from the tip moves by 0.02 mm along z
+    for command in ("moments", "budget", "worst-case"):
+        titled = run(command, SHEET, "--q", "0 mm, 0 deg", "--target", "0 200 0 mm").out.splitlines()[0]
+        assert "frame to tool + 0 200 0 mm" in titled
+    tip, target = (
+        run("moments", SHEET, "--q", "0 mm, 0 deg", *words, "--json", "-").json["poses"][0]
+        for words in ((), ("--target", "0 0.2 0 m"))
+    )
+    assert tip["std"]["value"][2] == pytest.approx(0, abs=1e-7)
+    assert target["std"]["value"][2] == pytest.approx(0.1e-3 * 0.2, rel=1e-5)
+    assert target["std"]["value"][1] == pytest.approx(tip["std"]["value"][1], rel=1e-5)
+    refused = run("analyze", SHEET, "--target", "0 200 mm")
+    assert refused.code == 2
+    (line,) = refused.said
+    assert line.startswith(
+        "precision-pin: error E_USAGE: --target: '0 200 mm' has 2 numbers, expected 3; write it as '0 0"
+    )

@@ -56,7 +56,7 @@ class Provenance:
     def of(cls, error_model: ErrorModel, seed: int) -> Provenance:
         """Return the provenance of a model's analysis."""
         chain = error_model.chain
-        arm = (os.path.basename(chain.robot.file), chain.base, chain.tip, error_model.statics)
+        arm = (os.path.basename(chain.robot.file), chain.base, chain.tip_label, error_model.statics)
         return cls(*arm, int(seed), error_model.assumed, len(error_model.sources))
 
     def to_dict(self, schema: str) -> dict[str, Any]:

@@ -17,6 +17,7 @@ from precision_pin.cli.options import (
     chain_options,
     inputs_argument,
     pose_options,
+    target_option,
 )
 from precision_pin.cli.poses import check_poses, pose_files, read_pose_set, read_way
 from precision_pin.cli.progress import progress_bar
@@ -59,6 +60,7 @@ class _Options(ChainOptions, PoseOptions):
     help="With --mode pose: weights of the components, 1/m and 1/rad; the weighted squares are made smallest.",
 )
 @pose_options
+@target_option
 @chain_options
 @click.option(
     "--csv", "csv_path", metavar="FILE", help="Write the corrected joint values there, with the input's columns."

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Sequence
-from typing import Any, Final, TypedDict, TypeVar
+from typing import Any, Final, NotRequired, TypedDict, TypeVar
 
 import click
 
@@ -27,6 +27,7 @@ __all__ = [
     "robot_options",
     "seed_option",
     "spec_option",
+    "target_option",
 ]
 
 Decorated = TypeVar("Decorated", bound=Callable[..., Any])
@@ -121,6 +122,7 @@ class ChainOptions(TypedDict):
     tip: str | None
     base: str | None
     package_dirs: tuple[str, ...]
+    target: NotRequired[str | None]
 
 
 class PoseOptions(TypedDict):
@@ -157,6 +159,11 @@ model_option: Final = click.option(
 )
 spec_option: Final = click.option(
     "--spec", "specs", multiple=True, metavar='"0.5 mm @ 99.73 %"', help="A limit to judge; repeats."
+)
+target_option: Final = click.option(
+    "--target",
+    metavar='"X Y Z mm"',
+    help="The point that results are about, in the tip's axes; else the sheet's, or the tip.",
 )
 
 

@@ -342,7 +342,7 @@ class ErrorModel:
             Table(("pose", "joint values"), poses, f"Poses: {len(poses)}", words=2),
         )
         return rendered(
-            f"Error model of {os.path.basename(chain.robot.file)}: {chain.base} to {chain.tip}",
+            f"Error model of {os.path.basename(chain.robot.file)}: {chain.base} to {chain.tip_label}",
             [table for table in tables if table.rows],
             [
                 *(f"correlated: {', '.join(group.names)}" for group in self.space.correlations),

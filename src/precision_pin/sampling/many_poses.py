@@ -176,7 +176,7 @@ def sample_poses(
     return PosesResult(
         robot=os.path.basename(chain.robot.file),
         base=chain.base,
-        tip=chain.tip,
+        tip=chain.tip_label,
         names=names,
         joints=tuple(chain.joint_names),
         q=values,

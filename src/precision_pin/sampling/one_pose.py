@@ -220,7 +220,7 @@ def monte_carlo(
     return MonteCarloResult(
         robot=os.path.basename(chain.robot.file),
         base=chain.base,
-        tip=chain.tip,
+        tip=chain.tip_label,
         pose_name=error_model.pose_name(pose),
         q=dict(zip(chain.joint_names, map(float, at.posture.q), strict=True)),
         approach=written_approach(chain.joint_names, at.posture.approach),

@@ -29,6 +29,7 @@ from precision_pin.sheet.poses import joint_quantity, parse_poses
 from precision_pin.sheet.remarks import remark_on_poses, remark_on_sources
 from precision_pin.sheet.schema import ASSUMED, Context, Document, source_model, used_quantities
 from precision_pin.sheet.settings import NAME, NamedParameter, parse_parameter
+from precision_pin.sheet.target import parse_target
 from precision_pin.sheet.text import Path, Text, read_text
 from precision_pin.sources import catalogue
 from precision_pin.terms.bound_source import BoundSource, load_posture
@@ -109,6 +110,7 @@ class Overrides:
     tip: str | None = None
     base: str | None = None
     package_dirs: tuple[str, ...] = ()
+    target: str | None = None
 
 
 @final
@@ -158,7 +160,7 @@ def read(
     kinds
         Source classes beyond those of the package.
     overrides
-        Robot, tip and base in place of the sheet's.
+        Robot, tip, base and target in place of the sheet's.
     changes
         Values in place of the sheet's, which must be correct without them.
 
@@ -305,7 +307,9 @@ def _chain(document: Document, findings: Findings, overrides: Overrides, folder:
     if locked is None:
         return None
     try:
-        return Chain.from_robot(robot, overrides.tip or document.tip, overrides.base or document.base, gravity, locked)
+        chain = Chain.from_robot(robot, overrides.tip or document.tip, overrides.base or document.base, gravity, locked)
+        target = overrides.target or document.target
+        return chain if target is None else chain.with_target(parse_target(target))
     except InputError as error:
         findings.take((), error)
         return None

@@ -81,6 +81,10 @@ class Document(BaseModel):
     robot: str = Field(description="The URDF, relative to the sheet, or example:NAME.")
     tip: str | None = Field(None, description="The end-effector link; the only leaf if left out.")
     base: str | None = Field(None, description="The fixed link; the root if left out.")
+    target: str | None = Field(
+        None,
+        description="The point that results are about, in the tip's axes, such as '0 0 100 mm'; the tip if left out.",
+    )
     gravity: str = Field("earth", description="Base axes, such as '0 0 -9.81 m/s^2'; or earth, moon, none.")
     statics: Literal["nominal", "equilibrium"] = Field(
         "nominal",

@@ -191,7 +191,7 @@ class AsBuilt:
         chain = posture.chain
         values = {**chain.locked, **dict(zip(chain.joint_names, posture.q, strict=True))}
         poses = parse(text, chain.robot.file).link_poses(values)
-        tip = se3.inverse(poses[self.base]) @ poses[self.tip]
+        tip = se3.inverse(poses[self.base]) @ poses[self.tip] @ se3.translation(chain.target)
         expected = se3.pose(se3.exp_rotation(error[3:]) @ posture.pose[:3, :3], posture.pose[:3, 3] + error[:3])
         scale = max(1.0, *(float(np.abs(pose[:3, 3]).max()) for pose in poses.values()))
         if np.abs(tip - expected).max() > AGREEMENT * scale:
