@@ -22,7 +22,16 @@ if TYPE_CHECKING:
     from precision_pin.robot.pose_sources.trajectory import Trajectory
     from precision_pin.sheet import Sheet
 
-__all__ = ["AskedPose", "AskedPoses", "check_poses", "pose_files", "read_pose_set", "read_poses", "read_way"]
+__all__ = [
+    "AskedPose",
+    "AskedPoses",
+    "check_poses",
+    "pose_files",
+    "read_pose_set",
+    "read_poses",
+    "read_way",
+    "reference_pose",
+]
 
 MOST_ROWS: Final = 2**20 - 1
 """The most poses of a trajectory or a grid where a command sets no lower bound: draws of pose scope can be made at no more."""
@@ -230,6 +239,24 @@ def read_way(sheet: Sheet, file: str, options: PoseOptions, most: int = MOST_ROW
             message = error.findings[0].message.removeprefix(f"{kind}: ")
             raise InputError([Finding("error", "E_TRAJECTORY", f"--step {text!r}: {message}", file)]) from None
     return way.refined(**steps, most=most)
+
+
+def reference_pose(sheet: Sheet, text: str | None) -> str | NDArray[np.float64] | None:
+    """Return the pose that ``--relative-to`` names: one of the sheet's, or joint values as for ``--q``.
+
+    Raises
+    ------
+    InputError
+        Neither.
+    """
+    if text is None or text in sheet.poses:
+        return text
+    try:
+        return chosen_pose(sheet, None, text)
+    except InputError as error:
+        unknown = UnknownNameError("pose", text, sheet.poses).findings[0].message
+        message = f"--relative-to: {unknown}; as joint values: {error.findings[0].message.removeprefix('--q: ')}"
+        raise InputError([Finding("error", "E_POSE", message)]) from None
 
 
 def _read_grid(sheet: Sheet, file: str, most: int) -> PoseSet:
