@@ -23,6 +23,7 @@ WITH_ROBOT = {
     "init": (),
     "mcpc": (),
     "worst-case": (),
+    "compensate": (),
     "exact-law": (),
     "reliability": ("--spec", "1 mm"),
     "moments": (),
@@ -301,6 +302,7 @@ QUICK = {
     "init": ("4dof.urdf", "--force"),
 }
 LONGER = {
+    "compensate": ("--out", "corrected"),
     "worst-case": (*FEW, "--out", "worst"),
     "budget": ("--samples", "1024", "--out", "shares"),
     "exact-law": (*FEW, "--out", "laws"),

@@ -14,7 +14,9 @@ from precision_pin.sheet import read
 
 SHEET = "gantry.errors.yaml"
 LONG = "a_rather_long_name_for_a_joint_that_turns_about_x_of_the_carriage"
-NONE: PoseOptions = {"pose_names": (), "all_poses": False, "qs": (), "trajectory": None, "grid": None, "steps": ()}
+NONE: PoseOptions = {
+    "pose_names": (), "all_poses": False, "qs": (), "trajectory": None, "grid": None, "approach": None, "steps": ()
+}  # fmt: skip
 
 
 def test_every_way_to_name_poses_makes_a_set(folder):

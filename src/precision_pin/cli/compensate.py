@@ -29,7 +29,6 @@ from precision_pin.errors import Finding, InputError
 
 if TYPE_CHECKING:
     from precision_pin.analyses.compensation.compensation_result import CompensationResult
-    from precision_pin.robot.pose_set import PoseSet
     from precision_pin.robot.pose_sources.trajectory import Column
     from precision_pin.sheet import Sheet
 
@@ -92,7 +91,7 @@ def command(**options: Unpack[_Options]) -> int:
     outputs.check()
     outputs.refuse_inputs(pose_files(options))
     sheet = read_sheet(options, outputs)
-    poses, columns = _poses(sheet, options)
+    poses, columns = read_pose_set(sheet, options), _columns(sheet, options)
     with progress_bar(len(poses), "correcting", "poses") as progress:
         result = compensate(
             ErrorModel.from_sheet(sheet),
@@ -125,12 +124,10 @@ def _weights(text: str | None) -> list[float] | None:
     return numbers
 
 
-def _poses(sheet: Sheet, options: _Options) -> tuple[PoseSet, tuple[Column, ...]]:
-    """Return the poses, and the columns of the file that they come from."""
-    if options["trajectory"] is None:
-        return read_pose_set(sheet, options), ()
-    way = read_way(sheet, options["trajectory"], options)
-    return way.poses, way.columns
+def _columns(sheet: Sheet, options: _Options) -> tuple[Column, ...]:
+    """Return the columns of the trajectory; none where the poses come from elsewhere."""
+    path = options["trajectory"]
+    return () if path is None else read_way(sheet, path, options).columns
 
 
 def _write(result: CompensationResult, columns: tuple[Column, ...], options: _Options) -> None:

@@ -91,7 +91,7 @@ def chain_options(command: Decorated) -> Decorated:
         "changes",
         multiple=True,
         metavar="PATH=VALUE",
-        help="Change the sheet: 'axis_install[*].radius=0.05 mm', 'parameters.a1=±0.1 mm'; repeats.",
+        help="Change the sheet: 'parameters.a1=±0.1 mm', 'payload.mass=2 kg', 'KIND[*].KEY=VALUE'; repeats.",
     )
     return robot_options(changes(command))
 
@@ -128,6 +128,8 @@ class ChainOptions(TypedDict):
 class PoseOptions(TypedDict):
     """The poses: :func:`pose_options`."""
 
+    approach: str | None
+
     pose_names: tuple[str, ...]
     all_poses: bool
     qs: tuple[str, ...]
@@ -141,9 +143,11 @@ class OnePoseOptions(ChainOptions):
 
     pose: str | None
     q: str | None
+    approach: str | None
 
 
 _Q_HELP: Final = 'Joint values: "-90 3 88 -91 deg", "0.1 m, 10 deg" or "joint1: 10 deg, …".'
+_APPROACH_HELP: Final = 'How joints moved last: "joint1 +, joint2 -"'
 inputs_argument: Final = click.argument("inputs", nargs=-1, metavar="[ROBOT.urdf] [SHEET.yaml]")
 seed_option: Final = click.option("--seed", type=int, default=0, show_default=True, metavar="S", help="64-bit seed.")
 model_option: Final = click.option(
@@ -166,6 +170,11 @@ target_option: Final = click.option(
 def pose_options(command: Decorated) -> Decorated:
     """Add the options of :class:`PoseOptions`, which :func:`precision_pin.cli.poses.read_poses` turns into poses."""
     for option in (
+        click.option(
+            "--approach",
+            metavar="DIRECTIONS",
+            help=f'{_APPROACH_HELP}, or "previous": from the pose before it.',
+        ),
         click.option(
             "--grid",
             metavar="FILE.yaml",
@@ -201,7 +210,8 @@ def one_pose_options(command: Decorated) -> Decorated:
     """Add the options of :class:`OnePoseOptions`."""
     pose = click.option("--pose", metavar="NAME", help="One of the sheet's poses; the first if left out.")
     q = click.option("--q", metavar="VALUES", help=_Q_HELP)
-    for option in (quiet_option, all_warnings_option, chain_options, q, pose, inputs_argument):
+    approach = click.option("--approach", metavar="DIRECTIONS", help=f"{_APPROACH_HELP}.")
+    for option in (quiet_option, all_warnings_option, chain_options, approach, q, pose, inputs_argument):
         command = option(command)
     return command
 

@@ -94,6 +94,7 @@ def command(
     options: dict[str, tuple[str | None, ...]] = {"--pose": arm["pose_names"], "--q": arm["qs"]}
     files = {"--trajectory": arm["trajectory"], "--grid": arm["grid"]}
     options |= {option: (None if file is None else _name(file),) for option, file in files.items()}
+    options |= {"--approach": (arm["approach"],)}
     options |= {"--step": arm["steps"]}
     options |= {"--target": (arm.get("target"),)}
     options |= {"--tip": (arm["tip"],), "--base": (arm["base"],)}

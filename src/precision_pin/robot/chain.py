@@ -29,6 +29,7 @@ from precision_pin.inputs.arguments import (
 )
 from precision_pin.inputs.arrays import read_only, returns_read_only
 from precision_pin.robot import statics
+from precision_pin.robot.approach import Approach
 from precision_pin.robot.chain_geometry import ChainGeometry, cut_chain
 from precision_pin.robot.configurations import Configurations
 from precision_pin.robot.joint_table import joint_table, spaced
@@ -261,6 +262,10 @@ class Posture:
         The chain under load; ``None`` if the loads act on the undisplaced arm. It moves the loads, not the places.
     tilts
         Contributions of sources to gravity: vectors ``(3,)``, base axes, m/s², with the parameters that multiply them.
+    approach
+        Direction in which each joint moved last: 1, -1, or 0 where it is not known; empty if no approach is given.
+    deciding
+        The posture whose loads decide on which side a play is taken up, if that is not this one.
     """
 
     chain: Chain
@@ -269,6 +274,8 @@ class Posture:
     loads: tuple[Load, ...]
     deflection: Deflection | None = None
     tilts: tuple[tuple[Array, Factors], ...] = ()
+    approach: Approach = ()
+    deciding: Posture | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
         for name in ("q", "joint_poses"):
@@ -378,6 +385,10 @@ class Posture:
         return (
             f"<Posture of {os.path.basename(chain.robot.file)!r}, {chain.base!r} to {chain.tip_label!r}, at {values}>"
         )
+
+    def direction_of(self, joint: int) -> int:
+        """Return the direction in which a joint (0-based) moved last: 1, -1, or 0 where it is not known."""
+        return self.approach[joint] if self.approach else 0
 
     def with_loads(self, loads: Sequence[Load]) -> Posture:
         """Return the posture with further weights."""

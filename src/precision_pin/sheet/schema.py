@@ -91,8 +91,9 @@ class Document(BaseModel):
         description="nominal: loads act on the undeflected arm, as in the paper; equilibrium: on the arm at rest under them.",
     )
     locked: dict[str, str] = Field(default_factory=dict, description="Values of joints that are locked.")
-    poses: dict[str, str | list[str] | dict[str, str]] = Field(
-        default_factory=dict, description="Named joint values: in chain order with one unit, one by one, or by joint."
+    poses: dict[str, str | list[str] | dict[str, str | list[str] | dict[str, str]]] = Field(
+        default_factory=dict,
+        description="Named joint values: in chain order with one unit, one by one, or by joint; or these as q: with approach:.",
     )
     parameters: dict[str, Any] = Field(default_factory=dict, description="Named laws, to be shared by sources.")
     correlations: list[Any] = Field(
