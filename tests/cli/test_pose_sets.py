@@ -66,6 +66,15 @@ def test_a_grid_makes_a_set_and_poses_without_what_is_out_of_reach(run, folder):
     assert done.said == ["near.yaml: 4 poses: 4 reached"]
 
 
+def test_the_approach_from_the_previous_pose_passes_over_what_is_not_reached(folder):
+    (folder / "grid.yaml").write_text(
+        GRID.replace("[0.3 m, 5 m]", "[0.3 m, 5 m, 0.1 m, 0.6 m]").replace("[-500 mm, 9 m]", "-500 mm")
+    )
+    poses = read_pose_set(read(SHEET), {**NONE, "grid": "grid.yaml", "approach": "previous"})
+    assert poses.known.tolist() == [True, False, True, True]
+    assert poses.approaches[0].tolist() == [0, 0, -1, 1]
+
+
 def test_a_grid_out_of_reach_or_given_twice_is_refused(run, folder, new_files):
     (folder / "far.yaml").write_text(GRID.replace("0.3 m", "4 m"))
     far = run("analyze", SHEET, "--grid", "far.yaml", "--quiet")

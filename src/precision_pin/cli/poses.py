@@ -135,7 +135,11 @@ def _approaches(sheet: Sheet, values: NDArray[np.float64], approach: str) -> NDA
         if values.shape[1] < 2:
             message = "--approach previous is the way from the pose before, and there is one pose; give + or - by joint"
             raise InputError([Finding("error", "E_POSE", message)])
-        return approaches_along(values)
+        # a pose of a grid that is not reached is not passed on the way
+        known = np.isfinite(values[0])
+        found = np.zeros(values.shape, dtype=np.int8)
+        found[:, known] = approaches_along(values[:, known])
+        return found
     try:
         directions = read_approach(sheet.chain.joint_names, approach)
     except InputError as error:
