@@ -82,6 +82,15 @@ def test_near_a_singularity_the_note_states_the_value(folder, capsys):
     poses = read_pose_set(read(PAPER_SHEET), {**NONE, "grid": "grid.yaml"})
     assert poses.status == ("singular", "reached")
     assert "singular: smallest singular value below 0.01" in capsys.readouterr().err
+    # at a right angle it is 0.259
+    for below, status in (
+        (0.26, ("singular", "singular")),
+        (0.25, ("singular", "reached")),
+        (0, ("reached", "reached")),
+    ):
+        (folder / "other.yaml").write_text((folder / "grid.yaml").read_text() + f"singular_below: {below}\n")
+        assert read_pose_set(read(PAPER_SHEET), {**NONE, "grid": "other.yaml"}).status == status
+    assert "singular value below 0.26)" in capsys.readouterr().err
 
 
 def test_a_grid_out_of_reach_or_given_twice_is_refused(run, folder, new_files):

@@ -137,6 +137,8 @@ JOINTS = "joints:\n  joint1: 0 deg\n  joint2: 0 deg\n  joint3: 0 deg\n"
         ("random: {count: 5, box: {x: 0 1 m, y: 0 1 m, z: 1 m}}", 1, "z: '1 m' has 1 numbers, expected 2"),
         ("random: {count: 5, box: {x: 0 1 m, y: 0 1 m, z: 1 0 m}}", 1, "the box: its lowest z is above its highest"),
         ("random: {count: 5, box: {x: 8 9 m, y: 0 1 m, z: 0 1 m}}", 1, "only 0 of 10,0"),
+        (f"{BOX}orientations: any\nsingular_below: -1", 3, "singular_below: expected zero or more"),
+        (f"{BOX}orientations: any\nsingular_below: 1 mm", 3, "singular_below: 'mm' in '1 mm' is not a unit of ratio"),
         ("a: [", 1, "not YAML"),
     ],
 )  # fmt: skip

@@ -237,7 +237,6 @@ def read_way(sheet: Sheet, file: str, options: PoseOptions, most: int = MOST_ROW
 
 
 def _read_grid(sheet: Sheet, file: str, most: int) -> PoseSet:
-    from precision_pin.robot.pose_set import SINGULAR_BELOW
     from precision_pin.sheet.pose_grid import read_pose_grid
 
     grid = read_pose_grid(file, sheet.chain, sheet.poses)
@@ -245,7 +244,8 @@ def _read_grid(sheet: Sheet, file: str, most: int) -> PoseSet:
         poses = grid.solve(step)
     if len(poses) > most:
         raise InputError([Finding("error", "E_GRID", f"{len(poses):,} poses; at most {most:,} are allowed here", file)])
-    stated = f" (singular: smallest singular value below {SINGULAR_BELOW:g})" if "singular" in poses.status else ""
+    below = grid.singular_below
+    stated = f" (singular: smallest singular value below {below:g})" if "singular" in poses.status else ""
     echo_note(f"{file}: {len(poses):,} poses: {_counted(poses.status)}{stated}")
     return poses
 

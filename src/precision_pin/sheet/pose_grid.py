@@ -13,7 +13,7 @@ from precision_pin.errors import Finding, InputError, nearest
 from precision_pin.inputs.files import UnreadableFileError, read_text_file
 from precision_pin.robot.chain import Chain
 from precision_pin.robot.inverse_kinematics import Branches
-from precision_pin.robot.pose_set import PoseSet
+from precision_pin.robot.pose_set import SINGULAR_BELOW, PoseSet
 from precision_pin.robot.pose_sources.joint_grid import joint_grid
 from precision_pin.robot.pose_sources.orientation import MOST_ANGLES, Orientation
 from precision_pin.robot.pose_sources.place_grid import box_places, count_wanted, place_grid, plane_places
@@ -49,10 +49,13 @@ class PoseGrid:
     solve
         Function that returns the poses. Its argument is as ``progress`` of
         :func:`precision_pin.robot.inverse_kinematics.inverse_kinematics`.
+    singular_below
+        Smallest singular value below which a pose counts as singular.
     """
 
     count: int
     solve: Callable[[Progress], PoseSet]
+    singular_below: float = SINGULAR_BELOW
 
 
 def read_pose_grid(path: str | os.PathLike[str], chain: Chain, poses: Mapping[str, Array] | None = None) -> PoseGrid:
@@ -81,16 +84,28 @@ def read_pose_grid(path: str | os.PathLike[str], chain: Chain, poses: Mapping[st
         raise InputError(text.findings[:1])
     top = GridEntry(text, file, (), text.data)
     expected = f"a grid has one of {', '.join(_KINDS)}"
-    keys = top.keys((*_KINDS, *_OF_PLACES), expected)
+    keys = top.keys((*_KINDS, *_OF_PLACES, "singular_below"), expected)
     kinds = [kind for kind in _KINDS if kind in keys]
     if len(kinds) != 1:
         raise top.wrong(f"{expected}; this has {' and '.join(kinds) or 'none'}")
-    if kinds[0] in ("box", "plane"):
-        return _over_places(top, keys, chain, poses or {})
-    for key in _OF_PLACES[1:] if kinds[0] == "random" else _OF_PLACES:
+    grid = _read_kind(kinds[0], top, keys, chain, poses or {})
+    if "singular_below" not in keys:
+        return grid
+    (below,) = keys["singular_below"].numbers(units.RATIO, 1, "0.02")
+    if below < 0:
+        raise keys["singular_below"].wrong("singular_below: expected zero or more")
+    return PoseGrid(grid.count, lambda step: grid.solve(step).with_singular_below(chain, below), below)
+
+
+def _read_kind(
+    kind: str, top: GridEntry, keys: dict[str, GridEntry], chain: Chain, poses: Mapping[str, Array]
+) -> PoseGrid:
+    if kind in ("box", "plane"):
+        return _over_places(top, keys, chain, poses)
+    for key in _OF_PLACES[1:] if kind == "random" else _OF_PLACES:
         if key in keys:
-            raise keys[key].wrong(f"{key} goes with box or plane, not with {kinds[0]}")
-    return _over_joints(keys["joints"], chain) if kinds[0] == "joints" else _at_random(keys, chain, poses or {})
+            raise keys[key].wrong(f"{key} goes with box or plane, not with {kind}")
+    return _over_joints(keys["joints"], chain) if kind == "joints" else _at_random(keys, chain, poses)
 
 
 def _over_joints(entry: GridEntry, chain: Chain) -> PoseGrid:
