@@ -144,7 +144,11 @@ def _approaches(sheet: Sheet, values: NDArray[np.float64], approach: str) -> NDA
         if values.shape[1] < 2:
             message = "--approach previous is the way from the pose before, and there is one pose; give + or - by joint"
             raise InputError([Finding("error", "E_POSE", message)])
-        return approaches_along(values)
+        # a pose of a grid that is not reached is not passed on the way
+        known = np.isfinite(values[0])
+        found = np.zeros(values.shape, dtype=np.int8)
+        found[:, known] = approaches_along(values[:, known])
+        return found
     try:
         directions = read_approach(sheet.chain.joint_names, approach)
     except InputError as error:
@@ -267,7 +271,9 @@ def _read_grid(sheet: Sheet, file: str, most: int) -> PoseSet:
         poses = grid.solve(step)
     if len(poses) > most:
         raise InputError([Finding("error", "E_GRID", f"{len(poses):,} poses; at most {most:,} are allowed here", file)])
-    echo_note(f"{file}: {len(poses):,} poses: {_counted(poses.status)}")
+    below = grid.singular_below
+    stated = f" (singular: smallest singular value below {below:g})" if "singular" in poses.status else ""
+    echo_note(f"{file}: {len(poses):,} poses: {_counted(poses.status)}{stated}")
     return poses
 
 
