@@ -16,6 +16,10 @@ if TYPE_CHECKING:
 
     from precision_pin import sources as sources
     from precision_pin.analyses.budget.budget import budget as budget
+    from precision_pin.analyses.calibration.calibrate import calibrate as calibrate
+    from precision_pin.analyses.calibration.forecast import forecast_calibration as forecast_calibration
+    from precision_pin.analyses.calibration.identifiability import identifiability as identifiability
+    from precision_pin.analyses.calibration.measurement import Measurement as Measurement
     from precision_pin.analyses.exact_law.exact_law import exact_law as exact_law
     from precision_pin.analyses.moments.moments import moments as moments
     from precision_pin.analyses.reliability.reliability import reliability as reliability
@@ -41,6 +45,7 @@ if TYPE_CHECKING:
     from precision_pin.errors import InputError as InputError
     from precision_pin.errors import PrecisionPinError as PrecisionPinError
     from precision_pin.model.error_model import ErrorModel as ErrorModel
+    from precision_pin.model.every_frame import every_frame as every_frame
     from precision_pin.robot import mcpc as mcpc
     from precision_pin.robot.chain import Chain as Chain
     from precision_pin.robot.chain import Posture as Posture
@@ -70,6 +75,7 @@ _HOMES: Final = {
     "InputError": "errors",
     "JointNormal": "draws.laws",
     "Lognormal": "draws.laws",
+    "Measurement": "analyses.calibration.measurement",
     "MonteCarloResult": "sampling.result",
     "Normal": "draws.laws",
     "Posture": "robot.chain",
@@ -86,7 +92,11 @@ _HOMES: Final = {
     "TwoPoint": "draws.laws",
     "Uniform": "draws.laws",
     "budget": "analyses.budget.budget",
+    "calibrate": "analyses.calibration.calibrate",
+    "every_frame": "model.every_frame",
     "exact_law": "analyses.exact_law.exact_law",
+    "forecast_calibration": "analyses.calibration.forecast",
+    "identifiability": "analyses.calibration.identifiability",
     "moments": "analyses.moments.moments",
     "monte_carlo": "sampling",
     "progress": "display.progress",

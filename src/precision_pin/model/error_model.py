@@ -20,6 +20,7 @@ from precision_pin.inputs.arguments import (
     check_instance,
     check_items,
     check_mapping,
+    check_name,
     check_path,
 )
 from precision_pin.model.about_rest import terms_about_rest
@@ -131,6 +132,26 @@ class ErrorModel:
         model = cls(sheet.chain, sheet.space, sheet.sources, sheet.poses, sheet.statics)
         model.assumed = tuple(model.labels[k] for k in sheet.assumed)
         return model
+
+    def with_space(self, space: Space) -> ErrorModel:
+        """Return the model with other laws of the same random numbers, such as those left after a calibration.
+
+        Parameters
+        ----------
+        space
+            It has a component for each of :attr:`space`, under the same name.
+
+        Raises
+        ------
+        UnknownNameError
+            A component is missing.
+        """
+        for name in self.space.components:
+            check_name("component", name, space.components)
+        other = ErrorModel(self.chain, Space(), (), self.poses, self.statics)
+        other.sources, other.labels, other.assumed = self.sources, self.labels, self.assumed
+        other.space = with_quantities(space, self.sources, self.labels, self.chain)
+        return other
 
     def configuration(self, q: ArrayLike | Mapping[str, float] | str | None = None) -> Array:
         """Return joint values in chain order: given in that order, by joint name or by a pose's name; or of the first pose.
