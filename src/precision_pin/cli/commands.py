@@ -29,6 +29,10 @@ COMMANDS: dict[str, tuple[str, str]] = {
         "Write everything about a pose into one page: verdict, distributions, causes, bounds, 3-D view.",
     ),
     "export": ("precision_pin.cli.export", "Write robots as they may be built, each sampled, as URDF files."),
+    "calibrate": (
+        "precision_pin.cli.calibrate",
+        "Forecast what measuring an arm will buy, or fit the model to readings.",
+    ),
     "explain": ("precision_pin.cli.explain", "Say what a code of an error or a warning means, and what to do."),
     "schema": ("precision_pin.cli.schema", "Print the JSON schema of the sheet."),
     "doctor": ("precision_pin.cli.doctor", "Print versions and paths."),

@@ -9,7 +9,7 @@ import numpy as np
 from scipy import stats
 
 from precision_pin.analyses.calibration.calibration_result import CalibrationResult, GrossError
-from precision_pin.analyses.calibration.checks import check_data, doubt_model
+from precision_pin.analyses.calibration.checks import check_data, doubt_model, refuse_far_readings
 from precision_pin.analyses.calibration.data import CalibrationData, read_data
 from precision_pin.analyses.calibration.design import stations_of
 from precision_pin.analyses.calibration.fit import Fit, Problem, fit
@@ -76,6 +76,7 @@ def calibrate(
     base, start = first_guess(given, stations, measurement)
     readings = readings_in_base(given, stations, base, measurement)
     whole = Problem.of(model, measurement, stations, readings, _deviations(given, measurement), start)
+    refuse_far_readings(whole, given)
     used, best, distances = _without_gross_errors(whole, given, has_prior=prior)
     residuals = whole.residuals(best.z, best.nuisances)
     left_out = np.where(np.isin(np.arange(len(given)), list(distances))[:, None], residuals, best.residuals.left_out)

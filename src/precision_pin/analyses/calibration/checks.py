@@ -9,16 +9,20 @@ import numpy as np
 from scipy import stats
 
 from precision_pin.analyses.calibration.data import CalibrationData
+from precision_pin.analyses.calibration.estimates import Estimator
 from precision_pin.analyses.calibration.fit import Fit, Problem
 from precision_pin.draws.space import Scope
-from precision_pin.errors import Finding
+from precision_pin.errors import Finding, InputError
 from precision_pin.model.error_model import ErrorModel, limit_findings
 from precision_pin.typing import Array
 
-__all__ = ["DOUBTFUL", "check_data", "doubt_model", "probability"]
+__all__ = ["DOUBTFUL", "FARTHEST", "check_data", "doubt_model", "probability", "refuse_far_readings"]
 
 DOUBTFUL: Final = 1e-3
 """Probability of a larger chi-square below which model and data disagree."""
+
+FARTHEST: Final = 50.0
+"""Root mean square of the readings' distances, in standard deviations, beyond which data are refused."""
 
 
 def probability(chi_square: float, degrees: int) -> float:
@@ -42,6 +46,34 @@ def check_data(model: ErrorModel, data: CalibrationData) -> Iterator[Finding]:
         yield Finding(
             "warning", "W_REPEATED_READING", message, data.file or None, data.lines[again] if data.file else None
         )
+
+
+def refuse_far_readings(problem: Problem, data: CalibrationData) -> None:
+    """Refuse readings that no robot within the tolerances, by far, can have given.
+
+    Raises
+    ------
+    InputError
+        They lie more than :data:`FARTHEST` standard deviations, of tolerances and instrument, from the nominal arm, as most
+        readings do where columns are swapped, or units or axes are others.
+    """
+    z = np.zeros(problem.unit.root.shape[1])
+    values = problem.residuals(z, problem.start)
+    estimator = Estimator.of(*problem.slopes(z, problem.start), has_prior=True)
+    hold = np.eye(len(estimator.by_z)) - estimator.leverage()
+    white = problem.whiten(values)
+    nuisances = estimator.nuisances(white)
+    left = white - estimator.by_nuisance @ nuisances
+    squared = float(left @ hold @ left) / max(len(left), 1)
+    if squared <= FARTHEST**2:
+        return
+    far = float(np.median(np.linalg.norm(values[:, :3], axis=1)))
+    free = " or the base is not known" if problem.measurement.base == "known" else ""
+    message = (
+        f"the readings are {1e3 * far:.3g} mm (median) from the nominal arm, {np.sqrt(squared):.3g} standard deviations of all "
+        f"tolerances: columns or units are wrong, the target is another{free}"
+    )
+    raise InputError([Finding("error", "E_DATA", message, data.file or None)])
 
 
 def doubt_model(problem: Problem, fit: Fit, *, has_prior: bool) -> Iterator[Finding]:
