@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from precision_pin.analyses.calibration.forecast import forecast_calibration as forecast_calibration
     from precision_pin.analyses.calibration.identifiability import identifiability as identifiability
     from precision_pin.analyses.calibration.measurement import Measurement as Measurement
+    from precision_pin.analyses.calibration.plan import plan_calibration as plan_calibration
     from precision_pin.analyses.exact_law.exact_law import exact_law as exact_law
     from precision_pin.analyses.moments.moments import moments as moments
     from precision_pin.analyses.reliability.reliability import reliability as reliability
@@ -99,6 +100,7 @@ _HOMES: Final = {
     "identifiability": "analyses.calibration.identifiability",
     "moments": "analyses.moments.moments",
     "monte_carlo": "sampling",
+    "plan_calibration": "analyses.calibration.plan",
     "progress": "display.progress",
     "reliability": "analyses.reliability.reliability",
     "sample_poses": "sampling.many_poses",

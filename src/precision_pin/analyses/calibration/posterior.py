@@ -95,8 +95,8 @@ class ErrorLeft:
 
     Attributes
     ----------
-    name, q
-        The pose.
+    name, q, sliding_joints
+        The pose, and the sliding joints, whose values are in m.
     before
         Mean ``(6,)`` of the error before the calibration.
     covariance_before, covariance_after
@@ -110,6 +110,7 @@ class ErrorLeft:
 
     name: str
     q: Mapping[str, float]
+    sliding_joints: tuple[str, ...]
     before: Array
     covariance_before: Array
     covariance_after: Array
@@ -178,6 +179,7 @@ def error_left(
     return ErrorLeft(
         name,
         dict(zip(chain.joint_names, map(float, at.posture.q), strict=True)),
+        tuple(joint.name for joint in chain.joints if joint.kind == "prismatic"),
         at.error_at_means,
         slopes @ slopes.T + floor,
         after,

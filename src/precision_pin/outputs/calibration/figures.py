@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 
 from precision_pin.analyses.calibration.calibration_result import CalibrationResult
 from precision_pin.analyses.calibration.forecast import CalibrationForecast, CurvePoint
+from precision_pin.analyses.calibration.plan import CalibrationPlan
 from precision_pin.outputs.calibration.table import describe_measurement
 from precision_pin.outputs.kit.draw_distribution import BLACK, BLUE, SKY, VERMILION
 from precision_pin.outputs.kit.figure_style import (
@@ -25,7 +26,7 @@ from precision_pin.outputs.kit.figure_style import (
 )
 from precision_pin.visible import visible
 
-__all__ = ["calibration_figure", "forecast_figure"]
+__all__ = ["calibration_figure", "forecast_figure", "plan_figure"]
 
 _HEIGHT: Final = 70.0
 
@@ -66,6 +67,31 @@ def _draw_curve(
     axes.set_xscale("log")
     axes.set_yscale("log")
     axes.set_xlabel(label)
+
+
+def plan_figure(result: CalibrationPlan) -> Figure:
+    """Return the efficiency of the choice and of random ones (left), and the error left at each pose, 174 mm wide."""
+    with style():
+        made = new_figure(DOUBLE_COLUMN)
+        left, right = made.subplots(1, 2, width_ratios=(1, 2))
+        left.bar(["random", "chosen"], [100 * result.random_efficiency, 100 * result.efficiency], color=[SKY, BLUE])
+        left.axhline(100, color=BLACK, linewidth=0.8)
+        left.set_ylabel("of the bound, at least [%]")
+        places = np.arange(len(result.poses)) + 1
+        for which, colour, marker in (("before", BLACK, "_"), ("after", BLUE, "o"), ("floor", VERMILION, "_")):
+            sizes = [1e3 * entry.rms(which) for entry in result.poses]
+            if max(sizes) > 0:
+                right.plot(places, sizes, marker, color=colour, label=which)
+        right.set_yscale("log")
+        right.set_xlabel("pose")
+        right.set_ylabel("rms position error [mm]")
+        of = result.provenance
+        made.suptitle(f"{len(result.chosen):,} of {result.candidates:,} poses of {visible(of.robot, 60)} to measure")
+        lines = wrapped(describe_measurement(result.measurement), made)
+        entries = labelled([right])
+        legend_below(made, entries, len(entries), lines)
+        set_height(made, _HEIGHT + (len(lines) + 2) * LINE_HEIGHT)
+    return made
 
 
 def calibration_figure(result: CalibrationResult) -> Figure:

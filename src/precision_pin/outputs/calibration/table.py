@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import textwrap
 from collections.abc import Iterable, Sequence
 from typing import Final
@@ -10,18 +11,21 @@ from precision_pin.analyses.calibration.calibration_result import CalibrationRes
 from precision_pin.analyses.calibration.forecast import CalibrationForecast, CurvePoint
 from precision_pin.analyses.calibration.identifiability import Identifiability
 from precision_pin.analyses.calibration.measurement import Measurement
+from precision_pin.analyses.calibration.plan import CalibrationPlan
 from precision_pin.analyses.calibration.posterior import ErrorLeft, Posterior
 from precision_pin.display.tables import milli, resting_on
 from precision_pin.display.text_table import aligned
 from precision_pin.visible import shortened, visible
 
-__all__ = ["WIDTH", "calibration_table", "describe_measurement", "forecast_table"]
+__all__ = ["WIDTH", "calibration_table", "describe_measurement", "forecast_table", "plan_table"]
 
 WIDTH: Final = 100
 _POSES: Final = 12
 _NUMBERS: Final = 15
 _NAME: Final = 44
 _ROWS: Final = 8
+_JOINTS: Final = 7
+"""Most joints whose values fit into a line."""
 _EXPLANATION: Final = (
     "before: from the nominal robot, 95 %: quantile of |d|; after: from the calibrated robot; floor: what pose- and "
     "visit-scope draws cause, which no calibration removes"
@@ -73,6 +77,42 @@ def calibration_table(result: CalibrationResult) -> str:
         *_observed(result.identifiability),
         "",
         _EXPLANATION,
+    ]
+    return "\n".join(_wrap(lines))
+
+
+def plan_table(result: CalibrationPlan) -> str:
+    """Return the poses to measure, how good the choice is, and the error that it leaves."""
+    of = result.provenance
+    joints = list(result.poses[0].q)
+    aim = (
+        "the position error left at the poses below"
+        if result.criterion == "task"
+        else "the determinant of the information"
+    )
+    rows = [["pose to measure", "", *(shortened(joint, 9) for joint in joints)]]
+    for k, name, q in zip(result.chosen, result.names, result.q.T, strict=True):
+        cells = [
+            f"{1e3 * value:.2f} mm" if joint in result.sliding_joints else f"{math.degrees(value):.2f}°"
+            for joint, value in zip(joints, q, strict=True)
+        ]
+        rows.append([shortened(name, 20) or f"candidate {k + 1}", "", *cells])
+    lines = [
+        f"measure {len(result.chosen):,} of {result.candidates:,} poses of {visible(of.robot)}, {visible(of.base)} to "
+        f"{visible(of.tip)}: rms position error {milli(result.rms('before'), 3)} mm before, "
+        f"{milli(result.rms('after'), 3)} mm after; floor {milli(result.rms('floor'), 3)} mm",
+        f"{describe_measurement(result.measurement)}; first order; seed {of.seed}",
+        f"chosen for {aim}: at least {100 * result.efficiency:.4g} % of the best possible (bound of the relaxed design); "
+        f"random choices: {100 * result.random_efficiency:.3g} %",
+        "",
+        *_pose_rows(result.poses, result.measurement),
+        "",
+        *(aligned(rows) if len(joints) <= _JOINTS else ["the poses to measure are in the JSON"]),
+        "",
+        *_observed(result.identifiability),
+        "",
+        _EXPLANATION,
+        *resting_on(of.assumed, of.sources),
     ]
     return "\n".join(_wrap(lines))
 
