@@ -21,7 +21,10 @@ if TYPE_CHECKING:
     from precision_pin.analyses.calibration.identifiability import identifiability as identifiability
     from precision_pin.analyses.calibration.measurement import Measurement as Measurement
     from precision_pin.analyses.calibration.plan import plan_calibration as plan_calibration
+    from precision_pin.analyses.compensation.compensate import compensate as compensate
     from precision_pin.analyses.exact_law.exact_law import exact_law as exact_law
+    from precision_pin.analyses.map.between_poses import pose_covariance as pose_covariance
+    from precision_pin.analyses.map.map_poses import map_poses as map_poses
     from precision_pin.analyses.moments.moments import moments as moments
     from precision_pin.analyses.reliability.reliability import reliability as reliability
     from precision_pin.analyses.worst_case.worst_case import worst_case as worst_case
@@ -94,13 +97,16 @@ _HOMES: Final = {
     "Uniform": "draws.laws",
     "budget": "analyses.budget.budget",
     "calibrate": "analyses.calibration.calibrate",
+    "compensate": "analyses.compensation.compensate",
     "every_frame": "model.every_frame",
     "exact_law": "analyses.exact_law.exact_law",
     "forecast_calibration": "analyses.calibration.forecast",
     "identifiability": "analyses.calibration.identifiability",
+    "map_poses": "analyses.map.map_poses",
     "moments": "analyses.moments.moments",
     "monte_carlo": "sampling",
     "plan_calibration": "analyses.calibration.plan",
+    "pose_covariance": "analyses.map.between_poses",
     "progress": "display.progress",
     "reliability": "analyses.reliability.reliability",
     "sample_poses": "sampling.many_poses",

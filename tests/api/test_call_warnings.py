@@ -82,7 +82,7 @@ def test_the_result_holds_what_was_warned_of() -> None:
         result = pp.monte_carlo(ARM, OUTSIDE, **SAMPLED)
     assert seen == []
     assert [line for line in result.warnings if "W_JOINT_LIMIT" in line]
-    with pytest.warns(PrecisionPinWarning, match="1 of 2 poses are outside joint limits, the first of them pose 1"):
+    with pytest.warns(PrecisionPinWarning, match="1 of 2 poses are outside joint limits, the first of them pose 2"):
         poses = pp.sample_poses(ARM, [INSIDE, OUTSIDE], **SAMPLED)
     assert len(poses.warnings) == 1
 

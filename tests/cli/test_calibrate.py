@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 
 import numpy as np
@@ -38,6 +39,24 @@ def test_forecast_begins_with_the_answer_and_is_100_columns_wide(run, folder) ->
     assert first.startswith("calibrating 4dof.urdf, base to tool: rms position error 36.9 mm before, ")
     assert max(map(len, found.out.splitlines())) <= 100
     assert (folder / "f.json").read_text().startswith('{\n  "schema": "precision-pin/calibration-forecast/1"')
+
+
+def test_a_plan_begins_with_what_it_buys_and_is_the_forecast_of_its_poses(run, folder) -> None:
+    found = run("calibrate", SHEET, "--plan", "6", "--random", "20", *TARGET, "--json", "p.json", "--out", "plots")
+    assert found.code == 0
+    first = found.out.splitlines()[0]
+    assert first.startswith("measure 6 of 20 poses of 4dof.urdf, base to tool: rms position error 36.9 mm before, ")
+    assert max(map(len, found.out.splitlines())) <= 100
+    assert {path.name for path in (folder / "plots").iterdir()} == {
+        f"calibration-plan.{end}" for end in ("json", "png", "svg")
+    }
+    plan = json.loads((folder / "p.json").read_text())
+    assert plan["schema"] == "precision-pin/calibration-plan/1"
+    chosen = [
+        text for one in plan["chosen"] for text in ("--q", " ".join(f"{x:.17g}" for x in one["q"].values()) + " rad")
+    ]
+    forecast = run("calibrate", SHEET, "--forecast", *chosen, *TARGET, "--json", "-").json
+    assert forecast["rms_position"]["after"] == pytest.approx(plan["rms_position"]["after"], rel=1e-9)
 
 
 def test_a_fit_writes_what_is_asked_for(run, folder, rows) -> None:
@@ -97,7 +116,14 @@ def test_copied_rows_are_named(run, folder, rows) -> None:
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ((), "nothing to do: give readings (DATA.csv), or --forecast"),
+        ((), "nothing to do: give readings (DATA.csv), --forecast or --plan M"),
+        (("--forecast", "--plan", "3"), "--forecast and --plan exclude each other"),
+        (("--plan", "3", "data.csv"), "--plan takes no data"),
+        (
+            ("--plan", "9", "--random", "8"),
+            "the number of poses to choose must be a whole number from 1 to 8, the number of candidates",
+        ),
+        (("--forecast", "--criterion", "D"), "--criterion belongs to --plan"),
         (("--forecast", "data.csv"), "--forecast takes no data"),
         (("data.csv", "--random", "3"), "the measured poses are those of the data"),
         (("--forecast", "--urdf", "x.urdf"), "--no-prior and --urdf belong to a calibration with data"),

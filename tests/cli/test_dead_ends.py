@@ -29,6 +29,8 @@ WITH_ROBOT = {
     "view": ("--out", "page.html"),
     "report": ("--out", "page.html"),
     "export": ("--out", "built"),
+    "calibrate": ("--forecast",),
+    "compensate": (),
 }
 FEW = ("--samples", "200")
 
@@ -306,6 +308,8 @@ LONGER = {
     "exact-law": (*FEW, "--out", "laws"),
     "reliability": (*FEW, "--spec", "90 mm", "--out", "rare"),
     "moments": ("--samples", "1024", "--out", "few"),
+    "calibrate": ("--plan", "4", "--random", "8", "--out", "plan"),
+    "compensate": ("--out", "corrected"),
     "report": ("--samples", "1000", "--out", "report.html"),
 }
 

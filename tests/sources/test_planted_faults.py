@@ -20,7 +20,7 @@ SIGNS = (
     Fault("beam", "θ_y of the weight", "result[4, 2] = -(l**2) / 6", "result[4, 2] = l**2 / 6"),
     Fault("beam", "θ_z of the weight", "result[5, 1] = l**2 / 6", "result[5, 1] = -(l**2) / 6"),
     Fault("beam", "roll", "@ rotation_about((1, 0, 0), roll)", "@ rotation_about((1, 0, 0), -roll)"),
-    Fault("beam", "wrench turned the wrong way", "[:3, :3] @ axes).T)", "[:3, :3] @ axes))"),
+    Fault("beam", "wrench turned the wrong way", "in_axes(base[:3, :3], axes", "in_axes(base[:3, :3].T, axes"),
     Fault("bearing_stiffness", "against the load", "Value = 1.0 / space", "Value = -1.0 / space"),
     Fault("clearance", "against the load", "force = shift.T @ load", "force = -shift.T @ load"),
     Fault("clearance", "against the axial load", "along * np.sign(load[2])", "along * -np.sign(load[2])"),
@@ -30,8 +30,8 @@ SIGNS = (
         "joint_compliance", "torque that holds the load", "JointValue(joint), torque,", "JointValue(joint), -torque,"
     ),
     Fault("joint_offset", "offset reversed", "JointValue(joint), 1.0,", "JointValue(joint), -1.0,"),
-    Fault("length", "direction turned the wrong way", "[:3, :3].T @ direction", "[:3, :3].T @ -direction"),
-    Fault("length", "frames turned the wrong way", "[:3, :3].T @ direction", "[:3, :3] @ direction"),
+    Fault("length", "direction turned the wrong way", "se3.turn(back, direction)", "se3.turn(back, -direction)"),
+    Fault("length", "frames turned the wrong way", "[:3, :3].swapaxes(0, 1)", "[:3, :3]"),
     Fault("mcpc", "every error reversed", "np.eye(6)[row]", "-np.eye(6)[row]"),
     Fault("mcpc", "β turned the wrong way", "nominal.beta[link])", "-nominal.beta[link] - 0.1)"),
     Fault("mcpc", "γ turned the wrong way", "((0, 0, 1), turn)", "((0, 0, 1), -turn)"),
@@ -55,7 +55,7 @@ SIGNS = (
     ),
     Fault("levelling", "gravity turned with the base", "= -np.cross(axis", "= np.cross(axis"),
     Fault("mounting", "every error reversed", "np.eye(6)[row]", "-np.eye(6)[row]"),
-    Fault("periodic", "phase counted the other way", "math.cos(angle)", "-math.cos(angle)", "encoder"),
+    Fault("periodic", "phase counted the other way", "np.cos(angle)", "-np.cos(angle)", "encoder"),
     Fault("table", "every error reversed", "np.eye(6)[row]", "-np.eye(6)[row]"),
     Fault("thermal", "links shrink", "turn @ way, np", "turn @ -way, np"),
     Fault("thermal", "bent to the warm side", "[-normal *", "[normal *"),
@@ -162,11 +162,13 @@ LAWS = (
     Fault("seats", "the link before counts", "load.link > joint", "load.link >= joint", "bearing_stiffness"),
     Fault("seats", "the next link left out", "load.link > joint", "load.link > joint + 1", "clearance"),
     Fault(
-        "seats", "loads not turned to the axis", "posture.chain.axis_alignment(joint)).T", "np.eye(3)).T", "clearance"
+        "seats",
+        "loads not turned to the axis",
+        "aligned = posture.chain.axis_alignment(joint)",
+        "aligned = np.eye(3)",
+        "clearance",
     ),
-    Fault(
-        "seats", "loads turned the wrong way", "axis_alignment(joint)).T", "axis_alignment(joint))", "bearing_stiffness"
-    ),
+    Fault("seats", "loads turned the wrong way", "(rotation @ axes).T", "(rotation @ axes)", "bearing_stiffness"),
     Fault("seats", "fixed guides travel", 'pads_on == "parent"', 'pads_on == "child"', "bearing_stiffness"),
     Fault(
         "chosen_place", "another joint's seat", "chain.joint_index(joint))", "chain.joint_index(joint) + 1)", "frame"
@@ -215,10 +217,10 @@ LAWS = (
     Fault(
         "thermal",
         "gradient along the link bends",
-        "normal = warmer - way * (way @ warmer) / (way @ way)",
+        "normal = (warmer.T - way * ((warmer.T @ way)[..., None] / (way @ way))).T",
         "normal = warmer",
     ),
-    Fault("thermal", "base axes for the link's", "[:3, :3].T @ self._direction", "[:3, :3] @ self._direction"),
+    Fault("thermal", "base axes for the link's", "[:3, :3].swapaxes(0, 1)", "[:3, :3]"),
     Fault("thermal", "turned twice", "place.frame[:3, :3].T\n", "place.frame[:3, :3]\n"),
     Fault("transmission", "stiffness for compliance", "flexibility = 1.0 / ", "flexibility = 1.0 * "),
     Fault("transmission", "orders left out", "self.order[k] * turn", "turn"),

@@ -39,6 +39,8 @@ __all__ = ["command"]
 
 _RANDOM: Final = 50
 """Poses of a forecast where none are given."""
+_CANDIDATES: Final = 200
+"""Candidates of a plan where none are given."""
 
 
 class _SetUp(TypedDict):
@@ -56,6 +58,7 @@ class _SetUp(TypedDict):
 class _Options(ChainOptions, PoseOptions, _SetUp):
     """All options but those that say what is done."""
 
+    criterion: str | None
     at_names: tuple[str, ...]
     random: int | None
     no_prior: bool
@@ -68,6 +71,12 @@ class _Options(ChainOptions, PoseOptions, _SetUp):
 @click.command("calibrate", cls=Command)
 @click.argument("inputs", nargs=-1, metavar="[ROBOT.urdf] [SHEET.yaml] [DATA.csv]")
 @click.option("--forecast", is_flag=True, help="What measuring will buy, before anything is measured.")
+@click.option("--plan", "count", type=int, metavar="M", help="Choose the M best of many poses to measure.")
+@click.option(
+    "--criterion",
+    type=click.Choice(["task", "D"]),
+    help="Of --plan: the position error left at the poses of --at, or the determinant of the information.  [default: task]",
+)
 @click.option(
     "--kind",
     type=click.Choice(["position", "pose", "distance"]),
@@ -83,7 +92,10 @@ class _Options(ChainOptions, PoseOptions, _SetUp):
 @click.option("--anchor", metavar='"X Y Z mm"', help="Where distances are measured from, in base axes.")
 @pose_options
 @click.option(
-    "--random", type=int, metavar="N", help=f"N random poses within joint limits; {_RANDOM} if none are given."
+    "--random",
+    type=int,
+    metavar="N",
+    help=f"N random poses within joint limits; {_RANDOM} if none are given, {_CANDIDATES} for a plan.",
 )
 @click.option(
     "--at", "at_names", multiple=True, metavar="NAME", help="A pose of the sheet to judge; all if left out; repeats."
@@ -96,20 +108,21 @@ class _Options(ChainOptions, PoseOptions, _SetUp):
 @click.option("--out", metavar="DIR", help="Write plots (PNG and SVG) and the result there.")
 @all_warnings_option
 @quiet_option
-def command(forecast: bool, **options: Unpack[_Options]) -> None:
-    """Calibrate an arm: forecast what measuring will buy, or fit the model to readings.
+def command(forecast: bool, count: int | None, **options: Unpack[_Options]) -> None:
+    """Calibrate an arm: forecast what measuring will buy, choose poses to measure, or fit the model to readings.
 
-    With DATA.csv the exact model is fitted to the readings, with the sheet's tolerances as the prior. With --forecast nothing
-    is measured yet: poses are those given, or random ones. DATA.csv has a column for each joint and each measured number,
-    with units: "joint1 [deg], x [mm], y [mm], z [mm]".
+    With DATA.csv the exact model is fitted to the readings, with the sheet's tolerances as the prior. With --forecast and
+    --plan nothing is measured yet: poses, or candidates, are those given, or random ones. DATA.csv has a column for each
+    joint and each measured number, with units: "joint1 [deg], x [mm], y [mm], z [mm]".
     """
     from precision_pin.analyses.calibration.calibrate import calibrate
     from precision_pin.analyses.calibration.forecast import forecast_calibration
+    from precision_pin.analyses.calibration.plan import plan_calibration
     from precision_pin.model.error_model import ErrorModel
-    from precision_pin.outputs.calibration.table import calibration_table, forecast_table
+    from precision_pin.outputs.calibration.table import calibration_table, forecast_table, plan_table
 
     data, inputs = _split(options["inputs"])
-    _check_usage(forecast, data, options)
+    _check_usage(forecast, count, data, options)
     outputs = Outputs({"--json": options["json_path"], "--urdf": options["urdf"]}, options["out"], ("calibration*",))
     outputs.check()
     read = [name for name in (data, options["trajectory"]) if name is not None]
@@ -118,6 +131,21 @@ def command(forecast: bool, **options: Unpack[_Options]) -> None:
     sheet = read_sheet(inputs, options["tip"], options["base"], options["package_dirs"], outputs)
     model = ErrorModel.from_sheet(sheet)
     at = _task_poses(model, options["at_names"])
+    if count is not None:
+        poses = _measured_poses(sheet, options, _CANDIDATES)
+        plan = plan_calibration(
+            model,
+            poses,
+            count,
+            measurement,
+            at=at,
+            criterion="D" if options["criterion"] == "D" else "task",
+            seed=options["seed"],
+            findings=sheet.findings,
+        )
+        echo_warnings(plan.findings[len(sheet.findings) :])
+        _answer(plan, plan_table, "plan_figure", "calibration-plan", options)
+        return
     if forecast:
         poses = _measured_poses(sheet, options, _RANDOM)
         forecast_result = forecast_calibration(model, poses, measurement, at=at, findings=sheet.findings)
@@ -145,13 +173,18 @@ def _split(arguments: tuple[str, ...]) -> tuple[str | None, tuple[str, ...]]:
     return (data[0] if data else None), inputs
 
 
-def _check_usage(forecast: bool, data: str | None, options: _Options) -> None:
+def _check_usage(forecast: bool, count: int | None, data: str | None, options: _Options) -> None:
     check_poses(options)
     chosen = bool(options["pose_names"] or options["all_poses"] or options["qs"] or options["trajectory"])
-    if data is None and not forecast:
-        raise _usage("nothing to do: give readings (DATA.csv), or --forecast")
-    if data is not None and forecast:
-        raise _usage("--forecast takes no data")
+    ahead = ["--forecast"] * forecast + ["--plan"] * (count is not None)
+    if data is None and not ahead:
+        raise _usage("nothing to do: give readings (DATA.csv), --forecast or --plan M")
+    if len(ahead) == 2:
+        raise _usage("--forecast and --plan exclude each other; a plan has the forecast of its choice")
+    if data is not None and ahead:
+        raise _usage(f"{ahead[0]} takes no data")
+    if options["criterion"] is not None and count is None:
+        raise _usage("--criterion belongs to --plan")
     if data is not None and (chosen or options["random"] is not None):
         raise _usage("the measured poses are those of the data; --at names poses to judge")
     if chosen and options["random"] is not None:

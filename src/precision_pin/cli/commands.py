@@ -31,7 +31,11 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "export": ("precision_pin.cli.export", "Write robots as they may be built, each sampled, as URDF files."),
     "calibrate": (
         "precision_pin.cli.calibrate",
-        "Forecast what measuring an arm will buy, or fit the model to readings.",
+        "Forecast what measuring an arm will buy, choose poses to measure, or fit the model to readings.",
+    ),
+    "compensate": (
+        "precision_pin.cli.compensate",
+        "Correct the constant part of the pose error by other joint values.",
     ),
     "explain": ("precision_pin.cli.explain", "Say what a code of an error or a warning means, and what to do."),
     "schema": ("precision_pin.cli.schema", "Print the JSON schema of the sheet."),

@@ -13,9 +13,10 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
+    from precision_pin.robot.pose_set import PoseSet
     from precision_pin.sheet import Sheet
 
-__all__ = ["AskedPose", "check_poses", "read_poses"]
+__all__ = ["MOST_ROWS", "AskedPose", "check_poses", "read_pose_set", "read_poses"]
 
 MOST_ROWS: Final = 2**20 - 1
 """The most poses of a trajectory where a command sets no lower bound: draws of pose scope can be made at no more."""
@@ -76,3 +77,34 @@ def read_poses(sheet: Sheet, options: PoseOptions, most: int = MOST_ROWS) -> lis
         return [AskedPose(chosen_pose(sheet, None, q), "") for q in options["qs"]]
     wanted = list(sheet.poses) if options["all_poses"] else options["pose_names"] or (None,)
     return [AskedPose(chosen_pose(sheet, name, None), name or next(iter(sheet.poses))) for name in wanted]
+
+
+def read_pose_set(sheet: Sheet, options: PoseOptions, most: int = MOST_ROWS) -> PoseSet:
+    """Return the poses that the options ask for with the status of each, the sheet's first where they ask for none.
+
+    Raises
+    ------
+    InputError
+        As :func:`read_poses`.
+    """
+    import numpy as np
+
+    from precision_pin.errors import UnknownNameError
+    from precision_pin.robot.pose_set import PoseSet
+
+    if options["trajectory"] is not None:
+        from precision_pin.cli.trajectory import read_trajectory
+
+        way = read_trajectory(options["trajectory"], sheet.chain, most)
+        return PoseSet.at(sheet.chain, np.ascontiguousarray(way.values.T), way.names, way.times)
+    columns = []
+    asked = read_poses(sheet, options)
+    for pose in asked:
+        where = pose.name if pose.where is None else pose.where
+        if isinstance(where, str):
+            if where not in sheet.poses:
+                raise UnknownNameError("pose", where, sheet.poses)
+            where = sheet.poses[where]
+        columns.append(where)
+    names = tuple(pose.name for pose in asked)
+    return PoseSet.at(sheet.chain, np.column_stack(columns), names)

@@ -39,10 +39,13 @@ class Trajectory:
         Joint values in chain order, ``(P, n)``, rad or m.
     times
         ``(P,)`` s; ``None`` where the file has none.
+    columns
+        Names of the columns, as in the file.
     """
 
     values: Array
     times: Array | None
+    columns: tuple[str, ...]
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -114,7 +117,7 @@ def read_trajectory(path: str | os.PathLike[str], chain: Chain, most: int) -> Tr
         if timed and row and numbers[row, 0] < numbers[row - 1, 0]:
             raise wrong(f"the time goes back from {numbers[row - 1, 0]:g} s to {numbers[row, 0]:g} s", line)
     order = [header.index(name) for name in chain.joint_names]
-    return Trajectory(numbers[:, order], numbers[:, 0] if timed else None)
+    return Trajectory(numbers[:, order], numbers[:, 0] if timed else None, tuple(header))
 
 
 def _number(cell: str) -> float:

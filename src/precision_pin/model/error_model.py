@@ -383,16 +383,17 @@ def _bending_findings(at: PoseModel) -> tuple[Finding, ...]:
     return (Finding("warning", "W_DEFLECTION", message),)
 
 
-def limit_findings(chain: Chain, values: Array) -> tuple[Finding, ...]:
-    """Return a warning if poses ``(n, P)`` are outside the joints' limits: their number, and the first of them."""
+def limit_findings(chain: Chain, values: Array, names: Sequence[str] = ()) -> tuple[Finding, ...]:
+    """Return a warning if poses ``(n, P)`` are outside the joints' limits: their number, and the name of the first of them."""
     outside = chain.configurations.outside(values)
     poses = np.flatnonzero(outside.any(axis=0))
     if not poses.size:
         return ()
     first = int(poses[0])
+    name = (names[first] if names else "") or f"pose {first + 1}"
     joint = chain.joints[int(np.flatnonzero(outside[:, first])[0])]
     message = (
-        f"{poses.size:,} of {values.shape[1]:,} poses are outside joint limits, the first of them pose {first}, with the joint "
+        f"{poses.size:,} of {values.shape[1]:,} poses are outside joint limits, the first of them {name}, with the joint "
         f"{joint.name} at {values[chain.joint_index(joint.name), first]:.6g} {'m' if joint.kind == 'prismatic' else 'rad'}"
     )
     return (Finding("warning", "W_JOINT_LIMIT", message, chain.robot.file, joint.line),)

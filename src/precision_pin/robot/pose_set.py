@@ -8,12 +8,13 @@ from typing import Final, Literal, final
 import numpy as np
 from numpy.typing import NDArray
 
+from precision_pin.display.tables import pose_labels
 from precision_pin.errors import InputError
 from precision_pin.inputs.arrays import fix_fields
 from precision_pin.robot.chain import Chain
 from precision_pin.typing import Array
 
-__all__ = ["NO_BRANCH", "SINGULAR_BELOW", "PoseSet", "PoseStatus", "smallest_singular_values"]
+__all__ = ["NO_BRANCH", "SINGULAR_BELOW", "PoseSet", "PoseStatus", "chain_length", "smallest_singular_values"]
 
 PoseStatus = Literal["reached", "unreachable", "limit", "singular"]
 """``reached``; ``unreachable``: no joint values lead there; ``limit``: a joint is outside its limits; ``singular``: joint values
@@ -44,6 +45,9 @@ class PoseSet:
         Tip in the base where it is known, else where it was wanted, m, ``(3, P)``.
     times
         Time of each point of a path, s, ``(P,)``; ``None`` where the poses are not passed in time.
+    node
+        Rank of the place or wanted pose to which each pose belongs, ``(P,)``: poses of one node are its branches and wrist
+        angles. ``None`` where each pose is its own.
 
     Raises
     ------
@@ -57,10 +61,11 @@ class PoseSet:
     branch: NDArray[np.int64]
     position: Array
     times: Array | None = None
+    node: NDArray[np.int64] | None = None
 
     def __post_init__(self) -> None:
         counts = {self.q.shape[1], len(self.names), len(self.status), len(self.branch), self.position.shape[1]}
-        counts |= set() if self.times is None else {len(self.times)}
+        counts |= {len(field) for field in (self.times, self.node) if field is not None}
         if len(counts) > 1:
             raise InputError(
                 f"the fields of a pose set have {', '.join(map(str, sorted(counts)))} poses, expected one number"
@@ -94,6 +99,11 @@ class PoseSet:
         mask: NDArray[np.bool_] = np.isfinite(self.q[0])
         return mask
 
+    @property
+    def labels(self) -> list[str]:
+        """A label for each pose, no two alike: its name, or ``pose 1``, ``pose 2``, … where it has none."""
+        return pose_labels(self.names)
+
     def of(self, mask: NDArray[np.bool_]) -> PoseSet:
         """Return the poses that a mask ``(P,)`` selects, in order."""
         chosen = np.flatnonzero(mask)
@@ -105,7 +115,13 @@ class PoseSet:
             branch=self.branch[chosen],
             position=self.position[:, chosen],
             times=None if self.times is None else self.times[chosen],
+            node=None if self.node is None else self.node[chosen],
         )
+
+
+def chain_length(chain: Chain) -> float:
+    """Return the sum of the distances between a chain's joints and its tip, m; 1 m where they are all zero."""
+    return float(np.linalg.norm(chain.placements[1:, :3, 3], axis=1).sum()) or 1.0
 
 
 def smallest_singular_values(chain: Chain, q: Array) -> Array:
@@ -115,7 +131,7 @@ def smallest_singular_values(chain: Chain, q: Array) -> Array:
     does not change with the robot's size: rows of the position are divided by it, and a prismatic joint moves in units of it.
     Of a chain of fewer than six joints it is the smallest of as many values as it has joints.
     """
-    length = float(np.linalg.norm(chain.placements[1:, :3, 3], axis=1).sum()) or 1.0
+    length = chain_length(chain)
     scaled = np.moveaxis(chain.at_columns(q).joint_jacobian, -1, 0).copy()
     scaled[:, :3] /= length
     scaled[:, :, chain.prismatic] *= length

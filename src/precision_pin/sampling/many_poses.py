@@ -132,7 +132,7 @@ def sample_poses(
     work = _Work(model, int(seed), int(samples), listed_specifications(specifications))
     values, names = _poses(error_model, q, work.specifications)
     count = values.shape[1]
-    found = limit_findings(error_model.chain, values)
+    found = limit_findings(error_model.chain, values, names)
     add(found)
     parts: list[dict[str, Array]] = []
     with ExitStack() as stack:

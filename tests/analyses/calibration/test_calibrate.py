@@ -249,7 +249,7 @@ def test_json_has_the_keys_of_every_result() -> None:
 
 @pytest.mark.slow
 def test_intervals_cover_the_truth() -> None:
-    """95 % intervals of 1,000 simulated robots, every number and the tip at a pose: 94.5 to 95.5 %."""
+    """95 % intervals of 4,000 simulated robots, every number and the tip at a pose: 94.5 to 95.5 %."""
     model, q = plain_model(), random_poses(4, 15)
     forecast = pp.forecast_calibration(model, q, TRACKER)
     found = simulate_calibrations(model, q, TRACKER, robots=4000, seed=11)

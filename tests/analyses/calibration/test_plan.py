@@ -45,7 +45,7 @@ def test_the_best_of_all_choices_is_found(measurement: pp.Measurement, criterion
     assert value == pytest.approx(losses[plan.chosen], rel=1e-5)
     # no choice passes the bound
     assert min(losses.values()) > bound
-    assert 0 < plan.random_efficiency < plan.efficiency <= 1
+    assert 0 < plan.random_efficiency <= plan.efficiency <= 1
 
 
 def test_plan_and_forecast_agree_and_a_seed_gives_one_plan() -> None:
@@ -81,6 +81,12 @@ def test_all_candidates_are_chosen_where_all_are_asked_for() -> None:
 def test_too_many_poses_are_refused() -> None:
     with pytest.raises(pp.InputError, match="from 1 to 5, the number of candidates"):
         pp.plan_calibration(plain_model(), random_poses(4, 5), 6, SET_UPS[0])
+
+
+def test_a_candidate_given_twice_is_refused() -> None:
+    q = random_poses(4, 5)
+    with pytest.raises(pp.InputError, match="candidates 2 and 6 are one pose"):
+        pp.plan_calibration(plain_model(), np.hstack([q, q[:, 1:2]]), 3, SET_UPS[0])
 
 
 def test_observability_indices_by_hand() -> None:

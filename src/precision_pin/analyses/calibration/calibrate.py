@@ -21,7 +21,7 @@ from precision_pin.analyses.calibration.remaining_space import remaining_space
 from precision_pin.analyses.calibration.set_up import SetUp, first_guess, readings_in_base
 from precision_pin.analyses.provenance import Provenance
 from precision_pin.errors import Finding
-from precision_pin.inputs.arguments import check_flag, check_instance
+from precision_pin.inputs.arguments import check_flag, check_instance, check_items
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.typing import Array
 
@@ -70,6 +70,7 @@ def calibrate(
     """
     check_instance("model", model, ErrorModel, "as ErrorModel.load returns it")
     check_instance("measurement", measurement, Measurement, "pp.Measurement(kind=..., std=...)")
+    findings = check_items("findings", findings, Finding)
     check_flag("prior", prior)
     given = read_data(model, data, measurement)
     stations = stations_of(model, given.q)

@@ -32,7 +32,7 @@ from precision_pin.analyses.calibration.remaining_space import remaining_space
 from precision_pin.analyses.provenance import Provenance
 from precision_pin.display.stored import JsonResult
 from precision_pin.errors import Finding
-from precision_pin.inputs.arguments import check_instance
+from precision_pin.inputs.arguments import check_instance, check_items
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.typing import Array
 
@@ -175,6 +175,7 @@ def forecast_calibration(
         Nothing varies from robot to robot, or the poses are wrong.
     """
     check_instance("measurement", measurement, Measurement, "pp.Measurement(kind=..., std=...)")
+    findings = check_items("findings", findings, Finding)
     values, _ = read_poses(model, poses)
     unit = UnitNumbers.of(model.space)
     stations = stations_of(model, values)

@@ -7,7 +7,9 @@ from typing import Final
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.axis import Axis
 from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
 
 from precision_pin.analyses.calibration.calibration_result import CalibrationResult
 from precision_pin.analyses.calibration.forecast import CalibrationForecast, CurvePoint
@@ -66,7 +68,17 @@ def _draw_curve(
     axes.axvline(here * per_si, color=SKY, linestyle=":", label="as asked")
     axes.set_xscale("log")
     axes.set_yscale("log")
+    _number(axes.xaxis)
+    _number(axes.yaxis)
     axes.set_xlabel(label)
+
+
+def _number(axis: Axis) -> None:
+    """Write plain numbers at a logarithmic axis: 1, 2 and 5 where it spans less than two decades, else decades."""
+    low, high = axis.get_view_interval()
+    axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if high < 100 * low else (1.0,)))
+    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axis.set_minor_formatter(NullFormatter())
 
 
 def plan_figure(result: CalibrationPlan) -> Figure:
@@ -83,6 +95,8 @@ def plan_figure(result: CalibrationPlan) -> Figure:
             if max(sizes) > 0:
                 right.plot(places, sizes, marker, color=colour, label=which)
         right.set_yscale("log")
+        _number(right.yaxis)
+        right.xaxis.set_major_locator(MaxNLocator(nbins=10, integer=True))
         right.set_xlabel("pose")
         right.set_ylabel("rms position error [mm]")
         of = result.provenance
@@ -96,7 +110,7 @@ def plan_figure(result: CalibrationPlan) -> Figure:
 
 def calibration_figure(result: CalibrationResult) -> Figure:
     """Return the residuals of the readings before and after the calibration, and of each left out, 174 mm wide."""
-    rows = np.arange(len(result.data))
+    rows = np.array(result.data.lines)
     sizes = {
         "before": np.linalg.norm(result.residuals_before[:, :3], axis=1),
         "after": np.linalg.norm(result.residuals[:, :3], axis=1),
@@ -106,11 +120,11 @@ def calibration_figure(result: CalibrationResult) -> Figure:
         made = new_figure(DOUBLE_COLUMN)
         axes = made.subplots()
         for (label, values), colour, marker in zip(sizes.items(), (BLACK, BLUE, SKY), ("_", "o", "x"), strict=True):
-            axes.plot(rows + 1, 1e3 * np.maximum(values, 1e-12), marker, color=colour, markersize=3, label=label)
+            axes.plot(rows, 1e3 * np.maximum(values, 1e-12), marker, color=colour, markersize=3, label=label)
         gross = [k for k, line in enumerate(result.data.lines) if line in {error.line for error in result.gross_errors}]
         if gross:
             axes.plot(
-                rows[gross] + 1,
+                rows[gross],
                 1e3 * sizes["after"][gross],
                 "o",
                 markersize=7,
@@ -119,10 +133,12 @@ def calibration_figure(result: CalibrationResult) -> Figure:
                 label="no weight",
             )
         axes.set_yscale("log")
-        axes.set_xlabel("reading")
+        _number(axes.yaxis)
+        axes.xaxis.set_major_locator(MaxNLocator(nbins=10, integer=True))
+        axes.set_xlabel("row of the data")
         axes.set_ylabel("residual [mm]")
         of = result.provenance
-        made.suptitle(f"calibration of {visible(of.robot, 60)}: model and data: {result.verdict}")
+        made.suptitle(f"calibration of {visible(of.robot, 60)}; model and data: {result.verdict}")
         lines = wrapped(
             f"{len(result.data):,} readings of {describe_measurement(result.measurement)}; chi-square "
             f"{result.chi_square:.4g} for {result.degrees_of_freedom:,} degrees of freedom",

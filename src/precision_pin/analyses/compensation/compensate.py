@@ -1,0 +1,164 @@
+"""Correct the constant part of the pose error by other joint values."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from precision_pin.analyses.compensation.compensation_result import CompensationResult, Mode
+from precision_pin.analyses.compensation.correction import Correction, correct
+from precision_pin.analyses.map.first_order import first_order
+from precision_pin.analyses.map.map_poses import PosesGiven, pose_set, source_lines
+from precision_pin.analyses.map.normal_norms import norm_quantiles, principal_axes
+from precision_pin.analyses.provenance import Provenance
+from precision_pin.call_warnings import add, warns_at_end
+from precision_pin.display.progress import steps_to
+from precision_pin.errors import Finding, InputError
+from precision_pin.inputs.arguments import check_choice, check_instance, check_items, check_numbers
+from precision_pin.model.error_model import ErrorModel, limit_findings
+from precision_pin.robot.pose_set import PoseSet
+from precision_pin.sampling import Progress, check_progress
+from precision_pin.typing import Array
+
+__all__ = ["compensate"]
+
+_POSITION = np.array([1.0, 1.0, 1.0, 0.0, 0.0, 0.0])
+
+
+@warns_at_end
+def compensate(
+    error_model: ErrorModel,
+    /,
+    poses: PosesGiven,
+    *,
+    mode: Mode = "position",
+    weights: ArrayLike | None = None,
+    findings: Sequence[Finding] = (),
+    progress: Progress | bool | None = None,
+) -> CompensationResult:
+    """Return joint values at which the arm with its constant errors stands where the nominal arm was meant to.
+
+    The constant part of the error is that of the exact model with every component at its mean: deflection, offsets, what a
+    calibration has found. Newton's method on the arm with its errors makes it vanish (:func:`.correction.correct`).
+
+    Parameters
+    ----------
+    error_model
+        Chain, draws and sources.
+    poses
+        A :class:`precision_pin.robot.pose_set.PoseSet`, or poses as for :func:`precision_pin.sample_poses`.
+    mode
+        ``"position"``, or ``"pose"`` for position and attitude, which needs six joints.
+    weights
+        With ``"pose"``: six weights, 1/m and 1/rad. The weighted sum of squares is then made smallest, which is what an arm of
+        fewer than six joints can do; directions near a singularity are left as they are.
+    findings
+        Warnings to include in the result, such as those of the sheet.
+    progress
+        Function called with the number of poses done since its last call; ``True`` shows a bar.
+
+    Raises
+    ------
+    InputError
+        A wrong argument; too few joints for the mode; no poses, or none whose joint values are known; errors too large to
+        compute with.
+    UnknownNameError
+        No such pose or joint.
+    """
+    check_instance("error_model", error_model, ErrorModel, "as ErrorModel.load makes it")
+    check_choice("mode", mode, ("position", "pose"))
+    known_findings = check_items("findings", findings, Finding)
+    check_progress(progress)
+    given_weights = _check_weights(mode, weights)
+    needed = int(_POSITION.sum()) if mode == "position" else 6
+    joints = len(error_model.chain.joints)
+    if given_weights is None and joints < needed:
+        other = "correct the position, or give weights" if mode == "pose" else 'give weights with mode="pose"'
+        raise InputError(f"{mode} has {needed} components, which {joints} joints cannot all correct; {other}")
+    given = pose_set(error_model, poses)
+    if not given.known.any():
+        raise InputError(f"none of the {len(given):,} poses has joint values")
+    values = given.q[:, given.known]
+    effective = given_weights if given_weights is not None else _POSITION if mode == "position" else np.ones(6)
+    with steps_to(progress, values.shape[1], "poses") as step:
+        correction = correct(error_model, values, effective, given_weights is None, step)
+    labels = [label for label, is_known in zip(given.labels, given.known, strict=True) if is_known]
+    found = limit_findings(error_model.chain, values, labels)
+    add(found)
+    result = _with_laws(error_model, given, correction, mode, given_weights)
+    return replace(
+        result,
+        findings=known_findings,
+        warnings=tuple(dict.fromkeys(map(str, (*known_findings, *found)))),
+    )
+
+
+def _check_weights(mode: Mode, weights: ArrayLike | None) -> Array | None:
+    if weights is None:
+        return None
+    if mode != "pose":
+        raise InputError('weights need mode="pose"; in mode "position" the three components of the position vanish')
+    checked = check_numbers("weights", weights, (6,))
+    if (checked < 0).any() or not checked.any():
+        raise InputError("weights must not be negative, and one must be positive")
+    return checked
+
+
+def _with_laws(
+    error_model: ErrorModel, poses: PoseSet, correction: Correction, mode: Mode, weights: Array | None
+) -> CompensationResult:
+    """Return the result with the laws before and after, over all poses; NaN where nothing is known."""
+    known = poses.known
+    names, lines = source_lines(error_model)
+    corrected = np.array(correction.status) == "corrected"
+    before = first_order(error_model, poses.q[:, known], lines, None, _ignore)
+    after = (
+        before if not corrected.any() else first_order(error_model, correction.q[:, corrected], lines, None, _ignore)
+    )
+    within = np.full((2, len(corrected)), np.nan)
+    shares = np.full((len(names), len(corrected)), np.nan)
+    if corrected.any():
+        within[:, corrected] = _within(correction.after[:, corrected], after.covariance)
+        shares[:, corrected] = after.shares
+
+    def spread(array: Array) -> Array:
+        full = np.full((*array.shape[:-1], len(poses)), np.nan)
+        full[..., known] = array
+        return full
+
+    status = np.full(len(poses), "unreachable", dtype="<U11")
+    status[known] = correction.status
+    iterations = np.zeros(len(poses), dtype=np.int64)
+    iterations[known] = correction.iterations
+    return CompensationResult(
+        provenance=Provenance.of(error_model, 0),
+        joints=tuple(error_model.chain.joint_names),
+        poses=poses,
+        mode=mode,
+        weights=weights,
+        correction=Correction(
+            q=spread(correction.q),
+            before=spread(correction.before),
+            first_order=spread(correction.first_order),
+            after=spread(correction.after),
+            iterations=iterations,
+            status=tuple(status.tolist()),
+        ),
+        within_before=spread(_within(before.mean, before.covariance)),
+        within_after=spread(within),
+        sources=names,
+        shares=spread(shares),
+    )
+
+
+def _within(mean: Array, covariance: Array) -> Array:
+    """Return the 95 % quantiles of |d| and |δ|, ``(2, P)``."""
+    parts = (slice(0, 3), slice(3, 6))
+    return np.stack([norm_quantiles(*principal_axes(mean[part], covariance[part, part]), 0.95) for part in parts])
+
+
+def _ignore(count: int) -> None:
+    del count

@@ -1,0 +1,195 @@
+"""Corrected joint values of many poses, and the law of the error that remains."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from importlib import import_module
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, final
+
+import numpy as np
+
+from precision_pin.analyses.compensation.correction import Correction
+from precision_pin.analyses.provenance import Provenance
+from precision_pin.display.html import Table, rendered
+from precision_pin.display.stored import JsonResult
+from precision_pin.display.tables import data_frame, milli
+from precision_pin.errors import Finding
+from precision_pin.inputs.arrays import fix_fields
+from precision_pin.robot.pose_set import PoseSet
+from precision_pin.typing import Array
+
+if TYPE_CHECKING:
+    import pandas  # type: ignore[import-untyped]
+    from matplotlib.figure import Figure
+
+__all__ = ["CompensationResult", "Mode"]
+
+Mode = Literal["position", "pose"]
+"""What is corrected: the position alone, or position and attitude."""
+
+
+@final
+@dataclass(frozen=True, eq=False, repr=False)
+class CompensationResult(JsonResult):
+    """Corrected joint values of P poses and what remains, base axes, m and rad.
+
+    Attributes
+    ----------
+    provenance
+        Robot and software versions.
+    joints, poses
+        Joints in chain order, and the poses as they were asked for.
+    mode, weights
+        What was corrected, and the weights of the components, ``(6,)``; ``None`` where they must vanish.
+    correction
+        Corrected joint values, errors at the means before and after, statuses.
+    within_before, within_after
+        95 % quantiles of |d| and |δ| from the pose wanted, without and with the correction, ``(2, P)``: closed form, first
+        order about the error at the means, normal; NaN where nothing was corrected.
+    sources, shares
+        Names of the sources, and their shares in the variance of the position that remains, ``(lines, P)``.
+    findings, warnings
+        Findings passed in, such as those of the sheet; one line each for them and for the warnings.
+    """
+
+    schema: ClassVar[str] = "precision-pin/compensation/1"
+
+    provenance: Provenance
+    joints: tuple[str, ...]
+    poses: PoseSet
+    mode: Mode
+    weights: Array | None
+    correction: Correction
+    within_before: Array
+    within_after: Array
+    sources: tuple[str, ...]
+    shares: Array
+    findings: tuple[Finding, ...] = ()
+    warnings: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        fix_fields(self)
+
+    @property
+    def corrected(self) -> Array:
+        """Corrected joint values, ``(n, P)``, rad and m; NaN where there are none."""
+        return self.correction.q
+
+    @property
+    def is_complete(self) -> bool:
+        """Whether every pose has corrected joint values."""
+        return all(status == "corrected" for status in self.correction.status)
+
+    @property
+    def dominant_source(self) -> tuple[str, ...]:
+        """Name of the source with the largest share in the variance that remains; empty where nothing varies or is known."""
+        if not self.sources:
+            return ("",) * len(self.poses)
+        shares = np.nan_to_num(self.shares)
+        largest = shares.argmax(axis=0).tolist()
+        return tuple(self.sources[line] if shares[line, pose] > 0 else "" for pose, line in enumerate(largest))
+
+    @property
+    def assumptions(self) -> tuple[str, ...]:
+        """Assumptions of the numbers, one sentence each."""
+        return (
+            "the error that is corrected is that with every component at its mean, of the exact model",
+            "95 % quantiles are those of the first-order model about it with a normal error, in closed form",
+            "the controller moves each joint by exactly the correction, on top of its drive's errors in the sheet",
+        )
+
+    def plot(self) -> Figure:
+        """Draw the error at the means and the 95 % quantile over the poses, before and after."""
+        # plots rest on results, not results on plots
+        drawn: Figure = import_module("precision_pin.outputs.compensation.figure").figure(self)
+        return drawn
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the result in the ``precision-pin/compensation/1`` schema, SI units; null where nothing was corrected."""
+        return {
+            **self.provenance.to_dict(self.schema),
+            "mode": self.mode,
+            "weights": None if self.weights is None else self.weights.tolist(),
+            "sources": list(self.sources),
+            "poses": [self._pose_dict(pose) for pose in range(len(self.poses))],
+            "assumptions": list(self.assumptions),
+            "warnings": list(self.warnings),
+            "findings": [finding.to_dict() for finding in self.findings],
+        }
+
+    def _pose_dict(self, pose: int) -> dict[str, Any]:
+        of, made = self.poses, self.correction
+        known = made.status[pose] == "corrected"
+
+        def split(error: Array) -> dict[str, Any] | None:
+            column = error[:, pose]
+            return {"position": column[:3].tolist(), "attitude": column[3:].tolist()}
+
+        def norms(values: Array) -> dict[str, float]:
+            return {"position": float(values[0, pose]), "attitude": float(values[1, pose])}
+
+        return {
+            "name": of.names[pose],
+            **({} if of.times is None else {"time": float(of.times[pose])}),
+            "q": of.q[:, pose].tolist(),
+            "q_corrected": made.q[:, pose].tolist() if known else None,
+            "before": split(made.before),
+            "first_order": split(made.first_order),
+            "after": split(made.after) if known else None,
+            "within_95_before": norms(self.within_before),
+            "within_95_after": norms(self.within_after) if known else None,
+            "shares": self.shares[:, pose].tolist() if known else None,
+            "dominant_source": self.dominant_source[pose] or None,
+            "iterations": int(made.iterations[pose]),
+            "status": made.status[pose],
+        }
+
+    def to_pandas(self) -> pandas.DataFrame:
+        """Return a data frame, m and rad: a row for each pose.
+
+        Raises
+        ------
+        InputError
+            pandas is not installed.
+        """
+        made = self.correction
+        rows = []
+        for pose, label in enumerate(self.poses.labels):
+            columns: dict[str, Any] = dict(zip(self.joints, self.poses.q[:, pose].tolist(), strict=True))
+            columns |= {f"{name} corrected": float(made.q[k, pose]) for k, name in enumerate(self.joints)}
+            for when, error in (("before", made.before), ("first order", made.first_order), ("after", made.after)):
+                columns[f"position {when}"] = float(np.linalg.norm(error[:3, pose]))
+                columns[f"attitude {when}"] = float(np.linalg.norm(error[3:, pose]))
+            for norm, name in enumerate(("position", "attitude")):
+                columns[f"{name} 0.95 before"] = float(self.within_before[norm, pose])
+                columns[f"{name} 0.95 after"] = float(self.within_after[norm, pose])
+            columns |= {"dominant source": self.dominant_source[pose], "status": made.status[pose]}
+            rows.append(((label,), columns))
+        return data_frame(["pose"], rows, self.provenance.to_dict(self.schema))
+
+    def __repr__(self) -> str:
+        count = self.correction.status.count("corrected")
+        return (
+            f"<CompensationResult of {self.provenance.robot!r}, {self.provenance.base!r} to {self.provenance.tip!r}: "
+            f"{count:,} of {len(self.poses):,} poses corrected in {self.mode}>"
+        )
+
+    def _repr_html_(self) -> str:
+        """Return the notebook view, mm and mrad."""
+        made, labels = self.correction, self.poses.labels
+        rows = []
+        for pose in range(min(len(labels), _MOST_ROWS)):
+            numbers = [
+                milli(float(np.linalg.norm(error[rows_of, pose])))
+                for rows_of in (slice(0, 3), slice(3, 6))
+                for error in (made.before, made.after)
+            ]
+            within = [milli(float(of[0, pose])) for of in (self.within_before, self.within_after)]
+            rows.append([labels[pose], *numbers, *within, self.dominant_source[pose], made.status[pose]])
+        columns = ["pose", "|d| before [mm]", "after", "|δ| before [mrad]", "after", "95 % |d| before", "after"]
+        of = self.provenance
+        title = f"Compensation of {of.robot}: {of.base} to {of.tip}, {len(labels):,} poses, {self.mode}"
+        return rendered(title, [Table([*columns, "what remains", "status"], rows)], [*self.assumptions, *self.warnings])
+
+
+_MOST_ROWS = 20

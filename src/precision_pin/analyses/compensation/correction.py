@@ -1,0 +1,243 @@
+"""Joint values at which an arm with the errors at their means stands where the nominal arm was meant to stand."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Final, Literal, final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from precision_pin import se3
+from precision_pin.inputs.arrays import fix_fields
+from precision_pin.model.error_model import ErrorModel
+from precision_pin.model.tangents import tangents
+from precision_pin.robot.chain import Chain
+from precision_pin.robot.pose_set import SINGULAR_BELOW
+from precision_pin.typing import Array
+
+__all__ = ["CONVERGED", "Correction", "CorrectionStatus", "correct"]
+
+CorrectionStatus = Literal["corrected", "limit", "singular", "unreachable"]
+"""``corrected``; ``limit``: no correction within the joint limits; ``singular``: the arm is near a singularity and cannot
+correct in every direction; ``unreachable``: Newton's method finds no joint values."""
+
+CONVERGED: Final = 1e-10
+"""Error (m and rad) below which it counts as corrected."""
+_MOST_ITERATIONS: Final = 20
+_LARGEST_STEP: Final = 0.3
+"""Largest change of a joint in one step: rad, or lengths of the chain."""
+_DIFFERENCE: Final = 1e-5
+"""Half of the step of the central differences: rad, or lengths of the chain."""
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Correction:
+    """Corrected joint values of P poses.
+
+    Attributes
+    ----------
+    q
+        Corrected joint values, ``(n, P)``; NaN where there are none.
+    before, first_order, after
+        Error of the arm with every component at its mean: at the joint values asked for, after one step with the nominal
+        Jacobian, and at the corrected ones; ``[d; δ]`` from the pose wanted, base axes, m and rad, ``(6, P)``.
+    iterations
+        Newton steps, ``(P,)``.
+    status
+        A status for each pose.
+    """
+
+    q: Array
+    before: Array
+    first_order: Array
+    after: Array
+    iterations: NDArray[np.int64]
+    status: tuple[CorrectionStatus, ...]
+
+    def __post_init__(self) -> None:
+        fix_fields(self)
+
+
+def correct(
+    error_model: ErrorModel, values: Array, weights: Array, is_exact: bool, advance: Callable[[int], object]
+) -> Correction:
+    """Return the corrected joint values of poses ``(n, P)``.
+
+    Newton's method on the arm with its errors: the errors are computed anew at each step, since loads and lever arms change
+    with the joint values, and the Jacobian is that of the arm with its errors, by central differences. Of a redundant arm the
+    change of the joints is the smallest, a sliding joint counted in lengths of the chain; a joint that would pass its limit
+    stays there, and the others correct.
+
+    Parameters
+    ----------
+    error_model
+        The arm.
+    values
+        Joint values in chain order, ``(n, P)``, rad and m.
+    weights
+        Weight of each component of the error, ``(6,)``, 1/m and 1/rad; zero for one that is left as it is.
+    is_exact
+        Whether the weighted components are to vanish; else the sum of their squares is made smallest.
+    advance
+        Called with the number of poses done since the last call.
+
+    Raises
+    ------
+    InputError
+        An error is too large to compute with.
+    """
+    arm = _Arm(error_model, error_model.chain.at_columns(values).pose, weights, is_exact)
+    poses = values.shape[1]
+    before = arm.error(values, np.arange(poses))
+    step, smallest = arm.step(values, before, arm.nominal_slopes(values))
+    one_step = values + step
+    first_order = arm.error(one_step, np.arange(poses))
+    found = values.copy()
+    after = before.copy()
+    iterations = np.zeros(poses, dtype=np.int64)
+    status = np.full(poses, "unreachable", dtype="<U11")
+    outside = error_model.chain.configurations.outside(values).any(axis=0)
+    status[outside] = "limit"
+    singular = ~outside & (smallest < SINGULAR_BELOW) & is_exact
+    status[singular] = "singular"
+    chosen = np.flatnonzero(~outside & ~singular)
+    for begin in range(0, len(chosen), _AT_ONCE):
+        part = chosen[begin : begin + _AT_ONCE]
+        found[:, part], after[:, part], iterations[part], status[part] = arm.solve(values[:, part], part)
+        advance(len(part))
+    advance(poses - len(chosen))
+    failed = status != "corrected"
+    found[:, failed] = np.nan
+    after[:, failed] = np.nan
+    return Correction(found, before, first_order, after, iterations, tuple(status.tolist()))
+
+
+_AT_ONCE: Final = 256
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class _Arm:
+    """The arm with every component at its mean, and what it is to reach.
+
+    Attributes
+    ----------
+    error_model, wanted
+        The arm, and the poses wanted, ``(4, 4, P)``.
+    weights, is_exact
+        As :func:`correct` takes them.
+    """
+
+    error_model: ErrorModel
+    wanted: Array
+    weights: Array
+    is_exact: bool
+
+    @property
+    def units(self) -> Array:
+        """Unit of each joint, ``(n, 1)``: rad, or the chain's length for a sliding joint."""
+        chain = self.error_model.chain
+        return np.where(chain.prismatic, _length(chain), 1.0)[:, None]
+
+    @property
+    def rows(self) -> NDArray[np.intp]:
+        """Components of the error that count."""
+        return np.flatnonzero(self.weights)
+
+    def error(self, values: Array, poses: NDArray[np.intp]) -> Array:
+        """Return the error ``(6, P)`` from the poses wanted, of the numbers ``poses``, at joint values ``(n, P)``."""
+        own = np.concatenate([part.error for part in tangents(self.error_model.at_columns(values))], axis=1)
+        nominal = self.error_model.chain.at_columns(values).pose
+        wanted = self.wanted[:, :, poses]
+        turned = np.einsum("ijp,jkp,lkp->ilp", se3.exp_rotation(own[3:]), nominal[:3, :3], wanted[:3, :3])
+        return np.concatenate([nominal[:3, 3] + own[:3] - wanted[:3, 3], se3.log_rotation(turned)])
+
+    def slopes(self, values: Array, poses: NDArray[np.intp]) -> Array:
+        """Return the derivative of :meth:`error` by each joint, in its unit, ``(6, n, P)``, by central differences."""
+        joints, count = values.shape
+        shifts = _DIFFERENCE * np.eye(joints)[:, :, None] * self.units
+        moved = np.concatenate([values[:, None] + shifts, values[:, None] - shifts], axis=1).reshape(joints, -1)
+        errors = self.error(moved, np.tile(poses, 2 * joints)).reshape(6, 2, joints, count)
+        slopes: Array = (errors[:, 0] - errors[:, 1]) / (2 * _DIFFERENCE)
+        return slopes
+
+    def nominal_slopes(self, values: Array) -> Array:
+        """Return the Jacobian of the nominal arm, as :meth:`slopes`."""
+        return self.error_model.chain.at_columns(values).joint_jacobian * self.units
+
+    def step(self, values: Array, error: Array, slopes: Array) -> tuple[Array, Array]:
+        """Return the change of the joints ``(n, P)`` and the smallest singular value of the scaled Jacobian ``(P,)``."""
+        # rows without a unit: positions in lengths of the chain, or the weights of the user
+        scale = (
+            self.weights if not self.is_exact else np.where(np.arange(6) < 3, 1 / _length(self.error_model.chain), 1.0)
+        )
+        scale = scale[self.rows, None]
+        jacobian = np.moveaxis(slopes[self.rows] * scale[:, None], -1, 0)
+        left, sizes, right = np.linalg.svd(jacobian, full_matrices=False)
+        threshold = 1e-9 if self.is_exact else SINGULAR_BELOW * sizes[:, :1]
+        safe = sizes > threshold
+        inverse = np.where(safe, 1 / np.where(safe, sizes, 1.0), 0.0)
+        wanted = np.einsum("pij,ip->pj", left, error[self.rows] * scale)
+        step = -np.einsum("pji,pj->ip", right, inverse * wanted)
+        largest = np.abs(step).max(axis=0, initial=0.0)
+        step *= np.minimum(1.0, _LARGEST_STEP / np.maximum(largest, _LARGEST_STEP))
+        smallest = sizes[:, -1] if len(self.rows) <= len(values) else np.zeros(values.shape[1])
+        return step * self.units, smallest
+
+    def solve(self, start: Array, poses: NDArray[np.intp]) -> tuple[Array, Array, NDArray[np.int64], NDArray[np.str_]]:
+        """Return corrected joint values ``(n, P)``, errors ``(6, P)``, numbers of steps and statuses ``(P,)``."""
+        low, high = (limit[:, None] for limit in self.error_model.chain.configurations.limits)
+        values = start.copy()
+        free = np.ones(values.shape, dtype=bool)
+        iterations = np.zeros(values.shape[1], dtype=np.int64)
+        error = self.error(values, poses)
+        remaining = np.arange(values.shape[1])
+        reached = np.zeros(values.shape[1], dtype=bool)
+        while len(remaining):
+            reached[remaining] = self._iterate(values, error, free, iterations, poses, remaining)
+            passed = free & ((values < low) | (values > high))
+            remaining = np.flatnonzero(reached & passed.any(axis=0))
+            free &= ~passed
+            values[:, remaining] = np.clip(values, low, high)[:, remaining]
+            error[:, remaining] = self.error(values[:, remaining], poses[remaining]) if len(remaining) else 0.0
+        status = np.where(reached, "corrected", np.where(free.all(axis=0), "unreachable", "limit"))
+        return values, error, iterations, status
+
+    def _iterate(
+        self,
+        values: Array,
+        error: Array,
+        free: NDArray[np.bool_],
+        iterations: NDArray[np.int64],
+        poses: NDArray[np.intp],
+        active: NDArray[np.intp],
+    ) -> NDArray[np.bool_]:
+        """Let the free joints of the poses ``active`` converge, in place; return whether each did."""
+        asked = active
+        done = self._is_done(error, None)
+        for _ in range(_MOST_ITERATIONS):
+            active = asked[~done[asked]]
+            if not len(active):
+                break
+            slopes = self.slopes(values[:, active], poses[active]) * free[:, active]
+            step, _ = self.step(values[:, active], error[:, active], slopes)
+            values[:, active] += step * free[:, active]  # exactly at its limit, whatever the rounding
+            error[:, active] = self.error(values[:, active], poses[active])
+            iterations[active] += 1
+            done[active] = self._is_done(error[:, active], step)
+        return done[asked]
+
+    def _is_done(self, error: Array, step: Array | None) -> NDArray[np.bool_]:
+        if self.is_exact:
+            return np.asarray(np.abs(error[self.rows]).max(axis=0, initial=0.0) < CONVERGED)
+        if step is None:
+            return np.zeros(error.shape[1], dtype=bool)
+        return np.asarray(np.abs(step).max(axis=0, initial=0.0) < CONVERGED)
+
+
+def _length(chain: Chain) -> float:
+    """Return the sum of the distances between the joints, m, or 1 where that is zero."""
+    return float(np.linalg.norm(chain.placements[1:, :3, 3], axis=1).sum()) or 1.0

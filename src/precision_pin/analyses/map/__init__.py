@@ -1,0 +1,1 @@
+"""The first-order model over many poses: maps, covariance between poses, relative accuracy."""

@@ -1,0 +1,121 @@
+"""Moments and shares of the first-order model at many poses."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from precision_pin.draws.correlation import BlockCovariance
+from precision_pin.draws.space import Scope, Space
+from precision_pin.inputs.arrays import fix_fields
+from precision_pin.model.error_model import ErrorModel
+from precision_pin.model.tangents import tangents
+from precision_pin.typing import Array
+
+__all__ = ["FirstOrder", "first_order", "jacobians", "shared_covariance"]
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class FirstOrder:
+    """First-order moments at P poses, base axes, m and rad.
+
+    Attributes
+    ----------
+    mean
+        Error with every component at its mean, ``(6, P)``.
+    covariance
+        ``J Σ Jᵀ``, ``(6, 6, P)``.
+    shares
+        Share of each line of sources in the variance of the position, ``(lines, P)``: ``Cov(e_k, e)`` of its part of the
+        error, the Shapley value of the variance of a sum; zero where the position does not vary.
+    relative_mean, relative_covariance
+        Those of the error minus the error of the same robot at the reference, ``(6, P)`` and ``(6, 6, P)``; empty without one.
+    """
+
+    mean: Array
+    covariance: Array
+    shares: Array
+    relative_mean: Array
+    relative_covariance: Array
+
+    def __post_init__(self) -> None:
+        fix_fields(self)
+
+
+def shared_covariance(space: Space, scopes: Sequence[Scope] = (Scope.UNIT,)) -> BlockCovariance:
+    """Return the covariance of the draws of some scopes alone, those that a robot has in common at several poses."""
+    shared = np.repeat([draw.scope in scopes for draw in space.draws], [draw.law.size for draw in space.draws])
+    return space.block_covariance.scaled(shared.astype(float))
+
+
+def first_order(
+    error_model: ErrorModel,
+    values: Array,
+    lines: Sequence[NDArray[np.intp]],
+    reference: Array | None,
+    step: Callable[[int], object],
+) -> FirstOrder:
+    """Return the moments at poses ``(n, P)``.
+
+    Parameters
+    ----------
+    error_model, values
+        The model, and joint values as :meth:`ErrorModel.configurations` returns them.
+    lines
+        Components of each line of the shares.
+    reference
+        Joint values ``(n,)`` of the pose at which the robot is taught; ``None`` for absolute errors alone.
+    step
+        Called with the number of poses done since the last call.
+
+    Raises
+    ------
+    InputError
+        An error is too large to compute with.
+    """
+    space = error_model.space
+    whole, own = space.block_covariance, shared_covariance(space)
+    at_reference = None if reference is None else error_model.at(reference).tangent
+    parts: list[FirstOrder] = []
+    begin = 0
+    for chunk in tangents(error_model.at_columns(values)):
+        poses = chunk.error.shape[1]
+        spread = _times(whole, chunk.jacobian)
+        covariance = np.einsum("idp,djp->ijp", chunk.jacobian, spread)
+        by_component = np.einsum("idp,dip->dp", chunk.jacobian[:3], spread[:, :3])
+        total = np.einsum("iip->p", covariance[:3, :3])
+        shares = np.stack([by_component[line].sum(axis=0) for line in lines]) if lines else np.zeros((0, poses))
+        shares = np.where(total > 0, shares / np.where(total > 0, total, 1.0), 0.0)
+        relative_mean, relative_covariance = np.zeros((6, 0)), np.zeros((6, 6, 0))
+        if at_reference is not None and reference is not None:
+            error, jacobian = at_reference
+            relative_mean = chunk.error - error[:, None]
+            between = np.einsum("idp,dj->ijp", chunk.jacobian, own.times(jacobian.T))
+            relative_covariance = covariance + whole.between(jacobian, jacobian)[:, :, None]
+            relative_covariance -= between + between.swapaxes(0, 1)
+            same = (values[:, begin : begin + poses] == reference[:, None]).all(axis=0)
+            if same.any():
+                visits = shared_covariance(space, (Scope.VISIT,))
+                relative_covariance[:, :, same] = 2 * visits.between(jacobian, jacobian)[:, :, None]
+        parts.append(FirstOrder(chunk.error, covariance, shares, relative_mean, relative_covariance))
+        begin += poses
+        step(poses)
+    fields = ("mean", "covariance", "shares", "relative_mean", "relative_covariance")
+    return FirstOrder(*(np.concatenate([getattr(part, name) for part in parts], axis=-1) for name in fields))
+
+
+def jacobians(error_model: ErrorModel, values: Array) -> Array:
+    """Return the derivative of the error with respect to the components at poses ``(n, P)``, ``(6, d, P)``."""
+    return np.concatenate([chunk.jacobian for chunk in tangents(error_model.at_columns(values))], axis=2)
+
+
+def _times(covariance: BlockCovariance, jacobian: Array) -> Array:
+    """Return ``Σ Jᵀ``, ``(d, 6, P)``."""
+    rows, components, poses = jacobian.shape
+    columns = np.moveaxis(jacobian, 1, 0).reshape(components, rows * poses)
+    return covariance.times(columns).reshape(components, rows, poses)

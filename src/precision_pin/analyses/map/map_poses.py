@@ -1,0 +1,278 @@
+"""Map of the pose error over many poses: first order in closed form, or sampled."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from precision_pin.analyses.map.first_order import FirstOrder, first_order
+from precision_pin.analyses.map.map_result import LEVELS, MapResult, Relative, Sampled
+from precision_pin.analyses.map.normal_norms import norm_probabilities, norm_quantiles, principal_axes
+from precision_pin.analyses.provenance import Pose, Provenance
+from precision_pin.call_warnings import add, warns_at_end
+from precision_pin.display.progress import steps_to
+from precision_pin.draws.space import check_seed
+from precision_pin.errors import Finding, InputError
+from precision_pin.inputs.arguments import check_instance, check_items, check_whole
+from precision_pin.inputs.memory import check_memory
+from precision_pin.model.error_model import ErrorModel, limit_findings
+from precision_pin.robot.pose_set import PoseSet
+from precision_pin.sampling import Progress, check_progress
+from precision_pin.sampling.many_poses import MOST_SAMPLES, sample_poses
+from precision_pin.statistics import COMPONENTS, Specification, check_confidence
+from precision_pin.statistics.specification import Specifications, listed_specifications
+from precision_pin.typing import Array
+
+__all__ = ["VERIFIED", "VERIFYING_SAMPLES", "PosesGiven", "map_poses", "pose_set", "source_lines"]
+
+VERIFIED: Final = 5
+"""Poses that are verified with fresh samples, the worst ones of the closed form."""
+VERIFYING_SAMPLES: Final = 20_000
+_NUMBERS: Final = 120
+"""Numbers in the result of a pose."""
+
+PosesGiven = PoseSet | ArrayLike | Mapping[str, ArrayLike] | Sequence[object]
+
+
+@warns_at_end
+def map_poses(
+    error_model: ErrorModel,
+    /,
+    poses: PosesGiven,
+    *,
+    samples: int | None = None,
+    seed: int = 0,
+    relative_to: Pose = None,
+    specifications: Specifications = (),
+    verify: int = VERIFIED,
+    confidence: float = 0.95,
+    findings: Sequence[Finding] = (),
+    threads: int | None = None,
+    progress: Progress | bool | None = None,
+) -> MapResult:
+    """Return the law of the pose error at many poses: mean, spread, quantiles, share in specification, dominant source.
+
+    Without ``samples`` the numbers are those of the first-order model (:attr:`PoseModel.tangent`), its error taken as normal,
+    in closed form; the worst poses are then sampled with the exact model, with draws of their own, since the worst of many
+    poses is a biased choice. With ``samples`` the same robots are sampled at every pose.
+
+    Parameters
+    ----------
+    error_model
+        Chain, draws and sources.
+    poses
+        A :class:`precision_pin.robot.pose_set.PoseSet`, such as a grid; or poses as for :func:`precision_pin.sample_poses`.
+        Where no joint values are known, every number is NaN.
+    samples
+        Number of built robots to sample at every pose; ``None`` for the closed form alone.
+    seed
+        64-bit seed.
+    relative_to
+        A pose, by name or joint values, at which each robot is taught: the error relative to that at this pose is added.
+    specifications
+        Limits to judge: one or a list, each from :func:`precision_pin.specification` or its text.
+    verify
+        Number of poses, the worst ones, that are sampled to verify the closed form; 0 for none. Not used with ``samples``.
+    confidence
+        Confidence of every interval.
+    findings
+        Warnings to include in the result, such as those of the sheet.
+    threads
+        Number of threads that sample, by default one for each core. It does not change the result.
+    progress
+        Function called with the number of poses done, then of samples added, since its last call; ``True`` shows a bar.
+
+    Raises
+    ------
+    InputError
+        A wrong argument; no poses, none whose joint values are known, or more than fit into memory; errors too large to
+        compute with.
+    UnknownNameError
+        No such pose or joint.
+    """
+    check_instance("error_model", error_model, ErrorModel, "as ErrorModel.load makes it")
+    check_seed(seed)
+    check_confidence(confidence)
+    known = check_items("findings", findings, Finding)
+    check_progress(progress)
+    if samples is not None:
+        check_whole("the number of samples", samples, 1, MOST_SAMPLES)
+    check_whole("verify, a number of poses,", verify, 0, 10_000)
+    listed = listed_specifications(specifications)
+    given = pose_set(error_model, poses)
+    check_memory(8.0 * _NUMBERS * len(given), f"a map of {len(given):,} poses", "map fewer of them at a time")
+    if not given.known.any():
+        raise InputError(f"none of the {len(given):,} poses has joint values: {_count_of(given)}")
+    reference = None if relative_to is None else error_model.configuration(relative_to)
+    values = given.q[:, given.known]
+    names, lines = source_lines(error_model)
+    labels = [label for label, is_known in zip(given.labels, given.known, strict=True) if is_known]
+    found = limit_findings(error_model.chain, values, labels)
+    with steps_to(progress, count_steps(len(given), samples, verify if samples is None else 0), "steps") as step:
+        closed = first_order(error_model, values, lines, reference, step)
+        result = _closed_form(error_model, given, closed, names, listed, reference, seed)
+        result = replace(
+            result, confidence=confidence, findings=known, warnings=tuple(dict.fromkeys(map(str, (*known, *found))))
+        )
+        worst = np.array(result.worst_first[:verify], dtype=np.intp)
+        chosen = worst if samples is None else np.flatnonzero(given.known)
+        if len(chosen):
+            sampled = _sample(
+                error_model, given, chosen, samples or VERIFYING_SAMPLES, seed, listed, confidence, threads, step
+            )
+            result = replace(result, sampled=sampled)
+    # statics are checked where they strain most; each check solves the deflected arm
+    strained = _statics_findings(error_model, result)
+    add((*found, *strained))
+    return replace(result, warnings=(*result.warnings, *map(str, strained)))
+
+
+def count_steps(poses: int, samples: int | None, verify: int) -> int:
+    """Return the number of progress steps: a step a pose, then a step a sample."""
+    return poses + (poses * samples if samples is not None else min(verify, poses) * VERIFYING_SAMPLES)
+
+
+def pose_set(error_model: ErrorModel, poses: PosesGiven) -> PoseSet:
+    """Return poses given in any way as a pose set.
+
+    Raises
+    ------
+    InputError
+        Wrong joint values, or a pose set of another number of joints.
+    UnknownNameError
+        No such pose or joint.
+    """
+    if isinstance(poses, PoseSet):
+        if len(poses.q) != len(error_model.chain.joints):
+            raise InputError(
+                f"the pose set has {len(poses.q)} joints, the chain has {len(error_model.chain.joints)}; make it for this chain"
+            )
+        return poses
+    values, names = error_model.configurations(poses)
+    return PoseSet.at(error_model.chain, values, names)
+
+
+def _count_of(poses: PoseSet) -> str:
+    counts = {status: poses.status.count(status) for status in dict.fromkeys(poses.status)}
+    return ", ".join(f"{count:,} {status}" for status, count in counts.items())
+
+
+def source_lines(error_model: ErrorModel) -> tuple[tuple[str, ...], list[NDArray[np.intp]]]:
+    """Return the names of lines of sources and the components of each: a source's own draws, or what several share."""
+    lines: dict[str, list[int]] = {}
+    space = error_model.space
+    for draw, labels, columns in zip(space.draws, error_model.owners, space.slices, strict=True):
+        name = labels[0] if len(labels) == 1 else draw.name
+        lines.setdefault(name, []).extend(range(columns.start, columns.stop))
+    return tuple(lines), [np.array(columns, dtype=np.intp) for columns in lines.values()]
+
+
+def _closed_form(
+    error_model: ErrorModel,
+    poses: PoseSet,
+    closed: FirstOrder,
+    names: tuple[str, ...],
+    specifications: tuple[Specification, ...],
+    reference: Array | None,
+    seed: int,
+) -> MapResult:
+    known = poses.known
+
+    def spread(array: Array) -> Array:
+        """Return an array over the known poses as one over all, NaN elsewhere."""
+        full = np.full((*array.shape[:-1], len(poses)), np.nan)
+        full[..., known] = array
+        return full
+
+    laws = _laws(closed.mean, closed.covariance)
+    relative = None
+    if reference is not None:
+        relative_laws = _laws(closed.relative_mean, closed.relative_covariance)
+        relative = Relative(
+            q=reference,
+            mean=spread(closed.relative_mean),
+            covariance=spread(closed.relative_covariance),
+            quantile=spread(_quantiles(relative_laws)),
+        )
+    return MapResult(
+        provenance=Provenance.of(error_model, seed),
+        joints=tuple(error_model.chain.joint_names),
+        poses=poses,
+        mean=spread(closed.mean),
+        covariance=spread(closed.covariance),
+        quantile=spread(_quantiles(laws)),
+        specifications=specifications,
+        probability=spread(_probabilities(closed, laws, specifications)),
+        sources=names,
+        shares=spread(closed.shares),
+        relative=relative,
+    )
+
+
+_Laws = tuple[tuple[Array, Array], tuple[Array, Array]]
+
+
+def _laws(mean: Array, covariance: Array) -> _Laws:
+    """Return position and attitude in principal axes."""
+    return principal_axes(mean[:3], covariance[:3, :3]), principal_axes(mean[3:], covariance[3:, 3:])
+
+
+def _quantiles(laws: _Laws) -> Array:
+    """Return the quantiles of |d| and |δ| at `LEVELS`, ``(3, 2, P)``."""
+    return np.stack([np.stack([norm_quantiles(*law, level) for law in laws]) for level in LEVELS])
+
+
+def _probabilities(closed: FirstOrder, laws: _Laws, specifications: Sequence[Specification]) -> Array:
+    """Return the share inside each specification, ``(S, P)``."""
+    poses = closed.mean.shape[1]
+    rows = []
+    for one in specifications:
+        if one.quantity.endswith("norm"):
+            law = laws[int(one.quantity.startswith("attitude"))]
+            rows.append(norm_probabilities(*law, np.full(poses, one.limit)))
+        else:
+            row = COMPONENTS.index(one.row)
+            rows.append(_inside(closed.mean[row], np.sqrt(np.maximum(closed.covariance[row, row], 0.0)), one.limit))
+    return np.stack(rows) if rows else np.zeros((0, poses))
+
+
+def _inside(mean: Array, std: Array, limit: float) -> Array:
+    """Return the probability of a normal number between -limit and limit."""
+    from scipy import special
+
+    safe = np.where(std > 0, std, 1.0)
+    inside: Array = special.ndtr((limit - mean) / safe) - special.ndtr((-limit - mean) / safe)
+    return np.where(std > 0, inside, (np.abs(mean) <= limit).astype(float))
+
+
+def _sample(
+    error_model: ErrorModel,
+    poses: PoseSet,
+    chosen: NDArray[np.intp],
+    samples: int,
+    seed: int,
+    specifications: tuple[Specification, ...],
+    confidence: float,
+    threads: int | None,
+    step: Callable[[int], None],
+) -> Sampled:
+    labels = poses.labels
+    sampled = sample_poses(
+        error_model, poses.q[:, chosen], samples=samples, seed=seed, specifications=specifications,
+        confidence=confidence, threads=threads, progress=step,
+    )  # fmt: skip
+    return Sampled(chosen, replace(sampled, names=tuple(labels[k] for k in chosen)))
+
+
+def _statics_findings(error_model: ErrorModel, result: MapResult) -> tuple[Finding, ...]:
+    """Return the warnings about statics at the worst pose, with its name."""
+    worst = result.worst_first[0]
+    at = error_model.at(result.poses.q[:, worst])
+    return tuple(
+        replace(finding, message=f"{result.poses.labels[worst]}: {finding.message}")
+        for finding in error_model.statics_findings(at)
+    )

@@ -1,0 +1,423 @@
+"""Map of the pose error over many poses, as arrays over the poses."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from importlib import import_module
+from typing import TYPE_CHECKING, Any, ClassVar, Final, final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from precision_pin.analyses.provenance import Provenance
+from precision_pin.display.files import write_files
+from precision_pin.display.html import Table, rendered
+from precision_pin.display.stored import JsonResult
+from precision_pin.display.tables import data_frame, described, milli, optional, percent
+from precision_pin.errors import Finding
+from precision_pin.inputs.arguments import check_path
+from precision_pin.inputs.arrays import fix_fields
+from precision_pin.robot.pose_set import PoseSet
+from precision_pin.sampling.poses_result import LEVELS, PosesResult
+from precision_pin.statistics import Specification
+from precision_pin.typing import Array
+
+if TYPE_CHECKING:
+    import pandas  # type: ignore[import-untyped]
+    import xarray
+    from matplotlib.figure import Figure
+
+__all__ = ["LEVELS", "MapResult", "Relative", "Sampled"]
+
+_COMPONENTS: Final = ("dx", "dy", "dz", "rx", "ry", "rz")
+_NORMS: Final = ("position", "attitude")
+_MOST_ROWS: Final = 20
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Relative:
+    """Error of each robot minus its error at a reference pose, first order, base axes, m and rad.
+
+    Attributes
+    ----------
+    q
+        Joint values of the reference, ``(n,)``.
+    mean, covariance
+        ``(6, P)`` and ``(6, 6, P)``.
+    quantile
+        Quantiles of |d| and |δ| at `LEVELS`, ``(3, 2, P)``.
+    """
+
+    q: Array
+    mean: Array
+    covariance: Array
+    quantile: Array
+
+    def __post_init__(self) -> None:
+        fix_fields(self)
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Sampled:
+    """Poses that were sampled with the exact model.
+
+    Attributes
+    ----------
+    poses
+        Their numbers in the map, from 0.
+    result
+        Their sampled errors.
+    """
+
+    poses: NDArray[np.intp]
+    result: PosesResult
+
+
+@final
+@dataclass(frozen=True, eq=False, repr=False)
+class MapResult(JsonResult):
+    """Law of the pose error at P poses, base axes, m and rad; NaN where no joint values are known.
+
+    Moments, quantiles and shares are those of the first-order model, its error taken as normal. What was sampled with the exact
+    model is in ``sampled``.
+
+    Attributes
+    ----------
+    provenance
+        Robot, seed and software versions.
+    joints, poses
+        Joints in chain order, and the poses.
+    mean, covariance
+        ``(6, P)`` and ``(6, 6, P)``.
+    quantile
+        Quantiles of |d| and |δ| at `LEVELS`, ``(3, 2, P)``.
+    specifications, probability
+        Specifications, and the share of robots inside each, ``(S, P)``.
+    sources, shares
+        Names of the sources, or of what several share, and their shares in the variance of the position, ``(lines, P)``.
+    relative
+        Errors relative to a reference pose; ``None`` without one.
+    sampled
+        The poses that were sampled: all whose joint values are known, or the worst ones to verify the closed form.
+    confidence
+        Confidence of the intervals of what was sampled.
+    findings, warnings
+        Findings passed in, such as those of the sheet; one line each for them and for the warnings of the map.
+    """
+
+    schema: ClassVar[str] = "precision-pin/map/1"
+
+    provenance: Provenance
+    joints: tuple[str, ...]
+    poses: PoseSet
+    mean: Array
+    covariance: Array
+    quantile: Array
+    specifications: tuple[Specification, ...]
+    probability: Array
+    sources: tuple[str, ...]
+    shares: Array
+    relative: Relative | None = None
+    sampled: Sampled | None = None
+    confidence: float = 0.95
+    findings: tuple[Finding, ...] = ()
+    warnings: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        fix_fields(self)
+
+    @property
+    def rms(self) -> Array:
+        """Root mean square of |d| and |δ|, ``(2, P)``."""
+        return _rms(self.mean, self.covariance)
+
+    @property
+    def dominant_source(self) -> tuple[str, ...]:
+        """Name of the source with the largest share in the variance of the position; empty where it does not vary."""
+        if not self.sources:
+            return ("",) * len(self.poses)
+        shares = np.nan_to_num(self.shares)
+        largest = shares.argmax(axis=0)
+        return tuple(self.sources[line] if shares[line, pose] > 0 else "" for pose, line in enumerate(largest.tolist()))
+
+    @property
+    def worst_first(self) -> list[int]:
+        """Numbers of the poses whose joint values are known, the worst first.
+
+        By the smallest margin of the share inside over what is required, without specifications by the 95 % quantile of |d|.
+        """
+        size = -self.quantile[LEVELS.index(0.95), 0]
+        if self.specifications:
+            required = np.array([one.required for one in self.specifications])
+            margin = (self.probability - required[:, None]).min(axis=0)
+            order = np.lexsort((size, margin))
+        else:
+            order = np.argsort(size, kind="stable")
+        known = self.poses.known
+        return [int(pose) for pose in order if known[pose]]
+
+    @property
+    def unknown(self) -> int:
+        """Number of poses without joint values, of which nothing is known."""
+        return int((~self.poses.known).sum())
+
+    @property
+    def met(self) -> bool:
+        """Whether every specification is met at every pose whose joint values are known; true without specifications.
+
+        Where all of them were sampled, by their intervals. Otherwise the closed form must have enough robots inside at every
+        pose, and the intervals of the sampled ones, the worst, must say so too.
+        """
+        if not self.specifications:
+            return True
+        if self.sampled is None or not self.sampled.result.met:
+            return False
+        known = self.poses.known
+        if len(self.sampled.poses) == int(known.sum()):
+            return True
+        return all(
+            bool((share[known] >= one.required).all())
+            for one, share in zip(self.specifications, self.probability, strict=True)
+        )
+
+    def plot(self, quantity: str = "position", level: float = 0.95) -> Figure:
+        """Draw a quantile over the poses: a plane of nodes as a heat map, a box in 3-D, a path or a list as a curve.
+
+        Parameters
+        ----------
+        quantity
+            ``"position"`` or ``"attitude"``, for |d| or |δ|.
+        level
+            One of `LEVELS`.
+
+        Raises
+        ------
+        UnknownNameError
+            Another quantity.
+        InputError
+            Another level.
+        """
+        # plots rest on results, not results on plots
+        drawn: Figure = import_module("precision_pin.outputs.map.figure").figure(self, quantity, level)
+        return drawn
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the result in the ``precision-pin/map/1`` schema, SI units; null where nothing is known."""
+        sampled = self.sampled
+        return self._head() | {
+            "levels": list(LEVELS),
+            "sources": list(self.sources),
+            "met": self.met,
+            "poses": [self._pose_dict(pose) for pose in range(len(self.poses))],
+            "sampled": None if sampled is None else {"numbers": sampled.poses.tolist(), **sampled.result.to_dict()},
+        }
+
+    def _pose_dict(self, pose: int) -> dict[str, Any]:
+        of, dominant = self.poses, self.dominant_source
+        entry: dict[str, Any] = {
+            "name": of.names[pose],
+            "q": _listed(of.q[:, pose]),
+            "position": _listed(of.position[:, pose]),
+            "status": of.status[pose],
+            "branch": int(of.branch[pose]),
+            **({} if of.times is None else {"time": float(of.times[pose])}),
+            "mean": _listed(self.mean[:, pose]),
+            "covariance": _listed(self.covariance[:, :, pose]),
+            "rms_position": _listed(self.rms[0, pose]),
+            "rms_attitude": _listed(self.rms[1, pose]),
+            "quantile_position": _listed(self.quantile[:, 0, pose]),
+            "quantile_attitude": _listed(self.quantile[:, 1, pose]),
+            "probability": _listed(self.probability[:, pose]),
+            "dominant_source": dominant[pose] or None,
+            "shares": _listed(self.shares[:, pose]),
+        }
+        if self.relative is not None:
+            entry["relative"] = {
+                "mean": _listed(self.relative.mean[:, pose]),
+                "covariance": _listed(self.relative.covariance[:, :, pose]),
+                "quantile_position": _listed(self.relative.quantile[:, 0, pose]),
+                "quantile_attitude": _listed(self.relative.quantile[:, 1, pose]),
+            }
+        return entry
+
+    def to_pandas(self) -> pandas.DataFrame:
+        """Return the map as a data frame, m and rad: a row for each pose.
+
+        Raises
+        ------
+        InputError
+            pandas is not installed.
+        """
+        of, rms, dominant = self.poses, self.rms, self.dominant_source
+        specified = [f"inside {one.quantity} {one.limit:g}" for one in self.specifications]
+        rows = []
+        for pose, label in enumerate(of.labels):
+            columns: dict[str, Any] = {
+                name: float(value) for name, value in zip(self.joints, of.q[:, pose], strict=True)
+            }
+            columns |= dict(zip("xyz", of.position[:, pose].tolist(), strict=True))
+            columns |= {"status": of.status[pose], "branch": int(of.branch[pose])}
+            columns |= {f"mean {name}": float(self.mean[row, pose]) for row, name in enumerate(_COMPONENTS)}
+            for norm, name in enumerate(_NORMS):
+                columns[f"rms {name}"] = float(rms[norm, pose])
+                columns |= {
+                    f"{name} {level:g}": float(self.quantile[rank, norm, pose]) for rank, level in enumerate(LEVELS)
+                }
+            columns |= dict(zip(specified, self.probability[:, pose].tolist(), strict=True))
+            rows.append(((label,), columns | {"dominant source": dominant[pose]}))
+        return data_frame(["pose"], rows, self._head())
+
+    def to_xarray(self) -> xarray.Dataset:
+        """Return the map as a dataset with the dimension ``pose``, m and rad, NaN where nothing is known.
+
+        Coordinates: ``pose_name``, ``q`` (pose, joint), ``position`` (pose, axis), ``status``, ``branch`` and, of a path,
+        ``time``; ``level`` of the dimension ``probability``. Variables: ``mean`` (pose, component), ``covariance`` (pose,
+        component, component_2), ``rms_position``, ``rms_attitude``, ``quantile_position`` and ``quantile_attitude`` (pose,
+        probability), ``probability`` (pose, specification), ``shares`` (pose, source), ``dominant_source``; with a reference the
+        same of the relative error as ``relative_…``; of what was sampled ``sampled_quantile_position`` and ``…_attitude`` with
+        ``_lower`` and ``_upper``, and ``sampled_inside`` alike.
+
+        Raises
+        ------
+        InputError
+            xarray is not installed.
+        """
+        of, rms = self.poses, self.rms
+        variables: dict[str, Any] = {
+            "mean": (("pose", "component"), self.mean.T),
+            "covariance": (("pose", "component", "component_2"), np.moveaxis(self.covariance, -1, 0)),
+            "rms_position": ("pose", rms[0]),
+            "rms_attitude": ("pose", rms[1]),
+            "quantile_position": (("pose", "probability"), self.quantile[:, 0].T),
+            "quantile_attitude": (("pose", "probability"), self.quantile[:, 1].T),
+            "probability": (("pose", "specification"), self.probability.T),
+            "shares": (("pose", "source"), self.shares.T),
+            "dominant_source": ("pose", list(self.dominant_source)),
+        }
+        if self.relative is not None:
+            other = self.relative
+            relative_rms = _rms(other.mean, other.covariance)
+            variables |= {
+                "relative_mean": (("pose", "component"), other.mean.T),
+                "relative_covariance": (("pose", "component", "component_2"), np.moveaxis(other.covariance, -1, 0)),
+                "relative_rms_position": ("pose", relative_rms[0]),
+                "relative_rms_attitude": ("pose", relative_rms[1]),
+                "relative_quantile_position": (("pose", "probability"), other.quantile[:, 0].T),
+                "relative_quantile_attitude": (("pose", "probability"), other.quantile[:, 1].T),
+            }
+        variables |= self._sampled_variables()
+        coordinates: dict[str, Any] = {
+            "pose": np.arange(len(of)),
+            "pose_name": ("pose", of.labels),
+            "q": (("pose", "joint"), of.q.T),
+            "position": (("pose", "axis"), of.position.T),
+            "status": ("pose", list(of.status)),
+            "branch": ("pose", of.branch.astype(np.int32)),
+            "joint": list(self.joints),
+            "axis": list("xyz"),
+            "component": list(_COMPONENTS),
+            "component_2": list(_COMPONENTS),
+            "level": ("probability", list(LEVELS)),
+            "specification": [f"{one.quantity} {one.limit:g} @ {one.required:g}" for one in self.specifications],
+            "source": list(self.sources),
+            **({} if of.times is None else {"time": ("pose", of.times)}),
+        }
+        made: xarray.Dataset = optional("xarray").Dataset(variables, coordinates, described(self._head()))
+        return made
+
+    def _sampled_variables(self) -> dict[str, Any]:
+        if self.sampled is None:
+            return {}
+        result, chosen = self.sampled.result, self.sampled.poses
+        made: dict[str, Any] = {}
+
+        def spread(array: Array) -> Array:
+            full = np.full((len(self.poses), *array.shape[:-1]), np.nan)
+            full[chosen] = np.moveaxis(array, -1, 0)
+            return full
+
+        for norm, name in enumerate(_NORMS):
+            low, high = result.quantile_interval[:, norm, 0], result.quantile_interval[:, norm, 1]
+            for suffix, array in (("", result.quantile[:, norm]), ("_lower", low), ("_upper", high)):
+                made[f"sampled_quantile_{name}{suffix}"] = (("pose", "probability"), spread(array))
+        low, high = result.probability_interval[:, 0], result.probability_interval[:, 1]
+        for suffix, array in (("", result.probability), ("_lower", low), ("_upper", high)):
+            made[f"sampled_inside{suffix}"] = (("pose", "specification"), spread(array))
+        return made
+
+    def to_netcdf(self, path: str | os.PathLike[str]) -> None:
+        """Write :meth:`to_xarray` as a netCDF file, whole or not at all.
+
+        Raises
+        ------
+        InputError
+            xarray is not installed.
+        OutputError
+            The file cannot be written.
+        """
+        write_files({check_path("the path of the map", path): bytes(self.to_xarray().to_netcdf())})
+
+    def _head(self) -> dict[str, Any]:
+        samples = None if self.sampled is None else self.sampled.result.samples
+        reference = None if self.relative is None else dict(zip(self.joints, self.relative.q.tolist(), strict=True))
+        return {
+            **self.provenance.to_dict(self.schema),
+            "samples": samples,
+            "confidence": self.confidence,
+            "relative_to": reference,
+            "assumptions": list(self.assumptions),
+            "warnings": list(self.warnings),
+            "findings": [finding.to_dict() for finding in self.findings],
+        }
+
+    @property
+    def assumptions(self) -> tuple[str, ...]:
+        """Assumptions of the numbers, one sentence each."""
+        return (
+            "mean, covariance, quantiles and shares inside are those of the first-order model with a normal error",
+            "shares of sources are Cov(e_k, e) of their part of the position's error",
+            "the sampled numbers are those of the exact model, the same robots at every pose",
+        )
+
+    def __repr__(self) -> str:
+        worst = float(np.nanmax(self.quantile[LEVELS.index(0.95), 0]))
+        return (
+            f"<MapResult of {self.provenance.robot!r}, {self.provenance.base!r} to {self.provenance.tip!r}: "
+            f"{len(self.poses):,} poses, {self.unknown:,} of them without joint values, "
+            f"|d| within {1e3 * worst:.4g} mm for 95 % at the worst>"
+        )
+
+    def _repr_html_(self) -> str:
+        """Return the notebook view: the worst poses, mm and mrad."""
+        rows = []
+        labels, dominant = self.poses.labels, self.dominant_source
+        for pose in self.worst_first[:_MOST_ROWS]:
+            numbers = [milli(float(self.quantile[rank, norm, pose])) for norm in (0, 1) for rank in range(len(LEVELS))]
+            shares = [percent(float(share)) for share in self.probability[:, pose]]
+            rows.append([labels[pose], *numbers, *shares, dominant[pose]])
+        within = [f"{100 * level:g} %" for level in LEVELS[1:]]
+        inside = [f"spec {rank}" for rank in range(1, len(self.specifications) + 1)]
+        columns = ["pose", "median |d| [mm]", *within, "median |δ| [mrad]", *within, *inside, "dominant source"]
+        of = self.provenance
+        title = f"Map of {of.robot}: {of.base} to {of.tip}, {len(self.poses):,} poses, the worst first"
+        return rendered(
+            title, [Table(columns, rows)], ["first order, statics " + of.statics + "; base axes", *self.warnings]
+        )
+
+
+def _rms(mean: Array, covariance: Array) -> Array:
+    """Return the root mean squares of position and attitude, ``(2, P)``."""
+    squares = mean**2 + np.einsum("iip->ip", covariance)
+    result: Array = np.sqrt(np.maximum(squares.reshape(2, 3, -1).sum(axis=1), 0.0))
+    return result
+
+
+def _listed(values: Any) -> Any:
+    """Return an array as nested lists, with None for NaN."""
+    array = np.asarray(values)
+    known = array.astype(object)
+    known[~np.isfinite(array)] = None
+    return known.tolist()

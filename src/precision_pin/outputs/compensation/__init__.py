@@ -1,0 +1,1 @@
+"""Table, figure and joint values of a compensation."""

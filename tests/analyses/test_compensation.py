@@ -1,0 +1,190 @@
+"""Corrected joint values: published and hand-computed cases, scipy, exact sampling."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.optimize import fsolve, least_squares
+
+import precision_pin as pp
+from precision_pin.draws.laws import Normal
+from precision_pin.draws.space import Space
+from precision_pin.errors import InputError, PrecisionPinWarning
+from precision_pin.model.error_model import ErrorModel
+from precision_pin.robot.examples import PAPER_SHEET, shipped_sheets
+from precision_pin.robot.pose_set import PoseSet
+from precision_pin.sources import Frame, JointCompliance, JointOffset, Payload
+from support.oracles import displaced_pose, displacements
+from support.plain_robot import chain_of, joint, link, pose_error, random_arm, robot
+
+MEAN = 0.01
+"""A mean offset, rad."""
+
+
+def standing(model: ErrorModel, q) -> np.ndarray:
+    """Return the pose of the arm with every component at its mean: by the terms' plain definition, ``(4, 4)``."""
+    at = model.at(q)
+    means = dict(zip(model.space.components, model.space.mean, strict=True))
+    return displaced_pose(model.chain, q, displacements(at.terms, means))
+
+
+def planar_arm(**limits: str):
+    """Return two links of 0.4 m and 0.3 m in a vertical plane, joints about y."""
+    return chain_of(
+        robot(
+            link("base"), link("upper"), link("lower"), link("tool"),
+            joint("shoulder", "revolute", "base", "upper", axis=(0, 1, 0), extra=limits.get("shoulder", "")),
+            joint("elbow", "revolute", "upper", "lower", (0.4, 0, 0), axis=(0, 1, 0)),
+            joint("flange", "fixed", "lower", "tool", (0.3, 0, 0)),
+        ),
+        tip="tool",
+    )  # fmt: skip
+
+
+PLANE = [1.0, 0, 1.0, 0, 0, 0]
+
+
+def test_the_sag_of_the_papers_arm():
+    # 36.770 mm, 0.964 mm after one step, 6.54 mrad that four joints cannot correct: computed with independent code
+    model = ErrorModel.load(PAPER_SHEET)
+    result = pp.compensate(model, ["paper"])
+    made = result.correction
+    assert made.status == ("corrected",)
+    assert 1e3 * np.linalg.norm(made.before[:3, 0]) == pytest.approx(36.770, abs=5e-4)
+    assert 1e3 * np.linalg.norm(made.first_order[:3, 0]) == pytest.approx(0.964, abs=5e-4)
+    assert 1e3 * np.linalg.norm(made.after[3:, 0]) == pytest.approx(6.54, abs=5e-3)
+    wanted = model.chain.at(result.poses.q[:, 0]).pose
+    assert np.linalg.norm(standing(model, made.q[:, 0])[:3, 3] - wanted[:3, 3]) < 1e-9
+    assert made.iterations[0] <= 4
+
+
+def test_every_pose_of_a_six_axis_arm_with_payload():
+    model = ErrorModel.load(shipped_sheets()["ur5"])
+    result = pp.compensate(model, list(model.poses), mode="pose")
+    assert result.is_complete
+    for q, corrected in zip(result.poses.q.T, result.corrected.T, strict=True):
+        error = pose_error(standing(model, corrected), model.chain.at(q).pose)
+        assert np.linalg.norm(error[:3]) < 1e-9
+        assert np.linalg.norm(error[3:]) < 1e-9
+
+
+def test_joint_compliance_alone_has_the_exact_answer():
+    # gravity turns joint k by C m g x_k, x_k the horizontal lever of the payload: the corrected joint values answer q
+    softness, mass = np.array([2e-4, 5e-4]), 5.0
+    model = ErrorModel(
+        planar_arm(),
+        Space(),
+        [
+            Payload(at="tool", mass=mass),
+            *(JointCompliance(joint=name, compliance=c) for name, c in zip(("shoulder", "elbow"), softness, strict=True)),
+        ],
+    )  # fmt: skip
+    q = np.array([0.3, -1.1])
+
+    def deflected(of):
+        forearm = 0.3 * np.cos(of.sum())
+        return of + softness * mass * 9.81 * np.array([0.4 * np.cos(of[0]) + forearm, forearm])
+
+    expected = fsolve(lambda of: deflected(of) - q, q, xtol=1e-13)
+    result = pp.compensate(model, [q], mode="pose", weights=PLANE)
+    assert result.corrected[:, 0] == pytest.approx(expected, abs=1e-8)
+
+
+def test_weighted_squares_are_smallest():
+    model = ErrorModel.load(PAPER_SHEET)
+    q = model.poses["paper"]
+    weights = np.array([1.0, 2.0, 1.0, 0.3, 0.3, 0.3])
+    wanted = model.chain.at(q).pose
+    found = least_squares(
+        lambda of: weights * pose_error(standing(model, of), wanted), q, x_scale=0.1, xtol=1e-14, ftol=1e-14
+    )
+    result = pp.compensate(model, ["paper"], mode="pose", weights=weights)
+    assert result.corrected[:, 0] == pytest.approx(found.x, abs=1e-6)
+    squares = ((weights * pose_error(standing(model, result.corrected[:, 0]), wanted)) ** 2).sum()
+    assert squares == pytest.approx(2 * found.cost, rel=1e-9)
+
+
+def test_a_redundant_arm_moves_least():
+    model = ErrorModel(
+        chain_of(random_arm(3), tip="tool"), Space(), [Frame(frame="tool", x=Normal(1e-5, mean=2e-5), rz=1e-5)]
+    )
+    q = np.array([0.3, -0.7, 1.1, 0.2, -1.3, 0.8, 0.5])
+    result = pp.compensate(model, [q], mode="pose")
+    scaled = model.chain.at(q).joint_jacobian
+    smallest = -np.linalg.pinv(scaled) @ result.correction.before[:, 0]
+    assert result.corrected[:, 0] - q == pytest.approx(smallest, rel=0, abs=1e-3 * np.abs(smallest).max())
+
+
+def test_poses_without_a_correction_are_named():
+    limit = '<limit lower="-1" upper="1" effort="1" velocity="1"/>'
+    offset = JointOffset(joint="shoulder", offset=Normal(1e-3, mean=MEAN))
+    model = ErrorModel(three_joints(limit), Space(), [offset])
+    q = np.array([[0.2, 0.3, 0.7], [-0.999, 0.3, 0.7], [1.5, 0.3, 0.7], [0.2, 0.3, 0.0]]).T
+    with pytest.warns(PrecisionPinWarning, match="pose 3, with the joint shoulder at 1.5 rad"):
+        result = pp.compensate(model, PoseSet.at(model.chain, q))
+    assert result.correction.status == ("corrected", "limit", "limit", "singular")
+    assert np.isnan(result.corrected[:, 1:]).all()
+    assert result.corrected[:, 0] == pytest.approx(q[:, 0] - [MEAN, 0, 0], abs=1e-9)
+    written = result.to_dict()["poses"]
+    assert [pose["q_corrected"] is None for pose in written] == [False, True, True, True]
+    assert not result.is_complete
+
+
+def three_joints(limit: str = ""):
+    """Return an arm that turns about z and bends twice about y; straight, it is singular."""
+    return chain_of(
+        robot(
+            link("base"), link("column"), link("upper"), link("lower"), link("tool"),
+            joint("shoulder", "revolute", "base", "column", extra=limit),
+            joint("lift", "revolute", "column", "upper", axis=(0, 1, 0)),
+            joint("elbow", "revolute", "upper", "lower", (0.4, 0, 0), axis=(0, 1, 0)),
+            joint("flange", "fixed", "lower", "tool", (0.3, 0, 0)),
+        ),
+        tip="tool",
+    )  # fmt: skip
+
+
+def test_a_joint_at_its_limit_stays_and_the_others_correct():
+    four = chain_of(
+        robot(
+            link("base"), link("slide"), link("column"), link("upper"), link("lower"), link("tool"),
+            joint("rail", "prismatic", "base", "slide", axis=(1, 0, 0),
+                  extra='<limit lower="-1" upper="0" effort="1" velocity="1"/>'),
+            joint("shoulder", "revolute", "slide", "column"),
+            joint("lift", "revolute", "column", "upper", axis=(0, 1, 0)),
+            joint("elbow", "revolute", "upper", "lower", (0.4, 0, 0), axis=(0, 1, 0)),
+            joint("flange", "fixed", "lower", "tool", (0.3, 0, 0)),
+        ),
+        tip="tool",
+    )  # fmt: skip
+    model = ErrorModel(four, Space(), [Frame(link="base", x=Normal(1e-3, mean=-0.01))])
+    result = pp.compensate(model, [[0.0, 0.2, 0.3, 0.7]])
+    assert result.correction.status == ("corrected",)
+    assert result.corrected[0, 0] == 0.0
+    wanted = four.at(result.poses.q[:, 0]).pose[:3, 3]
+    assert np.linalg.norm(standing(model, result.corrected[:, 0])[:3, 3] - wanted) < 1e-9
+
+
+def test_the_law_that_remains_is_that_of_exact_robots():
+    model = ErrorModel.load(shipped_sheets()["ur5"])
+    name = next(iter(model.poses))
+    result = pp.compensate(model, [name])
+    q = result.corrected[:, 0]
+    sampled = pp.monte_carlo(model, q, samples=200_000, seed=3, keep_samples=True)
+    shift = model.chain.at(q).pose[:3, 3] - model.chain.at(result.poses.q[:, 0]).pose[:3, 3]
+    norms = np.linalg.norm(sampled.errors[:3].T + shift, axis=1)
+    # the 95 % quantile of 200,000 samples: standard error below 0.2 %; first order and normal: the tolerance allows 1 % more
+    assert result.within_after[0, 0] == pytest.approx(np.quantile(norms, 0.95), rel=0.015)
+    assert result.shares[:, 0].sum() == pytest.approx(1.0)
+
+
+def test_wrong_questions_are_refused():
+    model = ErrorModel.load(PAPER_SHEET)
+    with pytest.raises(InputError, match="pose has 6 components, which 4 joints cannot all correct"):
+        pp.compensate(model, ["paper"], mode="pose")
+    with pytest.raises(InputError, match='weights need mode="pose"'):
+        pp.compensate(model, ["paper"], weights=np.ones(6))
+    with pytest.raises(InputError, match="must not be negative, and one must be positive"):
+        pp.compensate(model, ["paper"], mode="pose", weights=np.zeros(6))
+    with pytest.raises(InputError, match="position has 3 components, which 2 joints cannot all correct"):
+        pp.compensate(ErrorModel(planar_arm(), Space(), []), [[0.1, 0.2]])

@@ -1,0 +1,73 @@
+"""``precision-pin compensate``: tables, files, exit codes, wrong input."""
+
+from __future__ import annotations
+
+import csv
+import json
+
+import numpy as np
+import pytest
+
+SHEET = "4dof.errors.yaml"
+WAY = "t,joint4,joint3,joint2,joint1\n0,-1.588,1.536,0.0524,-1.571\n0.5,-1.4,1.3,0.1,-1.2\n"
+
+
+def test_the_first_lines_answer_the_question(run):
+    done = run("compensate", SHEET)
+    assert done.code == 0
+    lines = done.out.splitlines()
+    assert "position corrected" in lines[0]
+    assert any(line.startswith("|d| at the means: from 36.77 mm at worst") and "to 0 mm" in line for line in lines)
+    assert max(map(len, lines)) <= 100
+
+
+def test_a_trajectory_comes_back_with_its_columns(run, folder, new_files):
+    (folder / "way.csv").write_text(WAY)
+    done = run("compensate", SHEET, "--trajectory", "way.csv", "--csv", "right.csv", "--json", "right.json")
+    assert done.code == 0
+    rows = list(csv.reader((folder / "right.csv").read_text().splitlines()))
+    assert rows[0] == ["t", "joint4", "joint3", "joint2", "joint1"]
+    assert [float(row[0]) for row in rows[1:]] == [0, 0.5]
+    result = json.loads((folder / "right.json").read_text())
+    assert result["schema"] == "precision-pin/compensation/1"
+    for row, pose in zip(rows[1:], result["poses"], strict=True):
+        assert [float(cell) for cell in row[:0:-1]] == pytest.approx(pose["q_corrected"], abs=1e-12)
+        assert np.linalg.norm(pose["after"]["position"]) < 1e-9
+    again = run("compensate", SHEET, "--trajectory", "right.csv", "--json", "-")
+    assert again.json["poses"][0]["q"] == pytest.approx(result["poses"][0]["q_corrected"], abs=1e-12)
+    assert new_files() == {"way.csv", "right.csv", "right.json"}
+
+
+@pytest.mark.slow
+def test_the_folder(run, new_files):
+    assert run("compensate", SHEET, "--out", "made").code == 0
+    names = {"compensation.json", "compensation.png", "compensation.svg", "corrected.csv"}
+    assert new_files() == {"made"} | {f"made/{name}" for name in names}
+
+
+def test_without_a_correction_the_code_is_one_and_no_joint_values_are_written(run, folder, new_files):
+    text = (folder / SHEET).read_text()
+    (folder / "way.csv").write_text("joint1,joint2,joint3,joint4\n0,0,0,0\n-1.571,0.0524,1.536,-1.588\n")
+    done = run("compensate", SHEET, "--trajectory", "way.csv", "--csv", "right.csv")
+    assert done.code == 1
+    assert "1 of 2 poses have no correction" in done.out
+    assert "the corrected joint values are not written: not every pose has them" in done.err
+    assert new_files() == {"way.csv"}
+    assert (folder / SHEET).read_text() == text
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (("--mode", "pose"), "pose has 6 components, which 4 joints cannot all correct"),
+        (("--weights", "1 1 1 0 0 0"), 'weights need mode="pose"'),
+        (("--mode", "pose", "--weights", "1 2"), "six numbers are expected"),
+        (("--pose", "nowhere"), "nowhere"),
+    ],
+)
+def test_wrong_input_is_one_line(run, new_files, options, message):
+    done = run("compensate", SHEET, *options)
+    assert done.code == 2
+    assert len(done.said) == 1
+    assert message in done.said[0]
+    assert new_files() == set()

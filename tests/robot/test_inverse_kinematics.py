@@ -1,0 +1,215 @@
+"""Inverse kinematics: the branches of a UR5 by its closed form, a planar arm by hand, statuses, bits."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from precision_pin.errors import InputError
+from precision_pin.robot.chain import Chain
+from precision_pin.robot.examples import example_urdfs
+from precision_pin.robot.inverse_kinematics import inverse_kinematics
+from support.plain_robot import chain_of, joint, link, robot
+
+SHOULDER, UPPER, FORE, WRIST_1, WRIST_2, WRIST_3 = 0.089159, 0.425, 0.39225, 0.10915, 0.09465, 0.0823
+"""Lengths of a UR5 in the maker's Denavit-Hartenberg table, m."""
+
+
+def dh(angle: float, offset: float, length: float, twist: float) -> np.ndarray:
+    c, s, ct, st = math.cos(angle), math.sin(angle), math.cos(twist), math.sin(twist)
+    return np.array(
+        [[c, -s * ct, s * st, length * c], [s, c * ct, -c * st, length * s], [0, st, ct, offset], [0, 0, 0, 1]]
+    )
+
+
+def ur5_pose(q) -> np.ndarray:
+    """Return the flange of a UR5; the URDF's base is the maker's turned by half a turn."""
+    quarter = math.pi / 2
+    rows = ((SHOULDER, 0, quarter), (0, -UPPER, 0), (0, -FORE, 0), (WRIST_1, 0, quarter), (WRIST_2, 0, -quarter))
+    pose = np.diag([-1.0, -1, 1, 1])
+    for angle, row in zip(q, (*rows, (WRIST_3, 0, 0)), strict=True):
+        pose = pose @ dh(angle, *row)
+    return pose
+
+
+def ur5_branches(pose) -> list[np.ndarray]:
+    """Return the up to eight postures of a UR5 at a flange pose: shoulder left or right, wrist turned or not, elbow up, down."""
+    turned = np.diag([-1.0, -1, 1, 1]) @ pose
+    (nx, ox, _, px), (ny, oy, _, py) = turned[:2]
+    found = []
+    wx, wy, _ = turned[:3, 3] - WRIST_3 * turned[:3, 2]
+    if math.hypot(wx, wy) < WRIST_1:
+        return []
+    for shoulder in (1, -1):
+        q1 = math.atan2(wy, wx) + shoulder * math.acos(WRIST_1 / math.hypot(wx, wy)) + math.pi / 2
+        s, c = math.sin(q1), math.cos(q1)
+        cosine = (px * s - py * c - WRIST_1) / WRIST_3
+        for wrist in (1, -1) if abs(cosine) <= 1 else ():
+            q5 = wrist * math.acos(cosine)
+            sine = math.sin(q5)
+            q6 = math.atan2((oy * c - ox * s) / sine, (nx * s - ny * c) / sine)
+            beyond = dh(q5, WRIST_2, 0, -math.pi / 2) @ dh(q6, WRIST_3, 0, 0)
+            plane = np.linalg.inv(dh(q1, SHOULDER, 0, math.pi / 2)) @ turned @ np.linalg.inv(beyond)
+            x, y, _ = plane[:3, 3] - WRIST_1 * plane[:3, 1]
+            bend = (x * x + y * y - UPPER**2 - FORE**2) / (2 * UPPER * FORE)
+            for elbow in (1, -1) if abs(bend) <= 1 else ():
+                q3 = elbow * math.acos(bend)
+                q2 = math.atan2(-y, -x) - math.atan2(FORE * math.sin(q3), UPPER + FORE * math.cos(q3))
+                rest = np.linalg.inv(dh(q2, 0, -UPPER, 0) @ dh(q3, 0, -FORE, 0)) @ plane
+                found.append(np.array([q1, q2, q3, math.atan2(rest[1, 0], rest[0, 0]), q5, q6]))
+    return found
+
+
+@pytest.fixture(scope="module")
+def ur5() -> Chain:
+    if "ur5" not in example_urdfs():
+        pytest.skip("example-robot-data is not installed")
+    return Chain.from_urdf(example_urdfs()["ur5"], tip="tool0")
+
+
+def circular_distance(one, other) -> float:
+    gaps = np.asarray(one) - np.asarray(other)
+    return float(np.abs(gaps - 2 * np.pi * np.rint(gaps / (2 * np.pi))).max())
+
+
+def test_a_ur5_has_the_branches_of_its_closed_form(ur5):
+    given = np.random.default_rng(3).uniform(-3, 3, (6, 30))
+    wanted = np.moveaxis([ur5_pose(q) for q in given.T], 0, -1)
+    found = inverse_kinematics(ur5, wanted)
+    reached = np.moveaxis([ur5_pose(q) for q in found.q.T], 0, -1)
+    assert np.abs(reached - wanted[:, :, found.node]).max() < 1e-9
+    counts = set()
+    for node, q in enumerate(given.T):
+        branches = ur5_branches(wanted[:, :, node])
+        assert min(circular_distance(q, branch) for branch in branches) < 1e-6
+        own = found.q[:, found.node == node].T
+        assert len(own) == len(branches)
+        for branch in branches:
+            assert min(circular_distance(branch, one) for one in own) < 1e-6
+        assert found.branch[found.node == node].tolist() == list(range(len(own)))
+        counts.add(len(own))
+    assert max(counts) == 8
+
+
+def test_the_nearest_to_the_reference_comes_first_by_its_nearest_turn(ur5):
+    reference = np.array([2 * math.pi - 0.3, -1.2, 1.4, 0.5, -0.8, 0.4])
+    found = inverse_kinematics(ur5, ur5_pose(reference + 0.05), reference=reference)
+    np.testing.assert_allclose(found.q[:, 0], reference + 0.05, atol=1e-9)
+    distances = np.linalg.norm(found.q - reference[:, None], axis=0)
+    assert (np.diff(distances) > 0).all()
+
+
+def test_solutions_do_not_depend_on_the_other_poses(ur5):
+    q = np.random.default_rng(4).uniform(-3, 3, (6, 7))
+    wanted = ur5.at_columns(q).pose
+    together, turned = inverse_kinematics(ur5, wanted), inverse_kinematics(ur5, wanted[:, :, ::-1])
+    for node in (0, 5):
+        own = together.q[:, together.node == node]
+        np.testing.assert_array_equal(own, inverse_kinematics(ur5, wanted[:, :, node]).q)
+        np.testing.assert_array_equal(own, turned.q[:, turned.node == 6 - node])
+
+
+def planar_arm(lower: float) -> Chain:
+    """Return two links of half a metre in a plane; the elbow turns from ``lower`` to 3 rad."""
+    limits = f'<limit lower="{lower}" upper="3" effort="1" velocity="1"/>'
+    return chain_of(
+        robot(
+            link("base"), link("upper"), link("lower"), link("tool"),
+            joint("shoulder", "revolute", "base", "upper"),
+            joint("elbow", "revolute", "upper", "lower", (0.5, 0, 0), extra=limits),
+            joint("flange", "fixed", "lower", "tool", (0.5, 0, 0)),
+        )
+    )  # fmt: skip
+
+
+def at(x: float, y: float, z: float = 0.0) -> np.ndarray:
+    pose = np.eye(4)
+    pose[:3, 3] = x, y, z
+    return pose
+
+
+def test_statuses_of_a_planar_arm_by_hand():
+    # elbow up or down at a right angle, stretched, too far, out of the plane
+    wanted = np.moveaxis([at(0.5, 0.5), at(0.6, 0.8), at(1.1, 0), at(0.5, 0.5, 0.1)], 0, -1)
+    found = inverse_kinematics(planar_arm(-3), wanted, task="position")
+    poses = found.poses(("square", "far", "farther", "above"), branches="all")
+    assert poses.names == ("square branch 0", "square branch 1", "far branch 0", "farther", "above")
+    assert poses.status == ("reached",) * 3 + ("unreachable",) * 2
+    assert poses.branch.tolist() == [0, 1, 0, -1, -1]
+    assert poses.node.tolist() == [0, 0, 1, 2, 3]
+    right = math.pi / 2
+    np.testing.assert_allclose(poses.q[:, :2], [[0, right], [right, -right]], atol=1e-9)
+    np.testing.assert_allclose(poses.q[:, 2], [math.atan2(0.8, 0.6), 0], atol=1e-4)
+    np.testing.assert_array_equal(poses.position[:, 3], [1.1, 0, 0])
+    assert found.poses().known.tolist() == [True, True, False, False]
+    # the elbow may turn neither way, or one way only
+    assert inverse_kinematics(planar_arm(2), wanted[:, :, 0], task="position").poses().status == ("limit",)
+    one = inverse_kinematics(planar_arm(1), wanted[:, :, 0], task="position")
+    np.testing.assert_allclose(one.q[:, 0], [0, right], atol=1e-9)
+
+
+def test_a_sliding_joint_and_the_tool_axis_alone():
+    limits = '<limit lower="-2" upper="2" effort="1" velocity="1"/>'
+    arm = chain_of(
+        robot(
+            link("base"), link("carriage"), link("turret"), link("tool"),
+            joint("rail", "prismatic", "base", "carriage", axis=(1, 0, 0), extra=limits),
+            joint("tilt", "revolute", "carriage", "turret", (0, 0, 0.7), axis=(0, 1, 0)),
+            joint("roll", "revolute", "turret", "tool", (0, 0, 0.3)),
+        )
+    )  # fmt: skip
+    wanted = arm.at([0.4, 0.9, 0.2]).pose.copy()
+    np.testing.assert_allclose(inverse_kinematics(arm, wanted).q.T, [[0.4, 0.9, 0.2]], atol=1e-9)
+    # turned about the tool axis by any angle, tip and axis stay
+    for task, count in (("axis", 1), ("position", 2)):
+        found = inverse_kinematics(arm, wanted, task=task)
+        tilts = np.unique(np.round(found.q[1], 6))
+        assert len(tilts) == count
+        reached = arm.at_columns(found.q).pose
+        assert np.abs(reached[:3, 3] - wanted[:3, 3, None]).max() < 1e-9
+    axis = inverse_kinematics(arm, wanted, task="axis")
+    assert np.abs(arm.at_columns(axis.q).pose[:3, 2] - wanted[:3, 2, None]).max() < 1e-9
+
+
+def test_more_joints_than_constraints_stay_within_their_limits():
+    arm = planar_arm(0.1)
+    long = chain_of(
+        robot(
+            link("base"), *(link(f"link{k}") for k in range(5)),
+            *(
+                joint(f"joint{k}", "revolute", "base" if not k else f"link{k - 1}", f"link{k}", (0.3 * (k > 0), 0, 0),
+                      axis=(0, 0, 1) if k % 2 else (0, 1, 0), extra='<limit lower="-1" upper="1" effort="1" velocity="1"/>')
+                for k in range(4)
+            ),
+            joint("flange", "fixed", "link3", "link4", (0.3, 0, 0)),
+        )
+    )  # fmt: skip
+    q = np.array([0.5, -0.4, 0.8, 0.6])
+    found = inverse_kinematics(long, long.at(q).pose, task="position")
+    assert found.q.shape[1] > 1
+    assert (np.abs(found.q) <= 1).all()
+    assert np.abs(long.at_columns(found.q).pose[:3, 3] - long.at(q).pose[:3, 3, None]).max() < 1e-9
+    # only folded back on itself does the tip come so near
+    assert inverse_kinematics(long, at(0.1, 0, 0.05), task="position").poses().status == ("limit",)
+    assert inverse_kinematics(arm, at(0, 0, 9), task="position").poses().status == ("unreachable",)
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({"wanted": np.zeros((4, 4))}, "the wanted pose 0 is no rigid motion: its rotation must be orthogonal"),
+        ({"wanted": np.diag([1.0, 1, -1, 1])}, "no rigid motion"),
+        ({"wanted": np.eye(3)}, r"the wanted poses have the shape \(3, 3\), expected \(4, 4\) or \(4, 4, N\)"),
+        ({"wanted": np.zeros((4, 4, 0))}, r"have the shape \(4, 4, 0\)"),
+        ({"wanted": np.eye(4), "task": "attitude"}, "task must be pose or axis or position"),
+        ({"wanted": np.eye(4), "tool_axis": (0, 0, 0)}, "the tool axis has length zero"),
+        ({"wanted": np.eye(4), "reference": (0, 0, 0)}, "3 joint values for 2 joints"),
+    ],
+)  # fmt: skip
+def test_wrong_calls_are_refused(given, message):
+    with pytest.raises(InputError, match=message):
+        inverse_kinematics(planar_arm(-3), **given)
+    with pytest.raises(InputError, match="2 names for 1 wanted poses"):
+        inverse_kinematics(planar_arm(-3), at(0.5, 0.5), task="position").poses(("one", "two"))
