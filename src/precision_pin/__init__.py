@@ -53,6 +53,12 @@ if TYPE_CHECKING:
     from precision_pin.robot import mcpc as mcpc
     from precision_pin.robot.chain import Chain as Chain
     from precision_pin.robot.chain import Posture as Posture
+    from precision_pin.robot.inverse_kinematics import inverse_kinematics as inverse_kinematics
+    from precision_pin.robot.pose_sources.joint_grid import joint_grid as joint_grid
+    from precision_pin.robot.pose_sources.orientation import Orientation as Orientation
+    from precision_pin.robot.pose_sources.place_grid import box_places as box_places
+    from precision_pin.robot.pose_sources.place_grid import place_grid as place_grid
+    from precision_pin.robot.pose_sources.place_grid import plane_places as plane_places
     from precision_pin.robot.postures import Postures as Postures
     from precision_pin.sampling import monte_carlo as monte_carlo
     from precision_pin.sampling.many_poses import sample_poses as sample_poses
@@ -82,6 +88,7 @@ _HOMES: Final = {
     "Measurement": "analyses.calibration.measurement",
     "MonteCarloResult": "sampling.result",
     "Normal": "draws.laws",
+    "Orientation": "robot.pose_sources.orientation",
     "Posture": "robot.chain",
     "PosesResult": "sampling.poses_result",
     "Postures": "robot.postures",
@@ -95,6 +102,7 @@ _HOMES: Final = {
     "TruncatedNormal": "draws.laws",
     "TwoPoint": "draws.laws",
     "Uniform": "draws.laws",
+    "box_places": "robot.pose_sources.place_grid",
     "budget": "analyses.budget.budget",
     "calibrate": "analyses.calibration.calibrate",
     "compensate": "analyses.compensation.compensate",
@@ -102,10 +110,14 @@ _HOMES: Final = {
     "exact_law": "analyses.exact_law.exact_law",
     "forecast_calibration": "analyses.calibration.forecast",
     "identifiability": "analyses.calibration.identifiability",
+    "inverse_kinematics": "robot.inverse_kinematics",
+    "joint_grid": "robot.pose_sources.joint_grid",
     "map_poses": "analyses.map.map_poses",
     "moments": "analyses.moments.moments",
     "monte_carlo": "sampling",
+    "place_grid": "robot.pose_sources.place_grid",
     "plan_calibration": "analyses.calibration.plan",
+    "plane_places": "robot.pose_sources.place_grid",
     "pose_covariance": "analyses.map.between_poses",
     "progress": "display.progress",
     "reliability": "analyses.reliability.reliability",

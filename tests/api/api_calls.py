@@ -250,6 +250,41 @@ def calls() -> Iterator[Call]:
         findings="empty list, empty tuple", threads=OPTIONAL, progress="nothing, true, function, type",
     )  # fmt: skip
     yield call(
+        "inverse_kinematics",
+        pp.inverse_kinematics,
+        {
+            "chain": chain, "wanted": at.posture.pose, "task": "axis", "tool_axis": (1.0, 0.0, 0.0), "reference": POSE,
+            "progress": None,
+        },
+        {"wanted": "wanted pose", "reference": "joint"},
+        reference=OPTIONAL, progress="nothing, true, function, type",
+    )  # fmt: skip
+    yield call("joint_grid", pp.joint_grid, {"chain": chain, "values": {name: [0.0, 0.5] for name in chain.joint_names}},
+               {"values": "values|joint"})  # fmt: skip
+    yield call("box_places", pp.box_places, {"x": [0.3, 0.4], "y": [0.0], "z": 0.2}, dict.fromkeys("xyz", "values"),
+               x=NUMBER, y=NUMBER, z=NUMBER)  # fmt: skip
+    yield call(
+        "plane_places",
+        pp.plane_places,
+        {"origin": [0.3, 0.0, 0.2], "u": [1.0, 0.0, 0.0], "v": [0.0, 0.0, 1.0], "along_u": [0.0, 0.1], "along_v": [0.0]},
+        {"u": "direction u", "v": "direction v", "along_u": "values of u", "along_v": "values of v"},
+        along_u=NUMBER, along_v=NUMBER,
+    )  # fmt: skip
+    yield call(
+        "place_grid",
+        pp.place_grid,
+        {
+            "chain": chain, "places": np.array([[0.3], [0.0], [0.2]]), "orientations": pp.Orientation.free(),
+            "branches": "all", "reference": POSE, "progress": None,
+        },
+        {"reference": "joint"},
+        reference=OPTIONAL, progress="nothing, true, function, type",
+    )  # fmt: skip
+    yield call("Orientation.given", pp.Orientation.given, {"rotation": np.eye(3), "label": "upright"},
+               {"rotation": "orientation"}, label="word, digits, empty text")  # fmt: skip
+    yield call("Orientation.along", pp.Orientation.along,
+               {"direction": (0.0, 0.0, -1.0), "angles": 4, "tool_axis": (1.0, 0.0, 0.0)}, angles=OPTIONAL)  # fmt: skip
+    yield call(
         "compensate",
         pp.compensate,
         {

@@ -22,7 +22,7 @@ from precision_pin.cli.options import (
     pose_options,
     seed_option,
 )
-from precision_pin.cli.poses import check_poses, read_poses
+from precision_pin.cli.poses import check_poses, pose_files, read_poses
 from precision_pin.cli.progress import compile_sampler, progress_bar
 from precision_pin.cli.streams import echo_data, say
 from precision_pin.cli.targets import Outputs
@@ -107,10 +107,10 @@ def _ask(shared: _Shared, name: str) -> _Question:
     check_poses(shared)
     outputs = Outputs({"--json": shared["json_path"]}, shared["out"], (f"{name}.*", f"{name}-*"))
     outputs.check()
-    outputs.refuse_inputs([] if shared["trajectory"] is None else [shared["trajectory"]])
-    sheet = read_sheet(shared["inputs"], shared["tip"], shared["base"], shared["package_dirs"], outputs)
-    poses = [pose.where for pose in read_poses(sheet, shared)]
-    return _Question(sheet, ErrorModel.from_sheet(sheet), poses)
+    outputs.refuse_inputs(pose_files(shared))
+    sheet = read_sheet(shared, outputs)
+    asked = read_poses(sheet, shared)
+    return _Question(asked.noted_in(sheet), ErrorModel.from_sheet(sheet), [pose.where for pose in asked])
 
 
 def make_command(declaration: Declaration) -> click.Command:

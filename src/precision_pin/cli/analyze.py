@@ -24,7 +24,7 @@ from precision_pin.cli.options import (
     seed_option,
     spec_option,
 )
-from precision_pin.cli.poses import check_poses, read_poses
+from precision_pin.cli.poses import check_poses, pose_files, read_poses
 from precision_pin.cli.progress import compile_sampler, progress_bar
 from precision_pin.cli.streams import echo_data, say
 from precision_pin.cli.targets import Outputs
@@ -120,15 +120,16 @@ def command(
     if resume and journal is None:
         raise click.UsageError("--resume needs the run's --journal FILE")
     check_poses(arm)
-    may_be_several = arm["all_poses"] or arm["trajectory"] or max(len(arm["pose_names"]), len(arm["qs"])) > 1
+    may_be_several = arm["all_poses"] or pose_files(arm) or max(len(arm["pose_names"]), len(arm["qs"])) > 1
     outputs = Outputs(
         {"--journal": journal, "--json": json_path}, out, (*FILES, *(FILES_OF_POSES if may_be_several else ()))
     )
     outputs.check()
-    outputs.refuse_inputs([] if arm["trajectory"] is None else [arm["trajectory"]])
-    sheet = read_sheet(arm["inputs"], arm["tip"], arm["base"], arm["package_dirs"], outputs)
+    outputs.refuse_inputs(pose_files(arm))
+    sheet = read_sheet(arm, outputs)
     error_model = ErrorModel.from_sheet(sheet)
     poses = read_poses(sheet, arm)
+    sheet = poses.noted_in(sheet)
     if len(poses) > 1:
         at_one = {"--until": bool(until), "--processes": processes, "--dask": dask, "--journal": journal}
         refuse_of_one_pose([option for option, value in at_one.items() if value], len(poses))

@@ -18,7 +18,7 @@ from precision_pin.cli.options import (
     pose_options,
     seed_option,
 )
-from precision_pin.cli.poses import check_poses, read_poses
+from precision_pin.cli.poses import check_poses, pose_files, read_poses
 from precision_pin.cli.streams import echo_data
 from precision_pin.cli.targets import Outputs
 from precision_pin.cli.terminal import echo_table
@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from precision_pin.analyses.calibration.measurement import Measurement
     from precision_pin.display.stored import JsonResult
     from precision_pin.model.error_model import ErrorModel
+    from precision_pin.robot.pose_set import PoseSet
     from precision_pin.sheet import Sheet
 
 __all__ = ["command"]
@@ -41,6 +42,8 @@ _RANDOM: Final = 50
 """Poses of a forecast where none are given."""
 _CANDIDATES: Final = 200
 """Candidates of a plan where none are given."""
+_MOST: Final = 10_000
+"""The most poses of a file."""
 
 
 class _SetUp(TypedDict):
@@ -121,18 +124,17 @@ def command(forecast: bool, count: int | None, **options: Unpack[_Options]) -> N
     from precision_pin.model.error_model import ErrorModel
     from precision_pin.outputs.calibration.table import calibration_table, forecast_table, plan_table
 
-    data, inputs = _split(options["inputs"])
+    data, options["inputs"] = _split(options["inputs"])
     _check_usage(forecast, count, data, options)
     outputs = Outputs({"--json": options["json_path"], "--urdf": options["urdf"]}, options["out"], ("calibration*",))
     outputs.check()
-    read = [name for name in (data, options["trajectory"]) if name is not None]
-    outputs.refuse_inputs(read)
+    outputs.refuse_inputs([*([] if data is None else [data]), *pose_files(options)])
     measurement = _measurement(options)
-    sheet = read_sheet(inputs, options["tip"], options["base"], options["package_dirs"], outputs)
+    sheet = read_sheet(options, outputs)
     model = ErrorModel.from_sheet(sheet)
     at = _task_poses(model, options["at_names"])
     if count is not None:
-        poses = _measured_poses(sheet, options, _CANDIDATES)
+        poses, sheet = _measured_poses(sheet, options, _CANDIDATES)
         plan = plan_calibration(
             model,
             poses,
@@ -147,7 +149,7 @@ def command(forecast: bool, count: int | None, **options: Unpack[_Options]) -> N
         _answer(plan, plan_table, "plan_figure", "calibration-plan", options)
         return
     if forecast:
-        poses = _measured_poses(sheet, options, _RANDOM)
+        poses, sheet = _measured_poses(sheet, options, _RANDOM)
         forecast_result = forecast_calibration(model, poses, measurement, at=at, findings=sheet.findings)
         echo_warnings(forecast_result.findings[len(sheet.findings) :])
         _answer(forecast_result, forecast_table, "forecast_figure", "calibration-forecast", options)
@@ -175,7 +177,7 @@ def _split(arguments: tuple[str, ...]) -> tuple[str | None, tuple[str, ...]]:
 
 def _check_usage(forecast: bool, count: int | None, data: str | None, options: _Options) -> None:
     check_poses(options)
-    chosen = bool(options["pose_names"] or options["all_poses"] or options["qs"] or options["trajectory"])
+    chosen = _gives_poses(options)
     ahead = ["--forecast"] * forecast + ["--plan"] * (count is not None)
     if data is None and not ahead:
         raise _usage("nothing to do: give readings (DATA.csv), --forecast or --plan M")
@@ -191,6 +193,10 @@ def _check_usage(forecast: bool, count: int | None, data: str | None, options: _
         raise _usage("--random and given poses exclude each other")
     if data is None and (options["no_prior"] or options["urdf"] is not None):
         raise _usage("--no-prior and --urdf belong to a calibration with data")
+
+
+def _gives_poses(options: PoseOptions) -> bool:
+    return bool(options["pose_names"] or options["all_poses"] or options["qs"] or pose_files(options))
 
 
 def _usage(message: str) -> InputError:
@@ -235,16 +241,20 @@ def _task_poses(model: ErrorModel, names: tuple[str, ...]) -> list[str] | None:
     return list(names) or None
 
 
-def _measured_poses(sheet: Sheet, options: _Options, count: int) -> Any:
-    """Return joint values ``(n, P)`` of the poses that the options give, or random ones."""
+def _measured_poses(sheet: Sheet, options: _Options, count: int) -> tuple[PoseSet, Sheet]:
+    """Return the poses that the options give, or random ones, and the sheet with warnings about poses left out."""
     import numpy as np
 
     from precision_pin.analyses.calibration.candidates import random_poses
+    from precision_pin.robot.pose_set import PoseSet
 
-    if options["pose_names"] or options["all_poses"] or options["qs"] or options["trajectory"]:
-        listed = [pose.where for pose in read_poses(sheet, options)]
-        return np.array([sheet.poses[one] if isinstance(one, str) else one for one in listed]).T
-    return random_poses(sheet.chain, count if options["random"] is None else options["random"], options["seed"])
+    if _gives_poses(options):
+        asked = read_poses(sheet, options, _MOST)
+        values = [sheet.poses[one.where] if isinstance(one.where, str) else one.where for one in asked]
+        names = tuple(one.name for one in asked)
+        return PoseSet.at(sheet.chain, np.ascontiguousarray(np.array(values).T), names), asked.noted_in(sheet)
+    number = count if options["random"] is None else options["random"]
+    return PoseSet.at(sheet.chain, random_poses(sheet.chain, number, options["seed"])), sheet
 
 
 def _answer(result: JsonResult, table: Callable[[Any], str], figure: str, name: str, options: _Options) -> None:

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Unpack
 
 import click
 
 from precision_pin.cli import EXIT_INPUT
 from precision_pin.cli.inputs import find_inputs, read_inputs
 from precision_pin.cli.notes import echo_note, quiet_option
-from precision_pin.cli.options import Command, chain_options
+from precision_pin.cli.options import ChainOptions, Command, chain_options
 from precision_pin.cli.streams import echo_data
 from precision_pin.errors import Finding, InputError
 
@@ -26,16 +26,14 @@ __all__ = ["command"]
 @chain_options
 @quiet_option
 @click.option("--json", "as_json", is_flag=True, help="Print the findings as JSON.")
-def command(
-    inputs: tuple[str, ...], tip: str | None, base: str | None, package_dirs: tuple[str, ...], as_json: bool
-) -> int:
+def command(as_json: bool, **arm: Unpack[ChainOptions]) -> int:
     """Check a URDF, or a sheet and the URDF it names, and list every finding with file and line.
 
     A sheet is tried at each of its poses, as `analyze` would take it.
 
     Exit code 2 if there is an error; warnings alone pass.
     """
-    findings = sorted(_findings(inputs, tip, base, package_dirs), key=lambda finding: finding.severity != "error")
+    findings = sorted(_findings(arm), key=lambda finding: finding.severity != "error")
     errors = [finding for finding in findings if finding.severity == "error"]
     if as_json:
         groups = {"errors": errors, "warnings": findings[len(errors) :]}
@@ -48,23 +46,23 @@ def command(
     return EXIT_INPUT if errors else 0
 
 
-def _findings(
-    inputs: tuple[str, ...], tip: str | None, base: str | None, package_dirs: tuple[str, ...]
-) -> tuple[Finding, ...]:
+def _findings(arm: ChainOptions) -> tuple[Finding, ...]:
     from precision_pin.robot import urdf
 
     try:
-        found = find_inputs(inputs, sheet_needed=False)
+        found = find_inputs(arm["inputs"], sheet_needed=False)
     except InputError as error:
         return error.findings
     if found.sheet is None:
         assert found.robot is not None
-        findings = urdf.check(found.robot, package_dirs=package_dirs)
-        if (tip is None and base is None) or any(finding.severity == "error" for finding in findings):
+        if arm["changes"]:
+            return (Finding("error", "E_USAGE", "--set changes a sheet, and none is given"),)
+        findings = urdf.check(found.robot, package_dirs=arm["package_dirs"])
+        if (arm["tip"] is None and arm["base"] is None) or any(finding.severity == "error" for finding in findings):
             return findings
-        return findings + _chain_findings(found.robot, tip, base)
+        return findings + _chain_findings(found.robot, arm["tip"], arm["base"])
     try:
-        sheet = read_inputs(found, tip, base, package_dirs)
+        sheet = read_inputs(found, arm)
     except InputError as error:
         return error.findings
     return sheet.findings + _pose_findings(sheet)

@@ -18,7 +18,7 @@ from precision_pin.cli.options import (
     inputs_argument,
     pose_options,
 )
-from precision_pin.cli.poses import MOST_ROWS, check_poses, read_pose_set
+from precision_pin.cli.poses import MOST_ROWS, check_poses, pose_files, read_pose_set
 from precision_pin.cli.progress import progress_bar
 from precision_pin.cli.streams import echo_data, say
 from precision_pin.cli.targets import Outputs
@@ -87,8 +87,8 @@ def command(**options: Unpack[_Options]) -> int:
         ("compensation.*", "corrected.csv"),
     )
     outputs.check()
-    outputs.refuse_inputs([] if options["trajectory"] is None else [options["trajectory"]])
-    sheet = read_sheet(options["inputs"], options["tip"], options["base"], options["package_dirs"], outputs)
+    outputs.refuse_inputs(pose_files(options))
+    sheet = read_sheet(options, outputs)
     poses, columns = _poses(sheet, options)
     with progress_bar(len(poses), "correcting", "poses") as progress:
         result = compensate(

@@ -65,7 +65,7 @@ def command(units: int, first: int, seed: int, out: str, **arm: Unpack[OnePoseOp
     folder = Path(out)
     outputs = Outputs(folder=out, names=FILES)
     outputs.check()
-    sheet = read_sheet(arm["inputs"], arm["tip"], arm["base"], arm["package_dirs"], outputs)
+    sheet = read_sheet(arm, outputs)
     model = ErrorModel.from_sheet(sheet)
     writer = AsBuilt.prepare(model, chosen_pose(sheet, arm["pose"], arm["q"]), sheet=Path(sheet.file).name)
     echo_findings((*writer.at.findings("exact"), *model.statics_findings(writer.at)))

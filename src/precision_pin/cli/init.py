@@ -9,7 +9,7 @@ from pathlib import Path
 import click
 
 from precision_pin.cli.notes import echo_note, quiet_option
-from precision_pin.cli.options import Command, chain_options
+from precision_pin.cli.options import Command, robot_options
 from precision_pin.cli.streams import echo_data
 from precision_pin.cli.targets import Outputs
 from precision_pin.display.files import write_text
@@ -21,7 +21,7 @@ __all__ = ["command"]
 
 @click.command("init", cls=Command)
 @click.argument("robot", metavar="ROBOT.urdf")
-@chain_options
+@robot_options
 @click.option("--out", metavar="FILE", help="The sheet; ROBOT.errors.yaml in this folder if left out, - for stdout.")
 @quiet_option
 @click.option("--force", is_flag=True, help="Overwrite the sheet if it is there.")

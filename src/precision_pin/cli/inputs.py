@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Final, final
 import click
 
 from precision_pin.cli.notes import echo_note, echo_warnings
-from precision_pin.cli.options import describe_excess
+from precision_pin.cli.options import ChainOptions, describe_excess
 from precision_pin.errors import Finding, InputError
 from precision_pin.inputs.files import noted_inputs
 from precision_pin.robot.examples import PAPER_SHEET, resolve_robot, shipped_sheet, similar_file, starting_sheet
@@ -111,13 +111,7 @@ def _sheet_of(name: str, robot: Path) -> Path:
     )
 
 
-def read_sheet(
-    arguments: Sequence[str],
-    tip: str | None,
-    base: str | None,
-    package_dirs: tuple[str, ...],
-    outputs: Outputs | None = None,
-) -> Sheet:
+def read_sheet(options: ChainOptions, outputs: Outputs | None = None) -> Sheet:
     """Read the sheet and robot of a command line and print the warnings.
 
     Raises
@@ -126,22 +120,22 @@ def read_sheet(
         Anything in them is wrong, or an output would be written over one of the files that were read.
     """
     with noted_inputs() as inputs:
-        sheet = read_inputs(find_inputs(arguments, sheet_needed=True), tip, base, package_dirs)
+        sheet = read_inputs(find_inputs(options["inputs"], sheet_needed=True), options)
     if outputs is not None:
         outputs.refuse_inputs(inputs)
     echo_warnings(sheet.findings)
     return sheet
 
 
-def read_inputs(found: Inputs, tip: str | None, base: str | None, package_dirs: tuple[str, ...]) -> Sheet:
-    """Read the sheet of a command line, with its robot if one is given.
+def read_inputs(found: Inputs, options: ChainOptions) -> Sheet:
+    """Read the sheet of a command line, with its robot if one is given, and the changes of ``--set``.
 
     Raises
     ------
     InputError
         Anything in them is wrong; first that the sheet is of another robot, if it names joints or links that this has not.
     """
-    from precision_pin.sheet import Overrides, read
+    from precision_pin.sheet import Overrides, parse_change, read
 
     assert found.sheet is not None
     if not os.path.lexists(found.sheet):
@@ -149,7 +143,9 @@ def read_inputs(found: Inputs, tip: str | None, base: str | None, package_dirs: 
         hint = f"did you mean {similar}?" if similar else "precision-pin init ROBOT.urdf writes one"
         raise InputError([Finding("error", "E_FILE", f"the sheet does not exist; {hint}", str(found.sheet))])
     try:
-        return read(found.sheet, overrides=Overrides(found.robot, tip, base, package_dirs))
+        changes = [parse_change(text) for text in options["changes"]]
+        overrides = Overrides(found.robot, options["tip"], options["base"], options["package_dirs"])
+        return read(found.sheet, overrides=overrides, changes=changes)
     except InputError as error:
         own = _other_robot(found) if any(finding.code == "E_NAME" for finding in error.findings) else None
         if own is None:

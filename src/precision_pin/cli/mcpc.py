@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import dataclasses
 import json
+from typing import Unpack
 
 import click
 
 from precision_pin.cli.inputs import echo_findings, find_inputs, read_inputs
 from precision_pin.cli.notes import quiet_option
-from precision_pin.cli.options import Command, chain_options
+from precision_pin.cli.options import ChainOptions, Command, chain_options
 from precision_pin.cli.streams import echo_data
+from precision_pin.errors import Finding, InputError
 
 __all__ = ["command"]
 
@@ -20,9 +22,7 @@ __all__ = ["command"]
 @chain_options
 @quiet_option
 @click.option("--json", "as_json", is_flag=True, help="Print the table as JSON, in rad and m.")
-def command(
-    inputs: tuple[str, ...], tip: str | None, base: str | None, package_dirs: tuple[str, ...], as_json: bool
-) -> None:
+def command(as_json: bool, **arm: Unpack[ChainOptions]) -> None:
     """Print the MCPC parameters of a chain, laid out as the paper's Table 1 (degrees and mm).
 
     Without arguments: the paper's arm.
@@ -32,13 +32,16 @@ def command(
     from precision_pin.robot.chain import Chain
     from precision_pin.robot.chain_findings import chain_findings
 
-    found = find_inputs(inputs, sheet_needed=False)
+    found = find_inputs(arm["inputs"], sheet_needed=False)
     if found.sheet is not None:
-        sheet = read_inputs(found, tip, base, package_dirs)
+        sheet = read_inputs(found, arm)
         chain, warnings = sheet.chain, sheet.findings
     else:
         assert found.robot is not None
-        chain = Chain.from_robot(urdf.read(found.robot, package_dirs=package_dirs), tip, base)
+        if arm["changes"]:
+            raise InputError([Finding("error", "E_USAGE", "--set changes a sheet, and none is given")])
+        robot = urdf.read(found.robot, package_dirs=arm["package_dirs"])
+        chain = Chain.from_robot(robot, arm["tip"], arm["base"])
         warnings = chain_findings(chain)
     echo_findings(warnings)
     table = mcpc.from_chain(chain)

@@ -24,6 +24,7 @@ __all__ = [
     "model_option",
     "one_pose_options",
     "pose_options",
+    "robot_options",
     "seed_option",
     "spec_option",
 ]
@@ -83,6 +84,18 @@ class SamplingCommand(Command):
 
 
 def chain_options(command: Decorated) -> Decorated:
+    """Add the options that change a sheet and cut a chain out of its robot."""
+    changes = click.option(
+        "--set",
+        "changes",
+        multiple=True,
+        metavar="PATH=VALUE",
+        help="Change the sheet: 'axis_install[*].radius=0.05 mm', 'parameters.a1=±0.1 mm'; repeats.",
+    )
+    return robot_options(changes(command))
+
+
+def robot_options(command: Decorated) -> Decorated:
     """Add the options that cut a chain out of a robot."""
     for option in (
         click.option(
@@ -101,9 +114,10 @@ def chain_options(command: Decorated) -> Decorated:
 
 
 class ChainOptions(TypedDict):
-    """The chain: :data:`inputs_argument` and :func:`chain_options`."""
+    """The chain and changes of the sheet: :data:`inputs_argument` and :func:`chain_options`."""
 
     inputs: tuple[str, ...]
+    changes: tuple[str, ...]
     tip: str | None
     base: str | None
     package_dirs: tuple[str, ...]
@@ -116,6 +130,7 @@ class PoseOptions(TypedDict):
     all_poses: bool
     qs: tuple[str, ...]
     trajectory: str | None
+    grid: str | None
 
 
 class OnePoseOptions(ChainOptions):
@@ -143,6 +158,11 @@ spec_option: Final = click.option(
 def pose_options(command: Decorated) -> Decorated:
     """Add the options of :class:`PoseOptions`, which :func:`precision_pin.cli.poses.read_poses` turns into poses."""
     for option in (
+        click.option(
+            "--grid",
+            metavar="FILE.yaml",
+            help="Poses: a grid over joint values, or over places by inverse kinematics.",
+        ),
         click.option(
             "--trajectory",
             metavar="FILE.csv",

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any, Final, Literal, Unpack, final
+from typing import TYPE_CHECKING, Final, Literal, Unpack, final
 
 import click
 
@@ -23,7 +23,7 @@ from precision_pin.cli.options import (
     seed_option,
     spec_option,
 )
-from precision_pin.cli.poses import check_poses, read_poses
+from precision_pin.cli.poses import AskedPoses, check_poses, pose_files, read_poses
 from precision_pin.cli.progress import compile_sampler, progress_bar
 from precision_pin.cli.streams import say
 from precision_pin.cli.targets import PageOutput
@@ -75,13 +75,13 @@ def command(
     check_seed(seed)
     specifications = [specification(text) for text in specs]
     check_poses(arm)
-    trajectory = arm["trajectory"]
     target = PageOutput(out, "report.html")
     target.check()
-    target.outputs.refuse_inputs([] if trajectory is None else [trajectory])
+    target.outputs.refuse_inputs(pose_files(arm))
     package_dirs = arm["package_dirs"]
-    sheet = read_sheet(arm["inputs"], arm["tip"], arm["base"], package_dirs, target.outputs)
-    poses = _choose_poses(sheet, arm)
+    sheet = read_sheet(arm, target.outputs)
+    asked = _choose_poses(sheet, arm)
+    sheet, poses = asked.noted_in(sheet), [pose.where for pose in asked]
     from precision_pin.model.error_model import ErrorModel
     from precision_pin.outputs.report.collect import collect_poses, count_steps
     from precision_pin.outputs.report.page import page
@@ -90,7 +90,8 @@ def command(
     compile_sampler(space)
     compile_sampler(space, model)
     options: dict[str, tuple[str | None, ...]] = {"--pose": arm["pose_names"], "--q": arm["qs"]}
-    options |= {"--trajectory": (None if trajectory is None else _name(trajectory),)}
+    files = {"--trajectory": arm["trajectory"], "--grid": arm["grid"]}
+    options |= {option: (None if file is None else _name(file),) for option, file in files.items()}
     options |= {"--tip": (arm["tip"],), "--base": (arm["base"],)}
     options |= {"--package-dir": tuple(map(_name, package_dirs)), "--samples": (str(samples),), "--seed": (str(seed),)}
     options |= {"--model": (model,), "--spec": specs, "--out": ("report.html",)}
@@ -119,12 +120,12 @@ def command(
     return 0 if all(result.met for one in found for result in one.analysis.summary.specifications) else EXIT_SPEC
 
 
-def _choose_poses(sheet: Sheet, arm: PoseOptions) -> list[Any]:
+def _choose_poses(sheet: Sheet, arm: PoseOptions) -> AskedPoses:
     once: PoseOptions = {**arm, "pose_names": tuple(dict.fromkeys(arm["pose_names"]))}
     poses = read_poses(sheet, once, MOST_POSES)
     if len(poses) > MOST_POSES:
         raise InputError(f"{len(poses)} poses; a report shows at most {MOST_POSES}; analyze takes any number")
-    return [pose.where for pose in poses]
+    return poses
 
 
 @final

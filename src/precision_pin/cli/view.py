@@ -24,7 +24,7 @@ from precision_pin.cli.options import (
     seed_option,
     spec_option,
 )
-from precision_pin.cli.poses import AskedPose, check_poses, read_poses
+from precision_pin.cli.poses import AskedPose, check_poses, pose_files, read_poses
 from precision_pin.cli.progress import compile_sampler, progress_bar
 from precision_pin.cli.targets import PageOutput
 from precision_pin.errors import Finding, InputError
@@ -94,7 +94,6 @@ def command(
     if samples > MOST_POINTS:
         raise InputError(f"--samples {samples} is more than a page can show; at most {MOST_POINTS}")
     check_poses(arm)
-    trajectory = arm["trajectory"]
     if out is not None and (port is not None or no_browser):
         option = "--no-browser" if port is None else "--port"
         raise InputError([Finding("error", "E_USAGE", f"{option} is for a page that is served, without --out")])
@@ -102,12 +101,12 @@ def command(
     outputs = None if target is None else target.outputs
     if target is not None and outputs is not None:
         target.check()
-        outputs.refuse_inputs([] if trajectory is None else [trajectory])
+        outputs.refuse_inputs(pose_files(arm))
 
     kept: list[bool] = []
 
     def read() -> Sheet:
-        return read_sheet(arm["inputs"], arm["tip"], arm["base"], arm["package_dirs"], outputs)
+        return read_sheet(arm, outputs)
 
     def page_of(sheet: Sheet) -> str:
         shown, remarks = _sampled(_poses(sheet, arm), sheet, samples, seed, model)
@@ -126,7 +125,7 @@ def command(
 
     sheet = read()
     if target is None:
-        files = [sheet.file, sheet.chain.robot.file, *([trajectory] if trajectory is not None else [])]
+        files = [sheet.file, sheet.chain.robot.file, *pose_files(arm)]
         with unwinding():
             _serve(page_of, sheet, read, [Path(file) for file in files], port or 0, open_browser=not no_browser)
         return 0

@@ -9,7 +9,8 @@ from contextlib import contextmanager
 from typing import Any
 
 from precision_pin.compile_ahead import COMPILING, announced, shown_by
-from precision_pin.inputs.arguments import check_number, check_text, check_whole
+from precision_pin.errors import InputError
+from precision_pin.inputs.arguments import check_number, check_text, check_whole, shown
 
 __all__ = ["compilation", "progress", "steps_to"]
 
@@ -63,7 +64,15 @@ def progress(
 def steps_to(
     show: Callable[[int], None] | bool | None, total: int, unit: str = "samples"
 ) -> Iterator[Callable[[int], None]]:
-    """Yield the function that takes each step of an analysis, for its argument ``progress``: a function, a bar or nothing."""
+    """Yield the function that takes each step of an analysis, for its argument ``progress``: a function, a bar or nothing.
+
+    Raises
+    ------
+    InputError
+        It is none of them.
+    """
+    if show is not None and not isinstance(show, bool) and not callable(show):
+        raise InputError(f"progress must be a function, or True for a bar, got {shown(show)}")
     if show is True:
         with progress(total, unit=unit) as step:
             yield step

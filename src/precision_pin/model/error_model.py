@@ -21,14 +21,14 @@ from precision_pin.inputs.arguments import (
     check_instance,
     check_items,
     check_mapping,
-    check_name,
     check_path,
 )
 from precision_pin.model.about_rest import terms_about_rest
 from precision_pin.model.equilibrium import settle
 from precision_pin.model.pose_model import PoseModel, joint_value, spread_of
 from precision_pin.robot.chain import Chain, Place, Posture
-from precision_pin.sheet import Sheet
+from precision_pin.robot.chain_findings import limit_findings
+from precision_pin.sheet import Sheet, read_data
 from precision_pin.sheet import read as read_sheet
 from precision_pin.terms.bound_source import BoundSource, load_posture, terms_at_many
 from precision_pin.terms.labelled_sources import draw_owners, draw_words, labels, own_draws, with_quantities
@@ -37,7 +37,7 @@ from precision_pin.terms.table import TableLayout, TermTable
 from precision_pin.terms.term import Term, TermsOfPose
 from precision_pin.typing import Array
 
-__all__ = ["ErrorModel", "limit_findings"]
+__all__ = ["ErrorModel"]
 
 
 _AT_ONCE: Final = 256
@@ -77,6 +77,8 @@ class ErrorModel:
         As given.
     assumed
         Labels of the sources that the sheet marks as assumptions.
+    sheet
+        The sheet it was read from; ``None`` for a model made in Python.
     labels
         Each source's label.
     space
@@ -102,6 +104,7 @@ class ErrorModel:
         self.space = with_quantities(drawn, self.sources, self.labels, chain)
         self.poses = _read_poses(chain, {} if poses is None else poses)
         self.assumed: tuple[str, ...] = ()
+        self.sheet: Sheet | None = None
         self._layout: TableLayout | None = None
 
     @classmethod
@@ -127,32 +130,63 @@ class ErrorModel:
         return cls.from_sheet(sheet)
 
     @classmethod
+    @warns_at_end
+    def from_dict(
+        cls, data: Mapping[str, object], folder: str | os.PathLike[str] = ".", kinds: Iterable[type[Source]] = ()
+    ) -> ErrorModel:
+        """Return the model of a sheet given as a dictionary.
+
+        Parameters
+        ----------
+        data
+            The keys and values of the YAML sheet: text, numbers, lists and dictionaries. A number with a unit is text.
+        folder
+            Folder that the names of the robot and of tables are relative to.
+        kinds
+            Source classes beyond those of the package.
+
+        Raises
+        ------
+        InputError
+            Carries all findings, each with the path of its key.
+        """
+        listed = check_items("the kinds of sources", kinds, type)
+        sheet = read_data(check_mapping("the sheet", data), check_path("the folder", folder), listed)
+        add(sheet.findings)
+        return cls.from_sheet(sheet)
+
+    @classmethod
     def from_sheet(cls, sheet: Sheet) -> ErrorModel:
         """Return the model of a sheet that has been read."""
         check_instance("sheet", sheet, Sheet, "as sheet.read returns it; ErrorModel.load takes a path")
         model = cls(sheet.chain, sheet.space, sheet.sources, sheet.poses, sheet.statics)
         model.assumed = tuple(model.labels[k] for k in sheet.assumed)
+        model.sheet = sheet
         return model
 
-    def with_space(self, space: Space) -> ErrorModel:
-        """Return the model with other laws of the same random numbers, such as those left after a calibration.
+    @warns_at_end
+    def with_(self, changes: Mapping[str, object]) -> ErrorModel:
+        """Return the model with some values of its sheet changed, as ``--set`` does.
+
+        Draws keep their names, so that the same seed gives the same robots but for the change.
 
         Parameters
         ----------
-        space
-            It has a component for each of :attr:`space`, under the same name.
+        changes
+            Values by path: ``parameters.a1``, ``axis_install[joint2].radius``, ``payload.mass``, ``statics``; ``*`` stands for
+            anything. Values are those of a sheet, such as ``"0.05 mm"``, ``"±0.1 mm"`` or ``{"normal": "0.2 mrad"}``.
 
         Raises
         ------
-        UnknownNameError
-            A component is missing.
+        InputError
+            The model was not read from a sheet or a dictionary; a path that names nothing; a wrong value.
         """
-        for name in self.space.components:
-            check_name("component", name, space.components)
-        other = ErrorModel(self.chain, Space(), (), self.poses, self.statics)
-        other.sources, other.labels, other.assumed = self.sources, self.labels, self.assumed
-        other.space = with_quantities(space, self.sources, self.labels, self.chain)
-        return other
+        given = check_mapping("the changes", changes)
+        if self.sheet is None:
+            raise InputError("the model was not read from a sheet or a dictionary; make it anew with other sources")
+        sheet = self.sheet.with_changes(given)
+        add(sheet.findings)
+        return type(self).from_sheet(sheet)
 
     def configuration(self, q: ArrayLike | Mapping[str, float] | str | None = None) -> Array:
         """Return joint values in chain order: given in that order, by joint name or by a pose's name; or of the first pose.
@@ -381,22 +415,6 @@ def _bending_findings(at: PoseModel) -> tuple[Finding, ...]:
         f"{20 * turn**2:.1g} % of the deflection"
     )
     return (Finding("warning", "W_DEFLECTION", message),)
-
-
-def limit_findings(chain: Chain, values: Array, names: Sequence[str] = ()) -> tuple[Finding, ...]:
-    """Return a warning if poses ``(n, P)`` are outside the joints' limits: their number, and the name of the first of them."""
-    outside = chain.configurations.outside(values)
-    poses = np.flatnonzero(outside.any(axis=0))
-    if not poses.size:
-        return ()
-    first = int(poses[0])
-    name = (names[first] if names else "") or f"pose {first + 1}"
-    joint = chain.joints[int(np.flatnonzero(outside[:, first])[0])]
-    message = (
-        f"{poses.size:,} of {values.shape[1]:,} poses are outside joint limits, the first of them {name}, with the joint "
-        f"{joint.name} at {values[chain.joint_index(joint.name), first]:.6g} {'m' if joint.kind == 'prismatic' else 'rad'}"
-    )
-    return (Finding("warning", "W_JOINT_LIMIT", message, chain.robot.file, joint.line),)
 
 
 def _read_poses(chain: Chain, poses: Mapping[str, ArrayLike | Mapping[str, float]]) -> dict[str, Array]:

@@ -1,17 +1,21 @@
-"""Warnings about a URDF, for one chain of it: those about its own links, and a summary of the others."""
+"""Warnings about a chain: of its URDF, about its own links with a summary of the others, and of poses outside its limits."""
 
 from __future__ import annotations
 
 import re
 import shlex
 from collections import Counter
+from collections.abc import Sequence
 from typing import Final
+
+import numpy as np
 
 from precision_pin.errors import Finding
 from precision_pin.robot.chain import Chain
 from precision_pin.robot.urdf.findings import shown
+from precision_pin.typing import Array
 
-__all__ = ["chain_findings"]
+__all__ = ["chain_findings", "limit_findings"]
 
 _ABOUT_ONE: Final = re.compile(r"""(?:the )?(link|joint) (?:name )?('(?:[^'\\]|\\.)*'|"(?:[^"\\]|\\.)*")""")
 """Begin of a warning about a link or joint, and of each entry of a warning that lists several."""
@@ -67,3 +71,19 @@ def _subjects(finding: Finding) -> set[str]:
     """Return the links and joints that a warning is about; none if it is about anything else too."""
     named = [_ABOUT_ONE.match(text) for text in finding.subjects or (finding.message,)]
     return {f"{one[1]} {one[2]}" for one in named if one is not None} if all(named) else set()
+
+
+def limit_findings(chain: Chain, values: Array, names: Sequence[str] = ()) -> tuple[Finding, ...]:
+    """Return a warning if poses ``(n, P)`` are outside the joints' limits: their number, and the name of the first of them."""
+    outside = chain.configurations.outside(values)
+    poses = np.flatnonzero(outside.any(axis=0))
+    if not poses.size:
+        return ()
+    first = int(poses[0])
+    name = (names[first] if names else "") or f"pose {first + 1}"
+    joint = chain.joints[int(np.flatnonzero(outside[:, first])[0])]
+    message = (
+        f"{poses.size:,} of {values.shape[1]:,} poses are outside joint limits, the first of them {name}, with the joint "
+        f"{joint.name} at {values[chain.joint_index(joint.name), first]:.6g} {'m' if joint.kind == 'prismatic' else 'rad'}"
+    )
+    return (Finding("warning", "W_JOINT_LIMIT", message, chain.robot.file, joint.line),)

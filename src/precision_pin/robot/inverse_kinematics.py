@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Literal, final
+from typing import Literal, final, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -19,7 +19,10 @@ from precision_pin.robot.pose_set import SINGULAR_BELOW, PoseSet, PoseStatus, sm
 from precision_pin.robot.solution_search import CONSTRAINTS, SolutionSearch, Task
 from precision_pin.typing import Array
 
-__all__ = ["Solutions", "inverse_kinematics"]
+__all__ = ["Branches", "Solutions", "inverse_kinematics"]
+
+Branches = Literal["nearest", "best", "all"]
+"""Which of several solutions."""
 
 
 @final
@@ -37,8 +40,9 @@ class Solutions:
         Rank of the wanted pose to which each leads, ``(M,)``.
     branch
         Number of the solution among those of its wanted pose from 0, the nearest to the reference posture first, ``(M,)``.
-    is_singular
-        True where the arm is near a singularity, ``(M,)``.
+    singular_values
+        Smallest singular value of the scaled Jacobian at each, ``(M,)``; see
+        :func:`precision_pin.robot.pose_set.smallest_singular_values`.
     is_outside
         True for each wanted pose that has solutions outside the joint limits only, ``(N,)``.
     """
@@ -47,7 +51,7 @@ class Solutions:
     q: Array
     node: NDArray[np.int64]
     branch: NDArray[np.int64]
-    is_singular: NDArray[np.bool_]
+    singular_values: Array
     is_outside: NDArray[np.bool_]
 
     def __post_init__(self) -> None:
@@ -56,8 +60,8 @@ class Solutions:
     def __len__(self) -> int:
         return int(self.wanted.shape[2])
 
-    def poses(self, names: tuple[str, ...] | None = None, branches: Literal["nearest", "all"] = "nearest") -> PoseSet:
-        """Return the wanted poses with the solution nearest to the reference posture, or with all of them.
+    def poses(self, names: tuple[str, ...] | None = None, branches: Branches = "nearest") -> PoseSet:
+        """Return the wanted poses with one solution each, or with all of them.
 
         A wanted pose without a solution within the joint limits is one pose of the set, without joint values.
 
@@ -66,14 +70,15 @@ class Solutions:
         names
             A name for each wanted pose; with all solutions the number of the solution is added.
         branches
-            Which solutions.
+            Which solutions: ``nearest`` to the reference posture; ``best``, farthest from a singularity, with the largest
+            smallest singular value; ``all``.
 
         Raises
         ------
         InputError
             Another word for the solutions, or another number of names.
         """
-        check_choice("branches", branches, ("nearest", "all"))
+        check_choice("branches", branches, get_args(Branches))
         given = ("",) * len(self) if names is None else names
         if len(given) != len(self):
             raise InputError(f"{len(given)} names for {len(self)} wanted poses")
@@ -81,7 +86,7 @@ class Solutions:
         nodes: list[int] = []
         columns: list[int] = []
         for node, (begin, end) in enumerate(pairwise(bounds)):
-            own = list(range(begin, end if branches == "all" else min(end, begin + 1))) or [-1]
+            own = self._choose(begin, end, branches) or [-1]
             nodes += [node] * len(own)
             columns += own
         # the last column stands for no solution
@@ -100,10 +105,15 @@ class Solutions:
             node=np.array(nodes, dtype=np.int64),
         )
 
+    def _choose(self, begin: int, end: int, branches: Branches) -> list[int]:
+        if branches == "best" and end > begin:
+            return [begin + int(np.argmax(self.singular_values[begin:end]))]
+        return list(range(begin, end if branches == "all" else min(end, begin + 1)))
+
     def _status(self, node: int, column: int) -> PoseStatus:
         if column < 0:
             return "limit" if self.is_outside[node] else "unreachable"
-        return "singular" if self.is_singular[column] else "reached"
+        return "singular" if self.singular_values[column] < SINGULAR_BELOW else "reached"
 
 
 def inverse_kinematics(
@@ -160,7 +170,7 @@ def inverse_kinematics(
         q=q,
         node=np.repeat(np.arange(len(found)), counts),
         branch=np.concatenate([np.arange(count) for count in counts]),
-        is_singular=smallest_singular_values(chain, q) < SINGULAR_BELOW if q.size else np.zeros(0, dtype=bool),
+        singular_values=smallest_singular_values(chain, q) if q.size else np.zeros(0),
         is_outside=np.array([is_outside for _, is_outside in found]),
     )
 

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Final, Literal, final
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from precision_pin.display.tables import pose_labels
 from precision_pin.errors import InputError
@@ -99,6 +100,17 @@ class PoseSet:
         mask: NDArray[np.bool_] = np.isfinite(self.q[0])
         return mask
 
+    @classmethod
+    def joined(cls, sets: Sequence[PoseSet]) -> PoseSet:
+        """Return the poses of several sets in order, without times and nodes."""
+        return cls(
+            q=np.concatenate([poses.q for poses in sets], axis=1),
+            names=tuple(name for poses in sets for name in poses.names),
+            status=tuple(status for poses in sets for status in poses.status),
+            branch=np.concatenate([poses.branch for poses in sets]),
+            position=np.concatenate([poses.position for poses in sets], axis=1),
+        )
+
     @property
     def labels(self) -> list[str]:
         """A label for each pose, no two alike: its name, or ``pose 1``, ``pose 2``, … where it has none."""
@@ -106,7 +118,42 @@ class PoseSet:
 
     def of(self, mask: NDArray[np.bool_]) -> PoseSet:
         """Return the poses that a mask ``(P,)`` selects, in order."""
-        chosen = np.flatnonzero(mask)
+        return self.take(np.flatnonzero(mask))
+
+    def best_and_worst(self, values: ArrayLike) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+        """Return the pose with the least and the pose with the greatest value of each node.
+
+        They are its best and worst branch and angle about the tool axis. A value that is not a number is passed over.
+
+        Parameters
+        ----------
+        values
+            A value for each pose, such as a spread or a quantile, ``(P,)``.
+
+        Returns
+        -------
+        tuple
+            Positions of the best and of the worst poses, ``(N,)`` for nodes in order; -1 where a node has no value.
+        """
+        given = np.asarray(values, dtype=np.float64)
+        if given.shape != (len(self),):
+            raise InputError(f"values of shape {given.shape} for {len(self)} poses, expected ({len(self)},)")
+        nodes = np.arange(len(self)) if self.node is None else self.node
+        found = []
+        for filler, choose in ((np.inf, np.minimum), (-np.inf, np.maximum)):
+            filled = np.where(np.isnan(given), filler, given)
+            extremes = np.full(int(nodes.max()) + 1, filler)
+            choose.at(extremes, nodes, filled)
+            is_extreme = (filled == extremes[nodes]) & ~np.isnan(given)
+            positions = np.full(len(extremes), -1, dtype=np.intp)
+            # the first of equal ones
+            last_first = np.flatnonzero(is_extreme)[::-1]
+            positions[nodes[last_first]] = last_first
+            found.append(positions)
+        return found[0], found[1]
+
+    def take(self, chosen: NDArray[np.intp]) -> PoseSet:
+        """Return the poses at some positions, in that order."""
         return replace(
             self,
             q=self.q[:, chosen],

@@ -29,7 +29,8 @@ from precision_pin.kernel import sampler
 from precision_pin.kernel.loops import NORM_COLUMNS, SUMS
 from precision_pin.kernel.many_poses import MOST_TOGETHER, NormBlocks, norm_edges, observe_norms
 from precision_pin.kernel.pose_arrays import JoinedTables, is_alike
-from precision_pin.model.error_model import ErrorModel, limit_findings
+from precision_pin.model.error_model import ErrorModel
+from precision_pin.robot.chain_findings import limit_findings
 from precision_pin.sampling import Progress, available_cores, check_progress
 from precision_pin.sampling.everywhere import count_everywhere
 from precision_pin.sampling.poses_result import LEVELS, PosesResult

@@ -3,9 +3,21 @@
 The reader collects every finding with its line before it raises an error.
 """
 
-from precision_pin.sheet.reader import Overrides, Sheet, parse_pose, read
+from precision_pin.sheet.changes import Change, parse_change
+from precision_pin.sheet.reader import Overrides, Sheet, parse_pose, read, read_data
 from precision_pin.sheet.remarks import pose_remark
 from precision_pin.sheet.schema import json_schema
 from precision_pin.sources import catalogue
 
-__all__ = ["Overrides", "Sheet", "catalogue", "json_schema", "parse_pose", "pose_remark", "read"]
+__all__ = [
+    "Change",
+    "Overrides",
+    "Sheet",
+    "catalogue",
+    "json_schema",
+    "parse_change",
+    "parse_pose",
+    "pose_remark",
+    "read",
+    "read_data",
+]

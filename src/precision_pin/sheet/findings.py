@@ -50,11 +50,11 @@ class Findings:
 
     def error(self, path: Path, message: str, code: str = "E_SHEET") -> None:
         """Add an error at a path."""
-        self._add([Finding("error", code, message, self.file, self.text.line(path))])
+        self._add([Finding("error", code, message, *self._where(path))])
 
     def warning(self, path: Path, message: str, code: str) -> None:
         """Add a warning at a path."""
-        self.found.append(Finding("warning", code, message, self.file, self.text.line(path)))
+        self.found.append(Finding("warning", code, message, *self._where(path)))
 
     def take(self, path: Path, error: InputError) -> None:
         """Add an error raised for a path, at the line of the key or name that the message is about."""
@@ -66,7 +66,7 @@ class Findings:
             path = next(
                 itertools.chain(named, (where for where, _ in below if where and where[-1] == error.name)), path
             )
-        self._add([finding.at(self.file, self.text.line(path)) for finding in error.findings])
+        self._add([finding.at(*self._where(path)) for finding in error.findings])
 
     def take_validation(self, error: ValidationError, path: Path, model: type[BaseModel]) -> None:
         """Add pydantic's errors about the value at a path."""
@@ -109,7 +109,7 @@ class Findings:
         """
         if not any(finding.severity == "error" for finding in self.found):
             return
-        ordered = sorted(self.found, key=lambda finding: (finding.file or "", finding.line or 0))
+        ordered = sorted(dict.fromkeys(self.found), key=lambda finding: (finding.file or "", finding.line or 0))
         errors = [finding for finding in ordered if finding.severity == "error"]
         if len(errors) > MOST_ERRORS:
             last = errors[MOST_ERRORS - 1]
@@ -118,6 +118,14 @@ class Findings:
                 replace(last, code="E_SHEET", message=f"more than {MOST_ERRORS} errors; these are the first")
             )
         raise SheetError(ordered)
+
+    def _where(self, path: Path) -> tuple[str, int | None]:
+        """Return the file and line of a path; the change it comes from; or, where there are no lines, the path in words."""
+        change = self.text.change(path)
+        if change is not None:
+            return change, None
+        line = self.text.line(path)
+        return (self.file, line) if line is not None or not path else (".".join(map(str, path)), None)
 
     def _add(self, findings: Sequence[Finding]) -> None:
         """Add findings, and refuse the sheet as soon as there are too many errors to be of use."""

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path as FilePath
 from typing import Any, Final, Literal, final
 
@@ -21,6 +21,7 @@ from precision_pin.robot.chain_findings import chain_findings
 from precision_pin.robot.examples import resolve_robot
 from precision_pin.robot.urdf import Joint, Robot
 from precision_pin.robot.urdf import read as read_urdf
+from precision_pin.sheet.changes import Change, change_text, plain_data
 from precision_pin.sheet.correlations import correlated_space
 from precision_pin.sheet.findings import Findings
 from precision_pin.sheet.remarks import remark_on_poses, remark_on_sources
@@ -33,7 +34,7 @@ from precision_pin.terms.labelled_sources import labels
 from precision_pin.terms.source import Source
 from precision_pin.typing import Array
 
-__all__ = ["Overrides", "Sheet", "parse_pose", "read"]
+__all__ = ["Contents", "Overrides", "Sheet", "parse_pose", "read", "read_data"]
 
 
 GRAVITIES: Final = {"earth": EARTH, "moon": (0.0, 0.0, -1.62), "none": (0.0, 0.0, 0.0)}
@@ -64,6 +65,8 @@ class Sheet:
         Warnings about sheet and URDF.
     assumed
         Positions of the sources that the sheet marks as assumptions.
+    contents
+        What it was read from.
     """
 
     file: str
@@ -74,6 +77,22 @@ class Sheet:
     statics: Literal["nominal", "equilibrium"]
     findings: tuple[Finding, ...]
     assumed: tuple[int, ...] = ()
+    contents: Contents | None = None
+
+    def with_changes(self, changes: Mapping[str, object]) -> Sheet:
+        """Return the sheet read again with values changed: by path, see :class:`precision_pin.sheet.changes.Change`.
+
+        Raises
+        ------
+        SheetError
+            Carries every finding.
+        InputError
+            The sheet was not read from anything.
+        """
+        if self.contents is None:
+            raise InputError("the sheet was not read from a file or a dictionary, so that nothing in it can be changed")
+        asked = [Change(path, plain_data(value, path), path) for path, value in changes.items()]
+        return self.contents.read_changed(self, asked)
 
 
 @final
@@ -87,8 +106,43 @@ class Overrides:
     package_dirs: tuple[str, ...] = ()
 
 
+@final
+@dataclass(frozen=True, eq=False)
+class Contents:
+    """The contents of a sheet, from which it can be read again.
+
+    Attributes
+    ----------
+    text
+        Keys and values.
+    file
+        Name of the sheet in messages.
+    folder
+        Folder that file names are relative to.
+    kinds, overrides
+        As :func:`read` takes them.
+    """
+
+    text: Text
+    file: str
+    folder: FilePath
+    kinds: tuple[type[Source], ...]
+    overrides: Overrides
+
+    def read_changed(self, sheet: Sheet, changes: Sequence[Change]) -> Sheet:
+        """Return the sheet with some values changed; ``sheet`` is what was read from these contents."""
+        if not changes:
+            return sheet
+        text = change_text(self.text, changes, sheet.sources, catalogue() | {kind.kind(): kind for kind in self.kinds})
+        return _read(replace(self, text=text))
+
+
 def read(
-    path: str | os.PathLike[str], *, kinds: Iterable[type[Source]] = (), overrides: Overrides | None = None
+    path: str | os.PathLike[str],
+    *,
+    kinds: Iterable[type[Source]] = (),
+    overrides: Overrides | None = None,
+    changes: Sequence[Change] = (),
 ) -> Sheet:
     """Read a sheet and the robot it names.
 
@@ -100,6 +154,8 @@ def read(
         Source classes beyond those of the package.
     overrides
         Robot, tip and base in place of the sheet's.
+    changes
+        Values in place of the sheet's, which must be correct without them.
 
     Raises
     ------
@@ -108,11 +164,36 @@ def read(
     """
     file = os.fspath(path)
     text = read_text(_contents(file), file)
+    contents = Contents(text, file, FilePath(file).parent, tuple(kinds), overrides or Overrides())
+    return contents.read_changed(_read(contents), changes)
+
+
+def read_data(data: Mapping[str, object], folder: str | os.PathLike[str], kinds: Iterable[type[Source]] = ()) -> Sheet:
+    """Return the sheet that a dictionary holds: the keys and values of the YAML sheet, numbers as such or as text.
+
+    Parameters
+    ----------
+    data
+        Keys and values.
+    folder
+        Folder that the names of the robot and of tables are relative to.
+    kinds
+        Source classes beyond those of the package.
+
+    Raises
+    ------
+    SheetError
+        Carries every finding, each with the path of its key.
+    """
+    text = Text(plain_data(data), {}, ())
+    return _read(Contents(text, "the sheet", FilePath(folder), tuple(kinds), Overrides()))
+
+
+def _read(contents: Contents) -> Sheet:
+    text, file, folder, overrides = contents.text, contents.file, contents.folder, contents.overrides
     findings = Findings(text, file)
     document, wrong = _document(text, findings)
-    overrides = overrides or Overrides()
-    known = catalogue() | {kind.kind(): kind for kind in kinds}
-    folder = FilePath(file).parent
+    known = catalogue() | {kind.kind(): kind for kind in contents.kinds}
     named, unread = _parameters(document, findings, used_quantities(tuple(known.values())), folder)
     arm_is_known = not wrong & {"robot", "tip", "base", "locked"}
     chain = _chain(document, findings, overrides, folder) if arm_is_known else None
@@ -131,7 +212,7 @@ def read(
     found = (*chain_findings(chain), *findings.found)
     warnings = tuple(finding for finding in found if finding.severity == "warning")
     marked = tuple(rank for rank, k in enumerate(sources) if k in assumed)
-    return Sheet(file, chain, space, tuple(sources.values()), poses, document.statics, warnings, marked)
+    return Sheet(file, chain, space, tuple(sources.values()), poses, document.statics, warnings, marked, contents)
 
 
 def _contents(file: str) -> str:

@@ -5,7 +5,7 @@ Every scalar stays text, so that YAML converts none of ``1e-4``, ``on`` and ``12
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Final, final
 
@@ -46,17 +46,24 @@ class Text:
         Line of every key and item by its path.
     findings
         Findings about the text itself, such as duplicate keys.
+    changes
+        What has been changed afterwards: its name in messages, by its path.
     """
 
     data: Any
     lines: dict[Path, int]
     findings: tuple[Finding, ...]
+    changes: Mapping[Path, str] = field(default_factory=dict)
 
-    def line(self, path: Path) -> int:
-        """Return the line of a path, or of the innermost entry that contains it."""
+    def line(self, path: Path) -> int | None:
+        """Return the line of a path, or of the innermost entry that contains it; None for data that are no text."""
         while path and path not in self.lines:
             path = path[:-1]
-        return self.lines.get(path, 1)
+        return self.lines.get(path)
+
+    def change(self, path: Path) -> str | None:
+        """Return the name of the change that a path is part of, if it is."""
+        return next((name for changed, name in self.changes.items() if path[: len(changed)] == changed), None)
 
 
 @final
@@ -152,6 +159,7 @@ class _Conversion:
         self._count = 0
 
     def text(self, root: _Node | None) -> Text:
+        self._lines[()] = 1 if root is None else root.line
         data = None if root is None else self._convert(root, ())
         return Text(data, self._lines, tuple(self._findings))
 

@@ -17,7 +17,7 @@ from precision_pin.analyses.calibration.forecast import task_poses
 from precision_pin.analyses.calibration.identifiability import of_stack
 from precision_pin.analyses.calibration.measurement import Measurement
 from precision_pin.analyses.calibration.posterior import Posterior, error_left
-from precision_pin.analyses.calibration.remaining_space import remaining_space
+from precision_pin.analyses.calibration.remaining_model import remaining_model
 from precision_pin.analyses.calibration.set_up import SetUp, first_guess, readings_in_base
 from precision_pin.analyses.provenance import Provenance
 from precision_pin.errors import Finding
@@ -107,7 +107,7 @@ def calibrate(
             error_left(one, name, unit, estimator, measurement) for name, one in task_poses(model, at, given.q)
         ),
         original=model,
-        model=model.with_space(remaining_space(model.space, unit, mean, covariance)),
+        model=remaining_model(model, unit, mean, covariance),
         data=given,
         steps=best.steps,
         findings=(

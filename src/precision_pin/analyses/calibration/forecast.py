@@ -28,7 +28,7 @@ from precision_pin.analyses.calibration.estimates import Estimator, covariance_w
 from precision_pin.analyses.calibration.identifiability import Identifiability, of_stack
 from precision_pin.analyses.calibration.measurement import Measurement
 from precision_pin.analyses.calibration.posterior import ErrorLeft, Posterior, error_left
-from precision_pin.analyses.calibration.remaining_space import remaining_space
+from precision_pin.analyses.calibration.remaining_model import remaining_model
 from precision_pin.analyses.provenance import Provenance
 from precision_pin.display.stored import JsonResult
 from precision_pin.errors import Finding
@@ -196,7 +196,7 @@ def forecast_calibration(
         poses=entries,
         by_count=_by_count(by_z, by_nuisance, slopes, floor),
         by_instrument=_by_instrument(stations, unit, measurement, slopes, floor),
-        model=model.with_space(remaining_space(model.space, unit, unit.mean, left)),
+        model=remaining_model(model, unit, unit.mean, left),
         findings=(*findings, *_remarks(found, model, unit)),
     )
 

@@ -18,7 +18,8 @@ from precision_pin.call_warnings import add, warns_at_end
 from precision_pin.display.progress import steps_to
 from precision_pin.errors import Finding, InputError
 from precision_pin.inputs.arguments import check_choice, check_instance, check_items, check_numbers
-from precision_pin.model.error_model import ErrorModel, limit_findings
+from precision_pin.model.error_model import ErrorModel
+from precision_pin.robot.chain_findings import limit_findings
 from precision_pin.robot.pose_set import PoseSet
 from precision_pin.sampling import Progress, check_progress
 from precision_pin.typing import Array

@@ -19,7 +19,8 @@ from precision_pin.draws.space import check_seed
 from precision_pin.errors import Finding, InputError
 from precision_pin.inputs.arguments import check_instance, check_items, check_whole
 from precision_pin.inputs.memory import check_memory
-from precision_pin.model.error_model import ErrorModel, limit_findings
+from precision_pin.model.error_model import ErrorModel
+from precision_pin.robot.chain_findings import limit_findings
 from precision_pin.robot.pose_set import PoseSet
 from precision_pin.sampling import Progress, check_progress
 from precision_pin.sampling.many_poses import MOST_SAMPLES, sample_poses

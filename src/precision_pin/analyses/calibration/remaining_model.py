@@ -1,4 +1,4 @@
-"""The space of the numbers that are left uncertain after a calibration."""
+"""The arm that is left after a calibration: its sources with the laws of what is still uncertain."""
 
 from __future__ import annotations
 
@@ -11,29 +11,40 @@ import numpy as np
 from precision_pin.analyses.calibration.design import UnitNumbers
 from precision_pin.draws.laws import JointNormal, Law
 from precision_pin.draws.space import Draw, Space
+from precision_pin.model.error_model import ErrorModel
+from precision_pin.terms.labelled_sources import with_quantities
 from precision_pin.typing import Array
 
-__all__ = ["bounds_of", "remaining_space"]
+__all__ = ["bounds_of", "remaining_model"]
 
 _UNTOUCHED: Final = 1e-9
 """Change of a mean, variance or correlation, in units of the prior, that counts as none."""
 
 
-def remaining_space(space: Space, unit: UnitNumbers, mean: Array, covariance: Array) -> Space:
-    """Return the space of a calibrated arm: numbers that the data told nothing about keep their laws.
+def remaining_model(model: ErrorModel, unit: UnitNumbers, mean: Array, covariance: Array) -> ErrorModel:
+    """Return the calibrated arm: numbers that the data told nothing about keep their laws.
 
     All others are one joint normal draw, ``calibrated``, under their own names; those whose law has bounds within the reach
     of the normal one are cut at them.
 
     Parameters
     ----------
-    space
-        The space before the calibration.
+    model
+        The arm before the calibration.
     unit
         Its numbers drawn once for each robot.
     mean, covariance
         Of these numbers after it, ``(U,)`` and ``(U, U)``.
     """
+    left = ErrorModel(model.chain, Space(), (), model.poses, model.statics)
+    left.sources, left.labels, left.assumed = model.sources, model.labels, model.assumed
+    left.space = with_quantities(
+        _remaining_space(model.space, unit, mean, covariance), left.sources, left.labels, left.chain
+    )
+    return left
+
+
+def _remaining_space(space: Space, unit: UnitNumbers, mean: Array, covariance: Array) -> Space:
     scaled = (covariance - unit.root @ unit.root.T) / np.outer(unit.std, unit.std)
     moved = np.abs(mean - unit.mean) / unit.std
     changed = (np.abs(scaled).max(axis=1) > _UNTOUCHED) | (moved > _UNTOUCHED)

@@ -1,0 +1,184 @@
+"""Grid over places: points of a box or a plane, reached by inverse kinematics with given orientations of the tool."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import get_args
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from precision_pin.display.progress import steps_to
+from precision_pin.errors import InputError
+from precision_pin.inputs.arguments import check_choice, check_instance, check_items, check_numbers
+from precision_pin.robot.chain import Chain
+from precision_pin.robot.inverse_kinematics import Branches, inverse_kinematics
+from precision_pin.robot.pose_set import PoseSet
+from precision_pin.robot.pose_sources.joint_grid import check_grid_size
+from precision_pin.robot.pose_sources.orientation import Orientation
+from precision_pin.typing import Array
+
+__all__ = ["box_places", "count_wanted", "place_grid", "plane_places"]
+
+
+def box_places(x: ArrayLike, y: ArrayLike, z: ArrayLike) -> Array:
+    """Return the points ``(3, N)`` of a grid over a box, from the values of each coordinate in the base, m; z's change fastest.
+
+    Raises
+    ------
+    InputError
+        No values, or numbers that are not finite.
+    """
+    rows = [_values(name, given) for name, given in (("x", x), ("y", y), ("z", z))]
+    check_grid_size([len(row) for row in rows])
+    return np.array([axis.ravel() for axis in np.meshgrid(*rows, indexing="ij")])
+
+
+def plane_places(origin: ArrayLike, u: ArrayLike, v: ArrayLike, along_u: ArrayLike, along_v: ArrayLike) -> Array:
+    """Return the points ``(3, N)`` of a grid over a plane; those along v change fastest.
+
+    Parameters
+    ----------
+    origin
+        A point of the plane in the base, m, ``(3,)``.
+    u, v
+        Directions in the plane, in base axes, at right angles to each other; their lengths do not matter.
+    along_u, along_v
+        Distances from the origin along either, m.
+
+    Raises
+    ------
+    InputError
+        Directions that are not at right angles, no values, or numbers that are not finite.
+    """
+    point = check_numbers("the origin of the plane", origin, (3,), "three finite numbers, m")
+    units = []
+    for name, given in (("u", u), ("v", v)):
+        direction = check_numbers(f"the direction {name}", given, (3,), "three finite numbers")
+        size = float(np.linalg.norm(direction))
+        if not 0 < size < np.inf:
+            raise InputError(f"the direction {name} of the plane has length {size:g}; give one such as (1, 0, 0)")
+        units.append(direction / size)
+    if abs(float((units[0] * units[1]).sum())) > 1e-6:
+        raise InputError("the directions u and v of the plane are not at right angles")
+    rows = [_values("u", along_u), _values("v", along_v)]
+    check_grid_size([len(row) for row in rows])
+    first, second = (axis.ravel() for axis in np.meshgrid(*rows, indexing="ij"))
+    return point[:, None] + units[0][:, None] * first + units[1][:, None] * second
+
+
+def place_grid(
+    chain: Chain,
+    places: ArrayLike,
+    orientations: Orientation | Sequence[Orientation],
+    *,
+    branches: Branches = "nearest",
+    reference: ArrayLike | None = None,
+    progress: Callable[[int], None] | bool | None = None,
+) -> PoseSet:
+    """Return the poses that bring the tip to places, by inverse kinematics.
+
+    The poses of one place and orientation have the same number in :attr:`PoseSet.node`: its branches, and its angles about the
+    tool axis. Where an angle is out of reach it is one pose without joint values. :meth:`PoseSet.best_and_worst` compares
+    them.
+
+    Parameters
+    ----------
+    chain
+        The arm.
+    places
+        Points in the base, m, ``(3,)`` or ``(3, N)``, as :func:`box_places` and :func:`plane_places` make them.
+    orientations
+        Orientations of the tool at each, one or several.
+    branches
+        Which solutions of the inverse kinematics: ``nearest`` to the reference posture; ``best``, farthest from a
+        singularity; ``all``.
+    reference
+        Joint values, rad and m, ``(n,)``; zero, or the limit nearest to it, if left out.
+    progress
+        Function called with the number of poses solved since its last call; ``True`` shows a bar.
+
+    Raises
+    ------
+    InputError
+        No places or orientations, a wrong shape, or a number that is not finite.
+    """
+    check_instance("chain", chain, Chain, "as Chain.from_urdf returns it")
+    check_choice("branches", branches, get_args(Branches))
+    points = check_numbers("the places", places, needs="finite numbers, (3,) or (3, N), m in the base")
+    points = points[:, None] if points.ndim == 1 else points
+    if points.ndim != 2 or len(points) != 3 or not points.size:
+        raise InputError(f"the places have the shape {points.shape}, expected (3,) or (3, N) with at least one place")
+    listed = [orientations] if isinstance(orientations, Orientation) else orientations
+    kinds = list(check_items("orientations", listed, Orientation))
+    if not kinds:
+        raise InputError("no orientations; give at least one, such as Orientation.free()")
+    total = count_wanted(points.shape[1], kinds)
+    with steps_to(progress, total, "poses") as step:
+        sets = [_at_orientation(chain, points, kind, len(kinds) > 1, branches, reference, step) for kind in kinds]
+    return _place_by_place(sets, [len(kind.rotations) for kind in kinds])
+
+
+def count_wanted(places: int, orientations: Sequence[Orientation]) -> int:
+    """Return the number of poses that the inverse kinematics has to solve.
+
+    Raises
+    ------
+    InputError
+        More than a grid may have.
+    """
+    angles = sum(len(kind.rotations) for kind in orientations)
+    check_grid_size([places, angles])
+    return places * angles
+
+
+def _at_orientation(
+    chain: Chain,
+    points: Array,
+    kind: Orientation,
+    is_named: bool,
+    branches: Branches,
+    reference: ArrayLike | None,
+    step: Callable[[int], None],
+) -> PoseSet:
+    """Return the poses at one orientation; a place and an angle about the tool axis are a node."""
+    angles = len(kind.rotations)
+    wanted = np.zeros((4, 4, points.shape[1] * angles))
+    wanted[:3, :3] = np.tile(np.moveaxis(kind.rotations, 0, -1), points.shape[1])
+    wanted[:3, 3] = np.repeat(points, angles, axis=1)
+    wanted[3, 3] = 1.0
+    names = tuple(
+        ", ".join(filter(None, (place, kind.label if is_named else "", angle)))
+        for place in _place_names(points)
+        for angle in kind.angle_labels
+    )
+    found = inverse_kinematics(
+        chain, wanted, task=kind.task, tool_axis=kind.tool_axis, reference=reference, progress=step
+    )
+    return found.poses(names, branches)
+
+
+def _place_by_place(sets: Sequence[PoseSet], angles: Sequence[int]) -> PoseSet:
+    """Return the poses at several orientations in the order of the places; each place and orientation is a node."""
+    nodes = np.concatenate(
+        [
+            wanted // count * len(sets) + rank
+            for rank, (wanted, count) in enumerate(zip([poses.node for poses in sets], angles, strict=True))
+            if wanted is not None
+        ]
+    )
+    order = np.argsort(nodes, kind="stable")
+    return replace(PoseSet.joined(sets).take(order), node=nodes[order])
+
+
+def _place_names(points: Array) -> list[str]:
+    millimetres = points.T * 1e3 + 0.0
+    return [" ".join(f"{value:.6g}" for value in place) + " mm" for place in millimetres]
+
+
+def _values(name: str, given: ArrayLike) -> Array:
+    row = np.atleast_1d(check_numbers(f"values of {name}", given))
+    if row.ndim != 1 or not row.size:
+        raise InputError(f"values of {name}: expected one or several numbers, got the shape {row.shape}")
+    return row

@@ -1,0 +1,173 @@
+"""Reader of a file of poses: a grid over joint values, or over the places of a box or a plane."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Final, cast, final
+
+from precision_pin import units
+from precision_pin.errors import Finding, InputError, nearest
+from precision_pin.inputs.files import UnreadableFileError, read_text_file
+from precision_pin.robot.chain import Chain
+from precision_pin.robot.inverse_kinematics import Branches
+from precision_pin.robot.pose_set import PoseSet
+from precision_pin.robot.pose_sources.joint_grid import joint_grid
+from precision_pin.robot.pose_sources.orientation import MOST_ANGLES, Orientation
+from precision_pin.robot.pose_sources.place_grid import box_places, count_wanted, place_grid, plane_places
+from precision_pin.sheet.grid_entry import GridEntry
+from precision_pin.sheet.reader import parse_pose
+from precision_pin.sheet.text import read_text
+from precision_pin.typing import Array
+from precision_pin.visible import shown
+
+__all__ = ["PoseGrid", "read_pose_grid"]
+
+LARGEST_FILE: Final = 2**20
+_LONGEST: Final = 40
+_KINDS: Final = ("joints", "box", "plane")
+_OF_PLACES: Final = ("orientations", "branches", "reference")
+_ORIENTATIONS: Final = (
+    "an orientation is any, {rpy: 180 0 0 deg}, {axis: 0 0 -1}, {axis: 0 0 -1, angles: 12} or {pose: NAME}"
+)
+
+Progress = Callable[[int], None] | bool | None
+
+
+@final
+@dataclass(frozen=True)
+class PoseGrid:
+    """The poses that a file asks for.
+
+    Attributes
+    ----------
+    count
+        Number of poses that the inverse kinematics has to solve; zero for a grid over joint values.
+    solve
+        Function that returns the poses. Its argument is as ``progress`` of
+        :func:`precision_pin.robot.inverse_kinematics.inverse_kinematics`.
+    """
+
+    count: int
+    solve: Callable[[Progress], PoseSet]
+
+
+def read_pose_grid(path: str | os.PathLike[str], chain: Chain, poses: Mapping[str, Array] | None = None) -> PoseGrid:
+    """Read a file of poses.
+
+    Parameters
+    ----------
+    path
+        The YAML file.
+    chain
+        The arm.
+    poses
+        Named joint values that the file may refer to, such as those of a sheet.
+
+    Raises
+    ------
+    InputError
+        The file cannot be read, or anything in it is wrong; one line that says where, and what is allowed.
+    """
+    file = os.fspath(path)
+    try:
+        text = read_text(read_text_file(file, LARGEST_FILE), file)
+    except UnreadableFileError as problem:
+        raise InputError([Finding("error", "E_GRID", f"the file {problem.reason}", file)]) from None
+    if text.findings:
+        raise InputError(text.findings[:1])
+    top = GridEntry(text, file, (), text.data)
+    expected = f"a grid has one of {', '.join(_KINDS)}"
+    keys = top.keys((*_KINDS, *_OF_PLACES), expected)
+    kinds = [kind for kind in _KINDS if kind in keys]
+    if len(kinds) != 1:
+        raise top.wrong(f"{expected}; this has {' and '.join(kinds) or 'none'}")
+    if kinds[0] != "joints":
+        return _over_places(top, keys, chain, poses or {})
+    for key in _OF_PLACES:
+        if key in keys:
+            raise keys[key].wrong(f"{key} goes with box or plane; joint values need no inverse kinematics")
+    return _over_joints(keys["joints"], chain)
+
+
+def _over_joints(entry: GridEntry, chain: Chain) -> PoseGrid:
+    joints = entry.keys(chain.joint_names, "expected a key for each joint, with its values")
+    slides = dict(zip(chain.joint_names, chain.prismatic, strict=True))
+    values = {
+        name: axis.values(units.LENGTH, "300 mm") if slides[name] else axis.values(units.ANGLE, "30 deg")
+        for name, axis in joints.items()
+    }
+    with entry.naming():
+        found = joint_grid(chain, values)
+    return PoseGrid(0, lambda _: found)
+
+
+def _over_places(top: GridEntry, keys: dict[str, GridEntry], chain: Chain, poses: Mapping[str, Array]) -> PoseGrid:
+    if "orientations" not in keys:
+        raise top.wrong(f"the key 'orientations' is missing; {_ORIENTATIONS}")
+    kinds = [_orientation(entry, chain, poses) for entry in keys["orientations"].items()]
+    if not kinds:
+        raise keys["orientations"].wrong(f"no orientations; {_ORIENTATIONS}")
+    branches = cast(Branches, keys["branches"].word(("nearest", "best", "all")) if "branches" in keys else "nearest")
+    reference = _configuration(keys["reference"], chain, poses) if "reference" in keys else None
+    places = _box(keys["box"]) if "box" in keys else _plane(keys["plane"])
+    with top.naming():
+        count = count_wanted(places.shape[1], kinds)
+
+    def solve(progress: Progress) -> PoseSet:
+        return place_grid(chain, places, kinds, branches=branches, reference=reference, progress=progress)
+
+    return PoseGrid(count, solve)
+
+
+def _box(entry: GridEntry) -> Array:
+    keys = entry.keys(("x", "y", "z"), "expected x, y and z, each with its values", all_needed=True)
+    rows = [keys[name].values(units.LENGTH, "300 mm") for name in ("x", "y", "z")]
+    with entry.naming():
+        return box_places(*rows)
+
+
+def _plane(entry: GridEntry) -> Array:
+    keys = entry.keys(("origin", "u", "v"), "expected origin, u and v", all_needed=True)
+    directions, rows = [], []
+    for name in ("u", "v"):
+        own = keys[name].keys(("direction", "values"), "expected direction and values", all_needed=True)
+        directions.append(own["direction"].numbers(units.RATIO, 3, "0 1 0"))
+        rows.append(own["values"].values(units.LENGTH, "300 mm"))
+    origin = keys["origin"].numbers(units.LENGTH, 3, "400 0 300 mm")
+    with entry.naming():
+        return plane_places(origin, *directions, *rows)
+
+
+def _orientation(entry: GridEntry, chain: Chain, poses: Mapping[str, Array]) -> Orientation:
+    if entry.data == "any":
+        return Orientation.free()
+    keys = entry.keys(("rpy", "axis", "angles", "tool_axis", "pose"), _ORIENTATIONS)
+    kinds = [key for key in ("rpy", "axis", "pose") if key in keys]
+    if len(kinds) != 1:
+        raise entry.wrong(f"{_ORIENTATIONS}; this has {' and '.join(kinds) or 'none of rpy, axis and pose'}")
+    for key in ("angles", "tool_axis"):
+        if key in keys and kinds[0] != "axis":
+            raise keys[key].wrong(f"{key} goes with axis, not with {kinds[0]}")
+    with entry.naming():
+        if kinds[0] == "rpy":
+            return Orientation.given(keys["rpy"].numbers(units.ANGLE, 3, "180 0 0 deg"))
+        if kinds[0] == "pose":
+            values = _configuration(keys["pose"], chain, poses)
+            return Orientation.given(chain.at(values).pose[:3, :3], f"pose {keys['pose'].data}")
+        tool_axis = keys["tool_axis"].numbers(units.RATIO, 3, "1 0 0") if "tool_axis" in keys else (0.0, 0.0, 1.0)
+        angles = keys["angles"].whole(1, MOST_ANGLES) if "angles" in keys else None
+        return Orientation.along(keys["axis"].numbers(units.RATIO, 3, "0 0 -1"), angles, tool_axis)
+
+
+def _configuration(entry: GridEntry, chain: Chain, poses: Mapping[str, Array]) -> Array:
+    """Return the joint values of a named pose, or those written as in a sheet."""
+    if isinstance(entry.data, str):
+        if entry.data in poses:
+            return poses[entry.data]
+        if not re.match(r"[+-]?[.\d]", entry.data):
+            raise entry.wrong(f"no pose named {shown(entry.data, _LONGEST)}; {nearest(entry.data, poses)}")
+    with entry.naming():
+        return parse_pose(entry.data, chain)

@@ -1,0 +1,155 @@
+"""Grids of poses: order and names by hand, places and directions by forward kinematics, branches of a UR5 by its closed form."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+import precision_pin as pp
+from precision_pin.errors import InputError
+from precision_pin.robot.chain import Chain
+from precision_pin.robot.examples import example_urdfs
+from support.plain_robot import chain_of, joint, link, robot
+from support.ur5 import ur5_branches, ur5_pose
+
+
+def gantry() -> Chain:
+    """Return a table that slides along x and y and lifts along z, with a turning tool."""
+    limits = '<limit lower="-1" upper="1" effort="1" velocity="1"/>'
+    return chain_of(
+        robot(
+            link("base"), link("bridge"), link("carriage"), link("ram"), link("tool"),
+            joint("x", "prismatic", "base", "bridge", axis=(1, 0, 0), extra=limits),
+            joint("y", "prismatic", "bridge", "carriage", axis=(0, 1, 0), extra=limits),
+            joint("z", "prismatic", "carriage", "ram", axis=(0, 0, 1), extra=limits),
+            joint("c", "revolute", "ram", "tool", axis=(0, 0, 1), extra=limits),
+        )
+    )  # fmt: skip
+
+
+def test_a_joint_grid_has_every_combination_the_last_joint_first():
+    poses = pp.joint_grid(gantry(), {"c": [0, math.pi / 6, 1.5], "x": [0.1, 0.2], "y": 0, "z": 0.5})
+    right = math.pi / 6
+    assert poses.q.T.tolist() == [
+        [0.1, 0, 0.5, 0], [0.1, 0, 0.5, right], [0.1, 0, 0.5, 1.5], [0.2, 0, 0.5, 0], [0.2, 0, 0.5, right], [0.2, 0, 0.5, 1.5]
+    ]  # fmt: skip
+    assert poses.names[:2] == ("100 mm 0°", "100 mm 30°")
+    assert poses.status == ("reached", "reached", "limit") * 2
+    assert poses.node is None
+
+
+def test_a_place_grid_of_a_gantry_by_hand():
+    # the tool turns by 1 rad at most: of four angles a quarter of a turn apart one is within
+    places = pp.plane_places((0, 0, 0.5), (0, 2, 0), (0, 0, 1), [-0.5, 1.5], [0, 0.25])
+    np.testing.assert_allclose(places, [[0] * 4, [-0.5, -0.5, 1.5, 1.5], [0.5, 0.75, 0.5, 0.75]])
+    kinds = [pp.Orientation.free(), pp.Orientation.along((0, 0, 3), 4), pp.Orientation.given((0, 0, 0.5))]
+    poses = pp.place_grid(gantry(), places, kinds)
+    assert poses.node.tolist() == [node for node in range(12) for _ in range(4 if node % 3 == 1 else 1)]
+    at_first = ("reached", "reached", "limit", "limit", "limit", "reached")
+    assert poses.status == at_first * 2 + ("limit",) * 12
+    np.testing.assert_allclose(poses.q[:3, [0, 1, 5]].T, [[0, -0.5, 0.5]] * 3, atol=1e-9)
+    np.testing.assert_allclose(poses.q[3, [1, 5]], [0, 0.5], atol=1e-9)
+    assert poses.names[:3] == ("0 -500 500 mm", "0 -500 500 mm, axis 0 0 1, 0°", "0 -500 500 mm, axis 0 0 1, 90°")
+    assert poses.names[5] == "0 -500 500 mm, rpy 0 0 28.6479°"
+    np.testing.assert_array_equal(poses.position[:, -1], [0, 1.5, 0.75])
+
+
+def test_every_node_of_a_ur5_is_reached_with_its_branches():
+    if "ur5" not in example_urdfs():
+        pytest.skip("example-robot-data is not installed")
+    ur5 = Chain.from_urdf(example_urdfs()["ur5"], tip="tool0")
+    places = pp.box_places(x=[0.35, 0.6], y=0.2, z=[0.2, 0.4])
+    direction = np.array([0.6, 0, -0.8])
+    kinds = [pp.Orientation.along(direction, 3), pp.Orientation.along(direction)]
+    poses = pp.place_grid(ur5, places, kinds, branches="all")
+    assert poses.known.all()
+    reached = np.moveaxis([ur5_pose(q) for q in poses.q.T], 0, -1)
+    assert np.abs(reached[:3, 3] - places[:, poses.node // 2]).max() < 1e-9
+    assert np.abs(reached[:3, 2] - direction[:, None]).max() < 1e-9
+    counts = []
+    for node in range(0, 8, 2):
+        own = np.flatnonzero(poses.node == node)
+        first = own[0]
+        # a third of a turn about the direction at a time
+        for third in range(3):
+            wanted = reached[:, :, first].copy()
+            along = np.array([[0, 0.8, 0], [-0.8, 0, -0.6], [0, 0.6, 0]])
+            turn = np.eye(3) + math.sin(third * 2 * math.pi / 3) * along
+            turn += (1 - math.cos(third * 2 * math.pi / 3)) * along @ along
+            wanted[:3, :3] = turn @ wanted[:3, :3]
+            same = [k for k in own if np.abs(reached[:, :, k] - wanted).max() < 1e-6]
+            assert len(same) == len(ur5_branches(wanted))
+            counts.append(len(same))
+        assert sum(counts[-3:]) == len(own)
+    assert max(counts) == 8
+
+
+def test_best_and_worst_compare_the_poses_of_a_node():
+    limits = '<limit lower="{}" upper="{}" effort="1" velocity="1"/>'
+    arm = chain_of(
+        robot(
+            link("base"), link("upper"), link("lower"), link("tool"),
+            joint("shoulder", "revolute", "base", "upper", extra=limits.format(-3, 3)),
+            joint("elbow", "revolute", "upper", "lower", (0.5, 0, 0), extra=limits.format(-3, 0.5)),
+            joint("flange", "fixed", "lower", "tool", (0.5, 0, 0)),
+        )
+    )  # fmt: skip
+    # nearly stretched; at a right angle, which the elbow allows on one side; folded a little; too far
+    places = np.array([[0.999999, 0.5, 0.98, 0], [0, 0.5, 0, 2], [0] * 4])
+    poses = pp.place_grid(arm, places, pp.Orientation.free(), branches="all")
+    assert poses.status == ("reached",) * 5 + ("unreachable",)
+    assert poses.node.tolist() == [0, 0, 1, 2, 2, 3]
+    elbows = poses.q[1]
+    np.testing.assert_allclose(elbows[2], -math.pi / 2, atol=1e-9)
+    np.testing.assert_allclose(np.abs(elbows[3:5]), 2 * math.acos(0.98), atol=1e-9)
+    best, worst = poses.best_and_worst([3, 1, 2, 7, 7, math.nan])
+    assert best.tolist() == [1, 2, 3, -1]
+    assert worst.tolist() == [0, 2, 3, -1]
+    with pytest.raises(InputError, match=r"values of shape \(2,\) for 6 poses, expected \(6,\)"):
+        poses.best_and_worst([1, 2])
+
+
+def test_of_several_branches_the_best_has_the_largest_singular_value():
+    # a tool beside the wrist makes the elbow up and down differ
+    arm = chain_of(
+        robot(
+            link("base"), link("column"), link("upper"), link("lower"), link("tool"),
+            joint("turn", "revolute", "base", "column"),
+            joint("shoulder", "revolute", "column", "upper", (0.2, 0, 0.4), axis=(0, 1, 0)),
+            joint("elbow", "revolute", "upper", "lower", (0.5, 0, 0), axis=(0, 1, 0)),
+            joint("flange", "fixed", "lower", "tool", (0.4, 0.1, 0)),
+        )
+    )  # fmt: skip
+    place = np.array([[0.5], [0.2], [0.3]])
+    every, best = (pp.place_grid(arm, place, pp.Orientation.free(), branches=which) for which in ("all", "best"))
+    assert len(every) == 4
+    length = math.hypot(0.2, 0.4) + 0.5 + math.hypot(0.4, 0.1)
+    values = [np.linalg.svd(np.diag([1 / length] * 3 + [1] * 3) @ arm.at(q).joint_jacobian)[1][-1] for q in every.q.T]
+    np.testing.assert_array_equal(best.q[:, 0], every.q[:, int(np.argmax(values))])
+    assert np.ptp(values) > 0.005
+    assert best.names == ("500 200 300 mm",)
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda arm: pp.joint_grid(arm, {"x": 0, "y": 0}), "no values for the joints z, c; a joint that is held has one value"),
+        (lambda arm: pp.joint_grid(arm, {"x": 0, "y": 0, "z": [], "c": 0}), r"values of z: expected one or several numbers"),
+        (lambda arm: pp.joint_grid(arm, {"w": 0}), "no joint on the chain named 'w'"),
+        (lambda arm: pp.joint_grid(arm, dict.fromkeys("xyzc", np.zeros(40))), "40 × 40 × 40 × 40 = 2,560,000 poses; at most"),
+        (lambda arm: pp.plane_places((0, 0, 0), (1, 0, 0), (1, 1, 0), 0, 0), "u and v of the plane are not at right angles"),
+        (lambda arm: pp.plane_places((0, 0, 0), (1, 0, 0), (0, 0, 0), 0, 0), "the direction v of the plane has length 0"),
+        (lambda arm: pp.place_grid(arm, np.zeros((3, 0)), pp.Orientation.free()), r"expected \(3,\) or \(3, N\) with at least"),
+        (lambda arm: pp.place_grid(arm, (0, 0, 0), []), "no orientations; give at least one"),
+        (lambda arm: pp.place_grid(arm, (0, 0, 0), pp.Orientation.free(), branches="worst"), "branches must be nearest or best"),
+        (lambda arm: pp.Orientation.given(np.diag([1, 1, -1])), "the orientation is no rotation"),
+        (lambda arm: pp.Orientation.along((0, 0, 0)), "the direction has length zero"),
+        (lambda arm: pp.Orientation.along((0, 0, 1), 0), "the number of angles about the tool axis"),
+    ],
+)  # fmt: skip
+def test_wrong_grids_are_refused(make, message):
+    with pytest.raises(InputError, match=message) as caught:
+        make(gantry())
+    assert "\n" not in str(caught.value)
