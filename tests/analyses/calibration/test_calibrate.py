@@ -15,7 +15,7 @@ from precision_pin import se3
 from precision_pin.analyses.calibration.calibration_result import CalibrationResult
 from precision_pin.analyses.calibration.simulation import simulate_calibrations
 from precision_pin.robot.chain import Chain
-from precision_pin.sources import Backlash, JointOffset
+from precision_pin.sources import Backlash, Frame, JointOffset, Mounting
 
 TRACKER = pp.Measurement(std=20e-6, target=OFF_AXIS)
 FREE = pp.Measurement(std=20e-6, target=OFF_AXIS, base="free", target_known=False)
@@ -184,6 +184,39 @@ def test_without_a_prior_the_means_of_the_sheet_do_not_matter() -> None:
     both = pp.calibrate(model, (q, readings), precise)
     # with a prior the estimate is drawn towards the means, by a little
     assert (np.array(list(both.posterior.std.values())) <= std * (1 + 1e-9)).all()
+
+
+@pytest.mark.slow
+def test_another_choice_of_parameters_gives_the_same_predictions() -> None:
+    """All 36 displacements of frames, and the 22 of axes' lines and tool: the same arm, to 1e-8 m at poses not measured."""
+    chain, measurement = paper_model().chain, pp.Measurement("pose", std=20e-6)
+    q, later = random_poses(4, 25), random_poses(4, 10, seed=9)
+    every = pp.every_frame(chain)
+    law = {name: pp.Normal(1e-3) for name in ("x", "y", "rx", "ry")}
+    sources: list[pp.Source] = [Frame(joint=name, **law) for name in chain.joint_names]  # type: ignore[arg-type]
+    sources.append(Mounting(at="tool", z=pp.Normal(1e-3), rz=pp.Normal(1e-3), **law))  # type: ignore[arg-type]
+    lines = pp.ErrorModel(chain, pp.Space(), sources)
+    readings = readings_of(every, q, measurement, seed=2)
+    found = [pp.calibrate(model, (q, readings), measurement, prior=False) for model in (every, lines)]
+    assert [each.rank for each in found] == [22, 22]
+    for k in range(10):
+        one, other = (each.predict(later[:, k]) for each in found)
+        np.testing.assert_allclose(one[:3, 3], other[:3, 3], atol=1e-8)
+        np.testing.assert_allclose(one[:3, :3], other[:3, :3], atol=1e-8)
+
+
+def test_readings_that_determine_nothing_are_refused() -> None:
+    """An offset of joint 1, upright, is a turn of the base: where that is free, no reading shows it."""
+    chain, free = paper_model().chain, pp.Measurement(base="free")
+    model = pp.ErrorModel(chain, pp.Space(), [JointOffset(joint="joint1", offset=pp.Normal(1e-3))])
+    q = random_poses(4, 12)
+    with pytest.raises(pp.InputError, match=r"no reading sees any number that varies .*, or with the base known"):
+        pp.calibrate(model, (q, readings_of(model, q, free)), free)
+    with pytest.raises(pp.InputError, match="nothing to estimate"):
+        pp.plan_calibration(model, q, 6, free, at=[[0.0, 0.3, 0.5, -0.3]])
+    forecast = pp.forecast_calibration(model, q, free, at=[[0.0, 0.3, 0.5, -0.3]])
+    assert "no reading sees any number" in forecast.findings[0].message
+    assert forecast.rms("after") == pytest.approx(forecast.rms("before"), rel=1e-9)
 
 
 @pytest.mark.slow

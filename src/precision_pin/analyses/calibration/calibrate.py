@@ -14,7 +14,7 @@ from precision_pin.analyses.calibration.data import CalibrationData, read_data
 from precision_pin.analyses.calibration.design import stations_of
 from precision_pin.analyses.calibration.fit import Fit, Problem, fit
 from precision_pin.analyses.calibration.forecast import task_poses
-from precision_pin.analyses.calibration.identifiability import of_stack
+from precision_pin.analyses.calibration.identifiability import of_stack, refuse_where_nothing_is_seen, remarks_on
 from precision_pin.analyses.calibration.measurement import Measurement
 from precision_pin.analyses.calibration.posterior import Posterior, error_left
 from precision_pin.analyses.calibration.remaining_model import remaining_model
@@ -66,7 +66,7 @@ def calibrate(
     Raises
     ------
     InputError
-        The data are wrong, nothing varies from robot to robot, or the fit does not settle.
+        The data are wrong, nothing varies from robot to robot or no reading sees it, or the fit does not settle.
     """
     check_instance("model", model, ErrorModel, "as ErrorModel.load returns it")
     check_instance("measurement", measurement, Measurement, "pp.Measurement(kind=..., std=...)")
@@ -82,6 +82,8 @@ def calibrate(
     residuals = whole.residuals(best.z, best.nuisances)
     left_out = np.where(np.isin(np.arange(len(given)), list(distances))[:, None], residuals, best.residuals.left_out)
     unit, estimator = whole.unit, best.estimator
+    seen = of_stack(unit.names, *used.plain_slopes(best.z, best.nuisances), measurement, len(given) - len(distances))
+    refuse_where_nothing_is_seen(seen)
     mean, covariance = unit.values(best.z), unit.root @ estimator.covariance @ unit.root.T
     gross = tuple(
         GrossError(given.lines[row], float(np.linalg.norm(residuals[row, :3])), float(np.sqrt(distances[row])))
@@ -92,9 +94,7 @@ def calibrate(
         measurement=measurement,
         has_prior=prior,
         posterior=Posterior.of(unit, mean, covariance),
-        identifiability=of_stack(
-            unit.names, *used.plain_slopes(best.z, best.nuisances), measurement, len(given) - len(gross)
-        ),
+        identifiability=seen,
         set_up=SetUp.of(measurement, base, best.nuisances, estimator.nuisance_covariance()),
         chi_square=best.chi_square,
         degrees_of_freedom=best.degrees_of_freedom,
@@ -114,6 +114,7 @@ def calibrate(
             *findings,
             *check_data(model, given),
             *_remarks(given, best, gross),
+            *remarks_on(seen),
             *doubt_model(used, best, has_prior=prior),
         ),
     )
@@ -162,12 +163,6 @@ def _remarks(data: CalibrationData, best: Fit, gross: tuple[GrossError, ...]) ->
         yield Finding("warning", "W_GROSS_ERROR", message, data.file or None)
     if best.at_bounds:
         yield Finding("warning", "W_AT_BOUND", f"estimated at a bound of their tolerance: {', '.join(best.at_bounds)}")
-    if best.estimator.nuisance_rank < best.nuisances.size:
-        message = (
-            f"the poses determine {best.estimator.nuisance_rank} of the {best.nuisances.size} unknown numbers of the set-up; "
-            "add poses that differ more"
-        )
-        yield Finding("warning", "W_SETUP", message)
     if not best.estimator.has_prior:
         message = (
             f"without a prior {best.estimator.kept.shape[1]} of {best.z.size} combinations are estimated; "

@@ -25,7 +25,7 @@ from precision_pin.analyses.calibration.design import (
     stations_of,
 )
 from precision_pin.analyses.calibration.estimates import Estimator, covariance_with_prior
-from precision_pin.analyses.calibration.identifiability import Identifiability, of_stack
+from precision_pin.analyses.calibration.identifiability import Identifiability, of_stack, remarks_on
 from precision_pin.analyses.calibration.measurement import Measurement
 from precision_pin.analyses.calibration.posterior import ErrorLeft, Posterior, error_left
 from precision_pin.analyses.calibration.remaining_model import remaining_model
@@ -254,21 +254,7 @@ def _by_instrument(
 
 
 def _remarks(found: Identifiability, model: ErrorModel, unit: UnitNumbers) -> tuple[Finding, ...]:
-    remarks = []
-    if found.nuisance_rank < len(found.nuisances):
-        message = (
-            f"these poses determine {found.nuisance_rank} of the {len(found.nuisances)} unknown numbers of the set-up "
-            f"({', '.join(found.nuisances)}); add poses that differ more"
-        )
-        remarks.append(Finding("warning", "W_SETUP", message))
-    if not found.rank:
-        message = (
-            "no reading sees any number that varies from robot to robot; measure at other poses or another quantity"
-        )
-        remarks.append(Finding("warning", "W_UNOBSERVABLE", message))
-    elif found.unseen:
-        listed = ", ".join(found.unseen[:3]) + (f" and {len(found.unseen) - 3} more" if len(found.unseen) > 3 else "")
-        remarks.append(Finding("warning", "W_UNOBSERVABLE", f"no reading sees {listed}; they keep their tolerances"))
+    remarks = list(remarks_on(found))
     laws = {
         draw.name for draw in model.space.draws if not draw.law.is_normal and set(draw.components) & set(unit.names)
     }

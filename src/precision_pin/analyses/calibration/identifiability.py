@@ -8,7 +8,7 @@ of n numbers in a group, some combinations are determined and the rest are not.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, Final, final
 
@@ -26,11 +26,22 @@ from precision_pin.analyses.calibration.design import (
     stations_of,
 )
 from precision_pin.analyses.calibration.measurement import Measurement
+from precision_pin.errors import Finding, InputError
 from precision_pin.inputs.arguments import check_instance
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.typing import Array
 
-__all__ = ["Combination", "Group", "Identifiability", "identifiability", "observability", "subspaces"]
+__all__ = [
+    "Combination",
+    "Group",
+    "Identifiability",
+    "identifiability",
+    "observability",
+    "of_stack",
+    "refuse_where_nothing_is_seen",
+    "remarks_on",
+    "subspaces",
+]
 
 _ENTRY: Final = 1e-6
 """Entry of a projector that counts as zero."""
@@ -177,6 +188,8 @@ def of_stack(
 ) -> Identifiability:
     """Return what whitened derivatives ``(M, U)`` and ``(M, k)`` determine."""
     projected, nuisance_rank = project_out(by_z, by_nuisance)
+    if len(projected) > projected.shape[1]:
+        _, projected = np.linalg.qr(projected)
     _, found, rows = np.linalg.svd(projected, full_matrices=True)
     scale = float(np.linalg.norm(by_z, 2))
     rank = int((found > NEGLIGIBLE * scale).sum())
@@ -192,6 +205,41 @@ def of_stack(
         nuisance_rank,
         observability(found[:rank], poses),
     )
+
+
+def refuse_where_nothing_is_seen(found: Identifiability) -> None:
+    """Refuse readings that determine nothing of the arm.
+
+    Raises
+    ------
+    InputError
+        They determine no combination of its numbers.
+    """
+    if not found.rank:
+        free = ", or with the base known" if any(name.startswith("base") for name in found.nuisances) else ""
+        raise InputError(
+            "no reading sees any number that varies from robot to robot: there is nothing to estimate; "
+            f"measure at other poses, under another load, with another instrument{free}"
+        )
+
+
+def remarks_on(found: Identifiability) -> Iterator[Finding]:
+    """Yield warnings about what the readings do not determine."""
+    if found.nuisance_rank < len(found.nuisances):
+        message = (
+            f"the poses determine {found.nuisance_rank} of the {len(found.nuisances)} unknown numbers of the set-up "
+            f"({', '.join(found.nuisances)}); add poses that differ more"
+        )
+        yield Finding("warning", "W_SETUP", message)
+    if not found.rank:
+        message = (
+            "no reading sees any number that varies from robot to robot; measure at other poses or another quantity"
+        )
+        yield Finding("warning", "W_UNOBSERVABLE", message)
+    elif found.unseen:
+        listed = ", ".join(found.unseen[:3]) + (f" and {len(found.unseen) - 3} more" if len(found.unseen) > 3 else "")
+        keeps = "they keep their tolerances" if len(found.unseen) > 1 else "it keeps its tolerance"
+        yield Finding("warning", "W_UNOBSERVABLE", f"no reading sees {listed}; {keeps}")
 
 
 def observability(singular_values: Array, poses: int) -> dict[str, float]:

@@ -17,7 +17,12 @@ from precision_pin.analyses.calibration.design import (
 )
 from precision_pin.analyses.calibration.estimates import Estimator
 from precision_pin.analyses.calibration.forecast import task_poses
-from precision_pin.analyses.calibration.identifiability import Identifiability, of_stack
+from precision_pin.analyses.calibration.identifiability import (
+    Identifiability,
+    of_stack,
+    refuse_where_nothing_is_seen,
+    remarks_on,
+)
 from precision_pin.analyses.calibration.measurement import Measurement
 from precision_pin.analyses.calibration.pose_choice import Design
 from precision_pin.analyses.calibration.posterior import ErrorLeft, error_left
@@ -191,10 +196,7 @@ def plan_calibration(
     # each candidate by itself: one reading at its own pose
     stations = tuple(Station(one, (k,)) for k, one in enumerate(model.at_columns(np.ascontiguousarray(values))))
     by_z, by_nuisance = stack_at_means(stations, unit, measurement)
-    if not by_z.any():
-        raise InputError(
-            "no candidate sees any number that varies from robot to robot; give other poses or another instrument"
-        )
+    refuse_where_nothing_is_seen(of_stack(unit.names, flat(by_z), flat(by_nuisance), measurement, total))
     tasks = task_poses(model, at, values)
     slopes = [one.jacobian[:3][:, unit.columns] @ unit.root for _, one in tasks]
     goal = sum((one.T @ one for one in slopes), np.zeros((by_z.shape[2],) * 2)) / len(slopes)
@@ -248,15 +250,4 @@ def _remarks(found: Identifiability, efficiency: float) -> tuple[Finding, ...]:
             "exchange of two poses is better"
         )
         remarks.append(Finding("warning", "W_PLAN", message))
-    if found.nuisance_rank < len(found.nuisances):
-        message = (
-            f"the chosen poses determine {found.nuisance_rank} of the {len(found.nuisances)} unknown numbers of the set-up; "
-            "choose more"
-        )
-        remarks.append(Finding("warning", "W_SETUP", message))
-    if found.unseen:
-        listed = ", ".join(found.unseen[:3]) + (f" and {len(found.unseen) - 3} more" if len(found.unseen) > 3 else "")
-        remarks.append(
-            Finding("warning", "W_UNOBSERVABLE", f"no chosen pose sees {listed}; they keep their tolerances")
-        )
-    return tuple(remarks)
+    return (*remarks, *remarks_on(found))
