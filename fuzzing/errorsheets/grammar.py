@@ -75,7 +75,9 @@ class _Maker:
             data["gravity"] = self.random.choice(["earth", "moon", "none", "0 0 -9.81 m/s^2", "1 2 -9 m/s^2"])
         if chance() < 0.3:
             data["statics"] = self.random.choice(["nominal", "equilibrium"])
-        data["poses"] = {f"pose{k}": self._pose() for k in range(self.random.randint(1, 3))}
+        data["poses"] = {
+            f"pose{k}": self._approached(self._pose(), first=k == 0) for k in range(self.random.randint(1, 3))
+        }
         data["parameters"] = self._parameters()
         single = [
             name for name, law in data["parameters"].items() if not {"fixed", "scope"} & set(law) and name[0] in "al"
@@ -107,6 +109,14 @@ class _Maker:
         if not SLIDING & set(self.joints) and self.random.random() < 0.4:
             return " ".join(value.split()[0] for value in values) + " deg"
         return values if self.random.random() < 0.5 else dict(zip(self.joints, values, strict=True))
+
+    def _approached(self, pose: Any, *, first: bool) -> Any:
+        if self.random.random() < 0.7:
+            return pose
+        signs = {joint: self.random.choice(["+", "-", "0"]) for joint in self.joints if self.random.random() < 0.8}
+        text = ", ".join(f"{joint} {sign}" for joint, sign in signs.items())
+        ways: list[Any] = [signs, *([text] if text else []), *([] if first else ["previous"])]
+        return {"q": pose, "approach": self.random.choice(ways)}
 
     def _parameters(self) -> Data:
         found: Data = {}

@@ -107,7 +107,8 @@ def _read(path: Path, text: bytes, outcome: Outcome) -> ErrorModel | None:
 
 
 def _try_model(model: ErrorModel, sheet: Sheet, outcome: Outcome) -> None:
-    for q in list(sheet.poses.values())[:POSES] or [np.zeros(len(sheet.chain.joints))]:
+    poses: list[Any] = [*sheet.poses]
+    for q in poses[:POSES] or [np.zeros(len(sheet.chain.joints))]:
         try:
             at = model.at(q)
             e0, jacobian = at.tangent
@@ -156,6 +157,8 @@ def _compare(one: ErrorModel | None, other: ErrorModel | None, names: dict[str, 
     if list(one.poses) != list(other.poses):
         outcome.problems.append("other poses")
         return
+    if one.approaches != other.approaches:
+        outcome.problems.append("other approaches")
     spread = np.sqrt(one.space.block_covariance.variances)
     _close("means", one.space.mean, other.space.mean[where], outcome, floor=CLOSE * spread.max(initial=0.0))
     _close("covariance", one.space.covariance, other.space.covariance[np.ix_(where, where)], outcome)

@@ -51,6 +51,7 @@ if TYPE_CHECKING:
     from precision_pin.model.error_model import ErrorModel as ErrorModel
     from precision_pin.model.every_frame import every_frame as every_frame
     from precision_pin.robot import mcpc as mcpc
+    from precision_pin.robot.approach import ApproachedPose as ApproachedPose
     from precision_pin.robot.chain import Chain as Chain
     from precision_pin.robot.chain import Posture as Posture
     from precision_pin.robot.inverse_kinematics import inverse_kinematics as inverse_kinematics
@@ -59,8 +60,10 @@ if TYPE_CHECKING:
     from precision_pin.robot.pose_sources.place_grid import box_places as box_places
     from precision_pin.robot.pose_sources.place_grid import place_grid as place_grid
     from precision_pin.robot.pose_sources.place_grid import plane_places as plane_places
+    from precision_pin.robot.pose_sources.trajectory import read_trajectory as read_trajectory
     from precision_pin.robot.postures import Postures as Postures
     from precision_pin.sampling import monte_carlo as monte_carlo
+    from precision_pin.sampling.approaches import sample_approaches as sample_approaches
     from precision_pin.sampling.many_poses import sample_poses as sample_poses
     from precision_pin.sampling.poses_result import PosesResult as PosesResult
     from precision_pin.sampling.result import Analysis as Analysis
@@ -73,6 +76,7 @@ old_paths.install()
 
 _HOMES: Final = {
     "Analysis": "sampling.result",
+    "ApproachedPose": "robot.approach",
     "Arcsine": "draws.laws",
     "Chain": "robot.chain",
     "Circle": "draws.laws",
@@ -120,7 +124,9 @@ _HOMES: Final = {
     "plane_places": "robot.pose_sources.place_grid",
     "pose_covariance": "analyses.map.between_poses",
     "progress": "display.progress",
+    "read_trajectory": "robot.pose_sources.trajectory",
     "reliability": "analyses.reliability.reliability",
+    "sample_approaches": "sampling.approaches",
     "sample_poses": "sampling.many_poses",
     "specification": "statistics.specification",
     "worst_case": "analyses.worst_case.worst_case",

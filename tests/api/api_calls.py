@@ -6,6 +6,7 @@ import inspect
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -136,9 +137,11 @@ NUMBER = "zero, one half, minus one"
 POSITIVE = "one half"
 NOT_NEGATIVE = "zero, one half"
 OPTIONAL = "nothing"
+WAY = Path(__file__).with_name("way.csv")
 FILE = "path|file|3|nonsense"
 POSE_FINE = "nothing"
 SEVERAL = "nothing, list of nothing"
+APPROACH_FINE = "nothing, empty list, empty tuple, empty mapping"
 NO_SPECIFICATION = "empty list, empty tuple"
 
 
@@ -216,13 +219,13 @@ def calls() -> Iterator[Call]:
         "monte_carlo",
         pp.monte_carlo,
         {
-            "error_model": arm, "q": POSE, **sampled, "model": "exact",
+            "error_model": arm, "q": POSE, "approach": None, **sampled, "model": "exact",
             "specifications": [Specification("position.x", 1e-3, 0.9)],
             "until": [], "keep_samples": False, "findings": [], "threads": 1, "processes": None, "executor": None,
             "tasks_under_way": None, "journal": None, "resume": False, "files": {}, "progress": None, "tell": None,
         },
-        pose_words | {"journal": "journal", "files": "file", "until": "until|target"},
-        q=POSE_FINE, **sampled_fine, specifications=NO_SPECIFICATION, until="empty list, empty tuple",
+        pose_words | {"journal": "journal", "files": "file", "until": "until|target", "approach": "approach|joint"},
+        q=POSE_FINE, approach=APPROACH_FINE, **sampled_fine, specifications=NO_SPECIFICATION, until="empty list, empty tuple",
         keep_samples="true", findings="empty list, empty tuple", threads=OPTIONAL, processes=OPTIONAL, executor=OPTIONAL,
         tasks_under_way=OPTIONAL, journal="nothing, word, digits", resume=WHOLE, files="nothing, empty mapping",
         progress="nothing, true, function, type", tell="nothing, function, type",
@@ -231,12 +234,29 @@ def calls() -> Iterator[Call]:
         "sample_poses",
         pp.sample_poses,
         {
-            "error_model": arm, "q": np.tile(np.array(POSE)[:, None], 2), **sampled, "model": "exact",
+            "error_model": arm, "q": np.tile(np.array(POSE)[:, None], 2), "approach": None, **sampled, "model": "exact",
             "specifications": [], "findings": [], "threads": 1, "progress": None,
         },
-        pose_words | {"q": "pose|joint"},
-        **sampled_fine, specifications=NO_SPECIFICATION, findings="empty list, empty tuple", threads=OPTIONAL,
-        progress="nothing, true, function, type",
+        pose_words | {"q": "pose|joint", "approach": "approach|joint"},
+        approach=APPROACH_FINE, **sampled_fine, specifications=NO_SPECIFICATION, findings="empty list, empty tuple",
+        threads=OPTIONAL, progress="nothing, true, function, type",
+    )  # fmt: skip
+    yield call(
+        "ApproachedPose",
+        lambda pose, approach: arm.at(pp.ApproachedPose(pose, approach)),
+        {"pose": POSE, "approach": {"joint1": "+"}},
+        {"pose": "joint|pose", "approach": "approach|joint"},
+        pose=POSE_FINE, approach=APPROACH_FINE.removeprefix("nothing, "),
+    )  # fmt: skip
+    yield call(
+        "sample_approaches",
+        pp.sample_approaches,
+        {
+            "error_model": arm, "pose": POSE, "approaches": ["joint1 +", "joint1 -"], "robots": 3, "cycles": 2, "seed": 0,
+            "model": "exact", "target": (0.0, 0.0, 0.1), "number": 0, "first": 0,
+        },
+        {"error_model": "ErrorModel", "pose": "joint|pose", "approaches": "approach|joint", "number": "number"},
+        pose=POSE_FINE, robots=WHOLE, cycles=WHOLE, seed="zero", number="zero", first="zero",
     )  # fmt: skip
     yield call(
         "map_poses",
@@ -279,6 +299,14 @@ def calls() -> Iterator[Call]:
         },
         {"reference": "joint"},
         reference=OPTIONAL, progress="nothing, true, function, type",
+    )  # fmt: skip
+    yield call(
+        "read_trajectory", pp.read_trajectory, {"path": WAY, "chain": chain, "most": 10}, {"path": FILE, "most": "most"}
+    )
+    way = pp.read_trajectory(WAY, chain)
+    yield call(
+        "Trajectory.refined", way.refined, {"time_step": 0.5, "angle_step": 0.1, "length_step": None, "most": 100},
+        time_step="nothing, one half", angle_step="nothing, one half", length_step=OPTIONAL,
     )  # fmt: skip
     yield call("Orientation.given", pp.Orientation.given, {"rotation": np.eye(3), "label": "upright"},
                {"rotation": "orientation"}, label="word, digits, empty text")  # fmt: skip
@@ -354,6 +382,7 @@ def calls() -> Iterator[Call]:
         "Chain.with_payload", chain.with_payload, {"mass": 1.0, "centre": [0.0, 0.0, 0.1], "at": chain.tip},
         {"centre": "centre", "at": "link"}, mass=NOT_NEGATIVE, at=OPTIONAL,
     )  # fmt: skip
+    yield call("Chain.with_target", chain.with_target, {"point": [0.0, 0.0, 0.1]}, {"point": "target"})
     urdf = chain.robot.file
     yield call(
         "Chain.from_urdf",
@@ -379,7 +408,8 @@ def calls() -> Iterator[Call]:
     yield call("ErrorModel.load", pp.ErrorModel.load, {"path": PAPER_SHEET, "kinds": ()}, {"kinds": "kind", "path": FILE},
                kinds="empty list, empty tuple")  # fmt: skip
     yield call("ErrorModel.from_sheet", pp.ErrorModel.from_sheet, {"sheet": _sheet()})
-    yield call("ErrorModel.at", arm.at, {"q": POSE}, {"q": "joint|pose"}, q=POSE_FINE)
+    yield call("ErrorModel.at", arm.at, {"q": POSE, "approach": None}, {"q": "joint|pose", "approach": "approach|joint"},
+               q=POSE_FINE, approach=APPROACH_FINE)  # fmt: skip
     yield call("ErrorModel.configuration", arm.configuration, {"q": POSE}, {"q": "joint|pose"}, q=POSE_FINE)
     yield call("ErrorModel.at_many", arm.at_many, {"q": np.zeros((4, 2))}, {"q": "joint|pose"})
     yield call("PoseModel.linear", at.linear, {"x": x})

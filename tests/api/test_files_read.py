@@ -8,13 +8,13 @@ import os
 import pytest
 
 import precision_pin as pp
-from precision_pin.cli.trajectory import read_trajectory
 from precision_pin.display import stored
 from precision_pin.display.stored import JsonResult
 from precision_pin.inputs import csv_columns
 from precision_pin.inputs.files import UnreadableFileError, read_regular_file, read_text_file
 from precision_pin.robot import urdf
 from precision_pin.robot.examples import PAPER_SHEET
+from precision_pin.robot.pose_sources.trajectory import read_trajectory
 
 
 def make_odd_files(folder):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import math
 
 import numpy as np
 import pytest
@@ -36,6 +37,16 @@ def test_a_trajectory_comes_back_with_its_columns(run, folder, new_files):
     again = run("compensate", SHEET, "--trajectory", "right.csv", "--json", "-")
     assert again.json["poses"][0]["q"] == pytest.approx(result["poses"][0]["q_corrected"], abs=1e-12)
     assert new_files() == {"way.csv", "right.csv", "right.json"}
+
+
+def test_a_trajectory_in_degrees_comes_back_in_degrees(run, folder):
+    (folder / "way.csv").write_text("joint1 [deg],joint2 [deg],joint3,joint4 [mrad]\n-90,3,1.5,-1600\n")
+    done = run("compensate", SHEET, "--trajectory", "way.csv", "--csv", "right.csv", "--json", "-")
+    header, row = csv.reader((folder / "right.csv").read_text().splitlines())
+    assert header == ["joint1 [deg]", "joint2 [deg]", "joint3", "joint4 [mrad]"]
+    corrected = done.json["poses"][0]["q_corrected"]
+    units = (math.pi / 180, math.pi / 180, 1, 1e-3)
+    assert [float(cell) * unit for cell, unit in zip(row, units, strict=True)] == pytest.approx(corrected, abs=1e-12)
 
 
 @pytest.mark.slow

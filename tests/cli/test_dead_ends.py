@@ -23,6 +23,7 @@ WITH_ROBOT = {
     "init": (),
     "mcpc": (),
     "worst-case": (),
+    "compensate": (),
     "exact-law": (),
     "reliability": ("--spec", "1 mm"),
     "moments": (),
@@ -30,7 +31,6 @@ WITH_ROBOT = {
     "report": ("--out", "page.html"),
     "export": ("--out", "built"),
     "calibrate": ("--forecast",),
-    "compensate": (),
 }
 FEW = ("--samples", "200")
 
@@ -303,13 +303,13 @@ QUICK = {
     "init": ("4dof.urdf", "--force"),
 }
 LONGER = {
+    "compensate": ("--out", "corrected"),
     "worst-case": (*FEW, "--out", "worst"),
     "budget": ("--samples", "1024", "--out", "shares"),
     "exact-law": (*FEW, "--out", "laws"),
     "reliability": (*FEW, "--spec", "90 mm", "--out", "rare"),
     "moments": ("--samples", "1024", "--out", "few"),
     "calibrate": ("--plan", "4", "--random", "8", "--out", "plan"),
-    "compensate": ("--out", "corrected"),
     "report": ("--samples", "1000", "--out", "report.html"),
 }
 

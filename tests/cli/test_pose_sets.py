@@ -14,7 +14,9 @@ from precision_pin.sheet import read
 
 SHEET = "gantry.errors.yaml"
 LONG = "a_rather_long_name_for_a_joint_that_turns_about_x_of_the_carriage"
-NONE: PoseOptions = {"pose_names": (), "all_poses": False, "qs": (), "trajectory": None, "grid": None}
+NONE: PoseOptions = {
+    "pose_names": (), "all_poses": False, "qs": (), "trajectory": None, "grid": None, "approach": None, "steps": ()
+}  # fmt: skip
 
 
 def test_every_way_to_name_poses_makes_a_set(folder):
@@ -81,3 +83,43 @@ def test_a_grid_out_of_reach_or_given_twice_is_refused(run, folder, new_files):
     assert many.code == 2
     assert "18 poses; at most 12 are allowed here" in many.err
     assert "page.html" not in new_files()
+
+
+def test_steps_put_poses_between_the_rows_of_a_trajectory(run, folder):
+    (folder / "way.csv").write_text(f"time [s],{LONG} [deg],y_axis [mm]\n0,0,0\n1,10,30\n")
+    along = run("moments", SHEET, "--trajectory", "way.csv", "--step", "0.5 s", "--step", "3 deg", "--json", "-")
+    values = [list(pose["pose"]["q"].values()) for pose in along.json["poses"]]
+    np.testing.assert_allclose(values, [[0.0075 * k, math.radians(2.5 * k)] for k in range(5)], atol=1e-15)
+    for steps, message in (
+        (("2 parsec",), "--step '2 parsec': 'parsec' in '2 parsec' is not a unit of time or angle or length"),
+        (("0 s",), "--step '0 s': time_step must be positive"),
+        (("1 s", "1 ms"), "--step '1 ms': a second step of time"),
+        (("1e-9 s",), "--step '1e-9 s': the steps make 1,000,000,001 poses"),
+    ):
+        words = [word for step in steps for word in ("--step", step)]
+        refused = run("analyze", SHEET, "--trajectory", "way.csv", *words)
+        assert refused.code == 2
+        assert refused.said[0].startswith("way.csv: error E_TRAJECTORY: ")
+        assert message in refused.err
+    alone = run("analyze", SHEET, "--step", "1 s")
+    assert (alone.code, "--step needs a --trajectory" in alone.err) == (2, True)
+
+
+def test_a_target_shifts_every_result_by_its_lever_arm(run):
+    # the tool turns about x by 0.1 mrad (the sheet gives 3 sigma): a point 200 mm along y from the tip moves by 0.02 mm along z
+    for command in ("moments", "budget", "worst-case"):
+        titled = run(command, SHEET, "--q", "0 mm, 0 deg", "--target", "0 200 0 mm").out.splitlines()[0]
+        assert "frame to tool + 0 200 0 mm" in titled
+    tip, target = (
+        run("moments", SHEET, "--q", "0 mm, 0 deg", *words, "--json", "-").json["poses"][0]
+        for words in ((), ("--target", "0 0.2 0 m"))
+    )
+    assert tip["std"]["value"][2] == pytest.approx(0, abs=1e-7)
+    assert target["std"]["value"][2] == pytest.approx(0.1e-3 * 0.2, rel=1e-5)
+    assert target["std"]["value"][1] == pytest.approx(tip["std"]["value"][1], rel=1e-5)
+    refused = run("analyze", SHEET, "--target", "0 200 mm")
+    assert refused.code == 2
+    (line,) = refused.said
+    assert line.startswith(
+        "precision-pin: error E_USAGE: --target: '0 200 mm' has 2 numbers, expected 3; write it as '0 0"
+    )

@@ -50,7 +50,7 @@ def test_numbers_repeated_in_the_compiled_file_are_those_of_their_owners() -> No
     assert (loops._SHIFT, loops._OFFSET, loops._BINS) == (sketch.SHIFT, sketch.OFFSET, sketch.BINS)
     named = {
         "ADD": loops._ADD, "SUBTRACT": loops._SUBTRACT, "MULTIPLY": loops._MULTIPLY, "DIVIDE": loops._DIVIDE,
-        "POWER": loops._POWER, "SQRT": loops._SQRT, "SIN": loops._SIN, "COS": loops._COS,
+        "POWER": loops._POWER, "SQRT": loops._SQRT, "SIN": loops._SIN, "COS": loops._COS, "SIGN": loops._SIGNUM,
     }  # fmt: skip
     assert named == {operator.name: int(operator) for operator in Operator}
 

@@ -12,12 +12,12 @@ import pytest
 
 from outputs.view_cases import data_block, floats
 from precision_pin.cli import main
-from precision_pin.cli.trajectory import read_trajectory
 from precision_pin.errors import InputError
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.outputs.view import live
 from precision_pin.robot.chain import Chain
 from precision_pin.robot.examples import PAPER_SHEET
+from precision_pin.robot.pose_sources.trajectory import read_trajectory
 
 HEADER = "joint1,joint2,joint3,joint4"
 

@@ -13,12 +13,13 @@ from numpy.typing import ArrayLike
 from precision_pin.errors import InputError
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.pose_model import PoseModel
+from precision_pin.robot.approach import ApproachedPose, approach_entry, written_approach
 from precision_pin.sampling.versions import versions
 
 __all__ = ["Pose", "PoseLabel", "Poses", "Provenance", "listed_poses"]
 
-Pose = ArrayLike | Mapping[str, float] | str | None
-"""Name of a pose, or joint values in chain order or by name; ``None`` for the model's first pose."""
+Pose = ArrayLike | Mapping[str, float] | ApproachedPose | str | None
+"""Name of a pose, or joint values in chain order or by name, with an approach or without; ``None`` for the first pose."""
 
 
 @final
@@ -55,7 +56,7 @@ class Provenance:
     def of(cls, error_model: ErrorModel, seed: int) -> Provenance:
         """Return the provenance of a model's analysis."""
         chain = error_model.chain
-        arm = (os.path.basename(chain.robot.file), chain.base, chain.tip, error_model.statics)
+        arm = (os.path.basename(chain.robot.file), chain.base, chain.tip_label, error_model.statics)
         return cls(*arm, int(seed), error_model.assumed, len(error_model.sources))
 
     def to_dict(self, schema: str) -> dict[str, Any]:
@@ -87,11 +88,14 @@ class PoseLabel:
         Value of each joint, rad or m.
     sliding_joints
         Sliding joints, whose values are in m.
+    approach
+        ``+`` or ``-`` by the name of each joint whose last motion is known.
     """
 
     name: str
     q: Mapping[str, float]
     sliding_joints: tuple[str, ...] = ()
+    approach: Mapping[str, str] = field(default_factory=dict)
 
     @classmethod
     def of(cls, error_model: ErrorModel, pose: Pose, at: PoseModel) -> PoseLabel:
@@ -101,11 +105,12 @@ class PoseLabel:
             error_model.pose_name(pose),
             dict(zip(chain.joint_names, map(float, at.posture.q), strict=True)),
             tuple(joint.name for joint in chain.joints if joint.kind == "prismatic"),
+            written_approach(chain.joint_names, at.posture.approach),
         )
 
     def to_dict(self) -> dict[str, Any]:
         """Return the pose as in the JSON."""
-        return {"name": self.name, "q": dict(self.q)}
+        return {"name": self.name, "q": dict(self.q), **approach_entry(self.approach)}
 
 
 Poses = Pose | Sequence[Pose]

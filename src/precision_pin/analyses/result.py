@@ -192,7 +192,7 @@ class Result(JsonResult):
 
 def name_pose(pose: PoseLabel) -> str:
     """Return name and joint values of a pose, the heading of its table in a notebook."""
-    return (f"pose {pose.name!r}: " if pose.name else "") + joint_text(pose.q, pose.sliding_joints)
+    return (f"pose {pose.name!r}: " if pose.name else "") + joint_text(pose.q, pose.sliding_joints, pose.approach)
 
 
 def list_warnings(findings: Iterable[Finding], found: Iterable[str]) -> tuple[str, ...]:

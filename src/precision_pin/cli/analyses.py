@@ -21,6 +21,7 @@ from precision_pin.cli.options import (
     inputs_argument,
     pose_options,
     seed_option,
+    target_option,
 )
 from precision_pin.cli.poses import check_poses, pose_files, read_poses
 from precision_pin.cli.progress import compile_sampler, progress_bar
@@ -77,6 +78,7 @@ def _shared_options(command: Decorated) -> Decorated:
         click.option("--out", metavar="DIR", help="Write plots (PNG and SVG) and the result there."),
         click.option("--json", "json_path", metavar="FILE", help="Write the result as JSON; - prints it alone."),
         seed_option,
+        target_option,
         chain_options,
         pose_options,
         inputs_argument,

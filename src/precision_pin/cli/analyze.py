@@ -23,6 +23,7 @@ from precision_pin.cli.options import (
     pose_options,
     seed_option,
     spec_option,
+    target_option,
 )
 from precision_pin.cli.poses import check_poses, pose_files, read_poses
 from precision_pin.cli.progress import compile_sampler, progress_bar
@@ -51,6 +52,7 @@ class _Arm(ChainOptions, PoseOptions):
 @click.command("analyze", cls=SamplingCommand)
 @inputs_argument
 @pose_options
+@target_option
 @chain_options
 @all_warnings_option
 @quiet_option

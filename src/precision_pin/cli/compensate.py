@@ -17,8 +17,9 @@ from precision_pin.cli.options import (
     chain_options,
     inputs_argument,
     pose_options,
+    target_option,
 )
-from precision_pin.cli.poses import MOST_ROWS, check_poses, pose_files, read_pose_set
+from precision_pin.cli.poses import check_poses, pose_files, read_pose_set, read_way
 from precision_pin.cli.progress import progress_bar
 from precision_pin.cli.streams import echo_data, say
 from precision_pin.cli.targets import Outputs
@@ -28,7 +29,7 @@ from precision_pin.errors import Finding, InputError
 
 if TYPE_CHECKING:
     from precision_pin.analyses.compensation.compensation_result import CompensationResult
-    from precision_pin.robot.pose_set import PoseSet
+    from precision_pin.robot.pose_sources.trajectory import Column
     from precision_pin.sheet import Sheet
 
 __all__ = ["command"]
@@ -59,6 +60,7 @@ class _Options(ChainOptions, PoseOptions):
     help="With --mode pose: weights of the components, 1/m and 1/rad; the weighted squares are made smallest.",
 )
 @pose_options
+@target_option
 @chain_options
 @click.option(
     "--csv", "csv_path", metavar="FILE", help="Write the corrected joint values there, with the input's columns."
@@ -89,7 +91,7 @@ def command(**options: Unpack[_Options]) -> int:
     outputs.check()
     outputs.refuse_inputs(pose_files(options))
     sheet = read_sheet(options, outputs)
-    poses, columns = _poses(sheet, options)
+    poses, columns = read_pose_set(sheet, options), _columns(sheet, options)
     with progress_bar(len(poses), "correcting", "poses") as progress:
         result = compensate(
             ErrorModel.from_sheet(sheet),
@@ -122,20 +124,13 @@ def _weights(text: str | None) -> list[float] | None:
     return numbers
 
 
-def _poses(sheet: Sheet, options: _Options) -> tuple[PoseSet, tuple[str, ...]]:
-    """Return the poses, and the columns of the file that they come from."""
-    if options["trajectory"] is None:
-        return read_pose_set(sheet, options), ()
-    import numpy as np
-
-    from precision_pin.cli.trajectory import read_trajectory
-    from precision_pin.robot.pose_set import PoseSet
-
-    way = read_trajectory(options["trajectory"], sheet.chain, MOST_ROWS)
-    return PoseSet.at(sheet.chain, np.ascontiguousarray(way.values.T), way.names, way.times), way.columns
+def _columns(sheet: Sheet, options: _Options) -> tuple[Column, ...]:
+    """Return the columns of the trajectory; none where the poses come from elsewhere."""
+    path = options["trajectory"]
+    return () if path is None else read_way(sheet, path, options).columns
 
 
-def _write(result: CompensationResult, columns: tuple[str, ...], options: _Options) -> None:
+def _write(result: CompensationResult, columns: tuple[Column, ...], options: _Options) -> None:
     """Write the files that are asked for; corrected joint values only where every pose has them.
 
     Raises

@@ -15,6 +15,7 @@ import click
 from precision_pin.cli.inputs import chosen_pose, echo_findings, read_sheet
 from precision_pin.cli.notes import echo_note
 from precision_pin.cli.options import Command, OnePoseOptions, one_pose_options, seed_option
+from precision_pin.cli.poses import AskedPose, AskedPoses, approach_poses
 from precision_pin.cli.progress import progress_bar
 from precision_pin.cli.targets import Outputs
 from precision_pin.display.files import whole_folder, write_text
@@ -67,7 +68,10 @@ def command(units: int, first: int, seed: int, out: str, **arm: Unpack[OnePoseOp
     outputs.check()
     sheet = read_sheet(arm, outputs)
     model = ErrorModel.from_sheet(sheet)
-    writer = AsBuilt.prepare(model, chosen_pose(sheet, arm["pose"], arm["q"]), sheet=Path(sheet.file).name)
+    pose = AskedPose(chosen_pose(sheet, arm["pose"], arm["q"]), "")
+    if arm["approach"] is not None:
+        (pose,) = approach_poses(sheet, AskedPoses([pose]), arm["approach"])
+    writer = AsBuilt.prepare(model, pose.where, sheet=Path(sheet.file).name)
     echo_findings((*writer.at.findings("exact"), *model.statics_findings(writer.at)))
     robot = Path(sheet.chain.robot.file)
     echo_findings((*_added(writer), *_lost_meshes(writer, robot.parent, folder)))

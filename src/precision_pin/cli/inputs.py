@@ -136,15 +136,22 @@ def read_inputs(found: Inputs, options: ChainOptions) -> Sheet:
         Anything in them is wrong; first that the sheet is of another robot, if it names joints or links that this has not.
     """
     from precision_pin.sheet import Overrides, parse_change, read
+    from precision_pin.sheet.target import parse_target
 
     assert found.sheet is not None
+    target = options.get("target")
+    if target is not None:
+        try:
+            parse_target(target)
+        except InputError as error:
+            raise InputError([Finding("error", "E_USAGE", f"--{error.findings[0].message}")]) from None
     if not os.path.lexists(found.sheet):
         similar = similar_file(found.sheet, SHEET_SUFFIXES)
         hint = f"did you mean {similar}?" if similar else "precision-pin init ROBOT.urdf writes one"
         raise InputError([Finding("error", "E_FILE", f"the sheet does not exist; {hint}", str(found.sheet))])
     try:
         changes = [parse_change(text) for text in options["changes"]]
-        overrides = Overrides(found.robot, options["tip"], options["base"], options["package_dirs"])
+        overrides = Overrides(found.robot, options["tip"], options["base"], options["package_dirs"], target)
         return read(found.sheet, overrides=overrides, changes=changes)
     except InputError as error:
         own = _other_robot(found) if any(finding.code == "E_NAME" for finding in error.findings) else None

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Sequence
-from typing import Any, Final, TypedDict, TypeVar
+from typing import Any, Final, NotRequired, TypedDict, TypeVar
 
 import click
 
@@ -27,6 +27,7 @@ __all__ = [
     "robot_options",
     "seed_option",
     "spec_option",
+    "target_option",
 ]
 
 Decorated = TypeVar("Decorated", bound=Callable[..., Any])
@@ -90,7 +91,7 @@ def chain_options(command: Decorated) -> Decorated:
         "changes",
         multiple=True,
         metavar="PATH=VALUE",
-        help="Change the sheet: 'axis_install[*].radius=0.05 mm', 'parameters.a1=±0.1 mm'; repeats.",
+        help="Change the sheet: 'parameters.a1=±0.1 mm', 'payload.mass=2 kg', 'KIND[*].KEY=VALUE'; repeats.",
     )
     return robot_options(changes(command))
 
@@ -121,16 +122,20 @@ class ChainOptions(TypedDict):
     tip: str | None
     base: str | None
     package_dirs: tuple[str, ...]
+    target: NotRequired[str | None]
 
 
 class PoseOptions(TypedDict):
     """The poses: :func:`pose_options`."""
+
+    approach: str | None
 
     pose_names: tuple[str, ...]
     all_poses: bool
     qs: tuple[str, ...]
     trajectory: str | None
     grid: str | None
+    steps: tuple[str, ...]
 
 
 class OnePoseOptions(ChainOptions):
@@ -138,9 +143,11 @@ class OnePoseOptions(ChainOptions):
 
     pose: str | None
     q: str | None
+    approach: str | None
 
 
 _Q_HELP: Final = 'Joint values: "-90 3 88 -91 deg", "0.1 m, 10 deg" or "joint1: 10 deg, …".'
+_APPROACH_HELP: Final = 'How joints moved last: "joint1 +, joint2 -"'
 inputs_argument: Final = click.argument("inputs", nargs=-1, metavar="[ROBOT.urdf] [SHEET.yaml]")
 seed_option: Final = click.option("--seed", type=int, default=0, show_default=True, metavar="S", help="64-bit seed.")
 model_option: Final = click.option(
@@ -153,11 +160,21 @@ model_option: Final = click.option(
 spec_option: Final = click.option(
     "--spec", "specs", multiple=True, metavar='"0.5 mm @ 99.73 %"', help="A limit to judge; repeats."
 )
+target_option: Final = click.option(
+    "--target",
+    metavar='"X Y Z mm"',
+    help="The point that results are about, in the tip's axes; else the sheet's, or the tip.",
+)
 
 
 def pose_options(command: Decorated) -> Decorated:
     """Add the options of :class:`PoseOptions`, which :func:`precision_pin.cli.poses.read_poses` turns into poses."""
     for option in (
+        click.option(
+            "--approach",
+            metavar="DIRECTIONS",
+            help=f'{_APPROACH_HELP}, or "previous": from the pose before it.',
+        ),
         click.option(
             "--grid",
             metavar="FILE.yaml",
@@ -166,7 +183,14 @@ def pose_options(command: Decorated) -> Decorated:
         click.option(
             "--trajectory",
             metavar="FILE.csv",
-            help="Poses: a row of joint names, rows of rad or m; first column t (s).",
+            help="Poses: a row of joint names and units, as joint1 [deg], and rows of values; times come first.",
+        ),
+        click.option(
+            "--step",
+            "steps",
+            multiple=True,
+            metavar='"0.1 s"',
+            help="Poses between the rows of a trajectory: largest step in s, deg or mm; repeats.",
         ),
         click.option("--q", "qs", multiple=True, metavar="VALUES", help=f"{_Q_HELP[:-1]}; repeats."),
         click.option("--all-poses", is_flag=True, help="All of the sheet's poses."),
@@ -186,7 +210,8 @@ def one_pose_options(command: Decorated) -> Decorated:
     """Add the options of :class:`OnePoseOptions`."""
     pose = click.option("--pose", metavar="NAME", help="One of the sheet's poses; the first if left out.")
     q = click.option("--q", metavar="VALUES", help=_Q_HELP)
-    for option in (quiet_option, all_warnings_option, chain_options, q, pose, inputs_argument):
+    approach = click.option("--approach", metavar="DIRECTIONS", help=f"{_APPROACH_HELP}.")
+    for option in (quiet_option, all_warnings_option, chain_options, approach, q, pose, inputs_argument):
         command = option(command)
     return command
 

@@ -11,16 +11,18 @@ from precision_pin.cli.inputs import chosen_pose
 from precision_pin.cli.notes import echo_note, echo_warnings
 from precision_pin.cli.options import PoseOptions
 from precision_pin.cli.progress import progress_bar
-from precision_pin.errors import Finding, InputError
+from precision_pin.errors import Finding, InputError, UnknownNameError
 
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
+    from precision_pin.robot.approach import ApproachedPose
     from precision_pin.robot.pose_set import PoseSet
+    from precision_pin.robot.pose_sources.trajectory import Trajectory
     from precision_pin.sheet import Sheet
 
-__all__ = ["MOST_ROWS", "AskedPose", "AskedPoses", "check_poses", "pose_files", "read_pose_set", "read_poses"]
+__all__ = ["AskedPose", "AskedPoses", "check_poses", "pose_files", "read_pose_set", "read_poses", "read_way"]
 
 MOST_ROWS: Final = 2**20 - 1
 """The most poses of a trajectory or a grid where a command sets no lower bound: draws of pose scope can be made at no more."""
@@ -39,7 +41,7 @@ class AskedPose:
         Its name, or its time or row in a trajectory; empty where it has none.
     """
 
-    where: str | NDArray[np.float64] | None
+    where: str | NDArray[np.float64] | ApproachedPose | None
     name: str
 
 
@@ -63,12 +65,12 @@ class AskedPoses(list[AskedPose]):
 
 
 def check_poses(options: PoseOptions) -> None:
-    """Refuse two ways to name poses at once.
+    """Refuse two ways to name poses at once, and steps without a trajectory.
 
     Raises
     ------
     InputError
-        More than one is given.
+        More than one is given, or steps alone.
     """
     chosen = {
         "--pose": bool(options["pose_names"]),
@@ -80,6 +82,8 @@ def check_poses(options: PoseOptions) -> None:
     given = [option for option, is_given in chosen.items() if is_given]
     if len(given) > 1:
         raise InputError([Finding("error", "E_USAGE", f"{given[0]} and {given[1]} exclude each other")])
+    if options["steps"] and options["trajectory"] is None:
+        raise InputError([Finding("error", "E_USAGE", "--step needs a --trajectory, between whose rows it puts poses")])
 
 
 def pose_files(options: PoseOptions) -> list[str]:
@@ -95,14 +99,67 @@ def read_poses(sheet: Sheet, options: PoseOptions, most: int = MOST_ROWS) -> Ask
     Raises
     ------
     InputError
-        No such pose, wrong joint values, a wrong trajectory or grid, or one of more than ``most`` poses.
+        No such pose, wrong joint values, a wrong trajectory or grid, one of more than ``most`` poses, or a wrong approach.
     """
+    poses = _read_poses(sheet, options, most)
+    return poses if options["approach"] is None else approach_poses(sheet, poses, options["approach"])
+
+
+def approach_poses(sheet: Sheet, poses: AskedPoses, approach: str) -> AskedPoses:
+    """Return poses with the approach that ``--approach`` asks for.
+
+    Raises
+    ------
+    InputError
+        Wrong directions, or an approach from the previous pose of a single one.
+    """
+    import numpy as np
+
+    from precision_pin.robot.approach import ApproachedPose
+
+    values = np.column_stack([_values(sheet, pose) for pose in poses])
+    approached = [
+        replace(pose, where=ApproachedPose(pose.where, tuple(directions)))
+        for pose, directions in zip(poses, _approaches(sheet, values, approach).T.tolist(), strict=True)
+    ]
+    return AskedPoses(approached, poses.left_out)
+
+
+def _approaches(sheet: Sheet, values: NDArray[np.float64], approach: str) -> NDArray[np.int8]:
+    """Return the approach of poses ``(n, P)`` that ``--approach`` asks for, ``(n, P)``."""
+    import numpy as np
+
+    from precision_pin.robot.approach import PREVIOUS, approaches_along, read_approach
+
+    if approach == PREVIOUS:
+        if values.shape[1] < 2:
+            message = "--approach previous is the way from the pose before, and there is one pose; give + or - by joint"
+            raise InputError([Finding("error", "E_POSE", message)])
+        return approaches_along(values)
+    try:
+        directions = read_approach(sheet.chain.joint_names, approach)
+    except InputError as error:
+        message = f"--approach: {error.findings[0].message}"
+        raise InputError([Finding("error", "E_POSE", message)]) from None
+    return np.repeat(np.array(directions, dtype=np.int8)[:, None], values.shape[1], axis=1)
+
+
+def _values(sheet: Sheet, pose: AskedPose) -> NDArray[np.float64]:
+    """Return the joint values of a pose without an approach."""
+    where = next(iter(sheet.poses)) if pose.where is None else pose.where
+    if isinstance(where, str):
+        if where not in sheet.poses:
+            raise UnknownNameError("pose", where, sheet.poses)
+        return sheet.poses[where]
+    return where  # type: ignore[return-value]
+
+
+def _read_poses(sheet: Sheet, options: PoseOptions, most: int) -> AskedPoses:
+    """Return the poses without the approach of the command line."""
     if options["grid"] is not None:
         return _known_poses(_read_grid(sheet, options["grid"], most), options["grid"])
     if options["trajectory"] is not None:
-        from precision_pin.cli.trajectory import read_trajectory
-
-        way = read_trajectory(options["trajectory"], sheet.chain, most)
+        way = read_way(sheet, options["trajectory"], options, most)
         return AskedPoses(AskedPose(values, name) for values, name in zip(way.values, way.names, strict=True))
     if options["all_poses"] and not sheet.poses:
         raise InputError([Finding("error", "E_POSE", "the sheet has no poses", sheet.file)])
@@ -113,36 +170,66 @@ def read_poses(sheet: Sheet, options: PoseOptions, most: int = MOST_ROWS) -> Ask
 
 
 def read_pose_set(sheet: Sheet, options: PoseOptions, most: int = MOST_ROWS) -> PoseSet:
-    """Return the poses that the options ask for with the status of each, the sheet's first where they ask for none.
+    """Return the poses that the options ask for with status and approach of each, the sheet's first where they ask for none.
 
     Raises
     ------
     InputError
         As :func:`read_poses`.
     """
+    poses = _read_pose_set(sheet, options, most)
+    approach = options["approach"]
+    return poses if approach is None else replace(poses, approaches=_approaches(sheet, poses.q, approach))
+
+
+def _read_pose_set(sheet: Sheet, options: PoseOptions, most: int) -> PoseSet:
+    """Return the poses, those of the sheet with their own approaches."""
     import numpy as np
 
-    from precision_pin.errors import UnknownNameError
     from precision_pin.robot.pose_set import PoseSet
 
     if options["grid"] is not None:
         return _read_grid(sheet, options["grid"], most)
     if options["trajectory"] is not None:
-        from precision_pin.cli.trajectory import read_trajectory
+        return read_way(sheet, options["trajectory"], options, most).poses
+    asked = _read_poses(sheet, options, most)
+    poses = PoseSet.at(
+        sheet.chain, np.column_stack([_values(sheet, pose) for pose in asked]), tuple(pose.name for pose in asked)
+    )
+    own = [sheet.approaches.get(pose.name, ()) for pose in asked]
+    if not any(own):
+        return poses
+    none = (0,) * len(sheet.chain.joints)
+    return replace(poses, approaches=np.array([one or none for one in own], dtype=np.int8).T)
 
-        way = read_trajectory(options["trajectory"], sheet.chain, most)
-        return PoseSet.at(sheet.chain, np.ascontiguousarray(way.values.T), way.names, way.times)
-    columns = []
-    asked = read_poses(sheet, options)
-    for pose in asked:
-        where = pose.name if pose.where is None else pose.where
-        if isinstance(where, str):
-            if where not in sheet.poses:
-                raise UnknownNameError("pose", where, sheet.poses)
-            where = sheet.poses[where]
-        columns.append(where)
-    names = tuple(pose.name for pose in asked)
-    return PoseSet.at(sheet.chain, np.column_stack(columns), names)
+
+def read_way(sheet: Sheet, file: str, options: PoseOptions, most: int = MOST_ROWS) -> Trajectory:
+    """Return the trajectory of a file, with the poses between its rows that ``--step`` asks for.
+
+    Raises
+    ------
+    InputError
+        A wrong file or step, or more than ``most`` poses.
+    """
+    from precision_pin import units
+    from precision_pin.robot.pose_sources.trajectory import TIME, read_trajectory
+
+    way = read_trajectory(file, sheet.chain, most)
+    kinds = {"time_step": TIME, "angle_step": units.ANGLE, "length_step": units.LENGTH}
+    steps: dict[str, float] = {}
+    for text in options["steps"]:
+        kind = ""
+        try:
+            value = units.parse(text, *kinds.values())
+            kind = next(kind for kind, quantity in kinds.items() if units.split(text)[1] in quantity.units)
+            if kind in steps:
+                raise InputError(f"a second step of {kinds[kind].name}")
+            steps[kind] = value
+            way.refined(**steps, most=most)
+        except InputError as error:
+            message = error.findings[0].message.removeprefix(f"{kind}: ")
+            raise InputError([Finding("error", "E_TRAJECTORY", f"--step {text!r}: {message}", file)]) from None
+    return way.refined(**steps, most=most)
 
 
 def _read_grid(sheet: Sheet, file: str, most: int) -> PoseSet:

@@ -22,6 +22,7 @@ from precision_pin.cli.options import (
     pose_options,
     seed_option,
     spec_option,
+    target_option,
 )
 from precision_pin.cli.poses import AskedPoses, check_poses, pose_files, read_poses
 from precision_pin.cli.progress import compile_sampler, progress_bar
@@ -46,6 +47,7 @@ class _Arm(ChainOptions, PoseOptions):
 @click.command("report", cls=SamplingCommand)
 @inputs_argument
 @pose_options
+@target_option
 @chain_options
 @all_warnings_option
 @quiet_option
@@ -92,6 +94,9 @@ def command(
     options: dict[str, tuple[str | None, ...]] = {"--pose": arm["pose_names"], "--q": arm["qs"]}
     files = {"--trajectory": arm["trajectory"], "--grid": arm["grid"]}
     options |= {option: (None if file is None else _name(file),) for option, file in files.items()}
+    options |= {"--approach": (arm["approach"],)}
+    options |= {"--step": arm["steps"]}
+    options |= {"--target": (arm.get("target"),)}
     options |= {"--tip": (arm["tip"],), "--base": (arm["base"],)}
     options |= {"--package-dir": tuple(map(_name, package_dirs)), "--samples": (str(samples),), "--seed": (str(seed),)}
     options |= {"--model": (model,), "--spec": specs, "--out": ("report.html",)}

@@ -23,6 +23,7 @@ from precision_pin.cli.options import (
     pose_options,
     seed_option,
     spec_option,
+    target_option,
 )
 from precision_pin.cli.poses import AskedPose, check_poses, pose_files, read_poses
 from precision_pin.cli.progress import compile_sampler, progress_bar
@@ -51,6 +52,7 @@ class _Arm(ChainOptions, PoseOptions):
 @click.command("view", cls=SamplingCommand)
 @inputs_argument
 @pose_options
+@target_option
 @chain_options
 @click.option("--samples", type=int, default=5_000, show_default=True, metavar="N", help="How many to show at a pose.")
 @seed_option
@@ -113,7 +115,7 @@ def command(
         kept.append(limits_kept(shown, specifications))
         return page(
             shown,
-            title=f"{sheet.chain.robot.name}: {sheet.chain.base} to {sheet.chain.tip}",
+            title=f"{sheet.chain.robot.name}: {sheet.chain.base} to {sheet.chain.tip_label}",
             seed=seed,
             model_name=model,
             factor=factor,

@@ -116,9 +116,14 @@ def joint_value(joint: str, value: float, *, slides: bool) -> str:
     return f"{joint} {plain(1e3 * value)} mm" if slides else f"{joint} {plain(math.degrees(value))}°"
 
 
-def joint_text(q: Mapping[str, float], sliding_joints: Collection[str]) -> str:
-    """Return the values of joints, as :func:`joint_value` has each."""
-    return ", ".join(joint_value(joint, value, slides=joint in sliding_joints) for joint, value in q.items())
+def joint_text(
+    q: Mapping[str, float], sliding_joints: Collection[str], approach: Mapping[str, str] | None = None
+) -> str:
+    """Return the values of joints, as :func:`joint_value` has each, with ``(+)`` or ``(-)`` where the last motion is known."""
+    signs = {joint: f" ({sign})" for joint, sign in (approach or {}).items()}
+    return ", ".join(
+        joint_value(joint, value, slides=joint in sliding_joints) + signs.get(joint, "") for joint, value in q.items()
+    )
 
 
 def resting_on(assumed: Sequence[str], sources: int) -> list[str]:

@@ -30,7 +30,10 @@ __all__ = [
     "Value",
     "component_names",
     "cos",
+    "fix_signs",
     "operations",
+    "sign",
+    "signs_of",
     "sin",
     "sqrt",
 ]
@@ -39,8 +42,8 @@ __all__ = [
 Slopes = dict[int, float]
 """Derivatives by the column of the component."""
 
-MOST_OPERATIONS: Final = 32
-"""Largest number of operations in one parameter's formula."""
+MOST_OPERATIONS: Final = 256
+"""Largest number of operations in one parameter's formula; all loads on a joint are one."""
 
 
 class Operator(IntEnum):
@@ -54,6 +57,7 @@ class Operator(IntEnum):
     SQRT = 5
     SIN = 6
     COS = 7
+    SIGN = 8
 
 
 class Expression(ABC):  # noqa: B024 - nothing to override: the engines read the tree
@@ -181,6 +185,11 @@ def cos(argument: Expression) -> Expression:
     return Operation(Operator.COS, (argument,))
 
 
+def sign(argument: Expression) -> Expression:
+    """Return 1 where an expression is zero or positive, else -1; its derivative counts as zero."""
+    return Operation(Operator.SIGN, (argument,))
+
+
 def _expression(value: Expression | float) -> Expression:
     return value if isinstance(value, Expression) else Constant(float(value))
 
@@ -216,7 +225,7 @@ class Program:
         Raises
         ------
         InputError
-            A parameter needs more than 32 operations, or names a component that does not exist.
+            A parameter needs more than 256 operations, or names a component that does not exist.
         """
         distinct: dict[Expression, None] = {}
         for parameter in parameters:
@@ -311,6 +320,33 @@ def operations(expression: Expression) -> int:
     return _count(parts)
 
 
+def signs_of(expressions: Sequence[Expression]) -> list[Expression]:
+    """Return every sign in some expressions, each once."""
+    parts: dict[Expression, None] = {}
+    for expression in expressions:
+        _collect(expression, parts)
+    return [part for part in parts if _is_sign(part)]
+
+
+def fix_signs(expression: Expression, values: Mapping[Expression, float]) -> Expression:
+    """Return an expression with its signs replaced by numbers."""
+    parts: dict[Expression, None] = {}
+    _collect(expression, parts)
+    fixed: dict[Expression, Expression] = {}
+    for part in parts:
+        if _is_sign(part):
+            fixed[part] = Constant(values[part])
+        elif isinstance(part, Operation):
+            fixed[part] = Operation(part.operator, tuple(fixed[argument] for argument in part.arguments))
+        else:
+            fixed[part] = part
+    return fixed[expression]
+
+
+def _is_sign(part: Expression) -> bool:
+    return isinstance(part, Operation) and part.operator is Operator.SIGN
+
+
 def _count(parts: Mapping[Expression, None]) -> int:
     return sum(isinstance(part, Operation) for part in parts)
 
@@ -347,6 +383,8 @@ def _apply(operator: Operator, a: Array, b: Array) -> Array:
         case Operator.COS:
             cosine: Array = np.cos(a)
             return cosine
+        case Operator.SIGN:
+            return np.where(a >= 0, 1.0, -1.0)
 
 
 def _slopes(operator: Operator, a: float, b: float, result: float, da: Slopes, db: Slopes) -> Slopes:
@@ -375,3 +413,5 @@ def _slope(operator: Operator, a: float, b: float, result: float, da: float, db:
             return math.cos(a) * da
         case Operator.COS:
             return -math.sin(a) * da
+        case Operator.SIGN:
+            return 0.0

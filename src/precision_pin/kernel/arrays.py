@@ -261,7 +261,7 @@ def _result_interval(operator: Operator, a: Interval, b: Interval) -> Interval:
                 return everything
         case Operator.SQRT:
             ends = [math.sqrt(max(x, 0.0)) for x in a]
-        case Operator.SIN | Operator.COS:
+        case Operator.SIN | Operator.COS | Operator.SIGN:
             return (-1.0, 1.0)
     if any(map(math.isnan, ends)):
         return everything

@@ -230,7 +230,9 @@ _LONG_SINC = tuple((-1) ** k / math.factorial(2 * k + 1) for k in range(11, -1, 
 _LONG_ARC = tuple((-1) ** k / (2 * k + 1) for k in range(20, -1, -1))
 
 # constants of other files are repeated here, not imported, because numba would not notice a change; a test compares them
-_ADD, _SUBTRACT, _MULTIPLY, _DIVIDE, _POWER, _SQRT, _SIN, _COS = range(8)  # precision_pin.draws.expressions.Operator
+_ADD, _SUBTRACT, _MULTIPLY, _DIVIDE, _POWER, _SQRT, _SIN, _COS, _SIGNUM = range(
+    9
+)  # precision_pin.draws.expressions.Operator
 _SHIFT, _OFFSET, _BINS = 43, 1011 << 9, 10_241  # precision_pin.statistics.sketch
 _FARTHEST = 8.6  # precision_pin.draws.laws.FARTHEST_NORMAL
 
@@ -853,6 +855,9 @@ def _derive(w: Array, formulas: Formulas) -> Scalar:
         elif operator == _COS:
             for i in range(_TILE):
                 w[result + i] = np.cos(w[a + i])
+        elif operator == _SIGNUM:
+            for i in range(_TILE):
+                w[result + i] = 1.0 if w[a + i] >= 0.0 else -1.0
         # all are counted, because a loop with an early exit is not vectorised
         for i in range(_TILE):
             failures += 0 if abs(w[result + i]) < np.inf else 1

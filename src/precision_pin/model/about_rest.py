@@ -17,7 +17,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from precision_pin.draws.expressions import MOST_OPERATIONS, operations
+from precision_pin.draws.expressions import operations
 from precision_pin.model.equilibrium import Settled, refuse_buckling
 from precision_pin.robot.chain import Factors, Place, Posture
 from precision_pin.terms.term import Target, Term
@@ -28,6 +28,8 @@ __all__ = ["terms_about_rest"]
 
 _MOST_PRODUCTS: Final = 200
 """Largest number of products kept of the last sum, the largest first; it grows with the square of the number of loads."""
+_LONGEST_PRODUCT: Final = 32
+"""Largest number of operations in such a product."""
 
 
 def terms_about_rest(settled: Settled) -> tuple[Term, ...]:
@@ -100,12 +102,12 @@ def _second_order_twists(
     mean = settled.feedback.products(settled.terms)
     responses = {factors: gain @ np.einsum("mki,ki->m", ways, twist) for factors, twist in twists.items()}
     lengths = {factors: sum(operations(factor) + 1 for factor in factors) for factors in twists}
-    # a product with too many factors for a term becomes a formula, which has a largest number of operations
+    # a product with too many factors for a term becomes a formula, which takes time in every sample
     pairs = [
         (slot, factors, others)
         for slot, factors in slopes
         for others in responses
-        if lengths[factors] + lengths[others] <= MOST_OPERATIONS
+        if lengths[factors] + lengths[others] <= _LONGEST_PRODUCT
     ]
     added = [slopes[slot, factors] @ responses[others] for slot, factors, others in pairs]
     sizes = [

@@ -22,7 +22,7 @@ from precision_pin.terms.table import TableLayout, TermTable
 from precision_pin.terms.term import JointValue, Target, Term
 from precision_pin.typing import Array
 
-__all__ = ["Feedback", "Settled", "refuse_buckling", "settle"]
+__all__ = ["Feedback", "MakeTerms", "Settled", "refuse_buckling", "settle"]
 
 MakeTerms = Callable[[Posture], Sequence[Term]]
 """Function that returns the terms of all sources at a posture."""
@@ -203,11 +203,14 @@ class Feedback:
         InputError
             A step moves the load of a backlash or clearance across the edge of its band.
         """
-        here = self._terms(displacements)
+        posture = self._displace(displacements)
+        here = tuple(self._make_terms(posture))
+        if not self._layout.fits(here):
+            self._arrange(here)
         chain, changes = self._posture.chain, []
         twists = self._layout.twists(chain, here)
         for way in ways:
-            there = self._terms(displacements + STEP * way)
+            there = tuple(self._make_terms(replace(self._displace(displacements + STEP * way), deciding=posture)))
             if not self._layout.fits(there):
                 raise InputError(_NO_REST.format("these"))
             changes.append((self._layout.twists(chain, there) - twists) / STEP)

@@ -6,11 +6,12 @@ import itertools
 import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
+from dataclasses import replace
 from functools import cached_property
 from typing import Final, Literal, final
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from precision_pin.call_warnings import add, warns_at_end
 from precision_pin.display.html import Table, rendered
@@ -25,15 +26,18 @@ from precision_pin.inputs.arguments import (
 )
 from precision_pin.model.about_rest import terms_about_rest
 from precision_pin.model.equilibrium import settle
-from precision_pin.model.pose_model import PoseModel, joint_value, spread_of
-from precision_pin.robot.chain import Chain, Place, Posture
+from precision_pin.model.named_poses import read_poses
+from precision_pin.model.pose_model import PoseModel, joint_value
+from precision_pin.model.statics_findings import statics_findings
+from precision_pin.robot.approach import Approach, ApproachedPose, read_approach, read_approaches
+from precision_pin.robot.chain import Chain, Posture
 from precision_pin.robot.chain_findings import limit_findings
 from precision_pin.sheet import Sheet, read_data
 from precision_pin.sheet import read as read_sheet
 from precision_pin.terms.bound_source import BoundSource, load_posture, terms_at_many
 from precision_pin.terms.labelled_sources import draw_owners, draw_words, labels, own_draws, with_quantities
 from precision_pin.terms.source import Source, fix_settings
-from precision_pin.terms.table import TableLayout, TermTable
+from precision_pin.terms.table import TableLayout
 from precision_pin.terms.term import Term, TermsOfPose
 from precision_pin.typing import Array
 
@@ -42,16 +46,6 @@ __all__ = ["ErrorModel"]
 
 _AT_ONCE: Final = 256
 """Poses whose joint frames and terms are computed together; their arrays stay in the processor's cache."""
-
-_TRIED: Final = 1000
-_TRIED_SEED: Final = 0
-_TRIED_RANKS: Final = ((9, 0.005), (0, 0.02))
-"""Test of equilibrium statics on single robots: their number and seed; ranks by distance, with the allowed difference."""
-_NEGLIGIBLE: Final = 1e-9
-"""Difference of errors (m, rad) that never causes a warning."""
-
-_LARGEST_TURN: Final = 0.15
-"""Rotation of a link's end by loads (rad) above which a warning is given: a cantilever's deflection is then wrong by 0.4 %."""
 
 
 @final
@@ -67,7 +61,8 @@ class ErrorModel:
     sources
         Error sources, in any order. Laws in their settings become draws of the model.
     poses
-        Named configurations, the first one the default.
+        Named configurations, the first one the default; with an approach where one is an
+        :class:`~precision_pin.robot.approach.ApproachedPose`.
     statics
         ``"nominal"``: loads at the undeflected pose, as in the paper. ``"equilibrium"``: on the arm at rest under them.
 
@@ -75,6 +70,8 @@ class ErrorModel:
     ----------
     chain, sources, poses, statics
         As given.
+    approaches
+        Approach of each named pose that has one.
     assumed
         Labels of the sources that the sheet marks as assumptions.
     sheet
@@ -90,7 +87,7 @@ class ErrorModel:
         chain: Chain,
         space: Space,
         sources: Sequence[Source],
-        poses: Mapping[str, ArrayLike | Mapping[str, float]] | None = None,
+        poses: Mapping[str, ArrayLike | Mapping[str, float] | ApproachedPose] | None = None,
         statics: Literal["nominal", "equilibrium"] = "nominal",
     ) -> None:
         check_choice("statics", statics, ("nominal", "equilibrium"))
@@ -102,7 +99,7 @@ class ErrorModel:
         self.labels = labels(self.sources)
         drawn = space.including(own_draws(self.sources, self.labels))
         self.space = with_quantities(drawn, self.sources, self.labels, chain)
-        self.poses = _read_poses(chain, {} if poses is None else poses)
+        self.poses, self.approaches = read_poses(chain, {} if poses is None else poses)
         self.assumed: tuple[str, ...] = ()
         self.sheet: Sheet | None = None
         self._layout: TableLayout | None = None
@@ -159,7 +156,8 @@ class ErrorModel:
     def from_sheet(cls, sheet: Sheet) -> ErrorModel:
         """Return the model of a sheet that has been read."""
         check_instance("sheet", sheet, Sheet, "as sheet.read returns it; ErrorModel.load takes a path")
-        model = cls(sheet.chain, sheet.space, sheet.sources, sheet.poses, sheet.statics)
+        poses = {name: ApproachedPose(q, sheet.approaches.get(name, ())) for name, q in sheet.poses.items()}
+        model = cls(sheet.chain, sheet.space, sheet.sources, poses, sheet.statics)
         model.assumed = tuple(model.labels[k] for k in sheet.assumed)
         model.sheet = sheet
         return model
@@ -188,8 +186,10 @@ class ErrorModel:
         add(sheet.findings)
         return type(self).from_sheet(sheet)
 
-    def configuration(self, q: ArrayLike | Mapping[str, float] | str | None = None) -> Array:
+    def configuration(self, q: ArrayLike | Mapping[str, float] | ApproachedPose | str | None = None) -> Array:
         """Return joint values in chain order: given in that order, by joint name or by a pose's name; or of the first pose.
+
+        Those of an :class:`~precision_pin.robot.approach.ApproachedPose` are those of its pose.
 
         Raises
         ------
@@ -198,6 +198,8 @@ class ErrorModel:
         InputError
             Wrong joint values, or none given and the model has no poses.
         """
+        if isinstance(q, ApproachedPose):
+            return self.configuration(q.pose)
         if q is None:
             if not self.poses:
                 raise InputError("the model has no poses; give joint values")
@@ -208,31 +210,75 @@ class ErrorModel:
             return self.poses[q]
         return self.chain.configuration(q)
 
+    def approach(self, q: ArrayLike | Mapping[str, float] | ApproachedPose | str | None = None) -> Approach:
+        """Return the approach of a pose as :meth:`configuration` takes it; empty where none is given.
+
+        Raises
+        ------
+        UnknownNameError
+            No such joint.
+        InputError
+            Wrong directions, or the approach is from the pose before, which there is not.
+        """
+        if not isinstance(q, ApproachedPose):
+            return self.approaches.get(self.pose_name(q), ())
+        if q.is_from_previous:
+            raise InputError("the approach is 'previous', but there is no pose before; give + or - by joint")
+        return read_approach(self.chain.joint_names, q.approach)
+
     def configurations(
-        self, q: ArrayLike | Mapping[str, ArrayLike] | Sequence[object]
+        self, q: ArrayLike | Mapping[str, ArrayLike] | Sequence[object] | ApproachedPose
     ) -> tuple[Array, tuple[str, ...]]:
         """Return the joint values ``(n, P)`` of many poses and their names, empty if a pose has none; see :meth:`at_many`."""
+        if isinstance(q, ApproachedPose):
+            return self.configurations(q.pose)
         if isinstance(q, str):
             q = [q]
         listed = isinstance(q, list | tuple)
-        names = tuple(one if isinstance(one, str) else "" for one in q) if listed else ()  # type: ignore[union-attr]
-        if any(names):
-            q = [self.configuration(one) if isinstance(one, str) else one for one in q]  # type: ignore[union-attr]
+        names = tuple(self.pose_name(one) if one is not None else "" for one in q) if listed else ()  # type: ignore[union-attr]
+        if any(isinstance(one, str | ApproachedPose) for one in (q if listed else ())):  # type: ignore[union-attr]
+            named = (str, ApproachedPose)
+            q = [self.configuration(one) if isinstance(one, named) else one for one in q]  # type: ignore[union-attr]
         values = self.chain.configurations.many(q)
         add(self.chain.configurations.doubts(q))
         return values, names or ("",) * values.shape[1]
 
+    def approaches_of(self, q: object, values: Array) -> NDArray[np.int8] | None:
+        """Return the approach of each of many poses, ``(n, P)``; ``None`` if none has one.
+
+        Parameters
+        ----------
+        q
+            The poses, as :meth:`configurations` takes them. Of an :class:`~precision_pin.robot.approach.ApproachedPose`
+            the approach is that of each of its poses.
+        values
+            Their joint values ``(n, P)``.
+        """
+        return read_approaches(q, values, self.approach)
+
     def pose_name(self, q: object) -> str:
         """Return the name of the pose that :meth:`configuration` returns for ``q``, empty if it has none."""
+        if isinstance(q, ApproachedPose):
+            return self.pose_name(q.pose)
         return q if isinstance(q, str) else next(iter(self.poses), "") if q is None else ""
 
     @warns_at_end
-    def at(self, q: ArrayLike | Mapping[str, float] | str | None = None) -> PoseModel:
-        """Return the model at a pose; ``q`` as in :meth:`configuration`.
+    def at(
+        self, q: ArrayLike | Mapping[str, float] | ApproachedPose | str | None = None, *, approach: object = None
+    ) -> PoseModel:
+        """Return the model at a pose.
 
         Warns of joint values outside their limits, and of the other findings of the posture.
+
+        Parameters
+        ----------
+        q
+            As in :meth:`configuration`.
+        approach
+            As in :class:`~precision_pin.robot.approach.ApproachedPose`; by default that of the pose.
         """
-        at = self._at(self.chain.at(self.configuration(q)))
+        q = q if approach is None else ApproachedPose(q, approach)
+        at = self._at(replace(self.chain.at(self.configuration(q)), approach=self.approach(q)))
         add(at.posture.findings)
         return at
 
@@ -257,12 +303,16 @@ class ErrorModel:
         """
         values, _ = self.configurations(q)
         add(limit_findings(self.chain, values))
-        return self.at_columns(values)
+        return self.at_columns(values, self.approaches_of(q, values))
 
-    def at_columns(self, values: Array) -> Iterator[PoseModel]:
-        """Return the model at poses ``(n, P)`` as :meth:`configurations` returns them, one after another."""
+    def at_columns(self, values: Array, approaches: NDArray[np.int8] | None = None) -> Iterator[PoseModel]:
+        """Return the model at poses ``(n, P)`` as :meth:`configurations` returns them, one after another.
+
+        Their approaches are those of :meth:`approaches_of`.
+        """
+        parts = [slice(first, first + _AT_ONCE) for first in range(0, values.shape[1], _AT_ONCE)]
         return itertools.chain.from_iterable(
-            self._at_once(values[:, first : first + _AT_ONCE]) for first in range(0, values.shape[1], _AT_ONCE)
+            self._at_once(values[:, part], None if approaches is None else approaches[:, part]) for part in parts
         )
 
     def statics_findings(self, at: PoseModel) -> tuple[Finding, ...]:
@@ -271,53 +321,10 @@ class ErrorModel:
         ``W_DEFLECTION``: a link bends so far that formulas for small deflections are inaccurate. ``W_STATICS``, nominal
         statics: the tip is farther from that of the arm at rest than a tenth of the spread by tolerances. ``W_STATICS``,
         equilibrium statics: single robots, each solved on its own, differ from the model by more than 0.5 % (the 99 %
-        robot of a thousand) or 2 % (the farthest).
+        robot of a thousand) or 2 % (the farthest). ``W_TURNOVER``, equilibrium statics with an approach: single robots take
+        up play on other sides.
         """
-        if not any(term.loaded for term in at.terms):
-            return ()
-        findings = self._nominal_findings(at) if self.statics == "nominal" else self._equilibrium_findings(at)
-        return (*_bending_findings(at), *findings)
-
-    def _nominal_findings(self, at: PoseModel) -> tuple[Finding, ...]:
-        spread, negligible = spread_of(at)
-        try:
-            rest_state = settle(at.posture, self.space, self._make_terms, within=1e-3 * negligible)
-        except InputError as error:
-            return (Finding("warning", "W_STATICS", f"{error.findings[0].message}; nominal statics hide it"),)
-        rest = PoseModel(at.posture, self.space, rest_state.table, rest_state.terms)
-        gap = float(np.linalg.norm((rest.error_at_means - at.error_at_means)[:3]))
-        if gap <= negligible:
-            return ()
-        message = (
-            f"loads at the undeflected pose (statics: nominal) put the tip {gap * 1e3:.3g} mm away from that of the arm at "
-            f"rest, more than a tenth of the spread of {spread * 1e3:.3g} mm; use statics: equilibrium"
-        )
-        return (Finding("warning", "W_STATICS", message),)
-
-    def _equilibrium_findings(self, at: PoseModel) -> tuple[Finding, ...]:
-        x = self.space.sample(_TRIED_SEED, 0, _TRIED)
-        errors = at.exact(x)
-        found: dict[str, str] = {}
-        for rank, allowed in _TRIED_RANKS:
-            for rows, what, unit in ((slice(0, 3), "|d|", "mm"), (slice(3, 6), "|δ|", "mrad")):
-                sizes = np.linalg.norm(errors[rows], axis=0)
-                robot = int(np.argsort(-sizes, kind="stable")[rank])
-                try:
-                    rest_state = settle(at.posture, self.space, self._make_terms, values=x[:, robot])
-                except InputError as error:
-                    message = f"of {_TRIED:,} robots the one with {what} {1e3 * sizes[robot]:.3g} {unit} fails: "
-                    return (Finding("warning", "W_STATICS", message + error.findings[0].message),)
-                alone = PoseModel(at.posture, self.space, rest_state.table, rest_state.terms).exact(x[:, [robot]])[:, 0]
-                size = float(np.linalg.norm(alone[rows]))
-                if abs(sizes[robot] - size) > allowed * size + _NEGLIGIBLE:
-                    found[what] = f"{what} {1e3 * sizes[robot]:.4g} {unit} for {1e3 * size:.4g}"
-        if not found:
-            return ()
-        message = (
-            f"stiffness or load vary too much for equilibrium statics: compared with {_TRIED:,} robots solved one by one "
-            f"the model gives {' and '.join(found.values())}"
-        )
-        return (Finding("warning", "W_STATICS", message),)
+        return statics_findings(at, self.statics, self._make_terms)
 
     def __repr__(self) -> str:
         counts = f"sources {len(self.sources)}, draws {len(self.space.draws)}, poses {len(self.poses)}"
@@ -335,7 +342,7 @@ class ErrorModel:
             Table(("pose", "joint values"), poses, f"Poses: {len(poses)}", words=2),
         )
         return rendered(
-            f"Error model of {os.path.basename(chain.robot.file)}: {chain.base} to {chain.tip}",
+            f"Error model of {os.path.basename(chain.robot.file)}: {chain.base} to {chain.tip_label}",
             [table for table in tables if table.rows],
             [
                 *(f"correlated: {', '.join(group.names)}" for group in self.space.correlations),
@@ -343,11 +350,13 @@ class ErrorModel:
             ],
         )
 
-    def _at_once(self, values: Array) -> Iterable[PoseModel]:
+    def _at_once(self, values: Array, approaches: NDArray[np.int8] | None) -> Iterable[PoseModel]:
         """Return the model at poses ``(n, P)``, with the terms of all of them made together where the sources accept that."""
         many = self.chain.at_columns(values)
         poses = np.ascontiguousarray(np.moveaxis(many.joint_poses, -1, 0))
         bare = [Posture(self.chain, many.q[:, k].copy(), poses[k], self.chain.loads) for k in range(len(many))]
+        if approaches is not None:
+            bare = [replace(one, approach=tuple(own)) for one, own in zip(bare, approaches.T.tolist(), strict=True)]
         if self.statics == "nominal" and len(bare) > 1:
             together = Posture(self.chain, many.q, many.joint_poses, self.chain.loads)
             with suppress(InputError):  # of one pose: it is raised again when its turn comes
@@ -396,35 +405,6 @@ class ErrorModel:
 
     def _make_terms(self, posture: Posture) -> tuple[Term, ...]:
         return tuple(itertools.chain.from_iterable(source.terms(posture) for source in self.bound_sources))
-
-
-def _bending_findings(at: PoseModel) -> tuple[Finding, ...]:
-    """Return a warning if loads turn a place too far, every parameter at its mean; it names the place turned most."""
-    loaded = TermTable.build(at.posture, at.space, [term for term in at.terms if term.loaded])
-    moved = loaded.displacements(loaded.products(loaded.program.evaluate(at.space.mean[:, None])))[:, 3:, 0]
-    turns = {
-        target.name: float(np.linalg.norm(turn))
-        for target, turn in zip(loaded.targets, moved, strict=True)
-        if isinstance(target, Place)
-    }
-    name, turn = max(turns.items(), key=lambda entry: entry[1], default=("", 0.0))
-    if turn <= _LARGEST_TURN:
-        return ()
-    message = (
-        f"loads turn the {name} by {turn:.2g} rad: formulas for small deflections are wrong by about "
-        f"{20 * turn**2:.1g} % of the deflection"
-    )
-    return (Finding("warning", "W_DEFLECTION", message),)
-
-
-def _read_poses(chain: Chain, poses: Mapping[str, ArrayLike | Mapping[str, float]]) -> dict[str, Array]:
-    found = {}
-    for name, q in check_mapping("the poses", poses).items():
-        try:
-            found[name] = chain.configuration(q)
-        except InputError as error:
-            raise InputError(f"pose {name!r}: {error.findings[0].message}") from None
-    return found
 
 
 def _settings(source: Source) -> str:

@@ -180,7 +180,7 @@ class PoseModel:
     def _repr_html_(self) -> str:
         """Return the HTML for a notebook: error at the means and first-order spread, mm and mrad."""
         chain = self.posture.chain
-        title = f"{os.path.basename(chain.robot.file)}: {chain.base} to {chain.tip}, first order at one pose"
+        title = f"{os.path.basename(chain.robot.file)}: {chain.base} to {chain.tip_label}, first order at one pose"
         pose = ", ".join(map(joint_value, chain.joints, self.posture.q))
         counts = f"{len(self.terms)} terms, {len(self.space.draws)} draws of {self.space.size} numbers"
         try:

@@ -29,6 +29,7 @@ from precision_pin.inputs.arguments import (
 )
 from precision_pin.inputs.arrays import read_only, returns_read_only
 from precision_pin.robot import statics
+from precision_pin.robot.approach import Approach
 from precision_pin.robot.chain_geometry import ChainGeometry, cut_chain
 from precision_pin.robot.configurations import Configurations
 from precision_pin.robot.joint_table import joint_table, spaced
@@ -58,7 +59,7 @@ class Chain(ChainGeometry):
 
     Attributes
     ----------
-    robot, base, tip, joints, locked, placements, link_frames
+    robot, base, tip, joints, locked, placements, link_frames, target
         As in :class:`precision_pin.robot.chain_geometry.ChainGeometry`.
     gravity
         Gravity in base axes, m/s², ``(3,)``.
@@ -133,6 +134,7 @@ class Chain(ChainGeometry):
             locked=cut.locked,
             placements=cut.placements,
             link_frames=cut.link_frames,
+            target=cut.target,
             gravity=down,
             loads=own_loads(cut.robot, cut.link_frames),
             pinocchio=PinocchioModel.load(cut.robot, cut.joint_names, cut.locked, tuple(down)),
@@ -216,13 +218,13 @@ class Chain(ChainGeometry):
     def __repr__(self) -> str:
         joints = ", ".join(map(repr, self.joint_names[:_NAMED])) + (", …" if len(self.joints) > _NAMED else "")
         file = os.path.basename(self.robot.file)
-        return f"<Chain of {file!r}, {self.base!r} to {self.tip!r}: joints {joints}>"
+        return f"<Chain of {file!r}, {self.base!r} to {self.tip_label!r}: joints {joints}>"
 
     def _repr_html_(self) -> str:
         """Return the HTML for a notebook: the joints with their limits, and the pose of each in the one before."""
         still = ", ".join(f"{name} {value:.6g}" for name, value in self.locked.items())
         return rendered(
-            f"{os.path.basename(self.robot.file)}: {self.base} to {self.tip}, {len(self.joints)} joints",
+            f"{os.path.basename(self.robot.file)}: {self.base} to {self.tip_label}, {len(self.joints)} joints",
             [joint_table(self.joints, self.placements, self.tip)],
             [
                 "x y z, roll pitch yaw: pose of a joint's frame in the one before it, for joint values of zero",
@@ -233,7 +235,9 @@ class Chain(ChainGeometry):
 
     @cached_property
     def _constants(self) -> ChainConstants:
-        return ChainConstants.of(self.placements, self.axes, self.prismatic, self._alignments, self.gravity, self.loads)
+        # of the last link's placement only the tip depends, which is the target there
+        placements = np.concatenate([self.placements[:-1], self.target_placement[None]])
+        return ChainConstants.of(placements, self.axes, self.prismatic, self._alignments, self.gravity, self.loads)
 
 
 @final
@@ -258,6 +262,10 @@ class Posture:
         The chain under load; ``None`` if the loads act on the undisplaced arm. It moves the loads, not the places.
     tilts
         Contributions of sources to gravity: vectors ``(3,)``, base axes, m/s², with the parameters that multiply them.
+    approach
+        Direction in which each joint moved last: 1, -1, or 0 where it is not known; empty if no approach is given.
+    deciding
+        The posture whose loads decide on which side a play is taken up, if that is not this one.
     """
 
     chain: Chain
@@ -266,6 +274,8 @@ class Posture:
     loads: tuple[Load, ...]
     deflection: Deflection | None = None
     tilts: tuple[tuple[Array, Factors], ...] = ()
+    approach: Approach = ()
+    deciding: Posture | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
         for name in ("q", "joint_poses"):
@@ -302,8 +312,8 @@ class Posture:
     @cached_property
     @returns_read_only
     def pose(self) -> Array:
-        """Tip in the base, ``(4, 4)``."""
-        return se3.compose(self.link_poses[-1], self.chain.placements[-1])
+        """Tip in the base, ``(4, 4)``; the target where one is given."""
+        return se3.compose(self.link_poses[-1], self.chain.target_placement)
 
     @cached_property
     @returns_read_only
@@ -372,7 +382,13 @@ class Posture:
 
     def __repr__(self) -> str:
         chain, values = self.chain, spaced(self.q)
-        return f"<Posture of {os.path.basename(chain.robot.file)!r}, {chain.base!r} to {chain.tip!r}, at {values}>"
+        return (
+            f"<Posture of {os.path.basename(chain.robot.file)!r}, {chain.base!r} to {chain.tip_label!r}, at {values}>"
+        )
+
+    def direction_of(self, joint: int) -> int:
+        """Return the direction in which a joint (0-based) moved last: 1, -1, or 0 where it is not known."""
+        return self.approach[joint] if self.approach else 0
 
     def with_loads(self, loads: Sequence[Load]) -> Posture:
         """Return the posture with further weights."""

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Final, Self
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from precision_pin.errors import InputError
-from precision_pin.inputs.arguments import check_name, check_text
+from precision_pin.inputs.arguments import check_name, check_numbers, check_text
 from precision_pin.inputs.arrays import fix_fields, returns_read_only
 from precision_pin.robot.places import (
     ORDER_END,
@@ -25,7 +26,10 @@ from precision_pin.robot.postures import alignment
 from precision_pin.robot.urdf import Joint, Robot, rerooted
 from precision_pin.typing import Array
 
-__all__ = ["ChainGeometry", "cut_chain"]
+__all__ = ["FARTHEST_TARGET", "ChainGeometry", "cut_chain"]
+
+FARTHEST_TARGET: Final = 1000.0
+"""Largest coordinate of a target in the tip's axes, m."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,6 +51,8 @@ class ChainGeometry:
         turns (the tip for i = n).
     link_frames
         Position of every URDF link on the chain.
+    target
+        The point that results are about, in the tip's axes, m, ``(3,)``; zero for the tip itself. It carries nothing.
     """
 
     robot: Robot
@@ -56,6 +62,7 @@ class ChainGeometry:
     locked: Mapping[str, float]
     placements: Array
     link_frames: Mapping[str, LinkFrame]
+    target: Array
 
     def __post_init__(self) -> None:
         fix_fields(self)
@@ -64,6 +71,23 @@ class ChainGeometry:
     def joint_names(self) -> tuple[str, ...]:
         """Names of the n joints, base to tip."""
         return tuple(joint.name for joint in self.joints)
+
+    @property
+    def tip_label(self) -> str:
+        """Name of the tip, with the target where one is given."""
+        if not self.target.any():
+            return self.tip
+        return f"{self.tip} + {' '.join(f'{value:.6g}' for value in self.target * 1e3)} mm"
+
+    @cached_property
+    @returns_read_only
+    def target_placement(self) -> Array:
+        """From the last joint's frame after its motion to the target, with the tip's axes, ``(4, 4)``."""
+        placement: Array = self.placements[-1].copy()
+        if self.target.any():
+            # einsum, as the rounding of a matrix product depends on the machine
+            placement[:3, 3] += np.einsum("ij,j->i", placement[:3, :3], self.target)
+        return placement
 
     @cached_property
     @returns_read_only
@@ -88,6 +112,19 @@ class ChainGeometry:
     def written_axes(self) -> Array:
         """Unit axis of each joint in its own frame as in the file, ``(n, 3)``; opposite to :attr:`axes` if reversed."""
         return np.array([joint.written_axis for joint in self.joints])
+
+    def with_target(self, point: ArrayLike) -> Self:
+        """Return the chain with another point that results are about, in the tip's axes, m; places and loads stay.
+
+        Raises
+        ------
+        InputError
+            Not three finite numbers, or farther than 1000 m from the tip.
+        """
+        target = check_numbers("the target", point, (3,), "three finite numbers, m in the tip's axes")
+        if not np.abs(target).max() <= FARTHEST_TARGET:
+            raise InputError(f"the target must lie within {FARTHEST_TARGET:,.0f} m of the tip along every axis")
+        return replace(self, target=target)
 
     def runs_backwards(self, link: int) -> bool:
         """Return whether a chain link's far end is its end nearer the file's root, at its own joint in the file."""
@@ -183,4 +220,4 @@ def cut_chain(robot: Robot, tip: str | None, base: str | None, locked: Mapping[s
             raise InputError(f"the joint {joint.name!r} on the chain mimics {joint.mimic.joint!r}; lock it at a value")
     locked_at = locked_values(rooted, joints, locked or {})
     frames, placements = link_frames(rooted, tip, joints, locked_at)
-    return ChainGeometry(rooted, rooted.root, tip, joints, locked_at, placements, frames)
+    return ChainGeometry(rooted, rooted.root, tip, joints, locked_at, placements, frames, np.zeros(3))

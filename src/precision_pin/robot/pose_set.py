@@ -49,6 +49,9 @@ class PoseSet:
     node
         Rank of the place or wanted pose to which each pose belongs, ``(P,)``: poses of one node are its branches and wrist
         angles. ``None`` where each pose is its own.
+    approaches
+        Direction in which each joint moved last, 1, -1 or 0, ``(n, P)``; see :mod:`precision_pin.robot.approach`. ``None``
+        where no pose has one.
 
     Raises
     ------
@@ -63,10 +66,12 @@ class PoseSet:
     position: Array
     times: Array | None = None
     node: NDArray[np.int64] | None = None
+    approaches: NDArray[np.int8] | None = None
 
     def __post_init__(self) -> None:
         counts = {self.q.shape[1], len(self.names), len(self.status), len(self.branch), self.position.shape[1]}
         counts |= {len(field) for field in (self.times, self.node) if field is not None}
+        counts |= set() if self.approaches is None else {self.approaches.shape[1]}
         if len(counts) > 1:
             raise InputError(
                 f"the fields of a pose set have {', '.join(map(str, sorted(counts)))} poses, expected one number"
@@ -102,7 +107,7 @@ class PoseSet:
 
     @classmethod
     def joined(cls, sets: Sequence[PoseSet]) -> PoseSet:
-        """Return the poses of several sets in order, without times and nodes."""
+        """Return the poses of several sets in order, without times, nodes and approaches."""
         return cls(
             q=np.concatenate([poses.q for poses in sets], axis=1),
             names=tuple(name for poses in sets for name in poses.names),
@@ -163,6 +168,7 @@ class PoseSet:
             position=self.position[:, chosen],
             times=None if self.times is None else self.times[chosen],
             node=None if self.node is None else self.node[chosen],
+            approaches=None if self.approaches is None else self.approaches[:, chosen],
         )
 
 

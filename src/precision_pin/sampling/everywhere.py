@@ -26,6 +26,7 @@ _ROBOTS: Final = 4 * sampler.BLOCK
 def count_everywhere(
     error_model: ErrorModel,
     values: Array,
+    approaches: NDArray[np.int8] | None,
     specifications: Sequence[Specification],
     model: Literal["exact", "linear"],
     seed: int,
@@ -39,7 +40,7 @@ def count_everywhere(
 
     Parameters
     ----------
-    error_model, values, specifications, model, seed, samples
+    error_model, values, approaches, specifications, model, seed, samples
         As in :func:`precision_pin.sampling.many_poses.sample_poses`.
     pool
         What the robots are sampled on; threads, which share memory.
@@ -55,7 +56,7 @@ def count_everywhere(
         return ()
     check_memory(float(samples * len(specifications)), f"marking {samples:,} robots", "sample fewer of them")
     kept = np.ones((len(specifications), samples), dtype=np.bool_)
-    models, first_pose = error_model.at_columns(values), 0
+    models, first_pose = error_model.at_columns(values, approaches), 0
     while together := list(islice(models, MOST_TOGETHER)):
         layouts = sampler.to_arrays_at_poses(together)
 

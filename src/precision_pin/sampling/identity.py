@@ -14,6 +14,7 @@ from numba.core.registry import cpu_target
 
 from precision_pin.errors import InputError, InternalError
 from precision_pin.kernel import loops, sampler
+from precision_pin.robot.approach import written_approach
 from precision_pin.sampling.blocks import Work
 from precision_pin.sampling.versions import versions
 
@@ -47,9 +48,12 @@ def identity(work: Work, posture: Posture, files: Mapping[str, str | os.PathLike
     # the processor that numba compiles for, as detected or configured
     triple, processor, features = cpu_target.target_context.codegen().magic_tuple()
     joints = zip(posture.chain.joint_names, posture.q, strict=True)
+    signs = written_approach(posture.chain.joint_names, posture.approach)
     return {
         **{f"the {name}": _file_digest(Path(path)) for name, path in files.items()},
-        "pose": ", ".join(f"{name} {float(value)!r}" for name, value in joints),
+        "pose": ", ".join(
+            f"{name} {float(value)!r}" + (f" ({signs[name]})" if name in signs else "") for name, value in joints
+        ),
         "the error model": digest(work.layout),
         _PLAN: digest((work.plan.centre, work.plan.scale)),
         "specifications": ", ".join(

@@ -30,6 +30,7 @@ from precision_pin.kernel.loops import NORM_COLUMNS, SUMS
 from precision_pin.kernel.many_poses import MOST_TOGETHER, NormBlocks, norm_edges, observe_norms
 from precision_pin.kernel.pose_arrays import JoinedTables, is_alike
 from precision_pin.model.error_model import ErrorModel
+from precision_pin.robot.approach import ApproachedPose
 from precision_pin.robot.chain_findings import limit_findings
 from precision_pin.sampling import Progress, available_cores, check_progress
 from precision_pin.sampling.everywhere import count_everywhere
@@ -67,8 +68,9 @@ _TASK: Final = 256
 def sample_poses(
     error_model: ErrorModel,
     /,
-    q: ArrayLike | Mapping[str, ArrayLike] | Sequence[object],
+    q: ArrayLike | Mapping[str, ArrayLike] | Sequence[object] | ApproachedPose,
     *,
+    approach: object = None,
     samples: int = 10_000,
     seed: int = 0,
     model: Model = "exact",
@@ -93,6 +95,9 @@ def sample_poses(
         The poses: an array ``(n, P)`` of joint values (rad, m) in chain order, one column for each pose; a list of poses, each
         a name, joint values in chain order or by name; or a mapping of joint names to P values. A square array is read by
         columns, with a warning where the joint limits do not rule out rows.
+    approach
+        Approach of every pose, as in :class:`precision_pin.ApproachedPose`: ``"previous"``, from the pose before it, or the
+        same directions at each. Poses of a list may have their own; by default those of the poses' names.
     samples
         Number of built robots, at most 2³² - 1.
     seed
@@ -131,7 +136,9 @@ def sample_poses(
     sampler.stage_of(model)
     check_confidence(confidence)
     work = _Work(model, int(seed), int(samples), listed_specifications(specifications))
+    q = q if approach is None else ApproachedPose(q, approach)
     values, names = _poses(error_model, q, work.specifications)
+    approaches = error_model.approaches_of(q, values)
     count = values.shape[1]
     found = limit_findings(error_model.chain, values, names)
     add(found)
@@ -142,7 +149,7 @@ def sample_poses(
         pool = ThreadPoolExecutor(threads or available_cores())
         # after a failure or an interrupt the running tasks are awaited; each takes a fraction of a second
         stack.callback(pool.shutdown, wait=True, cancel_futures=True)
-        tasks = _tasks(error_model, values, work)
+        tasks = _tasks(error_model, values, approaches, work)
         most = 2 * (threads or available_cores())
         under_way: deque[tuple[_Group, Future[NormBlocks]]] = deque()
 
@@ -163,16 +170,17 @@ def sample_poses(
         kept = None
         if everywhere:
             kept = count_everywhere(
-                error_model, values, work.specifications, model, work.seed, work.samples, pool, step
+                error_model, values, approaches, work.specifications, model, work.seed, work.samples, pool, step
             )
     chain = error_model.chain
     return PosesResult(
         robot=os.path.basename(chain.robot.file),
         base=chain.base,
-        tip=chain.tip,
+        tip=chain.tip_label,
         names=names,
         joints=tuple(chain.joint_names),
         q=values,
+        approaches=approaches,
         samples=work.samples,
         seed=work.seed,
         model=model,
@@ -192,11 +200,12 @@ def sample_poses(
 
 def _poses(
     error_model: ErrorModel,
-    q: ArrayLike | Mapping[str, ArrayLike] | Sequence[object],
+    q: ArrayLike | Mapping[str, ArrayLike] | Sequence[object] | ApproachedPose,
     specifications: Sequence[Specification],
 ) -> tuple[Array, tuple[str, ...]]:
     """Return joint values ``(n, P)`` and the poses' names."""
-    given, specified = error_model.chain.configurations.count(q), len(specifications)
+    poses = q.pose if isinstance(q, ApproachedPose) else q
+    given, specified = error_model.chain.configurations.count(poses), len(specifications)
     # joint values, and the results twice: once in groups and once concatenated
     numbers = 3 * len(error_model.chain.joints) + 2 * (_NUMBERS + 3 * specified)
     check_memory(8.0 * numbers * given, f"sampling {given:,} poses", "sample fewer of them at a time")
@@ -209,9 +218,11 @@ def _poses(
     return values, names
 
 
-def _tasks(error_model: ErrorModel, values: Array, work: _Work) -> Iterator[tuple[_Group, int, int]]:
+def _tasks(
+    error_model: ErrorModel, values: Array, approaches: NDArray[np.int8] | None, work: _Work
+) -> Iterator[tuple[_Group, int, int]]:
     """Yield each group of poses with the blocks to observe; groups are prepared one at a time."""
-    models = error_model.at_columns(values)
+    models = error_model.at_columns(values, approaches)
     first_pose = 0
     blocks = -(-work.samples // sampler.BLOCK)
     while together := list(islice(models, MOST_TOGETHER)):

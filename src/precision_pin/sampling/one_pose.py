@@ -27,6 +27,7 @@ from precision_pin.inputs.memory import check_kept
 from precision_pin.kernel import sampler
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.pose_model import PoseModel
+from precision_pin.robot.approach import ApproachedPose, written_approach
 from precision_pin.sampling.blocks import Work, check_samples, packages
 from precision_pin.sampling.identity import identity
 from precision_pin.sampling.journal import opened
@@ -64,9 +65,10 @@ Progress = Callable[[int], None]
 def monte_carlo(
     error_model: ErrorModel,
     /,
-    q: ArrayLike | Mapping[str, float] | str | None = None,
+    q: ArrayLike | Mapping[str, float] | ApproachedPose | str | None = None,
     *,
-    pose: ArrayLike | Mapping[str, float] | str | None = None,
+    pose: ArrayLike | Mapping[str, float] | ApproachedPose | str | None = None,
+    approach: object = None,
     samples: int = 100_000,
     seed: int = 0,
     model: Literal["exact", "linear"] = "exact",
@@ -98,6 +100,9 @@ def monte_carlo(
     q, pose
         The pose: joint values in chain order, by joint name, or the name of a pose; by default the model's first pose. The
         two arguments are synonyms.
+    approach
+        Direction in which each joint moved last, as in :class:`precision_pin.ApproachedPose`, ``"joint1 +, joint2 -"``; by
+        default that of the pose.
     samples
         Number of built robots; with ``until``, the largest number.
     seed
@@ -151,6 +156,7 @@ def monte_carlo(
     if pose is not None and q is not None:
         raise InputError("q and pose mean the same; give one of them")
     pose = q if pose is None else pose
+    pose = pose if approach is None else ApproachedPose(pose, approach)
     check_samples(samples)
     check_seed(seed)
     sampler.stage_of(model)
@@ -214,9 +220,10 @@ def monte_carlo(
     return MonteCarloResult(
         robot=os.path.basename(chain.robot.file),
         base=chain.base,
-        tip=chain.tip,
+        tip=chain.tip_label,
         pose_name=error_model.pose_name(pose),
         q=dict(zip(chain.joint_names, map(float, at.posture.q), strict=True)),
+        approach=written_approach(chain.joint_names, at.posture.approach),
         seed=int(seed),
         model=model,
         statics=error_model.statics,
@@ -321,7 +328,9 @@ def _makers(layout: sampler.SamplerArrays, seed: int, summary: Summary) -> dict[
     return {unit: dict(zip(names, sampler.sample(layout, seed, unit, 1)[:, 0].tolist(), strict=True)) for unit in units}
 
 
-def _model_at_pose(error_model: ErrorModel, q: ArrayLike | Mapping[str, float] | str | None) -> PoseModel:
+def _model_at_pose(
+    error_model: ErrorModel, q: ArrayLike | Mapping[str, float] | ApproachedPose | str | None
+) -> PoseModel:
     """Return the model at the pose, after checking that its first-order errors do not overflow."""
     try:
         with np.errstate(over="raise"):

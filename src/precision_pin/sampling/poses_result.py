@@ -19,6 +19,7 @@ from precision_pin.errors import Finding
 from precision_pin.inputs.arguments import check_name, check_whole
 from precision_pin.inputs.arrays import fix_fields
 from precision_pin.model.error_model import ErrorModel
+from precision_pin.robot.approach import approach_entry, written_approach
 from precision_pin.sampling.pose_verdicts import PosesSpecification
 from precision_pin.sampling.versions import versions
 from precision_pin.statistics import COMPONENTS, NORMS, QUANTITIES, Specification, SpecificationResult, clopper_pearson
@@ -55,6 +56,9 @@ class PosesResult(JsonResult):
         Names of the poses, empty for a pose without one.
     joints, q
         Joints in chain order, and their values ``(n, P)``, rad or m.
+    approaches
+        Direction in which each joint moved last, ``(n, P)``: 1, -1, or 0 where it is not known; ``None`` if no pose has an
+        approach.
     samples, seed, model, statics
         Settings of the run: built robots, 64-bit seed, ``"exact"`` or ``"linear"``, ``"nominal"`` or ``"equilibrium"``.
     confidence
@@ -110,6 +114,7 @@ class PosesResult(JsonResult):
     probability: Array
     probability_interval: Array
     error_model: ErrorModel = field(repr=False)
+    approaches: NDArray[np.int8] | None = None
     kept_everywhere: tuple[int, ...] | None = None
     warnings: tuple[str, ...] = ()
     findings: tuple[Finding, ...] = ()
@@ -194,7 +199,8 @@ class PosesResult(JsonResult):
         components = np.nan_to_num(self.std) > NO_SPREAD
         specified = [spec.row for spec in self.specifications]
         alike = np.flatnonzero(~_with_norms(components)[specified].all(axis=0))
-        for pose, at in zip(alike, self.error_model.at_columns(self.q[:, alike]), strict=True):
+        approaches = None if self.approaches is None else self.approaches[:, alike]
+        for pose, at in zip(alike, self.error_model.at_columns(self.q[:, alike], approaches), strict=True):
             components[:, pose] |= np.sqrt(np.maximum(np.diag(at.covariance), 0.0)) > NO_SPREAD
         return _with_norms(components)
 
@@ -246,8 +252,14 @@ class PosesResult(JsonResult):
                 [draw.scope is Scope.UNIT for draw in space.draws], [draw.law.size for draw in space.draws]
             )
             covariance = covariance.scaled(shared.astype(float))
-        here, there = (self.error_model.at(self.q[:, pose]).jacobian for pose in (one, other))
+        here, there = (
+            self.error_model.at(self.q[:, pose], approach=self._approach(pose)).jacobian for pose in (one, other)
+        )
         return covariance.between(here, there)
+
+    def _approach(self, pose: int) -> tuple[int, ...]:
+        """Return the approach of a pose; empty if no pose has one."""
+        return () if self.approaches is None else tuple(self.approaches[:, pose].tolist())
 
     def pose(self, name: str) -> int:
         """Return the number of the pose with a name.
@@ -268,7 +280,11 @@ class PosesResult(JsonResult):
             "spec": [result.to_dict() for result in self.specification_results],
             "poses": [
                 {
-                    "pose": {"name": name, "q": dict(zip(self.joints, self.q[:, pose].tolist(), strict=True))},
+                    "pose": {
+                        "name": name,
+                        "q": dict(zip(self.joints, self.q[:, pose].tolist(), strict=True)),
+                        **approach_entry(written_approach(self.joints, self._approach(pose))),
+                    },
                     "mean": _to_lists(self.mean[:, pose]),
                     "covariance": _to_lists(self.covariance[..., pose]),
                     **{key: _to_lists(values[..., pose]) for key, values in norms.items()},
@@ -314,7 +330,8 @@ class PosesResult(JsonResult):
         """Return the result as a dataset, m and rad, NaN where not resolved.
 
         All variables have the dimension ``pose``, numbered from 0, with the coordinate ``pose_name``. Further dimensions:
-        ``joint`` for ``q``; ``component`` (dx … rz) for ``mean`` and ``std``, and ``component_2`` as well for ``covariance``;
+        ``joint`` for ``q``, and for ``approach`` where a pose has one; ``component`` (dx … rz) for ``mean`` and ``std``, and
+        ``component_2`` as well for ``covariance``;
         ``norm`` (position, attitude) for ``norm_mean``, ``norm_std`` and ``norm_max``; ``probability`` and ``norm`` for
         ``quantile`` and ``quantile_resolution``, and ``end`` (lower, upper) as well for ``quantile_interval``;
         ``specification`` for ``inside``, and ``end`` as well for ``inside_interval``. The attributes give the settings of the
@@ -339,6 +356,8 @@ class PosesResult(JsonResult):
             "inside": (("specification", "pose"), self.probability),
             "inside_interval": (("specification", "end", "pose"), self.probability_interval),
         }
+        if self.approaches is not None:
+            variables["approach"] = (("joint", "pose"), self.approaches)
         coordinates: dict[str, Any] = {
             "pose": np.arange(self.poses),
             "pose_name": ("pose", list(self.names)),

@@ -30,6 +30,7 @@ from precision_pin.display.tables import (
 from precision_pin.draws.space import Space
 from precision_pin.errors import Finding, InputError
 from precision_pin.inputs.arrays import fix_fields
+from precision_pin.robot.approach import approach_entry
 from precision_pin.sampling.versions import versions
 from precision_pin.statistics import (
     QUANTITIES,
@@ -101,8 +102,8 @@ class MonteCarloResult(JsonResult):
     ----------
     robot, base, tip
         The URDF and the ends of the chain.
-    pose_name, q
-        The pose: its name, empty for a pose without one, and the value of each joint (rad, m).
+    pose_name, q, approach
+        The pose: its name, empty for one without, each joint's value (rad, m), and ``+`` or ``-`` where an approach is given.
     seed, model, statics
         Settings of the run: 64-bit seed, ``"exact"`` or ``"linear"``, ``"nominal"`` or ``"equilibrium"``.
     scopes
@@ -148,6 +149,7 @@ class MonteCarloResult(JsonResult):
     nominal: Array
     summary: Summary
     sliding_joints: tuple[str, ...] = ()
+    approach: Mapping[str, str] = field(default_factory=dict)
     correlations: tuple[Correlated, ...] = ()
     makers: Mapping[int, Mapping[str, float]] = field(default_factory=dict)
     assumed: tuple[str, ...] = ()
@@ -190,7 +192,7 @@ class MonteCarloResult(JsonResult):
             "base": self.base,
             "tip": self.tip,
             "axes": "base",
-            "pose": {"name": self.pose_name, "q": dict(self.q)},
+            "pose": {"name": self.pose_name, "q": dict(self.q), **approach_entry(self.approach)},
             "samples": self.samples,
             "seed": self.seed,
             "model": self.model,
@@ -381,7 +383,7 @@ class MonteCarloResult(JsonResult):
             f"Pose error of {self.robot}: {self.base} to {self.tip}, pose {pose}",
             [statistics, *([specifications] if specifications.rows else [])],
             [
-                f"{joint_text(self.q, self.sliding_joints)}; base axes",
+                f"{joint_text(self.q, self.sliding_joints, self.approach)}; base axes",
                 f"{self.samples:,} samples, seed {self.seed}, {self.model} model, statics {self.statics}; "
                 f"± half of an interval at {100 * self.summary.confidence:g} % confidence, - not resolved",
                 *resting_on(self.assumed, self.sources),
@@ -434,16 +436,5 @@ def _share_cells(result: SpecificationResult) -> tuple[str, str]:
 
 _COMPONENTS: Final = ("dx", "dy", "dz", "rx", "ry", "rz")
 _ATTRIBUTES: Final = (
-    "schema",
-    "robot",
-    "base",
-    "tip",
-    "axes",
-    "pose",
-    "samples",
-    "seed",
-    "model",
-    "statics",
-    "confidence",
-    "versions",
-)
+    "schema", "robot", "base", "tip", "axes", "pose", "samples", "seed", "model", "statics", "confidence", "versions",
+)  # fmt: skip

@@ -36,7 +36,7 @@ class Change:
     Attributes
     ----------
     path
-        Where: ``parameters.a1``, ``axis_install[joint2].radius``, ``payload.mass``; ``*`` stands for anything.
+        Where: ``parameters.a1``, ``KIND[joint2].KEY``, ``payload.mass``; ``*`` stands for anything.
     value
         Text, or lists and mappings of it, as in a sheet.
     origin
@@ -58,7 +58,7 @@ def parse_change(text: str) -> Change:
     """
     path, equals, value = (part.strip() for part in text.partition("="))
     if not (path and equals and value):
-        message = f"--set: 'PATH=VALUE' is expected, such as 'axis_install[*].radius=0.05 mm', got {text!r}"
+        message = f"--set: 'PATH=VALUE' is expected, such as 'parameters.a1=±0.1 mm', got {text!r}"
         raise InputError([Finding("error", "E_USAGE", message)])
     return Change(path, parse_value(value, f"--set {path}"), f"--set {path}")
 
@@ -157,7 +157,7 @@ def _paths(data: Any, change: Change, known: Sequence[str], kinds: Mapping[str, 
     found = _SOURCE.fullmatch(change.path)
     if found is None or not found["rest"]:
         ends = "no value of it is named" if found is not None else "this is no path"
-        raise _wrong(change, f"{ends}; paths are such as parameters.a1, axis_install[joint2].radius, payload.mass")
+        raise _wrong(change, f"{ends}; paths are such as parameters.a1, KIND[joint2].KEY, payload.mass")
     yield from _source_paths(data, change, found["label"], found["rest"], known, kinds)
 
 

@@ -15,7 +15,7 @@ from precision_pin.sheet.schema import SettingReason
 from precision_pin.sheet.settings import SettingError
 from precision_pin.sheet.text import Path, Text
 
-__all__ = ["Findings"]
+__all__ = ["POSE_VALUES", "Findings"]
 
 _SHAPES: Final = {
     "dict_type": "expected keys with values, {key: value}",
@@ -27,7 +27,7 @@ _SHAPES: Final = {
 MOST_ERRORS: Final = 100
 """Largest number of errors that are listed for a sheet; with more, reading stops."""
 
-_POSE: Final = "expected joint values in chain order with one unit, a list of values, or joint names with values"
+POSE_VALUES: Final = "expected joint values in chain order with one unit, a list of values, or joint names with values"
 
 
 @final
@@ -84,7 +84,9 @@ class Findings:
                 valid = _keys(model, entry["loc"][:-1])
                 self.error(where, f"unknown key {where[-1]!r}: {nearest(str(where[-1]), valid)}", "E_UNKNOWN_KEY")
             else:
-                message = _POSE if is_pose else _SHAPES.get(entry["type"], entry["msg"].removeprefix("Value error, "))
+                message = (
+                    POSE_VALUES if is_pose else _SHAPES.get(entry["type"], entry["msg"].removeprefix("Value error, "))
+                )
                 reason = entry.get("ctx", {}).get("error")
                 below = reason.below if isinstance(reason, SettingReason) else ()
                 self.error((*where, *below), f"{key}: {message[:1].lower()}{message[1:]}")

@@ -18,7 +18,7 @@ from precision_pin.robot.pose_sources.joint_grid import joint_grid
 from precision_pin.robot.pose_sources.orientation import MOST_ANGLES, Orientation
 from precision_pin.robot.pose_sources.place_grid import box_places, count_wanted, place_grid, plane_places
 from precision_pin.sheet.grid_entry import GridEntry
-from precision_pin.sheet.reader import parse_pose
+from precision_pin.sheet.poses import parse_pose
 from precision_pin.sheet.text import read_text
 from precision_pin.typing import Array
 from precision_pin.visible import shown

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path as FilePath
 from typing import Any, Final, Literal, final
 
@@ -16,17 +16,20 @@ from precision_pin.draws.laws import Fixed
 from precision_pin.draws.space import Draw, Extension, LabelledSpace, Space
 from precision_pin.errors import Finding, InputError, SheetError, UrdfError, nearest
 from precision_pin.inputs.files import UnreadableFileError, read_text_file
+from precision_pin.robot.approach import Approach
 from precision_pin.robot.chain import EARTH, Chain
 from precision_pin.robot.chain_findings import chain_findings
 from precision_pin.robot.examples import resolve_robot
-from precision_pin.robot.urdf import Joint, Robot
+from precision_pin.robot.urdf import Robot
 from precision_pin.robot.urdf import read as read_urdf
 from precision_pin.sheet.changes import Change, change_text, plain_data
 from precision_pin.sheet.correlations import correlated_space
 from precision_pin.sheet.findings import Findings
+from precision_pin.sheet.poses import joint_quantity, parse_poses
 from precision_pin.sheet.remarks import remark_on_poses, remark_on_sources
 from precision_pin.sheet.schema import ASSUMED, Context, Document, source_model, used_quantities
-from precision_pin.sheet.settings import NAME, NamedParameter, SettingError, parse_parameter
+from precision_pin.sheet.settings import NAME, NamedParameter, parse_parameter
+from precision_pin.sheet.target import parse_target
 from precision_pin.sheet.text import Path, Text, read_text
 from precision_pin.sources import catalogue
 from precision_pin.terms.bound_source import BoundSource, load_posture
@@ -34,7 +37,7 @@ from precision_pin.terms.labelled_sources import labels
 from precision_pin.terms.source import Source
 from precision_pin.typing import Array
 
-__all__ = ["Contents", "Overrides", "Sheet", "parse_pose", "read", "read_data"]
+__all__ = ["Contents", "Overrides", "Sheet", "read", "read_data"]
 
 
 GRAVITIES: Final = {"earth": EARTH, "moon": (0.0, 0.0, -1.62), "none": (0.0, 0.0, 0.0)}
@@ -59,6 +62,8 @@ class Sheet:
         Error sources.
     poses
         Named configurations, the first one the default.
+    approaches
+        Direction in which each joint moved last, of the poses that say so.
     statics
         ``"nominal"``: loads at the undeflected pose; ``"equilibrium"``: on the arm at rest under them.
     findings
@@ -77,6 +82,7 @@ class Sheet:
     statics: Literal["nominal", "equilibrium"]
     findings: tuple[Finding, ...]
     assumed: tuple[int, ...] = ()
+    approaches: Mapping[str, Approach] = field(default_factory=dict)
     contents: Contents | None = None
 
     def with_changes(self, changes: Mapping[str, object]) -> Sheet:
@@ -104,6 +110,7 @@ class Overrides:
     tip: str | None = None
     base: str | None = None
     package_dirs: tuple[str, ...] = ()
+    target: str | None = None
 
 
 @final
@@ -153,7 +160,7 @@ def read(
     kinds
         Source classes beyond those of the package.
     overrides
-        Robot, tip and base in place of the sheet's.
+        Robot, tip, base and target in place of the sheet's.
     changes
         Values in place of the sheet's, which must be correct without them.
 
@@ -204,15 +211,18 @@ def _read(contents: Contents) -> Sheet:
     if chain is None:
         findings.refuse()
         raise SheetError("the robot could not be read")
-    poses = _poses(document, findings, chain)
-    _try_terms(chain, space, sources, poses, findings)
+    poses, approaches = parse_poses(document.poses, findings, chain)
+    _try_terms(chain, space, sources, poses, approaches, findings)
     findings.refuse()
     remark_on_sources(document, space, sources, findings)
     remark_on_poses(document, chain, findings)
     found = (*chain_findings(chain), *findings.found)
     warnings = tuple(finding for finding in found if finding.severity == "warning")
     marked = tuple(rank for rank, k in enumerate(sources) if k in assumed)
-    return Sheet(file, chain, space, tuple(sources.values()), poses, document.statics, warnings, marked, contents)
+    listed = tuple(sources.values())
+    return Sheet(
+        file, chain, space, listed, poses, document.statics, warnings, marked, approaches=approaches, contents=contents
+    )
 
 
 def _contents(file: str) -> str:
@@ -297,7 +307,9 @@ def _chain(document: Document, findings: Findings, overrides: Overrides, folder:
     if locked is None:
         return None
     try:
-        return Chain.from_robot(robot, overrides.tip or document.tip, overrides.base or document.base, gravity, locked)
+        chain = Chain.from_robot(robot, overrides.tip or document.tip, overrides.base or document.base, gravity, locked)
+        target = overrides.target or document.target
+        return chain if target is None else chain.with_target(parse_target(target))
     except InputError as error:
         findings.take((), error)
         return None
@@ -315,61 +327,14 @@ def _gravity(document: Document, findings: Findings) -> tuple[float, ...]:
         return EARTH
 
 
-def _joint_quantity(joint: Joint) -> units.Quantity:
-    return units.LENGTH if joint.kind == "prismatic" else units.ANGLE
-
-
 def _parse_locked(document: Document, findings: Findings, robot: Robot) -> dict[str, float] | None:
     values: dict[str, float] = {}
     for name, value in document.locked.items():
         try:
-            values[name] = units.parse(value, _joint_quantity(robot.joint(name)))
+            values[name] = units.parse(value, joint_quantity(robot.joint(name)))
         except InputError as error:
             findings.take(("locked", name), error)
     return values if len(values) == len(document.locked) else None
-
-
-def _poses(document: Document, findings: Findings, chain: Chain) -> dict[str, Array]:
-    poses: dict[str, Array] = {}
-    for name, value in document.poses.items():
-        if name == "<<":
-            findings.error(("poses", name), "'<<' would merge keys, which sheets do not support; write the keys out")
-            continue
-        try:
-            poses[name] = parse_pose(value, chain)
-        except InputError as error:
-            findings.take(("poses", name), error)
-    return poses
-
-
-def parse_pose(value: str | list[str] | Mapping[str, str], chain: Chain) -> Array:
-    """Return joint values in chain order from text: numbers with one unit, a list, or a mapping by joint.
-
-    Raises
-    ------
-    InputError
-        Wrong count, unit or joint.
-    """
-    quantities = [_joint_quantity(joint) for joint in chain.joints]
-    if isinstance(value, Mapping):
-        named = {name: _parse_at(name, text, quantities[chain.joint_index(name)]) for name, text in value.items()}
-        return chain.configuration(named)
-    if isinstance(value, str):
-        if len(set(quantities)) > 1:
-            raise InputError(
-                "the chain has revolute and prismatic joints: give each joint value its own unit, by joint name"
-            )
-        return chain.configuration(units.parse_vector(value, quantities[0]))
-    if len(value) != len(quantities):
-        raise InputError(f"{len(value)} joint values for {len(quantities)} joints: {', '.join(chain.joint_names)}")
-    return chain.configuration([_parse_at(k, text, quantities[k]) for k, text in enumerate(value)])
-
-
-def _parse_at(where: str | int, text: str, quantity: units.Quantity) -> float:
-    try:
-        return units.parse(text, quantity)
-    except InputError as error:
-        raise SettingError((where,), error) from None
 
 
 def _sources(
@@ -412,7 +377,12 @@ def _sources(
 
 
 def _try_terms(
-    chain: Chain, space: Space, sources: Mapping[int, Source], poses: Mapping[str, Array], findings: Findings
+    chain: Chain,
+    space: Space,
+    sources: Mapping[int, Source],
+    poses: Mapping[str, Array],
+    approaches: Mapping[str, Approach],
+    findings: Findings,
 ) -> None:
     """Compute the terms of every source at every pose, so that a wrong joint or link is reported at its line."""
     extension = Extension(space)
@@ -426,7 +396,8 @@ def _try_terms(
             findings.take(path, error)
     extended = extension.space()
     bound = {path: BoundSource(source, LabelledSpace(extended, label)) for path, source, label in usable}
-    for posture in map(chain.at, poses.values() or [np.zeros(len(chain.joints))]):
+    tried = [replace(chain.at(q), approach=approaches.get(name, ())) for name, q in poses.items()]
+    for posture in tried or [chain.at(np.zeros(len(chain.joints)))]:
         for path, one in tuple(bound.items()):
             try:
                 for _ in one.terms(load_posture(posture, [one])):

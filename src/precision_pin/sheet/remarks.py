@@ -16,6 +16,7 @@ from precision_pin.errors import InputError
 from precision_pin.robot.chain import Chain
 from precision_pin.robot.urdf import Joint
 from precision_pin.sheet.findings import Findings
+from precision_pin.sheet.poses import split_pose
 from precision_pin.sheet.schema import Document
 from precision_pin.sheet.text import Path
 from precision_pin.terms.labelled_sources import labels, own_draws
@@ -116,7 +117,7 @@ def remark_on_poses(document: Document, chain: Chain, findings: Findings) -> Non
     if remark is not None:
         findings.warning(("locked",), f"locked: {remark}", "W_ANGLE_UNIT")
     for name, value in document.poses.items():
-        remark = pose_remark(value, chain)
+        remark = pose_remark(split_pose(value, chain)[0], chain)
         if remark is not None:
             findings.warning(("poses", name), f"pose {name!r}: {remark}", "W_ANGLE_UNIT")
 

@@ -81,14 +81,19 @@ class Document(BaseModel):
     robot: str = Field(description="The URDF, relative to the sheet, or example:NAME.")
     tip: str | None = Field(None, description="The end-effector link; the only leaf if left out.")
     base: str | None = Field(None, description="The fixed link; the root if left out.")
+    target: str | None = Field(
+        None,
+        description="The point that results are about, in the tip's axes, such as '0 0 100 mm'; the tip if left out.",
+    )
     gravity: str = Field("earth", description="Base axes, such as '0 0 -9.81 m/s^2'; or earth, moon, none.")
     statics: Literal["nominal", "equilibrium"] = Field(
         "nominal",
         description="nominal: loads act on the undeflected arm, as in the paper; equilibrium: on the arm at rest under them.",
     )
     locked: dict[str, str] = Field(default_factory=dict, description="Values of joints that are locked.")
-    poses: dict[str, str | list[str] | dict[str, str]] = Field(
-        default_factory=dict, description="Named joint values: in chain order with one unit, one by one, or by joint."
+    poses: dict[str, str | list[str] | dict[str, str | list[str] | dict[str, str]]] = Field(
+        default_factory=dict,
+        description="Named joint values: in chain order with one unit, one by one, or by joint; or these as q: with approach:.",
     )
     parameters: dict[str, Any] = Field(default_factory=dict, description="Named laws, to be shared by sources.")
     correlations: list[Any] = Field(

@@ -12,7 +12,8 @@ from precision_pin import units
 from precision_pin.draws.laws import Uniform
 from precision_pin.draws.space import Draw, LabelledSpace, Scope, Setting
 from precision_pin.errors import InputError
-from precision_pin.robot.chain import Posture
+from precision_pin.robot.chain import Factors, Posture
+from precision_pin.terms.sides import side_of
 from precision_pin.terms.source import Source
 from precision_pin.terms.term import JointValue, Term, at_means
 
@@ -30,6 +31,11 @@ class Backlash(Source):
     with the scatter of the load. The deviation does not grow with the load and is therefore no deflection; equilibrium
     statics takes the side from the deflected arm. There the band must be wider than the change of the torque across the
     gap, since an arm that comes to rest between the flanks has no side.
+
+    At a pose with an approach, a joint that moved last in the direction s (1 or -1) against the friction F, the band, lies
+    on the flank behind the drive, unless its load is larger than the friction and drives it: ``Δθ = sign(τ - s F) b/2``,
+    so ``-s b/2`` up to ``s τ = F``. τ is the load of each robot, so that the side turns over with the scatter of the load.
+    The derivative of the side with respect to the load counts as zero.
 
     Attributes
     ----------
@@ -78,6 +84,14 @@ class Backlash(Source):
         """Yield one term."""
         joint = posture.chain.joint_index(self.joint)
         gap = space.positive("backlash", self.backlash, zero=True)
+        direction = posture.direction_of(joint)
+        if direction:
+            # what friction holds beyond the load in the direction of motion: not negative on the flank behind the drive
+            held: dict[Factors, float] = {(): self.band}
+            for factors, share in (posture.deciding or posture).torque_on(joint).items():
+                held[factors] = held.get(factors, 0.0) - direction * share
+            yield Term.of(JointValue(joint), -direction / 2, gap, side_of(held, space.space))
+            return
         torque = float(at_means(posture.torque_on(joint), space.space))
         if abs(torque) >= self.band:
             yield Term.of(JointValue(joint), np.sign(torque) / 2, gap)

@@ -2,23 +2,30 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Annotated, ClassVar, Literal, final
+from typing import Annotated, ClassVar, Final, Literal, final
 
 import numpy as np
 
 from precision_pin import units
-from precision_pin.draws.expressions import Value
+from precision_pin.draws.expressions import Constant, Value, sign, sqrt
 from precision_pin.draws.laws import Circle, Disc, Uniform
-from precision_pin.draws.space import Draw, LabelledSpace, Scope, Setting, entry_name
+from precision_pin.draws.space import Draw, LabelledSpace, Scope, Setting, Space, entry_name
 from precision_pin.errors import InputError
-from precision_pin.robot.chain import Chain, Posture
+from precision_pin.robot.chain import Chain, Factors, Posture
 from precision_pin.sources.seats import PadsOn, height_above_seat, seat_axes, seat_wrench, shift_of_point, travels
+from precision_pin.terms.sides import bounds_of, is_same_for_all, load_value, side_of
 from precision_pin.terms.source import Dependence, Source
 from precision_pin.terms.term import Term, at_means
+from precision_pin.typing import Array
 
 __all__ = ["Clearance"]
+
+
+_NOTHING: Final = 1e-12
+"""Share of the band that is added to a load, squared, so that a load of zero has a direction too."""
 
 
 @final
@@ -36,7 +43,12 @@ class Clearance(Source):
     shifts the seat by half the play to the side of the axial force. If that force is below the band, or with
     ``direction: random``, the shift is uniform between minus and plus this half.
 
-    The direction is that of the mean load and does not change with the scatter of the load. The shift does not grow with
+    The direction is that of the mean load and does not change with the scatter of the load. At a pose with an approach of
+    the joint it is that of each robot's own load, and so is the choice between this direction and a random one. The sign of
+    the approach does not matter: friction makes a journal climb against its rotation by the angle of friction, which no
+    setting gives, and play along the axis has no direction of motion.
+
+    The shift does not grow with
     the load and is therefore no deflection: equilibrium statics turns it with the deflected arm, but takes no derivative
     of it.
 
@@ -140,7 +152,10 @@ class Clearance(Source):
         return tuple(draws)
 
     def terms(self, posture: Posture, space: LabelledSpace) -> Iterator[Term]:
-        """Yield one term for each journal placed by its load, two for any other journal, and one for the axial play."""
+        """Yield one term for each journal placed by the mean load, two for any other journal, and one for the axial play.
+
+        Where the load of each robot decides, there are terms for the robots that it decides for and for the others.
+        """
         chain = posture.chain
         joint = chain.joint_index(self.joint)
         if chain.prismatic[joint] and self.axial != 0.0:
@@ -150,6 +165,7 @@ class Clearance(Source):
         place = chain.seat(joint)
         to_place = seat_axes(chain, joint)
         load = np.zeros(6) + at_means(seat_wrench(posture, joint), space.space)
+        own = seat_wrench(posture.deciding or posture, joint) if posture.direction_of(joint) else {}
         near = height_above_seat(posture, joint, self.start, self.pads_on)
         far = near + self.span
         size_a, *others = [
@@ -159,15 +175,31 @@ class Clearance(Source):
         for name, height, other, size in (("A", near, far, size_a), ("B", far, near, size_b)):
             shift = shift_of_point(height, other)
             force = shift.T @ load
-            if self._is_decided(force):
+            by_robot = self._radial_directions(
+                {factors: shift.T @ wrench for factors, wrench in own.items()}, space.space
+            )
+            random = [space.component(f"{name}.{axis}") for axis in "xy"]
+            if by_robot is not None:
+                *held, loose = by_robot
+                for column, share, anywhere in zip(shift.T, held, random, strict=True):
+                    yield Term.of(place, to_place @ column, *_half_factors(size), share)
+                    if loose != 0.0:
+                        yield Term.of(place, to_place @ column, *_half_factors(size), loose, anywhere)
+            elif self._is_decided(force):
                 yield Term.of(place, to_place @ shift @ force / np.linalg.norm(force), *_half_factors(size))
             else:
-                for column, axis in zip(shift.T, "xy", strict=True):
-                    yield Term.of(place, to_place @ column, *_half_factors(size), space.component(f"{name}.{axis}"))
+                for column, anywhere in zip(shift.T, random, strict=True):
+                    yield Term.of(place, to_place @ column, *_half_factors(size), anywhere)
         if self.axial != 0.0:
             along = to_place[:, 2]
             size = space.positive("axial", self.axial, zero=True)
-            if self._is_decided(load[2:3]):
+            sides = self._axial_sides({factors: wrench[2] for factors, wrench in own.items()}, space.space)
+            if sides is not None:
+                side, loose = sides
+                yield Term.of(place, along, *_half_factors(size), side)
+                if loose != 0.0:
+                    yield Term.of(place, along, *_half_factors(size), loose, space.component("side"))
+            elif self._is_decided(load[2:3]):
                 yield Term.of(place, along * np.sign(load[2]), *_half_factors(size))
             else:
                 yield Term.of(place, along, *_half_factors(size), space.component("side"))
@@ -175,6 +207,46 @@ class Clearance(Source):
     def _is_decided(self, force: np.ndarray[tuple[int], np.dtype[np.float64]]) -> bool:
         """Return whether a load decides the side on which the play is taken up."""
         return self.band is not None and float(np.linalg.norm(force)) >= self.band
+
+    def _radial_directions(self, forces: Mapping[Factors, Array], space: Space) -> tuple[Value, Value, Value] | None:
+        """Return for each robot the direction ``(x, y)`` of its load on a journal, and 1 instead where that is below the band.
+
+        The direction is zero where the load is below the band. ``None`` if the load of no robot decides, or all have the same.
+        """
+        x, y = ({factors: float(force[k]) for factors, force in forces.items()} for k in range(2))
+        if self.band is None or (is_same_for_all(x) and is_same_for_all(y)):
+            return None
+        bounds = [bounds_of(force, space) for force in (x, y)]
+        lowest, highest = (math.hypot(*map(of, bounds)) for of in (_nearest, _farthest))
+        if highest < self.band:
+            return None
+        along_x, along_y = load_value(x), load_value(y)
+        # never zero, and exact where the load decides
+        length = sqrt(Constant((_NOTHING * self.band) ** 2) + along_x * along_x + along_y * along_y)
+        if self.band <= lowest:
+            return along_x / length, along_y / length, 0.0
+        held = (sign(length - self.band) + 1.0) * 0.5
+        return along_x / length * held, along_y / length * held, 1.0 - held
+
+    def _axial_sides(self, force: Mapping[Factors, float], space: Space) -> tuple[Value, Value] | None:
+        """Return for each robot the side of its axial load, 1 or -1, zero below the band, and 1 instead where it is below.
+
+        ``None`` if all robots have the same load.
+        """
+        if self.band is None or is_same_for_all(force):
+            return None
+        above, below = (side_of({**force, (): force.get((), 0.0) + shift}, space) for shift in (-self.band, self.band))
+        return (above + below) * 0.5, (below - above) * 0.5
+
+
+def _nearest(interval: tuple[float, float]) -> float:
+    """Return the smallest size of a number in an interval."""
+    return max(interval[0], -interval[1], 0.0)
+
+
+def _farthest(interval: tuple[float, float]) -> float:
+    """Return the largest size of a number in an interval."""
+    return max(abs(interval[0]), abs(interval[1]))
 
 
 def _half_factors(play: Value) -> tuple[Value, float]:

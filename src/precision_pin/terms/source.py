@@ -201,7 +201,7 @@ class Source(ABC):
         """Return whether :meth:`terms` also takes a posture of P configurations of a chain, which makes maps faster.
 
         Its terms then have the same targets and factors at all of them; twists get a last dimension of P. Its loads and its
-        gravity do not depend on the configuration. False is always safe.
+        gravity do not depend on the configuration, and nothing of it on the approach. False is always safe.
         """
         del chain
         return self.depends_on == "chain"

@@ -7,7 +7,8 @@ from types import ModuleType
 import numpy as np
 
 from precision_pin.draws.laws import Uniform
-from precision_pin.draws.space import Scope
+from precision_pin.draws.space import Scope, Space
+from precision_pin.model.error_model import ErrorModel
 from precision_pin.terms.term import JointValue
 from support.checks.common import MM, Q7, evaluated, one_link, same
 from support.plain_robot import PlainRobot, chain_of, random_arm
@@ -32,6 +33,13 @@ def check_backlash(module: ModuleType) -> None:
     at, totals = evaluated(chain, [0.3], [source], values)
     same(totals[JointValue(0)], [0.0084 * MM], 1e-19)
     assert not any(term.loaded for term in at.terms)
+    # after a motion the drive leads by half the gap, unless the load of 7.848 N·m is larger than friction and runs ahead
+    chain = one_link(axis=(0, 1, 0), mass=2.0, com=(0.4, 0, 0))
+    for band, sides in ((10.0, (-1, 1)), (3.0, (1, 1))):
+        model = ErrorModel(chain, Space(), [module.Backlash(joint="hinge", backlash=3e-4, band=band)])
+        for direction, side in zip((1, -1), sides, strict=True):
+            (term,) = model.at([0.0], approach=[direction]).terms
+            same(term.twist, [side * 1.5e-4], 1e-19)
     # any arm: against the slope of the potential energy
     text = random_arm(14, prismatic=(5,))
     chain = chain_of(text, tip="tool", gravity=(1.0, -2.0, -9.0))

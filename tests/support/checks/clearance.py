@@ -6,10 +6,11 @@ from types import ModuleType
 
 import numpy as np
 
-from precision_pin.draws.laws import Circle, Disc
+from precision_pin.draws.laws import Circle, Disc, Uniform
 from precision_pin.draws.space import Scope, Space
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.sources.axis_install import AxisInstall
+from precision_pin.sources.payload import Payload
 from support.checks.common import MM, Q7, evaluated, in_base, one_link, same
 from support.plain_robot import PlainRobot, chain_of, random_arm
 
@@ -21,6 +22,7 @@ def check_clearance(module: ModuleType) -> None:
     _check_hanging_beam(module)
     _check_random_directions(module)
     _check_any_arm(module)
+    _check_each_robot(module)
 
 
 def _check_upright_hinge(module: ModuleType) -> None:
@@ -126,3 +128,21 @@ def free_body(reading: PlainRobot, name: str, q, gravity):
             force += mass * np.array(gravity)
             moment += np.cross(centre - seat[:3, 3], mass * np.array(gravity))
     return seat, seat[:3, :3] @ entry.axis, force, moment
+
+
+def _check_each_robot(module: ModuleType) -> None:
+    # a load of 1.5 to 2.5 kg at 0.4 m tips the shaft of an upright hinge in one direction: of each robot as of the mean
+    load = Payload(at="tool", mass=Uniform(0.5, mean=2.0), com=(0.4, 0.1, 0.0))
+    for band in (1.0, 85.0):
+        source = module.Clearance(joint="hinge", diametral=(0.02 * MM,), axial=0.1 * MM, span=0.1, band=band)
+        model = ErrorModel(one_link(length=0.0), Space(), [load, source])
+        x = model.space.sample(0, 0, 200)
+        each = model.at([0.3], approach=[1]).linear(x)
+        pressed = 9.81 * x[0] * np.hypot(0.4, 0.1) / 0.1 >= band
+        assert 0.2 < pressed.mean() < 0.8 or (band == 1.0 and pressed.all())
+        ahead = np.array([np.cos(0.3 + np.arctan2(0.1, 0.4)), np.sin(0.3 + np.arctan2(0.1, 0.4))])
+        # the journal at the origin is pushed away from the load, and the shaft hangs on its lower end
+        same(each[:2, pressed] / MM, np.broadcast_to(-0.01 * ahead[:, None], (2, pressed.sum())), 1e-12)
+        same(np.hypot(*each[:2, ~pressed]) / MM, 0.01, 1e-9)
+        heavy = 9.81 * x[0] >= band
+        same(each[2, heavy] / MM, -0.05, 1e-12)

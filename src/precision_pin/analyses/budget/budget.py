@@ -41,6 +41,7 @@ from precision_pin.errors import Finding, InputError, UnknownNameError
 from precision_pin.inputs.arguments import check_number, shown
 from precision_pin.inputs.memory import check_memory
 from precision_pin.model.error_model import ErrorModel
+from precision_pin.model.turnover import turnover_findings
 from precision_pin.sampling import Progress
 from precision_pin.statistics.quantities import QUANTITY_WORDS
 
@@ -237,5 +238,8 @@ def _at_pose(
             PlaceShare(name, shares_of(part, variances)) for name, part in by_place(at, error_model.chain).items()
         ),
         sums=sampled.sums(shares, variances),
-        warnings=tuple(str(finding) for finding in (*at.findings("exact"), *error_model.statics_findings(at))),
+        warnings=tuple(
+            str(finding)
+            for finding in (*at.findings("exact"), *error_model.statics_findings(at), *turnover_findings(at))
+        ),
     )

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from precision_pin.analyses.compensation.compensation_result import CompensationResult, Mode
 from precision_pin.analyses.compensation.correction import Correction, correct
 from precision_pin.analyses.map.first_order import first_order
-from precision_pin.analyses.map.map_poses import PosesGiven, pose_set, source_lines
+from precision_pin.analyses.map.map_poses import PosesGiven, approached, pose_set, source_lines
 from precision_pin.analyses.map.normal_norms import norm_quantiles, principal_axes
 from precision_pin.analyses.provenance import Provenance
 from precision_pin.call_warnings import add, warns_at_end
@@ -85,15 +85,28 @@ def compensate(
     values = given.q[:, given.known]
     effective = given_weights if given_weights is not None else _POSITION if mode == "position" else np.ones(6)
     with steps_to(progress, values.shape[1], "poses") as step:
-        correction = correct(error_model, values, effective, given_weights is None, step)
+        approaches = given.of(given.known).approaches
+        correction = correct(error_model, values, approaches, effective, given_weights is None, step)
     labels = [label for label, is_known in zip(given.labels, given.known, strict=True) if is_known]
     found = limit_findings(error_model.chain, values, labels)
-    add(found)
     result = _with_laws(error_model, given, correction, mode, given_weights)
+    found = (*found, *_statics_findings(error_model, result))
+    add(found)
     return replace(
         result,
         findings=known_findings,
         warnings=tuple(dict.fromkeys(map(str, (*known_findings, *found)))),
+    )
+
+
+def _statics_findings(error_model: ErrorModel, result: CompensationResult) -> tuple[Finding, ...]:
+    """Return the warnings about statics at the pose with the largest error at the means, with its name."""
+    sizes = np.linalg.norm(result.correction.before[:3], axis=0)
+    worst = int(np.nanargmax(sizes))
+    at = error_model.at(approached(result.poses.take(np.array([worst])))[0])
+    return tuple(
+        replace(finding, message=f"{result.poses.labels[worst]}: {finding.message}")
+        for finding in error_model.statics_findings(at)
     )
 
 
@@ -115,10 +128,12 @@ def _with_laws(
     known = poses.known
     names, lines = source_lines(error_model)
     corrected = np.array(correction.status) == "corrected"
-    before = first_order(error_model, poses.q[:, known], lines, None, _ignore)
-    after = (
-        before if not corrected.any() else first_order(error_model, correction.q[:, corrected], lines, None, _ignore)
-    )
+    approaches = poses.of(known).approaches
+    before = first_order(error_model, poses.q[:, known], approaches, lines, None, _ignore)
+    after = before
+    if corrected.any():
+        own = None if approaches is None else approaches[:, corrected]
+        after = first_order(error_model, correction.q[:, corrected], own, lines, None, _ignore)
     within = np.full((2, len(corrected)), np.nan)
     shares = np.full((len(names), len(corrected)), np.nan)
     if corrected.any():

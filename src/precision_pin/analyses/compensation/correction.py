@@ -62,7 +62,12 @@ class Correction:
 
 
 def correct(
-    error_model: ErrorModel, values: Array, weights: Array, is_exact: bool, advance: Callable[[int], object]
+    error_model: ErrorModel,
+    values: Array,
+    approaches: NDArray[np.int8] | None,
+    weights: Array,
+    is_exact: bool,
+    advance: Callable[[int], object],
 ) -> Correction:
     """Return the corrected joint values of poses ``(n, P)``.
 
@@ -75,8 +80,9 @@ def correct(
     ----------
     error_model
         The arm.
-    values
-        Joint values in chain order, ``(n, P)``, rad and m.
+    values, approaches
+        Joint values in chain order, ``(n, P)``, rad and m, and the direction in which each joint moved last; it is the same
+        at the corrected ones.
     weights
         Weight of each component of the error, ``(6,)``, 1/m and 1/rad; zero for one that is left as it is.
     is_exact
@@ -89,7 +95,7 @@ def correct(
     InputError
         An error is too large to compute with.
     """
-    arm = _Arm(error_model, error_model.chain.at_columns(values).pose, weights, is_exact)
+    arm = _Arm(error_model, error_model.chain.at_columns(values).pose, approaches, weights, is_exact)
     poses = values.shape[1]
     before = arm.error(values, np.arange(poses))
     step, smallest = arm.step(values, before, arm.nominal_slopes(values))
@@ -125,14 +131,15 @@ class _Arm:
 
     Attributes
     ----------
-    error_model, wanted
-        The arm, and the poses wanted, ``(4, 4, P)``.
+    error_model, wanted, approaches
+        The arm, the poses wanted, ``(4, 4, P)``, and their approaches, ``(n, P)``.
     weights, is_exact
         As :func:`correct` takes them.
     """
 
     error_model: ErrorModel
     wanted: Array
+    approaches: NDArray[np.int8] | None
     weights: Array
     is_exact: bool
 
@@ -149,7 +156,9 @@ class _Arm:
 
     def error(self, values: Array, poses: NDArray[np.intp]) -> Array:
         """Return the error ``(6, P)`` from the poses wanted, of the numbers ``poses``, at joint values ``(n, P)``."""
-        own = np.concatenate([part.error for part in tangents(self.error_model.at_columns(values))], axis=1)
+        approaches = None if self.approaches is None else self.approaches[:, poses]
+        parts = tangents(self.error_model.at_columns(values, approaches))
+        own = np.concatenate([part.error for part in parts], axis=1)
         nominal = self.error_model.chain.at_columns(values).pose
         wanted = self.wanted[:, :, poses]
         turned = np.einsum("ijp,jkp,lkp->ilp", se3.exp_rotation(own[3:]), nominal[:3, :3], wanted[:3, :3])

@@ -35,6 +35,7 @@ from precision_pin.inputs.memory import check_memory
 from precision_pin.kernel import sampler
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.pose_model import PoseModel
+from precision_pin.model.turnover import turnover_findings
 from precision_pin.sampling import Progress
 from precision_pin.statistics import QUANTITIES, quantity_values
 from precision_pin.typing import Array
@@ -150,7 +151,8 @@ def _at_pose(error_model: ErrorModel, pose: Pose, deviations: Array, confidence:
     for row, name in enumerate(name for name in QUANTITIES if name not in _NORMS):
         laws[name] = _component(at.space, name, float(error[row]), jacobian[row], sampled[row], confidence)
     ordered = {name: laws[name] for name in QUANTITIES}
-    warnings = _find_nonlinear(at, ordered, deviations[:, :COMPARED])
+    turned = tuple(str(finding) for finding in turnover_findings(at))
+    warnings = (*turned, *_find_nonlinear(at, ordered, deviations[:, :COMPARED]))
     add(warnings)
     return PoseLaws(PoseLabel.of(error_model, pose, at), ordered, warnings)
 

@@ -44,7 +44,7 @@ def pose_covariance(error_model: ErrorModel, poses: ArrayLike | Mapping[str, Arr
     count = values.shape[1]
     check_memory(8.0 * 36 * count**2, f"the covariance between {count:,} poses", "give fewer poses")
     add(limit_findings(error_model.chain, values))
-    slopes = np.moveaxis(jacobians(error_model, values), -1, 0)
+    slopes = np.moveaxis(jacobians(error_model, values, error_model.approaches_of(poses, values)), -1, 0)
     flat = slopes.reshape(6 * count, -1)
     space = error_model.space
     result = shared_covariance(space).between(flat, flat).reshape(count, 6, count, 6)

@@ -13,6 +13,7 @@ from precision_pin.draws.correlation import BlockCovariance
 from precision_pin.draws.space import Scope, Space
 from precision_pin.inputs.arrays import fix_fields
 from precision_pin.model.error_model import ErrorModel
+from precision_pin.model.pose_model import PoseModel
 from precision_pin.model.tangents import tangents
 from precision_pin.typing import Array
 
@@ -56,20 +57,22 @@ def shared_covariance(space: Space, scopes: Sequence[Scope] = (Scope.UNIT,)) -> 
 def first_order(
     error_model: ErrorModel,
     values: Array,
+    approaches: NDArray[np.int8] | None,
     lines: Sequence[NDArray[np.intp]],
-    reference: Array | None,
+    reference: PoseModel | None,
     step: Callable[[int], object],
 ) -> FirstOrder:
     """Return the moments at poses ``(n, P)``.
 
     Parameters
     ----------
-    error_model, values
-        The model, and joint values as :meth:`ErrorModel.configurations` returns them.
+    error_model, values, approaches
+        The model, joint values as :meth:`ErrorModel.configurations` returns them, and approaches as
+        :meth:`ErrorModel.approaches_of` does.
     lines
         Components of each line of the shares.
     reference
-        Joint values ``(n,)`` of the pose at which the robot is taught; ``None`` for absolute errors alone.
+        The model at the pose at which the robot is taught; ``None`` for absolute errors alone.
     step
         Called with the number of poses done since the last call.
 
@@ -80,10 +83,10 @@ def first_order(
     """
     space = error_model.space
     whole, own = space.block_covariance, shared_covariance(space)
-    at_reference = None if reference is None else error_model.at(reference).tangent
+    at_reference = None if reference is None else reference.tangent
     parts: list[FirstOrder] = []
     begin = 0
-    for chunk in tangents(error_model.at_columns(values)):
+    for chunk in tangents(error_model.at_columns(values, approaches)):
         poses = chunk.error.shape[1]
         spread = _times(whole, chunk.jacobian)
         covariance = np.einsum("idp,djp->ijp", chunk.jacobian, spread)
@@ -98,7 +101,7 @@ def first_order(
             between = np.einsum("idp,dj->ijp", chunk.jacobian, own.times(jacobian.T))
             relative_covariance = covariance + whole.between(jacobian, jacobian)[:, :, None]
             relative_covariance -= between + between.swapaxes(0, 1)
-            same = (values[:, begin : begin + poses] == reference[:, None]).all(axis=0)
+            same = (values[:, begin : begin + poses] == reference.posture.q[:, None]).all(axis=0)
             if same.any():
                 visits = shared_covariance(space, (Scope.VISIT,))
                 relative_covariance[:, :, same] = 2 * visits.between(jacobian, jacobian)[:, :, None]
@@ -109,9 +112,9 @@ def first_order(
     return FirstOrder(*(np.concatenate([getattr(part, name) for part in parts], axis=-1) for name in fields))
 
 
-def jacobians(error_model: ErrorModel, values: Array) -> Array:
+def jacobians(error_model: ErrorModel, values: Array, approaches: NDArray[np.int8] | None) -> Array:
     """Return the derivative of the error with respect to the components at poses ``(n, P)``, ``(6, d, P)``."""
-    return np.concatenate([chunk.jacobian for chunk in tangents(error_model.at_columns(values))], axis=2)
+    return np.concatenate([chunk.jacobian for chunk in tangents(error_model.at_columns(values, approaches))], axis=2)
 
 
 def _times(covariance: BlockCovariance, jacobian: Array) -> Array:

@@ -20,6 +20,8 @@ from precision_pin.errors import Finding, InputError
 from precision_pin.inputs.arguments import check_instance, check_items, check_whole
 from precision_pin.inputs.memory import check_memory
 from precision_pin.model.error_model import ErrorModel
+from precision_pin.model.pose_model import PoseModel
+from precision_pin.robot.approach import ApproachedPose
 from precision_pin.robot.chain_findings import limit_findings
 from precision_pin.robot.pose_set import PoseSet
 from precision_pin.sampling import Progress, check_progress
@@ -28,7 +30,15 @@ from precision_pin.statistics import COMPONENTS, Specification, check_confidence
 from precision_pin.statistics.specification import Specifications, listed_specifications
 from precision_pin.typing import Array
 
-__all__ = ["VERIFIED", "VERIFYING_SAMPLES", "PosesGiven", "map_poses", "pose_set", "source_lines"]
+__all__ = [
+    "VERIFIED",
+    "VERIFYING_SAMPLES",
+    "PosesGiven",
+    "approached",
+    "map_poses",
+    "pose_set",
+    "source_lines",
+]
 
 VERIFIED: Final = 5
 """Poses that are verified with fresh samples, the worst ones of the closed form."""
@@ -108,13 +118,14 @@ def map_poses(
     check_memory(8.0 * _NUMBERS * len(given), f"a map of {len(given):,} poses", "map fewer of them at a time")
     if not given.known.any():
         raise InputError(f"none of the {len(given):,} poses has joint values: {_count_of(given)}")
-    reference = None if relative_to is None else error_model.configuration(relative_to)
+    reference = None if relative_to is None else error_model.at(relative_to)
     values = given.q[:, given.known]
     names, lines = source_lines(error_model)
     labels = [label for label, is_known in zip(given.labels, given.known, strict=True) if is_known]
     found = limit_findings(error_model.chain, values, labels)
     with steps_to(progress, count_steps(len(given), samples, verify if samples is None else 0), "steps") as step:
-        closed = first_order(error_model, values, lines, reference, step)
+        approaches = given.of(given.known).approaches
+        closed = first_order(error_model, values, approaches, lines, reference, step)
         result = _closed_form(error_model, given, closed, names, listed, reference, seed)
         result = replace(
             result, confidence=confidence, findings=known, warnings=tuple(dict.fromkeys(map(str, (*known, *found))))
@@ -154,7 +165,17 @@ def pose_set(error_model: ErrorModel, poses: PosesGiven) -> PoseSet:
             )
         return poses
     values, names = error_model.configurations(poses)
-    return PoseSet.at(error_model.chain, values, names)
+    return replace(PoseSet.at(error_model.chain, values, names), approaches=error_model.approaches_of(poses, values))
+
+
+def approached(poses: PoseSet) -> list[Array | ApproachedPose]:
+    """Return the poses of a set, each with its approach if it has one, as the model takes them."""
+    if poses.approaches is None:
+        return list(poses.q.T)
+    return [
+        ApproachedPose(q, approach)
+        for q, approach in zip(poses.q.T, map(tuple, poses.approaches.T.tolist()), strict=True)
+    ]
 
 
 def _count_of(poses: PoseSet) -> str:
@@ -178,7 +199,7 @@ def _closed_form(
     closed: FirstOrder,
     names: tuple[str, ...],
     specifications: tuple[Specification, ...],
-    reference: Array | None,
+    reference: PoseModel | None,
     seed: int,
 ) -> MapResult:
     known = poses.known
@@ -194,7 +215,7 @@ def _closed_form(
     if reference is not None:
         relative_laws = _laws(closed.relative_mean, closed.relative_covariance)
         relative = Relative(
-            q=reference,
+            q=reference.posture.q,
             mean=spread(closed.relative_mean),
             covariance=spread(closed.relative_covariance),
             quantile=spread(_quantiles(relative_laws)),
@@ -263,7 +284,7 @@ def _sample(
 ) -> Sampled:
     labels = poses.labels
     sampled = sample_poses(
-        error_model, poses.q[:, chosen], samples=samples, seed=seed, specifications=specifications,
+        error_model, approached(poses.take(chosen)), samples=samples, seed=seed, specifications=specifications,
         confidence=confidence, threads=threads, progress=step,
     )  # fmt: skip
     return Sampled(chosen, replace(sampled, names=tuple(labels[k] for k in chosen)))
@@ -272,7 +293,7 @@ def _sample(
 def _statics_findings(error_model: ErrorModel, result: MapResult) -> tuple[Finding, ...]:
     """Return the warnings about statics at the worst pose, with its name."""
     worst = result.worst_first[0]
-    at = error_model.at(result.poses.q[:, worst])
+    at = error_model.at(approached(result.poses.take(np.array([worst])))[0])
     return tuple(
         replace(finding, message=f"{result.poses.labels[worst]}: {finding.message}")
         for finding in error_model.statics_findings(at)

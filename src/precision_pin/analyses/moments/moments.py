@@ -45,6 +45,7 @@ from precision_pin.inputs.arguments import check_name, shown
 from precision_pin.kernel import sampler
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.pose_model import PoseModel
+from precision_pin.model.turnover import fixed_sides, turnover_findings
 from precision_pin.sampling import Progress
 from precision_pin.statistics import NORMS, Plan
 from precision_pin.typing import Array
@@ -182,7 +183,8 @@ def _at_pose(
         ) from None
     norm_mean = norm_variance = remainder = None
     if method == "closed":
-        closed = closed_moments(at)
+        # differences of exact errors would run across the jump of a side
+        closed = closed_moments(fixed_sides(at))
         mean, covariance_found = Measured(closed.mean), Measured(closed.covariance)
         remainder = Remainder(closed.order, closed.last_mean, closed.last_covariance)
     else:
@@ -198,7 +200,10 @@ def _at_pose(
         remainder=remainder,
         first_order_mean=at.tangent[0].copy(),
         first_order_covariance=covariance.copy(),
-        warnings=tuple(str(finding) for finding in (*at.findings("exact"), *error_model.statics_findings(at))),
+        warnings=tuple(
+            str(finding)
+            for finding in (*at.findings("exact"), *error_model.statics_findings(at), *turnover_findings(at))
+        ),
     )
 
 

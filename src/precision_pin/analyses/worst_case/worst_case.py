@@ -32,6 +32,7 @@ from precision_pin.errors import Finding, InputError
 from precision_pin.kernel import sampler
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.pose_model import PoseModel
+from precision_pin.model.turnover import side_variants, turnover_findings
 from precision_pin.sampling import Progress, check_samples, monte_carlo
 from precision_pin.statistics import Distribution
 from precision_pin.typing import Array
@@ -73,7 +74,8 @@ def worst_case(
 
     A component i lies within e0ᵢ ± h(± Jᵀeᵢ), with h the sum of the draws' support functions. The norm is at most the
     largest u·e0 + h(Jᵀu) over unit vectors u, found globally by branch and bound; see
-    :mod:`precision_pin.analyses.worst_case.largest_norm`.
+    :mod:`precision_pin.analyses.worst_case.largest_norm`. Where the load of each robot decides on which side a play is taken
+    up, the bound is the largest over all sides, possible for one robot or not.
 
     Parameters
     ----------
@@ -138,14 +140,14 @@ def _at_pose(
         progress=progress,
     )  # fmt: skip
     at = error_model.at(q)
-    error, jacobian = at.tangent
-    reach_up = supports.heights(jacobian).sum(axis=0)
-    reach_down = supports.heights(-jacobian).sum(axis=0)
+    variants = side_variants(at)
+    tangents = [variant.tangent for variant in variants]
+    lows = np.min([error - supports.heights(-jacobian).sum(axis=0) for error, jacobian in tangents], axis=0)
+    highs = np.max([error + supports.heights(jacobian).sum(axis=0) for error, jacobian in tangents], axis=0)
     components = []
     for row, quantity in enumerate(_COMPONENTS):
         seen = analysis.summary.distribution(quantity)
-        low, high = float(error[row] - reach_down[row]), float(error[row] + reach_up[row])
-        components.append(ComponentBound(quantity, low, high, (seen.min, seen.max)))
+        components.append(ComponentBound(quantity, float(lows[row]), float(highs[row]), (seen.min, seen.max)))
     layout = sampler.to_arrays(at)
     norms = []
     for quantity, rows in _NORMS.items():
@@ -153,15 +155,18 @@ def _at_pose(
         if analysis.errors is not None:
             largest = int(np.linalg.norm(analysis.errors[rows], axis=0).argmax())
             sampled = at.space.sample(seed, largest, 1)[:, 0]
-        norms.append(_bound(at, layout, supports, rows, quantity, analysis.summary.distribution(quantity), sampled))
+        distribution = analysis.summary.distribution(quantity)
+        bounds = [_bound(variant, layout, supports, rows, quantity, distribution, sampled) for variant in variants]
+        norms.append(max(bounds, key=lambda bound: bound.first_order.upper))
     result = PoseWorstCase(
         pose=PoseLabel.of(error_model, q, at),
-        error_at_means=error,
+        error_at_means=at.error_at_means,
         components=tuple(components),
         position=norms[0],
         attitude=norms[1],
     )
-    return result, analysis.warnings
+    unbounded = turnover_findings(at) if len(variants) == 1 else ()
+    return result, (*analysis.warnings, *map(str, unbounded))
 
 
 def _bound(

@@ -33,6 +33,7 @@ from precision_pin.draws.space import Scope
 from precision_pin.errors import InputError, InternalError, UrdfError
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.pose_model import PoseModel
+from precision_pin.robot.approach import ApproachedPose
 from precision_pin.robot.chain import Chain, Place
 from precision_pin.robot.places import ORDER_FRAME
 from precision_pin.robot.urdf import Joint, Limits, Robot, Vector, parse, rpy_of
@@ -102,7 +103,11 @@ class AsBuilt:
 
     @classmethod
     def prepare(
-        cls, model: ErrorModel, q: ArrayLike | Mapping[str, float] | str | None = None, *, sheet: str = ""
+        cls,
+        model: ErrorModel,
+        q: ArrayLike | Mapping[str, float] | ApproachedPose | str | None = None,
+        *,
+        sheet: str = "",
     ) -> AsBuilt:
         """Return the writer of a model's units.
 
@@ -200,7 +205,7 @@ class AsBuilt:
         chain = posture.chain
         values = {**chain.locked, **dict(zip(chain.joint_names, posture.q, strict=True))}
         poses = parse(text, chain.robot.file).link_poses(values)
-        tip = se3.inverse(poses[self.base]) @ poses[self.tip]
+        tip = se3.inverse(poses[self.base]) @ poses[self.tip] @ se3.translation(chain.target)
         expected = se3.pose(se3.exp_rotation(error[3:]) @ posture.pose[:3, :3], posture.pose[:3, 3] + error[:3])
         scale = max(1.0, *(float(np.abs(pose[:3, 3]).max()) for pose in poses.values()))
         if np.abs(tip - expected).max() > AGREEMENT * scale:

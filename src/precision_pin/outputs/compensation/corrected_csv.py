@@ -7,27 +7,30 @@ import io
 from collections.abc import Sequence
 
 from precision_pin.analyses.compensation.compensation_result import CompensationResult
+from precision_pin.robot.pose_sources.trajectory import Column
 
 __all__ = ["corrected_csv"]
 
 
-def corrected_csv(result: CompensationResult, columns: Sequence[str] = ()) -> str:
-    """Return the corrected joint values as ``--trajectory`` reads them: a row of names, then a row for each pose, rad and m.
+def corrected_csv(result: CompensationResult, columns: Sequence[Column] = ()) -> str:
+    """Return the corrected joint values as ``--trajectory`` reads them: a row of names, then a row for each pose.
 
     Parameters
     ----------
     result
         Every pose of it has corrected joint values.
     columns
-        Joint names, and ``t`` for the times, in the order wanted; times first, then the chain's order, if left out.
+        The columns wanted, with their units; times first, then the chain's order, in s, rad and m, if left out.
     """
     times = result.poses.times
     of = {name: result.corrected[row] for row, name in enumerate(result.joints)}
+    order = list(columns) or [Column(name, name) for name in of]
     if times is not None:
-        of = {"t": times, **of}
-    order = list(columns) or list(of)
+        of[""] = times
+        order = order if columns else [Column("t", ""), *order]
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(order)
-    writer.writerows([[repr(float(of[name][pose])) for name in order] for pose in range(len(result.poses))])
+    writer.writerow([column.heading for column in order])
+    values = [(of[column.joint] / column.factor).tolist() for column in order]
+    writer.writerows([[repr(value) for value in row] for row in zip(*values, strict=True)])
     return text.getvalue()

@@ -43,7 +43,7 @@ def analysis_table(analysis: MonteCarloResult) -> str:
 
     Only the digits that the sampling supports are printed; min and max are the smallest and largest seen.
     """
-    pose = pose_text(analysis.pose_name, analysis.q, analysis.sliding_joints)
+    pose = pose_text(analysis.pose_name, analysis.q, analysis.sliding_joints, analysis.approach)
     lines = [
         f"{visible(analysis.robot)}: {visible(analysis.base)} to {visible(analysis.tip)}, pose {pose}",
         f"{analysis.samples:,} samples, seed {analysis.seed}, {analysis.model} model, statics {analysis.statics}; "
@@ -81,15 +81,19 @@ def _share(level: float) -> str:
     return f"{100 * level:.4g} %"
 
 
-def pose_text(name: str, q: Mapping[str, float], sliding_joints: Collection[str]) -> str:
-    """Return a pose's name and joint values, in degrees and mm."""
-    values = joint_text({visible(joint): value for joint, value in q.items()}, [*map(visible, sliding_joints)])
+def pose_text(name: str, q: Mapping[str, float], sliding_joints: Collection[str], approach: Mapping[str, str]) -> str:
+    """Return a pose's name and joint values, in degrees and mm, with the direction of each joint's last motion if known."""
+    values = joint_text(
+        {visible(joint): value for joint, value in q.items()},
+        [*map(visible, sliding_joints)],
+        {visible(joint): sign for joint, sign in approach.items()},
+    )
     return f"{shown(name)} ({values})" if name else f"({values})"
 
 
 def subject(provenance: Provenance, pose: PoseLabel) -> str:
     """Return the arm, the ends of its chain and the pose of a result."""
-    where = pose_text(pose.name, pose.q, pose.sliding_joints)
+    where = pose_text(pose.name, pose.q, pose.sliding_joints, pose.approach)
     return f"{visible(provenance.robot)}: {visible(provenance.base)} to {visible(provenance.tip)}, pose {where}"
 
 
@@ -123,7 +127,8 @@ def statistic(distribution: Distribution, which: str | float) -> str:
     interval = distribution.interval(which)
     if value is None or interval is None:
         return "-"
-    if max(abs(distribution.min), abs(distribution.max)) < ROUNDING:
+    # where few robots have an error, the others have one of rounding
+    if max(abs(distribution.min), abs(distribution.max)) < ROUNDING or max(map(abs, (value, *interval))) < ROUNDING:
         return "0"
     return format_inside(1e3 * value, (1e3 * interval[0], 1e3 * interval[1]), most=5)
 

@@ -19,7 +19,7 @@ _FOLDERS: Final = re.compile(r"(?<![\w.:/)])(?:/[^/\s'\"]+)+/(?=[^/\s'\"])")
 def subject(results: Results) -> str:
     """Return robot, ends and pose."""
     analysis = results.analysis
-    pose = pose_text(analysis.pose_name, analysis.q, analysis.sliding_joints)
+    pose = pose_text(analysis.pose_name, analysis.q, analysis.sliding_joints, analysis.approach)
     return f"{analysis.base} to {analysis.tip}, pose {pose}"
 
 

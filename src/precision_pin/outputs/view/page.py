@@ -282,7 +282,7 @@ def _rows(
     chain = posture.chain
     rows = [
         ("robot", escaped(chain.robot.name)),
-        ("from – to", escaped(f"{chain.base} – {chain.tip}")),
+        ("from – to", escaped(f"{chain.base} – {chain.tip_label}")),
         ("pose", _element("caption-pose", texts)),
         ("joints", _element("caption-joints", texts)),
         ("samples", _element("caption-samples", texts)),

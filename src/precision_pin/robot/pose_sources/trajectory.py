@@ -1,0 +1,268 @@
+"""A trajectory out of a CSV file: joint values, one pose a row, with times if there are any."""
+
+from __future__ import annotations
+
+import csv
+import io
+import itertools
+import math
+import os
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final, final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from precision_pin import units
+from precision_pin.errors import Finding, InputError, UnitError, nearest
+from precision_pin.inputs.arguments import check_instance, check_number, check_path, check_whole
+from precision_pin.inputs.arrays import fix_fields
+from precision_pin.inputs.csv_columns import LARGEST_FILE, NUMBER
+from precision_pin.inputs.files import UnreadableFileError, read_text_file
+from precision_pin.robot.chain import Chain
+from precision_pin.robot.pose_set import PoseSet
+from precision_pin.robot.pose_sources.joint_grid import MOST_POSES
+from precision_pin.typing import Array
+from precision_pin.visible import shown
+
+__all__ = ["TIME", "Column", "Trajectory", "read_trajectory"]
+
+TIME: Final = units.Quantity("time", "s", {"s": 1.0, "ms": 1e-3, "min": 60.0})
+_TIMES: Final = ("t", "time")
+_LONGEST: Final = 40
+_ROUNDING: Final = 1e-9
+"""Share of a step by which an interval may be longer than a whole number of steps, for rounding."""
+
+
+@final
+@dataclass(frozen=True)
+class Column:
+    """A column of a trajectory file.
+
+    Attributes
+    ----------
+    heading
+        As in the file.
+    joint
+        Its joint; empty for the times.
+    factor
+        Its unit in s, rad or m.
+    """
+
+    heading: str
+    joint: str
+    factor: float = 1.0
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Trajectory:
+    """Poses in order.
+
+    Attributes
+    ----------
+    chain
+        The arm.
+    values
+        Joint values in chain order, ``(P, n)``, rad or m.
+    times
+        ``(P,)`` s; ``None`` where the file has none.
+    rows
+        Row of the file of each pose, from 1, ``(P,)``; between two rows a fraction.
+    columns
+        The columns of the file, in its order.
+    """
+
+    chain: Chain
+    values: Array
+    times: Array | None
+    rows: Array
+    columns: tuple[Column, ...]
+
+    def __post_init__(self) -> None:
+        fix_fields(self)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """A name for each pose: its time, or its row."""
+        if self.times is None:
+            return tuple(f"row {row:.10g}" for row in self.rows)
+        return tuple(f"t = {time:g} s" for time in self.times)
+
+    @property
+    def poses(self) -> PoseSet:
+        """The poses with the status of each."""
+        return PoseSet.at(self.chain, np.ascontiguousarray(self.values.T), self.names, self.times)
+
+    def refined(
+        self,
+        *,
+        time_step: float | None = None,
+        angle_step: float | None = None,
+        length_step: float | None = None,
+        most: int = MOST_POSES,
+    ) -> Trajectory:
+        """Return the trajectory with poses between its rows, by linear interpolation of joint values and times.
+
+        The interval between two rows is divided into equal parts, as few as keep all given steps. The rows themselves stay.
+
+        Parameters
+        ----------
+        time_step
+            Largest time between two poses, s.
+        angle_step
+            Largest turn of a joint between two poses, rad.
+        length_step
+            Largest travel of a prismatic joint between two poses, m.
+        most
+            The most poses there may be.
+
+        Raises
+        ------
+        InputError
+            A step that is not positive; one in time of a trajectory without times, or of joints of which there are none; more
+            poses than allowed.
+        """
+        check_whole("the most poses", most, 1, MOST_POSES)
+        slides = self.chain.prismatic
+        moved = np.abs(np.diff(self.values, axis=0))
+        parts = np.ones(len(moved))
+        for name, step, distances, missing in (
+            ("time_step", time_step, None if self.times is None else np.diff(self.times)[:, None], "no times"),
+            ("angle_step", angle_step, moved[:, ~slides], "no joint that turns"),
+            ("length_step", length_step, moved[:, slides], "no joint that slides"),
+        ):
+            if step is None:
+                continue
+            checked = check_number(name, step, "positive and finite", lambda value: value > 0)
+            if distances is None or not distances.shape[1]:
+                raise InputError(f"{name}: the trajectory has {missing}")
+            with np.errstate(over="ignore"):
+                parts = np.maximum(parts, np.ceil((distances / checked).max(axis=1) - _ROUNDING))
+        if not 1 + parts.sum() <= most:
+            raise InputError(f"the steps make {1 + parts.sum():,.0f} poses; at most {most:,} are allowed")
+        counts = parts.astype(np.intp)
+        firsts = np.repeat(np.arange(len(moved)), counts)
+        shares = (np.arange(len(firsts)) - np.repeat(np.cumsum(counts) - counts, counts)) / np.repeat(parts, counts)
+        return Trajectory(
+            chain=self.chain,
+            values=_between(self.values, firsts, shares[:, None]),
+            times=None if self.times is None else _between(self.times, firsts, shares),
+            rows=_between(self.rows, firsts, shares),
+            columns=self.columns,
+        )
+
+
+def read_trajectory(path: str | os.PathLike[str], chain: Chain, most: int = MOST_POSES) -> Trajectory:
+    """Read a trajectory: a row of joint names in any order, then a row of values for each pose.
+
+    A unit may follow a name, as in ``joint1 [deg]``; without one values are in rad or m. A first column named ``t`` or
+    ``time`` holds times, in s if no unit follows, which do not decrease, unless a joint of the chain has that name.
+
+    Parameters
+    ----------
+    path
+        The file, UTF-8, with commas.
+    chain
+        Whose joints the columns are.
+    most
+        The most poses there may be.
+
+    Raises
+    ------
+    InputError
+        The file cannot be read, names other joints, has a wrong unit, or holds a value that is not a finite number; one line
+        that says where.
+    """
+    check_instance("chain", chain, Chain, "as Chain.from_urdf returns it")
+    check_whole("the most poses", most, 1, MOST_POSES)
+    file = os.fspath(check_path("the path of the trajectory", path))
+
+    def wrong(message: str, line: int | None = None) -> InputError:
+        return InputError([Finding("error", "E_TRAJECTORY", message, file, line)])
+
+    try:
+        reader = csv.reader(io.StringIO(read_text_file(file, LARGEST_FILE)))
+        # the line a row ends on, which is its only one unless it holds line breaks in quotes
+        filled = ((reader.line_num, [cell.strip() for cell in row]) for row in reader if any(map(str.strip, row)))
+        rows = list(itertools.islice(filled, most + 2))
+    except UnreadableFileError as problem:
+        raise wrong(f"the file {problem.reason}") from None
+    except (csv.Error, ValueError) as problem:
+        raise wrong(f"no CSV: {problem}") from None
+    if not rows:
+        raise wrong("the file is empty; it begins with a row of joint names")
+    line, header = rows[0]
+    try:
+        columns = _columns(header, chain)
+    except InputError as error:
+        raise wrong(error.findings[0].message, line) from None
+    if len(rows) < 2:
+        raise wrong("no poses: no row follows the joint names", line)
+    if len(rows) - 1 > most:
+        raise wrong(f"more than {most} poses; leave rows out", rows[most + 1][0])
+    timed = not columns[0].joint
+    numbers = np.empty((len(rows) - 1, len(header)))
+    for row, (line, cells) in enumerate(rows[1:]):
+        if len(cells) != len(header):
+            raise wrong(f"{len(cells)} values for {len(header)} columns", line)
+        for column, cell in enumerate(cells):
+            numbers[row, column] = _number(cell) * columns[column].factor
+            if not math.isfinite(numbers[row, column]):
+                raise wrong(f"{header[column]}: {shown(cell, _LONGEST)} is not a finite number", line)
+        if timed and row and numbers[row, 0] < numbers[row - 1, 0]:
+            raise wrong(f"the time goes back from {numbers[row - 1, 0]:g} s to {numbers[row, 0]:g} s", line)
+    joints = [column.joint for column in columns]
+    order = [joints.index(name) for name in chain.joint_names]
+    rows_of_file = np.arange(1.0, len(numbers) + 1)
+    return Trajectory(chain, numbers[:, order], numbers[:, 0] if timed else None, rows_of_file, tuple(columns))
+
+
+def _columns(header: Sequence[str], chain: Chain) -> list[Column]:
+    columns = [_column(heading, chain, is_first=not rank) for rank, heading in enumerate(header)]
+    joints = [column.joint for column in columns]
+    for name in joints:
+        if joints.count(name) > 1:
+            raise InputError(f"the joint {name!r} has two columns")
+    missing = [name for name in chain.joint_names if name not in joints]
+    if missing:
+        raise InputError(f"no column for the joints {', '.join(missing)}")
+    return columns
+
+
+def _column(heading: str, chain: Chain, *, is_first: bool) -> Column:
+    """Return a column by its heading: a joint's name, or times, and a unit in brackets."""
+    match = re.fullmatch(r"(.+?)\s*\[([^\[\]]*)\]", heading)
+    # a joint's own name may end in brackets
+    name, unit = (heading, None) if match is None or heading in chain.joint_names else (match[1], match[2].strip())
+    if name in chain.joint_names:
+        slides = chain.prismatic[chain.joint_index(name)]
+        return Column(heading, name, _factor(heading, unit, units.LENGTH if slides else units.ANGLE))
+    if is_first and name in _TIMES:
+        return Column(heading, "", _factor(heading, unit, TIME))
+    what = f"the column {name!r} is no joint of the chain; {nearest(name, chain.joint_names)}"
+    raise InputError(what + (f"; times come first, as {name!r}" if name in _TIMES else ""))
+
+
+def _factor(heading: str, unit: str | None, quantity: units.Quantity) -> float:
+    if unit is None:
+        return 1.0
+    try:
+        return units.parse(f"1 {unit}", quantity)
+    except UnitError:
+        allowed = ", ".join(quantity.units)
+        raise InputError(f"{heading}: {unit!r} is not a unit of {quantity.name}; allowed: {allowed}") from None
+
+
+def _between(values: Array, firsts: NDArray[np.intp], shares: Array) -> Array:
+    """Return the rows that lie some shares of the way from a row to the next, and the last row."""
+    left, right = values[firsts], values[np.minimum(firsts + 1, len(values) - 1)]
+    # a row itself stays as it is, bit by bit
+    return np.concatenate([np.where(shares > 0, left + shares * (right - left), left), values[-1:]])
+
+
+def _number(cell: str) -> float:
+    # float() takes 1_000 and other digits than 0 to 9 as well
+    return float(cell) if NUMBER.fullmatch(cell) else math.nan

@@ -1,0 +1,152 @@
+"""The same built robots at one pose under several approaches: what visits repeat, and how far the approaches lie apart."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Literal, final
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from precision_pin import se3
+from precision_pin.draws.draw import MOST_POSES, MOST_VISITS
+from precision_pin.draws.space import check_seed
+from precision_pin.errors import InputError
+from precision_pin.inputs.arguments import check_instance, check_items, check_numbers, check_whole
+from precision_pin.inputs.arrays import fix_fields, returns_read_only
+from precision_pin.inputs.memory import check_memory
+from precision_pin.kernel import sampler
+from precision_pin.model.error_model import ErrorModel
+from precision_pin.robot.approach import Approach
+from precision_pin.typing import Array
+
+__all__ = ["ApproachErrors", "sample_approaches"]
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class ApproachErrors:
+    """Errors of N built robots at one pose, in n visits under each of A approaches.
+
+    Attributes
+    ----------
+    approaches
+        The approaches, 1, -1 or 0 for each joint in chain order.
+    errors
+        ``[d; δ]`` of the tip, base axes, m and rad, ``(A, n, 6, N)``.
+    shifts
+        Error of the target point's position, base axes, m, ``(A, n, 3, N)``.
+    """
+
+    approaches: tuple[Approach, ...]
+    errors: Array
+    shifts: Array
+
+    def __post_init__(self) -> None:
+        fix_fields(self)
+
+    @cached_property
+    @returns_read_only
+    def barycentres(self) -> Array:
+        """Mean position error of each robot's visits under each approach, m, ``(A, 3, N)``."""
+        means: Array = self.shifts.mean(axis=1)
+        return means
+
+    @property
+    def variation(self) -> Array:
+        """Largest distance between the barycentres of two approaches for each robot, m, ``(N,)``: vAP of ISO 9283."""
+        apart = self.barycentres[:, None] - self.barycentres[None]
+        largest: Array = np.sqrt((apart**2).sum(axis=2)).max(axis=(0, 1))
+        return largest
+
+    @property
+    def unidirectional(self) -> Array:
+        """Position repeatability of each robot under each approach, m, ``(A, N)``: RP of ISO 9283, l̄ + 3 S_l."""
+        return np.array([_repeatability(visits) for visits in self.shifts])
+
+    @property
+    def bidirectional(self) -> Array:
+        """Position repeatability of each robot over the visits under all approaches together, m, ``(N,)``."""
+        return _repeatability(self.shifts.reshape(-1, 3, self.shifts.shape[-1]))
+
+
+def sample_approaches(
+    error_model: ErrorModel,
+    pose: ArrayLike | Mapping[str, float] | str | None = None,
+    *,
+    approaches: Sequence[object],
+    robots: int = 2000,
+    cycles: int = 30,
+    seed: int = 0,
+    model: Literal["exact", "linear"] = "exact",
+    target: ArrayLike = (0.0, 0.0, 0.0),
+    number: int = 0,
+    first: int = 0,
+) -> ApproachErrors:
+    """Return the errors of the same built robots at one pose, visited several times under each of several approaches.
+
+    A robot's draws of unit and pose scope are the same in all visits; those of visit scope are made at every visit.
+
+    Parameters
+    ----------
+    error_model
+        Chain, draws and sources.
+    pose
+        The pose: joint values in chain order, by joint name, or the name of a pose; by default the model's first pose.
+    approaches
+        Two or more approaches, each as in :class:`precision_pin.ApproachedPose`. ISO 9283 takes three.
+    robots, cycles
+        Number of built robots, and of visits under each approach, two or more.
+    seed
+        64-bit seed.
+    model
+        ``"exact"`` evaluates the displaced chain, ``"linear"`` superposes first-order errors.
+    target
+        The measured point in the axes of the tip, m.
+    number
+        Number of the pose, from 0, for draws of pose and visit scope.
+    first
+        Number of the first robot.
+
+    Raises
+    ------
+    InputError
+        Fewer than two approaches, wrong directions, a wrong pose or number, or more visits than there are numbers for.
+    UnknownNameError
+        No such pose or joint.
+    """
+    check_instance("error_model", error_model, ErrorModel, "as ErrorModel.load makes it")
+    sampler.stage_of(model)
+    listed = check_items("the approaches", approaches, object)
+    if len(listed) < 2:
+        raise InputError(f"{len(listed)} approaches; to compare them, give two or more")
+    check_whole("the number of robots", robots, 1, sampler.BLOCK * 2**20)
+    check_whole("the number of cycles", cycles, 2, MOST_VISITS // len(listed))
+    check_whole("the number of the pose", number, 0, MOST_POSES - 1)
+    check_whole("first, the number of a robot,", first, 0, 2**63)
+    check_seed(seed)
+    point = check_numbers("the target", target, (3,), "three finite numbers, m")
+    check_memory(
+        2 * 72.0 * len(listed) * cycles * robots, f"keeping {cycles} visits of {robots:,} robots", "ask for fewer"
+    )
+    poses = [error_model.at(pose, approach=approach) for approach in listed]
+    found = np.empty((len(listed), cycles, 6, robots))
+    for rank, layout in enumerate(map(sampler.to_arrays, poses)):
+        for cycle in range(cycles):
+            # visits of different approaches are different occasions
+            visit = rank * cycles + cycle
+            found[rank, cycle] = sampler.errors(layout, model, int(seed), first, robots, pose=number, visit=visit)
+    lever = poses[0].posture.pose[:3, :3] @ point
+    turned = se3.exp_rotation(np.moveaxis(found[:, :, 3:], 2, 0).reshape(3, -1))
+    carried = np.einsum("ijn,j->in", turned, lever) - lever[:, None]
+    shifts = found[:, :, :3] + np.moveaxis(carried.reshape(3, len(listed), cycles, robots), 0, 2)
+    return ApproachErrors(tuple(at.posture.approach for at in poses), found, shifts)
+
+
+def _repeatability(visits: Array) -> Array:
+    """Return l̄ + 3 S_l of positions ``(n, 3, N)``: l the distances from their mean, n - 1 in S_l."""
+    distances = np.sqrt(((visits - visits.mean(axis=0)) ** 2).sum(axis=1))
+    result: Array = distances.mean(axis=0) + 3 * distances.std(axis=0, ddof=1)
+    return result

@@ -1,0 +1,120 @@
+"""A target off the tip: the errors there are those of the tip with the lever arm's shift, and loads and places stay."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+import precision_pin as pp
+from precision_pin.errors import InputError
+from precision_pin.outputs.as_built.urdf import AsBuilt
+from precision_pin.robot.examples import PAPER_SHEET
+from precision_pin.sheet import Overrides, read
+
+POINT = np.array([0.03, -0.08, 0.2])
+POSES = np.radians([[-90, 3, 88, -91], [20, -40, 70, 10]]).T
+TOOL_SOURCES = """
+  - mounting: {at: tool, x: {uniform: 0.1 mm}, ry: {normal: 1 mrad}}
+  - thermal: {expansion: {uniform: 1 ppm/K, mean: 23 ppm/K}, temperature_change: {uniform: 3 K, mean: 5 K}}
+"""
+
+
+@pytest.fixture(scope="module", params=["nominal", "equilibrium"])
+def arms(request, tmp_path_factory) -> tuple[pp.ErrorModel, pp.ErrorModel]:
+    """Return the paper's arm, which bends under a payload, with a warm and badly mounted tool; and the same with a target."""
+    folder = tmp_path_factory.mktemp("arm")
+    text = (
+        PAPER_SHEET.read_text(encoding="utf-8").replace("statics: nominal", f"statics: {request.param}") + TOOL_SOURCES
+    )
+    (folder / "4dof.urdf").write_bytes(PAPER_SHEET.with_name("4dof.urdf").read_bytes())
+    (folder / "tip.yaml").write_text(text)
+    (folder / "target.yaml").write_text(text.replace("tip: tool", "tip: tool\ntarget: 30 -80 200 mm"))
+    return pp.ErrorModel.load(folder / "tip.yaml"), pp.ErrorModel.load(folder / "target.yaml")
+
+
+def at_lever(errors: np.ndarray, lever: np.ndarray) -> np.ndarray:
+    """Return errors ``(6, N)`` of a point at a lever arm (base axes) from that whose errors are given."""
+    turned = Rotation.from_rotvec(errors[3:].T).apply(lever) - lever
+    return np.concatenate([errors[:3] + turned.T, errors[3:]])
+
+
+def test_the_errors_at_a_target_are_those_of_the_tip_with_the_lever_arms_shift(arms):
+    tip, target = arms
+    x = tip.space.sample(0, 0, 20)
+    for q in POSES.T:
+        at, there = tip.at(q), target.at(q)
+        lever = at.posture.pose[:3, :3] @ POINT
+        np.testing.assert_allclose(there.posture.pose[:3, 3], at.posture.pose[:3, 3] + lever, atol=1e-14)
+        np.testing.assert_allclose(there.exact(x), at_lever(at.exact(x), lever), atol=1e-12)
+        linear = at.linear(x)
+        linear[:3] += np.cross(linear[3:].T, lever).T
+        np.testing.assert_allclose(there.linear(x), linear, atol=1e-12)
+        # the first-order model, by central differences of the shift
+        mean, jacobian = at.tangent
+        steps = np.eye(6) * 1e-6
+        slopes = (at_lever(mean[:, None] + steps, lever) - at_lever(mean[:, None] - steps, lever)) / 2e-6
+        np.testing.assert_allclose(there.tangent[1], slopes @ jacobian, rtol=1e-8, atol=1e-8)
+        # all else stays: torques, wrenches, places, and what the sources make of them
+        np.testing.assert_array_equal(there.posture.load_torque, at.posture.load_torque)
+        np.testing.assert_array_equal(there.posture.link_wrench, at.posture.link_wrench)
+        np.testing.assert_array_equal(there.posture.loaded_ends, at.posture.loaded_ends)
+        np.testing.assert_array_equal(there.table.frames, at.table.frames)
+        np.testing.assert_array_equal(there.table.twists, at.table.twists)
+
+
+def test_the_sampler_many_postures_and_robots_as_built_speak_of_the_target(arms):
+    _, target = arms
+    drawn = pp.monte_carlo(target, POSES[:, 0], samples=512, seed=3)
+    expected = target.at(POSES[:, 0]).exact(target.space.sample(3, 0, 512)).mean(axis=1)
+    means = [drawn.summary.distribution(f"position.{axis}").mean for axis in "xyz"]
+    np.testing.assert_allclose(means, expected[:3], rtol=1e-9)
+    assert drawn.tip == "tool + 30 -80 200 mm"
+    many = target.chain.at_columns(POSES)
+    for k, q in enumerate(POSES.T):
+        posture = target.chain.at(q)
+        np.testing.assert_allclose(many.pose[:, :, k], posture.pose, atol=1e-13)
+        np.testing.assert_allclose(many.joint_jacobian[:, :, k], posture.joint_jacobian, atol=1e-13)
+        np.testing.assert_allclose(many.load_torque[:, k], posture.load_torque, atol=1e-10)
+        for joint, step in enumerate(np.eye(4) * 1e-6):
+            moved = target.chain.at(q + step).pose[:3, 3] - target.chain.at(q - step).pose[:3, 3]
+            np.testing.assert_allclose(moved / 2e-6, posture.joint_jacobian[:3, joint], atol=1e-8)
+    # writing robots compares what is written with the exact model
+    assert len(list(AsBuilt.prepare(target, POSES[:, 0], sheet="target.yaml").units(0, 0, 2))) == 2
+
+
+def test_inverse_kinematics_brings_the_target_to_a_place(arms):
+    _, target = arms
+    places = pp.box_places([1.0, 2.0], 0.4, 0.3)
+    poses = pp.place_grid(target.chain, places, pp.Orientation.free(), branches="all")
+    assert len(poses) >= 4
+    for q, node in zip(poses.q.T, poses.node, strict=True):
+        pose = pp.ErrorModel.load(PAPER_SHEET).chain.at(q).pose
+        np.testing.assert_allclose(pose[:3, :3] @ POINT + pose[:3, 3], places[:, node], atol=1e-9)
+
+
+def test_a_target_of_the_command_line_replaces_the_sheets(tmp_path):
+    (tmp_path / "4dof.urdf").write_bytes(PAPER_SHEET.with_name("4dof.urdf").read_bytes())
+    text = PAPER_SHEET.read_text(encoding="utf-8")
+    (tmp_path / "a.yaml").write_text(text.replace("tip: tool", "tip: tool\ntarget: 0 0 1 cm"))
+    assert read(tmp_path / "a.yaml").chain.target.tolist() == [0, 0, 0.01]
+    assert read(tmp_path / "a.yaml", overrides=Overrides(target="1 2 3 mm")).chain.target.tolist() == [
+        0.001,
+        0.002,
+        0.003,
+    ]
+    bare = read(tmp_path / "a.yaml", overrides=Overrides(target="0 0 0 mm")).chain
+    assert bare.tip_label == "tool"
+    for wrong, message in (
+        ("0 0 mm", "target: '0 0 mm' has 2 numbers, expected 3; write it as '0 0 100 mm', in the tip's axes"),
+        ("0 0 1", "target: '0 0 1' has no unit; a length needs one of"),
+        ("0 0 1 deg", "target: 'deg' in '0 0 1 deg' is not a unit of length"),
+        ("0 0 2 km", "target: 'km' in '0 0 2 km' is not a unit of length"),
+        ("0 0 2000 m", "target: '0 0 2000 m' is farther than 1,000 m from the tip"),
+    ):
+        (tmp_path / "b.yaml").write_text(text.replace("tip: tool", f"tip: tool\ntarget: {wrong}"))
+        with pytest.raises(InputError) as caught:
+            read(tmp_path / "b.yaml")
+        (finding,) = [found for found in caught.value.findings if found.severity == "error"]
+        assert message in finding.message
+        assert finding.line == text[: text.index("tip: tool")].count("\n") + 2

@@ -1,0 +1,106 @@
+"""The same robots under several approaches: repeatability from one side and both, and vAP."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+import precision_pin as pp
+from precision_pin.draws.laws import Normal, Uniform
+from precision_pin.draws.space import Draw, Scope, Space
+from precision_pin.errors import InputError
+from precision_pin.kernel import sampler
+from precision_pin.model.error_model import ErrorModel
+from precision_pin.sources.backlash import Backlash
+from precision_pin.sources.joint_offset import JointOffset
+from support.checks.common import one_link
+
+GAP = 1e-3
+
+
+def hinge(*offsets: Draw) -> ErrorModel:
+    """Return a hinge of 1 m about z, which carries no weight, with a gap, and what else turns it."""
+    sources = [JointOffset(joint="hinge", offset=offset) for offset in offsets]
+    return ErrorModel(one_link(), Space(), [Backlash(joint="hinge", backlash=GAP, band=1.0), *sources])
+
+
+def test_backlash_alone_by_hand() -> None:
+    model = hinge(Draw("zero", Normal(2e-3)))
+    found = pp.sample_approaches(model, [0.0], approaches=["hinge +", "hinge -", "hinge +"], robots=50, cycles=4)
+    assert found.approaches == ((1,), (-1,), (1,))
+    assert found.errors.shape == (3, 4, 6, 50)
+    # a robot repeats itself from one side; from both, half of its visits lie a gap away: l is half the chord each time
+    chord = 2 * np.sin(GAP / 2)
+    np.testing.assert_allclose(found.variation, chord, rtol=1e-11)
+    np.testing.assert_allclose(found.unidirectional, 0.0, atol=1e-15)
+    two = pp.sample_approaches(model, [0.0], approaches=["hinge +", "hinge -"], robots=50, cycles=4)
+    np.testing.assert_allclose(two.bidirectional, chord / 2, rtol=1e-9)
+    # behind the drive: below the nominal place after going up
+    zero = model.space.sample(0, 0, 50)[model.space.index["zero"]]
+    np.testing.assert_allclose(two.errors[0, 0, 1], np.sin(zero - GAP / 2), rtol=0, atol=1e-15)
+
+
+def test_visits_against_the_formulas_of_the_standard() -> None:
+    model = hinge(Draw("visit", Uniform(2e-3), Scope.VISIT), Draw("pose", Normal(1e-3), Scope.POSE))
+    found = pp.sample_approaches(model, [0.0], approaches=["hinge +", "hinge -"], robots=3, cycles=30, seed=5, number=7)
+    at = {sign: model.at([0.0], approach=f"hinge {sign}") for sign in "+-"}
+    for robot in range(3):
+        clouds = []
+        for rank, sign in enumerate("+-"):
+            visits = [
+                at[sign].exact(model.space.sample(5, robot, 1, pose=7, visit=30 * rank + cycle))[:3, 0]
+                for cycle in range(30)
+            ]
+            clouds.append(np.array(visits))
+            np.testing.assert_allclose(found.errors[rank, :, :3, robot], visits, rtol=0, atol=1e-14)
+        barycentres = [cloud.mean(axis=0) for cloud in clouds]
+        assert found.variation[robot] == pytest.approx(np.linalg.norm(barycentres[0] - barycentres[1]), rel=1e-9)
+        for cloud, value in (
+            (clouds[0], found.unidirectional[0, robot]),
+            (np.concatenate(clouds), found.bidirectional[robot]),
+        ):
+            lengths = [float(np.linalg.norm(visit - cloud.mean(axis=0))) for visit in cloud]
+            mean = sum(lengths) / len(lengths)
+            spread = np.sqrt(sum((length - mean) ** 2 for length in lengths) / (len(lengths) - 1))
+            assert value == pytest.approx(mean + 3 * spread, rel=1e-9)
+    assert (found.bidirectional > found.unidirectional).all()
+
+
+def test_robots_are_those_that_are_analysed() -> None:
+    model = hinge(Draw("zero", Normal(2e-3)))
+    found = pp.sample_approaches(model, [0.3], approaches=["hinge +", "hinge -"], robots=20, cycles=2, seed=9)
+    alone = pp.monte_carlo(model, [0.3], approach="hinge -", samples=20, seed=9, keep_samples=True)
+    np.testing.assert_array_equal(found.errors[1, 0], alone.errors)
+    layout = sampler.to_arrays(model.at([0.3], approach="hinge -"))
+    np.testing.assert_array_equal(found.errors[1, 1], sampler.errors(layout, "exact", 9, 0, 20, visit=3))
+
+
+def test_a_measured_point_beside_the_tip_and_robots_from_the_middle() -> None:
+    model = hinge(Draw("zero", Normal(2e-3)))
+    sides: dict[str, Any] = {"approaches": ["hinge +", "hinge -"], "robots": 5, "cycles": 2}
+    found = pp.sample_approaches(model, [0.4], target=(1.0, 0.5, 0.2), first=7, **sides)
+    # the point lies sqrt(2² + 0.5²) m from the axis
+    np.testing.assert_allclose(found.variation, 2 * np.sin(GAP / 2) * np.hypot(2.0, 0.5), rtol=1e-11)
+    all_of_them = pp.sample_approaches(model, [0.4], **{**sides, "robots": 12})
+    np.testing.assert_array_equal(found.errors, all_of_them.errors[..., 7:])
+    np.testing.assert_array_equal(all_of_them.shifts, all_of_them.errors[:, :, :3])
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"approaches": ["hinge +"]}, "1 approaches; to compare them, give two or more"),
+        ({"approaches": "hinge +"}, "the approaches must be a list"),
+        ({"approaches": ["hinge +", "hing -"]}, "did you mean 'hinge'"),
+        ({"approaches": ["hinge +", "previous"]}, "the approach is 'previous', but there is no pose before"),
+        ({"cycles": 1}, "the number of cycles must be a whole number from 2 to 2047, got 1"),
+        ({"cycles": 2048}, "from 2 to 2047"),
+        ({"robots": 0}, "the number of robots"),
+        ({"model": "cubic"}, "exact or linear"),
+    ],
+)
+def test_wrong_inputs_are_told_in_a_line(settings: dict[str, Any], message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        pp.sample_approaches(hinge(), [0.0], **{"approaches": ["hinge +", "hinge -"], "robots": 2, **settings})
