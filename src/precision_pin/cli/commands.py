@@ -33,6 +33,10 @@ COMMANDS: dict[str, tuple[str, str]] = {
         "precision_pin.cli.calibrate",
         "Forecast what measuring an arm will buy, choose poses to measure, or fit the model to readings.",
     ),
+    "map": (
+        "precision_pin.cli.map",
+        "Map the pose error over many poses: quantiles, share in specification, main cause; the worst verified.",
+    ),
     "compensate": (
         "precision_pin.cli.compensate",
         "Correct the constant part of the pose error by other joint values.",
