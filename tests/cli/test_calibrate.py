@@ -13,7 +13,7 @@ from precision_pin.analyses.calibration.design import stations_of
 from precision_pin.analyses.calibration.simulation import simulate_readings
 
 SHEET = "4dof.errors.yaml"
-TARGET = ("--target", "50 30 20 mm")
+TARGET = ("--point", "50 30 20 mm")
 JOINTS = "joint1 [deg], joint2 [deg], joint3 [deg], joint4 [deg]"
 
 
@@ -128,7 +128,7 @@ def test_copied_rows_are_named(run, folder, rows) -> None:
         (("data.csv", "--random", "3"), "the measured poses are those of the data"),
         (("--forecast", "--urdf", "x.urdf"), "--no-prior and --urdf belong to a calibration with data"),
         (("--forecast", "--std", "0.1"), "--std"),
-        (("--forecast", "--target", "1 2 mm"), "--target"),
+        (("--forecast", "--point", "1 2 mm"), "--point"),
         (("--forecast", "--random", "0"), "the number of random poses must be a whole number from 1 to 10000"),
         (("--forecast", "--at", "nowhere"), "nowhere"),
     ],

@@ -17,6 +17,7 @@ from precision_pin.cli.options import (
     describe_excess,
     pose_options,
     seed_option,
+    target_option,
 )
 from precision_pin.cli.poses import check_poses, pose_files, read_poses
 from precision_pin.cli.streams import echo_data
@@ -52,8 +53,8 @@ class _SetUp(TypedDict):
     kind: str
     std: str
     attitude_std: str | None
-    measured_target: str | None
-    target_free: bool
+    point: str | None
+    point_free: bool
     base_free: bool
     anchor: str | None
 
@@ -90,9 +91,9 @@ class _Options(ChainOptions, PoseOptions, _SetUp):
 @click.option("--std", default="0.02 mm", show_default=True, help="Standard deviation of a measured length.")
 @click.option("--attitude-std", metavar="ANGLE", help="That of a measured angle of a pose; std / 100 mm if left out.")
 @click.option(
-    "--target", "measured_target", metavar='"X Y Z mm"', help="The measured target in tool axes; the tip if left out."
+    "--point", metavar='"X Y Z mm"', help="The point that is measured, in the tip's axes; the tip if left out."
 )
-@click.option("--target-free", is_flag=True, help="The target's place on the tool is estimated.")
+@click.option("--point-free", is_flag=True, help="The place of this point on the tool is estimated.")
 @click.option("--base-free", is_flag=True, help="The base (of distances: the anchor) is estimated.")
 @click.option("--anchor", metavar='"X Y Z mm"', help="Where distances are measured from, in base axes.")
 @pose_options
@@ -107,6 +108,7 @@ class _Options(ChainOptions, PoseOptions, _SetUp):
 )
 @click.option("--no-prior", is_flag=True, help="Maximum likelihood: the sheet's tolerances are no prior.")
 @click.option("--urdf", metavar="FILE", help="Write the calibrated robot as a URDF.")
+@target_option
 @chain_options
 @seed_option
 @click.option("--json", "json_path", metavar="FILE", help="Write the result as JSON; - prints it alone.")
@@ -228,9 +230,9 @@ def _measurement(options: _Options) -> Measurement:
     return Measurement(
         kind=options["kind"],  # type: ignore[arg-type]
         std=number("std", options["std"], units.LENGTH),
-        target=point("target", options["measured_target"]),
+        target=point("point", options["point"]),
         base="free" if options["base_free"] else "known",
-        target_known=not options["target_free"],
+        target_known=not options["point_free"],
         attitude_std=None if angle is None else number("attitude-std", angle, units.ANGLE),
         anchor=point("anchor", options["anchor"]),
     )

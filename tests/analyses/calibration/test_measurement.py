@@ -9,6 +9,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import precision_pin as pp
+from analyses.calibration.arms import OFF_AXIS, plain_model, random_poses, readings_of
 from precision_pin import se3
 from precision_pin.errors import InputError
 
@@ -111,3 +112,16 @@ def test_slopes_of_the_model_at_other_values_are_finite_differences() -> None:
     ahead, behind = (at.exact(x[:, None] + sign * 1e-3 * np.diag(std)) for sign in (1, -1))
     np.testing.assert_allclose(error, at.exact(x[:, None])[:, 0], rtol=0, atol=0)
     np.testing.assert_allclose(slopes * std, (ahead - behind) / 2e-3, atol=1e-11)
+
+
+def test_what_is_measured_does_not_move_with_the_point_that_results_are_about() -> None:
+    model, q = plain_model(), random_poses(4, 12)
+    measurement = pp.Measurement(std=20e-6, target=OFF_AXIS)
+    readings = readings_of(model, q, measurement, seed=2)
+    away = pp.ErrorModel(model.chain.with_target((0.0, 0.1, 0.0)), pp.Space(), model.sources, model.poses)
+    here, there = (pp.calibrate(each, (q, readings), measurement) for each in (model, away))
+    assert there.posterior.mean == pytest.approx(here.posterior.mean, rel=1e-9, abs=1e-15)
+    tip, point = here.predict("work"), there.predict("work")
+    np.testing.assert_allclose(point[:3, 3], tip[:3, 3] + 0.1 * tip[:3, 1], atol=1e-12)
+    plans = [pp.plan_calibration(each, q, 4, measurement, criterion="D").chosen for each in (model, away)]
+    assert plans[0] == plans[1]

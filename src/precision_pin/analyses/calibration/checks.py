@@ -14,6 +14,7 @@ from precision_pin.analyses.calibration.fit import Fit, Problem
 from precision_pin.draws.space import Scope
 from precision_pin.errors import Finding, InputError
 from precision_pin.model.error_model import ErrorModel
+from precision_pin.model.pose_model import PoseModel
 from precision_pin.robot.chain_findings import limit_findings
 from precision_pin.typing import Array
 
@@ -129,7 +130,7 @@ def _suspect_joint(problem: Problem, fit: Fit) -> tuple[str, float]:
         rows = slice(first, first + len(root))
         first += len(root)
         slopes = problem.measurement.slopes(station.at.posture.pose, station.at.error_at_means, fit.nuisances)
-        moved = slopes.error @ _joint_jacobian(problem.model, station.at.posture.q)
+        moved = slopes.error @ _joint_jacobian(station.at)
         size = len(moved)
         for k in range(len(station.rows)):
             own = np.zeros((len(root), moved.shape[1]))
@@ -142,6 +143,6 @@ def _suspect_joint(problem: Problem, fit: Fit) -> tuple[str, float]:
     return problem.model.chain.joint_names[best], float(ratio[best])
 
 
-def _joint_jacobian(model: ErrorModel, q: Array) -> Array:
-    result: Array = model.chain.at_columns(q[:, None]).joint_jacobian[:, :, 0]
+def _joint_jacobian(at: PoseModel) -> Array:
+    result: Array = at.posture.chain.at_columns(at.posture.q[:, None]).joint_jacobian[:, :, 0]
     return result

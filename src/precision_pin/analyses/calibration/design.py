@@ -26,6 +26,7 @@ from precision_pin.errors import InputError
 from precision_pin.inputs.arguments import check_instance
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.pose_model import PoseModel
+from precision_pin.robot.chain import Chain
 from precision_pin.robot.pose_set import PoseSet
 from precision_pin.typing import Array
 
@@ -34,6 +35,8 @@ __all__ = [
     "Station",
     "UnitNumbers",
     "flat",
+    "measured_model",
+    "model_like",
     "project_out",
     "read_poses",
     "repeat_covariance",
@@ -186,13 +189,27 @@ def read_poses(model: ErrorModel, poses: object) -> tuple[Array, tuple[str, ...]
     return values, names
 
 
+def measured_model(model: ErrorModel) -> ErrorModel:
+    """Return the model whose errors are those of the tip: a reading's target is given from there, not from the chain's."""
+    if not model.chain.target.any():
+        return model
+    return model_like(model, model.chain.with_target((0.0, 0.0, 0.0)), model.space)
+
+
+def model_like(model: ErrorModel, chain: Chain, space: Space) -> ErrorModel:
+    """Return a model with the same sources, and other laws of the same numbers or another target."""
+    other = ErrorModel(chain, Space(), (), model.poses, model.statics)
+    other.sources, other.labels, other.assumed, other.space = model.sources, model.labels, model.assumed, space
+    return other
+
+
 def stations_of(model: ErrorModel, values: Array) -> tuple[Station, ...]:
     """Return a station for each different pose of ``(n, P)``, with the columns that hold it."""
     rows: dict[bytes, list[int]] = {}
     for k in range(values.shape[1]):
         rows.setdefault((values[:, k] + 0.0).tobytes(), []).append(k)
     first = np.array([listed[0] for listed in rows.values()], dtype=np.intp)
-    models = model.at_columns(np.ascontiguousarray(values[:, first]))
+    models = measured_model(model).at_columns(np.ascontiguousarray(values[:, first]))
     return tuple(Station(at, tuple(listed)) for at, listed in zip(models, rows.values(), strict=True))
 
 

@@ -58,7 +58,7 @@ class Measurement:
     std
         Standard deviation of each measured length, m.
     target
-        The target in tool axes, m.
+        The target in tool axes from the tip, m, wherever the point is that results are about.
     base
         ``"known"``: readings are in base axes. ``"free"``: the robot's base in the instrument's axes is not known and is
         estimated; of a distance, the place of the anchor.

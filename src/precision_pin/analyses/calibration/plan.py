@@ -12,6 +12,7 @@ from precision_pin.analyses.calibration.design import (
     Station,
     UnitNumbers,
     flat,
+    measured_model,
     read_poses,
     stack_at_means,
 )
@@ -194,7 +195,9 @@ def plan_calibration(
     _refuse_copies(values)
     unit = UnitNumbers.of(model.space)
     # each candidate by itself: one reading at its own pose
-    stations = tuple(Station(one, (k,)) for k, one in enumerate(model.at_columns(np.ascontiguousarray(values))))
+    stations = tuple(
+        Station(one, (k,)) for k, one in enumerate(measured_model(model).at_columns(np.ascontiguousarray(values)))
+    )
     by_z, by_nuisance = stack_at_means(stations, unit, measurement)
     refuse_where_nothing_is_seen(of_stack(unit.names, flat(by_z), flat(by_nuisance), measurement, total))
     tasks = task_poses(model, at, values)

@@ -8,7 +8,7 @@ from typing import Final
 
 import numpy as np
 
-from precision_pin.analyses.calibration.design import UnitNumbers
+from precision_pin.analyses.calibration.design import UnitNumbers, model_like
 from precision_pin.draws.laws import JointNormal, Law
 from precision_pin.draws.space import Draw, Space
 from precision_pin.model.error_model import ErrorModel
@@ -36,12 +36,8 @@ def remaining_model(model: ErrorModel, unit: UnitNumbers, mean: Array, covarianc
     mean, covariance
         Of these numbers after it, ``(U,)`` and ``(U, U)``.
     """
-    left = ErrorModel(model.chain, Space(), (), model.poses, model.statics)
-    left.sources, left.labels, left.assumed = model.sources, model.labels, model.assumed
-    left.space = with_quantities(
-        _remaining_space(model.space, unit, mean, covariance), left.sources, left.labels, left.chain
-    )
-    return left
+    space = _remaining_space(model.space, unit, mean, covariance)
+    return model_like(model, model.chain, with_quantities(space, model.sources, model.labels, model.chain))
 
 
 def _remaining_space(space: Space, unit: UnitNumbers, mean: Array, covariance: Array) -> Space:
