@@ -21,6 +21,7 @@ ROBOTS: Final = PAGES.parent / "robots"
 
 PICTURES: Final = {
     "start-position.png": ("start.md", "analyze mine.errors.yaml --samples 20000", "position.png"),
+    "map.png": ("map.md", "map example:ur5 --grid table.yaml --relative-to ready", "position.png"),
     "your-arm-position.png": ("your-arm.md", "analyze mine.errors.yaml --samples 20000", "position.png"),
 }
 """The page that holds the sheet, the command, and the picture to take, by the name of its file."""

@@ -54,6 +54,7 @@ if TYPE_CHECKING:
     from precision_pin.robot.pose_sources.place_grid import box_places as box_places
     from precision_pin.robot.pose_sources.place_grid import place_grid as place_grid
     from precision_pin.robot.pose_sources.place_grid import plane_places as plane_places
+    from precision_pin.robot.pose_sources.random_poses import random_poses as random_poses
     from precision_pin.robot.pose_sources.trajectory import read_trajectory as read_trajectory
     from precision_pin.robot.postures import Postures as Postures
     from precision_pin.sampling import monte_carlo as monte_carlo
@@ -113,6 +114,7 @@ _HOMES: Final = {
     "plane_places": "robot.pose_sources.place_grid",
     "pose_covariance": "analyses.map.between_poses",
     "progress": "display.progress",
+    "random_poses": "robot.pose_sources.random_poses",
     "read_trajectory": "robot.pose_sources.trajectory",
     "relative": "sampling.relative",
     "reliability": "analyses.reliability.reliability",

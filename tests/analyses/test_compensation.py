@@ -128,6 +128,9 @@ def test_poses_without_a_correction_are_named():
     written = result.to_dict()["poses"]
     assert [pose["q_corrected"] is None for pose in written] == [False, True, True, True]
     assert not result.is_complete
+    # poses of a grid whose joint values are not known keep the reason
+    grid = pp.place_grid(model.chain, np.array([[0.5, 0, 2], [0, 0.6, 0], [0.2, 0, 0]]), pp.Orientation.free())
+    assert pp.compensate(model, grid).correction.status == ("corrected", "limit", "unreachable")
 
 
 def three_joints(limit: str = ""):

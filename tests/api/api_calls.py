@@ -271,6 +271,13 @@ def calls() -> Iterator[Call]:
         reference=OPTIONAL, progress="nothing, true, function, type",
     )  # fmt: skip
     yield call(
+        "random_poses",
+        pp.random_poses,
+        {"chain": chain, "count": 3, "seed": 1, "box": [[0, 1], [0, 1], [0, 1]], "orientations": None, "progress": None},
+        {"count": "number of poses"},
+        seed="zero", box=OPTIONAL, orientations=OPTIONAL, progress="nothing, true, function, type",
+    )  # fmt: skip
+    yield call(
         "read_trajectory", pp.read_trajectory, {"path": WAY, "chain": chain, "most": 10}, {"path": FILE, "most": "most"}
     )
     way = pp.read_trajectory(WAY, chain)

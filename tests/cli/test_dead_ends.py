@@ -24,6 +24,7 @@ WITH_ROBOT = {
     "mcpc": (),
     "worst-case": (),
     "compensate": (),
+    "map": (),
     "exact-law": (),
     "reliability": ("--spec", "1 mm"),
     "moments": (),
@@ -302,6 +303,7 @@ QUICK = {
     "init": ("4dof.urdf", "--force"),
 }
 LONGER = {
+    "map": ("--out", "mapped"),
     "compensate": ("--out", "corrected"),
     "worst-case": (*FEW, "--out", "worst"),
     "budget": ("--samples", "1024", "--out", "shares"),

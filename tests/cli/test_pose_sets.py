@@ -10,6 +10,7 @@ import pytest
 from precision_pin.cli.options import PoseOptions
 from precision_pin.cli.poses import read_pose_set
 from precision_pin.errors import InputError
+from precision_pin.robot.examples import PAPER_SHEET
 from precision_pin.sheet import read
 
 SHEET = "gantry.errors.yaml"
@@ -64,6 +65,32 @@ def test_a_grid_makes_a_set_and_poses_without_what_is_out_of_reach(run, folder):
     names = [f"100 {y} {z} mm" for y in (300, 500) for z in (500, 600)]
     assert [pose["pose"]["name"] for pose in done.json["poses"]] == names
     assert done.said == ["near.yaml: 4 poses: 4 reached"]
+
+
+def test_the_approach_from_the_previous_pose_passes_over_what_is_not_reached(folder):
+    (folder / "grid.yaml").write_text(
+        GRID.replace("[0.3 m, 5 m]", "[0.3 m, 5 m, 0.1 m, 0.6 m]").replace("[-500 mm, 9 m]", "-500 mm")
+    )
+    poses = read_pose_set(read(SHEET), {**NONE, "grid": "grid.yaml", "approach": "previous"})
+    assert poses.known.tolist() == [True, False, True, True]
+    assert poses.approaches[0].tolist() == [0, 0, -1, 1]
+
+
+def test_near_a_singularity_the_note_states_the_value(folder, capsys):
+    # stretched out, the three parallel joints of the paper's arm are in line
+    (folder / "grid.yaml").write_text("joints: {joint1: 0 deg, joint2: 10 deg, joint3: 0 90 deg, joint4: 0 deg}\n")
+    poses = read_pose_set(read(PAPER_SHEET), {**NONE, "grid": "grid.yaml"})
+    assert poses.status == ("singular", "reached")
+    assert "singular: smallest singular value below 0.01" in capsys.readouterr().err
+    # at a right angle it is 0.259
+    for below, status in (
+        (0.26, ("singular", "singular")),
+        (0.25, ("singular", "reached")),
+        (0, ("reached", "reached")),
+    ):
+        (folder / "other.yaml").write_text((folder / "grid.yaml").read_text() + f"singular_below: {below}\n")
+        assert read_pose_set(read(PAPER_SHEET), {**NONE, "grid": "other.yaml"}).status == status
+    assert "singular value below 0.26)" in capsys.readouterr().err
 
 
 def test_a_grid_out_of_reach_or_given_twice_is_refused(run, folder, new_files):

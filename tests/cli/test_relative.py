@@ -32,7 +32,7 @@ def test_the_other_pose_by_name_and_by_values(run, folder):
     ("options", "message"),
     [
         (("--relative-to", "nowhere"), "no pose"),
-        (("--relative-to", "0 mm"), "--relative-to '0 mm'"),
+        (("--relative-to", "0 mm"), "as joint values:"),
         (("--relative-to", "home", "--all-poses"), "--relative-to is for one pose"),
         (("--relative-to", "home", "--until", "95 % to 0.01 mm"), "--until and --relative-to exclude each other"),
         (("--relative-to", "home", "--processes", "2"), "--processes and --relative-to exclude each other"),

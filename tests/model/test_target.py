@@ -103,6 +103,7 @@ def test_a_target_of_the_command_line_replaces_the_sheets(tmp_path):
         0.002,
         0.003,
     ]
+    assert read(tmp_path / "a.yaml").with_changes({"target": "0 3 0 mm"}).chain.target.tolist() == [0, 0.003, 0]
     bare = read(tmp_path / "a.yaml", overrides=Overrides(target="0 0 0 mm")).chain
     assert bare.tip_label == "tool"
     for wrong, message in (

@@ -132,6 +132,36 @@ def test_of_several_branches_the_best_has_the_largest_singular_value():
     assert best.names == ("500 200 300 mm",)
 
 
+def test_a_random_design_lies_evenly_over_joints_or_places(monkeypatch):
+    arm = gantry()
+    joints = pp.random_poses(arm, 2000, seed=3)
+    assert joints.known.all()
+    assert set(joints.status) == {"reached"}
+    # uniform over ±1: means and squares within four standard errors
+    assert np.abs(joints.q.mean(axis=1)).max() < 4 / math.sqrt(3 * 2000)
+    assert np.abs((joints.q**2).mean(axis=1) - 1 / 3).max() < 4 * math.sqrt(4 / 45 / 2000)
+    assert np.abs(np.corrcoef(joints.q) - np.eye(4)).max() < 4 / math.sqrt(2000)
+    # the same for a seed, the smaller design at the begin of the larger, however many are drawn together
+    monkeypatch.setattr("precision_pin.robot.pose_sources.random_poses._MOST", 48)
+    np.testing.assert_array_equal(pp.random_poses(arm, 100, seed=3).q, joints.q[:, :100])
+    assert (pp.random_poses(arm, 100, seed=4).q != joints.q[:, :100]).all()
+    kinds = [pp.Orientation.along((0, 0, 1), 8), pp.Orientation.given((0, 0, 2.5))]
+    places = pp.random_poses(arm, 60, seed=3, box=[[0.5, 1.5], [-1, 1], [0, 0]], orientations=kinds)
+    # half of the box is out of reach in x; of nine attitudes three are within the limits of ±1 rad
+    assert places.known.all()
+    assert (places.position[0] <= 1).all()
+    assert abs(places.position[0].mean() - 0.75) < 4 * 0.5 / math.sqrt(12 * 60)
+    assert abs(places.position[1].mean()) < 4 * 2 / math.sqrt(12 * 60)
+    turns = np.round(np.degrees(places.q[3])).astype(int)
+    counts = [int((turns == angle).sum()) for angle in (-45, 0, 45)]
+    assert sum(counts) == 60
+    assert min(counts) > 60 / 3 - 4 * math.sqrt(60 * 2 / 9)
+    reached = arm.at_columns(places.q).pose[:3, 3]
+    assert np.abs(reached - places.position).max() < 1e-9
+    few = pp.random_poses(arm, 10, seed=3, box=[[0.5, 1.5], [-1, 1], [0, 0]], orientations=kinds)
+    np.testing.assert_array_equal(few.q, places.q[:, :10])
+
+
 @pytest.mark.parametrize(
     ("make", "message"),
     [
@@ -146,6 +176,9 @@ def test_of_several_branches_the_best_has_the_largest_singular_value():
         (lambda arm: pp.place_grid(arm, (0, 0, 0), pp.Orientation.free(), branches="worst"), "branches must be nearest or best"),
         (lambda arm: pp.Orientation.given(np.diag([1, 1, -1])), "the orientation is no rotation"),
         (lambda arm: pp.Orientation.along((0, 0, 0)), "the direction has length zero"),
+        (lambda arm: pp.random_poses(arm, 5, box=[[5, 6]] * 3), "only 0 of 10,016 random poses are within reach and in the box"),
+        (lambda arm: pp.random_poses(arm, 5, box=[[6, 5]] * 3), "the box: its lowest x is above its highest"),
+        (lambda arm: pp.random_poses(arm, 0), "the number of poses"),
         (lambda arm: pp.Orientation.along((0, 0, 1), 0), "the number of angles about the tool axis"),
     ],
 )  # fmt: skip

@@ -80,6 +80,19 @@ orientations:
     ]
 
 
+def test_random_poses_are_those_of_python(tmp_path, chain):
+    text = """
+random: {count: 20, seed: 5, box: {x: 1 2 m, y: -1000 1000 mm, z: 0 0.5 m}}
+orientations: [any, {axis: 0 0 -1, tool_axis: 1 0 0}]
+"""
+    count, poses = solved(tmp_path, chain, text)
+    kinds = [pp.Orientation.free(), pp.Orientation.along((0, 0, -1), tool_axis=(1, 0, 0))]
+    same = pp.random_poses(chain, 20, seed=5, box=[[1, 2], [-1, 1], [0, 0.5]], orientations=kinds)
+    assert count == 20
+    np.testing.assert_array_equal(poses.q, same.q)
+    assert len(solved(tmp_path, chain, "random: {count: 30}")[1]) == 30
+
+
 BOX = "box: {x: 1 m, y: 0 m, z: 0 m}\n"
 JOINTS = "joints:\n  joint1: 0 deg\n  joint2: 0 deg\n  joint3: 0 deg\n"
 
@@ -87,12 +100,12 @@ JOINTS = "joints:\n  joint1: 0 deg\n  joint2: 0 deg\n  joint3: 0 deg\n"
 @pytest.mark.parametrize(
     ("text", "line", "message"),
     [
-        ("", 1, "a grid has one of joints, box, plane; got nothing"),
-        ("- box", 1, "a grid has one of joints, box, plane; got a list"),
+        ("", 1, "a grid has one of joints, box, plane, random; got nothing"),
+        ("- box", 1, "a grid has one of joints, box, plane, random; got a list"),
         ("boxes: {}", 1, "unknown key 'boxes': did you mean 'box'?"),
-        ("branches: all", 1, "a grid has one of joints, box, plane; this has none"),
+        ("branches: all", 1, "a grid has one of joints, box, plane, random; this has none"),
         (f"{BOX}joints: {{}}", 1, "this has joints and box"),
-        (f"{JOINTS}  joint4: 0 deg\norientations: any", 6, "orientations goes with box or plane; joint values need no inverse"),
+        (f"{JOINTS}  joint4: 0 deg\norientations: any", 6, "orientations goes with box or plane, not with joints"),
         (JOINTS, 1, "no values for the joints joint4"),
         (f"{JOINTS}  joint5: 0 deg", 5, "unknown key 'joint5': did you mean"),
         (f"{JOINTS}  joint4: 0 mm", 5, "joint4: 'mm' in '0 mm' is not a unit of angle; allowed: rad"),
@@ -118,6 +131,14 @@ JOINTS = "joints:\n  joint1: 0 deg\n  joint2: 0 deg\n  joint3: 0 deg\n"
         (f"{BOX}orientations: any\nbranches: worst", 3, "branches: expected nearest or best or all, got 'worst'"),
         (f"{BOX}orientations: any\nreference: 1 2 deg", 3, "2 joint values for 4 joints"),
         ("plane: {origin: 0 0 0 m}\norientations: any", 1, "plane: expected origin, u and v; u, v missing"),
+        ("random: {seed: 3}", 1, "random: the key 'count' is missing"),
+        ("random: {count: 0}", 1, "count: expected a whole number from 1 to 1,048,575, got '0'"),
+        ("random: {count: 5}\nbranches: all", 2, "branches goes with box or plane, not with random"),
+        ("random: {count: 5, box: {x: 0 1 m, y: 0 1 m, z: 1 m}}", 1, "z: '1 m' has 1 numbers, expected 2"),
+        ("random: {count: 5, box: {x: 0 1 m, y: 0 1 m, z: 1 0 m}}", 1, "the box: its lowest z is above its highest"),
+        ("random: {count: 5, box: {x: 8 9 m, y: 0 1 m, z: 0 1 m}}", 1, "only 0 of 10,0"),
+        (f"{BOX}orientations: any\nsingular_below: -1", 3, "singular_below: expected zero or more"),
+        (f"{BOX}orientations: any\nsingular_below: 1 mm", 3, "singular_below: 'mm' in '1 mm' is not a unit of ratio"),
         ("a: [", 1, "not YAML"),
     ],
 )  # fmt: skip

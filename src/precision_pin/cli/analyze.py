@@ -11,7 +11,7 @@ import click
 from precision_pin.cli import EXIT_SPEC
 from precision_pin.cli.analyze_poses import FILES as FILES_OF_POSES
 from precision_pin.cli.analyze_poses import PosesJob, analyze_poses, refuse_of_one_pose
-from precision_pin.cli.inputs import other_pose, read_sheet
+from precision_pin.cli.inputs import read_sheet
 from precision_pin.cli.notes import all_warnings_option, echo_note, quiet_option
 from precision_pin.cli.options import (
     ChainOptions,
@@ -25,7 +25,7 @@ from precision_pin.cli.options import (
     spec_option,
     target_option,
 )
-from precision_pin.cli.poses import check_poses, pose_files, read_poses
+from precision_pin.cli.poses import check_poses, pose_files, read_poses, reference_pose
 from precision_pin.cli.progress import compile_sampler, progress_bar
 from precision_pin.cli.streams import echo_data, say
 from precision_pin.cli.targets import Outputs
@@ -151,7 +151,7 @@ def command(
         job = PosesJob(samples, seed, model, tuple(specifications), spec_everywhere, threads, json_path, out)
         return analyze_poses(error_model, sheet, poses, job)
     where = poses[0].where
-    other = None if relative_to is None else other_pose(sheet, relative_to, "--relative-to")
+    other = reference_pose(sheet, relative_to)
     compile_sampler(error_model.space, model)
     if other is not None:
         with progress_bar(samples, "sampling") as progress, unwinding():

@@ -14,10 +14,9 @@ import click
 
 from precision_pin.cli.notes import echo_note, echo_warnings
 from precision_pin.cli.options import ChainOptions, describe_excess
-from precision_pin.errors import Finding, InputError, UnknownNameError
+from precision_pin.errors import Finding, InputError
 from precision_pin.inputs.files import noted_inputs
 from precision_pin.robot.examples import PAPER_SHEET, resolve_robot, shipped_sheet, similar_file, starting_sheet
-from precision_pin.visible import visible
 
 if TYPE_CHECKING:
     import numpy as np
@@ -26,7 +25,7 @@ if TYPE_CHECKING:
     from precision_pin.cli.targets import Outputs
     from precision_pin.sheet import Sheet
 
-__all__ = ["Inputs", "chosen_pose", "echo_findings", "find_inputs", "other_pose", "read_inputs", "read_sheet"]
+__all__ = ["Inputs", "chosen_pose", "echo_findings", "find_inputs", "read_inputs", "read_sheet"]
 
 SHEET_SUFFIXES: Final = (".yaml", ".yml")
 MOST_LEAVES: Final = 6
@@ -209,30 +208,6 @@ def chosen_pose(sheet: Sheet, pose: str | None, q: str | None) -> str | NDArray[
         return found
     except InputError as error:
         raise InputError([Finding("error", "E_POSE", f"--q: {wrong.message}") for wrong in error.findings]) from None
-
-
-def other_pose(sheet: Sheet, text: str, option: str) -> str | NDArray[np.float64]:
-    """Return the pose that an option besides ``--pose`` and ``--q`` asks for: one of the sheet's by name, or joint values.
-
-    Raises
-    ------
-    InputError
-        Wrong joint values.
-    UnknownNameError
-        No such pose.
-    """
-    from precision_pin.sheet import parse_pose
-
-    if text in sheet.poses:
-        return text
-    if not any(character.isdigit() for character in text):
-        raise UnknownNameError("pose", text, sheet.poses)
-    try:
-        return parse_pose(_joint_values(text), sheet.chain)
-    except InputError as error:
-        names = f"; the sheet's poses are {', '.join(map(visible, sheet.poses))}" if sheet.poses else ""
-        message = f"{option} {text!r}: {error.findings[0].message}{names}"
-        raise InputError([Finding("error", "E_POSE", message)]) from None
 
 
 def _joint_values(text: str) -> str | list[str] | dict[str, str]:

@@ -22,7 +22,16 @@ if TYPE_CHECKING:
     from precision_pin.robot.pose_sources.trajectory import Trajectory
     from precision_pin.sheet import Sheet
 
-__all__ = ["AskedPose", "AskedPoses", "check_poses", "pose_files", "read_pose_set", "read_poses", "read_way"]
+__all__ = [
+    "AskedPose",
+    "AskedPoses",
+    "check_poses",
+    "pose_files",
+    "read_pose_set",
+    "read_poses",
+    "read_way",
+    "reference_pose",
+]
 
 MOST_ROWS: Final = 2**20 - 1
 """The most poses of a trajectory or a grid where a command sets no lower bound: draws of pose scope can be made at no more."""
@@ -135,7 +144,11 @@ def _approaches(sheet: Sheet, values: NDArray[np.float64], approach: str) -> NDA
         if values.shape[1] < 2:
             message = "--approach previous is the way from the pose before, and there is one pose; give + or - by joint"
             raise InputError([Finding("error", "E_POSE", message)])
-        return approaches_along(values)
+        # a pose of a grid that is not reached is not passed on the way
+        known = np.isfinite(values[0])
+        found = np.zeros(values.shape, dtype=np.int8)
+        found[:, known] = approaches_along(values[:, known])
+        return found
     try:
         directions = read_approach(sheet.chain.joint_names, approach)
     except InputError as error:
@@ -232,6 +245,24 @@ def read_way(sheet: Sheet, file: str, options: PoseOptions, most: int = MOST_ROW
     return way.refined(**steps, most=most)
 
 
+def reference_pose(sheet: Sheet, text: str | None) -> str | NDArray[np.float64] | None:
+    """Return the pose that ``--relative-to`` names: one of the sheet's, or joint values as for ``--q``.
+
+    Raises
+    ------
+    InputError
+        Neither.
+    """
+    if text is None or text in sheet.poses:
+        return text
+    try:
+        return chosen_pose(sheet, None, text)
+    except InputError as error:
+        unknown = UnknownNameError("pose", text, sheet.poses).findings[0].message
+        message = f"--relative-to: {unknown}; as joint values: {error.findings[0].message.removeprefix('--q: ')}"
+        raise InputError([Finding("error", "E_POSE", message)]) from None
+
+
 def _read_grid(sheet: Sheet, file: str, most: int) -> PoseSet:
     from precision_pin.sheet.pose_grid import read_pose_grid
 
@@ -240,7 +271,9 @@ def _read_grid(sheet: Sheet, file: str, most: int) -> PoseSet:
         poses = grid.solve(step)
     if len(poses) > most:
         raise InputError([Finding("error", "E_GRID", f"{len(poses):,} poses; at most {most:,} are allowed here", file)])
-    echo_note(f"{file}: {len(poses):,} poses: {_counted(poses.status)}")
+    below = grid.singular_below
+    stated = f" (singular: smallest singular value below {below:g})" if "singular" in poses.status else ""
+    echo_note(f"{file}: {len(poses):,} poses: {_counted(poses.status)}{stated}")
     return poses
 
 

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from precision_pin.display.tables import pose_labels
 from precision_pin.errors import InputError
+from precision_pin.inputs.arguments import check_number
 from precision_pin.inputs.arrays import fix_fields
 from precision_pin.robot.chain import Chain
 from precision_pin.typing import Array
@@ -156,6 +157,23 @@ class PoseSet:
             positions[nodes[last_first]] = last_first
             found.append(positions)
         return found[0], found[1]
+
+    def with_singular_below(self, chain: Chain, value: float) -> PoseSet:
+        """Return the poses with another smallest singular value below which one within the limits counts as singular.
+
+        Raises
+        ------
+        InputError
+            The value is negative or not finite.
+        """
+        below = check_number("the smallest singular value", value, "zero or more and finite", lambda least: least >= 0)
+        near = np.zeros(len(self), dtype=bool)
+        near[self.known] = smallest_singular_values(chain, self.q[:, self.known]) < below
+        status: list[PoseStatus] = [
+            one if one in ("limit", "unreachable") else "singular" if is_near else "reached"
+            for one, is_near in zip(self.status, near.tolist(), strict=True)
+        ]
+        return replace(self, status=tuple(status))
 
     def take(self, chosen: NDArray[np.intp]) -> PoseSet:
         """Return the poses at some positions, in that order."""

@@ -21,7 +21,8 @@ from precision_pin.visible import shown
 
 __all__ = ["Change", "change_text", "parse_change", "plain_data"]
 
-_SECTIONS: Final = ("parameters", "poses", "locked", "gravity", "statics")
+_SINGLE: Final = ("gravity", "statics", "target")
+_SECTIONS: Final = ("parameters", "poses", "locked", *_SINGLE)
 """Keys of a sheet besides its sources whose values can be changed."""
 _SOURCE: Final = re.compile(r"(?P<label>[\w*]+(?:\[.*?\](?:#[\d*]+)?)?)(?:\.(?P<rest>.+))?")
 _STEP: Final = re.compile(r"[.\[]|$")
@@ -149,7 +150,7 @@ def _paths(data: Any, change: Change, known: Sequence[str], kinds: Mapping[str, 
             if section not in data or not isinstance(data[section], dict):
                 data[section] = {}
             yield from _walk(data[section], rest, (section,), change, may_add=section != "parameters")
-        elif section in ("gravity", "statics"):
+        elif section in _SINGLE:
             yield (section,)
         else:
             raise _wrong(change, f"{section} holds several values; name one, as in {section}.NAME")

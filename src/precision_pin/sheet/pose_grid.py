@@ -1,4 +1,4 @@
-"""Reader of a file of poses: a grid over joint values, or over the places of a box or a plane."""
+"""Reader of a file of poses: a grid over joint values, or over the places of a box or a plane, or a random design."""
 
 from __future__ import annotations
 
@@ -13,10 +13,11 @@ from precision_pin.errors import Finding, InputError, nearest
 from precision_pin.inputs.files import UnreadableFileError, read_text_file
 from precision_pin.robot.chain import Chain
 from precision_pin.robot.inverse_kinematics import Branches
-from precision_pin.robot.pose_set import PoseSet
+from precision_pin.robot.pose_set import SINGULAR_BELOW, PoseSet
 from precision_pin.robot.pose_sources.joint_grid import joint_grid
 from precision_pin.robot.pose_sources.orientation import MOST_ANGLES, Orientation
 from precision_pin.robot.pose_sources.place_grid import box_places, count_wanted, place_grid, plane_places
+from precision_pin.robot.pose_sources.random_poses import random_poses
 from precision_pin.sheet.grid_entry import GridEntry
 from precision_pin.sheet.poses import parse_pose
 from precision_pin.sheet.text import read_text
@@ -27,7 +28,7 @@ __all__ = ["PoseGrid", "read_pose_grid"]
 
 LARGEST_FILE: Final = 2**20
 _LONGEST: Final = 40
-_KINDS: Final = ("joints", "box", "plane")
+_KINDS: Final = ("joints", "box", "plane", "random")
 _OF_PLACES: Final = ("orientations", "branches", "reference")
 _ORIENTATIONS: Final = (
     "an orientation is any, {rpy: 180 0 0 deg}, {axis: 0 0 -1}, {axis: 0 0 -1, angles: 12} or {pose: NAME}"
@@ -44,14 +45,17 @@ class PoseGrid:
     Attributes
     ----------
     count
-        Number of poses that the inverse kinematics has to solve; zero for a grid over joint values.
+        Number of poses that are solved or drawn, of which progress speaks; zero for a grid over joint values.
     solve
         Function that returns the poses. Its argument is as ``progress`` of
         :func:`precision_pin.robot.inverse_kinematics.inverse_kinematics`.
+    singular_below
+        Smallest singular value below which a pose counts as singular.
     """
 
     count: int
     solve: Callable[[Progress], PoseSet]
+    singular_below: float = SINGULAR_BELOW
 
 
 def read_pose_grid(path: str | os.PathLike[str], chain: Chain, poses: Mapping[str, Array] | None = None) -> PoseGrid:
@@ -80,16 +84,28 @@ def read_pose_grid(path: str | os.PathLike[str], chain: Chain, poses: Mapping[st
         raise InputError(text.findings[:1])
     top = GridEntry(text, file, (), text.data)
     expected = f"a grid has one of {', '.join(_KINDS)}"
-    keys = top.keys((*_KINDS, *_OF_PLACES), expected)
+    keys = top.keys((*_KINDS, *_OF_PLACES, "singular_below"), expected)
     kinds = [kind for kind in _KINDS if kind in keys]
     if len(kinds) != 1:
         raise top.wrong(f"{expected}; this has {' and '.join(kinds) or 'none'}")
-    if kinds[0] != "joints":
-        return _over_places(top, keys, chain, poses or {})
-    for key in _OF_PLACES:
+    grid = _read_kind(kinds[0], top, keys, chain, poses or {})
+    if "singular_below" not in keys:
+        return grid
+    (below,) = keys["singular_below"].numbers(units.RATIO, 1, "0.02")
+    if below < 0:
+        raise keys["singular_below"].wrong("singular_below: expected zero or more")
+    return PoseGrid(grid.count, lambda step: grid.solve(step).with_singular_below(chain, below), below)
+
+
+def _read_kind(
+    kind: str, top: GridEntry, keys: dict[str, GridEntry], chain: Chain, poses: Mapping[str, Array]
+) -> PoseGrid:
+    if kind in ("box", "plane"):
+        return _over_places(top, keys, chain, poses)
+    for key in _OF_PLACES[1:] if kind == "random" else _OF_PLACES:
         if key in keys:
-            raise keys[key].wrong(f"{key} goes with box or plane; joint values need no inverse kinematics")
-    return _over_joints(keys["joints"], chain)
+            raise keys[key].wrong(f"{key} goes with box or plane, not with {kind}")
+    return _over_joints(keys["joints"], chain) if kind == "joints" else _at_random(keys, chain, poses)
 
 
 def _over_joints(entry: GridEntry, chain: Chain) -> PoseGrid:
@@ -104,12 +120,39 @@ def _over_joints(entry: GridEntry, chain: Chain) -> PoseGrid:
     return PoseGrid(0, lambda _: found)
 
 
-def _over_places(top: GridEntry, keys: dict[str, GridEntry], chain: Chain, poses: Mapping[str, Array]) -> PoseGrid:
-    if "orientations" not in keys:
-        raise top.wrong(f"the key 'orientations' is missing; {_ORIENTATIONS}")
+def _at_random(keys: dict[str, GridEntry], chain: Chain, poses: Mapping[str, Array]) -> PoseGrid:
+    entry = keys["random"]
+    own = entry.keys(("count", "seed", "box"), "expected count, and seed and box if wanted")
+    if "count" not in own:
+        raise entry.wrong("random: the key 'count' is missing, the number of poses")
+    count = own["count"].whole(1)
+    seed = own["seed"].whole(0, 999_999_999) if "seed" in own else 0
+    kinds = _orientations(keys, chain, poses) if "orientations" in keys else None
+    box = None
+    if "box" in own:
+        sides = own["box"].keys(
+            ("x", "y", "z"), "expected x, y and z, each with its lowest and highest", all_needed=True
+        )
+        box = [sides[name].numbers(units.LENGTH, 2, "-500 500 mm") for name in ("x", "y", "z")]
+
+    def solve(progress: Progress) -> PoseSet:
+        with entry.naming():
+            return random_poses(chain, count, seed=seed, box=box, orientations=kinds, progress=progress)
+
+    return PoseGrid(count, solve)
+
+
+def _orientations(keys: dict[str, GridEntry], chain: Chain, poses: Mapping[str, Array]) -> list[Orientation]:
     kinds = [_orientation(entry, chain, poses) for entry in keys["orientations"].items()]
     if not kinds:
         raise keys["orientations"].wrong(f"no orientations; {_ORIENTATIONS}")
+    return kinds
+
+
+def _over_places(top: GridEntry, keys: dict[str, GridEntry], chain: Chain, poses: Mapping[str, Array]) -> PoseGrid:
+    if "orientations" not in keys:
+        raise top.wrong(f"the key 'orientations' is missing; {_ORIENTATIONS}")
+    kinds = _orientations(keys, chain, poses)
     branches = cast(Branches, keys["branches"].word(("nearest", "best", "all")) if "branches" in keys else "nearest")
     reference = _configuration(keys["reference"], chain, poses) if "reference" in keys else None
     places = _box(keys["box"]) if "box" in keys else _plane(keys["plane"])

@@ -145,7 +145,7 @@ def _with_laws(
         full[..., known] = array
         return full
 
-    status = np.full(len(poses), "unreachable", dtype="<U11")
+    status = np.array(poses.status, dtype="<U11")
     status[known] = correction.status
     iterations = np.zeros(len(poses), dtype=np.int64)
     iterations[known] = correction.iterations

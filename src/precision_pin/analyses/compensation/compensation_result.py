@@ -111,13 +111,13 @@ class CompensationResult(JsonResult):
             "mode": self.mode,
             "weights": None if self.weights is None else self.weights.tolist(),
             "sources": list(self.sources),
-            "poses": [self._pose_dict(pose) for pose in range(len(self.poses))],
+            "poses": [self._pose_dict(pose, dominant) for pose, dominant in enumerate(self.dominant_source)],
             "assumptions": list(self.assumptions),
             "warnings": list(self.warnings),
             "findings": [finding.to_dict() for finding in self.findings],
         }
 
-    def _pose_dict(self, pose: int) -> dict[str, Any]:
+    def _pose_dict(self, pose: int, dominant: str) -> dict[str, Any]:
         of, made = self.poses, self.correction
         known = made.status[pose] == "corrected"
 
@@ -139,7 +139,7 @@ class CompensationResult(JsonResult):
             "within_95_before": norms(self.within_before),
             "within_95_after": norms(self.within_after) if known else None,
             "shares": self.shares[:, pose].tolist() if known else None,
-            "dominant_source": self.dominant_source[pose] or None,
+            "dominant_source": dominant or None,
             "iterations": int(made.iterations[pose]),
             "status": made.status[pose],
         }
@@ -153,7 +153,7 @@ class CompensationResult(JsonResult):
             pandas is not installed.
         """
         made = self.correction
-        rows = []
+        rows, dominant = [], self.dominant_source
         for pose, label in enumerate(self.poses.labels):
             columns: dict[str, Any] = dict(zip(self.joints, self.poses.q[:, pose].tolist(), strict=True))
             columns |= {f"{name} corrected": float(made.q[k, pose]) for k, name in enumerate(self.joints)}
@@ -163,7 +163,7 @@ class CompensationResult(JsonResult):
             for norm, name in enumerate(("position", "attitude")):
                 columns[f"{name} 0.95 before"] = float(self.within_before[norm, pose])
                 columns[f"{name} 0.95 after"] = float(self.within_after[norm, pose])
-            columns |= {"dominant source": self.dominant_source[pose], "status": made.status[pose]}
+            columns |= {"dominant source": dominant[pose], "status": made.status[pose]}
             rows.append(((label,), columns))
         return data_frame(["pose"], rows, self.provenance.to_dict(self.schema))
 

@@ -145,7 +145,7 @@ def map_poses(
 
 def count_steps(poses: int, samples: int | None, verify: int) -> int:
     """Return the number of progress steps: a step a pose, then a step a sample."""
-    return poses + (poses * samples if samples is not None else min(verify, poses) * VERIFYING_SAMPLES)
+    return poses + (poses * samples if samples is not None else min(max(verify, 0), poses) * VERIFYING_SAMPLES)
 
 
 def pose_set(error_model: ErrorModel, poses: PosesGiven) -> PoseSet:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Final, final
 import numpy as np
 from numpy.typing import NDArray
 
+from precision_pin.analyses.map.map_verdicts import MapVerdict, map_verdicts
 from precision_pin.analyses.provenance import Provenance
 from precision_pin.display.files import write_files
 from precision_pin.display.html import Table, rendered
@@ -168,20 +169,15 @@ class MapResult(JsonResult):
     def met(self) -> bool:
         """Whether every specification is met at every pose whose joint values are known; true without specifications.
 
-        Where all of them were sampled, by their intervals. Otherwise the closed form must have enough robots inside at every
-        pose, and the intervals of the sampled ones, the worst, must say so too.
+        At the poses that were sampled by their intervals, at the others in closed form; see :attr:`verdicts`.
         """
-        if not self.specifications:
-            return True
-        if self.sampled is None or not self.sampled.result.met:
-            return False
-        known = self.poses.known
-        if len(self.sampled.poses) == int(known.sum()):
-            return True
-        return all(
-            bool((share[known] >= one.required).all())
-            for one, share in zip(self.specifications, self.probability, strict=True)
-        )
+        return all(verdict.met for verdict in self.verdicts)
+
+    @property
+    def verdicts(self) -> tuple[MapVerdict, ...]:
+        """Verdict on each specification over the poses."""
+        size = self.quantile[LEVELS.index(0.95), 0]
+        return map_verdicts(self.specifications, self.probability, size, self.sampled)
 
     def plot(self, quantity: str = "position", level: float = 0.95) -> Figure:
         """Draw a quantile over the poses: a plane of nodes as a heat map, a box in 3-D, a path or a list as a curve.
@@ -211,12 +207,18 @@ class MapResult(JsonResult):
             "levels": list(LEVELS),
             "sources": list(self.sources),
             "met": self.met,
-            "poses": [self._pose_dict(pose) for pose in range(len(self.poses))],
+            "spec": [verdict.to_dict(self.poses.labels) for verdict in self.verdicts],
+            "poses": self._pose_dicts(),
             "sampled": None if sampled is None else {"numbers": sampled.poses.tolist(), **sampled.result.to_dict()},
         }
 
-    def _pose_dict(self, pose: int) -> dict[str, Any]:
-        of, dominant = self.poses, self.dominant_source
+    def _pose_dicts(self) -> list[dict[str, Any]]:
+        # for all poses at once: they take long
+        rms, dominant = self.rms, self.dominant_source
+        return [self._pose_dict(pose, rms[:, pose], dominant[pose]) for pose in range(len(self.poses))]
+
+    def _pose_dict(self, pose: int, rms: Array, dominant: str) -> dict[str, Any]:
+        of = self.poses
         entry: dict[str, Any] = {
             "name": of.names[pose],
             "q": _listed(of.q[:, pose]),
@@ -226,12 +228,12 @@ class MapResult(JsonResult):
             **({} if of.times is None else {"time": float(of.times[pose])}),
             "mean": _listed(self.mean[:, pose]),
             "covariance": _listed(self.covariance[:, :, pose]),
-            "rms_position": _listed(self.rms[0, pose]),
-            "rms_attitude": _listed(self.rms[1, pose]),
+            "rms_position": _listed(rms[0]),
+            "rms_attitude": _listed(rms[1]),
             "quantile_position": _listed(self.quantile[:, 0, pose]),
             "quantile_attitude": _listed(self.quantile[:, 1, pose]),
             "probability": _listed(self.probability[:, pose]),
-            "dominant_source": dominant[pose] or None,
+            "dominant_source": dominant or None,
             "shares": _listed(self.shares[:, pose]),
         }
         if self.relative is not None:

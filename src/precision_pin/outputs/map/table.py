@@ -1,0 +1,135 @@
+"""A map as text for a terminal."""
+
+from __future__ import annotations
+
+from collections import Counter
+from typing import Final
+
+import numpy as np
+
+from precision_pin.analyses.map.map_result import LEVELS, MapResult
+from precision_pin.analyses.map.map_verdicts import MapVerdict
+from precision_pin.display.tables import milli, resting_on
+from precision_pin.display.text_table import aligned
+from precision_pin.outputs.monte_carlo.table import demanded
+from precision_pin.statistics import format_share
+from precision_pin.statistics.digits import format_interval
+from precision_pin.visible import shortened, shown, visible
+
+__all__ = ["map_table"]
+
+_MOST_ROWS: Final = 12
+"""Poses of which all are listed."""
+_WORST_ROWS: Final = 10
+"""Poses listed of more than that, the worst first."""
+_MOST_LETTERS: Final = 17
+_MOST_SHARES: Final = 4
+_LEVEL: Final = LEVELS.index(0.95)
+
+
+def map_table(result: MapResult) -> str:
+    """Return what a designer wants to read of a map: the worst pose and the verdicts, then a row for each of the worst poses."""
+    of = result.provenance
+    count = len(result.poses)
+    rows = [_cells(result, pose) for pose in _listed(result)]
+    counts = ", ".join(f"{number:,} {status}" for status, number in Counter(result.poses.status).items())
+    poses = f"{count:,} pose{'' if count == 1 else 's'}"
+    lines = [
+        f"{visible(of.robot)}: {visible(of.base)} to {visible(of.tip)}, map of {poses}: {counts}",
+        f"closed form, first order, normal error, statics {of.statics}; {_sampling(result)}",
+        "",
+        *_worst(result),
+        *(_verdict(result, verdict) for verdict in result.verdicts),
+        "",
+        *aligned([list(rows[0]), *(list(row.values()) for row in rows)]),
+    ]
+    more = len(result.worst_first) - len(_listed(result))
+    lines += [f"and {more:,} more poses: --json FILE writes all"] if more else []
+    lines += [
+        "",
+        "quantiles of |d| in mm, |δ| in mrad; sampled: interval, exact model; cause: of most variance",
+    ]
+    lines += resting_on(of.assumed, of.sources)
+    return "\n".join(lines)
+
+
+def _sampling(result: MapResult) -> str:
+    if result.sampled is None:
+        return "nothing was sampled"
+    sampled = result.sampled.result
+    known = len(result.worst_first)
+    which = "every pose" if len(result.sampled.poses) == known else f"the {len(result.sampled.poses):,} worst"
+    return f"{which} sampled: {sampled.samples:,} robots, seed {sampled.seed}, {result.confidence:.0%} intervals"
+
+
+def _worst(result: MapResult) -> list[str]:
+    worst = result.worst_first[0]
+    within = ", ".join(
+        f"{100 * level:.4g} % of robots within |d| {milli(float(result.quantile[rank, 0, worst]), 4)} mm"
+        for rank, level in enumerate(LEVELS[1:], start=1)
+    )
+    lines = [f"worst pose {shown(result.poses.labels[worst])}: {within}"]
+    of_all = 1e3 * result.quantile[_LEVEL, 0, result.poses.known]
+    if len(of_all) > 1:
+        least, middle, most = np.quantile(of_all, (0, 0.5, 1))
+        lines.append(f"95 % of robots within |d| over the poses: {least:.4g} to {most:.4g} mm, median {middle:.4g} mm")
+    if result.relative is not None:
+        relative = np.where(result.poses.known, result.relative.quantile[_LEVEL, 0], -1.0)
+        pose = int(relative.argmax())
+        lines.append(
+            f"relative to the reference: 95 % of robots within |d| {1e3 * relative[pose]:.4g} mm at worst "
+            f"({shown(result.poses.labels[pose])})"
+        )
+    if result.unknown:
+        lines.append(f"{result.unknown:,} of {len(result.poses):,} poses cannot be reached and are not judged")
+    return lines
+
+
+def _verdict(result: MapResult, verdict: MapVerdict) -> str:
+    said = "MET" if verdict.met else "NOT MET"
+    share = f"{100 * verdict.share:.4g} % inside in closed form"
+    if verdict.sampled is not None:
+        of = verdict.sampled
+        sampled, low, high = format_share(of.probability, of.interval, of.required)
+        share += f", {sampled} % of the sampled, interval {low} to {high} %"
+    where = shown(result.poses.labels[verdict.worst])
+    return (
+        f"spec {demanded(verdict.specification)} at every pose: {said} - worst {where}, {share}; "
+        f"met at {verdict.met_at:,} of {verdict.judged:,} poses"
+    )
+
+
+def _listed(result: MapResult) -> list[int]:
+    worst = result.worst_first
+    return sorted(worst) if len(worst) <= _MOST_ROWS else worst[:_WORST_ROWS]
+
+
+def _cells(result: MapResult, pose: int) -> dict[str, str]:
+    """Return the cells of a row by their headings; what matters least is left out where a row would not fit a terminal."""
+    several = len(result.specifications) > 1
+    cells = {"pose": shortened(visible(result.poses.labels[pose]), _MOST_LETTERS)}
+    if result.relative is None and not several:
+        cells["median"] = _number(result.quantile[0, 0, pose])
+    cells |= {"95 %": _number(result.quantile[_LEVEL, 0, pose]), "99.73 %": _number(result.quantile[-1, 0, pose])}
+    cells |= {"95 %, sampled": _sampled(result, pose), "|δ| 95 %": _number(result.quantile[_LEVEL, 1, pose])}
+    if result.relative is not None:
+        cells["relative"] = _number(result.relative.quantile[_LEVEL, 0, pose])
+    shares = result.probability[:, pose].tolist()
+    cells |= {f"spec {rank}": f"{100 * share:.4g} %" for rank, share in enumerate(shares[:_MOST_SHARES], start=1)}
+    if not several:
+        cells["cause"] = shortened(visible(result.dominant_source[pose]), _MOST_LETTERS) or "-"
+    return cells
+
+
+def _sampled(result: MapResult, pose: int) -> str:
+    """Return the interval of the sampled 95 % quantile of |d|, mm."""
+    if result.sampled is None or pose not in result.sampled.poses:
+        return "-"
+    place = int(np.flatnonzero(result.sampled.poses == pose)[0])
+    of = result.sampled.result
+    low, high = of.quantile_interval[_LEVEL, 0, :, place].tolist()
+    return "-" if np.isnan(of.quantile[_LEVEL, 0, place]) else "[{}, {}]".format(*format_interval(low, high, 1e3))
+
+
+def _number(value: float) -> str:
+    return f"{1e3 * float(value):.4g}"
