@@ -17,6 +17,8 @@ if TYPE_CHECKING:
     from precision_pin import sources as sources
     from precision_pin.analyses.budget.budget import budget as budget
     from precision_pin.analyses.exact_law.exact_law import exact_law as exact_law
+    from precision_pin.analyses.iso9283.cycles import iso9283_distance as iso9283_distance
+    from precision_pin.analyses.iso9283.cycles import iso9283_of as iso9283_of
     from precision_pin.analyses.moments.moments import moments as moments
     from precision_pin.analyses.reliability.reliability import reliability as reliability
     from precision_pin.analyses.worst_case.worst_case import worst_case as worst_case
@@ -87,6 +89,8 @@ _HOMES: Final = {
     "Uniform": "draws.laws",
     "budget": "analyses.budget.budget",
     "exact_law": "analyses.exact_law.exact_law",
+    "iso9283_distance": "analyses.iso9283.cycles",
+    "iso9283_of": "analyses.iso9283.cycles",
     "moments": "analyses.moments.moments",
     "monte_carlo": "sampling",
     "progress": "display.progress",

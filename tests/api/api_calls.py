@@ -239,6 +239,14 @@ def calls() -> Iterator[Call]:
         pose_words,
         poses=SEVERAL, **sampled_fine, findings="empty list, empty tuple", progress="nothing, true, function, type",
     )  # fmt: skip
+    yield call(
+        "iso9283_of", pp.iso9283_of, {"commanded": np.zeros(6), "attained": np.zeros((2, 6))},
+    )  # fmt: skip
+    yield call(
+        "iso9283_distance", pp.iso9283_distance,
+        {"commanded_pair": np.zeros((2, 6)), "attained_pair": np.zeros((2, 2, 6))},
+        {"commanded_pair": "commanded", "attained_pair": "attained"},
+    )  # fmt: skip
     yield call("specification", pp.specification, {"text": "0.5 mm @ 95 %"}, {"text": "specification"})
     yield call(
         "Specification", Specification, {"quantity": "position.x", "limit": 1e-3, "required": 0.9},
