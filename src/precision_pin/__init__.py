@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from precision_pin.analyses.exact_law.exact_law import exact_law as exact_law
     from precision_pin.analyses.iso9283.cycles import iso9283_distance as iso9283_distance
     from precision_pin.analyses.iso9283.cycles import iso9283_of as iso9283_of
+    from precision_pin.analyses.iso9283.forecast import iso9283 as iso9283
     from precision_pin.analyses.moments.moments import moments as moments
     from precision_pin.analyses.reliability.reliability import reliability as reliability
     from precision_pin.analyses.worst_case.worst_case import worst_case as worst_case
@@ -89,6 +90,7 @@ _HOMES: Final = {
     "Uniform": "draws.laws",
     "budget": "analyses.budget.budget",
     "exact_law": "analyses.exact_law.exact_law",
+    "iso9283": "analyses.iso9283.forecast",
     "iso9283_distance": "analyses.iso9283.cycles",
     "iso9283_of": "analyses.iso9283.cycles",
     "moments": "analyses.moments.moments",

@@ -240,6 +240,17 @@ def calls() -> Iterator[Call]:
         poses=SEVERAL, **sampled_fine, findings="empty list, empty tuple", progress="nothing, true, function, type",
     )  # fmt: skip
     yield call(
+        "iso9283",
+        pp.iso9283,
+        {
+            "error_model": _visiting(arm), "poses": [POSE] * 2, "cycles": 2, "robots": 5, "seed": 3, "target": [0.0, 0.0, 0.1],
+            "fit_base": False, "confidence": 0.9, "findings": [], "threads": 1, "progress": None,
+        },
+        pose_words | {"robots": "robot", "cycles": "cycle", "target": "target"},
+        seed="zero", target=OPTIONAL, confidence=POSITIVE, findings="empty list, empty tuple", threads=OPTIONAL,
+        progress="nothing, true, function, type",
+    )  # fmt: skip
+    yield call(
         "iso9283_of", pp.iso9283_of, {"commanded": np.zeros(6), "attained": np.zeros((2, 6))},
     )  # fmt: skip
     yield call(
@@ -392,6 +403,13 @@ def calls() -> Iterator[Call]:
     yield call("Summary.distribution", analysis.summary.distribution, {"quantity": "position.x"})
     yield call("progress", _shown, {"total": 3, "what": "sampling", "delay": 0.7, "unit": "samples"}, {},
                total="zero", what="word, digits, empty text", delay=NOT_NEGATIVE, unit="word, digits, empty text")  # fmt: skip
+
+
+def _visiting(arm: pp.ErrorModel) -> pp.ErrorModel:
+    """Return the arm with a joint that comes to another place at every visit."""
+    again = pp.Draw("again", pp.Normal(1e-4), pp.Scope.VISIT)
+    source = pp.sources.JointOffset(joint=arm.chain.joint_names[0], offset="again")
+    return pp.ErrorModel(arm.chain, arm.space.including([again]), [*arm.sources, source])
 
 
 def _sheet() -> Any:

@@ -1,0 +1,149 @@
+"""``precision-pin iso9283``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Unpack
+
+import click
+
+from precision_pin.cli.inputs import read_sheet
+from precision_pin.cli.notes import all_warnings_option, echo_note, quiet_option
+from precision_pin.cli.options import (
+    ChainOptions,
+    PoseOptions,
+    SamplingCommand,
+    chain_options,
+    inputs_argument,
+    pose_options,
+    seed_option,
+)
+from precision_pin.cli.poses import check_poses, read_poses
+from precision_pin.cli.progress import compile_sampler, progress_bar
+from precision_pin.cli.streams import echo_data, say
+from precision_pin.cli.targets import Outputs
+from precision_pin.cli.terminal import echo_table
+from precision_pin.display.files import whole_folder, write_text
+from precision_pin.errors import Finding, InputError, UnitError
+from precision_pin.interrupts import raise_if_interrupted, unwinding
+
+if TYPE_CHECKING:
+    from precision_pin.analyses.iso9283.result import Iso9283Result
+
+__all__ = ["command"]
+
+FILES = ("iso9283.*",)
+"""Files written to a folder."""
+
+
+class _Arm(ChainOptions, PoseOptions):
+    """The arm and the poses."""
+
+
+@click.command("iso9283", cls=SamplingCommand)
+@inputs_argument
+@pose_options
+@chain_options
+@all_warnings_option
+@quiet_option
+@click.option(
+    "--robots", type=int, default=2000, show_default=True, metavar="N", help="Built robots, each tested once."
+)
+@click.option("--cycles", type=int, metavar="N", help="Cycles of a test: those measured, else 30.")
+@seed_option
+@click.option("--target", metavar='"X Y Z mm"', help="The measured point in tool axes; the tip if left out.")
+@click.option("--fit-base", is_flag=True, help="Align the base by the best fit over the poses.")
+@click.option(
+    "--measured", metavar="FILE.csv", help="Measured cycles of a robot: pose, cycle, x [mm], y [mm], z [mm], angles."
+)
+@click.option("--json", "json_path", metavar="FILE", help="Write the result as JSON; - prints it alone.")
+@click.option("--out", metavar="DIR", help="Write the plot (PNG and SVG) and the result there.")
+def command(
+    robots: int,
+    cycles: int | None,
+    seed: int,
+    target: str | None,
+    fit_base: bool,
+    measured: str | None,
+    json_path: str | None,
+    out: str | None,
+    **arm: Unpack[_Arm],
+) -> int:
+    """Forecast accuracy and repeatability as ISO 9283 measures them, over built robots and over tests.
+
+    The poses P1, P2, … are those given, in their order; the standard has five. AD and RD are between P2 and P4. With measured
+    cycles of a robot, its figures stand beside the forecast, with a test whether they agree.
+
+    Without arguments: the paper's arm and sheet, from inside the package. ROBOT may be example:NAME.
+    """
+    import numpy as np
+
+    from precision_pin.analyses.iso9283.comparison import pose_names
+    from precision_pin.analyses.iso9283.forecast import CYCLES, iso9283
+    from precision_pin.analyses.iso9283.measured_file import read_cycles
+    from precision_pin.draws.space import check_seed
+    from precision_pin.model.error_model import ErrorModel
+    from precision_pin.outputs.iso9283.table import iso9283_table
+    from precision_pin.robot.pose_set import PoseSet
+
+    check_seed(seed)
+    check_poses(arm)
+    point = None if target is None else _read_target(target)
+    outputs = Outputs({"--json": json_path}, out, FILES)
+    outputs.check()
+    outputs.refuse_inputs([file for file in (arm["trajectory"], measured) if file is not None])
+    sheet = read_sheet(arm["inputs"], arm["tip"], arm["base"], arm["package_dirs"], outputs)
+    error_model = ErrorModel.from_sheet(sheet)
+    poses = read_poses(sheet, arm)
+    names = tuple(pose.name for pose in poses)
+    attained = None if measured is None else read_cycles(measured, pose_names(names))
+    if cycles is None:
+        cycles = CYCLES if attained is None else len(next(iter(attained.values())))
+    compile_sampler(error_model.space)
+    q = np.column_stack([error_model.configuration(pose.where) for pose in poses])
+    with progress_bar(robots * len(poses) * cycles, "testing", "visits") as progress, unwinding():
+        result = iso9283(
+            error_model, PoseSet.at(sheet.chain, q, names), cycles=cycles, robots=robots, seed=seed, target=point,
+            fit_base=fit_base, findings=sheet.findings, progress=progress,
+        )  # fmt: skip
+        raise_if_interrupted()
+    if attained is not None:
+        result = result.compare(attained)
+    for line in result.warnings[len(sheet.findings) :]:
+        say(line)
+    if json_path == "-":
+        echo_data(result.to_json())
+    else:
+        echo_table(iso9283_table(result))
+    if json_path is not None and json_path != "-":
+        write_text(Path(json_path), result.to_json() + "\n")
+    if out is not None:
+        _write_folder(result, Path(out))
+        echo_note(f"wrote {out}: iso9283.json, iso9283 as PNG and SVG")
+    return 0
+
+
+def _read_target(text: str) -> list[float]:
+    """Return a point in tool axes, m.
+
+    Raises
+    ------
+    InputError
+        It is not three lengths with a unit.
+    """
+    from precision_pin import units
+
+    try:
+        return units.parse_vector(text, units.LENGTH, count=3)
+    except UnitError as error:
+        raise InputError(
+            [Finding("error", "E_USAGE", f'--target: {wrong.message}; write "0 0 100 mm"') for wrong in error.findings]
+        ) from None
+
+
+def _write_folder(result: Iso9283Result, folder: Path) -> None:
+    from precision_pin.outputs.iso9283 import figure
+
+    with whole_folder(folder) as stage:
+        write_text(stage / "iso9283.json", result.to_json() + "\n")
+        figure.save(figure.figure(result), stage / "iso9283")
