@@ -25,6 +25,7 @@ __all__ = [
     "rpy_rotation",
     "skew",
     "translation",
+    "turn",
 ]
 
 
@@ -169,6 +170,16 @@ def compose(*transforms: ArrayLike) -> Array:
         else:
             result = np.einsum("ijn,jk->ikn", result, right)
     return result
+
+
+def turn(rotation: ArrayLike, vector: ArrayLike) -> Array:
+    """Return a rotated vector: ``(3, 3[, N])`` times ``(3[, N])`` → ``(3[, N])``."""
+    r, v = np.asarray(rotation, dtype=float), np.asarray(vector, dtype=float)
+    if v.ndim == 1:
+        rotated: Array = r @ v if r.ndim == 2 else np.einsum("ijn,j->in", r, v)
+    else:
+        rotated = np.einsum("ij...,j...->i...", r, v)
+    return rotated
 
 
 def adjoint(transform: ArrayLike) -> Array:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from functools import cached_property
 from typing import Final, Literal, final
 
@@ -28,18 +29,18 @@ from precision_pin.model.pose_model import PoseModel, joint_value, spread_of
 from precision_pin.robot.chain import Chain, Place, Posture
 from precision_pin.sheet import Sheet
 from precision_pin.sheet import read as read_sheet
-from precision_pin.terms.bound_source import BoundSource, load_posture
+from precision_pin.terms.bound_source import BoundSource, load_posture, terms_at_many
 from precision_pin.terms.labelled_sources import draw_owners, draw_words, labels, own_draws, with_quantities
 from precision_pin.terms.source import Source, fix_settings
 from precision_pin.terms.table import TableLayout, TermTable
-from precision_pin.terms.term import Term
+from precision_pin.terms.term import Term, TermsOfPose
 from precision_pin.typing import Array
 
 __all__ = ["ErrorModel", "limit_findings"]
 
 
-_AT_ONCE: Final = 4096
-"""Poses whose joint frames are computed together."""
+_AT_ONCE: Final = 256
+"""Poses whose joint frames and terms are computed together; their arrays stay in the processor's cache."""
 
 _TRIED: Final = 1000
 _TRIED_SEED: Final = 0
@@ -205,7 +206,9 @@ class ErrorModel:
 
     def at_columns(self, values: Array) -> Iterator[PoseModel]:
         """Return the model at poses ``(n, P)`` as :meth:`configurations` returns them, one after another."""
-        return (self._at(bare) for first in range(0, values.shape[1], _AT_ONCE) for bare in self._bare(values, first))
+        return itertools.chain.from_iterable(
+            self._at_once(values[:, first : first + _AT_ONCE]) for first in range(0, values.shape[1], _AT_ONCE)
+        )
 
     def statics_findings(self, at: PoseModel) -> tuple[Finding, ...]:
         """Return warnings that the statics are beyond their range of validity.
@@ -285,12 +288,31 @@ class ErrorModel:
             ],
         )
 
-    def _bare(self, values: Array, first: int) -> Iterator[Posture]:
-        """Yield the postures, with the chain's own loads, of the next `_AT_ONCE` configurations of ``(n, P)``."""
-        many = self.chain.at_columns(values[:, first : first + _AT_ONCE])
+    def _at_once(self, values: Array) -> Iterable[PoseModel]:
+        """Return the model at poses ``(n, P)``, with the terms of all of them made together where the sources accept that."""
+        many = self.chain.at_columns(values)
         poses = np.ascontiguousarray(np.moveaxis(many.joint_poses, -1, 0))
-        for k in range(len(many)):
-            yield Posture(self.chain, many.q[:, k].copy(), poses[k], self.chain.loads)
+        bare = [Posture(self.chain, many.q[:, k].copy(), poses[k], self.chain.loads) for k in range(len(many))]
+        if self.statics == "nominal" and len(bare) > 1:
+            together = Posture(self.chain, many.q, many.joint_poses, self.chain.loads)
+            with suppress(InputError):  # of one pose: it is raised again when its turn comes
+                terms = terms_at_many(together, bare, self.bound_sources)
+                if terms is not None:
+                    return self._models(load_posture(together, self.bound_sources), terms, bare)
+        return map(self._at, bare)
+
+    def _models(self, posture: Posture, terms: tuple[Term, ...], bare: Sequence[Posture]) -> Iterator[PoseModel]:
+        """Yield the model at each configuration of a posture; the terms have a twist for each."""
+        tables = self._layout_of(terms).at_many(posture, terms)
+        for k, (one, table) in enumerate(zip(bare, tables, strict=True)):
+            loaded = one.with_loads(posture.loads[len(one.loads) :]).with_tilts(posture.tilts)
+            yield PoseModel(loaded, self.space, table, TermsOfPose(terms, k))
+
+    def _layout_of(self, terms: tuple[Term, ...]) -> TableLayout:
+        """Return the layout of terms: that of the last ones, unless these have other targets or factors."""
+        if self._layout is None or not self._layout.fits(terms):
+            self._layout = TableLayout.of(terms, self.space)
+        return self._layout
 
     def _at(self, bare: Posture) -> PoseModel:
         """Return the model at a posture with the chain's own loads."""
@@ -299,10 +321,7 @@ class ErrorModel:
             terms = self._make_terms(posture)
         else:
             terms = terms_about_rest(settle(posture, self.space, self._make_terms))
-        layout = self._layout
-        if layout is None or not layout.fits(terms):
-            layout = self._layout = TableLayout.of(terms, self.space)
-        return PoseModel(posture, self.space, layout.at(posture, terms), terms)
+        return PoseModel(posture, self.space, self._layout_of(terms).at(posture, terms), terms)
 
     @cached_property
     def bound_sources(self) -> tuple[BoundSource, ...]:

@@ -7,6 +7,7 @@ The compiled kernel is tested against the methods here. Errors are ``[d; δ]`` o
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Final, final
@@ -53,7 +54,7 @@ class PoseModel:
     posture: Posture
     space: Space
     table: TermTable
-    terms: tuple[Term, ...]
+    terms: Sequence[Term]
 
     def linear(self, x: ArrayLike) -> Array:
         """Return the errors ``(6, N)`` by superposition (eqs 12-17), for component values ``(d, N)``.

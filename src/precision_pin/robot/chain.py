@@ -11,11 +11,12 @@ import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Final, final
+from typing import Any, Final, final
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from precision_pin import se3
 from precision_pin.call_warnings import add, warns_at_end
 from precision_pin.display.html import rendered
 from precision_pin.errors import Finding
@@ -238,16 +239,18 @@ class Chain(ChainGeometry):
 @final
 @dataclass(frozen=True, eq=False)
 class Posture:
-    """A chain at one configuration, undisplaced.
+    """A chain at one configuration, undisplaced; or at P of them, with the dimension of the poses last in every array.
+
+    Sources that accept many postures (:meth:`precision_pin.terms.source.Source.accepts_many`) read either.
 
     Attributes
     ----------
     chain
         The chain.
     q
-        Joint values in chain order, ``(n,)``.
+        Joint values in chain order, ``(n[, P])``.
     joint_poses
-        Each joint's frame after its motion, in the base, ``(n, 4, 4)``, by Pinocchio, or by compiled loops if the
+        Each joint's frame after its motion, in the base, ``(n, 4, 4[, P])``, by Pinocchio, or by compiled loops if the
         posture is one of many.
     loads
         The weights on the chain: its own, and those of sources.
@@ -271,8 +274,13 @@ class Posture:
     @cached_property
     @returns_read_only
     def link_poses(self) -> Array:
-        """Axes of every chain link in the base, ``(n+1, 4, 4)``."""
-        return np.concatenate([np.eye(4)[None], self.joint_poses])
+        """Axes of every chain link in the base, ``(n+1, 4, 4[, P])``."""
+        base = (
+            np.eye(4)[None]
+            if self.q.ndim == 1
+            else np.broadcast_to(np.eye(4)[None, :, :, None], (1, 4, 4, self.q.shape[1]))
+        )
+        return np.concatenate([base, self.joint_poses])
 
     @cached_property
     @returns_read_only
@@ -284,20 +292,24 @@ class Posture:
     @returns_read_only
     def loaded_ends(self) -> Array:
         """Far end of every chain link in the base where loads act on it, ``(n+1, 4, 4)``."""
-        return self.link_poses @ self.chain.placements if self.deflection is None else self.deflection.ends
+        if self.deflection is not None:
+            return self.deflection.ends
+        if self.q.ndim == 1:
+            return self.link_poses @ self.chain.placements
+        ends: Array = np.einsum("kijp,kjl->kilp", self.link_poses, self.chain.placements)
+        return ends
 
     @cached_property
     @returns_read_only
     def pose(self) -> Array:
         """Tip in the base, ``(4, 4)``."""
-        pose: Array = self.link_poses[-1] @ self.chain.placements[-1]
-        return pose
+        return se3.compose(self.link_poses[-1], self.chain.placements[-1])
 
     @cached_property
     @returns_read_only
     def joint_axes(self) -> Array:
-        """Unit axis of every joint in base axes, ``(n, 3)``."""
-        axes: Array = np.einsum("nij,nj->ni", self.joint_poses[:, :3, :3], self.chain.axes)
+        """Unit axis of every joint in base axes, ``(n, 3[, P])``."""
+        axes: Array = np.einsum("nij...,nj->ni...", self.joint_poses[:, :3, :3], self.chain.axes)
         return axes
 
     @cached_property
@@ -371,9 +383,8 @@ class Posture:
         return replace(self, tilts=(*self.tilts, *tilts)) if tilts else self
 
     def place_pose(self, place: Place) -> Array:
-        """Return a place's pose in the base, ``(4, 4)``."""
-        pose: Array = self.link_poses[place.link] @ place.frame
-        return pose
+        """Return a place's pose in the base, ``(4, 4[, P])``."""
+        return se3.compose(self.link_poses[place.link], place.frame)
 
     def wrench_basis(self, load: Load, point: ArrayLike) -> Array:
         """Return force and moment about a point per unit of a load's mass and first moments.
@@ -393,17 +404,21 @@ class Posture:
         return statics.wrench_basis(self.loaded_link_poses[load.link] @ load.frame, self.chain.gravity, point)
 
     def wrench_on(self, loads: Sequence[Load], point: ArrayLike) -> dict[Factors, Array]:
-        """Return the wrench ``(6,)`` of loads about a point, base axes, by the parameters that multiply it."""
+        """Return the wrench ``(6[, P])`` of loads about a point, base axes, by the parameters that multiply it."""
         known, poses = self._weights, self.loaded_link_poses
         weights = [known.get(load) or statics.weigh([load], poses)[load] for load in loads]
         return statics.wrench_on(weights, self.chain.gravity, self.tilts, point)
 
-    def torque_on(self, joint: int) -> dict[Factors, float]:
-        """Return the torque or force of the loads on a joint (0-based), N·m or N, by the parameters that multiply it."""
+    def torque_on(self, joint: int) -> dict[Factors, Any]:
+        """Return the torque or force of the loads on a joint (0-based), N·m or N, by the parameters that multiply it.
+
+        Numbers, or arrays ``(P,)``.
+        """
         beyond = [load for load in self.loads if load.link > joint]
         frame = self.loaded_link_poses[joint + 1]
         wrenches = self.wrench_on(beyond, frame[:3, 3])
-        return statics.torque_on(frame[:3, :3] @ self.chain.axes[joint], bool(self.chain.prismatic[joint]), wrenches)
+        axis = se3.turn(frame[:3, :3], self.chain.axes[joint])
+        return statics.torque_on(axis, bool(self.chain.prismatic[joint]), wrenches)
 
     @cached_property
     def _weights(self) -> dict[Load, statics.Weight]:

@@ -73,9 +73,9 @@ class PoseSet:
     def at(cls, chain: Chain, q: Array, names: tuple[str, ...] | None = None, times: Array | None = None) -> PoseSet:
         """Return the poses of joint values ``(n, P)``, as :meth:`Chain.configurations.many` reads them, with their statuses."""
         postures = chain.at_columns(q)
-        outside = map(bool, chain.configurations.outside(q).any(axis=0))
-        singular = map(bool, smallest_singular_values(chain, q) < SINGULAR_BELOW)
-        status = tuple(_status(*flags) for flags in zip(outside, singular, strict=True))
+        outside = np.asarray(chain.configurations.outside(q).any(axis=0))
+        singular = smallest_singular_values(chain, q) < SINGULAR_BELOW
+        status = tuple(_status(bool(outside[k]), bool(singular[k])) for k in range(q.shape[1]))
         return cls(
             q=q,
             names=("",) * q.shape[1] if names is None else names,
@@ -91,7 +91,8 @@ class PoseSet:
     @property
     def known(self) -> NDArray[np.bool_]:
         """Mask ``(P,)`` of the poses whose joint values are known."""
-        return np.isfinite(self.q[0])
+        mask: NDArray[np.bool_] = np.isfinite(self.q[0])
+        return mask
 
     def of(self, mask: NDArray[np.bool_]) -> PoseSet:
         """Return the poses that a mask ``(P,)`` selects, in order."""

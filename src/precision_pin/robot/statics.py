@@ -3,19 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from precision_pin import se3
 from precision_pin.robot.loads import Factors, Load
 from precision_pin.typing import Array
 
 __all__ = ["Weight", "torque_on", "weigh", "wrench_basis", "wrench_on"]
 
 
-Weight = tuple[list[float], list[tuple[Factors, float, float, float, float]]]
-"""A load in the base: the origin of its frame, and for each of its moments factors, mass and first moment in base axes."""
+Weight = tuple[Iterable[Any], list[tuple[Factors, Any, Any, Any, Any]]]
+"""A load in the base: the origin of its frame, and for each of its moments factors, mass and first moment in base axes.
+
+The numbers are Python floats, which are faster than arrays for sums of three numbers, or arrays over P postures.
+"""
 _NOTHING: Final = (0.0, 0.0, 0.0, 0.0)
 
 
@@ -45,17 +49,19 @@ def wrench_basis(frame: Array, gravity: Array, point: ArrayLike) -> Array:
 
 
 def weigh(loads: Sequence[Load], link_poses: Array) -> dict[Load, Weight]:
-    """Return loads in the base as Python floats, which are faster than arrays for sums of three numbers.
+    """Return loads in the base.
 
     Parameters
     ----------
     loads
         The weights.
     link_poses
-        Axes of every chain link in the base, ``(n+1, 4, 4)``.
+        Axes of every chain link in the base, ``(n+1, 4, 4[, P])``.
     """
     if not loads:
         return {}
+    if link_poses.ndim == 4:
+        return {load: _weigh_at_many(load, link_poses[load.link]) for load in loads}
     frames = link_poses[[load.link for load in loads]] @ np.array([load.frame for load in loads])
     owners = [k for k, load in enumerate(loads) for _ in load.moments]
     moments = np.array([moments for load in loads for moments, _ in load.moments]).reshape(-1, 4)
@@ -67,10 +73,20 @@ def weigh(loads: Sequence[Load], link_poses: Array) -> dict[Load, Weight]:
     }
 
 
+def _weigh_at_many(load: Load, link_poses: Array) -> Weight:
+    """Return a load in the base at P postures, its link's axes being ``(4, 4, P)``."""
+    frame = se3.compose(link_poses, load.frame)
+    pieces = []
+    for moments, factors in load.moments:
+        x, y, z = se3.turn(frame[:3, :3], moments[1:])
+        pieces.append((factors, moments[0], x, y, z))
+    return frame[:3, 3], pieces
+
+
 def wrench_on(
     weights: Iterable[Weight], gravity: Array, tilts: Sequence[tuple[Array, Factors]], point: ArrayLike
 ) -> dict[Factors, Array]:
-    """Return the wrench ``(6,)`` of weights about a point, base axes, by the parameters that multiply it.
+    """Return the wrench ``(6[, P])`` of weights about a point, base axes, by the parameters that multiply it.
 
     Parameters
     ----------
@@ -81,11 +97,12 @@ def wrench_on(
     tilts
         Contributions of sources to gravity: vectors ``(3,)``, base axes, m/s², with the parameters that multiply them.
     point
-        ``(3,)``, base axes, m.
+        ``(3[, P])``, base axes, m.
     """
-    x, y, z = np.asarray(point, dtype=float).tolist()
+    where = np.asarray(point, dtype=float)
+    x, y, z = where.tolist() if where.ndim == 1 else where
     # mass and first moment about the point, for each part of gravity and each set of factors
-    sums: dict[tuple[int, Factors], tuple[float, float, float, float]] = {}
+    sums: dict[tuple[int, Factors], tuple[Any, Any, Any, Any]] = {}
     for (o_x, o_y, o_z), pieces in weights:
         for part in range(1 + len(tilts)):
             for factors, mass, s_x, s_y, s_z in pieces:
@@ -101,23 +118,26 @@ def wrench_on(
     for (part, factors), (m, h_x, h_y, h_z) in sums.items():
         (g_x, g_y, g_z), tilting = pulls[part]
         moment = (h_y * g_z - h_z * g_y, h_z * g_x - h_x * g_z, h_x * g_y - h_y * g_x)
-        wrench = np.array((m * g_x, m * g_y, m * g_z, *moment))
+        numbers = (m * g_x, m * g_y, m * g_z, *moment)
+        wrench = np.array(numbers if where.ndim == 1 else np.broadcast_arrays(*numbers))
         key = (*factors, *tilting)
         total[key] = total[key] + wrench if key in total else wrench
     return total
 
 
-def torque_on(axis: Array, slides: bool, wrenches: Mapping[Factors, Array]) -> dict[Factors, float]:
+def torque_on(axis: Array, slides: bool, wrenches: Mapping[Factors, Array]) -> dict[Factors, Any]:
     """Return the torque or force of wrenches on a joint, N·m or N, by the parameters that multiply them.
 
     Parameters
     ----------
     axis
-        Axis of the joint, ``(3,)``, base axes.
+        Axis of the joint, ``(3[, P])``, base axes.
     slides
         True for a prismatic joint.
     wrenches
         Wrenches about the joint's origin.
     """
     rows = slice(0, 3) if slides else slice(3, 6)
+    if axis.ndim == 2:
+        return {factors: np.einsum("ip,ip->p", axis, wrench[rows]) for factors, wrench in wrenches.items()}
     return {factors: float(axis @ wrench[rows]) for factors, wrench in wrenches.items()}

@@ -17,6 +17,7 @@ from precision_pin.robot.chain import Chain, Factors, Load, Posture
 from precision_pin.se3 import rotation_about
 from precision_pin.sources.bent_shape import BentShape
 from precision_pin.sources.profiles import Profile, Segment, Stretch, ends, stretches
+from precision_pin.sources.seats import in_axes
 from precision_pin.terms.source import Source
 from precision_pin.terms.term import Term
 from precision_pin.typing import Array
@@ -148,6 +149,11 @@ class Beam(Profile, OnLink):
         for part in stretches(self, self.segments):
             part.check(may_be_rigid=bool(at_end), weighs=self.self_weight == "section")
 
+    def accepts_many(self, chain: Chain) -> bool:
+        """Return True."""
+        del chain
+        return True
+
     def loads(self, posture: Posture, space: LabelledSpace) -> Iterator[Load]:
         """Yield, if the section gives the weight, loads that cancel the URDF's masses, and the weights in their place."""
         if self.self_weight != "section":
@@ -181,8 +187,11 @@ class Beam(Profile, OnLink):
                 flexibility = 1.0 / stiffness
                 total: dict[Factors, Array] = {}
                 for beam_load, on_shape in acting:
-                    displacement = beam_load.displacement(start, stop, length, rows) + on_shape[list(rows)].sum(axis=0)
-                    total[beam_load.factors] = total.get(beam_load.factors, np.zeros(6)) + displacement
+                    displacement = beam_load.displacement(start, stop, length, rows)
+                    if on_shape is not None:
+                        displacement = displacement + on_shape[list(rows)].sum(axis=0)
+                    known = total.get(beam_load.factors)
+                    total[beam_load.factors] = displacement if known is None else known + displacement
                 for factors, displacement in total.items():
                     yield Term.of(place, turn @ displacement, *factors, flexibility, loaded=True)
 
@@ -232,11 +241,10 @@ class Beam(Profile, OnLink):
     ) -> Iterator[_BeamLoad]:
         """Yield the loads on the beam."""
         chain, base = posture.chain, posture.loaded_link_poses[link]
-        to_beam = _block_diagonal((base[:3, :3] @ axes).T)
 
         def beam_loads(loads: Sequence[Load], point: Array, start: float, stop: float) -> Iterator[_BeamLoad]:
             for factors, wrench in posture.wrench_on(loads, point).items():
-                yield _BeamLoad(start, stop, to_beam @ wrench, factors)
+                yield _BeamLoad(start, stop, in_axes(base[:3, :3], axes, wrench), factors)
 
         def attached_loads(load: Load) -> Iterator[_BeamLoad]:
             reach = float(axes[:, 0] @ load.attachment)
@@ -247,14 +255,13 @@ class Beam(Profile, OnLink):
                 moved = _block_diagonal(axes) @ shape.displacement(reach)
                 about = se3.compose(se3.translation(point), se3.displacement(moved), se3.translation(-point))
                 load, point = dataclasses.replace(load, frame=about @ load.frame), point + moved[:3]
-            for beam_load in beam_loads([load], base[:3, :3] @ point + base[:3, 3], reach, reach):
+            for beam_load in beam_loads([load], se3.turn(base[:3, :3], point) + base[:3, 3], reach, reach):
                 if half_spread == 0.0:
                     yield beam_load
                 else:
-                    yield dataclasses.replace(beam_load, wrench=beam_load.wrench * _MOMENT)
-                    yield _BeamLoad(
-                        reach - half_spread, reach + half_spread, beam_load.wrench * _FORCE, beam_load.factors
-                    )
+                    force, moment = ((beam_load.wrench.T * part).T for part in (_FORCE, _MOMENT))
+                    yield dataclasses.replace(beam_load, wrench=moment)
+                    yield _BeamLoad(reach - half_spread, reach + half_spread, force, beam_load.factors)
 
         end = posture.loaded_ends[link][:3, 3]
         yield from beam_loads([load for load in posture.loads if load.link > link], end, length, length)
@@ -288,7 +295,7 @@ class _BeamLoad:
     start, stop
         Ends of the stretch on which it acts, m along the beam; equal for a point.
     wrench
-        ``[F; M]``, beam axes: at the point; for a spread load its whole weight.
+        ``[F; M]``, beam axes, ``(6[, P])``: at the point; for a spread load its whole weight.
     factors
         Parameters that multiply it.
     """
@@ -315,18 +322,19 @@ class _BeamLoad:
                 middle = self.stop - beyond / 2
                 force = np.diag([1.0, 1.0, 1.0, 0.0, 0.0, 0.0]) * (beyond / spread)
                 bent = bent + point_flexibility(stop - start, stop - start) @ _lever(middle - stop).T @ force
-        displacement = np.zeros(6)
+        displacement = np.zeros_like(self.wrench)
         displacement[list(rows)] = (bent @ self.wrench)[list(rows)]
         return _lever(length - stop) @ displacement
 
-    def on_shape(self, shape: BentShape | None, start: float, stop: float) -> Array:
+    def on_shape(self, shape: BentShape | None, start: float, stop: float) -> Array | None:
         """Return the further displacement of the beam's end because the load acts on the bent shape, ``(6, 6)``.
 
-        One row for the unit flexibility of one part that governs it; zero along x, and zero on the undeflected arm.
+        One row for the unit flexibility of one part that governs it; zero along x. None on the undeflected arm.
         """
+        if shape is None:
+            return None
         result = np.zeros((6, 6))
-        if shape is not None:
-            result[3:] = shape.bending(self.wrench, (self.start, self.stop), (start, stop))
+        result[3:] = shape.bending(self.wrench, (self.start, self.stop), (start, stop))
         return result
 
 

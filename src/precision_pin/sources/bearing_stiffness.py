@@ -12,8 +12,8 @@ from precision_pin import units
 from precision_pin.draws.expressions import Value
 from precision_pin.draws.space import LabelledSpace, Setting
 from precision_pin.errors import InputError
-from precision_pin.robot.chain import Posture
-from precision_pin.sources.seats import PadsOn, height_above_seat, seat_axes, seat_wrench, wrench_at
+from precision_pin.robot.chain import Chain, Posture
+from precision_pin.sources.seats import PadsOn, height_above_seat, seat_axes, seat_wrench, travels, wrench_at
 from precision_pin.terms.source import Source
 from precision_pin.terms.term import Term
 
@@ -81,6 +81,10 @@ class BearingStiffness(Source):
     def subject(self) -> str:
         """The joint."""
         return self.joint
+
+    def accepts_many(self, chain: Chain) -> bool:
+        """Return whether the bearing does not travel."""
+        return not travels(chain, chain.joint_index(self.joint), self.pads_on)
 
     def terms(self, posture: Posture, space: LabelledSpace) -> Iterator[Term]:
         """Yield a term for each stiffness and each group of loads with the same random factors."""

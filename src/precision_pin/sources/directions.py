@@ -8,6 +8,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from precision_pin import se3
 from precision_pin.errors import InputError
 from precision_pin.robot.chain import Chain, Posture
 
@@ -20,7 +21,7 @@ _PARALLEL: Final = 1e-9
 
 
 def direction_of(text: str, posture: Posture) -> NDArray[np.float64]:
-    """Return the unit vector, base axes, of ``[-]x|y|z|axis of JOINT`` or ``[-]x|y|z of BASE``.
+    """Return the unit vector ``(3[, P])``, base axes, of ``[-]x|y|z|axis of JOINT`` or ``[-]x|y|z of BASE``.
 
     ``x``, ``y``, ``z`` are the axes of the joint's URDF frame after its motion (those of its child link in the file), or
     of the chain's base link; ``axis`` is the joint's axis as written in the file. The directions in space do not depend
@@ -43,7 +44,8 @@ def direction_of(text: str, posture: Posture) -> NDArray[np.float64]:
         direction = -posture.joint_axes[joint] if is_reversed else posture.joint_axes[joint]
     else:
         # for a joint that the chain passes against the file, the file's child link is the one before the joint
-        turned = posture.link_poses[joint] @ chain.placements[joint] if is_reversed else posture.joint_poses[joint]
+        before = se3.compose(posture.link_poses[joint], chain.placements[joint])
+        turned = before if is_reversed else posture.joint_poses[joint]
         direction = turned[:3, _AXES[letter]]
     return np.asarray(-direction if sign < 0 else direction, dtype=float)
 

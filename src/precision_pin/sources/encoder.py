@@ -11,7 +11,7 @@ from precision_pin import units
 from precision_pin.draws.laws import Uniform
 from precision_pin.draws.space import Draw, LabelledSpace, Scope, Setting
 from precision_pin.errors import Finding, InputError
-from precision_pin.robot.chain import Posture
+from precision_pin.robot.chain import Chain, Posture
 from precision_pin.sources.periodic import amplitude_remarks, periodic_terms, phase_draw
 from precision_pin.terms.source import Dependence, Source
 from precision_pin.terms.term import JointValue, Term
@@ -129,6 +129,11 @@ class Encoder(Source):
         """The chain, or the configuration if the error depends on the joint value."""
         return "configuration" if self.scale is not None or self._is_periodic else "chain"
 
+    def accepts_many(self, chain: Chain) -> bool:
+        """Return True."""
+        del chain
+        return True
+
     def own_draws(self, label: str) -> tuple[Draw, ...]:
         """Return the position within a step, and the phase."""
         draws = []
@@ -151,7 +156,7 @@ class Encoder(Source):
         joint = posture.chain.joint_index(self.joint)
         is_prismatic = bool(posture.chain.prismatic[joint])
         self._check_kind(is_prismatic)
-        target, value = JointValue(joint), float(posture.q[joint])
+        target, value = JointValue(joint), posture.q[joint]
         if self.resolution is not None:
             yield Term.of(target, 1.0, space.component("quantisation"))
         if self.offset is not None:

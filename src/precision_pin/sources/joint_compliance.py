@@ -8,7 +8,7 @@ from typing import Annotated, ClassVar, final
 
 from precision_pin import units
 from precision_pin.draws.space import LabelledSpace, Setting
-from precision_pin.robot.chain import Posture
+from precision_pin.robot.chain import Chain, Posture
 from precision_pin.terms.source import Source
 from precision_pin.terms.term import JointValue, Term
 
@@ -40,6 +40,11 @@ class JointCompliance(Source):
     def subject(self) -> str:
         """The joint."""
         return self.joint
+
+    def accepts_many(self, chain: Chain) -> bool:
+        """Return True."""
+        del chain
+        return True
 
     def terms(self, posture: Posture, space: LabelledSpace) -> Iterator[Term]:
         """Yield a term for each group of loads with the same random factors."""

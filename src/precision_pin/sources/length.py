@@ -8,7 +8,7 @@ from typing import Annotated, ClassVar, final
 
 import numpy as np
 
-from precision_pin import units
+from precision_pin import se3, units
 from precision_pin.draws.space import LabelledSpace, Setting
 from precision_pin.errors import InputError
 from precision_pin.robot.chain import Chain, Posture
@@ -69,6 +69,11 @@ class Length(Source):
         """The configuration, which turns the direction."""
         return "configuration"
 
+    def accepts_many(self, chain: Chain) -> bool:
+        """Return True."""
+        del chain
+        return True
+
     def is_alike_everywhere(self, chain: Chain) -> bool:
         """Return whether the direction is fixed in the link."""
         return self.along == "link" or is_fixed(self.along, chain, self._link(chain))
@@ -83,11 +88,12 @@ class Length(Source):
             reach = float(np.linalg.norm(way))
             if reach == 0:
                 raise InputError(f"{self.label()}: the link has no length; give a direction with along:")
-            direction = posture.link_poses[link][:3, :3] @ way / reach
+            direction = se3.turn(posture.link_poses[link][:3, :3], way) / reach
         else:
             direction = direction_of(self.along, posture)
-        twist = np.zeros(6)
-        twist[:3] = posture.place_pose(place)[:3, :3].T @ direction
+        back = posture.place_pose(place)[:3, :3].swapaxes(0, 1)
+        twist = np.zeros((6, *posture.q.shape[1:]))
+        twist[:3] = se3.turn(back, direction)
         for value in space.values("parameters", self.parameters):
             yield Term.of(place, twist, value)
 

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from typing import Final
+
+import numpy as np
 
 from precision_pin import units
 from precision_pin.draws.expressions import Component, Value
@@ -12,6 +13,7 @@ from precision_pin.draws.laws import Circle
 from precision_pin.draws.space import Draw, LabelledSpace, Scope
 from precision_pin.errors import Finding
 from precision_pin.terms.term import JointValue, Term
+from precision_pin.typing import Array
 
 __all__ = ["amplitude_remarks", "periodic_terms", "phase_draw"]
 
@@ -23,7 +25,9 @@ def phase_draw(name: str) -> Draw:
     return Draw(name, Circle(1.0), Scope.UNIT, (units.RATIO,) * 2)
 
 
-def periodic_terms(joint: int, angle: float, amplitude: Value, space: LabelledSpace, phase: str) -> Iterator[Term]:
+def periodic_terms(
+    joint: int, angle: Array | float, amplitude: Value, space: LabelledSpace, phase: str
+) -> Iterator[Term]:
     """Yield the terms of ``amplitude · sin(angle + φ)`` on a joint's value, linear in (cos φ, sin φ).
 
     Parameters
@@ -31,14 +35,14 @@ def periodic_terms(joint: int, angle: float, amplitude: Value, space: LabelledSp
     joint
         Index of the joint, 0-based.
     angle
-        Angle of the error within its period at this pose, rad.
+        Angle of the error within its period at this pose, rad; ``(P,)`` for a posture of P configurations.
     amplitude
         rad or m.
     space, phase
         Space of the source, and the name of its own draw of φ.
     """
-    yield Term.of(JointValue(joint), math.sin(angle), amplitude, space.component(f"{phase}.x"))
-    yield Term.of(JointValue(joint), math.cos(angle), amplitude, space.component(f"{phase}.y"))
+    yield Term.of(JointValue(joint), np.sin(angle), amplitude, space.component(f"{phase}.x"))
+    yield Term.of(JointValue(joint), np.cos(angle), amplitude, space.component(f"{phase}.y"))
 
 
 def amplitude_remarks(field: str, amplitude: Value, space: LabelledSpace) -> Iterator[Finding]:

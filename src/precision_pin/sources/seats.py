@@ -12,11 +12,21 @@ from typing import Final, Literal
 
 import numpy as np
 
+from precision_pin import se3
 from precision_pin.errors import InputError
 from precision_pin.robot.chain import Chain, Factors, Posture
 from precision_pin.typing import Array
 
-__all__ = ["PadsOn", "height_above_seat", "seat_axes", "seat_wrench", "shift_of_point", "travels", "wrench_at"]
+__all__ = [
+    "PadsOn",
+    "height_above_seat",
+    "in_axes",
+    "seat_axes",
+    "seat_wrench",
+    "shift_of_point",
+    "travels",
+    "wrench_at",
+]
 
 
 PadsOn = Literal["child", "parent"]
@@ -38,8 +48,18 @@ def seat_wrench(posture: Posture, joint: int) -> dict[Factors, Array]:
     """
     beyond = [load for load in posture.loads if load.link > joint]
     seat = posture.loaded_ends[joint]
-    to_seat = _block_diagonal((seat[:3, :3] @ posture.chain.axis_alignment(joint)).T)
-    return {factors: to_seat @ wrench for factors, wrench in posture.wrench_on(beyond, seat[:3, 3]).items()}
+    wrenches = posture.wrench_on(beyond, seat[:3, 3])
+    aligned = posture.chain.axis_alignment(joint)
+    return {factors: in_axes(seat[:3, :3], aligned, wrench) for factors, wrench in wrenches.items()}
+
+
+def in_axes(rotation: Array, axes: Array, wrench: Array) -> Array:
+    """Return a wrench ``(6[, P])``, base axes, in axes ``(3, 3)`` of a frame turned by ``(3, 3[, P])``."""
+    if rotation.ndim == 2:
+        turned: Array = _block_diagonal((rotation @ axes).T) @ wrench
+        return turned
+    back = np.einsum("ijp,jk->kip", rotation, axes)
+    return np.concatenate([se3.turn(back, wrench[:3]), se3.turn(back, wrench[3:])])
 
 
 def height_above_seat(posture: Posture, joint: int, height: float, pads_on: PadsOn) -> float:

@@ -8,7 +8,7 @@ from typing import Annotated, ClassVar, final
 
 import numpy as np
 
-from precision_pin import units
+from precision_pin import se3, units
 from precision_pin.draws.space import LabelledSpace, Setting
 from precision_pin.errors import InputError
 from precision_pin.robot.chain import Chain, Posture
@@ -80,6 +80,11 @@ class Thermal(Source):
         """The chain, or the configuration if there is a gradient, whose direction it turns."""
         return "chain" if self.gradient is None else "configuration"
 
+    def accepts_many(self, chain: Chain) -> bool:
+        """Return True."""
+        del chain
+        return True
+
     def is_alike_everywhere(self, chain: Chain) -> bool:
         """Return whether the direction of the gradient is fixed in every link that bends."""
         return self.across is None or all(is_fixed(self.across, chain, link) for link in self._links(chain))
@@ -101,7 +106,8 @@ class Thermal(Source):
                 yield Term.of(place, np.concatenate([turn @ way, np.zeros(3)]), expansion, change)
             if self.gradient is not None:
                 gradient = space.value("gradient", self.gradient)
-                bending = _bending(way, posture.link_poses[link][:3, :3].T @ self._direction(posture))
+                back = posture.link_poses[link][:3, :3].swapaxes(0, 1)
+                bending = _bending(way, se3.turn(back, self._direction(posture)))
                 yield Term.of(place, np.concatenate([turn @ bending[:3], turn @ bending[3:]]), expansion, gradient)
 
     def _links(self, chain: Chain) -> Sequence[int]:
@@ -113,6 +119,6 @@ class Thermal(Source):
 
 
 def _bending(way: Array, warmer: Array) -> Array:
-    """Return the end's shift and rotation ``(6,)`` for a unit gradient towards ``warmer`` and unit expansion."""
-    normal = warmer - way * (way @ warmer) / (way @ way)
-    return np.concatenate([-normal * (way @ way) / 2, -np.cross(way, normal)])
+    """Return the end's shift and rotation ``(6[, P])`` for a unit gradient towards ``warmer`` and unit expansion."""
+    normal = (warmer.T - way * ((warmer.T @ way)[..., None] / (way @ way))).T
+    return np.concatenate([-normal * (way @ way) / 2, -np.cross(way, normal, axisb=0, axisc=0)])

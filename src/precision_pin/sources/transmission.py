@@ -10,7 +10,7 @@ from typing import Annotated, ClassVar, final
 from precision_pin import units
 from precision_pin.draws.space import Draw, LabelledSpace, Setting, entry_name
 from precision_pin.errors import Finding, InputError
-from precision_pin.robot.chain import Posture
+from precision_pin.robot.chain import Chain, Posture
 from precision_pin.sources.periodic import amplitude_remarks, periodic_terms, phase_draw
 from precision_pin.terms.source import Dependence, Source
 from precision_pin.terms.term import JointValue, Term
@@ -93,6 +93,11 @@ class Transmission(Source):
         """The configuration, or the loads if there is a wind-up."""
         return "configuration" if self.stiffness is None else "loads"
 
+    def accepts_many(self, chain: Chain) -> bool:
+        """Return True."""
+        del chain
+        return True
+
     def own_draws(self, label: str) -> tuple[Draw, ...]:
         """Return a phase for each amplitude."""
         return tuple(phase_draw(f"{label}.{entry_name('phase', k)}") for k in range(len(self.amplitude)))
@@ -110,7 +115,7 @@ class Transmission(Source):
             raise InputError(f"{self.label()}: a prismatic joint needs period: with amplitude:")
         if not is_prismatic and self.lead_error is not None:
             raise InputError(f"{self.label()}: lead_error: is only for a prismatic joint")
-        value = float(posture.q[joint])
+        value = posture.q[joint]
         turn = 2 * math.pi * value / self.period if self.period is not None else value
         for k, amplitude in enumerate(space.values("amplitude", self.amplitude)):
             yield from periodic_terms(joint, self.order[k] * turn, amplitude, space, entry_name("phase", k))

@@ -197,6 +197,15 @@ class Source(ABC):
         """
         return "loads"
 
+    def accepts_many(self, chain: Chain) -> bool:
+        """Return whether :meth:`terms` also takes a posture of P configurations of a chain, which makes maps faster.
+
+        Its terms then have the same targets and factors at all of them; twists get a last dimension of P. Its loads and its
+        gravity do not depend on the configuration. False is always safe.
+        """
+        del chain
+        return self.depends_on == "chain"
+
     def is_alike_everywhere(self, chain: Chain) -> bool:
         """Return whether its terms are the same at every posture of a chain, to rounding.
 

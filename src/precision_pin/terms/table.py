@@ -14,13 +14,13 @@ from numpy.typing import NDArray
 from precision_pin import se3
 from precision_pin.draws.expressions import Expression, Program
 from precision_pin.draws.space import Space
-from precision_pin.errors import InternalError
+from precision_pin.errors import InputError, InternalError
 from precision_pin.inputs.arrays import fix_fields, returns_read_only
 from precision_pin.robot.chain import Chain, Place, Posture
 from precision_pin.terms.term import MOST_FACTORS, JointValue, Target, Term
 from precision_pin.typing import Array
 
-__all__ = ["SlopeColumns", "TableLayout", "TermTable"]
+__all__ = ["SlopeColumns", "TableLayout", "TermTable", "is_alike"]
 
 
 @final
@@ -90,8 +90,8 @@ class TermTable:
             result[k] += twist[:, None] * product
         return result
 
-    def displacement_slopes(self, mean: Array) -> tuple[SlopeColumns, ...]:
-        """Return the derivatives of each target's displacement with respect to the components, at ``(d,)`` values."""
+    def product_slopes(self, mean: Array) -> tuple[NDArray[np.intp], NDArray[np.intp], Array]:
+        """Return the derivatives of the terms' products at ``(d,)`` values: terms, components, and the derivative of each."""
         gradient = self.program.gradient(mean)
         padded = np.append(self.program.evaluate(mean[:, None])[:, 0], 1.0)
         sizes = np.array([*map(len, gradient), 0], dtype=np.intp)
@@ -105,9 +105,14 @@ class TermTable:
         counts = sizes[self.factors].ravel()
         entry = np.repeat(np.arange(counts.size), counts)
         place = begins[self.factors].ravel()[entry] + np.arange(entry.size) - (np.cumsum(counts) - counts)[entry]
-        terms, component, slopes = _sum_entries(
+        rows, columns, slopes = _sum_entries(
             entry // MOST_FACTORS, components[place], (derivatives[place] * others.ravel()[entry])[None], mean.size
         )
+        return rows, columns, slopes[0]
+
+    def displacement_slopes(self, mean: Array) -> tuple[SlopeColumns, ...]:
+        """Return the derivatives of each target's displacement with respect to the components, at ``(d,)`` values."""
+        terms, component, slopes = self.product_slopes(mean)
         targets, component, slopes = _sum_entries(
             self.target[terms], component, self.twists[terms].T * slopes, mean.size
         )
@@ -203,13 +208,26 @@ class TableLayout:
         """Return whether terms have these targets and factors, in this order."""
         if len(terms) != len(self.terms):
             return False
-        for known, term in zip(self.terms, terms, strict=True):
-            if known is not term and not (known.factors == term.factors and _is_same(known.target, term.target)):
-                return False
-        return True
+        return all(map(is_alike, self.terms, terms))
+
+    def twists_at_many(self, chain: Chain, terms: tuple[Term, ...], poses: int) -> Array:
+        """Return ``[d; δ]`` in the targets' axes, ``(P, T, 6)``, of terms at P postures that :meth:`fits`."""
+        twists = np.zeros((poses, len(terms), 6))
+        for row, term in enumerate(terms):
+            values = term.twist if term.twist.ndim == 2 else term.twist[:, None]
+            if isinstance(term.target, JointValue):
+                first = 0 if chain.prismatic[term.target.joint] else 3
+                twists[:, row, first : first + 3] = (chain.axes[term.target.joint][:, None] * values).T
+            else:
+                twists[:, row] = values.T
+        return twists
 
     def twists(self, chain: Chain, terms: tuple[Term, ...]) -> Array:
         """Return ``[d; δ]`` in the targets' axes, ``(T, 6)``, of terms that :meth:`fits`."""
+        if any(term.twist.ndim > 1 for term in terms):
+            raise InputError(
+                "a term at one configuration has one twist, of 6 numbers for a place and 1 for a joint value"
+            )
         twists = np.zeros((len(terms), 6))
         on_places = np.ones(len(terms), dtype=bool)
         on_places[self.at_joints] = False
@@ -236,6 +254,19 @@ class TableLayout:
             factors=self.factors,
         )
 
+    def at_many(self, posture: Posture, terms: tuple[Term, ...]) -> list[TermTable]:
+        """Return the tables at a posture of P configurations, of terms that :meth:`fits`."""
+        poses = posture.q.shape[1]
+        frames = np.ascontiguousarray(
+            np.moveaxis(np.einsum("kijp,kjl->kilp", posture.link_poses[self.links], self.places), -1, 0)
+        )
+        tips = np.ascontiguousarray(np.moveaxis(posture.pose, -1, 0))
+        twists = self.twists_at_many(posture.chain, terms, poses)
+        return [
+            TermTable(tips[k], self.targets, frames[k], self.program, self.target, twists[k], self.factors)
+            for k in range(poses)
+        ]
+
 
 _Order = tuple[int, int, int, str]
 
@@ -248,6 +279,11 @@ def _chain_order(target: Target) -> _Order:
     if isinstance(target, JointValue):
         return (target.joint + 1, -1, 0, "")
     return (target.link, *target.order, target.name)
+
+
+def is_alike(one: Term, other: Term) -> bool:
+    """Return whether two terms have the same target and factors."""
+    return one is other or (one.factors == other.factors and _is_same(one.target, other.target))
 
 
 def _is_same(one: Target, other: Target) -> bool:

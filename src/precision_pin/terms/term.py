@@ -8,9 +8,9 @@ parameters.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import final
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import final, overload
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -23,7 +23,7 @@ from precision_pin.robot.loads import Factors
 from precision_pin.robot.places import Place
 from precision_pin.typing import Array
 
-__all__ = ["MOST_FACTORS", "JointValue", "Target", "Term", "at_means"]
+__all__ = ["MOST_FACTORS", "JointValue", "Target", "Term", "TermsOfPose", "at_means"]
 
 
 MOST_FACTORS = 3
@@ -51,7 +51,8 @@ class Term:
     target
         A joint value or a place.
     twist
-        ``(1,)`` for a joint value (rad or m), ``(6,)`` ``[d; δ]`` in a place's axes.
+        ``(1[, P])`` for a joint value (rad or m), ``(6[, P])`` ``[d; δ]`` in a place's axes; P values for a posture of P
+        configurations.
     factors
         At most three parameters.
     loaded
@@ -72,7 +73,8 @@ class Term:
         if not isinstance(self.target, JointValue | Place):
             raise InputError(f"the target of a term must be a JointValue or a Place, got {shown(self.target)}")
         size = 1 if isinstance(self.target, JointValue) else 6
-        twist = check_numbers("the twist of a term", self.twist, (size,), f"{size} finite numbers for its target")
+        shape = (size, None) if getattr(self.twist, "ndim", 1) == 2 else (size,)
+        twist = check_numbers("the twist of a term", self.twist, shape, f"{size} finite numbers for its target")
         object.__setattr__(self, "twist", twist)
         if type(self.factors) is not tuple or not all(isinstance(factor, Expression) for factor in self.factors):
             object.__setattr__(self, "factors", check_items("the factors of a term", self.factors, Expression))
@@ -87,9 +89,12 @@ class Term:
     def of(cls, target: Target, twist: ArrayLike, *values: Value, loaded: bool = False) -> Term:
         """Return the term with numbers multiplied into the twist and expressions kept as factors.
 
-        Of more than three factors, the first ones become one formula, their product.
+        Of more than three factors, the first ones become one formula, their product. For a joint value the twist is a
+        number, or P of them for a posture of P configurations.
         """
         scaled = np.atleast_1d(check_numbers("the twist of a term", twist))
+        if isinstance(target, JointValue) and scaled.shape[0] > 1 == scaled.ndim:
+            scaled = scaled[None]
         factors: list[Expression] = []
         for value in values:
             if isinstance(value, Expression):
@@ -99,6 +104,35 @@ class Term:
         while len(factors) > MOST_FACTORS:
             factors[:2] = [factors[0] * factors[1]]
         return cls(target, scaled, tuple(factors), loaded)
+
+
+@final
+class TermsOfPose(Sequence[Term]):
+    """The terms of one of P postures whose terms were made together; each is made when it is read.
+
+    Parameters
+    ----------
+    terms
+        Terms whose twists have P columns, or none if they are the same at every posture.
+    pose
+        Number of the posture.
+    """
+
+    def __init__(self, terms: Sequence[Term], pose: int) -> None:
+        self._terms, self._pose = terms, pose
+
+    def __len__(self) -> int:
+        return len(self._terms)
+
+    @overload
+    def __getitem__(self, key: int) -> Term: ...
+    @overload
+    def __getitem__(self, key: slice) -> tuple[Term, ...]: ...
+    def __getitem__(self, key: int | slice) -> Term | tuple[Term, ...]:
+        if isinstance(key, slice):
+            return tuple(self[k] for k in range(*key.indices(len(self))))
+        term = self._terms[key]
+        return replace(term, twist=term.twist[:, self._pose]) if term.twist.ndim == 2 else term
 
 
 def at_means(values: Mapping[Factors, ArrayLike], space: Space) -> Array:

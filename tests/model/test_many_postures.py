@@ -1,0 +1,179 @@
+"""The model at many poses: terms made together, and first-order models computed together, against one pose at a time."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+
+from precision_pin.draws.laws import Normal, Uniform
+from precision_pin.draws.space import LabelledSpace, Space
+from precision_pin.errors import InputError
+from precision_pin.model.error_model import ErrorModel
+from precision_pin.model.tangents import tangents
+from precision_pin.robot.chain import Posture
+from precision_pin.robot.examples import shipped_sheets
+from precision_pin.sources import Backlash, Beam, Clearance, Encoder, JointCompliance, Length, Payload, Table
+from precision_pin.terms.bound_source import BoundSource, terms_at_many
+from precision_pin.terms.labelled_sources import own_draws, with_quantities
+from precision_pin.terms.source import Source
+from precision_pin.terms.term import JointValue, Term
+from sources.test_depends_on import ARMS, CASES, TOLERANCE, Liar, measured
+
+ALONE = {"backlash", "clearance"}
+"""Kinds whose terms may change with the side that a load presses on: they are made at one pose after another."""
+
+
+def configurations(chain, poses: int, seed: int = 5):
+    return np.random.default_rng(seed).uniform(-1.0, 1.0, (len(chain.joints), poses))
+
+
+@pytest.mark.parametrize("arm", ARMS)
+@pytest.mark.parametrize(("kind", "source"), [case[:2] for case in CASES])
+def test_terms_made_together_are_those_made_one_by_one(kind, source, arm):
+    chain = ARMS[arm]
+    model = ErrorModel(chain, Space(), [source, Payload(at="half2", mass=Uniform(0.1, mean=2.0))])
+    q = configurations(chain, 7)
+    travelling = kind == "bearing_stiffness" and bool(chain.prismatic[chain.joint_index(source.joint)])
+    assert source.accepts_many(chain) is (kind not in ALONE and not travelling)
+    many = list(model.at_columns(q))
+    for k, at in enumerate(many):
+        alone = model._at(chain.at(q[:, k]))
+        assert [(term.target, term.factors, term.loaded) for term in at.terms] == [
+            (term.target, term.factors, term.loaded) for term in alone.terms
+        ]
+        for one, other in zip(at.terms, alone.terms, strict=True):
+            assert np.allclose(one.twist, other.twist, rtol=1e-12, atol=1e-13 * (1 + np.abs(other.twist).max()))
+        assert np.allclose(at.table.twists, alone.table.twists, rtol=1e-12, atol=1e-12)
+        assert np.allclose(at.table.frames, alone.table.frames, rtol=0, atol=1e-14)
+        assert np.allclose(at.table.pose, alone.table.pose, rtol=0, atol=1e-14)
+        assert np.allclose(at.posture.pose, alone.posture.pose, rtol=0, atol=1e-14)
+
+
+def test_measured_rows_are_the_same_at_every_pose(tmp_path):
+    chain = ARMS["base to tool"]
+    model = ErrorModel(chain, Space(), [measured(tmp_path)])
+    assert isinstance(model.sources[0], Table)
+    assert model.sources[0].accepts_many(chain)
+    q = configurations(chain, 3)
+    for at, alone in zip(model.at_columns(q), (model.at(q[:, k]) for k in range(3)), strict=True):
+        assert np.array_equal(at.table.twists, alone.table.twists)
+
+
+def together(chain, sources, q):
+    """Return the terms at many poses, None where they cannot be made together."""
+    space = with_quantities(Space().including(own_draws(sources, [s.label() for s in sources])), sources,
+                            [s.label() for s in sources], chain)  # fmt: skip
+    bound = [BoundSource(source, LabelledSpace(space, source.label())) for source in sources]
+    many = chain.at_columns(q)
+    each = [chain.at(q[:, k]) for k in range(q.shape[1])]
+    return terms_at_many(Posture(chain, many.q, many.joint_poses, chain.loads), each, bound)
+
+
+def test_a_side_that_turns_between_poses_is_found():
+    chain = ARMS["base to tool"]
+    q = configurations(chain, 40)
+    torques = np.array([chain.at(q[:, k]).load_torque[1] for k in range(40)])
+    assert (torques > 60.0).any()
+    assert (np.abs(torques) < 60.0).any()
+    backlash = Backlash(joint="joint2", backlash=1e-3, band=60.0)
+    assert together(chain, [backlash], q) is None
+    firm = np.abs(torques) > 60.0
+    terms = together(chain, [backlash], q[:, firm])
+    assert np.array_equal(terms[0].twist[0], np.sign(torques[firm]) * 0.5e-3)
+    # the model falls back on one pose after another
+    model = ErrorModel(chain, Space(), [backlash, Encoder(joint="joint3", resolution=1e-4)])
+    for k, at in enumerate(model.at_columns(q)):
+        assert np.allclose(at.table.twists, model.at(q[:, k]).table.twists, rtol=0, atol=1e-15)
+
+
+def test_loads_that_depend_on_the_configuration_are_found():
+    chain = ARMS["base to tool"]
+    q = configurations(chain, 4)
+    model = ErrorModel(
+        chain, Space(), [Liar(reads="loads", says="loads"), JointCompliance(joint="joint2", compliance=1e-5)]
+    )
+    assert together(chain, model.sources, q) is None
+    for k, at in enumerate(model.at_columns(q)):
+        assert np.allclose(at.table.twists, model.at(q[:, k]).table.twists, rtol=0, atol=1e-15)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Plain(Source):
+    """A source of a user, who reads one torque, or gives two twists at one posture."""
+
+    twice: bool = False
+
+    @property
+    def subject(self):
+        return "arm"
+
+    def terms(self, posture, space):
+        size = np.ones((1, 2)) if self.twice else float(sum(posture.torque_on(0).values()))
+        yield Term.of(JointValue(0), size)
+
+
+def test_a_source_of_a_user_needs_to_know_nothing_of_it():
+    chain = ARMS["base to tool"]
+    q = configurations(chain, 4)
+    terms = together(chain, [Plain()], q)
+    assert np.allclose(terms[0].twist[0], [sum(chain.at(q[:, k]).torque_on(0).values()) for k in range(4)])
+
+
+def test_several_twists_at_one_posture_are_refused():
+    chain = ARMS["base to tool"]
+    with pytest.raises(InputError, match="one twist, of 6 numbers for a place and 1 for a joint value"):
+        ErrorModel(chain, Space(), [Plain(twice=True)]).at(np.zeros(len(chain.joints)))
+
+
+# first-order models --------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("sheet", ["4dof", "ur5"])
+def test_tangents_are_those_of_one_pose(sheet):
+    model = ErrorModel.load(shipped_sheets()[sheet])
+    q = configurations(model.chain, 9)
+    found = list(tangents(model.at_columns(q)))
+    error = np.concatenate([part.error for part in found], axis=1)
+    jacobian = np.concatenate([part.jacobian for part in found], axis=2)
+    for k in range(q.shape[1]):
+        e, j = model.at(q[:, k]).tangent
+        assert np.allclose(error[:, k], e, rtol=0, atol=1e-14)
+        assert np.allclose(jacobian[:, :, k], j, rtol=0, atol=1e-12 * np.abs(j).max())
+
+
+def test_tangents_where_formulas_change_between_poses():
+    chain = ARMS["base to tool"]
+    sources = [
+        Backlash(joint="joint2", backlash=Normal(1e-4, mean=1e-3), band=60.0),
+        Beam(link="link3", EI=Uniform(1e3, mean=1e4)),
+    ]
+    model = ErrorModel(chain, Space(), sources)
+    q = configurations(chain, 30)
+    found = list(tangents(model.at_columns(q)))
+    assert len(found) > 1
+    jacobian = np.concatenate([part.jacobian for part in found], axis=2)
+    for k in range(30):
+        j = model.at(q[:, k]).jacobian
+        assert np.allclose(jacobian[:, :, k], j, rtol=0, atol=1e-12 * np.abs(j).max())
+
+
+def test_an_error_of_half_a_turn_is_refused():
+    chain = ARMS["base to tool"]
+    model = ErrorModel(chain, Space(), [JointCompliance(joint="joint2", compliance=10.0)])
+    with pytest.raises(InputError, match="half a turn or more"):
+        list(tangents(model.at_columns(configurations(chain, 3))))
+
+
+def test_many_poses_with_clearance_and_a_length():
+    chain = ARMS["base to tool"]
+    sources = [
+        Clearance(joint="joint2", diametral=(2e-5,), span=0.08, direction="random"),
+        Length(joint="joint3", parameters=(TOLERANCE,)),
+    ]
+    model = ErrorModel(chain, Space(), sources)
+    q = configurations(chain, 5)
+    assert together(chain, sources, q) is not None
+    for k, at in enumerate(model.at_columns(q)):
+        assert np.allclose(at.table.twists, model.at(q[:, k]).table.twists, rtol=0, atol=1e-14)
