@@ -197,6 +197,20 @@ def test_json_has_the_keys_that_users_rely_on():
     assert set(found["AD"]) == set(law)
 
 
+def test_limits_are_kept_at_every_pose():
+    middle = pp.iso9283(MIXED, Q, robots=300).worst["RP"].quantile(0.5)
+    limits = [f"RP {middle!r} m @ 60 %", "AD 1 mm", "E 100 mm", "RP_c 1 urad"]
+    found = pp.iso9283(MIXED, Q, robots=300, specifications=limits)
+    shares = [one.probability for one in found.specifications]
+    assert shares[0] == np.mean(np.max([at.RP.values for at in found.poses.values()], axis=0) <= middle)
+    assert shares[0] == 0.5
+    assert shares[1] == np.mean(np.abs(found.AD.values) <= 1e-3)
+    assert (shares[2], shares[3]) == (1, 0)
+    assert not found.met
+    assert [one["met"] for one in found.to_dict()["spec"]] == [one.met for one in found.specifications]
+    assert pp.iso9283(MIXED, Q, robots=300, specifications="E 100 mm @ 90 %").met
+
+
 def test_data_frame_and_dataset():
     found = pp.iso9283(MIXED, Q, robots=50)
     frame = found.to_pandas()
@@ -225,6 +239,12 @@ def test_quantiles_of_a_law():
         ({"target": (0, 0)}, "target must be three numbers"),
         ({"target": (0, 0, 1e9)}, "target must lie within 1,000 m"),
         ({"poses": None}, "no poses to test at"),
+        ({"specifications": "0.1 mm"}, "no figure of a specification named '0.1'"),
+        ({"specifications": "RP"}, "write it as 'RP 0.1 mm @ 95 %'"),
+        ({"specifications": "RP 1 mrad"}, "RP is limited by a length"),
+        ({"specifications": "RP_a 1 mm"}, "RP_a is limited by an angle"),
+        ({"specifications": "RP x 1 mm"}, "RP is limited by a length"),
+        ({"poses": Q[:, :1], "specifications": "AD 1 mm"}, "limits AD, which this forecast does not have: between P2"),
         ({"poses": Q[:, :2], "fit_base": True}, "three poses or more"),
         ({"poses": np.tile(Q, 30)}, "1 to 100 poses"),
     ],

@@ -82,6 +82,16 @@ def test_measured_cycles_stand_beside_the_forecast(run, folder):
     assert "are 4, the forecast has 30 cycles" in other.err
 
 
+def test_a_missed_limit_is_exit_code_1(run):
+    kept = run("iso9283", SHEET, "--all-poses", "--robots", "200", "--spec", "RP 1 mm @ 95 %")
+    assert kept.code == 0
+    assert "spec RP within 1 mm for 95 % at every pose: MET - 100" in kept.out
+    missed = run("iso9283", SHEET, "--all-poses", "--robots", "200", "--spec", "RP 1 um", "--spec", "AP 1 m")
+    assert missed.code == 1
+    assert "spec RP within 0.001 mm for 95 % at every pose: NOT MET" in missed.out
+    assert "spec AP within 1000 mm for 95 % at every pose: MET" in missed.out
+
+
 def test_a_target_off_the_last_axis(run):
     at_tip, at_side = (
         run("iso9283", SHEET, "--pose", "home", *FEW, *more, "--json", "-").json
@@ -97,6 +107,7 @@ def test_a_target_off_the_last_axis(run):
     [
         (("--target", "1 2 mm"), "--target: '1 2 mm' has 2 numbers, expected 3"),
         (("--target", "1 2 3"), "--target: "),
+        (("--spec", "1 mm"), "no figure of a specification named '1'"),
         (("--cycles", "1"), "the number of cycles must be a whole number from 2"),
         (("--robots", "0"), "the number of robots must be a whole number from 1"),
         (("--measured", "nothing.csv"), "nothing.csv"),

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Unpack
 
 import click
 
+from precision_pin.cli import EXIT_SPEC
 from precision_pin.cli.inputs import read_sheet
 from precision_pin.cli.notes import all_warnings_option, echo_note, quiet_option
 from precision_pin.cli.options import (
@@ -56,6 +57,9 @@ class _Arm(ChainOptions, PoseOptions):
 @click.option(
     "--measured", metavar="FILE.csv", help="Measured cycles of a robot: pose, cycle, x [mm], y [mm], z [mm], angles."
 )
+@click.option(
+    "--spec", "specs", multiple=True, metavar='"RP 0.1 mm @ 95 %"', help="A limit of a figure to judge; repeats."
+)
 @click.option("--json", "json_path", metavar="FILE", help="Write the result as JSON; - prints it alone.")
 @click.option("--out", metavar="DIR", help="Write the plot (PNG and SVG) and the result there.")
 def command(
@@ -65,6 +69,7 @@ def command(
     target: str | None,
     fit_base: bool,
     measured: str | None,
+    specs: tuple[str, ...],
     json_path: str | None,
     out: str | None,
     **arm: Unpack[_Arm],
@@ -79,6 +84,7 @@ def command(
     import numpy as np
 
     from precision_pin.analyses.iso9283.comparison import pose_names
+    from precision_pin.analyses.iso9283.figure_limits import listed_limits
     from precision_pin.analyses.iso9283.forecast import CYCLES, iso9283
     from precision_pin.analyses.iso9283.measured_file import read_cycles
     from precision_pin.draws.space import check_seed
@@ -87,6 +93,7 @@ def command(
     from precision_pin.robot.pose_set import PoseSet
 
     check_seed(seed)
+    listed_limits(specs)
     check_poses(arm)
     point = None if target is None else _read_target(target)
     outputs = Outputs({"--json": json_path}, out, FILES)
@@ -104,7 +111,7 @@ def command(
     with progress_bar(robots * len(poses) * cycles, "testing", "visits") as progress, unwinding():
         result = iso9283(
             error_model, PoseSet.at(sheet.chain, q, names), cycles=cycles, robots=robots, seed=seed, target=point,
-            fit_base=fit_base, findings=sheet.findings, progress=progress,
+            fit_base=fit_base, specifications=specs, findings=sheet.findings, progress=progress,
         )  # fmt: skip
         raise_if_interrupted()
     if attained is not None:
@@ -120,7 +127,7 @@ def command(
     if out is not None:
         _write_folder(result, Path(out))
         echo_note(f"wrote {out}: iso9283.json, iso9283 as PNG and SVG")
-    return 0
+    return 0 if result.met else EXIT_SPEC
 
 
 def _read_target(text: str) -> list[float]:

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from precision_pin.analyses.iso9283.figure_law import FigureLaw
+from precision_pin.analyses.iso9283.figure_limits import judge_limits, listed_limits
 from precision_pin.analyses.iso9283.pose_forecast import PoseForecast
 from precision_pin.analyses.iso9283.result import Iso9283Result
 from precision_pin.analyses.iso9283.simulation import (
@@ -64,6 +65,7 @@ def iso9283(
     seed: int = 0,
     target: ArrayLike | None = None,
     fit_base: bool = False,
+    specifications: str | Sequence[str] = (),
     confidence: float = 0.95,
     findings: Sequence[Finding] = (),
     threads: int | None = None,
@@ -91,6 +93,9 @@ def iso9283(
     fit_base
         Align the barycentres to the commanded positions by the best fit over the poses, as where the base of the robot in the
         measuring system is taken from the same measurement. It changes AP only; E is never fitted.
+    specifications
+        Limits to judge, one or a list, such as ``"RP 0.1 mm @ 95 %"``: a figure, its limit, and the share of robots (95 % by
+        default) that must keep it in a test, at every pose.
     confidence
         Confidence of every interval.
     findings
@@ -117,6 +122,7 @@ def iso9283(
         check_whole("threads", threads, 1, 1024)
     check_progress(progress)
     known = check_items("findings", findings, Finding)
+    limits = listed_limits(specifications)
     point = _target(target)
     values, names = _poses(error_model, poses)
     count = values.shape[1]
@@ -151,6 +157,11 @@ def iso9283(
     exchange, absent = _exchangeability(error_model, figures.first)
     if not len(figures.AD):
         absent |= dict.fromkeys(("AD", "RD"), "between P2 and P4, which needs four poses")
+    single = {
+        "AD": law(figures.AD[0]) if len(figures.AD) else None,
+        "RD": law(figures.RD[0]) if len(figures.RD) else None,
+        "E": None if exchange is None else law(exchange),
+    }
     return Iso9283Result(
         provenance=Provenance.of(error_model, seed),
         cycles=int(cycles),
@@ -160,10 +171,11 @@ def iso9283(
         fit_base=setup.fit_base,
         poses=forecasts,
         worst={name: law(getattr(figures, name).max(axis=0)) for name in ("AP", "RP")},
-        AD=law(figures.AD[0]) if len(figures.AD) else None,
-        RD=law(figures.RD[0]) if len(figures.RD) else None,
-        E=None if exchange is None else law(exchange),
+        AD=single["AD"],
+        RD=single["RD"],
+        E=single["E"],
         absent=absent,
+        specifications=judge_limits(limits, forecasts, single, absent, confidence),
         findings=known,
         warnings=tuple(dict.fromkeys(map(str, (*known, *found)))),
     )

@@ -19,6 +19,7 @@ from precision_pin.display.stored import JsonResult
 from precision_pin.display.tables import data_frame, dataset, interval_columns, milli, number
 from precision_pin.errors import Finding
 from precision_pin.inputs.arrays import fix_fields
+from precision_pin.statistics import SpecificationResult
 from precision_pin.typing import Array
 
 if TYPE_CHECKING:
@@ -58,6 +59,8 @@ class Iso9283Result(JsonResult):
         ``None``: see ``absent``.
     measured
         A measured robot beside the forecast, of :meth:`compare`.
+    specifications
+        The share of robots that keep each limit in a test.
     absent
         Why a figure is ``None``, by its name.
     findings
@@ -82,12 +85,18 @@ class Iso9283Result(JsonResult):
     vAP: None = None
     drift: None = None
     measured: Comparison | None = None
+    specifications: tuple[SpecificationResult, ...] = ()
     absent: Mapping[str, str] = field(default_factory=dict)
     findings: tuple[Finding, ...] = ()
     warnings: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         fix_fields(self)
+
+    @property
+    def met(self) -> bool:
+        """Whether every specification is met; true without any."""
+        return all(one.met for one in self.specifications)
 
     def laws(self) -> Iterator[tuple[str, str, FigureLaw]]:
         """Yield pose and name of every figure, with its law; the pose is empty for AD, RD and E."""
@@ -129,6 +138,7 @@ class Iso9283Result(JsonResult):
             "worst": {name: law.to_dict() for name, law in self.worst.items()},
             **{name: None if law is None else law.to_dict() for name, law in single.items()},
             "absent": dict(self.absent),
+            "spec": [one.to_dict() for one in self.specifications],
             "cube": None,
             "measured": None if self.measured is None else self.measured.to_dict(),
         }

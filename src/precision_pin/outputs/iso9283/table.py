@@ -9,7 +9,8 @@ from precision_pin.analyses.iso9283.figure_law import FigureLaw
 from precision_pin.analyses.iso9283.result import Iso9283Result
 from precision_pin.display.tables import ROUNDING, milli, plain, resting_on
 from precision_pin.display.text_table import aligned
-from precision_pin.statistics import format_inside
+from precision_pin.outputs.monte_carlo.table import NOTHING_VARIES
+from precision_pin.statistics import SpecificationResult, format_inside, format_share
 from precision_pin.statistics.digits import format_interval
 from precision_pin.visible import shown, visible
 
@@ -30,6 +31,7 @@ def iso9283_table(result: Iso9283Result) -> str:
     lines = [
         headline(result, "RP"),
         headline(result, "AP"),
+        *(_judged(one, len(result.poses)) for one in result.specifications),
         *([] if result.measured is None else [verdict(result.measured)]),
         "",
         f"ISO 9283 of {visible(of.robot)}: {visible(of.base)} to {visible(of.tip)}, {len(result.poses)} poses{point}{fit}",
@@ -83,6 +85,20 @@ def verdict(measured: Comparison) -> str:
         f"simulated robots: {'; '.join(parts)}"
         f"{f'; and {more} more' if more > 0 else ''}"
     )
+
+
+def _judged(one: SpecificationResult, poses: int) -> str:
+    every = " at every pose" if one.quantity not in ("AD", "RD", "E") and poses > 1 else ""
+    demand = (
+        f"spec {one.quantity} within {1e3 * one.limit:.6g} {_unit(one.quantity)} for {100 * one.required:.10g} %{every}: "
+        f"{one.verdict.upper()}"
+    )
+    if one.verdict == "nothing to judge":
+        return f"{demand} - {NOTHING_VARIES}"
+    share, low, high = format_share(one.probability, one.interval, one.required)
+    more = ": more robots decide it" if one.verdict == "undecided" else ""
+    of = "groups of five robots" if one.quantity == "E" else "robots"
+    return f"{demand} - {share} % of {of} keep it in a test, interval {low} to {high} %{more}"
 
 
 def _positions(result: Iso9283Result) -> list[str]:
