@@ -160,6 +160,16 @@ def test_encoder_resolution_belongs_to_accuracy():
     assert "unit" in found.absent["E"]
 
 
+def test_a_load_is_a_payload_of_the_sheet():
+    load = pp.sources.Payload(at=CHAIN.tip, mass=4.0, com=(0.0, 0.02, 0.1))
+    own = pp.ErrorModel(CHAIN, MODEL.space, [*MODEL.sources, load])
+    found = pp.iso9283(MODEL, Q[:, :2], robots=20, load=4.0, target=(0.0, 0.02, 0.1))
+    expected = pp.iso9283(own, Q[:, :2], robots=20, target=(0.0, 0.02, 0.1))
+    np.testing.assert_allclose(found.poses["P2"].AP.values, expected.poses["P2"].AP.values, rtol=1e-12)
+    assert found.poses["P2"].AP.mean > 1.5 * pp.iso9283(MODEL, Q[:, :2], robots=20).poses["P2"].AP.mean
+    assert found.to_dict()["load"] == 4
+
+
 def test_no_visits_is_warned_of():
     with pytest.warns(pp.errors.PrecisionPinWarning, match="W_NO_VISITS"):
         found = pp.iso9283(MODEL, [MODEL.configuration()], robots=2)
@@ -238,6 +248,7 @@ def test_quantiles_of_a_law():
         ({"robots": 0}, "robots must be a whole number from 1"),
         ({"target": (0, 0)}, "target must be three numbers"),
         ({"target": (0, 0, 1e9)}, "target must lie within 1,000 m"),
+        ({"load": -1}, "the load must be zero or more kg"),
         ({"poses": None}, "no poses to test at"),
         ({"specifications": "0.1 mm"}, "no figure of a specification named '0.1'"),
         ({"specifications": "RP"}, "write it as 'RP 0.1 mm @ 95 %'"),

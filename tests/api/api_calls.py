@@ -244,10 +244,11 @@ def calls() -> Iterator[Call]:
         pp.iso9283,
         {
             "error_model": _visiting(arm), "poses": [POSE] * 2, "cycles": 2, "robots": 5, "seed": 3, "target": [0.0, 0.0, 0.1],
+            "load": 1.0,
             "fit_base": False, "specifications": ["RP 1 mm"], "confidence": 0.9, "findings": [], "threads": 1, "progress": None,
         },
         pose_words | {"robots": "robot", "cycles": "cycle", "target": "target"},
-        seed="zero", target=OPTIONAL, specifications=NO_SPECIFICATION, confidence=POSITIVE,
+        seed="zero", target=OPTIONAL, load=NOT_NEGATIVE, specifications=NO_SPECIFICATION, confidence=POSITIVE,
         findings="empty list, empty tuple", threads=OPTIONAL, progress="nothing, true, function, type",
     )  # fmt: skip
     yield call(

@@ -108,6 +108,8 @@ def test_a_target_off_the_last_axis(run):
         (("--target", "1 2 mm"), "--target: '1 2 mm' has 2 numbers, expected 3"),
         (("--target", "1 2 3"), "--target: "),
         (("--spec", "1 mm"), "no figure of a specification named '1'"),
+        (("--load", "3 mm"), "--load: "),
+        (("--load", "3"), "--load: "),
         (("--cycles", "1"), "the number of cycles must be a whole number from 2"),
         (("--robots", "0"), "the number of robots must be a whole number from 1"),
         (("--measured", "nothing.csv"), "nothing.csv"),

@@ -53,6 +53,7 @@ class _Arm(ChainOptions, PoseOptions):
 @click.option("--cycles", type=int, metavar="N", help="Cycles of a test: those measured, else 30.")
 @seed_option
 @click.option("--target", metavar='"X Y Z mm"', help="The measured point in tool axes; the tip if left out.")
+@click.option("--load", metavar='"M kg"', help="Mass at the target, beside the loads of the sheet.")
 @click.option("--fit-base", is_flag=True, help="Align the base by the best fit over the poses.")
 @click.option(
     "--measured", metavar="FILE.csv", help="Measured cycles of a robot: pose, cycle, x [mm], y [mm], z [mm], angles."
@@ -67,6 +68,7 @@ def command(
     cycles: int | None,
     seed: int,
     target: str | None,
+    load: str | None,
     fit_base: bool,
     measured: str | None,
     specs: tuple[str, ...],
@@ -95,7 +97,8 @@ def command(
     check_seed(seed)
     listed_limits(specs)
     check_poses(arm)
-    point = None if target is None else _read_target(target)
+    point = None if target is None else _lengths("--target", target, "0 0 100 mm")
+    mass = 0.0 if load is None else _mass(load)
     outputs = Outputs({"--json": json_path}, out, FILES)
     outputs.check()
     outputs.refuse_inputs([file for file in (arm["trajectory"], measured) if file is not None])
@@ -110,7 +113,7 @@ def command(
     q = np.column_stack([error_model.configuration(pose.where) for pose in poses])
     with progress_bar(robots * len(poses) * cycles, "testing", "visits") as progress, unwinding():
         result = iso9283(
-            error_model, PoseSet.at(sheet.chain, q, names), cycles=cycles, robots=robots, seed=seed, target=point,
+            error_model, PoseSet.at(sheet.chain, q, names), cycles=cycles, robots=robots, seed=seed, target=point, load=mass,
             fit_base=fit_base, specifications=specs, findings=sheet.findings, progress=progress,
         )  # fmt: skip
         raise_if_interrupted()
@@ -130,22 +133,41 @@ def command(
     return 0 if result.met else EXIT_SPEC
 
 
-def _read_target(text: str) -> list[float]:
-    """Return a point in tool axes, m.
+def _lengths(option: str, text: str, example: str) -> list[float]:
+    """Return three lengths, m.
 
     Raises
     ------
     InputError
-        It is not three lengths with a unit.
+        The option's text is not three lengths with a unit.
     """
     from precision_pin import units
 
     try:
         return units.parse_vector(text, units.LENGTH, count=3)
     except UnitError as error:
-        raise InputError(
-            [Finding("error", "E_USAGE", f'--target: {wrong.message}; write "0 0 100 mm"') for wrong in error.findings]
-        ) from None
+        raise _wrong(option, error, example) from None
+
+
+def _mass(text: str) -> float:
+    """Return a mass, kg.
+
+    Raises
+    ------
+    InputError
+        The text is no mass with a unit.
+    """
+    from precision_pin import units
+
+    try:
+        return units.parse(text, units.MASS)
+    except UnitError as error:
+        raise _wrong("--load", error, "5 kg") from None
+
+
+def _wrong(option: str, error: UnitError, example: str) -> InputError:
+    message = f"{option}: {error.findings[0].message}; write it as {example!r}"
+    return InputError([Finding("error", "E_USAGE", message)])
 
 
 def _write_folder(result: Iso9283Result, folder: Path) -> None:

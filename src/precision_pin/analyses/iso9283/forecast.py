@@ -30,7 +30,14 @@ from precision_pin.display import progress as progress_bar
 from precision_pin.draws.draw import MOST_VISITS
 from precision_pin.draws.space import Scope, check_seed
 from precision_pin.errors import Finding, InputError
-from precision_pin.inputs.arguments import check_flag, check_instance, check_items, check_numbers, check_whole
+from precision_pin.inputs.arguments import (
+    check_flag,
+    check_instance,
+    check_items,
+    check_number,
+    check_numbers,
+    check_whole,
+)
 from precision_pin.inputs.memory import check_memory
 from precision_pin.kernel import sampler
 from precision_pin.model.error_model import ErrorModel
@@ -64,6 +71,7 @@ def iso9283(
     robots: int = 2000,
     seed: int = 0,
     target: ArrayLike | None = None,
+    load: float = 0.0,
     fit_base: bool = False,
     specifications: str | Sequence[str] = (),
     confidence: float = 0.95,
@@ -90,6 +98,8 @@ def iso9283(
         64-bit seed.
     target
         The measured point in tool axes, m, ``(3,)``; the tip where left out.
+    load
+        Mass at the target, kg, beside the loads of the sheet; the standard tests with the rated load.
     fit_base
         Align the barycentres to the commanded positions by the best fit over the poses, as where the base of the robot in the
         measuring system is taken from the same measurement. It changes AP only; E is never fitted.
@@ -124,6 +134,8 @@ def iso9283(
     known = check_items("findings", findings, Finding)
     limits = listed_limits(specifications)
     point = _target(target)
+    mass = check_number("the load", load, "zero or more kg and finite", lambda kg: kg >= 0)
+    error_model = _loaded(error_model, mass, point)
     values, names = _poses(error_model, poses)
     count = values.shape[1]
     check_memory(8.0 * robots * (35 * count + 10), f"testing {robots:,} robots at {count} poses", "test fewer of them")
@@ -168,6 +180,7 @@ def iso9283(
         robots=int(robots),
         confidence=confidence,
         target=point,
+        mass=mass,
         fit_base=setup.fit_base,
         poses=forecasts,
         worst={name: law(getattr(figures, name).max(axis=0)) for name in ("AP", "RP")},
@@ -192,6 +205,16 @@ def _target(target: ArrayLike | None) -> Array:
     if np.abs(point).max() > _FARTHEST_TARGET:
         raise InputError(f"the target must lie within {_FARTHEST_TARGET:,.0f} m of the tip, got {point.tolist()}")
     return point
+
+
+def _loaded(error_model: ErrorModel, mass: float, centre: Array) -> ErrorModel:
+    """Return the model with a mass at a point in tool axes."""
+    if not mass:
+        return error_model
+    chain = error_model.chain.with_payload(mass, tuple(centre.tolist()))
+    loaded = ErrorModel(chain, error_model.space, error_model.sources, error_model.poses, error_model.statics)
+    loaded.assumed = error_model.assumed
+    return loaded
 
 
 def _poses(error_model: ErrorModel, poses: object) -> tuple[Array, tuple[str, ...]]:

@@ -45,6 +45,8 @@ class Iso9283Result(JsonResult):
         Confidence of every interval by itself.
     target
         The measured point in tool axes, m, ``(3,)``.
+    mass
+        Load: mass at the target beside the loads of the sheet, kg.
     fit_base
         Whether the barycentres were aligned to the commanded positions by the best fit over the poses.
     poses
@@ -76,6 +78,7 @@ class Iso9283Result(JsonResult):
     robots: int
     confidence: float
     target: Array
+    mass: float
     fit_base: bool
     poses: Mapping[str, PoseForecast]
     worst: Mapping[str, FigureLaw]
@@ -183,6 +186,7 @@ class Iso9283Result(JsonResult):
             **self.provenance.to_dict(self.schema),
             "model": "exact",
             **{name: getattr(self, name) for name in ("cycles", "robots", "confidence", "fit_base")},
+            "load": self.mass,
             "target": self.target.tolist(),
             "warnings": list(self.warnings),
             "findings": [finding.to_dict() for finding in self.findings],

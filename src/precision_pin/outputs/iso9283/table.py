@@ -27,6 +27,7 @@ def iso9283_table(result: Iso9283Result) -> str:
         if not result.target.any()
         else f"; target {', '.join(plain(1e3 * x) for x in result.target)} mm in tool axes"
     )
+    load = f"; load {plain(result.mass)} kg" if result.mass else ""
     fit = "; base aligned by the best fit over the poses" if result.fit_base else "; base not aligned"
     lines = [
         headline(result, "RP"),
@@ -34,7 +35,7 @@ def iso9283_table(result: Iso9283Result) -> str:
         *(_judged(one, len(result.poses)) for one in result.specifications),
         *([] if result.measured is None else [verdict(result.measured)]),
         "",
-        f"ISO 9283 of {visible(of.robot)}: {visible(of.base)} to {visible(of.tip)}, {len(result.poses)} poses{point}{fit}",
+        f"ISO 9283 of {visible(of.robot)}: {visible(of.base)} to {visible(of.tip)}, {len(result.poses)} poses{point}{load}{fit}",
         f"{result.robots:,} robots, each tested once with {result.cycles} cycles, seed {of.seed}, exact model, statics "
         f"{of.statics}",
         f"quantiles over robots and tests; [intervals] at {result.confidence:.0%} confidence",
