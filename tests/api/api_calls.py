@@ -385,6 +385,26 @@ def calls() -> Iterator[Call]:
         pose_words,
         poses=SEVERAL, **sampled_fine, findings="empty list, empty tuple", progress="nothing, true, function, type",
     )  # fmt: skip
+    yield call(
+        "iso9283",
+        pp.iso9283,
+        {
+            "error_model": _visiting(arm), "poses": [POSE] * 2, "cycles": 2, "robots": 5, "seed": 3, "target": [0.0, 0.0, 0.1],
+            "load": 1.0,
+            "fit_base": False, "specifications": ["RP 1 mm"], "confidence": 0.9, "findings": [], "threads": 1, "progress": None,
+        },
+        pose_words | {"robots": "robot", "cycles": "cycle", "target": "target"},
+        seed="zero", target=OPTIONAL, load=NOT_NEGATIVE, specifications=NO_SPECIFICATION, confidence=POSITIVE,
+        findings="empty list, empty tuple", threads=OPTIONAL, progress="nothing, true, function, type",
+    )  # fmt: skip
+    yield call(
+        "iso9283_of", pp.iso9283_of, {"commanded": np.zeros(6), "attained": np.zeros((2, 6))},
+    )  # fmt: skip
+    yield call(
+        "iso9283_distance", pp.iso9283_distance,
+        {"commanded_pair": np.zeros((2, 6)), "attained_pair": np.zeros((2, 2, 6))},
+        {"commanded_pair": "commanded", "attained_pair": "attained"},
+    )  # fmt: skip
     yield call("specification", pp.specification, {"text": "0.5 mm @ 95 %"}, {"text": "specification"})
     yield call(
         "Specification", Specification, {"quantity": "position.x", "limit": 1e-3, "required": 0.9},
@@ -532,6 +552,13 @@ def calls() -> Iterator[Call]:
     yield call("Summary.distribution", analysis.summary.distribution, {"quantity": "position.x"})
     yield call("progress", _shown, {"total": 3, "what": "sampling", "delay": 0.7, "unit": "samples"}, {},
                total="zero", what="word, digits, empty text", delay=NOT_NEGATIVE, unit="word, digits, empty text")  # fmt: skip
+
+
+def _visiting(arm: pp.ErrorModel) -> pp.ErrorModel:
+    """Return the arm with a joint that comes to another place at every visit."""
+    again = pp.Draw("again", pp.Normal(1e-4), pp.Scope.VISIT)
+    source = pp.sources.JointOffset(joint=arm.chain.joint_names[0], offset="again")
+    return pp.ErrorModel(arm.chain, arm.space.including([again]), [*arm.sources, source])
 
 
 def _sheet() -> Any:

@@ -17,6 +17,10 @@ COMMANDS: dict[str, tuple[str, str]] = {
         "precision_pin.cli.analyze",
         "Sample the pose error of an arm at a pose: statistics, specifications, plots.",
     ),
+    "iso9283": (
+        "precision_pin.cli.iso9283",
+        "Forecast accuracy and repeatability as ISO 9283 measures them; compare with measured cycles.",
+    ),
     "check": ("precision_pin.cli.check", "Check a URDF, or a sheet and its URDF; list every finding."),
     "init": ("precision_pin.cli.init", "Write a commented sheet for a URDF, with starting tolerances."),
     "mcpc": ("precision_pin.cli.mcpc", "Print the MCPC parameters of a chain."),

@@ -15,8 +15,8 @@ import math
 import os
 import re
 import warnings
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Final, final
 
 import numpy as np
@@ -57,12 +57,15 @@ class Measured:
         Units of the columns, as written; empty for a plain number.
     rows
         The numbers as written in the file, not in SI, ``(R, C)``.
+    texts
+        Columns of text, by name.
     """
 
     file: str
     names: tuple[str, ...]
     units: tuple[str, ...]
     rows: Array
+    texts: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
 
     def unit(self, name: str) -> str:
         """Return a column's unit as written.
@@ -106,8 +109,15 @@ class Measured:
         return tuple(values.tolist())
 
 
-def read(path: str | os.PathLike[str]) -> Measured:
+def read(path: str | os.PathLike[str], texts: Collection[str] = ()) -> Measured:
     """Read a file.
+
+    Parameters
+    ----------
+    path
+        The file.
+    texts
+        Names of columns of text, where the file has them; all others hold numbers.
 
     Raises
     ------
@@ -124,10 +134,20 @@ def read(path: str | os.PathLike[str]) -> Measured:
     number, line = lines[0]
     where = f"{file}, line {number}"
     header = _header(_cells(line, where), where)
-    rows = numbers([line for _, line in lines[1:]], len(header))
+    wordy = [column for column, (name, _) in enumerate(header) if name in texts]
+    rows = None if wordy else numbers([line for _, line in lines[1:]], len(header))
+    words: list[list[str]] = []
     if rows is None:
-        rows = np.array([_row(line, len(header), f"{file}, line {number}") for number, line in lines[1:]])
-    return Measured(file, tuple(name for name, _ in header), tuple(unit for _, unit in header), rows)
+        found = [_row(line, len(header), wordy, f"{file}, line {number}") for number, line in lines[1:]]
+        rows, words = np.array([row for row, _ in found]), [cells for _, cells in found]
+    plain = [entry for column, entry in enumerate(header) if column not in wordy]
+    return Measured(
+        file,
+        tuple(name for name, _ in plain),
+        tuple(unit for _, unit in plain),
+        rows,
+        {header[column][0]: tuple(cells[k] for cells in words) for k, column in enumerate(wordy)},
+    )
 
 
 def numbers(lines: Sequence[str], columns: int) -> Array | None:
@@ -155,11 +175,13 @@ def _cells(line: str, where: str) -> list[str]:
         raise InputError(f"{where}: not a row of cells separated by commas: {error}") from None
 
 
-def _row(line: str, columns: int, where: str) -> list[float]:
+def _row(line: str, columns: int, wordy: Sequence[int], where: str) -> tuple[list[float], list[str]]:
+    """Return the numbers of a line, and its texts in the columns ``wordy``."""
     cells = _cells(line, where)
     if len(cells) != columns:
         raise InputError(f"{where}: {len(cells)} cells, but the header has {columns}")
-    return [_number(cell, where) for cell in cells]
+    found = [_number(cell, where) for column, cell in enumerate(cells) if column not in wordy]
+    return found, [cells[column] for column in wordy]
 
 
 def _text(file: str) -> str:

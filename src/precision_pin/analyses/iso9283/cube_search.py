@@ -1,0 +1,138 @@
+"""The largest cube with edges along the base axes that lies within reach.
+
+A cube with centre c that holds no point u out of reach has at most the edge 2 min |u - c|∞. So the centre is sought for which
+this bound is largest, over points known to be out of reach: at first those of a grid. The cube found is looked at on a
+lattice. Where points of it are out of reach, the border of the workspace is found between them and the centre, its points are
+added to the known ones, and the search goes on. The first cube whose lattice is all within reach is the largest, as far as
+lattice and grid see.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from precision_pin.typing import Array
+
+__all__ = ["LATTICE", "Reach", "largest_cube", "lattice_of"]
+
+Reach = Callable[[Array], NDArray[np.bool_]]
+"""Which of the points ``(3, P)`` are reached, ``(P,)``."""
+
+LATTICE: Final = 13
+"""Points along an edge of the lattice on which a cube is looked at."""
+
+_GRID: Final = 17
+"""Points of the grid along an axis."""
+_CENTRES: Final = 45
+"""Centres along an axis, from which the best is sought."""
+_MARGIN: Final = 0.05
+"""Of the longest edge of the box, on each side: what the box is known from may miss the border."""
+_STARTS: Final = 24
+_PUSHES: Final = 20
+_ROUNDS: Final = 200
+_BORDERS: Final = 80
+"""Most points of the border that are sought in a round."""
+_HALVINGS: Final = 12
+_CLEARANCE: Final = 2e-3
+"""Share of the edge that is kept clear of points out of reach: more than halving leaves open."""
+_PREFERENCE: Final = 1e-2
+"""Among cubes that differ by no more the one farthest along x is taken, or along y, z: most robots have several alike."""
+_SMALLEST: Final = 0.02
+"""Smallest edge by the longest of the box; what is smaller slips through the grid."""
+
+
+def largest_cube(reach: Reach, low: Array, high: Array) -> tuple[float, Array]:
+    """Return edge and centre ``(3,)`` of the largest cube found; an edge of zero where there is none.
+
+    Parameters
+    ----------
+    reach
+        Which points are reached.
+    low, high
+        A box that holds all points within reach, ``(3,)``.
+    """
+    size = float((high - low).max())
+    low, high = low - _MARGIN * size, high + _MARGIN * size
+    grid = _grid(low, high, _GRID)
+    # the grid's outermost points are beyond the workspace
+    at_edge = ((grid <= low[:, None]) | (grid >= high[:, None])).any(axis=0)
+    blocked = grid[:, at_edge | ~reach(grid)]
+    centres = _grid(low, high, _CENTRES)
+    room: Array = cKDTree(blocked.T).query(centres.T, p=np.inf)[0]
+    along = np.array([1.0, 0.1, 0.01]) @ ((centres - low[:, None]) / (high - low)[:, None])
+    preference = 1 + _PREFERENCE * along
+    for _ in range(_ROUNDS):
+        half, centre = _best(blocked, centres, room * preference)
+        edge = 2 * half * (1 - _CLEARANCE)
+        if edge < _SMALLEST * size:
+            break
+        lattice = lattice_of(edge, centre)
+        within = reach(lattice)
+        outside = lattice[:, ~within]
+        if not outside.size:
+            return edge, centre
+        found = outside[:, :: -(-outside.shape[1] // _BORDERS)]
+        centre_is_within = within[lattice.shape[1] // 2]
+        found = _border(reach, centre, found) if centre_is_within else np.column_stack([centre, found])
+        blocked = np.concatenate([blocked, found], axis=1)
+        for point in found.T:
+            room = np.minimum(room, np.abs(centres - point[:, None]).max(axis=0))
+    return 0.0, (low + high) / 2
+
+
+def lattice_of(edge: float, centre: Array) -> Array:
+    """Return the points of the lattice over a cube, its corners among them, ``(3, LATTICE³)``."""
+    return _grid(centre - edge / 2, centre + edge / 2, LATTICE)
+
+
+def _grid(low: Array, high: Array, count: int) -> Array:
+    lines = [np.linspace(a, b, count) for a, b in zip(low, high, strict=True)]
+    points: Array = np.array(np.meshgrid(*lines, indexing="ij")).reshape(3, -1)
+    return points
+
+
+def _best(blocked: Array, centres: Array, rating: Array) -> tuple[float, Array]:
+    """Return half the edge and the centre of the largest cube that holds no blocked point, from the best of many centres."""
+    found = [_pushed(blocked, centres[:, start]) for start in np.argsort(-rating, kind="stable")[:_STARTS]]
+    largest = max(half for half, _ in found)
+    # the first is of the preferred ones
+    return next(cube for cube in found if cube[0] >= largest * (1 - _PREFERENCE / 2))
+
+
+def _pushed(blocked: Array, centre: Array) -> tuple[float, Array]:
+    """Return half the edge and the centre of a cube that is pushed away from the points that block it.
+
+    A point blocks on the side where it is farthest from the centre. The points of each side bound a box that holds none, and
+    the centre of the box has at least as much room.
+    """
+    best, at_best = 0.0, centre
+    for _ in range(_PUSHES):
+        gaps = blocked - centre[:, None]
+        side = np.argmax(np.abs(gaps), axis=0)
+        farthest = np.take_along_axis(gaps, side[None], axis=0)[0]
+        half = float(np.abs(farthest).min())
+        if half <= best * (1 + 1e-6):
+            break
+        best, at_best = half, centre
+        above = [gaps[k, (side == k) & (farthest > 0)].min(initial=np.inf) for k in range(3)]
+        below = [gaps[k, (side == k) & (farthest <= 0)].max(initial=-np.inf) for k in range(3)]
+        shift = np.add(above, below) / 2
+        centre = centre + np.where(np.isfinite(shift), shift, 0.0)
+    return best, at_best
+
+
+def _border(reach: Reach, inside: Array, outside: Array) -> Array:
+    """Return points ``(3, P)`` out of reach, next to the border, between a point within reach and others out of reach."""
+    near, far = np.zeros(outside.shape[1]), np.ones(outside.shape[1])
+    ways = outside - inside[:, None]
+    for _ in range(_HALVINGS):
+        middle = (near + far) / 2
+        within = reach(inside[:, None] + middle * ways)
+        near, far = np.where(within, middle, near), np.where(within, far, middle)
+    border: Array = inside[:, None] + far * ways
+    return border

@@ -1,0 +1,350 @@
+"""Forecast of a test by ISO 9283:1998 from a sheet: every built robot is tested once, and a figure has a law over them."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Mapping, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import ExitStack
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from precision_pin.analyses.iso9283.figure_law import FigureLaw
+from precision_pin.analyses.iso9283.figure_limits import judge_limits, listed_limits
+from precision_pin.analyses.iso9283.pose_forecast import PoseForecast
+from precision_pin.analyses.iso9283.result import Iso9283Result
+from precision_pin.analyses.iso9283.simulation import (
+    ROBOTS,
+    RobotFigures,
+    Setup,
+    shape_factor,
+    simulate_tests,
+    visit_root,
+)
+from precision_pin.analyses.iso9283.standard_poses import Cube, paths_of_approach, standard_poses
+from precision_pin.analyses.provenance import PoseLabel, Provenance
+from precision_pin.call_warnings import add, warns_at_end
+from precision_pin.display import progress as progress_bar
+from precision_pin.draws.draw import MOST_VISITS
+from precision_pin.draws.space import Scope, check_seed
+from precision_pin.errors import Finding, InputError
+from precision_pin.inputs.arguments import (
+    check_flag,
+    check_instance,
+    check_items,
+    check_number,
+    check_numbers,
+    check_whole,
+)
+from precision_pin.inputs.memory import check_memory
+from precision_pin.kernel import sampler
+from precision_pin.model.error_model import ErrorModel
+from precision_pin.model.pose_model import PoseModel
+from precision_pin.robot.pose_set import PoseSet
+from precision_pin.sampling import Progress, available_cores, check_progress
+from precision_pin.sampling.approaches import sample_approaches
+from precision_pin.statistics import check_confidence
+from precision_pin.typing import Array
+
+__all__ = ["CYCLES", "MOST_POSES", "MOST_ROBOTS", "iso9283"]
+
+CYCLES: Final = 30
+"""Cycles of a test in the standard."""
+MOST_ROBOTS: Final = 10**8
+MOST_POSES: Final = 100
+"""Poses of a test; the standard has five."""
+_MOST_VARIED: Final = 10_000
+"""Robots of which vAP is simulated at most; all their visits are kept at once."""
+_TOGETHER: Final = 5
+"""Robots whose barycentres are compared for E."""
+_FARTHEST_TARGET: Final = 1e3
+"""m."""
+_AXES: Final = (("x", "y", "z"), ("a", "b", "c"))
+
+
+@warns_at_end
+def iso9283(
+    error_model: ErrorModel,
+    /,
+    poses: ArrayLike | Mapping[str, ArrayLike] | Sequence[object] | PoseSet | None = None,
+    *,
+    cycles: int = CYCLES,
+    robots: int = 2000,
+    seed: int = 0,
+    target: ArrayLike | None = None,
+    load: float = 0.0,
+    fit_base: bool = False,
+    specifications: str | Sequence[str] = (),
+    confidence: float = 0.95,
+    findings: Sequence[Finding] = (),
+    threads: int | None = None,
+    progress: Progress | bool | None = None,
+) -> Iso9283Result:
+    """Return the law of the figures of ISO 9283:1998 over built robots and over tests.
+
+    Every robot is built once and tested once: draws of unit scope are made once for a robot, those of pose scope once for a
+    robot and pose, those of visit scope in each cycle. So the law of a figure holds the scatter over robots and over tests.
+
+    Parameters
+    ----------
+    error_model
+        Chain, draws and sources.
+    poses
+        The poses P1, P2, …: as in :func:`precision_pin.sample_poses`, or a set of poses. Where left out they are the
+        standard's five in the largest cube within reach, the tool turned as at the model's first pose.
+    cycles
+        Cycles of a test, n ≥ 2; the standard has 30.
+    robots
+        Number of built robots.
+    seed
+        64-bit seed.
+    target
+        The measured point in tool axes, m, ``(3,)``; the tip where left out.
+    load
+        Mass at the target, kg, beside the loads of the sheet; the standard tests with the rated load.
+    fit_base
+        Align the barycentres to the commanded positions by the best fit over the poses, as where the base of the robot in the
+        measuring system is taken from the same measurement. It changes AP only; E is never fitted.
+    specifications
+        Limits to judge, one or a list, such as ``"RP 0.1 mm @ 95 %"``: a figure, its limit, and the share of robots (95 % by
+        default) that must keep it in a test, at every pose.
+    confidence
+        Confidence of every interval.
+    findings
+        Warnings to include in the result, such as those of the sheet.
+    threads
+        Number of threads, by default one for each core. It does not change the result.
+    progress
+        Function called with the number of visits simulated since its last call; ``True`` shows a bar.
+
+    Raises
+    ------
+    InputError
+        No poses, wrong joint values, numbers out of range, more robots than fit into memory, errors too large to compute
+        with, or a best fit of poses on a line.
+    UnknownNameError
+        No such pose or joint.
+    """
+    check_instance("error_model", error_model, ErrorModel, "as ErrorModel.load makes it")
+    check_whole("the number of cycles", cycles, 2, MOST_VISITS)
+    check_whole("the number of robots", robots, 1, MOST_ROBOTS)
+    check_seed(seed)
+    check_confidence(confidence)
+    if threads is not None:
+        check_whole("threads", threads, 1, 1024)
+    check_progress(progress)
+    known = check_items("findings", findings, Finding)
+    limits = listed_limits(specifications)
+    point = _target(target)
+    mass = check_number("the load", load, "zero or more kg and finite", lambda kg: kg >= 0)
+    error_model = _loaded(error_model, mass, point)
+    poses, cube = (poses, None) if poses is not None else _in_cube(error_model, point)
+    values, names, approaches = _poses(error_model, poses)
+    count = values.shape[1]
+    check_memory(8.0 * robots * (35 * count + 10), f"testing {robots:,} robots at {count} poses", "test fewer of them")
+    models = tuple(error_model.at_columns(values, approaches))
+    setup = _set_up(models, point, int(seed), int(cycles), check_flag("fit_base", fit_base))
+    found = _find(error_model, models, names)
+    add(found)
+    with ExitStack() as stack:
+        total = robots * count * cycles
+        step = stack.enter_context(progress_bar.progress(total)) if progress is True else progress or _nothing
+        figures = _simulate(setup, int(robots), threads or available_cores(), step)
+    labels = [replace(PoseLabel.of(error_model, None, at), name=name) for at, name in zip(models, names, strict=True)]
+
+    def law(values: Array) -> FigureLaw:
+        return FigureLaw(np.ascontiguousarray(values), confidence)
+
+    forecasts = {
+        f"P{pose + 1}": PoseForecast(
+            label=labels[pose],
+            commanded=setup.commanded[pose],
+            point=setup.points[pose],
+            **{name: law(getattr(figures, name)[pose]) for name in ("AP", "RP", "RP_limit")},
+            **{
+                f"{figure}_{axis}": law(getattr(figures, f"{figure}_{''.join(axes)}")[pose, k])
+                for figure, axes in (("AP", _AXES[0]), ("AP", _AXES[1]), ("RP", _AXES[1]))
+                for k, axis in enumerate(axes)
+            },
+        )
+        for pose in range(count)
+    }
+    exchange, absent = _exchangeability(error_model, figures.first)
+    variation = _variation(error_model, models[0], point, int(robots), int(cycles), int(seed))
+    if variation is None:
+        absent["vAP"] = "no source of the sheet follows the direction of approach"
+    if not len(figures.AD):
+        absent |= dict.fromkeys(("AD", "RD"), "between P2 and P4, which needs four poses")
+    single = {
+        "AD": law(figures.AD[0]) if len(figures.AD) else None,
+        "RD": law(figures.RD[0]) if len(figures.RD) else None,
+        "E": None if exchange is None else law(exchange),
+        "vAP": None if variation is None else law(variation),
+    }
+    return Iso9283Result(
+        provenance=Provenance.of(error_model, seed),
+        cycles=int(cycles),
+        robots=int(robots),
+        confidence=confidence,
+        target=point,
+        mass=mass,
+        fit_base=setup.fit_base,
+        poses=forecasts,
+        worst={name: law(getattr(figures, name).max(axis=0)) for name in ("AP", "RP")},
+        AD=single["AD"],
+        RD=single["RD"],
+        E=single["E"],
+        vAP=single["vAP"],
+        cube=cube,
+        absent=absent,
+        specifications=judge_limits(limits, forecasts, single, absent, confidence),
+        findings=known,
+        warnings=tuple(dict.fromkeys(map(str, (*known, *found)))),
+    )
+
+
+def _nothing(_: int) -> None:
+    """Do nothing."""
+
+
+def _target(target: ArrayLike | None) -> Array:
+    if target is None:
+        return np.zeros(3)
+    point = check_numbers("the target", target, (3,), "three numbers, m in tool axes")
+    if np.abs(point).max() > _FARTHEST_TARGET:
+        raise InputError(f"the target must lie within {_FARTHEST_TARGET:,.0f} m of the tip, got {point.tolist()}")
+    return point
+
+
+def _loaded(error_model: ErrorModel, mass: float, centre: Array) -> ErrorModel:
+    """Return the model with a mass at a point in tool axes."""
+    if not mass:
+        return error_model
+    chain = error_model.chain.with_payload(mass, tuple(centre.tolist()))
+    loaded = ErrorModel(chain, error_model.space, error_model.sources, error_model.poses, error_model.statics)
+    loaded.assumed = error_model.assumed
+    return loaded
+
+
+def _in_cube(error_model: ErrorModel, target: Array) -> tuple[PoseSet, Cube]:
+    """Return the standard's poses in the largest cube within reach."""
+    if not error_model.poses:
+        raise InputError("the model has no pose to take the tool's orientation from; give the poses of the test")
+    return standard_poses(error_model.chain, error_model.configuration(), target)
+
+
+def _variation(
+    error_model: ErrorModel, at: PoseModel, target: Array, robots: int, cycles: int, seed: int
+) -> Array | None:
+    """Return vAP of each robot at P1 over paths along the base axes, ``(N,)``; ``None`` where no error follows them."""
+    lever = at.posture.pose[:3, :3] @ target
+    jacobian = error_model.chain.at_columns(at.posture.q[:, None]).joint_jacobian[:, :, 0].copy()
+    jacobian[:3] += np.cross(jacobian[3:], lever, axis=0)
+    ways = paths_of_approach(jacobian)
+    if not _follows(error_model, at.posture.q, ways):
+        return None
+    found: Array = sample_approaches(
+        error_model, at.posture.q, approaches=ways, robots=min(robots, _MOST_VARIED), cycles=cycles, seed=seed,
+        target=target,
+    ).variation  # fmt: skip
+    return found
+
+
+def _follows(error_model: ErrorModel, q: Array, ways: Sequence[tuple[int, ...]]) -> bool:
+    """Return whether any source's terms are others under another approach."""
+    first, *others = [error_model.at(q, approach=way).terms for way in ways]
+    return any(
+        [term.factors for term in terms] != [term.factors for term in first]
+        or any(not np.array_equal(one.twist, other.twist) for one, other in zip(terms, first, strict=True))
+        for terms in others
+    )
+
+
+def _poses(error_model: ErrorModel, poses: object) -> tuple[Array, tuple[str, ...], NDArray[np.int8] | None]:
+    """Return joint values ``(n, P)``, names and approaches."""
+    if isinstance(poses, PoseSet):
+        if not poses.known.all():
+            raise InputError(f"poses {', '.join(np.flatnonzero(~poses.known).astype(str))} have no joint values")
+        values, names, approaches = poses.q, poses.names, poses.approaches
+    else:
+        values, names = error_model.configurations(poses)  # type: ignore[arg-type]
+        approaches = error_model.approaches_of(poses, values)
+    if not 1 <= len(names) <= MOST_POSES:
+        raise InputError(f"a test has 1 to {MOST_POSES} poses, the standard's five; got {len(names):,}")
+    return values, names, approaches
+
+
+def _set_up(models: Sequence[PoseModel], target: Array, seed: int, cycles: int, fit_base: bool) -> Setup:
+    layouts = tuple(sampler.to_arrays_at_poses(models))
+    setup = Setup(
+        layouts=layouts,
+        commanded=np.stack([at.posture.pose for at in models]),
+        target=target,
+        seed=seed,
+        cycles=cycles,
+        fit_base=fit_base,
+        root=visit_root(layouts[0]),
+        shape=np.array([shape_factor(layout, pose, seed) for pose, layout in enumerate(layouts)]),
+    )
+    if fit_base:
+        spread = np.linalg.svd(setup.points - setup.points.mean(axis=0), compute_uv=False)
+        if len(models) < 3 or spread[1] < 1e-3 * spread[0]:
+            raise InputError("fit_base: the best fit needs three poses or more whose positions do not lie on a line")
+    return setup
+
+
+def _find(error_model: ErrorModel, models: Sequence[PoseModel], names: Sequence[str]) -> tuple[Finding, ...]:
+    """Return the warnings at each pose, and one where the sheet has nothing that changes from visit to visit."""
+    found = []
+    for rank, (at, name) in enumerate(zip(models, names, strict=True), start=1):
+        where = f"P{rank}, {name!r}" if name else f"P{rank}"
+        for finding in (*at.findings("exact"), *error_model.statics_findings(at)):
+            found.append(replace(finding, message=f"{where}: {finding.message}"))
+    if not _varies(error_model, Scope.VISIT):
+        message = "no draw of the sheet has the scope visit: every cycle is as the first one, so RP and RD are 0"
+        found.append(Finding("warning", "W_NO_VISITS", message))
+    return tuple(found)
+
+
+def _varies(error_model: ErrorModel, *scopes: Scope) -> bool:
+    return any(draw.scope in scopes and draw.law.streamed for draw in error_model.space.draws)
+
+
+def _simulate(setup: Setup, robots: int, threads: int, step: Progress) -> RobotFigures:
+    """Return the figures of all robots; groups of robots are simulated by threads and put in order."""
+    parts: list[RobotFigures] = []
+    visits = setup.cycles * len(setup.layouts)
+    with ExitStack() as stack:
+        pool = ThreadPoolExecutor(threads)
+        # after a failure or an interrupt the running groups are awaited; each takes a fraction of a second
+        stack.callback(pool.shutdown, wait=True, cancel_futures=True)
+        under_way: deque[Future[RobotFigures]] = deque()
+
+        def add_oldest() -> None:
+            parts.append(under_way.popleft().result())
+            step(parts[-1].AP.shape[1] * visits)
+
+        for first in range(0, robots, ROBOTS):
+            if len(under_way) >= 2 * threads:
+                add_oldest()
+            under_way.append(pool.submit(simulate_tests, setup, first, min(ROBOTS, robots - first)))
+        while under_way:
+            add_oldest()
+    return RobotFigures.joined(parts)
+
+
+def _exchangeability(error_model: ErrorModel, first: Array) -> tuple[Array | None, dict[str, str]]:
+    """Return E of each group of five robots from their barycentres at P1 ``(3, N)``, and why figures are absent."""
+    absent = {"drift": "no thermal source has a time scale"}
+    groups = first.shape[1] // _TOGETHER
+    if not _varies(error_model, Scope.UNIT):
+        return None, absent | {"E": "no draw of the sheet has the scope unit: it does not say how built robots differ"}
+    if not groups:
+        return None, absent | {"E": f"it compares {_TOGETHER} robots"}
+    together = first[:, : groups * _TOGETHER].reshape(3, groups, _TOGETHER)
+    apart = together[:, :, :, None] - together[:, :, None, :]
+    largest: Array = np.sqrt((apart * apart).sum(axis=0)).max(axis=(1, 2))
+    return largest, absent

@@ -1,0 +1,1 @@
+"""Outputs of the forecast by ISO 9283."""

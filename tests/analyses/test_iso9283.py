@@ -1,0 +1,331 @@
+"""The forecast of a test by ISO 9283: against plain loops over robots and visits, closed forms, and sampling at poses."""
+
+from __future__ import annotations
+
+import itertools
+import json
+import math
+
+import numpy as np
+import pytest
+from scipy import stats
+from scipy.spatial.transform import Rotation
+
+import precision_pin as pp
+from precision_pin.analyses.iso9283.cube_search import largest_cube
+from precision_pin.analyses.iso9283.figure_law import FigureLaw
+from precision_pin.analyses.iso9283.standard_poses import Cube, paths_of_approach
+from precision_pin.model.error_model import ErrorModel
+from precision_pin.robot.examples import PAPER_SHEET, shipped_sheets
+from precision_pin.sources import Backlash, JointOffset, Length
+from sampling.cases import MODEL
+
+CHAIN = MODEL.chain
+JOINTS = CHAIN.joint_names
+Q = np.random.default_rng(5).uniform(-0.6, 0.6, (len(JOINTS), 5)) + MODEL.configuration()[:, None]
+
+pytestmark = pytest.mark.filterwarnings("ignore:.*W_NO_VISITS")
+
+
+def tool_errors(laws, scope) -> pp.ErrorModel:
+    """Return the arm whose tool alone is displaced along x, y, z of the last joint."""
+    draws = tuple(pp.Draw(f"d{axis}", law, scope) for axis, law in laws.items())
+    sources = [Length(frame=CHAIN.tip, along=f"{axis} of {JOINTS[-1]}", parameters=(f"d{axis}",)) for axis in laws]
+    return pp.ErrorModel(CHAIN, pp.Space(draws), sources)
+
+
+def joint_errors(scopes) -> pp.ErrorModel:
+    """Return the arm with a normal offset of a milliradian of each joint, of these scopes."""
+    draws = tuple(pp.Draw(f"j{k}", pp.Normal(1e-3), scope) for k, scope in enumerate(scopes))
+    sources = [JointOffset(joint=joint, offset=draw.name) for joint, draw in zip(JOINTS, draws, strict=False)]
+    return pp.ErrorModel(CHAIN, pp.Space(draws), sources)
+
+
+MIXED = joint_errors([pp.Scope.UNIT, pp.Scope.POSE, pp.Scope.VISIT, pp.Scope.VISIT])
+
+
+# against plain loops -------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def attained():
+    """Return attained poses of MIXED ``(robots, poses, cycles, 4, 4)`` and commanded ones, by the plain model."""
+    robots, cycles = 10, 4
+    models = [MIXED.at(q) for q in Q.T]
+    commanded = np.array([at.posture.pose for at in models])
+    poses = np.tile(np.eye(4), (robots, 5, cycles, 1, 1))
+    for robot, (p, at), visit in itertools.product(range(robots), enumerate(models), range(cycles)):
+        error = at.exact(MIXED.space.sample(7, robot, 1, pose=p, visit=visit))[:, 0]
+        poses[robot, p, visit, :3, 3] = commanded[p, :3, 3] + error[:3]
+        poses[robot, p, visit, :3, :3] = Rotation.from_rotvec(error[3:]).as_matrix() @ commanded[p, :3, :3]
+    return commanded, poses
+
+
+@pytest.mark.parametrize("target", [None, (0.02, -0.05, 0.1)])
+def test_every_figure_of_every_robot(attained, target):
+    commanded, poses = (one.copy() for one in attained)
+    if target is not None:
+        commanded[..., :3, 3] += commanded[..., :3, :3] @ target
+        poses[..., :3, 3] += poses[..., :3, :3] @ target
+    found = pp.iso9283(MIXED, Q, cycles=4, robots=10, seed=7, target=target)
+    for robot, of_robot in enumerate(poses):
+        for p, forecast in enumerate(found.poses.values()):
+            one = pp.iso9283_of(commanded[p], of_robot[p])
+            for name in one:
+                assert getattr(forecast, name).values[robot] == pytest.approx(one[name], abs=1e-12), (name, robot, p)
+        apart = pp.iso9283_distance(commanded[[1, 3]], of_robot[[1, 3]])
+        assert found.AD.values[robot] == pytest.approx(apart.AD, abs=1e-12)
+        assert found.RD.values[robot] == pytest.approx(apart.RD, abs=1e-12)
+    middles = poses[:, 0, :, :3, 3].mean(axis=1)
+    for group, first in enumerate((0, 5)):
+        pairs = itertools.combinations(middles[first : first + 5], 2)
+        assert found.E.values[group] == pytest.approx(max(math.dist(*pair) for pair in pairs), abs=1e-12)
+    assert found.E.values.size == 2
+    worst = np.max([forecast.RP.values for forecast in found.poses.values()], axis=0)
+    np.testing.assert_array_equal(found.worst["RP"].values, worst)
+
+
+def test_best_fit_of_the_base(attained):
+    commanded, poses = attained
+    found = pp.iso9283(MIXED, Q, cycles=4, robots=10, seed=7, fit_base=True)
+    for robot, of_robot in enumerate(poses):
+        middles, points = of_robot[..., :3, 3].mean(axis=1), commanded[:, :3, 3]
+        # weights 1, as scipy's fit turns vectors about the origin
+        fit = Rotation.align_vectors(points - points.mean(axis=0), middles - middles.mean(axis=0))[0]
+        moved = of_robot.copy()
+        moved[..., :3, 3] = (moved[..., :3, 3] - middles.mean(axis=0)) @ fit.as_matrix().T + points.mean(axis=0)
+        moved[..., :3, :3] = fit.as_matrix() @ moved[..., :3, :3]
+        for p, forecast in enumerate(found.poses.values()):
+            one = pp.iso9283_of(commanded[p], moved[p])
+            for name in ("AP", "AP_x", "AP_y", "AP_z", "AP_a", "AP_b", "AP_c", "RP"):
+                assert getattr(forecast, name).values[robot] == pytest.approx(one[name], abs=1e-9), (name, robot, p)
+    plain = pp.iso9283(MIXED, Q, cycles=4, robots=10, seed=7)
+    np.testing.assert_array_equal(found.E.values, plain.E.values)
+    assert found.worst["AP"].mean < plain.worst["AP"].mean
+
+
+# against theory ------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("axes", "factor"), [("xyz", 3.616088), ("xy", 3.218723), ("z", 2.606315)])
+def test_repeatability_of_normal_visits(axes, factor):
+    model = tool_errors({axis: pp.Normal(20e-6) for axis in axes}, pp.Scope.VISIT)
+    found = pp.iso9283(model, Q[:, :1], robots=4000).poses["P1"]
+    assert found.RP_limit.mean == pytest.approx(factor * 20e-6, rel=1e-6)
+    assert found.RP_limit.std < 1e-9 * found.RP_limit.mean
+    # 30 cycles: the same law as of normal numbers made here
+    cloud = 20e-6 * np.random.default_rng(1).normal(size=(4000, 30, len(axes)))
+    lengths = np.linalg.norm(cloud - cloud.mean(axis=1)[:, None], axis=2)
+    independent = lengths.mean(axis=1) + 3 * lengths.std(axis=1, ddof=1)
+    assert stats.ks_2samp(found.RP.values, independent).pvalue > 1e-3
+    if axes == "xyz":
+        assert found.RP.mean / found.RP_limit.mean == pytest.approx(1 - 0.022, abs=0.005)
+
+
+def test_limit_of_visits_that_are_not_normal():
+    """On a line, uniform over ±t: mean t/2, standard deviation t/√12; the normal limit would be 10 % higher."""
+    t = 30e-6
+    found = pp.iso9283(tool_errors({"z": pp.Uniform(t)}, pp.Scope.VISIT), Q[:, :1], robots=5).poses["P1"]
+    assert found.RP_limit.mean == pytest.approx(t / 2 + 3 * t / math.sqrt(12), rel=5e-3)
+
+
+def test_limit_of_each_robot_by_a_long_test():
+    """Robots whose visits scatter differently: joint 2 moves the tool more where joint 3 is built farther out."""
+    space = pp.Space((pp.Draw("built", pp.Normal(0.3)), pp.Draw("again", pp.Normal(1e-4), pp.Scope.VISIT)))
+    sources = [JointOffset(joint=JOINTS[2], offset="built"), JointOffset(joint=JOINTS[1], offset="again")]
+    model = pp.ErrorModel(CHAIN, space, sources)
+    found = pp.iso9283(model, Q[:, :1], robots=20, cycles=4000).poses["P1"]
+    assert found.RP_limit.std > 0.02 * found.RP_limit.mean
+    np.testing.assert_allclose(found.RP.values, found.RP_limit.values, rtol=0.04)
+    assert stats.pearsonr(found.RP.values, found.RP_limit.values).statistic > 0.9
+
+
+def test_accuracy_is_the_law_of_one_visit_where_visits_do_not_scatter():
+    model = joint_errors([pp.Scope.UNIT] * 4)
+    found = pp.iso9283(model, Q, robots=3000, seed=2)
+    sampled = pp.sample_poses(model, Q, samples=3000, seed=2)
+    for p, forecast in enumerate(found.poses.values()):
+        assert forecast.AP.mean == pytest.approx(sampled.norm_mean[0, p], rel=1e-9)
+        assert forecast.AP.std == pytest.approx(sampled.norm_std[0, p], rel=1e-9)
+        low, high = sampled.quantile_interval[1, 0, :, p]
+        assert low <= forecast.AP.quantile(0.95) <= high
+        assert not forecast.RP.values.any()
+        assert not forecast.RP_limit.values.any()
+
+
+def test_encoder_resolution_belongs_to_accuracy():
+    """A draw of a pose is the same in all cycles there, and another at the next pose."""
+    found = pp.iso9283(joint_errors([pp.Scope.POSE] * 4), Q, robots=500)
+    first, second = found.poses["P1"], found.poses["P2"]
+    assert not first.RP.values.any()
+    assert first.AP.values.min() > 0
+    assert abs(stats.pearsonr(first.AP_x.values, second.AP_x.values).statistic) < 0.15
+    assert found.E is None
+    assert "unit" in found.absent["E"]
+
+
+def test_a_load_is_a_payload_of_the_sheet():
+    load = pp.sources.Payload(at=CHAIN.tip, mass=4.0, com=(0.0, 0.02, 0.1))
+    own = pp.ErrorModel(CHAIN, MODEL.space, [*MODEL.sources, load])
+    found = pp.iso9283(MODEL, Q[:, :2], robots=20, load=4.0, target=(0.0, 0.02, 0.1))
+    expected = pp.iso9283(own, Q[:, :2], robots=20, target=(0.0, 0.02, 0.1))
+    np.testing.assert_allclose(found.poses["P2"].AP.values, expected.poses["P2"].AP.values, rtol=1e-12)
+    assert found.poses["P2"].AP.mean > 1.5 * pp.iso9283(MODEL, Q[:, :2], robots=20).poses["P2"].AP.mean
+    assert found.to_dict()["load"] == 4
+
+
+def test_no_visits_is_warned_of():
+    with pytest.warns(pp.errors.PrecisionPinWarning, match="W_NO_VISITS"):
+        found = pp.iso9283(MODEL, [MODEL.configuration()], robots=2)
+    assert any("W_NO_VISITS" in line for line in found.warnings)
+    assert (found.poses["P1"].RP.mean, found.AD, found.E) == (0, None, None)
+    assert {"AD", "RD", "E", "vAP", "drift"} == set(found.absent)
+
+
+# form ----------------------------------------------------------------------------------------------------------------
+
+
+def test_the_same_bits_for_any_number_of_threads():
+    calls: list[int] = []
+    one = pp.iso9283(MIXED, Q, robots=1200, threads=1, progress=calls.append)
+    assert sum(calls) == 1200 * 5 * 30
+    assert one.to_json() == pp.iso9283(MIXED, Q, robots=1200, threads=3).to_json()
+    # the first robots of a longer run are those of a shorter one
+    fewer = pp.iso9283(MIXED, Q, robots=600)
+    np.testing.assert_array_equal(one.poses["P2"].RP.values[:600], fewer.poses["P2"].RP.values)
+
+
+def test_json_has_the_keys_that_users_rely_on():
+    found = json.loads(pp.iso9283(MIXED, Q, robots=200).to_json())
+    assert found["schema"] == "precision-pin/iso9283/1"
+    assert {"complete", "robot", "base", "tip", "seed", "versions", "findings", "cube"} <= set(found)
+    assert list(found["poses"]) == ["P1", "P2", "P3", "P4", "P5"]
+    figures = {"AP", "RP", "AP_a", "AP_b", "AP_c", "RP_a", "RP_b", "RP_c", "RP_limit"}
+    assert figures | {"q", "name"} <= set(found["poses"]["P1"])
+    law = found["poses"]["P1"]["RP"]
+    assert set(law) == {"mean", "std", "quantiles", "quantile_interval"}
+    low, high = law["quantile_interval"]["0.95"]
+    assert low <= law["quantiles"]["0.95"] <= high
+    assert law["quantiles"]["0.9973"] is None  # 200 robots are too few
+    assert (found["vAP"], found["drift"]) == (None, None)
+    assert set(found["AD"]) == set(law)
+
+
+def test_limits_are_kept_at_every_pose():
+    middle = pp.iso9283(MIXED, Q, robots=300).worst["RP"].quantile(0.5)
+    limits = [f"RP {middle!r} m @ 60 %", "AD 1 mm", "E 100 mm", "RP_c 1 urad"]
+    found = pp.iso9283(MIXED, Q, robots=300, specifications=limits)
+    shares = [one.probability for one in found.specifications]
+    assert shares[0] == np.mean(np.max([at.RP.values for at in found.poses.values()], axis=0) <= middle)
+    assert shares[0] == 0.5
+    assert shares[1] == np.mean(np.abs(found.AD.values) <= 1e-3)
+    assert (shares[2], shares[3]) == (1, 0)
+    assert not found.met
+    assert [one["met"] for one in found.to_dict()["spec"]] == [one.met for one in found.specifications]
+    assert pp.iso9283(MIXED, Q, robots=300, specifications="E 100 mm @ 90 %").met
+
+
+def test_data_frame_and_dataset():
+    found = pp.iso9283(MIXED, Q, robots=50)
+    frame = found.to_pandas()
+    assert frame.loc[("P3", "RP"), "mean"] == found.poses["P3"].RP.mean
+    assert frame.loc[("", "AD"), "std"] == found.AD.std
+    assert "P1" in found._repr_html_()
+    assert "5 poses" in repr(found)
+
+
+def test_quantiles_of_a_law():
+    law = FigureLaw(np.random.default_rng(3).permutation(100.0 + np.arange(101)), 0.95)
+    assert law.quantile(0.5) == 150
+    low, high = law.quantile_interval(0.5)
+    assert stats.binom.cdf(high - 101, 101, 0.5) - stats.binom.cdf(low - 100, 101, 0.5) > 0.9
+    assert law.quantile(0.9973) is None
+    with pytest.raises(pp.InputError, match="above 0 and below 1"):
+        law.quantile(1.0)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"cycles": 1}, "cycles must be a whole number from 2"),
+        ({"cycles": 5000}, "cycles must be a whole number from 2 to 4095"),
+        ({"robots": 0}, "robots must be a whole number from 1"),
+        ({"target": (0, 0)}, "target must be three numbers"),
+        ({"target": (0, 0, 1e9)}, "target must lie within 1,000 m"),
+        ({"load": -1}, "the load must be zero or more kg"),
+        ({"poses": None}, "the model has no pose to take the tool's orientation from"),
+        ({"specifications": "0.1 mm"}, "no figure of a specification named '0.1'"),
+        ({"specifications": "RP"}, "write it as 'RP 0.1 mm @ 95 %'"),
+        ({"specifications": "RP 1 mrad"}, "RP is limited by a length"),
+        ({"specifications": "RP_a 1 mm"}, "RP_a is limited by an angle"),
+        ({"specifications": "RP x 1 mm"}, "RP is limited by a length"),
+        ({"poses": Q[:, :1], "specifications": "AD 1 mm"}, "limits AD, which this forecast does not have: between P2"),
+        ({"poses": Q[:, :2], "fit_base": True}, "three poses or more"),
+        ({"poses": np.tile(Q, 30)}, "1 to 100 poses"),
+    ],
+)
+def test_wrong_requests_are_refused_in_a_line(arguments, message):
+    with pytest.raises(pp.InputError, match=message):
+        pp.iso9283(MIXED, **{"poses": Q, "robots": 3, **arguments})
+
+
+# the standard's poses -------------------------------------------------------------------------------------------------
+
+
+def test_the_largest_cube_of_an_annulus_by_hand():
+    # within a sphere of radius 1 the largest cube has the edge 2/√3; a lattice sees it to a few percent
+    side, centre = largest_cube(lambda points: (points**2).sum(axis=0) <= 1, -np.ones(3), np.ones(3))
+    assert side == pytest.approx(2 / math.sqrt(3), rel=0.03)
+    assert np.abs(centre).max() < 0.03
+
+
+@pytest.mark.parametrize("plane", range(4))
+def test_points_of_the_cube_are_those_of_the_standard(plane):
+    points = Cube(1.0, np.array([1.0, 2.0, 3.0]), plane).points() - np.array([[1.0], [2.0], [3.0]])
+    assert np.abs(points[:, 0]).max() == 0
+    assert np.abs(np.abs(points[:, 1:]) - 0.4).max() < 1e-12
+    assert np.linalg.matrix_rank(points) == 2  # a diagonal plane through the centre
+    assert points[:, 1] == pytest.approx(-points[:, 3])
+    assert points[:, 2] == pytest.approx(-points[:, 4])
+
+
+def test_paths_along_the_base_axes_move_the_joints_as_differences_say():
+    model = ErrorModel.load(shipped_sheets()["ur5"])
+    q = model.poses["ready"]
+    ways = paths_of_approach(model.chain.at(q).joint_jacobian)
+    step = 1e-5
+    for axis, way in enumerate(ways):
+        goal = model.chain.at(q).pose.copy()
+        goal[axis, 3] += step
+        found = pp.inverse_kinematics(model.chain, goal, reference=q)
+        moved = found.q[:, 0] - q
+        moved[np.abs(moved) < 1e-4 * np.abs(moved).max()] = 0
+        assert way == tuple(np.sign(moved).astype(int))
+
+
+@pytest.mark.slow
+def test_poses_that_are_left_out_are_found_in_the_workspace():
+    model = ErrorModel.load(PAPER_SHEET)
+    made = pp.iso9283(model, robots=64, cycles=4)
+    assert made.cube is not None
+    points = made.cube.points()
+    for rank, pose in enumerate(made.poses.values()):
+        q = list(pose.label.q.values())
+        assert np.linalg.norm(model.chain.at(q).pose[:3, 3] - points[:, rank]) < 1e-5
+    assert made.to_dict()["cube"]["side"] > 1.0
+    assert made.to_dict()["cube"]["axes"] == "base"
+
+
+def test_variation_over_paths_of_approach():
+    # nothing follows the direction in the paper's sheet; a backlash does
+    paper = ErrorModel.load(PAPER_SHEET)
+    turned = np.radians([45, 3, 88, -91])
+    assert pp.iso9283(paper, [turned], robots=20, cycles=3).vAP is None
+    play = [Backlash(joint="joint1", backlash=1e-3, band=50.0)]
+    loose = ErrorModel(paper.chain, paper.space, [*paper.sources, *play], paper.poses)
+    variation = pp.iso9283(loose, [turned], robots=20, cycles=3).vAP
+    # along x the upright joint 1 turns one way, along y the other: it rests on both flanks, 1 mrad apart at the tip's radius
+    ways = paths_of_approach(paper.chain.at(turned).joint_jacobian)
+    assert ways[0][0] == -ways[1][0] != 0
+    radius = math.hypot(*paper.chain.at(turned).pose[:2, 3])
+    assert variation.quantile(0.5) == pytest.approx(1e-3 * radius, rel=0.02)
