@@ -246,3 +246,19 @@ def test_a_wrong_trajectory_is_refused_with_its_line(tmp_path, chain, content, l
     assert (finding.file, finding.line) == (str(path), line)
     assert message in finding.message
     assert "\n" not in str(caught.value)
+
+
+def test_the_map_of_a_grid_is_in_the_page_and_its_file_is_not_written_over(run, folder):
+    lines = ("joints:", "  joint1: 0 90 deg", "  joint2: 10 40 deg", "  joint3: 45 deg", "  joint4: 0 deg")
+    grid = folder / "grid.yaml"
+    grid.write_text("\n".join(lines) + "\n")
+    code, said = run("--map", "grid.yaml", "--out", "page.html")
+    assert code == 0, said
+    assert "4 places, coloured by the worst pose at each<" in (folder / "page.html").read_text("utf-8")
+    text = grid.read_text()
+    grid.write_text(text.replace("joint1", "joint9"))
+    code, said = run("--map", "grid.yaml", "--out", "other.html")
+    assert code == 2
+    assert "grid.yaml" in said
+    assert "joint9" in said
+    assert not (folder / "other.html").exists()

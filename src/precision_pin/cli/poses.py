@@ -27,6 +27,7 @@ __all__ = [
     "AskedPoses",
     "check_poses",
     "pose_files",
+    "read_grid",
     "read_pose_set",
     "read_poses",
     "read_way",
@@ -170,7 +171,7 @@ def _values(sheet: Sheet, pose: AskedPose) -> NDArray[np.float64]:
 def _read_poses(sheet: Sheet, options: PoseOptions, most: int) -> AskedPoses:
     """Return the poses without the approach of the command line."""
     if options["grid"] is not None:
-        return _known_poses(_read_grid(sheet, options["grid"], most), options["grid"])
+        return _known_poses(read_grid(sheet, options["grid"], most), options["grid"])
     if options["trajectory"] is not None:
         way = read_way(sheet, options["trajectory"], options, most)
         return AskedPoses(AskedPose(values, name) for values, name in zip(way.values, way.names, strict=True))
@@ -202,7 +203,7 @@ def _read_pose_set(sheet: Sheet, options: PoseOptions, most: int) -> PoseSet:
     from precision_pin.robot.pose_set import PoseSet
 
     if options["grid"] is not None:
-        return _read_grid(sheet, options["grid"], most)
+        return read_grid(sheet, options["grid"], most)
     if options["trajectory"] is not None:
         return read_way(sheet, options["trajectory"], options, most).poses
     asked = _read_poses(sheet, options, most)
@@ -263,7 +264,14 @@ def reference_pose(sheet: Sheet, text: str | None) -> str | NDArray[np.float64] 
         raise InputError([Finding("error", "E_POSE", message)]) from None
 
 
-def _read_grid(sheet: Sheet, file: str, most: int) -> PoseSet:
+def read_grid(sheet: Sheet, file: str, most: int = MOST_ROWS) -> PoseSet:
+    """Return the poses of a file for ``--grid``, those without joint values too.
+
+    Raises
+    ------
+    InputError
+        A wrong file, or more than ``most`` poses.
+    """
     from precision_pin.sheet.pose_grid import read_pose_grid
 
     grid = read_pose_grid(file, sheet.chain, sheet.poses)

@@ -25,8 +25,9 @@ from precision_pin.cli.options import (
     spec_option,
     target_option,
 )
-from precision_pin.cli.poses import AskedPose, check_poses, pose_files, read_poses
+from precision_pin.cli.poses import AskedPose, check_poses, pose_files, read_grid, read_poses
 from precision_pin.cli.progress import compile_sampler, progress_bar
+from precision_pin.cli.streams import say
 from precision_pin.cli.targets import PageOutput
 from precision_pin.errors import Finding, InputError
 from precision_pin.interrupts import raise_if_interrupted, unwinding
@@ -35,6 +36,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
+    from precision_pin.analyses.map.map_result import MapResult
     from precision_pin.kernel.sampler import SamplerArrays
     from precision_pin.outputs.view import ViewPose
     from precision_pin.sheet import Sheet
@@ -58,6 +60,12 @@ class _Arm(ChainOptions, PoseOptions):
 @seed_option
 @model_option
 @spec_option
+@click.option(
+    "--map",
+    "map_file",
+    metavar="FILE.yaml",
+    help="Colour the places of a grid, a file as for --grid, by how far 95 % of robots are off there.",
+)
 @click.option("--factor", type=float, metavar="K", help="Exaggeration at first; chosen to be seen if left out.")
 @click.option(
     "--out",
@@ -73,6 +81,7 @@ def command(
     seed: int,
     model: Literal["exact", "linear"],
     specs: tuple[str, ...],
+    map_file: str | None,
     factor: float | None,
     out: str | None,
     port: int | None,
@@ -99,11 +108,12 @@ def command(
     if out is not None and (port is not None or no_browser):
         option = "--no-browser" if port is None else "--port"
         raise InputError([Finding("error", "E_USAGE", f"{option} is for a page that is served, without --out")])
+    mapped = [] if map_file is None else [map_file]
     target = None if out is None else PageOutput(out, "view.html")
     outputs = None if target is None else target.outputs
     if target is not None and outputs is not None:
         target.check()
-        outputs.refuse_inputs(pose_files(arm))
+        outputs.refuse_inputs([*pose_files(arm), *mapped])
 
     kept: list[bool] = []
 
@@ -123,11 +133,12 @@ def command(
             points=samples,
             specifications=specifications,
             remarks=remarks,
+            error_map=None if map_file is None else _map(sheet, map_file, seed),
         )
 
     sheet = read()
     if target is None:
-        files = [sheet.file, sheet.chain.robot.file, *pose_files(arm)]
+        files = [sheet.file, sheet.chain.robot.file, *pose_files(arm), *mapped]
         with unwinding():
             _serve(page_of, sheet, read, [Path(file) for file in files], port or 0, open_browser=not no_browser)
         return 0
@@ -144,6 +155,19 @@ def _poses(sheet: Sheet, arm: PoseOptions) -> list[AskedPose]:
     if len(poses) > MOST_POSES:
         raise InputError(f"{len(poses)} poses; a page shows at most {MOST_POSES}")
     return poses
+
+
+def _map(sheet: Sheet, file: str, seed: int) -> MapResult:
+    """Return the map of a grid in closed form."""
+    from precision_pin.analyses.map.map_poses import count_steps, map_poses
+    from precision_pin.model.error_model import ErrorModel
+
+    poses = read_grid(sheet, file)
+    with progress_bar(count_steps(len(poses), None, 0), "mapping", "poses") as progress:
+        result = map_poses(ErrorModel.from_sheet(sheet), poses, seed=seed, verify=0, progress=progress)
+    for line in result.warnings:
+        say(line)
+    return result
 
 
 def _sampled(

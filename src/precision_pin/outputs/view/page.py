@@ -16,11 +16,13 @@ from typing import Final
 
 import numpy as np
 
+from precision_pin.analyses.map.map_result import MapResult
 from precision_pin.display.html import escaped
 from precision_pin.errors import InputError, InternalError
 from precision_pin.outputs.view.arm import draw_arm
 from precision_pin.outputs.view.headline import CONFIDENCE, LEVELS, as_html, limit_text
 from precision_pin.outputs.view.picture import picture
+from precision_pin.outputs.view.places import PlacesData, draw_places, legend_of_places
 from precision_pin.outputs.view.poses import (
     MOST_FRAMES,
     PageData,
@@ -69,6 +71,7 @@ def page(
     package_dirs: Sequence[str | os.PathLike[str]] = (),
     specifications: Sequence[Specification] = (),
     remarks: Sequence[str] = (),
+    error_map: MapResult | None = None,
 ) -> str:
     """Return a self-contained HTML page that shows the arm and its sampled errors.
 
@@ -102,6 +105,9 @@ def page(
         the factor, and robots outside any limit have a colour of their own.
     remarks
         What the answer rests on, for a line each below it.
+    error_map
+        A map of the same chain: each of its places is coloured by the 95 % quantile of |d|, to first order, of the worst pose
+        there, and grey where none is reached.
 
     Raises
     ------
@@ -126,6 +132,9 @@ def page(
     scene = Scene()
     parts, notes = draw_arm(scene, posture, [Path(folder) for folder in package_dirs])
     _draw_grid(scene, spacing)
+    places = None if error_map is None else PlacesData.of(error_map)
+    if places is not None:
+        draw_places(scene, places, length)
     common = PageData(
         seed=seed,
         parts=parts,
@@ -144,6 +153,7 @@ def page(
         "smallest": min(1.0, first_factor),
         "largest": 10 * max(1.0, first_factor),
         "length": length,
+        "hasMap": places is not None,
         "frame": _FRAME_LENGTH * length,
         "from": direction.tolist(),
         "stops": scale.stops,
@@ -185,6 +195,7 @@ def page(
         grid=escaped(f"{spacing:g} m" if spacing >= 1 else f"{1e3 * spacing:g} mm"),
         rows=_rows(posture, texts, seed, model_name, first_factor, caption),
         notes=_list(notes),
+        map=legend_of_places(places),
         **_legend_of_arms(data),
         **_legend_of_limits(specifications, data),
     )

@@ -96,7 +96,8 @@ function look(what) {
   const points = [...cloudCorners(), ...cornersOf(kinds.tip)];
   const pose = poses[current];
   if (what === "arm") {
-    points.push(...cornersOf(kinds.arm), ...(kinds.base.visible ? cornersOf(kinds.base) : []));
+    points.push(...cornersOf(kinds.arm), ...(kinds.base.visible ? cornersOf(kinds.base) : []),
+      ...(kinds.map?.visible ? cornersOf(kinds.map) : []));
     for (const stands of poses.flatMap((one) => [...one.links, one.tip])) {
       points.push(new THREE.Vector3(...stands.slice(12, 15)).applyMatrix4(base.matrixWorld));
     }

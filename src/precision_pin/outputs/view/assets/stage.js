@@ -33,6 +33,9 @@ const node = (...path) => viewer.scene_tree.find(["meshcat", ...path]).object;
 // the base; what shows errors is put here, beside the arm and the grid of the scene
 const base = node();
 const kinds = { arm: node("arm"), grid: node("grid") };
+if (settings.hasMap) {
+  kinds.map = node("map");
+}
 
 function kind(name, parent = base) {
   kinds[name] = new THREE.Group();
