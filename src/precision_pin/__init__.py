@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from precision_pin.analyses.map.between_poses import pose_covariance as pose_covariance
     from precision_pin.analyses.map.map_poses import map_poses as map_poses
     from precision_pin.analyses.moments.moments import moments as moments
+    from precision_pin.analyses.path.path_law import path_law as path_law
     from precision_pin.analyses.reliability.reliability import reliability as reliability
     from precision_pin.analyses.worst_case.worst_case import worst_case as worst_case
     from precision_pin.display.progress import progress as progress
@@ -110,6 +111,7 @@ _HOMES: Final = {
     "map_poses": "analyses.map.map_poses",
     "moments": "analyses.moments.moments",
     "monte_carlo": "sampling",
+    "path_law": "analyses.path.path_law",
     "place_grid": "robot.pose_sources.place_grid",
     "plane_places": "robot.pose_sources.place_grid",
     "pose_covariance": "analyses.map.between_poses",
