@@ -16,6 +16,11 @@ if TYPE_CHECKING:
 
     from precision_pin import sources as sources
     from precision_pin.analyses.budget.budget import budget as budget
+    from precision_pin.analyses.calibration.calibrate import calibrate as calibrate
+    from precision_pin.analyses.calibration.forecast import forecast_calibration as forecast_calibration
+    from precision_pin.analyses.calibration.identifiability import identifiability as identifiability
+    from precision_pin.analyses.calibration.measurement import Measurement as Measurement
+    from precision_pin.analyses.calibration.plan import plan_calibration as plan_calibration
     from precision_pin.analyses.compensation.compensate import compensate as compensate
     from precision_pin.analyses.exact_law.exact_law import exact_law as exact_law
     from precision_pin.analyses.map.between_poses import pose_covariance as pose_covariance
@@ -45,6 +50,7 @@ if TYPE_CHECKING:
     from precision_pin.errors import InputError as InputError
     from precision_pin.errors import PrecisionPinError as PrecisionPinError
     from precision_pin.model.error_model import ErrorModel as ErrorModel
+    from precision_pin.model.every_frame import every_frame as every_frame
     from precision_pin.robot import mcpc as mcpc
     from precision_pin.robot.approach import ApproachedPose as ApproachedPose
     from precision_pin.robot.chain import Chain as Chain
@@ -86,6 +92,7 @@ _HOMES: Final = {
     "InputError": "errors",
     "JointNormal": "draws.laws",
     "Lognormal": "draws.laws",
+    "Measurement": "analyses.calibration.measurement",
     "MonteCarloResult": "sampling.result",
     "Normal": "draws.laws",
     "Orientation": "robot.pose_sources.orientation",
@@ -104,8 +111,12 @@ _HOMES: Final = {
     "Uniform": "draws.laws",
     "box_places": "robot.pose_sources.place_grid",
     "budget": "analyses.budget.budget",
+    "calibrate": "analyses.calibration.calibrate",
     "compensate": "analyses.compensation.compensate",
+    "every_frame": "model.every_frame",
     "exact_law": "analyses.exact_law.exact_law",
+    "forecast_calibration": "analyses.calibration.forecast",
+    "identifiability": "analyses.calibration.identifiability",
     "inverse_kinematics": "robot.inverse_kinematics",
     "joint_grid": "robot.pose_sources.joint_grid",
     "map_poses": "analyses.map.map_poses",
@@ -113,6 +124,7 @@ _HOMES: Final = {
     "monte_carlo": "sampling",
     "path_law": "analyses.path.path_law",
     "place_grid": "robot.pose_sources.place_grid",
+    "plan_calibration": "analyses.calibration.plan",
     "plane_places": "robot.pose_sources.place_grid",
     "pose_covariance": "analyses.map.between_poses",
     "progress": "display.progress",

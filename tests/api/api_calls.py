@@ -12,6 +12,8 @@ from typing import Any
 import numpy as np
 
 import precision_pin as pp
+from precision_pin.analyses.calibration.design import stations_of
+from precision_pin.analyses.calibration.simulation import simulate_readings
 from precision_pin.errors import PrecisionPinError
 from precision_pin.robot.examples import PAPER_SHEET
 from precision_pin.statistics import Specification
@@ -141,6 +143,45 @@ POSE_FINE = "nothing"
 SEVERAL = "nothing, list of nothing"
 APPROACH_FINE = "nothing, empty list, empty tuple, empty mapping"
 NO_SPECIFICATION = "empty list, empty tuple"
+
+
+def _calibration_calls(call: Callable[..., Call]) -> Iterator[Call]:
+    arm = model()
+    tracker = pp.Measurement(target=(0.05, 0.03, 0.02))
+    poses = np.random.default_rng(0).uniform(-2, 2, (4, 5))
+    tips = simulate_readings(stations_of(arm, poses), tracker, arm, seed=5)[:, :, 0]
+    words = {
+        "model": "ErrorModel|calibrate",
+        "at": "pose|joint",
+        "poses": "pose|joint",
+        "candidates": "pose|joint",
+        "count": "number",
+    }
+    words |= {"data": "data|readings|path|file|nonsense|3|does not exist"}
+    fine = {"at": "nothing", "findings": "empty list, empty tuple"}
+    given = {"measurement": tracker, "at": np.array(POSE)[:, None], "findings": []}
+    yield call("forecast_calibration", pp.forecast_calibration, {"model": arm, "poses": poses, **given}, words, **fine)
+    yield call("plan_calibration", pp.plan_calibration,
+               {"model": arm, "candidates": poses, "count": 2, **given, "criterion": "task", "seed": 3}, words,
+               **fine, seed="zero")  # fmt: skip
+    yield call(
+        "calibrate",
+        pp.calibrate,
+        {"model": arm, "data": (poses, tips), **given, "prior": True},
+        words,
+        **fine,
+        prior="true",
+    )
+    yield call("identifiability", pp.identifiability, {"model": arm, "poses": poses, "measurement": tracker}, words)
+    yield call("every_frame", pp.every_frame, {"chain": arm.chain})
+    yield call(
+        "Measurement", pp.Measurement,
+        {
+            "kind": "pose", "std": 1e-5, "target": (0.1, 0.0, 0.0), "base": "free", "target_known": True,
+            "attitude_std": 1e-4, "anchor": (0.0, 0.0, 0.0),
+        },
+        {"std": "standard deviation"}, std=POSITIVE, target_known="true", attitude_std="nothing, one half",
+    )  # fmt: skip
 
 
 @cache
@@ -310,6 +351,7 @@ def calls() -> Iterator[Call]:
         pose_words | {"poses": "pose|joint"},
         findings="empty list, empty tuple", progress="nothing, true, function, type",
     )  # fmt: skip
+    yield from _calibration_calls(call)
     yield call("pose_covariance", pp.pose_covariance, {"error_model": arm, "poses": np.tile(np.array(POSE)[:, None], 2)},
                pose_words | {"poses": "pose|joint"})  # fmt: skip
     yield call(

@@ -32,6 +32,7 @@ WITH_ROBOT = {
     "view": ("--out", "page.html"),
     "report": ("--out", "page.html"),
     "export": ("--out", "built"),
+    "calibrate": ("--forecast",),
 }
 FEW = ("--samples", "200")
 
@@ -312,6 +313,7 @@ LONGER = {
     "exact-law": (*FEW, "--out", "laws"),
     "reliability": (*FEW, "--spec", "90 mm", "--out", "rare"),
     "moments": ("--samples", "1024", "--out", "few"),
+    "calibrate": ("--plan", "4", "--random", "8", "--out", "plan"),
     "report": ("--samples", "1000", "--out", "report.html"),
 }
 

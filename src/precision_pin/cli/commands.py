@@ -29,6 +29,10 @@ COMMANDS: dict[str, tuple[str, str]] = {
         "Write everything about a pose into one page: verdict, distributions, causes, bounds, 3-D view.",
     ),
     "export": ("precision_pin.cli.export", "Write robots as they may be built, each sampled, as URDF files."),
+    "calibrate": (
+        "precision_pin.cli.calibrate",
+        "Forecast what measuring an arm will buy, choose poses to measure, or fit the model to readings.",
+    ),
     "map": (
         "precision_pin.cli.map",
         "Map the pose error over many poses: quantiles, share in specification, main cause; the worst verified.",

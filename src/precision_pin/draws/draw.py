@@ -68,12 +68,15 @@ class Draw:
         How often it is drawn.
     quantities
         The quantity of each number, None where it is not known; empty where none is known. Not compared by ``==``.
+    names
+        Names of the numbers; empty for the draw's name with the law's suffixes.
     """
 
     name: str
     law: Law
     scope: Scope = Scope.UNIT
     quantities: tuple[Quantity | PerJoint | None, ...] = field(default=(), compare=False, repr=False)
+    names: tuple[str, ...] = field(default=(), repr=False)
 
     def __post_init__(self) -> None:
         check_text("the name of a draw", self.name)
@@ -83,11 +86,13 @@ class Draw:
             raise InputError(
                 f"the draw {self.name!r} has {len(self.quantities)} quantities for {self.law.size} numbers"
             )
+        if self.names and len(self.names) != self.law.size:
+            raise InputError(f"the draw {self.name!r} has {len(self.names)} names for {self.law.size} numbers")
 
     @property
     def components(self) -> tuple[str, ...]:
         """Names of the numbers drawn."""
-        return tuple(self.name + suffix for suffix in self.law.components)
+        return self.names or tuple(self.name + suffix for suffix in self.law.components)
 
     @property
     def tolerance(self) -> str:

@@ -161,9 +161,11 @@ def _kernel_row(law: Law) -> KernelRow:
 
 def _stack_roots(tables: Sequence[Array]) -> tuple[Array, NDArray[np.uint64]]:
     largest = max((table.shape[1] for table in tables), default=1)
-    roots = np.zeros((len(tables), largest + 1, largest))
+    roots = np.zeros((len(tables), largest + 3, largest))
     for root, table in zip(roots, tables, strict=True):
-        root[: len(table), : table.shape[1]] = table
+        size = table.shape[1]
+        root[size + 1, :size], root[size + 2, :size] = -np.inf, np.inf
+        root[: len(table), :size] = table
     return freeze(roots, *roots.shape), freeze_offsets([table.shape[1] for table in tables])
 
 

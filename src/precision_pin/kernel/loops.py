@@ -281,7 +281,7 @@ class Draws(NamedTuple):
     """``(k,)`` radius; y is in the row after x."""
     joint_rows: Offsets
     joint_roots: Array
-    """``(k, m + 1, m)`` the mean, then the root of the covariance, padded with zeros to the largest m."""
+    """``(k, m + 3, m)`` the mean, the root of the covariance, lowest and highest values; padded to the largest m."""
     joint_sizes: Offsets
     lognormal_rows: Offsets
     lognormal: Array
@@ -761,9 +761,9 @@ def joint_law(w: Array, row: Scalar, size: Scalar, root: Array) -> None:
             factor = root[k + _ONE, j]
             for i in range(_TILE):
                 w[target + i] += factor * w[other + i]
-        mean = root[_ZERO, k]
+        mean, low, high = root[_ZERO, k], root[size + _ONE, k], root[size + _U(2), k]
         for i in range(_TILE):
-            w[target + i] += mean
+            w[target + i] = min(max(w[target + i] + mean, low), high)
 
 
 @cached_part_inline

@@ -106,10 +106,18 @@ class PoseModel:
 
         Under gravity it is that of the deflected arm, and differs from :meth:`linear`.
         """
+        return self.error_at_means, self._add_up(self.jacobian_parts)
+
+    def tangent_at(self, x: Array) -> tuple[Array, Array]:
+        """First-order model of :meth:`exact` at component values ``(d,)``: the error ``(6,)`` and the slopes ``(6, d)``."""
+        error = self.exact(x[:, None])[:, 0]
+        return error, self._add_up(self._slopes_at(x, error))
+
+    def _add_up(self, parts: tuple[SlopeColumns, ...]) -> Array:
         jacobian = np.zeros((6, self.space.size))
-        for part in self.jacobian_parts:
+        for part in parts:
             jacobian[:, part.columns] += part.slopes
-        return self.error_at_means, jacobian
+        return jacobian
 
     @cached_property
     @returns_read_only
@@ -120,14 +128,17 @@ class PoseModel:
     @cached_property
     def jacobian_parts(self) -> tuple[SlopeColumns, ...]:
         """The part of each target in the Jacobian of :attr:`tangent`; their sum is J."""
-        table, mean = self.table, self.space.mean
-        error = self.error_at_means
-        moved = table.displacements(table.products(table.program.evaluate(mean[:, None])))[:, :, 0]
+        return self._slopes_at(self.space.mean, self.error_at_means)
+
+    def _slopes_at(self, x: Array, error: Array) -> tuple[SlopeColumns, ...]:
+        """Return each target's part in the derivative of :meth:`exact` at component values ``(d,)`` and their error."""
+        table = self.table
+        moved = table.displacements(table.products(table.program.evaluate(x[:, None])))[:, :, 0]
         tip = table.pose[:3, 3] + error[:3]
         turn = se3.left_jacobian_inverse(error[3:])
         parts = []
         motion = np.eye(4)
-        entries = zip(table.frames, moved, table.displacement_slopes(mean), strict=True)
+        entries = zip(table.frames, moved, table.displacement_slopes(x), strict=True)
         for frame, displacement, local in entries:
             turning = se3.left_jacobian(displacement[3:]) @ local.slopes[3:]
             twist = np.concatenate([local.slopes[:3] + se3.skew(displacement[:3]) @ turning, turning])

@@ -17,7 +17,7 @@ from precision_pin.draws.laws.numerics import NORMAL_MOMENTS, Moments, triangula
 from precision_pin.draws.laws.sheet_form import DEVIATIONS, LawOption, SheetForm, SheetReader
 from precision_pin.draws.laws.wording import deviations
 from precision_pin.errors import InputError
-from precision_pin.inputs.arguments import check_numbers
+from precision_pin.inputs.arguments import check_numbers, shown
 from precision_pin.typing import Array
 from precision_pin.units import Quantity
 
@@ -35,11 +35,14 @@ class JointNormal(Law):
         Covariance, row by row; symmetric and positive semi-definite.
     centre
         Mean, zero if left out.
+    bounds
+        Lowest and highest value of each number, infinite for none, as a calibration leaves them: a sample beyond is put on
+        its bound. Mean, covariance and characteristic function are those without bounds. No bounds if left out.
 
     Raises
     ------
     InputError
-        The matrix is not square, not symmetric or not positive semi-definite.
+        The matrix is not square, not symmetric or not positive semi-definite, or a bound is none.
     """
 
     variates: ClassVar[Literal["uniform", "normal"]] = "normal"
@@ -56,6 +59,7 @@ class JointNormal(Law):
     )
     matrix: tuple[tuple[float, ...], ...]
     centre: tuple[float, ...] = ()
+    bounds: tuple[tuple[float, float], ...] = ()
 
     def __post_init__(self) -> None:
         covariance = take_rows(self, "matrix", "the (square) covariance of a joint normal law")
@@ -66,6 +70,7 @@ class JointNormal(Law):
         if centre.size not in (0, size):
             raise InputError(f"the mean of a joint normal law has {centre.size} numbers, expected {size}")
         object.__setattr__(self, "centre", tuple(centre.tolist()))
+        object.__setattr__(self, "bounds", _check_bounds(self.bounds, size))
         scale = np.sqrt(np.maximum(np.diag(covariance), 0))
         slack = 1e-9 * np.outer(scale, scale)
         if (np.abs(covariance - covariance.T) > slack).any():
@@ -132,18 +137,25 @@ class JointNormal(Law):
     def sample(self, variates: Array) -> Array:
         """Return mean + L z."""
         value: Array = self.mean_vector[:, None] + self.root @ variates
-        return value
+        if not self.bounds:
+            return value
+        low, high = np.array(self.bounds).T
+        return np.clip(value, low[:, None], high[:, None])
 
     def support(self, direction: ArrayLike) -> float:
-        """Return infinity, or w·mean where the law does not vary along w."""
+        """Return infinity, or w·mean where the law does not vary along w; with bounds that of their box."""
         w = np.asarray(direction, dtype=float)
+        if self.bounds:
+            ends = [x * (high if x > 0 else low) for x, (low, high) in zip(w, self.bounds, strict=True) if x]
+            return float(sum(ends))
         rounding = 1e-12 * float(np.abs(w) @ np.sqrt(np.diag(self.covariance)))
         return math.inf if np.abs(self.root.T @ w).max() > rounding else float(w @ self.mean_vector)
 
     def interval(self, number: int) -> tuple[float, float]:
-        """Return the number's mean ± 8.6 σ."""
+        """Return the number's mean ± 8.6 σ, within its bounds."""
         mean, reach = float(self.mean_vector[number]), FARTHEST_NORMAL * math.sqrt(self.matrix[number][number])
-        return mean - reach, mean + reach
+        low, high = self.bounds[number] if self.bounds else (-math.inf, math.inf)
+        return max(mean - reach, low), min(mean + reach, high)
 
     def ellipsoid(self, k: float) -> Array:
         """Return the ellipsoid (x - mean)ᵀ Σ⁻¹ (x - mean) = k²."""
@@ -163,11 +175,15 @@ class JointNormal(Law):
         return f"{self.size} numbers jointly normal, {deviations(self.components, covariance, quantities)}, {together}"
 
     def kernel_row(self) -> KernelRow:
-        """Return the mean, with the root of the covariance below it."""
+        """Return the mean, with the root of the covariance and any bounds below it."""
         root = self.root
         reaches = np.abs(root).sum(axis=1) * FARTHEST_NORMAL
         ends = zip((self.mean_vector - reaches).tolist(), (self.mean_vector + reaches).tolist(), strict=True)
-        return KernelRow("joint", np.vstack([self.mean_vector, root]), tuple(ends))
+        rows = [self.mean_vector, root]
+        if not self.bounds:
+            return KernelRow("joint", np.vstack(rows), tuple(ends))
+        within = tuple((max(a, low), min(b, high)) for (a, b), (low, high) in zip(ends, self.bounds, strict=True))
+        return KernelRow("joint", np.vstack([*rows, np.array(self.bounds).T]), within)
 
     def characteristic(self, frequency: ArrayLike) -> NDArray[np.complex128]:
         """Return exp(i t·mean - tᵀΣt/2)."""
@@ -175,6 +191,22 @@ class JointNormal(Law):
         quadratic = np.einsum("i...,ij,j...->...", t, self.covariance, t)
         value: NDArray[np.complex128] = np.exp(1j * np.einsum("i,i...->...", self.mean_vector, t) - quadratic / 2)
         return value
+
+
+def _check_bounds(bounds: object, size: int) -> tuple[tuple[float, float], ...]:
+    """Return bounds as pairs of floats; infinite ones are allowed."""
+    if isinstance(bounds, tuple) and not bounds:
+        return ()
+    what = f"{size} pairs of a lowest and a highest value, or none"
+    if not isinstance(bounds, tuple | list) or len(bounds) != size:
+        raise InputError(f"the bounds of a joint normal law must be {what}, got {shown(bounds)}")
+    pairs = [pair for pair in bounds if isinstance(pair, tuple | list) and len(pair) == 2]
+    ends = [end for pair in pairs for end in pair]
+    if len(pairs) != size or not all(isinstance(end, float | int) and not math.isnan(end) for end in ends):
+        raise InputError(f"the bounds of a joint normal law must be {what}, got {shown(bounds)}")
+    if any(low > high for low, high in pairs):
+        raise InputError(f"a lower bound of a joint normal law is above the higher one: {shown(bounds)}")
+    return tuple((float(low), float(high)) for low, high in pairs)
 
 
 def _correlation(reader: SheetReader, size: int) -> Array:

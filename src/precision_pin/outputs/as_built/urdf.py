@@ -168,6 +168,20 @@ class AsBuilt:
                 self._verify(text, errors[:, k])
                 yield BuiltUnit(start + k, errors[:, k], text)
 
+    def fitted(self, x: Array) -> bytes:
+        """Return the text of the robot with component values ``(d,)``, such as those of a calibration.
+
+        Raises
+        ------
+        InternalError
+            The written robot, read again, is not where the exact model puts it.
+        """
+        table = self.at.table
+        moved = table.displacements(table.products(table.program.evaluate(x[:, None])))[:, :, 0]
+        text = self._written(moved, "calibrated")
+        self._verify(text, self.at.exact(x[:, None])[:, 0])
+        return text
+
     def _written(self, moved: Array, unit: str) -> bytes:
         """Return the text with the targets' displacements ``(K, 6)`` in its placements."""
         placements: dict[str, Placement] = {}

@@ -1,0 +1,171 @@
+"""The calibration of one robot from its readings."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import Final
+
+import numpy as np
+from scipy import stats
+
+from precision_pin.analyses.calibration.calibration_result import CalibrationResult, GrossError
+from precision_pin.analyses.calibration.checks import check_data, doubt_model, refuse_far_readings
+from precision_pin.analyses.calibration.data import CalibrationData, read_data
+from precision_pin.analyses.calibration.design import stations_of
+from precision_pin.analyses.calibration.fit import Fit, Problem, fit
+from precision_pin.analyses.calibration.forecast import task_poses
+from precision_pin.analyses.calibration.identifiability import of_stack, refuse_where_nothing_is_seen, remarks_on
+from precision_pin.analyses.calibration.measurement import Measurement
+from precision_pin.analyses.calibration.posterior import Posterior, error_left
+from precision_pin.analyses.calibration.remaining_model import remaining_model
+from precision_pin.analyses.calibration.set_up import SetUp, first_guess, readings_in_base
+from precision_pin.analyses.provenance import Provenance
+from precision_pin.errors import Finding
+from precision_pin.inputs.arguments import check_flag, check_instance, check_items
+from precision_pin.model.error_model import ErrorModel
+from precision_pin.typing import Array
+
+__all__ = ["calibrate"]
+
+_GROSS: Final = 1e-3
+"""Probability that any right reading of a set is taken for a gross error."""
+_MOST_GROSS: Final = 0.2
+"""Share of readings beyond which they are no gross errors but a model that is wrong."""
+_FEW_STEPS: Final = 3
+"""Steps of a fit that only serves to find gross errors, which need not settle while there are any."""
+
+
+def calibrate(
+    model: ErrorModel,
+    data: object,
+    measurement: Measurement,
+    *,
+    prior: bool = True,
+    at: object = None,
+    findings: Sequence[Finding] = (),
+) -> CalibrationResult:
+    """Fit the exact model to readings of one robot.
+
+    Parameters
+    ----------
+    model
+        The model, whose sheet is the prior.
+    data
+        Path of a CSV file, or a pair of poses (a list, or an array ``(n, P)``) and readings ``(P, m)`` in m and rad; of
+        poses ``(P, 4, 4)`` too.
+    measurement
+        Instrument and set-up.
+    prior
+        Maximum a posteriori with the sheet as the prior; ``False``: maximum likelihood on the combinations that the
+        readings determine, where all others keep their tolerances.
+    at
+        Poses where the error that is left is computed; the model's named poses if left out, else the measured ones.
+    findings
+        Findings to pass on, such as those of the sheet.
+
+    Raises
+    ------
+    InputError
+        The data are wrong, nothing varies from robot to robot or no reading sees it, or the fit does not settle.
+    """
+    check_instance("model", model, ErrorModel, "as ErrorModel.load returns it")
+    check_instance("measurement", measurement, Measurement, "pp.Measurement(kind=..., std=...)")
+    findings = check_items("findings", findings, Finding)
+    check_flag("prior", prior)
+    given = read_data(model, data, measurement)
+    stations = stations_of(model, given.q)
+    base, start = first_guess(given, stations, measurement)
+    readings = readings_in_base(given, stations, base, measurement)
+    whole = Problem.of(model, measurement, stations, readings, _deviations(given, measurement), start)
+    refuse_far_readings(whole, given)
+    used, best, distances = _without_gross_errors(whole, given, has_prior=prior)
+    residuals = whole.residuals(best.z, best.nuisances)
+    left_out = np.where(np.isin(np.arange(len(given)), list(distances))[:, None], residuals, best.residuals.left_out)
+    unit, estimator = whole.unit, best.estimator
+    seen = of_stack(unit.names, *used.plain_slopes(best.z, best.nuisances), measurement, len(given) - len(distances))
+    refuse_where_nothing_is_seen(seen)
+    mean, covariance = unit.values(best.z), unit.root @ estimator.covariance @ unit.root.T
+    gross = tuple(
+        GrossError(given.lines[row], float(np.linalg.norm(residuals[row, :3])), float(np.sqrt(distances[row])))
+        for row in sorted(distances)
+    )
+    return CalibrationResult(
+        provenance=Provenance.of(model, 0),
+        measurement=measurement,
+        has_prior=prior,
+        posterior=Posterior.of(unit, mean, covariance),
+        identifiability=seen,
+        set_up=SetUp.of(measurement, base, best.nuisances, estimator.nuisance_covariance()),
+        chi_square=best.chi_square,
+        degrees_of_freedom=best.degrees_of_freedom,
+        residuals=residuals,
+        residuals_before=whole.residuals(np.zeros_like(best.z), start),
+        left_out=left_out,
+        gross_errors=gross,
+        at_bounds=best.at_bounds,
+        poses=tuple(
+            error_left(one, name, unit, estimator, measurement) for name, one in task_poses(model, at, given.q)
+        ),
+        original=model,
+        model=remaining_model(model, unit, mean, covariance),
+        data=given,
+        steps=best.steps,
+        findings=(
+            *findings,
+            *check_data(model, given),
+            *_remarks(given, best, gross),
+            *remarks_on(seen),
+            *doubt_model(used, best, has_prior=prior),
+        ),
+    )
+
+
+def _deviations(data: CalibrationData, measurement: Measurement) -> Array:
+    """Return the standard deviation of every number of every reading, ``(P, m)``; angles in proportion to lengths."""
+    deviations = np.tile(measurement.deviations, (len(data), 1))
+    return deviations * data.std[:, None] / measurement.std if data.std.size else deviations
+
+
+def _without_gross_errors(
+    whole: Problem, data: CalibrationData, *, has_prior: bool
+) -> tuple[Problem, Fit, dict[int, float]]:
+    """Return the problem and fit without gross errors, and the squared size of each of these by its row.
+
+    One reading after another is left out, that with the largest residual of a fit without it, where that is too large for
+    the spread of the others.
+    """
+    best = fit(whole, has_prior=has_prior, steps=_FEW_STEPS)
+    used, size, found = whole, whole.readings.shape[1], dict[int, float]()
+    limit = float(stats.chi2.isf(_GROSS / len(data), size))
+    middle = float(stats.chi2.median(size))
+    while True:
+        kept = np.array([row for row in range(len(data)) if row not in found])
+        distance = best.residuals.distance[kept]
+        scale = max(1.0, float(np.median(distance)) / middle)
+        worst = int(np.argmax(distance))
+        if distance[worst] <= limit * scale:
+            return used, fit(used, has_prior=has_prior), found
+        if len(found) + 1 > _MOST_GROSS * len(data):
+            return whole, fit(whole, has_prior=has_prior), {}
+        found[int(kept[worst])] = float(distance[worst])
+        used = whole.without(found)
+        best = fit(used, has_prior=has_prior, steps=_FEW_STEPS)
+
+
+def _remarks(data: CalibrationData, best: Fit, gross: tuple[GrossError, ...]) -> Iterator[Finding]:
+    if gross:
+        worst = max(gross, key=lambda error: error.deviations)
+        listed = ", ".join(str(error.line) for error in gross)
+        message = (
+            f"readings that fit no other and were given no weight: rows {listed}; the worst, row {worst.line}, is "
+            f"{worst.deviations:.3g} standard deviations off ({1e3 * worst.size:.3g} mm)"
+        )
+        yield Finding("warning", "W_GROSS_ERROR", message, data.file or None)
+    if best.at_bounds:
+        yield Finding("warning", "W_AT_BOUND", f"estimated at a bound of their tolerance: {', '.join(best.at_bounds)}")
+    if not best.estimator.has_prior:
+        message = (
+            f"without a prior {best.estimator.kept.shape[1]} of {best.z.size} combinations are estimated; "
+            "the others keep their means and tolerances"
+        )
+        yield Finding("warning", "W_NO_PRIOR", message)

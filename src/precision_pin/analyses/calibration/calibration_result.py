@@ -1,0 +1,227 @@
+"""The result of a calibration."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, ClassVar, Literal, final
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from precision_pin import se3
+from precision_pin.analyses.calibration.checks import DOUBTFUL, probability
+from precision_pin.analyses.calibration.data import CalibrationData
+from precision_pin.analyses.calibration.identifiability import Identifiability
+from precision_pin.analyses.calibration.measurement import Measurement
+from precision_pin.analyses.calibration.posterior import ErrorLeft, Posterior
+from precision_pin.analyses.calibration.set_up import SetUp
+from precision_pin.analyses.declaration import load
+from precision_pin.analyses.provenance import Provenance
+from precision_pin.display.files import write_files
+from precision_pin.display.stored import JsonResult
+from precision_pin.errors import Finding
+from precision_pin.inputs.arguments import check_path
+from precision_pin.model.error_model import ErrorModel
+from precision_pin.typing import Array
+
+__all__ = ["CalibrationResult", "GrossError"]
+
+Verdict = Literal["agrees", "disagrees", "better than stated"]
+
+
+@final
+@dataclass(frozen=True)
+class GrossError:
+    """A reading that was given no weight.
+
+    Attributes
+    ----------
+    line
+        Row of the data, from 1; in a file its line.
+    size
+        Length of its residual in the fit without it, m.
+    deviations
+        Its size in standard deviations.
+    """
+
+    line: int
+    size: float
+    deviations: float
+
+    def to_dict(self) -> dict[str, float]:
+        """Return the reading as in the JSON."""
+        return {"line": self.line, "size": self.size, "deviations": self.deviations, "weight": 0.0}
+
+
+@final
+@dataclass(frozen=True, eq=False, repr=False)
+class CalibrationResult(JsonResult):
+    """A calibrated robot.
+
+    Attributes
+    ----------
+    provenance
+        Robot and versions.
+    measurement
+        Instrument and set-up as given.
+    has_prior
+        Whether the sheet was the prior.
+    posterior
+        Mean and covariance of the numbers drawn once for each robot.
+    identifiability
+        What the readings determine, at the estimate.
+    set_up
+        The set-up as estimated.
+    chi_square, degrees_of_freedom
+        Sum of squares of whitened residuals (with a prior, of the numbers' deviations too), and its expectation.
+    residuals
+        Reading less prediction of the calibrated arm, in base axes, ``(P, m)``.
+    residuals_before
+        The same of the sheet's means, with the first guess of the set-up.
+    left_out
+        Reading less the prediction of a fit without this reading, ``(P, m)``, first order.
+    gross_errors
+        Readings that were given no weight.
+    at_bounds
+        Numbers estimated at a bound of their law.
+    poses
+        The error before and after at each of the user's poses.
+    original
+        The model before the calibration.
+    model
+        The arm that is left: means moved, remaining uncertainty correlated; every other analysis runs on it.
+    data
+        The readings as given.
+    steps
+        Gauss-Newton steps.
+    findings
+        Warnings.
+    """
+
+    schema: ClassVar[str] = "precision-pin/calibration/1"
+    provenance: Provenance
+    measurement: Measurement
+    has_prior: bool
+    posterior: Posterior
+    identifiability: Identifiability
+    set_up: SetUp
+    chi_square: float
+    degrees_of_freedom: int
+    residuals: Array
+    residuals_before: Array
+    left_out: Array
+    gross_errors: tuple[GrossError, ...]
+    at_bounds: tuple[str, ...]
+    poses: tuple[ErrorLeft, ...]
+    original: ErrorModel
+    model: ErrorModel
+    data: CalibrationData
+    steps: int
+    findings: tuple[Finding, ...]
+
+    @property
+    def rank(self) -> int:
+        """How many independent combinations of the numbers the readings determine."""
+        return self.identifiability.rank
+
+    @property
+    def observability(self) -> dict[str, float]:
+        """O1 to O5."""
+        return self.identifiability.observability
+
+    @property
+    def probability(self) -> float:
+        """Probability that a right model gives a larger chi-square."""
+        return probability(self.chi_square, self.degrees_of_freedom)
+
+    @property
+    def verdict(self) -> Verdict:
+        """Whether model and data agree."""
+        if self.probability < DOUBTFUL:
+            return "disagrees"
+        return "better than stated" if self.degrees_of_freedom > 0 and 1 - self.probability < DOUBTFUL else "agrees"
+
+    @cached_property
+    def components(self) -> Array:
+        """Estimated values of all components of the original model's space, ``(d,)``; of other scopes their means."""
+        space = self.original.space
+        x = space.mean.copy()
+        for name, value in self.posterior.mean.items():
+            x[space.index[name]] = value
+        return x
+
+    def predict(self, q: ArrayLike | Mapping[str, float] | str | None = None) -> Array:
+        """Return the tip of the calibrated arm in the base, ``(4, 4)``; ``q`` as for :meth:`ErrorModel.at`."""
+        at = self.original.at(q)
+        error = at.exact(self.components[:, None])[:, 0]
+        pose = at.posture.pose
+        return se3.pose(se3.exp_rotation(error[3:]) @ pose[:3, :3], pose[:3, 3] + error[:3])
+
+    def to_urdf(
+        self, path: str | os.PathLike[str], q: ArrayLike | Mapping[str, float] | str | None = None
+    ) -> tuple[str, ...]:
+        """Write the calibrated arm as a URDF, and return the labels of the sources that hold at one pose only.
+
+        What loads cause, and what changes with the pose, is written as it is at the pose ``q``, the model's first if left
+        out; everything else holds at every pose.
+
+        Raises
+        ------
+        OutputError
+            The file cannot be written.
+        InputError
+            The robot's file has changed.
+        """
+        name = check_path("the path of the URDF", path)
+        writer = load("precision_pin.outputs.as_built.urdf:AsBuilt").prepare(self.original, q)
+        frozen: tuple[str, ...] = load("precision_pin.outputs.as_built.urdf:frozen_sources")(self.original, writer.at)
+        write_files({name: writer.fitted(self.components)})
+        return frozen
+
+    def rms(self, which: Literal["before", "after", "left out"]) -> float:
+        """Return the root mean square length (m) of the residuals of the readings that have weight."""
+        values = {"before": self.residuals_before, "after": self.residuals, "left out": self.left_out}[which]
+        gross = {error.line for error in self.gross_errors}
+        used = [k for k, line in enumerate(self.data.lines) if line not in gross]
+        return float(np.sqrt((values[used][:, :3] ** 2).sum(axis=1).mean()))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the result in its JSON schema, SI units, base axes."""
+        return {
+            **self.provenance.to_dict(self.schema),
+            "measurement": self.measurement.to_dict(),
+            "prior": self.has_prior,
+            "readings": len(self.data),
+            "verdict": self.verdict,
+            "chi_square": self.chi_square,
+            "degrees_of_freedom": self.degrees_of_freedom,
+            "probability": self.probability,
+            "steps": self.steps,
+            "rms_residual": {
+                "before": self.rms("before"),
+                "after": self.rms("after"),
+                "left_out": self.rms("left out"),
+            },
+            "gross_errors": [error.to_dict() for error in self.gross_errors],
+            "at_bounds": list(self.at_bounds),
+            "set_up": self.set_up.to_dict(),
+            "rank": self.rank,
+            "observability": self.observability,
+            "identifiability": self.identifiability.to_dict(),
+            "posterior": self.posterior.to_dict(),
+            "poses": [entry.to_dict() for entry in self.poses],
+            "residuals": self.residuals.tolist(),
+            "residuals_before": self.residuals_before.tolist(),
+            "residuals_left_out": self.left_out.tolist(),
+            "lines": list(self.data.lines),
+            "findings": [finding.to_dict() for finding in self.findings],
+        }
+
+    def __repr__(self) -> str:
+        return (
+            f"<CalibrationResult of {self.provenance.robot}: {len(self.data)} readings, residuals "
+            f"{1e3 * self.rms('before'):.3g} mm before, {1e3 * self.rms('after'):.3g} mm after, model and data: {self.verdict}>"
+        )

@@ -1,0 +1,266 @@
+"""Stacked derivatives of measurements with respect to the unit-scope numbers of a model: the normal equations.
+
+Numbers that are drawn once for each robot are ``x = μ + L z`` with z of unit covariance, so that the prior information on z
+is the identity. Readings are divided by the root of their noise
+
+    R = diag(σ²) + H_e (K_v Σ_v K_vᵀ) H_eᵀ  of each visit, + H_e (K_p Σ_p K_pᵀ) H_eᵀ  common to the visits of one pose,
+
+where K are the slopes of the tip's error with respect to visit- and pose-scope numbers. What the nuisances could explain is
+projected out; what is left is the information on z.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Final, final
+
+import numpy as np
+import scipy.linalg
+from numpy.typing import NDArray
+
+from precision_pin.analyses.calibration.measurement import Measurement
+from precision_pin.draws.space import Scope, Space
+from precision_pin.errors import InputError
+from precision_pin.inputs.arguments import check_instance
+from precision_pin.model.error_model import ErrorModel
+from precision_pin.model.pose_model import PoseModel
+from precision_pin.robot.chain import Chain
+from precision_pin.robot.pose_set import PoseSet
+from precision_pin.typing import Array
+
+__all__ = [
+    "NEGLIGIBLE",
+    "Station",
+    "UnitNumbers",
+    "flat",
+    "measured_model",
+    "model_like",
+    "project_out",
+    "read_poses",
+    "repeat_covariance",
+    "stack_at_means",
+    "stations_of",
+]
+
+NEGLIGIBLE: Final = 1e-9
+"""Singular value, relative to the largest, below which a combination of numbers changes no reading."""
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class UnitNumbers:
+    """The numbers drawn once for each robot that vary.
+
+    Attributes
+    ----------
+    columns
+        Their columns in the model's space, ``(U,)``.
+    names
+        Their names.
+    mean, std
+        Prior mean and standard deviation, ``(U,)``.
+    root
+        L, ``(U, r)``: ``x = mean + L z``.
+    """
+
+    columns: NDArray[np.intp]
+    names: tuple[str, ...]
+    mean: Array
+    std: Array
+    root: Array
+
+    @classmethod
+    def of(cls, space: Space) -> UnitNumbers:
+        """Return the numbers of a space.
+
+        Raises
+        ------
+        InputError
+            Nothing varies from robot to robot, so that nothing can be calibrated.
+        """
+        columns = _columns(space, Scope.UNIT)
+        std = np.sqrt(space.block_covariance.variances[columns])
+        columns, std = columns[std > 0], std[std > 0]
+        if not columns.size:
+            raise InputError("nothing varies from robot to robot (scope unit), so that there is nothing to calibrate")
+        correlation = space.block_covariance.within(columns) / np.outer(std, std)
+        np.fill_diagonal(correlation, 1.0)
+        if np.array_equal(correlation, np.eye(columns.size)):
+            root = np.diag(std)
+        else:
+            values, vectors = np.linalg.eigh(correlation)
+            kept = values > NEGLIGIBLE * values[-1]
+            root = std[:, None] * (vectors[:, kept] * np.sqrt(values[kept]))
+        return cls(columns, tuple(space.components[k] for k in columns), space.mean[columns], std, root)
+
+    @cached_property
+    def is_independent(self) -> bool:
+        """True if the numbers are uncorrelated, so that L is diagonal."""
+        return self.root.shape[0] == self.root.shape[1] and not np.any(self.root - np.diag(np.diag(self.root)))
+
+    def values(self, z: Array) -> Array:
+        """Return x for z ``(r, …)``."""
+        mean = self.mean if z.ndim == 1 else self.mean[:, None]
+        result: Array = mean + self.root @ z
+        return result
+
+    def components(self, space: Space, z: Array) -> Array:
+        """Return all components ``(d, N)`` for z ``(r, N)``, those of other scopes at their means."""
+        x = np.repeat(space.mean[:, None], z.shape[1], axis=1)
+        x[self.columns] = self.values(z)
+        return x
+
+
+def _columns(space: Space, scope: Scope) -> NDArray[np.intp]:
+    found = [
+        np.arange(s.start, s.stop) for draw, s in zip(space.draws, space.slices, strict=True) if draw.scope is scope
+    ]
+    return np.concatenate([np.zeros(0, dtype=np.intp), *found]).astype(np.intp)
+
+
+def _scope_covariance(at: PoseModel, jacobian: Array, scope: Scope) -> Array:
+    columns = _columns(at.space, scope)
+    slopes = jacobian[:, columns]
+    result: Array = slopes @ at.space.block_covariance.within(columns) @ slopes.T
+    return result
+
+
+def repeat_covariance(at: PoseModel) -> Array:
+    """Return the covariance ``(6, 6)`` of the tip's error that pose- and visit-scope numbers cause: no fit removes it."""
+    return sum((_scope_covariance(at, at.jacobian, scope) for scope in (Scope.POSE, Scope.VISIT)), np.zeros((6, 6)))
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Station:
+    """A pose at which readings are taken.
+
+    Attributes
+    ----------
+    at
+        The model at the pose.
+    rows
+        Indices of its readings.
+    """
+
+    at: PoseModel
+    rows: tuple[int, ...]
+
+    def noise(self, measurement: Measurement, by_error: Array, variances: Array) -> Array:
+        """Return the covariance of its readings, ``(V m, V m)``.
+
+        Parameters
+        ----------
+        measurement
+            The instrument.
+        by_error
+            Derivative of a reading with respect to the tip's error, ``(m, 6)``.
+        variances
+            Of the instrument in each number of each reading, ``(V, m)``.
+        """
+        visits = len(self.rows)
+        jacobian = self.at.jacobian
+        each = by_error @ _scope_covariance(self.at, jacobian, Scope.VISIT) @ by_error.T
+        common = by_error @ _scope_covariance(self.at, jacobian, Scope.POSE) @ by_error.T
+        result: Array = (
+            np.diag(variances.ravel()) + np.kron(np.eye(visits), each) + np.kron(np.ones((visits, visits)), common)
+        )
+        return result
+
+
+def read_poses(model: ErrorModel, poses: object) -> tuple[Array, tuple[str, ...]]:
+    """Return joint values ``(n, P)`` and names of poses: a list, an array ``(n, P)``, a mapping or a pose set.
+
+    Raises
+    ------
+    InputError
+        Wrong joint values, no poses, or a pose set with poses whose joint values are not known.
+    """
+    check_instance("model", model, ErrorModel, "as ErrorModel.load returns it")
+    if isinstance(poses, PoseSet):
+        if not poses.known.all():
+            raise InputError(f"{int((~poses.known).sum())} poses are not reached; leave them out")
+        return poses.q, poses.names
+    values, names = model.configurations(poses)  # type: ignore[arg-type]
+    if not values.shape[1]:
+        raise InputError("no poses; give at least one")
+    return values, names
+
+
+def measured_model(model: ErrorModel) -> ErrorModel:
+    """Return the model whose errors are those of the tip: a reading's target is given from there, not from the chain's."""
+    if not model.chain.target.any():
+        return model
+    return model_like(model, model.chain.with_target((0.0, 0.0, 0.0)), model.space)
+
+
+def model_like(model: ErrorModel, chain: Chain, space: Space) -> ErrorModel:
+    """Return a model with the same sources, and other laws of the same numbers or another target."""
+    other = ErrorModel(chain, Space(), (), model.poses, model.statics)
+    other.sources, other.labels, other.assumed, other.space = model.sources, model.labels, model.assumed, space
+    return other
+
+
+def stations_of(model: ErrorModel, values: Array) -> tuple[Station, ...]:
+    """Return a station for each different pose of ``(n, P)``, with the columns that hold it."""
+    rows: dict[bytes, list[int]] = {}
+    for k in range(values.shape[1]):
+        rows.setdefault((values[:, k] + 0.0).tobytes(), []).append(k)
+    first = np.array([listed[0] for listed in rows.values()], dtype=np.intp)
+    models = measured_model(model).at_columns(np.ascontiguousarray(values[:, first]))
+    return tuple(Station(at, tuple(listed)) for at, listed in zip(models, rows.values(), strict=True))
+
+
+def stack_at_means(
+    stations: Sequence[Station], unit: UnitNumbers, measurement: Measurement, deviations: Array | None = None
+) -> tuple[Array, Array]:
+    """Return the whitened derivatives of all readings at the means: by z ``(P, m, r)`` and by nuisances ``(P, m, k)``.
+
+    Parameters
+    ----------
+    stations, unit, measurement
+        Poses, numbers and instrument.
+    deviations
+        Standard deviations of the readings, ``(P, m)``; the instrument's if left out.
+    """
+    count = sum(len(station.rows) for station in stations)
+    by_z = np.zeros((count, measurement.size, unit.root.shape[1]))
+    by_nuisance = np.zeros((count, measurement.size, len(measurement.nuisances)))
+    given = np.broadcast_to(measurement.deviations, (count, measurement.size)) if deviations is None else deviations
+    zero = np.zeros(len(measurement.nuisances))
+    for station in stations:
+        rows = list(station.rows)
+        slopes = measurement.slopes(station.at.posture.pose, station.at.error_at_means, zero)
+        own = np.hstack([slopes.error @ station.at.jacobian[:, unit.columns] @ unit.root, slopes.nuisances])
+        root = np.linalg.cholesky(station.noise(measurement, slopes.error, given[rows] ** 2))
+        white = scipy.linalg.solve_triangular(root, np.tile(own, (len(rows), 1)), lower=True)
+        white = white.reshape(len(rows), measurement.size, -1)
+        by_z[rows], by_nuisance[rows] = np.split(white, [unit.root.shape[1]], axis=2)
+    return by_z, by_nuisance
+
+
+def project_out(by_z: Array, by_nuisance: Array) -> tuple[Array, int]:
+    """Return derivatives ``(M, r)`` without what nuisances could explain, and the number of nuisances determined.
+
+    Parameters
+    ----------
+    by_z, by_nuisance
+        ``(M, r)`` and ``(M, k)``.
+    """
+    if not by_nuisance.shape[1]:
+        return by_z, 0
+    scale = np.linalg.norm(by_nuisance, axis=0)
+    scaled = by_nuisance / np.where(scale > 0, scale, 1.0)
+    basis, values, _ = np.linalg.svd(scaled, full_matrices=False)
+    rank = int((values > NEGLIGIBLE * values[0]).sum())
+    basis = basis[:, :rank]
+    # twice, so that rounding of the first projection goes as well
+    left = by_z - basis @ (basis.T @ by_z)
+    return left - basis @ (basis.T @ left), rank
+
+
+def flat(stack: Array) -> Array:
+    """Return ``(P, m, n)`` as ``(P m, n)``."""
+    return stack.reshape(stack.shape[0] * stack.shape[1], stack.shape[2])

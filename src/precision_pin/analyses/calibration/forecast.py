@@ -1,0 +1,266 @@
+"""What a calibration will buy, before anything is measured.
+
+First order, at the numbers' means: the covariance of the unit-scope numbers after measuring is
+
+    C = (Σ Hᵀ R⁻¹ H + Σ₀⁻¹)⁻¹
+
+with the nuisances of the set-up free, and the error that is left at a pose has the covariance ``J C Jᵀ + K Σ Kᵀ``. The second
+part comes from pose- and visit-scope numbers. No calibration removes it: it is the floor.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar, Final, final
+
+import numpy as np
+
+from precision_pin.analyses.calibration.design import (
+    Station,
+    UnitNumbers,
+    flat,
+    read_poses,
+    stack_at_means,
+    stations_of,
+)
+from precision_pin.analyses.calibration.estimates import Estimator, covariance_with_prior
+from precision_pin.analyses.calibration.identifiability import Identifiability, of_stack, remarks_on
+from precision_pin.analyses.calibration.measurement import Measurement
+from precision_pin.analyses.calibration.posterior import ErrorLeft, Posterior, error_left
+from precision_pin.analyses.calibration.remaining_model import remaining_model
+from precision_pin.analyses.provenance import Provenance
+from precision_pin.display.stored import JsonResult
+from precision_pin.errors import Finding
+from precision_pin.inputs.arguments import check_instance, check_items
+from precision_pin.model.error_model import ErrorModel
+from precision_pin.typing import Array
+
+__all__ = ["CalibrationForecast", "CurvePoint", "forecast_calibration", "task_poses"]
+
+_COUNTS: Final = (3, 4, 5, 6, 8, 10, 15, 20, 30, 50, 70, 100, 150, 200, 300, 500, 1000)
+_BEYOND: Final = (2, 4)
+"""Multiples of the given poses for which the accuracy is forecast too."""
+_ORDERS: Final = 8
+"""Random orders of the poses over which the accuracy of fewer poses is averaged."""
+_ORDER_SEED: Final = 0
+_FACTORS: Final = (0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0)
+"""Multiples of the instrument's standard deviation for which the accuracy is forecast."""
+
+
+@final
+@dataclass(frozen=True)
+class CurvePoint:
+    """Root mean square error of the position that is left, over the user's poses.
+
+    Attributes
+    ----------
+    value
+        Number of measured poses, or standard deviation of the instrument, m.
+    rms_position
+        m.
+    """
+
+    value: float
+    rms_position: float
+
+    def to_dict(self) -> dict[str, float]:
+        """Return the point as in the JSON."""
+        return {"value": self.value, "rms_position": self.rms_position}
+
+
+@final
+@dataclass(frozen=True, eq=False, repr=False)
+class CalibrationForecast(JsonResult):
+    """What a calibration will buy.
+
+    Attributes
+    ----------
+    provenance
+        Robot, seed and versions.
+    measurement
+        Instrument and set-up.
+    readings
+        Number of readings.
+    posterior
+        Numbers of the arm after the calibration; their means are those before.
+    identifiability
+        What the readings determine.
+    poses
+        The error before and after at each of the user's poses.
+    by_count, by_instrument
+        Accuracy against the number of measured poses and against the instrument's deviation.
+    model
+        The arm as it will be left: every other analysis runs on it. Its means are those of the sheet.
+    findings
+        Warnings.
+    """
+
+    schema: ClassVar[str] = "precision-pin/calibration-forecast/1"
+    provenance: Provenance
+    measurement: Measurement
+    readings: int
+    posterior: Posterior
+    identifiability: Identifiability
+    poses: tuple[ErrorLeft, ...]
+    by_count: tuple[CurvePoint, ...]
+    by_instrument: tuple[CurvePoint, ...]
+    model: ErrorModel
+    findings: tuple[Finding, ...]
+
+    @property
+    def rank(self) -> int:
+        """How many independent combinations of the numbers the readings determine."""
+        return self.identifiability.rank
+
+    @property
+    def observability(self) -> dict[str, float]:
+        """O1 to O5."""
+        return self.identifiability.observability
+
+    def rms(self, which: str) -> float:
+        """Return the root mean square error of the position over the user's poses: ``before``, ``after``, ``seen``, ``floor``."""
+        return float(np.sqrt(np.mean([entry.rms(which) ** 2 for entry in self.poses])))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the result in its JSON schema, SI units, base axes."""
+        return {
+            **self.provenance.to_dict(self.schema),
+            "measurement": self.measurement.to_dict(),
+            "readings": self.readings,
+            "rms_position": {which: self.rms(which) for which in ("before", "after", "seen", "floor")},
+            "identifiability": self.identifiability.to_dict(),
+            "posterior": self.posterior.to_dict(),
+            "poses": [entry.to_dict() for entry in self.poses],
+            "accuracy_by_count": [point.to_dict() for point in self.by_count],
+            "accuracy_by_instrument": [point.to_dict() for point in self.by_instrument],
+            "findings": [finding.to_dict() for finding in self.findings],
+        }
+
+    def __repr__(self) -> str:
+        before, after, floor = (1e3 * self.rms(which) for which in ("before", "after", "floor"))
+        return (
+            f"<CalibrationForecast of {self.provenance.robot}: {self.readings} readings, rms position {before:.3g} mm "
+            f"before, {after:.3g} mm after, floor {floor:.3g} mm>"
+        )
+
+
+def forecast_calibration(
+    model: ErrorModel,
+    poses: object,
+    measurement: Measurement,
+    *,
+    at: object = None,
+    findings: Sequence[Finding] = (),
+) -> CalibrationForecast:
+    """Forecast what measuring an arm at some poses will tell, and the error that is left.
+
+    Parameters
+    ----------
+    model
+        The model, whose sheet is the prior.
+    poses
+        Measured poses: a list, an array ``(n, P)``, a mapping of joint values or a pose set. A pose given twice is
+        measured twice.
+    measurement
+        Instrument and set-up.
+    at
+        The user's own poses, where the error is forecast; the model's named poses if left out, else the measured ones.
+    findings
+        Findings to pass on, such as those of the sheet.
+
+    Raises
+    ------
+    InputError
+        Nothing varies from robot to robot, or the poses are wrong.
+    """
+    check_instance("measurement", measurement, Measurement, "pp.Measurement(kind=..., std=...)")
+    findings = check_items("findings", findings, Finding)
+    values, _ = read_poses(model, poses)
+    unit = UnitNumbers.of(model.space)
+    stations = stations_of(model, values)
+    by_z, by_nuisance = stack_at_means(stations, unit, measurement)
+    estimator = Estimator.of(flat(by_z), flat(by_nuisance), has_prior=True)
+    tasks = task_poses(model, at, values)
+    entries = tuple(error_left(one, name, unit, estimator, measurement) for name, one in tasks)
+    found = of_stack(unit.names, *_plain(unit, stations, measurement), measurement, values.shape[1])
+    slopes = np.concatenate([one.jacobian[:3][:, unit.columns] @ unit.root for _, one in tasks])
+    floor = float(np.mean([entry.rms("floor") ** 2 for entry in entries]))
+    left = unit.root @ estimator.covariance @ unit.root.T
+    return CalibrationForecast(
+        provenance=Provenance.of(model, _ORDER_SEED),
+        measurement=measurement,
+        readings=values.shape[1],
+        posterior=Posterior.of(unit, unit.mean, left),
+        identifiability=found,
+        poses=entries,
+        by_count=_by_count(by_z, by_nuisance, slopes, floor),
+        by_instrument=_by_instrument(stations, unit, measurement, slopes, floor),
+        model=remaining_model(model, unit, unit.mean, left),
+        findings=(*findings, *_remarks(found, model, unit)),
+    )
+
+
+def task_poses(model: ErrorModel, at: object, measured: Array) -> list[tuple[str, Any]]:
+    """Return names and models of the user's own poses: those given, the model's named ones, or the measured ones."""
+    if at is not None:
+        values, names = read_poses(model, at)
+    elif model.poses:
+        values, names = np.array(list(model.poses.values())).T, tuple(model.poses)
+    else:
+        values, names = measured, ("",) * measured.shape[1]
+    labels = [name or f"pose {k + 1}" for k, name in enumerate(names)]
+    return list(zip(labels, model.at_columns(np.ascontiguousarray(values)), strict=True))
+
+
+def _plain(unit: UnitNumbers, stations: Sequence[Station], measurement: Measurement) -> tuple[Array, Array]:
+    """Return the derivatives by each number in units of its standard deviation, and by the nuisances."""
+    plain = UnitNumbers(unit.columns, unit.names, unit.mean, unit.std, np.diag(unit.std))
+    by_number, by_nuisance = stack_at_means(stations, plain, measurement)
+    return flat(by_number), flat(by_nuisance)
+
+
+def _rms(by_z: Array, by_nuisance: Array, slopes: Array, floor: float) -> float:
+    covariance = covariance_with_prior(by_z, by_nuisance)
+    return float(np.sqrt(3 * np.einsum("ij,jk,ik->i", slopes, covariance, slopes).mean() + floor))
+
+
+def _by_count(by_z: Array, by_nuisance: Array, slopes: Array, floor: float) -> tuple[CurvePoint, ...]:
+    """Return the accuracy with fewer poses, averaged over random orders, and with more of the same kind."""
+    count = len(by_z)
+    generator = np.random.default_rng(_ORDER_SEED)
+    orders = [generator.permutation(count) for _ in range(_ORDERS)]
+    points = []
+    for number in (*(one for one in _COUNTS if one < count), count):
+        chosen = [np.sort(order[:number]) for order in (orders if number < count else orders[:1])]
+        squares = [_rms(flat(by_z[rows]), flat(by_nuisance[rows]), slopes, floor) ** 2 for rows in chosen]
+        points.append(CurvePoint(number, float(np.sqrt(np.mean(squares)))))
+    for factor in _BEYOND:
+        more = np.sqrt(factor)
+        points.append(CurvePoint(factor * count, _rms(more * flat(by_z), more * flat(by_nuisance), slopes, floor)))
+    return tuple(points)
+
+
+def _by_instrument(
+    stations: Sequence[Station], unit: UnitNumbers, measurement: Measurement, slopes: Array, floor: float
+) -> tuple[CurvePoint, ...]:
+    count = sum(len(station.rows) for station in stations)
+    points = []
+    for factor in _FACTORS:
+        deviations = np.tile(factor * measurement.deviations, (count, 1))
+        by_z, by_nuisance = stack_at_means(stations, unit, measurement, deviations)
+        points.append(CurvePoint(factor * measurement.std, _rms(flat(by_z), flat(by_nuisance), slopes, floor)))
+    return tuple(points)
+
+
+def _remarks(found: Identifiability, model: ErrorModel, unit: UnitNumbers) -> tuple[Finding, ...]:
+    remarks = list(remarks_on(found))
+    laws = {
+        draw.name for draw in model.space.draws if not draw.law.is_normal and set(draw.components) & set(unit.names)
+    }
+    if laws:
+        message = (
+            f"{len(laws)} of {len(model.space.draws)} draws are not normal; they enter with their means and covariances"
+        )
+        remarks.append(Finding("warning", "W_NOT_NORMAL", message))
+    return tuple(remarks)

@@ -1,0 +1,283 @@
+"""Which combinations of a model's numbers measurements can tell apart: ranks and subspaces.
+
+The readings' derivatives with respect to the numbers, each in units of its prior standard deviation, have a null space: the
+combinations that no reading sees. A basis of it is arbitrary; its projector P is not. A number k with ``P_kk`` = 0 is
+determined by itself, one with ``P_kk`` = 1 is not seen at all. All others fall into groups between which P has no entries:
+of n numbers in a group, some combinations are determined and the rest are not.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any, Final, final
+
+import numpy as np
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import connected_components
+
+from precision_pin.analyses.calibration.design import (
+    NEGLIGIBLE,
+    UnitNumbers,
+    flat,
+    project_out,
+    read_poses,
+    stack_at_means,
+    stations_of,
+)
+from precision_pin.analyses.calibration.measurement import Measurement
+from precision_pin.errors import Finding, InputError
+from precision_pin.inputs.arguments import check_instance
+from precision_pin.model.error_model import ErrorModel
+from precision_pin.typing import Array
+
+__all__ = [
+    "Combination",
+    "Group",
+    "Identifiability",
+    "identifiability",
+    "observability",
+    "of_stack",
+    "refuse_where_nothing_is_seen",
+    "remarks_on",
+    "subspaces",
+]
+
+_ENTRY: Final = 1e-6
+"""Entry of a projector that counts as zero."""
+
+
+@final
+@dataclass(frozen=True)
+class Combination:
+    """A weighted sum of numbers, each in units of its prior standard deviation.
+
+    Attributes
+    ----------
+    names, weights
+        The numbers and their weights; the sum of the squared weights is 1, the largest weight positive.
+    """
+
+    names: tuple[str, ...]
+    weights: tuple[float, ...]
+
+    def __str__(self) -> str:
+        return " ".join(f"{weight:+.3g}·{name}" for name, weight in zip(self.names, self.weights, strict=True))
+
+
+@final
+@dataclass(frozen=True)
+class Group:
+    """Numbers of which only some combinations are determined.
+
+    Attributes
+    ----------
+    names
+        The numbers.
+    determined
+        How many independent combinations of them the readings determine.
+    unseen
+        The combination that no reading sees, if there is one only; several have no basis of their own.
+    """
+
+    names: tuple[str, ...]
+    determined: int
+    unseen: Combination | None
+
+    def __str__(self) -> str:
+        text = f"{self.determined} of {len(self.names)} combinations of {', '.join(self.names)}"
+        return text if self.unseen is None else f"{text}; not seen: {self.unseen}"
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the group as in the JSON."""
+        unseen = None if self.unseen is None else dict(zip(self.unseen.names, self.unseen.weights, strict=True))
+        return {"names": list(self.names), "determined": self.determined, "unseen": unseen}
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Identifiability:
+    """What readings determine of a model's numbers.
+
+    Attributes
+    ----------
+    names
+        The numbers drawn once for each robot.
+    rank
+        How many independent combinations of them the readings determine.
+    singular_values
+        Of the readings' derivatives, in units of noise and of prior standard deviation, falling.
+    projector
+        Onto the combinations that no reading sees, ``(U, U)``, in units of prior standard deviation.
+    nuisances, nuisance_rank
+        Unknown numbers of the set-up, and how many combinations of them are determined.
+    observability
+        O1 to O5 of the determined combinations.
+    """
+
+    names: tuple[str, ...]
+    rank: int
+    singular_values: Array
+    projector: Array
+    nuisances: tuple[str, ...]
+    nuisance_rank: int
+    observability: dict[str, float]
+
+    @property
+    def determined(self) -> tuple[str, ...]:
+        """Numbers that are determined each by itself."""
+        share = np.diag(self.projector)
+        return tuple(name for name, part in zip(self.names, share, strict=True) if part <= _ENTRY)
+
+    @property
+    def unseen(self) -> tuple[str, ...]:
+        """Numbers that no reading sees."""
+        share = np.diag(self.projector)
+        return tuple(name for name, part in zip(self.names, share, strict=True) if part >= 1 - _ENTRY)
+
+    @property
+    def combinations(self) -> tuple[Group, ...]:
+        """Groups of numbers of which only combinations are determined."""
+        return subspaces(self.names, self.projector)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the result as in the JSON."""
+        return {
+            "rank": self.rank,
+            "parameters": len(self.names),
+            "singular_values": self.singular_values.tolist(),
+            "determined": list(self.determined),
+            "unseen": list(self.unseen),
+            "combinations": [group.to_dict() for group in self.combinations],
+            "nuisances": list(self.nuisances),
+            "nuisance_rank": self.nuisance_rank,
+            "observability": self.observability,
+        }
+
+
+def identifiability(model: ErrorModel, poses: object, measurement: Measurement) -> Identifiability:
+    """Return which combinations of a model's unit-scope numbers measurements at some poses determine.
+
+    First order, at the numbers' means.
+
+    Parameters
+    ----------
+    model
+        The model; :func:`precision_pin.every_frame` returns one with all geometric errors.
+    poses
+        A list of poses, an array ``(n, P)``, a mapping of joint values or a :class:`~precision_pin.robot.pose_set.PoseSet`.
+    measurement
+        Instrument and set-up.
+
+    Raises
+    ------
+    InputError
+        Nothing varies from robot to robot, or the poses are wrong.
+    """
+    check_instance("measurement", measurement, Measurement, "pp.Measurement(kind=..., std=...)")
+    values, _ = read_poses(model, poses)
+    unit = UnitNumbers.of(model.space)
+    # a number that another one fixes is a combination too, so the columns are numbers and not independent ones
+    plain = UnitNumbers(unit.columns, unit.names, unit.mean, unit.std, np.diag(unit.std))
+    by_z, by_nuisance = stack_at_means(stations_of(model, values), plain, measurement)
+    return of_stack(unit.names, flat(by_z), flat(by_nuisance), measurement, values.shape[1])
+
+
+def of_stack(
+    names: tuple[str, ...], by_z: Array, by_nuisance: Array, measurement: Measurement, poses: int
+) -> Identifiability:
+    """Return what whitened derivatives ``(M, U)`` and ``(M, k)`` determine."""
+    projected, nuisance_rank = project_out(by_z, by_nuisance)
+    if len(projected) > projected.shape[1]:
+        _, projected = np.linalg.qr(projected)
+    _, found, rows = np.linalg.svd(projected, full_matrices=True)
+    scale = float(np.linalg.norm(by_z, 2))
+    rank = int((found > NEGLIGIBLE * scale).sum())
+    null = rows[rank:]
+    values = np.zeros(len(names))
+    values[: found.size] = found
+    return Identifiability(
+        names,
+        rank,
+        values,
+        null.T @ null,
+        measurement.nuisances,
+        nuisance_rank,
+        observability(found[:rank], poses),
+    )
+
+
+def refuse_where_nothing_is_seen(found: Identifiability) -> None:
+    """Refuse readings that determine nothing of the arm.
+
+    Raises
+    ------
+    InputError
+        They determine no combination of its numbers.
+    """
+    if not found.rank:
+        free = ", or with the base known" if any(name.startswith("base") for name in found.nuisances) else ""
+        raise InputError(
+            "no reading sees any number that varies from robot to robot: there is nothing to estimate; "
+            f"measure at other poses, under another load, with another instrument{free}"
+        )
+
+
+def remarks_on(found: Identifiability) -> Iterator[Finding]:
+    """Yield warnings about what the readings do not determine."""
+    if found.nuisance_rank < len(found.nuisances):
+        message = (
+            f"the poses determine {found.nuisance_rank} of the {len(found.nuisances)} unknown numbers of the set-up "
+            f"({', '.join(found.nuisances)}); add poses that differ more"
+        )
+        yield Finding("warning", "W_SETUP", message)
+    if not found.rank:
+        message = (
+            "no reading sees any number that varies from robot to robot; measure at other poses or another quantity"
+        )
+        yield Finding("warning", "W_UNOBSERVABLE", message)
+    elif found.unseen:
+        listed = ", ".join(found.unseen[:3]) + (f" and {len(found.unseen) - 3} more" if len(found.unseen) > 3 else "")
+        keeps = "they keep their tolerances" if len(found.unseen) > 1 else "it keeps its tolerance"
+        yield Finding("warning", "W_UNOBSERVABLE", f"no reading sees {listed}; {keeps}")
+
+
+def observability(singular_values: Array, poses: int) -> dict[str, float]:
+    """Return the observability indices O1 to O5 of the singular values of m poses (Sun and Hollerbach 2008).
+
+    They depend on the scaling of numbers and readings: here prior standard deviations and noise.
+    """
+    s = np.sort(singular_values)[::-1]
+    if not s.size or poses < 1:
+        return dict.fromkeys(("O1", "O2", "O3", "O4", "O5"), 0.0)
+    return {
+        "O1": float(np.exp(np.log(s).mean()) / np.sqrt(poses)),
+        "O2": float(s[-1] / s[0]),
+        "O3": float(s[-1]),
+        "O4": float(s[-1] ** 2 / s[0]),
+        "O5": float(1 / (1 / s).sum()),
+    }
+
+
+def subspaces(names: Sequence[str], projector: Array) -> tuple[Group, ...]:
+    """Return the groups of numbers of which only combinations are determined, from the projector on what is not seen."""
+    share = np.diag(projector)
+    mixed = np.flatnonzero((share > _ENTRY) & (share < 1 - _ENTRY))
+    if not mixed.size:
+        return ()
+    within = projector[np.ix_(mixed, mixed)]
+    count, labels = connected_components(csr_array(np.abs(within) > _ENTRY), directed=False)
+    return tuple(_group(names, mixed[labels == k], projector) for k in range(count))
+
+
+def _group(names: Sequence[str], members: Array, projector: Array) -> Group:
+    block = projector[np.ix_(members, members)]
+    values, vectors = np.linalg.eigh(block)
+    missing = int((values > 0.5).sum())
+    chosen = tuple(names[int(k)] for k in members)
+    unseen = None
+    if missing == 1:
+        weights = vectors[:, -1]
+        weights = weights * np.sign(weights[int(np.argmax(np.abs(weights).round(9)))])
+        unseen = Combination(chosen, tuple(weights.tolist()))
+    return Group(chosen, len(chosen) - missing, unseen)

@@ -1,0 +1,256 @@
+"""Which poses to measure: the best of many candidates, and how good they are."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar, Final, Literal, final
+
+import numpy as np
+
+from precision_pin.analyses.calibration.design import (
+    Station,
+    UnitNumbers,
+    flat,
+    measured_model,
+    read_poses,
+    stack_at_means,
+)
+from precision_pin.analyses.calibration.estimates import Estimator
+from precision_pin.analyses.calibration.forecast import task_poses
+from precision_pin.analyses.calibration.identifiability import (
+    Identifiability,
+    of_stack,
+    refuse_where_nothing_is_seen,
+    remarks_on,
+)
+from precision_pin.analyses.calibration.measurement import Measurement
+from precision_pin.analyses.calibration.pose_choice import Design
+from precision_pin.analyses.calibration.posterior import ErrorLeft, error_left
+from precision_pin.analyses.provenance import Provenance
+from precision_pin.display.stored import JsonResult
+from precision_pin.draws.space import check_seed
+from precision_pin.errors import Finding, InputError
+from precision_pin.inputs.arguments import check_choice, check_instance, check_items, check_whole
+from precision_pin.model.error_model import ErrorModel
+from precision_pin.typing import Array
+
+__all__ = ["CalibrationPlan", "plan_calibration"]
+
+_STARTS: Final = 3
+_RANDOM: Final = 25
+"""Random choices with which the choice is compared."""
+
+Criterion = Literal["task", "D"]
+
+
+@final
+@dataclass(frozen=True, eq=False, repr=False)
+class CalibrationPlan(JsonResult):
+    """The poses to measure.
+
+    Attributes
+    ----------
+    provenance
+        Robot, seed and versions.
+    measurement
+        Instrument and set-up.
+    criterion
+        ``"task"`` or ``"D"``.
+    chosen
+        Candidates to measure, in their order, from 0.
+    names, q
+        Their names, and joint values ``(n, count)``.
+    candidates
+        How many there were.
+    value, bound
+        The measure of the choice, and a bound that no choice of as many candidates can pass: ln det of the information on z
+        (largest is best), or the mean square position error without the floor, m² (smallest is best).
+    efficiency
+        Of the choice, at least: for D ``exp((value - bound) / L)`` with L the combinations that all candidates together
+        determine, for a task bound / value.
+    random_efficiency
+        The same of a random choice, the median of 25.
+    identifiability
+        What the chosen readings determine.
+    poses
+        The error before and after at each of the user's poses.
+    findings
+        Warnings.
+    """
+
+    schema: ClassVar[str] = "precision-pin/calibration-plan/1"
+    provenance: Provenance
+    measurement: Measurement
+    criterion: Criterion
+    chosen: tuple[int, ...]
+    names: tuple[str, ...]
+    q: Array
+    candidates: int
+    value: float
+    bound: float
+    efficiency: float
+    random_efficiency: float
+    identifiability: Identifiability
+    poses: tuple[ErrorLeft, ...]
+    findings: tuple[Finding, ...]
+
+    @property
+    def sliding_joints(self) -> tuple[str, ...]:
+        """Sliding joints, whose values are in m."""
+        return self.poses[0].sliding_joints
+
+    @property
+    def rank(self) -> int:
+        """How many independent combinations of the numbers the chosen readings determine."""
+        return self.identifiability.rank
+
+    @property
+    def observability(self) -> dict[str, float]:
+        """O1 to O5."""
+        return self.identifiability.observability
+
+    def rms(self, which: str) -> float:
+        """Return the root mean square error of the position over the user's poses: ``before``, ``after``, ``floor``."""
+        return float(np.sqrt(np.mean([entry.rms(which) ** 2 for entry in self.poses])))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the result in its JSON schema, SI units, base axes."""
+        joints = tuple(self.poses[0].q)
+        return {
+            **self.provenance.to_dict(self.schema),
+            "measurement": self.measurement.to_dict(),
+            "criterion": self.criterion,
+            "candidates": self.candidates,
+            "count": len(self.chosen),
+            "value": self.value,
+            "bound": self.bound,
+            "efficiency": self.efficiency,
+            "random_efficiency": self.random_efficiency,
+            "chosen": [
+                {"candidate": k, "name": name, "q": dict(zip(joints, map(float, values), strict=True))}
+                for k, name, values in zip(self.chosen, self.names, self.q.T, strict=True)
+            ],
+            "rms_position": {which: self.rms(which) for which in ("before", "after", "seen", "floor")},
+            "identifiability": self.identifiability.to_dict(),
+            "observability": self.observability,
+            "poses": [entry.to_dict() for entry in self.poses],
+            "findings": [finding.to_dict() for finding in self.findings],
+        }
+
+    def __repr__(self) -> str:
+        return (
+            f"<CalibrationPlan of {self.provenance.robot}: {len(self.chosen)} of {self.candidates} poses, {self.criterion} "
+            f"efficiency at least {self.efficiency:.4g}>"
+        )
+
+
+def plan_calibration(
+    model: ErrorModel,
+    candidates: object,
+    count: int,
+    measurement: Measurement,
+    *,
+    at: object = None,
+    criterion: Criterion = "task",
+    seed: int = 0,
+    findings: Sequence[Finding] = (),
+) -> CalibrationPlan:
+    """Choose the poses to measure among candidates.
+
+    Parameters
+    ----------
+    model
+        The model, whose sheet is the prior.
+    candidates
+        Poses that can be measured: a list, an array ``(n, P)``, a mapping of joint values or a pose set.
+    count
+        How many of them are measured, each once.
+    measurement
+        Instrument and set-up.
+    at
+        The user's own poses; the model's named poses if left out, else the candidates.
+    criterion
+        ``"task"``: the mean square position error left at the user's poses. ``"D"``: the determinant of the information.
+    seed
+        64-bit seed of the starting choices.
+    findings
+        Findings to pass on, such as those of the sheet.
+
+    Raises
+    ------
+    InputError
+        Fewer candidates than poses to choose, a candidate twice, nothing varies from robot to robot, or no candidate sees
+        anything.
+    """
+    check_instance("measurement", measurement, Measurement, "pp.Measurement(kind=..., std=...)")
+    findings = check_items("findings", findings, Finding)
+    check_choice("the criterion", criterion, ("task", "D"))
+    check_seed(seed)
+    values, names = read_poses(model, candidates)
+    total = values.shape[1]
+    count = check_whole(
+        "the number of poses to choose", count, 1, total, f"from 1 to {total}, the number of candidates"
+    )
+    _refuse_copies(values)
+    unit = UnitNumbers.of(model.space)
+    # each candidate by itself: one reading at its own pose
+    stations = tuple(
+        Station(one, (k,)) for k, one in enumerate(measured_model(model).at_columns(np.ascontiguousarray(values)))
+    )
+    by_z, by_nuisance = stack_at_means(stations, unit, measurement)
+    refuse_where_nothing_is_seen(of_stack(unit.names, flat(by_z), flat(by_nuisance), measurement, total))
+    tasks = task_poses(model, at, values)
+    slopes = [one.jacobian[:3][:, unit.columns] @ unit.root for _, one in tasks]
+    goal = sum((one.T @ one for one in slopes), np.zeros((by_z.shape[2],) * 2)) / len(slopes)
+    design = Design.of(by_z, by_nuisance, goal if criterion == "task" else None)
+    generator = np.random.default_rng(seed)
+    choices = [design.exchange(generator.permutation(total)[:count]) for _ in range(_STARTS)]
+    bound = design.bound(min(choices, key=design.exact_loss), count)
+    chosen = np.sort(min((*choices, design.exchange(bound.rounded)), key=design.exact_loss))
+    loss = design.exact_loss(chosen)
+    efficiency = design.efficiency(loss, bound.loss)
+    random = [design.exact_loss(generator.permutation(total)[:count]) for _ in range(_RANDOM)]
+    estimator = Estimator.of(flat(by_z[chosen]), flat(by_nuisance[chosen]), has_prior=True)
+    plain = UnitNumbers(unit.columns, unit.names, unit.mean, unit.std, np.diag(unit.std))
+    own = tuple(Station(stations[k].at, (row,)) for row, k in enumerate(chosen))
+    readings, set_up = stack_at_means(own, plain, measurement)
+    found = of_stack(unit.names, flat(readings), flat(set_up), measurement, count)
+    return CalibrationPlan(
+        provenance=Provenance.of(model, seed),
+        measurement=measurement,
+        criterion=criterion,
+        chosen=tuple(map(int, chosen)),
+        names=tuple(names[k] for k in chosen),
+        q=values[:, chosen],
+        candidates=total,
+        value=-loss if criterion == "D" else loss,
+        bound=-bound.loss if criterion == "D" else bound.loss,
+        efficiency=efficiency,
+        random_efficiency=design.efficiency(float(np.median(random)), bound.loss),
+        identifiability=found,
+        poses=tuple(error_left(one, name, unit, estimator, measurement) for name, one in tasks),
+        findings=(*findings, *_remarks(found, efficiency)),
+    )
+
+
+def _refuse_copies(values: Array) -> None:
+    _, first, place = np.unique(values, axis=1, return_index=True, return_inverse=True)
+    copies = np.flatnonzero(first[place.ravel()] != np.arange(values.shape[1]))
+    if copies.size:
+        again = int(copies[0])
+        raise InputError(
+            f"the candidates {int(first[place.ravel()[again]]) + 1} and {again + 1} are one pose, and each is measured once; "
+            "leave copies out"
+        )
+
+
+def _remarks(found: Identifiability, efficiency: float) -> tuple[Finding, ...]:
+    remarks = []
+    if efficiency < 0.99:
+        message = (
+            f"the choice is certified to {100 * efficiency:.3g} % of the best only; the bound counts parts of poses, and no "
+            "exchange of two poses is better"
+        )
+        remarks.append(Finding("warning", "W_PLAN", message))
+    return (*remarks, *remarks_on(found))

@@ -1,0 +1,246 @@
+"""Measures of a choice of poses, exchange of poses, and a certified bound.
+
+With weights w_i of candidates, the information on z and nuisances is ``M(w) = diag(I, 0) + Σ w_i A_iᵀ A_i``, A_i the whitened
+derivatives of candidate i. Two measures of a design:
+
+- *D*: ``ln det S(w)``, S the Schur complement of the nuisances: the information on z with the nuisances free;
+- *task*: ``tr(G S(w)⁻¹)``, G = Σ JᵀJ over the user's poses: the mean square position error that is left there.
+
+The first is concave in w, the second convex. So the relaxed problem, 0 ≤ w_i ≤ 1 and Σ w_i = count, bounds every choice of
+poses, and at any w the tangent bounds the relaxed problem: the largest sum of ``count`` slopes is its maximum over all designs.
+Poses are exchanged (Fedorov 1972) while one exchange improves the measure.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final, final
+
+import numpy as np
+import scipy.linalg
+from numpy.typing import NDArray
+
+from precision_pin.analyses.calibration.design import NEGLIGIBLE, flat, project_out
+from precision_pin.analyses.calibration.estimates import covariance_with_prior
+from precision_pin.typing import Array
+
+__all__ = ["Bound", "Design"]
+
+_EXCHANGES: Final = 500
+_RIDGE: Final = 1e-9
+"""Information on nuisances that is added, as a share of that of all candidates, so that few poses are no singular case."""
+_STEPS: Final = 400
+_GAP: Final = 5e-4
+"""Gap of the relaxed problem, in units of the efficiency, at which it is solved."""
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Bound:
+    """A bound of the loss of every choice, and the candidates with the largest weights of the relaxed design."""
+
+    loss: float
+    rounded: NDArray[np.intp]
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Design:
+    """Losses of designs, to be minimised: -ln det S, or tr(G S⁻¹).
+
+    Attributes
+    ----------
+    rows
+        Derivatives of each candidate by z and by scaled nuisances, ``(P, m, r + k)``.
+    prior
+        Information before any reading, ``(r + k,) * 2``.
+    size, rank
+        r, and how many combinations of z all candidates together determine.
+    goal
+        G, ``(r, r)``; None for the determinant.
+    """
+
+    rows: Array
+    prior: Array
+    size: int
+    rank: int
+    goal: Array | None
+
+    @classmethod
+    def of(cls, by_z: Array, by_nuisance: Array, goal: Array | None) -> Design:
+        """Return the design of candidates; nuisances are scaled so that all candidates together give them unit information."""
+        size, count = by_z.shape[2], by_nuisance.shape[2]
+        scaled = by_nuisance
+        if count:
+            _, values, rows = np.linalg.svd(flat(by_nuisance), full_matrices=False)
+            kept = values > 1e-9 * values[0]
+            scaled = by_nuisance @ (rows[kept].T / values[kept])
+        prior = np.diag(np.concatenate([np.ones(size), np.full(scaled.shape[2], _RIDGE)]))
+        found = np.linalg.svd(project_out(flat(by_z), flat(by_nuisance))[0], compute_uv=False)
+        rank = max(int((found > NEGLIGIBLE * found[0]).sum()), 1)
+        return cls(np.concatenate([by_z, scaled], axis=2), prior, size, rank, goal)
+
+    def information(self, chosen: NDArray[np.intp]) -> Array:
+        """Return M of some candidates."""
+        rows = flat(self.rows[chosen])
+        result: Array = self.prior + rows.T @ rows
+        return result
+
+    def weighted(self, weights: Array) -> Array:
+        """Return M of weights ``(P,)``."""
+        rows = flat(self.rows)
+        result: Array = self.prior + (rows * np.repeat(weights, self.rows.shape[1])[:, None]).T @ rows
+        return result
+
+    def loss(self, information: Array) -> float:
+        """Return the loss of M."""
+        if self.goal is None:
+            nuisance = information[self.size :, self.size :]
+            return float(np.linalg.slogdet(nuisance)[1] - np.linalg.slogdet(information)[1])
+        inverse = np.linalg.inv(information)[: self.size, : self.size]
+        return float(np.einsum("ij,ji->", self.goal, inverse))
+
+    def exact_loss(self, chosen: NDArray[np.intp]) -> float:
+        """Return the loss of some candidates without the information that is added on nuisances; never the smaller one."""
+        by_z, by_nuisance = np.split(self.rows[chosen], [self.size], axis=2)
+        covariance = covariance_with_prior(flat(by_z), flat(by_nuisance))
+        if self.goal is None:
+            return float(np.linalg.slogdet(covariance)[1])
+        return float(np.einsum("ij,ji->", self.goal, covariance))
+
+    def efficiency(self, loss: float, bound: float) -> float:
+        """Return the efficiency of a loss, at least."""
+        if self.goal is None:
+            return float(np.exp(min(bound - loss, 0.0) / self.rank))
+        return float(np.clip(bound / loss, 0.0, 1.0)) if loss > 0 else 1.0
+
+    def slopes(self, weights: Array) -> tuple[float, Array]:
+        """Return the loss of weights, and its derivatives ``(P,)``, all zero or less."""
+        information = self.weighted(weights)
+        inverse = np.linalg.inv(information)
+        if self.goal is None:
+            middle = inverse.copy()
+            nuisance = information[self.size :, self.size :]
+            middle[self.size :, self.size :] -= np.linalg.inv(nuisance)
+        else:
+            left = inverse[:, : self.size]
+            middle = left @ self.goal @ left.T
+        gains = np.einsum("pmi,ij,pmj->p", self.rows, middle, self.rows, optimize=True)
+        return self.loss(information), -gains
+
+    def exchange(self, chosen: NDArray[np.intp]) -> NDArray[np.intp]:
+        """Return a choice that no exchange of one pose for another improves."""
+        chosen = chosen.copy()
+        rest = np.setdiff1d(np.arange(len(self.rows)), chosen)
+        for _ in range(_EXCHANGES):
+            if not rest.size:
+                break
+            change = self._changes(chosen, rest)
+            out, into = np.unravel_index(int(np.argmin(change)), change.shape)
+            here = self.loss(self.information(chosen))
+            chosen[out], rest[into] = rest[into], chosen[out]
+            there = self.loss(self.information(chosen))
+            if not there < here - 1e-12 * max(1.0, abs(here)):
+                chosen[out], rest[into] = rest[into], chosen[out]
+                break
+        return chosen
+
+    def _changes(self, chosen: NDArray[np.intp], rest: NDArray[np.intp]) -> Array:
+        """Return the change of loss of every exchange, ``(count, P - count)``, by updates of low rank."""
+        inverse: Array = scipy.linalg.inv(self.information(chosen))
+        change = _log_changes(self.rows, inverse, chosen, rest)
+        if self.goal is None:
+            nuisance = self.rows[:, :, self.size :]
+            if nuisance.shape[2]:
+                own: Array = scipy.linalg.inv(self.information(chosen)[self.size :, self.size :])
+                return _log_changes(nuisance, own, chosen, rest) - change
+            return -change
+        left = inverse[:, : self.size]
+        return _trace_changes(self.rows, inverse, left @ self.goal @ left.T, chosen, rest)
+
+    def bound(self, start: NDArray[np.intp], count: int) -> Bound:
+        """Return a bound of the loss of every choice of so many candidates, by the relaxed design."""
+        weights = np.full(len(self.rows), count / len(self.rows))
+        weights[start] += 1.0
+        weights = _project(weights / 2, count)
+        best, step = -np.inf, 1.0
+        loss, slopes = self.slopes(weights)
+        for _ in range(_STEPS):
+            order = np.argsort(slopes, kind="stable")
+            vertex = np.zeros_like(weights)
+            vertex[order[:count]] = 1.0
+            best = max(best, loss + float(slopes @ (vertex - weights)))
+            if self.efficiency(loss, best) > 1 - _GAP:
+                break
+            weights, loss, slopes, step = self._descend(weights, loss, slopes, step, count)
+        return Bound(best, np.argsort(-weights, kind="stable")[:count])
+
+    def _descend(
+        self, weights: Array, loss: float, slopes: Array, step: float, count: int
+    ) -> tuple[Array, float, Array, float]:
+        """Return weights after a projected gradient step, with their loss and slopes, and the length of the next step."""
+        scale = step / max(float(np.abs(slopes).max()), 1e-300)
+        for _ in range(40):
+            moved = _project(weights - scale * slopes, count)
+            change = moved - weights
+            new_loss, new_slopes = self.slopes(moved)
+            if new_loss <= loss + 1e-4 * float(slopes @ change):
+                curvature = float((new_slopes - slopes) @ change)
+                length = float(change @ change) / curvature if curvature > 0 else 2 * scale
+                return moved, new_loss, new_slopes, length * max(float(np.abs(new_slopes).max()), 1e-300)
+            scale /= 4
+        return weights, loss, slopes, step / 10
+
+
+def _project(weights: Array, count: int) -> Array:
+    """Return the closest weights within 0 and 1 whose sum is ``count``."""
+    low, high = float(weights.min()) - 1.0, float(weights.max())
+    for _ in range(100):
+        middle = (low + high) / 2
+        if np.clip(weights - middle, 0.0, 1.0).sum() > count:
+            low = middle
+        else:
+            high = middle
+    result: Array = np.clip(weights - (low + high) / 2, 0.0, 1.0)
+    return result
+
+
+def _pairs(rows: Array, middle: Array, chosen: NDArray[np.intp], rest: NDArray[np.intp]) -> tuple[Array, Array, Array]:
+    """Return ``A_i X A_iᵀ`` of chosen ones, of the rest, and ``A_i X A_jᵀ`` of all pairs ``(count, rest, m, m)``."""
+    size = rows.shape[1]
+    ours, others = rows[chosen], rows[rest]
+    through = ours @ middle
+    own = np.einsum("pmi,pni->pmn", through, ours)
+    their = np.einsum("pmi,pni->pmn", others @ middle, others)
+    cross = (flat(through) @ flat(others).T).reshape(len(ours), size, len(others), size).transpose(0, 2, 1, 3)
+    return own, their, cross
+
+
+def _log_changes(rows: Array, inverse: Array, chosen: NDArray[np.intp], rest: NDArray[np.intp]) -> Array:
+    """Return the change of ln det M of every exchange: det(I - U) det(I + V + Cᵀ (I - U)⁻¹ C) with Schur complements."""
+    own, their, cross = _pairs(rows, inverse, chosen, rest)
+    eye = np.eye(rows.shape[1])
+    left = eye - own
+    inner = eye + their[None] + np.swapaxes(cross, 2, 3) @ np.linalg.solve(left[:, None], cross)
+    result: Array = np.linalg.slogdet(left)[1][:, None] + np.linalg.slogdet(inner)[1]
+    return result
+
+
+def _trace_changes(
+    rows: Array, inverse: Array, middle: Array, chosen: NDArray[np.intp], rest: NDArray[np.intp]
+) -> Array:
+    """Return the change of ``tr(G S⁻¹)`` of every exchange: ``-tr((D + W)⁻¹ F)`` with D = diag(-I, I)."""
+    size = rows.shape[1]
+    blocks = []
+    for kernel in (inverse, middle):
+        own, their, cross = _pairs(rows, kernel, chosen, rest)
+        block = np.empty((len(chosen), len(rest), 2 * size, 2 * size))
+        block[:, :, :size, :size] = own[:, None]
+        block[:, :, size:, size:] = their[None]
+        block[:, :, :size, size:] = cross
+        block[:, :, size:, :size] = np.swapaxes(cross, 2, 3)
+        blocks.append(block)
+    weights, effect = blocks
+    signs = np.diag(np.concatenate([-np.ones(size), np.ones(size)]))
+    result: Array = -np.einsum("abii->ab", np.linalg.solve(weights + signs, effect))
+    return result

@@ -1,0 +1,158 @@
+"""Complete calibrations of simulated robots with the exact model: the check of a forecast."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final, final
+
+import numpy as np
+import scipy.linalg
+
+from precision_pin.analyses.calibration.design import (
+    Station,
+    UnitNumbers,
+    flat,
+    read_poses,
+    stack_at_means,
+    stations_of,
+)
+from precision_pin.analyses.calibration.estimates import Estimator
+from precision_pin.analyses.calibration.forecast import task_poses
+from precision_pin.analyses.calibration.measurement import Measurement
+from precision_pin.draws.space import Scope
+from precision_pin.inputs.arguments import check_instance, check_whole
+from precision_pin.model.error_model import ErrorModel
+from precision_pin.typing import Array
+
+__all__ = ["SimulatedCalibrations", "simulate_calibrations", "simulate_readings"]
+
+_STEPS: Final = 30
+_SETTLED: Final = 1e-9
+"""Largest change of z at which the estimates have settled."""
+_TASK_POSE: Final = 1 << 19
+"""Number of the first of the user's poses in the random streams, beyond all measured ones."""
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class SimulatedCalibrations:
+    """Calibrations of N simulated robots.
+
+    Attributes
+    ----------
+    errors
+        Error of the tip from the calibrated arm's own pose, at each of the user's poses at a later visit, ``(T, 6, N)``.
+    estimates, truth
+        Estimated and true z, ``(r, N)``.
+    chi_square, degrees_of_freedom
+        Sum of squares of residuals and estimates, ``(N,)``, and its expectation.
+    """
+
+    errors: Array
+    estimates: Array
+    truth: Array
+    chi_square: Array
+    degrees_of_freedom: int
+
+    @property
+    def rms_position(self) -> Array:
+        """Root mean square of the position's error at each of the user's poses, ``(T,)``."""
+        result: Array = np.sqrt((self.errors[:, :3] ** 2).sum(axis=1).mean(axis=1))
+        return result
+
+
+def simulate_calibrations(
+    model: ErrorModel, poses: object, measurement: Measurement, *, at: object = None, robots: int = 1000, seed: int = 0
+) -> SimulatedCalibrations:
+    """Build robots, measure each at all poses and fit each with the exact model.
+
+    Every robot's estimate is iterated until its residuals, by the exact model, satisfy the normal equations of the first
+    order at the means. Bounds of laws are not heeded.
+
+    Parameters
+    ----------
+    model, poses, measurement, at
+        As for :func:`precision_pin.forecast_calibration`.
+    robots, seed
+        Number of robots, and 64-bit seed.
+    """
+    check_instance("measurement", measurement, Measurement, "pp.Measurement(kind=..., std=...)")
+    check_whole("the number of robots", robots, 1, 10**6)
+    values, _ = read_poses(model, poses)
+    unit = UnitNumbers.of(model.space)
+    stations = stations_of(model, values)
+    x = model.space.sample(seed, 0, robots)
+    readings = simulate_readings(stations, measurement, model, robots=robots, seed=seed)
+    by_z, by_nuisance = map(flat, stack_at_means(stations, unit, measurement))
+    estimator = Estimator.of(by_z, by_nuisance, has_prior=True)
+    roots = [_root(station, measurement) for station in stations]
+    z, nuisances = np.zeros((unit.root.shape[1], robots)), np.zeros((by_nuisance.shape[1], robots))
+    for _ in range(_STEPS):
+        residuals = _residuals(stations, roots, measurement, unit, readings, z, nuisances)
+        target = residuals + by_z @ z
+        better = estimator.covariance @ (estimator.projected.T @ target)
+        step = better - z
+        if nuisances.size:
+            nuisances = nuisances + np.linalg.lstsq(by_nuisance, residuals - by_z @ step, rcond=None)[0]
+        z = better
+        if np.abs(step).max() < _SETTLED:
+            break
+    residuals = _residuals(stations, roots, measurement, unit, readings, z, nuisances)
+    chi_square: Array = (residuals**2).sum(axis=0) + (z**2).sum(axis=0)
+    errors = []
+    for k, (_, one) in enumerate(task_poses(model, at, values)):
+        later = _with_later_draws(model, x, seed, _TASK_POSE + k)
+        errors.append(one.exact(later) - one.exact(unit.components(model.space, z)))
+    truth = np.asarray(np.linalg.lstsq(unit.root, x[unit.columns] - unit.mean[:, None], rcond=None)[0], dtype=float)
+    return SimulatedCalibrations(np.array(errors), z, truth, chi_square, len(by_z) - estimator.nuisance_rank)
+
+
+def simulate_readings(
+    stations: tuple[Station, ...], measurement: Measurement, model: ErrorModel, *, robots: int = 1, seed: int = 0
+) -> Array:
+    """Return readings ``(P, m, N)`` of simulated robots by the exact model, with the set-up at its nominal values."""
+    x = model.space.sample(seed, 0, robots)
+    count = sum(len(station.rows) for station in stations)
+    noise = np.random.default_rng([seed, 1]).standard_normal((count, measurement.size, robots))
+    readings = measurement.deviations[:, None] * noise
+    set_up = np.zeros((len(measurement.nuisances), robots))
+    for number, station in enumerate(stations):
+        for visit, row in enumerate(station.rows):
+            errors = station.at.exact(_with_later_draws(model, x, seed, number, visit))
+            readings[row] += measurement.predict(station.at.posture.pose, errors, set_up)
+    return readings
+
+
+def _with_later_draws(model: ErrorModel, x: Array, seed: int, pose: int, visit: int = 0) -> Array:
+    """Return component values ``(d, N)`` of the same robots at another pose and visit."""
+    if all(draw.scope is Scope.UNIT for draw in model.space.draws):
+        return x
+    return model.space.sample(seed, 0, x.shape[1], pose=pose, visit=visit)
+
+
+def _root(station: Station, measurement: Measurement) -> Array:
+    zero = np.zeros(len(measurement.nuisances))
+    slopes = measurement.slopes(station.at.posture.pose, station.at.error_at_means, zero)
+    variances = np.tile(measurement.deviations**2, (len(station.rows), 1))
+    return np.asarray(np.linalg.cholesky(station.noise(measurement, slopes.error, variances)), dtype=float)
+
+
+def _residuals(
+    stations: tuple[Station, ...],
+    roots: list[Array],
+    measurement: Measurement,
+    unit: UnitNumbers,
+    readings: Array,
+    z: Array,
+    nuisances: Array,
+) -> Array:
+    """Return whitened residuals ``(M, N)``."""
+    result = np.empty_like(readings)
+    for station, root in zip(stations, roots, strict=True):
+        rows = list(station.rows)
+        errors = station.at.exact(unit.components(station.at.space, z))
+        predicted = measurement.predict(station.at.posture.pose, errors, nuisances)
+        own = np.array([measurement.residual(readings[row], predicted) for row in rows])
+        white = scipy.linalg.solve_triangular(root, own.reshape(len(rows) * measurement.size, -1), lower=True)
+        result[rows] = white.reshape(own.shape)
+    return result.reshape(-1, readings.shape[2])

@@ -1,0 +1,288 @@
+"""``precision-pin calibrate``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final, TypedDict, Unpack
+
+import click
+
+from precision_pin.cli.inputs import read_sheet
+from precision_pin.cli.notes import all_warnings_option, echo_note, echo_warnings, quiet_option
+from precision_pin.cli.options import (
+    ChainOptions,
+    Command,
+    PoseOptions,
+    chain_options,
+    describe_excess,
+    pose_options,
+    seed_option,
+    target_option,
+)
+from precision_pin.cli.poses import check_poses, pose_files, read_poses
+from precision_pin.cli.streams import echo_data
+from precision_pin.cli.targets import Outputs
+from precision_pin.cli.terminal import echo_table
+from precision_pin.display.files import whole_folder, write_text
+from precision_pin.errors import Finding, InputError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from matplotlib.figure import Figure
+
+    from precision_pin.analyses.calibration.measurement import Measurement
+    from precision_pin.display.stored import JsonResult
+    from precision_pin.model.error_model import ErrorModel
+    from precision_pin.robot.pose_set import PoseSet
+    from precision_pin.sheet import Sheet
+
+__all__ = ["command"]
+
+_RANDOM: Final = 50
+"""Poses of a forecast where none are given."""
+_CANDIDATES: Final = 200
+"""Candidates of a plan where none are given."""
+_MOST: Final = 10_000
+"""The most poses of a file."""
+
+
+class _SetUp(TypedDict):
+    """Options of the instrument."""
+
+    kind: str
+    std: str
+    attitude_std: str | None
+    point: str | None
+    point_free: bool
+    base_free: bool
+    anchor: str | None
+
+
+class _Options(ChainOptions, PoseOptions, _SetUp):
+    """All options but those that say what is done."""
+
+    criterion: str | None
+    at_names: tuple[str, ...]
+    random: int | None
+    no_prior: bool
+    urdf: str | None
+    seed: int
+    json_path: str | None
+    out: str | None
+
+
+@click.command("calibrate", cls=Command)
+@click.argument("inputs", nargs=-1, metavar="[ROBOT.urdf] [SHEET.yaml] [DATA.csv]")
+@click.option("--forecast", is_flag=True, help="What measuring will buy, before anything is measured.")
+@click.option("--plan", "count", type=int, metavar="M", help="Choose the M best of many poses to measure.")
+@click.option(
+    "--criterion",
+    type=click.Choice(["task", "D"]),
+    help="Of --plan: the position error left at the poses of --at, or the determinant of the information.  [default: task]",
+)
+@click.option(
+    "--kind",
+    type=click.Choice(["position", "pose", "distance"]),
+    default="position",
+    show_default=True,
+    help="What the instrument measures.",
+)
+@click.option("--std", default="0.02 mm", show_default=True, help="Standard deviation of a measured length.")
+@click.option("--attitude-std", metavar="ANGLE", help="That of a measured angle of a pose; std / 100 mm if left out.")
+@click.option(
+    "--point", metavar='"X Y Z mm"', help="The point that is measured, in the tip's axes; the tip if left out."
+)
+@click.option("--point-free", is_flag=True, help="The place of this point on the tool is estimated.")
+@click.option("--base-free", is_flag=True, help="The base (of distances: the anchor) is estimated.")
+@click.option("--anchor", metavar='"X Y Z mm"', help="Where distances are measured from, in base axes.")
+@pose_options
+@click.option(
+    "--random",
+    type=int,
+    metavar="N",
+    help=f"N random poses within joint limits; {_RANDOM} if none are given, {_CANDIDATES} for a plan.",
+)
+@click.option(
+    "--at", "at_names", multiple=True, metavar="NAME", help="A pose of the sheet to judge; all if left out; repeats."
+)
+@click.option("--no-prior", is_flag=True, help="Maximum likelihood: the sheet's tolerances are no prior.")
+@click.option("--urdf", metavar="FILE", help="Write the calibrated robot as a URDF.")
+@target_option
+@chain_options
+@seed_option
+@click.option("--json", "json_path", metavar="FILE", help="Write the result as JSON; - prints it alone.")
+@click.option("--out", metavar="DIR", help="Write plots (PNG and SVG) and the result there.")
+@all_warnings_option
+@quiet_option
+def command(forecast: bool, count: int | None, **options: Unpack[_Options]) -> None:
+    """Calibrate an arm: forecast what measuring will buy, choose poses to measure, or fit the model to readings.
+
+    With DATA.csv the exact model is fitted to the readings, with the sheet's tolerances as the prior. With --forecast and
+    --plan nothing is measured yet: poses, or candidates, are those given, or random ones. DATA.csv has a column for each
+    joint and each measured number, with units: "joint1 [deg], x [mm], y [mm], z [mm]".
+    """
+    from precision_pin.analyses.calibration.calibrate import calibrate
+    from precision_pin.analyses.calibration.forecast import forecast_calibration
+    from precision_pin.analyses.calibration.plan import plan_calibration
+    from precision_pin.model.error_model import ErrorModel
+    from precision_pin.outputs.calibration.table import calibration_table, forecast_table, plan_table
+
+    data, options["inputs"] = _split(options["inputs"])
+    _check_usage(forecast, count, data, options)
+    outputs = Outputs({"--json": options["json_path"], "--urdf": options["urdf"]}, options["out"], ("calibration*",))
+    outputs.check()
+    outputs.refuse_inputs([*([] if data is None else [data]), *pose_files(options)])
+    measurement = _measurement(options)
+    sheet = read_sheet(options, outputs)
+    model = ErrorModel.from_sheet(sheet)
+    at = _task_poses(model, options["at_names"])
+    if count is not None:
+        poses, sheet = _measured_poses(sheet, options, _CANDIDATES)
+        plan = plan_calibration(
+            model,
+            poses,
+            count,
+            measurement,
+            at=at,
+            criterion="D" if options["criterion"] == "D" else "task",
+            seed=options["seed"],
+            findings=sheet.findings,
+        )
+        echo_warnings(plan.findings[len(sheet.findings) :])
+        _answer(plan, plan_table, "plan_figure", "calibration-plan", options)
+        return
+    if forecast:
+        poses, sheet = _measured_poses(sheet, options, _RANDOM)
+        forecast_result = forecast_calibration(model, poses, measurement, at=at, findings=sheet.findings)
+        echo_warnings(forecast_result.findings[len(sheet.findings) :])
+        _answer(forecast_result, forecast_table, "forecast_figure", "calibration-forecast", options)
+        return
+    assert data is not None
+    result = calibrate(model, data, measurement, prior=not options["no_prior"], at=at, findings=sheet.findings)
+    echo_warnings(result.findings[len(sheet.findings) :])
+    if options["urdf"] is not None:
+        frozen = result.to_urdf(options["urdf"])
+        held = f"; as at the first pose only: {', '.join(frozen)}" if frozen else ""
+        echo_note(f"wrote {options['urdf']}{held}")
+    _answer(result, calibration_table, "calibration_figure", "calibration", options)
+
+
+def _split(arguments: tuple[str, ...]) -> tuple[str | None, tuple[str, ...]]:
+    """Return the data among the arguments, and the others."""
+    data = [text for text in arguments if Path(text).suffix.lower() == ".csv"]
+    inputs = tuple(text for text in arguments if text not in data)
+    if len(data) > 1:
+        raise InputError(f"one file of data is expected, got {' '.join(data)}")
+    if len(inputs) > 2:
+        raise InputError(describe_excess(inputs))
+    return (data[0] if data else None), inputs
+
+
+def _check_usage(forecast: bool, count: int | None, data: str | None, options: _Options) -> None:
+    check_poses(options)
+    chosen = _gives_poses(options)
+    ahead = ["--forecast"] * forecast + ["--plan"] * (count is not None)
+    if data is None and not ahead:
+        raise _usage("nothing to do: give readings (DATA.csv), --forecast or --plan M")
+    if len(ahead) == 2:
+        raise _usage("--forecast and --plan exclude each other; a plan has the forecast of its choice")
+    if data is not None and ahead:
+        raise _usage(f"{ahead[0]} takes no data")
+    if options["criterion"] is not None and count is None:
+        raise _usage("--criterion belongs to --plan")
+    if data is not None and (chosen or options["random"] is not None):
+        raise _usage("the measured poses are those of the data; --at names poses to judge")
+    if chosen and options["random"] is not None:
+        raise _usage("--random and given poses exclude each other")
+    if data is None and (options["no_prior"] or options["urdf"] is not None):
+        raise _usage("--no-prior and --urdf belong to a calibration with data")
+
+
+def _gives_poses(options: PoseOptions) -> bool:
+    return bool(options["pose_names"] or options["all_poses"] or options["qs"] or pose_files(options))
+
+
+def _usage(message: str) -> InputError:
+    return InputError([Finding("error", "E_USAGE", message)])
+
+
+def _measurement(options: _Options) -> Measurement:
+    from precision_pin import units
+    from precision_pin.analyses.calibration.measurement import Measurement
+
+    def point(name: str, text: str | None) -> tuple[float, float, float]:
+        if text is None:
+            return (0.0, 0.0, 0.0)
+        try:
+            x, y, z = units.parse_vector(text, units.LENGTH, count=3)
+        except InputError as error:
+            raise _usage(f"--{name}: {error.findings[0].message}") from None
+        return x, y, z
+
+    def number(name: str, text: str, quantity: units.Quantity) -> float:
+        try:
+            return units.parse(text, quantity)
+        except InputError as error:
+            raise _usage(f"--{name}: {error.findings[0].message}") from None
+
+    angle = options["attitude_std"]
+    return Measurement(
+        kind=options["kind"],  # type: ignore[arg-type]
+        std=number("std", options["std"], units.LENGTH),
+        target=point("point", options["point"]),
+        base="free" if options["base_free"] else "known",
+        target_known=not options["point_free"],
+        attitude_std=None if angle is None else number("attitude-std", angle, units.ANGLE),
+        anchor=point("anchor", options["anchor"]),
+    )
+
+
+def _task_poses(model: ErrorModel, names: tuple[str, ...]) -> list[str] | None:
+    """Return the poses to judge; refuse names that the sheet has not before any work."""
+    for name in names:
+        model.configuration(name)
+    return list(names) or None
+
+
+def _measured_poses(sheet: Sheet, options: _Options, count: int) -> tuple[PoseSet, Sheet]:
+    """Return the poses that the options give, or random ones, and the sheet with warnings about poses left out."""
+    import numpy as np
+
+    from precision_pin.analyses.calibration.candidates import random_poses
+    from precision_pin.robot.pose_set import PoseSet
+
+    if _gives_poses(options):
+        asked = read_poses(sheet, options, _MOST)
+        values = [sheet.poses[one.where] if isinstance(one.where, str) else one.where for one in asked]
+        names = tuple(one.name for one in asked)
+        return PoseSet.at(sheet.chain, np.ascontiguousarray(np.array(values).T), names), asked.noted_in(sheet)
+    number = count if options["random"] is None else options["random"]
+    return PoseSet.at(sheet.chain, random_poses(sheet.chain, number, options["seed"])), sheet
+
+
+def _answer(result: JsonResult, table: Callable[[Any], str], figure: str, name: str, options: _Options) -> None:
+    """Print a result and write the files that are asked for.
+
+    Raises
+    ------
+    OutputError
+        Something cannot be written.
+    """
+    json_path, out = options["json_path"], options["out"]
+    if json_path == "-":
+        echo_data(result.to_json())
+    else:
+        echo_table(table(result))
+    if json_path is not None and json_path != "-":
+        write_text(Path(json_path), result.to_json() + "\n")
+    if out is None:
+        return
+    from precision_pin.outputs.calibration import figures
+    from precision_pin.outputs.monte_carlo.figures import save
+
+    drawn: Figure = getattr(figures, figure)(result)
+    with whole_folder(Path(out)) as stage:
+        write_text(stage / f"{name}.json", result.to_json() + "\n")
+        save(drawn, stage / name)
+    echo_note(f"wrote {out}: {name}.json, {name} as PNG and SVG")

@@ -1,0 +1,1 @@
+"""Forecast, plan and result of a calibration: tables and figures."""

@@ -1,0 +1,236 @@
+"""A calibration as text for a terminal: forecast and result."""
+
+from __future__ import annotations
+
+import math
+import textwrap
+from collections.abc import Iterable, Sequence
+from typing import Final
+
+from precision_pin.analyses.calibration.calibration_result import CalibrationResult
+from precision_pin.analyses.calibration.forecast import CalibrationForecast, CurvePoint
+from precision_pin.analyses.calibration.identifiability import Identifiability
+from precision_pin.analyses.calibration.measurement import Measurement
+from precision_pin.analyses.calibration.plan import CalibrationPlan
+from precision_pin.analyses.calibration.posterior import ErrorLeft, Posterior
+from precision_pin.display.tables import milli, resting_on
+from precision_pin.display.text_table import aligned
+from precision_pin.visible import shortened, visible
+
+__all__ = ["WIDTH", "calibration_table", "describe_measurement", "forecast_table", "plan_table"]
+
+WIDTH: Final = 100
+_POSES: Final = 12
+_NUMBERS: Final = 15
+_NAME: Final = 44
+_ROWS: Final = 8
+_JOINTS: Final = 7
+"""Most joints whose values fit into a line."""
+_EXPLANATION: Final = (
+    "before: from the nominal robot, 95 %: quantile of |d|; after: from the calibrated robot; floor: what pose- and "
+    "visit-scope draws cause, which no calibration removes"
+)
+
+
+def forecast_table(result: CalibrationForecast) -> str:
+    """Return what measuring will buy: the error left at the user's poses, what is learned, and against what it depends."""
+    of = result.provenance
+    lines = [
+        f"calibrating {visible(of.robot)}, {visible(of.base)} to {visible(of.tip)}: rms position error "
+        f"{milli(result.rms('before'), 3)} mm before, {milli(result.rms('after'), 3)} mm after; "
+        f"floor {milli(result.rms('floor'), 3)} mm",
+        f"{result.readings:,} readings of {describe_measurement(result.measurement)}; first order",
+        "",
+        *_pose_rows(result.poses, result.measurement),
+        "",
+        *_learned(result.posterior),
+        "",
+        *_observed(result.identifiability),
+        "",
+        "rms position error over these poses, mm, against ...",
+        *_curve("number of readings", result.by_count, 1.0),
+        *_curve("std of the instrument, µm", result.by_instrument, 1e6),
+        "",
+        _EXPLANATION,
+        *resting_on(of.assumed, of.sources),
+    ]
+    return "\n".join(_wrap(lines))
+
+
+def calibration_table(result: CalibrationResult) -> str:
+    """Return the verdict on model and data, the residuals, the estimates and the error left."""
+    of = result.provenance
+    lines = [
+        f"{visible(of.robot)}, {visible(of.base)} to {visible(of.tip)}: model and data: {result.verdict.upper()}; residuals rms "
+        f"{milli(result.rms('before'), 3)} mm before, {milli(result.rms('after'), 3)} mm after, "
+        f"{milli(result.rms('left out'), 3)} mm of readings left out",
+        f"{len(result.data):,} readings of {describe_measurement(result.measurement)}; chi-square {result.chi_square:.4g} for "
+        f"{result.degrees_of_freedom:,} degrees of freedom, probability {result.probability:.2g}",
+        "" if result.has_prior else "maximum likelihood: the sheet's tolerances are no prior\n",
+        *_pose_rows(result.poses, result.measurement),
+        "",
+        *_estimated(result.posterior),
+        "",
+        *_worst_readings(result),
+        *_set_up(result),
+        "",
+        *_observed(result.identifiability),
+        "",
+        _EXPLANATION,
+    ]
+    return "\n".join(_wrap(lines))
+
+
+def plan_table(result: CalibrationPlan) -> str:
+    """Return the poses to measure, how good the choice is, and the error that it leaves."""
+    of = result.provenance
+    joints = list(result.poses[0].q)
+    aim = (
+        "the position error left at the poses below"
+        if result.criterion == "task"
+        else "the determinant of the information"
+    )
+    rows = [["pose to measure", "", *(shortened(joint, 9) for joint in joints)]]
+    for k, name, q in zip(result.chosen, result.names, result.q.T, strict=True):
+        cells = [
+            f"{1e3 * value:.2f} mm" if joint in result.sliding_joints else f"{math.degrees(value):.2f}°"
+            for joint, value in zip(joints, q, strict=True)
+        ]
+        rows.append([shortened(name, 20) or f"candidate {k + 1}", "", *cells])
+    lines = [
+        f"measure {len(result.chosen):,} of {result.candidates:,} poses of {visible(of.robot)}, {visible(of.base)} to "
+        f"{visible(of.tip)}: rms position error {milli(result.rms('before'), 3)} mm before, "
+        f"{milli(result.rms('after'), 3)} mm after; floor {milli(result.rms('floor'), 3)} mm",
+        f"{describe_measurement(result.measurement)}; first order; seed {of.seed}",
+        f"chosen for {aim}: at least {100 * result.efficiency:.4g} % of the best possible (bound of the relaxed design); "
+        f"random choices: {100 * result.random_efficiency:.3g} %",
+        "",
+        *_pose_rows(result.poses, result.measurement),
+        "",
+        *(aligned(rows) if len(joints) <= _JOINTS else ["the poses to measure are in the JSON"]),
+        "",
+        *_observed(result.identifiability),
+        "",
+        _EXPLANATION,
+        *resting_on(of.assumed, of.sources),
+    ]
+    return "\n".join(_wrap(lines))
+
+
+def describe_measurement(measurement: Measurement) -> str:
+    """Return instrument and set-up in words."""
+    words = [f"{measurement.kind}, std {1e6 * measurement.std:.4g} µm"]
+    if measurement.kind == "pose":
+        words.append(f"{1e6 * float(measurement.deviations[-1]):.4g} µrad")
+    target = " ".join(f"{1e3 * x:.6g}" for x in measurement.target)
+    words.append(f"target at {target} mm{'' if measurement.target_known else ' (estimated)'}")
+    free = "anchor" if measurement.kind == "distance" else "base"
+    words.append(f"{free} {measurement.base}")
+    return ", ".join(words)
+
+
+def _wrap(lines: Iterable[str]) -> list[str]:
+    return [part for line in lines for part in (textwrap.wrap(line, WIDTH) if len(line) > WIDTH else [line])]
+
+
+def _pose_rows(entries: Sequence[ErrorLeft], measurement: Measurement) -> list[str]:
+    """Return a row for each of the user's poses, the worst first where there are many."""
+    is_free = measurement.base == "free" and measurement.kind != "distance"
+    columns = ["before", "after", *(["seen"] if is_free else []), "floor"]
+    listed = sorted(entries, key=lambda entry: -entry.rms("after"))[:_POSES] if len(entries) > _POSES else entries
+    head = [f"{which} {what}" for which in columns for what in (["rms", "95 %"] if which != "floor" else ["rms"])]
+    rows = [["pose, mm", "", *head]]
+    for entry in listed:
+        cells = []
+        for which in columns:
+            cells.append(milli(entry.rms(which), 3))
+            if which != "floor":
+                cells.append(milli(entry.quantile(which), 3))
+        rows.append([shortened(entry.name, 20), "", *cells])
+    lines = aligned(rows)
+    if len(entries) > len(listed):
+        lines.append(f"… and {len(entries) - len(listed):,} poses with less left")
+    if is_free:
+        lines.append("seen: the error after, in the instrument's axes; the base is found with the arm")
+    return lines
+
+
+def _learned(posterior: Posterior) -> list[str]:
+    names = sorted(posterior.names, key=lambda name: -posterior.learned[name])
+    rows = [["number", "", "prior std", "std after", "learned"]]
+    for name in names[:_NUMBERS]:
+        cells = [
+            f"{posterior.prior_std[name]:.3g}",
+            f"{posterior.std[name]:.3g}",
+            f"{100 * posterior.learned[name]:.1f} %",
+        ]
+        rows.append([shortened(name, _NAME), "", *cells])
+    return [*aligned(rows), *_more(len(names))]
+
+
+def _estimated(posterior: Posterior) -> list[str]:
+    names = sorted(posterior.names, key=lambda name: -posterior.learned[name])
+    rows = [["number", "", "prior mean", "prior std", "estimate", "std after", "learned"]]
+    for name in names[:_NUMBERS]:
+        values = (posterior.prior_mean[name], posterior.prior_std[name], posterior.mean[name], posterior.std[name])
+        cells = [*(f"{value + 0.0:.3g}" for value in values), f"{100 * posterior.learned[name]:.1f} %"]
+        rows.append([shortened(name, _NAME - 4), "", *cells])
+    return [*aligned(rows), *_more(len(names))]
+
+
+def _more(count: int) -> list[str]:
+    rest = (
+        [f"… and {count - _NUMBERS:,} numbers of which less is learned; all are in the JSON"]
+        if count > _NUMBERS
+        else []
+    )
+    return ["SI units; learned: the share of the prior variance that the readings remove", *rest]
+
+
+def _observed(found: Identifiability) -> list[str]:
+    indices = ", ".join(f"{name} {value:.3g}" for name, value in found.observability.items())
+    lines = [
+        f"the readings determine {found.rank:,} combinations of {len(found.names):,} numbers; {indices} "
+        "(units of prior std and noise)"
+    ]
+    if found.unseen:
+        lines.append(f"not seen at all: {_list(found.unseen)}")
+    lines += [f"only combinations: {group}" for group in found.combinations[:_ROWS]]
+    if len(found.combinations) > _ROWS:
+        lines.append(f"… and {len(found.combinations) - _ROWS} more groups")
+    return lines
+
+
+def _list(names: Sequence[str]) -> str:
+    more = f" and {len(names) - _ROWS} more" if len(names) > _ROWS else ""
+    return f"{', '.join(names[:_ROWS])}{more}"
+
+
+def _curve(what: str, points: Sequence[CurvePoint], per_si: float) -> list[str]:
+    shown = points if len(points) <= _ROWS + 2 else points[-(_ROWS + 2) :]
+    head = [what, "", *(f"{point.value * per_si:.4g}" for point in shown)]
+    return aligned([head, ["", "", *(milli(point.rms_position, 3) for point in shown)]])
+
+
+def _worst_readings(result: CalibrationResult) -> list[str]:
+    sizes = (result.left_out[:, :3] ** 2).sum(axis=1) ** 0.5
+    gross = {error.line for error in result.gross_errors}
+    order = sorted(range(len(sizes)), key=lambda k: -sizes[k])[:_ROWS]
+    rows = [["worst readings, mm", "", "residual", "left out", "weight"]]
+    for k in order:
+        line = result.data.lines[k]
+        own = float((result.residuals[k, :3] ** 2).sum() ** 0.5)
+        rows.append([f"row {line}", "", milli(own, 3), milli(float(sizes[k]), 3), "0" if line in gross else "1"])
+    return [*aligned(rows), "left out: its residual of a fit without it"]
+
+
+def _set_up(result: CalibrationResult) -> list[str]:
+    found, lines = result.set_up, []
+    if found.base is not None:
+        place = " ".join(f"{1e3 * x:.6g}" for x in found.base[:3, 3])
+        lines.append(f"base of the robot in the instrument's axes, estimated: {place} mm")
+    if any(name.startswith("target") for name in found.std):
+        lines.append(f"target in tool axes, estimated: {' '.join(f'{1e3 * x:.6g}' for x in found.target)} mm")
+    if found.anchor is not None and any(name.startswith("anchor") for name in found.std):
+        lines.append(f"anchor in base axes, estimated: {' '.join(f'{1e3 * x:.6g}' for x in found.anchor)} mm")
+    return lines

@@ -1,0 +1,55 @@
+"""Arms and poses of the calibration's tests."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+import precision_pin as pp
+from precision_pin.analyses.calibration.design import stations_of
+from precision_pin.analyses.calibration.simulation import simulate_readings
+from precision_pin.robot.examples import PAPER_SHEET
+from precision_pin.sources import JointCompliance, JointOffset, Length
+
+OFF_AXIS = (0.05, 0.03, 0.02)
+
+
+@cache
+def paper_model() -> pp.ErrorModel:
+    return pp.ErrorModel.load(PAPER_SHEET)
+
+
+@cache
+def plain_model() -> pp.ErrorModel:
+    """Return the paper's arm with normal offsets and lengths, a load, and joints that do not stop where they did before."""
+    chain = paper_model().chain
+    sources: list[pp.Source] = [JointOffset(joint=name, offset=pp.Normal(1e-3)) for name in chain.joint_names]
+    sources += [
+        JointOffset(joint=name, offset=pp.Draw("", pp.Normal(2e-5), pp.Scope.VISIT)) for name in chain.joint_names[:2]
+    ]
+    sources += [JointOffset(joint="joint3", offset=pp.Draw("", pp.Normal(1e-5), pp.Scope.POSE))]
+    sources += [Length(joint=name, along="link", parameters=(pp.Normal(3e-4),)) for name in ("joint3", "joint4")]
+    sources += [JointCompliance(joint="joint2", compliance=pp.Normal(2e-6, mean=2e-5))]
+    return pp.ErrorModel(chain, pp.Space(), sources, {"work": [0.2, -0.4, 0.9, 0.3], "home": [0.0, 0.3, 0.5, -0.3]})
+
+
+def random_poses(joints: int, count: int, seed: int = 0) -> NDArray[np.float64]:
+    return np.random.default_rng(seed).uniform(-2.2, 2.2, (joints, count))
+
+
+def readings_of(
+    model: pp.ErrorModel, q: NDArray[np.float64], measurement: pp.Measurement, seed: int = 0
+) -> NDArray[np.float64]:
+    """Return readings of a simulated robot, attitudes as rotation vectors."""
+    from precision_pin import se3
+
+    stations = stations_of(model, q)
+    found = simulate_readings(stations, measurement, model, seed=seed)[:, :, 0]
+    if measurement.kind == "pose":
+        for station in stations:
+            for row in station.rows:
+                turn = se3.exp_rotation(found[row, 3:]) @ station.at.posture.pose[:3, :3]
+                found[row, 3:] = se3.log_rotation(turn)
+    return found

@@ -1,0 +1,127 @@
+"""Readings and their derivatives, against homogeneous matrices and finite differences."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+import precision_pin as pp
+from analyses.calibration.arms import OFF_AXIS, plain_model, random_poses, readings_of
+from precision_pin import se3
+from precision_pin.errors import InputError
+
+KINDS = [
+    pp.Measurement(kind, target=(0.1, -0.2, 0.05), base=base, target_known=known, anchor=anchor)
+    for kind, base, known in itertools.product(("position", "pose", "distance"), ("known", "free"), (True, False))
+    for anchor in [(0.4, 0.1, -0.2) if kind == "distance" else (0.0, 0.0, 0.0)]
+]
+
+
+def names(measurement: pp.Measurement) -> str:
+    return f"{measurement.kind}-{measurement.base}-{measurement.target_known}"
+
+
+def setting(measurement: pp.Measurement) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    generator = np.random.default_rng(3)
+    pose = se3.pose(Rotation.random(rng=generator).as_matrix(), generator.uniform(-1, 1, 3))
+    error = generator.normal(0, 0.1, 6)
+    return pose, error, generator.normal(0, 0.2, len(measurement.nuisances))
+
+
+def by_matrices(measurement: pp.Measurement, pose: np.ndarray, error: np.ndarray, nuisances: np.ndarray) -> np.ndarray:
+    """Return a reading as a product of 4 × 4 matrices."""
+    left = list(nuisances)
+
+    def take(count: int) -> np.ndarray:
+        taken, left[:] = left[:count], left[count:]
+        return np.array(taken)
+
+    tip = np.eye(4)
+    tip[:3, :3] = Rotation.from_rotvec(error[3:]).as_matrix() @ pose[:3, :3]
+    tip[:3, 3] = pose[:3, 3] + error[:3]
+    base, anchor, target = np.eye(4), np.array(measurement.anchor), np.eye(4)
+    if measurement.base == "free" and measurement.kind == "distance":
+        anchor = anchor + take(3)
+    elif measurement.base == "free":
+        base[:3, 3], base[:3, :3] = take(3), Rotation.from_rotvec(take(3)).as_matrix()
+    target[:3, 3] = measurement.target
+    if not measurement.target_known:
+        target[:3, 3] += take(3)
+        if measurement.kind == "pose":
+            target[:3, :3] = Rotation.from_rotvec(take(3)).as_matrix()
+    seen = base @ tip @ target
+    if measurement.kind == "distance":
+        return np.array([np.linalg.norm(seen[:3, 3] - anchor)])
+    turn = Rotation.from_matrix(seen[:3, :3] @ pose[:3, :3].T).as_rotvec()
+    return np.concatenate([seen[:3, 3], turn])[: measurement.size]
+
+
+@pytest.mark.parametrize("measurement", KINDS, ids=names)
+def test_reading_is_the_product_of_matrices(measurement: pp.Measurement) -> None:
+    pose, error, nuisances = setting(measurement)
+    found = measurement.predict(pose, error[:, None], nuisances[:, None])[:, 0]
+    np.testing.assert_allclose(found, by_matrices(measurement, pose, error, nuisances), atol=1e-14)
+
+
+@pytest.mark.parametrize("measurement", KINDS, ids=names)
+def test_slopes_are_finite_differences(measurement: pp.Measurement) -> None:
+    pose, error, nuisances = setting(measurement)
+    here = np.concatenate([error, nuisances])
+    step = 1e-5
+
+    def reading(values: np.ndarray) -> np.ndarray:
+        return measurement.predict(pose, values[:6, None], values[6:, None])
+
+    columns = []
+    for k in range(here.size):
+        ahead, behind = here.copy(), here.copy()
+        ahead[k] += step
+        behind[k] -= step
+        columns.append(measurement.residual(reading(ahead), reading(behind))[:, 0] / (2 * step))
+    slopes = measurement.slopes(pose, error, nuisances)
+    np.testing.assert_allclose(np.hstack([slopes.error, slopes.nuisances]), np.array(columns).T, atol=2e-9)
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"kind": "angle"}, "the kind of a measurement must be position or pose or distance"),
+        ({"std": 0.0}, "above zero and finite, in m"),
+        ({"std": -1e-5}, "above zero"),
+        ({"base": "unknown"}, "the base of a measurement must be known or free"),
+        ({"target": (1.0, 2.0)}, "three lengths in m"),
+        ({"attitude_std": 1e-4}, "belongs to the measurement of a pose"),
+        ({"anchor": (1.0, 0.0, 0.0)}, "belongs to the measurement of a distance"),
+    ],
+)
+def test_wrong_settings_are_refused(settings: dict[str, object], message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        pp.Measurement(**settings)  # type: ignore[arg-type]
+
+
+def test_slopes_of_the_model_at_other_values_are_finite_differences() -> None:
+    from precision_pin.robot.examples import PAPER_SHEET
+
+    at = pp.ErrorModel.load(PAPER_SHEET).at("paper")
+    x = at.space.sample(5, 0, 1)[:, 0]
+    error, slopes = at.tangent_at(x)
+    std = np.sqrt(at.space.block_covariance.variances)
+    ahead, behind = (at.exact(x[:, None] + sign * 1e-3 * np.diag(std)) for sign in (1, -1))
+    np.testing.assert_allclose(error, at.exact(x[:, None])[:, 0], rtol=0, atol=0)
+    np.testing.assert_allclose(slopes * std, (ahead - behind) / 2e-3, atol=1e-11)
+
+
+def test_what_is_measured_does_not_move_with_the_point_that_results_are_about() -> None:
+    model, q = plain_model(), random_poses(4, 12)
+    measurement = pp.Measurement(std=20e-6, target=OFF_AXIS)
+    readings = readings_of(model, q, measurement, seed=2)
+    away = pp.ErrorModel(model.chain.with_target((0.0, 0.1, 0.0)), pp.Space(), model.sources, model.poses)
+    here, there = (pp.calibrate(each, (q, readings), measurement) for each in (model, away))
+    assert there.posterior.mean == pytest.approx(here.posterior.mean, rel=1e-9, abs=1e-15)
+    tip, point = here.predict("work"), there.predict("work")
+    np.testing.assert_allclose(point[:3, 3], tip[:3, 3] + 0.1 * tip[:3, 1], atol=1e-12)
+    plans = [pp.plan_calibration(each, q, 4, measurement, criterion="D").chosen for each in (model, away)]
+    assert plans[0] == plans[1]

@@ -1,0 +1,94 @@
+"""The choice of poses against all choices, and its bound."""
+
+from __future__ import annotations
+
+import itertools
+import json
+import time
+
+import numpy as np
+import pytest
+
+import precision_pin as pp
+from analyses.calibration.arms import OFF_AXIS, paper_model, plain_model, random_poses
+from precision_pin.analyses.calibration.identifiability import observability
+
+SET_UPS = [
+    pp.Measurement(std=20e-6, target=OFF_AXIS),
+    pp.Measurement(std=20e-6, target=OFF_AXIS, base="free"),
+]
+
+
+def covariance_of(q: np.ndarray, measurement: pp.Measurement) -> np.ndarray:
+    found = pp.forecast_calibration(plain_model(), q, measurement, at=["work"])
+    return found.posterior.covariance
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("measurement", SET_UPS, ids=["known", "free"])
+@pytest.mark.parametrize("criterion", ["D", "task"])
+def test_the_best_of_all_choices_is_found(measurement: pp.Measurement, criterion: str) -> None:
+    """4 of 8 poses: all 70 choices, each by its forecast."""
+    model, q = plain_model(), random_poses(4, 8)
+    plan = pp.plan_calibration(model, q, 4, measurement, at=["work"], criterion=criterion)  # type: ignore[arg-type]
+    losses = {}
+    for chosen in itertools.combinations(range(8), 4):
+        found = pp.forecast_calibration(model, q[:, chosen], measurement, at=["work"])
+        left = found.rms("after") ** 2 - found.rms("floor") ** 2
+        std = np.array(list(found.posterior.prior_std.values()))
+        losses[chosen] = (
+            left if criterion == "task" else np.linalg.slogdet(found.posterior.covariance / np.outer(std, std))[1]
+        )
+    best = min(losses, key=losses.__getitem__)
+    assert losses[plan.chosen] == pytest.approx(losses[best], rel=1e-6)
+    value, bound = (plan.value, plan.bound) if criterion == "task" else (-plan.value, -plan.bound)
+    assert value == pytest.approx(losses[plan.chosen], rel=1e-5)
+    # no choice passes the bound
+    assert min(losses.values()) > bound
+    assert 0 < plan.random_efficiency <= plan.efficiency <= 1
+
+
+def test_plan_and_forecast_agree_and_a_seed_gives_one_plan() -> None:
+    model, q, measurement = plain_model(), random_poses(4, 30), SET_UPS[0]
+    one, other = (pp.plan_calibration(model, q, 8, measurement, seed=3) for _ in range(2))
+    assert one.to_json() == other.to_json()
+    found = pp.forecast_calibration(model, one.q, measurement)
+    assert found.rms("after") == pytest.approx(one.rms("after"), rel=1e-9)
+    assert found.observability == pytest.approx(one.observability, rel=1e-6)
+    assert one.efficiency > 0.9
+    data = json.loads(one.to_json())
+    assert data["schema"] == "precision-pin/calibration-plan/1"
+    assert len(data["chosen"]) == 8
+
+
+@pytest.mark.slow
+def test_forty_of_two_hundred_poses_in_time_and_certified() -> None:
+    """All 36 geometric errors of the paper's arm by poses: D-efficiency of 0.99, in less than 20 s."""
+    began = time.perf_counter()
+    plan = pp.plan_calibration(
+        pp.every_frame(paper_model().chain), random_poses(4, 200), 40, pp.Measurement("pose"), criterion="D"
+    )
+    assert plan.efficiency >= 0.99
+    assert time.perf_counter() - began < 20
+
+
+def test_all_candidates_are_chosen_where_all_are_asked_for() -> None:
+    plan = pp.plan_calibration(plain_model(), random_poses(4, 5), 5, SET_UPS[0])
+    assert plan.chosen == (0, 1, 2, 3, 4)
+    assert plan.efficiency == pytest.approx(1.0, abs=1e-9)
+
+
+def test_too_many_poses_are_refused() -> None:
+    with pytest.raises(pp.InputError, match="from 1 to 5, the number of candidates"):
+        pp.plan_calibration(plain_model(), random_poses(4, 5), 6, SET_UPS[0])
+
+
+def test_a_candidate_given_twice_is_refused() -> None:
+    q = random_poses(4, 5)
+    with pytest.raises(pp.InputError, match="candidates 2 and 6 are one pose"):
+        pp.plan_calibration(plain_model(), np.hstack([q, q[:, 1:2]]), 3, SET_UPS[0])
+
+
+def test_observability_indices_by_hand() -> None:
+    found = observability(np.array([4.0, 2.0, 1.0]), 4)
+    assert found == pytest.approx({"O1": 1.0, "O2": 0.25, "O3": 1.0, "O4": 0.25, "O5": 1 / 1.75})

@@ -1,0 +1,148 @@
+"""``calibrate``: forecast, fit, files, and what is refused in one line."""
+
+from __future__ import annotations
+
+import json
+import math
+
+import numpy as np
+import pytest
+
+import precision_pin as pp
+from precision_pin.analyses.calibration.design import stations_of
+from precision_pin.analyses.calibration.simulation import simulate_readings
+
+SHEET = "4dof.errors.yaml"
+TARGET = ("--point", "50 30 20 mm")
+JOINTS = "joint1 [deg], joint2 [deg], joint3 [deg], joint4 [deg]"
+
+
+@pytest.fixture
+def rows(folder) -> np.ndarray:
+    """Return readings of a simulated robot: degrees and millimetres."""
+    model = pp.ErrorModel.load(folder / SHEET)
+    q = np.random.default_rng(0).uniform(-2, 2, (4, 10))
+    measurement = pp.Measurement(target=(0.05, 0.03, 0.02))
+    readings = simulate_readings(stations_of(model, q), measurement, model, seed=1)[:, :, 0]
+    return np.hstack([np.degrees(q.T), 1e3 * readings])
+
+
+def write(folder, rows: np.ndarray, header: str = f"{JOINTS}, x [mm], y [mm], z [mm]") -> str:
+    np.savetxt(folder / "data.csv", rows, "%.7f", delimiter=", ", header=header, comments="")
+    return "data.csv"
+
+
+def test_forecast_begins_with_the_answer_and_is_100_columns_wide(run, folder) -> None:
+    found = run("calibrate", SHEET, "--forecast", "--random", "8", *TARGET, "--base-free", "--json", "f.json")
+    assert found.code == 0
+    first = found.out.splitlines()[0]
+    assert first.startswith("calibrating 4dof.urdf, base to tool: rms position error 36.9 mm before, ")
+    assert max(map(len, found.out.splitlines())) <= 100
+    assert (folder / "f.json").read_text().startswith('{\n  "schema": "precision-pin/calibration-forecast/1"')
+
+
+def test_a_plan_begins_with_what_it_buys_and_is_the_forecast_of_its_poses(run, folder) -> None:
+    found = run("calibrate", SHEET, "--plan", "6", "--random", "20", *TARGET, "--json", "p.json", "--out", "plots")
+    assert found.code == 0
+    first = found.out.splitlines()[0]
+    assert first.startswith("measure 6 of 20 poses of 4dof.urdf, base to tool: rms position error 36.9 mm before, ")
+    assert max(map(len, found.out.splitlines())) <= 100
+    assert {path.name for path in (folder / "plots").iterdir()} == {
+        f"calibration-plan.{end}" for end in ("json", "png", "svg")
+    }
+    plan = json.loads((folder / "p.json").read_text())
+    assert plan["schema"] == "precision-pin/calibration-plan/1"
+    chosen = [
+        text for one in plan["chosen"] for text in ("--q", " ".join(f"{x:.17g}" for x in one["q"].values()) + " rad")
+    ]
+    forecast = run("calibrate", SHEET, "--forecast", *chosen, *TARGET, "--json", "-").json
+    assert forecast["rms_position"]["after"] == pytest.approx(plan["rms_position"]["after"], rel=1e-9)
+
+
+def test_a_fit_writes_what_is_asked_for(run, folder, rows) -> None:
+    data = write(folder, rows)
+    found = run("calibrate", SHEET, data, *TARGET, "--urdf", "new.urdf", "--out", "plots", "--json", "c.json")
+    assert found.code == 0
+    assert found.out.splitlines()[0].startswith("4dof.urdf, base to tool: model and data: AGREES; residuals rms ")
+    assert max(map(len, found.out.splitlines())) <= 100
+    assert sorted(path.name for path in (folder / "plots").iterdir()) == [
+        "calibration.json",
+        "calibration.png",
+        "calibration.svg",
+    ]
+    assert (folder / "new.urdf").read_text().startswith("<?xml")
+
+
+def test_units_do_not_matter(run, folder, rows) -> None:
+    one = run("calibrate", SHEET, write(folder, rows), *TARGET, "--json", "-").json
+    other = np.hstack([np.radians(rows[:, :4]), rows[:, 4:] / 1e3])
+    header = "joint1 [rad], joint2 [rad], joint3 [rad], joint4 [rad], x [m], y [m], z [m]"
+    np.savetxt(folder / "si.csv", other, "%.15g", delimiter=",", header=header, comments="")
+    same = run("calibrate", SHEET, "si.csv", *TARGET, "--json", "-").json
+    assert same["chi_square"] == pytest.approx(one["chi_square"], rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("header", "change", "message"),
+    [
+        (f"{JOINTS}, x [mm], y [mm]", lambda rows: rows[:, :6], "no column for z; a position needs x, y, z"),
+        (f"{JOINTS}, x [mm], y [mm], zz [mm]", lambda rows: rows, "the column 'zz' is not expected"),
+        (f"{JOINTS}, x [deg], y [mm], z [mm]", lambda rows: rows, "'deg' of the column 'x' is not a unit of length"),
+        (f"{JOINTS}, x, y [mm], z [mm]", lambda rows: rows, "the column 'x' has no unit"),
+        (JOINTS.replace("deg", "rad") + ", x [mm], y [mm], z [mm]", lambda rows: rows, "are these degrees?"),
+    ],
+)
+def test_wrong_data_are_refused_in_one_line(run, folder, rows, header, change, message) -> None:
+    found = run("calibrate", SHEET, write(folder, change(rows), header), *TARGET)
+    assert found.code == 2
+    assert len(found.err.strip().splitlines()) == 1
+    assert message in found.err
+    assert "data.csv" in found.err
+
+
+def test_swapped_columns_are_noticed(run, folder, rows) -> None:
+    swapped = rows[:, [0, 1, 2, 3, 5, 4, 6]]
+    found = run("calibrate", SHEET, write(folder, swapped), *TARGET)
+    assert found.code == 2
+    assert len(found.err.strip().splitlines()) == 1
+    assert "columns or units are wrong" in found.err
+
+
+def test_copied_rows_are_named(run, folder, rows) -> None:
+    found = run("calibrate", SHEET, write(folder, np.vstack([rows, rows[3]])), *TARGET)
+    assert "data.csv:12: warning W_REPEATED_READING" in found.err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ((), "nothing to do: give readings (DATA.csv), --forecast or --plan M"),
+        (("--forecast", "--plan", "3"), "--forecast and --plan exclude each other"),
+        (("--plan", "3", "data.csv"), "--plan takes no data"),
+        (
+            ("--plan", "9", "--random", "8"),
+            "the number of poses to choose must be a whole number from 1 to 8, the number of candidates",
+        ),
+        (("--forecast", "--criterion", "D"), "--criterion belongs to --plan"),
+        (("--forecast", "data.csv"), "--forecast takes no data"),
+        (("data.csv", "--random", "3"), "the measured poses are those of the data"),
+        (("--forecast", "--urdf", "x.urdf"), "--no-prior and --urdf belong to a calibration with data"),
+        (("--forecast", "--std", "0.1"), "--std"),
+        (("--forecast", "--point", "1 2 mm"), "--point"),
+        (("--forecast", "--random", "0"), "the number of random poses must be a whole number from 1 to 10000"),
+        (("--forecast", "--at", "nowhere"), "nowhere"),
+    ],
+)
+def test_wrong_options_are_refused_in_one_line(run, arguments, message) -> None:
+    found = run("calibrate", SHEET, *arguments)
+    assert found.code == 2
+    assert message in found.err
+    assert len(found.err.strip().splitlines()) == 1
+
+
+def test_given_poses_are_measured(run) -> None:
+    found = run("calibrate", SHEET, "--forecast", "--pose", "paper", "--q", "0 10 20 30 deg", "--json", "-")
+    assert found.code == 2  # two ways to give poses
+    found = run("calibrate", SHEET, "--forecast", "--q", "0 10 20 30 deg", "--q", "0 20 20 30 deg", "--json", "-")
+    assert found.json["readings"] == 2
+    assert math.isfinite(found.json["rms_position"]["after"])
