@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import os
 import re
+import shlex
 import shutil
 import subprocess
 import sys
@@ -22,6 +23,7 @@ ROBOTS: Final = PAGES.parent / "robots"
 PICTURES: Final = {
     "start-position.png": ("start.md", "analyze mine.errors.yaml --samples 20000", "position.png"),
     "map.png": ("map.md", "map example:ur5 --grid table.yaml --relative-to ready", "position.png"),
+    "path.png": ("path.md", 'path 4dof.errors.yaml --grid swing.yaml --spec "75 mm @ 90 %"', "path.png"),
     "your-arm-position.png": ("your-arm.md", "analyze mine.errors.yaml --samples 20000", "position.png"),
 }
 """The page that holds the sheet, the command, and the picture to take, by the name of its file."""
@@ -32,7 +34,7 @@ def main() -> None:
     for name, (page, command, picture) in PICTURES.items():
         with tempfile.TemporaryDirectory() as folder:
             write_files(page, Path(folder))
-            words = [sys.executable, "-m", "precision_pin", *command.split(), "--out", "out"]
+            words = [sys.executable, "-m", "precision_pin", *shlex.split(command), "--out", "out"]
             paths = os.pathsep.join([str(PAGES.parent / "src"), os.environ.get("PYTHONPATH", "")])
             subprocess.run(
                 words, cwd=folder, check=True, stdout=subprocess.DEVNULL, env=os.environ | {"PYTHONPATH": paths}

@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from precision_pin.analyses.map.between_poses import pose_covariance as pose_covariance
     from precision_pin.analyses.map.map_poses import map_poses as map_poses
     from precision_pin.analyses.moments.moments import moments as moments
+    from precision_pin.analyses.path.path_law import path_law as path_law
     from precision_pin.analyses.reliability.reliability import reliability as reliability
     from precision_pin.analyses.worst_case.worst_case import worst_case as worst_case
     from precision_pin.display.progress import progress as progress
@@ -127,6 +128,7 @@ _HOMES: Final = {
     "iso9283_of": "analyses.iso9283.cycles",
     "moments": "analyses.moments.moments",
     "monte_carlo": "sampling",
+    "path_law": "analyses.path.path_law",
     "place_grid": "robot.pose_sources.place_grid",
     "plan_calibration": "analyses.calibration.plan",
     "plane_places": "robot.pose_sources.place_grid",

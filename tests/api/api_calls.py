@@ -281,6 +281,17 @@ def calls() -> Iterator[Call]:
         findings="empty list, empty tuple", threads=OPTIONAL, progress="nothing, true, function, type",
     )  # fmt: skip
     yield call(
+        "path_law",
+        pp.path_law,
+        {
+            "error_model": arm, "poses": np.tile(np.array(POSE)[:, None], 2), "samples": 100, "seed": 0, "probability": 0.95,
+            "model": "exact", "specifications": [], "confidence": 0.95, "findings": [], "threads": 1, "progress": None,
+        },
+        pose_words | {"poses": "pose|joint"},
+        **sampled_fine, probability="one half", specifications=NO_SPECIFICATION, findings="empty list, empty tuple",
+        threads=OPTIONAL, progress="nothing, true, function, type",
+    )  # fmt: skip
+    yield call(
         "inverse_kinematics",
         pp.inverse_kinematics,
         {

@@ -25,6 +25,7 @@ WITH_ROBOT = {
     "worst-case": (),
     "compensate": (),
     "map": (),
+    "path": (),
     "exact-law": (),
     "reliability": ("--spec", "1 mm"),
     "moments": (),
@@ -305,6 +306,7 @@ QUICK = {
 }
 LONGER = {
     "map": ("--out", "mapped"),
+    "path": (*FEW, "--q", "0 0 0 0 deg", "--q", "9 9 9 9 deg", "--out", "along"),
     "compensate": ("--out", "corrected"),
     "worst-case": (*FEW, "--out", "worst"),
     "budget": ("--samples", "1024", "--out", "shares"),

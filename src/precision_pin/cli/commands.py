@@ -41,6 +41,10 @@ COMMANDS: dict[str, tuple[str, str]] = {
         "precision_pin.cli.map",
         "Map the pose error over many poses: quantiles, share in specification, main cause; the worst verified.",
     ),
+    "path": (
+        "precision_pin.cli.path",
+        "Sample the law of the largest error along a path, with bands that hold whole error curves.",
+    ),
     "compensate": (
         "precision_pin.cli.compensate",
         "Correct the constant part of the pose error by other joint values.",

@@ -1,0 +1,338 @@
+"""Law of the largest error along a path, and bands for the error over it: the same robots at every pose.
+
+Every pose is a task. What it yields depends on the model, the seed and the pose alone, and poses are added in order; sums of
+floating-point numbers are not made. The result therefore has the same bits for any number of threads.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import ExitStack
+from dataclasses import dataclass, replace
+from itertools import islice
+from typing import Any, Final, Literal, final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from precision_pin.analyses.map.map_poses import PosesGiven, approached, pose_set
+from precision_pin.analyses.path.path_result import PathResult
+from precision_pin.analyses.provenance import Provenance
+from precision_pin.call_warnings import add, warns_at_end
+from precision_pin.display.progress import steps_to
+from precision_pin.draws.draw import MOST_POSES
+from precision_pin.draws.space import Scope, check_seed
+from precision_pin.errors import Finding, InputError
+from precision_pin.inputs.arguments import check_instance, check_items, check_number, check_whole
+from precision_pin.inputs.memory import check_memory
+from precision_pin.kernel import sampler
+from precision_pin.kernel.many_poses import MOST_TOGETHER
+from precision_pin.model.error_model import ErrorModel
+from precision_pin.robot.chain_findings import limit_findings
+from precision_pin.robot.pose_set import PoseSet
+from precision_pin.sampling import Progress, available_cores, check_progress
+from precision_pin.statistics import COMPONENTS, NORMS, check_confidence, quantile_ranks
+from precision_pin.statistics.specification import Specifications, listed_specifications
+from precision_pin.statistics.summary import NO_SPREAD
+from precision_pin.typing import Array
+
+__all__ = ["count_steps", "path_law"]
+
+MOST_SAMPLES: Final = 10**9
+MOST_THREADS: Final = 1024
+
+_ROUNDING: Final = 1e-14
+"""Least height of the curve that the band is scaled from, m or rad: errors below it are rounding."""
+_BYTES_OF_ROBOT: Final = 8 * (8 + 2 + 4)
+_BYTES_OF_TASK: Final = 8 * 2 * (6 + 6 + 8 + 4)
+_BYTES_OF_POSE: Final = 8 * 40
+
+
+@warns_at_end
+def path_law(
+    error_model: ErrorModel,
+    /,
+    poses: PosesGiven,
+    *,
+    samples: int = 10_000,
+    seed: int = 0,
+    probability: float = 0.95,
+    model: Literal["exact", "linear"] = "exact",
+    specifications: Specifications = (),
+    confidence: float = 0.95,
+    findings: Sequence[Finding] = (),
+    threads: int | None = None,
+    progress: Progress | bool | None = None,
+) -> PathResult:
+    """Sample the law of a robot's largest error along a path, and bands for its error over the path.
+
+    Every built robot passes all poses. Its draws of unit scope are the same at each, those of pose and visit scope are made at
+    each pose, as in :func:`precision_pin.sample_poses`.
+
+    Parameters
+    ----------
+    error_model
+        Chain, draws and sources.
+    poses
+        The points of the path, two or more: a :class:`precision_pin.robot.pose_set.PoseSet`, such as that of a trajectory, or
+        poses as for :func:`precision_pin.sample_poses`. Only these points are looked at, nothing between them.
+    samples
+        Number of built robots N. As many again verify the bands.
+    seed
+        64-bit seed.
+    probability
+        Share of the robots that the bands are made for.
+    model
+        ``"exact"`` evaluates the displaced chain, ``"linear"`` superposes first-order errors (eqs 12-17).
+    specifications
+        Limits to judge, each kept by a robot only if it keeps it at all points: one or a list, each from
+        :func:`precision_pin.specification` or its text.
+    confidence
+        Confidence of every interval.
+    findings
+        Warnings to include in the result, such as those of the sheet.
+    threads
+        Number of threads, by default one for each core. It does not change the result.
+    progress
+        Function called with the number of samples, of all poses together, added since its last call; ``True`` shows a bar.
+
+    Raises
+    ------
+    InputError
+        A wrong argument; fewer than two poses, one without joint values, or more than fit into memory; too few samples for the
+        probability; errors too large to compute with.
+    UnknownNameError
+        No such pose or joint.
+    """
+    check_instance("error_model", error_model, ErrorModel, "as ErrorModel.load makes it")
+    check_whole("the number of samples", samples, 1, MOST_SAMPLES)
+    check_seed(seed)
+    sampler.stage_of(model)
+    check_confidence(confidence)
+    share = check_number("probability", probability, "above 0 and below 1", lambda one: 0 < one < 1)
+    listed = listed_specifications(specifications)
+    known = check_items("findings", findings, Finding)
+    if threads is not None:
+        check_whole("threads", threads, 1, MOST_THREADS)
+    check_progress(progress)
+    _check_samples(int(samples), share, confidence)
+    given = _checked(error_model, pose_set(error_model, poses))
+    workers = threads or available_cores()
+    check_memory(
+        float(samples) * (_BYTES_OF_ROBOT + 2 * workers * _BYTES_OF_TASK) + len(given) * _BYTES_OF_POSE,
+        f"{samples:,} robots along {len(given):,} poses",
+        "sample fewer robots, or with fewer threads",
+    )
+    found = limit_findings(error_model.chain, given.q, given.labels)
+    add(found)
+    run = _Run(int(samples), int(seed), model, share, confidence)
+    tally = _Tally(run, len(given))
+    with ExitStack() as stack:
+        step = stack.enter_context(steps_to(progress, count_steps(len(given), int(samples))))
+        pool = ThreadPoolExecutor(workers)
+        # after a failure or an interrupt the running tasks are awaited; each takes a fraction of a second
+        stack.callback(pool.shutdown, wait=True, cancel_futures=True)
+        under_way: deque[Future[_AtPose]] = deque()
+        for pose, layout in enumerate(_layouts(error_model, given)):
+            under_way.append(pool.submit(run.observe, layout, pose))
+            if len(under_way) >= 2 * workers:
+                tally.add(under_way.popleft().result())
+                step(2 * run.samples)
+        while under_way:
+            tally.add(under_way.popleft().result())
+            step(2 * run.samples)
+    strained = _statics_findings(error_model, given, int(tally.curve[0].argmax()))
+    add(strained)
+    return PathResult(
+        provenance=Provenance.of(error_model, seed),
+        joints=tuple(error_model.chain.joint_names),
+        poses=given,
+        samples=run.samples,
+        model=model,
+        probability=share,
+        confidence=confidence,
+        specifications=listed,
+        findings=known,
+        warnings=tuple(dict.fromkeys(map(str, (*known, *found, *strained)))),
+        **tally.to_arrays(),
+    )
+
+
+def count_steps(poses: int, samples: int) -> int:
+    """Return the number of progress steps: a step a sample, those that verify the bands included."""
+    return 2 * poses * samples
+
+
+def _check_samples(samples: int, probability: float, confidence: float) -> None:
+    if quantile_ranks(samples, probability, confidence) is not None:
+        return
+    rarer = min(probability, 1 - probability)
+    needed = math.ceil(math.log((1 - confidence) / 2) / math.log1p(-rarer))
+    raise InputError(
+        f"{samples:,} samples do not resolve the {100 * probability:.10g} % quantile; about {needed:,} or more do"
+    )
+
+
+def _checked(error_model: ErrorModel, poses: PoseSet) -> PoseSet:
+    """Return the poses of a path; refuse what is none."""
+    if len(poses) < 2:
+        raise InputError("a path has two poses or more; the error at one pose is what monte_carlo samples")
+    if not poses.known.all():
+        first = int(np.flatnonzero(~poses.known)[0])
+        raise InputError(
+            f"{poses.labels[first]}: no joint values are known ({poses.status[first]}), and a robot passes every point of a path"
+        )
+    again = any(draw.scope is not Scope.UNIT for draw in error_model.space.draws)
+    if again and len(poses) > MOST_POSES:
+        raise InputError(f"{len(poses):,} poses; with draws of pose or visit scope at most {MOST_POSES:,} are possible")
+    return poses
+
+
+def _layouts(error_model: ErrorModel, poses: PoseSet) -> Iterator[sampler.SamplerArrays]:
+    """Yield the model's arrays at each pose; some poses are prepared at a time."""
+    models = error_model.at_columns(poses.q, poses.approaches)
+    while together := list(islice(models, MOST_TOGETHER)):
+        yield from sampler.to_arrays_at_poses(together)
+
+
+def _statics_findings(error_model: ErrorModel, poses: PoseSet, worst: int) -> tuple[Finding, ...]:
+    """Return the warnings about statics at the worst pose, with its name."""
+    at = error_model.at(approached(poses.take(np.array([worst])))[0])
+    return tuple(
+        replace(finding, message=f"{poses.labels[worst]}: {finding.message}")
+        for finding in error_model.statics_findings(at)
+    )
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class _AtPose:
+    """What a pose yields.
+
+    Attributes
+    ----------
+    pose
+        Its number.
+    sizes
+        |value| of the eight quantities of the first N robots, ``(8, N)``.
+    curve, interval
+        Quantile of |d| and |δ| among them, ``(2,)``, and its interval, ``(2, 2)``, lower ends first.
+    ratios
+        Norms over the quantile, of all 2 N robots, ``(2, 2 N)``.
+    varies
+        Whether each quantity differs from robot to robot, ``(8,)``.
+    """
+
+    pose: int
+    sizes: Array
+    curve: Array
+    interval: Array
+    ratios: Array
+    varies: NDArray[np.bool_]
+
+
+@final
+@dataclass(frozen=True)
+class _Run:
+    """Settings of a run that are the same for all poses."""
+
+    samples: int
+    seed: int
+    model: Literal["exact", "linear"]
+    probability: float
+    confidence: float
+
+    def observe(self, layout: sampler.SamplerArrays, pose: int) -> _AtPose:
+        """Return what a pose yields.
+
+        Raises
+        ------
+        InputError
+            The errors are too large to compute with.
+        """
+        try:
+            errors = sampler.errors(layout, self.model, self.seed, 0, 2 * self.samples, pose=pose)
+        except InputError as error:
+            raise InputError(f"pose {pose + 1}: {error.findings[0].message}") from None
+        with np.errstate(over="ignore"):
+            norms = np.sqrt((errors.reshape(2, 3, -1) ** 2).sum(axis=1))
+        if not np.isfinite(norms).all():
+            raise InputError(
+                f"pose {pose + 1}: the errors are too large to compute with; the tolerances are far too large"
+            )
+        own = errors[:, : self.samples]
+        sizes = np.empty((8, self.samples))
+        sizes[list(COMPONENTS)] = np.abs(own)
+        sizes[list(NORMS)] = norms[:, : self.samples]
+        moves = own.max(axis=1) - own.min(axis=1) > NO_SPREAD
+        varies = np.zeros(8, dtype=np.bool_)
+        varies[list(COMPONENTS)] = moves
+        # a norm varies with its components: errors on a circle have a constant norm
+        varies[list(NORMS)] = moves.reshape(2, 3).any(axis=1)
+        curve, interval = quantile_of(sizes[list(NORMS)], self.probability, self.confidence)
+        return _AtPose(pose, sizes, curve, interval, norms / np.maximum(curve, _ROUNDING)[:, None], varies)
+
+
+def quantile_of(values: Array, probability: float, confidence: float) -> tuple[Array, Array]:
+    """Return a quantile of each row of ``(k, N)`` and its distribution-free interval, ``(k,)`` and ``(2, k)``.
+
+    The order statistics at rank 1 + (N - 1) p are interpolated linearly, as in :class:`precision_pin.statistics.Distribution`.
+    The interval is NaN where the samples are too few for one.
+    """
+    count = values.shape[1]
+    position = (count - 1) * probability
+    below = min(math.floor(position), count - 1)
+    above = min(below + 1, count - 1)
+    ranks = quantile_ranks(count, probability, confidence)
+    ends = () if ranks is None else (ranks[0] - 1, ranks[1] - 1)
+    ordered = np.partition(values, sorted({below, above, *ends}), axis=1)
+    quantile: Array = ordered[:, below] + (position - below) * (ordered[:, above] - ordered[:, below])
+    interval = np.full((2, len(values)), np.nan) if ranks is None else np.stack([ordered[:, end] for end in ends])
+    return quantile, interval
+
+
+@final
+class _Tally:
+    """Largest errors and ratios of every robot over the poses so far."""
+
+    def __init__(self, run: _Run, poses: int) -> None:
+        self._run = run
+        self.curve = np.empty((2, poses))
+        self._interval = np.empty((2, 2, poses))
+        self._largest = np.full((8, run.samples), -np.inf)
+        self._where = np.zeros((2, run.samples), dtype=np.int64)
+        self._ratios = np.zeros((2, 2 * run.samples))
+        self._varies = np.zeros(8, dtype=np.bool_)
+
+    def add(self, found: _AtPose) -> None:
+        """Add a pose, in order: of equal errors the first pose counts."""
+        norms = list(NORMS)
+        np.copyto(self._where, found.pose, where=found.sizes[norms] > self._largest[norms])
+        np.maximum(self._largest, found.sizes, out=self._largest)
+        np.maximum(self._ratios, found.ratios, out=self._ratios)
+        self.curve[:, found.pose], self._interval[:, :, found.pose] = found.curve, found.interval
+        self._varies |= found.varies
+
+    def to_arrays(self) -> dict[str, Any]:
+        """Return the arrays of the result."""
+        run, poses = self._run, self.curve.shape[1]
+        own, fresh = self._ratios[:, : run.samples], self._ratios[:, run.samples :]
+        # with this rank a further robot is inside with the probability or more, on average over the robots that set it
+        rank = min(math.ceil((run.samples + 1) * run.probability), run.samples)
+        factor = np.partition(own, rank - 1, axis=1)[:, rank - 1]
+        _, factor_interval = quantile_of(own, run.probability, run.confidence)
+        resolved = self.curve.max(axis=1) > _ROUNDING
+        return {
+            "curve": self.curve,
+            "curve_interval": self._interval,
+            "largest": self._largest,
+            "share_of_maximum": np.stack([np.bincount(row, minlength=poses) for row in self._where]) / run.samples,
+            "factor": np.where(resolved, factor, np.nan),
+            "factor_interval": np.where(resolved, factor_interval, np.nan),
+            "kept_band": (fresh <= factor[:, None]).sum(axis=1),
+            "kept_pointwise": (fresh <= 1.0).sum(axis=1),
+            "varies": self._varies,
+        }

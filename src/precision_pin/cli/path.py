@@ -1,0 +1,146 @@
+"""``precision-pin path``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Literal, Unpack
+
+import click
+
+from precision_pin.cli import EXIT_SPEC
+from precision_pin.cli.inputs import read_sheet
+from precision_pin.cli.notes import all_warnings_option, echo_note, quiet_option
+from precision_pin.cli.options import (
+    ChainOptions,
+    PoseOptions,
+    SamplingCommand,
+    chain_options,
+    inputs_argument,
+    model_option,
+    pose_options,
+    seed_option,
+    spec_option,
+    target_option,
+)
+from precision_pin.cli.poses import check_poses, pose_files, read_pose_set
+from precision_pin.cli.progress import compile_sampler, progress_bar
+from precision_pin.cli.streams import echo_data, say
+from precision_pin.cli.targets import Outputs
+from precision_pin.cli.terminal import echo_table
+from precision_pin.display.files import whole_folder, write_text
+from precision_pin.errors import Finding, InputError, UnitError
+from precision_pin.interrupts import raise_if_interrupted, unwinding
+
+__all__ = ["command"]
+
+
+class _Options(ChainOptions, PoseOptions):
+    """All options."""
+
+    samples: int
+    seed: int
+    model: Literal["exact", "linear"]
+    specs: tuple[str, ...]
+    probability: str
+    threads: int | None
+    json_path: str | None
+    out: str | None
+
+
+@click.command("path", cls=SamplingCommand)
+@inputs_argument
+@pose_options
+@target_option
+@chain_options
+@click.option(
+    "--samples",
+    type=int,
+    default=10_000,
+    show_default=True,
+    metavar="N",
+    help="Number of robots; as many again verify the bands.",
+)
+@seed_option
+@model_option
+@spec_option
+@click.option(
+    "--probability",
+    default="95 %",
+    show_default=True,
+    metavar='"99.73 %"',
+    help="Share of the robots that the bands are made for.",
+)
+@click.option("--threads", type=int, metavar="N", help="How many threads sample; all cores if left out.")
+@click.option("--json", "json_path", metavar="FILE", help="Write the result as JSON; - prints it alone.")
+@click.option("--out", metavar="DIR", help="Write a plot (PNG and SVG) and the result there.")
+@all_warnings_option
+@quiet_option
+def command(**options: Unpack[_Options]) -> int:
+    """Sample the law of the largest error along a path, the same robots at every pose.
+
+    A specification is met if enough robots keep it at every pose. Besides, bands for the error over the path: the quantile at
+    each pose, and a band that holds the whole error curve of that share of the robots, verified with fresh ones.
+    """
+    from precision_pin.analyses.path.path_law import count_steps, path_law
+    from precision_pin.draws.space import check_seed
+    from precision_pin.model.error_model import ErrorModel
+    from precision_pin.outputs.path.table import path_table
+    from precision_pin.statistics.specification import specification
+
+    check_poses(options)
+    check_seed(options["seed"])
+    specifications = [specification(text) for text in options["specs"]]
+    probability = _probability(options["probability"])
+    outputs = Outputs({"--json": options["json_path"]}, options["out"], ("path.*",))
+    outputs.check()
+    outputs.refuse_inputs(pose_files(options))
+    sheet = read_sheet(options, outputs)
+    error_model = ErrorModel.from_sheet(sheet)
+    poses = read_pose_set(sheet, options)
+    if len(poses) < 2:
+        message = "a path has two poses or more: --trajectory, --grid, --all-poses, or --pose or --q repeated; analyze is for one"
+        raise InputError([Finding("error", "E_POSE", message)])
+    compile_sampler(error_model.space, options["model"])
+    with progress_bar(count_steps(len(poses), max(options["samples"], 0)), "sampling") as progress, unwinding():
+        result = path_law(
+            error_model,
+            poses,
+            samples=options["samples"],
+            seed=options["seed"],
+            probability=probability,
+            model=options["model"],
+            specifications=specifications,
+            findings=sheet.findings,
+            threads=options["threads"],
+            progress=progress,
+        )
+        raise_if_interrupted()
+    for line in result.warnings[len(sheet.findings) :]:
+        say(line)
+    json_path, out = options["json_path"], options["out"]
+    if json_path == "-":
+        echo_data(result.to_json())
+    else:
+        echo_table(path_table(result))
+    if json_path is not None and json_path != "-":
+        write_text(Path(json_path), result.to_json() + "\n")
+    if out is not None:
+        from precision_pin.outputs.monte_carlo.figures import save
+        from precision_pin.outputs.path.figure import figure
+
+        with whole_folder(Path(out)) as stage:
+            write_text(stage / "path.json", result.to_json() + "\n")
+            save(figure(result), stage / "path")
+        echo_note(f"wrote {out}: path.json, path as PNG and SVG")
+    return 0 if result.met else EXIT_SPEC
+
+
+def _probability(text: str) -> float:
+    from precision_pin import units
+
+    try:
+        # 95 % is 0.95 and not the next number, so that it is one of the levels of the table
+        return round(units.parse_probability(text), 12)
+    except UnitError as error:
+        message = f"--probability {text!r}: {error.findings[0].message}"
+        raise InputError([Finding("error", "E_USAGE", message)]) from None

@@ -1,0 +1,1 @@
+"""The law along a path as table and figure."""

@@ -1,0 +1,111 @@
+"""The law of the largest error along a path and its bands: robot by robot, a closed form, counts of another analysis."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy import stats
+
+import precision_pin as pp
+from precision_pin.draws.laws import Normal, Uniform
+from precision_pin.draws.space import Draw, Scope, Space
+from precision_pin.errors import InputError
+from precision_pin.robot.pose_set import PoseSet
+from precision_pin.sources import JointOffset
+from sampling.cases import MODEL
+
+JOINTS = MODEL.chain.joint_names
+WAY = np.array([[0.1, 0.4, 0.8, -0.6]]).T + np.outer([1.0, -0.5, 0.6, 0.2], np.linspace(0, 1, 7))
+DRAWS = (
+    Draw("robot1", Normal(3e-3)),
+    Draw("robot3", Normal(2e-3)),
+    Draw("pose2", Uniform(3e-3), Scope.POSE),
+    Draw("visit2", Uniform(4e-3), Scope.VISIT),
+)
+MIXED = pp.ErrorModel(
+    MODEL.chain, Space(DRAWS), [JointOffset(joint=JOINTS[int(draw.name[-1])], offset=draw.name) for draw in DRAWS]
+)
+
+
+def test_every_number_robot_by_robot() -> None:
+    samples, share = 400, 0.9
+    found = pp.path_law(MIXED, WAY, samples=samples, seed=4, probability=share)
+    norms = np.empty((2, WAY.shape[1], 2 * samples))
+    for pose in range(WAY.shape[1]):
+        errors = MIXED.at(WAY[:, pose]).exact(MIXED.space.sample(4, 0, 2 * samples, pose=pose))
+        norms[:, pose] = np.linalg.norm(errors[:3], axis=0), np.linalg.norm(errors[3:], axis=0)
+    own, fresh = norms[:, :, :samples], norms[:, :, samples:]
+    np.testing.assert_allclose(found.maximum, own.max(axis=1), rtol=1e-10)
+    np.testing.assert_allclose(found.curve, np.quantile(own, share, axis=2), rtol=1e-10)
+    counts = [np.bincount(row.argmax(axis=0), minlength=WAY.shape[1]) for row in own]
+    np.testing.assert_array_equal(found.share_of_maximum, np.array(counts) / samples)
+    for norm in (0, 1):
+        ratios = np.sort((own[norm] / found.curve[norm][:, None]).max(axis=0))
+        band = found.simultaneous(norm)
+        assert band.factor == pytest.approx(ratios[math.ceil((samples + 1) * share) - 1], rel=1e-10)
+        assert band.factor_interval is not None
+        assert band.factor_interval[0] <= band.factor <= band.factor_interval[1]
+        below = (fresh[norm] <= found.band[norm][:, None] * (1 + 1e-12)).all(axis=0)
+        assert band.coverage == below.mean()
+        assert found.pointwise(norm).coverage == (fresh[norm] <= found.curve[norm][:, None]).all(axis=0).mean()
+        quantile = found.maximum_quantile(norm, share)
+        assert quantile.value == pytest.approx(np.quantile(own[norm].max(axis=0), share), rel=1e-10)
+    alone = pp.path_law(MIXED, WAY, samples=samples, seed=4, probability=share, threads=1)
+    assert alone.to_json() == found.to_json()
+
+
+def test_one_joint_by_hand() -> None:
+    # joint 1 alone: |d| is the lever arm about its axis times |θ|, so one robot is the worst at every pose
+    std = 2e-3
+    one = pp.ErrorModel(MODEL.chain, Space((Draw("a", Normal(std)),)), [JointOffset(joint=JOINTS[0], offset="a")])
+    found = pp.path_law(one, WAY, samples=5000, model="linear", specifications="1 mm @ 10 %")
+    levers = np.array([np.linalg.norm(one.chain.at(q).joint_jacobian[:3, 0]) for q in WAY.T])
+    for level in (0.5, 0.95, 0.99):
+        interval = (
+            pp.path_law(one, WAY, samples=5000, model="linear", confidence=0.9999).maximum_quantile(0, level).interval
+        )
+        assert interval is not None
+        expected = levers.max() * std * stats.halfnorm.ppf(level)
+        assert interval[0] <= expected <= interval[1]
+    assert found.share_of_maximum[0, levers.argmax()] == 1.0
+    band, pointwise = found.simultaneous(0), found.pointwise(0)
+    assert band.factor == pytest.approx(1.0, abs=2e-3)
+    assert stats.binomtest(round(pointwise.coverage * 5000), 5000, 0.95).pvalue > 1e-4
+    kept = found.specification_results[0]
+    inside = stats.halfnorm.cdf(1e-3 / (levers.max() * std))
+    assert stats.binomtest(round(kept.probability * 5000), 5000, inside).pvalue > 1e-4
+
+
+def test_robots_that_keep_a_limit_everywhere_are_those_of_sample_poses() -> None:
+    texts = ["8 mm", "z 3 mm @ 80 %", "6 mrad"]
+    found = pp.path_law(MIXED, WAY, samples=3000, specifications=texts)
+    other = pp.sample_poses(MIXED, WAY, samples=3000, specifications=texts, everywhere=True)
+    assert other.kept_everywhere is not None
+    assert [round(3000 * result.probability) for result in found.specification_results] == list(other.kept_everywhere)
+    assert found.met == all(result.met for result in found.specification_results)
+
+
+def test_what_is_said_and_what_is_refused() -> None:
+    poses = replace(PoseSet.at(MODEL.chain, WAY), times=np.linspace(0, 3, WAY.shape[1]))
+    steps: list[int] = []
+    found = pp.path_law(MIXED, poses, samples=100, progress=steps.append)
+    assert sum(steps) == 200 * WAY.shape[1]
+    data = found.to_dict()
+    assert data["schema"] == "precision-pin/path/1"
+    assert [entry["time"] for entry in data["poses"]] == poses.times.tolist()  # type: ignore[union-attr]
+    assert data["maximum"]["position"]["quantiles"]["0.99"] is None  # too few robots for its interval
+    assert found.to_pandas().shape == (WAY.shape[1], 11)
+    assert "7 poses, 100 robots" in repr(found)
+    still = pp.ErrorModel(MODEL.chain, Space(()), [])
+    none = pp.path_law(still, WAY, samples=100, specifications="1 mm")
+    assert none.simultaneous(0).factor is None
+    assert none.specification_results[0].verdict == "nothing to judge"
+    unknown = replace(poses, q=np.where(np.arange(WAY.shape[1]) == 3, np.nan, WAY))
+    for given, message in ((WAY[:, :1], "two poses or more"), (unknown, "pose 4: no joint values")):
+        with pytest.raises(InputError, match=message):
+            pp.path_law(MIXED, given, samples=100)
+    with pytest.raises(InputError, match="do not resolve"):
+        pp.path_law(MIXED, WAY, samples=50)
