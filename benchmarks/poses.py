@@ -1,13 +1,15 @@
 """Time per sample and pose of a UR5 with 36 random parameters, the same robots at P poses: ``python -m benchmarks.poses``.
 
 Everything is on one core. Beside it: one pose after another; the matrix product that the tangent model at P poses needs
-anyway, (6 P × 36) times (36 × N) without drawing or statistics; and Pinocchio's loops.
+anyway, (6 P × 36) times (36 × N) without drawing or statistics; and Pinocchio's loops. Then maps in closed form, the making of
+the models at all poses included.
 """
 
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
+import warnings
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Final, final
@@ -17,17 +19,26 @@ from numpy.typing import NDArray
 
 from benchmarks import cases, loops
 from benchmarks.tables import Part, Ratio, Table, figure, times
-from benchmarks.timing import Work, nanoseconds
+from benchmarks.timing import Work, best_times, nanoseconds
 from precision_pin import se3
+from precision_pin.analyses.map.map_poses import map_poses
+from precision_pin.errors import PrecisionPinWarning
 from precision_pin.kernel import sampler
 from precision_pin.kernel.many_poses import MOST_TOGETHER, observe_norms, observe_poses
 from precision_pin.kernel.pose_arrays import JoinedTables
+from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.pose_model import PoseModel
+from precision_pin.robot.examples import shipped_sheets
 from precision_pin.statistics import Plan
 
-__all__ = ["measure", "ur5_at"]
+__all__ = ["measure", "measure_maps", "slope", "ur5_at"]
 
 POSES: Final = (1, 8, 64, 1000)
+MAPPED: Final = (10, 100, 1000, 5000)
+STEADY: Final = 100
+"""Poses from which on a map's time is fitted by a power of their number."""
+LEAST_MAPPED: Final = 1000.0
+"""Poses a second that a map in closed form is to make."""
 PRODUCT: Final = 4096
 """Samples of a matrix product, a good size for it."""
 MOST_FULL: Final = 8
@@ -146,6 +157,38 @@ def measure(turns: int) -> Part:
     return Part((table,), ratios)
 
 
+def measure_maps(turns: int) -> Part:
+    """Time maps in closed form of every arm in the package, with the term tables of all poses, quantiles and shares."""
+    random = np.random.default_rng(1)
+    rows, ratios = [], []
+    for name, sheet in shipped_sheets().items():
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", PrecisionPinWarning)
+            model = ErrorModel.load(sheet)
+        q = random.uniform(-1.0, 1.0, (len(model.chain.joints), max(MAPPED)))
+        works = {poses: Work(partial(_map, model, q[:, :poses]), poses) for poses in MAPPED}
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", PrecisionPinWarning)
+            seconds = best_times(works, turns)
+        steep = slope([poses for poses in MAPPED if poses >= STEADY], seconds)
+        rate = MAPPED[-1] / seconds[MAPPED[-1]]
+        cells = tuple(figure(1e6 * seconds[poses] / poses) for poses in MAPPED)
+        rows.append((name, f"{len(model.sources)}", *cells, f"{steep:.2f}", figure(rate)))
+        ratios.append(Ratio(f"{name}: poses a second of a map", rate, aim=LEAST_MAPPED))
+    heads = ("", "sources", *(f"{poses:,}" for poses in MAPPED), "slope", "poses a second")
+    note = f"The slope is that of log time over log P from P = {STEADY} on: 1 where a pose costs the same in any map."
+    return Part((Table("A map in closed form of P poses, one core, µs a pose", heads, rows, (note,)),), tuple(ratios))
+
+
+def slope(sizes: Sequence[int], seconds: Mapping[int, float]) -> float:
+    """Return the power of the size with which the time grows, by least squares."""
+    return float(np.polyfit(np.log(sizes), np.log([seconds[size] for size in sizes]), 1)[0])
+
+
+def _map(model: ErrorModel, q: NDArray[np.float64]) -> None:
+    map_poses(model, q, specifications="1 mm @ 95 %", verify=0)
+
+
 def _each(groups: Sequence[Together], model: sampler.Model, blocks: int) -> None:
     for group in groups:
         group.norms(model, blocks)
@@ -155,10 +198,12 @@ def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--turns", type=int, default=5, help="turns of each, of which the best counts")
-    part = measure(parser.parse_args().turns)
-    for table in part.tables:
-        print(table.as_text())
-    for ratio in part.ratios:
+    turns = parser.parse_args().turns
+    sampled, mapped = measure(turns), measure_maps(min(turns, 3))
+    for part in (sampled, mapped):
+        for table in part.tables:
+            print(table.as_text())
+    for ratio in sampled.ratios:
         print(f"{ratio.name}: {times(ratio.value) if ratio.value else '-'}")
 
 

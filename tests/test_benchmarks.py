@@ -206,3 +206,13 @@ def test_a_quick_run_writes_its_page(tmp_path):
         "benchmark-comparison.png",
         "benchmark-scaling.png",
     }
+
+
+def test_maps_of_every_arm_are_timed(monkeypatch):
+    poses = load("poses")
+    assert poses.slope([10, 100, 1000], {10: 1e-3, 100: 1e-2, 1000: 0.1}) == pytest.approx(1)
+    monkeypatch.setattr(poses, "MAPPED", (1, 2))
+    monkeypatch.setattr(poses, "STEADY", 1)
+    part = poses.measure_maps(1)
+    assert [row[0] for row in part.tables[0].rows] == ["4dof", "panda", "ur5", "xarm7"]
+    assert all(ratio.value > 1 and ratio.aim == 1000 for ratio in part.ratios)

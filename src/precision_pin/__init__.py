@@ -67,6 +67,7 @@ if TYPE_CHECKING:
     from precision_pin.sampling.approaches import sample_approaches as sample_approaches
     from precision_pin.sampling.many_poses import sample_poses as sample_poses
     from precision_pin.sampling.poses_result import PosesResult as PosesResult
+    from precision_pin.sampling.relative import relative as relative
     from precision_pin.sampling.result import Analysis as Analysis
     from precision_pin.sampling.result import MonteCarloResult as MonteCarloResult
     from precision_pin.statistics.specification import specification as specification
@@ -127,6 +128,7 @@ _HOMES: Final = {
     "progress": "display.progress",
     "random_poses": "robot.pose_sources.random_poses",
     "read_trajectory": "robot.pose_sources.trajectory",
+    "relative": "sampling.relative",
     "reliability": "analyses.reliability.reliability",
     "sample_approaches": "sampling.approaches",
     "sample_poses": "sampling.many_poses",

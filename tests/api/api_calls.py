@@ -231,6 +231,17 @@ def calls() -> Iterator[Call]:
         progress="nothing, true, function, type", tell="nothing, function, type",
     )  # fmt: skip
     yield call(
+        "relative",
+        pp.relative,
+        {
+            "error_model": arm, "pose": POSE, "other": [0.0, 0.1, 0.2, 0.3], **sampled, "model": "exact", "specifications": [],
+            "keep_samples": False, "findings": [], "threads": 1, "progress": None,
+        },
+        pose_words | {"pose": "pose|joint", "other": "pose|joint"},
+        pose=POSE_FINE, other=POSE_FINE, **sampled_fine, specifications=NO_SPECIFICATION, keep_samples="true",
+        findings="empty list, empty tuple", threads=OPTIONAL, progress="nothing, true, function, type",
+    )  # fmt: skip
+    yield call(
         "sample_poses",
         pp.sample_poses,
         {

@@ -130,6 +130,16 @@ def locked() -> set[str]:
     return {"precision-pin", *re.findall(r"^([a-z0-9-]+)==", text, re.MULTILINE)}
 
 
+@pytest.fixture(autouse=True)
+def _forget_half_of_trimesh() -> Iterator[None]:
+    """Forget trimesh if a page loads it first: what is hidden here would be missing from it in later tests."""
+    was_loaded = "trimesh" in sys.modules
+    yield
+    if not was_loaded:
+        for module in [name for name in sys.modules if name.partition(".")[0] == "trimesh"]:
+            del sys.modules[module]
+
+
 def set_up_like_a_reader(page: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Hide what the tests have installed and the first set-up line has not, unless the page names an extra."""
     if re.search(r"precision-pin\[\w+\]", PAGES[page].read_text(encoding="utf-8")):

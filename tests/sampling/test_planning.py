@@ -159,7 +159,7 @@ def test_skewness_of_a_single_number_is_that_of_its_quantiles(law):
     expected = [abs(weights @ part**3) / (weights @ part**2) ** 1.5 for part in (z, square)]
     slopes = np.zeros((6, 1))
     slopes[0] = -3.0
-    found = first_order_skewness(Space((Draw("a", law),)), slopes)
+    found = first_order_skewness((Draw("a", law),), slopes)
     np.testing.assert_allclose(found[1], expected, rtol=0.02, atol=1e-3)
 
 

@@ -25,7 +25,7 @@ from precision_pin.cli.options import (
     spec_option,
     target_option,
 )
-from precision_pin.cli.poses import check_poses, pose_files, read_poses
+from precision_pin.cli.poses import check_poses, pose_files, read_poses, reference_pose
 from precision_pin.cli.progress import compile_sampler, progress_bar
 from precision_pin.cli.streams import echo_data, say
 from precision_pin.cli.targets import Outputs
@@ -69,6 +69,11 @@ class _Arm(ChainOptions, PoseOptions):
     "--spec-everywhere", is_flag=True, help="Of several poses: a robot is inside only if it is at all of them."
 )
 @click.option(
+    "--relative-to",
+    metavar="POSE",
+    help="Subtract the same robot's errors at this pose: a name, or joint values as in --q.",
+)
+@click.option(
     "--until", multiple=True, metavar='"95 % to 0.01 mm"', help="Sample until this precision is reached; repeats."
 )
 @click.option("--threads", type=int, metavar="N", help="How many threads sample; all cores if left out.")
@@ -86,6 +91,7 @@ def command(
     model: Literal["exact", "linear"],
     specs: tuple[str, ...],
     spec_everywhere: bool,
+    relative_to: str | None,
     until: tuple[str, ...],
     threads: int | None,
     processes: int | None,
@@ -98,7 +104,8 @@ def command(
 ) -> int:
     """Sample the pose error of an arm at a pose, or of the same robots at several.
 
-    At several poses a specification is met only if it is met at every one.
+    At several poses a specification is met only if it is met at every one. With --relative-to the errors are those relative to
+    another pose of the same robots: taught there, worked here.
 
     Without arguments: the paper's arm and sheet, from inside the package. ROBOT may be example:NAME. The result does not
     depend on what samples it: threads, processes or a cluster, at one go or resumed.
@@ -107,6 +114,7 @@ def command(
     from precision_pin.model.error_model import ErrorModel
     from precision_pin.outputs.monte_carlo.table import analysis_table
     from precision_pin.sampling import check_samples, dask_cluster, monte_carlo
+    from precision_pin.sampling.relative import relative
     from precision_pin.statistics.precision import target
     from precision_pin.statistics.specification import specification
 
@@ -122,6 +130,11 @@ def command(
     if resume and journal is None:
         raise click.UsageError("--resume needs the run's --journal FILE")
     check_poses(arm)
+    at_one = {"--until": bool(until), "--processes": processes, "--dask": dask, "--journal": journal}
+    if relative_to is not None:
+        _refuse_of_relative(
+            [option for option, value in at_one.items() if value] + ["--spec-everywhere"] * spec_everywhere
+        )
     may_be_several = arm["all_poses"] or pose_files(arm) or max(len(arm["pose_names"]), len(arm["qs"])) > 1
     outputs = Outputs(
         {"--journal": journal, "--json": json_path}, out, (*FILES, *(FILES_OF_POSES if may_be_several else ()))
@@ -133,28 +146,37 @@ def command(
     poses = read_poses(sheet, arm)
     sheet = poses.noted_in(sheet)
     if len(poses) > 1:
-        at_one = {"--until": bool(until), "--processes": processes, "--dask": dask, "--journal": journal}
+        at_one["--relative-to"] = relative_to
         refuse_of_one_pose([option for option, value in at_one.items() if value], len(poses))
         job = PosesJob(samples, seed, model, tuple(specifications), spec_everywhere, threads, json_path, out)
         return analyze_poses(error_model, sheet, poses, job)
     where = poses[0].where
+    other = reference_pose(sheet, relative_to)
     compile_sampler(error_model.space, model)
-    with ExitStack() as stack:
-        executor, under_way = (None, None) if dask is None else stack.enter_context(dask_cluster(dask))
-        progress = stack.enter_context(progress_bar(samples, "sampling"))
-        try:
-            with unwinding():
-                analysis = monte_carlo(
-                    error_model, where, samples=samples, seed=seed, model=model, specifications=specifications,
-                    until=until, findings=sheet.findings, threads=threads, processes=processes, executor=executor,
-                    tasks_under_way=under_way, journal=journal, resume=resume, files={"sheet": sheet.file},
-                    progress=progress, tell=echo_note,
-                )  # fmt: skip
-                raise_if_interrupted()
-        except KeyboardInterrupt as interrupt:
-            for note in getattr(interrupt, "__notes__", ()):
-                say(f"{note}; the same command with --resume goes on from there")
-            raise
+    if other is not None:
+        with progress_bar(samples, "sampling") as progress, unwinding():
+            analysis = relative(
+                error_model, where, other, samples=samples, seed=seed, model=model, specifications=specifications,
+                findings=sheet.findings, threads=threads, progress=progress,
+            )  # fmt: skip
+            raise_if_interrupted()
+    else:
+        with ExitStack() as stack:
+            executor, under_way = (None, None) if dask is None else stack.enter_context(dask_cluster(dask))
+            progress = stack.enter_context(progress_bar(samples, "sampling"))
+            try:
+                with unwinding():
+                    analysis = monte_carlo(
+                        error_model, where, samples=samples, seed=seed, model=model, specifications=specifications,
+                        until=until, findings=sheet.findings, threads=threads, processes=processes, executor=executor,
+                        tasks_under_way=under_way, journal=journal, resume=resume, files={"sheet": sheet.file},
+                        progress=progress, tell=echo_note,
+                    )  # fmt: skip
+                    raise_if_interrupted()
+            except KeyboardInterrupt as interrupt:
+                for note in getattr(interrupt, "__notes__", ()):
+                    say(f"{note}; the same command with --resume goes on from there")
+                raise
     for line in analysis.warnings[len(sheet.findings) :]:
         say(line)
     if json_path == "-":
@@ -174,6 +196,12 @@ def _check_together(workers: dict[str, object]) -> None:
     asked = [name for name, value in workers.items() if value is not None]
     if len(asked) > 1:
         raise click.UsageError(f"{' and '.join(asked)} exclude each other")
+
+
+def _refuse_of_relative(options: list[str]) -> None:
+    """Refuse options that the relative error does not take."""
+    if options:
+        raise click.UsageError(f"{options[0]} and --relative-to exclude each other; leave one of them out")
 
 
 def _write_folder(analysis: MonteCarloResult, folder: Path) -> None:

@@ -32,11 +32,12 @@ from precision_pin.sampling.blocks import Work, check_samples, packages
 from precision_pin.sampling.identity import identity
 from precision_pin.sampling.journal import opened
 from precision_pin.sampling.planning import planned
-from precision_pin.sampling.result import Correlated, MonteCarloResult, Until
+from precision_pin.sampling.result import MonteCarloResult
+from precision_pin.sampling.result_findings import find_coarse_bins, find_constant_error
+from precision_pin.sampling.result_parts import Correlated, Until
 from precision_pin.sampling.schedule import Sampling
 from precision_pin.sampling.workers import Submitter, chosen
 from precision_pin.statistics import (
-    QUANTITIES,
     Plan,
     State,
     Summary,
@@ -47,15 +48,10 @@ from precision_pin.statistics import (
 from precision_pin.statistics.precision import Precision, Target, reached, target
 from precision_pin.statistics.specification import Specifications, listed_specifications
 
-__all__ = ["Progress", "check_progress", "monte_carlo"]
+__all__ = ["Progress", "check_progress", "makers", "model_at_pose", "monte_carlo"]
 
 _LARGEST_SQUARE: Final = 1e75
 """Largest square of errors accepted, m² or rad²: beyond, the sums of fourth powers for the intervals overflow."""
-
-_COARSE: Final = 0.05
-"""Share of the standard deviation above which the bin error of a quantile gives a warning."""
-_ROUNDING: Final = 1e-14
-"""Errors below this value, m or rad, count as rounding."""
 
 Progress = Callable[[int], None]
 """Function called with the number of samples added since its last call."""
@@ -183,7 +179,7 @@ def monte_carlo(
         check_kept(samples)
     targets = [target(text) for text in until]
     workers = chosen(threads, processes, executor, tasks_under_way)
-    at = _model_at_pose(error_model, pose)
+    at = model_at_pose(error_model, pose)
     layout = sampler.to_arrays(at)
     plan = planned(at, layout, model, int(seed), specifications)
     work = Work(layout, plan, model, int(seed), int(samples), keep_samples, packages())
@@ -212,8 +208,8 @@ def monte_carlo(
     precisions = [reached(wanted, summary) for wanted in targets]
     found = (
         *at.findings(model), *error_model.statics_findings(at),
-        *_find_constant_error(summary, findings),
-        *_find_coarse_bins(summary),
+        *find_constant_error(summary, findings, "at this pose: all robots have the same error"),
+        *find_coarse_bins(summary),
         *(_missed_target(text, one, summary.samples) for text, one in zip(until, precisions, strict=True) if not one.reached),
     )  # fmt: skip
     add(found)
@@ -232,7 +228,7 @@ def monte_carlo(
         sliding_joints=tuple(joint.name for joint in chain.joints if joint.kind == "prismatic"),
         correlations=Correlated.all_of(at.space),
         summary=summary,
-        makers=_makers(work.layout, int(seed), summary),
+        makers=makers(work.layout, int(seed), summary),
         assumed=error_model.assumed,
         sources=len(error_model.sources),
         until=tuple(Until(text, one) for text, one in zip(until, precisions, strict=True)),
@@ -287,48 +283,20 @@ def _check_resolved(wanted: Target, found: Precision, summary: Summary) -> None:
         )
 
 
-def _find_constant_error(summary: Summary, known: Sequence[Finding]) -> list[Finding]:
-    """Return a warning where the error does not vary, unless the sheet's findings include it."""
-    if any(summary.varying) or any(finding.code in ("W_NO_SOURCES", "W_NOTHING_VARIES") for finding in known):
-        return []
-    message = "no source makes the error vary at this pose: all robots have the same error, and no specification can be judged"
-    return [Finding("warning", "W_NOTHING_VARIES", message)]
-
-
-def _find_coarse_bins(summary: Summary) -> list[Finding]:
-    """Return a warning for each quantity with a quantile in a bin that is too wide for the sampled spread."""
-    found = []
-    for quantity in QUANTITIES:
-        distribution = summary.distribution(quantity)
-        allowed = max(_COARSE * (distribution.std or 0.0), _ROUNDING)
-        if (distribution.bin_upper - distribution.bin_lower).max() <= allowed:
-            continue
-        errors = {level: distribution.quantile_error(level) or 0.0 for level in distribution.levels}
-        level = max(errors, key=lambda one: errors[one])
-        if errors[level] > allowed:
-            unit = "m" if quantity.startswith("position") else "rad"
-            message = (
-                f"the {100 * level:.4g} % quantile of {quantity} is resolved to {errors[level]:.2g} {unit} only, because rare "
-                "errors lie far outside the range that the bins were planned for; its interval is widened accordingly"
-            )
-            found.append(Finding("warning", "W_BINS", message))
-    return found
-
-
 def _missed_target(text: str, found: Precision, samples: int) -> Finding:
     needed = found.needed(samples)
     about = "" if needed is None else f"; about {needed:,.3g} are needed"
     return Finding("warning", "W_UNTIL", f"{samples:,} samples do not reach the target {text}{about}")
 
 
-def _makers(layout: sampler.SamplerArrays, seed: int, summary: Summary) -> dict[int, dict[str, float]]:
+def makers(layout: sampler.SamplerArrays, seed: int, summary: Summary) -> dict[int, dict[str, float]]:
     """Return the parameters of the units with the largest errors."""
     units = sorted({one.sample for one in (*summary.largest_position, *summary.largest_attitude)})
     names = layout.space.components
     return {unit: dict(zip(names, sampler.sample(layout, seed, unit, 1)[:, 0].tolist(), strict=True)) for unit in units}
 
 
-def _model_at_pose(
+def model_at_pose(
     error_model: ErrorModel, q: ArrayLike | Mapping[str, float] | ApproachedPose | str | None
 ) -> PoseModel:
     """Return the model at the pose, after checking that its first-order errors do not overflow."""

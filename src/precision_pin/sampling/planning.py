@@ -18,8 +18,9 @@ from precision_pin.kernel import sampler
 from precision_pin.model.pose_model import PoseModel
 from precision_pin.sampling.skewness import first_order_skewness
 from precision_pin.statistics import Plan, Specification, quantity_values
+from precision_pin.typing import Array
 
-__all__ = ["PILOT", "planned"]
+__all__ = ["PILOT", "planned", "reach"]
 
 PILOT: Final = 512
 """Number of samples for planning: the first of the seed, even in a shorter run."""
@@ -47,14 +48,20 @@ def planned(
         Limits to count against.
     """
     _, slopes = at.tangent
-    skewness = first_order_skewness(at.space, slopes)
+    skewness = first_order_skewness(at.space.draws, slopes)
     try:
         pilot = quantity_values(sampler.errors(layout, model, seed, 0, PILOT))
     except InputError:
         # the run reports the invalid sample itself, unless it ends before it
         return replace(Plan.from_moments(at.error_at_means, at.covariance, tuple(specifications)), skewness=skewness)
+    plan = Plan.from_pilot(pilot, reach(at, layout, slopes), tuple(specifications))
+    return replace(plan, skewness=skewness)
+
+
+def reach(at: PoseModel, layout: sampler.SamplerArrays, slopes: Array) -> Array:
+    """Return the approximate largest deviation of each component ``(6,)`` for slopes ``(6, d)`` of the error."""
     with np.errstate(over="ignore", invalid="ignore"):
         farthest = np.maximum(layout.highest - at.space.mean, at.space.mean - layout.lowest)
-        reach = (np.abs(slopes) * np.minimum(farthest, _FARTHEST)).sum(axis=1)
-    plan = Plan.from_pilot(pilot, np.minimum(np.nan_to_num(reach), _FARTHEST), tuple(specifications))
-    return replace(plan, skewness=skewness)
+        largest = (np.abs(slopes) * np.minimum(farthest, _FARTHEST)).sum(axis=1)
+    result: Array = np.minimum(np.nan_to_num(largest), _FARTHEST)
+    return result

@@ -27,10 +27,10 @@ from precision_pin.display.tables import (
     symbol,
     unit,
 )
-from precision_pin.draws.space import Space
 from precision_pin.errors import Finding, InputError
 from precision_pin.inputs.arrays import fix_fields
 from precision_pin.robot.approach import approach_entry
+from precision_pin.sampling.result_parts import Correlated, RelativeTo, Until
 from precision_pin.sampling.versions import versions
 from precision_pin.statistics import (
     QUANTITIES,
@@ -42,7 +42,6 @@ from precision_pin.statistics import (
     format_share,
 )
 from precision_pin.statistics.distribution import CONTENTS
-from precision_pin.statistics.precision import Precision
 from precision_pin.typing import Array
 
 if TYPE_CHECKING:
@@ -52,45 +51,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 __all__ = ["Analysis", "Correlated", "MonteCarloResult", "Until"]
-
-
-@final
-@dataclass(frozen=True)
-class Correlated:
-    """Group of correlated parameters.
-
-    Attributes
-    ----------
-    parameters
-        Names of the parameters.
-    scores
-        Correlation matrix of their normal scores, as given, row by row.
-    pearson
-        Correlation matrix of the parameters themselves, which follows from `scores` and the laws.
-    """
-
-    parameters: tuple[str, ...]
-    scores: tuple[tuple[float, ...], ...]
-    pearson: tuple[tuple[float, ...], ...]
-
-    @classmethod
-    def all_of(cls, space: Space) -> tuple[Correlated, ...]:
-        """Return every correlation of a space."""
-        found = []
-        for correlation in space.correlations:
-            columns = [space.index[name] for name in correlation.names]
-            pearson = space.pearson_within(columns)
-            found.append(cls(correlation.names, correlation.matrix, tuple(map(tuple, pearson.tolist()))))
-        return tuple(found)
-
-
-@final
-@dataclass(frozen=True)
-class Until:
-    """Target precision, as text, and the precision reached."""
-
-    text: str
-    precision: Precision
 
 
 @final
@@ -133,6 +93,8 @@ class MonteCarloResult(JsonResult):
         One line each: the findings, then the warnings of the analysis.
     errors
         ``(6, N)`` every sample, if they were kept.
+    relative_to
+        The pose whose errors are subtracted (:func:`precision_pin.relative`); ``None`` where none are.
     """
 
     schema: ClassVar[str] = "precision-pin/analysis/1"
@@ -159,6 +121,7 @@ class MonteCarloResult(JsonResult):
     errors: Array | None = field(default=None, repr=False)
     findings: tuple[Finding, ...] = ()
     versions: Mapping[str, str] = field(default_factory=versions)
+    relative_to: RelativeTo | None = None
 
     def __post_init__(self) -> None:
         fix_fields(self)
@@ -193,6 +156,7 @@ class MonteCarloResult(JsonResult):
             "tip": self.tip,
             "axes": "base",
             "pose": {"name": self.pose_name, "q": dict(self.q), **approach_entry(self.approach)},
+            **({} if self.relative_to is None else {"relative_to": self.relative_to.to_dict()}),
             "samples": self.samples,
             "seed": self.seed,
             "model": self.model,
@@ -354,7 +318,7 @@ class MonteCarloResult(JsonResult):
         quantile = norm.quantile(0.95)
         within = "" if quantile is None else f", |d| within {1e3 * quantile:.4g} mm for 95 %"
         return (
-            f"<MonteCarloResult of {self.robot!r}, {self.base!r} to {self.tip!r}, pose {self.pose_name!r}: "
+            f"<MonteCarloResult of {self.robot!r}, {self.base!r} to {self.tip!r}, pose {self.pose_name!r}{self._other_pose}: "
             f"{self.samples:,} samples, seed {self.seed}, {self.model} model{within}>"
         )
 
@@ -380,7 +344,7 @@ class MonteCarloResult(JsonResult):
             ],
         )
         return rendered(
-            f"Pose error of {self.robot}: {self.base} to {self.tip}, pose {pose}",
+            f"Pose error of {self.robot}: {self.base} to {self.tip}, pose {pose}{self._other_pose}",
             [statistics, *([specifications] if specifications.rows else [])],
             [
                 f"{joint_text(self.q, self.sliding_joints, self.approach)}; base axes",
@@ -390,6 +354,13 @@ class MonteCarloResult(JsonResult):
                 *self.warnings,
             ],
         )
+
+    @property
+    def _other_pose(self) -> str:
+        """The other pose after that of the result; empty without one."""
+        if self.relative_to is None:
+            return ""
+        return f" relative to {repr(self.relative_to.name) if self.relative_to.name else 'a pose without a name'}"
 
     def _attributes(self) -> dict[str, Any]:
         return {key: value for key, value in self.to_dict().items() if key in _ATTRIBUTES}
@@ -436,5 +407,6 @@ def _share_cells(result: SpecificationResult) -> tuple[str, str]:
 
 _COMPONENTS: Final = ("dx", "dy", "dz", "rx", "ry", "rz")
 _ATTRIBUTES: Final = (
-    "schema", "robot", "base", "tip", "axes", "pose", "samples", "seed", "model", "statics", "confidence", "versions",
+    "schema", "robot", "base", "tip", "axes", "pose", "relative_to", "samples", "seed", "model", "statics", "confidence",
+    "versions",
 )  # fmt: skip

@@ -8,12 +8,13 @@ laws with tails no heavier than normal as normal: the result only serves to judg
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from functools import lru_cache
 
 import numpy as np
 
+from precision_pin.draws.draw import Draw
 from precision_pin.draws.laws import Law
-from precision_pin.draws.space import Space
 from precision_pin.statistics import COMPONENTS, NORMS
 from precision_pin.typing import Array
 
@@ -26,13 +27,13 @@ _NORMAL_SQUARE = math.sqrt(8)
 """Skewness of the square of a normal variable."""
 
 
-def first_order_skewness(space: Space, slopes: Array) -> Array:
+def first_order_skewness(draws: Sequence[Draw], slopes: Array) -> Array:
     """Return the skewness of the eight quantities and of their squared deviations, ``(8, 2)``.
 
     Parameters
     ----------
-    space
-        The draws.
+    draws
+        The draws, independent of each other.
     slopes
         ``(6, d)`` slopes of the error's components.
 
@@ -42,13 +43,13 @@ def first_order_skewness(space: Space, slopes: Array) -> Array:
     components of its vector, minus the skewness of a normal variable's square.
     """
     found = np.zeros((8, 2))
-    skewed = [_cumulants(draw.law) for draw in space.draws]
+    skewed = [_cumulants(draw.law) for draw in draws]
     if all(cumulants is None for cumulants in skewed):
         # only normal-like laws: components are not skewed, their squares as those of normal variables
         found[:, 1] = _NORMAL_SQUARE
         found[list(COMPONENTS), 1] *= (slopes != 0).any(axis=1)
         return found
-    known = [_normal_cumulants(draw.law) if own is None else own for draw, own in zip(space.draws, skewed, strict=True)]
+    known = [_normal_cumulants(draw.law) if own is None else own for draw, own in zip(draws, skewed, strict=True)]
     cumulants = np.concatenate([np.zeros((4, 0)), *known], axis=1)
     second, third, fourth, sixth = (
         (slopes**power * cumulant).sum(axis=1) for power, cumulant in zip((2, 3, 4, 6), cumulants, strict=True)

@@ -105,7 +105,9 @@ def plot(analysis: MonteCarloResult, quantity: str, axes: Axes | None) -> Axes |
 def _arm(analysis: MonteCarloResult) -> str:
     """Return robot and pose, short and without marks that turn the text round."""
     named = f" at pose {visible(analysis.pose_name, 40)}" if analysis.pose_name else ""
-    return f"{visible(analysis.robot, 60)}{named}"
+    other = analysis.relative_to
+    relative = f" relative to {visible(other.name, 40) or 'another pose'}" if other else ""
+    return f"{visible(analysis.robot, 60)}{named}{relative}"
 
 
 def histogram(

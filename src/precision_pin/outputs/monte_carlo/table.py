@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING, Final
 from precision_pin.display.tables import ROUNDING, absolute, joint_text, plain, resting_on, symbol, unit
 from precision_pin.display.text_table import aligned
 from precision_pin.robot.mcpc import Mcpc
-from precision_pin.sampling.result import Correlated, MonteCarloResult
+from precision_pin.sampling.result import MonteCarloResult
+from precision_pin.sampling.result_parts import Correlated
 from precision_pin.statistics import Distribution, Specification, SpecificationResult, format_inside, format_share
 from precision_pin.statistics.distribution import CONTENTS
 from precision_pin.visible import shown, visible
@@ -46,6 +47,7 @@ def analysis_table(analysis: MonteCarloResult) -> str:
     pose = pose_text(analysis.pose_name, analysis.q, analysis.sliding_joints, analysis.approach)
     lines = [
         f"{visible(analysis.robot)}: {visible(analysis.base)} to {visible(analysis.tip)}, pose {pose}",
+        *_relative(analysis),
         f"{analysis.samples:,} samples, seed {analysis.seed}, {analysis.model} model, statics {analysis.statics}; "
         "errors in base axes, intervals and digits at "
         f"{analysis.summary.confidence:.0%} confidence",
@@ -68,6 +70,15 @@ def analysis_table(analysis: MonteCarloResult) -> str:
     lines += [line for group in analysis.correlations for line in _pairs(group)]
     lines += resting_on(analysis.assumed, analysis.sources)
     return "\n".join(lines)
+
+
+def _relative(analysis: MonteCarloResult) -> list[str]:
+    """Return the line that names the other pose, if there is one."""
+    other = analysis.relative_to
+    if other is None:
+        return []
+    where = pose_text(other.name, other.q, analysis.sliding_joints, other.approach)
+    return [f"relative to the same robots at pose {where}"]
 
 
 def _within(analysis: MonteCarloResult, level: float) -> str:

@@ -10,7 +10,7 @@ from precision_pin.display.tables import milli, resting_on
 from precision_pin.outputs.kit.html import Child, Html, definitions, element, items, joined, paragraph, section
 from precision_pin.outputs.report.collect import Missing, Results
 from precision_pin.outputs.report.wording import subject, without_folders
-from precision_pin.sampling.result import Correlated
+from precision_pin.sampling.result_parts import Correlated
 
 __all__ = ["assumptions"]
 

@@ -1,0 +1,280 @@
+"""Distribution of a robot's error at a pose relative to its error at another, by sampling: taught there, worked here."""
+
+from __future__ import annotations
+
+import os
+from collections import deque
+from collections.abc import Mapping, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import ExitStack
+from dataclasses import dataclass, replace
+from typing import Final, Literal, final
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from precision_pin.call_warnings import add, warns_at_end
+from precision_pin.display import progress as progress_bar
+from precision_pin.draws.space import Scope, check_seed
+from precision_pin.errors import Finding, InputError
+from precision_pin.inputs.arguments import check_flag, check_instance, check_items, check_whole
+from precision_pin.inputs.memory import check_kept
+from precision_pin.kernel import sampler
+from precision_pin.model.error_model import ErrorModel
+from precision_pin.model.pose_model import PoseModel
+from precision_pin.robot.approach import ApproachedPose, written_approach
+from precision_pin.sampling import Progress, available_cores, check_progress, check_samples
+from precision_pin.sampling.one_pose import makers, model_at_pose
+from precision_pin.sampling.planning import PILOT, reach
+from precision_pin.sampling.result import MonteCarloResult
+from precision_pin.sampling.result_findings import find_coarse_bins, find_constant_error
+from precision_pin.sampling.result_parts import Correlated, RelativeTo
+from precision_pin.sampling.skewness import first_order_skewness
+from precision_pin.statistics import Plan, check_confidence, finish, observe, quantity_values, start
+from precision_pin.statistics.specification import Specifications, listed_specifications
+from precision_pin.typing import Array
+
+__all__ = ["MOST_THREADS", "relative"]
+
+MOST_THREADS: Final = 1024
+
+OnePose = ArrayLike | Mapping[str, float] | ApproachedPose | str | None
+
+
+@warns_at_end
+def relative(
+    error_model: ErrorModel,
+    /,
+    pose: OnePose,
+    other: OnePose,
+    *,
+    samples: int = 100_000,
+    seed: int = 0,
+    model: Literal["exact", "linear"] = "exact",
+    specifications: Specifications = (),
+    keep_samples: bool = False,
+    confidence: float = 0.95,
+    findings: Sequence[Finding] = (),
+    threads: int | None = None,
+    progress: Progress | bool | None = None,
+) -> MonteCarloResult:
+    """Sample the error of robots at a pose relative to the error of the same robots at another.
+
+    A robot that is taught at ``other``, where its error is taken up into the program, works at ``pose`` with e_p - e_q.
+
+    Parameters
+    ----------
+    error_model
+        Chain, draws and sources.
+    pose, other
+        The pose p at which the robot works, and the pose q whose errors are subtracted; each as for
+        :func:`precision_pin.monte_carlo`.
+    samples
+        Number of built robots.
+    seed
+        64-bit seed.
+    model
+        ``"exact"`` evaluates the displaced chain, ``"linear"`` superposes first-order errors (eqs 12-17).
+    specifications
+        Limits of the relative error to count against: one or a list, each from :func:`precision_pin.specification` or its
+        text.
+    keep_samples
+        Keep every relative error, ``(6, samples)``.
+    confidence
+        Confidence of every interval.
+    findings
+        Warnings to include in the result, such as those of the sheet.
+    threads
+        Number of threads, by default one for each core. It does not change the result.
+    progress
+        Function called with the number of robots added since its last call; ``True`` shows a bar.
+
+    Returns
+    -------
+    MonteCarloResult
+        With ``relative_to``; its other fields are those of ``pose`` and of the relative error.
+
+    Raises
+    ------
+    InputError
+        A wrong number of samples, seed, model, confidence, pose or threads; errors too large to compute with; more samples
+        to keep than fit into memory.
+    UnknownNameError
+        No such pose or joint.
+
+    Notes
+    -----
+    The components of e_p - e_q are d_p - d_q, the difference of the tip's displacements, and δ_p - δ_q, the difference of
+    the rotation vectors; each error is that of the displaced chain against the nominal one at its own pose. Both are in
+    the axes of the base, also where the tool is turned between the poses: neither is expressed in the tool.
+
+    Draws of unit scope are those of one robot at both poses, the same numbers as in :func:`precision_pin.monte_carlo` with
+    the same seed. Draws of visit scope are independent. Draws of pose scope are independent too, unless both poses have the
+    same joint values: then they are shared, and what is left is what two visits differ by.
+    """
+    check_instance("error_model", error_model, ErrorModel, "as ErrorModel.load makes it")
+    check_samples(samples)
+    check_seed(seed)
+    sampler.stage_of(model)
+    check_confidence(confidence)
+    listed = listed_specifications(specifications)
+    known = check_items("findings", findings, Finding)
+    check_flag("keep_samples", keep_samples)
+    if threads is not None:
+        check_whole("threads", threads, 1, MOST_THREADS)
+    check_progress(progress)
+    if keep_samples:
+        check_kept(samples)
+    pair = _Pair.of(model_at_pose(error_model, pose), model_at_pose(error_model, other), model, int(seed))
+    plan = replace(pair.plan, specifications=listed)
+    state, kept = start(plan), []
+    with ExitStack() as stack:
+        step = stack.enter_context(progress_bar.progress(samples)) if progress is True else progress or _nothing
+        workers = threads or available_cores()
+        pool = ThreadPoolExecutor(workers)
+        # after a failure or an interrupt the running blocks are awaited; each takes a fraction of a second
+        stack.callback(pool.shutdown, wait=True, cancel_futures=True)
+        under_way: deque[Future[Array]] = deque()
+        firsts = iter(range(0, int(samples), sampler.BLOCK))
+        # blocks are added in order, so that the sums do not depend on the threads
+        while state.count < samples:
+            while len(under_way) < 2 * workers and (first := next(firsts, None)) is not None:
+                under_way.append(pool.submit(pair.errors, first, min(sampler.BLOCK, int(samples) - first)))
+            block = under_way.popleft().result()
+            state = observe(plan, state, block)
+            if keep_samples:
+                kept.append(block)
+            step(block.shape[1])
+    summary = finish(plan, state, confidence, spread=np.sqrt(np.maximum(np.diag(pair.covariance), 0.0)))
+    label = error_model.pose_name(other)
+    found = (
+        *pair.at.findings(model), *error_model.statics_findings(pair.at),
+        *_named((*pair.other.findings(model), *error_model.statics_findings(pair.other)), label),
+        *find_constant_error(summary, known, "between these poses: all robots have the same relative error"),
+        *find_coarse_bins(summary),
+    )  # fmt: skip
+    add(found)
+    chain, space = error_model.chain, error_model.space
+    return MonteCarloResult(
+        robot=os.path.basename(chain.robot.file),
+        base=chain.base,
+        tip=chain.tip_label,
+        pose_name=error_model.pose_name(pose),
+        q=_values(pair.at),
+        approach=written_approach(chain.joint_names, pair.at.posture.approach),
+        relative_to=RelativeTo(
+            label, _values(pair.other), written_approach(chain.joint_names, pair.other.posture.approach)
+        ),
+        seed=int(seed),
+        model=model,
+        statics=error_model.statics,
+        scopes={scope.value: sum(draw.law.size for draw in space.draws if draw.scope is scope) for scope in Scope},
+        nominal=pair.at.tangent[0] - pair.other.tangent[0],
+        sliding_joints=tuple(joint.name for joint in chain.joints if joint.kind == "prismatic"),
+        correlations=Correlated.all_of(space),
+        summary=summary,
+        makers=makers(pair.layouts[0], int(seed), summary),
+        assumed=error_model.assumed,
+        sources=len(error_model.sources),
+        warnings=tuple(str(finding) for finding in (*known, *found)),
+        errors=np.concatenate(kept, axis=1) if keep_samples else None,
+        findings=known,
+    )
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class _Pair:
+    """The error model at a pose and at another, for the same robots.
+
+    Attributes
+    ----------
+    at, other
+        The models.
+    layouts
+        Their arrays for the sampler.
+    model, seed
+        ``"exact"`` or ``"linear"``; 64-bit seed.
+    """
+
+    at: PoseModel
+    other: PoseModel
+    layouts: tuple[sampler.SamplerArrays, sampler.SamplerArrays]
+    model: Literal["exact", "linear"]
+    seed: int
+
+    @classmethod
+    def of(cls, at: PoseModel, other: PoseModel, model: Literal["exact", "linear"], seed: int) -> _Pair:
+        return cls(at, other, (sampler.to_arrays(at), sampler.to_arrays(other)), model, seed)
+
+    @property
+    def is_same_pose(self) -> bool:
+        """Whether both poses have the same joint values, so that draws of pose scope are shared."""
+        return bool((self.at.posture.q == self.other.posture.q).all())
+
+    def errors(self, first: int, count: int) -> Array:
+        """Return the relative errors ``(6, count)`` of robots ``first … first + count - 1``."""
+        pose, visit = (0, 1) if self.is_same_pose else (1, 0)
+        here, there = self.layouts
+        result: Array = sampler.errors(here, self.model, self.seed, first, count)
+        result -= sampler.errors(there, self.model, self.seed, first, count, pose=pose, visit=visit)
+        return result
+
+    @property
+    def covariance(self) -> Array:
+        """First-order covariance of the relative error, ``(6, 6)``."""
+        covariance = self.at.space.block_covariance
+        mask = self._shared.astype(float)
+        difference = self.at.jacobian - self.other.jacobian
+        total: Array = covariance.scaled(mask).between(difference, difference)
+        for at in (self.at, self.other):
+            total = total + covariance.scaled(1.0 - mask).between(at.jacobian, at.jacobian)
+        return total
+
+    @property
+    def _shared(self) -> NDArray[np.bool_]:
+        """Mask ``(d,)`` of the numbers that a robot has in common at both poses."""
+        draws = self.at.space.draws
+        is_shared = np.array([draw.scope in self._shared_scopes for draw in draws], dtype=np.bool_)
+        return np.repeat(is_shared, [draw.law.size for draw in draws])
+
+    @property
+    def _shared_scopes(self) -> tuple[Scope, ...]:
+        return (Scope.UNIT, Scope.POSE) if self.is_same_pose else (Scope.UNIT,)
+
+    @property
+    def plan(self) -> Plan:
+        """Centres and bins, from the first robots of the seed."""
+        skewness = self._skewness()
+        try:
+            pilot = quantity_values(self.errors(0, PILOT))
+        except InputError:
+            # the run reports the invalid robot itself, unless it ends before it
+            mean = self.at.error_at_means - self.other.error_at_means
+            return replace(Plan.from_moments(mean, self.covariance), skewness=skewness)
+        here, there = (at.tangent[1] for at in (self.at, self.other))
+        slopes = np.where(self._shared, np.abs(here - there), np.abs(here) + np.abs(there))
+        plan = Plan.from_pilot(pilot, reach(self.at, self.layouts[0], slopes))
+        return replace(plan, skewness=skewness)
+
+    def _skewness(self) -> Array:
+        """Return the skewness of the quantities, each draw that is not shared counted at either pose."""
+        space, shared = self.at.space, self._shared
+        here, there = (at.tangent[1] for at in (self.at, self.other))
+        columns = np.where(shared, here - there, here)
+        own = [draw for draw in space.draws if draw.scope not in self._shared_scopes]
+        return first_order_skewness((*space.draws, *own), np.hstack([columns, -there[:, ~shared]]))
+
+
+def _values(at: PoseModel) -> dict[str, float]:
+    return dict(zip(at.posture.chain.joint_names, map(float, at.posture.q), strict=True))
+
+
+def _named(findings: Sequence[Finding], label: str) -> list[Finding]:
+    """Return findings about the other pose that say so."""
+    where = f"pose {label!r}, relative to which" if label else "the pose relative to which"
+    return [replace(one, message=f"{where} errors are taken: {one.message}") for one in findings]
+
+
+def _nothing(_: object) -> None:
+    """Do nothing."""
