@@ -73,6 +73,52 @@ def test_a_fit_writes_what_is_asked_for(run, folder, rows) -> None:
     assert (folder / "new.urdf").read_text().startswith("<?xml")
 
 
+def test_other_commands_run_on_the_calibrated_sheet(run, folder, rows) -> None:
+    data = write(folder, rows)
+    found = run("calibrate", SHEET, data, *TARGET, "--sheet", "new.errors.yaml", "--json", "-")
+    assert found.code == 0
+    after = found.json["poses"][0]["after"]["rms_position"]
+    assert (folder / "new.calibration.json").read_text() == found.out
+    moments = pp.ErrorModel.load(folder / "new.errors.yaml").at("paper")
+    covariance = moments.jacobian @ moments.space.covariance @ moments.jacobian.T
+    # slopes are taken at the means before the calibration in one, after it in the other
+    assert np.sqrt(np.trace(covariance[:3, :3])) == pytest.approx(after, rel=1e-3)
+    assert run("compensate", "new.errors.yaml").code == 0
+    (folder / "plots").mkdir()
+    # a second calibration takes the place of the first
+    again = run("calibrate", "new.errors.yaml", data, *TARGET, "--sheet", "plots/again.errors.yaml")
+    assert again.code == 0
+    assert (folder / "plots" / "again.errors.yaml").read_text().count("calibrated:") == 1
+    assert run("check", "plots/again.errors.yaml").code == 0
+
+
+@pytest.mark.parametrize(
+    ("value", "message"),
+    [
+        ("nowhere.json", "calibrated: nowhere.json does not exist"),
+        ("data.csv", "calibrated: data.csv is not JSON"),
+        ("other.json", "calibrated: other.json is no result of calibrate"),
+        ("part.json", "the estimates in part.json are not complete"),
+        ("stranger.json", "no component named 'nonsense'"),
+    ],
+)
+def test_a_wrong_calibration_is_refused_at_its_line(run, folder, rows, value, message) -> None:
+    write(folder, rows)
+    schema = "precision-pin/calibration/1"
+    (folder / "other.json").write_text("[1]")
+    (folder / "part.json").write_text(json.dumps({"schema": schema, "posterior": {"names": ["a0"], "mean": {}}}))
+    estimates = {"names": ["nonsense"], "mean": {"nonsense": 0.0}, "covariance": [[1.0]]}
+    (folder / "stranger.json").write_text(json.dumps({"schema": schema, "posterior": estimates}))
+    text = (folder / SHEET).read_text() + f"calibrated: {value}\n"
+    (folder / "new.errors.yaml").write_text(text)
+    found = run("check", "new.errors.yaml")
+    assert found.code == 2
+    line = (found.out + found.err).strip()
+    assert line.startswith(f"new.errors.yaml:{len(text.splitlines())}: error ")
+    assert message in line
+    assert len(line.splitlines()) == 1
+
+
 def test_units_do_not_matter(run, folder, rows) -> None:
     one = run("calibrate", SHEET, write(folder, rows), *TARGET, "--json", "-").json
     other = np.hstack([np.radians(rows[:, :4]), rows[:, 4:] / 1e3])
@@ -126,7 +172,7 @@ def test_copied_rows_are_named(run, folder, rows) -> None:
         (("--forecast", "--criterion", "D"), "--criterion belongs to --plan"),
         (("--forecast", "data.csv"), "--forecast takes no data"),
         (("data.csv", "--random", "3"), "the measured poses are those of the data"),
-        (("--forecast", "--urdf", "x.urdf"), "--no-prior and --urdf belong to a calibration with data"),
+        (("--forecast", "--urdf", "x.urdf"), "--no-prior, --urdf and --sheet belong to a calibration with data"),
         (("--forecast", "--std", "0.1"), "--std"),
         (("--forecast", "--point", "1 2 mm"), "--point"),
         (("--forecast", "--random", "0"), "the number of random poses must be a whole number from 1 to 10000"),

@@ -67,6 +67,7 @@ class _Options(ChainOptions, PoseOptions, _SetUp):
     random: int | None
     no_prior: bool
     urdf: str | None
+    sheet_path: str | None
     seed: int
     json_path: str | None
     out: str | None
@@ -108,6 +109,12 @@ class _Options(ChainOptions, PoseOptions, _SetUp):
 )
 @click.option("--no-prior", is_flag=True, help="Maximum likelihood: the sheet's tolerances are no prior.")
 @click.option("--urdf", metavar="FILE", help="Write the calibrated robot as a URDF.")
+@click.option(
+    "--sheet",
+    "sheet_path",
+    metavar="FILE.yaml",
+    help="Write the sheet of the calibrated arm, for every other command, and the result beside it.",
+)
 @target_option
 @chain_options
 @seed_option
@@ -130,7 +137,8 @@ def command(forecast: bool, count: int | None, **options: Unpack[_Options]) -> N
 
     data, options["inputs"] = _split(options["inputs"])
     _check_usage(forecast, count, data, options)
-    outputs = Outputs({"--json": options["json_path"], "--urdf": options["urdf"]}, options["out"], ("calibration*",))
+    files = {"--json": options["json_path"], "--urdf": options["urdf"], "--sheet": options["sheet_path"]}
+    outputs = Outputs(files, options["out"], ("calibration*",))
     outputs.check()
     outputs.refuse_inputs([*([] if data is None else [data]), *pose_files(options)])
     measurement = _measurement(options)
@@ -161,11 +169,24 @@ def command(forecast: bool, count: int | None, **options: Unpack[_Options]) -> N
     assert data is not None
     result = calibrate(model, data, measurement, prior=not options["no_prior"], at=at, findings=sheet.findings)
     echo_warnings(result.findings[len(sheet.findings) :])
+    if options["sheet_path"] is not None:
+        _write_sheet(result, sheet.file, options["sheet_path"])
     if options["urdf"] is not None:
         frozen = result.to_urdf(options["urdf"])
         held = f"; as at the first pose only: {', '.join(frozen)}" if frozen else ""
         echo_note(f"wrote {options['urdf']}{held}")
     _answer(result, calibration_table, "calibration_figure", "calibration", options)
+
+
+def _write_sheet(result: JsonResult, original: str, path: str) -> None:
+    """Write the sheet of the calibrated arm, and the result that it names."""
+    from precision_pin.display.files import write_files
+    from precision_pin.outputs.calibration.sheet import calibrated_sheet, result_name
+
+    name = str(Path(path).with_name(result_name(path)))
+    text = calibrated_sheet(original, path)
+    write_files({name: (result.to_json() + "\n").encode(), path: text.encode()})
+    echo_note(f"wrote {path} and {name}")
 
 
 def _split(arguments: tuple[str, ...]) -> tuple[str | None, tuple[str, ...]]:
@@ -195,8 +216,10 @@ def _check_usage(forecast: bool, count: int | None, data: str | None, options: _
         raise _usage("the measured poses are those of the data; --at names poses to judge")
     if chosen and options["random"] is not None:
         raise _usage("--random and given poses exclude each other")
-    if data is None and (options["no_prior"] or options["urdf"] is not None):
-        raise _usage("--no-prior and --urdf belong to a calibration with data")
+    if data is None and (options["no_prior"] or options["urdf"] is not None or options["sheet_path"] is not None):
+        raise _usage("--no-prior, --urdf and --sheet belong to a calibration with data")
+    if options["sheet_path"] is not None and options["changes"]:
+        raise _usage("--sheet writes the sheet as it is in its file; write what --set changes there first")
 
 
 def _gives_poses(options: PoseOptions) -> bool:

@@ -160,6 +160,9 @@ class ErrorModel:
         model = cls(sheet.chain, sheet.space, sheet.sources, poses, sheet.statics)
         model.assumed = tuple(model.labels[k] for k in sheet.assumed)
         model.sheet = sheet
+        if sheet.estimates is not None:
+            remaining = sheet.estimates.remaining_space(model.space)
+            model.space = with_quantities(remaining, model.sources, model.labels, model.chain)
         return model
 
     @warns_at_end

@@ -12,6 +12,7 @@ import numpy as np
 from pydantic import ValidationError
 
 from precision_pin import units
+from precision_pin.draws.estimates import Estimates
 from precision_pin.draws.laws import Fixed
 from precision_pin.draws.space import Draw, Extension, LabelledSpace, Space
 from precision_pin.errors import Finding, InputError, SheetError, UrdfError, nearest
@@ -22,6 +23,7 @@ from precision_pin.robot.chain_findings import chain_findings
 from precision_pin.robot.examples import resolve_robot
 from precision_pin.robot.urdf import Robot
 from precision_pin.robot.urdf import read as read_urdf
+from precision_pin.sheet.calibrated import read_estimates
 from precision_pin.sheet.changes import Change, change_text, plain_data
 from precision_pin.sheet.correlations import correlated_space
 from precision_pin.sheet.findings import Findings
@@ -33,7 +35,7 @@ from precision_pin.sheet.target import parse_target
 from precision_pin.sheet.text import Path, Text, read_text
 from precision_pin.sources import catalogue
 from precision_pin.terms.bound_source import BoundSource, load_posture
-from precision_pin.terms.labelled_sources import labels
+from precision_pin.terms.labelled_sources import labels, own_draws
 from precision_pin.terms.source import Source
 from precision_pin.typing import Array
 
@@ -72,6 +74,8 @@ class Sheet:
         Positions of the sources that the sheet marks as assumptions.
     contents
         What it was read from.
+    estimates
+        Those of a calibration, in place of tolerances.
     """
 
     file: str
@@ -84,6 +88,7 @@ class Sheet:
     assumed: tuple[int, ...] = ()
     approaches: Mapping[str, Approach] = field(default_factory=dict)
     contents: Contents | None = None
+    estimates: Estimates | None = None
 
     def with_changes(self, changes: Mapping[str, object]) -> Sheet:
         """Return the sheet read again with values changed: by path, see :class:`precision_pin.sheet.changes.Change`.
@@ -213,16 +218,42 @@ def _read(contents: Contents) -> Sheet:
         raise SheetError("the robot could not be read")
     poses, approaches = parse_poses(document.poses, findings, chain)
     _try_terms(chain, space, sources, poses, approaches, findings)
+    listed = tuple(sources.values())
+    estimates = _estimates(document, space, listed, folder, findings)
     findings.refuse()
     remark_on_sources(document, space, sources, findings)
     remark_on_poses(document, chain, findings)
     found = (*chain_findings(chain), *findings.found)
     warnings = tuple(finding for finding in found if finding.severity == "warning")
     marked = tuple(rank for rank, k in enumerate(sources) if k in assumed)
-    listed = tuple(sources.values())
     return Sheet(
-        file, chain, space, listed, poses, document.statics, warnings, marked, approaches=approaches, contents=contents
+        file,
+        chain,
+        space,
+        listed,
+        poses,
+        document.statics,
+        warnings,
+        marked,
+        approaches=approaches,
+        contents=contents,
+        estimates=estimates,
     )
+
+
+def _estimates(
+    document: Document, space: Space, sources: Sequence[Source], folder: FilePath, findings: Findings
+) -> Estimates | None:
+    """Return the estimates of a calibration that the sheet names."""
+    if document.calibrated is None or findings.found:
+        return None
+    try:
+        estimates = read_estimates(document.calibrated, folder)
+        estimates.remaining_space(space.including(own_draws(sources, labels(sources))))
+    except InputError as error:
+        findings.take(("calibrated",), error)
+        return None
+    return estimates
 
 
 def _contents(file: str) -> str:

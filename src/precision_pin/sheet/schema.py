@@ -100,6 +100,9 @@ class Document(BaseModel):
         default_factory=list, description="Correlations of parameters, given for their normal scores."
     )
     sources: list[Any] = Field(default_factory=list, description="Error sources, each under its kind.")
+    calibrated: str | None = Field(
+        None, description="JSON of calibrate, relative to the sheet; its estimates take the place of tolerances."
+    )
 
 
 @cache

@@ -258,6 +258,15 @@ def test_the_arm_that_is_left_has_the_error_forecast() -> None:
     )
 
 
+def test_bounds_of_laws_do_not_undo_what_is_known_of_sums() -> None:
+    """Six lengths of the paper's arm show in sums only: cut one by one at their bounds, the sums would be lost."""
+    model, q = paper_model(), random_poses(4, 40)
+    found = pp.calibrate(model, (q, readings_of(model, q, TRACKER, seed=1)), TRACKER, at=["paper"])
+    at, x = found.model.at("paper"), found.model.space.sample(3, 0, 4000)
+    spread = np.cov(at.exact(x)[:3])
+    np.testing.assert_allclose(np.trace(spread), np.trace(found.poses[0].covariance_after[:3, :3]), rtol=0.08)
+
+
 def test_the_urdf_has_the_poses_of_the_calibrated_arm(tmp_path: Path) -> None:
     model, q = plain_model(), random_poses(4, 20)
     geometric = pp.ErrorModel(model.chain, pp.Space(), model.sources[:-1], model.poses)

@@ -200,6 +200,7 @@ def model_like(model: ErrorModel, chain: Chain, space: Space) -> ErrorModel:
     """Return a model with the same sources, and other laws of the same numbers or another target."""
     other = ErrorModel(chain, Space(), (), model.poses, model.statics)
     other.sources, other.labels, other.assumed, other.space = model.sources, model.labels, model.assumed, space
+    other.approaches = model.approaches
     return other
 
 

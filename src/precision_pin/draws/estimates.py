@@ -1,0 +1,124 @@
+"""Estimates of numbers that are drawn once for each robot, and the space that they leave."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final, final
+
+import numpy as np
+
+from precision_pin.draws.laws import JointNormal, Law
+from precision_pin.draws.space import Draw, Scope, Space
+from precision_pin.errors import InputError
+from precision_pin.inputs.arguments import check_name
+from precision_pin.typing import Array
+
+__all__ = ["Estimates", "bounds_of"]
+
+_UNTOUCHED: Final = 1e-9
+"""Change of a mean, variance or correlation, in units of the prior, that counts as none."""
+
+_FREE: Final = 0.5
+"""Standard deviation of a number where all others are given, as a share of its own, above which it counts as independent."""
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Estimates:
+    """Mean and covariance of numbers of a space after a calibration, SI.
+
+    Attributes
+    ----------
+    names
+        The numbers.
+    mean
+        ``(U,)``.
+    covariance
+        ``(U, U)``.
+    """
+
+    names: tuple[str, ...]
+    mean: Array
+    covariance: Array
+
+    def remaining_space(self, space: Space) -> Space:
+        """Return the space of the calibrated arm: numbers that the data told nothing about keep their laws.
+
+        All others are one joint normal draw, ``calibrated``, under their own names. Those whose law has bounds within the
+        reach of the normal one are cut at them, unless a combination of them with others is known: cutting would undo it.
+
+        Raises
+        ------
+        InputError
+            A name is not that of a number drawn once for each robot.
+        """
+        scopes = {name: draw.scope for draw in space.draws for name in draw.components}
+        for name in self.names:
+            if scopes[check_name("component", name, scopes)] is not Scope.UNIT:
+                raise InputError(f"{name} is not drawn once for each robot")
+        touched = self._touched(space)
+        if not touched:
+            return space
+        members = [draw for draw in space.draws if draw.name in touched]
+        wanted = [name for draw in members for name in draw.components]
+        position = {name: k for k, name in enumerate(self.names)}
+        matrix, centre = np.zeros((len(wanted), len(wanted))), space.mean[[space.index[name] for name in wanted]].copy()
+        known = [k for k, name in enumerate(wanted) if name in position]
+        rows = [position[wanted[k]] for k in known]
+        matrix[np.ix_(known, known)] = self.covariance[np.ix_(rows, rows)]
+        centre[known] = self.mean[rows]
+        normal = JointNormal(tuple(map(tuple, ((matrix + matrix.T) / 2).tolist())), tuple(centre.tolist()))
+        kept = [draw for draw in space.draws if draw.name not in touched]
+        law = _clip(normal, [bounds_of(draw.law, k) for draw in members for k in range(draw.law.size)])
+        name = _free_name({name for draw in space.draws for name in (draw.name, *draw.components)})
+        others = tuple(one for one in space.correlations if not touched & set(one.names))
+        return Space((Draw(name, law, names=tuple(wanted)), *kept), others)
+
+    def _touched(self, space: Space) -> set[str]:
+        """Return the names of the draws whose law is another now."""
+        columns = np.array([space.index[name] for name in self.names], dtype=np.intp)
+        prior = space.block_covariance.within(columns)
+        std = np.sqrt(np.diag(prior))
+        std = np.where(std > 0, std, 1.0)
+        scaled = (self.covariance - prior) / np.outer(std, std)
+        moved = np.abs(self.mean - space.mean[columns]) / std
+        changed = (np.abs(scaled).max(axis=1) > _UNTOUCHED) | (moved > _UNTOUCHED)
+        names = {name for name, is_changed in zip(self.names, changed, strict=True) if is_changed}
+        touched = {draw.name for draw in space.draws if names & set(draw.components)}
+        for correlation in space.correlations:
+            if touched & set(correlation.names):
+                touched |= set(correlation.names)
+        return touched
+
+
+def bounds_of(law: Law, number: int) -> tuple[float, float]:
+    """Return the lowest and highest value of one of a law's numbers, infinite for none."""
+    axis = np.eye(law.size)[number]
+    return -float(law.support(-axis)), float(law.support(axis))
+
+
+def _clip(normal: JointNormal, bounds: Sequence[tuple[float, float]]) -> Law:
+    """Return the law with those bounds that lie within its reach; the normal law itself if none does.
+
+    A number of which a combination with others is known is not cut: that would undo what is known of the combination.
+    """
+    std = np.sqrt(np.diag(normal.covariance))
+    unit = np.where(std > 0, std, 1.0)
+    correlation = normal.covariance / np.outer(unit, unit)
+    np.fill_diagonal(correlation, 1.0)
+    own = 1 / np.sqrt(np.diag(np.linalg.inv(correlation + _UNTOUCHED * np.eye(len(unit)))))
+    reached = []
+    for k, (low, high) in enumerate(bounds):
+        first, last = normal.interval(k)
+        is_free = own[k] > _FREE
+        reached.append((low if is_free and first < low else -np.inf, high if is_free and last > high else np.inf))
+    return dataclasses.replace(normal, bounds=tuple(reached)) if np.isfinite(reached).any() else normal
+
+
+def _free_name(taken: set[str]) -> str:
+    name = "calibrated"
+    while name in taken:
+        name += "_"
+    return name
