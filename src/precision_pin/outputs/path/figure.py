@@ -87,4 +87,6 @@ def _draw(axes: Axes, result: PathResult, norm: int) -> None:
         axes.set_xticks(places, labels, rotation=45 if turned else 0, ha="right" if turned else "center")
     else:
         axes.set_xlabel("pose, in the order given")
-    axes.set_xlim(float(places.min()), float(places.max()) if places.max() > places.min() else None)
+    # room for the markers of single poses
+    room = 0.03 * float(np.ptp(places)) if marker else 0.0
+    axes.set_xlim(float(places.min()) - room, (float(places.max()) + room) if np.ptp(places) > 0 else None)
