@@ -162,8 +162,8 @@ def _calibration_calls(call: Callable[..., Call]) -> Iterator[Call]:
     given = {"measurement": tracker, "at": np.array(POSE)[:, None], "findings": []}
     yield call("forecast_calibration", pp.forecast_calibration, {"model": arm, "poses": poses, **given}, words, **fine)
     yield call("plan_calibration", pp.plan_calibration,
-               {"model": arm, "candidates": poses, "count": 2, **given, "criterion": "task", "seed": 3}, words,
-               **fine, seed="zero")  # fmt: skip
+               {"model": arm, "candidates": poses, "count": 2, **given, "criterion": "task", "seed": 3, "progress": None}, words,
+               **fine, seed="zero", progress="nothing, true, function, type")  # fmt: skip
     yield call(
         "calibrate",
         pp.calibrate,

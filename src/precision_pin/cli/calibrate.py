@@ -20,6 +20,7 @@ from precision_pin.cli.options import (
     target_option,
 )
 from precision_pin.cli.poses import check_poses, pose_files, read_poses
+from precision_pin.cli.progress import progress_bar
 from precision_pin.cli.streams import echo_data
 from precision_pin.cli.targets import Outputs
 from precision_pin.cli.terminal import echo_table
@@ -44,7 +45,7 @@ _RANDOM: Final = 50
 _CANDIDATES: Final = 200
 """Candidates of a plan where none are given."""
 _MOST: Final = 10_000
-"""The most poses of a file."""
+"""The most poses."""
 
 
 class _SetUp(TypedDict):
@@ -131,7 +132,7 @@ def command(forecast: bool, count: int | None, **options: Unpack[_Options]) -> N
     """
     from precision_pin.analyses.calibration.calibrate import calibrate
     from precision_pin.analyses.calibration.forecast import forecast_calibration
-    from precision_pin.analyses.calibration.plan import plan_calibration
+    from precision_pin.analyses.calibration.plan import PLAN_STEPS, plan_calibration
     from precision_pin.model.error_model import ErrorModel
     from precision_pin.outputs.calibration.table import calibration_table, forecast_table, plan_table
 
@@ -147,16 +148,18 @@ def command(forecast: bool, count: int | None, **options: Unpack[_Options]) -> N
     at = _task_poses(model, options["at_names"])
     if count is not None:
         poses, sheet = _measured_poses(sheet, options, _CANDIDATES)
-        plan = plan_calibration(
-            model,
-            poses,
-            count,
-            measurement,
-            at=at,
-            criterion="D" if options["criterion"] == "D" else "task",
-            seed=options["seed"],
-            findings=sheet.findings,
-        )
+        with progress_bar(PLAN_STEPS, "choosing poses", "steps") as progress:
+            plan = plan_calibration(
+                model,
+                poses,
+                count,
+                measurement,
+                at=at,
+                criterion="D" if options["criterion"] == "D" else "task",
+                seed=options["seed"],
+                findings=sheet.findings,
+                progress=progress,
+            )
         echo_warnings(plan.findings[len(sheet.findings) :])
         _answer(plan, plan_table, "plan_figure", "calibration-plan", options)
         return
@@ -272,8 +275,9 @@ def _measured_poses(sheet: Sheet, options: _Options, count: int) -> tuple[PoseSe
     """Return the poses that the options give, or random ones, and the sheet with warnings about poses left out."""
     import numpy as np
 
-    from precision_pin.analyses.calibration.candidates import random_poses
+    from precision_pin.inputs.arguments import check_whole
     from precision_pin.robot.pose_set import PoseSet
+    from precision_pin.robot.pose_sources.random_poses import random_poses
 
     if _gives_poses(options):
         asked = read_poses(sheet, options, _MOST)
@@ -281,7 +285,8 @@ def _measured_poses(sheet: Sheet, options: _Options, count: int) -> tuple[PoseSe
         names = tuple(one.name for one in asked)
         return PoseSet.at(sheet.chain, np.ascontiguousarray(np.array(values).T), names), asked.noted_in(sheet)
     number = count if options["random"] is None else options["random"]
-    return PoseSet.at(sheet.chain, random_poses(sheet.chain, number, options["seed"])), sheet
+    check_whole("the number of random poses", number, 1, _MOST)
+    return random_poses(sheet.chain, number, seed=options["seed"]), sheet
 
 
 def _answer(result: JsonResult, table: Callable[[Any], str], figure: str, name: str, options: _Options) -> None:

@@ -25,9 +25,10 @@ def covariance_of(q: np.ndarray, measurement: pp.Measurement) -> np.ndarray:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("measurement", SET_UPS, ids=["known", "free"])
-@pytest.mark.parametrize("criterion", ["D", "task"])
-def test_the_best_of_all_choices_is_found(measurement: pp.Measurement, criterion: str) -> None:
+@pytest.mark.parametrize(
+    ("criterion", "measurement"), list(zip(("D", "task"), SET_UPS, strict=True)), ids=["D", "task"]
+)
+def test_the_best_of_all_choices_is_found(criterion: str, measurement: pp.Measurement) -> None:
     """4 of 8 poses: all 70 choices, each by its forecast."""
     model, q = plain_model(), random_poses(4, 8)
     plan = pp.plan_calibration(model, q, 4, measurement, at=["work"], criterion=criterion)  # type: ignore[arg-type]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar, Final, Literal, final
 
@@ -28,6 +28,7 @@ from precision_pin.analyses.calibration.measurement import Measurement
 from precision_pin.analyses.calibration.pose_choice import Design
 from precision_pin.analyses.calibration.posterior import ErrorLeft, error_left
 from precision_pin.analyses.provenance import Provenance
+from precision_pin.display.progress import steps_to
 from precision_pin.display.stored import JsonResult
 from precision_pin.draws.space import check_seed
 from precision_pin.errors import Finding, InputError
@@ -35,9 +36,11 @@ from precision_pin.inputs.arguments import check_choice, check_instance, check_i
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.typing import Array
 
-__all__ = ["CalibrationPlan", "plan_calibration"]
+__all__ = ["PLAN_STEPS", "CalibrationPlan", "plan_calibration"]
 
 _STARTS: Final = 3
+PLAN_STEPS: Final = _STARTS + 2
+"""Steps of a plan: an exchange from each start, the bound, and an exchange from it."""
 _RANDOM: Final = 25
 """Random choices with which the choice is compared."""
 
@@ -155,6 +158,7 @@ def plan_calibration(
     criterion: Criterion = "task",
     seed: int = 0,
     findings: Sequence[Finding] = (),
+    progress: Callable[[int], None] | bool | None = None,
 ) -> CalibrationPlan:
     """Choose the poses to measure among candidates.
 
@@ -176,6 +180,8 @@ def plan_calibration(
         64-bit seed of the starting choices.
     findings
         Findings to pass on, such as those of the sheet.
+    progress
+        Function called with the number of steps done since its last call, of :data:`PLAN_STEPS`; ``True`` shows a bar.
 
     Raises
     ------
@@ -205,9 +211,15 @@ def plan_calibration(
     goal = sum((one.T @ one for one in slopes), np.zeros((by_z.shape[2],) * 2)) / len(slopes)
     design = Design.of(by_z, by_nuisance, goal if criterion == "task" else None)
     generator = np.random.default_rng(seed)
-    choices = [design.exchange(generator.permutation(total)[:count]) for _ in range(_STARTS)]
-    bound = design.bound(min(choices, key=design.exact_loss), count)
-    chosen = np.sort(min((*choices, design.exchange(bound.rounded)), key=design.exact_loss))
+    with steps_to(progress, PLAN_STEPS, "steps") as step:
+        choices = []
+        for _ in range(_STARTS):
+            choices.append(design.exchange(generator.permutation(total)[:count]))
+            step(1)
+        bound = design.bound(min(choices, key=design.exact_loss), count)
+        step(1)
+        chosen = np.sort(min((*choices, design.exchange(bound.rounded)), key=design.exact_loss))
+        step(1)
     loss = design.exact_loss(chosen)
     efficiency = design.efficiency(loss, bound.loss)
     random = [design.exact_loss(generator.permutation(total)[:count]) for _ in range(_RANDOM)]

@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from precision_pin.analyses.calibration.design import NEGLIGIBLE, flat, project_out
 from precision_pin.analyses.calibration.estimates import covariance_with_prior
+from precision_pin.interrupts import raise_if_interrupted
 from precision_pin.typing import Array
 
 __all__ = ["Bound", "Design"]
@@ -133,6 +134,7 @@ class Design:
         chosen = chosen.copy()
         rest = np.setdiff1d(np.arange(len(self.rows)), chosen)
         for _ in range(_EXCHANGES):
+            raise_if_interrupted()
             if not rest.size:
                 break
             change = self._changes(chosen, rest)

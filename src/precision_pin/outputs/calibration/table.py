@@ -24,6 +24,8 @@ _POSES: Final = 12
 _NUMBERS: Final = 15
 _NAME: Final = 44
 _ROWS: Final = 8
+_HEAD: Final = 9
+"""Longest name of a joint above its values."""
 _JOINTS: Final = 7
 """Most joints whose values fit into a line."""
 _EXPLANATION: Final = (
@@ -90,7 +92,10 @@ def plan_table(result: CalibrationPlan) -> str:
         if result.criterion == "task"
         else "the determinant of the information"
     )
-    rows = [["pose to measure", "", *(shortened(joint, 9) for joint in joints)]]
+    heads = [visible(joint) for joint in joints]
+    is_long = any(len(head) > _HEAD for head in heads)
+    listed = [f"joints: {', '.join(f'{k} {head}' for k, head in enumerate(heads, 1))}"] if is_long else []
+    rows = [["pose to measure", "", *([f"{k}" for k in range(1, len(joints) + 1)] if is_long else heads)]]
     for k, name, q in zip(result.chosen, result.names, result.q.T, strict=True):
         cells = [
             f"{1e3 * value:.2f} mm" if joint in result.sliding_joints else f"{math.degrees(value):.2f}°"
@@ -107,7 +112,7 @@ def plan_table(result: CalibrationPlan) -> str:
         "",
         *_pose_rows(result.poses, result.measurement),
         "",
-        *(aligned(rows) if len(joints) <= _JOINTS else ["the poses to measure are in the JSON"]),
+        *([*aligned(rows), *listed] if len(joints) <= _JOINTS else ["the poses to measure are in the JSON"]),
         "",
         *_observed(result.identifiability),
         "",
