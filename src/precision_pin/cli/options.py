@@ -21,6 +21,7 @@ __all__ = [
     "chain_options",
     "describe_excess",
     "inputs_argument",
+    "map_option",
     "model_option",
     "one_pose_options",
     "pose_options",
@@ -164,6 +165,12 @@ target_option: Final = click.option(
     "--target",
     metavar='"X Y Z mm"',
     help="The point that results are about, in the tip's axes; else the sheet's, or the tip.",
+)
+map_option: Final = click.option(
+    "--map",
+    "map_file",
+    metavar="FILE.yaml",
+    help="Map a grid, a file as for --grid: within how much 95 % of robots stay at its places.",
 )
 
 

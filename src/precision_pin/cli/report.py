@@ -11,6 +11,7 @@ import click
 
 from precision_pin.cli import EXIT_SPEC
 from precision_pin.cli.inputs import read_sheet
+from precision_pin.cli.map import map_grid
 from precision_pin.cli.notes import all_warnings_option, echo_note, quiet_option
 from precision_pin.cli.options import (
     ChainOptions,
@@ -18,6 +19,7 @@ from precision_pin.cli.options import (
     SamplingCommand,
     chain_options,
     inputs_argument,
+    map_option,
     model_option,
     pose_options,
     seed_option,
@@ -55,19 +57,21 @@ class _Arm(ChainOptions, PoseOptions):
 @seed_option
 @model_option
 @spec_option
+@map_option
 @click.option("--out", required=True, metavar="FILE.html", help="The page to write; report.html in a folder.")
 def command(
     samples: int,
     seed: int,
     model: Literal["exact", "linear"],
     specs: tuple[str, ...],
+    map_file: str | None,
     out: str,
     **arm: Unpack[_Arm],
 ) -> int:
     """Write one self-contained page: verdict, distributions, budget, worst case, exact law, 3-D view.
 
     Several poses are on one page, the worst first; the exit code is 1 if a specification is not met at any of
-    them. Without arguments: the paper's arm and sheet, from inside the package. ROBOT may be example:NAME.
+    them, or on the map. Without arguments: the paper's arm and sheet, from inside the package. ROBOT may be example:NAME.
     """
     from precision_pin.draws.space import check_seed
     from precision_pin.sampling import check_samples
@@ -79,11 +83,12 @@ def command(
     check_poses(arm)
     target = PageOutput(out, "report.html")
     target.check()
-    target.outputs.refuse_inputs(pose_files(arm))
+    target.outputs.refuse_inputs([*pose_files(arm), *([] if map_file is None else [map_file])])
     package_dirs = arm["package_dirs"]
     sheet = read_sheet(arm, target.outputs)
     asked = _choose_poses(sheet, arm)
     sheet, poses = asked.noted_in(sheet), [pose.where for pose in asked]
+    from precision_pin.analyses.map.map_poses import VERIFIED
     from precision_pin.model.error_model import ErrorModel
     from precision_pin.outputs.report.collect import collect_poses, count_steps
     from precision_pin.outputs.report.page import page
@@ -92,7 +97,7 @@ def command(
     compile_sampler(space)
     compile_sampler(space, model)
     options: dict[str, tuple[str | None, ...]] = {"--pose": arm["pose_names"], "--q": arm["qs"]}
-    files = {"--trajectory": arm["trajectory"], "--grid": arm["grid"]}
+    files = {"--trajectory": arm["trajectory"], "--grid": arm["grid"], "--map": map_file}
     options |= {option: (None if file is None else _name(file),) for option, file in files.items()}
     options |= {"--approach": (arm["approach"],)}
     options |= {"--step": arm["steps"]}
@@ -104,7 +109,7 @@ def command(
         word for option, values in options.items() for value in values if value is not None for word in (option, value)
     ]
     given += ["--all-poses"] if arm["all_poses"] else []
-    step = _Steps(count_steps(specifications, len(poses)))
+    step = _Steps(count_steps(specifications, len(poses)) + (map_file is not None))
     found = collect_poses(
         sheet,
         poses,
@@ -116,13 +121,19 @@ def command(
         package_dirs=package_dirs,
         step=step,
     )
+    error_map = None
+    if map_file is not None:
+        with step("map", 0):
+            error_map = map_grid(sheet, map_file, seed, specifications, VERIFIED)
     with step("drawing the page", 0):
-        html = page(found)
+        html = page(found, error_map)
     target.write(html)
     for line in dict.fromkeys(line for one in found for line in one.analysis.warnings[len(sheet.findings) :]):
         say(line)
     echo_note(f"wrote {target.path} ({len(html.encode()) / 1e6:.1f} MB)")
-    return 0 if all(result.met for one in found for result in one.analysis.summary.specifications) else EXIT_SPEC
+    met = [result.met for one in found for result in one.analysis.summary.specifications]
+    met += [] if error_map is None else [error_map.met]
+    return 0 if all(met) else EXIT_SPEC
 
 
 def _choose_poses(sheet: Sheet, arm: PoseOptions) -> AskedPoses:

@@ -12,6 +12,7 @@ import click
 
 from precision_pin.cli import EXIT_SPEC
 from precision_pin.cli.inputs import echo_findings, read_sheet
+from precision_pin.cli.map import map_grid
 from precision_pin.cli.notes import all_warnings_option, echo_note, quiet_option
 from precision_pin.cli.options import (
     ChainOptions,
@@ -19,15 +20,15 @@ from precision_pin.cli.options import (
     SamplingCommand,
     chain_options,
     inputs_argument,
+    map_option,
     model_option,
     pose_options,
     seed_option,
     spec_option,
     target_option,
 )
-from precision_pin.cli.poses import AskedPose, check_poses, pose_files, read_grid, read_poses
+from precision_pin.cli.poses import AskedPose, check_poses, pose_files, read_poses
 from precision_pin.cli.progress import compile_sampler, progress_bar
-from precision_pin.cli.streams import say
 from precision_pin.cli.targets import PageOutput
 from precision_pin.errors import Finding, InputError
 from precision_pin.interrupts import raise_if_interrupted, unwinding
@@ -36,7 +37,6 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from precision_pin.analyses.map.map_result import MapResult
     from precision_pin.kernel.sampler import SamplerArrays
     from precision_pin.outputs.view import ViewPose
     from precision_pin.sheet import Sheet
@@ -60,12 +60,7 @@ class _Arm(ChainOptions, PoseOptions):
 @seed_option
 @model_option
 @spec_option
-@click.option(
-    "--map",
-    "map_file",
-    metavar="FILE.yaml",
-    help="Colour the places of a grid, a file as for --grid, by how far 95 % of robots are off there.",
-)
+@map_option
 @click.option("--factor", type=float, metavar="K", help="Exaggeration at first; chosen to be seen if left out.")
 @click.option(
     "--out",
@@ -133,7 +128,7 @@ def command(
             points=samples,
             specifications=specifications,
             remarks=remarks,
-            error_map=None if map_file is None else _map(sheet, map_file, seed),
+            error_map=None if map_file is None else map_grid(sheet, map_file, seed),
         )
 
     sheet = read()
@@ -155,19 +150,6 @@ def _poses(sheet: Sheet, arm: PoseOptions) -> list[AskedPose]:
     if len(poses) > MOST_POSES:
         raise InputError(f"{len(poses)} poses; a page shows at most {MOST_POSES}")
     return poses
-
-
-def _map(sheet: Sheet, file: str, seed: int) -> MapResult:
-    """Return the map of a grid in closed form."""
-    from precision_pin.analyses.map.map_poses import count_steps, map_poses
-    from precision_pin.model.error_model import ErrorModel
-
-    poses = read_grid(sheet, file)
-    with progress_bar(count_steps(len(poses), None, 0), "mapping", "poses") as progress:
-        result = map_poses(ErrorModel.from_sheet(sheet), poses, seed=seed, verify=0, progress=progress)
-    for line in result.warnings:
-        say(line)
-    return result
 
 
 def _sampled(

@@ -16,7 +16,7 @@ from precision_pin.statistics import format_share
 from precision_pin.statistics.digits import format_interval
 from precision_pin.visible import shortened, shown, visible
 
-__all__ = ["map_table"]
+__all__ = ["answers", "map_table", "verdict_lines", "worst_rows"]
 
 _MOST_ROWS: Final = 12
 """Poses of which all are listed."""
@@ -24,6 +24,8 @@ _WORST_ROWS: Final = 10
 """Poses listed of more than that, the worst first."""
 _MOST_LETTERS: Final = 17
 _MOST_SHARES: Final = 4
+_SMALLEST: Final = 1e-7
+"""Share below which the closed form has no digits: its integral is good to this."""
 _LEVEL: Final = LEVELS.index(0.95)
 
 
@@ -31,15 +33,14 @@ def map_table(result: MapResult) -> str:
     """Return what a designer wants to read of a map: the worst pose and the verdicts, then a row for each of the worst poses."""
     of = result.provenance
     count = len(result.poses)
-    rows = [_cells(result, pose) for pose in _listed(result)]
+    rows = worst_rows(result)
     counts = ", ".join(f"{number:,} {status}" for status, number in Counter(result.poses.status).items())
     poses = f"{count:,} pose{'' if count == 1 else 's'}"
     lines = [
         f"{visible(of.robot)}: {visible(of.base)} to {visible(of.tip)}, map of {poses}: {counts}",
         f"closed form, first order, normal error, statics {of.statics}; {_sampling(result)}",
         "",
-        *_worst(result),
-        *(_verdict(result, verdict) for verdict in result.verdicts),
+        *answers(result),
         "",
         *aligned([list(rows[0]), *(list(row.values()) for row in rows)]),
     ]
@@ -51,6 +52,21 @@ def map_table(result: MapResult) -> str:
     ]
     lines += resting_on(of.assumed, of.sources)
     return "\n".join(lines)
+
+
+def answers(result: MapResult) -> list[str]:
+    """Return what is asked first: the worst pose, the range over the poses, the verdicts."""
+    return [*_worst(result), *verdict_lines(result)]
+
+
+def verdict_lines(result: MapResult) -> list[str]:
+    """Return a line for each specification."""
+    return [_verdict(result, verdict) for verdict in result.verdicts]
+
+
+def worst_rows(result: MapResult) -> list[dict[str, str]]:
+    """Return the cells of the worst poses by their headings, or of all where they are few."""
+    return [_cells(result, pose) for pose in _listed(result)]
 
 
 def _sampling(result: MapResult) -> str:
@@ -87,7 +103,7 @@ def _worst(result: MapResult) -> list[str]:
 
 def _verdict(result: MapResult, verdict: MapVerdict) -> str:
     said = "MET" if verdict.met else "NOT MET"
-    share = f"{100 * verdict.share:.4g} % inside in closed form"
+    share = f"{_share(verdict.share)} inside in closed form"
     if verdict.sampled is not None:
         of = verdict.sampled
         sampled, low, high = format_share(of.probability, of.interval, of.required)
@@ -115,7 +131,7 @@ def _cells(result: MapResult, pose: int) -> dict[str, str]:
     if result.relative is not None:
         cells["relative"] = _number(result.relative.quantile[_LEVEL, 0, pose])
     shares = result.probability[:, pose].tolist()
-    cells |= {f"spec {rank}": f"{100 * share:.4g} %" for rank, share in enumerate(shares[:_MOST_SHARES], start=1)}
+    cells |= {f"spec {rank}": _share(share) for rank, share in enumerate(shares[:_MOST_SHARES], start=1)}
     if not several:
         cells["cause"] = shortened(visible(result.dominant_source[pose]), _MOST_LETTERS) or "-"
     return cells
@@ -133,3 +149,7 @@ def _sampled(result: MapResult, pose: int) -> str:
 
 def _number(value: float) -> str:
     return f"{1e3 * float(value):.4g}"
+
+
+def _share(share: float) -> str:
+    return f"<{100 * _SMALLEST:.5f} %" if share < _SMALLEST else f"{100 * share:.4g} %"

@@ -6,8 +6,10 @@ import importlib.resources
 from collections.abc import Sequence
 from typing import Final
 
+from precision_pin.analyses.map.map_result import MapResult
 from precision_pin.analyses.registry import declarations
 from precision_pin.outputs.kit.html import Html, element, joined, paragraph, section
+from precision_pin.outputs.map.section import map_section, map_verdicts
 from precision_pin.outputs.mcpc import geometry
 from precision_pin.outputs.monte_carlo.section import distributions
 from precision_pin.outputs.monte_carlo.verdict import describe_verdict, specifications
@@ -31,7 +33,7 @@ _LAST: Final = {
 _WITHOUT_SCRIPTS: Final = Html("<noscript><style>#view { display: none; }</style></noscript>")
 
 
-def page(results: Results | Sequence[Results]) -> str:
+def page(results: Results | Sequence[Results], error_map: MapResult | None = None) -> str:
     """Return one self-contained HTML page about one pose or several: verdict, distributions, causes, bounds, 3-D view.
 
     It loads nothing from outside, runs no script but those of the 3-D view, which run in a sandboxed frame, and is the same
@@ -41,6 +43,8 @@ def page(results: Results | Sequence[Results]) -> str:
     ----------
     results
         What it shows, of several poses the worst first.
+    error_map
+        A map of the same chain, for a section of its own and for the 3-D view.
     """
     poses = [results] if isinstance(results, Results) else list(results)
     worst = poses[0]
@@ -59,13 +63,16 @@ def page(results: Results | Sequence[Results]) -> str:
     )
     sections = [
         summary(poses),
-        _contents(poses),
+        _contents(poses, error_map),
         *_details(worst),
         *(_folded(other) for other in poses[1:]),
-        scene(poses),
+        *(() if error_map is None else (map_section(error_map),)),
+        scene(poses, error_map),
         *(make(poses) for _, make in _LAST.values()),
     ]
-    header = element("header", element("h1", title), paragraph(describe_run(poses), class_="subject"))
+    header = element(
+        "header", element("h1", title), paragraph(describe_run(poses), class_="subject"), *map_verdicts(error_map)
+    )
     main = element("main", *sections, id="main", tabindex="-1")
     footer = element("footer", paragraph("Written by precision-pin."))
     body = joined([element("a", "Skip to the result", class_="skip", href="#main"), header, main, footer])
@@ -95,10 +102,11 @@ def _section(name: str, results: Results) -> Html:
     return section(f"{results.prefix}{name}", declaration.heading, *declaration.content(result, results))
 
 
-def _contents(poses: Sequence[Results]) -> Html:
+def _contents(poses: Sequence[Results], error_map: MapResult | None) -> Html:
     titles = {"verdict": "Result", "distributions": "Distributions"}
     titles |= {name: declarations()[name].title for name in poses[0].found}
     titles |= {f"{other.prefix}pose": f"Pose {name_pose(other)}" for other in poses[1:]}
+    titles |= {} if error_map is None else {"map": "Map"}
     titles |= {"view": "3-D view", **{name: title for name, (title, _) in _LAST.items()}}
     links = (element("li", element("a", title, href=f"#{name}")) for name, title in titles.items())
     return element("nav", element("ul", *links), aria_label="Contents")
