@@ -24,6 +24,7 @@ WITH_ROBOT = {
     "mcpc": (),
     "worst-case": (),
     "compensate": (),
+    "iso9283": ("--robots", "20"),
     "map": (),
     "path": (),
     "exact-law": (),
@@ -305,6 +306,7 @@ QUICK = {
     "init": ("4dof.urdf", "--force"),
 }
 LONGER = {
+    "iso9283": ("--robots", "20", "--out", "tested"),
     "map": ("--out", "mapped"),
     "path": (*FEW, "--q", "0 0 0 0 deg", "--q", "9 9 9 9 deg", "--out", "along"),
     "compensate": ("--out", "corrected"),

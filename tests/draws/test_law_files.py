@@ -214,7 +214,7 @@ NAMED = {
     # loops of rare laws are compiled for the types of any space that has one
     "kernel/parts.py": {"Disc"},
     # what is left uncertain is normal, and geometric errors of one size
-    "analyses/calibration/remaining_space.py": {"JointNormal"},
+    "draws/estimates.py": {"JointNormal"},
     "model/every_frame.py": {"Normal"},
     # the physics of a source says what its own draws follow
     "sources/axis_install.py": {"Disc"},

@@ -8,7 +8,6 @@ from precision_pin.inputs.arguments import check_instance
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.robot.chain import Chain
 from precision_pin.sources.frame import Frame
-from precision_pin.sources.mounting import Mounting
 from precision_pin.terms.source import Source
 
 __all__ = ["every_frame"]
@@ -23,7 +22,7 @@ def every_frame(chain: Chain) -> ErrorModel:
     check_instance("chain", chain, Chain, "as Chain.from_urdf returns it")
     names = ("x", "y", "z", "rx", "ry", "rz")
     free = {name: Normal(1e-3) for name in names}
-    sources: list[Source] = [Mounting(at="base", **free)]  # type: ignore[arg-type]
+    sources: list[Source] = [Frame(frame=chain.base, **free)]  # type: ignore[arg-type]
     sources += [Frame(joint=name, **free) for name in chain.joint_names]  # type: ignore[arg-type]
-    sources.append(Mounting(at="tool", **free))  # type: ignore[arg-type]
+    sources.append(Frame(frame=chain.tip, **free))  # type: ignore[arg-type]
     return ErrorModel(chain, Space(), sources)
