@@ -23,6 +23,7 @@ WITH_ROBOT = {
     "init": (),
     "mcpc": (),
     "worst-case": (),
+    "allocate": (),
     "compensate": (),
     "map": (),
     "exact-law": (),

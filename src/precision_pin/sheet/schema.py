@@ -100,6 +100,9 @@ class Document(BaseModel):
         default_factory=list, description="Correlations of parameters, given for their normal scores."
     )
     sources: list[Any] = Field(default_factory=list, description="Error sources, each under its kind.")
+    allocate: dict[str, Any] | None = Field(
+        None, description="What precision-pin allocate solves: tolerances with their costs, specs, poses."
+    )
 
 
 @cache
