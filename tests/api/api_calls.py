@@ -335,7 +335,7 @@ def calls() -> Iterator[Call]:
         "allocate",
         pp.allocate,
         {
-            "error_model": pp.ErrorModel.load("robots/4dof.errors.yaml"),
+            "error_model": arm,
             "problem": {"tolerances": [chosen], "specs": [{"rms": "1 m"}]}, "seed": 0, "findings": [],
         },
         {"error_model": "ErrorModel", "problem": "problem|allocate"},

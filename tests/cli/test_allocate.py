@@ -37,6 +37,11 @@ def test_what_no_tolerance_can_meet_exits_with_1_and_writes_no_sheet(run, folder
     assert done.code == 1
     assert "no tolerances within their bounds keep the limits" in done.out
     assert not (folder / "made/allocated.errors.yaml").exists()
+    assert "no sheet is written" in done.err
+    quiet = run("allocate", "wanted.yaml", "--quiet", "--out", "quiet")
+    assert quiet.code == 1
+    assert quiet.out == done.out
+    assert "wrote" not in quiet.err
 
 
 def test_wrong_input_is_one_line(run, folder):

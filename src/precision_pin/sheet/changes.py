@@ -150,7 +150,7 @@ def values_at(text: Text, path: str, sources: Sequence[Source], kinds: Mapping[s
     for keys in _paths(data, Change(path, None, path), labels(sources), kinds):
         value: Any = data
         for key in keys:
-            value = value[key] if isinstance(value, list) else value.get(key)
+            value = value.get(key) if isinstance(value, dict) else value[key]
         values.append(value)
     return values
 
