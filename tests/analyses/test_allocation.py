@@ -103,3 +103,15 @@ def test_mean_is_not_taken_for_a_tolerance(tmp_path: Path) -> None:
     problem = {"tolerances": [{"path": "parameters.a0.mean", "cost": {"reciprocal": 1}}], "specs": ["1 mm"]}
     with pytest.raises(InputError, match="changes the mean"):
         pp.allocate(_model(tmp_path, mean="0.05 mm"), problem)
+
+
+def test_group_without_a_common_value_is_refused(tmp_path: Path) -> None:
+    problem = {
+        "tolerances": [
+            {"path": "parameters.a0.uniform", "cost": {"reciprocal": 1}, "group": "g", "max": "0.1 mm"},
+            {"path": "parameters.a1.uniform", "cost": {"reciprocal": 1}, "group": "g", "min": "0.2 mm"},
+        ],
+        "specs": [{"rms": "1 mm"}],
+    }
+    with pytest.raises(InputError, match="group g"):
+        pp.allocate(_model(tmp_path), problem)

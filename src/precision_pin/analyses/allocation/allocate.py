@@ -124,7 +124,7 @@ def _programme(task: Problem, parts: Contributions, members: Array, aims: Sequen
         else:
             fixed, each = parts.covariance[grid], np.stack([part[grid] for part in covariances])
         limits.append(Limit(kind, one.limit, probability, parts.mean[rows], fixed, each))
-    return Programme(costs, low, np.maximum(high, low), limits)
+    return Programme(costs, low, high, limits)
 
 
 def _result(

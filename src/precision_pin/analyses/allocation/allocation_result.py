@@ -128,7 +128,9 @@ class AllocationResult(JsonResult):
     @property
     def gap(self) -> float | None:
         """Largest share of the cost that could still be saved, by the lower bound."""
-        return None if self.lower_bound is None else max(self.cost - self.lower_bound, 0.0) / abs(self.cost)
+        return (
+            None if self.lower_bound is None else max(self.cost - self.lower_bound, 0.0) / max(abs(self.cost), 1e-300)
+        )
 
     @property
     def met(self) -> bool:

@@ -99,6 +99,10 @@ def read_problem(model: ErrorModel, given: Mapping[str, Any] | None) -> Problem:
     twice = next((path for path in paths if paths.count(path) > 1), None)
     if twice is not None:
         raise InputError(f"allocate: {twice} is listed twice")
+    for group in {one.group for one in tolerances if one.group}:
+        own = [one for one in tolerances if one.group == group]
+        if max(one.low for one in own) > min(one.high for one in own):
+            raise InputError(f"allocate: no value lies within the bounds of every tolerance of the group {group}")
     poses = tuple(map(str, given.get("poses") or model.poses))
     unknown = next((name for name in poses if name not in model.poses), None)
     if unknown is not None or not poses:
