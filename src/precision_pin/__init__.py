@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from typing import Any, Final
 
     from precision_pin import sources as sources
+    from precision_pin.analyses.allocation.allocate import allocate as allocate
     from precision_pin.analyses.budget.budget import budget as budget
     from precision_pin.analyses.calibration.calibrate import calibrate as calibrate
     from precision_pin.analyses.calibration.forecast import forecast_calibration as forecast_calibration
@@ -112,6 +113,7 @@ _HOMES: Final = {
     "TruncatedNormal": "draws.laws",
     "TwoPoint": "draws.laws",
     "Uniform": "draws.laws",
+    "allocate": "analyses.allocation.allocate",
     "box_places": "robot.pose_sources.place_grid",
     "budget": "analyses.budget.budget",
     "calibrate": "analyses.calibration.calibrate",

@@ -341,6 +341,17 @@ def calls() -> Iterator[Call]:
                {"rotation": "orientation"}, label="word, digits, empty text")  # fmt: skip
     yield call("Orientation.along", pp.Orientation.along,
                {"direction": (0.0, 0.0, -1.0), "angles": 4, "tool_axis": (1.0, 0.0, 0.0)}, angles=OPTIONAL)  # fmt: skip
+    chosen = {"path": "axis_install[joint1].radius", "cost": {"reciprocal": 1.0}}
+    yield call(
+        "allocate",
+        pp.allocate,
+        {
+            "error_model": arm,
+            "problem": {"tolerances": [chosen], "specs": [{"rms": "1 m"}]}, "seed": 0, "findings": [],
+        },
+        {"error_model": "ErrorModel", "problem": "problem|allocate"},
+        seed="zero", findings="empty list, empty tuple",
+    )  # fmt: skip
     yield call(
         "compensate",
         pp.compensate,

@@ -49,6 +49,10 @@ COMMANDS: dict[str, tuple[str, str]] = {
         "precision_pin.cli.compensate",
         "Correct the constant part of the pose error by other joint values.",
     ),
+    "allocate": (
+        "precision_pin.cli.allocate",
+        "Choose the cheapest tolerances that keep specifications at every pose.",
+    ),
     "explain": ("precision_pin.cli.explain", "Say what a code of an error or a warning means, and what to do."),
     "schema": ("precision_pin.cli.schema", "Print the JSON schema of the sheet."),
     "doctor": ("precision_pin.cli.doctor", "Print versions and paths."),

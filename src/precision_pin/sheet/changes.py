@@ -19,7 +19,7 @@ from precision_pin.terms.labelled_sources import labels
 from precision_pin.terms.source import Source
 from precision_pin.visible import shown
 
-__all__ = ["Change", "change_text", "parse_change", "plain_data"]
+__all__ = ["Change", "change_text", "parse_change", "plain_data", "values_at"]
 
 _SINGLE: Final = ("gravity", "statics", "target", "calibrated")
 _SECTIONS: Final = ("parameters", "poses", "locked", *_SINGLE)
@@ -141,6 +141,18 @@ def change_text(
             changed.pop(path, None)
             changed[path] = change.origin
     return replace(text, data=data, changes={**text.changes, **changed})
+
+
+def values_at(text: Text, path: str, sources: Sequence[Source], kinds: Mapping[str, type[Source]]) -> list[Any]:
+    """Return the values of a sheet that the path of a change names; arguments and errors as for :func:`change_text`."""
+    data = copy.deepcopy(text.data)
+    values = []
+    for keys in _paths(data, Change(path, None, path), labels(sources), kinds):
+        value: Any = data
+        for key in keys:
+            value = value.get(key) if isinstance(value, dict) else value[key]
+        values.append(value)
+    return values
 
 
 def _paths(data: Any, change: Change, known: Sequence[str], kinds: Mapping[str, type[Source]]) -> Iterator[Path]:

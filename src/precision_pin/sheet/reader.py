@@ -24,7 +24,7 @@ from precision_pin.robot.examples import resolve_robot
 from precision_pin.robot.urdf import Robot
 from precision_pin.robot.urdf import read as read_urdf
 from precision_pin.sheet.calibrated import read_estimates
-from precision_pin.sheet.changes import Change, change_text, plain_data
+from precision_pin.sheet.changes import Change, change_text, plain_data, values_at
 from precision_pin.sheet.correlations import correlated_space
 from precision_pin.sheet.findings import Findings
 from precision_pin.sheet.poses import joint_quantity, parse_poses
@@ -140,6 +140,10 @@ class Contents:
     folder: FilePath
     kinds: tuple[type[Source], ...]
     overrides: Overrides
+
+    def values_at(self, sheet: Sheet, path: str) -> list[Any]:
+        """Return the values that a path of :meth:`read_changed` names, as they are written."""
+        return values_at(self.text, path, sheet.sources, catalogue() | {kind.kind(): kind for kind in self.kinds})
 
     def read_changed(self, sheet: Sheet, changes: Sequence[Change]) -> Sheet:
         """Return the sheet with some values changed; ``sheet`` is what was read from these contents."""

@@ -103,6 +103,9 @@ class Document(BaseModel):
     calibrated: str | None = Field(
         None, description="JSON of calibrate, relative to the sheet; its estimates take the place of tolerances."
     )
+    allocate: dict[str, Any] | None = Field(
+        None, description="What precision-pin allocate solves: tolerances with their costs, specs, poses."
+    )
 
 
 @cache

@@ -1,0 +1,1 @@
+"""Allocation of tolerances: the cheapest ones that keep limits of the pose error."""

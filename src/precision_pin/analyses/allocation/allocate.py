@@ -1,0 +1,187 @@
+"""Cheapest tolerances that keep specifications at every pose: first order, then verified on the exact model."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any, Final
+
+import numpy as np
+
+from precision_pin.analyses.allocation.allocation_result import AllocatedLimit, AllocationResult
+from precision_pin.analyses.allocation.problem import Bound, Problem, Tolerance, read_problem
+from precision_pin.analyses.allocation.programme import Limit, Programme, Solution
+from precision_pin.analyses.allocation.scaling import Contributions, changed_model, contributions
+from precision_pin.analyses.provenance import Provenance
+from precision_pin.call_warnings import warns_at_end
+from precision_pin.draws.space import check_seed
+from precision_pin.errors import Finding
+from precision_pin.inputs.arguments import check_instance, check_items
+from precision_pin.model.error_model import ErrorModel
+from precision_pin.sampling.many_poses import sample_poses
+from precision_pin.statistics import COMPONENTS, Specification
+from precision_pin.typing import Array
+
+__all__ = ["SAMPLES", "allocate"]
+
+SAMPLES: Final = 50_000
+"""Fresh samples of a verification."""
+_ROUNDS: Final = 6
+
+
+@warns_at_end
+def allocate(
+    error_model: ErrorModel,
+    /,
+    problem: Mapping[str, Any] | None = None,
+    *,
+    seed: int = 0,
+    findings: Sequence[Finding] = (),
+) -> AllocationResult:
+    """Return the cheapest tolerances that keep every limit at every pose.
+
+    The least cost is that of the first-order model with a normal error. The exact model with these tolerances is then
+    sampled; where the lower end of an interval misses the required probability, a higher one is aimed at and the tolerances
+    are found anew, verified with fresh samples.
+
+    Parameters
+    ----------
+    error_model
+        Model read from a sheet or a dictionary.
+    problem
+        ``tolerances``, ``specs`` and ``poses`` as the sheet's ``allocate:`` has them; by default the sheet's own.
+    seed
+        64-bit seed of the samples.
+    findings
+        Warnings to include in the result, such as those of the sheet.
+
+    Raises
+    ------
+    InputError
+        A wrong problem, or a tolerance with which the error does not scale.
+    UnknownNameError
+        No such pose, source or key.
+    """
+    check_instance("error_model", error_model, ErrorModel, "as ErrorModel.load makes it")
+    check_seed(seed)
+    known = check_items("findings", findings, Finding)
+    task = read_problem(error_model, problem)
+    bounded = any(isinstance(one, Bound) and one.kind == "worst_case" for one in task.limits)
+    parts = contributions(error_model, task.tolerances, task.poses, worst_case=bounded)
+    members = _members(task.tolerances)
+    chances = tuple(one for one in task.limits if isinstance(one, Specification))
+    aims = [one.required for one in chances]
+    for attempt in range(_ROUNDS):
+        programme = _programme(task, parts, members, aims)
+        solution = programme.solve()
+        # what cannot be met is verified with the narrowest tolerances
+        chosen = (programme.low if solution is None else solution.t)[members]
+        if not chances:
+            sampled = np.zeros((3, 0, len(task.poses)))
+            break
+        changed = changed_model(error_model, task.tolerances, chosen)
+        result = sample_poses(
+            changed, list(task.poses), samples=SAMPLES, seed=(seed + attempt) % 2**64, specifications=chances
+        )
+        sampled = np.stack([result.probability, *np.moveaxis(result.probability_interval, 1, 0)])
+        missing = [one.required - float(low.min()) for one, low in zip(chances, sampled[1], strict=True)]
+        if solution is None or max(missing) <= 0:
+            break
+        aims = [min(aim + max(lack, 0.0) * 1.25, (1 + aim) / 2) for aim, lack in zip(aims, missing, strict=True)]
+    return _result(error_model, task, programme, solution, chosen, sampled, seed, known)
+
+
+def _members(tolerances: Sequence[Tolerance]) -> Array:
+    """Return the number of the group of each tolerance; one without a group has its own."""
+    names = [one.group or f"\0{k}" for k, one in enumerate(tolerances)]
+    order = list(dict.fromkeys(names))
+    return np.array([order.index(name) for name in names])
+
+
+def _programme(task: Problem, parts: Contributions, members: Array, aims: Sequence[float]) -> Programme:
+    groups = range(int(members.max()) + 1)
+    low = np.array([max(t.low for t, own in zip(task.tolerances, members, strict=True) if own == g) for g in groups])
+    high = np.array([min(t.high for t, own in zip(task.tolerances, members, strict=True) if own == g) for g in groups])
+    costs = [[t.cost for t, own in zip(task.tolerances, members, strict=True) if own == g] for g in groups]
+
+    def grouped(array: Array) -> Array:
+        return np.stack([array[members == g].sum(axis=0) for g in groups])
+
+    covariances, reaches = grouped(parts.by_tolerance), grouped(parts.reach_by_tolerance)
+    limits, left = [], iter(aims)
+    for one in task.limits:
+        if isinstance(one, Bound):
+            rows = list(range(3)) if one.is_position else list(range(3, 6))
+            kind, probability = one.kind, 0.0
+        else:
+            kind, probability = "quantile", next(left)
+            whole = one.quantity.endswith("norm")
+            first = 3 * one.quantity.startswith("attitude")
+            rows = list(range(first, first + 3)) if whole else [COMPONENTS.index(one.row)]
+        grid = np.ix_(rows, rows)
+        if kind == "worst_case":
+            fixed, each = parts.reach[rows][:, None], reaches[:, rows][:, :, None]
+        else:
+            fixed, each = parts.covariance[grid], np.stack([part[grid] for part in covariances])
+        limits.append(Limit(kind, one.limit, probability, parts.mean[rows], fixed, each))
+    return Programme(costs, low, high, limits)
+
+
+def _result(
+    model: ErrorModel,
+    task: Problem,
+    programme: Programme,
+    solution: Solution | None,
+    chosen: Array,
+    sampled: Array,
+    seed: int,
+    findings: tuple[Finding, ...],
+) -> AllocationResult:
+    members = _members(task.tolerances)
+    judged, row = [], 0
+    t = programme.low if solution is None else solution.t
+    for k, one in enumerate(task.limits):
+        measure = programme.limits[k].measure(t[:, None])[0]
+        worst = int(measure.argmax()) % len(task.poses)
+        made = AllocatedLimit(
+            kind=programme.limits[k].kind,
+            quantity=_quantity(one),
+            limit=one.limit,
+            required=one.required if isinstance(one, Specification) else None,
+            aimed=programme.limits[k].probability or None,
+            first_order=float(measure.max()),
+            worst_pose=task.poses[worst],
+            shadow_price=None if solution is None else solution.prices[k],
+            probability=None,
+            interval=None,
+            met=bool(measure.max() <= one.limit * (1 + 1e-9)),
+        )
+        if isinstance(one, Specification):
+            place = int(sampled[1, row].argmin())
+            share, low, high = (float(value) for value in sampled[:, row, place])
+            made = replace(
+                made, probability=share, interval=(low, high), met=low >= one.required, worst_pose=task.poses[place]
+            )
+            row += 1
+        judged.append(made)
+    width = np.zeros(len(programme.low)) if solution is None else solution.bound_prices
+    cost = np.array([float(one.cost.at(np.array(value))) for one, value in zip(task.tolerances, chosen, strict=True)])
+    return AllocationResult(
+        provenance=Provenance.of(model, seed),
+        tolerances=task.tolerances,
+        after=chosen,
+        costs=cost,
+        shadow_prices=width[members],
+        lower_bound=None if solution is None else solution.lower_bound,
+        limits=tuple(judged),
+        poses=task.poses,
+        feasible=solution is not None,
+        findings=findings,
+    )
+
+
+def _quantity(one: Specification | Bound) -> str:
+    if isinstance(one, Specification):
+        return one.quantity
+    part = "position" if one.is_position else "attitude"
+    return f"{part}.norm" if one.kind == "rms" else part

@@ -1,0 +1,167 @@
+"""Chosen tolerances, their cost and what verifies them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, ClassVar, final
+
+import numpy as np
+
+from precision_pin.analyses.allocation.problem import Tolerance
+from precision_pin.analyses.provenance import Provenance
+from precision_pin.display.stored import JsonResult
+from precision_pin.errors import Finding
+from precision_pin.inputs.arrays import fix_fields
+from precision_pin.typing import Array
+
+__all__ = ["AllocatedLimit", "AllocationResult"]
+
+
+@final
+@dataclass(frozen=True)
+class AllocatedLimit:
+    """A limit with the tolerances chosen, at its worst pose.
+
+    Attributes
+    ----------
+    kind
+        ``"quantile"``, ``"rms"`` or ``"worst_case"``.
+    quantity, limit, required
+        What is limited, m or rad, and the required probability of a quantile.
+    aimed
+        Probability at which the first-order quantile was held, so that the samples show the required one.
+    first_order
+        Largest value over the poses: quantile, root mean square or worst case of the first-order model.
+    worst_pose
+        The worst pose: by the samples of a quantile, else by the first-order model.
+    shadow_price
+        What the least cost would fall for each m or rad of a wider limit, summed over the poses; ``None`` if infeasible.
+    probability, interval
+        Share of fresh samples of the exact model inside, and its 95 % interval; ``None`` of a limit without probability.
+    met
+        Whether the lower end of the interval reaches the required probability; else whether the first order keeps the limit.
+    """
+
+    kind: str
+    quantity: str
+    limit: float
+    required: float | None
+    aimed: float | None
+    first_order: float
+    worst_pose: str
+    shadow_price: float | None
+    probability: float | None
+    interval: tuple[float, float] | None
+    met: bool
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the entry of the result's JSON."""
+        return {
+            "kind": self.kind,
+            "quantity": self.quantity,
+            "limit": self.limit,
+            "required": self.required,
+            "aimed": self.aimed,
+            "first_order": self.first_order,
+            "worst_pose": self.worst_pose,
+            "shadow_price": self.shadow_price,
+            "probability": self.probability,
+            "interval": None if self.interval is None else list(self.interval),
+            "met": self.met,
+        }
+
+
+@final
+@dataclass(frozen=True, eq=False, repr=False)
+class AllocationResult(JsonResult):
+    """Cheapest tolerances that keep every limit, or the narrowest ones where none do.
+
+    Attributes
+    ----------
+    provenance
+        Robot, seed and software versions.
+    tolerances
+        What was to be chosen, with the values of the sheet.
+    after, costs
+        Chosen tolerances (m, rad) and the cost of each, ``(n,)``.
+    shadow_prices
+        What one held by its upper bound would save for each m or rad more; negative at the lower bound, zero between.
+    lower_bound
+        No tolerances that keep the first-order limits cost less, by duality; ``None`` where a limit is a quantile, whose
+        optimum is that of a local search.
+    limits
+        The limits with the tolerances chosen.
+    poses
+        Names of the poses.
+    feasible
+        Whether tolerances within the bounds keep the limits in the first-order model.
+    findings
+        Findings passed in, such as those of the sheet.
+    """
+
+    schema: ClassVar[str] = "precision-pin/allocation/1"
+
+    provenance: Provenance
+    tolerances: tuple[Tolerance, ...]
+    after: Array
+    costs: Array
+    shadow_prices: Array
+    lower_bound: float | None
+    limits: tuple[AllocatedLimit, ...]
+    poses: tuple[str, ...]
+    feasible: bool
+    findings: tuple[Finding, ...] = ()
+
+    def __post_init__(self) -> None:
+        fix_fields(self)
+
+    @property
+    def cost(self) -> float:
+        """Sum of the costs."""
+        return float(self.costs.sum())
+
+    @property
+    def cost_before(self) -> float:
+        """Sum of the costs of the sheet's tolerances."""
+        return float(sum(float(one.cost.at(np.array(one.before))) for one in self.tolerances))
+
+    @property
+    def gap(self) -> float | None:
+        """Largest share of the cost that could still be saved, by the lower bound."""
+        return (
+            None if self.lower_bound is None else max(self.cost - self.lower_bound, 0.0) / max(abs(self.cost), 1e-300)
+        )
+
+    @property
+    def met(self) -> bool:
+        """Whether every limit is met."""
+        return self.feasible and all(one.met for one in self.limits)
+
+    @property
+    def changes(self) -> dict[str, str]:
+        """The chosen tolerances by path, as :meth:`ErrorModel.with_` and ``--set`` take them."""
+        return {one.path: one.written(value) for one, value in zip(self.tolerances, self.after.tolist(), strict=True)}
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the result in the ``precision-pin/allocation/1`` schema, SI units."""
+        rows = zip(self.tolerances, self.after.tolist(), self.costs.tolist(), self.shadow_prices.tolist(), strict=True)
+        return {
+            **self.provenance.to_dict(self.schema),
+            "tolerances": [
+                {"path": one.path, "before": one.before, "after": after, "cost": cost, "shadow_price": price}
+                for one, after, cost, price in rows
+            ],
+            "cost": self.cost,
+            "cost_before": self.cost_before,
+            "lower_bound": self.lower_bound,
+            "gap": self.gap,
+            "specs": [one.to_dict() for one in self.limits],
+            "poses": list(self.poses),
+            "feasible": self.feasible,
+            "findings": [finding.to_dict() for finding in self.findings],
+        }
+
+    def __repr__(self) -> str:
+        return (
+            f"<AllocationResult of {self.provenance.robot!r}: {len(self.tolerances)} tolerances, cost {self.cost:.6g}>"
+        )

@@ -1,0 +1,174 @@
+"""The problem of an allocation as the sheet's ``allocate:`` states it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Final, final
+
+from precision_pin import units
+from precision_pin.analyses.allocation.costs import Cost, read_cost
+from precision_pin.errors import InputError, UnknownNameError
+from precision_pin.inputs.arguments import shown
+from precision_pin.model.error_model import ErrorModel
+from precision_pin.statistics import Specification
+from precision_pin.statistics.specification import specification
+
+__all__ = ["Bound", "Problem", "Tolerance", "read_problem"]
+
+_RANGE: Final = 100.0
+"""Bounds of a tolerance without its own: this much narrower and wider than it is."""
+_KEYS: Final = ("path", "cost", "min", "max", "group")
+
+
+@final
+@dataclass(frozen=True)
+class Tolerance:
+    """A tolerance to choose.
+
+    Attributes
+    ----------
+    path
+        Where it stands in the sheet.
+    sign, unit
+        What stands before and after its number.
+    before, low, high
+        Its value in the sheet and its bounds, m or rad.
+    cost
+        Its cost.
+    group
+        Tolerances of one group are equal; empty without one.
+    """
+
+    path: str
+    sign: str
+    unit: str
+    before: float
+    low: float
+    high: float
+    cost: Cost
+    group: str
+
+    def written(self, value: float) -> str:
+        """Return a value as the sheet writes it."""
+        return f"{self.sign}{value / units.parse(f'1 {self.unit}', units.LENGTH, units.ANGLE):.9g} {self.unit}"
+
+
+@final
+@dataclass(frozen=True)
+class Bound:
+    """A limit of the first-order model: root mean square of a norm, or the largest value of each component."""
+
+    kind: str
+    limit: float
+    is_position: bool
+
+
+@final
+@dataclass(frozen=True)
+class Problem:
+    """Tolerances, limits and poses; no poses for all of the sheet's."""
+
+    tolerances: tuple[Tolerance, ...]
+    limits: tuple[Specification | Bound, ...]
+    poses: tuple[str, ...]
+
+
+def read_problem(model: ErrorModel, given: Mapping[str, Any] | None) -> Problem:
+    """Return the problem that a mapping states, or the sheet's own.
+
+    Raises
+    ------
+    InputError
+        A model without a sheet or a sheet without a problem; a wrong key or value.
+    """
+    if model.sheet is None or model.sheet.contents is None:
+        raise InputError("the model was not read from a sheet or a dictionary, so that it has no tolerances to choose")
+    if given is None:
+        given = model.sheet.contents.text.data.get("allocate")
+        if not given:
+            raise InputError("the sheet has no allocate: with tolerances and specs")
+    if not isinstance(given, Mapping):
+        raise InputError(f"the problem must be a mapping with tolerances and specs, got {shown(given)}")
+    _check_keys(given, ("tolerances", "specs", "poses"), "allocate")
+    tolerances = tuple(
+        _tolerance(model, entry, f"tolerances[{k}]") for k, entry in enumerate(_list(given, "tolerances"))
+    )
+    limits = tuple(_limit(entry, f"specs[{k}]") for k, entry in enumerate(_list(given, "specs")))
+    paths = [one.path for one in tolerances]
+    twice = next((path for path in paths if paths.count(path) > 1), None)
+    if twice is not None:
+        raise InputError(f"allocate: {twice} is listed twice")
+    for group in {one.group for one in tolerances if one.group}:
+        own = [one for one in tolerances if one.group == group]
+        if max(one.low for one in own) > min(one.high for one in own):
+            raise InputError(f"allocate: no value lies within the bounds of every tolerance of the group {group}")
+    poses = tuple(map(str, given.get("poses") or model.poses))
+    unknown = next((name for name in poses if name not in model.poses), None)
+    if unknown is not None or not poses:
+        raise UnknownNameError("pose", unknown or "", model.poses)
+    return Problem(tolerances, limits, poses)
+
+
+def _list(given: Mapping[str, Any], key: str) -> list[Any]:
+    entries = given.get(key)
+    if not isinstance(entries, list | tuple) or not entries:
+        raise InputError(f"allocate: {key} must be a list with at least one entry, got {shown(entries)}")
+    return list(entries)
+
+
+def _check_keys(given: Mapping[str, Any], known: tuple[str, ...], where: str) -> None:
+    wrong = next((key for key in given if key not in known), None)
+    if wrong is not None:
+        raise UnknownNameError(f"key of {where}", str(wrong), known)
+
+
+def _tolerance(model: ErrorModel, entry: object, where: str) -> Tolerance:
+    if not isinstance(entry, Mapping) or "path" not in entry or "cost" not in entry:
+        raise InputError(f"allocate: {where}: a tolerance has a path and a cost, got {shown(entry)}")
+    _check_keys(entry, _KEYS, where)
+    path = str(entry["path"])
+    sheet = model.sheet
+    values = [] if sheet is None or sheet.contents is None else sheet.contents.values_at(sheet, path)
+    if any(value != values[0] for value in values) or not isinstance(values[0], str):
+        raise InputError(f"allocate: {path}: one length or angle is expected, the sheet has {shown(values[0])}")
+    text = values[0].strip()
+    sign = "±" if text.startswith("±") else ""
+    try:
+        before = units.parse(text.removeprefix("±"), units.LENGTH, units.ANGLE)
+        unit = units.split(text.removeprefix("±"))[1]
+        low, high = (
+            units.parse(str(entry[key]), units.LENGTH if unit in units.LENGTH.units else units.ANGLE)
+            if key in entry
+            else None
+            for key in ("min", "max")
+        )
+    except InputError as error:
+        raise InputError(f"allocate: {path}: {error.findings[0].message}") from None
+    if not before > 0:
+        raise InputError(f"allocate: {path} is {shown(text)} in the sheet; give it a positive value to begin with")
+    low = before / _RANGE if low is None else low
+    high = before * _RANGE if high is None else high
+    if not 0 < low <= high:
+        raise InputError(f"allocate: {path}: min must be positive and at most max")
+    cost = read_cost(entry["cost"], f"allocate: {path}")
+    return Tolerance(path, sign, unit, before, low, high, cost, str(entry.get("group", "")))
+
+
+def _limit(entry: object, where: str) -> Specification | Bound:
+    """Return a specification, or the bound that ``{rms: LIMIT}`` or ``{worst_case: LIMIT}`` states."""
+    if isinstance(entry, Specification):
+        return entry
+    if isinstance(entry, str):
+        return specification(entry)
+    kinds = ("rms", "worst_case")
+    if not isinstance(entry, Mapping) or len(entry) != 1 or next(iter(entry)) not in kinds:
+        raise InputError(f"allocate: {where}: a text such as '0.5 mm @ 95 %', or rms: or worst_case: with a limit")
+    kind, text = next(iter(entry.items()))
+    try:
+        limit = units.parse(text, units.LENGTH, units.ANGLE)
+    except InputError as error:
+        raise InputError(f"allocate: {where}: {error.findings[0].message}") from None
+    if not limit > 0:
+        raise InputError(f"allocate: {where}: the limit must be positive")
+    return Bound(kind, limit, units.split(text)[1] in units.LENGTH.units)

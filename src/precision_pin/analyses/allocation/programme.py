@@ -1,0 +1,221 @@
+"""Cheapest tolerances under limits of the first-order model: solution, multipliers, lower bound of the cost.
+
+In x = ln t every limit is the logarithm of a measure of the error, which is convex in x for the root mean square and the worst
+case. In t these limits and the costs are convex, and the Lagrangian is a sum over the tolerances: its minimum at any
+multipliers is a lower bound of the cost, found one tolerance at a time.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Final, final
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import optimize
+
+from precision_pin.analyses.allocation.costs import Cost
+from precision_pin.analyses.map.normal_norms import norm_quantiles, principal_axes
+from precision_pin.inputs.arrays import fix_fields
+from precision_pin.typing import Array
+
+__all__ = ["Limit", "Programme", "Solution"]
+
+_STEP: Final = 1e-3
+"""Half of the difference in ln t by which slopes of quantiles are found."""
+_ACTIVE: Final = 1e-5
+"""Distance from a limit, relative, below which it is active."""
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Limit:
+    """A limit at every pose.
+
+    Attributes
+    ----------
+    kind
+        ``"quantile"``, ``"rms"`` or ``"worst_case"``.
+    limit, probability
+        Largest value, m or rad; probability of a quantile.
+    mean, fixed
+        Rows of the error at the means ``(r, P)``, and their covariance (worst case: largest deviation, ``(r, 1, P)``) that no
+        tolerance changes, ``(r, r, P)``.
+    parts
+        The same for each tolerance of 1 m or rad, ``(n, r, r, P)`` (worst case ``(n, r, 1, P)``).
+    """
+
+    kind: str
+    limit: float
+    probability: float
+    mean: Array
+    fixed: Array
+    parts: Array
+
+    def __post_init__(self) -> None:
+        fix_fields(self)
+
+    def measure(self, t: Array) -> Array:
+        """Return what is limited, for tolerances ``(n, m)``: ``(m, places)``; places are poses, or rows times poses."""
+        if self.kind == "worst_case":
+            sums = np.abs(self.mean)[None] + self.fixed[:, 0] + np.einsum("nrp,nm->mrp", self.parts[:, :, 0], t)
+            return np.asarray(sums.reshape(t.shape[1], -1))
+        covariance = self.fixed[:, :, None] + np.einsum("nijp,nm->ijmp", self.parts, t**2)
+        if self.kind == "rms":
+            return np.asarray(np.sqrt((self.mean**2).sum(axis=0) + np.einsum("iimp->mp", covariance)))
+        rows, _, several, poses = covariance.shape
+        padded, mean = np.zeros((3, 3, several * poses)), np.zeros((3, several * poses))
+        padded[:rows, :rows] = covariance.reshape(rows, rows, -1)
+        mean[:rows] = np.tile(self.mean, several)
+        return np.asarray(norm_quantiles(*principal_axes(mean, padded), self.probability).reshape(several, poses))
+
+    def log_slopes(self, t: Array) -> Array:
+        """Return the derivatives of ln of the measure with respect to ln t, ``(n, places)``."""
+        value = self.measure(t[:, None])[0]
+        if self.kind == "worst_case":
+            by_tolerance = (self.parts[:, :, 0] * t[:, None, None]).reshape(len(t), -1)
+            return np.asarray(by_tolerance / np.maximum(value, 1e-300))
+        if self.kind == "rms":
+            return np.asarray(np.einsum("niip,n->np", self.parts, t**2) / np.maximum(value, 1e-300) ** 2)
+        # the law of a norm has no simple derivative; its quantile is smooth along each tolerance
+        each = t[:, None] * np.where(np.eye(len(t), dtype=bool), np.exp(_STEP), 1.0)
+        less = t[:, None] * np.where(np.eye(len(t), dtype=bool), np.exp(-_STEP), 1.0)
+        both = np.log(np.maximum(self.measure(np.hstack([each, less])), 1e-300))
+        return np.asarray((both[: len(t)] - both[len(t) :]) / (2 * _STEP))
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """Cheapest tolerances.
+
+    Attributes
+    ----------
+    t
+        Tolerances ``(n,)``.
+    cost
+        Sum of their costs.
+    lower_bound
+        No tolerances that keep the limits cost less; ``None`` where that is not known.
+    prices
+        Derivative of the least cost with respect to each limit, with its sign changed.
+    bound_prices
+        What a tolerance held by its bounds would save for each m or rad more, ``(n,)``; negative at the lower bound.
+    """
+
+    t: Array
+    cost: float
+    lower_bound: float | None
+    prices: tuple[float, ...]
+    bound_prices: Array
+
+    def __post_init__(self) -> None:
+        fix_fields(self)
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Programme:
+    """Minimise the sum of the costs within bounds ``low``, ``high`` and limits; ``costs`` of each tolerance are added."""
+
+    costs: Sequence[Sequence[Cost]]
+    low: Array
+    high: Array
+    limits: Sequence[Limit]
+
+    def cost_of(self, t: Array) -> Array:
+        """Return the cost of each tolerance, ``(n, …)``."""
+        return np.stack(
+            [sum((c.at(one) for c in own), np.zeros_like(one)) for own, one in zip(self.costs, t, strict=True)]
+        )
+
+    def slope_of(self, t: Array) -> Array:
+        """Return the derivative of each cost with respect to its tolerance, ``(n, …)``."""
+        return np.stack(
+            [sum((c.slope(one) for c in own), np.zeros_like(one)) for own, one in zip(self.costs, t, strict=True)]
+        )
+
+    def exceeded(self, t: Array) -> Array:
+        """Return ln of each measure over its limit, ``(all places,)``: positive where a limit is exceeded."""
+        parts = [np.log(np.maximum(one.measure(t[:, None])[0], 1e-300) / one.limit) for one in self.limits]
+        return np.concatenate(parts)
+
+    def solve(self) -> Solution | None:
+        """Return the cheapest tolerances, or ``None`` where even the narrowest exceed a limit."""
+        if self.exceeded(self.low).max() > 0:
+            return None
+        low, high = np.log(self.low), np.log(self.high)
+        start = self._largest_within(low, high)
+        scale = float(np.abs(self.slope_of(np.exp(start)) * np.exp(start)).sum()) or 1.0
+        found: Any = optimize.minimize(
+            lambda x: float(self.cost_of(np.exp(x)).sum()) / scale,
+            start,
+            jac=lambda x: self.slope_of(np.exp(x)) * np.exp(x) / scale,
+            bounds=list(zip(low, high, strict=True)),
+            constraints={
+                "type": "ineq",
+                "fun": lambda x: -self.exceeded(np.exp(x)),
+                "jac": lambda x: -np.hstack([one.log_slopes(np.exp(x)) for one in self.limits]).T,
+            },
+            method="SLSQP",
+            options={"maxiter": 500, "ftol": 1e-14},
+        )
+        # the solver keeps limits to rounding only; stepping back is as cheap as rounding
+        x = self._largest_within(low, np.clip(found.x, low, high))
+        return self._priced(np.exp(x))
+
+    def _largest_within(self, low: Array, high: Array) -> Array:
+        """Return the point nearest to ``high`` on the way from ``low`` that keeps all limits."""
+        if self.exceeded(np.exp(high)).max() <= 0:
+            return high
+        least, most = 0.0, 1.0
+        for _ in range(50):
+            middle = (least + most) / 2
+            kept = self.exceeded(np.exp(low + middle * (high - low))).max() <= 0
+            least, most = (middle, most) if kept else (least, middle)
+        return low + least * (high - low)
+
+    def _priced(self, t: Array) -> Solution:
+        """Return a solution with its multipliers, by non-negative least squares of the first-order conditions."""
+        falls = -self.slope_of(t) * t
+        slopes = [one.log_slopes(t) for one in self.limits]
+        places = np.repeat(np.arange(len(self.limits)), [one.shape[1] for one in slopes])
+        active = np.flatnonzero(self.exceeded(t) > -_ACTIVE)
+        multipliers = np.zeros(len(places))
+        free = (t > self.low * (1 + 1e-7)) & (t < self.high * (1 - 1e-7))
+        if len(active) and free.any():
+            gradient = np.hstack(slopes)[:, active][free]
+            # conditions in proportion to what each tolerance weighs
+            weights = 1 / np.maximum(falls[free], 1e-300)
+            multipliers[active] = optimize.nnls(gradient * weights[:, None], falls[free] * weights)[0]
+        total = tuple(float(multipliers[places == k].sum() / one.limit) for k, one in enumerate(self.limits))
+        rest = (falls - np.hstack(slopes) @ multipliers) / t
+        bound = None
+        if all(one.kind != "quantile" for one in self.limits):
+            bound = self._lower_bound(multipliers, places)
+        return Solution(t, float(self.cost_of(t).sum()), bound, total, np.where(free, 0.0, rest))
+
+    def _lower_bound(self, multipliers: Array, places: NDArray[np.intp]) -> float:
+        """Return the minimum of the Lagrangian in t, by bisection of the slope of each tolerance's convex part."""
+        square, line = np.zeros(len(self.low)), np.zeros(len(self.low))
+        constant = 0.0
+        for k, one in enumerate(self.limits):
+            own = multipliers[places == k]
+            if one.kind == "rms":
+                own = own / (2 * one.limit**2)
+                still = (one.mean**2).sum(axis=0) + np.einsum("iip->p", one.fixed)
+                square += np.einsum("niip,p->n", one.parts, own)
+                constant += float(own @ (still - one.limit**2))
+            else:
+                own = own / one.limit
+                still = (np.abs(one.mean) + one.fixed[:, 0]).reshape(-1)
+                line += one.parts[:, :, 0].reshape(len(line), -1) @ own
+                constant += float(own @ (still - one.limit))
+        low, high = self.low.copy(), self.high.copy()
+        for _ in range(200):
+            middle = np.sqrt(low * high)
+            falls = self.slope_of(middle) + 2 * square * middle + line < 0
+            low, high = np.where(falls, middle, low), np.where(falls, high, middle)
+        t = np.sqrt(low * high)
+        return float((self.cost_of(t) + square * t**2 + line * t).sum() + constant)

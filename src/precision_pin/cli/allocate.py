@@ -1,0 +1,88 @@
+"""``precision-pin allocate``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Unpack
+
+import click
+
+from precision_pin.cli import EXIT_SPEC
+from precision_pin.cli.inputs import read_sheet
+from precision_pin.cli.notes import all_warnings_option, echo_note, quiet_option
+from precision_pin.cli.options import ChainOptions, Command, chain_options, inputs_argument, seed_option
+from precision_pin.cli.streams import echo_data
+from precision_pin.cli.targets import Outputs
+from precision_pin.cli.terminal import echo_table
+from precision_pin.display.files import whole_folder, write_text
+
+if TYPE_CHECKING:
+    from precision_pin.analyses.allocation.allocation_result import AllocationResult
+    from precision_pin.model.error_model import ErrorModel
+
+__all__ = ["command"]
+
+
+class _Options(ChainOptions):
+    """All options."""
+
+    seed: int
+    json_path: str | None
+    out: str | None
+
+
+@click.command("allocate", cls=Command)
+@inputs_argument
+@chain_options
+@seed_option
+@click.option("--json", "json_path", metavar="FILE", help="Write the result as JSON; - prints it alone.")
+@click.option("--out", metavar="DIR", help="Write the sheet with the chosen tolerances and the result there.")
+@all_warnings_option
+@quiet_option
+def command(**options: Unpack[_Options]) -> int:
+    """Choose the cheapest tolerances that keep specifications at every pose.
+
+    The sheet's allocate: says which tolerances, what they cost and what must be kept. The exit code is 1 where a limit is not
+    met.
+    """
+    from precision_pin.analyses.allocation.allocate import allocate
+    from precision_pin.draws.space import check_seed
+    from precision_pin.model.error_model import ErrorModel
+    from precision_pin.outputs.allocation.table import allocation_table
+
+    check_seed(options["seed"])
+    outputs = Outputs({"--json": options["json_path"]}, options["out"], ("allocation.json", "allocated.errors.yaml"))
+    outputs.check()
+    sheet = read_sheet(options, outputs)
+    model = ErrorModel.from_sheet(sheet)
+    result = allocate(model, seed=options["seed"], findings=sheet.findings)
+    if options["json_path"] == "-":
+        echo_data(result.to_json())
+    else:
+        echo_table(allocation_table(result))
+    _write(model, result, options)
+    return 0 if result.met else EXIT_SPEC
+
+
+def _write(model: ErrorModel, result: AllocationResult, options: _Options) -> None:
+    """Write the files that are asked for; a sheet only where tolerances keep the limits.
+
+    Raises
+    ------
+    OutputError
+        Something cannot be written.
+    """
+    from precision_pin.outputs.allocation.sheet import allocated_sheet
+
+    json_path, out = options["json_path"], options["out"]
+    if json_path is not None and json_path != "-":
+        write_text(Path(json_path), result.to_json() + "\n")
+    if out is None:
+        return
+    with whole_folder(Path(out)) as stage:
+        write_text(stage / "allocation.json", result.to_json() + "\n")
+        if result.feasible:
+            write_text(stage / "allocated.errors.yaml", allocated_sheet(model, result, Path(out)))
+    echo_note(f"wrote {out}: allocation.json{', allocated.errors.yaml' if result.feasible else ''}")
+    if not result.feasible:
+        echo_note("no sheet is written: no tolerances within their bounds keep the limits")

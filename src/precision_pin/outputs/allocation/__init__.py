@@ -1,0 +1,1 @@
+"""Table of an allocation, and its sheet."""

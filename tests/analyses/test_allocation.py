@@ -1,0 +1,117 @@
+"""Cheapest tolerances against closed forms, another optimiser and fresh samples."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy import optimize
+
+import precision_pin as pp
+from precision_pin.analyses.exact_law.normal_norm import NormalNorm
+from precision_pin.errors import InputError
+
+URDF = """<robot name="slide"><link name="base"/><link name="tip"/>
+<joint name="joint1" type="revolute"><parent link="base"/><child link="tip"/><axis xyz="0 0 1"/>
+<limit lower="-3" upper="3" effort="1" velocity="1"/></joint></robot>"""
+HALF = np.array([0.1e-3, 0.2e-3, 0.05e-3])
+COSTS = np.array([1.0, 4.0, 9.0])
+
+
+def _model(folder: Path, axes: str = "xyz", law: str = "uniform", mean: str = "0 mm") -> pp.ErrorModel:
+    """Return a tip with three offsets, each of its own tolerance."""
+    (folder / "slide.urdf").write_text(URDF, encoding="utf-8")
+    lengths = [f"{1e3 * half:g} mm" for half in HALF]
+    return pp.ErrorModel.from_dict(
+        {
+            "precision-pin": 1,
+            "robot": "slide.urdf",
+            "poses": {"home": "0 deg"},
+            "parameters": {
+                f"a{k}": {law: length, **({"mean": mean} if k == 0 else {})} for k, length in enumerate(lengths)
+            },
+            "sources": [
+                {"length": {"frame": "tip", "along": f"{axis} of joint1", "parameters": [f"a{k}"]}}
+                for k, axis in enumerate(axes)
+            ],
+        },
+        folder,
+    )
+
+
+def _problem(*specs: object, law: str = "uniform", **bounds: str) -> dict[str, object]:
+    return {
+        "tolerances": [
+            {"path": f"parameters.a{k}.{law}", "cost": {"reciprocal": cost}, **bounds} for k, cost in enumerate(COSTS)
+        ],
+        "specs": list(specs),
+    }
+
+
+def test_root_mean_square_costs_what_the_closed_form_says(tmp_path: Path) -> None:
+    limit = 0.3e-3
+    result = pp.allocate(_model(tmp_path), _problem({"rms": "0.3 mm"}))
+    least = float((COSTS ** (2 / 3) * (1 / 3) ** (1 / 3)).sum() ** 1.5 / limit)
+    assert result.cost == pytest.approx(least, rel=1e-6)
+    assert result.lower_bound == pytest.approx(least, rel=1e-6)
+    assert result.limits[0].shadow_price == pytest.approx(least / limit, rel=1e-5)
+    assert result.met
+
+
+def test_worst_case_costs_what_the_closed_form_says(tmp_path: Path) -> None:
+    result = pp.allocate(_model(tmp_path, "xxx"), _problem({"worst_case": "0.3 mm"}))
+    least = float(np.sqrt(COSTS).sum() ** 2 / 0.3e-3)
+    assert result.cost == pytest.approx(least, rel=1e-6)
+    assert result.lower_bound == pytest.approx(least, rel=1e-6)
+
+
+def test_quantile_is_as_cheap_as_another_optimiser_finds_and_shown_by_fresh_samples(tmp_path: Path) -> None:
+    model = _model(tmp_path, law="normal", mean="0.05 mm")
+    result = pp.allocate(model, _problem("0.3 mm @ 95 %", law="normal"))
+    one = result.limits[0]
+    assert one.aimed is not None
+
+    def excess(x: np.ndarray) -> float:
+        law = NormalNorm(np.array([0.05e-3, 0, 0]), np.diag((np.exp(x) / 3) ** 2))
+        return one.aimed - float(law.cumulative(np.array([0.3e-3]))[0])  # type: ignore[operator]
+
+    found = optimize.minimize(
+        lambda x: float((COSTS * np.exp(-x)).sum()) / 1e5,
+        np.log(HALF),
+        constraints=optimize.NonlinearConstraint(excess, -np.inf, 0),
+        method="trust-constr",
+        options={"maxiter": 300, "gtol": 1e-9},
+    )
+    assert excess(found.x) < 1e-6
+    assert result.cost <= 1.001 * 1e5 * found.fun
+    assert one.met
+    again = pp.sample_poses(
+        model.with_(result.changes), ["home"], samples=50_000, seed=77, specifications="0.3 mm @ 95 %"
+    )
+    assert again.probability[0, 0] == pytest.approx(one.probability, abs=0.004)
+
+
+def test_limit_below_what_the_narrowest_tolerances_reach_is_infeasible(tmp_path: Path) -> None:
+    result = pp.allocate(_model(tmp_path), _problem({"rms": "0.01 mm"}, min="0.05 mm"))
+    assert not result.feasible
+    assert not result.met
+    assert result.after == pytest.approx([0.05e-3] * 3)
+
+
+def test_mean_is_not_taken_for_a_tolerance(tmp_path: Path) -> None:
+    problem = {"tolerances": [{"path": "parameters.a0.mean", "cost": {"reciprocal": 1}}], "specs": ["1 mm"]}
+    with pytest.raises(InputError, match="changes the mean"):
+        pp.allocate(_model(tmp_path, mean="0.05 mm"), problem)
+
+
+def test_group_without_a_common_value_is_refused(tmp_path: Path) -> None:
+    problem = {
+        "tolerances": [
+            {"path": "parameters.a0.uniform", "cost": {"reciprocal": 1}, "group": "g", "max": "0.1 mm"},
+            {"path": "parameters.a1.uniform", "cost": {"reciprocal": 1}, "group": "g", "min": "0.2 mm"},
+        ],
+        "specs": [{"rms": "1 mm"}],
+    }
+    with pytest.raises(InputError, match="group g"):
+        pp.allocate(_model(tmp_path), problem)

@@ -1,0 +1,54 @@
+"""``precision-pin allocate``: table, the new sheet, exit codes, wrong input."""
+
+from __future__ import annotations
+
+import json
+
+from precision_pin import ErrorModel
+
+PATHS = [f"axis_install[joint{k}].radius" for k in range(1, 5)]
+
+
+def _sheet(folder, limit, more=""):
+    entries = "\n".join(f"    - {{path: '{path}', cost: {{reciprocal: 1 mm}}{more}}}" for path in PATHS)
+    text = (folder / "4dof.errors.yaml").read_text()
+    (folder / "wanted.yaml").write_text(f"{text}\nallocate:\n  specs: ['{limit}']\n  tolerances:\n{entries}\n")
+    return "wanted.yaml"
+
+
+def test_tolerances_are_chosen_verified_and_written_as_a_sheet(run, folder, new_files):
+    done = run("allocate", _sheet(folder, "37.5 mm @ 95 %"), "--out", "made")
+    assert done.code == 0, done.err
+    lines = done.out.splitlines()
+    assert any(line.startswith("cost ") for line in lines)
+    assert max(map(len, lines)) <= 100
+    result = json.loads((folder / "made/allocation.json").read_text())
+    assert result["schema"] == "precision-pin/allocation/1"
+    spec = result["specs"][0]
+    assert spec["met"]
+    assert spec["interval"][0] >= 0.95
+    new = ErrorModel.load(folder / "made/allocated.errors.yaml")
+    assert [one["path"] for one in result["tolerances"]] == PATHS
+    assert len(new.poses) == len(result["poses"])
+
+
+def test_what_no_tolerance_can_meet_exits_with_1_and_writes_no_sheet(run, folder):
+    done = run("allocate", _sheet(folder, "1 mm"), "--out", "made")
+    assert done.code == 1
+    assert "no tolerances within their bounds keep the limits" in done.out
+    assert not (folder / "made/allocated.errors.yaml").exists()
+    assert "no sheet is written" in done.err
+    quiet = run("allocate", "wanted.yaml", "--quiet", "--out", "quiet")
+    assert quiet.code == 1
+    assert quiet.out == done.out
+    assert "wrote" not in quiet.err
+
+
+def test_wrong_input_is_one_line(run, folder):
+    done = run("allocate", "4dof.errors.yaml")
+    assert done.code == 2
+    assert "allocate:" in done.err
+    done = run("allocate", _sheet(folder, "1 mm", ", maxi: 1 mm"))
+    assert done.code == 2
+    assert "maxi" in done.err
+    assert "Traceback" not in done.err
