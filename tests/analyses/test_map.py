@@ -10,14 +10,14 @@ import precision_pin as pp
 from precision_pin.analyses.exact_law.normal_norm import NormalNorm
 from precision_pin.analyses.map.map_result import LEVELS
 from precision_pin.analyses.map.normal_norms import norm_probabilities, norm_quantiles, principal_axes
-from precision_pin.draws.laws import Normal
+from precision_pin.draws.laws import Normal, Uniform
 from precision_pin.draws.space import Draw, Scope, Space
 from precision_pin.errors import InputError
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.outputs.map.table import map_table
 from precision_pin.robot.examples import PAPER_SHEET, shipped_sheets
 from precision_pin.robot.pose_set import NO_BRANCH, PoseSet
-from precision_pin.sources import Frame, JointOffset
+from precision_pin.sources import Backlash, Frame, JointOffset
 from support.plain_robot import chain_of, joint, link, robot
 
 PAPER = ErrorModel.load(PAPER_SHEET)
@@ -110,6 +110,21 @@ def test_the_law_relative_to_a_pose_by_hand():
     # drawn at each visit both count: 2 x the variance at the pose itself
     anew = pp.map_poses(arm_of_two(Scope.VISIT), [[0.0, 0.0]], relative_to=[0.0, 0.0], verify=0)
     assert anew.relative.covariance[1, 1, 0] == pytest.approx(2 * (2.1e-4) ** 2, rel=1e-6)
+
+
+def test_one_pose_from_two_sides_relative_to_itself():
+    # a random gap of one robot lies on either flank: e - e' = gap about joint 2, which does not cancel
+    gap = Draw("gap", Uniform(3e-5, mean=3e-4))
+    loose = ErrorModel(
+        PAPER.chain, Space((gap,)), [Backlash(joint="joint2", backlash="gap", band=1000.0)], dict(PAPER.poses)
+    )
+    up, down = (pp.ApproachedPose("paper", f"joint2 {sign}") for sign in "+-")
+    made = pp.map_poses(loose, [up, down], relative_to=up, verify=0).relative
+    sampled = pp.relative(loose, down, up, samples=20_000, seed=1).summary
+    lever = np.linalg.norm(PAPER.chain.at(PAPER.poses["paper"]).joint_jacobian[:3, 1])
+    assert np.sqrt(np.trace(made.covariance[:3, :3, 1])) == pytest.approx(lever * 3e-5 / np.sqrt(3), rel=1e-3)
+    assert np.trace(made.covariance[:3, :3, 1]) == pytest.approx(np.trace(sampled.covariance[:3, :3]), rel=0.05)
+    assert np.abs(made.covariance[:, :, 0]).max() < 1e-20
 
 
 def unreached() -> PoseSet:

@@ -103,13 +103,24 @@ def first_order(
             relative_covariance -= between + between.swapaxes(0, 1)
             same = (values[:, begin : begin + poses] == reference.posture.q[:, None]).all(axis=0)
             if same.any():
-                visits = shared_covariance(space, (Scope.VISIT,))
-                relative_covariance[:, :, same] = 2 * visits.between(jacobian, jacobian)[:, :, None]
+                # draws of pose scope are shared too; the approach may differ, and with it the derivatives
+                relative_covariance[:, :, same] = _at_the_same_pose(space, chunk.jacobian[:, :, same], jacobian)
         parts.append(FirstOrder(chunk.error, covariance, shares, relative_mean, relative_covariance))
         begin += poses
         step(poses)
     fields = ("mean", "covariance", "shares", "relative_mean", "relative_covariance")
     return FirstOrder(*(np.concatenate([getattr(part, name) for part in parts], axis=-1) for name in fields))
+
+
+def _at_the_same_pose(space: Space, jacobian: Array, reference: Array) -> Array:
+    """Return the covariance of the error minus that of the reference at its joint values, ``(6, 6, P)``."""
+    kept, anew = shared_covariance(space, (Scope.UNIT, Scope.POSE)), shared_covariance(space, (Scope.VISIT,))
+    change = jacobian - reference[:, :, None]
+    own = np.einsum("idp,djp->ijp", change, _times(kept, change)) + np.einsum(
+        "idp,djp->ijp", jacobian, _times(anew, jacobian)
+    )
+    result: Array = own + anew.between(reference, reference)[:, :, None]
+    return result
 
 
 def jacobians(error_model: ErrorModel, values: Array, approaches: NDArray[np.int8] | None) -> Array:
