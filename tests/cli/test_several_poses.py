@@ -76,12 +76,7 @@ def test_the_analyses_take_poses_in_the_same_ways(run, folder, command):
 
 @pytest.mark.parametrize(
     ("option", "values"),
-    [
-        ("--until", ["95 % to 0.01 mm"]),
-        ("--journal", ["run.journal"]),
-        ("--processes", ["2"]),
-        ("--dask", ["tcp://x:1"]),
-    ],
+    [("--until", ["95 % to 0.01 mm"]), ("--relative-to", ["home"])],
 )
 def test_what_is_for_one_pose_is_refused_with_several(run, new_files, option, values):
     refused = run("analyze", SHEET, "--all-poses", option, *values)
@@ -89,6 +84,20 @@ def test_what_is_for_one_pose_is_refused_with_several(run, new_files, option, va
     assert len(refused.said) == 1
     assert f"{option} is for one pose, and 2 are given" in refused.said[0]
     assert new_files() == set()
+
+
+def test_a_journal_of_several_poses_is_resumed_and_knows_its_run(run, folder):
+    plain = run("analyze", SHEET, "--all-poses", *FEW, "--json", "-").out
+    kept = ("analyze", SHEET, "--all-poses", *FEW, "--journal", "run.journal", "--json", "-")
+    assert run(*kept).out == plain
+    again = run(*kept, "--resume")
+    assert again.out == plain
+    assert "the journal run.journal holds the first 2 poses" in again.err
+    other = run("analyze", SHEET, "--all-poses", "--samples", "600", "--journal", "run.journal", "--resume")
+    assert other.code == 2
+    assert "belongs to another run: samples was '500', is '600'" in other.err
+    swapped = run("analyze", SHEET, "--pose", "home", "--pose", "out", *FEW, "--journal", "run.journal", "--resume")
+    assert "the list of poses has changed" in swapped.err
 
 
 @pytest.mark.parametrize("command", ["analyze", "budget", "view", "report --out page.html"])

@@ -14,7 +14,7 @@ PAPER = "4dof.errors.yaml"
 WRONG = {
     # commands and options
     "unknown command": (("analyse",), "no command named 'analyse'; did you mean 'analyze'?"),
-    "unknown command far from any": (("qqq",), "valid: analyze, .*check, "),
+    "unknown command far from any": (("qqq",), "valid: allocate, analyze, .*check, "),
     "option before the command": (("--samples", "10", "analyze"), "--samples"),
     "unknown option": (("analyze", "--sampels", "10"), "No such option:? '?--sampels'?.*--samples"),
     "option without its value": (("analyze", "--seed"), "'--seed' requires an argument"),

@@ -24,7 +24,7 @@ from precision_pin.sampling import identity as identity_module
 from precision_pin.sampling import journal as journal_module
 from precision_pin.sampling.identity import differences, digest, identity
 from precision_pin.sampling.journal import MAGIC, opened
-from precision_pin.sampling.saved import packed, unpacked
+from precision_pin.sampling.saved import SAMPLES, packed, unpacked
 from precision_pin.sampling.schedule import Sampling
 from precision_pin.sampling.workers import Foreign
 from precision_pin.statistics import State, start
@@ -63,7 +63,7 @@ def no_waiting_for_disks(monkeypatch) -> None:
 
 
 def opened_by(file: Path, *, resume: bool = True, told: list[str] | None = None, identity=IDENTITY):
-    return opened(file, identity, EMPTY, resume=resume, tell=[].append if told is None else told.append)
+    return opened(file, identity, EMPTY, SAMPLES, resume=resume, tell=[].append if told is None else told.append)
 
 
 def state_in(file: Path, told: list[str] | None = None) -> State:
@@ -173,11 +173,11 @@ def test_other_files_are_left_as_they_are(file: Path, contents: bytes) -> None:
 
 def test_a_state_comes_back_whole_and_only_as_what_it_was() -> None:
     state = in_one_go(work(3, 2 * BLOCK))
-    assert_same_bits(unpacked(packed(state), start(PLAN)), state)
+    assert_same_bits(unpacked(packed(state), start(PLAN), SAMPLES.check), state)
     assert {field.name for field in fields(State)} == set(vars(state))  # no field is left out by accident
     for damaged in (b"", b"x", packed(state)[:-9]):
         with pytest.raises(InputError, match="cannot be read"):
-            unpacked(damaged, start(PLAN))
+            unpacked(damaged, start(PLAN), SAMPLES.check)
 
 
 # size ----------------------------------------------------------------------------------------------------------------
@@ -501,7 +501,7 @@ def test_a_second_interrupt_stops_at_once(file: Path) -> None:
                 future.result = lambda: (_ for _ in ()).throw(KeyboardInterrupt("second"))
             return future
 
-    with opened(file, {}, start(PLAN), resume=False, tell=print) as (journal, state):
+    with opened(file, {}, start(PLAN), SAMPLES, resume=False, tell=print) as (journal, state):
         sampling = Sampling(work(samples=30 * BLOCK), state, Stopping(1, KeyboardInterrupt("first")), journal)
         with pytest.raises(KeyboardInterrupt, match="second"):
             sampling.run(Foreign(Interrupting(), 4), 1)

@@ -18,7 +18,7 @@ import pytest
 
 from precision_pin.errors import InputError
 from precision_pin.sampling.journal import MAGIC
-from precision_pin.sampling.saved import packed, unpacked
+from precision_pin.sampling.saved import SAMPLES, packed, unpacked
 from sampling.cases import assert_same_bits
 from sampling.test_journal import EMPTY, IDENTITY, STATES, state_in
 
@@ -97,7 +97,7 @@ def test_a_record_that_inflates_without_end_is_refused_at_once(file: Path) -> No
     )  # so that the bomb is no longer than a state may be
     tracemalloc.start()
     with pytest.raises(InputError, match="cannot be read: it is too long"):
-        unpacked(bomb, small)
+        unpacked(bomb, small, SAMPLES.check)
     assert tracemalloc.get_traced_memory()[1] < 2_000_000
     tracemalloc.stop()
 

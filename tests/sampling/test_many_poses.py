@@ -119,24 +119,17 @@ def test_a_group_that_is_done_is_told_of_before_the_next_is_laid_out(monkeypatch
     class AtOnce:
         """Executor that runs a call before it returns the future."""
 
-        def __init__(self, _: int) -> None:
-            pass
-
         def submit(self, function: Any, *arguments: Any) -> Future[Any]:
             future: Future[Any] = Future()
             future.set_result(function(*arguments))
             return future
 
-        def shutdown(self, **_: Any) -> None:
-            pass
-
     def laid_out(poses: Any) -> Any:
         happened.append("laid out")
         return lay_out(poses)
 
-    monkeypatch.setattr("precision_pin.sampling.many_poses.ThreadPoolExecutor", AtOnce)
     monkeypatch.setattr(sampler, "to_arrays_at_poses", laid_out)
-    sample_poses(MODEL, Q, samples=100, progress=lambda _: happened.append("told"))
+    sample_poses(MODEL, Q, samples=100, executor=AtOnce(), progress=lambda _: happened.append("told"))
     assert happened == ["laid out", "told"] * 2
 
 

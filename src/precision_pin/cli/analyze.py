@@ -146,9 +146,12 @@ def command(
     poses = read_poses(sheet, arm)
     sheet = poses.noted_in(sheet)
     if len(poses) > 1:
-        at_one["--relative-to"] = relative_to
-        refuse_of_one_pose([option for option, value in at_one.items() if value], len(poses))
-        job = PosesJob(samples, seed, model, tuple(specifications), spec_everywhere, threads, json_path, out)
+        for_one = {"--until": bool(until), "--relative-to": relative_to}
+        refuse_of_one_pose([option for option, value in for_one.items() if value], len(poses))
+        job = PosesJob(
+            samples, seed, model, tuple(specifications), spec_everywhere, threads, processes, dask, journal, resume,
+            json_path, out,
+        )  # fmt: skip
         return analyze_poses(error_model, sheet, poses, job)
     where = poses[0].where
     other = reference_pose(sheet, relative_to)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 import pickle
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, Final, Literal, final
@@ -18,7 +18,7 @@ from precision_pin.kernel import sampler
 from precision_pin.sampling.versions import versions
 from precision_pin.statistics import Plan
 
-__all__ = ["MOST_SAMPLES", "Work", "check_samples", "packages"]
+__all__ = ["MOST_SAMPLES", "Work", "check_packages", "check_samples", "packages", "pickled_with_read_only_arrays"]
 
 MOST_SAMPLES: Final = 10**12
 
@@ -39,6 +39,29 @@ def packages() -> tuple[tuple[str, str], ...]:
     """Return name and version of the packages of this process that determine the bits of a block."""
     found = versions()
     return tuple((name, found[name]) for name in ("precision-pin", "numpy", "numba"))
+
+
+def check_packages(started_with: Sequence[tuple[str, str]]) -> None:
+    """Check that this process has the packages of the process that started a run.
+
+    Raises
+    ------
+    InputError
+        One has another version.
+    """
+    here = dict(packages())
+    for name, version in started_with:
+        if here[name] != version:
+            raise InputError(
+                f"a worker has {name} {here[name]}, the run was started with {version}; install the same version"
+            )
+
+
+def pickled_with_read_only_arrays(value: object) -> bytes:
+    """Return a value pickled so that read-only arrays stay read-only."""
+    buffer = io.BytesIO()
+    _Pickler(buffer, protocol=5).dump(value)
+    return buffer.getvalue()
 
 
 @final
@@ -86,21 +109,14 @@ class Work:
             As :func:`precision_pin.kernel.sampler.observe_blocks`; or the package versions of this process differ from
             those of the process that started the run.
         """
-        here = dict(packages())
-        for name, version in self.packages:
-            if here[name] != version:
-                raise InputError(
-                    f"a worker has {name} {here[name]}, the run was started with {version}; install the same version"
-                )
+        check_packages(self.packages)
         return sampler.observe_blocks(
             self.layout, self.plan, self.model, self.seed, first_block, blocks,
             samples=self.samples, keep_errors=self.keep_errors,
         )  # fmt: skip
 
     def __reduce__(self) -> tuple[Callable[..., Work], tuple[bytes]]:
-        buffer = io.BytesIO()
-        _Pickler(buffer, protocol=5).dump(tuple(vars(self).values()))
-        return _unpickle_work, (buffer.getvalue(),)
+        return _unpickle_work, (pickled_with_read_only_arrays(tuple(vars(self).values())),)
 
 
 def _unpickle_work(data: bytes) -> Work:

@@ -19,12 +19,11 @@ import struct
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
-from typing import Final, final
+from typing import Final, Generic, final
 
 from precision_pin.errors import InputError, OutputError
 from precision_pin.sampling.identity import differences
-from precision_pin.sampling.saved import largest, packed, unpacked
-from precision_pin.statistics import State
+from precision_pin.sampling.saved import Codec, S, largest, packed, unpacked
 
 __all__ = ["Journal", "opened"]
 
@@ -54,11 +53,12 @@ def _digest(payload: bytes) -> bytes:
 def opened(
     path: str | os.PathLike[str],
     identity: Mapping[str, str],
-    start: State,
+    start: S,
+    codec: Codec[S],
     *,
     resume: bool,
     tell: Callable[[str], None],
-) -> Iterator[tuple[Journal, State]]:
+) -> Iterator[tuple[Journal[S], S]]:
     """Yield an open journal and the state to resume from; the file is locked against other processes.
 
     Parameters
@@ -67,8 +67,8 @@ def opened(
         Path of the file.
     identity
         All inputs that determine the bits of the run.
-    start
-        The state before any sample.
+    start, codec
+        The state before any sample, and what the journal must know of states.
     resume
         Resume from the file, or start the run where the file does not exist. If false, the file must not exist.
     tell
@@ -82,7 +82,7 @@ def opened(
         The file cannot be written.
     """
     name = os.fspath(path)
-    journal = Journal(name, _open_locked(name, resume=resume), identity)
+    journal = Journal(name, _open_locked(name, resume=resume), identity, codec)
     try:
         yield journal, journal.begin(start, resume=resume, tell=tell)
     finally:
@@ -121,11 +121,12 @@ def _unwritable(name: str, error: Exception) -> OutputError:
 
 
 @final
-class Journal:
+class Journal(Generic[S]):
     """Open journal, created by :func:`opened`."""
 
-    def __init__(self, name: str, descriptor: int, identity: Mapping[str, str]) -> None:
+    def __init__(self, name: str, descriptor: int, identity: Mapping[str, str], codec: Codec[S]) -> None:
         self._name = name
+        self._codec = codec
         self._place = os.path.realpath(name)
         self._descriptor = descriptor
         self._identity = dict(identity)
@@ -143,10 +144,10 @@ class Journal:
 
     @property
     def saved(self) -> int:
-        """Number of samples in the last record."""
+        """Number of samples, or of whatever the states count, in the last record."""
         return self._saved
 
-    def begin(self, start: State, *, resume: bool, tell: Callable[[str], None]) -> State:
+    def begin(self, start: S, *, resume: bool, tell: Callable[[str], None]) -> S:
         """Return the state to resume from, as in :func:`opened`."""
         size = os.fstat(self._descriptor).st_size
         if size < len(self._opening) and self._opening.startswith(self._read(0, size)):
@@ -162,7 +163,7 @@ class Journal:
             return start
         return self._last_state(start, size, tell)
 
-    def save_if_due(self, state: State) -> None:
+    def save_if_due(self, state: S) -> None:
         """Add a record if the pause since the last one is over.
 
         Raises
@@ -173,7 +174,7 @@ class Journal:
         if time.monotonic() >= self._due:
             self.save(state)
 
-    def save(self, state: State) -> None:
+    def save(self, state: S) -> None:
         """Add a record, unless the last one has the same samples.
 
         Raises
@@ -181,7 +182,7 @@ class Journal:
         OutputError
             The record cannot be written; the earlier records remain.
         """
-        if state.count == self._saved:
+        if self._codec.count(state) == self._saved:
             return
         begun = time.monotonic()
         record = _record(packed(state))
@@ -190,7 +191,7 @@ class Journal:
         else:
             self._append(record)
         self._states += 1
-        self._saved = state.count
+        self._saved = self._codec.count(state)
         now = time.monotonic()
         pause = min(max(SHORTEST_PAUSE, (now - self._begun) / 100), LONGEST_PAUSE)
         self._due = now + max(pause, COST_OF_WRITING * (now - begun))
@@ -199,7 +200,7 @@ class Journal:
         """Close the file and release its lock."""
         os.close(self._descriptor)
 
-    def _last_state(self, start: State, size: int, tell: Callable[[str], None]) -> State:
+    def _last_state(self, start: S, size: int, tell: Callable[[str], None]) -> S:
         """Return the state of the last record before the first incomplete one; the next record overwrites the rest."""
         if self._read(0, len(MAGIC)) != MAGIC:
             raise InputError(f"{self._name} is not a journal of this version of precision-pin; the file is unchanged")
@@ -216,12 +217,12 @@ class Journal:
             last = payload
             self._end += _HEAD.size + len(payload)
             self._states += 1
-        state = start if last is None else unpacked(last, start)
-        self._saved = state.count
+        state = start if last is None else unpacked(last, start, self._codec.check)
+        self._saved = self._codec.count(state)
         if self._end < size:
             ignored = size - self._end
             tell(f"the journal {self._name}: the last {ignored} bytes are incomplete or damaged and are ignored")
-        tell(f"the journal {self._name} holds the first {state.count:,} samples")
+        tell(f"the journal {self._name} holds the first {self._saved:,} {self._codec.unit}")
         return state
 
     def _records(self, offset: int, size: int, most: int, largest: int) -> Iterator[bytes]:
@@ -292,7 +293,11 @@ class Journal:
                 os.close(folder)
 
     def _lost(self, error: OSError) -> OutputError:
-        kept = f"; it holds the first {self._saved:,} samples, from which the run can be resumed" if self._saved else ""
+        kept = (
+            f"; it holds the first {self._saved:,} {self._codec.unit}, from which the run can be resumed"
+            if self._saved
+            else ""
+        )
         return OutputError(f"cannot write the journal {self._name}: {error.strerror or error}{kept}")
 
 

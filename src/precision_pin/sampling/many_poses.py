@@ -8,12 +8,12 @@ from __future__ import annotations
 
 import os
 from collections import deque
-from collections.abc import Iterator, Mapping, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import islice
-from typing import Final, Literal, final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -26,38 +26,34 @@ from precision_pin.errors import Finding, InputError
 from precision_pin.inputs.arguments import check_instance, check_items, check_whole
 from precision_pin.inputs.memory import check_memory
 from precision_pin.kernel import sampler
-from precision_pin.kernel.loops import NORM_COLUMNS, SUMS
-from precision_pin.kernel.many_poses import MOST_TOGETHER, NormBlocks, norm_edges, observe_norms
+from precision_pin.kernel.many_poses import MOST_TOGETHER
 from precision_pin.kernel.pose_arrays import JoinedTables, is_alike
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.robot.approach import ApproachedPose
 from precision_pin.robot.chain_findings import limit_findings
 from precision_pin.sampling import Progress, available_cores, check_progress
+from precision_pin.sampling.blocks import Work, packages
 from precision_pin.sampling.everywhere import count_everywhere
-from precision_pin.sampling.poses_result import LEVELS, PosesResult
+from precision_pin.sampling.identity import digest, identity
+from precision_pin.sampling.journal import Journal, opened
+from precision_pin.sampling.pose_group import PILOTS, Model, PoseGroup, PosesWork
+from precision_pin.sampling.poses_done import POSES, PosesDone, start_of_poses
+from precision_pin.sampling.poses_result import PosesResult
+from precision_pin.sampling.workers import Submitter, Workers, chosen
 from precision_pin.statistics import (
-    COMPONENTS,
-    NORMS,
     Plan,
     Specification,
     check_confidence,
-    clopper_pearson,
-    quantile_ranks,
 )
 from precision_pin.statistics.specification import Specifications, listed_specifications
 from precision_pin.typing import Array
 
 __all__ = ["MOST_SAMPLES", "sample_poses"]
 
-Counts = NDArray[np.int64]
-Model = Literal["exact", "linear"]
 
 MOST_SAMPLES: Final = 2**32 - 1
 """Most samples at each pose; the sketches count with 32 bits."""
-MOST_THREADS: Final = 1024
 
-_PILOTS: Final = (256, 1024)
-"""Numbers of samples from which first the centres, then the spreads are planned: the first samples of the run."""
 _NUMBERS: Final = 73
 """Numbers in the result of a pose, including its name, without the specifications."""
 _TASK: Final = 256
@@ -79,6 +75,13 @@ def sample_poses(
     confidence: float = 0.95,
     findings: Sequence[Finding] = (),
     threads: int | None = None,
+    processes: int | None = None,
+    executor: Submitter | None = None,
+    tasks_under_way: int | None = None,
+    journal: str | os.PathLike[str] | None = None,
+    resume: bool = False,
+    files: Mapping[str, str | os.PathLike[str]] | None = None,
+    tell: Callable[[str], None] | None = None,
     progress: Progress | bool | None = None,
 ) -> PosesResult:
     """Sample the pose error of the same built robots at many poses.
@@ -113,15 +116,20 @@ def sample_poses(
         Confidence of every interval.
     findings
         Warnings to include in the result, such as those of the sheet.
-    threads
-        Number of threads, by default one for each core. It does not change the result.
+    threads, processes, executor, tasks_under_way
+        What samples, as in :func:`precision_pin.monte_carlo`; by default a thread for each core. It does not change the
+        result. Robots are counted ``everywhere`` on threads of this process in any case.
+    journal, resume, files, tell
+        File in which finished poses are saved, up to 64 at a time, and what is resumed from it, as in
+        :func:`precision_pin.monte_carlo`.
     progress
         Function called with the number of samples, of all poses together, added since its last call; ``True`` shows a bar.
 
     Raises
     ------
     InputError
-        A wrong number of samples, seed, model, confidence or threads; no poses, wrong joint values, more than 2²⁰-1 poses
+        A wrong number of samples, seed, model, confidence or workers; a journal of another run; no poses, wrong joint
+        values, more than 2²⁰-1 poses
         where draws have pose or visit scope, or more than fit into memory; errors too large to compute with.
     UnknownNameError
         No such pose or joint.
@@ -129,46 +137,35 @@ def sample_poses(
     check_instance("error_model", error_model, ErrorModel, "as ErrorModel.load makes it")
     check_seed(seed)
     check_whole("the number of samples", samples, 1, MOST_SAMPLES)
-    if threads is not None:
-        check_whole("threads", threads, 1, MOST_THREADS)
     known = check_items("findings", findings, Finding)
     check_progress(progress)
     sampler.stage_of(model)
     check_confidence(confidence)
-    work = _Work(model, int(seed), int(samples), listed_specifications(specifications))
+    work = PosesWork(model, int(seed), int(samples), listed_specifications(specifications))
     q = q if approach is None else ApproachedPose(q, approach)
     values, names = _poses(error_model, q, work.specifications)
     approaches = error_model.approaches_of(q, values)
     count = values.shape[1]
     found = limit_findings(error_model.chain, values, names)
     add(found)
-    parts: list[dict[str, Array]] = []
+    if resume and journal is None:
+        raise InputError("resume needs a journal to resume from")
+    workers = chosen(threads, processes, executor, tasks_under_way)
     with ExitStack() as stack:
         total = count * work.samples * (2 if everywhere and work.specifications else 1)
         step = stack.enter_context(progress_bar.progress(total)) if progress is True else progress or _nothing
-        pool = ThreadPoolExecutor(threads or available_cores())
-        # after a failure or an interrupt the running tasks are awaited; each takes a fraction of a second
-        stack.callback(pool.shutdown, wait=True, cancel_futures=True)
-        tasks = _tasks(error_model, values, approaches, work)
-        most = 2 * (threads or available_cores())
-        under_way: deque[tuple[_Group, Future[NormBlocks]]] = deque()
-
-        def add_oldest() -> None:
-            group, future = under_way.popleft()
-            group.add(future.result())
-            step(future.result().count * group.poses)
-            if group.count == work.samples:
-                parts.append(group.to_arrays(confidence))
-
-        for group, first_block, blocks in tasks:
-            under_way.append((group, pool.submit(group.observe, first_block, blocks)))
-            # finished tasks are added at once: with few robots, preparing further groups takes longer than sampling
-            while under_way and (len(under_way) >= most or under_way[0][1].done()):
-                add_oldest()
-        while under_way:
-            add_oldest()
+        state, kept_in = None, None
+        if journal is not None:
+            start = start_of_poses(_first_part(error_model, values, approaches, work, confidence), count)
+            known_run = _identity(error_model, values, approaches, work, confidence, files or {})
+            kept_in, state = stack.enter_context(
+                opened(journal, known_run, start, POSES, resume=resume, tell=tell or _silent)
+            )
+            step(state.count * work.samples)
+        sampled = _sample(error_model, values, approaches, work, workers, state, kept_in, confidence, step)
         kept = None
         if everywhere:
+            pool = stack.enter_context(ThreadPoolExecutor(threads or available_cores()))
             kept = count_everywhere(
                 error_model, values, approaches, work.specifications, model, work.seed, work.samples, pool, step
             )
@@ -191,8 +188,59 @@ def sample_poses(
         kept_everywhere=kept,
         warnings=tuple(dict.fromkeys(map(str, (*known, *found)))),
         findings=known,
-        **{name: np.concatenate([part[name] for part in parts], axis=-1) for name in parts[0]},
+        **sampled.arrays(),
     )
+
+
+def _sample(
+    error_model: ErrorModel,
+    values: Array,
+    approaches: NDArray[np.int8] | None,
+    work: PosesWork,
+    workers: Workers,
+    state: PosesDone | None,
+    journal: Journal[PosesDone] | None,
+    confidence: float,
+    step: Callable[[int], object],
+) -> PosesDone:
+    """Return the statistics of all poses; ``state`` holds those of the first ones, if there are any."""
+    under_way: deque[tuple[PoseGroup, Any]] = deque()
+
+    def add_oldest() -> None:
+        nonlocal state
+        group, future = under_way.popleft()
+        found = workers.result(future)
+        group.add(found)
+        step(found.count * group.poses)
+        if group.count == work.samples:
+            part = group.to_arrays(confidence)
+            state = (state or start_of_poses(part, values.shape[1])).with_part(part)
+            if journal is not None:
+                journal.save_if_due(state)
+
+    done = False
+    try:
+        for group, first_block, blocks in _tasks(error_model, values, approaches, work, state.count if state else 0):
+            under_way.append((group, workers.submit(group.work, first_block, blocks)))
+            # finished tasks are added at once: with few robots, preparing further groups takes longer than sampling
+            while under_way and (len(under_way) >= workers.most or under_way[0][1].done()):
+                add_oldest()
+        while under_way:
+            add_oldest()
+        done = True
+    except KeyboardInterrupt as interrupt:
+        if journal is not None and state is not None:
+            journal.save(state)
+            note = f"the journal {journal.name} holds the first {journal.saved:,} of {values.shape[1]:,} poses"
+            interrupt.add_note(note)
+        raise
+    finally:
+        # after a failure or an interrupt the running tasks are awaited; each takes a fraction of a second
+        workers.close(done=done)
+    assert state is not None
+    if journal is not None:
+        journal.save(state)
+    return state
 
 
 # poses ---------------------------------------------------------------------------------------------------------------
@@ -218,19 +266,55 @@ def _poses(
     return values, names
 
 
+def _first_part(
+    error_model: ErrorModel, values: Array, approaches: NDArray[np.int8] | None, work: PosesWork, confidence: float
+) -> dict[str, Array]:
+    """Return the arrays of the first pose from the first samples alone, which have the types and shapes of a result."""
+    few = replace(work, samples=min(work.samples, PILOTS[0]))
+    group, first_block, blocks = next(
+        _tasks(error_model, values[:, :1], None if approaches is None else approaches[:, :1], few, 0)
+    )
+    group.add(group.work.observe(first_block, blocks))
+    return group.to_arrays(confidence)
+
+
+def _identity(
+    error_model: ErrorModel,
+    values: Array,
+    approaches: NDArray[np.int8] | None,
+    work: PosesWork,
+    confidence: float,
+    files: Mapping[str, str | os.PathLike[str]],
+) -> dict[str, str]:
+    """Return all inputs that determine the bits of a run at several poses."""
+    ends = sorted({0, values.shape[1] - 1})
+    own = None if approaches is None else approaches[:, ends]
+    models = list(error_model.at_columns(values[:, ends], own))
+    plan = Plan(np.zeros(8), np.ones(8), work.specifications)
+    layouts = [sampler.to_arrays(at) for at in models]
+    single = Work(layouts[0], plan, work.model, work.seed, work.samples, False, packages())
+    urdf = error_model.chain.robot.file
+    read_from = {**({"URDF": urdf} if os.path.isfile(urdf) else {}), **files}
+    return {
+        **{name: text for name, text in identity(single, models[0].posture, read_from).items() if name != "pose"},
+        "the list of poses": digest((values, approaches)),
+        "the error model at the last pose": digest(layouts[-1]),
+        "confidence": repr(confidence),
+    }
+
+
 def _tasks(
-    error_model: ErrorModel, values: Array, approaches: NDArray[np.int8] | None, work: _Work
-) -> Iterator[tuple[_Group, int, int]]:
-    """Yield each group of poses with the blocks to observe; groups are prepared one at a time."""
-    models = error_model.at_columns(values, approaches)
-    first_pose = 0
+    error_model: ErrorModel, values: Array, approaches: NDArray[np.int8] | None, work: PosesWork, first_pose: int
+) -> Iterator[tuple[PoseGroup, int, int]]:
+    """Yield each group of poses from a first one on with the blocks to observe; groups are prepared one at a time."""
+    models = error_model.at_columns(values[:, first_pose:], None if approaches is None else approaches[:, first_pose:])
     blocks = -(-work.samples // sampler.BLOCK)
     while together := list(islice(models, MOST_TOGETHER)):
         layouts = sampler.to_arrays_at_poses(together)
         while layouts:
             # one group needs the same formulas at all its poses, which may change from pose to pose but rarely do
             alike = next((k for k, other in enumerate(layouts) if not is_alike(layouts[0], other)), len(layouts))
-            group = _Group.with_plans(JoinedTables.of(layouts[:alike]), first_pose, work)
+            group = PoseGroup.with_plans(JoinedTables.of(layouts[:alike]), first_pose, work)
             # at least 16 tasks, so that a single group occupies all threads
             size = min(max(1, _TASK // alike), -(-blocks // 16))
             for first_block in range(0, blocks, size):
@@ -243,146 +327,5 @@ def _nothing(_: int) -> None:
     """Do nothing."""
 
 
-# a group of poses ----------------------------------------------------------------------------------------------------
-
-
-@final
-@dataclass(frozen=True)
-class _Work:
-    """Settings of a run that are the same for all poses."""
-
-    model: Model
-    seed: int
-    samples: int
-    specifications: tuple[Specification, ...]
-
-
-@final
-class _Group:
-    """Poses that are sampled together, and their accumulated statistics."""
-
-    def __init__(self, tables: JoinedTables, first_pose: int, work: _Work, plans: Sequence[Plan]) -> None:
-        self.poses = len(tables.layouts)
-        self.count = 0
-        self._tables, self._first_pose, self._work, self._plans = tables, first_pose, work, tuple(plans)
-        self._sums = np.zeros((self.poses, SUMS))
-        self._lowest, self._highest = np.full((self.poses, 2), np.inf), np.full((self.poses, 2), -np.inf)
-        self._sketch = np.zeros((self.poses, 2, NORM_COLUMNS), dtype=np.uint32)
-        self._inside = np.zeros((self.poses, len(work.specifications)), dtype=np.int64)
-
-    @classmethod
-    def with_plans(cls, tables: JoinedTables, first_pose: int, work: _Work) -> _Group:
-        """Return a group with centres and spreads planned from the first samples."""
-        poses = len(tables.layouts)
-        plans = [Plan(np.zeros(8), np.ones(8), work.specifications)] * poses
-        for samples in _PILOTS:
-            pilot = cls(tables, first_pose, replace(work, samples=min(samples, work.samples)), plans)
-            pilot.add(pilot.observe(0, 1))
-            try:
-                with np.errstate(over="raise", invalid="raise"):
-                    mean, spread = pilot._moments()
-            except FloatingPointError:
-                raise InputError(
-                    f"the errors at poses {first_pose} to {first_pose + poses - 1} are too large to compute with; "
-                    "the tolerances or loads are far too large"
-                ) from None
-            plans = [Plan(mean[pose], spread[pose], work.specifications) for pose in range(poses)]
-        return cls(tables, first_pose, work, plans)
-
-    def observe(self, first_block: int, blocks: int) -> NormBlocks:
-        """Return the statistics of some blocks."""
-        work = self._work
-        return observe_norms(
-            self._tables, self._plans, work.model, work.seed, first_block, blocks,
-            samples=work.samples, first_pose=self._first_pose,
-        )  # fmt: skip
-
-    def add(self, found: NormBlocks) -> None:
-        """Add blocks, in block order."""
-        self.count += found.count
-        for block in range(found.sums.shape[1]):
-            self._sums += found.sums[:, block]
-        self._lowest = np.minimum(self._lowest, found.lowest)
-        self._highest = np.maximum(self._highest, found.highest)
-        self._sketch += found.sketch
-        self._inside += found.inside
-
-    def to_arrays(self, confidence: float) -> dict[str, Array]:
-        """Return the group's part of the result's arrays; the last axis is the pose."""
-        mean, std = self._moments()
-        covariance = np.full((6, 6, self.poses), np.nan)
-        if self.count > 1:
-            rows, columns = _UPPER
-            sums = self._sums[:, COMPONENTS]
-            upper = (self._sums[:, 8:29] - sums[:, rows] * sums[:, columns] / self.count) / (self.count - 1)
-            covariance[rows, columns] = covariance[columns, rows] = upper.T
-            diagonal = np.arange(6)
-            covariance[diagonal, diagonal] = np.maximum(covariance[diagonal, diagonal], 0.0)
-        cumulative = np.cumsum(self._sketch, axis=2, dtype=np.int64)
-        quantiles = [self._quantile(cumulative, level, confidence) for level in LEVELS]
-        inside = self._inside.T
-        intervals = [[clopper_pearson(kept, self.count, confidence) for kept in row] for row in inside.tolist()]
-        return {
-            "mean": mean[:, COMPONENTS].T,
-            "covariance": covariance,
-            "norm_mean": mean[:, NORMS].T,
-            "norm_std": (std if self.count > 1 else np.full_like(std, np.nan))[:, NORMS].T,
-            "norm_max": self._highest.T,
-            "quantile": np.stack([quantile for quantile, _, _ in quantiles]),
-            "quantile_interval": np.stack([interval for _, interval, _ in quantiles]),
-            "quantile_resolution": np.stack([resolution for _, _, resolution in quantiles]),
-            "probability": inside / self.count,
-            "probability_interval": np.moveaxis(np.reshape(intervals, (len(inside), self.poses, 2)), 2, 1),
-        }
-
-    def _moments(self) -> tuple[Array, Array]:
-        """Return mean and standard deviation of the eight quantities, ``(P, 8)``; the deviation of one sample is zero."""
-        centre = np.array([plan.centre for plan in self._plans])
-        sums, squares = self._sums[:, :8], np.empty((self.poses, 8))
-        squares[:, COMPONENTS] = self._sums[:, 8 + np.flatnonzero(_UPPER[0] == _UPPER[1])]
-        squares[:, NORMS] = self._sums[:, 29:]
-        variance = np.maximum(squares - sums * sums / self.count, 0.0) / max(self.count - 1, 1)
-        return centre + sums / self.count, np.sqrt(variance)
-
-    def _quantile(self, cumulative: Counts, level: float, confidence: float) -> tuple[Array, Array, Array]:
-        """Return quantiles ``(2, P)``, their intervals ``(2, 2, P)`` and the widths of their bins.
-
-        As in :meth:`precision_pin.statistics.Distribution.quantile`, the order statistics at rank 1 + (N - 1) p are
-        interpolated linearly, each placed inside its bin by its rank in the bin.
-        """
-        ranks = quantile_ranks(self.count, level, confidence)
-        if ranks is None:
-            nothing = np.full((2, self.poses), np.nan)
-            return nothing, np.full((2, 2, self.poses), np.nan), nothing
-        position = (self.count - 1) * level
-        below = min(int(position), self.count - 1)
-        first, lower, upper = self._order_statistic(cumulative, below + 1)
-        second, _, second_upper = self._order_statistic(cumulative, min(below + 2, self.count))
-        # value - centre was rounded before binning: widen by one unit in the last place on each side
-        _, low, _ = self._order_statistic(cumulative, ranks[0])
-        _, _, high = self._order_statistic(cumulative, ranks[1])
-        ends = (
-            np.maximum(np.nextafter(low, -np.inf), self._lowest),
-            np.minimum(np.nextafter(high, np.inf), self._highest),
-        )
-        quantile = first + (position - below) * (second - first)
-        return quantile.T, np.stack([end.T for end in ends], axis=1), (np.maximum(upper, second_upper) - lower).T
-
-    def _order_statistic(self, cumulative: Counts, rank: int) -> tuple[Array, Array, Array]:
-        """Return estimates of the rank-th smallest norms (from 1), ``(P, 2)``, and the edges of their bins."""
-        if rank in (1, self.count):
-            seen = self._lowest if rank == 1 else self._highest
-            return seen, seen, seen
-        column = (cumulative < rank).sum(axis=2)[..., None]
-        counts = np.take_along_axis(self._sketch, column, axis=2)[..., 0].astype(np.int64)
-        before = np.take_along_axis(cumulative, column, axis=2)[..., 0] - counts
-        centre, scale = (
-            np.array([getattr(plan, name) for plan in self._plans])[:, NORMS] for name in ("centre", "scale")
-        )
-        lower = np.maximum(centre + _EDGES[column[..., 0]] * scale, self._lowest)
-        upper = np.minimum(centre + _EDGES[column[..., 0] + 1] * scale, self._highest)
-        return lower + (rank - before - 0.5) / counts * (upper - lower), lower, upper
-
-
-_UPPER: Final = np.triu_indices(6)
-_EDGES: Final = norm_edges()
+def _silent(_: str) -> None:
+    """Say nothing."""

@@ -35,6 +35,7 @@ from precision_pin.sampling.planning import planned
 from precision_pin.sampling.result import MonteCarloResult
 from precision_pin.sampling.result_findings import find_coarse_bins, find_constant_error
 from precision_pin.sampling.result_parts import Correlated, Until
+from precision_pin.sampling.saved import SAMPLES
 from precision_pin.sampling.schedule import Sampling
 from precision_pin.sampling.workers import Submitter, chosen
 from precision_pin.statistics import (
@@ -191,7 +192,9 @@ def monte_carlo(
             urdf = error_model.chain.robot.file
             known = identity(work, at.posture, {**({"URDF": urdf} if os.path.isfile(urdf) else {}), **(files or {})})
             known["until"] = "; ".join(until)
-            kept_in, state = stack.enter_context(opened(journal, known, state, resume=resume, tell=tell or _nothing))
+            kept_in, state = stack.enter_context(
+                opened(journal, known, state, SAMPLES, resume=resume, tell=tell or _nothing)
+            )
             if state.count:
                 step(state.count)
         sampling = Sampling(work, state, step, kept_in)

@@ -5,8 +5,9 @@ from __future__ import annotations
 import io
 import zipfile
 import zlib
-from dataclasses import fields, is_dataclass
-from typing import Any, Final
+from collections.abc import Callable
+from dataclasses import dataclass, fields, is_dataclass
+from typing import Any, Final, Generic, TypeVar, final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,27 +15,49 @@ from numpy.typing import NDArray
 from precision_pin.errors import InputError
 from precision_pin.statistics import State
 
-__all__ = ["largest", "packed", "unpacked"]
+__all__ = ["SAMPLES", "Codec", "largest", "packed", "unpacked"]
+
+S = TypeVar("S")
 
 
 _OVERHEAD: Final = 1000
 """Generous bound of the bytes that an array takes beyond its numbers."""
 
 
-def packed(state: State) -> bytes:
+@final
+@dataclass(frozen=True)
+class Codec(Generic[S]):
+    """What a journal must know of the states that it holds.
+
+    Attributes
+    ----------
+    count
+        Function that returns how much of the run a state holds.
+    check
+        Function that raises ValueError if no run could give a state.
+    unit
+        What is counted, for messages.
+    """
+
+    count: Callable[[S], int]
+    check: Callable[[S], None]
+    unit: str
+
+
+def packed(state: Any) -> bytes:
     """Return a state as compressed bytes, without pickles: a journal may come from an untrusted source."""
     buffer = io.BytesIO()
     np.savez(buffer, allow_pickle=False, **_leaves(state, ""))
     return zlib.compress(buffer.getvalue(), level=1)
 
 
-def largest(pattern: State) -> int:
+def largest(pattern: Any) -> int:
     """Return an upper bound of the bytes of a state with the pattern's plan, packed or not."""
     return sum(np.asarray(leaf).nbytes * 101 // 100 + _OVERHEAD for leaf in _leaves(pattern, "").values())
 
 
-def unpacked(data: bytes, pattern: State) -> State:
-    """Return the state from its packed bytes; ``pattern`` is a state of the same plan with the types and shapes to read.
+def unpacked(data: bytes, pattern: S, check: Callable[[S], None]) -> S:
+    """Return the state from its packed bytes; ``pattern`` is a state of the same run with the types and shapes to read.
 
     No more bytes are read than a state takes, whatever the input.
 
@@ -50,8 +73,8 @@ def unpacked(data: bytes, pattern: State) -> State:
             raise ValueError("it is too long")
         with zipfile.ZipFile(io.BytesIO(plain)) as members:
             arrays = {name: _read(members, name, np.asarray(leaf)) for name, leaf in _leaves(pattern, "").items()}
-        found: State = _rebuild(arrays, pattern, "")
-        _check(found)
+        found: S = _rebuild(arrays, pattern, "")
+        check(found)
     except (zlib.error, zipfile.BadZipFile, KeyError, ValueError, TypeError, OSError, EOFError, RuntimeError) as error:
         raise InputError(f"the journal's last record cannot be read: {error}") from None
     return found
@@ -84,6 +107,9 @@ def _check(state: State) -> None:
         raise ValueError("its counts are inconsistent")
     if not all(np.isfinite(part).all() for part in sums):
         raise ValueError("its sums are not finite")
+
+
+SAMPLES: Final = Codec[State](lambda state: state.count, _check, "samples")
 
 
 def _leaves(value: Any, name: str) -> dict[str, Any]:

@@ -37,7 +37,9 @@ class Sampling:
         Journal in which the state is saved from time to time.
     """
 
-    def __init__(self, work: Work, state: State, progress: Callable[[int], None], journal: Journal | None) -> None:
+    def __init__(
+        self, work: Work, state: State, progress: Callable[[int], None], journal: Journal[State] | None
+    ) -> None:
         self.state = state
         self.errors: NDArray[np.float64] | None = np.empty((6, work.samples)) if work.keep_errors else None
         self._work = work
@@ -123,5 +125,5 @@ class Sampling:
                     return
                 self._add(found)
 
-    def _saved_note(self, journal: Journal) -> str:
+    def _saved_note(self, journal: Journal[State]) -> str:
         return f"the journal {journal.name} holds the first {journal.saved:,} of {self._work.samples:,} samples"

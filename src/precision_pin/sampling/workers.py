@@ -16,10 +16,8 @@ from typing import Any, Final, Protocol, final
 
 from precision_pin.errors import InputError, PrecisionPinError
 from precision_pin.inputs.arguments import check_whole
-from precision_pin.kernel.sampler import Blocks
-from precision_pin.sampling.blocks import Work
 
-__all__ = ["Foreign", "Processes", "Submitter", "Threads", "Workers", "available_cores", "chosen"]
+__all__ = ["Foreign", "Observing", "Processes", "Submitter", "Threads", "Workers", "available_cores", "chosen"]
 
 MOST_WORKERS: Final = 1024
 MOST_LOSSES: Final = 3
@@ -31,6 +29,13 @@ class Submitter(Protocol):
 
     def submit(self, function: Callable[..., Any], /, *arguments: Any) -> Any:
         """Submit a call and return its future, which has ``result()``."""
+
+
+class Observing(Protocol):
+    """Work that is done in blocks and can be pickled, such as :class:`precision_pin.sampling.blocks.Work`."""
+
+    def observe(self, first_block: int, blocks: int, /) -> Any:
+        """Return the statistics of blocks."""
 
 
 def available_cores() -> int:
@@ -53,11 +58,11 @@ class Workers(ABC):
     blocks_in_a_task: int = 16
 
     @abstractmethod
-    def submit(self, work: Work, first_block: int, blocks: int) -> Any:
+    def submit(self, work: Observing, first_block: int, blocks: int) -> Any:
         """Submit a task and return its future."""
 
     @abstractmethod
-    def result(self, future: Any) -> Blocks:
+    def result(self, future: Any) -> Any:
         """Wait for a task and return its blocks.
 
         Raises
@@ -79,11 +84,11 @@ class Threads(Workers):
         self.most = 2 * threads
         self._pool = ThreadPoolExecutor(max_workers=threads)
 
-    def submit(self, work: Work, first_block: int, blocks: int) -> Future[Blocks]:
+    def submit(self, work: Observing, first_block: int, blocks: int) -> Future[Any]:
         """Submit a task and return its future."""
         return self._pool.submit(work.observe, first_block, blocks)
 
-    def result(self, future: Future[Blocks]) -> Blocks:
+    def result(self, future: Future[Any]) -> Any:
         """Wait for a task and return its blocks."""
         return future.result()
 
@@ -112,11 +117,11 @@ class Processes(Workers):
         self._ending = False
         self._threads = ThreadPoolExecutor(processes)
 
-    def submit(self, work: Work, first_block: int, blocks: int) -> Future[Blocks]:
+    def submit(self, work: Observing, first_block: int, blocks: int) -> Future[Any]:
         """Submit a task and return its future."""
         return self._threads.submit(self._observe, work, first_block, blocks)
 
-    def result(self, future: Future[Blocks]) -> Blocks:
+    def result(self, future: Future[Any]) -> Any:
         """Wait for a task and return its blocks."""
         return future.result()
 
@@ -130,7 +135,7 @@ class Processes(Workers):
         while self._running:
             self._running.pop().end()
 
-    def _observe(self, work: Work, first_block: int, blocks: int) -> Blocks:
+    def _observe(self, work: Observing, first_block: int, blocks: int) -> Any:
         process = self._idle.get()
         try:
             for _ in range(MOST_LOSSES):
@@ -173,10 +178,10 @@ class _Process:
         self._process.start()
         other_end.close()  # so that only the child holds it, and it closes when the child ends
 
-    def ask(self, task: tuple[Work, int, int]) -> Blocks | Exception:
+    def ask(self, task: tuple[Observing, int, int]) -> Any:
         """Return the blocks of a task, or the exception it raised."""
         self._pipe.send(task)
-        answer: Blocks | Exception = self._pipe.recv()
+        answer: Any = self._pipe.recv()
         return answer
 
     def kill(self) -> None:
@@ -212,7 +217,7 @@ class Foreign(Workers):
         self._executor = executor
         self._under_way: set[Any] = set()
 
-    def submit(self, work: Work, first_block: int, blocks: int) -> Any:
+    def submit(self, work: Observing, first_block: int, blocks: int) -> Any:
         """Submit a task and return its future."""
         try:
             future = self._executor.submit(_observe, work, first_block, blocks)
@@ -221,10 +226,10 @@ class Foreign(Workers):
         self._under_way.add(future)
         return future
 
-    def result(self, future: Any) -> Blocks:
+    def result(self, future: Any) -> Any:
         """Wait for a task and return its blocks."""
         try:
-            found: Blocks = future.result()
+            found: Any = future.result()
         except PrecisionPinError:
             raise
         except Exception as error:
@@ -247,7 +252,7 @@ class Foreign(Workers):
                 future.cancel()
 
 
-def _observe(work: Work, first_block: int, blocks: int) -> Blocks:
+def _observe(work: Observing, first_block: int, blocks: int) -> Any:
     """Return the statistics of some blocks; a plain function, which every executor can pickle."""
     return work.observe(first_block, blocks)
 
