@@ -309,7 +309,7 @@ def test_poses_that_are_left_out_are_found_in_the_workspace():
     limits = [f'<limit lower="0" upper="{top}" effort="1" velocity="1"/>' for top in (0.6, 0.9, 0.7)]
     gantry = plain_robot.chain_of(
         plain_robot.robot(
-            plain_robot.link("base"), plain_robot.link("bridge"), plain_robot.link("carriage"), plain_robot.link("ram"), plain_robot.link("tool"),
+            *map(plain_robot.link, ("base", "bridge", "carriage", "ram", "tool")),
             plain_robot.joint("x", "prismatic", "base", "bridge", axis=(1, 0, 0), extra=limits[0]),
             plain_robot.joint("y", "prismatic", "bridge", "carriage", axis=(0, 1, 0), extra=limits[1]),
             plain_robot.joint("z", "prismatic", "carriage", "ram", axis=(0, 0, 1), extra=limits[2]),
