@@ -17,7 +17,7 @@ from precision_pin.analyses.iso9283.figure_law import FigureLaw
 from precision_pin.analyses.iso9283.standard_poses import Cube, paths_of_approach
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.robot.examples import PAPER_SHEET, shipped_sheets
-from precision_pin.sources import Backlash, JointOffset, Length
+from precision_pin.sources import Backlash, JointOffset, Length, Thermal
 from sampling.cases import MODEL
 from support import plain_robot
 
@@ -180,7 +180,7 @@ def test_no_visits_is_warned_of():
         found = pp.iso9283(MODEL, [MODEL.configuration()], robots=2)
     assert any("W_NO_VISITS" in line for line in found.warnings)
     assert (found.poses["P1"].RP.mean, found.AD, found.E) == (0, None, None)
-    assert {"AD", "RD", "E", "vAP", "drift"} == set(found.absent)
+    assert {"AD", "RD", "E", "vAP", "RP_bidirectional", "drift"} == set(found.absent)
 
 
 # form ----------------------------------------------------------------------------------------------------------------
@@ -340,3 +340,56 @@ def test_variation_over_paths_of_approach():
     assert ways[0][0] == -ways[1][0] != 0
     radius = math.hypot(*paper.chain.at(turned).pose[:2, 3])
     assert variation.quantile(0.5) == pytest.approx(1e-3 * radius, rel=0.02)
+    # all cycles together, robot by robot, as if they were measured
+    tested = pp.iso9283(loose, [turned], robots=5, cycles=3)
+    visits = pp.sample_approaches(loose, turned, approaches=ways, robots=5, cycles=3).shifts.reshape(9, 3, 5)
+    for robot, value in enumerate(tested.RP_bidirectional.values):
+        attained = np.concatenate([visits[:, :, robot], np.zeros((9, 3))], axis=1)
+        assert value == pytest.approx(pp.iso9283_of(np.zeros(6), attained)["RP"], rel=1e-9)
+
+
+# warming up ----------------------------------------------------------------------------------------------------------
+
+
+def warming(*sources: Thermal, joints: bool = False) -> pp.ErrorModel:
+    draws = tuple(pp.Draw(f"again[{joint}]", pp.Normal(1e-5), pp.Scope.VISIT) for joint in JOINTS) if joints else ()
+    again = [JointOffset(joint=joint, offset=draw.name) for joint, draw in zip(JOINTS, draws, strict=False)]
+    return pp.ErrorModel(CHAIN, pp.Space((pp.Draw("change", pp.Uniform(3.0, mean=10.0)), *draws)), [*sources, *again])
+
+
+def test_drift_is_growth_of_the_arm_from_cold():
+    """All links alike: the tip moves by α ΔT of its distance from the base."""
+    model = warming(Thermal(expansion=2e-5, temperature_change="change", time_constant=2 * 3600.0))
+    found = pp.iso9283(model, Q[:, :1], robots=200, seed=3).drift
+    assert found is not None
+    change = model.space.sample(3, 0, 200)[0]
+    distance = np.linalg.norm(CHAIN.at(Q[:, 0]).pose[:3, 3])
+    np.testing.assert_allclose(found.values, 2e-5 * change * distance * (1 - math.exp(-4)), rtol=1e-9)
+
+
+def test_drift_is_largest_on_the_way_where_two_errors_come_and_go():
+    """One is there in no time, the other follows slowly against it; half an hour is the first time looked at."""
+    quick = Thermal(expansion=2e-5, temperature_change="change", time_constant=60.0)
+    slow = Thermal(expansion=-2e-5, temperature_change="change", time_constant=4 * 3600.0)
+    model = warming(quick, slow)
+    found = pp.iso9283(model, Q[:, :1], robots=5).drift
+    assert found is not None
+    growth = 2e-5 * model.space.sample(0, 0, 5)[0] * np.linalg.norm(CHAIN.at(Q[:, 0]).pose[:3, 3])
+    np.testing.assert_allclose(found.values, growth * math.exp(-0.125), rtol=1e-9)
+
+
+def test_drift_of_a_robot_that_scatters_by_a_plain_loop():
+    model = warming(Thermal(expansion=2e-5, temperature_change="change", time_constant=3600.0), joints=True)
+    found = pp.iso9283(model, Q[:, :1], robots=3, cycles=4, target=(0.0, 0.05, 0.1)).drift
+    assert found is not None
+    tip = CHAIN.at(Q[:, 0]).pose
+    for robot in range(3):
+        accuracy = []
+        for k, hours in enumerate(np.linspace(0, 8, 17)):
+            share = 1 - math.exp(-hours)
+            at = warming(Thermal(expansion=2e-5 * share, temperature_change="change"), joints=True).at(Q[:, 0])
+            visits = [at.exact(model.space.sample(0, robot, 1, visit=4 * k + cycle))[:, 0] for cycle in range(4)]
+            lever = tip[:3, :3] @ (0.0, 0.05, 0.1)
+            ways = [one[:3] + Rotation.from_rotvec(one[3:]).apply(lever) - lever for one in visits]
+            accuracy.append(np.linalg.norm(np.mean(ways, axis=0)))
+        assert found.values[robot] == pytest.approx(np.abs(np.array(accuracy) - accuracy[0]).max(), rel=1e-6)

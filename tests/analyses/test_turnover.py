@@ -104,3 +104,9 @@ def test_with_very_many_sides_the_worst_case_says_that_it_has_one_of_each() -> N
     model = ErrorModel(one_link(axis=(0, 1, 0)), Space(), sources)
     assert len(side_variants(model.at(UP))) == 1
     assert any("W_TURNOVER" in line for line in pp.worst_case(model, UP, samples=500).warnings)
+
+
+def test_the_map_says_it_of_its_worst_pose() -> None:
+    found = pp.map_poses(hinge(96.0), [UP, ApproachedPose([0.05], "hinge +")], verify=0)
+    (line,) = (line for line in found.warnings if "W_TURNOVER" in line)
+    assert line.count(found.poses.labels[found.worst_first[0]]) == 1

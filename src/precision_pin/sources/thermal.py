@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Annotated, ClassVar, final
 
 import numpy as np
@@ -45,11 +46,15 @@ class Thermal(Source):
     across
         Direction in which it gets warmer, ``[-]x|y|z of JOINT`` (axes of its frame after its motion) or of the chain's
         base link, or ``[-]axis of JOINT``; only its part normal to the link counts. Only with gradient.
+    time_constant
+        τ of the warming-up: t after a start from cold, change and gradient are ``1 - exp(-t/τ)`` of what they become.
+        Only drift (ISO 9283) looks at them before the end.
 
     Raises
     ------
     InputError
-        Neither a change nor a gradient, a gradient without direction or the reverse, or a named link without length.
+        Neither a change nor a gradient, a gradient without direction or the reverse, a time constant that is not positive, or
+        a named link without length.
     """
 
     words: ClassVar[Mapping[str, str]] = {
@@ -63,12 +68,15 @@ class Thermal(Source):
     temperature_change: Annotated[Setting | None, units.TEMPERATURE_DIFFERENCE] = None
     gradient: Annotated[Setting | None, units.TEMPERATURE_GRADIENT] = None
     across: str | None = None
+    time_constant: Annotated[float | None, units.TIME] = None
 
     def __post_init__(self) -> None:
         if self.temperature_change is None and self.gradient is None:
             raise InputError("thermal needs temperature_change: or gradient:, or both")
         if (self.gradient is None) != (self.across is None):
             raise InputError("thermal needs both of gradient: and across:")
+        if self.time_constant is not None and not self.time_constant > 0:
+            raise InputError(f"time_constant must be positive, got {self.time_constant!r}")
 
     @property
     def subject(self) -> str:
@@ -88,6 +96,18 @@ class Thermal(Source):
     def is_alike_everywhere(self, chain: Chain) -> bool:
         """Return whether the direction of the gradient is fixed in every link that bends."""
         return self.across is None or all(is_fixed(self.across, chain, link) for link in self._links(chain))
+
+    def after(self, seconds: float, space: LabelledSpace) -> Thermal:
+        """Return the source with the part of its change and gradient that is there so long after a start from cold."""
+        if self.time_constant is None:
+            return self
+        share = -math.expm1(-seconds / self.time_constant)
+        parts = {
+            name: share * space.value(name, setting)
+            for name in ("temperature_change", "gradient")
+            if (setting := getattr(self, name)) is not None
+        }
+        return replace(self, **parts)  # type: ignore[arg-type]
 
     def terms(self, posture: Posture, space: LabelledSpace) -> Iterator[Term]:
         """Yield a term for growth and one for bending, for each link that has a length."""

@@ -244,6 +244,11 @@ class Source(ABC):
         del space
         return iter(())
 
+    def after(self, seconds: float, space: LabelledSpace) -> Source:
+        """Return the source as it is so long after a start from cold, with the same draws; itself if time changes nothing."""
+        del seconds, space
+        return self
+
     deviations: ClassVar[tuple[str, ...]] = ()
     """Settings that are deviations from nominal, so that a plain number other than zero is a constant error."""
 

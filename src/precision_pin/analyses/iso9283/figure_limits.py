@@ -9,7 +9,7 @@ from typing import Final, final
 import numpy as np
 
 from precision_pin.analyses.iso9283.figure_law import FigureLaw
-from precision_pin.analyses.iso9283.pose_forecast import OF_ANGLES, OF_POSE, PoseForecast
+from precision_pin.analyses.iso9283.pose_forecast import OF_ANGLES, OF_POSE, SINGLE, PoseForecast
 from precision_pin.errors import InputError, UnknownNameError
 from precision_pin.inputs.arguments import check_text, shown
 from precision_pin.statistics import NO_SPREAD, SpecificationResult, clopper_pearson
@@ -19,7 +19,7 @@ from precision_pin.typing import Array
 __all__ = ["FigureLimit", "judge_limits", "listed_limits"]
 
 
-FIGURES: Final = (*OF_POSE, "AD", "RD", "E", "vAP")
+FIGURES: Final = (*OF_POSE, *SINGLE)
 
 
 @final

@@ -12,6 +12,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from precision_pin.analyses.iso9283.approach_figures import approach_figures
+from precision_pin.analyses.iso9283.drift import drift_from_cold
 from precision_pin.analyses.iso9283.figure_law import FigureLaw
 from precision_pin.analyses.iso9283.figure_limits import judge_limits, listed_limits
 from precision_pin.analyses.iso9283.pose_forecast import PoseForecast
@@ -24,7 +26,7 @@ from precision_pin.analyses.iso9283.simulation import (
     simulate_tests,
     visit_root,
 )
-from precision_pin.analyses.iso9283.standard_poses import Cube, paths_of_approach, standard_poses
+from precision_pin.analyses.iso9283.standard_poses import Cube, standard_poses
 from precision_pin.analyses.provenance import PoseLabel, Provenance
 from precision_pin.call_warnings import add, warns_at_end
 from precision_pin.display import progress as progress_bar
@@ -45,7 +47,6 @@ from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.pose_model import PoseModel
 from precision_pin.robot.pose_set import PoseSet
 from precision_pin.sampling import Progress, available_cores, check_progress
-from precision_pin.sampling.approaches import sample_approaches
 from precision_pin.statistics import check_confidence
 from precision_pin.typing import Array
 
@@ -56,8 +57,8 @@ CYCLES: Final = 30
 MOST_ROBOTS: Final = 10**8
 MOST_POSES: Final = 100
 """Poses of a test; the standard has five."""
-_MOST_VARIED: Final = 10_000
-"""Robots of which vAP is simulated at most; all their visits are kept at once."""
+_MOST_FOLLOWED: Final = 10_000
+"""Robots of which vAP and drift are simulated at most; all their visits are kept at once."""
 _TOGETHER: Final = 5
 """Robots whose barycentres are compared for E."""
 _FARTHEST_TARGET: Final = 1e3
@@ -173,16 +174,22 @@ def iso9283(
         for pose in range(count)
     }
     exchange, absent = _exchangeability(error_model, figures.first)
-    variation = _variation(error_model, models[0], point, int(robots), int(cycles), int(seed))
-    if variation is None:
-        absent["vAP"] = "no source of the sheet follows the direction of approach"
+    tested = min(int(robots), _MOST_FOLLOWED)
+    approached = approach_figures(error_model, models[0].posture.q, point, tested, int(cycles), int(seed))
+    if approached is None:
+        absent |= dict.fromkeys(("vAP", "RP_bidirectional"), "no source of the sheet follows the direction of approach")
+    drift = drift_from_cold(error_model, models[0].posture.q, point, tested, int(cycles), int(seed))
+    if drift is None:
+        absent["drift"] = "no thermal source has a time_constant"
     if not len(figures.AD):
         absent |= dict.fromkeys(("AD", "RD"), "between P2 and P4, which needs four poses")
     single = {
         "AD": law(figures.AD[0]) if len(figures.AD) else None,
         "RD": law(figures.RD[0]) if len(figures.RD) else None,
         "E": None if exchange is None else law(exchange),
-        "vAP": None if variation is None else law(variation),
+        "vAP": None if approached is None else law(approached.variation),
+        "RP_bidirectional": None if approached is None else law(approached.bidirectional),
+        "drift": None if drift is None else law(drift),
     }
     return Iso9283Result(
         provenance=Provenance.of(error_model, seed),
@@ -198,6 +205,8 @@ def iso9283(
         RD=single["RD"],
         E=single["E"],
         vAP=single["vAP"],
+        RP_bidirectional=single["RP_bidirectional"],
+        drift=single["drift"],
         cube=cube,
         absent=absent,
         specifications=judge_limits(limits, forecasts, single, absent, confidence),
@@ -234,33 +243,6 @@ def _in_cube(error_model: ErrorModel, target: Array) -> tuple[PoseSet, Cube]:
     if not error_model.poses:
         raise InputError("the model has no pose to take the tool's orientation from; give the poses of the test")
     return standard_poses(error_model.chain, error_model.configuration(), target)
-
-
-def _variation(
-    error_model: ErrorModel, at: PoseModel, target: Array, robots: int, cycles: int, seed: int
-) -> Array | None:
-    """Return vAP of each robot at P1 over paths along the base axes, ``(N,)``; ``None`` where no error follows them."""
-    lever = at.posture.pose[:3, :3] @ target
-    jacobian = error_model.chain.at_columns(at.posture.q[:, None]).joint_jacobian[:, :, 0].copy()
-    jacobian[:3] += np.cross(jacobian[3:], lever, axis=0)
-    ways = paths_of_approach(jacobian)
-    if not _follows(error_model, at.posture.q, ways):
-        return None
-    found: Array = sample_approaches(
-        error_model, at.posture.q, approaches=ways, robots=min(robots, _MOST_VARIED), cycles=cycles, seed=seed,
-        target=target,
-    ).variation  # fmt: skip
-    return found
-
-
-def _follows(error_model: ErrorModel, q: Array, ways: Sequence[tuple[int, ...]]) -> bool:
-    """Return whether any source's terms are others under another approach."""
-    first, *others = [error_model.at(q, approach=way).terms for way in ways]
-    return any(
-        [term.factors for term in terms] != [term.factors for term in first]
-        or any(not np.array_equal(one.twist, other.twist) for one, other in zip(terms, first, strict=True))
-        for terms in others
-    )
 
 
 def _poses(error_model: ErrorModel, poses: object) -> tuple[Array, tuple[str, ...], NDArray[np.int8] | None]:
@@ -338,13 +320,12 @@ def _simulate(setup: Setup, robots: int, threads: int, step: Progress) -> RobotF
 
 def _exchangeability(error_model: ErrorModel, first: Array) -> tuple[Array | None, dict[str, str]]:
     """Return E of each group of five robots from their barycentres at P1 ``(3, N)``, and why figures are absent."""
-    absent = {"drift": "no thermal source has a time scale"}
     groups = first.shape[1] // _TOGETHER
     if not _varies(error_model, Scope.UNIT):
-        return None, absent | {"E": "no draw of the sheet has the scope unit: it does not say how built robots differ"}
+        return None, {"E": "no draw of the sheet has the scope unit: it does not say how built robots differ"}
     if not groups:
-        return None, absent | {"E": f"it compares {_TOGETHER} robots"}
+        return None, {"E": f"it compares {_TOGETHER} robots"}
     together = first[:, : groups * _TOGETHER].reshape(3, groups, _TOGETHER)
     apart = together[:, :, :, None] - together[:, :, None, :]
     largest: Array = np.sqrt((apart * apart).sum(axis=0)).max(axis=(1, 2))
-    return largest, absent
+    return largest, {}

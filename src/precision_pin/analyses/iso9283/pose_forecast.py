@@ -10,7 +10,7 @@ from precision_pin.analyses.provenance import PoseLabel
 from precision_pin.inputs.arrays import fix_fields
 from precision_pin.typing import Array
 
-__all__ = ["OF_ANGLES", "OF_POSE", "OF_POSITION", "PoseForecast"]
+__all__ = ["OF_ANGLES", "OF_POSE", "OF_POSITION", "SINGLE", "PoseForecast"]
 
 OF_POSITION: Final = ("AP", "RP", "AP_x", "AP_y", "AP_z")
 """Figures of the position."""
@@ -18,6 +18,8 @@ OF_ANGLES: Final = ("AP_a", "AP_b", "AP_c", "RP_a", "RP_b", "RP_c")
 """Figures of the orientation."""
 OF_POSE: Final = (*OF_POSITION, *OF_ANGLES, "RP_limit")
 """All figures of a pose; the last is not measured."""
+SINGLE: Final = ("AD", "RD", "E", "vAP", "RP_bidirectional", "drift")
+"""Figures that a test has once."""
 
 
 @final

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from precision_pin.analyses.iso9283.comparison import Comparison, compare_with
 from precision_pin.analyses.iso9283.figure_law import LEVELS, FigureLaw
-from precision_pin.analyses.iso9283.pose_forecast import OF_POSE, PoseForecast
+from precision_pin.analyses.iso9283.pose_forecast import OF_POSE, SINGLE, PoseForecast
 from precision_pin.analyses.iso9283.standard_poses import Cube
 from precision_pin.analyses.provenance import Provenance
 from precision_pin.call_warnings import warns_at_end
@@ -60,8 +60,10 @@ class Iso9283Result(JsonResult):
         Exchangeability: the largest distance of the barycentres of five robots at P1; ``None`` where the sheet cannot say.
     vAP
         Multi-directional accuracy at P1 over paths along the three base axes; ``None`` where no error follows the direction.
+    RP_bidirectional
+        RP at P1 of the cycles over these three paths together, by the formula of RP; ``None`` where vAP is.
     drift
-        ``None``: see ``absent``.
+        max |AP_0 - AP_t| at P1 over eight hours from cold; ``None`` where no thermal source has a time constant.
     cube
         The cube found within reach; ``None`` where the poses were given.
     measured
@@ -91,7 +93,8 @@ class Iso9283Result(JsonResult):
     RD: FigureLaw | None
     E: FigureLaw | None
     vAP: FigureLaw | None = None
-    drift: None = None
+    RP_bidirectional: FigureLaw | None = None
+    drift: FigureLaw | None = None
     cube: Cube | None = None
     measured: Comparison | None = None
     specifications: tuple[SpecificationResult, ...] = ()
@@ -108,11 +111,11 @@ class Iso9283Result(JsonResult):
         return all(one.met for one in self.specifications)
 
     def laws(self) -> Iterator[tuple[str, str, FigureLaw]]:
-        """Yield pose and name of every figure, with its law; the pose is empty for AD, RD and E."""
+        """Yield pose and name of every figure, with its law; the pose is empty for those of no pose."""
         for pose, forecast in self.poses.items():
             for name in OF_POSE:
                 yield pose, name, getattr(forecast, name)
-        for name in ("AD", "RD", "E", "vAP"):
+        for name in SINGLE:
             law = getattr(self, name)
             if law is not None:
                 yield "", name, law
@@ -141,7 +144,7 @@ class Iso9283Result(JsonResult):
 
     def to_dict(self) -> dict[str, Any]:
         """Return the result in the ``precision-pin/iso9283/1`` schema, SI units; null where the sheet cannot say."""
-        single = {name: getattr(self, name) for name in ("AD", "RD", "vAP", "E", "drift")}
+        single = {name: getattr(self, name) for name in SINGLE}
         return self._head() | {
             "poses": {name: forecast.to_dict() for name, forecast in self.poses.items()},
             "worst": {name: law.to_dict() for name, law in self.worst.items()},

@@ -21,6 +21,7 @@ from precision_pin.inputs.arguments import check_instance, check_items, check_wh
 from precision_pin.inputs.memory import check_memory
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.pose_model import PoseModel
+from precision_pin.model.turnover import turnover_findings
 from precision_pin.robot.approach import ApproachedPose
 from precision_pin.robot.chain_findings import limit_findings
 from precision_pin.robot.pose_set import PoseSet
@@ -291,10 +292,10 @@ def _sample(
 
 
 def _statics_findings(error_model: ErrorModel, result: MapResult) -> tuple[Finding, ...]:
-    """Return the warnings about statics at the worst pose, with its name."""
+    """Return the warnings about statics and about sides of play at the worst pose, with its name."""
     worst = result.worst_first[0]
     at = error_model.at(approached(result.poses.take(np.array([worst])))[0])
     return tuple(
         replace(finding, message=f"{result.poses.labels[worst]}: {finding.message}")
-        for finding in error_model.statics_findings(at)
+        for finding in (*error_model.statics_findings(at), *turnover_findings(at))
     )

@@ -8,6 +8,7 @@ import numpy as np
 
 from precision_pin.analyses.iso9283.comparison import LEAST, Comparison
 from precision_pin.analyses.iso9283.figure_law import FigureLaw
+from precision_pin.analyses.iso9283.pose_forecast import SINGLE
 from precision_pin.analyses.iso9283.result import Iso9283Result
 from precision_pin.analyses.iso9283.standard_poses import PLANES
 from precision_pin.display.tables import ROUNDING, milli, plain, resting_on
@@ -102,7 +103,7 @@ def verdict(measured: Comparison) -> str:
 
 
 def _judged(one: SpecificationResult, poses: int) -> str:
-    every = " at every pose" if one.quantity not in ("AD", "RD", "E", "vAP") and poses > 1 else ""
+    every = " at every pose" if one.quantity not in SINGLE and poses > 1 else ""
     demand = (
         f"spec {one.quantity} within {1e3 * one.limit:.6g} {_unit(one.quantity)} for {100 * one.required:.10g} %{every}: "
         f"{one.verdict.upper()}"
@@ -140,6 +141,8 @@ def _distances(result: Iso9283Result) -> list[str]:
         "RD": "distance repeatability P2 to P4",
         "E": "five robots at P1",
         "vAP": "three paths of approach at P1",
+        "RP_bidirectional": "the cycles of these paths together",
+        "drift": "eight hours from cold at P1",
     }
     for name, meaning in words.items():
         law = getattr(result, name)
