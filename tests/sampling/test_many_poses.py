@@ -12,9 +12,10 @@ from scipy import stats
 import precision_pin as pp
 from precision_pin.draws.laws import Normal, Uniform
 from precision_pin.draws.space import Draw, Scope, Space
-from precision_pin.errors import InputError, UnknownNameError
+from precision_pin.errors import InputError, PrecisionPinWarning, UnknownNameError
 from precision_pin.kernel import sampler
 from precision_pin.model.error_model import ErrorModel
+from precision_pin.robot.examples import PAPER_SHEET
 from precision_pin.sampling.many_poses import sample_poses
 from precision_pin.sampling.poses_result import LEVELS, PosesResult
 from precision_pin.sources import JointOffset
@@ -266,3 +267,12 @@ def test_between_poses_that_do_not_exist() -> None:
     for wrong in (-1, 2, True, 0.5):
         with pytest.raises(InputError, match="number of a pose must be a whole number from 0 to 1"):
             found.between(0, wrong)  # type: ignore[arg-type]
+
+
+def test_strained_statics_are_said_of_the_worst_pose() -> None:
+    model = ErrorModel.load(PAPER_SHEET)
+    q = model.configuration()
+    with pytest.warns(PrecisionPinWarning, match="W_STATICS: pose 2: loads at the undeflected pose"):
+        found = pp.sample_poses(model, [q + [0, -1.4, 0, 0], q], samples=64)
+    assert found.norm_mean[0].argmax() == 1
+    assert sum("W_STATICS" in line for line in found.warnings) == 1

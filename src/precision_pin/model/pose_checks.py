@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -9,9 +10,12 @@ import numpy as np
 from precision_pin.errors import Finding, InputError
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.pose_model import PoseModel
+from precision_pin.model.turnover import turnover_findings
+from precision_pin.robot.approach import ApproachedPose
 from precision_pin.statistics import NO_SPREAD
+from precision_pin.typing import Array
 
-__all__ = ["MOST_POSES", "pose_findings"]
+__all__ = ["MOST_POSES", "pose_findings", "strained_findings"]
 
 TRIED: Final = 64
 """Robots sampled to find whether errors vary."""
@@ -56,6 +60,18 @@ def pose_findings(model: ErrorModel, pose: str, *, spread: bool = True) -> tuple
     except InputError as error:
         return error.findings
     return tuple(found)
+
+
+def strained_findings(
+    model: ErrorModel, pose: Array | ApproachedPose, label: str, *, first_order: bool = False
+) -> tuple[Finding, ...]:
+    """Return the warnings at one pose of many about statics, and if asked for those of first-order results, with its name.
+
+    An analysis of many poses looks at the one with the largest error alone, since each look solves the deflected arm.
+    """
+    at = model.at(pose)
+    found = (*model.statics_findings(at), *(turnover_findings(at) if first_order else ()))
+    return tuple(replace(one, message=f"{label}: {one.message}") for one in found)
 
 
 def _largest_square(at: PoseModel) -> float:

@@ -20,6 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from precision_pin.call_warnings import add, warns_at_end
 from precision_pin.display import progress as progress_bar
+from precision_pin.display.tables import pose_labels
 from precision_pin.draws.draw import MOST_POSES
 from precision_pin.draws.space import Scope, check_seed
 from precision_pin.errors import Finding, InputError
@@ -29,6 +30,7 @@ from precision_pin.kernel import sampler
 from precision_pin.kernel.many_poses import MOST_TOGETHER
 from precision_pin.kernel.pose_arrays import JoinedTables, is_alike
 from precision_pin.model.error_model import ErrorModel
+from precision_pin.model.pose_checks import strained_findings
 from precision_pin.robot.approach import ApproachedPose
 from precision_pin.robot.chain_findings import limit_findings
 from precision_pin.sampling import Progress, available_cores, check_progress
@@ -54,6 +56,8 @@ __all__ = ["MOST_SAMPLES", "sample_poses"]
 MOST_SAMPLES: Final = 2**32 - 1
 """Most samples at each pose; the sketches count with 32 bits."""
 
+_STRAINS: Final = ("W_STATICS", "W_DEFLECTION", "W_TURNOVER")
+"""Warnings about statics, which a caller may have looked for at every pose."""
 _NUMBERS: Final = 73
 """Numbers in the result of a pose, including its name, without the specifications."""
 _TASK: Final = 256
@@ -169,6 +173,12 @@ def sample_poses(
             kept = count_everywhere(
                 error_model, values, approaches, work.specifications, model, work.seed, work.samples, pool, step
             )
+    if not any(finding.code in _STRAINS for finding in known):
+        worst = int(sampled.arrays()["norm_mean"][0].argmax())
+        own = () if approaches is None else tuple(approaches[:, worst].tolist())
+        strained = strained_findings(error_model, ApproachedPose(values[:, worst], own), pose_labels(names)[worst])
+        add(strained)
+        found = (*found, *strained)
     chain = error_model.chain
     return PosesResult(
         robot=os.path.basename(chain.robot.file),

@@ -19,6 +19,7 @@ from precision_pin.display.progress import steps_to
 from precision_pin.errors import Finding, InputError
 from precision_pin.inputs.arguments import check_choice, check_instance, check_items, check_numbers
 from precision_pin.model.error_model import ErrorModel
+from precision_pin.model.pose_checks import strained_findings
 from precision_pin.robot.chain_findings import limit_findings
 from precision_pin.robot.pose_set import PoseSet
 from precision_pin.sampling import Progress, check_progress
@@ -90,23 +91,18 @@ def compensate(
     labels = [label for label, is_known in zip(given.labels, given.known, strict=True) if is_known]
     found = limit_findings(error_model.chain, values, labels)
     result = _with_laws(error_model, given, correction, mode, given_weights)
-    found = (*found, *_statics_findings(error_model, result))
+    worst = int(np.nanargmax(np.linalg.norm(result.correction.before[:3], axis=0)))
+    found = (
+        *found,
+        *strained_findings(
+            error_model, approached(given.take(np.array([worst])))[0], given.labels[worst], first_order=True
+        ),
+    )
     add(found)
     return replace(
         result,
         findings=known_findings,
         warnings=tuple(dict.fromkeys(map(str, (*known_findings, *found)))),
-    )
-
-
-def _statics_findings(error_model: ErrorModel, result: CompensationResult) -> tuple[Finding, ...]:
-    """Return the warnings about statics at the pose with the largest error at the means, with its name."""
-    sizes = np.linalg.norm(result.correction.before[:3], axis=0)
-    worst = int(np.nanargmax(sizes))
-    at = error_model.at(approached(result.poses.take(np.array([worst])))[0])
-    return tuple(
-        replace(finding, message=f"{result.poses.labels[worst]}: {finding.message}")
-        for finding in error_model.statics_findings(at)
     )
 
 

@@ -20,8 +20,8 @@ from precision_pin.errors import Finding, InputError
 from precision_pin.inputs.arguments import check_instance, check_items, check_whole
 from precision_pin.inputs.memory import check_memory
 from precision_pin.model.error_model import ErrorModel
+from precision_pin.model.pose_checks import strained_findings
 from precision_pin.model.pose_model import PoseModel
-from precision_pin.model.turnover import turnover_findings
 from precision_pin.robot.approach import ApproachedPose
 from precision_pin.robot.chain_findings import limit_findings
 from precision_pin.robot.pose_set import PoseSet
@@ -139,7 +139,9 @@ def map_poses(
             )
             result = replace(result, sampled=sampled)
     # statics are checked where they strain most; each check solves the deflected arm
-    strained = _statics_findings(error_model, result)
+    highest = result.worst_first[0]
+    pose = approached(given.take(np.array([highest])))[0]
+    strained = strained_findings(error_model, pose, given.labels[highest], first_order=samples is None)
     add((*found, *strained))
     return replace(result, warnings=(*result.warnings, *map(str, strained)))
 
@@ -289,13 +291,3 @@ def _sample(
         confidence=confidence, threads=threads, progress=step,
     )  # fmt: skip
     return Sampled(chosen, replace(sampled, names=tuple(labels[k] for k in chosen)))
-
-
-def _statics_findings(error_model: ErrorModel, result: MapResult) -> tuple[Finding, ...]:
-    """Return the warnings about statics and about sides of play at the worst pose, with its name."""
-    worst = result.worst_first[0]
-    at = error_model.at(approached(result.poses.take(np.array([worst])))[0])
-    return tuple(
-        replace(finding, message=f"{result.poses.labels[worst]}: {finding.message}")
-        for finding in (*error_model.statics_findings(at), *turnover_findings(at))
-    )

@@ -11,7 +11,7 @@ from collections import deque
 from collections.abc import Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import ExitStack
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import islice
 from typing import Any, Final, Literal, final
 
@@ -31,6 +31,7 @@ from precision_pin.inputs.memory import check_memory
 from precision_pin.kernel import sampler
 from precision_pin.kernel.many_poses import MOST_TOGETHER
 from precision_pin.model.error_model import ErrorModel
+from precision_pin.model.pose_checks import strained_findings
 from precision_pin.robot.chain_findings import limit_findings
 from precision_pin.robot.pose_set import PoseSet
 from precision_pin.sampling import Progress, available_cores, check_progress
@@ -144,7 +145,8 @@ def path_law(
         while under_way:
             tally.add(under_way.popleft().result())
             step(2 * run.samples)
-    strained = _statics_findings(error_model, given, int(tally.curve[0].argmax()))
+    worst = int(tally.curve[0].argmax())
+    strained = strained_findings(error_model, approached(given.take(np.array([worst])))[0], given.labels[worst])
     add(strained)
     return PathResult(
         provenance=Provenance.of(error_model, seed),
@@ -196,15 +198,6 @@ def _layouts(error_model: ErrorModel, poses: PoseSet) -> Iterator[sampler.Sample
     models = error_model.at_columns(poses.q, poses.approaches)
     while together := list(islice(models, MOST_TOGETHER)):
         yield from sampler.to_arrays_at_poses(together)
-
-
-def _statics_findings(error_model: ErrorModel, poses: PoseSet, worst: int) -> tuple[Finding, ...]:
-    """Return the warnings about statics at the worst pose, with its name."""
-    at = error_model.at(approached(poses.take(np.array([worst])))[0])
-    return tuple(
-        replace(finding, message=f"{poses.labels[worst]}: {finding.message}")
-        for finding in error_model.statics_findings(at)
-    )
 
 
 @final
