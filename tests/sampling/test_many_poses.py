@@ -272,7 +272,7 @@ def test_between_poses_that_do_not_exist() -> None:
 def test_strained_statics_are_said_of_the_worst_pose() -> None:
     model = ErrorModel.load(PAPER_SHEET)
     q = model.configuration()
-    with pytest.warns(PrecisionPinWarning, match="W_STATICS: pose 2: loads at the undeflected pose"):
-        found = pp.sample_poses(model, [q + [0, -1.4, 0, 0], q], samples=64)
-    assert found.norm_mean[0].argmax() == 1
+    with pytest.warns(PrecisionPinWarning, match="W_STATICS: pose 3: loads at the undeflected pose"):
+        found = pp.sample_poses(model, [q, q, q + np.array([0, -1.4, 0, 0])], samples=64)
+    assert found.norm_mean[0].argmax() == 2
     assert sum("W_STATICS" in line for line in found.warnings) == 1
