@@ -86,18 +86,26 @@ def test_what_is_for_one_pose_is_refused_with_several(run, new_files, option, va
     assert new_files() == set()
 
 
-def test_a_journal_of_several_poses_is_resumed_and_knows_its_run(run, folder):
-    plain = run("analyze", SHEET, "--all-poses", *FEW, "--json", "-").out
-    kept = ("analyze", SHEET, "--all-poses", *FEW, "--journal", "run.journal", "--json", "-")
+@pytest.mark.parametrize("command", ["analyze", "map"])
+def test_a_journal_of_several_poses_is_resumed_and_knows_its_run(run, folder, command):
+    plain = run(command, SHEET, "--all-poses", *FEW, "--json", "-").out
+    kept = (command, SHEET, "--all-poses", *FEW, "--journal", "run.journal", "--json", "-")
     assert run(*kept).out == plain
     again = run(*kept, "--resume")
     assert again.out == plain
     assert "the journal run.journal holds the first 2 poses" in again.err
-    other = run("analyze", SHEET, "--all-poses", "--samples", "600", "--journal", "run.journal", "--resume")
+    other = run(command, SHEET, "--all-poses", "--samples", "600", "--journal", "run.journal", "--resume")
     assert other.code == 2
     assert "belongs to another run: samples was '500', is '600'" in other.err
-    swapped = run("analyze", SHEET, "--pose", "home", "--pose", "out", *FEW, "--journal", "run.journal", "--resume")
+    swapped = run(command, SHEET, "--pose", "home", "--pose", "out", *FEW, "--journal", "run.journal", "--resume")
     assert "the list of poses has changed" in swapped.err
+
+
+def test_a_journal_of_a_map_needs_samples(run, folder):
+    refused = run("map", SHEET, "--all-poses", "--journal", "run.journal")
+    assert refused.code == 2
+    assert "a journal keeps sampled poses; give the number of samples too" in refused.err
+    assert not (folder / "run.journal").exists()
 
 
 @pytest.mark.parametrize("command", ["analyze", "budget", "view", "report --out page.html"])

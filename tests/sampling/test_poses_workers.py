@@ -27,6 +27,13 @@ def test_an_executor_gives_the_same_bits(plain):
         assert pp.sample_poses(MODEL, POSES, **RUN, executor=pool).to_json() == plain
 
 
+def test_a_sampled_map_on_an_executor_has_the_same_bits():
+    sampled = {"samples": 400, "seed": 4}
+    with ThreadPoolExecutor(3) as pool:
+        found = pp.map_poses(MODEL, POSES[:, :5], **sampled, executor=pool)
+    assert found.to_json() == pp.map_poses(MODEL, POSES[:, :5], **sampled, threads=1).to_json()
+
+
 @pytest.mark.slow
 def test_processes_give_the_same_bits(plain):
     assert pp.sample_poses(MODEL, POSES, **RUN, processes=2).to_json() == plain

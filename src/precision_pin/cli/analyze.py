@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal, Unpack
 
@@ -30,6 +29,7 @@ from precision_pin.cli.progress import compile_sampler, progress_bar
 from precision_pin.cli.streams import echo_data, say
 from precision_pin.cli.targets import Outputs
 from precision_pin.cli.terminal import echo_table
+from precision_pin.cli.workers import WorkerOptions, check_workers, worker_options, working
 from precision_pin.display.files import whole_folder, write_text
 from precision_pin.interrupts import raise_if_interrupted, unwinding
 
@@ -45,8 +45,8 @@ MOST_UNTIL = 10**9
 """The most samples until a result is precise enough, where no number is given."""
 
 
-class _Arm(ChainOptions, PoseOptions):
-    """The arm and the poses."""
+class _Options(ChainOptions, PoseOptions, WorkerOptions):
+    """The arm, the poses, and what samples."""
 
 
 @click.command("analyze", cls=SamplingCommand)
@@ -76,13 +76,7 @@ class _Arm(ChainOptions, PoseOptions):
 @click.option(
     "--until", multiple=True, metavar='"95 % to 0.01 mm"', help="Sample until this precision is reached; repeats."
 )
-@click.option("--threads", type=int, metavar="N", help="How many threads sample; all cores if left out.")
-@click.option("--processes", type=int, metavar="N", help="Sample in N processes instead.")
-@click.option("--dask", metavar="ADDRESS", help="Sample on the Dask cluster of a scheduler, as tcp://host:8786.")
-@click.option(
-    "--journal", metavar="FILE", help="Keep the run in FILE on the way, so that it can be stopped and resumed."
-)
-@click.option("--resume", is_flag=True, help="Go on from the journal, if it is there.")
+@worker_options
 @click.option("--json", "json_path", metavar="FILE", help="Write the result as JSON; - prints it alone.")
 @click.option("--out", metavar="DIR", help="Write plots (PNG and SVG) and the result there.")
 def command(
@@ -93,14 +87,9 @@ def command(
     spec_everywhere: bool,
     relative_to: str | None,
     until: tuple[str, ...],
-    threads: int | None,
-    processes: int | None,
-    dask: str | None,
-    journal: str | None,
-    resume: bool,
     json_path: str | None,
     out: str | None,
-    **arm: Unpack[_Arm],
+    **arm: Unpack[_Options],
 ) -> int:
     """Sample the pose error of an arm at a pose, or of the same robots at several.
 
@@ -113,7 +102,7 @@ def command(
     from precision_pin.draws.space import check_seed
     from precision_pin.model.error_model import ErrorModel
     from precision_pin.outputs.monte_carlo.table import analysis_table
-    from precision_pin.sampling import check_samples, dask_cluster, monte_carlo
+    from precision_pin.sampling import check_samples, monte_carlo
     from precision_pin.sampling.relative import relative
     from precision_pin.statistics.precision import target
     from precision_pin.statistics.specification import specification
@@ -124,20 +113,18 @@ def command(
         target(text)
     check_seed(seed)
     specifications = [specification(text) for text in specs]
-    _check_together({"--threads": threads, "--processes": processes, "--dask": dask})
+    check_workers(arm)
     if spec_everywhere and not specs:
         raise click.UsageError("--spec-everywhere needs a --spec")
-    if resume and journal is None:
-        raise click.UsageError("--resume needs the run's --journal FILE")
     check_poses(arm)
-    at_one = {"--until": bool(until), "--processes": processes, "--dask": dask, "--journal": journal}
     if relative_to is not None:
+        at_one = {"--until": until, **{f"--{name}": arm[name] for name in ("processes", "dask", "journal")}}
         _refuse_of_relative(
             [option for option, value in at_one.items() if value] + ["--spec-everywhere"] * spec_everywhere
         )
     may_be_several = arm["all_poses"] or pose_files(arm) or max(len(arm["pose_names"]), len(arm["qs"])) > 1
     outputs = Outputs(
-        {"--journal": journal, "--json": json_path}, out, (*FILES, *(FILES_OF_POSES if may_be_several else ()))
+        {"--journal": arm["journal"], "--json": json_path}, out, (*FILES, *(FILES_OF_POSES if may_be_several else ()))
     )
     outputs.check()
     outputs.refuse_inputs(pose_files(arm))
@@ -148,10 +135,7 @@ def command(
     if len(poses) > 1:
         for_one = {"--until": bool(until), "--relative-to": relative_to}
         refuse_of_one_pose([option for option, value in for_one.items() if value], len(poses))
-        job = PosesJob(
-            samples, seed, model, tuple(specifications), spec_everywhere, threads, processes, dask, journal, resume,
-            json_path, out,
-        )  # fmt: skip
+        job = PosesJob(samples, seed, model, tuple(specifications), spec_everywhere, arm, json_path, out)
         return analyze_poses(error_model, sheet, poses, job)
     where = poses[0].where
     other = reference_pose(sheet, relative_to)
@@ -160,26 +144,15 @@ def command(
         with progress_bar(samples, "sampling") as progress, unwinding():
             analysis = relative(
                 error_model, where, other, samples=samples, seed=seed, model=model, specifications=specifications,
-                findings=sheet.findings, threads=threads, progress=progress,
+                findings=sheet.findings, threads=arm["threads"], progress=progress,
             )  # fmt: skip
             raise_if_interrupted()
     else:
-        with ExitStack() as stack:
-            executor, under_way = (None, None) if dask is None else stack.enter_context(dask_cluster(dask))
-            progress = stack.enter_context(progress_bar(samples, "sampling"))
-            try:
-                with unwinding():
-                    analysis = monte_carlo(
-                        error_model, where, samples=samples, seed=seed, model=model, specifications=specifications,
-                        until=until, findings=sheet.findings, threads=threads, processes=processes, executor=executor,
-                        tasks_under_way=under_way, journal=journal, resume=resume, files={"sheet": sheet.file},
-                        progress=progress, tell=echo_note,
-                    )  # fmt: skip
-                    raise_if_interrupted()
-            except KeyboardInterrupt as interrupt:
-                for note in getattr(interrupt, "__notes__", ()):
-                    say(f"{note}; the same command with --resume goes on from there")
-                raise
+        with working(arm) as workers, progress_bar(samples, "sampling") as progress:
+            analysis = monte_carlo(
+                error_model, where, samples=samples, seed=seed, model=model, specifications=specifications,
+                until=until, findings=sheet.findings, files={"sheet": sheet.file}, progress=progress, **workers,
+            )  # fmt: skip
     for line in analysis.warnings[len(sheet.findings) :]:
         say(line)
     if json_path == "-":
@@ -192,13 +165,6 @@ def command(
         _write_folder(analysis, Path(out))
         echo_note(f"wrote {out}: analysis.json, position, attitude and components as PNG and SVG")
     return 0 if all(result.met for result in analysis.summary.specifications) else EXIT_SPEC
-
-
-def _check_together(workers: dict[str, object]) -> None:
-    """Refuse more than one kind of worker."""
-    asked = [name for name, value in workers.items() if value is not None]
-    if len(asked) > 1:
-        raise click.UsageError(f"{' and '.join(asked)} exclude each other")
 
 
 def _refuse_of_relative(options: list[str]) -> None:

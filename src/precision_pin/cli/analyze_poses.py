@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Final, Literal, final
@@ -14,12 +13,13 @@ from precision_pin.cli import EXIT_SPEC
 from precision_pin.cli.notes import echo_note, echo_warnings
 from precision_pin.cli.poses import AskedPose
 from precision_pin.cli.progress import compile_sampler, progress_bar
-from precision_pin.cli.streams import echo_data, say
+from precision_pin.cli.streams import echo_data
 from precision_pin.cli.terminal import echo_table
+from precision_pin.cli.workers import WorkerOptions, working
 from precision_pin.display.files import whole_folder, write_text
 from precision_pin.display.tables import pose_labels
 from precision_pin.errors import Finding
-from precision_pin.interrupts import raise_if_interrupted, unwinding
+from precision_pin.interrupts import raise_if_interrupted
 
 if TYPE_CHECKING:
     from precision_pin.model.error_model import ErrorModel
@@ -43,11 +43,7 @@ class PosesJob:
     model: Literal["exact", "linear"]
     specifications: tuple[Specification, ...]
     everywhere: bool
-    threads: int | None
-    processes: int | None
-    dask: str | None
-    journal: str | None
-    resume: bool
+    on: WorkerOptions
     json_path: str | None
     out: str | None
 
@@ -70,30 +66,19 @@ def refuse_of_one_pose(options: Sequence[str], poses: int) -> None:
 def analyze_poses(error_model: ErrorModel, sheet: Sheet, poses: Sequence[AskedPose], job: PosesJob) -> int:
     """Sample at several poses, print and write the result; returns the exit code."""
     from precision_pin.outputs.poses.table import poses_table
-    from precision_pin.sampling import dask_cluster
     from precision_pin.sampling.many_poses import sample_poses
 
     compile_sampler(error_model.space, job.model)
     found = _find(error_model, poses, job.model)
     echo_warnings(found)
     passes = 2 if job.everywhere else 1
-    with ExitStack() as stack:
-        executor, under_way = (None, None) if job.dask is None else stack.enter_context(dask_cluster(job.dask))
-        progress = stack.enter_context(progress_bar(passes * job.samples * len(poses), "sampling"))
-        try:
-            with unwinding():
-                result = sample_poses(
-                    error_model, [pose.where for pose in poses], samples=job.samples, seed=job.seed, model=job.model,
-                    specifications=job.specifications, everywhere=job.everywhere,
-                    findings=(*sheet.findings, *found), threads=job.threads, processes=job.processes,
-                    executor=executor, tasks_under_way=under_way, journal=job.journal, resume=job.resume,
-                    files={"sheet": sheet.file}, tell=echo_note, progress=progress,
-                )  # fmt: skip
-                raise_if_interrupted()
-        except KeyboardInterrupt as interrupt:
-            for note in getattr(interrupt, "__notes__", ()):
-                say(f"{note}; the same command with --resume goes on from there")
-            raise
+    steps = passes * job.samples * len(poses)
+    with working(job.on) as workers, progress_bar(steps, "sampling") as progress:
+        result = sample_poses(
+            error_model, [pose.where for pose in poses], samples=job.samples, seed=job.seed, model=job.model,
+            specifications=job.specifications, everywhere=job.everywhere, findings=(*sheet.findings, *found),
+            files={"sheet": sheet.file}, progress=progress, **workers,
+        )  # fmt: skip
     result = replace(result, names=tuple(pose.name for pose in poses))
     if job.json_path == "-":
         echo_data(result.to_json())

@@ -27,6 +27,7 @@ from precision_pin.cli.progress import progress_bar
 from precision_pin.cli.streams import echo_data, say
 from precision_pin.cli.targets import Outputs
 from precision_pin.cli.terminal import echo_table
+from precision_pin.cli.workers import WorkerOptions, check_workers, worker_options, working
 from precision_pin.display.files import whole_folder, write_text
 
 if TYPE_CHECKING:
@@ -37,7 +38,7 @@ if TYPE_CHECKING:
 __all__ = ["command", "map_grid"]
 
 
-class _Options(ChainOptions, PoseOptions):
+class _Options(ChainOptions, PoseOptions, WorkerOptions):
     """All options."""
 
     samples: int | None
@@ -45,7 +46,6 @@ class _Options(ChainOptions, PoseOptions):
     relative_to: str | None
     seed: int
     specs: tuple[str, ...]
-    threads: int | None
     netcdf: str | None
     json_path: str | None
     out: str | None
@@ -72,7 +72,7 @@ class _Options(ChainOptions, PoseOptions):
 )
 @seed_option
 @spec_option
-@click.option("--threads", type=int, metavar="N", help="How many threads sample; all cores if left out.")
+@worker_options
 @click.option("--netcdf", metavar="FILE.nc", help="Write the map as netCDF, for xarray.")
 @click.option("--json", "json_path", metavar="FILE", help="Write the result as JSON; - prints it alone.")
 @click.option("--out", metavar="DIR", help="Write plots (PNG and SVG) and the result there.")
@@ -93,8 +93,9 @@ def command(**options: Unpack[_Options]) -> int:
     check_seed(options["seed"])
     specifications = [specification(text) for text in options["specs"]]
     check_poses(options)
+    check_workers(options)
     outputs = Outputs(
-        {"--json": options["json_path"], "--netcdf": options["netcdf"]},
+        {"--journal": options["journal"], "--json": options["json_path"], "--netcdf": options["netcdf"]},
         options["out"],
         ("map.json", "position.*", "attitude.*"),
     )
@@ -104,19 +105,12 @@ def command(**options: Unpack[_Options]) -> int:
     poses = read_pose_set(sheet, options)
     reference = reference_pose(sheet, options["relative_to"])
     steps = count_steps(len(poses), options["samples"], options["verify"])
-    with progress_bar(steps, "mapping", "steps") as progress:
+    with working(options) as workers, progress_bar(steps, "mapping", "steps") as progress:
         result = map_poses(
-            ErrorModel.from_sheet(sheet),
-            poses,
-            samples=options["samples"],
-            seed=options["seed"],
-            relative_to=reference,
-            specifications=specifications,
-            verify=options["verify"],
-            findings=sheet.findings,
-            threads=options["threads"],
-            progress=progress,
-        )
+            ErrorModel.from_sheet(sheet), poses, samples=options["samples"], seed=options["seed"],
+            relative_to=reference, specifications=specifications, verify=options["verify"], findings=sheet.findings,
+            files={"sheet": sheet.file}, progress=progress, **workers,
+        )  # fmt: skip
     for line in result.warnings[len(sheet.findings) :]:
         say(line)
     if options["json_path"] == "-":

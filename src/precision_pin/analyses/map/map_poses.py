@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Final
@@ -27,6 +28,7 @@ from precision_pin.robot.chain_findings import limit_findings
 from precision_pin.robot.pose_set import PoseSet
 from precision_pin.sampling import Progress, check_progress
 from precision_pin.sampling.many_poses import MOST_SAMPLES, sample_poses
+from precision_pin.sampling.workers import Submitter
 from precision_pin.statistics import COMPONENTS, Specification, check_confidence
 from precision_pin.statistics.specification import Specifications, listed_specifications
 from precision_pin.typing import Array
@@ -64,6 +66,13 @@ def map_poses(
     confidence: float = 0.95,
     findings: Sequence[Finding] = (),
     threads: int | None = None,
+    processes: int | None = None,
+    executor: Submitter | None = None,
+    tasks_under_way: int | None = None,
+    journal: str | os.PathLike[str] | None = None,
+    resume: bool = False,
+    files: Mapping[str, str | os.PathLike[str]] | None = None,
+    tell: Callable[[str], None] | None = None,
     progress: Progress | bool | None = None,
 ) -> MapResult:
     """Return the law of the pose error at many poses: mean, spread, quantiles, share in specification, dominant source.
@@ -93,8 +102,12 @@ def map_poses(
         Confidence of every interval.
     findings
         Warnings to include in the result, such as those of the sheet.
-    threads
-        Number of threads that sample, by default one for each core. It does not change the result.
+    threads, processes, executor, tasks_under_way
+        What samples, as in :func:`precision_pin.monte_carlo`; by default a thread for each core. It does not change the
+        result.
+    journal, resume, files, tell
+        With ``samples``: file in which finished poses are saved, and what is resumed from it, as in
+        :func:`precision_pin.sample_poses`.
     progress
         Function called with the number of poses done, then of samples added, since its last call; ``True`` shows a bar.
 
@@ -114,6 +127,8 @@ def map_poses(
     if samples is not None:
         check_whole("the number of samples", samples, 1, MOST_SAMPLES)
     check_whole("verify, a number of poses,", verify, 0, 10_000)
+    if journal is not None and samples is None:
+        raise InputError("a journal keeps sampled poses; give the number of samples too, or leave the journal out")
     listed = listed_specifications(specifications)
     given = pose_set(error_model, poses)
     check_memory(8.0 * _NUMBERS * len(given), f"a map of {len(given):,} poses", "map fewer of them at a time")
@@ -134,10 +149,14 @@ def map_poses(
         worst = np.array(result.worst_first[:verify], dtype=np.intp)
         chosen = worst if samples is None else np.flatnonzero(given.known)
         if len(chosen):
-            sampled = _sample(
-                error_model, given, chosen, samples or VERIFYING_SAMPLES, seed, listed, confidence, threads, step
+            sampled = sample_poses(
+                error_model, approached(given.take(chosen)), samples=samples or VERIFYING_SAMPLES, seed=seed,
+                specifications=listed, confidence=confidence, threads=threads, processes=processes, executor=executor,
+                tasks_under_way=tasks_under_way, journal=journal, resume=resume, files=files, tell=tell, progress=step,
+            )  # fmt: skip
+            result = replace(
+                result, sampled=Sampled(chosen, replace(sampled, names=tuple(given.labels[k] for k in chosen)))
             )
-            result = replace(result, sampled=sampled)
     # statics are checked where they strain most; each check solves the deflected arm
     highest = result.worst_first[0]
     pose = approached(given.take(np.array([highest])))[0]
@@ -272,22 +291,3 @@ def _inside(mean: Array, std: Array, limit: float) -> Array:
     safe = np.where(std > 0, std, 1.0)
     inside: Array = special.ndtr((limit - mean) / safe) - special.ndtr((-limit - mean) / safe)
     return np.where(std > 0, inside, (np.abs(mean) <= limit).astype(float))
-
-
-def _sample(
-    error_model: ErrorModel,
-    poses: PoseSet,
-    chosen: NDArray[np.intp],
-    samples: int,
-    seed: int,
-    specifications: tuple[Specification, ...],
-    confidence: float,
-    threads: int | None,
-    step: Callable[[int], None],
-) -> Sampled:
-    labels = poses.labels
-    sampled = sample_poses(
-        error_model, approached(poses.take(chosen)), samples=samples, seed=seed, specifications=specifications,
-        confidence=confidence, threads=threads, progress=step,
-    )  # fmt: skip
-    return Sampled(chosen, replace(sampled, names=tuple(labels[k] for k in chosen)))

@@ -1,0 +1,96 @@
+"""Options for what samples, and for the journal of a run."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from typing import TYPE_CHECKING, Any, TypedDict, TypeVar
+
+import click
+
+from precision_pin.cli.notes import echo_note
+from precision_pin.cli.streams import say
+from precision_pin.interrupts import raise_if_interrupted, unwinding
+
+if TYPE_CHECKING:
+    from precision_pin.sampling.workers import Submitter
+
+__all__ = ["WorkerOptions", "Workers", "check_workers", "worker_options", "working"]
+
+Command = TypeVar("Command", bound=Callable[..., Any])
+
+
+class WorkerOptions(TypedDict):
+    """Values of the options of `worker_options`."""
+
+    threads: int | None
+    processes: int | None
+    dask: str | None
+    journal: str | None
+    resume: bool
+
+
+class Workers(TypedDict):
+    """Arguments of the functions that sample, as in :func:`precision_pin.monte_carlo`."""
+
+    threads: int | None
+    processes: int | None
+    executor: Submitter | None
+    tasks_under_way: int | None
+    journal: str | None
+    resume: bool
+    tell: Callable[[str], None]
+
+
+def worker_options(command: Command) -> Command:
+    """Add the options to a command."""
+    for option in (
+        click.option("--resume", is_flag=True, help="Go on from the journal, if it is there."),
+        click.option(
+            "--journal", metavar="FILE", help="Keep the run in FILE on the way, so that it can be stopped and resumed."
+        ),
+        click.option(
+            "--dask", metavar="ADDRESS", help="Sample on the Dask cluster of a scheduler, as tcp://host:8786."
+        ),
+        click.option("--processes", type=int, metavar="N", help="Sample in N processes instead."),
+        click.option("--threads", type=int, metavar="N", help="How many threads sample; all cores if left out."),
+    ):
+        command = option(command)
+    return command
+
+
+def check_workers(options: WorkerOptions) -> None:
+    """Check that the options go together.
+
+    Raises
+    ------
+    UsageError
+        More than one kind of worker, or ``--resume`` without ``--journal``.
+    """
+    kinds = {"--threads": options["threads"], "--processes": options["processes"], "--dask": options["dask"]}
+    asked = [name for name, value in kinds.items() if value is not None]
+    if len(asked) > 1:
+        raise click.UsageError(f"{' and '.join(asked)} exclude each other")
+    if options["resume"] and options["journal"] is None:
+        raise click.UsageError("--resume needs the run's --journal FILE")
+
+
+@contextmanager
+def working(options: WorkerOptions) -> Iterator[Workers]:
+    """Start what samples, and end it; an interrupt says what the journal holds."""
+    from precision_pin.sampling import dask_cluster
+
+    with ExitStack() as stack:
+        cluster = None if options["dask"] is None else stack.enter_context(dask_cluster(options["dask"]))
+        executor, under_way = cluster or (None, None)
+        try:
+            with unwinding():
+                yield Workers(
+                    threads=options["threads"], processes=options["processes"], executor=executor,
+                    tasks_under_way=under_way, journal=options["journal"], resume=options["resume"], tell=echo_note,
+                )  # fmt: skip
+                raise_if_interrupted()
+        except KeyboardInterrupt as interrupt:
+            for note in getattr(interrupt, "__notes__", ()):
+                say(f"{note}; the same command with --resume goes on from there")
+            raise
