@@ -119,3 +119,20 @@ def test_a_limit_missed_on_the_map_is_exit_code_1(run, folder):
     refused = run(*arguments[:-1], "grid.yaml")
     assert refused.code == 2
     assert "joints:" in (folder / "grid.yaml").read_text()
+
+
+@pytest.mark.slow
+def test_a_path_and_a_test_have_sections_and_verdicts_that_count(run, folder):
+    (folder / "way.csv").write_text(f"y_axis [mm],{LONG} [deg]\n0,0\n100,30\n")
+    at = ("--q", f"y_axis: 0 m, {LONG}: 90 deg", "--iso9283", "poses", "--out", "page.html")
+    made = run("report", "gantry.errors.yaml", *FEW, "--path", "way.csv", "--spec", "y 120 um @ 99 %", *at)
+    assert made.code == 1
+    page = (folder / "page.html").read_text("utf-8")
+    for said in (
+        "--path way.csv", "--iso9283 poses", "Along the path: spec", 'href="#path"', 'href="#iso9283"',
+        "largest error along the path: 95 % of robots within |d|", "95 % of robots built will show AP of",
+    ):  # fmt: skip
+        assert said in page
+    refused = run("report", "gantry.errors.yaml", *FEW, "--path", "nosuch.csv", "--out", "other.html")
+    assert (refused.code, len(refused.said)) == (2, 1)
+    assert not (folder / "other.html").exists()

@@ -12,6 +12,7 @@ import precision_pin as pp
 from outputs.view_cases import Node, data_block, nodes_of, pages
 from precision_pin.errors import PrecisionPinWarning
 from precision_pin.outputs.view import ViewPose
+from precision_pin.outputs.view.places import PlacesData
 from precision_pin.robot.examples import PAPER_SHEET
 from precision_pin.robot.pose_set import PoseSet
 from support.browser import chromium, complaints, needs_chromium, visited
@@ -38,7 +39,11 @@ def arm():
         found = pp.map_poses(model, poses, verify=0)
         at = model.at("paper")
     errors = at.exact(at.space.sample(0, 0, 40))
-    return found, pages([ViewPose(at, errors, "paper")], error_map=found), pages([ViewPose(at, errors, "paper")])
+    return (
+        found,
+        pages([ViewPose(at, errors, "paper")], layers=[PlacesData.of(found)]),
+        pages([ViewPose(at, errors, "paper")]),
+    )
 
 
 def centres(node: Node) -> np.ndarray:
@@ -71,7 +76,7 @@ def test_the_legend_counts_the_places_and_states_the_ends_of_the_scale(arm):
     shown = [float(tick.partition("<")[0]) for tick in ticks.split("<span>")[1:]]
     np.testing.assert_allclose([shown[0], shown[-1]], sorted(sizes), atol=0.5)  # written in whole mm
     assert "show-map" not in without
-    assert (data_block(text, "settings")["hasMap"], data_block(without, "settings")["hasMap"]) == (True, False)
+    assert (data_block(text, "settings")["layers"], data_block(without, "settings")["layers"]) == ({"map": {}}, {})
 
 
 @pytest.mark.slow

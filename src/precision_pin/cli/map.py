@@ -22,7 +22,7 @@ from precision_pin.cli.options import (
     spec_option,
     target_option,
 )
-from precision_pin.cli.poses import check_poses, pose_files, read_grid, read_pose_set, reference_pose
+from precision_pin.cli.poses import check_poses, pose_files, read_pose_set, reference_pose
 from precision_pin.cli.progress import progress_bar
 from precision_pin.cli.streams import echo_data, say
 from precision_pin.cli.targets import Outputs
@@ -32,10 +32,11 @@ from precision_pin.display.files import whole_folder, write_text
 
 if TYPE_CHECKING:
     from precision_pin.analyses.map.map_result import MapResult
+    from precision_pin.robot.pose_set import PoseSet
     from precision_pin.sheet import Sheet
     from precision_pin.statistics import Specification
 
-__all__ = ["command", "map_grid"]
+__all__ = ["command", "map_of"]
 
 
 class _Options(ChainOptions, PoseOptions, WorkerOptions):
@@ -145,27 +146,26 @@ def _write(result: MapResult, options: _Options) -> None:
         echo_note(f"wrote {out}: map.json, position and attitude as PNG and SVG")
 
 
-def map_grid(
-    sheet: Sheet, file: str, seed: int, specifications: Sequence[Specification] = (), verify: int = 0
+def map_of(
+    sheet: Sheet, poses: PoseSet, seed: int, specifications: Sequence[Specification] = (), verify: int = 0
 ) -> MapResult:
-    """Return the map of the grid of a file, for a page that shows it; print its warnings.
+    """Return the map of poses for a page that shows it; print its warnings.
 
     Parameters
     ----------
-    sheet, file
-        As read, and the file of the grid.
+    sheet, poses
+        As read.
     seed, specifications, verify
         As for :func:`precision_pin.analyses.map.map_poses.map_poses`.
 
     Raises
     ------
     InputError
-        A wrong file, or a grid of which no pose has joint values.
+        No pose has joint values.
     """
     from precision_pin.analyses.map.map_poses import count_steps, map_poses
     from precision_pin.model.error_model import ErrorModel
 
-    poses = read_grid(sheet, file)
     with progress_bar(count_steps(len(poses), None, verify), "mapping", "steps") as progress:
         result = map_poses(
             ErrorModel.from_sheet(sheet),

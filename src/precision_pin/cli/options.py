@@ -24,6 +24,7 @@ __all__ = [
     "map_option",
     "model_option",
     "one_pose_options",
+    "path_option",
     "pose_options",
     "robot_options",
     "seed_option",
@@ -171,6 +172,13 @@ map_option: Final = click.option(
     "map_file",
     metavar="FILE.yaml",
     help="Map a grid, a file as for --grid: within how much 95 % of robots stay at its places.",
+)
+
+path_option: Final = click.option(
+    "--path",
+    "path_file",
+    metavar="FILE",
+    help="Show a path, a file as for --trajectory or --grid: what 95 % of robots keep at its points and all along it.",
 )
 
 

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Literal, Unpack
+from typing import TYPE_CHECKING, Final, Literal, Unpack
 
 import click
 
@@ -22,7 +23,7 @@ from precision_pin.cli.options import (
     spec_option,
     target_option,
 )
-from precision_pin.cli.poses import check_poses, pose_files, read_pose_set
+from precision_pin.cli.poses import MOST_ROWS, check_poses, pose_files, read_grid, read_pose_set
 from precision_pin.cli.progress import compile_sampler, progress_bar
 from precision_pin.cli.streams import echo_data, say
 from precision_pin.cli.targets import Outputs
@@ -31,7 +32,15 @@ from precision_pin.display.files import whole_folder, write_text
 from precision_pin.errors import Finding, InputError, UnitError
 from precision_pin.interrupts import raise_if_interrupted, unwinding
 
-__all__ = ["command"]
+if TYPE_CHECKING:
+    from precision_pin.analyses.path.path_result import PathResult
+    from precision_pin.robot.pose_set import PoseSet
+    from precision_pin.sheet import Sheet
+    from precision_pin.statistics import Specification
+
+__all__ = ["command", "path_of", "read_path"]
+
+SAMPLES: Final = 10_000
 
 
 class _Options(ChainOptions, PoseOptions):
@@ -55,7 +64,7 @@ class _Options(ChainOptions, PoseOptions):
 @click.option(
     "--samples",
     type=int,
-    default=10_000,
+    default=SAMPLES,
     show_default=True,
     metavar="N",
     help="Number of robots; as many again verify the bands.",
@@ -144,3 +153,32 @@ def _probability(text: str) -> float:
     except UnitError as error:
         message = f"--probability {text!r}: {error.findings[0].message}"
         raise InputError([Finding("error", "E_USAGE", message)]) from None
+
+
+def read_path(sheet: Sheet, file: str) -> PoseSet:
+    """Return the poses of a file as for ``--trajectory`` or ``--grid``.
+
+    Raises
+    ------
+    InputError
+        A wrong file.
+    """
+    from precision_pin.robot.pose_sources.trajectory import read_trajectory
+
+    is_grid = Path(file).suffix in (".yaml", ".yml")
+    return read_grid(sheet, file) if is_grid else read_trajectory(file, sheet.chain, MOST_ROWS).poses
+
+
+def path_of(sheet: Sheet, poses: PoseSet, seed: int, specifications: Sequence[Specification] = ()) -> PathResult:
+    """Return the law along a path for a page that shows it; print its warnings."""
+    from precision_pin.analyses.path.path_law import count_steps, path_law
+    from precision_pin.model.error_model import ErrorModel
+
+    with progress_bar(count_steps(len(poses), SAMPLES), "sampling the path") as progress:
+        result = path_law(
+            ErrorModel.from_sheet(sheet), poses, samples=SAMPLES, seed=seed, specifications=specifications,
+            progress=progress,
+        )  # fmt: skip
+    for line in result.warnings:
+        say(line)
+    return result

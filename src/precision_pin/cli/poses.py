@@ -226,10 +226,10 @@ def read_way(sheet: Sheet, file: str, options: PoseOptions, most: int = MOST_ROW
         A wrong file or step, or more than ``most`` poses.
     """
     from precision_pin import units
-    from precision_pin.robot.pose_sources.trajectory import TIME, read_trajectory
+    from precision_pin.robot.pose_sources.trajectory import read_trajectory
 
     way = read_trajectory(file, sheet.chain, most)
-    kinds = {"time_step": TIME, "angle_step": units.ANGLE, "length_step": units.LENGTH}
+    kinds = {"time_step": units.TIME, "angle_step": units.ANGLE, "length_step": units.LENGTH}
     steps: dict[str, float] = {}
     for text in options["steps"]:
         kind = ""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Final, Literal, Unpack, final
 
@@ -11,7 +11,7 @@ import click
 
 from precision_pin.cli import EXIT_SPEC
 from precision_pin.cli.inputs import read_sheet
-from precision_pin.cli.map import map_grid
+from precision_pin.cli.map import map_of
 from precision_pin.cli.notes import all_warnings_option, echo_note, quiet_option
 from precision_pin.cli.options import (
     ChainOptions,
@@ -21,23 +21,28 @@ from precision_pin.cli.options import (
     inputs_argument,
     map_option,
     model_option,
+    path_option,
     pose_options,
     seed_option,
     spec_option,
     target_option,
 )
-from precision_pin.cli.poses import AskedPoses, check_poses, pose_files, read_poses
+from precision_pin.cli.path import path_of, read_path
+from precision_pin.cli.poses import AskedPoses, check_poses, pose_files, read_grid, read_poses
 from precision_pin.cli.progress import compile_sampler, progress_bar
 from precision_pin.cli.streams import say
 from precision_pin.cli.targets import PageOutput
 from precision_pin.errors import InputError
 
 if TYPE_CHECKING:
+    from precision_pin.analyses.iso9283.result import Iso9283Result
     from precision_pin.sampling import Progress
     from precision_pin.sheet import Sheet
 
 __all__ = ["command"]
 
+ROBOTS: Final = 2000
+"""Robots of the test by ISO 9283."""
 MOST_POSES: Final = 12
 """The most poses of one page, each with all its analyses."""
 
@@ -58,6 +63,13 @@ class _Arm(ChainOptions, PoseOptions):
 @model_option
 @spec_option
 @map_option
+@path_option
+@click.option(
+    "--iso9283",
+    "test_at",
+    type=click.Choice(["poses", "cube"]),
+    help="Forecast a test by ISO 9283, at the poses of the report or in the largest cube within reach.",
+)
 @click.option("--out", required=True, metavar="FILE.html", help="The page to write; report.html in a folder.")
 def command(
     samples: int,
@@ -65,13 +77,16 @@ def command(
     model: Literal["exact", "linear"],
     specs: tuple[str, ...],
     map_file: str | None,
+    path_file: str | None,
+    test_at: str | None,
     out: str,
     **arm: Unpack[_Arm],
 ) -> int:
     """Write one self-contained page: verdict, distributions, budget, worst case, exact law, 3-D view.
 
     Several poses are on one page, the worst first; the exit code is 1 if a specification is not met at any of
-    them, or on the map. Without arguments: the paper's arm and sheet, from inside the package. ROBOT may be example:NAME.
+    them, on the map or along the path. Without arguments: the paper's arm and sheet, from inside the package.
+    ROBOT may be example:NAME.
     """
     from precision_pin.draws.space import check_seed
     from precision_pin.sampling import check_samples
@@ -83,13 +98,18 @@ def command(
     check_poses(arm)
     target = PageOutput(out, "report.html")
     target.check()
-    target.outputs.refuse_inputs([*pose_files(arm), *([] if map_file is None else [map_file])])
+    target.outputs.refuse_inputs([*pose_files(arm), *(file for file in (map_file, path_file) if file is not None)])
     package_dirs = arm["package_dirs"]
     sheet = read_sheet(arm, target.outputs)
     asked = _choose_poses(sheet, arm)
     sheet, poses = asked.noted_in(sheet), [pose.where for pose in asked]
+    places = None if map_file is None else read_grid(sheet, map_file)
+    way = None if path_file is None else read_path(sheet, path_file)
     from precision_pin.analyses.map.map_poses import VERIFIED
     from precision_pin.model.error_model import ErrorModel
+    from precision_pin.outputs.iso9283.section import iso9283_chapter
+    from precision_pin.outputs.map.section import map_chapter
+    from precision_pin.outputs.path.section import path_chapter
     from precision_pin.outputs.report.collect import collect_poses, count_steps
     from precision_pin.outputs.report.page import page
 
@@ -97,19 +117,21 @@ def command(
     compile_sampler(space)
     compile_sampler(space, model)
     options: dict[str, tuple[str | None, ...]] = {"--pose": arm["pose_names"], "--q": arm["qs"]}
-    files = {"--trajectory": arm["trajectory"], "--grid": arm["grid"], "--map": map_file}
+    files = {"--trajectory": arm["trajectory"], "--grid": arm["grid"], "--map": map_file, "--path": path_file}
     options |= {option: (None if file is None else _name(file),) for option, file in files.items()}
     options |= {"--approach": (arm["approach"],)}
     options |= {"--step": arm["steps"]}
     options |= {"--target": (arm.get("target"),)}
     options |= {"--tip": (arm["tip"],), "--base": (arm["base"],)}
     options |= {"--package-dir": tuple(map(_name, package_dirs)), "--samples": (str(samples),), "--seed": (str(seed),)}
+    options |= {"--iso9283": (test_at,)}
     options |= {"--model": (model,), "--spec": specs, "--out": ("report.html",)}
     given = [
         word for option, values in options.items() for value in values if value is not None for word in (option, value)
     ]
     given += ["--all-poses"] if arm["all_poses"] else []
-    step = _Steps(count_steps(specifications, len(poses)) + (map_file is not None))
+    asked_for = sum(one is not None for one in (map_file, path_file, test_at))
+    step = _Steps(count_steps(specifications, len(poses)) + asked_for)
     found = collect_poses(
         sheet,
         poses,
@@ -121,19 +143,45 @@ def command(
         package_dirs=package_dirs,
         step=step,
     )
-    error_map = None
-    if map_file is not None:
+    chapters, met_there = [], True
+    if places is not None:
         with step("map", 0):
-            error_map = map_grid(sheet, map_file, seed, specifications, VERIFIED)
+            error_map = map_of(sheet, places, seed, specifications, VERIFIED)
+            chapters.append(map_chapter(error_map))
+            met_there &= error_map.met
+    if way is not None:
+        with step("path", 0):
+            along = path_of(sheet, way, seed, specifications)
+            chapters.append(path_chapter(along))
+            met_there &= along.met
+    if test_at is not None:
+        with step("ISO 9283", 0):
+            chapters.append(iso9283_chapter(_test(sheet, poses, test_at, seed)))
     with step("drawing the page", 0):
-        html = page(found, error_map)
+        html = page(found, chapters)
     target.write(html)
     for line in dict.fromkeys(line for one in found for line in one.analysis.warnings[len(sheet.findings) :]):
         say(line)
     echo_note(f"wrote {target.path} ({len(html.encode()) / 1e6:.1f} MB)")
     met = [result.met for one in found for result in one.analysis.summary.specifications]
-    met += [] if error_map is None else [error_map.met]
-    return 0 if all(met) else EXIT_SPEC
+    return 0 if all(met) and met_there else EXIT_SPEC
+
+
+def _test(sheet: Sheet, poses: Sequence[object], test_at: str, seed: int) -> Iso9283Result:
+    """Return the forecast of a test at the poses, or in the cube."""
+    from precision_pin.analyses.iso9283.forecast import CYCLES, iso9283
+    from precision_pin.model.error_model import ErrorModel
+
+    at = [next(iter(sheet.poses)) if pose is None else pose for pose in poses]
+    count = 5 if test_at == "cube" else len(at)
+    with progress_bar(ROBOTS * count * CYCLES, "testing", "visits") as progress:
+        result = iso9283(
+            ErrorModel.from_sheet(sheet), None if test_at == "cube" else at, robots=ROBOTS, seed=seed,
+            progress=progress,
+        )  # fmt: skip
+    for line in result.warnings:
+        say(line)
+    return result
 
 
 def _choose_poses(sheet: Sheet, arm: PoseOptions) -> AskedPoses:

@@ -12,7 +12,7 @@ import click
 
 from precision_pin.cli import EXIT_SPEC
 from precision_pin.cli.inputs import echo_findings, read_sheet
-from precision_pin.cli.map import map_grid
+from precision_pin.cli.map import map_of
 from precision_pin.cli.notes import all_warnings_option, echo_note, quiet_option
 from precision_pin.cli.options import (
     ChainOptions,
@@ -22,12 +22,14 @@ from precision_pin.cli.options import (
     inputs_argument,
     map_option,
     model_option,
+    path_option,
     pose_options,
     seed_option,
     spec_option,
     target_option,
 )
-from precision_pin.cli.poses import AskedPose, check_poses, pose_files, read_poses
+from precision_pin.cli.path import path_of, read_path
+from precision_pin.cli.poses import AskedPose, check_poses, pose_files, read_grid, read_poses
 from precision_pin.cli.progress import compile_sampler, progress_bar
 from precision_pin.cli.targets import PageOutput
 from precision_pin.errors import Finding, InputError
@@ -39,6 +41,7 @@ if TYPE_CHECKING:
 
     from precision_pin.kernel.sampler import SamplerArrays
     from precision_pin.outputs.view import ViewPose
+    from precision_pin.outputs.view.layers import Layer
     from precision_pin.sheet import Sheet
 
 __all__ = ["command"]
@@ -61,6 +64,7 @@ class _Arm(ChainOptions, PoseOptions):
 @model_option
 @spec_option
 @map_option
+@path_option
 @click.option("--factor", type=float, metavar="K", help="Exaggeration at first; chosen to be seen if left out.")
 @click.option(
     "--out",
@@ -77,6 +81,7 @@ def command(
     model: Literal["exact", "linear"],
     specs: tuple[str, ...],
     map_file: str | None,
+    path_file: str | None,
     factor: float | None,
     out: str | None,
     port: int | None,
@@ -103,12 +108,12 @@ def command(
     if out is not None and (port is not None or no_browser):
         option = "--no-browser" if port is None else "--port"
         raise InputError([Finding("error", "E_USAGE", f"{option} is for a page that is served, without --out")])
-    mapped = [] if map_file is None else [map_file]
+    layered = [file for file in (map_file, path_file) if file is not None]
     target = None if out is None else PageOutput(out, "view.html")
     outputs = None if target is None else target.outputs
     if target is not None and outputs is not None:
         target.check()
-        outputs.refuse_inputs([*pose_files(arm), *mapped])
+        outputs.refuse_inputs([*pose_files(arm), *layered])
 
     kept: list[bool] = []
 
@@ -116,6 +121,7 @@ def command(
         return read_sheet(arm, outputs)
 
     def page_of(sheet: Sheet) -> str:
+        layers = _layers(sheet, map_file, path_file, seed)
         shown, remarks = _sampled(_poses(sheet, arm), sheet, samples, seed, model)
         kept.append(limits_kept(shown, specifications))
         return page(
@@ -128,12 +134,12 @@ def command(
             points=samples,
             specifications=specifications,
             remarks=remarks,
-            error_map=None if map_file is None else map_grid(sheet, map_file, seed),
+            layers=layers,
         )
 
     sheet = read()
     if target is None:
-        files = [sheet.file, sheet.chain.robot.file, *pose_files(arm), *mapped]
+        files = [sheet.file, sheet.chain.robot.file, *pose_files(arm), *layered]
         with unwinding():
             _serve(page_of, sheet, read, [Path(file) for file in files], port or 0, open_browser=not no_browser)
         return 0
@@ -141,6 +147,19 @@ def command(
     target.write(text)
     echo_note(f"wrote {target.path} ({len(text.encode()) / 1e6:.1f} MB)")
     return 0 if all(kept) else EXIT_SPEC
+
+
+def _layers(sheet: Sheet, map_file: str | None, path_file: str | None, seed: int) -> list[Layer]:
+    """Return what is shown beside the arm."""
+    from precision_pin.outputs.view.path_band import PathLayer
+    from precision_pin.outputs.view.places import PlacesData
+
+    layers: list[Layer] = []
+    if map_file is not None:
+        layers.append(PlacesData.of(map_of(sheet, read_grid(sheet, map_file), seed)))
+    if path_file is not None:
+        layers.append(PathLayer.of(path_of(sheet, read_path(sheet, path_file), seed)))
+    return layers
 
 
 def _poses(sheet: Sheet, arm: PoseOptions) -> list[AskedPose]:

@@ -18,13 +18,53 @@ from precision_pin.statistics import SpecificationResult, format_inside, format_
 from precision_pin.statistics.digits import format_interval
 from precision_pin.visible import shown, visible
 
-__all__ = ["headline", "iso9283_table"]
+__all__ = [
+    "angle_rows",
+    "answers",
+    "distance_rows",
+    "headline",
+    "iso9283_table",
+    "position_rows",
+    "setting_lines",
+]
 
 _MOST_DIFFERING: Final = 6
 
 
 def iso9283_table(result: Iso9283Result) -> str:
     """Return what a buyer wants to read first, then the figures of each pose."""
+    of = result.provenance
+    distances = distance_rows(result)
+    lines = [
+        *answers(result),
+        "",
+        *setting_lines(result),
+        "",
+        *aligned(position_rows(result)),
+        "",
+        *aligned(angle_rows(result)),
+        "",
+        *(aligned(distances) if len(distances) > 1 else []),
+        *([] if result.measured is None else ["", *_measured(result.measured)]),
+        "",
+        *(f"{name}: none, {why}" for name, why in result.absent.items()),
+        *resting_on(of.assumed, of.sources),
+    ]
+    return "\n".join(lines)
+
+
+def answers(result: Iso9283Result) -> list[str]:
+    """Return what is asked first: RP and AP that robots will show, the verdicts, and whether a measured robot agrees."""
+    return [
+        headline(result, "RP"),
+        headline(result, "AP"),
+        *(_judged(one, len(result.poses)) for one in result.specifications),
+        *([] if result.measured is None else [verdict(result.measured)]),
+    ]
+
+
+def setting_lines(result: Iso9283Result) -> list[str]:
+    """Return what is tested, and how."""
     of = result.provenance
     point = (
         ""
@@ -33,29 +73,17 @@ def iso9283_table(result: Iso9283Result) -> str:
     )
     load = f"; load {plain(result.mass)} kg" if result.mass else ""
     fit = "; base aligned by the best fit over the poses" if result.fit_base else "; base not aligned"
-    lines = [
-        headline(result, "RP"),
-        headline(result, "AP"),
-        *(_judged(one, len(result.poses)) for one in result.specifications),
-        *([] if result.measured is None else [verdict(result.measured)]),
-        "",
-        f"ISO 9283 of {visible(of.robot)}: {visible(of.base)} to {visible(of.tip)}, {len(result.poses)} poses{point}{load}{fit}",
+    return [
+        f"ISO 9283 of {visible(of.robot)}: {visible(of.base)} to {visible(of.tip)}, {_counted(result)}{point}{load}{fit}",
         f"{result.robots:,} robots, each tested once with {result.cycles} cycles, seed {of.seed}, exact model, statics "
         f"{of.statics}",
         *_cube(result),
         f"quantiles over robots and tests; [intervals] at {result.confidence:.0%} confidence",
-        "",
-        *_positions(result),
-        "",
-        *_angles(result),
-        "",
-        *_distances(result),
-        *([] if result.measured is None else ["", *_measured(result.measured)]),
-        "",
-        *(f"{name}: none, {why}" for name, why in result.absent.items()),
-        *resting_on(of.assumed, of.sources),
     ]
-    return "\n".join(lines)
+
+
+def _counted(result: Iso9283Result) -> str:
+    return "1 pose" if len(result.poses) == 1 else f"{len(result.poses)} poses"
 
 
 def _cube(result: Iso9283Result) -> list[str]:
@@ -116,25 +144,28 @@ def _judged(one: SpecificationResult, poses: int) -> str:
     return f"{demand} - {share} % of {of} keep it in a test, interval {low} to {high} %{more}"
 
 
-def _positions(result: Iso9283Result) -> list[str]:
+def position_rows(result: Iso9283Result) -> list[list[str]]:
+    """Return AP and RP at each pose, mm, the headings first."""
     rows = [["mm", "", "AP median", "95 %", "interval", "RP median", "95 %", "interval", "many cycles"]]
     for pose, at in result.poses.items():
         figures = [cell for law in (at.AP, at.RP) for cell in (_quantile(law, 0.5)[0], *_quantile(law, 0.95))]
         rows.append([pose, shown(at.label.name) if at.label.name else "", *figures, milli(at.RP_limit.mean, 4)])
-    return aligned(rows)
+    return rows
 
 
-def _angles(result: Iso9283Result) -> list[str]:
+def angle_rows(result: Iso9283Result) -> list[list[str]]:
+    """Return AP and RP of the angles at each pose, mrad, the headings first."""
     rows = [["mrad", "5 % to 95 %", *(f"AP_{axis}" for axis in "abc"), "95 %", *(f"RP_{axis}" for axis in "abc")]]
     for pose, at in result.poses.items():
         spans = [
             f"{_end(getattr(at, f'AP_{axis}'), 0.05)} to {_end(getattr(at, f'AP_{axis}'), 0.95)}" for axis in "abc"
         ]
         rows.append([pose, "", *spans, "", *(_end(getattr(at, f"RP_{axis}"), 0.95) for axis in "abc")])
-    return aligned(rows)
+    return rows
 
 
-def _distances(result: Iso9283Result) -> list[str]:
+def distance_rows(result: Iso9283Result) -> list[list[str]]:
+    """Return the figures that a test has once, mm, the headings first."""
     rows = [["mm", "", "5 %", "median", "95 %", "interval"]]
     words = {
         "AD": "distance accuracy P2 to P4",
@@ -148,7 +179,7 @@ def _distances(result: Iso9283Result) -> list[str]:
         law = getattr(result, name)
         if law is not None:
             rows.append([name, meaning, _end(law, 0.05), _end(law, 0.5), *_quantile(law, 0.95)])
-    return aligned(rows) if len(rows) > 1 else []
+    return rows
 
 
 def _measured(measured: Comparison) -> list[str]:

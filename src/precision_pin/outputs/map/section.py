@@ -7,11 +7,13 @@ from precision_pin.outputs.kit.html import Html, items, paragraph, section, tabl
 from precision_pin.outputs.kit.svg import figure as inline_figure
 from precision_pin.outputs.map.figure import figure
 from precision_pin.outputs.map.table import answers, verdict_lines, worst_rows
+from precision_pin.outputs.report.chapter import Chapter
+from precision_pin.outputs.view.places import PlacesData
 
-__all__ = ["map_section", "map_verdicts"]
+__all__ = ["map_chapter"]
 
 
-def map_section(result: MapResult) -> Html:
+def _section(result: MapResult) -> Html:
     """Return the section."""
     said, rows = answers(result), worst_rows(result)
     pictures = [
@@ -32,7 +34,7 @@ def map_section(result: MapResult) -> Html:
     return section("map", "Map", items(said), *pictures, poses, note)
 
 
-def map_verdicts(result: MapResult | None) -> list[Html]:
-    """Return a line for each specification, for the head of the page: what is met at its poses may be missed on the map."""
-    lines = [] if result is None else verdict_lines(result)
-    return [paragraph(f"On the map: {line}", class_="subject") for line in lines]
+def map_chapter(result: MapResult) -> Chapter:
+    """Return the map as a chapter; its verdicts are at the head too: what is met at the poses may be missed on the map."""
+    answers = tuple(f"On the map: {line}" for line in verdict_lines(result))
+    return Chapter("map", "Map", _section(result), answers, PlacesData.of(result))

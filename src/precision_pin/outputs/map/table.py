@@ -37,10 +37,10 @@ def map_table(result: MapResult) -> str:
     counts = ", ".join(f"{number:,} {status}" for status, number in Counter(result.poses.status).items())
     poses = f"{count:,} pose{'' if count == 1 else 's'}"
     lines = [
+        *answers(result),
+        "",
         f"{visible(of.robot)}: {visible(of.base)} to {visible(of.tip)}, map of {poses}: {counts}",
         f"closed form, first order, normal error, statics {of.statics}; {_sampling(result)}",
-        "",
-        *answers(result),
         "",
         *aligned([list(rows[0]), *(list(row.values()) for row in rows)]),
     ]

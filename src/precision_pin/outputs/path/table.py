@@ -12,7 +12,7 @@ from precision_pin.statistics import SpecificationResult, format_inside, format_
 from precision_pin.statistics.digits import format_interval
 from precision_pin.visible import shortened, shown, visible
 
-__all__ = ["path_table"]
+__all__ = ["band_lines", "headline", "maximum_rows", "path_table", "pose_rows", "verdict_lines", "where_line"]
 
 _QUANTITIES: Final = (("position.norm", "mm"), ("attitude.norm", "mrad"))
 _MOST_ROWS: Final = 12
@@ -27,18 +27,19 @@ def path_table(result: PathResult) -> str:
     of = result.provenance
     share = f"{100 * result.probability:.6g} %"
     lines = [
+        headline(result),
+        where_line(result),
+        *verdict_lines(result),
+        "",
         f"{visible(of.robot)}: {visible(of.base)} to {visible(of.tip)}, a path of {len(result.poses):,} poses{_duration(result)}",
         f"{result.samples:,} robots, seed {of.seed}, {result.model} model, statics {of.statics}; intervals and digits at "
         f"{result.confidence:.0%} confidence",
         "",
-        f"largest error along the path: {share} of robots within {_within(result, result.probability)}",
-        *(_verdict(one) for one in result.specification_results),
+        *aligned(maximum_rows(result)),
         "",
-        *aligned([_header(result), *(_row(result, norm) for norm in (0, 1))]),
+        *band_lines(result),
         "",
-        *(_band_line(result, norm) for norm in (0, 1)),
-        "",
-        *aligned([["pose", "|d| mm", "band", "largest here", "|δ| mrad", "band", "largest here"], *_poses(result)]),
+        *aligned(pose_rows(result)),
     ]
     hidden = len(result.poses) - len(_listed(result))
     lines += [f"and {hidden:,} more poses: --json FILE writes all"] if hidden else []
@@ -48,6 +49,39 @@ def path_table(result: PathResult) -> str:
     ]
     lines += resting_on(of.assumed, of.sources)
     return "\n".join(lines)
+
+
+def headline(result: PathResult) -> str:
+    """Return in a sentence how far off robots are at most along the path."""
+    share = f"{100 * result.probability:.6g} %"
+    return f"largest error along the path: {share} of robots within {_within(result, result.probability)}"
+
+
+def where_line(result: PathResult) -> str:
+    """Return in a sentence where most robots have their largest position error."""
+    label = result.poses.labels[result.worst_pose(0)]
+    where = shown(label) if len(label) <= _MOST_LETTERS else shortened(visible(label), _MOST_LETTERS)
+    return f"most often at {where}: {100 * float(result.share_of_maximum[0].max()):.3g} % of robots have their largest |d| there"
+
+
+def verdict_lines(result: PathResult) -> list[str]:
+    """Return a line for each specification."""
+    return [_verdict(one) for one in result.specification_results]
+
+
+def maximum_rows(result: PathResult) -> list[list[str]]:
+    """Return the quantiles of the largest errors, the headings first."""
+    return [_header(result), *(_row(result, norm) for norm in (0, 1))]
+
+
+def band_lines(result: PathResult) -> list[str]:
+    """Return a line for the band of the position and of the attitude."""
+    return [_band_line(result, norm) for norm in (0, 1)]
+
+
+def pose_rows(result: PathResult) -> list[list[str]]:
+    """Return the cells of the poses that are listed, the headings first."""
+    return [["pose", "|d| mm", "band", "largest here", "|δ| mrad", "band", "largest here"], *_poses(result)]
 
 
 def _duration(result: PathResult) -> str:

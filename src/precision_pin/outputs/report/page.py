@@ -6,14 +6,13 @@ import importlib.resources
 from collections.abc import Sequence
 from typing import Final
 
-from precision_pin.analyses.map.map_result import MapResult
 from precision_pin.analyses.registry import declarations
 from precision_pin.outputs.kit.html import Html, element, joined, paragraph, section
-from precision_pin.outputs.map.section import map_section, map_verdicts
 from precision_pin.outputs.mcpc import geometry
 from precision_pin.outputs.monte_carlo.section import distributions
 from precision_pin.outputs.monte_carlo.verdict import describe_verdict, specifications
 from precision_pin.outputs.report.assumptions import assumptions
+from precision_pin.outputs.report.chapter import Chapter
 from precision_pin.outputs.report.collect import Missing, Results
 from precision_pin.outputs.report.parameters import parameters
 from precision_pin.outputs.report.reproduction import reproduction
@@ -33,7 +32,7 @@ _LAST: Final = {
 _WITHOUT_SCRIPTS: Final = Html("<noscript><style>#view { display: none; }</style></noscript>")
 
 
-def page(results: Results | Sequence[Results], error_map: MapResult | None = None) -> str:
+def page(results: Results | Sequence[Results], chapters: Sequence[Chapter] = ()) -> str:
     """Return one self-contained HTML page about one pose or several: verdict, distributions, causes, bounds, 3-D view.
 
     It loads nothing from outside, runs no script but those of the 3-D view, which run in a sandboxed frame, and is the same
@@ -43,8 +42,8 @@ def page(results: Results | Sequence[Results], error_map: MapResult | None = Non
     ----------
     results
         What it shows, of several poses the worst first.
-    error_map
-        A map of the same chain, for a section of its own and for the 3-D view.
+    chapters
+        What it has beside its poses, such as a map or a path of the same chain.
     """
     poses = [results] if isinstance(results, Results) else list(results)
     worst = poses[0]
@@ -63,16 +62,15 @@ def page(results: Results | Sequence[Results], error_map: MapResult | None = Non
     )
     sections = [
         summary(poses),
-        _contents(poses, error_map),
+        _contents(poses, chapters),
         *_details(worst),
         *(_folded(other) for other in poses[1:]),
-        *(() if error_map is None else (map_section(error_map),)),
-        scene(poses, error_map),
+        *(chapter.section for chapter in chapters),
+        scene(poses, [chapter.layer for chapter in chapters if chapter.layer is not None]),
         *(make(poses) for _, make in _LAST.values()),
     ]
-    header = element(
-        "header", element("h1", title), paragraph(describe_run(poses), class_="subject"), *map_verdicts(error_map)
-    )
+    answers = [paragraph(line, class_="subject") for chapter in chapters for line in chapter.answers]
+    header = element("header", element("h1", title), paragraph(describe_run(poses), class_="subject"), *answers)
     main = element("main", *sections, id="main", tabindex="-1")
     footer = element("footer", paragraph("Written by precision-pin."))
     body = joined([element("a", "Skip to the result", class_="skip", href="#main"), header, main, footer])
@@ -102,11 +100,11 @@ def _section(name: str, results: Results) -> Html:
     return section(f"{results.prefix}{name}", declaration.heading, *declaration.content(result, results))
 
 
-def _contents(poses: Sequence[Results], error_map: MapResult | None) -> Html:
+def _contents(poses: Sequence[Results], chapters: Sequence[Chapter]) -> Html:
     titles = {"verdict": "Result", "distributions": "Distributions"}
     titles |= {name: declarations()[name].title for name in poses[0].found}
     titles |= {f"{other.prefix}pose": f"Pose {name_pose(other)}" for other in poses[1:]}
-    titles |= {} if error_map is None else {"map": "Map"}
+    titles |= {chapter.name: chapter.title for chapter in chapters}
     titles |= {"view": "3-D view", **{name: title for name, (title, _) in _LAST.items()}}
     links = (element("li", element("a", title, href=f"#{name}")) for name, title in titles.items())
     return element("nav", element("ul", *links), aria_label="Contents")

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from precision_pin.analyses.map.map_result import MapResult
 from precision_pin.display.html import escaped
 from precision_pin.outputs.kit.html import Html, element, paragraph
 from precision_pin.outputs.report.collect import Results
 from precision_pin.outputs.report.wording import subject
 from precision_pin.outputs.view import ViewPose, page, script_hashes
+from precision_pin.outputs.view.layers import Layer
 
 __all__ = ["policy_hashes", "scene"]
 
@@ -19,7 +19,7 @@ def policy_hashes() -> str:
     return " ".join(script_hashes())
 
 
-def scene(poses: Sequence[Results], error_map: MapResult | None = None) -> Html:
+def scene(poses: Sequence[Results], layers: Sequence[Layer] = ()) -> Html:
     """Return the 3-D view of all poses in a frame that may run its scripts and nothing else; it is not for paper."""
     first = poses[0]
     analysis = first.analysis
@@ -34,7 +34,7 @@ def scene(poses: Sequence[Results], error_map: MapResult | None = None) -> Html:
         model_name=analysis.model,
         points=count,
         package_dirs=first.package_dirs,
-        error_map=error_map,
+        layers=layers,
     )
     label = f"3-D view of {analysis.robot}, {subject(first)}: the arm, its end-effector frame and {count:,} sampled positions"
     title = element("h2", "3-D view", id="view-heading")

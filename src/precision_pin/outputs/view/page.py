@@ -16,13 +16,12 @@ from typing import Final
 
 import numpy as np
 
-from precision_pin.analyses.map.map_result import MapResult
 from precision_pin.display.html import escaped
 from precision_pin.errors import InputError, InternalError
 from precision_pin.outputs.view.arm import draw_arm
 from precision_pin.outputs.view.headline import CONFIDENCE, LEVELS, as_html, limit_text
+from precision_pin.outputs.view.layers import Layer
 from precision_pin.outputs.view.picture import picture
-from precision_pin.outputs.view.places import PlacesData, draw_places, legend_of_places
 from precision_pin.outputs.view.poses import (
     MOST_FRAMES,
     PageData,
@@ -52,7 +51,18 @@ __all__ = ["page", "script_hashes"]
 
 
 _GRID: Final[Colour] = (0.60, 0.64, 0.69, 1.0)
-_SCRIPTS: Final = ("stage", "cloud", "frames", "arms", "tolerances", "headline", "camera", "pointer", "controls")
+_SCRIPTS: Final = (
+    "stage",
+    "cloud",
+    "path",
+    "frames",
+    "arms",
+    "tolerances",
+    "headline",
+    "camera",
+    "pointer",
+    "controls",
+)
 # shares of the arm's length
 _FRAME_LENGTH: Final = 0.06
 _GRID_SPACING: Final = 0.125
@@ -71,7 +81,7 @@ def page(
     package_dirs: Sequence[str | os.PathLike[str]] = (),
     specifications: Sequence[Specification] = (),
     remarks: Sequence[str] = (),
-    error_map: MapResult | None = None,
+    layers: Sequence[Layer] = (),
 ) -> str:
     """Return a self-contained HTML page that shows the arm and its sampled errors.
 
@@ -105,9 +115,8 @@ def page(
         the factor, and robots outside any limit have a colour of their own.
     remarks
         What the answer rests on, for a line each below it.
-    error_map
-        A map of the same chain: each of its places is coloured by the 95 % quantile of |d|, to first order, of the worst pose
-        there, and grey where none is reached.
+    layers
+        What is shown beside the arm and its errors, such as a map or a path of the same chain.
 
     Raises
     ------
@@ -132,9 +141,8 @@ def page(
     scene = Scene()
     parts, notes = draw_arm(scene, posture, [Path(folder) for folder in package_dirs])
     _draw_grid(scene, spacing)
-    places = None if error_map is None else PlacesData.of(error_map)
-    if places is not None:
-        draw_places(scene, places, length)
+    for layer in layers:
+        layer.draw(scene, length)
     common = PageData(
         seed=seed,
         parts=parts,
@@ -153,7 +161,7 @@ def page(
         "smallest": min(1.0, first_factor),
         "largest": 10 * max(1.0, first_factor),
         "length": length,
-        "hasMap": places is not None,
+        "layers": {layer.name: layer.settings(length) for layer in layers},
         "frame": _FRAME_LENGTH * length,
         "from": direction.tolist(),
         "stops": scale.stops,
@@ -195,7 +203,7 @@ def page(
         grid=escaped(f"{spacing:g} m" if spacing >= 1 else f"{1e3 * spacing:g} mm"),
         rows=_rows(posture, texts, seed, model_name, first_factor, caption),
         notes=_list(notes),
-        map=legend_of_places(places),
+        layers="\n".join(layer.legend() for layer in layers),
         **_legend_of_arms(data),
         **_legend_of_limits(specifications, data),
     )

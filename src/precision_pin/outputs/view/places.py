@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Final, final
+from typing import Any, Final, final
 
 import numpy as np
 from matplotlib.colors import to_rgb
@@ -16,7 +16,7 @@ from precision_pin.outputs.view.scales import ColourScale
 from precision_pin.outputs.view.scene import Colour, Scene
 from precision_pin.typing import Array
 
-__all__ = ["PlacesData", "draw_places", "legend_of_places"]
+__all__ = ["PlacesData"]
 
 _UNREACHED: Final[Colour] = (0.62, 0.62, 0.62, 1.0)
 _CORNERS: Final = np.concatenate([np.eye(3), -np.eye(3)])
@@ -63,48 +63,42 @@ class PlacesData:
         sizes = np.where(np.isfinite(worst), worst, np.nan)
         return cls(positions, sizes, ColourScale.of(sizes[np.isfinite(sizes)]))
 
+    @property
+    def name(self) -> str:
+        """Name of the layer."""
+        return "map"
 
-def draw_places(scene: Scene, data: PlacesData, length: float) -> None:
-    """Add a mark at each place: one surface for each colour, so that thousands stay a page that opens quickly.
+    def settings(self, length: float) -> dict[str, Any]:
+        """Return nothing: the marks stand as they are."""
+        del length
+        return {}
 
-    Parameters
-    ----------
-    scene
-        Where to.
-    data
-        The places.
-    length
-        Of the arm, m.
-    """
-    radius = _radius(data.positions, length)
-    colours, scale = data.scale.stops, data.scale
-    span = scale.largest - scale.smallest
-    share = (data.sizes - scale.smallest) / span if span > 0 else np.where(np.isnan(data.sizes), np.nan, 1.0)
-    known = np.isfinite(share)
-    stops = np.rint(np.where(known, share, 0) * (len(colours) - 1)).astype(int)
-    for stop, colour in enumerate(colours):
-        chosen = known & (stops == stop)
-        _draw_marks(scene, f"level{stop}", data.positions[:, chosen], radius, (*to_rgb(colour), 1.0))
-    _draw_marks(scene, "unreached", data.positions[:, ~known], _SMALLER * radius, _UNREACHED)
+    def draw(self, scene: Scene, length: float) -> None:
+        """Add a mark at each place: one surface for each colour, so that thousands stay a page that opens quickly."""
+        radius = _radius(self.positions, length)
+        colours, scale = self.scale.stops, self.scale
+        span = scale.largest - scale.smallest
+        share = (self.sizes - scale.smallest) / span if span > 0 else np.where(np.isnan(self.sizes), np.nan, 1.0)
+        known = np.isfinite(share)
+        stops = np.rint(np.where(known, share, 0) * (len(colours) - 1)).astype(int)
+        for stop, colour in enumerate(colours):
+            chosen = known & (stops == stop)
+            _draw_marks(scene, f"level{stop}", self.positions[:, chosen], radius, (*to_rgb(colour), 1.0))
+        _draw_marks(scene, "unreached", self.positions[:, ~known], _SMALLER * radius, _UNREACHED)
 
-
-def legend_of_places(data: PlacesData | None) -> str:
-    """Return the section of the legend; empty without a map."""
-    if data is None:
-        return ""
-    unreached = int(np.isnan(data.sizes).sum())
-    many = "places that are" if unreached > 1 else "place that is"
-    grey = f"; grey: {unreached:,} {many} not reached" if unreached else ""
-    ticks = "".join(f"<span>{escaped(tick)}</span>" for tick in data.scale.ticks)
-    reached = len(data.sizes) - unreached
-    words = f"{reached:,} place{'' if reached == 1 else 's'}, coloured by the worst pose at each{grey}"
-    return (
-        f'<section aria-label="Map"><h2>Map: 95 % of robots within |d|, {data.scale.unit.name}</h2>'
-        f'<div class="bar" style="background: linear-gradient(to right, {", ".join(data.scale.stops)})"></div>'
-        f'<p class="ticks">{ticks}</p><ul class="legend controls"><li><label><input type="checkbox" id="show-map" checked>'
-        f'<i class="dot"></i><span>{escaped(words)}</span></label></li></ul>'
-        '<p class="fine">To first order; places and arm are true to scale.</p></section>'
-    )
+    def legend(self) -> str:
+        """Return the section of the legend: the colours, and how many places there are."""
+        unreached = int(np.isnan(self.sizes).sum())
+        many = "places that are" if unreached > 1 else "place that is"
+        grey = f"; grey: {unreached:,} {many} not reached" if unreached else ""
+        reached = len(self.sizes) - unreached
+        words = f"{reached:,} place{'' if reached == 1 else 's'}, coloured by the worst pose at each{grey}"
+        return (
+            f'<section aria-label="Map"><h2>Map: 95 % of robots within |d|, {self.scale.unit.name}</h2>'
+            f'{self.scale.bar()}<ul class="legend controls"><li><label><input type="checkbox" id="show-map" checked>'
+            f'<i class="dot"></i><span>{escaped(words)}</span></label></li></ul>'
+            '<p class="fine">To first order; places and arm are true to scale.</p></section>'
+        )
 
 
 def _draw_marks(scene: Scene, name: str, positions: Array, radius: float, colour: Colour) -> None:

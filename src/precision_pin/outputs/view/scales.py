@@ -10,6 +10,7 @@ from typing import Final, final
 import numpy as np
 from numpy.typing import ArrayLike
 
+from precision_pin.display.html import escaped
 from precision_pin.display.units import WrittenUnit
 from precision_pin.robot.chain import Posture
 from precision_pin.typing import Array
@@ -210,6 +211,12 @@ class ColourScale:
         step = (self.largest - self.smallest) * per_metre / 4 or self.largest * per_metre / 10
         decimals = min(6, max(0, 1 - math.floor(math.log10(step)))) if step > 0 else 0
         return tuple(f"{value:.{decimals}f}" for value in values)
+
+    def bar(self) -> str:
+        """Return the bar of the colours and its labels, HTML."""
+        ticks = "".join(f"<span>{escaped(tick)}</span>" for tick in self.ticks)
+        colours = ", ".join(self.stops)
+        return f'<div class="bar" style="background: linear-gradient(to right, {colours})"></div><p class="ticks">{ticks}</p>'
 
 
 def _hexadecimal(places: ArrayLike) -> tuple[str, ...]:

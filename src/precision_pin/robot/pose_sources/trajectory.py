@@ -27,9 +27,8 @@ from precision_pin.robot.pose_sources.joint_grid import MOST_POSES
 from precision_pin.typing import Array
 from precision_pin.visible import shown
 
-__all__ = ["TIME", "Column", "Trajectory", "read_trajectory"]
+__all__ = ["Column", "Trajectory", "read_trajectory"]
 
-TIME: Final = units.Quantity("time", "s", {"s": 1.0, "ms": 1e-3, "min": 60.0})
 _TIMES: Final = ("t", "time")
 _LONGEST: Final = 40
 _ROUNDING: Final = 1e-9
@@ -241,7 +240,7 @@ def _column(heading: str, chain: Chain, *, is_first: bool) -> Column:
         slides = chain.prismatic[chain.joint_index(name)]
         return Column(heading, name, _factor(heading, unit, units.LENGTH if slides else units.ANGLE))
     if is_first and name in _TIMES:
-        return Column(heading, "", _factor(heading, unit, TIME))
+        return Column(heading, "", _factor(heading, unit, units.TIME))
     what = f"the column {name!r} is no joint of the chain; {nearest(name, chain.joint_names)}"
     raise InputError(what + (f"; times come first, as {name!r}" if name in _TIMES else ""))
 

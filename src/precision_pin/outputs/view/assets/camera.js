@@ -97,7 +97,7 @@ function look(what) {
   const pose = poses[current];
   if (what === "arm") {
     points.push(...cornersOf(kinds.arm), ...(kinds.base.visible ? cornersOf(kinds.base) : []),
-      ...(kinds.map?.visible ? cornersOf(kinds.map) : []));
+      ...Object.keys(settings.layers).flatMap((layer) => (kinds[layer].visible ? cornersOf(kinds[layer]) : [])));
     for (const stands of poses.flatMap((one) => [...one.links, one.tip])) {
       points.push(new THREE.Vector3(...stands.slice(12, 15)).applyMatrix4(base.matrixWorld));
     }

@@ -21,6 +21,7 @@ function setFactor(value) {
   errors.scale.set(factor, factor, factor);
   showFrames(poses[current], factor);
   showLikenesses(poses[current], factor);
+  showPath(factor);
   viewer.set_dirty();
   slider.value = Math.log10(factor);
   slider.setAttribute("aria-valuetext", three(factor) + " times");

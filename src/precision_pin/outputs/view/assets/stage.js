@@ -1,4 +1,4 @@
-// All scripts of the page stand in one function, in the order stage, cloud, frames, arms, tolerances, headline, camera,
+// All scripts of the page stand in one function, in the order stage, cloud, path, frames, arms, tolerances, headline, camera,
 // pointer, controls.
 // Positions are in m, in the axes of the base; matrices are 16 numbers by columns, as three.js keeps them.
 
@@ -33,8 +33,8 @@ const node = (...path) => viewer.scene_tree.find(["meshcat", ...path]).object;
 // the base; what shows errors is put here, beside the arm and the grid of the scene
 const base = node();
 const kinds = { arm: node("arm"), grid: node("grid") };
-if (settings.hasMap) {
-  kinds.map = node("map");
+for (const layer of Object.keys(settings.layers)) {
+  kinds[layer] = node(layer);
 }
 
 function kind(name, parent = base) {
