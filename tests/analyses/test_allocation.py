@@ -19,7 +19,7 @@ HALF = np.array([0.1e-3, 0.2e-3, 0.05e-3])
 COSTS = np.array([1.0, 4.0, 9.0])
 
 
-def _model(folder: Path, axes: str = "xyz", law: str = "uniform", mean: str = "0 mm") -> pp.ErrorModel:
+def slide_model(folder: Path, axes: str = "xyz", law: str = "uniform", mean: str = "0 mm") -> pp.ErrorModel:
     """Return a tip with three offsets, each of its own tolerance."""
     (folder / "slide.urdf").write_text(URDF, encoding="utf-8")
     lengths = [f"{1e3 * half:g} mm" for half in HALF]
@@ -51,7 +51,7 @@ def _problem(*specs: object, law: str = "uniform", **bounds: str) -> dict[str, o
 
 def test_root_mean_square_costs_what_the_closed_form_says(tmp_path: Path) -> None:
     limit = 0.3e-3
-    result = pp.allocate(_model(tmp_path), _problem({"rms": "0.3 mm"}))
+    result = pp.allocate(slide_model(tmp_path), _problem({"rms": "0.3 mm"}))
     least = float((COSTS ** (2 / 3) * (1 / 3) ** (1 / 3)).sum() ** 1.5 / limit)
     assert result.cost == pytest.approx(least, rel=1e-6)
     assert result.lower_bound == pytest.approx(least, rel=1e-6)
@@ -60,14 +60,14 @@ def test_root_mean_square_costs_what_the_closed_form_says(tmp_path: Path) -> Non
 
 
 def test_worst_case_costs_what_the_closed_form_says(tmp_path: Path) -> None:
-    result = pp.allocate(_model(tmp_path, "xxx"), _problem({"worst_case": "0.3 mm"}))
+    result = pp.allocate(slide_model(tmp_path, "xxx"), _problem({"worst_case": "0.3 mm"}))
     least = float(np.sqrt(COSTS).sum() ** 2 / 0.3e-3)
     assert result.cost == pytest.approx(least, rel=1e-6)
     assert result.lower_bound == pytest.approx(least, rel=1e-6)
 
 
 def test_quantile_is_as_cheap_as_another_optimiser_finds_and_shown_by_fresh_samples(tmp_path: Path) -> None:
-    model = _model(tmp_path, law="normal", mean="0.05 mm")
+    model = slide_model(tmp_path, law="normal", mean="0.05 mm")
     result = pp.allocate(model, _problem("0.3 mm @ 95 %", law="normal"))
     one = result.limits[0]
     assert one.aimed is not None
@@ -93,7 +93,7 @@ def test_quantile_is_as_cheap_as_another_optimiser_finds_and_shown_by_fresh_samp
 
 
 def test_limit_below_what_the_narrowest_tolerances_reach_is_infeasible(tmp_path: Path) -> None:
-    result = pp.allocate(_model(tmp_path), _problem({"rms": "0.01 mm"}, min="0.05 mm"))
+    result = pp.allocate(slide_model(tmp_path), _problem({"rms": "0.01 mm"}, min="0.05 mm"))
     assert not result.feasible
     assert not result.met
     assert result.after == pytest.approx([0.05e-3] * 3)
@@ -102,7 +102,7 @@ def test_limit_below_what_the_narrowest_tolerances_reach_is_infeasible(tmp_path:
 def test_mean_is_not_taken_for_a_tolerance(tmp_path: Path) -> None:
     problem = {"tolerances": [{"path": "parameters.a0.mean", "cost": {"reciprocal": 1}}], "specs": ["1 mm"]}
     with pytest.raises(InputError, match="changes the mean"):
-        pp.allocate(_model(tmp_path, mean="0.05 mm"), problem)
+        pp.allocate(slide_model(tmp_path, mean="0.05 mm"), problem)
 
 
 def test_group_without_a_common_value_is_refused(tmp_path: Path) -> None:
@@ -114,4 +114,4 @@ def test_group_without_a_common_value_is_refused(tmp_path: Path) -> None:
         "specs": [{"rms": "1 mm"}],
     }
     with pytest.raises(InputError, match="group g"):
-        pp.allocate(_model(tmp_path), problem)
+        pp.allocate(slide_model(tmp_path), problem)

@@ -2,27 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from time import monotonic
 from typing import Any, Final
 
 import numpy as np
 
 from precision_pin.analyses.allocation.allocation_result import AllocatedLimit, AllocationResult
-from precision_pin.analyses.allocation.problem import Bound, Problem, Tolerance, read_problem
+from precision_pin.analyses.allocation.grades import solve_with_grades
+from precision_pin.analyses.allocation.problem import Bound, Problem, Tolerance, common_grades, read_problem
 from precision_pin.analyses.allocation.programme import Limit, Programme, Solution
 from precision_pin.analyses.allocation.scaling import Contributions, changed_model, contributions
 from precision_pin.analyses.provenance import Provenance
 from precision_pin.call_warnings import warns_at_end
+from precision_pin.display.progress import steps_to
 from precision_pin.draws.space import check_seed
 from precision_pin.errors import Finding
-from precision_pin.inputs.arguments import check_instance, check_items
+from precision_pin.inputs.arguments import check_instance, check_items, check_number
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.sampling.many_poses import sample_poses
 from precision_pin.statistics import COMPONENTS, Specification
 from precision_pin.typing import Array
 
-__all__ = ["SAMPLES", "allocate"]
+__all__ = ["SAMPLES", "allocate", "allocation_steps"]
 
 SAMPLES: Final = 50_000
 """Fresh samples of a verification."""
@@ -36,7 +39,9 @@ def allocate(
     problem: Mapping[str, Any] | None = None,
     *,
     seed: int = 0,
+    seconds: float = 60.0,
     findings: Sequence[Finding] = (),
+    progress: Callable[[int], None] | bool | None = None,
 ) -> AllocationResult:
     """Return the cheapest tolerances that keep every limit at every pose.
 
@@ -52,8 +57,12 @@ def allocate(
         ``tolerances``, ``specs`` and ``poses`` as the sheet's ``allocate:`` has them; by default the sheet's own.
     seed
         64-bit seed of the samples.
+    seconds
+        Time for the choice of grades; after it the best found is returned, with the gap that is left.
     findings
         Warnings to include in the result, such as those of the sheet.
+    progress
+        Function called with the steps done since its last call, :func:`allocation_steps` in all; ``True`` shows a bar.
 
     Raises
     ------
@@ -64,31 +73,61 @@ def allocate(
     """
     check_instance("error_model", error_model, ErrorModel, "as ErrorModel.load makes it")
     check_seed(seed)
+    check_number("the seconds of an allocation", seconds, "a number above zero", lambda value: value > 0)
     known = check_items("findings", findings, Finding)
     task = read_problem(error_model, problem)
+    with steps_to(progress, allocation_steps(task), "steps") as advance:
+        return _allocate(error_model, task, int(seed), seconds, known, advance)
+
+
+def allocation_steps(problem: Problem) -> int:
+    """Return the number of steps that ``progress`` is told of."""
+    return len(problem.tolerances) + _ROUNDS
+
+
+def _allocate(
+    model: ErrorModel,
+    task: Problem,
+    seed: int,
+    seconds: float,
+    findings: tuple[Finding, ...],
+    advance: Callable[[int], None],
+) -> AllocationResult:
     bounded = any(isinstance(one, Bound) and one.kind == "worst_case" for one in task.limits)
-    parts = contributions(error_model, task.tolerances, task.poses, worst_case=bounded)
+    parts = contributions(model, task.tolerances, task.poses, worst_case=bounded, advance=advance)
     members = _members(task.tolerances)
     chances = tuple(one for one in task.limits if isinstance(one, Specification))
     aims = [one.required for one in chances]
+    choices = [common_grades(_own(task, members, g)) for g in range(int(members.max()) + 1)]
+    end = monotonic() + seconds
+    sampled = np.zeros((3, 0, len(task.poses)))
     for attempt in range(_ROUNDS):
         programme = _programme(task, parts, members, aims)
-        solution = programme.solve()
+        solution = (
+            programme.solve()
+            if all(one is None for one in choices)
+            else solve_with_grades(programme, choices, end - monotonic(), lambda _: advance(0))
+        )
         # what cannot be met is verified with the narrowest tolerances
         chosen = (programme.low if solution is None else solution.t)[members]
         if not chances:
-            sampled = np.zeros((3, 0, len(task.poses)))
             break
-        changed = changed_model(error_model, task.tolerances, chosen)
+        changed = changed_model(model, task.tolerances, chosen)
         result = sample_poses(
             changed, list(task.poses), samples=SAMPLES, seed=(seed + attempt) % 2**64, specifications=chances
         )
         sampled = np.stack([result.probability, *np.moveaxis(result.probability_interval, 1, 0)])
         missing = [one.required - float(low.min()) for one, low in zip(chances, sampled[1], strict=True)]
+        advance(1)
         if solution is None or max(missing) <= 0:
             break
         aims = [min(aim + max(lack, 0.0) * 1.25, (1 + aim) / 2) for aim, lack in zip(aims, missing, strict=True)]
-    return _result(error_model, task, programme, solution, chosen, sampled, seed, known)
+    advance(_ROUNDS - (attempt + 1 if chances else 0))
+    return _result(model, task, programme, solution, chosen, sampled, seed, findings)
+
+
+def _own(task: Problem, members: Array, group: int) -> list[Tolerance]:
+    return [one for one, own in zip(task.tolerances, members, strict=True) if own == group]
 
 
 def _members(tolerances: Sequence[Tolerance]) -> Array:
@@ -100,9 +139,18 @@ def _members(tolerances: Sequence[Tolerance]) -> Array:
 
 def _programme(task: Problem, parts: Contributions, members: Array, aims: Sequence[float]) -> Programme:
     groups = range(int(members.max()) + 1)
-    low = np.array([max(t.low for t, own in zip(task.tolerances, members, strict=True) if own == g) for g in groups])
-    high = np.array([min(t.high for t, own in zip(task.tolerances, members, strict=True) if own == g) for g in groups])
-    costs = [[t.cost for t, own in zip(task.tolerances, members, strict=True) if own == g] for g in groups]
+    together = [_own(task, members, g) for g in groups]
+    listed = [common_grades(own) for own in together]
+    low, high = (
+        np.array(
+            [
+                bound(getattr(one, name) for one in own) if grades is None else grades[end]
+                for own, grades in zip(together, listed, strict=True)
+            ]
+        )
+        for bound, name, end in ((max, "low", 0), (min, "high", -1))
+    )
+    costs = [[one.cost for one in own] for own in together]
 
     def grouped(array: Array) -> Array:
         return np.stack([array[members == g].sum(axis=0) for g in groups])
@@ -165,14 +213,16 @@ def _result(
             row += 1
         judged.append(made)
     width = np.zeros(len(programme.low)) if solution is None else solution.bound_prices
+    graded = np.array([common_grades(_own(task, members, own)) is not None for own in members])
     cost = np.array([float(one.cost.at(np.array(value))) for one, value in zip(task.tolerances, chosen, strict=True)])
     return AllocationResult(
         provenance=Provenance.of(model, seed),
         tolerances=task.tolerances,
         after=chosen,
         costs=cost,
-        shadow_prices=width[members],
+        shadow_prices=np.where(graded, 0.0, width[members]),
         lower_bound=None if solution is None else solution.lower_bound,
+        is_proven=not any(isinstance(one, Specification) for one in task.limits),
         limits=tuple(judged),
         poses=task.poses,
         feasible=solution is not None,

@@ -85,10 +85,13 @@ class AllocationResult(JsonResult):
     after, costs
         Chosen tolerances (m, rad) and the cost of each, ``(n,)``.
     shadow_prices
-        What one held by its upper bound would save for each m or rad more; negative at the lower bound, zero between.
+        What one held by its upper bound would save for each m or rad more; negative at the lower bound, zero between and
+        where it has grades.
     lower_bound
-        No tolerances that keep the first-order limits cost less, by duality; ``None`` where a limit is a quantile, whose
-        optimum is that of a local search.
+        No tolerances that keep the first-order limits cost less; ``None`` if infeasible, or where the time for a choice of
+        grades ended before one was found.
+    is_proven
+        Whether the lower bound is proven; with a quantile it rests on the variances that keep it being a convex set.
     limits
         The limits with the tolerances chosen.
     poses
@@ -107,6 +110,7 @@ class AllocationResult(JsonResult):
     costs: Array
     shadow_prices: Array
     lower_bound: float | None
+    is_proven: bool
     limits: tuple[AllocatedLimit, ...]
     poses: tuple[str, ...]
     feasible: bool
@@ -148,12 +152,20 @@ class AllocationResult(JsonResult):
         return {
             **self.provenance.to_dict(self.schema),
             "tolerances": [
-                {"path": one.path, "before": one.before, "after": after, "cost": cost, "shadow_price": price}
+                {
+                    "path": one.path,
+                    "before": one.before,
+                    "after": after,
+                    "grade": one.grade(after) or None,
+                    "cost": cost,
+                    "shadow_price": price,
+                }
                 for one, after, cost, price in rows
             ],
             "cost": self.cost,
             "cost_before": self.cost_before,
             "lower_bound": self.lower_bound,
+            "lower_bound_is_proven": self.is_proven,
             "gap": self.gap,
             "specs": [one.to_dict() for one in self.limits],
             "poses": list(self.poses),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final, final
 
@@ -51,9 +51,14 @@ class Contributions:
 
 
 def contributions(
-    model: ErrorModel, tolerances: Sequence[Tolerance], poses: Sequence[str], *, worst_case: bool
+    model: ErrorModel,
+    tolerances: Sequence[Tolerance],
+    poses: Sequence[str],
+    *,
+    worst_case: bool,
+    advance: Callable[[int], None],
 ) -> Contributions:
-    """Return the parts of the first-order error at named poses.
+    """Return the parts of the first-order error at named poses; ``advance`` is called with 1 for each tolerance.
 
     Each tolerance is doubled and halved: its part must follow in proportion, and nothing else may change.
 
@@ -85,6 +90,7 @@ def contributions(
             )
         parts.append(wide)
         reaches.append(wide_reach)
+        advance(1)
     together = sum(parts, np.zeros_like(whole))
     rest = whole - together
     least = np.linalg.eigvalsh(np.moveaxis(rest, -1, 0)).min()

@@ -19,6 +19,8 @@ def allocation_table(result: AllocationResult) -> str:
     for one, after, cost in zip(result.tolerances, result.after.tolist(), result.costs.tolist(), strict=True):
         before = one.written(one.before).removeprefix("±")
         held = "max" if after >= one.high * (1 - 1e-7) else "min" if after <= one.low * (1 + 1e-7) else "-"
+        if one.grades is not None:
+            held = f"grade {one.grade(after)}".rstrip()
         number, unit = one.written(after).removeprefix("±").split(" ", 1)
         path = shortened(visible(one.path), _MOST_LETTERS)
         rows.append([path, before, f"{float(number):.4g} {unit}", f"{cost:.4g}", held])
@@ -39,7 +41,9 @@ def _verdict(result: AllocationResult) -> str:
     if not result.feasible:
         return "no tolerances within their bounds keep the limits; below are the narrowest ones"
     gap = result.gap
-    certified = "a local optimum" if gap is None else f"at most {100 * gap:.2g} % above the least"
+    certified = "how far above the least is not known" if gap is None else f"at most {100 * gap:.2g} % above the least"
+    if gap is not None and not result.is_proven:
+        certified += " (not proven)"
     met = "" if result.met else "; NOT MET by the samples"
     return f"cost {result.cost:.6g}, before {result.cost_before:.6g}; {certified}{met}"
 
