@@ -9,8 +9,10 @@ import pytest
 from scipy import optimize
 
 import precision_pin as pp
+from precision_pin.analyses.allocation.error_parts import MEAN
 from precision_pin.analyses.exact_law.normal_norm import NormalNorm
 from precision_pin.errors import InputError
+from precision_pin.outputs.allocation.table import allocation_table
 
 URDF = """<robot name="slide"><link name="base"/><link name="tip"/>
 <joint name="joint1" type="revolute"><parent link="base"/><child link="tip"/><axis xyz="0 0 1"/>
@@ -66,6 +68,7 @@ def test_worst_case_costs_what_the_closed_form_says(tmp_path: Path) -> None:
     assert result.lower_bound == pytest.approx(least, rel=1e-6)
 
 
+@pytest.mark.filterwarnings("ignore:delta_grad == 0.0")
 def test_quantile_is_as_cheap_as_another_optimiser_finds_and_shown_by_fresh_samples(tmp_path: Path) -> None:
     model = slide_model(tmp_path, law="normal", mean="0.05 mm")
     result = pp.allocate(model, _problem("0.3 mm @ 95 %", law="normal"))
@@ -97,6 +100,42 @@ def test_limit_below_what_the_narrowest_tolerances_reach_is_infeasible(tmp_path:
     assert not result.feasible
     assert not result.met
     assert result.after == pytest.approx([0.05e-3] * 3)
+    assert allocation_table(result).startswith(
+        "no allocation can meet root mean square position.norm 0.01 mm: with every tolerance at its least it is 0.05 mm at home;"
+    )
+
+
+@pytest.mark.parametrize("worst_case", [False, True])
+def test_what_stands_in_the_way_is_named(tmp_path: Path, worst_case: bool) -> None:
+    """A constant 0.2 mm, 0.05 mm of the chosen tolerance at its least, 0.2 mm of one that is not to be chosen."""
+    spec = {"worst_case": "0.4 mm"} if worst_case else {"rms": "0.21 mm"}
+    tolerances = [{"path": f"parameters.a{k}.uniform", "cost": {"reciprocal": 1}, "min": "0.03 mm"} for k in (0, 2)]
+    model = slide_model(tmp_path, "xxx", mean="0.2 mm")
+    result = pp.allocate(model, {"tolerances": tolerances, "specs": [spec]})
+    assert not result.feasible
+    by_name = {one.source: one for one in result.parts.sources}
+    root = 1 if worst_case else np.sqrt(3)
+    first, second, third = (by_name[name] for name in (f"length[tip]{k}" for k in ("", "#2", "#3")))
+    assert by_name[MEAN].after == pytest.approx(0.2e-3)
+    assert sorted(one.before for one in (first, second, third)) == pytest.approx(sorted(HALF / root))
+    assert sorted(one.after for one in (first, second, third)) == pytest.approx(
+        np.array([0.03, 0.03, 0.2]) * 1e-3 / root
+    )
+    assert [one.is_chosen for one in result.parts.sources].count(False) == 2
+    table = allocation_table(result)
+    assert "in the way: constant part 0.2 mm (no tolerance), length[tip]" in table
+    assert "(not chosen)" in table
+
+
+def test_tolerances_come_back_to_what_the_samples_need(tmp_path: Path) -> None:
+    """Of three uniform errors the quantile is below that of normal ones: the first choice is too dear and is corrected."""
+    result = pp.allocate(slide_model(tmp_path), _problem("0.3 mm @ 95 %"))
+    one = result.limits[0]
+    assert one.met
+    assert one.aimed is not None
+    assert one.aimed < 0.95
+    assert one.interval is not None
+    assert 0.95 <= one.interval[0] <= 0.952
 
 
 def test_mean_is_not_taken_for_a_tolerance(tmp_path: Path) -> None:

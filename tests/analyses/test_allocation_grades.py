@@ -68,8 +68,8 @@ def _random(seed: int, kind: str, size: int, poses: int, means: float = 0.0) -> 
         parts = np.einsum("nip,njp->nijp", ways, ways) / 3
         fixed = np.zeros((3, 3, poses)) + np.eye(3)[:, :, None] * 1e-9
     middle = np.array([one.widths[1:3].mean() for one in grades])
-    open_ended = Limit(kind, 1.0, 0.95, mean, fixed, parts)
-    return grades, [Limit(kind, float(open_ended.measure(middle[:, None]).max()), 0.95, mean, fixed, parts)]
+    open_ended = Limit(kind, 1.0, 0.95, (0, 1, 2), mean, fixed, parts)
+    return grades, [Limit(kind, float(open_ended.measure(middle[:, None]).max()), 0.95, (0, 1, 2), mean, fixed, parts)]
 
 
 def _solve(grades: list[Grades], limits: list[Limit]) -> Solution:

@@ -351,7 +351,7 @@ def calls() -> Iterator[Call]:
             "findings": [], "progress": None,
         },
         {"error_model": "ErrorModel", "problem": "problem|allocate"},
-        seed="zero", seconds=NUMBER, findings="empty list, empty tuple", progress="nothing, true, function, type",
+        seed="zero", seconds="one half", findings="empty list, empty tuple", progress="nothing, true, function, type",
     )  # fmt: skip
     yield call(
         "compensate",

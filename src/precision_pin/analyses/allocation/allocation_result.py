@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar, final
 
 import numpy as np
 
+from precision_pin.analyses.allocation.error_parts import ErrorParts
 from precision_pin.analyses.allocation.problem import Tolerance
 from precision_pin.analyses.provenance import Provenance
 from precision_pin.display.stored import JsonResult
@@ -14,7 +16,7 @@ from precision_pin.errors import Finding
 from precision_pin.inputs.arrays import fix_fields
 from precision_pin.typing import Array
 
-__all__ = ["AllocatedLimit", "AllocationResult"]
+__all__ = ["AllocatedLimit", "AllocationResult", "tightest_of"]
 
 
 @final
@@ -71,6 +73,11 @@ class AllocatedLimit:
         }
 
 
+def tightest_of(limits: Sequence[AllocatedLimit]) -> int:
+    """Return the number of the limit that is exceeded most, or has the least left, by the first-order model."""
+    return max(range(len(limits)), key=lambda k: limits[k].first_order / limits[k].limit)
+
+
 @final
 @dataclass(frozen=True, eq=False, repr=False)
 class AllocationResult(JsonResult):
@@ -94,10 +101,12 @@ class AllocationResult(JsonResult):
         Whether the lower bound is proven; with a quantile it rests on the variances that keep it being a convex set.
     limits
         The limits with the tolerances chosen.
+    parts
+        What causes the error at the worst pose of the tightest limit, before and after.
     poses
         Names of the poses.
     feasible
-        Whether tolerances within the bounds keep the limits in the first-order model.
+        Whether tolerances within the bounds keep the limits; if not, all numbers are those of the narrowest tolerances.
     findings
         Findings passed in, such as those of the sheet.
     """
@@ -112,6 +121,7 @@ class AllocationResult(JsonResult):
     lower_bound: float | None
     is_proven: bool
     limits: tuple[AllocatedLimit, ...]
+    parts: ErrorParts
     poses: tuple[str, ...]
     feasible: bool
     findings: tuple[Finding, ...] = ()
@@ -142,6 +152,11 @@ class AllocationResult(JsonResult):
         return self.feasible and all(one.met for one in self.limits)
 
     @property
+    def tightest(self) -> AllocatedLimit:
+        """The limit that is exceeded most, or has the least left."""
+        return self.limits[tightest_of(self.limits)]
+
+    @property
     def changes(self) -> dict[str, str]:
         """The chosen tolerances by path, as :meth:`ErrorModel.with_` and ``--set`` take them."""
         return {one.path: one.written(value) for one, value in zip(self.tolerances, self.after.tolist(), strict=True)}
@@ -168,6 +183,7 @@ class AllocationResult(JsonResult):
             "lower_bound_is_proven": self.is_proven,
             "gap": self.gap,
             "specs": [one.to_dict() for one in self.limits],
+            "parts": self.parts.to_dict(),
             "poses": list(self.poses),
             "feasible": self.feasible,
             "findings": [finding.to_dict() for finding in self.findings],

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scipy import optimize
 
 from precision_pin.analyses.allocation.costs import Cost, Grades
-from precision_pin.analyses.map.normal_norms import norm_quantiles, principal_axes
+from precision_pin.analyses.map.normal_norms import norm_quantile_slopes, norm_quantiles, principal_axes
 from precision_pin.inputs.arrays import fix_fields
 from precision_pin.typing import Array
 
@@ -25,8 +25,6 @@ __all__ = ["ROUNDING", "Limit", "Programme", "Solution", "last_kept"]
 
 ROUNDING: Final = 1e-9
 """Excess of a limit, relative, that is rounding."""
-_STEP: Final = 1e-3
-"""Half of the difference in ln t by which slopes of quantiles are found."""
 _AT_ONCE: Final = 34
 """Points of a way that are tried together."""
 _ACTIVE: Final = 1e-5
@@ -54,6 +52,8 @@ class Limit:
         ``"quantile"``, ``"rms"`` or ``"worst_case"``.
     limit, probability
         Largest value, m or rad; probability of a quantile.
+    rows
+        Which components of the error are limited.
     mean, fixed
         Rows of the error at the means ``(r, P)``, and their covariance (worst case: largest deviation, ``(r, 1, P)``) that no
         tolerance changes, ``(r, r, P)``.
@@ -64,6 +64,7 @@ class Limit:
     kind: str
     limit: float
     probability: float
+    rows: tuple[int, ...]
     mean: Array
     fixed: Array
     parts: Array
@@ -76,14 +77,11 @@ class Limit:
         if self.kind == "worst_case":
             sums = np.abs(self.mean)[None] + self.fixed[:, 0] + np.einsum("nrp,nm->mrp", self.parts[:, :, 0], t)
             return np.asarray(sums.reshape(t.shape[1], -1))
-        covariance = self.fixed[:, :, None] + np.einsum("nijp,nm->ijmp", self.parts, t**2)
         if self.kind == "rms":
-            return np.asarray(np.sqrt((self.mean**2).sum(axis=0) + np.einsum("iimp->mp", covariance)))
-        rows, _, several, poses = covariance.shape
-        padded, mean = np.zeros((3, 3, several * poses)), np.zeros((3, several * poses))
-        padded[:rows, :rows] = covariance.reshape(rows, rows, -1)
-        mean[:rows] = np.tile(self.mean, several)
-        return np.asarray(norm_quantiles(*principal_axes(mean, padded), self.probability).reshape(several, poses))
+            still = (self.mean**2).sum(axis=0) + np.einsum("iip->p", self.fixed)
+            return np.asarray(np.sqrt(still + np.einsum("niip,nm->mp", self.parts, t**2)))
+        quantiles = norm_quantiles(*principal_axes(*self._vectors(t)), self.probability)
+        return np.asarray(quantiles.reshape(t.shape[1], -1))
 
     def at_place(self, pose: int) -> Limit:
         """Return the limit at one pose alone."""
@@ -98,11 +96,21 @@ class Limit:
             return np.asarray(by_tolerance / np.maximum(value, 1e-300))
         if self.kind == "rms":
             return np.asarray(np.einsum("niip,n->np", self.parts, t**2) / np.maximum(value, 1e-300) ** 2)
-        # the law of a norm has no simple derivative; its quantile is smooth along each tolerance
-        each = t[:, None] * np.where(np.eye(len(t), dtype=bool), np.exp(_STEP), 1.0)
-        less = t[:, None] * np.where(np.eye(len(t), dtype=bool), np.exp(-_STEP), 1.0)
-        both = np.log(np.maximum(self.measure(np.hstack([each, less])), 1e-300))
-        return np.asarray((both[: len(t)] - both[len(t) :]) / (2 * _STEP))
+        mean, covariance = self._vectors(t[:, None])
+        rows = len(self.mean)
+        slopes = norm_quantile_slopes(mean, covariance, value)[:rows, :rows]
+        by_square = np.einsum("nijp,ijp->np", self.parts, slopes)
+        return np.asarray(2 * by_square * t[:, None] ** 2 / np.maximum(value, 1e-300))
+
+    def _vectors(self, t: Array) -> tuple[Array, Array]:
+        """Return mean and covariance, ``(3, m P)`` and ``(3, 3, m P)``, for tolerances ``(n, m)``; rows not limited are 0."""
+        rows, poses = self.mean.shape
+        several = t.shape[1]
+        covariance = self.fixed[:, :, None] + np.einsum("nijp,nm->ijmp", self.parts, t**2)
+        padded, mean = np.zeros((3, 3, several * poses)), np.zeros((3, several * poses))
+        padded[:rows, :rows] = covariance.reshape(rows, rows, -1)
+        mean[:rows] = np.tile(self.mean, several)
+        return mean, padded
 
 
 @final
