@@ -21,7 +21,9 @@ HALF = np.array([0.1e-3, 0.2e-3, 0.05e-3])
 COSTS = np.array([1.0, 4.0, 9.0])
 
 
-def slide_model(folder: Path, axes: str = "xyz", law: str = "uniform", mean: str = "0 mm") -> pp.ErrorModel:
+def slide_model(
+    folder: Path, axes: str = "xyz", law: str = "uniform", mean: str = "0 mm", poses: dict[str, str] | None = None
+) -> pp.ErrorModel:
     """Return a tip with three offsets, each of its own tolerance."""
     (folder / "slide.urdf").write_text(URDF, encoding="utf-8")
     lengths = [f"{1e3 * half:g} mm" for half in HALF]
@@ -29,7 +31,7 @@ def slide_model(folder: Path, axes: str = "xyz", law: str = "uniform", mean: str
         {
             "precision-pin": 1,
             "robot": "slide.urdf",
-            "poses": {"home": "0 deg"},
+            "poses": poses or {"home": "0 deg"},
             "parameters": {
                 f"a{k}": {law: length, **({"mean": mean} if k == 0 else {})} for k, length in enumerate(lengths)
             },
