@@ -347,10 +347,11 @@ def calls() -> Iterator[Call]:
         pp.allocate,
         {
             "error_model": arm,
-            "problem": {"tolerances": [chosen], "specs": [{"rms": "1 m"}]}, "seed": 0, "findings": [],
+            "problem": {"tolerances": [chosen], "specs": [{"rms": "1 m"}]}, "seed": 0, "seconds": 9.0,
+            "findings": [], "progress": None,
         },
         {"error_model": "ErrorModel", "problem": "problem|allocate"},
-        seed="zero", findings="empty list, empty tuple",
+        seed="zero", seconds="one half", findings="empty list, empty tuple", progress="nothing, true, function, type",
     )  # fmt: skip
     yield call(
         "compensate",

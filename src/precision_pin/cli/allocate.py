@@ -11,6 +11,7 @@ from precision_pin.cli import EXIT_SPEC
 from precision_pin.cli.inputs import read_sheet
 from precision_pin.cli.notes import all_warnings_option, echo_note, quiet_option
 from precision_pin.cli.options import ChainOptions, Command, chain_options, inputs_argument, seed_option
+from precision_pin.cli.progress import progress_bar
 from precision_pin.cli.streams import echo_data
 from precision_pin.cli.targets import Outputs
 from precision_pin.cli.terminal import echo_table
@@ -27,6 +28,7 @@ class _Options(ChainOptions):
     """All options."""
 
     seed: int
+    seconds: float
     json_path: str | None
     out: str | None
 
@@ -35,6 +37,14 @@ class _Options(ChainOptions):
 @inputs_argument
 @chain_options
 @seed_option
+@click.option(
+    "--seconds",
+    metavar="S",
+    type=float,
+    default=60.0,
+    show_default=True,
+    help="Time for the choice of grades; then the best found counts, with its gap.",
+)
 @click.option("--json", "json_path", metavar="FILE", help="Write the result as JSON; - prints it alone.")
 @click.option("--out", metavar="DIR", help="Write the sheet with the chosen tolerances and the result there.")
 @all_warnings_option
@@ -45,7 +55,8 @@ def command(**options: Unpack[_Options]) -> int:
     The sheet's allocate: says which tolerances, what they cost and what must be kept. The exit code is 1 where a limit is not
     met.
     """
-    from precision_pin.analyses.allocation.allocate import allocate
+    from precision_pin.analyses.allocation.allocate import allocate, allocation_steps
+    from precision_pin.analyses.allocation.problem import read_problem
     from precision_pin.draws.space import check_seed
     from precision_pin.model.error_model import ErrorModel
     from precision_pin.outputs.allocation.table import allocation_table
@@ -55,7 +66,11 @@ def command(**options: Unpack[_Options]) -> int:
     outputs.check()
     sheet = read_sheet(options, outputs)
     model = ErrorModel.from_sheet(sheet)
-    result = allocate(model, seed=options["seed"], findings=sheet.findings)
+    steps = allocation_steps(read_problem(model, None))
+    with progress_bar(steps, "allocating", "steps") as progress:
+        result = allocate(
+            model, seed=options["seed"], seconds=options["seconds"], findings=sheet.findings, progress=progress
+        )
     if options["json_path"] == "-":
         echo_data(result.to_json())
     else:

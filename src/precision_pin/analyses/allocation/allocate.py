@@ -2,31 +2,39 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
-from typing import Any, Final
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from time import monotonic
+from typing import Any, Final, final
 
 import numpy as np
 
-from precision_pin.analyses.allocation.allocation_result import AllocatedLimit, AllocationResult
-from precision_pin.analyses.allocation.problem import Bound, Problem, Tolerance, read_problem
+from precision_pin.analyses.allocation.allocation_result import AllocatedLimit, AllocationResult, tightest_of
+from precision_pin.analyses.allocation.error_parts import ErrorParts, error_parts
+from precision_pin.analyses.allocation.grades import solve_with_grades
+from precision_pin.analyses.allocation.problem import Bound, Problem, Tolerance, common_grades, read_problem
 from precision_pin.analyses.allocation.programme import Limit, Programme, Solution
 from precision_pin.analyses.allocation.scaling import Contributions, changed_model, contributions
 from precision_pin.analyses.provenance import Provenance
 from precision_pin.call_warnings import warns_at_end
+from precision_pin.display.progress import steps_to
 from precision_pin.draws.space import check_seed
 from precision_pin.errors import Finding
-from precision_pin.inputs.arguments import check_instance, check_items
+from precision_pin.inputs.arguments import check_instance, check_items, check_number
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.sampling.many_poses import sample_poses
-from precision_pin.statistics import COMPONENTS, Specification
+from precision_pin.statistics import COMPONENTS, QUANTITIES, Specification
 from precision_pin.typing import Array
 
-__all__ = ["SAMPLES", "allocate"]
+__all__ = ["SAMPLES", "allocate", "allocation_steps"]
 
 SAMPLES: Final = 50_000
 """Fresh samples of a verification."""
+CONFIDENCE: Final = 0.95
+"""Of the intervals of all rounds together: that of each has a sixth of what is left (Bonferroni)."""
 _ROUNDS: Final = 6
+_SPARE: Final = 0.002
+"""Probability that may be left between the lower end of an interval and what is required."""
 
 
 @warns_at_end
@@ -36,13 +44,15 @@ def allocate(
     problem: Mapping[str, Any] | None = None,
     *,
     seed: int = 0,
+    seconds: float = 60.0,
     findings: Sequence[Finding] = (),
+    progress: Callable[[int], None] | bool | None = None,
 ) -> AllocationResult:
     """Return the cheapest tolerances that keep every limit at every pose.
 
     The least cost is that of the first-order model with a normal error. The exact model with these tolerances is then
-    sampled; where the lower end of an interval misses the required probability, a higher one is aimed at and the tolerances
-    are found anew, verified with fresh samples.
+    sampled; where the lower end of an interval misses the required probability, or has much to spare, another one is aimed at
+    and the tolerances are found anew, verified with fresh samples. The intervals of all rounds hold together.
 
     Parameters
     ----------
@@ -52,8 +62,12 @@ def allocate(
         ``tolerances``, ``specs`` and ``poses`` as the sheet's ``allocate:`` has them; by default the sheet's own.
     seed
         64-bit seed of the samples.
+    seconds
+        Time for the choice of grades; after it the best found is returned, with the gap that is left.
     findings
         Warnings to include in the result, such as those of the sheet.
+    progress
+        Function called with the steps done since its last call, :func:`allocation_steps` in all; ``True`` shows a bar.
 
     Raises
     ------
@@ -64,31 +78,100 @@ def allocate(
     """
     check_instance("error_model", error_model, ErrorModel, "as ErrorModel.load makes it")
     check_seed(seed)
+    check_number("the seconds of an allocation", seconds, "a number above zero", lambda value: value > 0)
     known = check_items("findings", findings, Finding)
     task = read_problem(error_model, problem)
+    with steps_to(progress, allocation_steps(task), "steps") as advance:
+        return _allocate(error_model, task, int(seed), seconds, known, advance)
+
+
+def allocation_steps(problem: Problem) -> int:
+    """Return the number of steps that ``progress`` is told of."""
+    return len(problem.tolerances) + _ROUNDS
+
+
+def _allocate(
+    model: ErrorModel,
+    task: Problem,
+    seed: int,
+    seconds: float,
+    findings: tuple[Finding, ...],
+    advance: Callable[[int], None],
+) -> AllocationResult:
     bounded = any(isinstance(one, Bound) and one.kind == "worst_case" for one in task.limits)
-    parts = contributions(error_model, task.tolerances, task.poses, worst_case=bounded)
+    parts = contributions(model, task.tolerances, task.poses, worst_case=bounded, advance=advance)
     members = _members(task.tolerances)
     chances = tuple(one for one in task.limits if isinstance(one, Specification))
     aims = [one.required for one in chances]
+    choices = [common_grades(_own(task, members, g)) for g in range(int(members.max()) + 1)]
+    end = monotonic() + seconds
+    found: _Attempt | None = None
     for attempt in range(_ROUNDS):
         programme = _programme(task, parts, members, aims)
-        solution = programme.solve()
+        solution = (
+            programme.solve()
+            if all(one is None for one in choices)
+            else solve_with_grades(programme, choices, max(end - monotonic(), 0.0), lambda _: advance(0))
+        )
         # what cannot be met is verified with the narrowest tolerances
         chosen = (programme.low if solution is None else solution.t)[members]
-        if not chances:
-            sampled = np.zeros((3, 0, len(task.poses)))
+        made = _Attempt(programme, solution, chosen, np.zeros((3, 0, len(task.poses))))
+        if not chances or (found is not None and found.is_met and np.array_equal(chosen, found.chosen)):
+            found = found or made
             break
-        changed = changed_model(error_model, task.tolerances, chosen)
-        result = sample_poses(
-            changed, list(task.poses), samples=SAMPLES, seed=(seed + attempt) % 2**64, specifications=chances
-        )
-        sampled = np.stack([result.probability, *np.moveaxis(result.probability_interval, 1, 0)])
-        missing = [one.required - float(low.min()) for one, low in zip(chances, sampled[1], strict=True)]
-        if solution is None or max(missing) <= 0:
+        made = replace(made, sampled=_sampled(model, task, chances, chosen, (seed + attempt) % 2**64))
+        advance(1)
+        spare = np.array([low.min() for low in made.sampled[1]]) - [one.required for one in chances]
+        made = replace(made, is_met=bool((spare >= 0).all()))
+        if found is None or not found.is_met or (made.is_met and made.cost < found.cost):
+            found = made
+        if solution is None or (made.is_met and (spare <= _SPARE).all()):
             break
-        aims = [min(aim + max(lack, 0.0) * 1.25, (1 + aim) / 2) for aim, lack in zip(aims, missing, strict=True)]
-    return _result(error_model, task, programme, solution, chosen, sampled, seed, known)
+        # of several limits only those that hold the choice have something to give back
+        aims = [_next_aim(aim, float(one), made.is_met) for aim, one in zip(aims, spare, strict=True)]
+    assert found is not None
+    advance(_ROUNDS - (attempt + 1 if chances else 0))
+    return _result(model, task, found, seed, findings)
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class _Attempt:
+    """Tolerances of one round, and the shares of samples inside with the ends of their intervals ``(3, limits, poses)``."""
+
+    programme: Programme
+    solution: Solution | None
+    chosen: Array
+    sampled: Array
+    is_met: bool = False
+
+    @property
+    def cost(self) -> float:
+        return np.inf if self.solution is None else self.solution.cost
+
+
+def _sampled(model: ErrorModel, task: Problem, chances: Sequence[Specification], chosen: Array, seed: int) -> Array:
+    changed = changed_model(model, task.tolerances, chosen)
+    result = sample_poses(
+        changed,
+        list(task.poses),
+        samples=SAMPLES,
+        seed=seed,
+        specifications=chances,
+        confidence=1 - (1 - CONFIDENCE) / _ROUNDS,
+    )
+    return np.stack([result.probability, *np.moveaxis(result.probability_interval, 1, 0)])
+
+
+def _next_aim(aim: float, spare: float, is_met: bool) -> float:
+    """Return the probability to aim at after a round in which the lower end of the interval had this much to spare."""
+    if is_met:
+        return max(aim - max(spare - _SPARE / 2, 0.0), 0.5 * aim)
+    return min(aim + max(-spare, 0.0) * 1.25, (1 + aim) / 2)
+
+
+def _own(task: Problem, members: Array, group: int) -> list[Tolerance]:
+    return [one for one, own in zip(task.tolerances, members, strict=True) if own == group]
 
 
 def _members(tolerances: Sequence[Tolerance]) -> Array:
@@ -100,9 +183,18 @@ def _members(tolerances: Sequence[Tolerance]) -> Array:
 
 def _programme(task: Problem, parts: Contributions, members: Array, aims: Sequence[float]) -> Programme:
     groups = range(int(members.max()) + 1)
-    low = np.array([max(t.low for t, own in zip(task.tolerances, members, strict=True) if own == g) for g in groups])
-    high = np.array([min(t.high for t, own in zip(task.tolerances, members, strict=True) if own == g) for g in groups])
-    costs = [[t.cost for t, own in zip(task.tolerances, members, strict=True) if own == g] for g in groups]
+    together = [_own(task, members, g) for g in groups]
+    listed = [common_grades(own) for own in together]
+    low, high = (
+        np.array(
+            [
+                bound(getattr(one, name) for one in own) if grades is None else grades[end]
+                for own, grades in zip(together, listed, strict=True)
+            ]
+        )
+        for bound, name, end in ((max, "low", 0), (min, "high", -1))
+    )
+    costs = [[one.cost for one in own] for own in together]
 
     def grouped(array: Array) -> Array:
         return np.stack([array[members == g].sum(axis=0) for g in groups])
@@ -123,26 +215,21 @@ def _programme(task: Problem, parts: Contributions, members: Array, aims: Sequen
             fixed, each = parts.reach[rows][:, None], reaches[:, rows][:, :, None]
         else:
             fixed, each = parts.covariance[grid], np.stack([part[grid] for part in covariances])
-        limits.append(Limit(kind, one.limit, probability, parts.mean[rows], fixed, each))
+        limits.append(Limit(kind, one.limit, probability, tuple(rows), parts.mean[rows], fixed, each))
     return Programme(costs, low, high, limits)
 
 
 def _result(
-    model: ErrorModel,
-    task: Problem,
-    programme: Programme,
-    solution: Solution | None,
-    chosen: Array,
-    sampled: Array,
-    seed: int,
-    findings: tuple[Finding, ...],
+    model: ErrorModel, task: Problem, found: _Attempt, seed: int, findings: tuple[Finding, ...]
 ) -> AllocationResult:
     members = _members(task.tolerances)
-    judged, row = [], 0
+    programme, solution = found.programme, found.solution
+    judged, places, row = [], [], 0
     t = programme.low if solution is None else solution.t
     for k, one in enumerate(task.limits):
         measure = programme.limits[k].measure(t[:, None])[0]
         worst = int(measure.argmax()) % len(task.poses)
+        places.append(int(measure.argmax()))
         made = AllocatedLimit(
             kind=programme.limits[k].kind,
             quantity=_quantity(one),
@@ -157,27 +244,46 @@ def _result(
             met=bool(measure.max() <= one.limit * (1 + 1e-9)),
         )
         if isinstance(one, Specification):
-            place = int(sampled[1, row].argmin())
-            share, low, high = (float(value) for value in sampled[:, row, place])
+            place = int(found.sampled[1, row].argmin())
+            share, low, high = (float(value) for value in found.sampled[:, row, place])
             made = replace(
                 made, probability=share, interval=(low, high), met=low >= one.required, worst_pose=task.poses[place]
             )
             row += 1
         judged.append(made)
     width = np.zeros(len(programme.low)) if solution is None else solution.bound_prices
-    cost = np.array([float(one.cost.at(np.array(value))) for one, value in zip(task.tolerances, chosen, strict=True)])
+    graded = np.array([common_grades(_own(task, members, own)) is not None for own in members])
+    cost = np.array(
+        [float(one.cost.at(np.array(value))) for one, value in zip(task.tolerances, found.chosen, strict=True)]
+    )
     return AllocationResult(
         provenance=Provenance.of(model, seed),
         tolerances=task.tolerances,
-        after=chosen,
+        after=found.chosen,
         costs=cost,
-        shadow_prices=width[members],
+        shadow_prices=np.where(graded, 0.0, width[members]),
         lower_bound=None if solution is None else solution.lower_bound,
+        is_proven=not any(isinstance(one, Specification) for one in task.limits),
         limits=tuple(judged),
+        parts=_parts(model, task, found, places[tightest_of(judged)], tightest_of(judged)),
         poses=task.poses,
-        feasible=solution is not None,
+        # the first order may refuse what the samples show to be kept
+        feasible=solution is not None or all(one.met for one in judged),
         findings=findings,
     )
+
+
+def _parts(model: ErrorModel, task: Problem, found: _Attempt, place: int, limit: int) -> ErrorParts:
+    """Return what causes the error at a place of a limit; those of a worst case are rows times poses."""
+    one, rows = task.limits[limit], found.programme.limits[limit].rows
+    worst_case = isinstance(one, Bound) and one.kind == "worst_case"
+    row, pose = divmod(place, len(task.poses))
+    if worst_case:
+        rows = (rows[row],)
+    name = _quantity(one) if not worst_case else QUANTITIES[COMPONENTS[rows[0]]]
+    before = np.array([tolerance.before for tolerance in task.tolerances])
+    models = [model, *(changed_model(model, task.tolerances, values) for values in (found.chosen, 2 * before))]
+    return error_parts(models, task.poses[pose], rows, name, worst_case=worst_case)
 
 
 def _quantity(one: Specification | Bound) -> str:

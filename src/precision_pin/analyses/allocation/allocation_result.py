@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar, final
 
 import numpy as np
 
+from precision_pin.analyses.allocation.error_parts import ErrorParts
 from precision_pin.analyses.allocation.problem import Tolerance
 from precision_pin.analyses.provenance import Provenance
 from precision_pin.display.stored import JsonResult
@@ -14,7 +16,7 @@ from precision_pin.errors import Finding
 from precision_pin.inputs.arrays import fix_fields
 from precision_pin.typing import Array
 
-__all__ = ["AllocatedLimit", "AllocationResult"]
+__all__ = ["AllocatedLimit", "AllocationResult", "tightest_of"]
 
 
 @final
@@ -71,6 +73,11 @@ class AllocatedLimit:
         }
 
 
+def tightest_of(limits: Sequence[AllocatedLimit]) -> int:
+    """Return the number of the limit that is exceeded most, or has the least left, by the first-order model."""
+    return max(range(len(limits)), key=lambda k: limits[k].first_order / limits[k].limit)
+
+
 @final
 @dataclass(frozen=True, eq=False, repr=False)
 class AllocationResult(JsonResult):
@@ -85,16 +92,21 @@ class AllocationResult(JsonResult):
     after, costs
         Chosen tolerances (m, rad) and the cost of each, ``(n,)``.
     shadow_prices
-        What one held by its upper bound would save for each m or rad more; negative at the lower bound, zero between.
+        What one held by its upper bound would save for each m or rad more; negative at the lower bound, zero between and
+        where it has grades.
     lower_bound
-        No tolerances that keep the first-order limits cost less, by duality; ``None`` where a limit is a quantile, whose
-        optimum is that of a local search.
+        No tolerances that keep the first-order limits cost less; ``None`` if infeasible, or where the time for a choice of
+        grades ended before one was found.
+    is_proven
+        Whether the lower bound is proven; with a quantile it rests on the variances that keep it being a convex set.
     limits
         The limits with the tolerances chosen.
+    parts
+        What causes the error at the worst pose of the tightest limit, before and after.
     poses
         Names of the poses.
     feasible
-        Whether tolerances within the bounds keep the limits in the first-order model.
+        Whether tolerances within the bounds keep the limits; if not, all numbers are those of the narrowest tolerances.
     findings
         Findings passed in, such as those of the sheet.
     """
@@ -107,7 +119,9 @@ class AllocationResult(JsonResult):
     costs: Array
     shadow_prices: Array
     lower_bound: float | None
+    is_proven: bool
     limits: tuple[AllocatedLimit, ...]
+    parts: ErrorParts
     poses: tuple[str, ...]
     feasible: bool
     findings: tuple[Finding, ...] = ()
@@ -138,6 +152,11 @@ class AllocationResult(JsonResult):
         return self.feasible and all(one.met for one in self.limits)
 
     @property
+    def tightest(self) -> AllocatedLimit:
+        """The limit that is exceeded most, or has the least left."""
+        return self.limits[tightest_of(self.limits)]
+
+    @property
     def changes(self) -> dict[str, str]:
         """The chosen tolerances by path, as :meth:`ErrorModel.with_` and ``--set`` take them."""
         return {one.path: one.written(value) for one, value in zip(self.tolerances, self.after.tolist(), strict=True)}
@@ -148,14 +167,23 @@ class AllocationResult(JsonResult):
         return {
             **self.provenance.to_dict(self.schema),
             "tolerances": [
-                {"path": one.path, "before": one.before, "after": after, "cost": cost, "shadow_price": price}
+                {
+                    "path": one.path,
+                    "before": one.before,
+                    "after": after,
+                    "grade": one.grade(after) or None,
+                    "cost": cost,
+                    "shadow_price": price,
+                }
                 for one, after, cost, price in rows
             ],
             "cost": self.cost,
             "cost_before": self.cost_before,
             "lower_bound": self.lower_bound,
+            "lower_bound_is_proven": self.is_proven,
             "gap": self.gap,
             "specs": [one.to_dict() for one in self.limits],
+            "parts": self.parts.to_dict(),
             "poses": list(self.poses),
             "feasible": self.feasible,
             "findings": [finding.to_dict() for finding in self.findings],

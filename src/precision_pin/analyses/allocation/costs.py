@@ -1,4 +1,4 @@
-"""Costs of a tolerance as functions of its width."""
+"""Costs of a tolerance as functions of its width, or of its grade."""
 
 from __future__ import annotations
 
@@ -9,19 +9,30 @@ from typing import Final, final
 import numpy as np
 
 from precision_pin import units
+from precision_pin.analyses.allocation.iso286 import grade_width
 from precision_pin.errors import InputError
 from precision_pin.inputs.arguments import shown
+from precision_pin.inputs.arrays import fix_fields
 from precision_pin.typing import Array
 
-__all__ = ["Cost", "read_cost"]
+__all__ = ["Cost", "Grades", "read_cost"]
 
-_COUNTS: Final = {"reciprocal": 1, "squared": 1, "power": 2, "exponential": 2, "logarithmic": 2}
+_UNITS: Final[Mapping[str, tuple[str, ...]]] = {
+    "reciprocal": ("{}",),
+    "squared": ("{}^2",),
+    "power": ("{}^k", ""),
+    "exponential": ("", "1/{}"),
+    "logarithmic": ("", "{}"),
+}
+"""Unit of each number of a cost, of the tolerance's units; empty for a pure number."""
+_LISTS: Final = ("grades", "iso286")
+_MOST_POWER: Final = 100.0
 
 
 @final
 @dataclass(frozen=True)
 class Cost:
-    """A cost that falls with the tolerance t (m, rad) and is convex in it.
+    """A cost that falls with the tolerance t (m, rad) and is convex in it, and in t².
 
     Attributes
     ----------
@@ -61,31 +72,155 @@ class Cost:
         return {"reciprocal": 1.0, "squared": 2.0}.get(self.kind) or self.numbers[1]
 
 
-def read_cost(given: object, where: str) -> Cost:
-    """Return the cost that a mapping of one kind to its numbers states.
+@final
+@dataclass(frozen=True, eq=False)
+class Grades:
+    """Tolerances that can be had, with their prices.
+
+    Attributes
+    ----------
+    names
+        Names of the grades, such as ``IT7``; empty texts for those without.
+    widths, prices
+        Tolerances (m, rad), narrowest first, and the price of each, ``(g,)``.
+    """
+
+    names: tuple[str, ...]
+    widths: Array
+    prices: Array
+
+    def __post_init__(self) -> None:
+        fix_fields(self)
+
+    def at(self, t: Array) -> Array:
+        """Return the price of the widest grade that is not wider than each tolerance, else of the narrowest."""
+        return np.asarray(self.prices[self._places(t)])
+
+    def slope(self, t: Array) -> Array:
+        """Return zeros: between two grades the price is constant."""
+        return np.zeros_like(t)
+
+    def name_of(self, t: float) -> str:
+        """Return the name of a tolerance's grade; empty where it is none."""
+        place = int(self._places(np.array(t)))
+        return self.names[place] if np.isclose(self.widths[place], t, rtol=1e-9, atol=0) else ""
+
+    def _places(self, t: Array) -> Array:
+        return np.maximum(np.searchsorted(self.widths, t * (1 + 1e-9), side="right") - 1, 0)
+
+
+def read_cost(given: object, where: str, quantity: units.Quantity) -> Cost | Grades:
+    """Return the cost that a mapping of one kind to its numbers, or its grades, states.
+
+    Parameters
+    ----------
+    given
+        The mapping.
+    where
+        What messages begin with.
+    quantity
+        Length or angle, as the tolerance is.
 
     Raises
     ------
     InputError
-        Another kind, or numbers that are not positive.
+        Another kind, numbers that are not positive, a unit that does not fit, or no grades.
     """
-    if not isinstance(given, Mapping) or len(given) != 1 or next(iter(given)) not in _COUNTS:
-        raise InputError(f"{where}: a cost is one of {', '.join(_COUNTS)} with its numbers, got {shown(given)}")
+    if not isinstance(given, Mapping) or len(given) != 1 or next(iter(given)) not in (*_UNITS, *_LISTS):
+        raise InputError(
+            f"{where}: a cost is one of {', '.join((*_UNITS, *_LISTS))} with its numbers, got {shown(given)}"
+        )
     kind, numbers = next(iter(given.items()))
+    if kind == "grades":
+        return _grades(_listed_grades(numbers, where, quantity), where)
+    if kind == "iso286":
+        return _grades(_iso_grades(numbers, where, quantity), where)
     listed = list(numbers) if isinstance(numbers, list | tuple) else [numbers]
-    if len(listed) != _COUNTS[kind]:
-        raise InputError(f"{where}: the cost {kind} has {_COUNTS[kind]} numbers, got {shown(numbers)}")
-    values = tuple(_number(one, where) for one in listed)
-    return Cost(kind, values)
+    if len(listed) != len(_UNITS[kind]):
+        raise InputError(f"{where}: the cost {kind} has {len(_UNITS[kind])} numbers, got {shown(numbers)}")
+    values = [
+        _number(one, "", where, quantity) if not unit else 0.0 for one, unit in zip(listed, _UNITS[kind], strict=True)
+    ]
+    power = f"{values[-1]:g}"
+    if kind == "power" and values[-1] > _MOST_POWER:
+        raise InputError(f"{where}: the power of a cost is at most {_MOST_POWER:g}, got {shown(listed[1])}")
+    read = [
+        _number(one, unit.replace("k", power), where, quantity) if unit else value
+        for one, unit, value in zip(listed, _UNITS[kind], values, strict=True)
+    ]
+    return Cost(kind, tuple(read))
 
 
-def _number(given: object, where: str) -> float:
-    """Return a positive number; a length or an angle in SI, without a unit as it stands."""
+def _number(given: object, form: str, where: str, quantity: units.Quantity) -> float:
+    """Return a positive number in SI; ``form`` is its unit, of a unit of the tolerance. Without a unit it is in SI."""
     try:
         numbers, unit = units.split(str(given))
-        value = units.parse(str(given), units.LENGTH, units.ANGLE) if unit else numbers[0]
     except InputError as error:
         raise InputError(f"{where}: {error.findings[0].message}") from None
-    if not (np.isfinite(value) and value > 0):
+    factors = {form.format(one): _factor(form, factor) for one, factor in quantity.units.items()} if form else {}
+    if unit and unit not in factors:
+        allowed = f"a unit such as {form.format('mm' if quantity is units.LENGTH else 'mrad')}" if form else "no unit"
+        raise InputError(f"{where}: this number of a cost has {allowed}, got {shown(given)}")
+    value = numbers[0] * (factors[unit] if unit else 1.0)
+    if len(numbers) != 1 or not (np.isfinite(value) and value > 0):
         raise InputError(f"{where}: a number of a cost must be positive, got {shown(given)}")
     return float(value)
+
+
+def _factor(form: str, factor: float) -> float:
+    if form.startswith("1/"):
+        return 1 / factor
+    return float(factor ** float(form.partition("^")[2] or 1))
+
+
+def _listed_grades(given: object, where: str, quantity: units.Quantity) -> list[tuple[str, float, float]]:
+    """Return name, tolerance and price of each grade of a list ``[[tolerance, price], …]``."""
+    if not isinstance(given, list | tuple) or not all(isinstance(one, list | tuple) and len(one) == 2 for one in given):
+        raise InputError(f"{where}: grades are a list of [tolerance, price], got {shown(given)}")
+    return [("", _width(width, where, quantity), _price(price, where)) for width, price in given]
+
+
+def _iso_grades(given: object, where: str, quantity: units.Quantity) -> list[tuple[str, float, float]]:
+    """Return the grades of ISO 286 that have a price; the tolerance is half of a grade's width."""
+    if quantity is not units.LENGTH:
+        raise InputError(f"{where}: the grades of ISO 286 are lengths, and this tolerance is an angle")
+    if not isinstance(given, Mapping) or set(given) != {"size", "prices"} or not isinstance(given["prices"], Mapping):
+        raise InputError(f"{where}: iso286 has a size and prices by grade, got {shown(given)}")
+    size = _width(given["size"], where, quantity)
+    try:
+        return [
+            (str(name), grade_width(str(name), size) / 2, _price(price, where))
+            for name, price in given["prices"].items()
+        ]
+    except InputError as error:
+        raise InputError(f"{where}: {error.findings[0].message}") from None
+
+
+def _grades(entries: list[tuple[str, float, float]], where: str) -> Grades:
+    if not entries:
+        raise InputError(f"{where}: there are no grades to choose from")
+    ordered = sorted(entries, key=lambda one: one[1])
+    widths = np.array([one[1] for one in ordered])
+    if (np.diff(widths) <= 1e-9 * widths[1:]).any():
+        raise InputError(f"{where}: two grades have the same tolerance")
+    return Grades(tuple(one[0] for one in ordered), widths, np.array([one[2] for one in ordered]))
+
+
+def _width(given: object, where: str, quantity: units.Quantity) -> float:
+    try:
+        value = units.parse(str(given), quantity)
+    except InputError as error:
+        raise InputError(f"{where}: {error.findings[0].message}") from None
+    if not value > 0:
+        raise InputError(f"{where}: a tolerance and a size must be positive, got {shown(given)}")
+    return value
+
+
+def _price(given: object, where: str) -> float:
+    try:
+        value = float(str(given))
+    except ValueError:
+        value = np.nan
+    if not (np.isfinite(value) and value >= 0):
+        raise InputError(f"{where}: a price is a number of zero or more, got {shown(given)}")
+    return value

@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final, final
 
+import numpy as np
+
 from precision_pin import units
-from precision_pin.analyses.allocation.costs import Cost, read_cost
+from precision_pin.analyses.allocation.costs import Cost, Grades, read_cost
 from precision_pin.errors import InputError, UnknownNameError
 from precision_pin.inputs.arguments import shown
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.statistics import Specification
 from precision_pin.statistics.specification import specification
+from precision_pin.typing import Array
 
-__all__ = ["Bound", "Problem", "Tolerance", "read_problem"]
+__all__ = ["Bound", "Problem", "Tolerance", "common_grades", "read_problem"]
 
 _RANGE: Final = 100.0
 """Bounds of a tolerance without its own: this much narrower and wider than it is."""
@@ -46,8 +49,20 @@ class Tolerance:
     before: float
     low: float
     high: float
-    cost: Cost
+    cost: Cost | Grades
     group: str
+
+    @property
+    def grades(self) -> Array | None:
+        """Tolerances within the bounds that can be had, narrowest first; ``None`` where any can."""
+        if not isinstance(self.cost, Grades):
+            return None
+        widths = self.cost.widths
+        return widths[(widths >= self.low * (1 - 1e-9)) & (widths <= self.high * (1 + 1e-9))]
+
+    def grade(self, value: float) -> str:
+        """Return the name of a value's grade; empty where it has none."""
+        return self.cost.name_of(value) if isinstance(self.cost, Grades) else ""
 
     def written(self, value: float) -> str:
         """Return a value as the sheet writes it."""
@@ -99,15 +114,35 @@ def read_problem(model: ErrorModel, given: Mapping[str, Any] | None) -> Problem:
     twice = next((path for path in paths if paths.count(path) > 1), None)
     if twice is not None:
         raise InputError(f"allocate: {twice} is listed twice")
-    for group in {one.group for one in tolerances if one.group}:
+    for group in dict.fromkeys(one.group for one in tolerances if one.group):
         own = [one for one in tolerances if one.group == group]
-        if max(one.low for one in own) > min(one.high for one in own):
-            raise InputError(f"allocate: no value lies within the bounds of every tolerance of the group {group}")
+        shared = common_grades(own)
+        if len({one.unit in units.LENGTH.units for one in own}) > 1:
+            raise InputError(f"allocate: the group {group} has lengths and angles, which cannot be equal")
+        if max(one.low for one in own) > min(one.high for one in own) or (shared is not None and not len(shared)):
+            raise InputError(
+                f"allocate: no value lies within the bounds and grades of every tolerance of the group {group}"
+            )
     poses = tuple(map(str, given.get("poses") or model.poses))
     unknown = next((name for name in poses if name not in model.poses), None)
     if unknown is not None or not poses:
         raise UnknownNameError("pose", unknown or "", model.poses)
     return Problem(tolerances, limits, poses)
+
+
+def common_grades(tolerances: Sequence[Tolerance]) -> Array | None:
+    """Return the tolerances that all of a group can have, narrowest first; ``None`` where none of them has grades."""
+    listed = [one.grades for one in tolerances if one.grades is not None]
+    if not listed:
+        return None
+    low, high = max(one.low for one in tolerances), min(one.high for one in tolerances)
+    shared = [
+        width
+        for width in listed[0].tolist()
+        if low * (1 - 1e-9) <= width <= high * (1 + 1e-9)
+        and all(np.isclose(others, width, rtol=1e-9, atol=0).any() for others in listed[1:])
+    ]
+    return np.array(shared)
 
 
 def _list(given: Mapping[str, Any], key: str) -> list[Any]:
@@ -137,22 +172,30 @@ def _tolerance(model: ErrorModel, entry: object, where: str) -> Tolerance:
     try:
         before = units.parse(text.removeprefix("±"), units.LENGTH, units.ANGLE)
         unit = units.split(text.removeprefix("±"))[1]
-        low, high = (
-            units.parse(str(entry[key]), units.LENGTH if unit in units.LENGTH.units else units.ANGLE)
-            if key in entry
-            else None
-            for key in ("min", "max")
-        )
+        quantity = units.LENGTH if unit in units.LENGTH.units else units.ANGLE
+        low, high = (units.parse(str(entry[key]), quantity) if key in entry else None for key in ("min", "max"))
     except InputError as error:
         raise InputError(f"allocate: {path}: {error.findings[0].message}") from None
     if not before > 0:
         raise InputError(f"allocate: {path} is {shown(text)} in the sheet; give it a positive value to begin with")
-    low = before / _RANGE if low is None else low
-    high = before * _RANGE if high is None else high
+    cost = read_cost(entry["cost"], f"allocate: {path}", quantity)
+    least, most = before / _RANGE, before * _RANGE
+    if isinstance(cost, Grades):
+        least, most = float(cost.widths[0]), float(cost.widths[-1])
+    elif cost.kind == "logarithmic":
+        most = min(most, cost.numbers[1])
+    low = least if low is None else low
+    high = most if high is None else high
     if not 0 < low <= high:
         raise InputError(f"allocate: {path}: min must be positive and at most max")
-    cost = read_cost(entry["cost"], f"allocate: {path}")
-    return Tolerance(path, sign, unit, before, low, high, cost, str(entry.get("group", "")))
+    if isinstance(cost, Cost) and cost.kind == "logarithmic" and high > cost.numbers[1]:
+        raise InputError(
+            f"allocate: {path}: max must be at most the t_max of its logarithmic cost, which is negative beyond"
+        )
+    tolerance = Tolerance(path, sign, unit, before, low, high, cost, str(entry.get("group", "")))
+    if tolerance.grades is not None and not len(tolerance.grades):
+        raise InputError(f"allocate: {path}: none of its grades lies from min to max")
+    return tolerance
 
 
 def _limit(entry: object, where: str) -> Specification | Bound:

@@ -2,30 +2,43 @@
 
 In x = ln t every limit is the logarithm of a measure of the error, which is convex in x for the root mean square and the worst
 case. In t these limits and the costs are convex, and the Lagrangian is a sum over the tolerances: its minimum at any
-multipliers is a lower bound of the cost, found one tolerance at a time.
+multipliers is a lower bound of the cost, found one tolerance at a time. Of a quantile the tangent in t² is taken: its bound
+holds where the variances that keep the quantile form a convex set.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from typing import Any, Final, final
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import optimize
 
-from precision_pin.analyses.allocation.costs import Cost
-from precision_pin.analyses.map.normal_norms import norm_quantiles, principal_axes
+from precision_pin.analyses.allocation.costs import Cost, Grades
+from precision_pin.analyses.map.normal_norms import norm_quantile_slopes, norm_quantiles, principal_axes
 from precision_pin.inputs.arrays import fix_fields
 from precision_pin.typing import Array
 
-__all__ = ["Limit", "Programme", "Solution"]
+__all__ = ["ROUNDING", "Limit", "Programme", "Solution", "last_kept"]
 
-_STEP: Final = 1e-3
-"""Half of the difference in ln t by which slopes of quantiles are found."""
+ROUNDING: Final = 1e-9
+"""Excess of a limit, relative, that is rounding."""
+_AT_ONCE: Final = 34
+"""Points of a way that are tried together."""
 _ACTIVE: Final = 1e-5
 """Distance from a limit, relative, below which it is active."""
+
+
+def last_kept(kept: Callable[[Array], NDArray[np.bool_]]) -> tuple[float, float]:
+    """Return the last share of a way, 0 to 1, that is kept, and the first that is not; 0 is kept and 1 is not."""
+    least, most = 0.0, 1.0
+    while most - least > ROUNDING:
+        shares = np.linspace(least, most, _AT_ONCE)
+        first = int(np.argmin(np.concatenate([[True], kept(shares[1:-1]), [False]])))
+        least, most = float(shares[first - 1]), float(shares[first])
+    return least, most
 
 
 @final
@@ -39,6 +52,8 @@ class Limit:
         ``"quantile"``, ``"rms"`` or ``"worst_case"``.
     limit, probability
         Largest value, m or rad; probability of a quantile.
+    rows
+        Which components of the error are limited.
     mean, fixed
         Rows of the error at the means ``(r, P)``, and their covariance (worst case: largest deviation, ``(r, 1, P)``) that no
         tolerance changes, ``(r, r, P)``.
@@ -49,6 +64,7 @@ class Limit:
     kind: str
     limit: float
     probability: float
+    rows: tuple[int, ...]
     mean: Array
     fixed: Array
     parts: Array
@@ -61,14 +77,16 @@ class Limit:
         if self.kind == "worst_case":
             sums = np.abs(self.mean)[None] + self.fixed[:, 0] + np.einsum("nrp,nm->mrp", self.parts[:, :, 0], t)
             return np.asarray(sums.reshape(t.shape[1], -1))
-        covariance = self.fixed[:, :, None] + np.einsum("nijp,nm->ijmp", self.parts, t**2)
         if self.kind == "rms":
-            return np.asarray(np.sqrt((self.mean**2).sum(axis=0) + np.einsum("iimp->mp", covariance)))
-        rows, _, several, poses = covariance.shape
-        padded, mean = np.zeros((3, 3, several * poses)), np.zeros((3, several * poses))
-        padded[:rows, :rows] = covariance.reshape(rows, rows, -1)
-        mean[:rows] = np.tile(self.mean, several)
-        return np.asarray(norm_quantiles(*principal_axes(mean, padded), self.probability).reshape(several, poses))
+            still = (self.mean**2).sum(axis=0) + np.einsum("iip->p", self.fixed)
+            return np.asarray(np.sqrt(still + np.einsum("niip,nm->mp", self.parts, t**2)))
+        quantiles = norm_quantiles(*principal_axes(*self._vectors(t)), self.probability)
+        return np.asarray(quantiles.reshape(t.shape[1], -1))
+
+    def at_place(self, pose: int) -> Limit:
+        """Return the limit at one pose alone."""
+        only = slice(pose, pose + 1)
+        return replace(self, mean=self.mean[..., only], fixed=self.fixed[..., only], parts=self.parts[..., only])
 
     def log_slopes(self, t: Array) -> Array:
         """Return the derivatives of ln of the measure with respect to ln t, ``(n, places)``."""
@@ -78,11 +96,21 @@ class Limit:
             return np.asarray(by_tolerance / np.maximum(value, 1e-300))
         if self.kind == "rms":
             return np.asarray(np.einsum("niip,n->np", self.parts, t**2) / np.maximum(value, 1e-300) ** 2)
-        # the law of a norm has no simple derivative; its quantile is smooth along each tolerance
-        each = t[:, None] * np.where(np.eye(len(t), dtype=bool), np.exp(_STEP), 1.0)
-        less = t[:, None] * np.where(np.eye(len(t), dtype=bool), np.exp(-_STEP), 1.0)
-        both = np.log(np.maximum(self.measure(np.hstack([each, less])), 1e-300))
-        return np.asarray((both[: len(t)] - both[len(t) :]) / (2 * _STEP))
+        mean, covariance = self._vectors(t[:, None])
+        rows = len(self.mean)
+        slopes = norm_quantile_slopes(mean, covariance, value)[:rows, :rows]
+        by_square = np.einsum("nijp,ijp->np", self.parts, slopes)
+        return np.asarray(2 * by_square * t[:, None] ** 2 / np.maximum(value, 1e-300))
+
+    def _vectors(self, t: Array) -> tuple[Array, Array]:
+        """Return mean and covariance, ``(3, m P)`` and ``(3, 3, m P)``, for tolerances ``(n, m)``; rows not limited are 0."""
+        rows, poses = self.mean.shape
+        several = t.shape[1]
+        covariance = self.fixed[:, :, None] + np.einsum("nijp,nm->ijmp", self.parts, t**2)
+        padded, mean = np.zeros((3, 3, several * poses)), np.zeros((3, several * poses))
+        padded[:rows, :rows] = covariance.reshape(rows, rows, -1)
+        mean[:rows] = np.tile(self.mean, several)
+        return mean, padded
 
 
 @final
@@ -97,7 +125,8 @@ class Solution:
     cost
         Sum of their costs.
     lower_bound
-        No tolerances that keep the limits cost less; ``None`` where that is not known.
+        No tolerances that keep the limits cost less, of quantiles if the variances that keep them form a convex set;
+        ``None`` where it was not found in time.
     prices
         Derivative of the least cost with respect to each limit, with its sign changed.
     bound_prices
@@ -119,7 +148,7 @@ class Solution:
 class Programme:
     """Minimise the sum of the costs within bounds ``low``, ``high`` and limits; ``costs`` of each tolerance are added."""
 
-    costs: Sequence[Sequence[Cost]]
+    costs: Sequence[Sequence[Cost | Grades]]
     low: Array
     high: Array
     limits: Sequence[Limit]
@@ -136,15 +165,20 @@ class Programme:
             [sum((c.slope(one) for c in own), np.zeros_like(one)) for own, one in zip(self.costs, t, strict=True)]
         )
 
+    def shares(self, t: Array) -> Array:
+        """Return each measure over its limit, ``(m, all places)``, for tolerances ``(n, m)``."""
+        return np.hstack([one.measure(t) / one.limit for one in self.limits])
+
     def exceeded(self, t: Array) -> Array:
         """Return ln of each measure over its limit, ``(all places,)``: positive where a limit is exceeded."""
-        parts = [np.log(np.maximum(one.measure(t[:, None])[0], 1e-300) / one.limit) for one in self.limits]
-        return np.concatenate(parts)
+        return np.asarray(np.log(np.maximum(self.shares(t[:, None])[0], 1e-300)))
 
     def solve(self) -> Solution | None:
         """Return the cheapest tolerances, or ``None`` where even the narrowest exceed a limit."""
-        if self.exceeded(self.low).max() > 0:
+        if self.exceeded(self.low).max() > ROUNDING:
             return None
+        if (self.low == self.high).all():
+            return self._priced(self.low)
         low, high = np.log(self.low), np.log(self.high)
         start = self._largest_within(low, high)
         scale = float(np.abs(self.slope_of(np.exp(start)) * np.exp(start)).sum()) or 1.0
@@ -167,13 +201,11 @@ class Programme:
 
     def _largest_within(self, low: Array, high: Array) -> Array:
         """Return the point nearest to ``high`` on the way from ``low`` that keeps all limits."""
-        if self.exceeded(np.exp(high)).max() <= 0:
+        if self.exceeded(np.exp(high)).max() <= ROUNDING:
             return high
-        least, most = 0.0, 1.0
-        for _ in range(50):
-            middle = (least + most) / 2
-            kept = self.exceeded(np.exp(low + middle * (high - low))).max() <= 0
-            least, most = (middle, most) if kept else (least, middle)
+        least, _ = last_kept(
+            lambda shares: self.shares(np.exp(low[:, None] + shares * (high - low)[:, None])).max(axis=1) <= 1
+        )
         return low + least * (high - low)
 
     def _priced(self, t: Array) -> Solution:
@@ -191,13 +223,14 @@ class Programme:
             multipliers[active] = optimize.nnls(gradient * weights[:, None], falls[free] * weights)[0]
         total = tuple(float(multipliers[places == k].sum() / one.limit) for k, one in enumerate(self.limits))
         rest = (falls - np.hstack(slopes) @ multipliers) / t
-        bound = None
-        if all(one.kind != "quantile" for one in self.limits):
-            bound = self._lower_bound(multipliers, places)
+        bound = self._lower_bound(t, slopes, multipliers, places)
         return Solution(t, float(self.cost_of(t).sum()), bound, total, np.where(free, 0.0, rest))
 
-    def _lower_bound(self, multipliers: Array, places: NDArray[np.intp]) -> float:
-        """Return the minimum of the Lagrangian in t, by bisection of the slope of each tolerance's convex part."""
+    def _lower_bound(self, t: Array, slopes: Sequence[Array], multipliers: Array, places: NDArray[np.intp]) -> float:
+        """Return the minimum of the Lagrangian in t, by bisection of the slope of each tolerance's convex part.
+
+        A quantile is replaced by its tangent in t² at ``t``.
+        """
         square, line = np.zeros(len(self.low)), np.zeros(len(self.low))
         constant = 0.0
         for k, one in enumerate(self.limits):
@@ -207,6 +240,10 @@ class Programme:
                 still = (one.mean**2).sum(axis=0) + np.einsum("iip->p", one.fixed)
                 square += np.einsum("niip,p->n", one.parts, own)
                 constant += float(own @ (still - one.limit**2))
+            elif one.kind == "quantile":
+                half = slopes[k] @ own / 2
+                square += half / t**2
+                constant += float(own @ np.log(one.measure(t[:, None])[0] / one.limit) - half.sum())
             else:
                 own = own / one.limit
                 still = (np.abs(one.mean) + one.fixed[:, 0]).reshape(-1)
@@ -217,5 +254,5 @@ class Programme:
             middle = np.sqrt(low * high)
             falls = self.slope_of(middle) + 2 * square * middle + line < 0
             low, high = np.where(falls, middle, low), np.where(falls, high, middle)
-        t = np.sqrt(low * high)
-        return float((self.cost_of(t) + square * t**2 + line * t).sum() + constant)
+        least = np.sqrt(low * high)
+        return float((self.cost_of(least) + square * least**2 + line * least).sum() + constant)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final, final
 
@@ -18,7 +18,9 @@ from precision_pin.typing import Array
 
 __all__ = ["Contributions", "changed_model", "contributions"]
 
-_FACTORS: Final = (2.0, 0.5)
+_WIDE: Final = 2.0
+_NARROW: Final = 0.5
+"""Factors of the tolerances by which their parts are found, and checked."""
 _LEAST: Final = 1e-6
 """Error of a contribution, of the largest, above which it does not scale with its tolerance."""
 _WIDTH: Final = 3.0
@@ -51,11 +53,16 @@ class Contributions:
 
 
 def contributions(
-    model: ErrorModel, tolerances: Sequence[Tolerance], poses: Sequence[str], *, worst_case: bool
+    model: ErrorModel,
+    tolerances: Sequence[Tolerance],
+    poses: Sequence[str],
+    *,
+    worst_case: bool,
+    advance: Callable[[int], None],
 ) -> Contributions:
-    """Return the parts of the first-order error at named poses.
+    """Return the parts of the first-order error at named poses; ``advance`` is called with 1 for each tolerance.
 
-    Each tolerance is doubled and halved: its part must follow in proportion, and nothing else may change.
+    Each tolerance is doubled, and all are halved together: the parts must follow in proportion, and nothing else may change.
 
     Raises
     ------
@@ -66,32 +73,34 @@ def contributions(
     parts, reaches = [], []
     scale = max(float(np.abs(whole).max()), 1e-300)
     size = max(float(np.abs(mean).max()), scale**0.5)
+    together = _at_factor(model, tolerances, _NARROW, poses, worst_case)
     for one in tolerances:
-        shifts = []
-        for factor in _FACTORS:
-            moved, changed, reached = _errors(_changed(model, {one: factor * one.before}), poses, worst_case)
-            if np.abs(moved - mean).max() > _LEAST * size:
-                raise InputError(f"allocate: {one.path} changes the mean of the error; only a tolerance can be chosen")
-            shifts.append(((changed - whole) / (factor**2 - 1), (reached - reach) / (factor - 1)))
-        (wide, wide_reach), (narrow, narrow_reach) = shifts
-        largest = float(np.abs(wide).max())
-        uneven = np.abs(wide - narrow).max() > max(_LEAST * largest, 1e-12 * scale)
-        uneven |= np.abs(wide_reach - narrow_reach).max(initial=0.0) > _LEAST * max(
-            float(reach.max(initial=0.0)), 1e-300
-        )
-        if uneven:
-            raise InputError(
-                f"allocate: the error does not scale with {one.path}; its law has other numbers, or it is no tolerance"
+        moved, *wide = _at_factor(model, [one], _WIDE, poses, worst_case)
+        if np.abs(moved - mean).max() > _LEAST * size:
+            raise InputError(f"allocate: {one.path} changes the mean of the error; only a tolerance can be chosen")
+        parts.append((wide[0] - whole) / (_WIDE**2 - 1))
+        reaches.append((wide[1] - reach) / (_WIDE - 1))
+        advance(1)
+    # all of them narrower at once show whether any part does not follow in proportion, one alone which
+    narrow = [whole + (_NARROW**2 - 1) * sum(parts), reach + (_NARROW - 1) * sum(reaches)]
+    largest = max(float(reach.max(initial=0.0)), 1e-300)
+    if _differ(together[1], narrow[0], _LEAST * scale) or _differ(together[2], narrow[1], _LEAST * largest):
+        for one, part, part_of_reach in zip(tolerances, parts, reaches, strict=True):
+            _, covariance, reached = _at_factor(model, [one], _NARROW, poses, worst_case)
+            uneven = _differ(
+                covariance, whole + (_NARROW**2 - 1) * part, _LEAST * float(np.abs(part).max()) + 1e-12 * scale
             )
-        parts.append(wide)
-        reaches.append(wide_reach)
-    together = sum(parts, np.zeros_like(whole))
-    rest = whole - together
+            if uneven or _differ(reached, reach + (_NARROW - 1) * part_of_reach, _LEAST * largest):
+                raise InputError(
+                    f"allocate: the error does not scale with {one.path}; its law has other numbers, or it is no tolerance"
+                )
+        raise InputError("allocate: tolerances share a part of the error; each must have draws of its own")
+    rest = whole - sum(parts)
     least = np.linalg.eigvalsh(np.moveaxis(rest, -1, 0)).min()
     if least < -_LEAST * scale:
         raise InputError("allocate: tolerances share a part of the error; each must have draws of its own")
     before = np.array([one.before for one in tolerances])
-    still = np.maximum(reach - sum(reaches, np.zeros_like(reach)), 0.0)
+    still = np.maximum(reach - sum(reaches), 0.0)
     return Contributions(
         mean,
         rest,
@@ -99,6 +108,16 @@ def contributions(
         still,
         np.stack(reaches) / before[:, None, None],
     )
+
+
+def _at_factor(
+    model: ErrorModel, tolerances: Sequence[Tolerance], factor: float, poses: Sequence[str], worst_case: bool
+) -> tuple[Array, Array, Array]:
+    return _errors(_changed(model, {one: factor * one.before for one in tolerances}), poses, worst_case)
+
+
+def _differ(one: Array, other: Array, most: float) -> bool:
+    return bool(np.abs(one - other).max(initial=0.0) > most)
 
 
 def changed_model(model: ErrorModel, tolerances: Sequence[Tolerance], values: Array) -> ErrorModel:

@@ -1,0 +1,252 @@
+"""Cheapest tolerances where some come in grades: outer approximation with branch and bound.
+
+A grade is a binary variable. In these, t and t² are linear, so that a worst case and a root mean square are linear rows; a
+quantile is a row tangent to the set of variances that keep it, added where it is exceeded. A tolerance without grades has t,
+t² and its cost as variables, bounded by tangents. The mixed-integer linear programme, solved by branch and bound (HiGHS), is a
+lower bound of the cost; with its grades the others are chosen by the exact programme, which is an upper bound. Both are repeated
+with more tangents until they meet (Duran, Grossmann, Mathematical Programming 36, 307, 1986).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from time import monotonic
+from typing import Any, Final, final
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import optimize
+
+from precision_pin.analyses.allocation.programme import ROUNDING, Limit, Programme, Solution, last_kept
+from precision_pin.analyses.allocation.solver_output import without_solver_lines
+from precision_pin.typing import Array
+
+__all__ = ["solve_with_grades"]
+
+_GAP: Final = 1e-6
+"""Share of the cost that may be left between the bounds."""
+_TANGENTS: Final = 12
+"""Tangents of each tolerance without grades to begin with."""
+_ROUNDS: Final = 1000
+
+
+def solve_with_grades(
+    programme: Programme, choices: Sequence[Array | None], seconds: float, advance: Callable[[int], None]
+) -> Solution | None:
+    """Return the cheapest tolerances, or ``None`` where even the narrowest exceed a limit.
+
+    Parameters
+    ----------
+    programme
+        Costs, bounds and limits.
+    choices
+        Tolerances that each variable can have, narrowest first, within its bounds; ``None`` for any.
+    seconds
+        After this time the best found so far is returned, with its lower bound.
+    advance
+        Called after each round of both bounds.
+    """
+    end = monotonic() + seconds
+    fixed = np.array([one is not None for one in choices])
+    best = _with_grades(programme, fixed, programme.low)
+    if best is None:
+        return None
+    if fixed.all():
+        best = _with_grades(programme, fixed, _widened(programme, choices)) or best
+    relaxed = _Relaxation(programme, choices)
+    bound, seen = -np.inf, set[bytes]()
+    for _ in range(_ROUNDS):
+        left = end - monotonic()
+        if left <= 0:
+            break
+        t, found = relaxed.solve(left)
+        bound = max(bound, found)
+        if t is None or best.cost - bound <= _GAP * abs(best.cost):
+            break
+        solution = _with_grades(programme, fixed, t)
+        if solution is None:
+            relaxed.refuse(t)
+        else:
+            best = min(best, solution, key=lambda one: one.cost)
+            relaxed.add_tangents(solution.t)
+            key = t[fixed].tobytes()
+            if key in seen and relaxed.keeps(t):
+                break
+            seen.add(key)
+        relaxed.add_tangents(t)
+        relaxed.cut(t)
+        advance(1)
+    return replace(best, lower_bound=min(bound, best.cost) if np.isfinite(bound) else None)
+
+
+def _with_grades(programme: Programme, fixed: NDArray[np.bool_], t: Array) -> Solution | None:
+    """Return the cheapest tolerances with the grades of ``t``."""
+    low, high = np.where(fixed, t, programme.low), np.where(fixed, t, programme.high)
+    return replace(programme, low=low, high=high).solve()
+
+
+def _widened(programme: Programme, choices: Sequence[Array | None]) -> Array:
+    """Return grades that keep the limits: from the narrowest, step by step where most is saved for what a limit loses."""
+    places = np.zeros(len(choices), dtype=int)
+    lists = [np.asarray(one) for one in choices]
+    t = np.array([own[0] for own in lists])
+    while True:
+        steps = [k for k, own in enumerate(lists) if places[k] + 1 < len(own)]
+        if not steps:
+            return t
+        tried = np.tile(t[:, None], len(steps))
+        for column, k in enumerate(steps):
+            tried[k, column] = lists[k][places[k] + 1]
+        used = programme.shares(tried)
+        saved = programme.cost_of(t[:, None]).sum() - programme.cost_of(tried).sum(axis=0)
+        worth = np.where(used.max(axis=1) <= 1, saved / np.maximum((used**2).sum(axis=1), 1e-300), -np.inf)
+        chosen = int(worth.argmax())
+        if not np.isfinite(worth[chosen]):
+            return t
+        t = tried[:, chosen]
+        places[steps[chosen]] += 1
+
+
+@final
+class _Relaxation:
+    """Mixed-integer linear programme whose least cost is a lower bound; all numbers scaled to about 1."""
+
+    def __init__(self, programme: Programme, choices: Sequence[Array | None]) -> None:
+        self._programme = programme
+        self._choices = [None if own is None else _worthwhile(programme, k, own) for k, own in enumerate(choices)]
+        counts = [3 if own is None else len(own) for own in self._choices]
+        ends = np.cumsum(counts)
+        self._columns = [slice(end - count, end) for end, count in zip(ends, counts, strict=True)]
+        count, size = int(ends[-1]), len(choices)
+        self._widest = programme.high
+        self._scale = float(np.abs(programme.cost_of(programme.low)).sum()) or 1.0
+        self._t, self._square = np.zeros((size, count)), np.zeros((size, count))
+        self._cost, self._integral = np.zeros(count), np.zeros(count)
+        self._lower, self._upper = np.zeros(count), np.ones(count)
+        self._rows: list[Array] = []
+        self._most: list[float] = []
+        costs = programme.cost_of
+        for k, (own, columns) in enumerate(zip(self._choices, self._columns, strict=True)):
+            if own is None:
+                first = columns.start
+                self._t[k, first] = self._square[k, first + 1] = self._cost[first + 2] = 1.0
+                least = programme.low[k] / self._widest[k]
+                ends_of_cost = [float(costs(end)[k]) / self._scale for end in (programme.high, programme.low)]
+                self._lower[columns] = least, least**2, ends_of_cost[0]
+                self._upper[columns] = 1.0, 1.0, ends_of_cost[1]
+            else:
+                grades = np.tile(programme.low[:, None], len(own))
+                grades[k] = own
+                self._t[k, columns] = own / self._widest[k]
+                self._square[k, columns] = (own / self._widest[k]) ** 2
+                self._cost[columns] = costs(grades)[k] / self._scale
+                self._integral[columns] = 1.0
+        for one in programme.limits:
+            self._add_limit(one)
+        for share in np.linspace(0, 1, _TANGENTS):
+            self.add_tangents(np.exp((1 - share) * np.log(programme.low) + share * np.log(programme.high)))
+
+    def solve(self, seconds: float) -> tuple[Array | None, float]:
+        """Return the tolerances of the least cost, if any were found in time, and a lower bound of it."""
+        chosen = [columns for own, columns in zip(self._choices, self._columns, strict=True) if own is not None]
+        one_each = np.zeros((len(chosen), len(self._cost)))
+        for row, columns in zip(one_each, chosen, strict=True):
+            row[columns] = 1.0
+        constraints = [optimize.LinearConstraint(one_each, 1.0, 1.0)]
+        if self._rows:
+            constraints.append(optimize.LinearConstraint(np.array(self._rows), -np.inf, np.array(self._most)))
+        with without_solver_lines():
+            found: Any = optimize.milp(
+                self._cost,
+                integrality=self._integral,
+                bounds=optimize.Bounds(self._lower, self._upper),
+                constraints=constraints,
+                options={"time_limit": seconds, "mip_rel_gap": _GAP / 10},
+            )
+        bound = getattr(found, "mip_dual_bound", None)
+        cost = -np.inf if bound is None or not np.isfinite(bound) else float(bound) * self._scale
+        if found.x is None:
+            return None, cost
+        t = self._widest * np.sqrt(np.maximum(self._square @ found.x, 0.0))
+        for k, (own, columns) in enumerate(zip(self._choices, self._columns, strict=True)):
+            if own is not None:
+                t[k] = own[int(found.x[columns].argmax())]
+        return np.clip(t, self._programme.low, self._programme.high), cost
+
+    def refuse(self, t: Array) -> None:
+        """Demand a narrower grade than that of ``t`` somewhere; errors grow with every tolerance."""
+        row = np.zeros(len(self._cost))
+        for k, (own, columns) in enumerate(zip(self._choices, self._columns, strict=True)):
+            if own is not None:
+                row[columns] = np.where(own < t[k] * (1 - ROUNDING), -1.0, 0.0)
+        self._add(row, -1.0)
+
+    def add_tangents(self, t: Array) -> None:
+        """Bound t² and the cost of tolerances without grades by tangents at ``t``."""
+        costs, slopes = (
+            self._programme.cost_of(t) / self._scale,
+            self._programme.slope_of(t) * self._widest / self._scale,
+        )
+        for k, (own, columns) in enumerate(zip(self._choices, self._columns, strict=True)):
+            if own is not None:
+                continue
+            width, square, cost = range(columns.start, columns.stop)
+            at = t[k] / self._widest[k]
+            for changes, most in (
+                ({width: 2 * at, square: -1.0}, at**2),
+                ({width: slopes[k], cost: -1.0}, slopes[k] * at - costs[k]),
+                ({square: slopes[k] / (2 * at), cost: -1.0}, slopes[k] * at / 2 - costs[k]),
+            ):
+                row = np.zeros(len(self._cost))
+                row[list(changes)] = list(changes.values())
+                self._add(row, most)
+
+    def keeps(self, t: Array) -> bool:
+        """Return whether tolerances keep every limit."""
+        return bool(self._programme.exceeded(t).max() <= ROUNDING)
+
+    def cut(self, t: Array) -> None:
+        """Add the tangents of the quantiles that ``t`` exceeds, each where the way to ``t`` in t² leaves the limit."""
+        low = self._programme.low
+        for one in self._programme.limits:
+            if one.kind != "quantile":
+                continue
+            exceeded = np.flatnonzero(one.measure(t[:, None])[0] > one.limit)
+            for place in exceeded:
+                only = one.at_place(int(place))
+                steps = (t**2 - low**2)[:, None]
+                _, most = last_kept(
+                    lambda shares, only=only, steps=steps: (  # type: ignore[misc]
+                        only.measure(np.sqrt((low**2)[:, None] + shares * steps))[:, 0] <= only.limit
+                    )
+                )
+                between = np.sqrt(low**2 + most * (t**2 - low**2))
+                # slopes of ln q with respect to t²
+                slopes = only.log_slopes(between)[:, 0] / (2 * between**2)
+                self._add((slopes * self._widest**2) @ self._square, float(slopes @ between**2))
+
+    def _add_limit(self, one: Limit) -> None:
+        if one.kind == "rms":
+            still = (one.mean**2).sum(axis=0) + np.einsum("iip->p", one.fixed)
+            for place, parts in enumerate(np.einsum("niip->pn", one.parts)):
+                self._add((parts * self._widest**2 / one.limit**2) @ self._square, 1 - still[place] / one.limit**2)
+        elif one.kind == "worst_case":
+            still = (np.abs(one.mean) + one.fixed[:, 0]).reshape(-1)
+            for place, parts in enumerate(one.parts[:, :, 0].reshape(len(self._widest), -1).T):
+                self._add((parts * self._widest / one.limit) @ self._t, 1 - still[place] / one.limit)
+
+    def _add(self, row: Array, most: float) -> None:
+        """Add a row, scaled so that its largest coefficient is 1."""
+        size = float(np.abs(row).max(initial=0.0))
+        if size > 0:
+            self._rows.append(row / size)
+            self._most.append(most / size)
+
+
+def _worthwhile(programme: Programme, k: int, grades: Array) -> Array:
+    """Return the grades that are cheaper than every narrower one."""
+    t = np.tile(programme.low[:, None], len(grades))
+    t[k] = grades
+    prices = programme.cost_of(t)[k]
+    return np.asarray(grades[prices < np.minimum.accumulate(np.concatenate([[np.inf], prices[:-1]]))])
