@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, TypedDict, Unpack
+from typing import TYPE_CHECKING, Any, Final, Unpack
 
 import click
 
 from precision_pin.cli.inputs import read_sheet
+from precision_pin.cli.measurement import MeasurementOptions, measurement_of, measurement_options
 from precision_pin.cli.notes import all_warnings_option, echo_note, echo_warnings, quiet_option
 from precision_pin.cli.options import (
     ChainOptions,
@@ -32,7 +33,6 @@ if TYPE_CHECKING:
 
     from matplotlib.figure import Figure
 
-    from precision_pin.analyses.calibration.measurement import Measurement
     from precision_pin.display.stored import JsonResult
     from precision_pin.model.error_model import ErrorModel
     from precision_pin.robot.pose_set import PoseSet
@@ -48,19 +48,7 @@ _MOST: Final = 10_000
 """The most poses."""
 
 
-class _SetUp(TypedDict):
-    """Options of the instrument."""
-
-    kind: str
-    std: str
-    attitude_std: str | None
-    point: str | None
-    point_free: bool
-    base_free: bool
-    anchor: str | None
-
-
-class _Options(ChainOptions, PoseOptions, _SetUp):
+class _Options(ChainOptions, PoseOptions, MeasurementOptions):
     """All options but those that say what is done."""
 
     criterion: str | None
@@ -83,21 +71,7 @@ class _Options(ChainOptions, PoseOptions, _SetUp):
     type=click.Choice(["task", "D"]),
     help="Of --plan: the position error left at the poses of --at, or the determinant of the information.  [default: task]",
 )
-@click.option(
-    "--kind",
-    type=click.Choice(["position", "pose", "distance"]),
-    default="position",
-    show_default=True,
-    help="What the instrument measures.",
-)
-@click.option("--std", default="0.02 mm", show_default=True, help="Standard deviation of a measured length.")
-@click.option("--attitude-std", metavar="ANGLE", help="That of a measured angle of a pose; std / 100 mm if left out.")
-@click.option(
-    "--point", metavar='"X Y Z mm"', help="The point that is measured, in the tip's axes; the tip if left out."
-)
-@click.option("--point-free", is_flag=True, help="The place of this point on the tool is estimated.")
-@click.option("--base-free", is_flag=True, help="The base (of distances: the anchor) is estimated.")
-@click.option("--anchor", metavar='"X Y Z mm"', help="Where distances are measured from, in base axes.")
+@measurement_options
 @pose_options
 @click.option(
     "--random",
@@ -142,8 +116,8 @@ def command(forecast: bool, count: int | None, **options: Unpack[_Options]) -> N
     outputs = Outputs(files, options["out"], ("calibration*",))
     outputs.check()
     outputs.refuse_inputs([*([] if data is None else [data]), *pose_files(options)])
-    measurement = _measurement(options)
     sheet = read_sheet(options, outputs)
+    measurement = measurement_of(sheet, options)
     model = ErrorModel.from_sheet(sheet)
     at = _task_poses(model, options["at_names"])
     if count is not None:
@@ -231,37 +205,6 @@ def _gives_poses(options: PoseOptions) -> bool:
 
 def _usage(message: str) -> InputError:
     return InputError([Finding("error", "E_USAGE", message)])
-
-
-def _measurement(options: _Options) -> Measurement:
-    from precision_pin import units
-    from precision_pin.analyses.calibration.measurement import Measurement
-
-    def point(name: str, text: str | None) -> tuple[float, float, float]:
-        if text is None:
-            return (0.0, 0.0, 0.0)
-        try:
-            x, y, z = units.parse_vector(text, units.LENGTH, count=3)
-        except InputError as error:
-            raise _usage(f"--{name}: {error.findings[0].message}") from None
-        return x, y, z
-
-    def number(name: str, text: str, quantity: units.Quantity) -> float:
-        try:
-            return units.parse(text, quantity)
-        except InputError as error:
-            raise _usage(f"--{name}: {error.findings[0].message}") from None
-
-    angle = options["attitude_std"]
-    return Measurement(
-        kind=options["kind"],  # type: ignore[arg-type]
-        std=number("std", options["std"], units.LENGTH),
-        target=point("point", options["point"]),
-        base="free" if options["base_free"] else "known",
-        target_known=not options["point_free"],
-        attitude_std=None if angle is None else number("attitude-std", angle, units.ANGLE),
-        anchor=point("anchor", options["anchor"]),
-    )
 
 
 def _task_poses(model: ErrorModel, names: tuple[str, ...]) -> list[str] | None:

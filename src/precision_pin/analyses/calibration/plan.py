@@ -13,6 +13,7 @@ from precision_pin.analyses.calibration.design import (
     UnitNumbers,
     flat,
     measured_model,
+    measurement_of,
     read_poses,
     stack_at_means,
 )
@@ -24,7 +25,6 @@ from precision_pin.analyses.calibration.identifiability import (
     refuse_where_nothing_is_seen,
     remarks_on,
 )
-from precision_pin.analyses.calibration.measurement import Measurement
 from precision_pin.analyses.calibration.pose_choice import Design
 from precision_pin.analyses.calibration.posterior import ErrorLeft, error_left
 from precision_pin.analyses.provenance import Provenance
@@ -32,7 +32,8 @@ from precision_pin.display.progress import steps_to
 from precision_pin.display.stored import JsonResult
 from precision_pin.draws.space import check_seed
 from precision_pin.errors import Finding, InputError
-from precision_pin.inputs.arguments import check_choice, check_instance, check_items, check_whole
+from precision_pin.inputs.arguments import check_choice, check_items, check_whole
+from precision_pin.measurement.measurement import Measurement
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.typing import Array
 
@@ -152,7 +153,7 @@ def plan_calibration(
     model: ErrorModel,
     candidates: object,
     count: int,
-    measurement: Measurement,
+    measurement: Measurement | None = None,
     *,
     at: object = None,
     criterion: Criterion = "task",
@@ -171,7 +172,7 @@ def plan_calibration(
     count
         How many of them are measured, each once.
     measurement
-        Instrument and set-up.
+        Instrument and set-up; those of the sheet if left out.
     at
         The user's own poses; the model's named poses if left out, else the candidates.
     criterion
@@ -189,7 +190,7 @@ def plan_calibration(
         Fewer candidates than poses to choose, a candidate twice, nothing varies from robot to robot, or no candidate sees
         anything.
     """
-    check_instance("measurement", measurement, Measurement, "pp.Measurement(kind=..., std=...)")
+    measurement = measurement_of(model, measurement)
     findings = check_items("findings", findings, Finding)
     check_choice("the criterion", criterion, ("task", "D"))
     check_seed(seed)
@@ -202,7 +203,8 @@ def plan_calibration(
     unit = UnitNumbers.of(model.space)
     # each candidate by itself: one reading at its own pose
     stations = tuple(
-        Station(one, (k,)) for k, one in enumerate(measured_model(model).at_columns(np.ascontiguousarray(values)))
+        Station(one, (k,))
+        for k, one in enumerate(measured_model(model, measurement).at_columns(np.ascontiguousarray(values)))
     )
     by_z, by_nuisance = stack_at_means(stations, unit, measurement)
     refuse_where_nothing_is_seen(of_stack(unit.names, flat(by_z), flat(by_nuisance), measurement, total))
