@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from precision_pin.display.stored import JsonResult
+    from precision_pin.measurement.measurement import Measurement
     from precision_pin.model.error_model import ErrorModel
     from precision_pin.robot.pose_set import PoseSet
     from precision_pin.sheet import Sheet
@@ -77,7 +78,7 @@ class _Options(ChainOptions, PoseOptions, MeasurementOptions):
     "--random",
     type=int,
     metavar="N",
-    help=f"N random poses within joint limits; {_RANDOM} if none are given, {_CANDIDATES} for a plan.",
+    help=f"N random poses within joint limits (of plane and socket: in contact); {_RANDOM}, {_CANDIDATES} for a plan.",
 )
 @click.option(
     "--at", "at_names", multiple=True, metavar="NAME", help="A pose of the sheet to judge; all if left out; repeats."
@@ -121,7 +122,7 @@ def command(forecast: bool, count: int | None, **options: Unpack[_Options]) -> N
     model = ErrorModel.from_sheet(sheet)
     at = _task_poses(model, options["at_names"])
     if count is not None:
-        poses, sheet = _measured_poses(sheet, options, _CANDIDATES)
+        poses, sheet = _measured_poses(sheet, options, _CANDIDATES, measurement)
         with progress_bar(PLAN_STEPS, "choosing poses", "steps") as progress:
             plan = plan_calibration(
                 model,
@@ -138,7 +139,7 @@ def command(forecast: bool, count: int | None, **options: Unpack[_Options]) -> N
         _answer(plan, plan_table, "plan_figure", "calibration-plan", options)
         return
     if forecast:
-        poses, sheet = _measured_poses(sheet, options, _RANDOM)
+        poses, sheet = _measured_poses(sheet, options, _RANDOM, measurement)
         forecast_result = forecast_calibration(model, poses, measurement, at=at, findings=sheet.findings)
         echo_warnings(forecast_result.findings[len(sheet.findings) :])
         _answer(forecast_result, forecast_table, "forecast_figure", "calibration-forecast", options)
@@ -214,10 +215,11 @@ def _task_poses(model: ErrorModel, names: tuple[str, ...]) -> list[str] | None:
     return list(names) or None
 
 
-def _measured_poses(sheet: Sheet, options: _Options, count: int) -> tuple[PoseSet, Sheet]:
+def _measured_poses(sheet: Sheet, options: _Options, count: int, measurement: Measurement) -> tuple[PoseSet, Sheet]:
     """Return the poses that the options give, or random ones, and the sheet with warnings about poses left out."""
     import numpy as np
 
+    from precision_pin.analyses.calibration.contact import contact_poses
     from precision_pin.inputs.arguments import check_whole
     from precision_pin.robot.pose_set import PoseSet
     from precision_pin.robot.pose_sources.random_poses import random_poses
@@ -229,6 +231,8 @@ def _measured_poses(sheet: Sheet, options: _Options, count: int) -> tuple[PoseSe
         return PoseSet.at(sheet.chain, np.ascontiguousarray(np.array(values).T), names), asked.noted_in(sheet)
     number = count if options["random"] is None else options["random"]
     check_whole("the number of random poses", number, 1, _MOST)
+    if measurement.kind in ("plane", "socket"):
+        return contact_poses(sheet.chain, measurement, number, seed=options["seed"]), sheet
     return random_poses(sheet.chain, number, seed=options["seed"]), sheet
 
 

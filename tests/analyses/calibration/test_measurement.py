@@ -180,10 +180,10 @@ def test_the_load_of_a_measurement_takes_the_place_of_payloads() -> None:
     model = pp.ErrorModel(plain.chain, pp.Space(), (*plain.sources, loaded), plain.poses)
     measurement = pp.Measurement(std=20e-6, target=OFF_AXIS)
     learned = [
-        pp.forecast_calibration(model, q, replace(measurement, load=load)).posterior.learned["payload.mass"]
+        pp.forecast_calibration(model, q, replace(measurement, load=load)).posterior.learned["payload[tool].mass"]
         for load in (None, (), (Payload(at="tool", mass=3.0),))
     ]
-    assert learned[0] > 0.5
+    assert learned[0] > 0.1
     assert learned[1:] == [0.0, 0.0]
     known = pp.ErrorModel(plain.chain, pp.Space(), (*plain.sources, Payload(at="tool", mass=3.0)), plain.poses)
     carrying = stations_of(model, q, replace(measurement, load=(Payload(at="tool", mass=3.0),)))

@@ -16,6 +16,7 @@ from typing import Any, ClassVar, Final, final
 
 import numpy as np
 
+from precision_pin.analyses.calibration.contact import doubt_contact
 from precision_pin.analyses.calibration.design import (
     Station,
     UnitNumbers,
@@ -186,6 +187,7 @@ def forecast_calibration(
     entries = tuple(error_left(one, name, unit, estimator, measurement) for name, one in tasks)
     found = of_stack(unit.names, *_plain(unit, stations, measurement), measurement, values.shape[1])
     slopes = np.concatenate([one.jacobian[:3][:, unit.columns] @ unit.root for _, one in tasks])
+    nominal = np.array([station.at.posture.pose for station in stations])
     floor = float(np.mean([entry.rms("floor") ** 2 for entry in entries]))
     left = unit.root @ estimator.covariance @ unit.root.T
     return CalibrationForecast(
@@ -198,7 +200,7 @@ def forecast_calibration(
         by_count=_by_count(by_z, by_nuisance, slopes, floor),
         by_instrument=_by_instrument(stations, unit, measurement, slopes, floor),
         model=remaining_model(model, unit, unit.mean, left),
-        findings=(*findings, *_remarks(found, model, unit)),
+        findings=(*findings, *_remarks(found, model, unit), *doubt_contact(measurement, nominal)),
     )
 
 

@@ -8,6 +8,7 @@ from typing import Any, ClassVar, Final, Literal, final
 
 import numpy as np
 
+from precision_pin.analyses.calibration.contact import doubt_contact
 from precision_pin.analyses.calibration.design import (
     Station,
     UnitNumbers,
@@ -226,6 +227,7 @@ def plan_calibration(
     efficiency = design.efficiency(loss, bound.loss)
     random = [design.exact_loss(generator.permutation(total)[:count]) for _ in range(_RANDOM)]
     estimator = Estimator.of(flat(by_z[chosen]), flat(by_nuisance[chosen]), has_prior=True)
+    nominal = np.array([stations[k].at.posture.pose for k in chosen])
     plain = UnitNumbers(unit.columns, unit.names, unit.mean, unit.std, np.diag(unit.std))
     own = tuple(Station(stations[k].at, (row,)) for row, k in enumerate(chosen))
     readings, set_up = stack_at_means(own, plain, measurement)
@@ -244,7 +246,7 @@ def plan_calibration(
         random_efficiency=design.efficiency(float(np.median(random)), bound.loss),
         identifiability=found,
         poses=tuple(error_left(one, name, unit, estimator, measurement) for name, one in tasks),
-        findings=(*findings, *_remarks(found, efficiency)),
+        findings=(*findings, *_remarks(found, efficiency), *doubt_contact(measurement, nominal)),
     )
 
 
