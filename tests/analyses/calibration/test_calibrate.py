@@ -341,7 +341,6 @@ def test_contact_recovers_a_robot_and_its_places(kind: str) -> None:
     estimate = np.array(list(found.posterior.mean.values()))
     deviation = estimate - x[[model.space.index[name] for name in found.posterior.names]]
     assert stats.chi2.sf(deviation @ np.linalg.solve(found.posterior.covariance, deviation), deviation.size) > 1e-3
-    assert min(np.array(list(found.posterior.learned.values()))) < max(found.posterior.learned.values())
     if kind == "socket":
         errors = (found.set_up.sockets - np.array(place)).ravel()
         stds = np.array([found.set_up.std[name] for name in free.nuisances])
@@ -349,7 +348,6 @@ def test_contact_recovers_a_robot_and_its_places(kind: str) -> None:
     else:
         point, normal = found.set_up.plane
         wanted = np.array(place[1]) / np.linalg.norm(place[1])
-        assert np.linalg.norm(np.cross(normal, wanted)) < 5 * np.hypot(
-            found.set_up.std["plane.tilt1"], found.set_up.std["plane.tilt2"]
-        )
+        tilts = np.hypot(found.set_up.std["plane.tilt1"], found.set_up.std["plane.tilt2"])
+        assert np.linalg.norm(np.cross(normal, wanted)) < 5 * tilts
         assert abs(wanted @ (point - place[0])) < 5e-3

@@ -102,5 +102,5 @@ def doubt_contact(measurement: Measurement, poses: Array) -> Iterator[Finding]:
     far = int((away > _FAR).sum())
     if far:
         where = "the plane" if measurement.kind == "plane" else "a socket"
-        message = f"{far} of {len(away)} poses do not touch {where}, the farthest by {1e3 * away.max():.3g} mm; give poses in contact"
+        message = f"{far} of {len(away)} poses do not touch {where}, the farthest by {1e3 * away.max():.3g} mm"
         yield Finding("warning", "W_CONTACT", message)
