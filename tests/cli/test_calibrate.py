@@ -217,7 +217,7 @@ def test_the_set_up_is_that_of_the_sheet_where_options_say_nothing(run, folder) 
     assert changed["std"] == 5e-5
 
 
-def test_random_poses_of_contact_touch_and_data_need_no_readings(run, folder) -> None:
+def test_random_poses_of_contact_touch(run, folder) -> None:
     text = (folder / SHEET).read_text()
     sockets = (
         "measurement: {kind: socket, base: free, target: 50 30 20 mm, sockets: [900 200 800 mm, 200 900 1000 mm]}\n"
@@ -229,11 +229,6 @@ def test_random_poses_of_contact_touch_and_data_need_no_readings(run, folder) ->
     assert found.json["measurement"]["nuisances"][:3] == ["socket1.x", "socket1.y", "socket1.z"]
     away = run("calibrate", "set.errors.yaml", "--forecast", "--pose", "paper")
     assert "1 of 1 poses do not touch a socket, the farthest by " in away.err
-    model = pp.ErrorModel.load(folder / "set.errors.yaml")
-    q = np.array([list(one["q"].values()) for one in found.json["chosen"]])
-    write(folder, np.degrees(q), JOINTS)
-    fitted = run("calibrate", "set.errors.yaml", "data.csv", "--json", "-").json
-    assert np.abs(np.array(fitted["set_up"]["sockets"]) - model.sheet.measurement.sockets).max() < 0.1
 
 
 def test_in_python_the_set_up_of_the_sheet_is_the_default(folder) -> None:

@@ -322,7 +322,7 @@ def touching(
 
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", ["socket", "plane"])
-def test_contact_recovers_a_robot_and_its_places(kind: str) -> None:
+def test_contact_recovers_a_robot_and_its_places(kind: str, tmp_path: Path) -> None:
     """The robot touches places that are 3 mm from where the first guess has them; only joint values are given."""
     plain = plain_model()
     # contact has no pose or visit draws to be simulated beside
@@ -336,7 +336,9 @@ def test_contact_recovers_a_robot_and_its_places(kind: str) -> None:
     q = touching(model, at, contact_poses(model.chain, at, 40).q, x, noise)
     guess = tuple((a + 3e-3, b, c) for a, b, c in place) if kind == "socket" else ((0.0, 0.0, 0.503), place[1])
     free = pp.Measurement(kind, std=20e-6, target=OFF_AXIS, base="free", **{key: guess})  # type: ignore[arg-type]
-    found = pp.calibrate(model, (q, None), free)
+    header = ", ".join(f"{name} [rad]" for name in model.chain.joint_names)
+    np.savetxt(tmp_path / "touched.csv", q.T, "%.15g", delimiter=", ", header=header, comments="")
+    found = pp.calibrate(model, tmp_path / "touched.csv" if kind == "plane" else (q, None), free)
     assert found.verdict == "agrees"
     estimate = np.array(list(found.posterior.mean.values()))
     deviation = estimate - x[[model.space.index[name] for name in found.posterior.names]]
