@@ -17,12 +17,14 @@ from pathlib import Path
 from typing import Annotated, Any, Final, Literal
 
 import click
+from pydantic import BaseModel
 
 from precision_pin import units
 from precision_pin.cli.commands import list_commands, load_command
 from precision_pin.cli.explain import list_codes
 from precision_pin.draws.laws import Law, laws_of_sheets
 from precision_pin.draws.space import Scope
+from precision_pin.sheet.measurement_entry import MeasurementEntry
 from precision_pin.sheet.schema import Document, json_schema, used_quantities
 from precision_pin.sheet.settings import law_options
 from precision_pin.sources import catalogue
@@ -48,10 +50,10 @@ def table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     return "".join("| " + " | ".join(cell.replace("|", "\\|") for cell in line) + " |\n" for line in lines)
 
 
-def keys() -> str:
-    """Return the top-level keys of a sheet."""
+def keys(model: type[BaseModel] = Document) -> str:
+    """Return the keys of a part of a sheet, of its top level if none is given."""
     rows = []
-    for name, field in Document.model_fields.items():
+    for name, field in model.model_fields.items():
         default = field.get_default(call_default_factory=True, validated_data={})
         shown = "needed" if field.is_required() else f"`{default}`" if isinstance(default, str) else "none"
         rows.append((f"`{field.alias or name}`", _shape(field.annotation), shown, field.description or ""))
@@ -59,11 +61,13 @@ def keys() -> str:
 
 
 def _shape(hint: Any) -> str:
-    """Return in words what a top-level key takes."""
+    """Return in words what a key takes."""
     bare = next(_options(hint))
     match typing.get_origin(bare) or bare:
         case typing.Literal:
             return " or ".join(f"`{choice}`" for choice in typing.get_args(bare))
+        case entry if issubclass(entry, BaseModel):
+            return "names with values"
         case built_in:
             return {str: "text", dict: "names with values", list: "list"}[built_in]
 
@@ -252,6 +256,7 @@ def _choices(option: click.Option) -> str:
 TABLES: Final[dict[str, dict[str, Callable[[], str]]]] = {
     "sheet.md": {
         "keys": keys,
+        "measurement": partial(keys, MeasurementEntry),
         "laws": laws,
         "correlations": correlations,
         "options": options,

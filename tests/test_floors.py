@@ -31,6 +31,7 @@ FLOORS = (
     "robot",
     "terms",
     "sources",
+    "measurement",
     "sheet",
     "statistics",
     "model",

@@ -20,7 +20,6 @@ if TYPE_CHECKING:
     from precision_pin.analyses.calibration.calibrate import calibrate as calibrate
     from precision_pin.analyses.calibration.forecast import forecast_calibration as forecast_calibration
     from precision_pin.analyses.calibration.identifiability import identifiability as identifiability
-    from precision_pin.analyses.calibration.measurement import Measurement as Measurement
     from precision_pin.analyses.calibration.plan import plan_calibration as plan_calibration
     from precision_pin.analyses.compensation.compensate import compensate as compensate
     from precision_pin.analyses.exact_law.exact_law import exact_law as exact_law
@@ -53,6 +52,7 @@ if TYPE_CHECKING:
     from precision_pin.draws.space import Space as Space
     from precision_pin.errors import InputError as InputError
     from precision_pin.errors import PrecisionPinError as PrecisionPinError
+    from precision_pin.measurement.measurement import Measurement as Measurement
     from precision_pin.model.error_model import ErrorModel as ErrorModel
     from precision_pin.model.every_frame import every_frame as every_frame
     from precision_pin.robot import mcpc as mcpc
@@ -96,7 +96,7 @@ _HOMES: Final = {
     "InputError": "errors",
     "JointNormal": "draws.laws",
     "Lognormal": "draws.laws",
-    "Measurement": "analyses.calibration.measurement",
+    "Measurement": "measurement.measurement",
     "MonteCarloResult": "sampling.result",
     "Normal": "draws.laws",
     "Orientation": "robot.pose_sources.orientation",

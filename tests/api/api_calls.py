@@ -149,7 +149,7 @@ def _calibration_calls(call: Callable[..., Call]) -> Iterator[Call]:
     arm = model()
     tracker = pp.Measurement(target=(0.05, 0.03, 0.02))
     poses = np.random.default_rng(0).uniform(-2, 2, (4, 5))
-    tips = simulate_readings(stations_of(arm, poses), tracker, arm, seed=5)[:, :, 0]
+    tips = simulate_readings(stations_of(arm, poses, tracker), tracker, arm, seed=5)[:, :, 0]
     words = {
         "model": "ErrorModel|calibrate",
         "at": "pose|joint",
@@ -178,9 +178,10 @@ def _calibration_calls(call: Callable[..., Call]) -> Iterator[Call]:
         "Measurement", pp.Measurement,
         {
             "kind": "pose", "std": 1e-5, "target": (0.1, 0.0, 0.0), "base": "free", "target_known": True,
-            "attitude_std": 1e-4, "anchor": (0.0, 0.0, 0.0),
+            "attitude_std": 1e-4, "anchor": (0.0, 0.0, 0.0), "plane": None, "sockets": (), "load": None,
         },
         {"std": "standard deviation"}, std=POSITIVE, target_known="true", attitude_std="nothing, one half",
+        plane="nothing", sockets="empty list, empty tuple", load="nothing, empty list, empty tuple",
     )  # fmt: skip
 
 

@@ -23,7 +23,7 @@ def rows(folder) -> np.ndarray:
     model = pp.ErrorModel.load(folder / SHEET)
     q = np.random.default_rng(0).uniform(-2, 2, (4, 10))
     measurement = pp.Measurement(target=(0.05, 0.03, 0.02))
-    readings = simulate_readings(stations_of(model, q), measurement, model, seed=1)[:, :, 0]
+    readings = simulate_readings(stations_of(model, q, measurement), measurement, model, seed=1)[:, :, 0]
     return np.hstack([np.degrees(q.T), 1e3 * readings])
 
 
@@ -192,3 +192,73 @@ def test_given_poses_are_measured(run) -> None:
     found = run("calibrate", SHEET, "--forecast", "--q", "0 10 20 30 deg", "--q", "0 20 20 30 deg", "--json", "-")
     assert found.json["readings"] == 2
     assert math.isfinite(found.json["rms_position"]["after"])
+
+
+SET_UP = (
+    "measurement: {kind: position, std: 0.03 mm, target: 50 30 20 mm, base: free, target_known: false, load: none}\n"
+)
+
+
+def test_the_set_up_is_that_of_the_sheet_where_options_say_nothing(run, folder) -> None:
+    text = (folder / SHEET).read_text()
+    (folder / "set.errors.yaml").write_text(text + SET_UP)
+    poses = ("--forecast", "--random", "8", "--json", "-")
+    found = run("calibrate", "set.errors.yaml", *poses).json["measurement"]
+    expected = {"kind": "position", "std": 3e-5, "target": [0.05, 0.03, 0.02], "base": "free", "target_known": False}
+    assert {name: found[name] for name in expected} == expected
+    assert found["load"] == []
+    options = ("--std", "0.1 mm", "--point-known", "--base-known")
+    other = run("calibrate", "set.errors.yaml", *poses, *options).json["measurement"]
+    assert (other["std"], other["base"], other["target_known"]) == (1e-4, "known", True)
+    assert (other["target"], other["load"]) == (found["target"], [])
+    kind = run("calibrate", "set.errors.yaml", *poses, "--kind", "pose").json["measurement"]
+    assert (kind["kind"], kind["std"], kind["base"]) == ("pose", 3e-5, "free")
+    changed = run("calibrate", "set.errors.yaml", *poses, "--set", "measurement.std=0.05 mm").json["measurement"]
+    assert changed["std"] == 5e-5
+
+
+def test_random_poses_of_contact_touch(run, folder) -> None:
+    text = (folder / SHEET).read_text()
+    sockets = (
+        "measurement: {kind: socket, base: free, target: 50 30 20 mm, sockets: [900 200 800 mm, 200 900 1000 mm]}\n"
+    )
+    (folder / "set.errors.yaml").write_text(text + sockets)
+    found = run("calibrate", "set.errors.yaml", "--plan", "6", "--random", "12", "--json", "-")
+    assert found.code == 0
+    assert "W_CONTACT" not in found.err
+    assert found.json["measurement"]["nuisances"][:3] == ["socket1.x", "socket1.y", "socket1.z"]
+    away = run("calibrate", "set.errors.yaml", "--forecast", "--pose", "paper")
+    assert "1 of 1 poses do not touch a socket, the farthest by " in away.err
+
+
+def test_in_python_the_set_up_of_the_sheet_is_the_default(folder) -> None:
+    (folder / "set.errors.yaml").write_text((folder / SHEET).read_text() + SET_UP)
+    model, plain = (pp.ErrorModel.load(folder / name) for name in ("set.errors.yaml", SHEET))
+    q = np.random.default_rng(0).uniform(-2, 2, (4, 8))
+    assert pp.forecast_calibration(model, q).measurement == model.sheet.measurement
+    with pytest.raises(pp.InputError, match="nothing says what is measured; give pp"):
+        pp.identifiability(plain, q)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("measurement: {kind: planes}", "measurement.kind: input should be 'position', 'pose', 'distance', 'plane' or"),
+        ("measurement: {kind: plane}", "the measurement of a plane needs plane"),
+        ("measurement: {std: 0.1}", "std: '0.1' has no unit; a length needs one of"),
+        ("measurement: {std: 0 mm}", "std must be above zero, got '0 mm'"),
+        ("measurement: {anchor: 1 2 3 mm}", "anchor belongs to the measurement of a distance, not of a position"),
+        ("measurement: {taget: 1 2 3 mm}", "unknown key 'taget': did you mean 'target'?"),
+        ("measurement: {load: [{at: tol, mass: 1 kg}]}", "no link named 'tol'; did you mean 'tool'?"),
+        ("measurement: {load: [{at: tool, mass: 1 mm}]}", "load.0.mass: "),
+        ("measurement: {kind: socket, sockets: [1 2 mm]}", "sockets.0: '1 2 mm' has 2 numbers, expected 3"),
+    ],
+)
+def test_a_wrong_set_up_is_refused_at_its_line(run, folder, text, message) -> None:
+    whole = (folder / SHEET).read_text() + text + "\n"
+    (folder / "new.errors.yaml").write_text(whole)
+    found = run("check", "new.errors.yaml")
+    assert found.code == 2
+    (line,) = (found.out + found.err).strip().splitlines()
+    assert line.startswith(f"new.errors.yaml:{len(whole.splitlines())}: error ")
+    assert message in line

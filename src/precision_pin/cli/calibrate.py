@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, TypedDict, Unpack
+from typing import TYPE_CHECKING, Any, Final, Unpack
 
 import click
 
 from precision_pin.cli.inputs import read_sheet
+from precision_pin.cli.measurement import MeasurementOptions, measurement_of, measurement_options
 from precision_pin.cli.notes import all_warnings_option, echo_note, echo_warnings, quiet_option
 from precision_pin.cli.options import (
     ChainOptions,
@@ -32,8 +33,8 @@ if TYPE_CHECKING:
 
     from matplotlib.figure import Figure
 
-    from precision_pin.analyses.calibration.measurement import Measurement
     from precision_pin.display.stored import JsonResult
+    from precision_pin.measurement.measurement import Measurement
     from precision_pin.model.error_model import ErrorModel
     from precision_pin.robot.pose_set import PoseSet
     from precision_pin.sheet import Sheet
@@ -48,19 +49,7 @@ _MOST: Final = 10_000
 """The most poses."""
 
 
-class _SetUp(TypedDict):
-    """Options of the instrument."""
-
-    kind: str
-    std: str
-    attitude_std: str | None
-    point: str | None
-    point_free: bool
-    base_free: bool
-    anchor: str | None
-
-
-class _Options(ChainOptions, PoseOptions, _SetUp):
+class _Options(ChainOptions, PoseOptions, MeasurementOptions):
     """All options but those that say what is done."""
 
     criterion: str | None
@@ -83,27 +72,13 @@ class _Options(ChainOptions, PoseOptions, _SetUp):
     type=click.Choice(["task", "D"]),
     help="Of --plan: the position error left at the poses of --at, or the determinant of the information.  [default: task]",
 )
-@click.option(
-    "--kind",
-    type=click.Choice(["position", "pose", "distance"]),
-    default="position",
-    show_default=True,
-    help="What the instrument measures.",
-)
-@click.option("--std", default="0.02 mm", show_default=True, help="Standard deviation of a measured length.")
-@click.option("--attitude-std", metavar="ANGLE", help="That of a measured angle of a pose; std / 100 mm if left out.")
-@click.option(
-    "--point", metavar='"X Y Z mm"', help="The point that is measured, in the tip's axes; the tip if left out."
-)
-@click.option("--point-free", is_flag=True, help="The place of this point on the tool is estimated.")
-@click.option("--base-free", is_flag=True, help="The base (of distances: the anchor) is estimated.")
-@click.option("--anchor", metavar='"X Y Z mm"', help="Where distances are measured from, in base axes.")
+@measurement_options
 @pose_options
 @click.option(
     "--random",
     type=int,
     metavar="N",
-    help=f"N random poses within joint limits; {_RANDOM} if none are given, {_CANDIDATES} for a plan.",
+    help=f"N random poses within joint limits (of plane and socket: in contact); {_RANDOM}, {_CANDIDATES} for a plan.",
 )
 @click.option(
     "--at", "at_names", multiple=True, metavar="NAME", help="A pose of the sheet to judge; all if left out; repeats."
@@ -142,12 +117,12 @@ def command(forecast: bool, count: int | None, **options: Unpack[_Options]) -> N
     outputs = Outputs(files, options["out"], ("calibration*",))
     outputs.check()
     outputs.refuse_inputs([*([] if data is None else [data]), *pose_files(options)])
-    measurement = _measurement(options)
     sheet = read_sheet(options, outputs)
+    measurement = measurement_of(sheet, options)
     model = ErrorModel.from_sheet(sheet)
     at = _task_poses(model, options["at_names"])
     if count is not None:
-        poses, sheet = _measured_poses(sheet, options, _CANDIDATES)
+        poses, sheet = _measured_poses(sheet, options, _CANDIDATES, measurement)
         with progress_bar(PLAN_STEPS, "choosing poses", "steps") as progress:
             plan = plan_calibration(
                 model,
@@ -164,7 +139,7 @@ def command(forecast: bool, count: int | None, **options: Unpack[_Options]) -> N
         _answer(plan, plan_table, "plan_figure", "calibration-plan", options)
         return
     if forecast:
-        poses, sheet = _measured_poses(sheet, options, _RANDOM)
+        poses, sheet = _measured_poses(sheet, options, _RANDOM, measurement)
         forecast_result = forecast_calibration(model, poses, measurement, at=at, findings=sheet.findings)
         echo_warnings(forecast_result.findings[len(sheet.findings) :])
         _answer(forecast_result, forecast_table, "forecast_figure", "calibration-forecast", options)
@@ -233,37 +208,6 @@ def _usage(message: str) -> InputError:
     return InputError([Finding("error", "E_USAGE", message)])
 
 
-def _measurement(options: _Options) -> Measurement:
-    from precision_pin import units
-    from precision_pin.analyses.calibration.measurement import Measurement
-
-    def point(name: str, text: str | None) -> tuple[float, float, float]:
-        if text is None:
-            return (0.0, 0.0, 0.0)
-        try:
-            x, y, z = units.parse_vector(text, units.LENGTH, count=3)
-        except InputError as error:
-            raise _usage(f"--{name}: {error.findings[0].message}") from None
-        return x, y, z
-
-    def number(name: str, text: str, quantity: units.Quantity) -> float:
-        try:
-            return units.parse(text, quantity)
-        except InputError as error:
-            raise _usage(f"--{name}: {error.findings[0].message}") from None
-
-    angle = options["attitude_std"]
-    return Measurement(
-        kind=options["kind"],  # type: ignore[arg-type]
-        std=number("std", options["std"], units.LENGTH),
-        target=point("point", options["point"]),
-        base="free" if options["base_free"] else "known",
-        target_known=not options["point_free"],
-        attitude_std=None if angle is None else number("attitude-std", angle, units.ANGLE),
-        anchor=point("anchor", options["anchor"]),
-    )
-
-
 def _task_poses(model: ErrorModel, names: tuple[str, ...]) -> list[str] | None:
     """Return the poses to judge; refuse names that the sheet has not before any work."""
     for name in names:
@@ -271,10 +215,11 @@ def _task_poses(model: ErrorModel, names: tuple[str, ...]) -> list[str] | None:
     return list(names) or None
 
 
-def _measured_poses(sheet: Sheet, options: _Options, count: int) -> tuple[PoseSet, Sheet]:
+def _measured_poses(sheet: Sheet, options: _Options, count: int, measurement: Measurement) -> tuple[PoseSet, Sheet]:
     """Return the poses that the options give, or random ones, and the sheet with warnings about poses left out."""
     import numpy as np
 
+    from precision_pin.analyses.calibration.contact import contact_poses
     from precision_pin.inputs.arguments import check_whole
     from precision_pin.robot.pose_set import PoseSet
     from precision_pin.robot.pose_sources.random_poses import random_poses
@@ -286,6 +231,8 @@ def _measured_poses(sheet: Sheet, options: _Options, count: int) -> tuple[PoseSe
         return PoseSet.at(sheet.chain, np.ascontiguousarray(np.array(values).T), names), asked.noted_in(sheet)
     number = count if options["random"] is None else options["random"]
     check_whole("the number of random poses", number, 1, _MOST)
+    if measurement.kind in ("plane", "socket"):
+        return contact_poses(sheet.chain, measurement, number, seed=options["seed"]), sheet
     return random_poses(sheet.chain, number, seed=options["seed"]), sheet
 
 

@@ -69,7 +69,9 @@ def strained_findings(
 
     An analysis of many poses looks at the one with the largest error alone, since each look solves the deflected arm.
     """
-    at = model.at(pose)
+    # not model.at, which would warn of joint limits once more
+    q, approach = model.configuration(pose)[:, None], model.approach(pose)
+    at = next(model.at_columns(q, np.array(approach, dtype=np.int8)[:, None] if approach else None))
     found = (*model.statics_findings(at), *(turnover_findings(at) if first_order else ()))
     return tuple(replace(one, message=f"{label}: {one.message}") for one in found)
 

@@ -21,7 +21,7 @@ from precision_pin.visible import shown
 
 __all__ = ["Change", "change_text", "parse_change", "plain_data", "values_at"]
 
-_SINGLE: Final = ("gravity", "statics", "target", "calibrated")
+_SINGLE: Final = ("gravity", "statics", "target", "calibrated", "measurement")
 _SECTIONS: Final = ("parameters", "poses", "locked", *_SINGLE)
 """Keys of a sheet besides its sources whose values can be changed."""
 _SOURCE: Final = re.compile(r"(?P<label>[\w*]+(?:\[.*?\](?:#[\d*]+)?)?)(?:\.(?P<rest>.+))?")

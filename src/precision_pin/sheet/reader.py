@@ -15,23 +15,22 @@ from precision_pin import units
 from precision_pin.draws.estimates import Estimates
 from precision_pin.draws.laws import Fixed
 from precision_pin.draws.space import Draw, Extension, LabelledSpace, Space
-from precision_pin.errors import Finding, InputError, SheetError, UrdfError, nearest
+from precision_pin.errors import Finding, InputError, SheetError, nearest
 from precision_pin.inputs.files import UnreadableFileError, read_text_file
+from precision_pin.measurement.measurement import Measurement
 from precision_pin.robot.approach import Approach
-from precision_pin.robot.chain import EARTH, Chain
+from precision_pin.robot.chain import Chain
 from precision_pin.robot.chain_findings import chain_findings
-from precision_pin.robot.examples import resolve_robot
-from precision_pin.robot.urdf import Robot
-from precision_pin.robot.urdf import read as read_urdf
 from precision_pin.sheet.calibrated import read_estimates
+from precision_pin.sheet.chain_entry import Overrides, read_chain
 from precision_pin.sheet.changes import Change, change_text, plain_data, values_at
 from precision_pin.sheet.correlations import correlated_space
 from precision_pin.sheet.findings import Findings
-from precision_pin.sheet.poses import joint_quantity, parse_poses
+from precision_pin.sheet.measurement_entry import read_measurement
+from precision_pin.sheet.poses import parse_poses
 from precision_pin.sheet.remarks import remark_on_poses, remark_on_sources
 from precision_pin.sheet.schema import ASSUMED, Context, Document, source_model, used_quantities
 from precision_pin.sheet.settings import NAME, NamedParameter, parse_parameter
-from precision_pin.sheet.target import parse_target
 from precision_pin.sheet.text import Path, Text, read_text
 from precision_pin.sources import catalogue
 from precision_pin.terms.bound_source import BoundSource, load_posture
@@ -42,7 +41,6 @@ from precision_pin.typing import Array
 __all__ = ["Contents", "Overrides", "Sheet", "read", "read_data"]
 
 
-GRAVITIES: Final = {"earth": EARTH, "moon": (0.0, 0.0, -1.62), "none": (0.0, 0.0, 0.0)}
 LARGEST_FILE: Final = 4 * 2**20
 _ANY_COMPONENT: Final = ("", ".x", ".y", *(f".{k}" for k in range(6)))
 
@@ -76,6 +74,8 @@ class Sheet:
         What it was read from.
     estimates
         Those of a calibration, in place of tolerances.
+    measurement
+        Instrument and set-up of a calibration.
     """
 
     file: str
@@ -89,6 +89,7 @@ class Sheet:
     approaches: Mapping[str, Approach] = field(default_factory=dict)
     contents: Contents | None = None
     estimates: Estimates | None = None
+    measurement: Measurement | None = None
 
     def with_changes(self, changes: Mapping[str, object]) -> Sheet:
         """Return the sheet read again with values changed: by path, see :class:`precision_pin.sheet.changes.Change`.
@@ -104,18 +105,6 @@ class Sheet:
             raise InputError("the sheet was not read from a file or a dictionary, so that nothing in it can be changed")
         asked = [Change(path, plain_data(value, path), path) for path, value in changes.items()]
         return self.contents.read_changed(self, asked)
-
-
-@final
-@dataclass(frozen=True)
-class Overrides:
-    """Values from the command line in place of the sheet's; ``None`` keeps the sheet's."""
-
-    robot: FilePath | None = None
-    tip: str | None = None
-    base: str | None = None
-    package_dirs: tuple[str, ...] = ()
-    target: str | None = None
 
 
 @final
@@ -212,7 +201,7 @@ def _read(contents: Contents) -> Sheet:
     known = catalogue() | {kind.kind(): kind for kind in contents.kinds}
     named, unread = _parameters(document, findings, used_quantities(tuple(known.values())), folder)
     arm_is_known = not wrong & {"robot", "tip", "base", "locked"}
-    chain = _chain(document, findings, overrides, folder) if arm_is_known else None
+    chain = read_chain(document, findings, overrides, folder) if arm_is_known else None
     slides = {} if chain is None else dict(zip(chain.joint_names, map(bool, chain.prismatic), strict=True))
     sources, assumed = _sources(document, findings, known, Context(named, slides, folder))
     draws = tuple(dict.fromkeys(parameter.draw for parameter in named.values()))
@@ -224,6 +213,7 @@ def _read(contents: Contents) -> Sheet:
     _try_terms(chain, space, sources, poses, approaches, findings)
     listed = tuple(sources.values())
     estimates = _estimates(document, space, listed, folder, findings)
+    measurement = _measurement(document, chain, findings)
     findings.refuse()
     remark_on_sources(document, space, sources, findings)
     remark_on_poses(document, chain, findings)
@@ -242,7 +232,18 @@ def _read(contents: Contents) -> Sheet:
         approaches=approaches,
         contents=contents,
         estimates=estimates,
+        measurement=measurement,
     )
+
+
+def _measurement(document: Document, chain: Chain, findings: Findings) -> Measurement | None:
+    if document.measurement is None:
+        return None
+    try:
+        return read_measurement(document.measurement, chain)
+    except InputError as error:
+        findings.take(("measurement",), error)
+        return None
 
 
 def _estimates(
@@ -326,50 +327,6 @@ def _parameters(
         named |= dict.fromkeys(parameter.draw.components, parameter)
     placeholders = {name: NamedParameter(Draw(name, Fixed(0.0)), quantities) for name in unread if name not in owners}
     return named | placeholders, tuple(placeholders)
-
-
-def _chain(document: Document, findings: Findings, overrides: Overrides, folder: FilePath) -> Chain | None:
-    try:
-        robot = read_urdf(overrides.robot or resolve_robot(document.robot, folder), package_dirs=overrides.package_dirs)
-    except UrdfError as error:
-        findings.found += error.findings
-        return None
-    except InputError as error:
-        findings.take(("robot",), error)
-        return None
-    gravity = _gravity(document, findings)
-    locked = _parse_locked(document, findings, robot)
-    if locked is None:
-        return None
-    try:
-        chain = Chain.from_robot(robot, overrides.tip or document.tip, overrides.base or document.base, gravity, locked)
-        target = overrides.target or document.target
-        return chain if target is None else chain.with_target(parse_target(target))
-    except InputError as error:
-        findings.take((), error)
-        return None
-
-
-def _gravity(document: Document, findings: Findings) -> tuple[float, ...]:
-    if document.gravity in GRAVITIES:
-        return GRAVITIES[document.gravity]
-    try:
-        return tuple(units.parse_vector(document.gravity, units.ACCELERATION, count=3))
-    except InputError as error:
-        allowed = ", ".join(GRAVITIES)
-        message = f"gravity: {error.findings[0].message}; give three numbers in m/s^2, or one of {allowed}"
-        findings.error(("gravity",), message)
-        return EARTH
-
-
-def _parse_locked(document: Document, findings: Findings, robot: Robot) -> dict[str, float] | None:
-    values: dict[str, float] = {}
-    for name, value in document.locked.items():
-        try:
-            values[name] = units.parse(value, joint_quantity(robot.joint(name)))
-        except InputError as error:
-            findings.take(("locked", name), error)
-    return values if len(values) == len(document.locked) else None
 
 
 def _sources(

@@ -23,6 +23,7 @@ from pydantic import (
 
 from precision_pin.draws.laws import Law, laws_of_sheets
 from precision_pin.errors import InputError
+from precision_pin.sheet.measurement_entry import MeasurementEntry
 from precision_pin.sheet.settings import (
     TOLERANCE_PATTERN,
     NamedParameter,
@@ -50,6 +51,8 @@ VERSION = "1"
 ASSUMED: Final = "assumed"
 """The key, allowed in every source, that marks its numbers as assumptions."""
 _LAW: Final = {"title": "law"}
+_FLAG: Final = [True, False, "true", "false"]
+"""Values of a flag, as any YAML reader reads them."""
 
 
 @final
@@ -103,6 +106,9 @@ class Document(BaseModel):
     calibrated: str | None = Field(
         None, description="JSON of calibrate, relative to the sheet; its estimates take the place of tolerances."
     )
+    measurement: MeasurementEntry | None = Field(
+        None, description="Instrument and set-up of calibrate, where its options say nothing else."
+    )
     allocate: dict[str, Any] | None = Field(
         None, description="What precision-pin allocate solves: tolerances with their costs, specs, poses."
     )
@@ -125,12 +131,13 @@ def source_model(kind: type) -> type[BaseModel]:
 def json_schema(kinds: Mapping[str, type[Source]] | None = None) -> dict[str, Any]:
     """Return the JSON schema of a sheet."""
     schema = Document.model_json_schema(by_alias=True)
-    definitions: dict[str, Any] = {"law": _law_schema()}
+    definitions: dict[str, Any] = schema.pop("$defs", {}) | {"law": _law_schema()}
+    definitions["MeasurementEntry"]["properties"]["target_known"]["enum"] = _FLAG
     choices = []
     for name, kind in (kinds or catalogue()).items():
         definition = _with_references(source_model(kind).model_json_schema())
         definitions |= definition.pop("$defs", {})
-        definition["properties"][ASSUMED] = {"type": ["boolean", "string"], "enum": [True, False, "true", "false"]}
+        definition["properties"][ASSUMED] = {"type": ["boolean", "string"], "enum": _FLAG}
         definitions[name] = definition
         choices.append(
             {

@@ -45,7 +45,7 @@ def readings_of(
     """Return readings of a simulated robot, attitudes as rotation vectors."""
     from precision_pin import se3
 
-    stations = stations_of(model, q)
+    stations = stations_of(model, q, measurement)
     found = simulate_readings(stations, measurement, model, seed=seed)[:, :, 0]
     if measurement.kind == "pose":
         for station in stations:

@@ -13,6 +13,7 @@ import precision_pin as pp
 from analyses.calibration.arms import OFF_AXIS, paper_model, plain_model, random_poses, readings_of
 from precision_pin import se3
 from precision_pin.analyses.calibration.calibration_result import CalibrationResult
+from precision_pin.analyses.calibration.contact import contact_poses
 from precision_pin.analyses.calibration.simulation import simulate_calibrations
 from precision_pin.robot.chain import Chain
 from precision_pin.sources import Backlash, Frame, JointOffset, Mounting
@@ -300,3 +301,55 @@ def test_intervals_cover_the_truth() -> None:
     assert 0.945 < inside.mean() < 0.955
     tip = found.errors[:, :3] / np.sqrt([np.diag(e.covariance_after)[:3] for e in forecast.poses])[:, :, None]
     assert 0.945 < (np.abs(tip) < stats.norm.ppf(0.975)).mean() < 0.955
+
+
+def touching(
+    model: pp.ErrorModel, measurement: pp.Measurement, q: np.ndarray, x: np.ndarray, noise: np.ndarray
+) -> np.ndarray:
+    """Return joint values at which the robot x has its target at the nominal place, but for the noise; by Newton's steps."""
+    result = q.copy()
+    for k in range(q.shape[1]):
+        for _ in range(12):
+            at = model.at(result[:, k])
+            error = at.exact(x[:, None])[:, 0]
+            away = measurement.predict(at.posture.pose, error[:, None], np.zeros((len(measurement.nuisances), 1)))[:, 0]
+            by_error = measurement.slopes(at.posture.pose, error, np.zeros(len(measurement.nuisances))).error
+            jacobian = by_error @ model.chain.at_columns(result[:, k : k + 1]).joint_jacobian[:, :, 0]
+            result[:, k] -= np.linalg.lstsq(jacobian, away - noise[k], rcond=None)[0]
+        assert np.abs(away - noise[k]).max() < 1e-12
+    return result
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["socket", "plane"])
+def test_contact_recovers_a_robot_and_its_places(kind: str, tmp_path: Path) -> None:
+    """The robot touches places that are 3 mm from where the first guess has them; only joint values are given."""
+    plain = plain_model()
+    # contact has no pose or visit draws to be simulated beside
+    model = pp.ErrorModel(plain.chain, pp.Space(), [*plain.sources[:4], *plain.sources[7:]], plain.poses)
+    places = {"sockets": ((0.9, 0.2, 0.8), (0.2, 0.9, 1.0)), "plane": ((0.0, 0.0, 0.5), (0.1, -0.2, 1.0))}
+    place = places["sockets"] if kind == "socket" else places["plane"]
+    key = "sockets" if kind == "socket" else "plane"
+    at = pp.Measurement(kind, std=20e-6, target=OFF_AXIS, **{key: place})  # type: ignore[arg-type]
+    x = model.space.sample(3, 0, 1)[:, 0]
+    noise = np.random.default_rng(1).normal(0, at.std, (40, at.size))
+    q = touching(model, at, contact_poses(model.chain, at, 40).q, x, noise)
+    guess = tuple((a + 3e-3, b, c) for a, b, c in place) if kind == "socket" else ((0.0, 0.0, 0.503), place[1])
+    free = pp.Measurement(kind, std=20e-6, target=OFF_AXIS, base="free", **{key: guess})  # type: ignore[arg-type]
+    header = ", ".join(f"{name} [rad]" for name in model.chain.joint_names)
+    np.savetxt(tmp_path / "touched.csv", q.T, "%.15g", delimiter=", ", header=header, comments="")
+    found = pp.calibrate(model, tmp_path / "touched.csv" if kind == "plane" else (q, None), free)
+    assert found.verdict == "agrees"
+    estimate = np.array(list(found.posterior.mean.values()))
+    deviation = estimate - x[[model.space.index[name] for name in found.posterior.names]]
+    assert stats.chi2.sf(deviation @ np.linalg.solve(found.posterior.covariance, deviation), deviation.size) > 1e-3
+    if kind == "socket":
+        errors = (found.set_up.sockets - np.array(place)).ravel()
+        stds = np.array([found.set_up.std[name] for name in free.nuisances])
+        assert (np.abs(errors) < 5 * stds).all()
+    else:
+        point, normal = found.set_up.plane
+        wanted = np.array(place[1]) / np.linalg.norm(place[1])
+        tilts = np.hypot(found.set_up.std["plane.tilt1"], found.set_up.std["plane.tilt2"])
+        assert np.linalg.norm(np.cross(normal, wanted)) < 5 * tilts
+        assert abs(wanted @ (point - place[0])) < 5e-3

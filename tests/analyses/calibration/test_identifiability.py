@@ -7,6 +7,7 @@ import pytest
 
 import precision_pin as pp
 from analyses.calibration.arms import OFF_AXIS, paper_model, plain_model, random_poses
+from precision_pin.analyses.calibration.contact import contact_poses, doubt_contact
 from precision_pin.draws.space import Space
 from precision_pin.robot.chain import Chain
 from precision_pin.robot.examples import example_urdfs
@@ -89,3 +90,34 @@ def test_a_joint_without_load_has_no_identifiable_compliance() -> None:
 def test_one_reading_determines_no_more_than_it_has_numbers() -> None:
     assert pp.identifiability(plain_model(), random_poses(4, 1), pp.Measurement()).rank == 3
     assert pp.identifiability(plain_model(), random_poses(4, 1), pp.Measurement("distance")).rank == 1
+
+
+SOCKETS = ((0.9, 0.2, 0.8), (0.2, 0.9, 1.0), (-0.6, 0.5, 0.5))
+PLANE = ((0.0, 0.0, 0.5), (0.1, -0.2, 1.0))
+
+
+@pytest.mark.parametrize("name", ["paper", "ur5"])
+def test_ranks_of_contact(name: str) -> None:
+    """What moves no target against its place, of the 4R + 3 combinations that points determine.
+
+    Known sockets leave nothing, and a known plane three moves along it and the scale of the arm about a point in it. With free
+    places the six moves of the base go, and the scale of all lengths.
+    """
+    chain = chain_of(name)
+    model, points = pp.every_frame(chain), 4 * len(chain.joints) + 3
+    shrink = 0.5 if name == "ur5" else 1.0
+    sockets = tuple(tuple(shrink * x for x in place) for place in SOCKETS)
+    unseen = {}
+    for base in ("known", "free"):
+        for kind, place in (("socket", {"sockets": sockets}), ("plane", {"plane": PLANE})):
+            measurement = pp.Measurement(kind, base=base, target=OFF_AXIS, **place)  # type: ignore[arg-type]
+            poses = contact_poses(chain, measurement, 60)
+            found = pp.identifiability(model, poses, measurement)
+            unseen[kind, base] = points - found.rank
+            assert found.nuisance_rank == len(measurement.nuisances)
+            assert found.singular_values[found.rank - 1] > 1e-5 * found.singular_values[0]
+            assert found.singular_values[found.rank :].max() < 1e-13 * found.singular_values[0]
+            assert (
+                list(doubt_contact(measurement, np.array([at.posture.pose for at in model.at_columns(poses.q)]))) == []
+            )
+    assert unseen == {("socket", "known"): 0, ("plane", "known"): 4, ("socket", "free"): 7, ("plane", "free"): 7}

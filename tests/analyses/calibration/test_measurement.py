@@ -12,12 +12,27 @@ import precision_pin as pp
 from analyses.calibration.arms import OFF_AXIS, plain_model, random_poses, readings_of
 from precision_pin import se3
 from precision_pin.errors import InputError
+from precision_pin.measurement.places import Plane
+from precision_pin.sources import Payload
 
 KINDS = [
     pp.Measurement(kind, target=(0.1, -0.2, 0.05), base=base, target_known=known, anchor=anchor)
     for kind, base, known in itertools.product(("position", "pose", "distance"), ("known", "free"), (True, False))
     for anchor in [(0.4, 0.1, -0.2) if kind == "distance" else (0.0, 0.0, 0.0)]
 ]
+POINT, NORMAL, SOCKETS = (0.2, 0.1, -0.3), (1.0, -2.0, 2.0), ((2.0, 2.0, 2.0), (0.1, 0.5, 0.3), (-2.0, 1.0, 0.0))
+KINDS += [
+    pp.Measurement(kind, target=(0.1, -0.2, 0.05), base=base, target_known=known, **place)  # type: ignore[arg-type]
+    for kind, place in (("plane", {"plane": (POINT, NORMAL)}), ("socket", {"sockets": SOCKETS}))
+    for base, known in (("known", True), ("free", False))
+]
+
+
+def test_the_tilts_of_a_plane_are_about_directions_in_it() -> None:
+    """The two tilts are about directions in the plane."""
+    axes = Plane(POINT, tuple(np.array(NORMAL) / 3)).axes
+    np.testing.assert_allclose(axes.T @ axes, np.eye(3), atol=1e-15)
+    np.testing.assert_allclose(axes[:, 0], np.array(NORMAL) / 3)
 
 
 def names(measurement: pp.Measurement) -> str:
@@ -43,7 +58,11 @@ def by_matrices(measurement: pp.Measurement, pose: np.ndarray, error: np.ndarray
     tip[:3, :3] = Rotation.from_rotvec(error[3:]).as_matrix() @ pose[:3, :3]
     tip[:3, 3] = pose[:3, 3] + error[:3]
     base, anchor, target = np.eye(4), np.array(measurement.anchor), np.eye(4)
-    if measurement.base == "free" and measurement.kind == "distance":
+    of_place = np.zeros(9)
+    if measurement.base == "free" and measurement.kind in ("plane", "socket"):
+        own = take(3 if measurement.kind == "plane" else 9)
+        of_place[: own.size] = own
+    elif measurement.base == "free" and measurement.kind == "distance":
         anchor = anchor + take(3)
     elif measurement.base == "free":
         base[:3, 3], base[:3, :3] = take(3), Rotation.from_rotvec(take(3)).as_matrix()
@@ -55,6 +74,20 @@ def by_matrices(measurement: pp.Measurement, pose: np.ndarray, error: np.ndarray
     seen = base @ tip @ target
     if measurement.kind == "distance":
         return np.array([np.linalg.norm(seen[:3, 3] - anchor)])
+    if measurement.kind == "plane":
+        # n from two points in the plane, each raised by its tilt
+        normal = np.array(NORMAL) / 3
+        first = np.cross(normal, np.eye(3)[0])
+        first /= np.linalg.norm(first)
+        second = np.cross(normal, first)
+        turned = np.cross(first - of_place[1] * normal, second - of_place[2] * normal)
+        turned /= np.linalg.norm(turned)
+        return np.array([turned @ (seen[:3, 3] - POINT) - of_place[0]])
+    if measurement.kind == "socket":
+        nominal = pose[:3, :3] @ measurement.target + pose[:3, 3]
+        distances = [np.linalg.norm(nominal - one) for one in SOCKETS]
+        k = distances.index(min(distances))
+        return seen[:3, 3] - SOCKETS[k] - of_place[3 * k : 3 * k + 3]
     turn = Rotation.from_matrix(seen[:3, :3] @ pose[:3, :3].T).as_rotvec()
     return np.concatenate([seen[:3, 3], turn])[: measurement.size]
 
@@ -95,6 +128,15 @@ def test_slopes_are_finite_differences(measurement: pp.Measurement) -> None:
         ({"target": (1.0, 2.0)}, "three lengths in m"),
         ({"attitude_std": 1e-4}, "belongs to the measurement of a pose"),
         ({"anchor": (1.0, 0.0, 0.0)}, "belongs to the measurement of a distance"),
+        ({"sockets": ((1.0, 0.0, 0.0),)}, "sockets belongs to the measurement of a socket"),
+        ({"kind": "socket"}, "the measurement of a socket needs sockets"),
+        ({"kind": "socket", "sockets": 3}, "must be a list of points"),
+        ({"kind": "socket", "sockets": ((0, 0, 0), (0, 0, 0))}, "two sockets of a measurement are at one place"),
+        ({"kind": "plane"}, "the measurement of a plane needs plane"),
+        ({"kind": "plane", "plane": (1, 2, 3)}, "must be a point and a normal"),
+        ({"kind": "plane", "plane": ((0, 0, 0), (0, 0, 0))}, "normal of the plane of a measurement is zero"),
+        ({"load": (3.0,)}, "the load of a measurement"),
+        ({"load": (Payload(at="tool", mass=pp.Normal(0.1, mean=1.0)),)}, "is given by fixed numbers"),
     ],
 )
 def test_wrong_settings_are_refused(settings: dict[str, object], message: str) -> None:
@@ -125,3 +167,27 @@ def test_what_is_measured_does_not_move_with_the_point_that_results_are_about() 
     np.testing.assert_allclose(point[:3, 3], tip[:3, 3] + 0.1 * tip[:3, 1], atol=1e-12)
     plans = [pp.plan_calibration(each, q, 4, measurement, criterion="D").chosen for each in (model, away)]
     assert plans[0] == plans[1]
+
+
+def test_the_load_of_a_measurement_takes_the_place_of_payloads() -> None:
+    """Without a payload its mass cannot be learned; with a known one the readings are those of an arm that carries it."""
+    from dataclasses import replace
+
+    from precision_pin.analyses.calibration.design import stations_of
+
+    plain, q = plain_model(), random_poses(4, 10)
+    loaded = Payload(at="tool", mass=pp.Uniform(0.5, mean=2.0))
+    model = pp.ErrorModel(plain.chain, pp.Space(), (*plain.sources, loaded), plain.poses)
+    measurement = pp.Measurement(std=20e-6, target=OFF_AXIS)
+    learned = [
+        pp.forecast_calibration(model, q, replace(measurement, load=load)).posterior.learned["payload[tool].mass"]
+        for load in (None, (), (Payload(at="tool", mass=3.0),))
+    ]
+    assert learned[0] > 0.1
+    assert learned[1:] == [0.0, 0.0]
+    known = pp.ErrorModel(plain.chain, pp.Space(), (*plain.sources, Payload(at="tool", mass=3.0)), plain.poses)
+    carrying = stations_of(model, q, replace(measurement, load=(Payload(at="tool", mass=3.0),)))
+    for one, other in zip(carrying, stations_of(known, q, measurement), strict=True):
+        columns = [one.at.space.index[name] for name in other.at.space.components]
+        np.testing.assert_allclose(one.at.jacobian[:, columns], other.at.jacobian, rtol=0, atol=1e-15)
+        np.testing.assert_allclose(one.at.error_at_means, other.at.error_at_means, rtol=0, atol=1e-15)

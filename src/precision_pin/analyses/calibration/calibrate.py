@@ -11,17 +11,17 @@ from scipy import stats
 from precision_pin.analyses.calibration.calibration_result import CalibrationResult, GrossError
 from precision_pin.analyses.calibration.checks import check_data, doubt_model, refuse_far_readings
 from precision_pin.analyses.calibration.data import CalibrationData, read_data
-from precision_pin.analyses.calibration.design import stations_of
+from precision_pin.analyses.calibration.design import measurement_of, stations_of
 from precision_pin.analyses.calibration.fit import Fit, Problem, fit
 from precision_pin.analyses.calibration.forecast import task_poses
 from precision_pin.analyses.calibration.identifiability import of_stack, refuse_where_nothing_is_seen, remarks_on
-from precision_pin.analyses.calibration.measurement import Measurement
 from precision_pin.analyses.calibration.posterior import Posterior, error_left
 from precision_pin.analyses.calibration.remaining_model import remaining_model
 from precision_pin.analyses.calibration.set_up import SetUp, first_guess, readings_in_base
 from precision_pin.analyses.provenance import Provenance
 from precision_pin.errors import Finding
-from precision_pin.inputs.arguments import check_flag, check_instance, check_items
+from precision_pin.inputs.arguments import check_flag, check_items
+from precision_pin.measurement.measurement import Measurement
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.typing import Array
 
@@ -38,7 +38,7 @@ _FEW_STEPS: Final = 3
 def calibrate(
     model: ErrorModel,
     data: object,
-    measurement: Measurement,
+    measurement: Measurement | None = None,
     *,
     prior: bool = True,
     at: object = None,
@@ -54,7 +54,7 @@ def calibrate(
         Path of a CSV file, or a pair of poses (a list, or an array ``(n, P)``) and readings ``(P, m)`` in m and rad; of
         poses ``(P, 4, 4)`` too.
     measurement
-        Instrument and set-up.
+        Instrument and set-up; those of the sheet if left out.
     prior
         Maximum a posteriori with the sheet as the prior; ``False``: maximum likelihood on the combinations that the
         readings determine, where all others keep their tolerances.
@@ -68,12 +68,11 @@ def calibrate(
     InputError
         The data are wrong, nothing varies from robot to robot or no reading sees it, or the fit does not settle.
     """
-    check_instance("model", model, ErrorModel, "as ErrorModel.load returns it")
-    check_instance("measurement", measurement, Measurement, "pp.Measurement(kind=..., std=...)")
+    measurement = measurement_of(model, measurement)
     findings = check_items("findings", findings, Finding)
     check_flag("prior", prior)
     given = read_data(model, data, measurement)
-    stations = stations_of(model, given.q)
+    stations = stations_of(model, given.q, measurement)
     base, start = first_guess(given, stations, measurement)
     readings = readings_in_base(given, stations, base, measurement)
     whole = Problem.of(model, measurement, stations, readings, _deviations(given, measurement), start)

@@ -15,7 +15,6 @@ from precision_pin import se3
 from precision_pin.analyses.calibration.checks import DOUBTFUL, probability
 from precision_pin.analyses.calibration.data import CalibrationData
 from precision_pin.analyses.calibration.identifiability import Identifiability
-from precision_pin.analyses.calibration.measurement import Measurement
 from precision_pin.analyses.calibration.posterior import ErrorLeft, Posterior
 from precision_pin.analyses.calibration.set_up import SetUp
 from precision_pin.analyses.declaration import load
@@ -24,6 +23,7 @@ from precision_pin.display.files import write_files
 from precision_pin.display.stored import JsonResult
 from precision_pin.errors import Finding
 from precision_pin.inputs.arguments import check_path
+from precision_pin.measurement.measurement import Measurement
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.typing import Array
 

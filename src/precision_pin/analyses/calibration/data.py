@@ -5,7 +5,8 @@
 
 A column for each joint and each number of a reading, with its unit in brackets: ``x y z`` of a position; ``rx ry rz`` too of
 a pose, the rotation vector of the measured attitude; ``distance`` of a distance. ``std`` is the standard deviation of the
-row's lengths, ``group`` a whole number for rows that are left out together.
+row's lengths, ``group`` a whole number for rows that are left out together. At contact nothing need be read: ``height`` over a
+plane, and ``x y z`` from the socket, are zero if left out.
 """
 
 from __future__ import annotations
@@ -16,11 +17,11 @@ from typing import Any, Final, final
 import numpy as np
 
 from precision_pin import units
-from precision_pin.analyses.calibration.measurement import Measurement
 from precision_pin.errors import Finding, InputError, nearest
 from precision_pin.inputs import csv_columns
 from precision_pin.inputs.arguments import check_numbers, check_path
 from precision_pin.inputs.arrays import fix_fields
+from precision_pin.measurement.measurement import Measurement
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.robot.chain import Chain
 from precision_pin.se3 import log_rotation
@@ -32,7 +33,11 @@ _READINGS: Final = {
     "position": ("x", "y", "z"),
     "pose": ("x", "y", "z", "rx", "ry", "rz"),
     "distance": ("distance",),
+    "plane": ("height",),
+    "socket": ("x", "y", "z"),
 }
+_CONTACT: Final = ("plane", "socket")
+"""Kinds whose readings are zero if left out."""
 _LARGEST_TURN: Final = 4 * np.pi
 _FAR: Final = 10.0
 """Joint values this many times beyond their limits, in units of the range, are taken for a wrong unit."""
@@ -48,7 +53,7 @@ class CalibrationData:
     q
         Joint values in chain order, rad and m, ``(n, P)``.
     readings
-        ``(P, m)``, m and rad: a position, a position and rotation vector, or a distance.
+        ``(P, m)``, m and rad: a position, a position and rotation vector, a distance, a height or an offset from a socket.
     std
         Standard deviation of each reading's lengths, m, ``(P,)``; empty for the instrument's.
     group
@@ -91,7 +96,8 @@ def read_data(model: ErrorModel, data: object, measurement: Measurement) -> Cali
 def _of_arrays(model: ErrorModel, poses: Any, readings: Any, measurement: Measurement) -> CalibrationData:
     q, _ = model.configurations(poses)
     count = q.shape[1]
-    given = np.asarray(readings)
+    is_contact = readings is None and measurement.kind in _CONTACT
+    given = np.zeros((count, measurement.size)) if is_contact else np.asarray(readings)
     if measurement.kind == "pose" and given.ndim == 3 and given.shape[1:] == (4, 4):
         matrices = check_numbers("the readings", readings, (count, 4, 4))
         turns = log_rotation(np.moveaxis(matrices[:, :3, :3], 0, -1)).T
@@ -111,6 +117,8 @@ def _of_file(model: ErrorModel, path: str, measurement: Measurement) -> Calibrat
     for name in table.names:
         if name not in known:
             raise _wrong(path, f"the column {name!r} is not expected; {nearest(name, known)}", 1)
+    if measurement.kind in _CONTACT and not set(wanted) & set(table.names):
+        wanted = ()
     missing = [name for name in (*chain.joint_names, *wanted) if name not in table.names]
     if missing:
         raise _wrong(path, f"no column for {', '.join(missing)}; a {measurement.kind} needs {', '.join(wanted)}", 1)
@@ -120,7 +128,7 @@ def _of_file(model: ErrorModel, path: str, measurement: Measurement) -> Calibrat
     q = np.array(joints)
     lengths = [name for name in wanted if not name.startswith("r")]
     columns = [table.column(name, units.LENGTH if name in lengths else units.ANGLE) for name in wanted]
-    readings = np.array(columns).T
+    readings = np.array(columns).T if wanted else np.zeros((q.shape[1], measurement.size))
     std = np.array(table.column("std", units.LENGTH)) if "std" in table.names else np.zeros(0)
     if std.size and not (std > 0).all():
         raise _wrong(path, "std must be above zero", int(np.argmin(std)) + 2)

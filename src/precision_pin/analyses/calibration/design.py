@@ -20,10 +20,10 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
-from precision_pin.analyses.calibration.measurement import Measurement
 from precision_pin.draws.space import Scope, Space
 from precision_pin.errors import InputError
 from precision_pin.inputs.arguments import check_instance
+from precision_pin.measurement.measurement import Measurement
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.pose_model import PoseModel
 from precision_pin.robot.chain import Chain
@@ -36,6 +36,7 @@ __all__ = [
     "UnitNumbers",
     "flat",
     "measured_model",
+    "measurement_of",
     "model_like",
     "project_out",
     "read_poses",
@@ -189,11 +190,36 @@ def read_poses(model: ErrorModel, poses: object) -> tuple[Array, tuple[str, ...]
     return values, names
 
 
-def measured_model(model: ErrorModel) -> ErrorModel:
-    """Return the model whose errors are those of the tip: a reading's target is given from there, not from the chain's."""
-    if not model.chain.target.any():
-        return model
-    return model_like(model, model.chain.with_target((0.0, 0.0, 0.0)), model.space)
+def measurement_of(model: ErrorModel, measurement: Measurement | None) -> Measurement:
+    """Return the measurement given, or that of the model's sheet.
+
+    Raises
+    ------
+    InputError
+        There is neither, or it is no measurement.
+    """
+    check_instance("model", model, ErrorModel, "as ErrorModel.load returns it")
+    if measurement is not None:
+        return check_instance("measurement", measurement, Measurement, "pp.Measurement(kind=..., std=...)")
+    if model.sheet is None or model.sheet.measurement is None:
+        raise InputError(
+            "nothing says what is measured; give pp.Measurement(kind=..., std=...), or measurement: in the sheet"
+        )
+    return model.sheet.measurement
+
+
+def measured_model(model: ErrorModel, measurement: Measurement) -> ErrorModel:
+    """Return the model as it is measured: its errors are those of the tip, from where a target is given, under its load then."""
+    chain = model.chain.with_target((0.0, 0.0, 0.0)) if model.chain.target.any() else model.chain
+    if measurement.load is None:
+        return model if chain is model.chain else model_like(model, chain, model.space)
+    kept = [k for k, source in enumerate(model.sources) if source.kind() != "payload"]
+    own = tuple(f"load[{k + 1}]" for k in range(len(measurement.load)))
+    # the numbers of the payloads that are not carried stay in the space and change nothing
+    other = model_like(model, chain, model.space)
+    other.sources = (*(model.sources[k] for k in kept), *measurement.load)
+    other.labels = (*(model.labels[k] for k in kept), *own)
+    return other
 
 
 def model_like(model: ErrorModel, chain: Chain, space: Space) -> ErrorModel:
@@ -204,13 +230,13 @@ def model_like(model: ErrorModel, chain: Chain, space: Space) -> ErrorModel:
     return other
 
 
-def stations_of(model: ErrorModel, values: Array) -> tuple[Station, ...]:
+def stations_of(model: ErrorModel, values: Array, measurement: Measurement) -> tuple[Station, ...]:
     """Return a station for each different pose of ``(n, P)``, with the columns that hold it."""
     rows: dict[bytes, list[int]] = {}
     for k in range(values.shape[1]):
         rows.setdefault((values[:, k] + 0.0).tobytes(), []).append(k)
     first = np.array([listed[0] for listed in rows.values()], dtype=np.intp)
-    models = measured_model(model).at_columns(np.ascontiguousarray(values[:, first]))
+    models = measured_model(model, measurement).at_columns(np.ascontiguousarray(values[:, first]))
     return tuple(Station(at, tuple(listed)) for at, listed in zip(models, rows.values(), strict=True))
 
 

@@ -16,23 +16,25 @@ from typing import Any, ClassVar, Final, final
 
 import numpy as np
 
+from precision_pin.analyses.calibration.contact import doubt_contact
 from precision_pin.analyses.calibration.design import (
     Station,
     UnitNumbers,
     flat,
+    measurement_of,
     read_poses,
     stack_at_means,
     stations_of,
 )
 from precision_pin.analyses.calibration.estimates import Estimator, covariance_with_prior
 from precision_pin.analyses.calibration.identifiability import Identifiability, of_stack, remarks_on
-from precision_pin.analyses.calibration.measurement import Measurement
 from precision_pin.analyses.calibration.posterior import ErrorLeft, Posterior, error_left
 from precision_pin.analyses.calibration.remaining_model import remaining_model
 from precision_pin.analyses.provenance import Provenance
 from precision_pin.display.stored import JsonResult
 from precision_pin.errors import Finding
-from precision_pin.inputs.arguments import check_instance, check_items
+from precision_pin.inputs.arguments import check_items
+from precision_pin.measurement.measurement import Measurement
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.typing import Array
 
@@ -148,7 +150,7 @@ class CalibrationForecast(JsonResult):
 def forecast_calibration(
     model: ErrorModel,
     poses: object,
-    measurement: Measurement,
+    measurement: Measurement | None = None,
     *,
     at: object = None,
     findings: Sequence[Finding] = (),
@@ -163,7 +165,7 @@ def forecast_calibration(
         Measured poses: a list, an array ``(n, P)``, a mapping of joint values or a pose set. A pose given twice is
         measured twice.
     measurement
-        Instrument and set-up.
+        Instrument and set-up; those of the sheet if left out.
     at
         The user's own poses, where the error is forecast; the model's named poses if left out, else the measured ones.
     findings
@@ -174,17 +176,18 @@ def forecast_calibration(
     InputError
         Nothing varies from robot to robot, or the poses are wrong.
     """
-    check_instance("measurement", measurement, Measurement, "pp.Measurement(kind=..., std=...)")
+    measurement = measurement_of(model, measurement)
     findings = check_items("findings", findings, Finding)
     values, _ = read_poses(model, poses)
     unit = UnitNumbers.of(model.space)
-    stations = stations_of(model, values)
+    stations = stations_of(model, values, measurement)
     by_z, by_nuisance = stack_at_means(stations, unit, measurement)
     estimator = Estimator.of(flat(by_z), flat(by_nuisance), has_prior=True)
     tasks = task_poses(model, at, values)
     entries = tuple(error_left(one, name, unit, estimator, measurement) for name, one in tasks)
     found = of_stack(unit.names, *_plain(unit, stations, measurement), measurement, values.shape[1])
     slopes = np.concatenate([one.jacobian[:3][:, unit.columns] @ unit.root for _, one in tasks])
+    nominal = np.array([station.at.posture.pose for station in stations])
     floor = float(np.mean([entry.rms("floor") ** 2 for entry in entries]))
     left = unit.root @ estimator.covariance @ unit.root.T
     return CalibrationForecast(
@@ -197,7 +200,7 @@ def forecast_calibration(
         by_count=_by_count(by_z, by_nuisance, slopes, floor),
         by_instrument=_by_instrument(stations, unit, measurement, slopes, floor),
         model=remaining_model(model, unit, unit.mean, left),
-        findings=(*findings, *_remarks(found, model, unit)),
+        findings=(*findings, *_remarks(found, model, unit), *doubt_contact(measurement, nominal)),
     )
 
 

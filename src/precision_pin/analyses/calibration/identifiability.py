@@ -20,14 +20,14 @@ from precision_pin.analyses.calibration.design import (
     NEGLIGIBLE,
     UnitNumbers,
     flat,
+    measurement_of,
     project_out,
     read_poses,
     stack_at_means,
     stations_of,
 )
-from precision_pin.analyses.calibration.measurement import Measurement
 from precision_pin.errors import Finding, InputError
-from precision_pin.inputs.arguments import check_instance
+from precision_pin.measurement.measurement import Measurement
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.typing import Array
 
@@ -155,7 +155,7 @@ class Identifiability:
         }
 
 
-def identifiability(model: ErrorModel, poses: object, measurement: Measurement) -> Identifiability:
+def identifiability(model: ErrorModel, poses: object, measurement: Measurement | None = None) -> Identifiability:
     """Return which combinations of a model's unit-scope numbers measurements at some poses determine.
 
     First order, at the numbers' means.
@@ -167,19 +167,19 @@ def identifiability(model: ErrorModel, poses: object, measurement: Measurement) 
     poses
         A list of poses, an array ``(n, P)``, a mapping of joint values or a :class:`~precision_pin.robot.pose_set.PoseSet`.
     measurement
-        Instrument and set-up.
+        Instrument and set-up; those of the sheet if left out.
 
     Raises
     ------
     InputError
         Nothing varies from robot to robot, or the poses are wrong.
     """
-    check_instance("measurement", measurement, Measurement, "pp.Measurement(kind=..., std=...)")
+    measurement = measurement_of(model, measurement)
     values, _ = read_poses(model, poses)
     unit = UnitNumbers.of(model.space)
     # a number that another one fixes is a combination too, so the columns are numbers and not independent ones
     plain = UnitNumbers(unit.columns, unit.names, unit.mean, unit.std, np.diag(unit.std))
-    by_z, by_nuisance = stack_at_means(stations_of(model, values), plain, measurement)
+    by_z, by_nuisance = stack_at_means(stations_of(model, values, measurement), plain, measurement)
     return of_stack(unit.names, flat(by_z), flat(by_nuisance), measurement, values.shape[1])
 
 

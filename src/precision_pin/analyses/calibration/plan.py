@@ -8,11 +8,13 @@ from typing import Any, ClassVar, Final, Literal, final
 
 import numpy as np
 
+from precision_pin.analyses.calibration.contact import doubt_contact
 from precision_pin.analyses.calibration.design import (
     Station,
     UnitNumbers,
     flat,
     measured_model,
+    measurement_of,
     read_poses,
     stack_at_means,
 )
@@ -24,7 +26,6 @@ from precision_pin.analyses.calibration.identifiability import (
     refuse_where_nothing_is_seen,
     remarks_on,
 )
-from precision_pin.analyses.calibration.measurement import Measurement
 from precision_pin.analyses.calibration.pose_choice import Design
 from precision_pin.analyses.calibration.posterior import ErrorLeft, error_left
 from precision_pin.analyses.provenance import Provenance
@@ -32,7 +33,8 @@ from precision_pin.display.progress import steps_to
 from precision_pin.display.stored import JsonResult
 from precision_pin.draws.space import check_seed
 from precision_pin.errors import Finding, InputError
-from precision_pin.inputs.arguments import check_choice, check_instance, check_items, check_whole
+from precision_pin.inputs.arguments import check_choice, check_items, check_whole
+from precision_pin.measurement.measurement import Measurement
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.typing import Array
 
@@ -152,7 +154,7 @@ def plan_calibration(
     model: ErrorModel,
     candidates: object,
     count: int,
-    measurement: Measurement,
+    measurement: Measurement | None = None,
     *,
     at: object = None,
     criterion: Criterion = "task",
@@ -171,7 +173,7 @@ def plan_calibration(
     count
         How many of them are measured, each once.
     measurement
-        Instrument and set-up.
+        Instrument and set-up; those of the sheet if left out.
     at
         The user's own poses; the model's named poses if left out, else the candidates.
     criterion
@@ -189,7 +191,7 @@ def plan_calibration(
         Fewer candidates than poses to choose, a candidate twice, nothing varies from robot to robot, or no candidate sees
         anything.
     """
-    check_instance("measurement", measurement, Measurement, "pp.Measurement(kind=..., std=...)")
+    measurement = measurement_of(model, measurement)
     findings = check_items("findings", findings, Finding)
     check_choice("the criterion", criterion, ("task", "D"))
     check_seed(seed)
@@ -202,7 +204,8 @@ def plan_calibration(
     unit = UnitNumbers.of(model.space)
     # each candidate by itself: one reading at its own pose
     stations = tuple(
-        Station(one, (k,)) for k, one in enumerate(measured_model(model).at_columns(np.ascontiguousarray(values)))
+        Station(one, (k,))
+        for k, one in enumerate(measured_model(model, measurement).at_columns(np.ascontiguousarray(values)))
     )
     by_z, by_nuisance = stack_at_means(stations, unit, measurement)
     refuse_where_nothing_is_seen(of_stack(unit.names, flat(by_z), flat(by_nuisance), measurement, total))
@@ -224,6 +227,7 @@ def plan_calibration(
     efficiency = design.efficiency(loss, bound.loss)
     random = [design.exact_loss(generator.permutation(total)[:count]) for _ in range(_RANDOM)]
     estimator = Estimator.of(flat(by_z[chosen]), flat(by_nuisance[chosen]), has_prior=True)
+    nominal = np.array([stations[k].at.posture.pose for k in chosen])
     plain = UnitNumbers(unit.columns, unit.names, unit.mean, unit.std, np.diag(unit.std))
     own = tuple(Station(stations[k].at, (row,)) for row, k in enumerate(chosen))
     readings, set_up = stack_at_means(own, plain, measurement)
@@ -242,7 +246,7 @@ def plan_calibration(
         random_efficiency=design.efficiency(float(np.median(random)), bound.loss),
         identifiability=found,
         poses=tuple(error_left(one, name, unit, estimator, measurement) for name, one in tasks),
-        findings=(*findings, *_remarks(found, efficiency)),
+        findings=(*findings, *_remarks(found, efficiency), *doubt_contact(measurement, nominal)),
     )
 
 

@@ -12,9 +12,9 @@ import numpy as np
 from precision_pin import se3
 from precision_pin.analyses.calibration.design import UnitNumbers, repeat_covariance
 from precision_pin.analyses.calibration.estimates import Estimator
-from precision_pin.analyses.calibration.measurement import Measurement
 from precision_pin.analyses.exact_law.normal_norm import NormalNorm
 from precision_pin.inputs.arguments import check_name
+from precision_pin.measurement.measurement import Measurement
 from precision_pin.model.pose_model import PoseModel
 from precision_pin.typing import Array
 
@@ -170,7 +170,7 @@ def error_left(
     chain = at.posture.chain
     after = slopes @ estimator.covariance @ slopes.T + floor
     seen = after
-    if measurement.base == "free" and measurement.kind != "distance":
+    if measurement.displaces_base:
         base = np.eye(6)
         base[:3, 3:] = -se3.skew(at.posture.pose[:3, 3] + at.error_at_means[:3])
         together = np.hstack([slopes, base])

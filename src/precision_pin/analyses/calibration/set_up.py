@@ -11,8 +11,9 @@ import numpy as np
 from precision_pin import se3
 from precision_pin.analyses.calibration.data import CalibrationData
 from precision_pin.analyses.calibration.design import Station
-from precision_pin.analyses.calibration.measurement import Measurement
 from precision_pin.errors import InputError
+from precision_pin.measurement.measurement import Measurement
+from precision_pin.measurement.places import Anchor, Plane, Sockets
 from precision_pin.typing import Array
 
 __all__ = ["SetUp", "first_guess", "readings_in_base"]
@@ -29,6 +30,10 @@ class SetUp:
         The robot's base in the instrument's axes, ``(4, 4)``; ``None`` where it is known.
     target, anchor
         Target in tool axes, and the anchor of distances in base axes, m, ``(3,)``; no anchor for other readings.
+    plane
+        Point and unit normal of the plane in base axes, ``(2, 3)``; ``None`` for other readings.
+    sockets
+        Places of sockets in base axes, m, ``(S, 3)``; ``None`` for other readings.
     std
         Standard deviation of each unknown number, m and rad.
     """
@@ -36,6 +41,8 @@ class SetUp:
     base: Array | None
     target: Array
     anchor: Array | None
+    plane: Array | None
+    sockets: Array | None
     std: dict[str, float]
 
     def to_dict(self) -> dict[str, Any]:
@@ -44,6 +51,8 @@ class SetUp:
             "base": None if self.base is None else self.base.tolist(),
             "target": self.target.tolist(),
             "anchor": None if self.anchor is None else self.anchor.tolist(),
+            "plane": None if self.plane is None else self.plane.tolist(),
+            "sockets": None if self.sockets is None else self.sockets.tolist(),
             "std": self.std,
         }
 
@@ -53,13 +62,19 @@ class SetUp:
         value = dict(zip(measurement.nuisances, nuisances.tolist(), strict=True))
         axes = ("x", "y", "z")
         target = np.array(measurement.target) + [value.get(f"target.{axis}", 0.0) for axis in axes]
-        anchor, placed = None, None
-        if measurement.kind == "distance":
-            anchor = np.array(measurement.anchor) + [value.get(f"anchor.{axis}", 0.0) for axis in axes]
+        anchor, placed, plane, sockets = None, None, None, None
+        place = measurement.place
+        own = np.zeros(0) if place is None else np.array([value.get(name, 0.0) for name in place.names])
+        if isinstance(place, Anchor):
+            anchor = np.array(place.place) + own
+        elif isinstance(place, Plane):
+            plane = np.array(place.tilted(own))
+        elif isinstance(place, Sockets):
+            sockets = np.array(place.places) + own.reshape(-1, 3)
         elif measurement.base == "free":
             placed = base @ se3.displacement(nuisances[:6])
         deviations = np.sqrt(np.maximum(np.diag(covariance), 0.0)).tolist()
-        return cls(placed, target, anchor, dict(zip(measurement.nuisances, deviations, strict=True)))
+        return cls(placed, target, anchor, plane, sockets, dict(zip(measurement.nuisances, deviations, strict=True)))
 
 
 def first_guess(data: CalibrationData, stations: Sequence[Station], measurement: Measurement) -> tuple[Array, Array]:
@@ -71,7 +86,7 @@ def first_guess(data: CalibrationData, stations: Sequence[Station], measurement:
         There are too few positions for a base, or they lie on one line.
     """
     nuisances = np.zeros(len(measurement.nuisances))
-    if measurement.base == "known":
+    if measurement.base == "known" or measurement.kind in ("plane", "socket"):
         return np.eye(4), nuisances
     nominal, turns = np.zeros((len(data), 3)), np.zeros((3, 3))
     plain = Measurement("pose", target=measurement.target)
@@ -119,7 +134,7 @@ def readings_in_base(
     data: CalibrationData, stations: Sequence[Station], base: Array, measurement: Measurement
 ) -> Array:
     """Return readings ``(P, m)`` as :meth:`Measurement.predict` returns them: in base axes, turns from the nominal attitude."""
-    if measurement.kind == "distance":
+    if measurement.place is not None:
         return data.readings
     rotation = base[:3, :3]
     result = data.readings.copy()

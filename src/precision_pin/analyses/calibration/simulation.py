@@ -12,15 +12,16 @@ from precision_pin.analyses.calibration.design import (
     Station,
     UnitNumbers,
     flat,
+    measurement_of,
     read_poses,
     stack_at_means,
     stations_of,
 )
 from precision_pin.analyses.calibration.estimates import Estimator
 from precision_pin.analyses.calibration.forecast import task_poses
-from precision_pin.analyses.calibration.measurement import Measurement
 from precision_pin.draws.space import Scope
-from precision_pin.inputs.arguments import check_instance, check_whole
+from precision_pin.inputs.arguments import check_whole
+from precision_pin.measurement.measurement import Measurement
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.typing import Array
 
@@ -76,11 +77,11 @@ def simulate_calibrations(
     robots, seed
         Number of robots, and 64-bit seed.
     """
-    check_instance("measurement", measurement, Measurement, "pp.Measurement(kind=..., std=...)")
+    measurement = measurement_of(model, measurement)
     check_whole("the number of robots", robots, 1, 10**6)
     values, _ = read_poses(model, poses)
     unit = UnitNumbers.of(model.space)
-    stations = stations_of(model, values)
+    stations = stations_of(model, values, measurement)
     x = model.space.sample(seed, 0, robots)
     readings = simulate_readings(stations, measurement, model, robots=robots, seed=seed)
     by_z, by_nuisance = map(flat, stack_at_means(stations, unit, measurement))

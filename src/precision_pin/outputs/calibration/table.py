@@ -10,11 +10,11 @@ from typing import Final
 from precision_pin.analyses.calibration.calibration_result import CalibrationResult
 from precision_pin.analyses.calibration.forecast import CalibrationForecast, CurvePoint
 from precision_pin.analyses.calibration.identifiability import Identifiability
-from precision_pin.analyses.calibration.measurement import Measurement
 from precision_pin.analyses.calibration.plan import CalibrationPlan
 from precision_pin.analyses.calibration.posterior import ErrorLeft, Posterior
 from precision_pin.display.tables import milli, resting_on
 from precision_pin.display.text_table import aligned
+from precision_pin.measurement.measurement import Measurement
 from precision_pin.visible import shortened, visible
 
 __all__ = ["WIDTH", "calibration_table", "describe_measurement", "forecast_table", "plan_table"]
@@ -28,6 +28,8 @@ _HEAD: Final = 9
 """Longest name of a joint above its values."""
 _JOINTS: Final = 7
 """Most joints whose values fit into a line."""
+_FREE: Final = {"distance": "anchor", "plane": "plane", "socket": "sockets"}
+"""What is known or free of a kind; of others the base."""
 _EXPLANATION: Final = (
     "before: from the nominal robot, 95 %: quantile of |d|; after: from the calibrated robot; floor: what pose- and "
     "visit-scope draws cause, which no calibration removes"
@@ -129,8 +131,10 @@ def describe_measurement(measurement: Measurement) -> str:
         words.append(f"{1e6 * float(measurement.deviations[-1]):.4g} µrad")
     target = " ".join(f"{1e3 * x:.6g}" for x in measurement.target)
     words.append(f"target at {target} mm{'' if measurement.target_known else ' (estimated)'}")
-    free = "anchor" if measurement.kind == "distance" else "base"
-    words.append(f"{free} {measurement.base}")
+    words.append(f"{_FREE.get(measurement.kind, 'base')} {measurement.base}")
+    if measurement.load is not None:
+        carried = " + ".join(f"{payload.mass:.4g} kg at {visible(payload.at)}" for payload in measurement.load)
+        words.append(f"load {carried or 'none'}")
     return ", ".join(words)
 
 
@@ -140,7 +144,7 @@ def _wrap(lines: Iterable[str]) -> list[str]:
 
 def _pose_rows(entries: Sequence[ErrorLeft], measurement: Measurement) -> list[str]:
     """Return a row for each of the user's poses, the worst first where there are many."""
-    is_free = measurement.base == "free" and measurement.kind != "distance"
+    is_free = measurement.displaces_base
     columns = ["before", "after", *(["seen"] if is_free else []), "floor"]
     listed = sorted(entries, key=lambda entry: -entry.rms("after"))[:_POSES] if len(entries) > _POSES else entries
     head = [f"{which} {what}" for which in columns for what in (["rms", "95 %"] if which != "floor" else ["rms"])]
@@ -236,6 +240,12 @@ def _set_up(result: CalibrationResult) -> list[str]:
         lines.append(f"base of the robot in the instrument's axes, estimated: {place} mm")
     if any(name.startswith("target") for name in found.std):
         lines.append(f"target in tool axes, estimated: {' '.join(f'{1e3 * x:.6g}' for x in found.target)} mm")
+    if found.plane is not None and any(name.startswith("plane") for name in found.std):
+        height, normal = 1e3 * float(found.plane[0] @ found.plane[1]), " ".join(f"{x:.6f}" for x in found.plane[1])
+        lines.append(f"plane in base axes, estimated: normal {normal}, {height:.6g} mm from the base's origin")
+    if found.sockets is not None and any(name.startswith("socket") for name in found.std):
+        for k, place in enumerate(found.sockets[:_ROWS]):
+            lines.append(f"socket {k + 1} in base axes, estimated: {' '.join(f'{1e3 * x:.6g}' for x in place)} mm")
     if found.anchor is not None and any(name.startswith("anchor") for name in found.std):
         lines.append(f"anchor in base axes, estimated: {' '.join(f'{1e3 * x:.6g}' for x in found.anchor)} mm")
     return lines

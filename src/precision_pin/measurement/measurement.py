@@ -5,24 +5,33 @@ by ``Trans(c)·Exp(ω)`` as the instrument sees it, the target is at
 
     y = Exp(ω) (p + d + Exp(δ) R t) + c.
 
-A *position* is y; a *pose* is y and the attitude ``Exp(ω) Exp(δ) R Exp(τ)``; a *distance* is ``|y - a|`` from an anchor a,
-whose displacement takes the place of that of the base. Numbers of the set-up that are not known (c, ω, t, τ) are called
-nuisances; they are estimated with the arm and have no prior law.
+A *position* is y; a *pose* is y and the attitude ``Exp(ω) Exp(δ) R Exp(τ)``. A *distance*, the height over a *plane* and the
+offset from a *socket* are read against a place, see :mod:`precision_pin.measurement.places`, which moves in place of the base.
+Numbers of the set-up that are not known (c, ω, t, τ, those of the place) are called nuisances; they are estimated with the arm
+and have no prior law.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Final, Literal, final
 
 import numpy as np
 
 from precision_pin import se3
 from precision_pin.errors import InputError
-from precision_pin.inputs.arguments import check_choice, check_flag, check_number, check_numbers
+from precision_pin.inputs.arguments import check_choice, check_flag, check_items, check_number, check_numbers
+from precision_pin.measurement.places import Anchor, Place, Plane, Sockets
+from precision_pin.sources.payload import Payload
 from precision_pin.typing import Array
 
-__all__ = ["Measurement", "Slopes"]
+__all__ = ["KINDS", "Kind", "Measurement", "Slopes"]
+
+Kind = Literal["position", "pose", "distance", "plane", "socket"]
+KINDS: Final[tuple[Kind, ...]] = ("position", "pose", "distance", "plane", "socket")
+_OWN: Final = {"attitude_std": "pose", "anchor": "distance", "plane": "plane", "sockets": "socket"}
+"""Settings that belong to one kind."""
 
 _AXES: Final = ("x", "y", "z")
 _LEVER: Final = 0.1
@@ -54,20 +63,28 @@ class Measurement:
     Parameters
     ----------
     kind
-        ``"position"`` of a target (x, y, z), ``"pose"`` (position and attitude) or ``"distance"`` from a fixed anchor.
+        ``"position"`` of a target (x, y, z), ``"pose"`` (position and attitude), ``"distance"`` from a fixed anchor, ``"plane"``
+        (height over a plane, zero at contact) or ``"socket"`` (the target is put into a socket).
     std
-        Standard deviation of each measured length, m.
+        Standard deviation of each measured length, m; at contact, of the contact.
     target
         The target in tool axes from the tip, m, wherever the point is that results are about.
     base
         ``"known"``: readings are in base axes. ``"free"``: the robot's base in the instrument's axes is not known and is
-        estimated; of a distance, the place of the anchor.
+        estimated; of a distance, a plane and sockets their place, of which a first guess is given.
     target_known
         Whether the target's place on the tool (of a pose, its attitude too) is known; it is estimated otherwise.
     attitude_std
         Standard deviation of each measured angle of a pose, rad; std / 0.1 m if left out, as of three targets 0.1 m apart.
     anchor
-        Fixed point that a distance is measured from, in the base, m; the first guess where ``base`` is free.
+        Fixed point that a distance is measured from, in the base, m.
+    plane
+        A point on the plane and its normal, in the base, m; needed by ``"plane"``.
+    sockets
+        Places of the sockets, in the base, m; needed by ``"socket"``. A pose belongs to the socket nearest to its nominal target.
+    load
+        What the arm carries while it is measured, in place of the sheet's payloads; left out: these; ``()``: nothing. Payloads
+        of fixed numbers.
 
     Raises
     ------
@@ -75,16 +92,19 @@ class Measurement:
         A setting is wrong.
     """
 
-    kind: Literal["position", "pose", "distance"] = "position"
+    kind: Kind = "position"
     std: float = 20e-6
     target: tuple[float, float, float] = (0.0, 0.0, 0.0)
     base: Literal["known", "free"] = "known"
     target_known: bool = True
     attitude_std: float | None = None
     anchor: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    plane: tuple[tuple[float, float, float], tuple[float, float, float]] | None = None
+    sockets: tuple[tuple[float, float, float], ...] = ()
+    load: tuple[Payload, ...] | None = None
 
     def __post_init__(self) -> None:
-        check_choice("the kind of a measurement", self.kind, ("position", "pose", "distance"))
+        check_choice("the kind of a measurement", self.kind, KINDS)
         check_choice("the base of a measurement", self.base, ("known", "free"))
         check_flag("target_known of a measurement", self.target_known)
         std = check_number(
@@ -92,22 +112,64 @@ class Measurement:
         )
         object.__setattr__(self, "std", std)
         if self.attitude_std is not None:
-            if self.kind != "pose":
-                raise InputError(f"attitude_std belongs to the measurement of a pose, not of a {self.kind}")
             angle = check_number(
                 "attitude_std of a measurement", self.attitude_std, "above zero and finite, in rad", lambda n: n > 0
             )
             object.__setattr__(self, "attitude_std", angle)
         for name in ("target", "anchor"):
-            point = check_numbers(f"the {name} of a measurement", getattr(self, name), (3,), "three lengths in m")
-            object.__setattr__(self, name, tuple(point.tolist()))
-        if self.kind != "distance" and any(self.anchor):
-            raise InputError(f"anchor belongs to the measurement of a distance, not of a {self.kind}")
+            object.__setattr__(self, name, _point(f"the {name} of a measurement", getattr(self, name)))
+        self._check_places()
+        self._check_load()
+        for name, kind in _OWN.items():
+            value = getattr(self, name)
+            is_given = any(value) if isinstance(value, tuple) else value is not None
+            if is_given and self.kind != kind:
+                raise InputError(f"{name} belongs to the measurement of a {kind}, not of a {self.kind}")
+            if not is_given and self.kind == kind and name in ("plane", "sockets"):
+                raise InputError(f"the measurement of a {kind} needs {name}")
+
+    def _check_places(self) -> None:
+        if self.plane is not None:
+            if not isinstance(self.plane, tuple | list) or len(self.plane) != 2:
+                raise InputError("the plane of a measurement must be a point and a normal")
+            point = _point("the point of the plane of a measurement", self.plane[0])
+            normal = np.array(_point("the normal of the plane of a measurement", self.plane[1]))
+            length = float(np.linalg.norm(normal))
+            if length == 0:
+                raise InputError("the normal of the plane of a measurement is zero")
+            object.__setattr__(self, "plane", (point, tuple((normal / length).tolist())))
+        if not isinstance(self.sockets, tuple | list):
+            raise InputError("the sockets of a measurement must be a list of points")
+        sockets = tuple(
+            _point(f"entry {k + 1} of the sockets of a measurement", one) for k, one in enumerate(self.sockets)
+        )
+        object.__setattr__(self, "sockets", sockets)
+        if len(set(sockets)) < len(sockets):
+            raise InputError("two sockets of a measurement are at one place")
+
+    def _check_load(self) -> None:
+        if self.load is None:
+            return
+        load = check_items("the load of a measurement", self.load, Payload)
+        if any(payload.draws("load") or isinstance(payload.mass, str) for payload in load):
+            raise InputError(
+                "the load of a measurement is given by fixed numbers; what varies is a payload of the sheet"
+            )
+        object.__setattr__(self, "load", load)
+
+    @cached_property
+    def place(self) -> Place | None:
+        """What the target's place is read against; nothing of a position or pose."""
+        if self.kind == "distance":
+            return Anchor(self.anchor)
+        if self.plane is not None:
+            return Plane(*self.plane)
+        return Sockets(self.sockets) if self.sockets else None
 
     @property
     def size(self) -> int:
         """Numbers of a reading."""
-        return {"position": 3, "pose": 6, "distance": 1}[self.kind]
+        return {"position": 3, "pose": 6, "distance": 1, "plane": 1, "socket": 3}[self.kind]
 
     @property
     def deviations(self) -> Array:
@@ -122,11 +184,15 @@ class Measurement:
         turns = tuple(f"r{axis}" for axis in _AXES)
         names: tuple[str, ...] = ()
         if self.base == "free":
-            names += tuple(f"anchor.{axis}" for axis in _AXES) if self.kind == "distance" else ()
-            names += () if self.kind == "distance" else tuple(f"base.{axis}" for axis in _AXES + turns)
+            names += tuple(f"base.{axis}" for axis in _AXES + turns) if self.place is None else self.place.names
         if not self.target_known:
             names += tuple(f"target.{axis}" for axis in (_AXES + turns if self.kind == "pose" else _AXES))
         return names
+
+    @property
+    def displaces_base(self) -> bool:
+        """Whether the first six nuisances displace the base."""
+        return self.base == "free" and self.place is None
 
     def predict(self, pose: Array, errors: Array, nuisances: Array) -> Array:
         """Return readings ``(m, N)``: of a pose, its position and its turn from the nominal attitude.
@@ -140,18 +206,28 @@ class Measurement:
         nuisances
             ``(k, N)``.
         """
-        point, attitude = self._place(pose, errors, nuisances)
-        if self.kind == "distance":
-            away = ((point - self._anchor(nuisances)) ** 2).sum(axis=0)[None]
-            distance: Array = np.sqrt(away)
-            return distance
+        point, attitude = self._target(pose, errors, nuisances)
+        if self.place is not None:
+            return self.place.read(point, self._split(nuisances)[0], self._nominal(pose))
         if self.kind == "position":
             return point
         return np.concatenate([point, se3.log_rotation(np.einsum("ijn,kj->ikn", attitude, pose[:3, :3]))])
 
-    def _place(self, pose: Array, errors: Array, nuisances: Array) -> tuple[Array, Array]:
+    def _nominal(self, pose: Array) -> Array:
+        nominal: Array = pose[:3, 3] + pose[:3, :3] @ self.target
+        return nominal
+
+    def away(self, pose: Array) -> float:
+        """Return how far the nominal target is from where it can touch, m: from the plane or the nearest socket, else zero."""
+        if self.kind not in ("plane", "socket") or self.place is None:
+            return 0.0
+        own = np.zeros((len(self.place.names), 1))
+        near = self._nominal(pose)
+        return float(np.linalg.norm(self.place.read(near[:, None], own, near)))
+
+    def _target(self, pose: Array, errors: Array, nuisances: Array) -> tuple[Array, Array]:
         """Return position ``(3, N)`` and attitude ``(3, 3, N)`` of the target as the instrument sees them."""
-        _, turn, offset, own_turn = self._split(nuisances)
+        shift, turn, offset, own_turn = self._split(nuisances)
         attitude = np.einsum("ijn,jk->ikn", se3.exp_rotation(errors[3:]), pose[:3, :3])
         point = pose[:3, 3, None] + errors[:3] + np.einsum("ijn,jn->in", attitude, offset)
         if own_turn is not None:
@@ -159,28 +235,25 @@ class Measurement:
         if turn is None:
             return point, attitude
         rotation = se3.exp_rotation(turn)
-        shift = self._split(nuisances)[0]
         return np.einsum("ijn,jn->in", rotation, point) + shift, _product(rotation, attitude)
 
     def _split(self, nuisances: Array) -> tuple[Array, Array | None, Array, Array | None]:
-        """Return shift and turn of the base (or anchor), target ``(3, N)`` and the target's own turn."""
+        """Return shift and turn of the base (or the numbers of the place), target ``(3, N)`` and the target's own turn."""
         samples = nuisances.shape[1]
-        shift, turn, first = np.zeros((3, samples)), None, 0
-        if self.base == "free":
-            shift, first = nuisances[:3], 3
-            if self.kind != "distance":
-                turn, first = nuisances[3:6], 6
+        first = 0 if self.place is None else len(self.place.names)
+        shift, turn = np.zeros((first or 3, samples)), None
+        if self.displaces_base:
+            shift, turn, first = nuisances[:3], nuisances[3:6], 6
+        elif self.base == "free":
+            shift = nuisances[:first]
+        else:
+            first = 0
         offset = np.array(self.target)[:, None] + np.zeros((1, samples))
         own_turn = None
         if not self.target_known:
             offset = offset + nuisances[first : first + 3]
             own_turn = nuisances[first + 3 : first + 6] if self.kind == "pose" else None
         return shift, turn, offset, own_turn
-
-    def _anchor(self, nuisances: Array) -> Array:
-        shift = self._split(nuisances)[0]
-        anchor: Array = np.array(self.anchor)[:, None] + shift
-        return anchor
 
     def slopes(self, pose: Array, error: Array, nuisances: Array) -> Slopes:
         """Return the derivatives of a reading at one error ``(6,)`` and nuisances ``(k,)``.
@@ -189,7 +262,7 @@ class Measurement:
         further turn.
         """
         columns = nuisances[:, None]
-        _, turn, offset, own_turn = self._split(columns)
+        own_place, turn, offset, own_turn = self._split(columns)
         attitude = se3.exp_rotation(error[3:]) @ pose[:3, :3]
         arm = attitude @ offset[:, 0]
         inner = pose[:3, 3] + error[:3] + arm
@@ -200,7 +273,7 @@ class Measurement:
         by_error[:3, 3:] = -rotation @ se3.skew(arm) @ tilt
         by_error[3:, 3:] = rotation @ tilt
         parts = []
-        if self.base == "free" and turn is not None:
+        if turn is not None:
             by_turn = se3.left_jacobian(turn[:, 0])
             base = np.zeros((6, 6))
             base[:3, :3] = np.eye(3)
@@ -214,15 +287,11 @@ class Measurement:
                 own[3:, 3:] = rotation @ attitude @ se3.left_jacobian(own_turn[:, 0])
             parts.append(own)
         by_nuisances = np.concatenate([np.zeros((6, 0)), *parts], axis=1)
-        if self.kind != "distance":
+        if self.place is None:
             return Slopes(by_error[: self.size], by_nuisances[: self.size])
-        away = inner - self._anchor(columns)[:, 0]
-        length = float(np.linalg.norm(away))
-        if length == 0.0:
-            raise InputError("the target is at the anchor, where the direction of a distance is not defined")
-        direction = away[None] / length
-        to_anchor = [-direction] if self.base == "free" else []
-        return Slopes(direction @ by_error[:3], np.concatenate([*to_anchor, direction @ by_nuisances[:3]], axis=1))
+        by_point, by_place = self.place.slopes(inner, own_place[:, 0], self._nominal(pose))
+        of_place = [by_place] if self.base == "free" else []
+        return Slopes(by_point @ by_error[:3], np.concatenate([*of_place, by_point @ by_nuisances[:3]], axis=1))
 
     def residual(self, reading: Array, predicted: Array) -> Array:
         """Return reading less prediction, both ``(m, N)`` as :meth:`predict` returns them; an attitude's as a turn."""
@@ -242,6 +311,9 @@ class Measurement:
             "base": self.base,
             "target_known": self.target_known,
             "anchor": list(self.anchor) if self.kind == "distance" else None,
+            "plane": None if self.plane is None else {"point": list(self.plane[0]), "normal": list(self.plane[1])},
+            "sockets": [list(one) for one in self.sockets],
+            "load": None if self.load is None else [_load_entry(payload) for payload in self.load],
             "nuisances": list(self.nuisances),
         }
 
@@ -249,3 +321,11 @@ class Measurement:
 def _product(left: Array, right: Array) -> Array:
     result: Array = np.einsum("ijn,jkn->ikn", left, right)
     return result
+
+
+def _point(what: str, value: object) -> tuple[float, ...]:
+    return tuple(check_numbers(what, value, (3,), "three lengths in m").tolist())
+
+
+def _load_entry(payload: Payload) -> dict[str, object]:
+    return {"at": payload.at, "mass": payload.mass, "com": list(payload.com)}

@@ -1,0 +1,115 @@
+"""Options of the instrument and the set-up of a calibration."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, Final, TypedDict, TypeVar
+
+import click
+
+from precision_pin.errors import Finding, InputError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from precision_pin import units
+    from precision_pin.measurement.measurement import Measurement
+    from precision_pin.sheet import Sheet
+
+__all__ = ["MeasurementOptions", "measurement_of", "measurement_options"]
+
+Decorated = TypeVar("Decorated", bound="Callable[..., Any]")
+_OF_KIND: Final = ("attitude_std", "anchor", "plane", "sockets")
+"""Settings that belong to one kind of measurement."""
+
+
+class MeasurementOptions(TypedDict):
+    """Options of the instrument."""
+
+    kind: str | None
+    std: str | None
+    attitude_std: str | None
+    point: str | None
+    point_free: bool | None
+    base_free: bool | None
+    anchor: str | None
+
+
+def measurement_options(command: Decorated) -> Decorated:
+    """Add the options of the instrument."""
+    options = (
+        click.option(
+            "--kind",
+            type=click.Choice(["position", "pose", "distance", "plane", "socket"]),
+            help="What the instrument measures; plane and sockets are given in the sheet.  [default: position]",
+        ),
+        click.option("--std", help="Standard deviation of a measured length.  [default: 0.02 mm]"),
+        click.option(
+            "--attitude-std", metavar="ANGLE", help="That of a measured angle of a pose; std / 100 mm if left out."
+        ),
+        click.option(
+            "--point", metavar='"X Y Z mm"', help="The point that is measured, in the tip's axes; the tip if left out."
+        ),
+        click.option(
+            "--point-free/--point-known", default=None, help="The place of this point on the tool is estimated."
+        ),
+        click.option(
+            "--base-free/--base-known",
+            default=None,
+            help="The base (or anchor, plane, sockets) is estimated. These options go before the sheet's measurement:.",
+        ),
+        click.option("--anchor", metavar='"X Y Z mm"', help="Where distances are measured from, in base axes."),
+    )
+    for option in reversed(options):
+        command = option(command)
+    return command
+
+
+def measurement_of(sheet: Sheet, options: MeasurementOptions) -> Measurement:
+    """Return the measurement that the options and, where they say nothing, the sheet's ``measurement:`` describe.
+
+    Raises
+    ------
+    InputError
+        A number is wrong, or settings do not go together.
+    """
+    from precision_pin import units
+    from precision_pin.measurement.measurement import Measurement
+
+    given = {} if sheet.measurement is None else dict(vars(sheet.measurement))
+    given = {name: given[name] for name in Measurement.__dataclass_fields__ if name in given}
+    if options["kind"] is not None and options["kind"] != given.get("kind", "position"):
+        given = {name: value for name, value in given.items() if name not in _OF_KIND}
+    given |= {"kind": options["kind"]} if options["kind"] is not None else {}
+    for name, quantity in (("std", units.LENGTH), ("attitude_std", units.ANGLE)):
+        text = options[name]  # type: ignore[literal-required]
+        given |= {name: _number(name.replace("_", "-"), text, quantity)} if text is not None else {}
+    for option, name in (("point", "target"), ("anchor", "anchor")):
+        text = options[option]  # type: ignore[literal-required]
+        given |= {name: _point(option, text)} if text is not None else {}
+    if options["base_free"] is not None:
+        given["base"] = "free" if options["base_free"] else "known"
+    if options["point_free"] is not None:
+        given["target_known"] = not options["point_free"]
+    return Measurement(**given)
+
+
+def _point(name: str, text: str) -> tuple[float, ...]:
+    from precision_pin import units
+
+    try:
+        return tuple(units.parse_vector(text, units.LENGTH, count=3))
+    except InputError as error:
+        raise _usage(f"--{name}: {error.findings[0].message}") from None
+
+
+def _number(name: str, text: str, quantity: units.Quantity) -> float:
+    from precision_pin import units
+
+    try:
+        return units.parse(text, quantity)
+    except InputError as error:
+        raise _usage(f"--{name}: {error.findings[0].message}") from None
+
+
+def _usage(message: str) -> InputError:
+    return InputError([Finding("error", "E_USAGE", message)])

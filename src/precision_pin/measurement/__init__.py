@@ -1,0 +1,1 @@
+"""What an instrument reads of an arm: settings, predictions and derivatives."""
