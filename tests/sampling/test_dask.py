@@ -11,6 +11,7 @@ from concurrent.futures import Future
 from pathlib import Path
 
 import psutil
+import numpy as np
 import pytest
 
 import precision_pin as pp
@@ -73,6 +74,9 @@ def test_a_cluster_gives_the_same_bits_and_a_killed_worker_costs_no_result(sched
         assert under_way in (2, 4)  # how many had come by then
         result = pp.monte_carlo(MODEL, "paper", executor=executor, tasks_under_way=4, **settings)
         assert result.to_json() == expected
+        poses = MODEL.configuration("paper")[:, None] + np.linspace(-0.3, 0.3, 70)
+        at_poses = pp.sample_poses(MODEL, poses, samples=300, executor=executor, tasks_under_way=4)
+        assert at_poses.to_json() == pp.sample_poses(MODEL, poses, samples=300, threads=1).to_json()
         result = pp.monte_carlo(MODEL, "paper", executor=executor, tasks_under_way=4, progress=kill_one, **settings)
         assert result.to_json() == expected
         wait_until(lambda: len(executor._client.scheduler_info(n_workers=-1)["workers"]) == 1)

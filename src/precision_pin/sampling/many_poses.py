@@ -233,7 +233,7 @@ def _sample(
         for group, first_block, blocks in _tasks(error_model, values, approaches, work, state.count if state else 0):
             under_way.append((group, workers.submit(group.work, first_block, blocks)))
             # finished tasks are added at once: with few robots, preparing further groups takes longer than sampling
-            while under_way and (len(under_way) >= workers.most or under_way[0][1].done()):
+            while under_way and (len(under_way) >= workers.most or workers.is_done(under_way[0][1])):
                 add_oldest()
         while under_way:
             add_oldest()

@@ -61,6 +61,11 @@ class Workers(ABC):
     def submit(self, work: Observing, first_block: int, blocks: int) -> Any:
         """Submit a task and return its future."""
 
+    def is_done(self, future: Any) -> bool:
+        """Return whether a task has ended; False where its future cannot tell, as an executor's may not."""
+        done = getattr(future, "done", None)
+        return bool(done()) if callable(done) else False
+
     @abstractmethod
     def result(self, future: Any) -> Any:
         """Wait for a task and return its blocks.

@@ -137,8 +137,9 @@ def map_poses(
     reference = None if relative_to is None else error_model.at(relative_to)
     values = given.q[:, given.known]
     names, lines = source_lines(error_model)
-    labels = [label for label, is_known in zip(given.labels, given.known, strict=True) if is_known]
-    found = limit_findings(error_model.chain, values, labels)
+    labels = given.labels
+    known_labels = [label for label, is_known in zip(labels, given.known, strict=True) if is_known]
+    found = limit_findings(error_model.chain, values, known_labels)
     with steps_to(progress, count_steps(len(given), samples, verify if samples is None else 0), "steps") as step:
         approaches = given.of(given.known).approaches
         closed = first_order(error_model, values, approaches, lines, reference, step)
@@ -155,12 +156,12 @@ def map_poses(
                 tasks_under_way=tasks_under_way, journal=journal, resume=resume, files=files, tell=tell, progress=step,
             )  # fmt: skip
             result = replace(
-                result, sampled=Sampled(chosen, replace(sampled, names=tuple(given.labels[k] for k in chosen)))
+                result, sampled=Sampled(chosen, replace(sampled, names=tuple(labels[k] for k in chosen)))
             )
     # statics are checked where they strain most; each check solves the deflected arm
     highest = result.worst_first[0]
     pose = approached(given.take(np.array([highest])))[0]
-    strained = strained_findings(error_model, pose, given.labels[highest], first_order=samples is None)
+    strained = strained_findings(error_model, pose, labels[highest], first_order=samples is None)
     add((*found, *strained))
     return replace(result, warnings=(*result.warnings, *map(str, strained)))
 
