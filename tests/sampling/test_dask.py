@@ -10,8 +10,8 @@ from collections.abc import Iterator
 from concurrent.futures import Future
 from pathlib import Path
 
-import psutil
 import numpy as np
+import psutil
 import pytest
 
 import precision_pin as pp
