@@ -81,10 +81,10 @@ def _sampling(result: MapResult) -> str:
 def _worst(result: MapResult) -> list[str]:
     worst = result.worst_first[0]
     within = ", ".join(
-        f"{100 * level:.4g} % of robots within |d| {milli(float(result.quantile[rank, 0, worst]), 4)} mm"
+        f"{milli(float(result.quantile[rank, 0, worst]), 4)} mm for {100 * level:.4g} % of robots"
         for rank, level in enumerate(LEVELS[1:], start=1)
     )
-    lines = [f"worst pose {shown(result.poses.labels[worst])}: {within}"]
+    lines = [f"worst pose {shown(result.poses.labels[worst])}: |d| within {within}"]
     of_all = 1e3 * result.quantile[_LEVEL, 0, result.poses.known]
     if len(of_all) > 1:
         least, middle, most = np.quantile(of_all, (0, 0.5, 1))
