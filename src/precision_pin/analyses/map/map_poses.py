@@ -155,9 +155,7 @@ def map_poses(
                 specifications=listed, confidence=confidence, threads=threads, processes=processes, executor=executor,
                 tasks_under_way=tasks_under_way, journal=journal, resume=resume, files=files, tell=tell, progress=step,
             )  # fmt: skip
-            result = replace(
-                result, sampled=Sampled(chosen, replace(sampled, names=tuple(labels[k] for k in chosen)))
-            )
+            result = replace(result, sampled=Sampled(chosen, replace(sampled, names=tuple(labels[k] for k in chosen))))
     # statics are checked where they strain most; each check solves the deflected arm
     highest = result.worst_first[0]
     pose = approached(given.take(np.array([highest])))[0]
