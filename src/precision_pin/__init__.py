@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from precision_pin.analyses.allocation.allocate import allocate as allocate
     from precision_pin.analyses.budget.budget import budget as budget
     from precision_pin.analyses.calibration.calibrate import calibrate as calibrate
+    from precision_pin.analyses.calibration.factory import ur_calibration as ur_calibration
     from precision_pin.analyses.calibration.forecast import forecast_calibration as forecast_calibration
     from precision_pin.analyses.calibration.identifiability import identifiability as identifiability
     from precision_pin.analyses.calibration.plan import plan_calibration as plan_calibration
@@ -143,6 +144,7 @@ _HOMES: Final = {
     "sample_approaches": "sampling.approaches",
     "sample_poses": "sampling.many_poses",
     "specification": "statistics.specification",
+    "ur_calibration": "analyses.calibration.factory",
     "worst_case": "analyses.worst_case.worst_case",
 }
 _MODULES: Final = {"mcpc": "robot.mcpc", "sources": "sources"}

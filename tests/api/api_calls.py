@@ -15,6 +15,7 @@ import precision_pin as pp
 from precision_pin.analyses.calibration.design import stations_of
 from precision_pin.analyses.calibration.simulation import simulate_readings
 from precision_pin.errors import PrecisionPinError
+from precision_pin.robot.chain import Chain
 from precision_pin.robot.examples import PAPER_SHEET
 from precision_pin.statistics import Specification
 from precision_pin.terms.term import JointValue
@@ -138,6 +139,7 @@ POSITIVE = "one half"
 NOT_NEGATIVE = "zero, one half"
 OPTIONAL = "nothing"
 WAY = Path(__file__).with_name("way.csv")
+UR_FILE, UR_ARM = (Path(__file__).with_name(name) for name in ("ur3.calibration.conf", "ur3.urdf"))
 FILE = "path|file|3|nonsense"
 POSE_FINE = "nothing"
 SEVERAL = "nothing, list of nothing"
@@ -173,6 +175,12 @@ def _calibration_calls(call: Callable[..., Call]) -> Iterator[Call]:
         prior="true",
     )
     yield call("identifiability", pp.identifiability, {"model": arm, "poses": poses, "measurement": tracker}, words)
+    yield call(
+        "ur_calibration",
+        pp.ur_calibration,
+        {"file": UR_FILE, "robot": Chain.from_urdf(UR_ARM)},
+        {"file": f"{FILE}|factory calibration"},
+    )
     yield call("every_frame", pp.every_frame, {"chain": arm.chain})
     yield call(
         "Measurement", pp.Measurement,

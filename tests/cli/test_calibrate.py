@@ -162,7 +162,9 @@ def test_copied_rows_are_named(run, folder, rows) -> None:
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ((), "nothing to do: give readings (DATA.csv), --forecast or --plan M"),
+        ((), "nothing to do: give readings (DATA.csv), --forecast, --plan M or --factory FILE"),
+        (("--factory", "x.conf", "--forecast"), "--factory takes no --forecast"),
+        (("--factory", "x.conf"), "is none of UR3, UR5"),
         (("--forecast", "--plan", "3"), "--forecast and --plan exclude each other"),
         (("--plan", "3", "data.csv"), "--plan takes no data"),
         (
@@ -262,3 +264,24 @@ def test_a_wrong_set_up_is_refused_at_its_line(run, folder, text, message) -> No
     (line,) = (found.out + found.err).strip().splitlines()
     assert line.startswith(f"new.errors.yaml:{len(whole.splitlines())}: error ")
     assert message in line
+
+
+def test_a_factory_calibration_is_read_and_written(run, folder) -> None:
+    from analyses.calibration.test_factory import dh_flange, write_conf
+    from precision_pin.robot.chain import Chain
+    from precision_pin.robot.examples import example_urdfs
+
+    if "ur5" not in example_urdfs():
+        pytest.skip("example-robot-data is not installed")
+    write_conf(folder, "UR5")
+    files = ("--urdf", "ur5.built.urdf", "--json", "f.json")
+    found = run("calibrate", "example:ur5", "--factory", "calibration.conf", *files)
+    assert found.code == 0
+    assert found.out.splitlines()[0].startswith(
+        "ur5_robot.urdf is a UR5; as its factory measured it, the tip is 2.24 mm rms"
+    )
+    assert max(map(len, found.out.splitlines())) <= 100
+    assert json.loads((folder / "f.json").read_text())["schema"] == "precision-pin/factory-calibration/1"
+    q = [0.1, -1.2, 1.1, -0.3, 0.4, 2.0]
+    tip = Chain.from_urdf(folder / "ur5.built.urdf", "tool0", "base").at(q).pose
+    np.testing.assert_allclose(tip, dh_flange("UR5", np.array(q)), atol=1e-9)

@@ -52,6 +52,7 @@ _MOST: Final = 10_000
 class _Options(ChainOptions, PoseOptions, MeasurementOptions):
     """All options but those that say what is done."""
 
+    factory: str | None
     criterion: str | None
     at_names: tuple[str, ...]
     random: int | None
@@ -67,6 +68,7 @@ class _Options(ChainOptions, PoseOptions, MeasurementOptions):
 @click.argument("inputs", nargs=-1, metavar="[ROBOT.urdf] [SHEET.yaml] [DATA.csv]")
 @click.option("--forecast", is_flag=True, help="What measuring will buy, before anything is measured.")
 @click.option("--plan", "count", type=int, metavar="M", help="Choose the M best of many poses to measure.")
+@click.option("--factory", metavar="FILE", help="Read UR's factory calibration: calibration.conf, or the YAML for ROS.")
 @click.option(
     "--criterion",
     type=click.Choice(["task", "D"]),
@@ -116,8 +118,11 @@ def command(forecast: bool, count: int | None, **options: Unpack[_Options]) -> N
     files = {"--json": options["json_path"], "--urdf": options["urdf"], "--sheet": options["sheet_path"]}
     outputs = Outputs(files, options["out"], ("calibration*",))
     outputs.check()
-    outputs.refuse_inputs([*([] if data is None else [data]), *pose_files(options)])
+    outputs.refuse_inputs([*filter(None, [data, options["factory"]]), *pose_files(options)])
     sheet = read_sheet(options, outputs)
+    if options["factory"] is not None:
+        _read_factory(sheet, options["factory"], options)
+        return
     measurement = measurement_of(sheet, options)
     model = ErrorModel.from_sheet(sheet)
     at = _task_poses(model, options["at_names"])
@@ -156,6 +161,20 @@ def command(forecast: bool, count: int | None, **options: Unpack[_Options]) -> N
     _answer(result, calibration_table, "calibration_figure", "calibration", options)
 
 
+def _read_factory(sheet: Sheet, file: str, options: _Options) -> None:
+    """Print what a factory calibration says of a robot, and write what is asked for."""
+    from precision_pin.analyses.calibration.factory import ur_calibration
+    from precision_pin.model.error_model import ErrorModel
+    from precision_pin.outputs.calibration.factory_table import factory_table
+
+    found = ur_calibration(file, ErrorModel.from_sheet(sheet))
+    echo_warnings(found.findings)
+    if options["urdf"] is not None:
+        found.to_urdf(options["urdf"])
+        echo_note(f"wrote {options['urdf']}")
+    _answer(found, factory_table, None, "calibration-factory", options)
+
+
 def _write_sheet(result: JsonResult, original: str, path: str) -> None:
     """Write the sheet of the calibrated arm, and the result that it names."""
     from precision_pin.display.files import write_files
@@ -182,8 +201,13 @@ def _check_usage(forecast: bool, count: int | None, data: str | None, options: _
     check_poses(options)
     chosen = _gives_poses(options)
     ahead = ["--forecast"] * forecast + ["--plan"] * (count is not None)
+    if options["factory"] is not None:
+        asked = [*ahead, *(["data"] if data else []), *(["poses"] if chosen or options["random"] is not None else [])]
+        if asked or options["sheet_path"] is not None:
+            raise _usage(f"--factory takes no {asked[0] if asked else '--sheet'}; it reads what the factory measured")
+        return
     if data is None and not ahead:
-        raise _usage("nothing to do: give readings (DATA.csv), --forecast or --plan M")
+        raise _usage("nothing to do: give readings (DATA.csv), --forecast, --plan M or --factory FILE")
     if len(ahead) == 2:
         raise _usage("--forecast and --plan exclude each other; a plan has the forecast of its choice")
     if data is not None and ahead:
@@ -236,7 +260,7 @@ def _measured_poses(sheet: Sheet, options: _Options, count: int, measurement: Me
     return random_poses(sheet.chain, number, seed=options["seed"]), sheet
 
 
-def _answer(result: JsonResult, table: Callable[[Any], str], figure: str, name: str, options: _Options) -> None:
+def _answer(result: JsonResult, table: Callable[[Any], str], figure: str | None, name: str, options: _Options) -> None:
     """Print a result and write the files that are asked for.
 
     Raises
@@ -256,8 +280,9 @@ def _answer(result: JsonResult, table: Callable[[Any], str], figure: str, name: 
     from precision_pin.outputs.calibration import figures
     from precision_pin.outputs.monte_carlo.figures import save
 
-    drawn: Figure = getattr(figures, figure)(result)
+    drawn: Figure | None = None if figure is None else getattr(figures, figure)(result)
     with whole_folder(Path(out)) as stage:
         write_text(stage / f"{name}.json", result.to_json() + "\n")
-        save(drawn, stage / name)
-    echo_note(f"wrote {out}: {name}.json, {name} as PNG and SVG")
+        if drawn is not None:
+            save(drawn, stage / name)
+    echo_note(f"wrote {out}: {name}.json{f', {name} as PNG and SVG' if drawn is not None else ''}")

@@ -1,0 +1,251 @@
+"""The factory calibration of a UR robot as a built arm."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, ClassVar, Final, final
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from precision_pin import se3
+from precision_pin.analyses.declaration import load
+from precision_pin.analyses.provenance import Provenance
+from precision_pin.display.files import write_files
+from precision_pin.display.stored import JsonResult
+from precision_pin.errors import Finding, InputError
+from precision_pin.inputs.arguments import check_path
+from precision_pin.model.displaced_arm import displaced_arm
+from precision_pin.model.error_model import ErrorModel
+from precision_pin.robot.chain import Chain
+from precision_pin.robot.ur_kinematics import MODELS, UrKinematics, nominal_ur, read_ur_calibration
+from precision_pin.typing import Array
+
+__all__ = ["FactoryCalibration", "ur_calibration"]
+
+_SAME: Final = (1e-3, 1e-3)
+"""Distance (m) and angle (rad) of an axis from that of a model within which a robot is of this model."""
+_CALIBRATED: Final = (0.05, 0.05)
+"""Those of a calibrated axis from its nominal one beyond which a file is not of this model."""
+_CHECKED: Final = 200
+"""Random poses at which the arms are compared."""
+_NOTED: Final = 1e-7
+"""Difference between the two ways to read a YAML's angles, m, that is worth a warning."""
+
+
+@final
+@dataclass(frozen=True, eq=False, repr=False)
+class FactoryCalibration(JsonResult):
+    """A UR robot as its factory calibration has it.
+
+    Attributes
+    ----------
+    provenance
+        Robot and versions.
+    file, checksum
+        The file, and its ``hash``; empty for none.
+    kind
+        The model of UR that the robot is, such as ``"UR5e"``.
+    model
+        The built arm: displacements of fixed numbers at each joint and at the tip, beside the sources of the given model.
+    displacements
+        These displacements, ``[d; δ]`` in the axes of each seat, m and rad, ``(7, 6)``; the last is that of the tip.
+    rms_position, largest_position
+        Distance of the tip from the nominal robot over 200 random poses, m.
+    findings
+        Warnings.
+    """
+
+    schema: ClassVar[str] = "precision-pin/factory-calibration/1"
+    provenance: Provenance
+    file: str
+    checksum: str
+    kind: str
+    model: ErrorModel
+    displacements: Array
+    rms_position: float
+    largest_position: float
+    findings: tuple[Finding, ...]
+
+    def predict(self, q: ArrayLike | Mapping[str, float] | str | None = None) -> Array:
+        """Return the tip of the built arm in the base, ``(4, 4)``; ``q`` as for :meth:`ErrorModel.at`."""
+        at = self.model.at(q)
+        pose, error = at.posture.pose, at.exact(self.model.space.mean[:, None])[:, 0]
+        return se3.pose(se3.exp_rotation(error[3:]) @ pose[:3, :3], pose[:3, 3] + error[:3])
+
+    def to_urdf(self, path: str | os.PathLike[str]) -> None:
+        """Write the built arm as a URDF, without loads and what else the model has beside the factory calibration.
+
+        Raises
+        ------
+        OutputError
+            The file cannot be written.
+        InputError
+            The robot's file has changed.
+        """
+        name = check_path("the path of the URDF", path)
+        chain = self.model.chain
+        bare = displaced_arm(chain, chain.placements @ np.array([se3.displacement(one) for one in self.displacements]))
+        writer = load("precision_pin.outputs.as_built.urdf:AsBuilt").prepare(bare, np.zeros(6))
+        write_files({name: writer.fitted(np.zeros(bare.space.size))})
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the result in its JSON schema, SI units, axes of each seat."""
+        places = [*self.model.chain.joint_names, self.model.chain.tip]
+        return {
+            **self.provenance.to_dict(self.schema),
+            "file": self.file,
+            "hash": self.checksum,
+            "model": self.kind,
+            "displacements": dict(zip(places, self.displacements.tolist(), strict=True)),
+            "rms_position": self.rms_position,
+            "largest_position": self.largest_position,
+            "findings": [finding.to_dict() for finding in self.findings],
+        }
+
+    def __repr__(self) -> str:
+        return (
+            f"<FactoryCalibration of {self.provenance.robot}, a {self.kind}: tip {1e3 * self.rms_position:.3g} mm rms from the "
+            f"nominal robot, at most {1e3 * self.largest_position:.3g} mm>"
+        )
+
+
+def ur_calibration(file: str | os.PathLike[str], robot: ErrorModel | Chain) -> FactoryCalibration:
+    """Return a UR robot as its factory calibration has it.
+
+    Parameters
+    ----------
+    file
+        ``calibration.conf`` of the controller (differences to Denavit-Hartenberg parameters), or the YAML of ``ur_calibration``
+        that the ROS driver reads. The angles of the latter are taken as URDF readers take them.
+    robot
+        The nominal arm of six joints, a UR3 to UR30, with any frames, base and tip; or a model of it.
+
+    Raises
+    ------
+    InputError
+        The file cannot be read or is of another robot, or the robot is no UR.
+    """
+    name = check_path("the factory calibration", file)
+    if not isinstance(robot, ErrorModel | Chain):
+        raise InputError("the robot must be an ErrorModel or a Chain, as Chain.from_urdf returns it")
+    chain = robot.chain if isinstance(robot, ErrorModel) else robot
+    kind, base = _model_of(chain)
+    found = read_ur_calibration(name, kind)
+    placements = _placements(chain, kind, base, found, name)
+    model = displaced_arm(chain, placements, robot if isinstance(robot, ErrorModel) else None)
+    moved = [se3.inverse(old) @ new for old, new in zip(chain.placements, placements, strict=True)]
+    displacements = np.array([[*one[:3, 3], *se3.log_rotation(one[:3, :3])] for one in moved])
+    q = np.random.default_rng(0).uniform(-np.pi, np.pi, (_CHECKED, 6))
+    nominal = nominal_ur(kind)
+    away = [np.linalg.norm(found.pose(one)[:3, 3] - nominal.pose(one)[:3, 3]) for one in q]
+    return FactoryCalibration(
+        provenance=Provenance.of(model, 0),
+        file=os.path.basename(name),
+        checksum=found.checksum,
+        kind=kind,
+        model=model,
+        displacements=displacements,
+        rms_position=float(np.sqrt(np.mean(np.square(away)))),
+        largest_position=float(max(away)),
+        findings=_remarks(name, kind, found, q),
+    )
+
+
+def _remarks(file: str, kind: str, found: UrKinematics, q: Array) -> tuple[Finding, ...]:
+    """Return a warning where the two ways to read the angles of a YAML differ."""
+    other = read_ur_calibration(file, kind, x_y_z=True)
+    apart = max(float(np.linalg.norm(found.pose(one)[:3, 3] - other.pose(one)[:3, 3])) for one in q)
+    if apart <= _NOTED:
+        return ()
+    message = (
+        "roll, pitch and yaw are read as URDF readers do; the tool that extracts them means turns about x, y and z in this "
+        f"order, which puts the tip up to {1e3 * apart:.2g} mm elsewhere; calibration.conf of the controller has no such doubt"
+    )
+    return (Finding("warning", "W_ANGLES", message, file),)
+
+
+def _axes(frames: Array) -> tuple[Array, Array]:
+    """Return points and directions of the z axes of frames ``(n, 4, 4)``, ``(n, 3)`` each."""
+    return frames[:, :3, 3], frames[:, :3, 2]
+
+
+def _seats(chain: Chain) -> Array:
+    """Return the seats of the joints and the tip at zero in the base, ``(n + 1, 4, 4)``."""
+    frames, frame = [], np.eye(4)
+    for placement in chain.placements:
+        frame = frame @ placement
+        frames.append(frame)
+    return np.array(frames)
+
+
+def _model_of(chain: Chain) -> tuple[str, Array]:
+    """Return the model of a robot, and the base of its Denavit-Hartenberg frames in the chain's base, ``(4, 4)``."""
+    if len(chain.joints) == 6 and not chain.prismatic.any():
+        seats = _seats(chain)[:6]
+        directions = np.einsum("kij,kj->ki", seats[:, :3, :3], chain.axes)
+        best, distance = "", np.inf
+        for kind in MODELS:
+            base, apart, turned = _fitted(*_axes(nominal_ur(kind).joints), seats[:, :3, 3], directions)
+            if turned < _SAME[1] and apart < distance:
+                best, placed, distance = kind, base, apart
+        if best and distance < _SAME[0]:
+            return best, placed
+    raise InputError(
+        f"{os.path.basename(chain.robot.file)}, {chain.base} to {chain.tip_label}, is none of {', '.join(MODELS)}: a factory "
+        "calibration is that of a nominal UR robot with six joints"
+    )
+
+
+def _fitted(points: Array, directions: Array, places: Array, axes: Array) -> tuple[Array, float, float]:
+    """Return the pose that moves lines onto others, and the largest distance and angle that are left between them.
+
+    Parameters
+    ----------
+    points, directions
+        Lines to be moved, ``(n, 3)`` each.
+    places, axes
+        The other lines.
+    """
+    left, _, right = np.linalg.svd(axes.T @ directions)
+    rotation = left @ np.diag([1.0, 1.0, np.linalg.det(left @ right)]) @ right
+    across = np.eye(3) - np.einsum("ki,kj->kij", axes, axes)
+    wanted = np.einsum("kij,kj->i", across, places - points @ rotation.T)
+    shift = np.linalg.solve(across.sum(axis=0), wanted)
+    away = np.einsum("kij,kj->ki", across, places - points @ rotation.T - shift)
+    turned = np.linalg.norm(np.cross(directions @ rotation.T, axes), axis=1)
+    opposite = ((directions @ rotation.T) * axes).sum(axis=1).min() < 0
+    return (
+        se3.pose(rotation, shift),
+        float(np.linalg.norm(away, axis=1).max()),
+        np.pi if opposite else float(turned.max()),
+    )
+
+
+def _placements(chain: Chain, kind: str, base: Array, found: UrKinematics, file: str) -> Array:
+    """Return the placements of the built arm: each seat at the point of its axis nearest to the nominal seat, turned least.
+
+    Where a frame lies along its axis, and how it turns about it at zero, changes no pose: only the axes and the tip at zero do.
+    """
+    seats = _seats(chain)
+    new = []
+    frames = base @ found.joints
+    for k in range(6):
+        axis, centre = seats[k, :3, :3] @ chain.axes[k], seats[k, :3, 3]
+        point, direction = frames[k, :3, 3], frames[k, :3, 2]
+        foot = point + direction * float(direction @ (centre - point))
+        sine = np.cross(axis, direction)
+        size = float(np.linalg.norm(sine))
+        turn = sine * (np.arctan2(size, float(axis @ direction)) / size if size > 0 else 1.0)
+        if np.linalg.norm(foot - centre) > _CALIBRATED[0] or np.linalg.norm(turn) > _CALIBRATED[1]:
+            message = (
+                f"{chain.joint_names[k]} would be {1e3 * float(np.linalg.norm(foot - centre)):.3g} mm and "
+                f"{float(np.linalg.norm(turn)):.3g} rad from that of a {kind}: the file is of another robot"
+            )
+            raise InputError([Finding("error", "E_DATA", message, file)])
+        new.append(se3.pose(se3.exp_rotation(turn) @ seats[k, :3, :3], foot))
+    new.append(base @ found.flange @ se3.inverse(base @ nominal_ur(kind).flange) @ seats[6])
+    before = [np.eye(4), *new[:-1]]
+    return np.array([se3.inverse(one) @ other for one, other in zip(before, new, strict=True)])

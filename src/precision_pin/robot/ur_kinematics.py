@@ -1,0 +1,171 @@
+"""Factory calibration of a UR robot as its files have it: frames of the joints at zero.
+
+A controller's ``calibration.conf`` has differences to the nominal Denavit-Hartenberg parameters,
+
+    T_i = Rz(q_i + θ_i + Δθ_i) · Tz(d_i + Δd_i) · Tx(a_i + Δa_i) · Rx(α_i + Δα_i),
+
+where the Δd of the nearly parallel axes 2, 3 and 4 are as large as hundreds of metres and cancel. The YAML that the ROS driver
+reads has the frame of each joint in that of the joint before, as the origin of a URDF joint: fixed-axis roll, pitch, yaw.
+Only the axes at zero and the flange matter, so both are turned into these.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+from dataclasses import dataclass
+from typing import Any, Final, final
+
+import numpy as np
+from ruamel.yaml import YAML
+from ruamel.yaml.error import YAMLError
+
+from precision_pin import se3
+from precision_pin.errors import Finding, InputError
+from precision_pin.inputs.files import UnreadableFileError, note_input, read_text_file
+from precision_pin.typing import Array
+
+__all__ = ["MODELS", "UrKinematics", "nominal_ur", "read_ur_calibration"]
+
+MODELS: Final = {
+    "UR3": (0.1519, -0.24365, -0.21325, 0.11235, 0.08535, 0.0819),
+    "UR5": (0.089159, -0.425, -0.39225, 0.10915, 0.09465, 0.0823),
+    "UR10": (0.1273, -0.612, -0.5723, 0.163941, 0.1157, 0.0922),
+    "UR3e": (0.15185, -0.24355, -0.2132, 0.13105, 0.08535, 0.0921),
+    "UR5e": (0.1625, -0.425, -0.3922, 0.1333, 0.0997, 0.0996),
+    "UR10e": (0.1807, -0.6127, -0.57155, 0.17415, 0.11985, 0.11655),
+    "UR16e": (0.1807, -0.4784, -0.36, 0.17415, 0.11985, 0.11655),
+    "UR20": (0.2363, -0.862, -0.7287, 0.201, 0.1593, 0.1543),
+    "UR30": (0.2363, -0.637, -0.5037, 0.201, 0.1593, 0.1543),
+}
+"""Nominal d1, a2, a3, d4, d5 and d6 of each model, m, as its maker publishes them."""
+_ALPHA: Final = (np.pi / 2, 0.0, 0.0, np.pi / 2, -np.pi / 2, 0.0)
+_LINKS: Final = ("shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3")
+_NUMBERS: Final = ("x", "y", "z", "roll", "pitch", "yaw")
+_DELTAS: Final = ("delta_theta", "delta_a", "delta_d", "delta_alpha")
+_LARGEST: Final = 2**20
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class UrKinematics:
+    """A six-joint arm at zero.
+
+    Attributes
+    ----------
+    joints
+        Frame of each joint in the base, its z along the axis, ``(6, 4, 4)``.
+    flange
+        Frame of the flange in the base, ``(4, 4)``.
+    checksum
+        What the file has as ``hash``; empty for none.
+    """
+
+    joints: Array
+    flange: Array
+    checksum: str = ""
+
+    def pose(self, q: Array) -> Array:
+        """Return the flange in the base, ``(4, 4)``, at joint values ``(6,)``."""
+        result: Array = self.joints[0] @ _turn(q[0])
+        for k in range(1, 6):
+            result = result @ se3.inverse(self.joints[k - 1]) @ self.joints[k] @ _turn(q[k])
+        last: Array = result @ se3.inverse(self.joints[5]) @ self.flange
+        return last
+
+    @classmethod
+    def of_dh(cls, theta: Array, a: Array, d: Array, alpha: Array) -> UrKinematics:
+        """Return the arm of Denavit-Hartenberg parameters, ``(6,)`` each."""
+        frames, frame = [], np.eye(4)
+        for k in range(6):
+            frame = frame @ _turn(theta[k]) @ se3.translation([0.0, 0.0, d[k]])
+            frames.append(frame)
+            frame = frame @ se3.translation([a[k], 0.0, 0.0]) @ se3.displacement([0.0, 0.0, 0.0, alpha[k], 0.0, 0.0])
+        return cls(np.array(frames), frame)
+
+
+def nominal_ur(name: str) -> UrKinematics:
+    """Return a model of :data:`MODELS` as its maker publishes it."""
+    return UrKinematics.of_dh(*_nominal(name))
+
+
+def _nominal(name: str) -> tuple[Array, Array, Array, Array]:
+    d1, a2, a3, d4, d5, d6 = MODELS[name]
+    return np.zeros(6), np.array([0, a2, a3, 0, 0, 0]), np.array([d1, 0, 0, d4, d5, d6]), np.array(_ALPHA)
+
+
+def read_ur_calibration(path: str | os.PathLike[str], name: str, *, x_y_z: bool = False) -> UrKinematics:
+    """Return the arm of a factory calibration.
+
+    Parameters
+    ----------
+    path
+        ``calibration.conf`` of the controller, or the YAML of the ROS driver.
+    name
+        The model of :data:`MODELS` to which the differences of a ``calibration.conf`` are added.
+    x_y_z
+        Read the angles of a YAML as a turn about x, the new y and the new z, as the tool that extracts it means them, and not
+        as URDF readers do.
+
+    Raises
+    ------
+    InputError
+        The file cannot be read, or is neither.
+    """
+    file = os.fspath(path)
+    try:
+        text = read_text_file(file, _LARGEST)
+    except UnreadableFileError as error:
+        raise InputError(f"the factory calibration {file} {error.reason}") from None
+    note_input(file)
+    if any(re.search(rf"^\s*{key}\s*=", text, re.MULTILINE) for key in _DELTAS):
+        deltas = [_list(file, text, key) for key in _DELTAS]
+        theta, a, d, alpha = (one + delta for one, delta in zip(_nominal(name), deltas, strict=True))
+        return UrKinematics.of_dh(theta, a, d, alpha)
+    return _of_yaml(file, text, x_y_z=x_y_z)
+
+
+def _list(file: str, text: str, key: str) -> Array:
+    found = re.search(rf"^\s*{key}\s*=\s*\[([^\]]*)\]", text, re.MULTILINE)
+    if found is None:
+        raise _wrong(file, f"{key} = [six numbers] is missing")
+    try:
+        values = np.array([float(part) for part in found[1].split(",")])
+    except ValueError:
+        values = np.zeros(0)
+    if values.shape != (6,) or not np.isfinite(values).all():
+        raise _wrong(file, f"{key} needs six numbers", text[: found.start(1)].count("\n") + 1)
+    return values
+
+
+def _of_yaml(file: str, text: str, *, x_y_z: bool) -> UrKinematics:
+    try:
+        data: Any = YAML(typ="safe", pure=True).load(text)
+    except (YAMLError, ValueError, RecursionError):
+        data = None
+    kinematics = data.get("kinematics") if isinstance(data, dict) else None
+    if not isinstance(kinematics, dict):
+        raise _wrong(
+            file, "this is no factory calibration: neither delta_theta = [...] as in calibration.conf nor kinematics:"
+        )
+    frames, frame = [], np.eye(4)
+    for link in _LINKS:
+        entry = kinematics.get(link)
+        values = [entry.get(number) for number in _NUMBERS] if isinstance(entry, dict) else []
+        numbers = [float(value) for value in values if isinstance(value, int | float) and np.isfinite(value)]
+        if len(numbers) != len(_NUMBERS):
+            raise _wrong(file, f"kinematics: {link} needs the numbers {', '.join(_NUMBERS)}")
+        x, y, z, roll, pitch, yaw = numbers
+        about_x, about_y, about_z = map(se3.exp_rotation, np.diag([roll, pitch, yaw]))
+        rotation = about_x @ about_y @ about_z if x_y_z else about_z @ about_y @ about_x
+        frame = frame @ se3.pose(rotation, np.array([x, y, z]))
+        frames.append(frame)
+    return UrKinematics(np.array(frames), frame, str(kinematics.get("hash") or ""))
+
+
+def _turn(angle: float) -> Array:
+    return se3.displacement([0.0, 0.0, 0.0, 0.0, 0.0, angle])
+
+
+def _wrong(file: str, message: str, line: int | None = None) -> InputError:
+    return InputError([Finding("error", "E_DATA", message, file, line)])

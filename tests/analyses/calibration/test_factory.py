@@ -1,0 +1,207 @@
+"""UR's factory calibration against Denavit-Hartenberg matrices, and as a URDF read by Pinocchio."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pinocchio
+import pytest
+from scipy.spatial.transform import Rotation
+
+import precision_pin as pp
+from analyses.calibration.arms import paper_model
+from precision_pin.robot.chain import Chain
+from precision_pin.robot.examples import example_urdfs
+from precision_pin.robot.ur_kinematics import MODELS, nominal_ur
+from precision_pin.sources import JointOffset
+
+# of a UR5 and a UR3, as their owners published them: Δd of axes 2 to 4 up to 278 m
+DELTAS = {
+    "UR5": (
+        (2.07750978653505926e-05, 0.96821571555565844, -1.85685385014877657, 0.888647901450376643, 5.66106814887767484e-05,
+         -7.46310764096455082e-05),
+        (0.000393621049984383038, 0.184093300397451837, 0.14493953300732923, -6.43297403642304399e-05, 7.76709040084077299e-06,
+         0),
+        (4.00263097760228392e-05, 278.244144925623573, -183.695513914913732, -94.5471513669751289, 0.000304782681775556119,
+         0.000123737941387466743),
+        (-0.000271624944216508624, 0.00125856505456124258, -0.00322052070697146503, 0.00065153016530383745,
+         -0.00058700465721117645, 0),
+    ),
+    "UR3": (
+        (9.14361764983717684e-08, 0.178461025123001604, 6.68283349819805572, -0.578116982609792496, 6.11299818305960363e-06,
+         -5.03926212855332345e-07),
+        (-0.000243788991999517813, 0.00381165418642351317, 0.034503078453104935, 0.000107694612896758047,
+         -0.000198736633205663144, 0),
+        (9.225352853908797e-05, 12.0620003757611567, 17.6719025641737275, -29.7339960369544869, -2.8164617795367608e-05,
+         0.000217420471082099831),
+        (0.00115615746589403656, 0.0035851898103369975, 0.00392132336586574568, 0.000406668888106365145, -0.00201170396009153762,
+         0),
+    ),
+}  # fmt: skip
+FAR = "".join(f"{key} = [0, 0.1, 0, 0, 0, 0]\n" for key in ("delta_theta", "delta_a", "delta_d", "delta_alpha"))
+NAMES = ("shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3")
+
+
+def dh_matrix(theta: float, a: float, d: float, alpha: float) -> np.ndarray:
+    """Return the matrix of the textbooks, element by element."""
+    ct, st, ca, sa = np.cos(theta), np.sin(theta), np.cos(alpha), np.sin(alpha)
+    rows = [[ct, -st * ca, st * sa, a * ct], [st, ct * ca, -ct * sa, a * st], [0, sa, ca, d], [0, 0, 0, 1]]
+    return np.array(rows)
+
+
+def dh_flange(kind: str, q: np.ndarray) -> np.ndarray:
+    """Return the flange with the differences, by the product of six matrices."""
+    d1, a2, a3, d4, d5, d6 = MODELS[kind]
+    theta, a, d, alpha = (np.array(row) for row in DELTAS[kind])
+    a, d = a + np.array([0, a2, a3, 0, 0, 0]), d + np.array([d1, 0, 0, d4, d5, d6])
+    alpha = alpha + np.array([1, 0, 0, 1, -1, 0]) * np.pi / 2
+    result = np.eye(4)
+    for k in range(6):
+        result = result @ dh_matrix(q[k] + theta[k], a[k], d[k], alpha[k])
+    return result
+
+
+def write_conf(folder: Path, kind: str) -> Path:
+    rows = zip(("delta_theta", "delta_a", "delta_d", "delta_alpha"), DELTAS[kind], strict=True)
+    text = "[mounting]\n" + "".join(f"{name} = [{', '.join(map(repr, row))}]\n" for name, row in rows)
+    path = folder / "calibration.conf"
+    path.write_text(text + "joint_checksum = [0x1, 0x2]\n")
+    return path
+
+
+def urdf_of(kind: str, folder: Path) -> Path:
+    """Return a URDF of a nominal model: the frames of the ROS driver's description, the axes all z."""
+    joints = nominal_ur(kind).joints
+    steps = [joints[0], *(np.linalg.inv(joints[k]) @ joints[k + 1] for k in range(5))]
+    links = ["base", *(f"{name}_link" for name in NAMES), "tool0"]
+    lines = ['<robot name="ur">', *(f'<link name="{name}"/>' for name in links)]
+    for k, step in enumerate(steps):
+        rpy = " ".join(repr(float(x)) for x in Rotation.from_matrix(step[:3, :3]).as_euler("xyz"))
+        lines.append(
+            f'<joint name="{NAMES[k]}_joint" type="revolute"><parent link="{links[k]}"/><child link="{links[k + 1]}"/>'
+            f'<origin xyz="{" ".join(repr(float(x)) for x in step[:3, 3])}" rpy="{rpy}"/><axis xyz="0 0 1"/>'
+            '<limit lower="-6.28" upper="6.28" effort="1" velocity="1"/></joint>'
+        )
+    lines.append('<joint name="tool" type="fixed"><parent link="wrist_3_link"/><child link="tool0"/></joint></robot>')
+    path = folder / f"{kind}.urdf"
+    path.write_text("\n".join(lines))
+    return path
+
+
+def chain_of(kind: str, folder: Path, base: str = "base", tip: str = "tool0") -> Chain:
+    if kind == "UR5" and "ur5" not in example_urdfs():
+        pytest.skip("example-robot-data is not installed")
+    return Chain.from_urdf(example_urdfs()["ur5"] if kind == "UR5" else urdf_of(kind, folder), tip, base)
+
+
+def tip_by_pinocchio(urdf: Path, q: np.ndarray) -> np.ndarray:
+    """Return tool0 in the frame ``base`` as Pinocchio has it."""
+    model = pinocchio.buildModelFromUrdf(str(urdf))
+    data = model.createData()
+    pinocchio.framesForwardKinematics(model, data, q)
+    base, tip = (data.oMf[model.getFrameId(name)] for name in ("base", "tool0"))
+    return base.actInv(tip).homogeneous
+
+
+@pytest.mark.parametrize("kind", ["UR5", "UR3"])
+def test_differences_of_parameters_make_the_arm_of_their_matrices(kind: str, tmp_path: Path) -> None:
+    """As a model and as a URDF read by Pinocchio, to 1e-9 m; of a UR5 with frames of an older description."""
+    found = pp.ur_calibration(write_conf(tmp_path, kind), chain_of(kind, tmp_path))
+    assert found.kind == kind
+    assert found.findings == ()
+    urdf = tmp_path / "built.urdf"
+    found.to_urdf(urdf)
+    assert np.abs(found.displacements[:, :3]).max() < 0.02
+    for q in np.random.default_rng(0).uniform(-3, 3, (5, 6)):
+        expected = dh_flange(kind, q)
+        np.testing.assert_allclose(found.predict(q), expected, rtol=0, atol=1e-9)
+        np.testing.assert_allclose(tip_by_pinocchio(urdf, q), expected, rtol=0, atol=1e-9)
+    distances = [
+        np.linalg.norm(dh_flange(kind, q)[:3, 3] - nominal_ur(kind).pose(q)[:3, 3])
+        for q in np.random.default_rng(0).uniform(-np.pi, np.pi, (200, 6))
+    ]
+    assert found.largest_position == pytest.approx(max(distances), abs=1e-9)
+    assert 1e-3 < found.rms_position < found.largest_position
+
+
+def test_other_base_and_tip_move_with_their_links(tmp_path: Path) -> None:
+    conf = write_conf(tmp_path, "UR5")
+    one, other = (
+        pp.ur_calibration(conf, chain_of("UR5", tmp_path, *ends))
+        for ends in (("base", "tool0"), ("base_link", "ee_link"))
+    )
+    q = np.random.default_rng(1).uniform(-3, 3, 6)
+    base = Rotation.from_euler("z", np.pi).as_matrix()
+    np.testing.assert_allclose(other.predict(q)[:3, 3], base @ one.predict(q)[:3, 3], atol=1e-9)
+
+
+def write_yaml(folder: Path, kind: str) -> Path:
+    """Return the file of the ROS driver with the frames of the calibrated arm, each axis near its nominal place."""
+    chain = chain_of(kind, folder)
+    found = pp.ur_calibration(write_conf(folder, kind), chain)
+    seats = np.eye(4)
+    lines = ["kinematics:"]
+    for k, name in enumerate(NAMES):
+        moved = np.eye(4)
+        moved[:3, 3], moved[:3, :3] = (
+            found.displacements[k, :3],
+            Rotation.from_rotvec(found.displacements[k, 3:]).as_matrix(),
+        )
+        place = chain.placements[k] @ moved
+        if k == 5:
+            last = found.predict(np.zeros(6))
+            place = np.linalg.inv(seats) @ last
+        seats = seats @ place
+        numbers = [*place[:3, 3], *Rotation.from_matrix(place[:3, :3]).as_euler("xyz")]
+        lines.append(f"  {name}:")
+        lines += [
+            f"    {key}: {float(value)!r}"
+            for key, value in zip(("x", "y", "z", "roll", "pitch", "yaw"), numbers, strict=True)
+        ]
+    path = folder / "kinematics.yaml"
+    path.write_text("\n".join(lines) + "\n  hash: calib_12788084448423163542\n")
+    return path
+
+
+def test_the_yaml_of_the_ros_driver_is_read_as_urdf_readers_do(tmp_path: Path) -> None:
+    """The same robot by both files; a warning says by how much the other reading of the angles differs."""
+    path = write_yaml(tmp_path, "UR3")
+    found = pp.ur_calibration(path, chain_of("UR3", tmp_path))
+    assert found.checksum == "calib_12788084448423163542"
+    for q in np.random.default_rng(0).uniform(-3, 3, (5, 6)):
+        np.testing.assert_allclose(found.predict(q), dh_flange("UR3", q), rtol=0, atol=1e-9)
+    (finding,) = found.findings
+    assert finding.code == "W_ANGLES"
+
+
+def test_sources_of_a_model_stay_beside_the_factory_calibration(tmp_path: Path) -> None:
+    chain = chain_of("UR3", tmp_path)
+    model = pp.ErrorModel(chain, pp.Space(), [JointOffset(joint=chain.joint_names[2], offset=pp.Normal(1e-4))])
+    found = pp.ur_calibration(write_conf(tmp_path, "UR3"), model)
+    assert found.model.space.components == model.space.components
+    np.testing.assert_allclose(found.predict(np.zeros(6)), dh_flange("UR3", np.zeros(6)), atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("nothing: 1\n", "this is no factory calibration"),
+        ("delta_theta = [1, 2]\n", "delta_theta needs six numbers"),
+        ("delta_theta = [0, 0, 0, 0, 0, 0]\n", "delta_a = .six numbers. is missing"),
+        ("kinematics: {shoulder: {x: 0, y: 0}}\n", "shoulder needs the numbers x, y, z, roll, pitch, yaw"),
+        (FAR, "the file is of another"),
+    ],
+)  # fmt: skip
+def test_wrong_files_are_refused_in_one_line(text: str, message: str, tmp_path: Path) -> None:
+    (tmp_path / "wrong").write_text(text)
+    with pytest.raises(pp.InputError, match=message) as caught:
+        pp.ur_calibration(tmp_path / "wrong", chain_of("UR3", tmp_path))
+    assert "\n" not in str(caught.value)
+
+
+def test_another_robot_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(pp.InputError, match="is none of UR3, UR5"):
+        pp.ur_calibration(write_conf(tmp_path, "UR5"), paper_model().chain)
+    with pytest.raises(pp.InputError, match="must be an ErrorModel or a Chain"):
+        pp.ur_calibration(write_conf(tmp_path, "UR5"), "ur5.urdf")  # type: ignore[arg-type]
