@@ -85,7 +85,7 @@ def pareto_front(
     members
         Number of the group of each tolerance.
     count
-        How many points; their factors have equal ratios.
+        How many points; their factors have equal ratios, but for the one nearest to 1, which is 1.
     seconds
         For all points together, where there are grades.
     advance
@@ -96,7 +96,10 @@ def pareto_front(
     first = max(least, 1 / _REACH)
     end = monotonic() + seconds
     points, near = [], None
-    for k, factor in enumerate(np.geomspace(first, max(min(most, _REACH), first * _EDGE), count)):
+    factors = np.geomspace(first, max(min(most, _REACH), first * _EDGE), count)
+    if factors[0] < 1 < factors[-1]:
+        factors[1 + np.abs(np.log(factors[1:-1])).argmin() if count > 2 else 0] = 1.0
+    for k, factor in enumerate(factors):
         limits = [replace(one, limit=one.limit * factor) for one in programme.limits]
         share = (end - monotonic()) / (count - k)
         found = solve(replace(programme, limits=limits), choices, share, advance, near)
