@@ -156,3 +156,15 @@ def test_group_without_a_common_value_is_refused(tmp_path: Path) -> None:
     }
     with pytest.raises(InputError, match="group g"):
         pp.allocate(slide_model(tmp_path), problem)
+
+
+def test_front_is_the_closed_form_at_every_limit(tmp_path: Path) -> None:
+    """The least cost under a root mean square is inverse to the limit while no bound is reached."""
+    result = pp.allocate(slide_model(tmp_path), _problem({"rms": "0.3 mm"}), pareto=7)
+    least = float((COSTS ** (2 / 3) * (1 / 3) ** (1 / 3)).sum() ** 1.5 / 0.3e-3)
+    assert [one.factor for one in result.front] == pytest.approx(np.geomspace(1 / 3, 3, 7))
+    for one in result.front:
+        assert one.cost == pytest.approx(least / one.factor, rel=1e-6)
+        assert one.lower_bound == pytest.approx(least / one.factor, rel=1e-6)
+        assert np.sqrt((one.tolerances**2).sum() / 3) == pytest.approx(0.3e-3 * one.factor, rel=1e-6)
+    assert len(result.to_dict()["pareto"]) == 7

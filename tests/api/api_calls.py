@@ -356,11 +356,12 @@ def calls() -> Iterator[Call]:
         pp.allocate,
         {
             "error_model": arm,
-            "problem": {"tolerances": [chosen], "specs": [{"rms": "1 m"}]}, "seed": 0, "seconds": 9.0,
+            "problem": {"tolerances": [chosen], "specs": [{"rms": "1 m"}]}, "seed": 0, "seconds": 9.0, "pareto": 2,
             "findings": [], "progress": None,
         },
-        {"error_model": "ErrorModel", "problem": "problem|allocate"},
-        seed="zero", seconds="one half", findings="empty list, empty tuple", progress="nothing, true, function, type",
+        {"error_model": "ErrorModel", "problem": "problem|allocate", "pareto": "points of the front"},
+        seed="zero", seconds="one half", pareto="zero", findings="empty list, empty tuple",
+        progress="nothing, true, function, type",
     )  # fmt: skip
     yield call(
         "compensate",

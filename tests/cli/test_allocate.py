@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 
+import pytest
+
 from precision_pin import ErrorModel
 
 PATHS = [f"axis_install[joint{k}].radius" for k in range(1, 5)]
@@ -56,3 +58,47 @@ def test_wrong_input_is_one_line(run, folder):
     assert done.code == 2
     assert "maxi" in done.err
     assert "Traceback" not in done.err
+    line = (folder / "wanted.yaml").read_text().splitlines().index("  tolerances:") + 2
+    assert done.err.startswith(f"wanted.yaml:{line}: error E_NAME: no key of tolerances[0] named 'maxi'")
+    checked = run("check", "wanted.yaml")
+    assert checked.code == 2
+    assert checked.out == done.err
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("reciprocal: 1 mm", "reciprocal: 1 mrad", "unit such as mm"),
+        ("37.5 mm @ 95 %", "37.5 kg", "kg"),
+        ("joint4].radius", "joint3].radius", "listed twice"),
+        ("joint4].radius", "joint5].radius", "joint5"),
+        ("  specs:", "  poses: [nowhere]\n  specs:", "nowhere"),
+        ("  specs:", "  poses: nowhere\n  specs:", "list of names"),
+        ("  specs:", "  specifications:", "specifications"),
+    ],
+)
+def test_check_reads_what_is_to_be_allocated(run, folder, old, new, words):
+    name = _sheet(folder, "37.5 mm @ 95 %")
+    assert run("check", name).code == 0
+    text = (folder / name).read_text()
+    assert old in text
+    (folder / name).write_text(text.replace(old, new))
+    done = run("check", name)
+    assert done.code == 2
+    assert words in done.out
+    assert done.out.startswith("wanted.yaml:")
+
+
+@pytest.mark.slow
+def test_the_folder_has_the_front(run, folder, new_files):
+    done = run("allocate", _sheet(folder, "37.5 mm @ 95 %"), "--out", "made", "--pareto", "5")
+    assert done.code == 0
+    assert "cost against accuracy" in done.out
+    files = {"allocation.json", "allocation.png", "allocation.svg", "allocated.errors.yaml"}
+    assert new_files() == {"wanted.yaml", "made"} | {f"made/{name}" for name in files}
+    points = json.loads((folder / "made/allocation.json").read_text())["pareto"]
+    assert len(points) == 5
+    costs = [point["cost"] for point in points]
+    assert costs == sorted(costs, reverse=True)
+    assert run("allocate", "wanted.yaml", "--pareto", "1").code == 2
+    assert run("allocate", "wanted.yaml", "--seconds", "0").code == 2

@@ -29,6 +29,7 @@ class _Options(ChainOptions):
 
     seed: int
     seconds: float
+    pareto: int
     json_path: str | None
     out: str | None
 
@@ -45,8 +46,15 @@ class _Options(ChainOptions):
     show_default=True,
     help="Time for the choice of grades; then the best found counts, with its gap.",
 )
+@click.option(
+    "--pareto",
+    metavar="N",
+    type=int,
+    default=0,
+    help="Find N points of the front of cost against accuracy: all limits wider or narrower by a factor.",
+)
 @click.option("--json", "json_path", metavar="FILE", help="Write the result as JSON; - prints it alone.")
-@click.option("--out", metavar="DIR", help="Write the sheet with the chosen tolerances and the result there.")
+@click.option("--out", metavar="DIR", help="Write the sheet with the chosen tolerances, a plot and the result there.")
 @all_warnings_option
 @quiet_option
 def command(**options: Unpack[_Options]) -> int:
@@ -62,14 +70,19 @@ def command(**options: Unpack[_Options]) -> int:
     from precision_pin.outputs.allocation.table import allocation_table
 
     check_seed(options["seed"])
-    outputs = Outputs({"--json": options["json_path"]}, options["out"], ("allocation.json", "allocated.errors.yaml"))
+    outputs = Outputs({"--json": options["json_path"]}, options["out"], ("allocation.*", "allocated.errors.yaml"))
     outputs.check()
     sheet = read_sheet(options, outputs)
     model = ErrorModel.from_sheet(sheet)
-    steps = allocation_steps(read_problem(model, None))
+    steps = allocation_steps(read_problem(model, None), max(options["pareto"], 0))
     with progress_bar(steps, "allocating", "steps") as progress:
         result = allocate(
-            model, seed=options["seed"], seconds=options["seconds"], findings=sheet.findings, progress=progress
+            model,
+            seed=options["seed"],
+            seconds=options["seconds"],
+            pareto=options["pareto"],
+            findings=sheet.findings,
+            progress=progress,
         )
     if options["json_path"] == "-":
         echo_data(result.to_json())
@@ -87,17 +100,21 @@ def _write(model: ErrorModel, result: AllocationResult, options: _Options) -> No
     OutputError
         Something cannot be written.
     """
-    from precision_pin.outputs.allocation.sheet import allocated_sheet
-
     json_path, out = options["json_path"], options["out"]
     if json_path is not None and json_path != "-":
         write_text(Path(json_path), result.to_json() + "\n")
     if out is None:
         return
+    from precision_pin.outputs.allocation.figure import figure
+    from precision_pin.outputs.allocation.sheet import allocated_sheet
+    from precision_pin.outputs.monte_carlo.figures import save
+
     with whole_folder(Path(out)) as stage:
         write_text(stage / "allocation.json", result.to_json() + "\n")
+        save(figure(result), stage / "allocation")
         if result.feasible:
             write_text(stage / "allocated.errors.yaml", allocated_sheet(model, result, Path(out)))
-    echo_note(f"wrote {out}: allocation.json{', allocated.errors.yaml' if result.feasible else ''}")
+    sheet = ", allocated.errors.yaml" if result.feasible else ""
+    echo_note(f"wrote {out}: allocation.json, allocation as PNG and SVG{sheet}")
     if not result.feasible:
         echo_note("no sheet is written: no tolerances within their bounds keep the limits")

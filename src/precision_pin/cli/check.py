@@ -29,7 +29,7 @@ __all__ = ["command"]
 def command(as_json: bool, **arm: Unpack[ChainOptions]) -> int:
     """Check a URDF, or a sheet and the URDF it names, and list every finding with file and line.
 
-    A sheet is tried at each of its poses, as `analyze` would take it.
+    A sheet is tried at each of its poses, as `analyze` would take it; what `allocate` is to choose is read too.
 
     Exit code 2 if there is an error; warnings alone pass.
     """
@@ -65,7 +65,7 @@ def _findings(arm: ChainOptions) -> tuple[Finding, ...]:
         sheet = read_inputs(found, arm)
     except InputError as error:
         return error.findings
-    return sheet.findings + _pose_findings(sheet)
+    return sheet.findings + _pose_findings(sheet) + _allocation_findings(sheet)
 
 
 def _pose_findings(sheet: Sheet) -> tuple[Finding, ...]:
@@ -80,6 +80,20 @@ def _pose_findings(sheet: Sheet) -> tuple[Finding, ...]:
         for rank, (name, q) in enumerate(sheet.poses.items())
         for finding in (pose_findings(model, name, spread=varies) if rank < MOST_POSES else sheet.chain.at(q).findings)
     )
+
+
+def _allocation_findings(sheet: Sheet) -> tuple[Finding, ...]:
+    """Return the errors in ``allocate:``, if the sheet has it."""
+    if sheet.contents is None or "allocate" not in sheet.contents.text.data:
+        return ()
+    from precision_pin.analyses.allocation.problem import read_problem
+    from precision_pin.model.error_model import ErrorModel
+
+    try:
+        read_problem(ErrorModel.from_sheet(sheet), None)
+    except InputError as error:
+        return error.findings
+    return ()
 
 
 def _chain_findings(robot: object, tip: str | None, base: str | None) -> tuple[Finding, ...]:

@@ -11,7 +11,7 @@ import numpy as np
 
 from precision_pin.analyses.allocation.allocation_result import AllocatedLimit, AllocationResult, tightest_of
 from precision_pin.analyses.allocation.error_parts import ErrorParts, error_parts
-from precision_pin.analyses.allocation.grades import solve_with_grades
+from precision_pin.analyses.allocation.front import MOST_POINTS, pareto_front, solve
 from precision_pin.analyses.allocation.problem import Bound, Problem, Tolerance, common_grades, read_problem
 from precision_pin.analyses.allocation.programme import Limit, Programme, Solution
 from precision_pin.analyses.allocation.scaling import Contributions, changed_model, contributions
@@ -20,7 +20,7 @@ from precision_pin.call_warnings import warns_at_end
 from precision_pin.display.progress import steps_to
 from precision_pin.draws.space import check_seed
 from precision_pin.errors import Finding
-from precision_pin.inputs.arguments import check_instance, check_items, check_number
+from precision_pin.inputs.arguments import check_instance, check_items, check_number, check_whole
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.sampling.many_poses import sample_poses
 from precision_pin.statistics import COMPONENTS, QUANTITIES, Specification
@@ -45,6 +45,7 @@ def allocate(
     *,
     seed: int = 0,
     seconds: float = 60.0,
+    pareto: int = 0,
     findings: Sequence[Finding] = (),
     progress: Callable[[int], None] | bool | None = None,
 ) -> AllocationResult:
@@ -63,7 +64,9 @@ def allocate(
     seed
         64-bit seed of the samples.
     seconds
-        Time for the choice of grades; after it the best found is returned, with the gap that is left.
+        Time for the choice of grades, and again for the front; then the best found is returned, with the gap that is left.
+    pareto
+        How many points of the front of cost against accuracy to find: 0, or 2 to 1000.
     findings
         Warnings to include in the result, such as those of the sheet.
     progress
@@ -79,22 +82,24 @@ def allocate(
     check_instance("error_model", error_model, ErrorModel, "as ErrorModel.load makes it")
     check_seed(seed)
     check_number("the seconds of an allocation", seconds, "a number above zero", lambda value: value > 0)
+    if pareto:
+        check_whole("the number of points of the front", pareto, 2, MOST_POINTS, f"of 0, or from 2 to {MOST_POINTS}")
     known = check_items("findings", findings, Finding)
     task = read_problem(error_model, problem)
-    with steps_to(progress, allocation_steps(task), "steps") as advance:
-        return _allocate(error_model, task, int(seed), seconds, known, advance)
+    with steps_to(progress, allocation_steps(task, pareto), "steps") as advance:
+        return _allocate(error_model, task, int(seed), (seconds, pareto), known, advance)
 
 
-def allocation_steps(problem: Problem) -> int:
+def allocation_steps(problem: Problem, pareto: int = 0) -> int:
     """Return the number of steps that ``progress`` is told of."""
-    return len(problem.tolerances) + _ROUNDS
+    return len(problem.tolerances) + _ROUNDS + pareto
 
 
 def _allocate(
     model: ErrorModel,
     task: Problem,
     seed: int,
-    seconds: float,
+    effort: tuple[float, int],
     findings: tuple[Finding, ...],
     advance: Callable[[int], None],
 ) -> AllocationResult:
@@ -104,15 +109,13 @@ def _allocate(
     chances = tuple(one for one in task.limits if isinstance(one, Specification))
     aims = [one.required for one in chances]
     choices = [common_grades(_own(task, members, g)) for g in range(int(members.max()) + 1)]
+    seconds, pareto = effort
     end = monotonic() + seconds
     found: _Attempt | None = None
     for attempt in range(_ROUNDS):
         programme = _programme(task, parts, members, aims)
-        solution = (
-            programme.solve()
-            if all(one is None for one in choices)
-            else solve_with_grades(programme, choices, max(end - monotonic(), 0.0), lambda _: advance(0))
-        )
+        near = None if found is None or found.solution is None else found.solution.t
+        solution = solve(programme, choices, end - monotonic(), advance, near)
         # what cannot be met is verified with the narrowest tolerances
         chosen = (programme.low if solution is None else solution.t)[members]
         made = _Attempt(programme, solution, chosen, np.zeros((3, 0, len(task.poses))))
@@ -131,7 +134,10 @@ def _allocate(
         aims = [_next_aim(aim, float(one), made.is_met) for aim, one in zip(aims, spare, strict=True)]
     assert found is not None
     advance(_ROUNDS - (attempt + 1 if chances else 0))
-    return _result(model, task, found, seed, findings)
+    result = _result(model, task, found, seed, findings)
+    if not pareto:
+        return result
+    return replace(result, front=pareto_front(found.programme, choices, members, pareto, seconds, advance))
 
 
 @final

@@ -9,6 +9,7 @@ from typing import Any, ClassVar, final
 import numpy as np
 
 from precision_pin.analyses.allocation.error_parts import ErrorParts
+from precision_pin.analyses.allocation.front import FrontPoint
 from precision_pin.analyses.allocation.problem import Tolerance
 from precision_pin.analyses.provenance import Provenance
 from precision_pin.display.stored import JsonResult
@@ -107,6 +108,8 @@ class AllocationResult(JsonResult):
         Names of the poses.
     feasible
         Whether tolerances within the bounds keep the limits; if not, all numbers are those of the narrowest tolerances.
+    front
+        Points of the front of cost against accuracy, if asked for.
     findings
         Findings passed in, such as those of the sheet.
     """
@@ -124,6 +127,7 @@ class AllocationResult(JsonResult):
     parts: ErrorParts
     poses: tuple[str, ...]
     feasible: bool
+    front: tuple[FrontPoint, ...] = ()
     findings: tuple[Finding, ...] = ()
 
     def __post_init__(self) -> None:
@@ -186,6 +190,7 @@ class AllocationResult(JsonResult):
             "parts": self.parts.to_dict(),
             "poses": list(self.poses),
             "feasible": self.feasible,
+            "pareto": [one.to_dict() for one in self.front],
             "findings": [finding.to_dict() for finding in self.findings],
         }
 

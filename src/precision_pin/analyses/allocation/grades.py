@@ -61,7 +61,7 @@ def solve_with_grades(
         if left <= 0:
             break
         t, found = relaxed.solve(left)
-        bound = max(bound, found)
+        gained, bound = found - bound, max(bound, found)
         if t is None or best.cost - bound <= _GAP * abs(best.cost):
             break
         solution = _with_grades(programme, fixed, t)
@@ -70,10 +70,10 @@ def solve_with_grades(
         else:
             best = min(best, solution, key=lambda one: one.cost)
             relaxed.add_tangents(solution.t)
-            key = t[fixed].tobytes()
-            if key in seen and relaxed.keeps(t):
+            # what is left between the bounds then is rounding of the linear programme
+            if t[fixed].tobytes() in seen and gained <= _GAP / 10 * abs(best.cost):
                 break
-            seen.add(key)
+            seen.add(t[fixed].tobytes())
         relaxed.add_tangents(t)
         relaxed.cut(t)
         advance(1)
@@ -201,10 +201,6 @@ class _Relaxation:
                 row = np.zeros(len(self._cost))
                 row[list(changes)] = list(changes.values())
                 self._add(row, most)
-
-    def keeps(self, t: Array) -> bool:
-        """Return whether tolerances keep every limit."""
-        return bool(self._programme.exceeded(t).max() <= ROUNDING)
 
     def cut(self, t: Array) -> None:
         """Add the tangents of the quantiles that ``t`` exceeds, each where the way to ``t`` in t² leaves the limit."""

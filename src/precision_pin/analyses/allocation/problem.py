@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
 from typing import Any, Final, final
 
 import numpy as np
@@ -13,6 +14,7 @@ from precision_pin.analyses.allocation.costs import Cost, Grades, read_cost
 from precision_pin.errors import InputError, UnknownNameError
 from precision_pin.inputs.arguments import shown
 from precision_pin.model.error_model import ErrorModel
+from precision_pin.sheet.reader import Contents
 from precision_pin.statistics import Specification
 from precision_pin.statistics.specification import specification
 from precision_pin.typing import Array
@@ -99,17 +101,43 @@ def read_problem(model: ErrorModel, given: Mapping[str, Any] | None) -> Problem:
     """
     if model.sheet is None or model.sheet.contents is None:
         raise InputError("the model was not read from a sheet or a dictionary, so that it has no tolerances to choose")
+    contents = model.sheet.contents if given is None else None
     if given is None:
         given = model.sheet.contents.text.data.get("allocate")
         if not given:
             raise InputError("the sheet has no allocate: with tolerances and specs")
-    if not isinstance(given, Mapping):
-        raise InputError(f"the problem must be a mapping with tolerances and specs, got {shown(given)}")
-    _check_keys(given, ("tolerances", "specs", "poses"), "allocate")
-    tolerances = tuple(
-        _tolerance(model, entry, f"tolerances[{k}]") for k, entry in enumerate(_list(given, "tolerances"))
-    )
-    limits = tuple(_limit(entry, f"specs[{k}]") for k, entry in enumerate(_list(given, "specs")))
+    with _at(contents):
+        if not isinstance(given, Mapping):
+            raise InputError(f"the problem must be a mapping with tolerances and specs, got {shown(given)}")
+        _check_keys(given, ("tolerances", "specs", "poses"), "allocate")
+        listed, wanted = _list(given, "tolerances"), _list(given, "specs")
+    tolerances, limits = [], []
+    for k, entry in enumerate(listed):
+        with _at(contents, "tolerances", k):
+            tolerances.append(_tolerance(model, entry, f"tolerances[{k}]"))
+    for k, entry in enumerate(wanted):
+        with _at(contents, "specs", k):
+            limits.append(_limit(entry, f"specs[{k}]"))
+    with _at(contents, "tolerances"):
+        _check_together(tolerances)
+    with _at(contents, "poses"):
+        return Problem(tuple(tolerances), tuple(limits), _poses(model, given.get("poses")))
+
+
+@contextmanager
+def _at(contents: Contents | None, *path: str | int) -> Iterator[None]:
+    """Add file and line to an error about an entry of the sheet's ``allocate:``; ``None`` for a problem from elsewhere."""
+    try:
+        yield
+    except InputError as error:
+        line = None if contents is None else contents.text.line(("allocate", *path))
+        if contents is None or line is None:
+            raise
+        raise InputError([replace(one, file=contents.file, line=line) for one in error.findings]) from None
+
+
+def _check_together(tolerances: Sequence[Tolerance]) -> None:
+    """Refuse a path that is listed twice, and groups without a common value."""
     paths = [one.path for one in tolerances]
     twice = next((path for path in paths if paths.count(path) > 1), None)
     if twice is not None:
@@ -123,11 +151,16 @@ def read_problem(model: ErrorModel, given: Mapping[str, Any] | None) -> Problem:
             raise InputError(
                 f"allocate: no value lies within the bounds and grades of every tolerance of the group {group}"
             )
-    poses = tuple(map(str, given.get("poses") or model.poses))
+
+
+def _poses(model: ErrorModel, given: object) -> tuple[str, ...]:
+    if given is not None and (not isinstance(given, list | tuple) or not given):
+        raise InputError(f"allocate: poses is a list of names of poses, got {shown(given)}")
+    poses = tuple(map(str, given or model.poses))
     unknown = next((name for name in poses if name not in model.poses), None)
     if unknown is not None or not poses:
         raise UnknownNameError("pose", unknown or "", model.poses)
-    return Problem(tolerances, limits, poses)
+    return poses
 
 
 def common_grades(tolerances: Sequence[Tolerance]) -> Array | None:

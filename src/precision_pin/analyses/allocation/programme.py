@@ -173,14 +173,14 @@ class Programme:
         """Return ln of each measure over its limit, ``(all places,)``: positive where a limit is exceeded."""
         return np.asarray(np.log(np.maximum(self.shares(t[:, None])[0], 1e-300)))
 
-    def solve(self) -> Solution | None:
-        """Return the cheapest tolerances, or ``None`` where even the narrowest exceed a limit."""
+    def solve(self, near: Array | None = None) -> Solution | None:
+        """Return the cheapest tolerances, or ``None`` where even the narrowest exceed a limit; ``near`` is where to begin."""
         if self.exceeded(self.low).max() > ROUNDING:
             return None
         if (self.low == self.high).all():
             return self._priced(self.low)
         low, high = np.log(self.low), np.log(self.high)
-        start = self._largest_within(low, high)
+        start = self._largest_within(low, high if near is None else np.clip(np.log(near), low, high))
         scale = float(np.abs(self.slope_of(np.exp(start)) * np.exp(start)).sum()) or 1.0
         found: Any = optimize.minimize(
             lambda x: float(self.cost_of(np.exp(x)).sum()) / scale,
@@ -195,7 +195,7 @@ class Programme:
             method="SLSQP",
             options={"maxiter": 500, "ftol": 1e-14},
         )
-        # the solver keeps limits to rounding only; stepping back is as cheap as rounding
+        # the lower bound, not the solver's flag, says how good this is; limits are kept to rounding only, so step back
         x = self._largest_within(low, np.clip(found.x, low, high))
         return self._priced(np.exp(x))
 

@@ -10,7 +10,7 @@ from precision_pin.display.tables import resting_on
 from precision_pin.display.text_table import aligned
 from precision_pin.visible import shortened, visible
 
-__all__ = ["allocation_table", "limit_in_words", "obstacles"]
+__all__ = ["allocation_table", "limit_in_words", "obstacles", "pose_count"]
 
 _MOST_LETTERS: Final = 36
 _MOST_NAMED: Final = 3
@@ -33,13 +33,14 @@ def allocation_table(result: AllocationResult) -> str:
     return "\n".join(
         [
             *_verdict(result),
-            f"{visible(of.robot)}: {visible(of.base)} to {visible(of.tip)}, {len(result.poses)} poses",
+            f"{visible(of.robot)}: {visible(of.base)} to {visible(of.tip)}, {pose_count(result)}",
             "",
             *(_limit(one) for one in result.limits),
             "",
             *aligned(rows),
             "",
             *_parts(result),
+            *_front(result),
             *resting_on(of.assumed, of.sources),
         ]
     )
@@ -58,6 +59,11 @@ def _verdict(result: AllocationResult) -> list[str]:
         certified += " (not proven)"
     met = "" if result.met else "; NOT MET by the samples"
     return [f"cost {result.cost:.6g}, before {result.cost_before:.6g}; {certified}{met}"]
+
+
+def pose_count(result: AllocationResult) -> str:
+    """Return the number of poses in words."""
+    return f"{len(result.poses):,} pose{'s' if len(result.poses) > 1 else ''}"
 
 
 def limit_in_words(one: AllocatedLimit) -> str:
@@ -111,6 +117,17 @@ def _parts(result: AllocationResult) -> list[str]:
     left = sum(share for _, share in entries[_MOST_LINES:])
     more = [f"and {len(entries) - _MOST_LINES} more, {100 * left:.1f} %"] if len(entries) > _MOST_LINES else []
     return [f"{what} of {parts.quantity} at {visible(parts.pose)}, first order", *aligned(rows), *more]
+
+
+def _front(result: AllocationResult) -> list[str]:
+    """Return the table of the front; the limit is the tightest one."""
+    if not result.front:
+        return []
+    one = result.tightest
+    rows = [[f"{one.quantity} limit [{_unit(one)}]", "least cost"]]
+    rows += [[f"{1e3 * one.limit * point.factor:.4g}", f"{point.cost:.4g}"] for point in result.front]
+    others = ", the others with it" if len(result.limits) > 1 else ""
+    return ["", f"cost against accuracy, first order{others}", *aligned(rows)]
 
 
 def _unit(one: AllocatedLimit) -> str:
