@@ -172,7 +172,7 @@ def test_the_yaml_of_the_ros_driver_is_read_as_urdf_readers_do(tmp_path: Path) -
     for q in np.random.default_rng(0).uniform(-3, 3, (5, 6)):
         np.testing.assert_allclose(found.predict(q), dh_flange("UR3", q), rtol=0, atol=1e-9)
     (finding,) = found.findings
-    assert finding.code == "W_ANGLES"
+    assert finding.code == "W_FACTORY_ANGLES"
 
 
 def test_sources_of_a_model_stay_beside_the_factory_calibration(tmp_path: Path) -> None:

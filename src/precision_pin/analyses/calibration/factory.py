@@ -164,7 +164,7 @@ def _remarks(file: str, kind: str, found: UrKinematics, q: Array) -> tuple[Findi
         "roll, pitch and yaw are read as URDF readers do; the tool that extracts them means turns about x, y and z in this "
         f"order, which puts the tip up to {1e3 * apart:.2g} mm elsewhere; calibration.conf of the controller has no such doubt"
     )
-    return (Finding("warning", "W_ANGLES", message, file),)
+    return (Finding("warning", "W_FACTORY_ANGLES", message, file),)
 
 
 def _axes(frames: Array) -> tuple[Array, Array]:
