@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from precision_pin.analyses.calibration.forecast import forecast_calibration as forecast_calibration
     from precision_pin.analyses.calibration.identifiability import identifiability as identifiability
     from precision_pin.analyses.calibration.plan import plan_calibration as plan_calibration
+    from precision_pin.analyses.compare.compare import compare as compare
     from precision_pin.analyses.compensation.compensate import compensate as compensate
     from precision_pin.analyses.exact_law.exact_law import exact_law as exact_law
     from precision_pin.analyses.iso9283.cycles import iso9283_distance as iso9283_distance
@@ -118,6 +119,7 @@ _HOMES: Final = {
     "box_places": "robot.pose_sources.place_grid",
     "budget": "analyses.budget.budget",
     "calibrate": "analyses.calibration.calibrate",
+    "compare": "analyses.compare.compare",
     "compensate": "analyses.compensation.compensate",
     "every_frame": "model.every_frame",
     "exact_law": "analyses.exact_law.exact_law",

@@ -301,6 +301,17 @@ def calls() -> Iterator[Call]:
         threads=OPTIONAL, progress="nothing, true, function, type",
     )  # fmt: skip
     yield call(
+        "compare",
+        pp.compare,
+        {
+            "models": [arm, arm], "poses": POSE, **sampled, "specifications": [], "findings": [], "threads": 1,
+            "progress": None,
+        },
+        pose_words | {"poses": "pose|joint"},
+        **sampled_fine, poses=POSE_FINE, specifications=NO_SPECIFICATION, findings="empty list, empty tuple",
+        threads=OPTIONAL, progress="nothing, true, function, type",
+    )  # fmt: skip
+    yield call(
         "inverse_kinematics",
         pp.inverse_kinematics,
         {

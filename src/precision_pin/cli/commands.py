@@ -45,6 +45,10 @@ COMMANDS: dict[str, tuple[str, str]] = {
         "precision_pin.cli.path",
         "Sample the law of the largest error along a path, with bands that hold whole error curves.",
     ),
+    "compare": (
+        "precision_pin.cli.compare",
+        "Compare sheets with the same robots: laws, verdicts, causes, and what differs in the sheets.",
+    ),
     "compensate": (
         "precision_pin.cli.compensate",
         "Correct the constant part of the pose error by other joint values.",

@@ -1,0 +1,1 @@
+"""Several error models side by side, with the same robots."""

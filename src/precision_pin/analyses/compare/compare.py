@@ -1,0 +1,204 @@
+"""Several error models side by side: the same robots wherever their draws have the same names."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Final, Literal
+
+import numpy as np
+
+from precision_pin.analyses.compare.comparison_result import LEVELS, ComparisonResult, Paired, PoseComparison
+from precision_pin.analyses.compare.paired import mean_difference, quantile_difference, share_difference
+from precision_pin.analyses.map.first_order import first_order
+from precision_pin.analyses.map.map_poses import source_lines
+from precision_pin.analyses.provenance import PoseLabel, Poses, Provenance, listed_poses
+from precision_pin.call_warnings import warns_at_end
+from precision_pin.display.progress import steps_to
+from precision_pin.draws.space import check_seed
+from precision_pin.errors import Finding, InputError
+from precision_pin.inputs.arguments import check_instance, check_items, check_whole
+from precision_pin.inputs.memory import check_memory
+from precision_pin.model.error_model import ErrorModel
+from precision_pin.sampling import Progress, check_progress, monte_carlo
+from precision_pin.sampling.result import MonteCarloResult
+from precision_pin.sheet.differences import sheet_differences
+from precision_pin.statistics import QUANTITIES, check_confidence
+from precision_pin.statistics.specification import Specifications, listed_specifications
+from precision_pin.typing import Array
+
+__all__ = ["MOST_MODELS", "SAMPLES", "compare"]
+
+SAMPLES: Final = 100_000
+MOST_MODELS: Final = 8
+MOST_SAMPLES: Final = 10**8
+
+
+@warns_at_end
+def compare(
+    models: Mapping[str, ErrorModel] | Sequence[ErrorModel],
+    poses: Poses = None,
+    *,
+    samples: int = SAMPLES,
+    seed: int = 0,
+    model: Literal["exact", "linear"] = "exact",
+    specifications: Specifications = (),
+    confidence: float = 0.95,
+    findings: Sequence[Finding] = (),
+    threads: int | None = None,
+    progress: Progress | bool | None = None,
+) -> ComparisonResult:
+    """Sample several models with the same robots, and return their laws and the differences to the first.
+
+    A draw has the same random numbers in all models that have it by its name, such as ``axis_install[joint2].A`` or a parameter.
+    So a difference is that of the models, and its interval is much narrower than those of the laws.
+
+    Parameters
+    ----------
+    models
+        Two models or more, by name or as a list (named A, B, …), of arms with the same joints.
+    poses
+        One pose or a list of poses, as the first model names them, or joint values. All models are looked at there.
+    samples
+        Number of robots.
+    seed
+        64-bit seed.
+    model
+        ``"exact"`` or ``"linear"``, as for :func:`precision_pin.monte_carlo`.
+    specifications
+        Limits to judge: one or a list, each from :func:`precision_pin.specification` or its text.
+    confidence
+        Confidence of every interval.
+    findings
+        Warnings to include in the result, such as those of the sheets.
+    threads
+        Number of threads, by default one for each core. It does not change the result.
+    progress
+        Function called with the number of samples added since its last call; ``True`` shows a bar.
+
+    Raises
+    ------
+    InputError
+        Fewer than two models or more than eight, models of other joints, a wrong argument, or samples that do not fit into
+        memory.
+    UnknownNameError
+        No such pose or joint.
+    """
+    named = _named(models)
+    check_whole("the number of samples", samples, 1, MOST_SAMPLES)
+    check_seed(seed)
+    check_confidence(confidence)
+    check_progress(progress)
+    listed = listed_specifications(specifications)
+    known = check_items("findings", findings, Finding)
+    first = next(iter(named.values()))
+    given = listed_poses(poses)
+    check_memory(8.0 * 20 * len(named) * samples, f"comparing {samples:,} robots", "compare fewer of them")
+    compared = []
+    with steps_to(progress, count_steps(len(named), len(given), samples)) as step:
+        for pose in given:
+            q = first.configuration(pose)
+            laws = [
+                monte_carlo(
+                    one,
+                    q,
+                    samples=samples,
+                    seed=seed,
+                    model=model,
+                    specifications=listed,
+                    confidence=confidence,
+                    keep_samples=True,
+                    threads=threads,
+                    progress=step,
+                )
+                for one in named.values()
+            ]
+            pairs = tuple(_paired(laws[0], law, confidence) for law in laws[1:])
+            compared.append(
+                PoseComparison(
+                    label=PoseLabel.of(first, pose, first.at(q)),
+                    laws=tuple(replace(law, errors=None) for law in laws),
+                    differences=pairs,
+                    variances=tuple(_variances(one, q) for one in named.values()),
+                )
+            )
+    sheets = [one.sheet for one in named.values()]
+    changes = tuple(
+        () if sheets[0] is None or other is None else sheet_differences(sheets[0], other) for other in sheets[1:]
+    )
+    warned = [
+        f"{name}: {line}"
+        for of_pose in compared
+        for name, law in zip(named, of_pose.laws, strict=True)
+        for line in law.warnings
+    ]
+    return ComparisonResult(
+        provenance=Provenance.of(first, seed),
+        names=tuple(named),
+        samples=int(samples),
+        model=model,
+        confidence=confidence,
+        poses=tuple(compared),
+        sheet_differences=changes,
+        specifications=listed,
+        findings=known,
+        warnings=tuple(dict.fromkeys((*map(str, known), *warned))),
+    )
+
+
+def count_steps(models: int, poses: int, samples: int) -> int:
+    """Return the number of progress steps: a step a sample."""
+    return models * poses * samples
+
+
+def _named(models: Mapping[str, ErrorModel] | Sequence[ErrorModel]) -> dict[str, ErrorModel]:
+    """Return the models by name; refuse what cannot be compared."""
+    if isinstance(models, Mapping):
+        named = dict(models)
+    else:
+        listed = check_items("the models", models, ErrorModel)
+        named = {chr(ord("A") + rank): one for rank, one in enumerate(listed[: MOST_MODELS + 1])}
+    for name, one in named.items():
+        check_instance(f"models[{name!r}]", one, ErrorModel, "as ErrorModel.load makes it")
+    if not 2 <= len(named) <= MOST_MODELS:
+        raise InputError(f"{len(named)} model{'s' * (len(named) != 1)}; 2 to {MOST_MODELS} can be compared")
+    (name, first), *others = named.items()
+    for other, one in others:
+        if one.chain.joint_names != first.chain.joint_names:
+            raise InputError(
+                f"{other} has the joints {', '.join(one.chain.joint_names)}, {name} has {', '.join(first.chain.joint_names)}; "
+                "only arms with the same joints can be compared"
+            )
+    return named
+
+
+def _paired(first: MonteCarloResult, other: MonteCarloResult, confidence: float) -> Paired:
+    """Return the differences between two samples of the same robots."""
+    values = [_quantities(law) for law in (first, other)]
+    means, quantiles = {}, {}
+    for row, quantity in enumerate(QUANTITIES):
+        one, two = values[0][row], values[1][row]
+        means[quantity] = mean_difference(one, two, confidence)
+        quantiles[quantity] = {level: quantile_difference(one, two, level, confidence) for level in LEVELS}
+    shares = []
+    for result in first.summary.specifications:
+        row = QUANTITIES.index(result.quantity)
+        inside = [np.abs(of_model[row]) <= result.limit for of_model in values]
+        shares.append(share_difference(inside[0], inside[1], confidence))
+    return Paired(means, quantiles, tuple(shares))
+
+
+def _quantities(law: MonteCarloResult) -> Array:
+    """Return the eight quantities of all robots, ``(8, N)``."""
+    errors = law.errors
+    assert errors is not None
+    norms = np.sqrt((errors.reshape(2, 3, -1) ** 2).sum(axis=1))
+    return np.concatenate([norms[:1], errors[:3], norms[1:], errors[3:]])
+
+
+def _variances(model: ErrorModel, q: Array) -> Mapping[str, float]:
+    """Return the part of each line of sources in the variance of the position, to first order, m²."""
+    names, lines = source_lines(model)
+    found = first_order(model, q[:, None], None, lines, None, lambda _: None)
+    total = float(np.trace(found.covariance[:3, :3, 0]))
+    return {name: total * float(share) for name, share in zip(names, found.shares[:, 0], strict=True)}

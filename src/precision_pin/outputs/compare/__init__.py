@@ -1,0 +1,1 @@
+"""A comparison of models as table and figure."""

@@ -1,0 +1,121 @@
+"""Models side by side: differences in closed form, the coverage of their intervals, differences of sheets."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy import stats
+
+import precision_pin as pp
+from precision_pin.analyses.compare.paired import mean_difference, quantile_difference, share_difference
+from precision_pin.errors import InputError
+from precision_pin.robot.examples import PAPER_SHEET
+from precision_pin.sources import JointOffset
+from support.checks.common import one_link
+
+RNG = np.random.default_rng(11)
+pytestmark = pytest.mark.filterwarnings("ignore::precision_pin.errors.PrecisionPinWarning")
+
+
+def hinge(std: float, *more: pp.Source) -> pp.ErrorModel:
+    """Return an arm of one hinge about z, with a normal offset; the tip is 1 m away."""
+    return pp.ErrorModel(
+        one_link(), pp.Space(), [JointOffset(joint="hinge", offset=pp.Draw("own", pp.Normal(std))), *more]
+    )
+
+
+def test_a_scaled_tolerance_in_closed_form():
+    found = pp.compare(
+        [hinge(1e-4), hinge(1.1e-4)], [0.0], samples=60_000, model="linear", specifications="0.2 mm @ 95 %"
+    )
+    (pose,) = found.poses
+    (pair,) = pose.differences
+    # |offset| is half-normal; the same robots, so that each error is 1.1 times the first one
+    for level, one in pair.quantiles["attitude.norm"].items():
+        expected = 1e-5 * stats.norm.ppf(0.5 + level / 2)
+        assert one.interval[0] <= expected <= one.interval[1]
+        own = np.diff(pose.laws[0].attitude.norm.quantile_interval(level))[0]
+        assert np.diff(one.interval)[0] < 0.3 * own
+    share = stats.norm.cdf([2.0, 2 / 1.1]) * 2 - 1
+    (inside,) = pair.shares
+    assert inside.interval[0] <= share[1] - share[0] <= inside.interval[1]
+    assert inside.value == pytest.approx(np.diff([law.summary.specifications[0].probability for law in pose.laws])[0])
+    assert pair.means["attitude.z"].value == pytest.approx(0.1 * pose.laws[0].attitude.z.mean)
+    assert [sum(variance.values()) for variance in pose.variances] == pytest.approx([1e-8, 1.21e-8])
+    assert [found.met(name) for name in found.names] == [result.summary.specifications[0].met for result in pose.laws]
+
+
+def test_a_further_source_leaves_the_random_numbers_of_the_others():
+    further = JointOffset(joint="hinge", offset=pp.Draw("before", pp.Fixed(2e-4)))
+    found = pp.compare({"plain": hinge(1e-4), "more": hinge(1e-4, further)}, [0.0], samples=1000, model="linear")
+    (pair,) = found.poses[0].differences
+    gap = pair.means["attitude.z"]
+    assert gap.value == pytest.approx(2e-4)
+    np.testing.assert_allclose(gap.interval, 2e-4, rtol=1e-9)
+    for one in pair.quantiles["attitude.z"].values():
+        assert one.value == pytest.approx(2e-4)
+
+
+def test_the_same_model_does_not_differ():
+    found = pp.compare([hinge(1e-4), hinge(1e-4)], [0.0], samples=2000)
+    for by_level in found.poses[0].differences[0].quantiles.values():
+        assert all((one.value, one.is_told) == (0, False) for one in by_level.values())
+    assert repr(found).startswith("<ComparisonResult of A, B: 1 poses, 2,000 robots")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("level", [0.5, 0.95, 0.9973])
+def test_intervals_of_quantiles_cover_the_difference(level):
+    """A heavy-tailed error shared by both, and one that only the second has; at the 99.73 % quantile 8 robots beyond a part."""
+    count, turns = 40_000, 120
+    shared = RNG.standard_t(4, (turns, count)).astype(np.float32)
+    own = RNG.standard_normal((turns, count)).astype(np.float32)
+    law = np.sort(np.abs(RNG.standard_t(4, 4_000_000) + 0.5 * RNG.standard_normal(4_000_000)))
+    expected = law[int(level * len(law))] - stats.t.ppf(0.5 + level / 2, 4)
+    held = 0
+    for one, other in zip(shared, own, strict=True):
+        found = quantile_difference(np.abs(one), np.abs(one + 0.5 * other), level, 0.95)
+        held += found.interval[0] <= expected <= found.interval[1]
+    low, high = stats.binom.interval(0.9999, turns, 0.95)
+    assert low <= held <= high
+
+
+def test_intervals_of_shares_cover_the_difference():
+    turns, count = 4000, 300
+    latent = RNG.standard_normal((turns, count))
+    first, other = latent <= 1.9, latent + 0.3 * RNG.standard_normal((turns, count)) <= 1.9
+    expected = stats.norm.cdf(1.9 / np.hypot(1, 0.3)) - stats.norm.cdf(1.9)
+    held = 0
+    for one, two in zip(first, other, strict=True):
+        low, high = share_difference(one, two, 0.95).interval
+        held += low <= expected <= high
+    assert stats.binom.interval(0.9999, turns, 0.94)[0] <= held <= stats.binom.interval(0.9999, turns, 0.975)[1]
+
+
+def test_few_robots_tell_no_quantile():
+    values = RNG.standard_normal((2, 900))
+    assert quantile_difference(*values, 0.95, 0.95).interval is None
+    assert not quantile_difference(*values, 0.95, 0.95).is_told
+    assert mean_difference(values[0, :1], values[1, :1], 0.95).interval is None
+
+
+def test_what_differs_in_the_sheets():
+    model = pp.ErrorModel.load(PAPER_SHEET)
+    other = model.with_({"axis_install[joint2].radius": "0.2 mm", "parameters.a1": "±0.1 mm", "statics": "equilibrium"})
+    found = pp.compare({"old": model, "new": other}, "paper", samples=200)
+    written = {one.path: (one.before, one.after) for one in found.sheet_differences[0]}
+    assert written["axis_install[joint2].radius"] == ("0.1 mm", "0.2 mm")
+    assert written["statics"] == ("nominal", "equilibrium")
+    assert any(path.startswith("parameters.a1") for path in written)
+    assert len(written) <= 4
+    data = found.to_dict()
+    assert [one["path"] for one in data["sheets"]["new"]] == list(written)
+    assert data["poses"][0]["models"]["new"]["position"]["norm"]["mean"] > 0
+
+
+def test_what_cannot_be_compared():
+    with pytest.raises(InputError, match="1 model; 2 to 8 can be compared"):
+        pp.compare([hinge(1e-4)])
+    paper = pp.ErrorModel.load(PAPER_SHEET)
+    with pytest.raises(InputError, match="B has the joints joint1, joint2, joint3, joint4, A has hinge"):
+        pp.compare([hinge(1e-4), paper], [0.0])
