@@ -26,6 +26,8 @@ __all__ = ["solve_with_grades"]
 
 _GAP: Final = 1e-6
 """Share of the cost that may be left between the bounds."""
+_NEAR: Final = 1e-4
+"""Distance from a limit, relative, below which its tangent is added."""
 _TANGENTS: Final = 12
 """Tangents of each tolerance without grades to begin with."""
 _ROUNDS: Final = 1000
@@ -64,16 +66,16 @@ def solve_with_grades(
         gained, bound = found - bound, max(bound, found)
         if t is None or best.cost - bound <= _GAP * abs(best.cost):
             break
-        solution = _with_grades(programme, fixed, t)
-        if solution is None:
+        if t[fixed].tobytes() in seen:
+            # what is left between the bounds then is rounding of the linear programme
+            if gained <= _GAP / 10 * abs(best.cost):
+                break
+        elif (solution := _with_grades(programme, fixed, t)) is None:
             relaxed.refuse(t)
         else:
-            best = min(best, solution, key=lambda one: one.cost)
-            relaxed.add_tangents(solution.t)
-            # what is left between the bounds then is rounding of the linear programme
-            if t[fixed].tobytes() in seen and gained <= _GAP / 10 * abs(best.cost):
-                break
             seen.add(t[fixed].tobytes())
+            best = min(best, solution, key=lambda one: one.cost)
+            relaxed.touch(solution.t)
         relaxed.add_tangents(t)
         relaxed.cut(t)
         advance(1)
@@ -202,6 +204,17 @@ class _Relaxation:
                 row[list(changes)] = list(changes.values())
                 self._add(row, most)
 
+    def touch(self, t: Array) -> None:
+        """Add all tangents at tolerances ``t``, those of the quantiles that they just keep included."""
+        self.add_tangents(t)
+        for one in self._programme.limits:
+            if one.kind != "quantile":
+                continue
+            shares = one.measure(t[:, None])[0] / one.limit
+            slopes = one.log_slopes(t) / (2 * t[:, None] ** 2)
+            for place in np.flatnonzero(shares > 1 - _NEAR):
+                self._add_slope(slopes[:, place], t, -float(np.log(shares[place])))
+
     def cut(self, t: Array) -> None:
         """Add the tangents of the quantiles that ``t`` exceeds, each where the way to ``t`` in t² leaves the limit."""
         low = self._programme.low
@@ -218,9 +231,11 @@ class _Relaxation:
                     )
                 )
                 between = np.sqrt(low**2 + most * (t**2 - low**2))
-                # slopes of ln q with respect to t²
-                slopes = only.log_slopes(between)[:, 0] / (2 * between**2)
-                self._add((slopes * self._widest**2) @ self._square, float(slopes @ between**2))
+                self._add_slope(only.log_slopes(between)[:, 0] / (2 * between**2), between, 0.0)
+
+    def _add_slope(self, slopes: Array, t: Array, left: float) -> None:
+        """Add the tangent at ``t`` of ln of a quantile, by its slopes with respect to t²; ``left`` is missing to the limit."""
+        self._add((slopes * self._widest**2) @ self._square, float(slopes @ t**2) + left)
 
     def _add_limit(self, one: Limit) -> None:
         if one.kind == "rms":
