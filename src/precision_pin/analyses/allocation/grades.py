@@ -56,7 +56,7 @@ def solve_with_grades(
         return None
     if fixed.all():
         best = _with_grades(programme, fixed, _widened(programme, choices)) or best
-    relaxed = _Relaxation(programme, choices)
+    relaxed = _Relaxation(programme, choices, abs(best.cost) or 1.0)
     bound, seen = -np.inf, set[bytes]()
     for _ in range(_ROUNDS):
         left = end - monotonic()
@@ -114,7 +114,7 @@ def _widened(programme: Programme, choices: Sequence[Array | None]) -> Array:
 class _Relaxation:
     """Mixed-integer linear programme whose least cost is a lower bound; all numbers scaled to about 1."""
 
-    def __init__(self, programme: Programme, choices: Sequence[Array | None]) -> None:
+    def __init__(self, programme: Programme, choices: Sequence[Array | None], cost: float) -> None:
         self._programme = programme
         self._choices = [None if own is None else _worthwhile(programme, k, own) for k, own in enumerate(choices)]
         counts = [3 if own is None else len(own) for own in self._choices]
@@ -122,7 +122,7 @@ class _Relaxation:
         self._columns = [slice(end - count, end) for end, count in zip(ends, counts, strict=True)]
         count, size = int(ends[-1]), len(choices)
         self._widest = programme.high
-        self._scale = float(np.abs(programme.cost_of(programme.low)).sum()) or 1.0
+        self._scale = cost
         self._t, self._square = np.zeros((size, count)), np.zeros((size, count))
         self._cost, self._integral = np.zeros(count), np.zeros(count)
         self._lower, self._upper = np.zeros(count), np.ones(count)
@@ -202,7 +202,8 @@ class _Relaxation:
             ):
                 row = np.zeros(len(self._cost))
                 row[list(changes)] = list(changes.values())
-                self._add(row, most)
+                self._rows.append(row)
+                self._most.append(most)
 
     def touch(self, t: Array) -> None:
         """Add all tangents at tolerances ``t``, those of the quantiles that they just keep included."""
