@@ -11,8 +11,8 @@ import pytest
 from scipy import optimize
 
 import precision_pin as pp
-from precision_pin import units
 from analyses.test_allocation import slide_model
+from precision_pin import units
 from precision_pin.analyses.allocation.costs import Grades, read_cost
 from precision_pin.analyses.allocation.grades import solve_with_grades
 from precision_pin.analyses.allocation.iso286 import GRADES, SIZES, grade_width

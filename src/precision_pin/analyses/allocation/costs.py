@@ -185,7 +185,9 @@ def _listed_grades(given: object, where: str, quantity: units.Quantity) -> list[
 def _iso_grades(given: object, where: str, quantity: units.Quantity, key: str) -> list[tuple[str, float, float]]:
     """Return the grades of ISO 286 that have a price; a half-width is half of a grade's width."""
     if key == "std":
-        raise InputError(f"{where}: a grade of ISO 286 limits a width, and this is a standard deviation; list its grades")
+        raise InputError(
+            f"{where}: a grade of ISO 286 limits a width, and this is a standard deviation; list its grades"
+        )
     if quantity is not units.LENGTH:
         raise InputError(f"{where}: the grades of ISO 286 are lengths, and this tolerance is an angle")
     if not isinstance(given, Mapping) or set(given) != {"size", "prices"} or not isinstance(given["prices"], Mapping):
