@@ -38,12 +38,16 @@ def _section(result: AllocationResult) -> Html:
     )
     tables = [
         table("Tolerances before and after", *_split(tolerance_rows(result)), words=(4,)),
-        table(parts_in_words(result).capitalize(), *_split(part_rows(result)), words=(4,)),
+        table(_capital(parts_in_words(result)), *_split(part_rows(result)), words=(4,)),
     ]
     if result.front:
-        tables.append(table(front_in_words(result).capitalize(), *_split(front_rows(result))))
+        tables.append(table(_capital(front_in_words(result)), *_split(front_rows(result))))
     return section("allocation", "Allocation", items([_answer(result), *limit_lines(result)]), picture, *tables)
 
 
 def _split(rows: list[list[str]]) -> tuple[list[str], list[list[str]]]:
     return rows[0], rows[1:]
+
+
+def _capital(text: str) -> str:
+    return text[:1].upper() + text[1:]

@@ -25,6 +25,8 @@ __all__ = [
 _MOST_LETTERS: Final = 36
 _MOST_NAMED: Final = 3
 _MOST_LINES: Final = 12
+_LEAST_GAP: Final = 1e-4
+"""Per cent; less is rounding."""
 _WORDS: Final = {"quantile": "", "rms": "root mean square ", "worst_case": "worst case "}
 
 
@@ -75,9 +77,13 @@ def verdict_lines(result: AllocationResult) -> list[str]:
             f"  in the way: {_obstacles(result)}",
         ]
     gap = result.gap
-    certified = "how far above the least is not known" if gap is None else f"at most {100 * gap:.2g} % above the least"
+    certified = (
+        "how far above the least is not known"
+        if gap is None
+        else f"at most {max(100 * gap, _LEAST_GAP):.2g} % above the least"
+    )
     if gap is not None and not result.is_proven:
-        certified += " (not proven)"
+        certified += " (bound not proven)"
     met = "" if result.met else "; NOT MET by the samples"
     return [f"cost {result.cost:.6g}, before {result.cost_before:.6g}; {certified}{met}"]
 
@@ -128,7 +134,7 @@ def part_rows(result: AllocationResult) -> list[list[str]]:
     """Return a heading, then a row for each of the largest parts before and after."""
     parts = result.parts
     unit = "mm" if parts.quantity.startswith("position") else "mrad"
-    rows = [["source", f"before [{unit}]", f"after [{unit}]", "share after", ""]]
+    rows = [["source", f"before [{unit}]", f"after [{unit}]", "share after", "note"]]
     rows += [
         [
             shortened(visible(one.source), _MOST_LETTERS),
