@@ -12,7 +12,8 @@ from scipy import optimize
 
 import precision_pin as pp
 from analyses.test_allocation import slide_model
-from precision_pin.analyses.allocation.costs import Grades
+from precision_pin import units
+from precision_pin.analyses.allocation.costs import Grades, read_cost
 from precision_pin.analyses.allocation.grades import solve_with_grades
 from precision_pin.analyses.allocation.iso286 import GRADES, SIZES, grade_width
 from precision_pin.analyses.allocation.programme import Limit, Programme, Solution
@@ -170,6 +171,16 @@ def test_iso_grades_have_half_of_their_width(tmp_path: Path) -> None:
     result = pp.allocate(slide_model(tmp_path, "xxx"), problem)
     assert sorted(result.after) == pytest.approx([9.5e-6, 9.5e-6, 15e-6])
     assert result.lower_bound == pytest.approx(31)
+
+
+def test_a_diameter_is_as_wide_as_its_grade_and_a_deviation_is_none() -> None:
+    given = {"iso286": {"size": "80 mm", "prices": {"IT7": 1}}}
+    for key, width in (("diameter", 30e-6), ("radius", 15e-6), ("uniform", 15e-6)):
+        cost = read_cost(given, "here", units.LENGTH, key)
+        assert isinstance(cost, Grades)
+        assert cost.widths == pytest.approx([width])
+    with pytest.raises(InputError, match="standard deviation"):
+        read_cost(given, "here", units.LENGTH, "std")
 
 
 def test_group_of_grades_has_one_value(tmp_path: Path) -> None:

@@ -136,3 +136,19 @@ def test_a_path_and_a_test_have_sections_and_verdicts_that_count(run, folder):
     refused = run("report", "gantry.errors.yaml", *FEW, "--path", "nosuch.csv", "--out", "other.html")
     assert (refused.code, len(refused.said)) == (2, 1)
     assert not (folder / "other.html").exists()
+
+
+@pytest.mark.slow
+def test_an_allocation_has_a_section_and_its_answer_at_the_head(run, folder):
+    text = (folder / "4dof.errors.yaml").read_text()
+    entry = "{path: 'axis_install[joint1].radius', cost: {reciprocal: 1 mm}, min: 0.05 mm}"
+    (folder / "wanted.yaml").write_text(f"{text}\nallocate:\n  specs: [30 mm @ 95 %]\n  tolerances: [{entry}]\n")
+    assert run("report", "wanted.yaml", *FEW, "--allocate", "--out", "page.html").code == 1
+    page = (folder / "page.html").read_text("utf-8")
+    assert "Allocation: no allocation can meet position.norm 30 mm @ 95 %" in page.replace("&nbsp;", " ")
+    for said in ('href="#allocation"', "--allocate", "constant part", "axis_install[joint1].radius"):
+        assert said in page
+    refused = run("report", "4dof.errors.yaml", *FEW, "--allocate", "--out", "other.html")
+    assert (refused.code, len(refused.said)) == (2, 1)
+    assert "the sheet has no allocate:" in refused.said[0]
+    assert not (folder / "other.html").exists()

@@ -51,7 +51,14 @@ from support.package_code import FILES, import_statements
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
 PAGES = {path.relative_to(ROOT).as_posix(): path for path in (ROOT / "README.md", *sorted(DOCS.glob("*.md")))}
-LONG = ("docs/budget.md", "docs/worst-case.md", "docs/exact-law.md", "docs/case.md", "docs/questions.md")
+LONG = (
+    "docs/allocate.md",
+    "docs/budget.md",
+    "docs/worst-case.md",
+    "docs/exact-law.md",
+    "docs/case.md",
+    "docs/questions.md",
+)
 LANGUAGES = {"python", "console", "yaml", "xml", "text"}
 HEAD = {"precision-pin": "1", "robot": "4dof.urdf", "tip": "tool"}
 OF_THE_RUNNER = {"pytest", "_pytest", "pluggy", "iniconfig", "xdist", "execnet"}

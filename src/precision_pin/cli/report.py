@@ -43,6 +43,8 @@ __all__ = ["command"]
 
 ROBOTS: Final = 2000
 """Robots of the test by ISO 9283."""
+_FRONT: Final = 7
+"""Points of the front of cost against accuracy."""
 MOST_POSES: Final = 12
 """The most poses of one page, each with all its analyses."""
 
@@ -70,6 +72,9 @@ class _Arm(ChainOptions, PoseOptions):
     type=click.Choice(["poses", "cube"]),
     help="Forecast a test by ISO 9283, at the poses of the report or in the largest cube within reach.",
 )
+@click.option(
+    "--allocate", "is_allocated", is_flag=True, help="Choose the tolerances that the sheet's allocate: asks for."
+)
 @click.option("--out", required=True, metavar="FILE.html", help="The page to write; report.html in a folder.")
 def command(
     samples: int,
@@ -79,6 +84,7 @@ def command(
     map_file: str | None,
     path_file: str | None,
     test_at: str | None,
+    is_allocated: bool,
     out: str,
     **arm: Unpack[_Arm],
 ) -> int:
@@ -105,8 +111,12 @@ def command(
     sheet, poses = asked.noted_in(sheet), [pose.where for pose in asked]
     places = None if map_file is None else read_grid(sheet, map_file)
     way = None if path_file is None else read_path(sheet, path_file)
+    if is_allocated:
+        _check_allocation(sheet)
+    from precision_pin.analyses.allocation.allocate import allocate
     from precision_pin.analyses.map.map_poses import VERIFIED
     from precision_pin.model.error_model import ErrorModel
+    from precision_pin.outputs.allocation.section import allocation_chapter
     from precision_pin.outputs.iso9283.section import iso9283_chapter
     from precision_pin.outputs.map.section import map_chapter
     from precision_pin.outputs.path.section import path_chapter
@@ -130,7 +140,8 @@ def command(
         word for option, values in options.items() for value in values if value is not None for word in (option, value)
     ]
     given += ["--all-poses"] if arm["all_poses"] else []
-    asked_for = sum(one is not None for one in (map_file, path_file, test_at))
+    given += ["--allocate"] if is_allocated else []
+    asked_for = sum(one is not None for one in (map_file, path_file, test_at)) + is_allocated
     step = _Steps(count_steps(specifications, len(poses)) + asked_for)
     found = collect_poses(
         sheet,
@@ -157,6 +168,11 @@ def command(
     if test_at is not None:
         with step("ISO 9283", 0):
             chapters.append(iso9283_chapter(_test(sheet, poses, test_at, seed)))
+    if is_allocated:
+        with step("allocation", 0):
+            allocated = allocate(ErrorModel.from_sheet(sheet), seed=seed, pareto=_FRONT)
+            chapters.append(allocation_chapter(allocated))
+            met_there &= allocated.met
     with step("drawing the page", 0):
         html = page(found, chapters)
     target.write(html)
@@ -165,6 +181,14 @@ def command(
     echo_note(f"wrote {target.path} ({len(html.encode()) / 1e6:.1f} MB)")
     met = [result.met for one in found for result in one.analysis.summary.specifications]
     return 0 if all(met) and met_there else EXIT_SPEC
+
+
+def _check_allocation(sheet: Sheet) -> None:
+    """Refuse a sheet that asks for no allocation, before anything long begins."""
+    from precision_pin.analyses.allocation.problem import read_problem
+    from precision_pin.model.error_model import ErrorModel
+
+    read_problem(ErrorModel.from_sheet(sheet), None)
 
 
 def _test(sheet: Sheet, poses: Sequence[object], test_at: str, seed: int) -> Iso9283Result:

@@ -82,7 +82,7 @@ def allocate(
     check_instance("error_model", error_model, ErrorModel, "as ErrorModel.load makes it")
     check_seed(seed)
     check_number("the seconds of an allocation", seconds, "a number above zero", lambda value: value > 0)
-    if pareto:
+    if isinstance(pareto, bool) or not isinstance(pareto, int) or pareto != 0:
         check_whole("the number of points of the front", pareto, 2, MOST_POINTS, f"of 0, or from 2 to {MOST_POINTS}")
     known = check_items("findings", findings, Finding)
     task = read_problem(error_model, problem)

@@ -109,7 +109,7 @@ class Grades:
         return np.maximum(np.searchsorted(self.widths, t * (1 + 1e-9), side="right") - 1, 0)
 
 
-def read_cost(given: object, where: str, quantity: units.Quantity) -> Cost | Grades:
+def read_cost(given: object, where: str, quantity: units.Quantity, key: str) -> Cost | Grades:
     """Return the cost that a mapping of one kind to its numbers, or its grades, states.
 
     Parameters
@@ -120,6 +120,8 @@ def read_cost(given: object, where: str, quantity: units.Quantity) -> Cost | Gra
         What messages begin with.
     quantity
         Length or angle, as the tolerance is.
+    key
+        Last key of its path: a ``diameter`` is as wide as a grade, anything else half as wide; ``std`` is no width.
 
     Raises
     ------
@@ -134,7 +136,7 @@ def read_cost(given: object, where: str, quantity: units.Quantity) -> Cost | Gra
     if kind == "grades":
         return _grades(_listed_grades(numbers, where, quantity), where)
     if kind == "iso286":
-        return _grades(_iso_grades(numbers, where, quantity), where)
+        return _grades(_iso_grades(numbers, where, quantity, key), where)
     listed = list(numbers) if isinstance(numbers, list | tuple) else [numbers]
     if len(listed) != len(_UNITS[kind]):
         raise InputError(f"{where}: the cost {kind} has {len(_UNITS[kind])} numbers, got {shown(numbers)}")
@@ -180,16 +182,21 @@ def _listed_grades(given: object, where: str, quantity: units.Quantity) -> list[
     return [("", _width(width, where, quantity), _price(price, where)) for width, price in given]
 
 
-def _iso_grades(given: object, where: str, quantity: units.Quantity) -> list[tuple[str, float, float]]:
-    """Return the grades of ISO 286 that have a price; the tolerance is half of a grade's width."""
+def _iso_grades(given: object, where: str, quantity: units.Quantity, key: str) -> list[tuple[str, float, float]]:
+    """Return the grades of ISO 286 that have a price; a half-width is half of a grade's width."""
+    if key == "std":
+        raise InputError(
+            f"{where}: a grade of ISO 286 limits a width, and this is a standard deviation; list its grades"
+        )
     if quantity is not units.LENGTH:
         raise InputError(f"{where}: the grades of ISO 286 are lengths, and this tolerance is an angle")
     if not isinstance(given, Mapping) or set(given) != {"size", "prices"} or not isinstance(given["prices"], Mapping):
         raise InputError(f"{where}: iso286 has a size and prices by grade, got {shown(given)}")
     size = _width(given["size"], where, quantity)
+    share = 1.0 if key == "diameter" else 0.5
     try:
         return [
-            (str(name), grade_width(str(name), size) / 2, _price(price, where))
+            (str(name), grade_width(str(name), size) * share, _price(price, where))
             for name, price in given["prices"].items()
         ]
     except InputError as error:

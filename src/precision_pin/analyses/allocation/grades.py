@@ -26,6 +26,8 @@ __all__ = ["solve_with_grades"]
 
 _GAP: Final = 1e-6
 """Share of the cost that may be left between the bounds."""
+_NEAR: Final = 1e-4
+"""Distance from a limit, relative, below which its tangent is added."""
 _TANGENTS: Final = 12
 """Tangents of each tolerance without grades to begin with."""
 _ROUNDS: Final = 1000
@@ -54,7 +56,7 @@ def solve_with_grades(
         return None
     if fixed.all():
         best = _with_grades(programme, fixed, _widened(programme, choices)) or best
-    relaxed = _Relaxation(programme, choices)
+    relaxed = _Relaxation(programme, choices, abs(best.cost) or 1.0)
     bound, seen = -np.inf, set[bytes]()
     for _ in range(_ROUNDS):
         left = end - monotonic()
@@ -64,16 +66,16 @@ def solve_with_grades(
         gained, bound = found - bound, max(bound, found)
         if t is None or best.cost - bound <= _GAP * abs(best.cost):
             break
-        solution = _with_grades(programme, fixed, t)
-        if solution is None:
+        if t[fixed].tobytes() in seen:
+            # what is left between the bounds then is rounding of the linear programme
+            if gained <= _GAP / 10 * abs(best.cost):
+                break
+        elif (solution := _with_grades(programme, fixed, t)) is None:
             relaxed.refuse(t)
         else:
-            best = min(best, solution, key=lambda one: one.cost)
-            relaxed.add_tangents(solution.t)
-            # what is left between the bounds then is rounding of the linear programme
-            if t[fixed].tobytes() in seen and gained <= _GAP / 10 * abs(best.cost):
-                break
             seen.add(t[fixed].tobytes())
+            best = min(best, solution, key=lambda one: one.cost)
+            relaxed.touch(solution.t)
         relaxed.add_tangents(t)
         relaxed.cut(t)
         advance(1)
@@ -112,7 +114,7 @@ def _widened(programme: Programme, choices: Sequence[Array | None]) -> Array:
 class _Relaxation:
     """Mixed-integer linear programme whose least cost is a lower bound; all numbers scaled to about 1."""
 
-    def __init__(self, programme: Programme, choices: Sequence[Array | None]) -> None:
+    def __init__(self, programme: Programme, choices: Sequence[Array | None], cost: float) -> None:
         self._programme = programme
         self._choices = [None if own is None else _worthwhile(programme, k, own) for k, own in enumerate(choices)]
         counts = [3 if own is None else len(own) for own in self._choices]
@@ -120,7 +122,7 @@ class _Relaxation:
         self._columns = [slice(end - count, end) for end, count in zip(ends, counts, strict=True)]
         count, size = int(ends[-1]), len(choices)
         self._widest = programme.high
-        self._scale = float(np.abs(programme.cost_of(programme.low)).sum()) or 1.0
+        self._scale = cost
         self._t, self._square = np.zeros((size, count)), np.zeros((size, count))
         self._cost, self._integral = np.zeros(count), np.zeros(count)
         self._lower, self._upper = np.zeros(count), np.ones(count)
@@ -200,7 +202,19 @@ class _Relaxation:
             ):
                 row = np.zeros(len(self._cost))
                 row[list(changes)] = list(changes.values())
-                self._add(row, most)
+                self._rows.append(row)
+                self._most.append(most)
+
+    def touch(self, t: Array) -> None:
+        """Add all tangents at tolerances ``t``, those of the quantiles that they just keep included."""
+        self.add_tangents(t)
+        for one in self._programme.limits:
+            if one.kind != "quantile":
+                continue
+            shares = one.measure(t[:, None])[0] / one.limit
+            slopes = one.log_slopes(t) / (2 * t[:, None] ** 2)
+            for place in np.flatnonzero(shares > 1 - _NEAR):
+                self._add_slope(slopes[:, place], t, -float(np.log(shares[place])))
 
     def cut(self, t: Array) -> None:
         """Add the tangents of the quantiles that ``t`` exceeds, each where the way to ``t`` in t² leaves the limit."""
@@ -218,9 +232,11 @@ class _Relaxation:
                     )
                 )
                 between = np.sqrt(low**2 + most * (t**2 - low**2))
-                # slopes of ln q with respect to t²
-                slopes = only.log_slopes(between)[:, 0] / (2 * between**2)
-                self._add((slopes * self._widest**2) @ self._square, float(slopes @ between**2))
+                self._add_slope(only.log_slopes(between)[:, 0] / (2 * between**2), between, 0.0)
+
+    def _add_slope(self, slopes: Array, t: Array, left: float) -> None:
+        """Add the tangent at ``t`` of ln of a quantile, by its slopes with respect to t²; ``left`` is missing to the limit."""
+        self._add((slopes * self._widest**2) @ self._square, float(slopes @ t**2) + left)
 
     def _add_limit(self, one: Limit) -> None:
         if one.kind == "rms":

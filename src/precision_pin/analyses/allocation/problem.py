@@ -211,7 +211,7 @@ def _tolerance(model: ErrorModel, entry: object, where: str) -> Tolerance:
         raise InputError(f"allocate: {path}: {error.findings[0].message}") from None
     if not before > 0:
         raise InputError(f"allocate: {path} is {shown(text)} in the sheet; give it a positive value to begin with")
-    cost = read_cost(entry["cost"], f"allocate: {path}", quantity)
+    cost = read_cost(entry["cost"], f"allocate: {path}", quantity, path.rpartition(".")[2])
     least, most = before / _RANGE, before * _RANGE
     if isinstance(cost, Grades):
         least, most = float(cost.widths[0]), float(cost.widths[-1])

@@ -10,17 +10,52 @@ from precision_pin.display.tables import resting_on
 from precision_pin.display.text_table import aligned
 from precision_pin.visible import shortened, visible
 
-__all__ = ["allocation_table", "limit_in_words", "obstacles", "pose_count"]
+__all__ = [
+    "allocation_table",
+    "front_in_words",
+    "front_rows",
+    "limit_lines",
+    "part_rows",
+    "parts_in_words",
+    "pose_count",
+    "tolerance_rows",
+    "verdict_lines",
+]
 
 _MOST_LETTERS: Final = 36
 _MOST_NAMED: Final = 3
 _MOST_LINES: Final = 12
+_LEAST_GAP: Final = 1e-4
+"""Per cent; less is rounding."""
 _WORDS: Final = {"quantile": "", "rms": "root mean square ", "worst_case": "worst case "}
 
 
 def allocation_table(result: AllocationResult) -> str:
     """Return the verdict and the cost, the limits, a row for each tolerance, and the error's sources before and after."""
-    of = result.provenance
+    of, parts, front = result.provenance, result.parts, front_rows(result)
+    largest = part_rows(result)
+    hidden = parts.shares()[len(largest) - 1 :]
+    more = [f"and {len(hidden)} more, {100 * sum(hidden):.1f} %"] if hidden else []
+    return "\n".join(
+        [
+            *verdict_lines(result),
+            f"{visible(of.robot)}: {visible(of.base)} to {visible(of.tip)}, {pose_count(result)}",
+            "",
+            *limit_lines(result),
+            "",
+            *aligned(tolerance_rows(result)),
+            "",
+            parts_in_words(result),
+            *aligned(largest),
+            *more,
+            *(["", front_in_words(result), *aligned(front)] if len(front) > 1 else []),
+            *resting_on(of.assumed, of.sources),
+        ]
+    )
+
+
+def tolerance_rows(result: AllocationResult) -> list[list[str]]:
+    """Return a heading, then a row for each tolerance."""
     rows = [["tolerance", "before", "after", "cost", "held by"]]
     for one, after, cost in zip(result.tolerances, result.after.tolist(), result.costs.tolist(), strict=True):
         before = one.written(one.before).removeprefix("±")
@@ -30,33 +65,25 @@ def allocation_table(result: AllocationResult) -> str:
         number, unit = one.written(after).removeprefix("±").split(" ", 1)
         path = shortened(visible(one.path), _MOST_LETTERS)
         rows.append([path, before, f"{float(number):.4g} {unit}", f"{cost:.4g}", held])
-    return "\n".join(
-        [
-            *_verdict(result),
-            f"{visible(of.robot)}: {visible(of.base)} to {visible(of.tip)}, {pose_count(result)}",
-            "",
-            *(_limit(one) for one in result.limits),
-            "",
-            *aligned(rows),
-            "",
-            *_parts(result),
-            *_front(result),
-            *resting_on(of.assumed, of.sources),
-        ]
-    )
+    return rows
 
 
-def _verdict(result: AllocationResult) -> list[str]:
+def verdict_lines(result: AllocationResult) -> list[str]:
+    """Return the cost and how far above the least it is, or what no allocation can meet and what is in the way."""
     if not result.feasible:
         one = result.tightest
         return [
-            f"no allocation can meet {limit_in_words(one)}: with every tolerance at its least {_reached(one)};",
-            f"  in the way: {obstacles(result)}",
+            f"no allocation can meet {_in_words(one)}: with every tolerance at its least {_reached(one)};",
+            f"  in the way: {_obstacles(result)}",
         ]
     gap = result.gap
-    certified = "how far above the least is not known" if gap is None else f"at most {100 * gap:.2g} % above the least"
+    certified = (
+        "how far above the least is not known"
+        if gap is None
+        else f"at most {max(100 * gap, _LEAST_GAP):.2g} % above the least"
+    )
     if gap is not None and not result.is_proven:
-        certified += " (not proven)"
+        certified += " (bound not proven)"
     met = "" if result.met else "; NOT MET by the samples"
     return [f"cost {result.cost:.6g}, before {result.cost_before:.6g}; {certified}{met}"]
 
@@ -66,7 +93,7 @@ def pose_count(result: AllocationResult) -> str:
     return f"{len(result.poses):,} pose{'s' if len(result.poses) > 1 else ''}"
 
 
-def limit_in_words(one: AllocatedLimit) -> str:
+def _in_words(one: AllocatedLimit) -> str:
     """Return a limit such as ``position.norm 0.5 mm @ 95 %``."""
     required = "" if one.required is None else f" @ {100 * one.required:.6g} %"
     return f"{_WORDS[one.kind]}{one.quantity} {1e3 * one.limit:.4g} {_unit(one)}{required}"
@@ -79,7 +106,7 @@ def _reached(one: AllocatedLimit) -> str:
     return f"{100 * one.probability:.2f} % ({low:.2f} to {high:.2f} %) keep it at {visible(one.worst_pose)}"
 
 
-def obstacles(result: AllocationResult) -> str:
+def _obstacles(result: AllocationResult) -> str:
     """Return the largest parts that are left with every tolerance at its least: the constant one, then those that scatter."""
     parts = result.parts
     unit = "mm" if parts.quantity.startswith("position") else "mrad"
@@ -97,13 +124,17 @@ def _state(one: SourcePart) -> str:
     return "no tolerance" if one.source == MEAN else "at its least" if one.is_chosen else "not chosen"
 
 
-def _parts(result: AllocationResult) -> list[str]:
-    """Return the table of the sources before and after."""
+def parts_in_words(result: AllocationResult) -> str:
+    """Return what the parts of the sources are, and where."""
+    what = "largest deviation" if result.parts.kind == "worst_case" else "root mean square"
+    return f"{what} of {result.parts.quantity} at {visible(result.parts.pose)}, first order"
+
+
+def part_rows(result: AllocationResult) -> list[list[str]]:
+    """Return a heading, then a row for each of the largest parts before and after."""
     parts = result.parts
     unit = "mm" if parts.quantity.startswith("position") else "mrad"
-    what = "largest deviation" if parts.kind == "worst_case" else "root mean square"
-    rows = [["source", f"before [{unit}]", f"after [{unit}]", "share after", ""]]
-    entries = list(zip(parts.sources, parts.shares(), strict=True))
+    rows = [["source", f"before [{unit}]", f"after [{unit}]", "share after", "note"]]
     rows += [
         [
             shortened(visible(one.source), _MOST_LETTERS),
@@ -112,26 +143,31 @@ def _parts(result: AllocationResult) -> list[str]:
             f"{100 * share:.1f} %",
             "" if one.is_chosen else _state(one),
         ]
-        for one, share in entries[:_MOST_LINES]
+        for one, share in list(zip(parts.sources, parts.shares(), strict=True))[:_MOST_LINES]
     ]
-    left = sum(share for _, share in entries[_MOST_LINES:])
-    more = [f"and {len(entries) - _MOST_LINES} more, {100 * left:.1f} %"] if len(entries) > _MOST_LINES else []
-    return [f"{what} of {parts.quantity} at {visible(parts.pose)}, first order", *aligned(rows), *more]
+    return rows
 
 
-def _front(result: AllocationResult) -> list[str]:
-    """Return the table of the front; the limit is the tightest one."""
-    if not result.front:
-        return []
+def front_in_words(result: AllocationResult) -> str:
+    """Return what the front is of."""
+    others = ", the others with it" if len(result.limits) > 1 else ""
+    return f"cost against accuracy, first order{others}"
+
+
+def front_rows(result: AllocationResult) -> list[list[str]]:
+    """Return a heading, then a row for each point of the front; the limit is the tightest one."""
     one = result.tightest
     rows = [[f"{one.quantity} limit [{_unit(one)}]", "least cost"]]
-    rows += [[f"{1e3 * one.limit * point.factor:.4g}", f"{point.cost:.4g}"] for point in result.front]
-    others = ", the others with it" if len(result.limits) > 1 else ""
-    return ["", f"cost against accuracy, first order{others}", *aligned(rows)]
+    return rows + [[f"{1e3 * one.limit * point.factor:.4g}", f"{point.cost:.4g}"] for point in result.front]
 
 
 def _unit(one: AllocatedLimit) -> str:
     return "mm" if one.quantity.startswith("position") else "mrad"
+
+
+def limit_lines(result: AllocationResult) -> list[str]:
+    """Return a line or two for each limit."""
+    return [_limit(one) for one in result.limits]
 
 
 def _limit(one: AllocatedLimit) -> str:
