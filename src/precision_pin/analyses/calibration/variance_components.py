@@ -111,8 +111,8 @@ class _Likelihood:
     def _parts(self, scales: Array) -> tuple[Array, Array, Array, Array]:
         """Return I + A D, W, the means and b̃."""
         spread = np.eye(self.blocks.shape[1]) + self.evidence.information @ self._covariance(scales)
-        width: Array = np.linalg.solve(spread, self.evidence.information)
-        means: Array = np.zeros(self.blocks.shape[1])
+        width = np.asarray(np.linalg.solve(spread, self.evidence.information), dtype=float)
+        means = np.zeros(self.blocks.shape[1])
         score = self.evidence.score
         if self.has_means:
             basis = self.evidence.seen
