@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from precision_pin.analyses.calibration.forecast import forecast_calibration as forecast_calibration
     from precision_pin.analyses.calibration.identifiability import identifiability as identifiability
     from precision_pin.analyses.calibration.plan import plan_calibration as plan_calibration
+    from precision_pin.analyses.calibration.population import population as population
     from precision_pin.analyses.compare.compare import compare as compare
     from precision_pin.analyses.compensation.compensate import compensate as compensate
     from precision_pin.analyses.exact_law.exact_law import exact_law as exact_law
@@ -137,6 +138,7 @@ _HOMES: Final = {
     "place_grid": "robot.pose_sources.place_grid",
     "plan_calibration": "analyses.calibration.plan",
     "plane_places": "robot.pose_sources.place_grid",
+    "population": "analyses.calibration.population",
     "pose_covariance": "analyses.map.between_poses",
     "progress": "display.progress",
     "random_poses": "robot.pose_sources.random_poses",

@@ -176,6 +176,16 @@ def _calibration_calls(call: Callable[..., Call]) -> Iterator[Call]:
     )
     yield call("identifiability", pp.identifiability, {"model": arm, "poses": poses, "measurement": tracker}, words)
     yield call(
+        "population",
+        pp.population,
+        {"model": arm, "robots": [(poses, tips), (poses, tips)], "measurement": tracker, "means": "sheet", "confidence": 0.9,
+         "findings": [], "progress": None},
+        words | {"robots": "robots|data|readings|path|nonsense"},
+        findings="empty list, empty tuple",
+        confidence="one half",
+        progress="nothing, true, function, type",
+    )  # fmt: skip
+    yield call(
         "ur_calibration",
         pp.ur_calibration,
         {"file": UR_FILE, "robot": Chain.from_urdf(UR_ARM)},

@@ -163,6 +163,10 @@ def test_copied_rows_are_named(run, folder, rows) -> None:
     ("arguments", "message"),
     [
         ((), "nothing to do: give readings (DATA.csv), --forecast, --plan M or --factory FILE"),
+        (("--population",), "at least two robots are needed"),
+        (("--population", "a.csv", "b.csv", "--plan", "3"), "--population takes no --plan"),
+        (("a.csv", "b.csv"), "several robots need --population"),
+        (("--forecast", "--means-free"), "--means-free belongs to --population"),
         (("--factory", "x.conf", "--forecast"), "--factory takes no --forecast"),
         (("--factory", "x.conf"), "is none of UR3, UR5"),
         (("--forecast", "--plan", "3"), "--forecast and --plan exclude each other"),
@@ -285,3 +289,38 @@ def test_a_factory_calibration_is_read_and_written(run, folder) -> None:
     q = [0.1, -1.2, 1.1, -0.3, 0.4, 2.0]
     tip = Chain.from_urdf(folder / "ur5.built.urdf", "tool0", "base").at(q).pose
     np.testing.assert_allclose(tip, dh_flange("UR5", np.array(q)), atol=1e-9)
+
+
+def test_tolerances_of_a_population_are_written_as_a_sheet(run, folder) -> None:
+    """Six robots, one of them as its calibration: the sheet keeps its laws with other widths, and says where they come from."""
+    text = "precision-pin: 1\nrobot: 4dof.urdf\ntip: tool\nposes: {home: 0 0 0 0 deg}\nparameters:\n  b: ±2 mrad\nsources:\n"
+    text += (
+        "  - joint_offset: {joint: joint2, offset: {normal: 1 mrad}}\n  - joint_offset: {joint: joint3, offset: b}\n"
+    )
+    (folder / "arm.errors.yaml").write_text(text)
+    model = pp.ErrorModel.load(folder / "arm.errors.yaml")
+    q = np.random.default_rng(0).uniform(-2, 2, (4, 4))
+    measurement = pp.Measurement()
+    readings = simulate_readings(stations_of(model, q, measurement), measurement, model, robots=6)
+    files = []
+    for k in range(6):
+        write(folder, np.hstack([np.degrees(q.T), 1e3 * readings[:, :, k]]))
+        (folder / "data.csv").rename(folder / f"robot{k}.csv")
+        files.append(f"robot{k}.csv")
+    assert run("calibrate", "arm.errors.yaml", "robot5.csv", "--json", "robot5.json").code == 0
+    files[5] = "robot5.json"
+    found = run(
+        "calibrate", "arm.errors.yaml", "--population", *files, "--sheet", "new.errors.yaml", "--json", "p.json"
+    )
+    assert found.code == 0
+    assert found.out.splitlines()[0].startswith("6 robots 4dof.urdf, base to tool: ")
+    assert max(map(len, found.out.splitlines())) <= 100
+    scales = {one["draws"][0]: one["scale"] for one in json.loads((folder / "p.json").read_text())["tolerances"]}
+    written = (folder / "new.errors.yaml").read_text()
+    assert written.startswith("# provenance: measured, 6 robots")
+    new = pp.ErrorModel.load(folder / "new.errors.yaml")
+    for draw in new.space.draws:
+        old = next(one for one in model.space.draws if one.name == draw.name)
+        assert type(draw.law) is type(old.law)
+        ratio = np.sqrt(draw.law.covariance[0, 0] / old.law.covariance[0, 0])
+        assert ratio == pytest.approx(scales[draw.name], rel=1e-5)

@@ -52,6 +52,8 @@ _MOST: Final = 10_000
 class _Options(ChainOptions, PoseOptions, MeasurementOptions):
     """All options but those that say what is done."""
 
+    population: bool
+    means_free: bool
     factory: str | None
     criterion: str | None
     at_names: tuple[str, ...]
@@ -64,10 +66,20 @@ class _Options(ChainOptions, PoseOptions, MeasurementOptions):
     out: str | None
 
 
-@click.command("calibrate", cls=Command)
-@click.argument("inputs", nargs=-1, metavar="[ROBOT.urdf] [SHEET.yaml] [DATA.csv]")
+class _CalibrateCommand(Command):
+    data_suffixes = (".csv", ".json")
+
+
+@click.command("calibrate", cls=_CalibrateCommand)
+@click.argument("inputs", nargs=-1, metavar="[ROBOT.urdf] [SHEET.yaml] [DATA.csv]...")
 @click.option("--forecast", is_flag=True, help="What measuring will buy, before anything is measured.")
 @click.option("--plan", "count", type=int, metavar="M", help="Choose the M best of many poses to measure.")
+@click.option(
+    "--population",
+    is_flag=True,
+    help="Tolerances from several robots: give readings (CSV) or calibrations (JSON) of each.",
+)
+@click.option("--means-free", is_flag=True, help="With --population: the means are estimated too.")
 @click.option("--factory", metavar="FILE", help="Read UR's factory calibration: calibration.conf, or the YAML for ROS.")
 @click.option(
     "--criterion",
@@ -113,17 +125,21 @@ def command(forecast: bool, count: int | None, **options: Unpack[_Options]) -> N
     from precision_pin.model.error_model import ErrorModel
     from precision_pin.outputs.calibration.table import calibration_table, forecast_table, plan_table
 
-    data, options["inputs"] = _split(options["inputs"])
+    robots, options["inputs"] = _split(options["inputs"], several=options["population"])
+    data = robots[0] if robots else None
     _check_usage(forecast, count, data, options)
     files = {"--json": options["json_path"], "--urdf": options["urdf"], "--sheet": options["sheet_path"]}
     outputs = Outputs(files, options["out"], ("calibration*",))
     outputs.check()
-    outputs.refuse_inputs([*filter(None, [data, options["factory"]]), *pose_files(options)])
+    outputs.refuse_inputs([*filter(None, [*robots, options["factory"]]), *pose_files(options)])
     sheet = read_sheet(options, outputs)
     if options["factory"] is not None:
         _read_factory(sheet, options["factory"], options)
         return
     measurement = measurement_of(sheet, options)
+    if options["population"]:
+        _measure_population(sheet, robots, measurement, options)
+        return
     model = ErrorModel.from_sheet(sheet)
     at = _task_poses(model, options["at_names"])
     if count is not None:
@@ -175,6 +191,31 @@ def _read_factory(sheet: Sheet, file: str, options: _Options) -> None:
     _answer(found, factory_table, None, "calibration-factory", options)
 
 
+def _measure_population(sheet: Sheet, robots: list[str], measurement: Measurement, options: _Options) -> None:
+    """Print the tolerances that several robots show, and write the sheet with them."""
+    from precision_pin.analyses.calibration.population import population
+    from precision_pin.model.error_model import ErrorModel
+    from precision_pin.outputs.calibration.population_sheet import population_sheet
+    from precision_pin.outputs.calibration.population_table import population_table
+
+    model = ErrorModel.from_sheet(sheet)
+    with progress_bar(len(robots) + len(model.space.draws), "fitting robots", "steps") as progress:
+        found = population(
+            model,
+            robots,
+            measurement,
+            means="estimated" if options["means_free"] else "sheet",
+            findings=sheet.findings,
+            progress=progress,
+        )
+    echo_warnings(found.findings[len(sheet.findings) :])
+    path = options["sheet_path"]
+    if path is not None:
+        write_text(Path(path), population_sheet(found, Path(path).parent))
+        echo_note(f"wrote {path}")
+    _answer(found, population_table, None, "calibration-population", options)
+
+
 def _write_sheet(result: JsonResult, original: str, path: str) -> None:
     """Write the sheet of the calibrated arm, and the result that it names."""
     from precision_pin.display.files import write_files
@@ -186,21 +227,30 @@ def _write_sheet(result: JsonResult, original: str, path: str) -> None:
     echo_note(f"wrote {path} and {name}")
 
 
-def _split(arguments: tuple[str, ...]) -> tuple[str | None, tuple[str, ...]]:
-    """Return the data among the arguments, and the others."""
-    data = [text for text in arguments if Path(text).suffix.lower() == ".csv"]
+def _split(arguments: tuple[str, ...], *, several: bool) -> tuple[list[str], tuple[str, ...]]:
+    """Return the data among the arguments, of one robot or several, and the others."""
+    suffixes = (".csv", ".json") if several else (".csv",)
+    data = [text for text in arguments if Path(text).suffix.lower() in suffixes]
     inputs = tuple(text for text in arguments if text not in data)
-    if len(data) > 1:
-        raise InputError(f"one file of data is expected, got {' '.join(data)}")
+    if len(data) > 1 and not several:
+        raise InputError(f"one file of data is expected, got {' '.join(data)}; several robots need --population")
     if len(inputs) > 2:
         raise InputError(describe_excess(inputs))
-    return (data[0] if data else None), inputs
+    return data, inputs
 
 
 def _check_usage(forecast: bool, count: int | None, data: str | None, options: _Options) -> None:
     check_poses(options)
     chosen = _gives_poses(options)
     ahead = ["--forecast"] * forecast + ["--plan"] * (count is not None)
+    if options["means_free"] and not options["population"]:
+        raise _usage("--means-free belongs to --population")
+    if options["population"]:
+        both = [*ahead, *(["--factory"] if options["factory"] is not None else [])]
+        poses = chosen or options["random"] is not None
+        if both or poses or options["no_prior"] or options["urdf"] is not None or options["at_names"]:
+            raise _usage(f"--population takes no {both[0] if both else 'poses, --at, --no-prior or --urdf'}")
+        return
     if options["factory"] is not None:
         asked = [*ahead, *(["data"] if data else []), *(["poses"] if chosen or options["random"] is not None else [])]
         if asked or options["sheet_path"] is not None:

@@ -38,6 +38,9 @@ Decorated = TypeVar("Decorated", bound=Callable[..., Any])
 class Command(click.Command):
     """A command that refuses an option given twice where one is meant, and more than one robot and one sheet."""
 
+    data_suffixes: tuple[str, ...] = ()
+    """Ends of the names of inputs that are data beside robot and sheet."""
+
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         """Read the arguments.
 
@@ -58,9 +61,10 @@ class Command(click.Command):
                     message = f"{option.opts[0]} is given {times} times; {ctx.command_path} takes one"
                     raise click.UsageError(message, ctx)
         left = super().parse_args(ctx, args)
-        if len(ctx.params.get("inputs") or ()) > 2:
+        inputs = [text for text in ctx.params.get("inputs") or () if not text.lower().endswith(self.data_suffixes)]
+        if len(inputs) > 2:
             # before what an unquoted option value left behind is taken for the value
-            raise click.UsageError(describe_excess(ctx.params["inputs"]), ctx)
+            raise click.UsageError(describe_excess(inputs), ctx)
         return left
 
     def invoke(self, ctx: click.Context) -> Any:

@@ -25,7 +25,7 @@ from precision_pin.measurement.measurement import Measurement
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.typing import Array
 
-__all__ = ["calibrate"]
+__all__ = ["calibrate", "measured_problem", "without_gross_errors"]
 
 _GROSS: Final = 1e-3
 """Probability that any right reading of a set is taken for a gross error."""
@@ -71,13 +71,8 @@ def calibrate(
     measurement = measurement_of(model, measurement)
     findings = check_items("findings", findings, Finding)
     check_flag("prior", prior)
-    given = read_data(model, data, measurement)
-    stations = stations_of(model, given.q, measurement)
-    base, start = first_guess(given, stations, measurement)
-    readings = readings_in_base(given, stations, base, measurement)
-    whole = Problem.of(model, measurement, stations, readings, _deviations(given, measurement), start)
-    refuse_far_readings(whole, given)
-    used, best, distances = _without_gross_errors(whole, given, has_prior=prior)
+    given, base, whole = measured_problem(model, data, measurement)
+    used, best, distances = without_gross_errors(whole, given, has_prior=prior)
     residuals = whole.residuals(best.z, best.nuisances)
     left_out = np.where(np.isin(np.arange(len(given)), list(distances))[:, None], residuals, best.residuals.left_out)
     unit, estimator = whole.unit, best.estimator
@@ -98,7 +93,7 @@ def calibrate(
         chi_square=best.chi_square,
         degrees_of_freedom=best.degrees_of_freedom,
         residuals=residuals,
-        residuals_before=whole.residuals(np.zeros_like(best.z), start),
+        residuals_before=whole.residuals(np.zeros_like(best.z), whole.start),
         left_out=left_out,
         gross_errors=gross,
         at_bounds=best.at_bounds,
@@ -119,13 +114,32 @@ def calibrate(
     )
 
 
+def measured_problem(
+    model: ErrorModel, data: object, measurement: Measurement
+) -> tuple[CalibrationData, Array, Problem]:
+    """Return the data, the first guess of the base in the instrument's axes ``(4, 4)``, and the problem of all readings.
+
+    Raises
+    ------
+    InputError
+        The data are wrong, or far from the nominal arm.
+    """
+    given = read_data(model, data, measurement)
+    stations = stations_of(model, given.q, measurement)
+    base, start = first_guess(given, stations, measurement)
+    readings = readings_in_base(given, stations, base, measurement)
+    whole = Problem.of(model, measurement, stations, readings, _deviations(given, measurement), start)
+    refuse_far_readings(whole, given)
+    return given, base, whole
+
+
 def _deviations(data: CalibrationData, measurement: Measurement) -> Array:
     """Return the standard deviation of every number of every reading, ``(P, m)``; angles in proportion to lengths."""
     deviations = np.tile(measurement.deviations, (len(data), 1))
     return deviations * data.std[:, None] / measurement.std if data.std.size else deviations
 
 
-def _without_gross_errors(
+def without_gross_errors(
     whole: Problem, data: CalibrationData, *, has_prior: bool
 ) -> tuple[Problem, Fit, dict[int, float]]:
     """Return the problem and fit without gross errors, and the squared size of each of these by its row.

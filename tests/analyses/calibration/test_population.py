@@ -1,0 +1,167 @@
+"""Variance components against planted ones, a general maximiser, and the formula of one number."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy import optimize, stats
+
+import precision_pin as pp
+from analyses.calibration.arms import OFF_AXIS, paper_model, random_poses
+from precision_pin.analyses.calibration.design import stations_of
+from precision_pin.analyses.calibration.simulation import simulate_readings
+from precision_pin.analyses.calibration.variance_components import Evidence, variance_components
+from precision_pin.sources import JointOffset, Length
+
+TRACKER = pp.Measurement(std=50e-6, target=OFF_AXIS)
+PLANTED = {"joint_offset[joint2].offset": 1.8, "joint_offset[joint3].offset": 0.5, "length[joint4].parameters": 1.0}
+
+
+def model_of(factors: dict[str, float]) -> pp.ErrorModel:
+    offsets, lengths = ("joint2", "joint3"), ("joint4",)
+    sources: list[pp.Source] = [
+        JointOffset(joint=name, offset=pp.Normal(1e-3 * factors.get(f"joint_offset[{name}].offset", 1.0)))
+        for name in offsets
+    ]
+    sources += [
+        Length(joint=name, along="link", parameters=(pp.Normal(3e-4 * factors.get(f"length[{name}].parameters", 1.0)),))
+        for name in lengths
+    ]
+    return pp.ErrorModel(paper_model().chain, pp.Space(), sources, {"work": [0.2, -0.4, 0.9, 0.3]})
+
+
+def robots_of(count: int, poses: int = 6, seed: int = 0) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Return readings of robots whose tolerances are others than the sheet's."""
+    real, q = model_of(PLANTED), random_poses(4, poses)
+    readings = simulate_readings(stations_of(real, q, TRACKER), TRACKER, real, robots=count, seed=seed)
+    return [(q, readings[:, :, k]) for k in range(count)]
+
+
+def test_planted_tolerances_are_recovered() -> None:
+    """40 robots by the exact model: each planted factor within its interval, and the sheet's refuted where it is wrong."""
+    found = pp.population(model_of({}), robots_of(40), TRACKER)
+    by_name = {one.names[0]: one for one in found.tolerances}
+    assert set(by_name) == set(PLANTED)
+    for name, factor in PLANTED.items():
+        one = by_name[name]
+        assert one.low <= factor <= one.high
+        # as wide as an interval of a variance from 40 numbers, whose readings are nearly exact
+        assert one.high / one.low == pytest.approx(
+            np.sqrt(stats.chi2.ppf(0.975, 40) / stats.chi2.ppf(0.025, 40)), rel=0.15
+        )
+    assert [by_name[name].agrees for name in PLANTED] == [False, False, True]
+    assert found.log_likelihood_ratio > stats.chi2.ppf(0.999, 3)
+    assert "W_OTHER_TOLERANCE" in {finding.code for finding in found.findings}
+
+
+def test_calibrations_say_what_their_readings_say() -> None:
+    """From posterior less prior the same as from the readings; the calibrated numbers themselves are no sample of the law."""
+    model, robots = model_of({}), robots_of(8, poses=3)
+    coarse = pp.Measurement(std=2e-3, target=OFF_AXIS)
+    results = [pp.calibrate(model, robot, coarse) for robot in robots]
+    one, other = pp.population(model, robots, coarse), pp.population(model, results)
+    for here, there in zip(one.tolerances, other.tolerances, strict=True):
+        assert there.scale == pytest.approx(here.scale, rel=1e-3, abs=1e-3)
+    naive = np.std([list(each.posterior.mean.values()) for each in results], axis=0) / list(
+        results[0].posterior.prior_std.values()
+    )
+    assert (naive < 0.8 * np.array([each.scale for each in one.tolerances])).any()
+
+
+def evidence_of(truth: np.ndarray, robots: int, generator: np.random.Generator, mean: float = 0.0) -> Evidence:
+    slopes = generator.normal(size=(robots, 8, truth.size)) * np.linspace(1.0, 3.0, truth.size)
+    numbers = mean + truth * generator.normal(size=(robots, truth.size))
+    y = np.einsum("rij,rj->ri", slopes, numbers) + generator.normal(size=(robots, 8))
+    return Evidence(np.einsum("rki,rkj->rij", slopes, slopes), np.einsum("rki,rk->ri", slopes, y))
+
+
+def blocks_of(size: int) -> np.ndarray:
+    return np.array([np.diag(row) for row in np.eye(size)])
+
+
+@pytest.mark.parametrize("has_means", [False, True])
+def test_the_likelihood_is_that_of_normal_readings(has_means: bool) -> None:
+    """Written down with the covariance of all readings of all robots, and maximised without derivatives."""
+    generator, truth = np.random.default_rng(3), np.array([0.6, 1.7])
+    slopes = generator.normal(size=(5, 6, 2)) * 2
+    y = np.einsum("rij,rj->ri", slopes, 0.4 + truth * generator.normal(size=(5, 2))) + generator.normal(size=(5, 6))
+    evidence = Evidence(np.einsum("rki,rkj->rij", slopes, slopes), np.einsum("rki,rk->ri", slopes, y))
+    found = variance_components(evidence, blocks_of(2), has_means=has_means)
+
+    def loss(scales: np.ndarray) -> float:
+        covariances = [np.eye(6) + (h * scales**2) @ h.T for h in slopes]
+        value, residuals = 0.0, list(y)
+        if has_means:
+            total = sum(h.T @ np.linalg.solve(c, h) for h, c in zip(slopes, covariances, strict=True))
+            pull = sum(h.T @ np.linalg.solve(c, r) for h, c, r in zip(slopes, covariances, y, strict=True))
+            mean = np.linalg.solve(total, pull)
+            residuals = [r - h @ mean for h, r in zip(slopes, y, strict=True)]
+            value += np.linalg.slogdet(total)[1]
+        for c, r in zip(covariances, residuals, strict=True):
+            value += np.linalg.slogdet(c)[1] + r @ np.linalg.solve(c, r)
+        return float(value)
+
+    best = optimize.minimize(loss, np.ones(2), method="Nelder-Mead", options={"xatol": 1e-8, "fatol": 1e-12})
+    np.testing.assert_allclose(found.scale, np.abs(best.x), rtol=1e-5)
+    assert found.log_likelihood - found.at_sheet == pytest.approx((loss(np.ones(2)) - best.fun) / 2, rel=1e-7)
+    # the profile likelihood of the first scale at the ends of its interval
+    for end in (found.low[0], found.high[0]):
+        profile = optimize.minimize_scalar(
+            lambda s, end=end: loss(np.array([end, s])), bounds=(0, 20), method="bounded"
+        )
+        assert profile.fun - best.fun == pytest.approx(stats.chi2.ppf(0.95, 1), rel=5e-3)
+
+
+@pytest.mark.slow
+def test_intervals_cover_what_they_say() -> None:
+    """150 sets of 12 robots with three numbers: 95 % of 450 intervals, within four of their own standard deviations."""
+    generator, truth = np.random.default_rng(5), np.array([0.5, 1.3, 2.0])
+    inside = 0
+    for _ in range(150):
+        found = variance_components(evidence_of(truth, 12, generator), blocks_of(3))
+        inside += int(((found.low <= truth) & (truth <= found.high)).sum())
+    assert abs(inside / 450 - 0.95) < 4 * np.sqrt(0.95 * 0.05 / 450)
+
+
+def test_means_are_found_and_cost_a_degree_of_freedom() -> None:
+    """One number read with a variance of 1e-4: the textbooks' variances less that, about the known mean and the sample's."""
+    values = np.random.default_rng(1).normal(0.7, 1.4, 9)
+    precise = 1e4
+    evidence = Evidence(np.full((9, 1, 1), precise), (precise * values)[:, None])
+    known, estimated = (variance_components(evidence, np.ones((1, 1, 1)), has_means=has) for has in (False, True))
+    assert known.scale[0] == pytest.approx(np.sqrt((values**2).mean() - 1 / precise), rel=1e-5)
+    assert estimated.scale[0] == pytest.approx(np.sqrt(values.var(ddof=1) - 1 / precise), rel=1e-5)
+    assert estimated.means[0] == pytest.approx(values.mean(), rel=1e-5)
+
+
+def test_tolerances_that_act_alike_are_named() -> None:
+    """Two offsets of one joint: only their joint tolerance shows."""
+    chain = paper_model().chain
+    twice = [JointOffset(joint="joint2", offset=pp.Normal(1e-3)), JointOffset(joint="joint2", offset=pp.Normal(2e-3))]
+    model = pp.ErrorModel(chain, pp.Space(), [*twice, JointOffset(joint="joint3", offset=pp.Normal(1e-3))])
+    q = random_poses(4, 4)
+    readings = simulate_readings(stations_of(model, q, TRACKER), TRACKER, model, robots=12)
+    found = pp.population(model, [(q, readings[:, :, k]) for k in range(12)], TRACKER)
+    (group,) = found.groups
+    assert set(group.names) == {name for name in found.model.space.components if "joint2" in name}
+
+
+def test_misuse_is_refused_in_one_line(tmp_path: Path) -> None:
+    model, robots = model_of({}), robots_of(2)
+    result = pp.calibrate(model, robots[0], TRACKER)
+    without = pp.calibrate(model, robots[0], TRACKER, prior=False)
+    (tmp_path / "a.json").write_text(json.dumps({"schema": "other"}))
+    other = model_of({"joint_offset[joint2].offset": 2.0})
+    for wrong, message in (
+        ([robots[0]], "at least two robots"),
+        ("a.json", "at least two robots"),
+        ([result, without], "a calibration without prior"),
+        ([result, tmp_path / "a.json"], "is no result of calibrate"),
+        ([result, tmp_path / "b.json"], "b.json does not exist"),
+        ([pp.calibrate(other, robots[0], TRACKER), result], "its prior is not that of this sheet"),
+    ):
+        with pytest.raises(pp.InputError, match=message):
+            pp.population(model, wrong, TRACKER)  # type: ignore[arg-type]
