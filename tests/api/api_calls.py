@@ -318,7 +318,7 @@ def calls() -> Iterator[Call]:
             "progress": None,
         },
         pose_words | {"poses": "pose|joint"},
-        **sampled_fine, poses=POSE_FINE, specifications=NO_SPECIFICATION, findings="empty list, empty tuple",
+        **sampled_fine, poses=SEVERAL, specifications=NO_SPECIFICATION, findings="empty list, empty tuple",
         threads=OPTIONAL, progress="nothing, true, function, type",
     )  # fmt: skip
     yield call(
