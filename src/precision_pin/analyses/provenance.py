@@ -10,8 +10,10 @@ from typing import Any, final
 import numpy as np
 from numpy.typing import ArrayLike
 
+from precision_pin.display.tables import origins_entry
 from precision_pin.errors import InputError
 from precision_pin.model.error_model import ErrorModel
+from precision_pin.model.origins import OriginShares, origin_shares
 from precision_pin.model.pose_model import PoseModel
 from precision_pin.robot.approach import ApproachedPose, approach_entry, written_approach
 from precision_pin.sampling.versions import versions
@@ -39,6 +41,9 @@ class Provenance:
         Labels of the sources that the sheet marks as assumptions.
     sources
         Number of sources.
+    origins, origins_at
+        Share in the first-order variance of position and attitude by provenance, empty where the sheet states none; and the name
+        of the pose where it was taken, the model's first.
     versions
         Versions of Python and the libraries that computed the result.
     """
@@ -50,6 +55,8 @@ class Provenance:
     seed: int
     assumed: tuple[str, ...] = ()
     sources: int = 0
+    origins: OriginShares = field(default_factory=dict)
+    origins_at: str = ""
     versions: Mapping[str, str] = field(default_factory=versions, compare=False)
 
     @classmethod
@@ -57,7 +64,11 @@ class Provenance:
         """Return the provenance of a model's analysis."""
         chain = error_model.chain
         arm = (os.path.basename(chain.robot.file), chain.base, chain.tip_label, error_model.statics)
-        return cls(*arm, int(seed), error_model.assumed, len(error_model.sources))
+        first = next(iter(error_model.poses), "")
+        shares: OriginShares = {}
+        if first and any(error_model.origins):
+            shares = origin_shares(error_model, next(error_model.at_columns(error_model.poses[first][:, None])))
+        return cls(*arm, int(seed), error_model.assumed, len(error_model.sources), shares, first if shares else "")
 
     def to_dict(self, schema: str) -> dict[str, Any]:
         """Return the first keys of a result's JSON."""
@@ -71,6 +82,7 @@ class Provenance:
             "statics": self.statics,
             "seed": self.seed,
             "assumed": list(self.assumed),
+            **origins_entry(self.origins),
             "versions": dict(self.versions),
         }
 

@@ -178,6 +178,7 @@ def _sampled(
     from precision_pin.display.tables import resting_on
     from precision_pin.kernel import sampler
     from precision_pin.model.error_model import ErrorModel
+    from precision_pin.model.origins import origin_shares
     from precision_pin.outputs.view import ViewPose
 
     error_model = ErrorModel.from_sheet(sheet)
@@ -191,7 +192,8 @@ def _sampled(
             errors = _drawn(sampler.to_arrays(at), model, seed, samples, number, progress)
             shown.append(ViewPose(at, errors, pose.name or None, number, error_model.draw_words))
     echo_findings(_gathered(findings))
-    return shown, resting_on(error_model.assumed, len(error_model.sources))
+    shares = origin_shares(error_model, shown[0].pose_model)
+    return shown, resting_on(error_model.assumed, len(error_model.sources), shares)
 
 
 def _drawn(

@@ -28,6 +28,7 @@ __all__ = [
     "milli",
     "number",
     "optional",
+    "origins_entry",
     "percent",
     "plain",
     "plus_minus",
@@ -126,14 +127,49 @@ def joint_text(
     )
 
 
-def resting_on(assumed: Sequence[str], sources: int) -> list[str]:
-    """Return a line that says which of so many sources are assumptions, by their labels; none where there are none."""
-    if not assumed:
-        return []
-    kinds = ", ".join(dict.fromkeys(label.partition("[")[0] for label in assumed))
-    return [
-        f"rests on assumptions: {len(assumed):,} of {sources:,} sources are marked as assumed in the sheet ({kinds})"
-    ]
+def resting_on(
+    assumed: Sequence[str], sources: int, origins: Mapping[str, tuple[float, float]] | None = None, where: str = ""
+) -> list[str]:
+    """Return lines that say how much rests on assumptions, and where the other numbers come from; none where it is not said.
+
+    Parameters
+    ----------
+    assumed
+        Labels of the sources that are marked as assumptions.
+    sources
+        Number of all sources.
+    origins
+        Share in the variance of position and attitude by provenance.
+    where
+        Pose of these shares, where it is not that of the result.
+    """
+    lines = []
+    shares = {kind: share for kind, share in (origins or {}).items() if max(share) > 0}
+    at = f" at {where}" if where else ""
+    if assumed:
+        kinds = ", ".join(dict.fromkeys(label.partition("[")[0] for label in assumed))
+        lines.append(
+            f"rests on assumptions: {len(assumed):,} of {sources:,} sources are marked as assumed in the sheet ({kinds})"
+        )
+    if "assumed" in shares:
+        position, attitude = map(_percent, shares["assumed"])
+        head = "they cause" if assumed else "rests on assumptions: they cause"
+        lines.append(f"{head} {position} of the variance of the position, {attitude} of the attitude{at}")
+    if set(shares) - {"assumed", "not stated"}:
+        listed = ", ".join(f"{_percent(position)} {kind}" for kind, (position, _) in shares.items())
+        lines.append(f"variance of the position by provenance{at}: {listed}")
+    return lines
+
+
+def origins_entry(origins: Mapping[str, tuple[float, float]]) -> dict[str, dict[str, dict[str, float]]]:
+    """Return the key ``provenance`` of a result's JSON; nothing where the sheet states none."""
+    if not origins:
+        return {}
+    return {"provenance": {kind: {"position": one, "attitude": two} for kind, (one, two) in origins.items()}}
+
+
+def _percent(share: float) -> str:
+    return "under 1 %" if 0 < share < 0.005 else f"{100 * share:.0f} %"
 
 
 def pose_labels(names: Sequence[str]) -> list[str]:

@@ -74,6 +74,9 @@ class ErrorModel:
         Approach of each named pose that has one.
     assumed
         Labels of the sources that the sheet marks as assumptions.
+    origins
+        Where each draw of the space comes from: ``assumed``, ``data sheet``, ``measured``, ``drawing``; empty where the sheet
+        does not say.
     sheet
         The sheet it was read from; ``None`` for a model made in Python.
     labels
@@ -101,6 +104,7 @@ class ErrorModel:
         self.space = with_quantities(drawn, self.sources, self.labels, chain)
         self.poses, self.approaches = read_poses(chain, {} if poses is None else poses)
         self.assumed: tuple[str, ...] = ()
+        self.origins: tuple[str, ...] = ()
         self.sheet: Sheet | None = None
         self._layout: TableLayout | None = None
 
@@ -160,6 +164,7 @@ class ErrorModel:
         model = cls(sheet.chain, sheet.space, sheet.sources, poses, sheet.statics)
         model.assumed = tuple(model.labels[k] for k in sheet.assumed)
         model.sheet = sheet
+        model.origins = tuple(map(model._origin, model.space.draws, model.owners)) if sheet.origins else ()
         if sheet.estimates is not None:
             remaining = sheet.estimates.remaining_space(model.space)
             model.space = with_quantities(remaining, model.sources, model.labels, model.chain)
@@ -405,6 +410,19 @@ class ErrorModel:
     def owners(self) -> tuple[tuple[str, ...], ...]:
         """Labels of the sources that use each draw of the space."""
         return draw_owners(self.space, self.sources, self.labels)
+
+    def _origin(self, draw: Draw, owners: Sequence[str]) -> str:
+        """Return where a draw comes from: its own entry of the sheet, else that of its setting, else that of a source."""
+        assert self.sheet is not None
+        origins = self.sheet.origins
+        label = next((own for own in owners if draw.name.startswith(f"{own}.")), "")
+        setting = draw.name.removeprefix(f"{label}.").partition(".")[0].partition("[")[0] if label else ""
+        named = [f"parameters.{draw.name}", f"{label}.{setting}", *owners]
+        # a number that several sources use is as sure as the least sure of them says
+        kinds = [origins[name].kind for name in named if name in origins]
+        if f"parameters.{draw.name}" in origins or (setting and f"{label}.{setting}" in origins):
+            return kinds[0]
+        return "assumed" if "assumed" in kinds else next(iter(kinds), "")
 
     def _make_terms(self, posture: Posture) -> tuple[Term, ...]:
         return tuple(itertools.chain.from_iterable(source.terms(posture) for source in self.bound_sources))

@@ -26,6 +26,7 @@ from precision_pin.inputs.arguments import (
 from precision_pin.inputs.memory import check_kept
 from precision_pin.kernel import sampler
 from precision_pin.model.error_model import ErrorModel
+from precision_pin.model.origins import origin_shares
 from precision_pin.model.pose_model import PoseModel
 from precision_pin.robot.approach import ApproachedPose, written_approach
 from precision_pin.sampling.blocks import Work, check_samples, packages
@@ -234,6 +235,7 @@ def monte_carlo(
         makers=makers(work.layout, int(seed), summary),
         assumed=error_model.assumed,
         sources=len(error_model.sources),
+        origins=origin_shares(error_model, at),
         until=tuple(Until(text, one) for text, one in zip(until, precisions, strict=True)),
         warnings=tuple(str(finding) for finding in (*findings, *found)),
         errors=sampling.errors,

@@ -22,6 +22,7 @@ from precision_pin.display.tables import (
     milli,
     number,
     optional,
+    origins_entry,
     plus_minus,
     resting_on,
     symbol,
@@ -29,6 +30,7 @@ from precision_pin.display.tables import (
 )
 from precision_pin.errors import Finding, InputError
 from precision_pin.inputs.arrays import fix_fields
+from precision_pin.model.origins import OriginShares
 from precision_pin.robot.approach import approach_entry
 from precision_pin.sampling.result_parts import Correlated, RelativeTo, Until
 from precision_pin.sampling.versions import versions
@@ -83,6 +85,8 @@ class MonteCarloResult(JsonResult):
         Labels of the sources that the sheet marks as assumptions.
     sources
         Number of sources.
+    origins
+        Share in the first-order variance of position and attitude by provenance; empty where the sheet states none.
     versions
         Versions of Python and the libraries that computed the result.
     until
@@ -116,6 +120,7 @@ class MonteCarloResult(JsonResult):
     makers: Mapping[int, Mapping[str, float]] = field(default_factory=dict)
     assumed: tuple[str, ...] = ()
     sources: int = 0
+    origins: OriginShares = field(default_factory=dict)
     until: tuple[Until, ...] = ()
     warnings: tuple[str, ...] = ()
     errors: Array | None = field(default=None, repr=False)
@@ -167,6 +172,7 @@ class MonteCarloResult(JsonResult):
             "warnings": list(self.warnings),
             "findings": [finding.to_dict() for finding in self.findings],
             "assumed": list(self.assumed),
+            **origins_entry(self.origins),
             "nominal": {"position": self.nominal[:3].tolist(), "attitude": self.nominal[3:].tolist()},
             **self.summary.to_dict(),
             "largest": {
@@ -350,7 +356,7 @@ class MonteCarloResult(JsonResult):
                 f"{joint_text(self.q, self.sliding_joints, self.approach)}; base axes",
                 f"{self.samples:,} samples, seed {self.seed}, {self.model} model, statics {self.statics}; "
                 f"± half of an interval at {100 * self.summary.confidence:g} % confidence, - not resolved",
-                *resting_on(self.assumed, self.sources),
+                *resting_on(self.assumed, self.sources, self.origins),
                 *self.warnings,
             ],
         )

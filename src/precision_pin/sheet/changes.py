@@ -13,7 +13,7 @@ from typing import Any, Final, final
 import numpy as np
 
 from precision_pin.errors import Finding, InputError, SheetError, UnknownNameError
-from precision_pin.sheet.schema import ASSUMED, source_model
+from precision_pin.sheet.schema import ASSUMED, PROVENANCE, source_model
 from precision_pin.sheet.text import Path, Text, read_text
 from precision_pin.terms.labelled_sources import labels
 from precision_pin.terms.source import Source
@@ -190,7 +190,7 @@ def _source_paths(
         raise _wrong(change, f"{len(chosen)} sources are a {pattern}: {of}{more}; {pattern}[*] names all of them")
     settings = [next(iter(data["sources"][k].items())) for k in chosen]
     field = rest[: _STEP.search(rest).start()]  # type: ignore[union-attr]
-    has = [field == ASSUMED or field in source_model(kinds[kind]).model_fields for kind, _ in settings]
+    has = [field in (ASSUMED, PROVENANCE) or field in source_model(kinds[kind]).model_fields for kind, _ in settings]
     if len({kind for kind, _ in settings}) > 1 and any(has):
         # a pattern of several kinds means those that have the setting
         settings = [entry for entry, is_one in zip(settings, has, strict=True) if is_one]

@@ -27,9 +27,10 @@ from precision_pin.sheet.changes import Change, change_text, plain_data, values_
 from precision_pin.sheet.correlations import correlated_space
 from precision_pin.sheet.findings import Findings
 from precision_pin.sheet.measurement_entry import read_measurement
+from precision_pin.sheet.origins import Origin, origins_by_path, source_origins
 from precision_pin.sheet.poses import parse_poses
 from precision_pin.sheet.remarks import remark_on_poses, remark_on_sources
-from precision_pin.sheet.schema import ASSUMED, Context, Document, source_model, used_quantities
+from precision_pin.sheet.schema import ASSUMED, PROVENANCE, Context, Document, source_model, used_quantities
 from precision_pin.sheet.settings import NAME, NamedParameter, parse_parameter
 from precision_pin.sheet.text import Path, Text, read_text
 from precision_pin.sources import catalogue
@@ -76,6 +77,8 @@ class Sheet:
         Those of a calibration, in place of tolerances.
     measurement
         Instrument and set-up of a calibration.
+    origins
+        Where numbers come from, by the label of a source, ``label.setting`` or ``parameters.name``.
     """
 
     file: str
@@ -90,6 +93,7 @@ class Sheet:
     contents: Contents | None = None
     estimates: Estimates | None = None
     measurement: Measurement | None = None
+    origins: Mapping[str, Origin] = field(default_factory=dict)
 
     def with_changes(self, changes: Mapping[str, object]) -> Sheet:
         """Return the sheet read again with values changed: by path, see :class:`precision_pin.sheet.changes.Change`.
@@ -203,7 +207,7 @@ def _read(contents: Contents) -> Sheet:
     arm_is_known = not wrong & {"robot", "tip", "base", "locked"}
     chain = read_chain(document, findings, overrides, folder) if arm_is_known else None
     slides = {} if chain is None else dict(zip(chain.joint_names, map(bool, chain.prismatic), strict=True))
-    sources, assumed = _sources(document, findings, known, Context(named, slides, folder))
+    sources, stated = _sources(document, findings, known, Context(named, slides, folder))
     draws = tuple(dict.fromkeys(parameter.draw for parameter in named.values()))
     space = correlated_space(draws, document.correlations, findings, unread)
     if chain is None:
@@ -214,12 +218,19 @@ def _read(contents: Contents) -> Sheet:
     listed = tuple(sources.values())
     estimates = _estimates(document, space, listed, folder, findings)
     measurement = _measurement(document, chain, findings)
+    names = labels(listed)
+    origins = {
+        f"{label}.{setting}" if setting else label: origin
+        for k, label in zip(sources, names, strict=True)
+        for setting, origin in stated.get(k, {}).items()
+    }
+    origins |= origins_by_path(document.provenance, [draw.name for draw in draws], names, findings)
     findings.refuse()
     remark_on_sources(document, space, sources, findings)
     remark_on_poses(document, chain, findings)
     found = (*chain_findings(chain), *findings.found)
     warnings = tuple(finding for finding in found if finding.severity == "warning")
-    marked = tuple(rank for rank, k in enumerate(sources) if k in assumed)
+    marked = tuple(rank for rank, k in enumerate(sources) if k in stated and ASSUMED in map(_kind, stated[k].values()))
     return Sheet(
         file,
         chain,
@@ -233,7 +244,12 @@ def _read(contents: Contents) -> Sheet:
         contents=contents,
         estimates=estimates,
         measurement=measurement,
+        origins=origins,
     )
+
+
+def _kind(origin: Origin) -> str:
+    return origin.kind
 
 
 def _measurement(document: Document, chain: Chain, findings: Findings) -> Measurement | None:
@@ -331,10 +347,10 @@ def _parameters(
 
 def _sources(
     document: Document, findings: Findings, known: Mapping[str, type[Source]], context: Context
-) -> tuple[dict[int, Source], set[int]]:
-    """Return the sources that could be read, by position in the sheet, and the positions of those marked as assumed."""
+) -> tuple[dict[int, Source], dict[int, dict[str, Origin]]]:
+    """Return the sources that could be read, and where their numbers come from, by position in the sheet."""
     sources: dict[int, Source] = {}
-    assumed: set[int] = set()
+    origins: dict[int, dict[str, Origin]] = {}
     for k, entry in enumerate(document.sources):
         path: Path = ("sources", k)
         if not isinstance(entry, dict) or len(entry) != 1:
@@ -349,13 +365,11 @@ def _sources(
             findings.error((*path, name), f"the settings of {name} are missing: {{key: value, …}}")
             continue
         model = source_model(known[name])
-        if ASSUMED in settings and ASSUMED not in model.model_fields:
-            mark = settings[ASSUMED]
-            settings = {key: value for key, value in settings.items() if key != ASSUMED}
-            if mark not in ("true", "false"):
-                findings.error((*path, name, ASSUMED), f"{ASSUMED} must be true or false, got {str(mark)[:40]!r}")
-            elif mark == "true":
-                assumed.add(k)
+        stated = source_origins(settings, tuple(model.model_fields), (*path, name), findings)
+        if stated:
+            origins[k] = stated
+        about = {ASSUMED, PROVENANCE} - set(model.model_fields)
+        settings = {key: value for key, value in settings.items() if key not in about}
         try:
             valid = model.model_validate(settings, context=context)
         except ValidationError as error:
@@ -365,7 +379,7 @@ def _sources(
             sources[k] = known[name](**{field: getattr(valid, field) for field in model.model_fields})
         except InputError as error:
             findings.take((*path, name), error)
-    return sources, assumed
+    return sources, origins
 
 
 def _try_terms(

@@ -39,6 +39,7 @@ from precision_pin.units import PerEntry, PerJoint, Quantity, parse_vector
 
 __all__ = [
     "ASSUMED",
+    "PROVENANCE",
     "Context",
     "Document",
     "SettingReason",
@@ -50,6 +51,8 @@ __all__ = [
 VERSION = "1"
 ASSUMED: Final = "assumed"
 """The key, allowed in every source, that marks its numbers as assumptions."""
+PROVENANCE: Final = "provenance"
+"""The key that says where numbers come from: in every source, and at the top level by path."""
 _LAW: Final = {"title": "law"}
 _FLAG: Final = [True, False, "true", "false"]
 """Values of a flag, as any YAML reader reads them."""
@@ -109,6 +112,10 @@ class Document(BaseModel):
     measurement: MeasurementEntry | None = Field(
         None, description="Instrument and set-up of calibrate, where its options say nothing else."
     )
+    provenance: dict[str, Any] = Field(
+        default_factory=dict,
+        description="Where numbers come from, by path: assumed, data sheet, measured, drawing, or {word: text}.",
+    )
     allocate: dict[str, Any] | None = Field(
         None, description="What precision-pin allocate solves: tolerances with their costs, specs, poses."
     )
@@ -138,6 +145,7 @@ def json_schema(kinds: Mapping[str, type[Source]] | None = None) -> dict[str, An
         definition = _with_references(source_model(kind).model_json_schema())
         definitions |= definition.pop("$defs", {})
         definition["properties"][ASSUMED] = {"type": ["boolean", "string"], "enum": _FLAG}
+        definition["properties"][PROVENANCE] = {"type": ["string", "object"]}
         definitions[name] = definition
         choices.append(
             {

@@ -234,7 +234,7 @@ def _loaded(error_model: ErrorModel, mass: float, centre: Array) -> ErrorModel:
         return error_model
     chain = error_model.chain.with_payload(mass, tuple(centre.tolist()))
     loaded = ErrorModel(chain, error_model.space, error_model.sources, error_model.poses, error_model.statics)
-    loaded.assumed = error_model.assumed
+    loaded.assumed, loaded.origins = error_model.assumed, error_model.origins
     return loaded
 
 

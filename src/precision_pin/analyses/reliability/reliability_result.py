@@ -291,7 +291,7 @@ class ReliabilityResult(Result):
             f"exact model, {self.samples:,} plain samples, seed {of.seed}, statics {of.statics}; intervals at "
             f"{100 * self.confidence:g} % confidence; β: distance of the nearest design point",
             *comments,
-            *resting_on(of.assumed, of.sources),
+            *resting_on(of.assumed, of.sources, of.origins, of.origins_at),
         ]
 
 

@@ -49,7 +49,7 @@ def allocation_table(result: AllocationResult) -> str:
             *aligned(largest),
             *more,
             *(["", front_in_words(result), *aligned(front)] if len(front) > 1 else []),
-            *resting_on(of.assumed, of.sources),
+            *resting_on(of.assumed, of.sources, of.origins, of.origins_at),
         ]
     )
 

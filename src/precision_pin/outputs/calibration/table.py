@@ -56,7 +56,7 @@ def forecast_table(result: CalibrationForecast) -> str:
         *_curve("std of the instrument, µm", result.by_instrument, 1e6),
         "",
         _EXPLANATION,
-        *resting_on(of.assumed, of.sources),
+        *resting_on(of.assumed, of.sources, of.origins, of.origins_at),
     ]
     return "\n".join(_wrap(lines))
 
@@ -119,7 +119,7 @@ def plan_table(result: CalibrationPlan) -> str:
         *_observed(result.identifiability),
         "",
         _EXPLANATION,
-        *resting_on(of.assumed, of.sources),
+        *resting_on(of.assumed, of.sources, of.origins, of.origins_at),
     ]
     return "\n".join(_wrap(lines))
 

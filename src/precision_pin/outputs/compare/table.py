@@ -50,7 +50,7 @@ def comparison_table(result: ComparisonResult) -> str:
         lines += aligned(rows) if rows else []
         more = len(changes) - len(rows)
         lines += [f"  and {more:,} more: --json FILE writes all"] if more > 0 else []
-    return "\n".join([*lines, *resting_on(of.assumed, of.sources)])
+    return "\n".join([*lines, *resting_on(of.assumed, of.sources, of.origins, of.origins_at)])
 
 
 def headline(result: ComparisonResult, rank: int) -> str:

@@ -49,7 +49,7 @@ def compensation_table(result: CompensationResult) -> str:
         "",
         "first: what one step with the nominal Jacobian leaves; 95 %: quantile of |d| in mm, first order",
     ]
-    lines += resting_on(of.assumed, of.sources)
+    lines += resting_on(of.assumed, of.sources, of.origins, of.origins_at)
     return "\n".join(lines)
 
 

@@ -48,7 +48,7 @@ def iso9283_table(result: Iso9283Result) -> str:
         *([] if result.measured is None else ["", *_measured(result.measured)]),
         "",
         *(f"{name}: none, {why}" for name, why in result.absent.items()),
-        *resting_on(of.assumed, of.sources),
+        *resting_on(of.assumed, of.sources, of.origins, of.origins_at),
     ]
     return "\n".join(lines)
 

@@ -50,7 +50,7 @@ def map_table(result: MapResult) -> str:
         "",
         "quantiles of |d| in mm, |δ| in mrad; sampled: interval, exact model; cause: of most variance",
     ]
-    lines += resting_on(of.assumed, of.sources)
+    lines += resting_on(of.assumed, of.sources, of.origins, of.origins_at)
     return "\n".join(lines)
 
 

@@ -68,7 +68,7 @@ def analysis_table(analysis: MonteCarloResult) -> str:
         f"δ = ({', '.join(map(_thousandfold, analysis.nominal[3:]))}) mrad",
     ]
     lines += [line for group in analysis.correlations for line in _pairs(group)]
-    lines += resting_on(analysis.assumed, analysis.sources)
+    lines += resting_on(analysis.assumed, analysis.sources, analysis.origins)
     return "\n".join(lines)
 
 

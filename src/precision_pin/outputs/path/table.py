@@ -47,7 +47,7 @@ def path_table(result: PathResult) -> str:
         "",
         f"|d|, |δ|: {share} quantile at the pose; largest here: robots with their largest error of the path there",
     ]
-    lines += resting_on(of.assumed, of.sources)
+    lines += resting_on(of.assumed, of.sources, of.origins, of.origins_at)
     return "\n".join(lines)
 
 

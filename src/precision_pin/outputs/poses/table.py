@@ -8,6 +8,7 @@ import numpy as np
 
 from precision_pin.display.tables import ROUNDING, pose_labels, resting_on
 from precision_pin.display.text_table import aligned
+from precision_pin.model.origins import origin_shares
 from precision_pin.outputs.monte_carlo.table import NOTHING_VARIES, demanded
 from precision_pin.sampling.pose_verdicts import PosesSpecification
 from precision_pin.sampling.poses_result import LEVELS, PosesResult
@@ -39,7 +40,9 @@ def poses_table(result: PosesResult) -> str:
         "",
         "quantiles of |d| in mm with their intervals, shares inside each spec; - is not resolved by this many samples",
     ]
-    lines += resting_on(result.error_model.assumed, len(result.error_model.sources))
+    model = result.error_model
+    shares = origin_shares(model, next(model.at_columns(result.q[:, [0]])))
+    lines += resting_on(model.assumed, len(model.sources), shares, pose_labels(result.names)[0])
     return "\n".join(lines)
 
 

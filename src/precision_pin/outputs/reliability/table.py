@@ -33,7 +33,9 @@ def table(result: ReliabilityResult) -> str:
         for specification in entry.specifications:
             lines += ["", *_specification_lines(specification)]
         blocks.append("\n".join(lines))
-    return "\n\n".join([*blocks, *resting_on(provenance.assumed, provenance.sources)])
+    return "\n\n".join(
+        [*blocks, *resting_on(provenance.assumed, provenance.sources, provenance.origins, provenance.origins_at)]
+    )
 
 
 def _specification_lines(entry: SpecificationReliability) -> list[str]:

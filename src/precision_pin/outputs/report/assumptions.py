@@ -39,7 +39,7 @@ def assumptions(poses: Sequence[Results]) -> Html:
             "zero error is the chain of the URDF, rigid and without tolerances, at the joint values of the pose",
         ),
         *(("Error at the means", _at_means(one, len(poses) > 1)) for one in poses),
-        *(("Assumed", line) for line in resting_on(analysis.assumed, analysis.sources)),
+        *(("Assumed", line) for line in resting_on(analysis.assumed, analysis.sources, analysis.origins)),
         ("Random numbers", _scopes(results)),
         ("Confidence", f"{100 * analysis.summary.confidence:g} % for each interval by itself"),
         ("Digits", "only those that the samples support; – is not resolved by this many samples"),
