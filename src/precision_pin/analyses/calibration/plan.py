@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any, ClassVar, Final, Literal, final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from precision_pin.analyses.calibration.contact import doubt_contact
 from precision_pin.analyses.calibration.design import (
@@ -41,8 +42,14 @@ from precision_pin.typing import Array
 __all__ = ["PLAN_STEPS", "CalibrationPlan", "plan_calibration"]
 
 _STARTS: Final = 3
-PLAN_STEPS: Final = _STARTS + 2
-"""Steps of a plan: an exchange from each start, the bound, and an exchange from it."""
+PLAN_STEPS: Final = _STARTS + 3
+"""Steps of a plan: an exchange from each start, the bound, an exchange from it, and the perturbed choices."""
+_PERTURBED: Final = 10
+"""Exchanges from the best choice with some poses replaced at random."""
+_REPLACED: Final = 0.12
+"""Share of poses that are replaced."""
+_CERTAIN: Final = 0.999
+"""Efficiency at which no better choice is sought."""
 _RANDOM: Final = 25
 """Random choices with which the choice is compared."""
 
@@ -221,7 +228,9 @@ def plan_calibration(
             step(1)
         bound = design.bound(min(choices, key=design.exact_loss), count)
         step(1)
-        chosen = np.sort(min((*choices, design.exchange(bound.rounded)), key=design.exact_loss))
+        chosen = min((*choices, design.exchange(bound.rounded)), key=design.exact_loss)
+        step(1)
+        chosen = np.sort(_perturbed(design, chosen, bound.loss, generator))
         step(1)
     loss = design.exact_loss(chosen)
     efficiency = design.efficiency(loss, bound.loss)
@@ -248,6 +257,26 @@ def plan_calibration(
         poses=tuple(error_left(one, name, unit, estimator, measurement) for name, one in tasks),
         findings=(*findings, *_remarks(found, efficiency), *doubt_contact(measurement, nominal)),
     )
+
+
+def _perturbed(
+    design: Design, chosen: NDArray[np.intp], bound: float, generator: np.random.Generator
+) -> NDArray[np.intp]:
+    """Return the best of exchanges that begin at a choice with some of its poses replaced (iterated local search)."""
+    rest = len(design.rows) - len(chosen)
+    replaced = min(max(2, round(_REPLACED * len(chosen))), len(chosen), rest)
+    best = design.exact_loss(chosen)
+    for _ in range(_PERTURBED if replaced else 0):
+        if design.efficiency(best, bound) >= _CERTAIN:
+            break
+        others = np.setdiff1d(np.arange(len(design.rows)), chosen)
+        tried = chosen.copy()
+        tried[generator.permutation(len(chosen))[:replaced]] = generator.permutation(others)[:replaced]
+        tried = design.exchange(tried)
+        loss = design.exact_loss(tried)
+        if loss < best:
+            chosen, best = tried, loss
+    return chosen
 
 
 def _refuse_copies(values: Array) -> None:
