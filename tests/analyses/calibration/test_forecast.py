@@ -6,6 +6,7 @@ import json
 
 import numpy as np
 import pytest
+from scipy import stats
 
 import precision_pin as pp
 from analyses.calibration.arms import OFF_AXIS, paper_model, plain_model, random_poses
@@ -96,6 +97,10 @@ def test_simulated_calibrations_agree(measurement: pp.Measurement) -> None:
     expected = np.array([entry.rms("after") for entry in forecast.poses])
     np.testing.assert_allclose(simulated.rms_position, expected, rtol=0.02)
     assert simulated.chi_square.mean() == pytest.approx(simulated.degrees_of_freedom, rel=0.02)
+    # intervals of 95 % of the numbers hold the truth as often as they say
+    left = np.array(list(forecast.posterior.std.values())) / np.array(list(forecast.posterior.prior_std.values()))
+    inside = np.abs(simulated.estimates - simulated.truth) <= stats.norm.ppf(0.975) * left[:, None]
+    assert 0.945 < inside.mean() < 0.955
 
 
 @pytest.mark.slow
