@@ -45,6 +45,8 @@ _RANDOM: Final = 50
 """Poses of a forecast where none are given."""
 _CANDIDATES: Final = 200
 """Candidates of a plan where none are given."""
+_DRAWN: Final = 20
+"""Random poses that are drawn for each that the instrument must see."""
 _MOST: Final = 10_000
 """The most poses."""
 
@@ -293,7 +295,7 @@ def _measured_poses(sheet: Sheet, options: _Options, count: int, measurement: Me
     """Return the poses that the options give, or random ones, and the sheet with warnings about poses left out."""
     import numpy as np
 
-    from precision_pin.analyses.calibration.contact import contact_poses
+    from precision_pin.analyses.calibration.contact import contact_poses, seen_poses
     from precision_pin.inputs.arguments import check_whole
     from precision_pin.robot.pose_set import PoseSet
     from precision_pin.robot.pose_sources.random_poses import random_poses
@@ -307,7 +309,13 @@ def _measured_poses(sheet: Sheet, options: _Options, count: int, measurement: Me
     check_whole("the number of random poses", number, 1, _MOST)
     if measurement.kind in ("plane", "socket"):
         return contact_poses(sheet.chain, measurement, number, seed=options["seed"]), sheet
-    return random_poses(sheet.chain, number, seed=options["seed"]), sheet
+    seen = seen_poses(sheet.chain, measurement, random_poses(sheet.chain, _DRAWN * number, seed=options["seed"]))
+    if seen is None or len(seen) < number:
+        found = 0 if seen is None else len(seen)
+        raise InputError(
+            f"the instrument sees the target at {found} of {_DRAWN * number:,} random poses, fewer than {number:,}"
+        )
+    return seen.take(np.arange(number)), sheet
 
 
 def _answer(result: JsonResult, table: Callable[[Any], str], figure: str | None, name: str, options: _Options) -> None:

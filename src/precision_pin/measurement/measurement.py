@@ -13,6 +13,7 @@ and have no prior law.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Final, Literal, final
@@ -82,6 +83,12 @@ class Measurement:
         A point on the plane and its normal, in the base, m; needed by ``"plane"``.
     sockets
         Places of the sockets, in the base, m; needed by ``"socket"``. A pose belongs to the socket nearest to its nominal target.
+    seen_from
+        Place of the instrument in the base, m, where the target must be turned towards it to be seen.
+    facing
+        Direction in tool axes to which the target faces; needed with ``seen_from``.
+    cone
+        Largest angle between that direction and the instrument, rad.
     load
         What the arm carries while it is measured, in place of the sheet's payloads; left out: these; ``()``: nothing. Payloads
         of fixed numbers.
@@ -101,6 +108,9 @@ class Measurement:
     anchor: tuple[float, float, float] = (0.0, 0.0, 0.0)
     plane: tuple[tuple[float, float, float], tuple[float, float, float]] | None = None
     sockets: tuple[tuple[float, float, float], ...] = ()
+    seen_from: tuple[float, float, float] | None = None
+    facing: tuple[float, float, float] | None = None
+    cone: float = np.pi / 3
     load: tuple[Payload, ...] | None = None
 
     def __post_init__(self) -> None:
@@ -119,6 +129,7 @@ class Measurement:
         for name in ("target", "anchor"):
             object.__setattr__(self, name, _point(f"the {name} of a measurement", getattr(self, name)))
         self._check_places()
+        self._check_sight()
         self._check_load()
         for name, kind in _OWN.items():
             value = getattr(self, name)
@@ -146,6 +157,31 @@ class Measurement:
         object.__setattr__(self, "sockets", sockets)
         if len(set(sockets)) < len(sockets):
             raise InputError("two sockets of a measurement are at one place")
+
+    def _check_sight(self) -> None:
+        limits = "above zero and at most a half turn, in rad"
+        cone = check_number("the cone of a measurement", self.cone, limits, lambda n: 0 < n <= np.pi)
+        object.__setattr__(self, "cone", cone)
+        if (self.seen_from is None) != (self.facing is None):
+            raise InputError(
+                "seen_from and facing of a measurement belong together: where from a target is seen, and its direction"
+            )
+        if self.seen_from is None or self.facing is None:
+            return
+        object.__setattr__(self, "seen_from", _point("seen_from of a measurement", self.seen_from))
+        facing = np.array(_point("facing of a measurement", self.facing))
+        length = float(np.linalg.norm(facing))
+        if length == 0:
+            raise InputError("facing of a measurement is zero")
+        object.__setattr__(self, "facing", tuple((facing / length).tolist()))
+
+    def sees(self, pose: Array) -> bool:
+        """Return whether the instrument sees the nominal target, which only its direction may prevent."""
+        if self.seen_from is None or self.facing is None:
+            return True
+        sight = np.array(self.seen_from) - self._nominal(pose)
+        along = float(sight @ pose[:3, :3] @ self.facing)
+        return along >= float(np.linalg.norm(sight)) * math.cos(self.cone)
 
     def _check_load(self) -> None:
         if self.load is None:
@@ -313,6 +349,9 @@ class Measurement:
             "anchor": list(self.anchor) if self.kind == "distance" else None,
             "plane": None if self.plane is None else {"point": list(self.plane[0]), "normal": list(self.plane[1])},
             "sockets": [list(one) for one in self.sockets],
+            "seen_from": None if self.seen_from is None else list(self.seen_from),
+            "facing": None if self.facing is None else list(self.facing),
+            "cone": None if self.facing is None else self.cone,
             "load": None if self.load is None else [_load_entry(payload) for payload in self.load],
             "nuisances": list(self.nuisances),
         }

@@ -54,6 +54,13 @@ class MeasurementEntry(BaseModel):
     anchor: str = Field("0 0 0 mm", description="Where distances are measured from, in base axes.")
     plane: PlaneEntry | None = Field(None, description="The plane that is touched.")
     sockets: list[str] = Field(default_factory=list, description="Places of the sockets, in base axes.")
+    seen_from: str | None = Field(
+        None, description="Place of the instrument in base axes, where it must see the target."
+    )
+    facing: str | None = Field(
+        None, description="Direction in the tip's axes to which the target faces, such as '0 0 1'."
+    )
+    cone: str = Field("60 deg", description="Largest angle between that direction and the instrument.")
     load: list[LoadEntry] | Literal["none"] | None = Field(
         None, description="What the arm carries while measured, in place of the payloads; none: nothing."
     )
@@ -83,6 +90,9 @@ def read_measurement(entry: MeasurementEntry, chain: Chain) -> Measurement:
         anchor=_point(("anchor",), entry.anchor),
         plane=plane,
         sockets=tuple(_point(("sockets", k), one) for k, one in enumerate(entry.sockets)),
+        seen_from=None if entry.seen_from is None else _point(("seen_from",), entry.seen_from),
+        facing=None if entry.facing is None else _vector(("facing",), entry.facing, units.RATIO),
+        cone=_number(("cone",), entry.cone, units.ANGLE),
         load=_load(entry, chain),
     )
 

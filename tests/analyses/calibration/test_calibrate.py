@@ -159,6 +159,23 @@ def test_leaving_a_reading_out_predicts_it_as_a_fit_without_it_does() -> None:
     assert np.linalg.norm(found.left_out[6]) == pytest.approx(in_base, rel=1e-2)
 
 
+@pytest.mark.slow
+def test_a_group_is_left_out_as_a_fit_without_it_does(tmp_path: Path) -> None:
+    """Two groups of the file's column: the second one predicted by a fit without it."""
+    model, q = plain_model(), random_poses(4, 16)
+    readings = readings_of(model, q, TRACKER, seed=3)
+    header = ", ".join([*(f"{name} [rad]" for name in model.chain.joint_names), "x [m]", "y [m]", "z [m]", "group"])
+    rows = np.hstack([q.T, readings, (np.arange(16) > 10)[:, None]])
+    np.savetxt(tmp_path / "data.csv", rows, "%.15g", delimiter=", ", header=header, comments="")
+    found = pp.calibrate(model, tmp_path / "data.csv", TRACKER)
+    without = pp.calibrate(model, (q[:, :11], readings[:11]), TRACKER)
+    for k in range(11, 16):
+        tip = without.predict(q[:, k])
+        away = readings[k] - tip[:3, 3] - tip[:3, :3] @ OFF_AXIS
+        np.testing.assert_allclose(found.left_out[k], away, rtol=2e-2, atol=2e-7)
+    assert found.rms("left out") > pp.calibrate(model, (q, readings), TRACKER).rms("left out")
+
+
 def test_a_planted_backlash_is_noticed() -> None:
     """The sheet lacks a gap of 1 mrad in joint 3: chi-square says so, and names the joint."""
     model, q = plain_model(), random_poses(4, 40)

@@ -6,6 +6,7 @@ import json
 
 import numpy as np
 import pytest
+from scipy import stats
 
 import precision_pin as pp
 from analyses.calibration.arms import OFF_AXIS, paper_model, plain_model, random_poses
@@ -96,6 +97,10 @@ def test_simulated_calibrations_agree(measurement: pp.Measurement) -> None:
     expected = np.array([entry.rms("after") for entry in forecast.poses])
     np.testing.assert_allclose(simulated.rms_position, expected, rtol=0.02)
     assert simulated.chi_square.mean() == pytest.approx(simulated.degrees_of_freedom, rel=0.02)
+    # intervals of 95 % of the numbers hold the truth as often as they say
+    left = np.array(list(forecast.posterior.std.values())) / np.array(list(forecast.posterior.prior_std.values()))
+    inside = np.abs(simulated.estimates - simulated.truth) <= stats.norm.ppf(0.975) * left[:, None]
+    assert 0.945 < inside.mean() < 0.955
 
 
 @pytest.mark.slow
@@ -138,6 +143,17 @@ def test_the_arm_that_is_left_runs_through_other_analyses() -> None:
     sampled = pp.monte_carlo(found.model, "work", samples=20_000, seed=0)
     nominal = sampled.covariance[:3, :3]
     np.testing.assert_allclose(np.trace(nominal), np.trace(found.poses[0].covariance_after[:3, :3]), rtol=0.03)
+
+
+def test_a_map_of_the_arm_that_will_be_left_is_the_forecast_at_its_poses() -> None:
+    """`map_poses` of the forecast's model against the error forecast at the same poses."""
+    q = random_poses(4, 5, seed=2)
+    found = pp.forecast_calibration(plain_model(), random_poses(4, 20), SET_UPS[0], at=q)
+    mapped = pp.map_poses(found.model, q)
+    for k, entry in enumerate(found.poses):
+        rms = np.sqrt(np.trace(mapped.covariance[:3, :3, k]) + (mapped.mean[:3, k] ** 2).sum())
+        moved = np.linalg.norm(entry.before[:3])
+        np.testing.assert_allclose(rms, np.hypot(entry.rms("after"), moved), rtol=1e-6)
 
 
 def test_json_has_the_keys_of_every_result() -> None:

@@ -79,6 +79,21 @@ def test_subspaces_do_not_depend_on_the_order_of_the_sources() -> None:
     assert {frozenset(group.names): group.determined for group in one.combinations} == {
         frozenset(group.names): group.determined for group in other.combinations
     }
+    places = [other.names.index(name) for name in one.names]
+    np.testing.assert_allclose(other.projector[np.ix_(places, places)], one.projector, atol=1e-8)
+
+
+def test_subspaces_do_not_depend_on_the_order_of_poses_or_on_rounding() -> None:
+    """Readings in another order, at joint values off by 1e-9: the same groups, as ties are broken nowhere."""
+    model, q = pp.every_frame(paper_model().chain), random_poses(4, 30)
+    generator = np.random.default_rng(2)
+    moved = q[:, generator.permutation(30)] + generator.normal(0, 1e-9, q.shape)
+    one, other = (pp.identifiability(model, each, pp.Measurement("pose")) for each in (q, moved))
+    assert one.combinations
+    assert [(group.names, group.determined) for group in one.combinations] == [
+        (group.names, group.determined) for group in other.combinations
+    ]
+    np.testing.assert_allclose(other.projector, one.projector, atol=1e-6)
 
 
 def test_a_joint_without_load_has_no_identifiable_compliance() -> None:

@@ -135,6 +135,9 @@ def test_slopes_are_finite_differences(measurement: pp.Measurement) -> None:
         ({"kind": "plane"}, "the measurement of a plane needs plane"),
         ({"kind": "plane", "plane": (1, 2, 3)}, "must be a point and a normal"),
         ({"kind": "plane", "plane": ((0, 0, 0), (0, 0, 0))}, "normal of the plane of a measurement is zero"),
+        ({"seen_from": (1.0, 0.0, 0.0)}, "seen_from and facing of a measurement belong together"),
+        ({"seen_from": (1.0, 0.0, 0.0), "facing": (0.0, 0.0, 0.0)}, "facing of a measurement is zero"),
+        ({"cone": 4.0}, "above zero and at most a half turn"),
         ({"load": (3.0,)}, "the load of a measurement"),
         ({"load": (Payload(at="tool", mass=pp.Normal(0.1, mean=1.0)),)}, "is given by fixed numbers"),
     ],
@@ -191,3 +194,26 @@ def test_the_load_of_a_measurement_takes_the_place_of_payloads() -> None:
         columns = [one.at.space.index[name] for name in other.at.space.components]
         np.testing.assert_allclose(one.at.jacobian[:, columns], other.at.jacobian, rtol=0, atol=1e-15)
         np.testing.assert_allclose(one.at.error_at_means, other.at.error_at_means, rtol=0, atol=1e-15)
+
+
+def test_a_target_is_seen_within_its_cone() -> None:
+    """A target 0.1 m off the tip that faces along its y, seen from 2 m along the base's y: by angles between plain vectors."""
+    measurement = pp.Measurement(
+        target=(0.0, 0.0, 0.1), seen_from=(0.0, 2.0, 0.5), facing=(0.0, 3.0, 0.0), cone=np.radians(40)
+    )
+    chain, seen = plain_model().chain, []
+    q = random_poses(4, 60)
+    for k in range(60):
+        pose = chain.at(q[:, k]).pose
+        target = pose @ [0.0, 0.0, 0.1, 1.0]
+        sight = np.array([0.0, 2.0, 0.5]) - target[:3]
+        angle = np.degrees(np.arccos(sight @ pose[:3, 1] / np.linalg.norm(sight)))
+        assert measurement.sees(pose) == (angle <= 40)
+        seen.append(angle <= 40)
+    assert 3 < sum(seen) < 40
+    plan = pp.plan_calibration(plain_model(), q, 3, measurement)
+    assert plan.candidates == sum(seen)
+    assert all(measurement.sees(chain.at(one).pose) for one in plan.q.T)
+    assert "W_HIDDEN" in {finding.code for finding in plan.findings}
+    with pytest.raises(InputError, match="sees the target at none of 1 candidates"):
+        pp.plan_calibration(plain_model(), q[:, [seen.index(False)]], 1, measurement)

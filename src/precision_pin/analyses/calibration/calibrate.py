@@ -12,7 +12,7 @@ from precision_pin.analyses.calibration.calibration_result import CalibrationRes
 from precision_pin.analyses.calibration.checks import check_data, doubt_model, refuse_far_readings
 from precision_pin.analyses.calibration.data import CalibrationData, read_data
 from precision_pin.analyses.calibration.design import measurement_of, stations_of
-from precision_pin.analyses.calibration.fit import Fit, Problem, fit
+from precision_pin.analyses.calibration.fit import Fit, Problem, fit, left_out_together
 from precision_pin.analyses.calibration.forecast import task_poses
 from precision_pin.analyses.calibration.identifiability import of_stack, refuse_where_nothing_is_seen, remarks_on
 from precision_pin.analyses.calibration.posterior import Posterior, error_left
@@ -74,7 +74,8 @@ def calibrate(
     given, base, whole = measured_problem(model, data, measurement)
     used, best, distances = without_gross_errors(whole, given, has_prior=prior)
     residuals = whole.residuals(best.z, best.nuisances)
-    left_out = np.where(np.isin(np.arange(len(given)), list(distances))[:, None], residuals, best.residuals.left_out)
+    without = left_out_together(used, best, given.group) if given.group.size else best.residuals.left_out
+    left_out = np.where(np.isin(np.arange(len(given)), list(distances))[:, None], residuals, without)
     unit, estimator = whole.unit, best.estimator
     seen = of_stack(unit.names, *used.plain_slopes(best.z, best.nuisances), measurement, len(given) - len(distances))
     refuse_where_nothing_is_seen(seen)

@@ -82,7 +82,8 @@ class CalibrationResult(JsonResult):
     residuals_before
         The same of the sheet's means, with the first guess of the set-up.
     left_out
-        Reading less the prediction of a fit without this reading, ``(P, m)``, first order.
+        Reading less the prediction of a fit without this reading, or without its group where the data have groups, ``(P, m)``,
+        first order.
     gross_errors
         Readings that were given no weight.
     at_bounds

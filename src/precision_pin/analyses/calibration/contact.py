@@ -1,4 +1,4 @@
-"""Poses in which the nominal arm touches what it is measured at: a plane or sockets."""
+"""Poses in which the nominal arm touches what it is measured at, a plane or sockets, or is seen by the instrument."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from precision_pin.robot.pose_set import PoseSet
 from precision_pin.robot.pose_sources.random_poses import random_poses
 from precision_pin.typing import Array
 
-__all__ = ["contact_poses", "doubt_contact"]
+__all__ = ["contact_poses", "doubt_contact", "seen_poses"]
 
 _TOGETHER: Final = 64
 _ROUNDS: Final = 40
@@ -96,8 +96,21 @@ def _touching(chain: Chain, measurement: Measurement, q: Array, number: int) -> 
     return q[:, touches]
 
 
+def seen_poses(chain: Chain, measurement: Measurement, poses: PoseSet) -> PoseSet | None:
+    """Return the poses at which the instrument sees the target; ``None`` where it never does."""
+    if measurement.seen_from is None:
+        return poses
+    nominal = np.moveaxis(chain.with_target((0.0, 0.0, 0.0)).at_columns(poses.q).pose, -1, 0)
+    seen = np.array([measurement.sees(pose) for pose in nominal])
+    return poses.of(seen) if seen.any() else None
+
+
 def doubt_contact(measurement: Measurement, poses: Array) -> Iterator[Finding]:
-    """Yield a warning where nominal poses ``(P, 4, 4)`` do not touch what they are measured at."""
+    """Yield a warning where nominal poses ``(P, 4, 4)`` do not touch what they are measured at, or are not seen."""
+    hidden = sum(not measurement.sees(pose) for pose in poses)
+    if hidden:
+        message = f"at {hidden} of {len(poses)} poses the target faces away from the instrument by more than the cone"
+        yield Finding("warning", "W_HIDDEN", message)
     away = np.array([measurement.away(pose) for pose in poses])
     far = int((away > _FAR).sum())
     if far:

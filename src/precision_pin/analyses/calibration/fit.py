@@ -22,7 +22,7 @@ from precision_pin.measurement.measurement import Measurement
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.typing import Array
 
-__all__ = ["STEPS", "Fit", "Problem", "Residuals", "fit"]
+__all__ = ["STEPS", "Fit", "Problem", "Residuals", "fit", "left_out_together"]
 
 STEPS: Final = 60
 _SETTLED: Final = 1e-8
@@ -286,3 +286,30 @@ def _residuals(problem: Problem, estimator: Estimator, values: Array, white: Arr
             left_out[row] = np.linalg.pinv(precision[own, own], rcond=1e-9, hermitian=True) @ pull[own]
             distance[row] = max(float(pull[own] @ left_out[row]), 0.0)
     return Residuals(values, left_out, distance)
+
+
+def left_out_together(problem: Problem, best: Fit, groups: Array) -> Array:
+    """Return each reading less the prediction of a fit without its group, first order, ``(P, m)``.
+
+    Parameters
+    ----------
+    problem, best
+        The readings with weight, and their fit.
+    groups
+        Number of the group of each reading, ``(P,)``.
+    """
+    white = problem.whiten(best.residuals.values)
+    hold = np.eye(len(white)) - best.estimator.leverage()
+    inverse = scipy.linalg.block_diag(
+        *(scipy.linalg.solve_triangular(root, np.eye(len(root)), lower=True) for root in problem.roots)
+    )
+    precision, pull = inverse.T @ hold @ inverse, inverse.T @ white
+    size = problem.readings.shape[1]
+    rows = np.array([row for station in problem.stations for row in station.rows])
+    result = np.zeros_like(best.residuals.values)
+    for group in np.unique(groups[rows]):
+        own = np.flatnonzero(groups[rows] == group)
+        places = (own[:, None] * size + np.arange(size)).ravel()
+        inner = np.linalg.pinv(precision[np.ix_(places, places)], rcond=1e-9, hermitian=True)
+        result[rows[own]] = (inner @ pull[places]).reshape(-1, size)
+    return result

@@ -7,8 +7,9 @@ from dataclasses import dataclass
 from typing import Any, ClassVar, Final, Literal, final
 
 import numpy as np
+from numpy.typing import NDArray
 
-from precision_pin.analyses.calibration.contact import doubt_contact
+from precision_pin.analyses.calibration.contact import doubt_contact, seen_poses
 from precision_pin.analyses.calibration.design import (
     Station,
     UnitNumbers,
@@ -36,13 +37,20 @@ from precision_pin.errors import Finding, InputError
 from precision_pin.inputs.arguments import check_choice, check_items, check_whole
 from precision_pin.measurement.measurement import Measurement
 from precision_pin.model.error_model import ErrorModel
+from precision_pin.robot.pose_set import PoseSet
 from precision_pin.typing import Array
 
 __all__ = ["PLAN_STEPS", "CalibrationPlan", "plan_calibration"]
 
 _STARTS: Final = 3
-PLAN_STEPS: Final = _STARTS + 2
-"""Steps of a plan: an exchange from each start, the bound, and an exchange from it."""
+PLAN_STEPS: Final = _STARTS + 3
+"""Steps of a plan: an exchange from each start, the bound, an exchange from it, and the perturbed choices."""
+_PERTURBED: Final = 10
+"""Exchanges from the best choice with some poses replaced at random."""
+_REPLACED: Final = 0.12
+"""Share of poses that are replaced."""
+_CERTAIN: Final = 0.999
+"""Efficiency at which no better choice is sought."""
 _RANDOM: Final = 25
 """Random choices with which the choice is compared."""
 
@@ -67,7 +75,7 @@ class CalibrationPlan(JsonResult):
     names, q
         Their names, and joint values ``(n, count)``.
     candidates
-        How many there were.
+        How many there were that the instrument sees.
     value, bound
         The measure of the choice, and a bound that no choice of as many candidates can pass: ln det of the information on z
         (largest is best), or the mean square position error without the floor, m² (smallest is best).
@@ -196,7 +204,13 @@ def plan_calibration(
     check_choice("the criterion", criterion, ("task", "D"))
     check_seed(seed)
     values, names = read_poses(model, candidates)
+    hidden = values.shape[1]
+    seen = seen_poses(model.chain, measurement, PoseSet.at(model.chain, np.ascontiguousarray(values), names))
+    if seen is None:
+        raise InputError(f"the instrument sees the target at none of {hidden} candidates")
+    values, names = seen.q, seen.names
     total = values.shape[1]
+    hidden -= total
     count = check_whole(
         "the number of poses to choose", count, 1, total, f"from 1 to {total}, the number of candidates"
     )
@@ -221,7 +235,9 @@ def plan_calibration(
             step(1)
         bound = design.bound(min(choices, key=design.exact_loss), count)
         step(1)
-        chosen = np.sort(min((*choices, design.exchange(bound.rounded)), key=design.exact_loss))
+        chosen = min((*choices, design.exchange(bound.rounded)), key=design.exact_loss)
+        step(1)
+        chosen = np.sort(_perturbed(design, chosen, bound.loss, generator))
         step(1)
     loss = design.exact_loss(chosen)
     efficiency = design.efficiency(loss, bound.loss)
@@ -246,8 +262,28 @@ def plan_calibration(
         random_efficiency=design.efficiency(float(np.median(random)), bound.loss),
         identifiability=found,
         poses=tuple(error_left(one, name, unit, estimator, measurement) for name, one in tasks),
-        findings=(*findings, *_remarks(found, efficiency), *doubt_contact(measurement, nominal)),
+        findings=(*findings, *_remarks(found, efficiency, hidden), *doubt_contact(measurement, nominal)),
     )
+
+
+def _perturbed(
+    design: Design, chosen: NDArray[np.intp], bound: float, generator: np.random.Generator
+) -> NDArray[np.intp]:
+    """Return the best of exchanges that begin at a choice with some of its poses replaced (iterated local search)."""
+    rest = len(design.rows) - len(chosen)
+    replaced = min(max(2, round(_REPLACED * len(chosen))), len(chosen), rest)
+    best = design.exact_loss(chosen)
+    for _ in range(_PERTURBED if replaced else 0):
+        if design.efficiency(best, bound) >= _CERTAIN:
+            break
+        others = np.setdiff1d(np.arange(len(design.rows)), chosen)
+        tried = chosen.copy()
+        tried[generator.permutation(len(chosen))[:replaced]] = generator.permutation(others)[:replaced]
+        tried = design.exchange(tried)
+        loss = design.exact_loss(tried)
+        if loss < best:
+            chosen, best = tried, loss
+    return chosen
 
 
 def _refuse_copies(values: Array) -> None:
@@ -261,8 +297,11 @@ def _refuse_copies(values: Array) -> None:
         )
 
 
-def _remarks(found: Identifiability, efficiency: float) -> tuple[Finding, ...]:
+def _remarks(found: Identifiability, efficiency: float, hidden: int) -> tuple[Finding, ...]:
     remarks = []
+    if hidden:
+        message = f"{hidden} candidates are left out: the target faces away from the instrument by more than the cone"
+        remarks.append(Finding("warning", "W_HIDDEN", message))
     if efficiency < 0.99:
         message = (
             f"the choice is certified to {100 * efficiency:.3g} % of the best only; the bound counts parts of poses, and no "
