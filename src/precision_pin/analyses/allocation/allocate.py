@@ -269,7 +269,7 @@ def _result(
         costs=cost,
         shadow_prices=np.where(graded, 0.0, width[members]),
         lower_bound=None if solution is None else solution.lower_bound,
-        is_proven=not any(isinstance(one, Specification) for one in task.limits),
+        is_proven=all(one.is_convex for one in programme.limits),
         limits=tuple(judged),
         parts=_parts(model, task, found, places[tightest_of(judged)], tightest_of(judged)),
         poses=task.poses,
