@@ -125,7 +125,7 @@ def test_several_limits_with_a_group_and_a_lock(tmp_path: Path) -> None:
     assert result.cost == pytest.approx(least, rel=1e-5)
 
 
-def test_below_ninety_per_cent_no_bound_is_claimed(tmp_path: Path) -> None:
+def test_of_a_low_probability_no_bound_is_claimed(tmp_path: Path) -> None:
     result = pp.allocate(slide_model(tmp_path, law="normal"), _problem(MIXED, ["0.15 mm @ 60 %"], law="normal"))
     assert result.lower_bound is None
     assert result.met

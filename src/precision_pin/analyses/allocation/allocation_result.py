@@ -97,7 +97,7 @@ class AllocationResult(JsonResult):
         where it has grades.
     lower_bound
         No tolerances that keep the first-order limits cost less; ``None`` if infeasible, where the time for a choice of
-        grades ended before one was found, or with the quantile of a norm below 90 %.
+        grades ended before one was found, or with the quantile of a norm below 92 %.
     is_proven
         Whether the lower bound is proven; with the quantile of a norm it rests on the variances that keep it being a convex set.
     limits

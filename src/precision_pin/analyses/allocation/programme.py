@@ -28,7 +28,8 @@ ROUNDING: Final = 1e-9
 _AT_ONCE: Final = 34
 """Points of a way that are tried together."""
 _HALF: Final = 0.5
-_CONVEX: Final = 0.9
+_CONVEX: Final = 0.92
+"""Probability from which on no pair of covariances was found with one between them that does not keep the quantile."""
 _ACTIVE: Final = 1e-5
 """Distance from a limit, relative, below which it is active."""
 
@@ -81,7 +82,7 @@ class Limit:
 
     @property
     def has_bound(self) -> bool:
-        """Whether that is so, or so in all that was tried: the quantile of a norm from 90 % on."""
+        """Whether that is so, or so in all that was tried: the quantile of a norm from 92 % on."""
         return self.is_convex or self.probability >= _CONVEX
 
     def measure(self, t: Array) -> Array:
@@ -138,7 +139,7 @@ class Solution:
         Sum of their costs.
     lower_bound
         No tolerances that keep the limits cost less; of the quantile of a norm if the variances that keep it form a convex
-        set. ``None`` where these do not, below 90 %, or where it was not found in time.
+        set. ``None`` where these do not, below 92 %, or where it was not found in time.
     prices
         Derivative of the least cost with respect to each limit, with its sign changed.
     bound_prices
