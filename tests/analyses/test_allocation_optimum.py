@@ -72,6 +72,12 @@ def test_worst_case_with_a_bound_and_a_mean(tmp_path: Path) -> None:
     assert result.cost <= 1.001 * least
     assert result.after[1] == pytest.approx(0.12e-3)
     assert result.shadow_prices[1] > 0
+    wider = pp.allocate(
+        slide_model(tmp_path, "xxx", mean="0.05 mm"),
+        _problem(SQUARED, [{"worst_case": "0.4 mm"}], max={1: "0.12001 mm"}),
+    )
+    assert result.cost - wider.cost == pytest.approx(1e-8 * result.shadow_prices[1], rel=1e-3)
+    assert f"max, {result.shadow_prices[1] / 1e3:.3g} per mm" in allocation_table(result)
     assert result.gap is not None
     assert result.gap < 1e-6
 
