@@ -23,7 +23,7 @@ __all__ = ["BEGIN", "END", "main", "replaced"]
 
 BEGIN: Final = "<!-- measured: python -m benchmarks -->"
 END: Final = "<!-- end of what was measured -->"
-FURTHER: Final = ("postures", "poses", "variance")
+FURTHER: Final = ("postures", "poses", "variance", "allocation")
 """Modules beside this one that measure and print by themselves."""
 
 

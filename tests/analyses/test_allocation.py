@@ -168,3 +168,23 @@ def test_front_is_the_closed_form_at_every_limit(tmp_path: Path) -> None:
         assert one.lower_bound == pytest.approx(least / one.factor, rel=1e-6)
         assert np.sqrt((one.tolerances**2).sum() / 3) == pytest.approx(0.3e-3 * one.factor, rel=1e-6)
     assert len(result.to_dict()["pareto"]) == 7
+
+
+def test_a_limit_that_holds_nothing_costs_no_rounds(tmp_path: Path) -> None:
+    """The second limit is kept by far, which is no reason to try again."""
+    specs = ["0.3 mm @ 95 %", "2 mm @ 99 %"]
+    one, both = (pp.allocate(slide_model(tmp_path), _problem(*specs[:count])) for count in (1, 2))
+    assert both.after == pytest.approx(one.after)
+    assert both.limits[1].aimed == pytest.approx(0.99)
+    assert both.met
+
+
+def test_what_only_the_first_order_refuses_is_found(tmp_path: Path) -> None:
+    """One uniform error of 0.1 mm is never beyond 0.1 mm; a normal one of its variance is in 8 % of the cases."""
+    model = slide_model(tmp_path)
+    tolerance = {"path": "parameters.a0.uniform", "cost": {"reciprocal": 1}, "min": "0.1 mm", "max": "0.2 mm"}
+    result = pp.allocate(model, {"tolerances": [tolerance], "specs": ["x 0.1 mm @ 95 %"]})
+    assert result.feasible
+    assert result.met
+    # 95 % of a uniform error of 0.1053 mm are within 0.1 mm
+    assert 0.1e-3 < result.after[0] <= 0.1e-3 / 0.95

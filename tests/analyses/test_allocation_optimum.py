@@ -13,6 +13,7 @@ import precision_pin as pp
 from analyses.test_allocation import HALF, slide_model
 from precision_pin.analyses.exact_law.normal_norm import NormalNorm
 from precision_pin.analyses.map.normal_norms import norm_quantile_slopes
+from precision_pin.outputs.allocation.table import allocation_table
 
 Costs = list[tuple[dict[str, object], Callable[[float], float]]]
 
@@ -71,6 +72,12 @@ def test_worst_case_with_a_bound_and_a_mean(tmp_path: Path) -> None:
     assert result.cost <= 1.001 * least
     assert result.after[1] == pytest.approx(0.12e-3)
     assert result.shadow_prices[1] > 0
+    wider = pp.allocate(
+        slide_model(tmp_path, "xxx", mean="0.05 mm"),
+        _problem(SQUARED, [{"worst_case": "0.4 mm"}], max={1: "0.12001 mm"}),
+    )
+    assert result.cost - wider.cost == pytest.approx(1e-8 * result.shadow_prices[1], rel=1e-3)
+    assert f"max, {result.shadow_prices[1] / 1e3:.3g} per mm" in allocation_table(result)
     assert result.gap is not None
     assert result.gap < 1e-6
 
@@ -100,6 +107,7 @@ def test_components_at_three_poses(tmp_path: Path) -> None:
     assert result.met
     assert result.gap is not None
     assert result.gap < 1e-5
+    assert result.is_proven
 
 
 @pytest.mark.filterwarnings("ignore:delta_grad == 0.0")
@@ -121,6 +129,21 @@ def test_several_limits_with_a_group_and_a_lock(tmp_path: Path) -> None:
     least = sum(cost(t) for (_, cost), t in zip(SQUARED, (widest, 0.1e-3, widest), strict=True))
     assert result.after == pytest.approx([widest, 0.1e-3, widest], rel=1e-5)
     assert result.cost == pytest.approx(least, rel=1e-5)
+
+
+def test_of_a_low_probability_no_bound_is_claimed(tmp_path: Path) -> None:
+    result = pp.allocate(slide_model(tmp_path, law="normal"), _problem(MIXED, ["0.15 mm @ 60 %"], law="normal"))
+    assert result.lower_bound is None
+    assert result.met
+    assert "how far above the least is not known" in allocation_table(result)
+
+
+@pytest.mark.filterwarnings("ignore::precision_pin.errors.PrecisionPinWarning")
+def test_a_tolerance_without_effect_is_the_widest(tmp_path: Path) -> None:
+    """Nothing of the sheet turns the tip, so that a limit of the attitude leaves every tolerance at its widest."""
+    result = pp.allocate(slide_model(tmp_path), _problem(SQUARED, ["1 mrad @ 99 %", {"rms": "1 mrad"}]))
+    assert result.after == pytest.approx(100 * HALF)
+    assert result.met
 
 
 @pytest.mark.parametrize("rank", [1, 2, 3])

@@ -33,6 +33,9 @@ SAMPLES: Final = 50_000
 CONFIDENCE: Final = 0.95
 """Of the intervals of all rounds together: that of each has a sixth of what is left (Bonferroni)."""
 _ROUNDS: Final = 6
+_HOLDS: Final = 0.9
+"""Share of a limit, first order, from which it may hold the choice."""
+_SAME: Final = 1e-6
 _SPARE: Final = 0.002
 """Probability that may be left between the lower end of an interval and what is required."""
 
@@ -119,7 +122,9 @@ def _allocate(
         # what cannot be met is verified with the narrowest tolerances
         chosen = (programme.low if solution is None else solution.t)[members]
         made = _Attempt(programme, solution, chosen, np.zeros((3, 0, len(task.poses))))
-        if not chances or (found is not None and found.is_met and np.array_equal(chosen, found.chosen)):
+        if not chances or (
+            found is not None and found.is_met and np.allclose(chosen, found.chosen, rtol=_SAME, atol=0)
+        ):
             found = found or made
             break
         made = replace(made, sampled=_sampled(model, task, chances, chosen, (seed + attempt) % 2**64))
@@ -128,10 +133,19 @@ def _allocate(
         made = replace(made, is_met=bool((spare >= 0).all()))
         if found is None or not found.is_met or (made.is_met and made.cost < found.cost):
             found = made
-        if solution is None or (made.is_met and (spare <= _SPARE).all()):
-            break
         # of several limits only those that hold the choice have something to give back
-        aims = [_next_aim(aim, float(one), made.is_met) for aim, one in zip(aims, spare, strict=True)]
+        holds = [
+            one.measure(programme.low[:, None] if solution is None else solution.t[:, None]).max() > _HOLDS * one.limit
+            for one in programme.limits
+            if one.kind == "quantile"
+        ]
+        # the first order may refuse what the samples show to be kept
+        if (solution is None and not made.is_met) or (made.is_met and not (holds & (spare > _SPARE)).any()):
+            break
+        aims = [
+            _next_aim(aim, float(one), made.is_met) if held or not made.is_met else aim
+            for aim, one, held in zip(aims, spare, holds, strict=True)
+        ]
     assert found is not None
     advance(_ROUNDS - (attempt + 1 if chances else 0))
     result = _result(model, task, found, seed, findings)
@@ -269,11 +283,10 @@ def _result(
         costs=cost,
         shadow_prices=np.where(graded, 0.0, width[members]),
         lower_bound=None if solution is None else solution.lower_bound,
-        is_proven=not any(isinstance(one, Specification) for one in task.limits),
+        is_proven=all(one.is_convex for one in programme.limits),
         limits=tuple(judged),
         parts=_parts(model, task, found, places[tightest_of(judged)], tightest_of(judged)),
         poses=task.poses,
-        # the first order may refuse what the samples show to be kept
         feasible=solution is not None or all(one.met for one in judged),
         findings=findings,
     )

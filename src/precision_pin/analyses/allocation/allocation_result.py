@@ -96,10 +96,10 @@ class AllocationResult(JsonResult):
         What one held by its upper bound would save for each m or rad more; negative at the lower bound, zero between and
         where it has grades.
     lower_bound
-        No tolerances that keep the first-order limits cost less; ``None`` if infeasible, or where the time for a choice of
-        grades ended before one was found.
+        No tolerances that keep the first-order limits cost less; ``None`` if infeasible, where the time for a choice of
+        grades ended before one was found, or with the quantile of a norm below 92 %.
     is_proven
-        Whether the lower bound is proven; with a quantile it rests on the variances that keep it being a convex set.
+        Whether the lower bound is proven; with the quantile of a norm it rests on the variances that keep it being a convex set.
     limits
         The limits with the tolerances chosen.
     parts

@@ -79,7 +79,8 @@ def solve_with_grades(
         relaxed.add_tangents(t)
         relaxed.cut(t)
         advance(1)
-    return replace(best, lower_bound=min(bound, best.cost) if np.isfinite(bound) else None)
+    known = np.isfinite(bound) and all(one.has_bound for one in programme.limits)
+    return replace(best, lower_bound=min(bound, best.cost) if known else None)
 
 
 def _with_grades(programme: Programme, fixed: NDArray[np.bool_], t: Array) -> Solution | None:

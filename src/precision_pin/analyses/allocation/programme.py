@@ -27,6 +27,9 @@ ROUNDING: Final = 1e-9
 """Excess of a limit, relative, that is rounding."""
 _AT_ONCE: Final = 34
 """Points of a way that are tried together."""
+_HALF: Final = 0.5
+_CONVEX: Final = 0.92
+"""Probability from which on no pair of covariances was found with one between them that does not keep the quantile."""
 _ACTIVE: Final = 1e-5
 """Distance from a limit, relative, below which it is active."""
 
@@ -72,6 +75,16 @@ class Limit:
     def __post_init__(self) -> None:
         fix_fields(self)
 
+    @property
+    def is_convex(self) -> bool:
+        """Whether the variances that keep the limit form a convex set; of a component's quantile they are below a number."""
+        return self.kind != "quantile" or (len(self.rows) == 1 and self.probability >= _HALF)
+
+    @property
+    def has_bound(self) -> bool:
+        """Whether that is so, or so in all that was tried: the quantile of a norm from 92 % on."""
+        return self.is_convex or self.probability >= _CONVEX
+
     def measure(self, t: Array) -> Array:
         """Return what is limited, for tolerances ``(n, m)``: ``(m, places)``; places are poses, or rows times poses."""
         if self.kind == "worst_case":
@@ -95,7 +108,7 @@ class Limit:
             by_tolerance = (self.parts[:, :, 0] * t[:, None, None]).reshape(len(t), -1)
             return np.asarray(by_tolerance / np.maximum(value, 1e-300))
         if self.kind == "rms":
-            return np.asarray(np.einsum("niip,n->np", self.parts, t**2) / np.maximum(value, 1e-300) ** 2)
+            return np.asarray(np.einsum("niip,n->np", self.parts, t**2) / np.maximum(value**2, 1e-300))
         mean, covariance = self._vectors(t[:, None])
         rows = len(self.mean)
         slopes = norm_quantile_slopes(mean, covariance, value)[:rows, :rows]
@@ -125,8 +138,8 @@ class Solution:
     cost
         Sum of their costs.
     lower_bound
-        No tolerances that keep the limits cost less, of quantiles if the variances that keep them form a convex set;
-        ``None`` where it was not found in time.
+        No tolerances that keep the limits cost less; of the quantile of a norm if the variances that keep it form a convex
+        set. ``None`` where these do not, below 92 %, or where it was not found in time.
     prices
         Derivative of the least cost with respect to each limit, with its sign changed.
     bound_prices
@@ -223,7 +236,8 @@ class Programme:
             multipliers[active] = optimize.nnls(gradient * weights[:, None], falls[free] * weights)[0]
         total = tuple(float(multipliers[places == k].sum() / one.limit) for k, one in enumerate(self.limits))
         rest = (falls - np.hstack(slopes) @ multipliers) / t
-        bound = self._lower_bound(t, slopes, multipliers, places)
+        convex = all(one.has_bound for one in self.limits)
+        bound = self._lower_bound(t, slopes, multipliers, places) if convex else None
         return Solution(t, float(self.cost_of(t).sum()), bound, total, np.where(free, 0.0, rest))
 
     def _lower_bound(self, t: Array, slopes: Sequence[Array], multipliers: Array, places: NDArray[np.intp]) -> float:
@@ -243,7 +257,7 @@ class Programme:
             elif one.kind == "quantile":
                 half = slopes[k] @ own / 2
                 square += half / t**2
-                constant += float(own @ np.log(one.measure(t[:, None])[0] / one.limit) - half.sum())
+                constant += float(own @ np.log(np.maximum(one.measure(t[:, None])[0], 1e-300) / one.limit) - half.sum())
             else:
                 own = own / one.limit
                 still = (np.abs(one.mean) + one.fixed[:, 0]).reshape(-1)

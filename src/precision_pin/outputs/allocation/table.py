@@ -8,6 +8,7 @@ from precision_pin.analyses.allocation.allocation_result import AllocatedLimit, 
 from precision_pin.analyses.allocation.error_parts import MEAN, SourcePart
 from precision_pin.display.tables import resting_on
 from precision_pin.display.text_table import aligned
+from precision_pin.units import LENGTH
 from precision_pin.visible import shortened, visible
 
 __all__ = [
@@ -57,9 +58,12 @@ def allocation_table(result: AllocationResult) -> str:
 def tolerance_rows(result: AllocationResult) -> list[list[str]]:
     """Return a heading, then a row for each tolerance."""
     rows = [["tolerance", "before", "after", "cost", "held by"]]
-    for one, after, cost in zip(result.tolerances, result.after.tolist(), result.costs.tolist(), strict=True):
+    columns = (result.after.tolist(), result.costs.tolist(), result.shadow_prices.tolist())
+    for one, after, cost, price in zip(result.tolerances, *columns, strict=True):
         before = one.written(one.before).removeprefix("±")
         held = "max" if after >= one.high * (1 - 1e-7) else "min" if after <= one.low * (1 + 1e-7) else "-"
+        if held != "-" and price:
+            held += f", {abs(price) / 1e3:.3g} per {'mm' if one.unit in LENGTH.units else 'mrad'}"
         if one.grades is not None:
             held = f"grade {one.grade(after)}".rstrip()
         number, unit = one.written(after).removeprefix("±").split(" ", 1)
