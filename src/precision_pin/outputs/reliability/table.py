@@ -33,9 +33,8 @@ def table(result: ReliabilityResult) -> str:
         for specification in entry.specifications:
             lines += ["", *_specification_lines(specification)]
         blocks.append("\n".join(lines))
-    return "\n\n".join(
-        [*blocks, *resting_on(provenance.assumed, provenance.sources, provenance.origins, provenance.origins_at)]
-    )
+    resting = resting_on(provenance.assumed, provenance.sources, provenance.origins, provenance.origins_at)
+    return "\n\n".join([*blocks, *(["\n".join(resting)] if resting else [])])
 
 
 def _specification_lines(entry: SpecificationReliability) -> list[str]:
