@@ -173,7 +173,6 @@ def test_a_group_is_left_out_as_a_fit_without_it_does(tmp_path: Path) -> None:
         tip = without.predict(q[:, k])
         away = readings[k] - tip[:3, 3] - tip[:3, :3] @ OFF_AXIS
         np.testing.assert_allclose(found.left_out[k], away, rtol=2e-2, atol=2e-7)
-    assert found.rms("left out") > pp.calibrate(model, (q, readings), TRACKER).rms("left out")
 
 
 def test_a_planted_backlash_is_noticed() -> None:
@@ -349,8 +348,8 @@ def test_contact_recovers_a_robot_and_its_places(kind: str, tmp_path: Path) -> N
     key = "sockets" if kind == "socket" else "plane"
     at = pp.Measurement(kind, std=20e-6, target=OFF_AXIS, **{key: place})  # type: ignore[arg-type]
     x = model.space.sample(3, 0, 1)[:, 0]
-    noise = np.random.default_rng(1).normal(0, at.std, (40, at.size))
-    q = touching(model, at, contact_poses(model.chain, at, 40).q, x, noise)
+    noise = np.random.default_rng(1).normal(0, at.std, (25, at.size))
+    q = touching(model, at, contact_poses(model.chain, at, 25).q, x, noise)
     guess = tuple((a + 3e-3, b, c) for a, b, c in place) if kind == "socket" else ((0.0, 0.0, 0.503), place[1])
     free = pp.Measurement(kind, std=20e-6, target=OFF_AXIS, base="free", **{key: guess})  # type: ignore[arg-type]
     header = ", ".join(f"{name} [rad]" for name in model.chain.joint_names)
