@@ -309,6 +309,8 @@ def _measured_poses(sheet: Sheet, options: _Options, count: int, measurement: Me
     check_whole("the number of random poses", number, 1, _MOST)
     if measurement.kind in ("plane", "socket"):
         return contact_poses(sheet.chain, measurement, number, seed=options["seed"]), sheet
+    if measurement.seen_from is None:
+        return random_poses(sheet.chain, number, seed=options["seed"]), sheet
     seen = seen_poses(sheet.chain, measurement, random_poses(sheet.chain, _DRAWN * number, seed=options["seed"]))
     if seen is None or len(seen) < number:
         found = 0 if seen is None else len(seen)

@@ -139,7 +139,7 @@ def json_schema(kinds: Mapping[str, type[Source]] | None = None) -> dict[str, An
     """Return the JSON schema of a sheet."""
     schema = Document.model_json_schema(by_alias=True)
     definitions: dict[str, Any] = schema.pop("$defs", {}) | {"law": _law_schema()}
-    definitions["MeasurementEntry"]["properties"]["target_known"]["enum"] = _FLAG
+    definitions["MeasurementEntry"]["properties"]["target_known"] |= {"type": ["boolean", "string"], "enum": _FLAG}
     choices = []
     for name, kind in (kinds or catalogue()).items():
         definition = _with_references(source_model(kind).model_json_schema())
