@@ -211,9 +211,12 @@ def test_a_choice_that_is_cut_short_is_the_best_so_far_with_its_gap() -> None:
     )
     found = solve_with_grades(programme, [one.widths for one in grades], 1e-9, lambda _: None)
     assert found is not None
-    assert found.lower_bound is None
+    assert found.lower_bound is not None
     assert programme.exceeded(found.t).max() <= 0
-    assert found.cost < float(programme.cost_of(programme.low).sum())
+    whole = solve_with_grades(programme, [one.widths for one in grades], 60.0, lambda _: None)
+    assert whole is not None
+    assert found.lower_bound <= whole.lower_bound * (1 + 1e-9)  # type: ignore[operator]
+    assert whole.cost <= found.cost < 1.2 * whole.cost
 
 
 def test_nothing_but_the_line_of_the_solver_is_lost(capfd: pytest.CaptureFixture[str]) -> None:

@@ -28,9 +28,13 @@ _GAP: Final = 1e-6
 """Share of the cost that may be left between the bounds."""
 _NEAR: Final = 1e-4
 """Distance from a limit, relative, below which its tangent is added."""
+_BEYOND: Final = 1.5
+"""Factor on tolerances that keep the limits, after which the way to them leaves the limits near by."""
 _TANGENTS: Final = 12
 """Tangents of each tolerance without grades to begin with."""
 _ROUNDS: Final = 1000
+_LEAST_TIME: Final = 0.5
+"""Seconds that the first lower bound has in any case."""
 
 
 def solve_with_grades(
@@ -57,12 +61,14 @@ def solve_with_grades(
     if fixed.all():
         best = _with_grades(programme, fixed, _widened(programme, choices)) or best
     relaxed = _Relaxation(programme, choices, abs(best.cost) or 1.0)
+    relaxed.cut(programme.high)
+    relaxed.cut(best.t * _BEYOND)
     bound, seen = -np.inf, set[bytes]()
-    for _ in range(_ROUNDS):
+    for k in range(_ROUNDS):
         left = end - monotonic()
-        if left <= 0:
+        if left <= 0 and k:
             break
-        t, found = relaxed.solve(left)
+        t, found = relaxed.solve(max(left, _LEAST_TIME))
         gained, bound = found - bound, max(bound, found)
         if t is None or best.cost - bound <= _GAP * abs(best.cost):
             break
@@ -101,9 +107,10 @@ def _widened(programme: Programme, choices: Sequence[Array | None]) -> Array:
         tried = np.tile(t[:, None], len(steps))
         for column, k in enumerate(steps):
             tried[k, column] = lists[k][places[k] + 1]
-        used = programme.shares(tried)
+        used, before = programme.shares(tried), programme.shares(t[:, None])
         saved = programme.cost_of(t[:, None]).sum() - programme.cost_of(tried).sum(axis=0)
-        worth = np.where(used.max(axis=1) <= 1, saved / np.maximum((used**2).sum(axis=1), 1e-300), -np.inf)
+        lost = np.maximum((used**2 - before**2).sum(axis=1), 1e-12)
+        worth = np.where(used.max(axis=1) <= 1, saved / lost, -np.inf)
         chosen = int(worth.argmax())
         if not np.isfinite(worth[chosen]):
             return t

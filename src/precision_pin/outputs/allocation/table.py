@@ -84,7 +84,7 @@ def verdict_lines(result: AllocationResult) -> list[str]:
     certified = (
         "how far above the least is not known"
         if gap is None
-        else f"at most {max(100 * gap, _LEAST_GAP):.2g} % above the least"
+        else f"at most {max(100 * gap, _LEAST_GAP):.2g} % above the least of the first order"
     )
     if gap is not None and not result.is_proven:
         certified += " (bound not proven)"
