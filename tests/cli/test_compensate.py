@@ -17,8 +17,9 @@ def test_the_first_lines_answer_the_question(run):
     done = run("compensate", SHEET)
     assert done.code == 0
     lines = done.out.splitlines()
-    assert "position corrected" in lines[0]
-    assert any(line.startswith("|d| at the means: from 36.77 mm at worst") and "to 0 mm" in line for line in lines)
+    assert lines[0].startswith("|d| at the means: from 36.77 mm at worst")
+    assert "to 0 mm" in lines[0]
+    assert any("position corrected" in line for line in lines)
     assert max(map(len, lines)) <= 100
 
 
@@ -82,3 +83,24 @@ def test_wrong_input_is_one_line(run, new_files, options, message):
     assert len(done.said) == 1
     assert message in done.said[0]
     assert new_files() == set()
+
+
+def test_a_page_shows_the_arm_before_and_after(run, folder):
+    (folder / "way.csv").write_text(WAY)
+    made = run("view", SHEET, "--samples", "20", "--compensate", "way.csv", "--out", "page.html")
+    assert made.code == 0
+    assert "at the means: from" in (folder / "page.html").read_text("utf-8")
+    for command in ("view", "report"):
+        refused = run(command, SHEET, "--compensate", "nosuch.csv", "--out", "other.html")
+        assert (refused.code, len(refused.said)) == (2, 1)
+        assert not (folder / "other.html").exists()
+
+
+@pytest.mark.slow
+def test_a_report_has_a_section_about_it(run, folder):
+    (folder / "way.csv").write_text(WAY)
+    made = run("report", SHEET, "--samples", "500", "--compensate", "way.csv", "--out", "page.html")
+    assert made.code == 0
+    page = (folder / "page.html").read_text("utf-8")
+    assert 'href="#compensation"' in page
+    assert "--compensate way.csv" in page

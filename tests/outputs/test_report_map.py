@@ -9,6 +9,7 @@ import pytest
 
 import precision_pin as pp
 from outputs.report_cases import Reader, paper
+from precision_pin.outputs.map.section import map_chapter
 from precision_pin.outputs.report.page import page
 
 pytestmark = [pytest.mark.slow, pytest.mark.filterwarnings("ignore::precision_pin.errors.PrecisionPinWarning")]
@@ -19,7 +20,7 @@ def test_the_map_has_a_section_and_its_verdict_stands_at_the_top():
     model = results.model
     q = model.configuration("paper")[:, None] + np.outer([0, 1, 0, 0], np.linspace(-1, 1, 30))
     found = pp.map_poses(model, q, specifications=["50 mm", "1 m"], verify=1)
-    text = page(results, found)
+    text = page(results, [map_chapter(found)])
     reader = Reader(text)
     sections = [tag.attributes["id"] for tag in reader.named("section")]
     assert sections[sections.index("map") + 1] == "view"

@@ -29,10 +29,12 @@ from precision_pin.errors import Finding, InputError
 
 if TYPE_CHECKING:
     from precision_pin.analyses.compensation.compensation_result import CompensationResult
+    from precision_pin.model.error_model import ErrorModel
+    from precision_pin.robot.pose_set import PoseSet
     from precision_pin.robot.pose_sources.trajectory import Column
     from precision_pin.sheet import Sheet
 
-__all__ = ["command"]
+__all__ = ["command", "compensation_of"]
 
 
 class _Options(ChainOptions, PoseOptions):
@@ -109,6 +111,17 @@ def command(**options: Unpack[_Options]) -> int:
         echo_table(compensation_table(result))
     _write(result, columns, options)
     return 0 if result.is_complete else EXIT_SPEC
+
+
+def compensation_of(model: ErrorModel, poses: PoseSet) -> CompensationResult:
+    """Return the compensation of the position for a page that shows it; print its warnings."""
+    from precision_pin.analyses.compensation.compensate import compensate
+
+    with progress_bar(len(poses), "correcting", "poses") as progress:
+        result = compensate(model, poses, progress=progress)
+    for line in result.warnings:
+        say(line)
+    return result
 
 
 def _weights(text: str | None) -> list[float] | None:

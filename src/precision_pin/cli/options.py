@@ -19,6 +19,7 @@ __all__ = [
     "PoseOptions",
     "SamplingCommand",
     "chain_options",
+    "compensation_option",
     "describe_excess",
     "inputs_argument",
     "map_option",
@@ -183,6 +184,13 @@ path_option: Final = click.option(
     "path_file",
     metavar="FILE",
     help="Show a path, a file as for --trajectory or --grid: what 95 % of robots keep at its points and all along it.",
+)
+
+compensation_option: Final = click.option(
+    "--compensate",
+    "compensate_file",
+    metavar="FILE",
+    help="Correct the poses of a file as for --trajectory or --grid in position; show the arm before and after.",
 )
 
 

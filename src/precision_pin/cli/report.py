@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Final, Literal, Unpack, final
 import click
 
 from precision_pin.cli import EXIT_SPEC
+from precision_pin.cli.compensate import compensation_of
 from precision_pin.cli.inputs import read_sheet
 from precision_pin.cli.map import map_of
 from precision_pin.cli.notes import all_warnings_option, echo_note, quiet_option
@@ -18,6 +19,7 @@ from precision_pin.cli.options import (
     PoseOptions,
     SamplingCommand,
     chain_options,
+    compensation_option,
     inputs_argument,
     map_option,
     model_option,
@@ -66,6 +68,7 @@ class _Arm(ChainOptions, PoseOptions):
 @spec_option
 @map_option
 @path_option
+@compensation_option
 @click.option(
     "--iso9283",
     "test_at",
@@ -83,6 +86,7 @@ def command(
     specs: tuple[str, ...],
     map_file: str | None,
     path_file: str | None,
+    compensate_file: str | None,
     test_at: str | None,
     is_allocated: bool,
     out: str,
@@ -104,19 +108,23 @@ def command(
     check_poses(arm)
     target = PageOutput(out, "report.html")
     target.check()
-    target.outputs.refuse_inputs([*pose_files(arm), *(file for file in (map_file, path_file) if file is not None)])
+    target.outputs.refuse_inputs(
+        [*pose_files(arm), *(file for file in (map_file, path_file, compensate_file) if file is not None)]
+    )
     package_dirs = arm["package_dirs"]
     sheet = read_sheet(arm, target.outputs)
     asked = _choose_poses(sheet, arm)
     sheet, poses = asked.noted_in(sheet), [pose.where for pose in asked]
     places = None if map_file is None else read_grid(sheet, map_file)
     way = None if path_file is None else read_path(sheet, path_file)
+    amended = None if compensate_file is None else read_path(sheet, compensate_file)
     if is_allocated:
         _check_allocation(sheet)
     from precision_pin.analyses.allocation.allocate import allocate
     from precision_pin.analyses.map.map_poses import VERIFIED
     from precision_pin.model.error_model import ErrorModel
     from precision_pin.outputs.allocation.section import allocation_chapter
+    from precision_pin.outputs.compensation.section import compensation_chapter
     from precision_pin.outputs.iso9283.section import iso9283_chapter
     from precision_pin.outputs.map.section import map_chapter
     from precision_pin.outputs.path.section import path_chapter
@@ -128,6 +136,7 @@ def command(
     compile_sampler(space, model)
     options: dict[str, tuple[str | None, ...]] = {"--pose": arm["pose_names"], "--q": arm["qs"]}
     files = {"--trajectory": arm["trajectory"], "--grid": arm["grid"], "--map": map_file, "--path": path_file}
+    files |= {"--compensate": compensate_file}
     options |= {option: (None if file is None else _name(file),) for option, file in files.items()}
     options |= {"--approach": (arm["approach"],)}
     options |= {"--step": arm["steps"]}
@@ -141,7 +150,7 @@ def command(
     ]
     given += ["--all-poses"] if arm["all_poses"] else []
     given += ["--allocate"] if is_allocated else []
-    asked_for = sum(one is not None for one in (map_file, path_file, test_at)) + is_allocated
+    asked_for = sum(one is not None for one in (map_file, path_file, compensate_file, test_at)) + is_allocated
     step = _Steps(count_steps(specifications, len(poses)) + asked_for)
     found = collect_poses(
         sheet,
@@ -165,6 +174,10 @@ def command(
             along = path_of(sheet, way, seed, specifications)
             chapters.append(path_chapter(along))
             met_there &= along.met
+    if amended is not None:
+        with step("compensation", 0):
+            error_model = ErrorModel.from_sheet(sheet)
+            chapters.append(compensation_chapter(compensation_of(error_model, amended), error_model))
     if test_at is not None:
         with step("ISO 9283", 0):
             chapters.append(iso9283_chapter(_test(sheet, poses, test_at, seed)))

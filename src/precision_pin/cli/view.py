@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, Literal, Unpack
 import click
 
 from precision_pin.cli import EXIT_SPEC
+from precision_pin.cli.compensate import compensation_of
 from precision_pin.cli.inputs import echo_findings, read_sheet
 from precision_pin.cli.map import map_of
 from precision_pin.cli.notes import all_warnings_option, echo_note, quiet_option
@@ -19,6 +20,7 @@ from precision_pin.cli.options import (
     PoseOptions,
     SamplingCommand,
     chain_options,
+    compensation_option,
     inputs_argument,
     map_option,
     model_option,
@@ -65,6 +67,7 @@ class _Arm(ChainOptions, PoseOptions):
 @spec_option
 @map_option
 @path_option
+@compensation_option
 @click.option("--factor", type=float, metavar="K", help="Exaggeration at first; chosen to be seen if left out.")
 @click.option(
     "--out",
@@ -82,6 +85,7 @@ def command(
     specs: tuple[str, ...],
     map_file: str | None,
     path_file: str | None,
+    compensate_file: str | None,
     factor: float | None,
     out: str | None,
     port: int | None,
@@ -108,7 +112,7 @@ def command(
     if out is not None and (port is not None or no_browser):
         option = "--no-browser" if port is None else "--port"
         raise InputError([Finding("error", "E_USAGE", f"{option} is for a page that is served, without --out")])
-    layered = [file for file in (map_file, path_file) if file is not None]
+    layered = [file for file in (map_file, path_file, compensate_file) if file is not None]
     target = None if out is None else PageOutput(out, "view.html")
     outputs = None if target is None else target.outputs
     if target is not None and outputs is not None:
@@ -121,7 +125,7 @@ def command(
         return read_sheet(arm, outputs)
 
     def page_of(sheet: Sheet) -> str:
-        layers = _layers(sheet, map_file, path_file, seed)
+        layers = _layers(sheet, map_file, path_file, compensate_file, seed)
         shown, remarks = _sampled(_poses(sheet, arm), sheet, samples, seed, model)
         kept.append(limits_kept(shown, specifications))
         return page(
@@ -149,8 +153,12 @@ def command(
     return 0 if all(kept) else EXIT_SPEC
 
 
-def _layers(sheet: Sheet, map_file: str | None, path_file: str | None, seed: int) -> list[Layer]:
+def _layers(
+    sheet: Sheet, map_file: str | None, path_file: str | None, compensate_file: str | None, seed: int
+) -> list[Layer]:
     """Return what is shown beside the arm."""
+    from precision_pin.model.error_model import ErrorModel
+    from precision_pin.outputs.view.compensated import CompensationLayer
     from precision_pin.outputs.view.path_band import PathLayer
     from precision_pin.outputs.view.places import PlacesData
 
@@ -159,6 +167,10 @@ def _layers(sheet: Sheet, map_file: str | None, path_file: str | None, seed: int
         layers.append(PlacesData.of(map_of(sheet, read_grid(sheet, map_file), seed)))
     if path_file is not None:
         layers.append(PathLayer.of(path_of(sheet, read_path(sheet, path_file), seed)))
+    if compensate_file is not None:
+        model = ErrorModel.from_sheet(sheet)
+        made = compensation_of(model, read_path(sheet, compensate_file))
+        layers.append(CompensationLayer.of(made, model))
     return layers
 
 

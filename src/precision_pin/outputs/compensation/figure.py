@@ -7,6 +7,7 @@ from typing import Final
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from precision_pin.analyses.compensation.compensation_result import CompensationResult
 from precision_pin.display.tables import symbol
@@ -27,7 +28,7 @@ from precision_pin.visible import visible
 
 __all__ = ["figure"]
 
-_MOST_NAMED: Final = 24
+_MOST_NAMED: Final = 12
 _MOST_LETTERS: Final = 18
 _MOST_LEVEL: Final = 40
 
@@ -80,3 +81,4 @@ def _draw(axes: Axes, result: CompensationResult, norm: int) -> None:
         axes.set_xlim(0.5, len(places) + 0.5)
     else:
         axes.set_xlabel("pose, in the order given")
+        axes.xaxis.set_major_locator(MaxNLocator(nbins=8, integer=True))

@@ -12,10 +12,11 @@ from precision_pin.display.text_table import aligned
 from precision_pin.typing import Array
 from precision_pin.visible import shortened, shown, visible
 
-__all__ = ["compensation_table"]
+__all__ = ["EXPLANATION", "compensation_table", "headline", "pose_rows", "setting_lines"]
 
 _MOST_ROWS: Final = 20
 _MOST_LETTERS: Final = 16
+EXPLANATION: Final = "first: what one step with the nominal Jacobian leaves; 95 %: quantile of |d| in mm, first order"
 _ZERO: Final = 1e-9
 """Errors (m and rad) below which nothing is left to correct."""
 _CORRECTED: Final = {"position": "position", "pose": "position and attitude"}
@@ -28,32 +29,31 @@ _REASONS: Final = {
 
 def compensation_table(result: CompensationResult) -> str:
     """Return what the correction leaves: the worst pose first in words, then a row for each pose, mm and mrad."""
-    of = result.provenance
-    made = result.correction
-    goal = _CORRECTED[result.mode] if result.weights is None else "weighted position and attitude"
-    count = len(result.poses)
-    poses = f"{count:,} pose{'s' if count > 1 else ''}"
-    lines = [
-        f"{visible(of.robot)}: {visible(of.base)} to {visible(of.tip)}, {poses}, {goal} corrected",
-        f"error with every component at its mean, exact model, statics {of.statics}; base axes",
-        "",
-        *_headline(result),
-        "",
-        *aligned([_header(), *(_row(result, pose) for pose in _listed(result))]),
-    ]
-    hidden = len(result.poses) - len(_listed(result))
+    rows = pose_rows(result)
+    lines = [*headline(result), "", *setting_lines(result), "", *aligned(rows)]
+    hidden = len(result.poses) - len(rows) + 1
     lines += [f"{hidden:,} more poses are in the JSON"] if hidden else []
-    refused = [reason for reason in _REASONS if reason in made.status]
+    refused = [reason for reason in _REASONS if reason in result.correction.status]
     lines += [f"{reason}: {_REASONS[reason]}" for reason in refused]
-    lines += [
-        "",
-        "first: what one step with the nominal Jacobian leaves; 95 %: quantile of |d| in mm, first order",
-    ]
-    lines += resting_on(of.assumed, of.sources, of.origins, of.origins_at)
+    of = result.provenance
+    lines += ["", EXPLANATION, *resting_on(of.assumed, of.sources, of.origins, of.origins_at)]
     return "\n".join(lines)
 
 
-def _headline(result: CompensationResult) -> list[str]:
+def setting_lines(result: CompensationResult) -> list[str]:
+    """Return the robot, how many poses, and what was corrected."""
+    of = result.provenance
+    goal = _CORRECTED[result.mode] if result.weights is None else "weighted position and attitude"
+    count = len(result.poses)
+    poses = f"{count:,} pose{'s' if count > 1 else ''}"
+    return [
+        f"{visible(of.robot)}: {visible(of.base)} to {visible(of.tip)}, {poses}, {goal} corrected",
+        f"error with every component at its mean, exact model, statics {of.statics}; base axes",
+    ]
+
+
+def headline(result: CompensationResult) -> list[str]:
+    """Return the largest errors before and after, and how many poses have no correction."""
     made = result.correction
     corrected = np.array([status == "corrected" for status in made.status])
     if not corrected.any():
@@ -88,10 +88,12 @@ def _listed(result: CompensationResult) -> list[int]:
     return sorted(poses, key=lambda pose: (status[pose] == "corrected", -np.nan_to_num(size[pose])))[:_MOST_ROWS]
 
 
-def _header() -> list[str]:
-    return [
+def pose_rows(result: CompensationResult) -> list[list[str]]:
+    """Return a header and a row for each pose, mm and mrad: where there are many, those without a correction, then the worst."""
+    header = [
         "pose", "|d| mm", "first", "after", "|δ| mrad", "after", "95 %", "after", "what remains", "status",
     ]  # fmt: skip
+    return [header, *(_row(result, pose) for pose in _listed(result))]
 
 
 def _row(result: CompensationResult, pose: int) -> list[str]:

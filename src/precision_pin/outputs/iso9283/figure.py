@@ -79,7 +79,13 @@ def _draw(axes: Axes, result: Iso9283Result, name: str) -> None:
                 linestyle="",
                 label="measured",
             )
-    labels = [f"{pose}\n{shortened(visible(at.label.name), _MOST_LETTERS)}" for pose, at in result.poses.items()]
+    if name == "RP" and all(float(law.sorted[-1]) == 0 for law in laws):
+        axes.text(0.5, 0.5, "0: every cycle is as the first", ha="center", transform=axes.transAxes)
+    # poses of the cube have no name but P1 to P5
+    names = [("" if at.label.name == pose else at.label.name) for pose, at in result.poses.items()]
+    labels = [
+        f"{pose}\n{shortened(visible(name), _MOST_LETTERS)}" for pose, name in zip(result.poses, names, strict=True)
+    ]
     axes.set_xticks(np.arange(1, len(laws) + 1), [label.rstrip() for label in labels])
     axes.set_xlim(0.4, len(laws) + 0.6)
     axes.set_ylim(bottom=0)

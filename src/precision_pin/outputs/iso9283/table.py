@@ -149,7 +149,14 @@ def position_rows(result: Iso9283Result) -> list[list[str]]:
     rows = [["mm", "", "AP median", "95 %", "interval", "RP median", "95 %", "interval", "many cycles"]]
     for pose, at in result.poses.items():
         figures = [cell for law in (at.AP, at.RP) for cell in (_quantile(law, 0.5)[0], *_quantile(law, 0.95))]
-        rows.append([pose, shown(at.label.name) if at.label.name else "", *figures, milli(at.RP_limit.mean, 4)])
+        rows.append(
+            [
+                pose,
+                shown(at.label.name) if at.label.name not in ("", None, pose) else "",
+                *figures,
+                milli(at.RP_limit.mean, 4),
+            ]
+        )
     return rows
 
 

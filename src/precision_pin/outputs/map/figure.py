@@ -34,6 +34,7 @@ __all__ = ["figure", "layout_of"]
 
 _MOST_NAMED: Final = 24
 """Most poses that are drawn as a list, with their names below the axis."""
+_MOST_TICKS: Final = 6
 _MOST_LETTERS: Final = 18
 _MOST_LEVEL: Final = 60
 _STYLES: Final = ((SKY, ":"), (BLUE, "-"), (PURPLE, "--"))
@@ -127,6 +128,9 @@ def figure(result: MapResult, quantity: str = "position", level: float = 0.95) -
     with style():
         made = new_figure(DOUBLE_COLUMN)
         is_curve = layout.kind in ("path", "list")
+        if not is_curve:
+            # panels of equal axes leave room beside them: closed up, with their bars
+            made.set_layout_engine("compressed")
         subplots: dict[str, Any] = {"projection": "3d"} if layout.kind == "space" else {}
         axes = np.atleast_1d(made.subplots(1, 1 if is_curve else len(panels), subplot_kw=subplots, squeeze=True))
         missed = _missed(result)[nodes]
@@ -136,14 +140,20 @@ def figure(result: MapResult, quantity: str = "position", level: float = 0.95) -
                 _draw_curves(on, result, layout, values * unit.per_si, title, nodes)
             else:
                 _draw_field(
-                    made, on, layout, values[rank] * unit.per_si, missed, f"{symbol(f'{quantity}.norm')} [{unit.name}]"
+                    made,
+                    on,
+                    layout,
+                    values[rank] * unit.per_si,
+                    missed & (not title),
+                    f"{symbol(f'{quantity}.norm')} [{unit.name}]",
                 )
                 on.set_title(title)
         if is_curve:
             axes[0].set_ylabel(f"{symbol(f'{quantity}.norm')} [{unit.name}]")
             axes[0].set_ylim(bottom=0)
         several = result.poses.node is not None and len(nodes) < len(result.poses)
-        caption = f"first order, closed form{'; the worst branch and tool angle of each place' if several else ''}"
+        alone = "; one branch of each place, neighbours may have others" if result.poses.node is not None else ""
+        caption = f"first order, closed form{'; the worst branch and tool angle of each place' if several else alone}"
         entries, below = labelled(axes.tolist()), wrapped(caption, made)
         what = (
             symbol(f"{quantity}.norm")
@@ -153,7 +163,11 @@ def figure(result: MapResult, quantity: str = "position", level: float = 0.95) -
         title = f"{what}: {visible(result.provenance.robot, 60)} at {len(nodes):,} poses"
         made.suptitle("\n".join(wrapped(title, made)))
         legend_below(made, entries, 4, below)
-        set_height(made, (80.0 if is_curve else 95.0) + (len(below) + 1 + len(entries) / 4) * LINE_HEIGHT)
+        set_height(
+            made,
+            (80.0 if is_curve else 95.0 if len(panels) == 1 else 80.0)
+            + (len(below) + 1 + len(entries) / 4) * LINE_HEIGHT,
+        )
     return made
 
 
@@ -229,6 +243,8 @@ def _draw_field(made: Figure, axes: Any, layout: _Layout, values: Array, missed:
     axes.set_xlabel(layout.names[0])
     axes.set_ylabel(layout.names[1])
     axes.set_aspect("equal")
+    if layout.kind == "plane":
+        axes.locator_params(nbins=_MOST_TICKS, steps=[1, 2, 5, 10])
     if layout.kind == "space":
         axes.set_zlabel(layout.names[2])
     made.colorbar(mesh, ax=axes, label=label, shrink=0.85, pad=0.1 if layout.kind == "space" else 0.02)

@@ -7,6 +7,7 @@ from typing import Final
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from precision_pin.analyses.path.path_result import PathResult
 from precision_pin.display.tables import symbol
@@ -87,6 +88,7 @@ def _draw(axes: Axes, result: PathResult, norm: int) -> None:
         axes.set_xticks(places, labels, rotation=45 if turned else 0, ha="right" if turned else "center")
     else:
         axes.set_xlabel("pose, in the order given")
+        axes.xaxis.set_major_locator(MaxNLocator(nbins=8, integer=True))
     # room for the markers of single poses
     room = 0.03 * float(np.ptp(places)) if marker else 0.0
     axes.set_xlim(float(places.min()) - room, (float(places.max()) + room) if np.ptp(places) > 0 else None)

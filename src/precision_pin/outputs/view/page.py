@@ -55,6 +55,7 @@ _SCRIPTS: Final = (
     "stage",
     "cloud",
     "path",
+    "compensation",
     "frames",
     "arms",
     "tolerances",

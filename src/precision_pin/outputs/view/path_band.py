@@ -84,7 +84,7 @@ class PathLayer:
             f'<p id="path-answer">{escaped(answer)}</p>{self.scale.bar()}'
             '<ul class="legend controls"><li><label><input type="checkbox" id="show-path" checked>'
             f'<i class="line"></i><span>{escaped(words)}</span></label></li></ul>'
-            '<p class="fine">The radii of the tubes are drawn <span id="path-times"></span> times too large.</p></section>'
+            '<p class="fine">The radii of the tubes are drawn at <span id="path-times"></span> times their size.</p></section>'
         )
 
 

@@ -16,6 +16,8 @@ from precision_pin.typing import Array
 
 __all__ = ["MOST_POSES", "check_grid_size", "joint_grid"]
 
+_DECIMALS: Final = 9
+"""Of values in names, mm and degrees."""
 MOST_POSES: Final = 2**20 - 1
 """The most poses of a grid: draws of pose scope can be made at no more."""
 
@@ -82,7 +84,15 @@ def _names(chain: Chain, rows: list[Array], q: Array) -> tuple[str, ...]:
     """Return the values of the joints that vary, as the name of each pose."""
     varied = [joint for joint, row in enumerate(rows) if len(row) > 1] or list(range(len(rows)))
     words = [
-        [f"{value * 1e3:.6g} mm" if chain.prismatic[joint] else f"{np.degrees(value):.6g}°" for value in q[joint]]
+        [
+            f"{_written(1e3 * value)} mm" if chain.prismatic[joint] else f"{_written(np.degrees(value))}°"
+            for value in q[joint]
+        ]
         for joint in varied
     ]
     return tuple(" ".join(word) for word in zip(*words, strict=True))
+
+
+def _written(value: float) -> str:
+    # a grid may reach zero up to a last digit
+    return f"{round(float(value), _DECIMALS) + 0.0:.6g}"

@@ -22,6 +22,7 @@ function setFactor(value) {
   showFrames(poses[current], factor);
   showLikenesses(poses[current], factor);
   showPath(factor);
+  showCompensation(factor);
   viewer.set_dirty();
   slider.value = Math.log10(factor);
   slider.setAttribute("aria-valuetext", three(factor) + " times");
