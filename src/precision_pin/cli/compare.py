@@ -28,6 +28,7 @@ from precision_pin.cli.targets import Outputs
 from precision_pin.cli.terminal import echo_table
 from precision_pin.display.files import whole_folder, write_text
 from precision_pin.interrupts import raise_if_interrupted, unwinding
+from precision_pin.robot.examples import PAPER_SHEET
 
 if TYPE_CHECKING:
     from precision_pin.sheet import Sheet
@@ -79,7 +80,7 @@ def command(**options: Unpack[_Options]) -> int:
     specifications = [specification(text) for text in options["specs"]]
     check_poses(options)
     given = options["sheets"]
-    if not given or (len(given) == 1 and not options["changes"]):
+    if len(given) < 2 and not options["changes"]:
         raise click.UsageError("two sheets are needed, A.yaml B.yaml; or one and what --set changes in it")
     if len(given) > MOST_MODELS:
         raise click.UsageError(f"{len(given)} sheets; at most {MOST_MODELS} can be compared")
@@ -123,10 +124,10 @@ def command(**options: Unpack[_Options]) -> int:
 def _read(options: _Options, outputs: Outputs) -> dict[str, Sheet]:
     """Return the sheets by the shortest names that tell them apart; a single one unchanged, then changed by ``--set``."""
     given = options["sheets"]
-    if len(given) == 1:
+    if len(given) < 2:
         unchanged: _Options = {**options, "inputs": given, "changes": ()}
         changed: _Options = {**options, "inputs": given}
-        name = Path(given[0]).name
+        name = Path(given[0]).name if given else PAPER_SHEET.name
         return {name: read_sheet(unchanged, outputs), f"{name} --set": read_sheet(changed, outputs)}
     names = [Path(text).name for text in given]
     names = names if len(set(names)) == len(names) else list(given)
