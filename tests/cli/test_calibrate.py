@@ -309,13 +309,14 @@ def test_tolerances_of_a_population_are_written_as_a_sheet(run, folder) -> None:
         files.append(f"robot{k}.csv")
     assert run("calibrate", "arm.errors.yaml", "robot5.csv", "--json", "robot5.json").code == 0
     files[5] = "robot5.json"
-    found = run(
-        "calibrate", "arm.errors.yaml", "--population", *files, "--sheet", "new.errors.yaml", "--json", "p.json"
-    )
+    written_to = ("--sheet", "new.errors.yaml", "--json", "p.json", "--out", "plots")
+    found = run("calibrate", "arm.errors.yaml", "--population", *files, *written_to)
     assert found.code == 0
     assert found.out.splitlines()[0].startswith("6 robots 4dof.urdf, base to tool: ")
     assert max(map(len, found.out.splitlines())) <= 100
     scales = {one["draws"][0]: one["scale"] for one in json.loads((folder / "p.json").read_text())["tolerances"]}
+    names = {path.name for path in (folder / "plots").iterdir()}
+    assert names == {f"calibration-population.{end}" for end in ("json", "png", "svg")}
     written = (folder / "new.errors.yaml").read_text()
     assert written.startswith("# provenance: measured, 6 robots")
     new = pp.ErrorModel.load(folder / "new.errors.yaml")

@@ -215,7 +215,7 @@ def _measure_population(sheet: Sheet, robots: list[str], measurement: Measuremen
     if path is not None:
         write_text(Path(path), population_sheet(found, Path(path).parent))
         echo_note(f"wrote {path}")
-    _answer(found, population_table, None, "calibration-population", options)
+    _answer(found, population_table, "population_figure", "calibration-population", options)
 
 
 def _write_sheet(result: JsonResult, original: str, path: str) -> None:

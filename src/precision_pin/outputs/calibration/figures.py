@@ -14,6 +14,7 @@ from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormat
 from precision_pin.analyses.calibration.calibration_result import CalibrationResult
 from precision_pin.analyses.calibration.forecast import CalibrationForecast, CurvePoint
 from precision_pin.analyses.calibration.plan import CalibrationPlan
+from precision_pin.analyses.calibration.population import Population
 from precision_pin.outputs.calibration.table import describe_measurement
 from precision_pin.outputs.kit.draw_distribution import BLACK, BLUE, SKY, VERMILION
 from precision_pin.outputs.kit.figure_style import (
@@ -28,9 +29,14 @@ from precision_pin.outputs.kit.figure_style import (
 )
 from precision_pin.visible import visible
 
-__all__ = ["calibration_figure", "forecast_figure", "plan_figure"]
+__all__ = ["calibration_figure", "forecast_figure", "plan_figure", "population_figure"]
 
 _HEIGHT: Final = 70.0
+_ROW: Final = 4.5
+"""Height of a tolerance, mm."""
+_TOLERANCES: Final = 40
+_LEAST: Final = 0.05
+"""Scale at which an interval that begins at zero is drawn to begin, of the smallest that is above."""
 
 
 def forecast_figure(result: CalibrationForecast) -> Figure:
@@ -147,4 +153,32 @@ def calibration_figure(result: CalibrationResult) -> Figure:
         entries = labelled([axes])
         legend_below(made, entries, len(entries), lines)
         set_height(made, _HEIGHT + (len(lines) + 2) * LINE_HEIGHT)
+    return made
+
+
+def population_figure(result: Population) -> Figure:
+    """Return each measured tolerance over that of the sheet with its interval, the largest at the top, 174 mm wide."""
+    shown = sorted(result.tolerances, key=lambda one: one.scale)[-_TOLERANCES:]
+    least = _LEAST * min([1.0, *(one.scale for one in shown if one.scale > 0)])
+    with style():
+        made = new_figure(DOUBLE_COLUMN)
+        axes = made.subplots()
+        for row, one in enumerate(shown):
+            colour = BLUE if one.agrees else VERMILION
+            most = one.high if np.isfinite(one.high) else 10 * max(one.scale, 1.0)
+            axes.plot([max(one.low, least), most], [row, row], "-", color=colour, linewidth=1)
+            axes.plot([max(one.scale, least)], [row], "o", color=colour, markersize=3)
+        axes.axvline(1.0, color=BLACK, linewidth=0.8)
+        axes.set_xscale("log")
+        _number(axes.xaxis)
+        axes.set_ylim(-0.6, len(shown) - 0.4)
+        axes.set_yticks(range(len(shown)), [visible(" and ".join(one.names), 40) for one in shown])
+        axes.set_xlabel("measured standard deviation over that of the sheet")
+        of = result.provenance
+        made.suptitle(f"tolerances of {result.robots:,} robots {visible(of.robot, 60)}")
+        lines = wrapped(
+            f"{100 * result.confidence:g} % intervals of the profile likelihood; orange: other than the sheet's", made
+        )
+        legend_below(made, {}, 1, lines)
+        set_height(made, 30 + _ROW * len(shown) + len(lines) * LINE_HEIGHT)
     return made
