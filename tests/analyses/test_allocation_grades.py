@@ -202,7 +202,7 @@ def test_group_of_grades_has_one_value(tmp_path: Path) -> None:
 
 
 def test_a_choice_that_is_cut_short_is_the_best_so_far_with_its_gap() -> None:
-    grades, limits = _random(7, "quantile", 30, 3)
+    grades, limits = _random(7, "quantile", 16, 2)
     programme = Programme(
         [[one] for one in grades],
         np.array([one.widths[0] for one in grades]),
