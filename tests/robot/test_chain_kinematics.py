@@ -214,7 +214,8 @@ def test_values_by_name_or_in_order():
         (Q | {"finger_joint": 0.0}, "no joint on the chain named 'finger_joint'"),
         ("folded", "joint values must be numbers, got 'folded'"),
         ([[0.0], [0.0, 1.0]], "joint values must be numbers"),
-        (Q | {"joint3": "1.0 rad"}, "joint values must be numbers"),
+        (Q | {"joint3": "1.0 kg"}, "the joint value of joint3: 'kg' in '1.0 kg' is not a unit of angle"),
+        (Q | {"joint3": "far"}, "the joint value of joint3 must be finite, in rad or with a unit, got 'far'"),
     ],
 )
 def test_wrong_joint_values_are_refused(q, message):

@@ -22,10 +22,12 @@ import numpy as np
 
 from precision_pin import se3
 from precision_pin.errors import InputError
-from precision_pin.inputs.arguments import check_choice, check_flag, check_items, check_number, check_numbers
+from precision_pin.inputs.arguments import check_choice, check_flag, check_items, check_numbers
+from precision_pin.inputs.quantities import check_quantities, check_quantity
 from precision_pin.measurement.places import Anchor, Place, Plane, Sockets
 from precision_pin.sources.payload import Payload
 from precision_pin.typing import Array
+from precision_pin.units import ANGLE, LENGTH
 
 __all__ = ["KINDS", "Kind", "Measurement", "Slopes"]
 
@@ -60,6 +62,8 @@ class Slopes:
 @dataclass(frozen=True)
 class Measurement:
     """An instrument and its set-up.
+
+    Lengths and angles are numbers in SI, or text with a unit: ``std="20 um"``, ``target="0 0 100 mm"``.
 
     Parameters
     ----------
@@ -117,13 +121,13 @@ class Measurement:
         check_choice("the kind of a measurement", self.kind, KINDS)
         check_choice("the base of a measurement", self.base, ("known", "free"))
         check_flag("target_known of a measurement", self.target_known)
-        std = check_number(
-            "the standard deviation of a measurement", self.std, "above zero and finite, in m", lambda n: n > 0
+        std = check_quantity(
+            "std, the standard deviation of a measurement,", self.std, LENGTH, "above zero and finite", lambda n: n > 0
         )
         object.__setattr__(self, "std", std)
         if self.attitude_std is not None:
-            angle = check_number(
-                "attitude_std of a measurement", self.attitude_std, "above zero and finite, in rad", lambda n: n > 0
+            angle = check_quantity(
+                "attitude_std of a measurement", self.attitude_std, ANGLE, "above zero and finite", lambda n: n > 0
             )
             object.__setattr__(self, "attitude_std", angle)
         for name in ("target", "anchor"):
@@ -144,7 +148,7 @@ class Measurement:
             if not isinstance(self.plane, tuple | list) or len(self.plane) != 2:
                 raise InputError("the plane of a measurement must be a point and a normal")
             point = _point("the point of the plane of a measurement", self.plane[0])
-            normal = np.array(_point("the normal of the plane of a measurement", self.plane[1]))
+            normal = np.array(_direction("the normal of the plane of a measurement", self.plane[1]))
             length = float(np.linalg.norm(normal))
             if length == 0:
                 raise InputError("the normal of the plane of a measurement is zero")
@@ -159,8 +163,8 @@ class Measurement:
             raise InputError("two sockets of a measurement are at one place")
 
     def _check_sight(self) -> None:
-        limits = "above zero and at most a half turn, in rad"
-        cone = check_number("the cone of a measurement", self.cone, limits, lambda n: 0 < n <= np.pi)
+        limits = "above zero and at most a half turn"
+        cone = check_quantity("the cone of a measurement", self.cone, ANGLE, limits, lambda n: 0 < n <= np.pi)
         object.__setattr__(self, "cone", cone)
         if (self.seen_from is None) != (self.facing is None):
             raise InputError(
@@ -169,7 +173,7 @@ class Measurement:
         if self.seen_from is None or self.facing is None:
             return
         object.__setattr__(self, "seen_from", _point("seen_from of a measurement", self.seen_from))
-        facing = np.array(_point("facing of a measurement", self.facing))
+        facing = np.array(_direction("facing of a measurement", self.facing))
         length = float(np.linalg.norm(facing))
         if length == 0:
             raise InputError("facing of a measurement is zero")
@@ -363,7 +367,11 @@ def _product(left: Array, right: Array) -> Array:
 
 
 def _point(what: str, value: object) -> tuple[float, ...]:
-    return tuple(check_numbers(what, value, (3,), "three lengths in m").tolist())
+    return tuple(check_quantities(what, value, LENGTH, (3,), "three lengths, in m or with a unit").tolist())
+
+
+def _direction(what: str, value: object) -> tuple[float, ...]:
+    return tuple(check_numbers(what, value, (3,), "three numbers").tolist())
 
 
 def _load_entry(payload: Payload) -> dict[str, object]:

@@ -24,10 +24,10 @@ from precision_pin.inputs.arguments import (
     check_instance,
     check_mapping,
     check_number,
-    check_numbers,
     check_path,
 )
 from precision_pin.inputs.arrays import read_only, returns_read_only
+from precision_pin.inputs.quantities import check_quantities, check_quantity
 from precision_pin.robot import statics
 from precision_pin.robot.approach import Approach
 from precision_pin.robot.chain_geometry import ChainGeometry, cut_chain
@@ -42,6 +42,7 @@ from precision_pin.robot.places import (
 from precision_pin.robot.postures import ChainConstants, Postures
 from precision_pin.robot.urdf import Robot, read
 from precision_pin.typing import Array
+from precision_pin.units import ACCELERATION, LENGTH, MASS
 
 __all__ = ["EARTH", "Chain", "Deflection", "Factors", "LinkFrame", "Load", "Place", "Posture"]
 
@@ -119,7 +120,7 @@ class Chain(ChainGeometry):
     ) -> Chain:
         """Extract the chain from a robot that has been read; see :meth:`from_urdf`."""
         check_instance("robot", robot, Robot, "as urdf.read returns it")
-        down = check_numbers("gravity", gravity, (3,), "three finite numbers, in base axes")
+        down = check_quantities("gravity", gravity, ACCELERATION, (3,), "three finite numbers, in base axes")
         if locked is not None:
             locked = {
                 name: check_number(f"the value at which {name!r} is locked", value)
@@ -188,15 +189,15 @@ class Chain(ChainGeometry):
         """Return the chain at values ``(n, P)`` that :attr:`configurations` read, or some of their columns."""
         return Postures(values, self._constants)
 
-    def with_payload(self, mass: float, centre: Sequence[float] = (0.0, 0.0, 0.0), at: str | None = None) -> Chain:
+    def with_payload(self, mass: float | str, centre: ArrayLike = (0.0, 0.0, 0.0), at: str | None = None) -> Chain:
         """Return the chain with a payload.
 
         Parameters
         ----------
         mass
-            kg.
+            kg, or text such as ``"500 g"``.
         centre
-            Its centre of mass in the frame of the link that carries it, m.
+            Its centre of mass in the frame of the link that carries it, m, or text such as ``"0 0 50 mm"``.
         at
             The URDF link that carries it; the tip if left out.
 
@@ -208,8 +209,10 @@ class Chain(ChainGeometry):
             The robot has no such link.
         """
         where = self.link_frame(self.tip if at is None else at)
-        lever = check_numbers("the centre of a payload", centre, (3,), "three finite numbers")
-        mass = check_number("the mass of a payload", mass, "zero or more and finite", lambda kg: kg >= 0)
+        lever = check_quantities(
+            "the centre of a payload", centre, LENGTH, (3,), "three finite numbers, in m or with a unit"
+        )
+        mass = check_quantity("the mass of a payload", mass, MASS, "zero or more and finite", lambda kg: kg >= 0)
         moments = ((mass * np.array([1.0, *lever]), ()),)
         load = Load(where.link, where.frame, where.entry(lever), along=False, moments=moments)
         model = self.pinocchio.with_mass(where.link - 1, where.frame, mass, lever)

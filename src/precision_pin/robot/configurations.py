@@ -14,10 +14,12 @@ from numpy.typing import ArrayLike, NDArray
 from precision_pin.errors import Finding, InputError
 from precision_pin.inputs.arguments import check_mapping, check_name, check_numbers
 from precision_pin.inputs.arrays import fix_copy, returns_read_only
+from precision_pin.inputs.quantities import check_quantities, check_quantity
 from precision_pin.robot.urdf import Joint
 from precision_pin.typing import Array
+from precision_pin.units import ANGLE, LENGTH, Quantity
 
-__all__ = ["Configurations"]
+__all__ = ["Configurations", "joint_quantity"]
 
 
 LONGEST: Final = 1e6
@@ -39,7 +41,11 @@ class Configurations:
     def one(self, q: ArrayLike | Mapping[str, float]) -> Array:
         """Return joint values ``(n,)``, given in order or by name; see :meth:`precision_pin.robot.chain.Chain.configuration`."""
         if isinstance(q, Mapping):
-            q = [q[name] for name in self._check_names(q)]
+            self._check_names(q)
+            q = [
+                check_quantity(f"the joint value of {joint.name}", q[joint.name], joint_quantity(joint))
+                for joint in self.joints
+            ]
         values = check_numbers("joint values", q, needs="a number for each joint, rad or m, in chain order or by name")
         if values.shape != (len(self.names),):
             raise InputError(
@@ -53,7 +59,11 @@ class Configurations:
         if isinstance(q, list | tuple):
             return self._read_list(q)
         if isinstance(q, Mapping):
-            rows = [np.atleast_1d(check_numbers(f"joint values of {name}", q[name])) for name in self._check_names(q)]
+            self._check_names(q)
+            rows = [
+                np.atleast_1d(check_quantities(f"joint values of {joint.name}", q[joint.name], joint_quantity(joint)))
+                for joint in self.joints
+            ]
             if len({row.shape for row in rows if row.size != 1}) > 1 or any(row.ndim != 1 for row in rows):
                 raise InputError("the joints have different numbers of values; each needs one, or one for each pose")
             q = np.array(np.broadcast_arrays(*rows))
@@ -145,6 +155,11 @@ class Configurations:
         if missing:
             raise InputError(f"no value for the joints {', '.join(missing)}")
         return self.names
+
+
+def joint_quantity(joint: Joint) -> Quantity:
+    """Return what the value of a joint is: a length if it slides, else an angle."""
+    return LENGTH if joint.kind == "prismatic" else ANGLE
 
 
 def _is_row(pose: object) -> bool:

@@ -14,13 +14,15 @@ from precision_pin import se3
 from precision_pin.draws.draw import MOST_POSES, MOST_VISITS
 from precision_pin.draws.space import check_seed
 from precision_pin.errors import InputError
-from precision_pin.inputs.arguments import check_instance, check_items, check_numbers, check_whole
+from precision_pin.inputs.arguments import check_instance, check_items, check_whole
 from precision_pin.inputs.arrays import fix_fields, returns_read_only
 from precision_pin.inputs.memory import check_memory
+from precision_pin.inputs.quantities import check_quantities
 from precision_pin.kernel import sampler
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.robot.approach import Approach
 from precision_pin.typing import Array
+from precision_pin.units import LENGTH
 
 __all__ = ["ApproachErrors", "sample_approaches"]
 
@@ -104,7 +106,7 @@ def sample_approaches(
     model
         ``"exact"`` evaluates the displaced chain, ``"linear"`` superposes first-order errors.
     target
-        The measured point in the axes of the tip, m.
+        The measured point in the axes of the tip, m, or text such as ``"0 0 100 mm"``.
     number
         Number of the pose, from 0, for draws of pose and visit scope.
     first
@@ -127,7 +129,7 @@ def sample_approaches(
     check_whole("the number of the pose", number, 0, MOST_POSES - 1)
     check_whole("first, the number of a robot,", first, 0, 2**63)
     check_seed(seed)
-    point = check_numbers("the target", target, (3,), "three finite numbers, m")
+    point = check_quantities("the target", target, LENGTH, (3,), "three finite numbers, in m or with a unit")
     check_memory(
         2 * 72.0 * len(listed) * cycles * robots, f"keeping {cycles} visits of {robots:,} robots", "ask for fewer"
     )

@@ -11,12 +11,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from precision_pin.errors import UnknownNameError
-from precision_pin.inputs.arguments import check_number, check_numbers, check_whole
+from precision_pin.inputs.arguments import check_number, check_whole
 from precision_pin.inputs.arrays import fix_fields
+from precision_pin.inputs.quantities import check_quantities, check_quantity
 from precision_pin.statistics.digits import MOST_DIGITS, significant_digits
 from precision_pin.statistics.intervals import quantile_ranks, tolerance_ranks, upper_bound_rank
 from precision_pin.statistics.mode import Peak, smoothed_peak
 from precision_pin.statistics.moment_intervals import Moments
+from precision_pin.statistics.quantities import si_quantity
 from precision_pin.typing import Array
 
 __all__ = ["COMPONENT_LEVELS", "CONTENTS", "NORM_LEVELS", "Distribution", "Histogram"]
@@ -191,25 +193,26 @@ class Distribution:
 
     # probabilities -----------------------------------------------------------------------------------
 
-    def cdf(self, value: float) -> float:
+    def cdf(self, value: float | str) -> float:
         """Return the share of samples at or below a value, interpolated inside its bin of the sketch."""
-        return float(self.cumulative(np.array([check_number("value", value)]))[0])
+        return float(self.cumulative(np.array([check_quantity("value", value, si_quantity(self.quantity))]))[0])
 
     def cumulative(self, values: ArrayLike) -> Array:
         """Return `cdf` for an array of values."""
-        points = check_numbers("values", values)
+        points = check_quantities("values", values, si_quantity(self.quantity))
         # linear within every occupied bin, constant between bins
         ends = np.stack((self.bin_lower, self.bin_upper), axis=1).ravel()
         counts = np.stack((self._before, self.bin_cumulative), axis=1).ravel()
         inner = np.interp(points, ends, counts) / self.samples
         return np.where(points >= self.max, 1.0, np.where(points < self.min, 0.0, inner))
 
-    def probability_inside(self, limit: float) -> float:
+    def probability_inside(self, limit: float | str) -> float:
         """Return the share of samples with |value| ≤ limit, interpolated inside the bins of the sketch.
 
         Specifications of the plan do not use this: their samples are counted exactly.
         """
-        if check_number("limit", limit) < 0:
+        limit = check_quantity("limit", limit, si_quantity(self.quantity))
+        if limit < 0:
             return 0.0
         return self.cdf(limit) - (self.cdf(-limit) if self.min < -limit else 0.0)
 

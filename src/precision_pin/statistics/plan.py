@@ -11,7 +11,8 @@ from numpy.typing import ArrayLike
 
 from precision_pin.errors import InternalError
 from precision_pin.inputs.arguments import check_number
-from precision_pin.statistics.quantities import NORMS, QUANTITIES, quantity_name
+from precision_pin.inputs.quantities import check_quantity
+from precision_pin.statistics.quantities import NORMS, QUANTITIES, quantity_name, si_quantity
 from precision_pin.typing import Array
 
 __all__ = ["Plan", "Specification"]
@@ -41,7 +42,7 @@ class Specification:
     quantity
         One of `QUANTITIES`, or another of its names (:func:`precision_pin.statistics.quantities.quantity_name`).
     limit
-        Largest absolute value allowed, m or rad; a value equal to the limit is inside.
+        Largest absolute value allowed, m or rad, or text such as ``"0.5 mm"``; a value equal to the limit is inside.
     required
         Required probability, between 0 and 1 (both excluded: no sample can show 100 %).
 
@@ -60,7 +61,9 @@ class Specification:
     def __post_init__(self) -> None:
         object.__setattr__(self, "quantity", quantity_name(self.quantity))
         what = f"specification of {self.quantity}:"
-        limit = check_number(f"{what} limit", self.limit, "above 0", lambda limit: limit > 0)
+        limit = check_quantity(
+            f"{what} limit", self.limit, si_quantity(self.quantity), "above 0", lambda limit: limit > 0
+        )
         required = check_number(
             f"{what} probability", self.required, "a share above 0 % and below 100 %", lambda share: 0 < share < 1
         )

@@ -9,8 +9,9 @@ from __future__ import annotations
 from typing import Final
 
 from precision_pin.inputs.arguments import check_name
+from precision_pin.units import ANGLE, LENGTH, Quantity
 
-__all__ = ["COMPONENTS", "NORMS", "QUANTITIES", "QUANTITY_PATTERN", "QUANTITY_WORDS", "quantity_name"]
+__all__ = ["COMPONENTS", "NORMS", "QUANTITIES", "QUANTITY_PATTERN", "QUANTITY_WORDS", "quantity_name", "si_quantity"]
 
 QUANTITIES: Final = (
     "position.norm",
@@ -66,3 +67,8 @@ def quantity_name(quantity: str) -> str:
     if isinstance(quantity, str) and quantity in QUANTITY_WORDS:
         return QUANTITY_WORDS[quantity]
     return check_name("quantity", quantity, QUANTITIES)
+
+
+def si_quantity(quantity: str) -> Quantity:
+    """Return what a quantity is, by its result name: an angle for those of the attitude, else a length."""
+    return ANGLE if quantity.startswith("attitude") else LENGTH

@@ -37,11 +37,10 @@ from precision_pin.inputs.arguments import (
     check_flag,
     check_instance,
     check_items,
-    check_number,
-    check_numbers,
     check_whole,
 )
 from precision_pin.inputs.memory import check_memory
+from precision_pin.inputs.quantities import check_quantities, check_quantity
 from precision_pin.kernel import sampler
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.pose_model import PoseModel
@@ -49,6 +48,7 @@ from precision_pin.robot.pose_set import PoseSet
 from precision_pin.sampling import Progress, available_cores, check_progress
 from precision_pin.statistics import check_confidence
 from precision_pin.typing import Array
+from precision_pin.units import LENGTH, MASS
 
 __all__ = ["CYCLES", "MOST_POSES", "MOST_ROBOTS", "iso9283"]
 
@@ -76,7 +76,7 @@ def iso9283(
     robots: int = 2000,
     seed: int = 0,
     target: ArrayLike | None = None,
-    load: float = 0.0,
+    load: float | str = 0.0,
     fit_base: bool = False,
     specifications: str | Sequence[str] = (),
     confidence: float = 0.95,
@@ -105,7 +105,7 @@ def iso9283(
     target
         The measured point in tool axes, m, ``(3,)``; the tip where left out.
     load
-        Mass at the target, kg, beside the loads of the sheet; the standard tests with the rated load.
+        Mass at the target, kg or with a unit, beside the loads of the sheet; the standard tests with the rated load.
     fit_base
         Align the barycentres to the commanded positions by the best fit over the poses, as where the base of the robot in the
         measuring system is taken from the same measurement. It changes AP only; E is never fitted.
@@ -140,7 +140,7 @@ def iso9283(
     known = check_items("findings", findings, Finding)
     limits = listed_limits(specifications)
     point = _target(target)
-    mass = check_number("the load", load, "zero or more kg and finite", lambda kg: kg >= 0)
+    mass = check_quantity("the load", load, MASS, "zero or more and finite", lambda kg: kg >= 0)
     error_model = _loaded(error_model, mass, point)
     poses, cube = (poses, None) if poses is not None else _in_cube(error_model, point)
     values, names, approaches = _poses(error_model, poses)
@@ -222,7 +222,7 @@ def _nothing(_: int) -> None:
 def _target(target: ArrayLike | None) -> Array:
     if target is None:
         return np.zeros(3)
-    point = check_numbers("the target", target, (3,), "three numbers, m in tool axes")
+    point = check_quantities("the target", target, LENGTH, (3,), "three numbers in tool axes, in m or with a unit")
     if np.abs(point).max() > _FARTHEST_TARGET:
         raise InputError(f"the target must lie within {_FARTHEST_TARGET:,.0f} m of the tip, got {point.tolist()}")
     return point

@@ -9,9 +9,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from precision_pin.errors import InputError
-from precision_pin.inputs.arguments import check_instance, check_mapping, check_name, check_numbers
+from precision_pin.inputs.arguments import check_instance, check_mapping, check_name
+from precision_pin.inputs.quantities import check_quantities
 from precision_pin.robot.chain import Chain
+from precision_pin.robot.configurations import joint_quantity
 from precision_pin.robot.pose_set import PoseSet
+from precision_pin.robot.urdf import Joint
 from precision_pin.typing import Array
 
 __all__ = ["MOST_POSES", "check_grid_size", "joint_grid"]
@@ -30,7 +33,7 @@ def joint_grid(chain: Chain, values: Mapping[str, ArrayLike]) -> PoseSet:
     chain
         The arm.
     values
-        For each joint by name its values, rad or m, one or several.
+        For each joint by name its values, rad or m, one or several, or text such as ``"0 30 60 deg"``.
 
     Raises
     ------
@@ -45,7 +48,7 @@ def joint_grid(chain: Chain, values: Mapping[str, ArrayLike]) -> PoseSet:
     missing = [name for name in chain.joint_names if name not in values]
     if missing:
         raise InputError(f"no values for the joints {', '.join(missing)}; a joint that is held has one value")
-    rows = [_row(name, values[name]) for name in chain.joint_names]
+    rows = [_row(joint, values[joint.name]) for joint in chain.joints]
     check_grid_size([len(row) for row in rows])
     q = np.array([axis.ravel() for axis in np.meshgrid(*rows, indexing="ij")])
     return PoseSet.at(chain, chain.configurations.many(q), _names(chain, rows, q))
@@ -73,8 +76,9 @@ def check_grid_size(counts: list[int]) -> None:
         )
 
 
-def _row(name: str, values: ArrayLike) -> Array:
-    row = np.atleast_1d(check_numbers(f"values of {name}", values))
+def _row(joint: Joint, values: ArrayLike) -> Array:
+    name = joint.name
+    row = np.atleast_1d(check_quantities(f"values of {name}", values, joint_quantity(joint)))
     if row.ndim != 1 or not row.size:
         raise InputError(f"values of {name}: expected one or several numbers, got the shape {row.shape}")
     return row

@@ -12,18 +12,22 @@ from numpy.typing import ArrayLike
 from precision_pin.display.progress import steps_to
 from precision_pin.errors import InputError
 from precision_pin.inputs.arguments import check_choice, check_instance, check_items, check_numbers
+from precision_pin.inputs.quantities import check_quantities
 from precision_pin.robot.chain import Chain
 from precision_pin.robot.inverse_kinematics import Branches, inverse_kinematics
 from precision_pin.robot.pose_set import PoseSet
 from precision_pin.robot.pose_sources.joint_grid import check_grid_size
 from precision_pin.robot.pose_sources.orientation import Orientation
 from precision_pin.typing import Array
+from precision_pin.units import LENGTH
 
 __all__ = ["box_places", "count_wanted", "place_grid", "plane_places"]
 
 
 def box_places(x: ArrayLike, y: ArrayLike, z: ArrayLike) -> Array:
-    """Return the points ``(3, N)`` of a grid over a box, from the values of each coordinate in the base, m; z's change fastest.
+    """Return the points ``(3, N)`` of a grid over a box, from the values of each coordinate in the base; z's change fastest.
+
+    They are in m, or text with a unit, such as ``"0 100 200 mm"``.
 
     Raises
     ------
@@ -41,18 +45,20 @@ def plane_places(origin: ArrayLike, u: ArrayLike, v: ArrayLike, along_u: ArrayLi
     Parameters
     ----------
     origin
-        A point of the plane in the base, m, ``(3,)``.
+        A point of the plane in the base, m, ``(3,)``, or text such as ``"400 0 300 mm"``.
     u, v
         Directions in the plane, in base axes, at right angles to each other; their lengths do not matter.
     along_u, along_v
-        Distances from the origin along either, m.
+        Distances from the origin along either, m, or text such as ``"0 50 100 mm"``.
 
     Raises
     ------
     InputError
         Directions that are not at right angles, no values, or numbers that are not finite.
     """
-    point = check_numbers("the origin of the plane", origin, (3,), "three finite numbers, m")
+    point = check_quantities(
+        "the origin of the plane", origin, LENGTH, (3,), "three finite numbers, in m or with a unit"
+    )
     units = []
     for name, given in (("u", u), ("v", v)):
         direction = check_numbers(f"the direction {name}", given, (3,), "three finite numbers")
@@ -88,7 +94,8 @@ def place_grid(
     chain
         The arm.
     places
-        Points in the base, m, ``(3,)`` or ``(3, N)``, as :func:`box_places` and :func:`plane_places` make them.
+        Points in the base, m, ``(3,)`` or ``(3, N)``, or one as text (``"400 0 300 mm"``), as :func:`box_places` and
+        :func:`plane_places` make them.
     orientations
         Orientations of the tool at each, one or several.
     branches
@@ -106,7 +113,7 @@ def place_grid(
     """
     check_instance("chain", chain, Chain, "as Chain.from_urdf returns it")
     check_choice("branches", branches, get_args(Branches))
-    points = check_numbers("the places", places, needs="finite numbers, (3,) or (3, N), m in the base")
+    points = check_quantities("the places", places, LENGTH, needs="finite numbers, (3,) or (3, N), m in the base")
     points = points[:, None] if points.ndim == 1 else points
     if points.ndim != 2 or len(points) != 3 or not points.size:
         raise InputError(f"the places have the shape {points.shape}, expected (3,) or (3, N) with at least one place")
@@ -178,7 +185,7 @@ def _place_names(points: Array) -> list[str]:
 
 
 def _values(name: str, given: ArrayLike) -> Array:
-    row = np.atleast_1d(check_numbers(f"values of {name}", given))
+    row = np.atleast_1d(check_quantities(f"values of {name}", given, LENGTH))
     if row.ndim != 1 or not row.size:
         raise InputError(f"values of {name}: expected one or several numbers, got the shape {row.shape}")
     return row

@@ -13,7 +13,8 @@ from precision_pin.display.progress import steps_to
 from precision_pin.draws.philox import Units, stream_of
 from precision_pin.draws.space import check_seed
 from precision_pin.errors import InputError
-from precision_pin.inputs.arguments import check_instance, check_items, check_numbers, check_whole
+from precision_pin.inputs.arguments import check_instance, check_items, check_whole
+from precision_pin.inputs.quantities import check_quantities
 from precision_pin.interrupts import raise_if_interrupted
 from precision_pin.robot.chain import Chain
 from precision_pin.robot.inverse_kinematics import inverse_kinematics
@@ -21,6 +22,7 @@ from precision_pin.robot.pose_set import PoseSet, chain_length
 from precision_pin.robot.pose_sources.joint_grid import MOST_POSES
 from precision_pin.robot.pose_sources.orientation import Orientation
 from precision_pin.typing import Array
+from precision_pin.units import LENGTH
 
 __all__ = ["random_poses"]
 
@@ -178,7 +180,9 @@ class _PlaceDraws:
 
 
 def _check_box(box: ArrayLike) -> Array:
-    limits = check_numbers("the box", box, (3, 2), "lowest and highest x, y and z, m, (3, 2)")
+    limits = check_quantities(
+        "the box", box, LENGTH, (3, 2), "lowest and highest x, y and z, in m or with a unit, (3, 2)"
+    )
     if (limits[:, 0] > limits[:, 1]).any():
         axis = "xyz"[int(np.argmax(limits[:, 0] > limits[:, 1]))]
         raise InputError(f"the box: its lowest {axis} is above its highest")
