@@ -74,6 +74,14 @@ def test_rounding_is_zero_in_a_table_of_robots_of_which_few_turn_over(run, sheet
     assert max(map(len, row.split())) <= 8
 
 
+@pytest.mark.parametrize("command", ["map", "compensate"])
+def test_the_approach_of_every_pose_is_in_the_result(run, sheet, command):
+    made = run(command, sheet, "--pose", "home", "--pose", "up", "--approach", "previous", "--json", "-")
+    assert made.json["poses"][1]["approach"] == {"joint1": "+", "joint2": "+", "joint3": "-"}
+    plain = run(command, sheet, "--pose", "home", "--json", "-")
+    assert "approach" not in plain.json["poses"][0]
+
+
 def test_a_journal_is_of_one_approach(run, sheet):
     first = run("analyze", sheet, "--approach", "joint2 +", *FEW, "--journal", "run.journal")
     again = run("analyze", sheet, "--approach", "joint2 -", *FEW, "--journal", "run.journal", "--resume")

@@ -48,6 +48,15 @@ def test_the_numbers_are_those_of_the_path(page):
     assert f"most have their largest error at {found.poses.labels[found.worst_pose(0)]}" in legend
 
 
+def test_colours_do_not_show_the_scatter_of_samples():
+    model = pp.ErrorModel.load(PAPER_SHEET)
+    q = model.configuration("paper")[:, None] + np.outer([1, 0, 0, 0], np.linspace(0, 1, 4))
+    found = pp.path_law(model, q, samples=400)
+    scale = PathLayer.of(found).scale
+    assert np.ptp(found.curve[0]) < 0.05 * found.curve[0].max()
+    assert scale.smallest <= 0.9 * found.curve[0].max()
+
+
 @pytest.mark.slow
 @needs_chromium
 def test_the_tubes_are_as_wide_as_the_legend_says(page, tmp_path):

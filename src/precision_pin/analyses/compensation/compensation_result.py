@@ -15,6 +15,7 @@ from precision_pin.display.stored import JsonResult
 from precision_pin.display.tables import data_frame, milli
 from precision_pin.errors import Finding
 from precision_pin.inputs.arrays import fix_fields
+from precision_pin.robot.approach import approach_entry, written_approach
 from precision_pin.robot.pose_set import PoseSet
 from precision_pin.typing import Array
 
@@ -120,6 +121,7 @@ class CompensationResult(JsonResult):
     def _pose_dict(self, pose: int, dominant: str) -> dict[str, Any]:
         of, made = self.poses, self.correction
         known = made.status[pose] == "corrected"
+        approach = () if of.approaches is None else tuple(of.approaches[:, pose].tolist())
 
         def split(error: Array) -> dict[str, Any] | None:
             column = error[:, pose]
@@ -132,6 +134,7 @@ class CompensationResult(JsonResult):
             "name": of.names[pose],
             **({} if of.times is None else {"time": float(of.times[pose])}),
             "q": of.q[:, pose].tolist(),
+            **approach_entry(written_approach(self.joints, approach)),
             "q_corrected": made.q[:, pose].tolist() if known else None,
             "before": split(made.before),
             "first_order": split(made.first_order),

@@ -19,6 +19,7 @@ from precision_pin.display.tables import data_frame, described, milli, optional,
 from precision_pin.errors import Finding
 from precision_pin.inputs.arguments import check_path
 from precision_pin.inputs.arrays import fix_fields
+from precision_pin.robot.approach import approach_entry, written_approach
 from precision_pin.robot.pose_set import PoseSet
 from precision_pin.sampling.poses_result import LEVELS, PosesResult
 from precision_pin.statistics import Specification
@@ -219,9 +220,11 @@ class MapResult(JsonResult):
 
     def _pose_dict(self, pose: int, rms: Array, dominant: str) -> dict[str, Any]:
         of = self.poses
+        approach = () if of.approaches is None else tuple(of.approaches[:, pose].tolist())
         entry: dict[str, Any] = {
             "name": of.names[pose],
             "q": _listed(of.q[:, pose]),
+            **approach_entry(written_approach(self.joints, approach)),
             "position": _listed(of.position[:, pose]),
             "status": of.status[pose],
             "branch": int(of.branch[pose]),

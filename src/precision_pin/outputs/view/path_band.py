@@ -16,6 +16,8 @@ from precision_pin.typing import Array
 
 __all__ = ["PathLayer"]
 
+_LEAST_SPAN: Final = 0.9
+"""Largest lower end of the colours, of their upper end."""
 _WIDEST: Final = 0.025
 """Largest radius of the outer tube at first, in lengths of the arm."""
 
@@ -39,7 +41,9 @@ class PathLayer:
     @classmethod
     def of(cls, result: PathResult) -> PathLayer:
         """Return the layer of a path."""
-        return cls(result, ColourScale.of(result.curve[0]))
+        sizes = result.curve[0]
+        # the quantiles are sampled: a scale of less than their scatter would colour nothing else
+        return cls(result, ColourScale.of(np.append(sizes, min(sizes.min(), _LEAST_SPAN * sizes.max()))))
 
     @property
     def name(self) -> str:
