@@ -318,8 +318,10 @@ def test_tolerances_of_a_population_are_written_as_a_sheet(run, folder) -> None:
     names = {path.name for path in (folder / "plots").iterdir()}
     assert names == {f"calibration-population.{end}" for end in ("json", "png", "svg")}
     written = (folder / "new.errors.yaml").read_text()
-    assert written.startswith("# provenance: measured, 6 robots")
+    assert written.startswith("# measured: 6 robots")
     new = pp.ErrorModel.load(folder / "new.errors.yaml")
+    assert set(new.origins) <= {"measured", ""}
+    assert "measured" in new.origins
     for draw in new.space.draws:
         old = next(one for one in model.space.draws if one.name == draw.name)
         assert type(draw.law) is type(old.law)

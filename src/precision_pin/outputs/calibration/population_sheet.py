@@ -47,7 +47,7 @@ def population_sheet(result: Population, folder: Path) -> str:
         raise InputError("the model was not read from a sheet or a dictionary")
     changes: dict[str, Any] = {}
     notes = [
-        f"provenance: measured, {result.robots} robots; tolerances by maximum likelihood, means "
+        f"measured: {result.robots} robots; tolerances by maximum likelihood, means "
         f"{'estimated too' if result.means == 'estimated' else 'those of the sheet'}",
         f"tolerance: measured over former width, {100 * result.confidence:g} % interval",
     ]
@@ -65,6 +65,9 @@ def population_sheet(result: Population, folder: Path) -> str:
     assert changed is not None
     assert changed.contents is not None
     data = dict(changed.contents.text.data)
+    if changes:
+        measured = {path: {"measured": f"{result.robots} robots"} for path in changes}
+        data["provenance"] = {**data.get("provenance", {}), **measured}
     file = changed.contents.folder / data["robot"]
     if file.is_file():
         data["robot"] = os.path.relpath(file, folder)
