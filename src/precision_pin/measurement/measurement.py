@@ -367,7 +367,7 @@ def _product(left: Array, right: Array) -> Array:
 
 
 def _point(what: str, value: object) -> tuple[float, ...]:
-    return tuple(check_quantities(what, value, LENGTH, (3,), "three lengths, in m or with a unit").tolist())
+    return tuple(check_quantities(what, value, LENGTH, (3,), "three lengths in m, or with a unit").tolist())
 
 
 def _direction(what: str, value: object) -> tuple[float, ...]:
