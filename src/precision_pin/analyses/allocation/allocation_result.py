@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from importlib import import_module
 from typing import Any, ClassVar, final
 
 import numpy as np
@@ -12,6 +13,7 @@ from precision_pin.analyses.allocation.error_parts import ErrorParts
 from precision_pin.analyses.allocation.front import FrontPoint
 from precision_pin.analyses.allocation.problem import Tolerance
 from precision_pin.analyses.provenance import Provenance
+from precision_pin.display.html import escaped
 from precision_pin.display.stored import JsonResult
 from precision_pin.errors import Finding
 from precision_pin.inputs.arrays import fix_fields
@@ -193,6 +195,12 @@ class AllocationResult(JsonResult):
             "pareto": [one.to_dict() for one in self.front],
             "findings": [finding.to_dict() for finding in self.findings],
         }
+
+    def _repr_html_(self) -> str:
+        """Return the notebook view: the table of the command."""
+        # texts rest on results, not results on texts
+        made = import_module("precision_pin.outputs.allocation.table").allocation_table(self)
+        return f"<pre>{escaped(made)}</pre>"
 
     def __repr__(self) -> str:
         return (

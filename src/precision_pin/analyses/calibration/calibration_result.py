@@ -6,6 +6,7 @@ import os
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from importlib import import_module
 from typing import Any, ClassVar, Literal, final
 
 import numpy as np
@@ -20,6 +21,7 @@ from precision_pin.analyses.calibration.set_up import SetUp
 from precision_pin.analyses.declaration import load
 from precision_pin.analyses.provenance import Provenance
 from precision_pin.display.files import write_files
+from precision_pin.display.html import escaped
 from precision_pin.display.stored import JsonResult
 from precision_pin.errors import Finding
 from precision_pin.inputs.arguments import check_path
@@ -220,6 +222,12 @@ class CalibrationResult(JsonResult):
             "lines": list(self.data.lines),
             "findings": [finding.to_dict() for finding in self.findings],
         }
+
+    def _repr_html_(self) -> str:
+        """Return the notebook view: the table of the command."""
+        # texts rest on results, not results on texts
+        made = import_module("precision_pin.outputs.calibration.table").calibration_table(self)
+        return f"<pre>{escaped(made)}</pre>"
 
     def __repr__(self) -> str:
         return (

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from importlib import import_module
 from typing import Any, ClassVar, Final, final
 
 import numpy as np
@@ -31,6 +32,7 @@ from precision_pin.analyses.calibration.identifiability import Identifiability, 
 from precision_pin.analyses.calibration.posterior import ErrorLeft, Posterior, error_left
 from precision_pin.analyses.calibration.remaining_model import remaining_model
 from precision_pin.analyses.provenance import Provenance
+from precision_pin.display.html import escaped
 from precision_pin.display.stored import JsonResult
 from precision_pin.errors import Finding
 from precision_pin.inputs.arguments import check_items
@@ -138,6 +140,12 @@ class CalibrationForecast(JsonResult):
             "accuracy_by_instrument": [point.to_dict() for point in self.by_instrument],
             "findings": [finding.to_dict() for finding in self.findings],
         }
+
+    def _repr_html_(self) -> str:
+        """Return the notebook view: the table of the command."""
+        # texts rest on results, not results on texts
+        made = import_module("precision_pin.outputs.calibration.table").forecast_table(self)
+        return f"<pre>{escaped(made)}</pre>"
 
     def __repr__(self) -> str:
         before, after, floor = (1e3 * self.rms(which) for which in ("before", "after", "floor"))

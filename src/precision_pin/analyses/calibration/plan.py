@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from importlib import import_module
 from typing import Any, ClassVar, Final, Literal, final
 
 import numpy as np
@@ -30,6 +31,7 @@ from precision_pin.analyses.calibration.identifiability import (
 from precision_pin.analyses.calibration.pose_choice import Design
 from precision_pin.analyses.calibration.posterior import ErrorLeft, error_left
 from precision_pin.analyses.provenance import Provenance
+from precision_pin.display.html import escaped
 from precision_pin.display.progress import steps_to
 from precision_pin.display.stored import JsonResult
 from precision_pin.draws.space import check_seed
@@ -150,6 +152,12 @@ class CalibrationPlan(JsonResult):
             "poses": [entry.to_dict() for entry in self.poses],
             "findings": [finding.to_dict() for finding in self.findings],
         }
+
+    def _repr_html_(self) -> str:
+        """Return the notebook view: the table of the command."""
+        # texts rest on results, not results on texts
+        made = import_module("precision_pin.outputs.calibration.table").plan_table(self)
+        return f"<pre>{escaped(made)}</pre>"
 
     def __repr__(self) -> str:
         return (
