@@ -133,7 +133,12 @@ def run(folder, monkeypatch, capsys):
 def test_a_new_source_takes_one_file(folder, run):
     assert len(list((folder / "more_sources").glob("*.py"))) == FILES_NEEDED
     assert "sagging" in sources.catalogue()
-    assert set(json.loads(run("schema"))["$defs"]["sagging"]["properties"]) == {"link", "rails", "assumed"}
+    assert set(json.loads(run("schema"))["$defs"]["sagging"]["properties"]) == {
+        "link",
+        "rails",
+        "assumed",
+        "provenance",
+    }
     assert json.loads(run("check", "arm.errors.yaml", "--json")) == {"errors": [], "warnings": []}
 
 

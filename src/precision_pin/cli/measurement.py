@@ -75,8 +75,8 @@ def measurement_of(sheet: Sheet, options: MeasurementOptions) -> Measurement:
     from precision_pin import units
     from precision_pin.measurement.measurement import Measurement
 
-    given = {} if sheet.measurement is None else dict(vars(sheet.measurement))
-    given = {name: given[name] for name in Measurement.__dataclass_fields__ if name in given}
+    stated = sheet.measurement
+    given = {} if stated is None else {name: getattr(stated, name) for name in Measurement.__match_args__}
     if options["kind"] is not None and options["kind"] != given.get("kind", "position"):
         given = {name: value for name, value in given.items() if name not in _OF_KIND}
     given |= {"kind": options["kind"]} if options["kind"] is not None else {}

@@ -37,6 +37,7 @@ class Payload(Source):
         Its centre of mass in that link's frame: three numbers, any of them random if need be.
     """
 
+    is_put_down: ClassVar[bool] = True
     words: ClassVar[Mapping[str, str]] = {"mass": "payload mass at {subject}", "com": "payload centre at {subject}"}
 
     at: str

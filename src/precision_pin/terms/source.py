@@ -249,6 +249,9 @@ class Source(ABC):
         del seconds, space
         return self
 
+    is_put_down: ClassVar[bool] = False
+    """Whether it is a load that the arm can carry or not, such as a payload."""
+
     deviations: ClassVar[tuple[str, ...]] = ()
     """Settings that are deviations from nominal, so that a plain number other than zero is a constant error."""
 

@@ -117,13 +117,13 @@ def test_the_likelihood_is_that_of_normal_readings(has_means: bool) -> None:
 
 @pytest.mark.slow
 def test_intervals_cover_what_they_say() -> None:
-    """70 sets of 12 robots with three numbers: 95 % of 210 intervals, within three standard deviations of that count."""
+    """40 sets of 12 robots with three numbers: 95 % of 120 intervals, within three standard deviations of that count."""
     generator, truth = np.random.default_rng(5), np.array([0.5, 1.3, 2.0])
     inside = 0
-    for _ in range(70):
+    for _ in range(40):
         found = variance_components(evidence_of(truth, 12, generator), blocks_of(3))
         inside += int(((found.low <= truth) & (truth <= found.high)).sum())
-    assert abs(inside / 210 - 0.95) < 3 * np.sqrt(0.95 * 0.05 / 210)
+    assert abs(inside / 120 - 0.95) < 3 * np.sqrt(0.95 * 0.05 / 120)
 
 
 def test_means_are_found_and_cost_a_degree_of_freedom() -> None:

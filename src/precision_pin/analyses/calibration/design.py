@@ -213,7 +213,7 @@ def measured_model(model: ErrorModel, measurement: Measurement) -> ErrorModel:
     chain = model.chain.with_target((0.0, 0.0, 0.0)) if model.chain.target.any() else model.chain
     if measurement.load is None:
         return model if chain is model.chain else model_like(model, chain, model.space)
-    kept = [k for k, source in enumerate(model.sources) if source.kind() != "payload"]
+    kept = [k for k, source in enumerate(model.sources) if not source.is_put_down]
     own = tuple(f"load[{k + 1}]" for k in range(len(measurement.load)))
     # the numbers of the payloads that are not carried stay in the space and change nothing
     other = model_like(model, chain, model.space)
@@ -227,6 +227,7 @@ def model_like(model: ErrorModel, chain: Chain, space: Space) -> ErrorModel:
     other = ErrorModel(chain, Space(), (), model.poses, model.statics)
     other.sources, other.labels, other.assumed, other.space = model.sources, model.labels, model.assumed, space
     other.approaches = model.approaches
+    other.origins = model.origins if len(space.draws) == len(model.space.draws) else ()
     return other
 
 
