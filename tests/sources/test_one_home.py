@@ -15,8 +15,14 @@ from support.package_code import FILES, PACKAGE, import_statements, tree
 
 ABOVE = ("sheet", "model", "kernel", "sampling", "analyses", "outputs", "cli")
 """What may know sources at all; the folders below cannot."""
-HOMES = ("sources/", "outputs/scaffold/", "model/every_frame.py", "sheet/measurement_entry.py")
-"""Where kinds of sources may be named: the last two are a model made of them, and the load of a measurement, a payload."""
+HOMES = (
+    "sources/",
+    "outputs/scaffold/",
+    "model/every_frame.py",
+    "model/displaced_arm.py",
+    "sheet/measurement_entry.py",
+)
+"""Where kinds of sources may be named: the last three are models made of them, and the load of a measurement, a payload."""
 CODE = {path.relative_to(PACKAGE).as_posix(): path.read_text(encoding="utf-8") for path in FILES}
 OUTSIDE = [name for name in CODE if name.startswith(ABOVE) and not name.startswith(HOMES)]
 KINDS = catalogue()

@@ -76,7 +76,9 @@ def measurement_of(sheet: Sheet, options: MeasurementOptions) -> Measurement:
     from precision_pin.measurement.measurement import Measurement
 
     stated = sheet.measurement
-    given = {} if stated is None else {name: getattr(stated, name) for name in Measurement.__match_args__}
+    given: dict[str, Any] = (
+        {} if stated is None else {name: getattr(stated, name) for name in Measurement.__match_args__}
+    )
     if options["kind"] is not None and options["kind"] != given.get("kind", "position"):
         given = {name: value for name, value in given.items() if name not in _OF_KIND}
     given |= {"kind": options["kind"]} if options["kind"] is not None else {}
