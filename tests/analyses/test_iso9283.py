@@ -253,7 +253,7 @@ def test_quantiles_of_a_law():
         ({"robots": 0}, "robots must be a whole number from 1"),
         ({"target": (0, 0)}, "target must be three numbers"),
         ({"target": (0, 0, 1e9)}, "target must lie within 1,000 m"),
-        ({"load": -1}, "the load must be zero or more kg"),
+        ({"load": -1}, "the load must be zero or more and finite, in kg"),
         ({"poses": None}, "the model has no pose to take the tool's orientation from"),
         ({"specifications": "0.1 mm"}, "no figure of a specification named '0.1'"),
         ({"specifications": "RP"}, "write it as 'RP 0.1 mm @ 95 %'"),
