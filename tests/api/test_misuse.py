@@ -46,7 +46,7 @@ def test_every_mistake_is_refused_in_one_line(tmp_path: Path, monkeypatch: pytes
 def test_what_looks_like_a_mistake_and_is_none_is_let_pass(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     for call in calls():
-        for argument, names in call.fine.items():
+        for argument, names in call.fine.items() if call.name != "population" else ():  # slow, and in its own tests
             for mistake in filter(None, names.split(", ")):
                 assert outcome(call, argument, mistake).kind == "fine", (call.name, argument, mistake)
 

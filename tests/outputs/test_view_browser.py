@@ -12,6 +12,7 @@ import pytest
 from matplotlib import colormaps
 from PIL import Image
 from playwright.sync_api import BrowserContext
+from playwright.sync_api import TimeoutError as PlaywrightTimeoutError
 
 from outputs.view_cases import (
     HOSTILE,
@@ -336,10 +337,17 @@ def test_the_scene_is_drawn_also_in_a_sandboxed_frame_of_a_strict_page(context, 
         f'<iframe sandbox="allow-scripts" srcdoc="{html.escape(text)}" style="border:0;width:100vw;height:100vh"></iframe>'
     )
     (tmp_path / "framed.html").write_text(outer, "utf-8")
-    visit = visited(context, tmp_path / "framed.html")
-    frame = visit.page.frames[1]
-    # drawn by the processor, with other tests beside it
-    frame.wait_for_selector("body[data-ready=yes]", state="attached", timeout=120_000)
+    # drawn by the processor, with other tests beside it; a browser that stalls is asked once more
+    for last in (False, True):
+        visit = visited(context, tmp_path / "framed.html")
+        frame = visit.page.frames[1]
+        try:
+            frame.wait_for_selector("body[data-ready=yes]", state="attached", timeout=60_000)
+        except PlaywrightTimeoutError:
+            if last:
+                raise
+        else:
+            break
     frame.check("#show-ghosts")
     frame.uncheck("#show-ghosts")
     for seen in (alone, picture(visit)):
