@@ -35,10 +35,13 @@ MODELS: Final = {
     "UR5e": (0.1625, -0.425, -0.3922, 0.1333, 0.0997, 0.0996),
     "UR10e": (0.1807, -0.6127, -0.57155, 0.17415, 0.11985, 0.11655),
     "UR16e": (0.1807, -0.4784, -0.36, 0.17415, 0.11985, 0.11655),
+    "UR8 Long": (0.2186, -0.8989, -0.7149, 0.1824, 0.1361, 0.1434),
+    "UR15": (0.2186, -0.6475, -0.5164, 0.1824, 0.1361, 0.1434),
+    "UR18": (0.2186, -0.475, -0.3389, 0.1824, 0.1361, 0.1434),
     "UR20": (0.2363, -0.862, -0.7287, 0.201, 0.1593, 0.1543),
     "UR30": (0.2363, -0.637, -0.5037, 0.201, 0.1593, 0.1543),
 }
-"""Nominal d1, a2, a3, d4, d5 and d6 of each model, m, as its maker publishes them."""
+"""Nominal d1, a2, a3, d4, d5 and d6 of each model, m, as its maker publishes them; a UR7e is a UR5e, a UR12e a UR10e."""
 _ALPHA: Final = (np.pi / 2, 0.0, 0.0, np.pi / 2, -np.pi / 2, 0.0)
 _LINKS: Final = ("shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3")
 _NUMBERS: Final = ("x", "y", "z", "roll", "pitch", "yaw")

@@ -13,7 +13,7 @@ import precision_pin as pp
 from analyses.calibration.arms import paper_model
 from precision_pin.robot.chain import Chain
 from precision_pin.robot.examples import example_urdfs
-from precision_pin.robot.ur_kinematics import MODELS, nominal_ur
+from precision_pin.robot.ur_kinematics import MODELS, nominal_ur, read_ur_calibration
 from precision_pin.sources import JointOffset
 
 # of a UR5 and a UR3, as their owners published them: Δd of axes 2 to 4 up to 278 m
@@ -102,6 +102,39 @@ def tip_by_pinocchio(urdf: Path, q: np.ndarray) -> np.ndarray:
     pinocchio.framesForwardKinematics(model, data, q)
     base, tip = (data.oMf[model.getFrameId(name)] for name in ("base", "tool0"))
     return base.actInv(tip).homogeneous
+
+
+@pytest.mark.parametrize(
+    ("kind", "frames"),
+    [
+        ("UR3e", (0.15185, -0.24355, -0.2132, 0.13105, -0.08535, 0.0921)),
+        ("UR10e", (0.1807, -0.6127, -0.57155, 0.17415, -0.11985, 0.11655)),
+        ("UR30", (0.2363, -0.637, -0.5037, 0.201, -0.1593, 0.1543)),
+    ],
+)
+def test_nominal_arms_are_those_of_the_drivers_description(
+    kind: str, frames: tuple[float, ...], tmp_path: Path
+) -> None:
+    """The frames that the ROS driver's description has of them, with its angles of ten digits."""
+    z1, x3, x4, z4, y5, y6 = frames
+    rows = [
+        (0, 0, z1, 0, 0, 0),
+        (0, 0, 0, 1.570796327, 0, 0),
+        (x3, 0, 0, 0, 0, 0),
+        (x4, 0, z4, 0, 0, 0),
+        (0, y5, 0, 1.570796327, 0, 0),
+        (0, y6, 0, 1.570796326589793, np.pi, np.pi),
+    ]
+    keys = ("x", "y", "z", "roll", "pitch", "yaw")
+    text = "".join(
+        f"  {name}:\n" + "".join(f"    {key}: {float(value)!r}\n" for key, value in zip(keys, row, strict=True))
+        for name, row in zip(NAMES, rows, strict=True)
+    )
+    path = tmp_path / "kinematics.yaml"
+    path.write_text(f"kinematics:\n{text}")
+    read = read_ur_calibration(path, kind)
+    for q in np.random.default_rng(0).uniform(-3, 3, (5, 6)):
+        np.testing.assert_allclose(nominal_ur(kind).pose(q), read.pose(q), rtol=0, atol=2e-9)
 
 
 @pytest.mark.parametrize("kind", ["UR5", "UR3"])

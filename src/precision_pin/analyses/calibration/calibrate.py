@@ -89,6 +89,7 @@ def calibrate(
         measurement=measurement,
         has_prior=prior,
         posterior=Posterior.of(unit, mean, covariance),
+        without_bounds=unit.values(best.without_bounds),
         identifiability=seen,
         set_up=SetUp.of(measurement, base, best.nuisances, estimator.nuisance_covariance()),
         chi_square=best.chi_square,

@@ -16,7 +16,8 @@ from precision_pin import se3
 from precision_pin.analyses.calibration.checks import DOUBTFUL, probability
 from precision_pin.analyses.calibration.data import CalibrationData
 from precision_pin.analyses.calibration.identifiability import Identifiability
-from precision_pin.analyses.calibration.posterior import ErrorLeft, Posterior
+from precision_pin.analyses.calibration.intervals import interval_after, normal_interval
+from precision_pin.analyses.calibration.posterior import LEVEL, ErrorLeft, Posterior
 from precision_pin.analyses.calibration.set_up import SetUp
 from precision_pin.analyses.declaration import load
 from precision_pin.analyses.provenance import Provenance
@@ -24,7 +25,7 @@ from precision_pin.display.files import write_files
 from precision_pin.display.html import escaped
 from precision_pin.display.stored import JsonResult
 from precision_pin.errors import Finding
-from precision_pin.inputs.arguments import check_path
+from precision_pin.inputs.arguments import check_name, check_number, check_path
 from precision_pin.measurement.measurement import Measurement
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.typing import Array
@@ -73,6 +74,8 @@ class CalibrationResult(JsonResult):
         Whether the sheet was the prior.
     posterior
         Mean and covariance of the numbers drawn once for each robot.
+    without_bounds
+        Estimates of these numbers where no law had bounds, ``(U,)``.
     identifiability
         What the readings determine, at the estimate.
     set_up
@@ -109,6 +112,7 @@ class CalibrationResult(JsonResult):
     measurement: Measurement
     has_prior: bool
     posterior: Posterior
+    without_bounds: Array
     identifiability: Identifiability
     set_up: SetUp
     chi_square: float
@@ -146,6 +150,26 @@ class CalibrationResult(JsonResult):
         if self.probability < DOUBTFUL:
             return "disagrees"
         return "better than stated" if self.degrees_of_freedom > 0 and 1 - self.probability < DOUBTFUL else "agrees"
+
+    def interval(self, name: str, probability: float = LEVEL) -> tuple[float, float]:
+        """Return the interval of a number drawn once for each robot, SI, with the same probability outside on both sides.
+
+        It heeds the number's own law: of a number of which little is learned it is that of the law. Without a prior it is that
+        of a normal number where anything is learned.
+
+        Raises
+        ------
+        InputError
+            There is no such number, or the probability is not between 0 and 1.
+        """
+        number = self.posterior.names.index(check_name("component", name, self.posterior.names))
+        check_number("the probability", probability, "between 0 and 1", lambda value: 0 < value < 1)
+        estimate, left = float(self.without_bounds[number]), 1 - self.posterior.learned[name]
+        if not self.has_prior and left < 1:
+            return normal_interval(estimate, self.posterior.std[name], probability)
+        draw = next(one for one in self.original.space.draws if name in one.components)
+        std = self.posterior.prior_std[name]
+        return interval_after(draw.law, draw.components.index(name), estimate, std, left, probability)
 
     @cached_property
     def components(self) -> Array:
@@ -215,6 +239,10 @@ class CalibrationResult(JsonResult):
             "observability": self.observability,
             "identifiability": self.identifiability.to_dict(),
             "posterior": self.posterior.to_dict(),
+            "intervals": {
+                "probability": LEVEL,
+                "numbers": {name: list(self.interval(name)) for name in self.posterior.names},
+            },
             "poses": [entry.to_dict() for entry in self.poses],
             "residuals": self.residuals.tolist(),
             "residuals_before": self.residuals_before.tolist(),

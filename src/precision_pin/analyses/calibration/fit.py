@@ -170,6 +170,8 @@ class Fit:
     ----------
     z, nuisances
         The estimate, ``(r,)`` and ``(k,)``.
+    without_bounds
+        The estimate where no law had bounds, ``(r,)``, first order from z.
     estimator
         Derivatives at the estimate.
     chi_square, degrees_of_freedom
@@ -184,6 +186,7 @@ class Fit:
 
     z: Array
     nuisances: Array
+    without_bounds: Array
     estimator: Estimator
     chi_square: float
     degrees_of_freedom: int
@@ -260,6 +263,7 @@ def _result(
     return Fit(
         z,
         nuisances,
+        estimator.estimate(white + estimator.by_z @ z) if at_bounds else z,
         estimator,
         _cost(white, z, has_prior),
         len(white) - estimated,

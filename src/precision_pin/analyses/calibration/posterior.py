@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, final
+from typing import Any, Final, final
 
 import numpy as np
 
@@ -18,10 +18,10 @@ from precision_pin.measurement.measurement import Measurement
 from precision_pin.model.pose_model import PoseModel
 from precision_pin.typing import Array
 
-__all__ = ["ErrorLeft", "Posterior", "error_left"]
+__all__ = ["LEVEL", "ErrorLeft", "Posterior", "error_left"]
 
-LEVEL = 0.95
-"""Probability of the quantiles of the error that is left."""
+LEVEL: Final = 0.95
+"""Probability of the intervals of numbers, and of the quantiles of the error that is left."""
 
 
 @final
