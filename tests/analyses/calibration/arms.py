@@ -5,20 +5,33 @@ from __future__ import annotations
 from functools import cache
 
 import numpy as np
+import pytest
 from numpy.typing import NDArray
 
 import precision_pin as pp
 from precision_pin.analyses.calibration.design import stations_of
 from precision_pin.analyses.calibration.simulation import simulate_readings
-from precision_pin.robot.examples import PAPER_SHEET
+from precision_pin.robot.chain import Chain
+from precision_pin.robot.examples import PAPER_SHEET, example_urdfs
 from precision_pin.sources import JointCompliance, JointOffset, Length
 
 OFF_AXIS = (0.05, 0.03, 0.02)
+TIPS = {"ur5": "tool0", "panda": "panda_hand_tcp"}
 
 
 @cache
 def paper_model() -> pp.ErrorModel:
     return pp.ErrorModel.load(PAPER_SHEET)
+
+
+def chain_of(name: str) -> Chain:
+    """Return the paper's arm, ``ur5`` or ``panda``; skip the test where example-robot-data is not installed."""
+    if name == "paper":
+        return paper_model().chain
+    found = example_urdfs()
+    if name not in found:
+        pytest.skip("example-robot-data is not installed")
+    return Chain.from_urdf(found[name], TIPS[name], locked={"panda_finger_joint1": 0.0} if name == "panda" else None)
 
 
 @cache

@@ -6,24 +6,11 @@ import numpy as np
 import pytest
 
 import precision_pin as pp
-from analyses.calibration.arms import OFF_AXIS, paper_model, plain_model, random_poses
+from analyses.calibration.arms import OFF_AXIS, chain_of, paper_model, plain_model, random_poses
 from precision_pin.analyses.calibration.contact import contact_poses, doubt_contact
 from precision_pin.draws.space import Space
-from precision_pin.robot.chain import Chain
-from precision_pin.robot.examples import example_urdfs
 from precision_pin.sources import JointOffset, Mounting
 from support.sheets import seven_joint_arm
-
-TIPS = {"ur5": "tool0", "panda": "panda_hand_tcp"}
-
-
-def chain_of(name: str) -> Chain:
-    if name == "paper":
-        return paper_model().chain
-    found = example_urdfs()
-    if name not in found:
-        pytest.skip("example-robot-data is not installed")
-    return Chain.from_urdf(found[name], TIPS[name], locked={"panda_finger_joint1": 0.0} if name == "panda" else None)
 
 
 @pytest.mark.parametrize("name", ["paper", "ur5", "panda"])

@@ -8,10 +8,13 @@ import time
 
 import numpy as np
 import pytest
+from scipy import optimize
 
 import precision_pin as pp
-from analyses.calibration.arms import OFF_AXIS, paper_model, plain_model, random_poses
+from analyses.calibration.arms import OFF_AXIS, chain_of, plain_model, random_poses
+from precision_pin.analyses.calibration import pose_bound
 from precision_pin.analyses.calibration.identifiability import observability
+from precision_pin.analyses.calibration.pose_choice import Design
 
 SET_UPS = [
     pp.Measurement(std=20e-6, target=OFF_AXIS),
@@ -63,14 +66,60 @@ def test_plan_and_forecast_agree_and_a_seed_gives_one_plan() -> None:
 
 
 @pytest.mark.slow
-def test_forty_of_two_hundred_poses_in_time_and_certified() -> None:
-    """All 36 geometric errors of the paper's arm by poses: D-efficiency of 0.99, in less than 20 s."""
+@pytest.mark.parametrize(
+    ("robot", "measurement"),
+    [("paper", pp.Measurement("pose")), ("ur5", pp.Measurement(target=OFF_AXIS))],
+    ids=["paper", "ur5"],
+)
+def test_forty_of_two_hundred_poses_in_time_and_certified(robot: str, measurement: pp.Measurement) -> None:
+    """All geometric errors of the paper's arm by poses and of a UR5 by points: D-efficiency of 0.99, in less than 20 s."""
+    chain = chain_of(robot)
     began = time.perf_counter()
-    plan = pp.plan_calibration(
-        pp.every_frame(paper_model().chain), random_poses(4, 200), 40, pp.Measurement("pose"), criterion="D"
-    )
+    candidates = random_poses(len(chain.joints), 200)
+    plan = pp.plan_calibration(pp.every_frame(chain), candidates, 40, measurement, criterion="D")
     assert plan.efficiency >= 0.99
     assert time.perf_counter() - began < 20
+
+
+def test_weights_within_limits_by_general_solvers() -> None:
+    """The closest weights satisfy the conditions of a minimum, and the least sum of slopes is that of a linear programme."""
+    generator = np.random.default_rng(0)
+    for _ in range(200):
+        count = int(generator.integers(2, 30))
+        settled = generator.random(count)
+        low, high = (settled < 0.1).astype(float), (settled < 0.9).astype(float)
+        total = int(generator.integers(low.sum(), high.sum() + 1))
+        wanted = generator.normal(size=count) * generator.choice([0.1, 1, 10])
+        weights = pose_bound._project(wanted, total, low, high)
+        assert weights.sum() == pytest.approx(total, abs=1e-9)
+        assert ((weights >= low) & (weights <= high)).all()
+        # the gradient is one number where neither limit holds, and no less (no more) than that at the lower (upper) one
+        away = weights - wanted
+        free = (weights > low) & (weights < high)
+        if free.any():
+            assert np.ptp(away[free]) < 1e-9
+            multiplier = away[free][0]
+            assert (away[(weights == low) & (low < high)] >= multiplier - 1e-9).all()
+            assert (away[(weights == high) & (low < high)] <= multiplier + 1e-9).all()
+        slopes = generator.normal(size=count)
+        least = pose_bound._least(slopes, total, low, high)
+        best = optimize.linprog(slopes, A_eq=np.ones((1, count)), b_eq=[total], bounds=np.column_stack([low, high]))
+        assert slopes @ least == pytest.approx(best.fun, abs=1e-9)
+
+
+@pytest.mark.parametrize("criterion", ["D", "task"])
+def test_one_pose_more_or_less_by_the_loss_itself(criterion: str) -> None:
+    generator = np.random.default_rng(1)
+    by_z, by_nuisance = generator.normal(size=(9, 3, 5)), generator.normal(size=(9, 3, 2))
+    goal = np.diag([1.0, 2.0, 3.0, 0.0, 1.0])
+    design = Design.of(by_z, by_nuisance, goal if criterion == "task" else None)
+    chosen = np.arange(4)
+    here, information = design.loss(design.information(chosen)), design.information(chosen)
+    more, less = (design._changes_by_one(information, sign) for sign in (1.0, -1.0))
+    for k in range(4, 9):
+        assert more[k] == pytest.approx(design.loss(design.information(np.append(chosen, k))) - here, rel=1e-6)
+    for k in range(4):
+        assert less[k] == pytest.approx(design.loss(design.information(np.delete(chosen, k))) - here, rel=1e-6)
 
 
 def test_all_candidates_are_chosen_where_all_are_asked_for() -> None:

@@ -28,6 +28,7 @@ from precision_pin.analyses.calibration.identifiability import (
     refuse_where_nothing_is_seen,
     remarks_on,
 )
+from precision_pin.analyses.calibration.pose_bound import branches, relaxed
 from precision_pin.analyses.calibration.pose_choice import Design
 from precision_pin.analyses.calibration.posterior import ErrorLeft, error_left
 from precision_pin.analyses.provenance import Provenance
@@ -46,11 +47,11 @@ __all__ = ["PLAN_STEPS", "CalibrationPlan", "plan_calibration"]
 
 _STARTS: Final = 3
 PLAN_STEPS: Final = _STARTS + 3
-"""Steps of a plan: an exchange from each start, the bound, an exchange from it, and the perturbed choices."""
-_PERTURBED: Final = 10
-"""Exchanges from the best choice with some poses replaced at random."""
-_REPLACED: Final = 0.12
-"""Share of poses that are replaced."""
+"""Steps of a plan: an exchange from each start, the relaxed design, the perturbed choices, and branches of the bound."""
+_PERTURBED: Final = 200
+"""Searches from the best choice with some poses replaced at random."""
+_REPLACED: Final = 0.3
+"""Largest share of poses that are replaced."""
 _CERTAIN: Final = 0.999
 """Efficiency at which no better choice is sought."""
 _RANDOM: Final = 25
@@ -241,14 +242,16 @@ def plan_calibration(
         for _ in range(_STARTS):
             choices.append(design.exchange(generator.permutation(total)[:count]))
             step(1)
-        bound = design.bound(min(choices, key=design.exact_loss), count)
+        root = relaxed(design, count, np.full(total, count / total), np.zeros(total), np.ones(total))
+        chosen = min((*choices, design.exchange(root.rounded(count))), key=design.exact_loss)
         step(1)
-        chosen = min((*choices, design.exchange(bound.rounded)), key=design.exact_loss)
+        chosen = _perturbed(design, chosen, root.bound, generator)
         step(1)
-        chosen = np.sort(_perturbed(design, chosen, bound.loss, generator))
+        bound, chosen = branches(design, count, root, chosen)
+        chosen = np.sort(design.exchange(chosen))
         step(1)
     loss = design.exact_loss(chosen)
-    efficiency = design.efficiency(loss, bound.loss)
+    efficiency = design.efficiency(loss, bound)
     random = [design.exact_loss(generator.permutation(total)[:count]) for _ in range(_RANDOM)]
     estimator = Estimator.of(flat(by_z[chosen]), flat(by_nuisance[chosen]), has_prior=True)
     nominal = np.array([stations[k].at.posture.pose for k in chosen])
@@ -265,9 +268,9 @@ def plan_calibration(
         q=values[:, chosen],
         candidates=total,
         value=-loss if criterion == "D" else loss,
-        bound=-bound.loss if criterion == "D" else bound.loss,
+        bound=-bound if criterion == "D" else bound,
         efficiency=efficiency,
-        random_efficiency=design.efficiency(float(np.median(random)), bound.loss),
+        random_efficiency=design.efficiency(float(np.median(random)), bound),
         identifiability=found,
         poses=tuple(error_left(one, name, unit, estimator, measurement) for name, one in tasks),
         findings=(*findings, *_remarks(found, efficiency, hidden), *doubt_contact(measurement, nominal)),
@@ -277,17 +280,18 @@ def plan_calibration(
 def _perturbed(
     design: Design, chosen: NDArray[np.intp], bound: float, generator: np.random.Generator
 ) -> NDArray[np.intp]:
-    """Return the best of exchanges that begin at a choice with some of its poses replaced (iterated local search)."""
+    """Return the best of searches that begin at a choice with some of its poses replaced (iterated local search)."""
     rest = len(design.rows) - len(chosen)
-    replaced = min(max(2, round(_REPLACED * len(chosen))), len(chosen), rest)
+    most = min(max(2, round(_REPLACED * len(chosen))), len(chosen), rest)
     best = design.exact_loss(chosen)
-    for _ in range(_PERTURBED if replaced else 0):
+    for number in range(_PERTURBED if most else 0):
         if design.efficiency(best, bound) >= _CERTAIN:
             break
+        replaced = 1 + number % most
         others = np.setdiff1d(np.arange(len(design.rows)), chosen)
         tried = chosen.copy()
         tried[generator.permutation(len(chosen))[:replaced]] = generator.permutation(others)[:replaced]
-        tried = design.exchange(tried)
+        tried = design.swap(tried)
         loss = design.exact_loss(tried)
         if loss < best:
             chosen, best = tried, loss
@@ -312,7 +316,7 @@ def _remarks(found: Identifiability, efficiency: float, hidden: int) -> tuple[Fi
         remarks.append(Finding("warning", "W_HIDDEN", message))
     if efficiency < 0.99:
         message = (
-            f"the choice is certified to {100 * efficiency:.3g} % of the best only; the bound counts parts of poses, and no "
+            f"the choice is certified to {100 * efficiency:.3g} % of the best only: the bound may be beyond every choice, and no "
             "exchange of two poses is better"
         )
         remarks.append(Finding("warning", "W_PLAN", message))

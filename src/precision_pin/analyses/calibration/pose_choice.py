@@ -1,4 +1,4 @@
-"""Measures of a choice of poses, exchange of poses, and a certified bound.
+"""Measures of a choice of poses, and the exchange of poses.
 
 With weights w_i of candidates, the information on z and nuisances is ``M(w) = diag(I, 0) + Σ w_i A_iᵀ A_i``, A_i the whitened
 derivatives of candidate i. Two measures of a design:
@@ -6,9 +6,9 @@ derivatives of candidate i. Two measures of a design:
 - *D*: ``ln det S(w)``, S the Schur complement of the nuisances: the information on z with the nuisances free;
 - *task*: ``tr(G S(w)⁻¹)``, G = Σ JᵀJ over the user's poses: the mean square position error that is left there.
 
-The first is concave in w, the second convex. So the relaxed problem, 0 ≤ w_i ≤ 1 and Σ w_i = count, bounds every choice of
-poses, and at any w the tangent bounds the relaxed problem: the largest sum of ``count`` slopes is its maximum over all designs.
-Poses are exchanged (Fedorov 1972) while one exchange improves the measure.
+The first is concave in w, the second convex: :mod:`.pose_bound` bounds every choice by that.
+Poses are exchanged while that improves the measure: first by adding the best candidate and leaving out the worst pose, or the
+other way round (Mitchell 1974), which is quick; then by the best of all exchanges of one pose for another (Fedorov 1972).
 """
 
 from __future__ import annotations
@@ -25,23 +25,11 @@ from precision_pin.analyses.calibration.estimates import covariance_with_prior
 from precision_pin.interrupts import raise_if_interrupted
 from precision_pin.typing import Array
 
-__all__ = ["Bound", "Design"]
+__all__ = ["Design"]
 
 _EXCHANGES: Final = 500
 _RIDGE: Final = 1e-9
 """Information on nuisances that is added, as a share of that of all candidates, so that few poses are no singular case."""
-_STEPS: Final = 400
-_GAP: Final = 5e-4
-"""Gap of the relaxed problem, in units of the efficiency, at which it is solved."""
-
-
-@final
-@dataclass(frozen=True, eq=False)
-class Bound:
-    """A bound of the loss of every choice, and the candidates with the largest weights of the relaxed design."""
-
-    loss: float
-    rounded: NDArray[np.intp]
 
 
 @final
@@ -129,9 +117,54 @@ class Design:
         gains = np.einsum("pmi,ij,pmj->p", self.rows, middle, self.rows, optimize=True)
         return self.loss(information), -gains
 
+    def swap(self, chosen: NDArray[np.intp]) -> NDArray[np.intp]:
+        """Return a choice that neither adding the best candidate, then leaving out the worst pose, improves, nor the reverse."""
+        inside = np.zeros(len(self.rows), dtype=bool)
+        inside[chosen] = True
+        information = self.information(chosen)
+        here = self.loss(information)
+        for _ in range(_EXCHANGES):
+            raise_if_interrupted()
+            for first in (1.0, -1.0):
+                moved, changed, there = inside.copy(), information, here
+                for sign in (first, -first):
+                    changes = self._changes_by_one(changed, sign)
+                    changes[moved if sign > 0 else ~moved] = np.inf
+                    best = int(np.argmin(changes))
+                    moved[best] = sign > 0
+                    changed = changed + sign * self.rows[best].T @ self.rows[best]
+                    there += float(changes[best])
+                if there < here - 1e-9 * max(1.0, abs(here)):
+                    break
+            else:
+                break
+            inside = moved
+            # without the rounding of the sums
+            information = self.information(np.flatnonzero(inside))
+            here = self.loss(information)
+        return np.flatnonzero(inside)
+
+    def _changes_by_one(self, information: Array, sign: float) -> Array:
+        """Return the change of loss where a candidate is added (1) or left out (-1), ``(P,)``; infinite where none is left."""
+        inverse: Array = scipy.linalg.inv(information)
+        eye = np.eye(self.rows.shape[1])
+        through = self.rows @ inverse
+        own = eye + sign * through @ self.rows.transpose(0, 2, 1)
+        with np.errstate(divide="ignore"):
+            if self.goal is not None:
+                effect = through[:, :, : self.size] @ self.goal @ through[:, :, : self.size].transpose(0, 2, 1)
+                trace: Array = -sign * np.einsum("pii->p", np.linalg.solve(own, effect))
+                return trace
+            change = -np.linalg.slogdet(own)[1]
+            nuisance = self.rows[:, :, self.size :]
+            if nuisance.shape[2]:
+                kept: Array = scipy.linalg.inv(information[self.size :, self.size :])
+                change += np.linalg.slogdet(eye + sign * nuisance @ kept @ nuisance.transpose(0, 2, 1))[1]
+        return np.where(np.isfinite(change), change, np.inf)
+
     def exchange(self, chosen: NDArray[np.intp]) -> NDArray[np.intp]:
         """Return a choice that no exchange of one pose for another improves."""
-        chosen = chosen.copy()
+        chosen = self.swap(chosen)
         rest = np.setdiff1d(np.arange(len(self.rows)), chosen)
         for _ in range(_EXCHANGES):
             raise_if_interrupted()
@@ -159,52 +192,6 @@ class Design:
             return -change
         left = inverse[:, : self.size]
         return _trace_changes(self.rows, inverse, left @ self.goal @ left.T, chosen, rest)
-
-    def bound(self, start: NDArray[np.intp], count: int) -> Bound:
-        """Return a bound of the loss of every choice of so many candidates, by the relaxed design."""
-        weights = np.full(len(self.rows), count / len(self.rows))
-        weights[start] += 1.0
-        weights = _project(weights / 2, count)
-        best, step = -np.inf, 1.0
-        loss, slopes = self.slopes(weights)
-        for _ in range(_STEPS):
-            order = np.argsort(slopes, kind="stable")
-            vertex = np.zeros_like(weights)
-            vertex[order[:count]] = 1.0
-            best = max(best, loss + float(slopes @ (vertex - weights)))
-            if self.efficiency(loss, best) > 1 - _GAP:
-                break
-            weights, loss, slopes, step = self._descend(weights, loss, slopes, step, count)
-        return Bound(best, np.argsort(-weights, kind="stable")[:count])
-
-    def _descend(
-        self, weights: Array, loss: float, slopes: Array, step: float, count: int
-    ) -> tuple[Array, float, Array, float]:
-        """Return weights after a projected gradient step, with their loss and slopes, and the length of the next step."""
-        scale = step / max(float(np.abs(slopes).max()), 1e-300)
-        for _ in range(40):
-            moved = _project(weights - scale * slopes, count)
-            change = moved - weights
-            new_loss, new_slopes = self.slopes(moved)
-            if new_loss <= loss + 1e-4 * float(slopes @ change):
-                curvature = float((new_slopes - slopes) @ change)
-                length = float(change @ change) / curvature if curvature > 0 else 2 * scale
-                return moved, new_loss, new_slopes, length * max(float(np.abs(new_slopes).max()), 1e-300)
-            scale /= 4
-        return weights, loss, slopes, step / 10
-
-
-def _project(weights: Array, count: int) -> Array:
-    """Return the closest weights within 0 and 1 whose sum is ``count``."""
-    low, high = float(weights.min()) - 1.0, float(weights.max())
-    for _ in range(100):
-        middle = (low + high) / 2
-        if np.clip(weights - middle, 0.0, 1.0).sum() > count:
-            low = middle
-        else:
-            high = middle
-    result: Array = np.clip(weights - (low + high) / 2, 0.0, 1.0)
-    return result
 
 
 def _pairs(rows: Array, middle: Array, chosen: NDArray[np.intp], rest: NDArray[np.intp]) -> tuple[Array, Array, Array]:
