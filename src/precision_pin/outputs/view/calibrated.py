@@ -1,0 +1,136 @@
+"""A calibration in the scene: where the calibrated arm predicts the readings, and how far from there they were measured."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Final, final
+
+import numpy as np
+
+from precision_pin.analyses.calibration.calibration_result import CalibrationResult
+from precision_pin.display.html import escaped
+from precision_pin.display.tables import milli
+from precision_pin.outputs.calibration.readings import WorstReadings
+from precision_pin.outputs.calibration.table import MOST_READINGS, headline
+from precision_pin.outputs.view.scales import ColourScale, round_number
+from precision_pin.outputs.view.scene import Scene
+from precision_pin.typing import Array
+
+__all__ = ["MOST_DRAWN", "CalibrationLayer"]
+
+MOST_DRAWN: Final = 200
+"""The most readings of one page, the worst ones."""
+_LARGEST: Final = 0.12
+"""Largest residual of a reading with weight at first, in lengths of the arm."""
+_LONGEST: Final = 0.2
+"""Longest line, in lengths of the arm."""
+_LIMITED: Final = {
+    "distance": "Only the part along the line of sight is measured, and drawn; that line is shown for the marked reading.",
+    "plane": "Only the height over the plane is measured: lines are along its normal.",
+}
+"""What lines show of readings that have not three lengths."""
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class CalibrationLayer:
+    """A calibration.
+
+    Attributes
+    ----------
+    result
+        The calibration.
+    worst
+        The readings that are drawn, the worst first.
+    scale
+        Colours of the residuals of readings that have weight.
+    """
+
+    result: CalibrationResult
+    worst: WorstReadings
+    scale: ColourScale
+
+    @classmethod
+    def of(cls, result: CalibrationResult) -> CalibrationLayer:
+        """Return the layer of a calibration."""
+        worst = WorstReadings.of(result, MOST_DRAWN)
+        counted = worst.sizes[~worst.is_gross]
+        return cls(result, worst, ColourScale.of(np.append(counted, 0.0)))
+
+    @property
+    def name(self) -> str:
+        """Name of the layer."""
+        return "calibration"
+
+    def draw(self, scene: Scene, length: float) -> None:
+        """Add the predicted places as crosses; the scripts add the residuals."""
+        half = 0.004 * length
+        ends = [
+            point + sign * half * axis for point in self.worst.points.T for axis in np.eye(3) for sign in (-1.0, 1.0)
+        ]
+        scene.segments((self.name, "predicted"), np.array(ends).T, (0.1, 0.1, 0.1, 1.0))
+
+    def settings(self, length: float) -> dict[str, Any]:
+        """Return places and residuals by x, y, z in m, worst first, and how many times too large they are drawn at first."""
+        worst = self.worst
+        return {
+            "times": round_number(_LARGEST * length / self.scale.largest) if self.scale.largest > 0 else 1.0,
+            "longest": _LONGEST * length,
+            "points": _rounded(worst.points),
+            "after": _rounded(worst.after),
+            "before": _rounded(worst.before),
+            "gross": np.flatnonzero(worst.is_gross).tolist(),
+            "rows": list(worst.lines),
+            "largest": self.scale.largest,
+            "anchor": None if worst.anchor is None else worst.anchor.tolist(),
+        }
+
+    def legend(self) -> str:
+        """Return the section of the legend: the answer, the worst readings, the colours, and how large all is drawn."""
+        result, worst = self.result, self.worst
+        said = "".join(f"<p>{escaped(line)}</p>" for line in headline(result))
+        count, drawn = len(result.data), len(worst.lines)
+        which = f"the worst {drawn:,} of {count:,} readings" if drawn < count else _counted(count)
+        limited = _LIMITED.get(result.measurement.kind, "")
+        return (
+            f'<section aria-label="Calibration"><h2>Calibration: readings against predictions</h2>{said}'
+            f'<div class="controls"><p>Worst readings first; press one to mark it:</p><ol class="readings">{self._buttons()}</ol>'
+            f'</div><h2>Residual after calibration, {self.scale.unit.name}</h2>{self.scale.bar()}'
+            '<ul class="legend controls">'
+            '<li><label><input type="checkbox" id="show-calibration" checked><i class="line measured"></i>'
+            f"<span>{escaped(which)}: line from the predicted place (cross) to the measured one (ball)</span></label></li>"
+            f"{self._gross()}"
+            '<li><label><input type="checkbox" id="calibration-before"><i class="line"></i>'
+            "<span>thin: the same readings against the arm before calibration</span></label></li></ul>"
+            '<p class="fine">Residuals are drawn at <span id="calibration-times"></span> times their size. A line without a ball '
+            f"is longer and is cut. {escaped(limited)} The arm and its cloud are those of the sheet, before calibration.</p></section>"
+        )
+
+    def _buttons(self) -> str:
+        """Return a button for each of the worst readings; the first is pressed."""
+        worst = self.worst
+        entries = []
+        for k in range(min(MOST_READINGS, len(worst.lines))):
+            unweighted = ", no weight" if worst.is_gross[k] else ""
+            text = f"row {worst.lines[k]}: {milli(float(worst.sizes[k]), 3)} mm, {worst.deviations[k]:.3g} std{unweighted}"
+            pressed = "false" if k else "true"
+            entries.append(
+                f'<li><button type="button" data-reading="{k}" aria-pressed="{pressed}">{escaped(text)}</button></li>'
+            )
+        return "".join(entries)
+
+    def _gross(self) -> str:
+        """Return the line of the legend about gross errors, if there are any."""
+        if not self.worst.is_gross.any():
+            return ""
+        words = "red: readings that fit no other and were given no weight"
+        return f'<li class="row"><i class="line gross"></i><span>{escaped(words)}</span></li>'
+
+
+def _counted(count: int) -> str:
+    return "the reading" if count == 1 else f"all {count:,} readings"
+
+
+def _rounded(values: Array) -> list[float]:
+    """Return vectors ``(3, K)`` by x, y, z with the digits that a picture can show."""
+    return [float(f"{value:.7g}") for value in values.T.ravel()]
