@@ -135,8 +135,13 @@ def command(
     from precision_pin.outputs.report.collect import collect_poses, count_steps
     from precision_pin.outputs.report.page import page
 
-    # first: whether readings are those of this arm shows in the fit alone
-    fitted = None if calibrate_file is None else calibration_of(sheet, calibrate_file)
+    asked_for = sum(one is not None for one in (*beside, test_at)) + is_allocated
+    step = _Steps(count_steps(specifications, len(poses)) + asked_for)
+    chapters, met_there = [], True
+    if calibrate_file is not None:
+        # first: whether the readings are those of this arm shows in the fit alone
+        with step("calibration", 0):
+            fitted = calibration_of(sheet, calibrate_file)
     space = ErrorModel.from_sheet(sheet).space
     compile_sampler(space)
     compile_sampler(space, model)
@@ -156,8 +161,6 @@ def command(
     ]
     given += ["--all-poses"] if arm["all_poses"] else []
     given += ["--allocate"] if is_allocated else []
-    asked_for = sum(one is not None for one in (*beside, test_at)) + is_allocated
-    step = _Steps(count_steps(specifications, len(poses)) + asked_for)
     found = collect_poses(
         sheet,
         poses,
@@ -169,7 +172,6 @@ def command(
         package_dirs=package_dirs,
         step=step,
     )
-    chapters, met_there = [], True
     if places is not None:
         with step("map", 0):
             error_map = map_of(sheet, places, seed, specifications, VERIFIED)
@@ -184,9 +186,8 @@ def command(
         with step("compensation", 0):
             error_model = ErrorModel.from_sheet(sheet)
             chapters.append(compensation_chapter(compensation_of(error_model, amended), error_model))
-    if fitted is not None:
-        with step("calibration", 0):
-            chapters.append(calibration_chapter(fitted))
+    if calibrate_file is not None:
+        chapters.append(calibration_chapter(fitted))
     if test_at is not None:
         with step("ISO 9283", 0):
             chapters.append(iso9283_chapter(_test(sheet, poses, test_at, seed)))

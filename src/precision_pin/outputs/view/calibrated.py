@@ -24,6 +24,9 @@ _LARGEST: Final = 0.12
 """Largest residual of a reading with weight at first, in lengths of the arm."""
 _LONGEST: Final = 0.2
 """Longest line, in lengths of the arm."""
+_FEW: Final = 60
+"""The most readings whose residuals before the calibration are shown at first."""
+_PER_METRE: Final = 1e3
 _LIMITED: Final = {
     "distance": "Only the part along the line of sight is measured, and drawn; that line is shown for the marked reading.",
     "plane": "Only the height over the plane is measured: lines are along its normal.",
@@ -91,19 +94,22 @@ class CalibrationLayer:
         said = "".join(f"<p>{escaped(line)}</p>" for line in headline(result))
         count, drawn = len(result.data), len(worst.lines)
         which = f"the worst {drawn:,} of {count:,} readings" if drawn < count else _counted(count)
+        before = " checked" if drawn <= _FEW else ""
         limited = _LIMITED.get(result.measurement.kind, "")
         return (
             f'<section aria-label="Calibration"><h2>Calibration: readings against predictions</h2>{said}'
-            f'<div class="controls"><p>Worst readings first; press one to mark it:</p><ol class="readings">{self._buttons()}</ol>'
-            f'</div><h2>Residual after calibration, {self.scale.unit.name}</h2>{self.scale.bar()}'
+            '<div class="controls"><p>The worst readings first, in mm and in standard deviations (std); press one to mark it:</p>'
+            f'<ol class="readings">{self._buttons()}</ol></div>'
+            f'<div id="calibration-bar"><h2>Residual after calibration, mm</h2>{self.scale.bar(_PER_METRE)}</div>'
             '<ul class="legend controls">'
             '<li><label><input type="checkbox" id="show-calibration" checked><i class="line measured"></i>'
             f"<span>{escaped(which)}: line from the predicted place (cross) to the measured one (ball)</span></label></li>"
             f"{self._gross()}"
-            '<li><label><input type="checkbox" id="calibration-before"><i class="line"></i>'
-            "<span>thin: the same readings against the arm before calibration</span></label></li></ul>"
-            '<p class="fine">Residuals are drawn at <span id="calibration-times"></span> times their size. A line without a ball '
-            f"is longer and is cut. {escaped(limited)} The arm and its cloud are those of the sheet, before calibration.</p></section>"
+            f'<li><label><input type="checkbox" id="calibration-before"{before}><i class="line thin"></i>'
+            "<span>thin line: the same before calibration</span></label></li></ul>"
+            '<p class="fine">Residuals are drawn at <span id="calibration-times"></span> times their size. Lines that would be '
+            f"longer than a fifth of the arm are cut; a thick one then has no ball. {escaped(limited)} The arm and the sampled "
+            "robots are those of the sheet, before calibration.</p></section>"
         )
 
     def _buttons(self) -> str:
@@ -112,7 +118,9 @@ class CalibrationLayer:
         entries = []
         for k in range(min(MOST_READINGS, len(worst.lines))):
             unweighted = ", no weight" if worst.is_gross[k] else ""
-            text = f"row {worst.lines[k]}: {milli(float(worst.sizes[k]), 3)} mm, {worst.deviations[k]:.3g} std{unweighted}"
+            text = (
+                f"row {worst.lines[k]}: {milli(float(worst.sizes[k]), 3)} mm, {worst.deviations[k]:.3g} std{unweighted}"
+            )
             pressed = "false" if k else "true"
             entries.append(
                 f'<li><button type="button" data-reading="{k}" aria-pressed="{pressed}">{escaped(text)}</button></li>'

@@ -30,13 +30,13 @@ function label(text) {
     pen.fillStyle = "#ffffff";
     pen.strokeStyle = "#1b222b";
     pen.lineWidth = 3;
-    pen.fillRect(2, 2, 252, 60);
-    pen.strokeRect(2, 2, 252, 60);
+    pen.fillRect(2, 2, 188, 60);
+    pen.strokeRect(2, 2, 188, 60);
     pen.fillStyle = "#1b222b";
     pen.font = "bold 36px sans-serif";
     pen.textAlign = "center";
     pen.textBaseline = "middle";
-    pen.fillText(text, 128, 34, 240);
+    pen.fillText(text, 96, 34, 176);
   };
 }
 
@@ -46,16 +46,13 @@ if (fitted !== null) {
     [...Array(numbers.length / 3).keys()].map((k) => new THREE.Vector3(...numbers.slice(3 * k, 3 * k + 3)));
   const points = vectors(fitted.points);
   const [after, before] = [vectors(fitted.after), vectors(fitted.before)];
-  const palette = shades(settings.stops);
   const radius = 0.003 * settings.length;
   const [rodShape, ballShape] = [new THREE.CylinderGeometry(radius, radius, 1, 8), new THREE.SphereGeometry(2.4 * radius, 12, 8)];
   const lines = points.map(function (point, k) {
-    const share = fitted.largest > 0 ? Math.min(after[k].length() / fitted.largest, 1) : 0;
-    const color = new THREE.Color(...(fitted.gross.includes(k) ? OUTSIDE.light : palette[Math.round(share * (palette.length - 1))]));
-    const material = new THREE.MeshBasicMaterial({ color });
+    const material = new THREE.MeshBasicMaterial();
     const [rod, ball] = [rodShape, ballShape].map((shape) => new THREE.Mesh(shape, material));
     kinds.calibration.add(rod, ball);
-    return { rod, ball };
+    return { rod, ball, material };
   });
   const thin = new THREE.LineSegments(
     new THREE.BufferGeometry(), new THREE.LineBasicMaterial({ color: 0x6b7785, transparent: true, opacity: 0.8 }));
@@ -65,6 +62,19 @@ if (fitted !== null) {
   drawOver(kinds.calibration);
   const mark = new THREE.Group();
   kinds.calibration.add(mark);
+
+  const paintReadings = function () {
+    const palette = stops[theme()];
+    lines.forEach(function ({ material }, k) {
+      const share = fitted.largest > 0 ? Math.min(after[k].length() / fitted.largest, 1) : 0;
+      material.color.setRGB(...(fitted.gross.includes(k) ? OUTSIDE[theme()] : palette[Math.round(share * (palette.length - 1))]));
+    });
+    node("calibration", "predicted").traverse((one) => one.material?.color.set(INK[theme()]));
+    const listed = theme() === "dark" ? settings.darkStops : settings.stops;
+    element("calibration-bar").querySelector(".bar").style.background = `linear-gradient(to right, ${listed.join(", ")})`;
+  };
+  paintReadings();
+  scheme.addEventListener("change", paintReadings);
 
   const cut = (move, times) => move.clone().multiplyScalar(times).clampLength(0, fitted.longest);
   showCalibration = function (value) {
@@ -85,8 +95,9 @@ if (fitted !== null) {
   const buttons = [...document.querySelectorAll("[data-reading]")];
   const markReading = function (k) {
     mark.clear();
-    const tag = sprite(256, 64, 0.03, label(`row ${fitted.rows[k]}`));
-    tag.center.set(0.5, -0.9);
+    const tag = sprite(192, 64, 0.026, label(`row ${fitted.rows[k]}`));
+    // on the side where its line is not
+    tag.center.set(0.5, after[k].z > 0 ? 2 : -1);
     mark.add(sprite(96, 96, 0.045, ring), tag);
     mark.position.copy(points[k]);
     mark.userData.row = fitted.rows[k];
