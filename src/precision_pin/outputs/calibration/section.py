@@ -32,8 +32,10 @@ __all__ = ["calibration_chapter"]
 _NUMBERS: Final = 60
 """Most numbers of the table of what is learned."""
 _SHOWN: Final = (
-    "The arm in all other sections and in the 3-D view is that of the sheet, before this calibration. For reports of the "
-    "calibrated arm, write its sheet with precision-pin calibrate --sheet."
+    "The arm in all other sections and in the 3-D view is that of the sheet, before this calibration. A report of the "
+    "calibrated arm is made from the sheet that this command writes: ",
+    element("code", "precision-pin calibrate --sheet"),
+    ".",
 )
 
 
@@ -64,8 +66,8 @@ def _section(result: CalibrationResult) -> Html:
         "Residual of each reading: before the calibration, after it, and of a fit without that reading.",
     )
     parts: list[Child] = [
-        paragraph(_SHOWN),
         items(said),
+        paragraph(*_SHOWN),
         paragraph(f"{measured_text(result)}.", class_="note"),
         *([] if result.has_prior else [paragraph(f"{NO_PRIOR.capitalize()}.", class_="note")]),
         picture,
@@ -81,7 +83,7 @@ def _section(result: CalibrationResult) -> Html:
 
 def _readings(result: CalibrationResult) -> list[Child]:
     rows, gross = reading_rows(result), gross_rows(result)
-    parts: list[Child] = [table("The worst readings, worst first", rows[0], rows[1:])]
+    parts: list[Child] = [table("The worst readings, worst first; residuals in mm", rows[0], rows[1:])]
     if len(gross) > 1:
         parts.append(table("Readings that fit no other and were given no weight", gross[0], gross[1:]))
     return [*parts, paragraph(f"{LEFT_OUT}.", class_="note")]

@@ -345,7 +345,7 @@ def gross_rows(result: CalibrationResult) -> list[list[str]]:
     """Return a header and a row for each reading that was given no weight, the worst first."""
     worst = sorted(result.gross_errors, key=lambda error: -error.deviations)
     rows = [[f"row {error.line}", milli(error.size, 3), f"{error.deviations:.3g}"] for error in worst]
-    return [["no weight", "residual, mm", "std"], *rows]
+    return [["reading", "residual, mm", "std"], *rows]
 
 
 def set_up_lines(found: SetUp) -> list[str]:

@@ -26,6 +26,8 @@ _LONGEST: Final = 0.2
 """Longest line, in lengths of the arm."""
 _FEW: Final = 60
 """The most readings whose residuals before the calibration are shown at first."""
+_ROUNDING: Final = 1e-12
+"""Residuals (m) below which a reading is where it is predicted."""
 _PER_METRE: Final = 1e3
 _LIMITED: Final = {
     "distance": "Only the part along the line of sight is measured, and drawn; that line is shown for the marked reading.",
@@ -57,7 +59,7 @@ class CalibrationLayer:
     def of(cls, result: CalibrationResult) -> CalibrationLayer:
         """Return the layer of a calibration."""
         worst = WorstReadings.of(result, MOST_DRAWN)
-        counted = worst.sizes[~worst.is_gross]
+        counted = worst.sizes[~worst.is_gross & (worst.sizes > _ROUNDING)]
         return cls(result, worst, ColourScale.of(np.append(counted, 0.0)))
 
     @property
