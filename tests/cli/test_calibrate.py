@@ -178,6 +178,7 @@ def test_a_page_refuses_readings_before_anything_long_begins(
     (folder / "swapped.csv").write_text("\n".join([header.replace("x [", "w [").replace("y [", "x ["), *lines]))
     far = [",".join([*line.split(",")[:4], *line.split(",")[:3:-1]]) for line in lines]
     (folder / "far.csv").write_text("\n".join([header, *far]))
+    (folder / "data.html").write_text((folder / "data.csv").read_text())
     before = contents()
     for sheet, data, out, message in (
         (quick, "nosuch.csv", "page.html", "nosuch.csv"),
@@ -187,7 +188,7 @@ def test_a_page_refuses_readings_before_anything_long_begins(
             "page.html",
             "plain.errors.yaml: error E_MISSING_KEY: the sheet has no measurement:",
         ),
-        (quick, "data.csv", "data.csv", "data.csv"),
+        (quick, "data.html", "data.html", "is an input"),
         (quick, "swapped.csv", "page.html", "the column 'w' is not expected"),
         (quick, "far.csv", "page.html", "columns or units are wrong"),
     ):

@@ -33,6 +33,7 @@ __all__ = [
     "calibration_table",
     "chi_square_text",
     "describe_measurement",
+    "deviations_text",
     "estimate_rows",
     "forecast_table",
     "gross_rows",
@@ -336,9 +337,14 @@ def reading_rows(result: CalibrationResult) -> list[list[str]]:
     for k, row in enumerate(worst.rows):
         left_out = float((result.left_out[row, :3] ** 2).sum() ** 0.5)
         weight = "0" if worst.is_gross[k] else "1"
-        cells = [milli(float(worst.sizes[k]), 3), f"{worst.deviations[k]:.3g}", milli(left_out, 3), weight]
+        cells = [milli(float(worst.sizes[k]), 3), deviations_text(worst.deviations[k]), milli(left_out, 3), weight]
         rows.append([f"row {worst.lines[k]}", *cells])
     return rows
+
+
+def deviations_text(value: float) -> str:
+    """Return a number of standard deviations; below a thousandth it is 0."""
+    return f"{round(float(value), 3):.3g}"
 
 
 def gross_rows(result: CalibrationResult) -> list[list[str]]:

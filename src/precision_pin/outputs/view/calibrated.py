@@ -11,7 +11,7 @@ from precision_pin.analyses.calibration.calibration_result import CalibrationRes
 from precision_pin.display.html import escaped
 from precision_pin.display.tables import milli
 from precision_pin.outputs.calibration.readings import WorstReadings
-from precision_pin.outputs.calibration.table import MOST_READINGS, headline
+from precision_pin.outputs.calibration.table import MOST_READINGS, deviations_text, headline
 from precision_pin.outputs.view.scales import ColourScale, round_number
 from precision_pin.outputs.view.scene import Scene
 from precision_pin.typing import Array
@@ -120,9 +120,8 @@ class CalibrationLayer:
         entries = []
         for k in range(min(MOST_READINGS, len(worst.lines))):
             unweighted = ", no weight" if worst.is_gross[k] else ""
-            text = (
-                f"row {worst.lines[k]}: {milli(float(worst.sizes[k]), 3)} mm, {worst.deviations[k]:.3g} std{unweighted}"
-            )
+            size, deviations = milli(float(worst.sizes[k]), 3), deviations_text(worst.deviations[k])
+            text = f"row {worst.lines[k]}: {size} mm, {deviations} std{unweighted}"
             pressed = "false" if k else "true"
             entries.append(
                 f'<li><button type="button" data-reading="{k}" aria-pressed="{pressed}">{escaped(text)}</button></li>'
