@@ -61,6 +61,7 @@ if (fitted !== null) {
   kinds.calibration.add(thin, sight);
   drawOver(kinds.calibration);
   const mark = new THREE.Group();
+  mark.renderOrder = OVER.marks;
   kinds.calibration.add(mark);
 
   const paintReadings = function () {
