@@ -151,6 +151,13 @@ def test_a_page_shows_the_fit_of_the_command(run, folder, quick) -> None:
     assert said in (folder / "page.html").read_text("utf-8")
 
 
+def test_a_served_page_follows_the_readings(run, folder, quick, monkeypatch) -> None:
+    watched = []
+    monkeypatch.setattr("precision_pin.cli.view._serve", lambda *given, **_: watched.extend(given[3]))
+    assert run("view", quick, "--calibrate", "data.csv").code == 0
+    assert "data.csv" in [path.name for path in watched]
+
+
 @pytest.mark.slow
 def test_a_report_has_a_section_about_the_fit(run, folder, quick) -> None:
     found = run("calibrate", quick, "data.csv", "--json", "-").json

@@ -16,6 +16,7 @@ from outputs.view_cases import data_block, nodes_of, pages
 from precision_pin import se3
 from precision_pin.analyses.calibration.data import CalibrationData
 from precision_pin.outputs.calibration.section import calibration_chapter
+from precision_pin.outputs.calibration.table import calibration_table
 from precision_pin.outputs.view import ViewPose
 from precision_pin.outputs.view.calibrated import MOST_DRAWN, CalibrationLayer
 from precision_pin.sources import JointOffset
@@ -274,6 +275,12 @@ def test_the_head_of_the_page_warns_where_it_has_to(case):
     assert wrong.verdict == "disagrees"
     (line,) = calibration_chapter(wrong).answers
     assert line.startswith("Calibration: model and data disagree: chi-square 1e+04 for ")
+
+
+def test_a_notebook_shows_the_lines_of_the_table(case):
+    _, result, _ = case
+    shown = html.unescape(result._repr_html_().removeprefix("<pre>").removesuffix("</pre>"))
+    assert shown == calibration_table(result)
 
 
 # the JSON ----------------------------------------------------------------------------------------

@@ -239,7 +239,7 @@ class CalibrationResult(JsonResult):
         """Return the notebook view: the table of the command."""
         # texts rest on results, not results on texts
         made = import_module("precision_pin.outputs.calibration.table").calibration_table(self)
-        return f"<pre>{escaped(made)}</pre>"
+        return "<pre>{}</pre>".format("\n".join(map(escaped, made.splitlines())))
 
     def __repr__(self) -> str:
         return (
