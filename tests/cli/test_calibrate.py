@@ -119,6 +119,94 @@ def test_a_wrong_calibration_is_refused_at_its_line(run, folder, rows, value, me
     assert len(line.splitlines()) == 1
 
 
+QUICK_SHEET = """precision-pin: 1
+robot: 4dof.urdf
+tip: tool
+poses: {home: 0 0 0 0 deg}
+sources:
+  - joint_offset: {joint: joint2, offset: {normal: 1 mrad}}
+  - joint_offset: {joint: joint3, offset: {normal: 1 mrad}}
+"""
+INSTRUMENT = "measurement: {kind: position, std: 20 um, target: 50 30 20 mm}\n"
+
+
+@pytest.fixture
+def quick(folder) -> str:
+    """Return the name of a sheet that is fitted quickly, beside readings of its arm, data.csv."""
+    (folder / "quick.errors.yaml").write_text(QUICK_SHEET + INSTRUMENT)
+    model = pp.ErrorModel.load(folder / "quick.errors.yaml")
+    q = np.random.default_rng(0).uniform(-2, 2, (4, 8))
+    readings = simulate_readings(stations_of(model, q, model.sheet.measurement), model.sheet.measurement, model, seed=1)
+    write(folder, np.hstack([np.degrees(q.T), 1e3 * readings[:, :, 0]]))
+    return "quick.errors.yaml"
+
+
+def test_a_page_shows_the_fit_of_the_command(run, folder, quick) -> None:
+    found = run("calibrate", quick, "data.csv", "--json", "-").json
+    made = run("view", quick, "--samples", "20", "--calibrate", "data.csv", "--out", "page.html")
+    assert made.code == 0
+    assert [line for line in made.err_lines if "W_NO_REPEATABILITY" in line]
+    rms = {name: f"{1e3 * value:.3g}" for name, value in found["rms_residual"].items()}
+    said = f"Residuals rms {rms['before']} mm before, {rms['after']} mm after"
+    assert said in (folder / "page.html").read_text("utf-8")
+
+
+def test_a_served_page_follows_the_readings(run, folder, quick, monkeypatch) -> None:
+    watched = []
+    monkeypatch.setattr("precision_pin.cli.view._serve", lambda *given, **_: watched.extend(given[3]))
+    assert run("view", quick, "--calibrate", "data.csv").code == 0
+    assert "data.csv" in [path.name for path in watched]
+
+
+@pytest.mark.slow
+def test_a_report_has_a_section_about_the_fit(run, folder, quick) -> None:
+    found = run("calibrate", quick, "data.csv", "--json", "-").json
+    made = run("report", quick, "--samples", "200", "--calibrate", "data.csv", "--out", "page.html")
+    assert made.code == 0
+    assert made.err_lines.index(next(line for line in made.err_lines if "calibration" in line)) < made.err_lines.index(
+        next(line for line in made.err_lines if "sampling" in line)
+    )
+    page = (folder / "page.html").read_text("utf-8")
+    assert 'href="#calibration"' in page
+    assert "--calibrate data.csv" in page
+    assert f"Residuals rms {1e3 * found['rms_residual']['before']:.3g} mm before" in page
+
+
+@pytest.mark.parametrize("command", ["view", "report"])
+def test_a_page_refuses_readings_before_anything_long_begins(
+    run, folder, quick, contents, monkeypatch, command
+) -> None:
+    def sampled(*_: object) -> None:
+        raise AssertionError("sampling began")
+
+    monkeypatch.setattr(f"precision_pin.cli.{command}.compile_sampler", sampled)
+    (folder / "plain.errors.yaml").write_text(QUICK_SHEET)
+    header, *lines = (folder / "data.csv").read_text().splitlines()
+    (folder / "swapped.csv").write_text("\n".join([header.replace("x [", "w [").replace("y [", "x ["), *lines]))
+    far = [",".join([*line.split(",")[:4], *line.split(",")[:3:-1]]) for line in lines]
+    (folder / "far.csv").write_text("\n".join([header, *far]))
+    (folder / "data.html").write_text((folder / "data.csv").read_text())
+    before = contents()
+    for sheet, data, out, message in (
+        (quick, "nosuch.csv", "page.html", "nosuch.csv"),
+        (
+            "plain.errors.yaml",
+            "data.csv",
+            "page.html",
+            "plain.errors.yaml: error E_MISSING_KEY: the sheet has no measurement:",
+        ),
+        (quick, "data.html", "data.html", "is an input"),
+        (quick, "swapped.csv", "page.html", "the column 'w' is not expected"),
+        (quick, "far.csv", "page.html", "columns or units are wrong"),
+    ):
+        refused = run(command, sheet, "--calibrate", data, "--out", out)
+        assert refused.code == 2
+        said = [line for line in refused.said if not line.endswith(" calibration")]
+        assert len(said) == 1, refused
+        assert message in said[0]
+    assert contents() == before
+
+
 def test_units_do_not_matter(run, folder, rows) -> None:
     one = run("calibrate", SHEET, write(folder, rows), *TARGET, "--json", "-").json
     other = np.hstack([np.radians(rows[:, :4]), rows[:, 4:] / 1e3])

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Final, Unpack
 import click
 
 from precision_pin.cli.inputs import read_sheet
-from precision_pin.cli.measurement import MeasurementOptions, measurement_of, measurement_options
+from precision_pin.cli.measurement import MeasurementOptions, measurement_of, measurement_options, stated_measurement
 from precision_pin.cli.notes import all_warnings_option, echo_note, echo_warnings, quiet_option
 from precision_pin.cli.options import (
     ChainOptions,
@@ -33,13 +33,14 @@ if TYPE_CHECKING:
 
     from matplotlib.figure import Figure
 
+    from precision_pin.analyses.calibration.calibration_result import CalibrationResult
     from precision_pin.display.stored import JsonResult
     from precision_pin.measurement.measurement import Measurement
     from precision_pin.model.error_model import ErrorModel
     from precision_pin.robot.pose_set import PoseSet
     from precision_pin.sheet import Sheet
 
-__all__ = ["command"]
+__all__ = ["calibration_of", "command"]
 
 _RANDOM: Final = 50
 """Poses of a forecast where none are given."""
@@ -121,7 +122,6 @@ def command(forecast: bool, count: int | None, **options: Unpack[_Options]) -> N
     --plan nothing is measured yet: poses, or candidates, are those given, or random ones. DATA.csv has a column for each
     joint and each measured number, with units: "joint1 [deg], x [mm], y [mm], z [mm]".
     """
-    from precision_pin.analyses.calibration.calibrate import calibrate
     from precision_pin.analyses.calibration.forecast import forecast_calibration
     from precision_pin.analyses.calibration.plan import PLAN_STEPS, plan_calibration
     from precision_pin.model.error_model import ErrorModel
@@ -168,8 +168,7 @@ def command(forecast: bool, count: int | None, **options: Unpack[_Options]) -> N
         _answer(forecast_result, forecast_table, "forecast_figure", "calibration-forecast", options)
         return
     assert data is not None
-    result = calibrate(model, data, measurement, prior=not options["no_prior"], at=at, findings=sheet.findings)
-    echo_warnings(result.findings[len(sheet.findings) :])
+    result = _fit(model, sheet, data, measurement, prior=not options["no_prior"], at=at)
     if options["sheet_path"] is not None:
         _write_sheet(result, sheet.file, options["sheet_path"])
     if options["urdf"] is not None:
@@ -177,6 +176,31 @@ def command(forecast: bool, count: int | None, **options: Unpack[_Options]) -> N
         held = f"; as at the first pose only: {', '.join(frozen)}" if frozen else ""
         echo_note(f"wrote {options['urdf']}{held}")
     _answer(result, calibration_table, "calibration_figure", "calibration", options)
+
+
+def calibration_of(sheet: Sheet, data: str) -> CalibrationResult:
+    """Return the fit of the sheet to readings of its own instrument, for a page that shows it; print its warnings.
+
+    Raises
+    ------
+    InputError
+        The sheet says nothing of an instrument, or the data are wrong.
+    """
+    from precision_pin.model.error_model import ErrorModel
+
+    measurement = stated_measurement(sheet)
+    return _fit(ErrorModel.from_sheet(sheet), sheet, data, measurement, prior=True, at=None)
+
+
+def _fit(
+    model: ErrorModel, sheet: Sheet, data: str, measurement: Measurement, *, prior: bool, at: list[str] | None
+) -> CalibrationResult:
+    """Return the fit of a model to the readings of a file; print its warnings."""
+    from precision_pin.analyses.calibration.calibrate import calibrate
+
+    result = calibrate(model, data, measurement, prior=prior, at=at, findings=sheet.findings)
+    echo_warnings(result.findings[len(sheet.findings) :])
+    return result
 
 
 def _read_factory(sheet: Sheet, file: str, options: _Options) -> None:

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from precision_pin.measurement.measurement import Measurement
     from precision_pin.sheet import Sheet
 
-__all__ = ["MeasurementOptions", "measurement_of", "measurement_options"]
+__all__ = ["MeasurementOptions", "measurement_of", "measurement_options", "stated_measurement"]
 
 Decorated = TypeVar("Decorated", bound="Callable[..., Any]")
 _OF_KIND: Final = ("attitude_std", "anchor", "plane", "sockets")
@@ -93,6 +93,20 @@ def measurement_of(sheet: Sheet, options: MeasurementOptions) -> Measurement:
     if options["point_free"] is not None:
         given["target_known"] = not options["point_free"]
     return Measurement(**given)
+
+
+def stated_measurement(sheet: Sheet) -> Measurement:
+    """Return the measurement that the sheet describes.
+
+    Raises
+    ------
+    InputError
+        It describes none.
+    """
+    if sheet.measurement is None:
+        message = "the sheet has no measurement:, which says how the readings of --calibrate were measured"
+        raise InputError([Finding("error", "E_MISSING_KEY", message, sheet.file)])
+    return sheet.measurement
 
 
 def _point(name: str, text: str) -> tuple[float, ...]:

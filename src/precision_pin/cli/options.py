@@ -18,6 +18,7 @@ __all__ = [
     "OnePoseOptions",
     "PoseOptions",
     "SamplingCommand",
+    "calibration_option",
     "chain_options",
     "compensation_option",
     "describe_excess",
@@ -191,6 +192,14 @@ compensation_option: Final = click.option(
     "compensate_file",
     metavar="FILE",
     help="Correct the poses of a file as for --trajectory or --grid in position; show the arm before and after.",
+)
+
+
+calibration_option: Final = click.option(
+    "--calibrate",
+    "calibrate_file",
+    metavar="DATA.csv",
+    help="Fit the sheet to readings, a file as for calibrate with the sheet's measurement:; show readings against predictions.",
 )
 
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Final, Literal, Unpack, final
 import click
 
 from precision_pin.cli import EXIT_SPEC
+from precision_pin.cli.calibrate import calibration_of
 from precision_pin.cli.compensate import compensation_of
 from precision_pin.cli.inputs import read_sheet
 from precision_pin.cli.map import map_of
@@ -18,6 +19,7 @@ from precision_pin.cli.options import (
     ChainOptions,
     PoseOptions,
     SamplingCommand,
+    calibration_option,
     chain_options,
     compensation_option,
     inputs_argument,
@@ -69,6 +71,7 @@ class _Arm(ChainOptions, PoseOptions):
 @map_option
 @path_option
 @compensation_option
+@calibration_option
 @click.option(
     "--iso9283",
     "test_at",
@@ -87,6 +90,7 @@ def command(
     map_file: str | None,
     path_file: str | None,
     compensate_file: str | None,
+    calibrate_file: str | None,
     test_at: str | None,
     is_allocated: bool,
     out: str,
@@ -108,9 +112,8 @@ def command(
     check_poses(arm)
     target = PageOutput(out, "report.html")
     target.check()
-    target.outputs.refuse_inputs(
-        [*pose_files(arm), *(file for file in (map_file, path_file, compensate_file) if file is not None)]
-    )
+    beside = (map_file, path_file, compensate_file, calibrate_file)
+    target.outputs.refuse_inputs([*pose_files(arm), *(file for file in beside if file is not None)])
     package_dirs = arm["package_dirs"]
     sheet = read_sheet(arm, target.outputs)
     asked = _choose_poses(sheet, arm)
@@ -124,6 +127,7 @@ def command(
     from precision_pin.analyses.map.map_poses import VERIFIED
     from precision_pin.model.error_model import ErrorModel
     from precision_pin.outputs.allocation.section import allocation_chapter
+    from precision_pin.outputs.calibration.section import calibration_chapter
     from precision_pin.outputs.compensation.section import compensation_chapter
     from precision_pin.outputs.iso9283.section import iso9283_chapter
     from precision_pin.outputs.map.section import map_chapter
@@ -131,12 +135,19 @@ def command(
     from precision_pin.outputs.report.collect import collect_poses, count_steps
     from precision_pin.outputs.report.page import page
 
+    asked_for = sum(one is not None for one in (*beside, test_at)) + is_allocated
+    step = _Steps(count_steps(specifications, len(poses)) + asked_for)
+    chapters, met_there = [], True
+    if calibrate_file is not None:
+        # first: whether the readings are those of this arm shows in the fit alone
+        with step("calibration", 0):
+            fitted = calibration_of(sheet, calibrate_file)
     space = ErrorModel.from_sheet(sheet).space
     compile_sampler(space)
     compile_sampler(space, model)
     options: dict[str, tuple[str | None, ...]] = {"--pose": arm["pose_names"], "--q": arm["qs"]}
     files = {"--trajectory": arm["trajectory"], "--grid": arm["grid"], "--map": map_file, "--path": path_file}
-    files |= {"--compensate": compensate_file}
+    files |= {"--compensate": compensate_file, "--calibrate": calibrate_file}
     options |= {option: (None if file is None else _name(file),) for option, file in files.items()}
     options |= {"--approach": (arm["approach"],)}
     options |= {"--step": arm["steps"]}
@@ -150,8 +161,6 @@ def command(
     ]
     given += ["--all-poses"] if arm["all_poses"] else []
     given += ["--allocate"] if is_allocated else []
-    asked_for = sum(one is not None for one in (map_file, path_file, compensate_file, test_at)) + is_allocated
-    step = _Steps(count_steps(specifications, len(poses)) + asked_for)
     found = collect_poses(
         sheet,
         poses,
@@ -163,7 +172,6 @@ def command(
         package_dirs=package_dirs,
         step=step,
     )
-    chapters, met_there = [], True
     if places is not None:
         with step("map", 0):
             error_map = map_of(sheet, places, seed, specifications, VERIFIED)
@@ -178,6 +186,8 @@ def command(
         with step("compensation", 0):
             error_model = ErrorModel.from_sheet(sheet)
             chapters.append(compensation_chapter(compensation_of(error_model, amended), error_model))
+    if calibrate_file is not None:
+        chapters.append(calibration_chapter(fitted))
     if test_at is not None:
         with step("ISO 9283", 0):
             chapters.append(iso9283_chapter(_test(sheet, poses, test_at, seed)))

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, Literal, Unpack
 import click
 
 from precision_pin.cli import EXIT_SPEC
+from precision_pin.cli.calibrate import calibration_of
 from precision_pin.cli.compensate import compensation_of
 from precision_pin.cli.inputs import echo_findings, read_sheet
 from precision_pin.cli.map import map_of
@@ -19,6 +20,7 @@ from precision_pin.cli.options import (
     ChainOptions,
     PoseOptions,
     SamplingCommand,
+    calibration_option,
     chain_options,
     compensation_option,
     inputs_argument,
@@ -68,6 +70,7 @@ class _Arm(ChainOptions, PoseOptions):
 @map_option
 @path_option
 @compensation_option
+@calibration_option
 @click.option("--factor", type=float, metavar="K", help="Exaggeration at first; chosen to be seen if left out.")
 @click.option(
     "--out",
@@ -86,6 +89,7 @@ def command(
     map_file: str | None,
     path_file: str | None,
     compensate_file: str | None,
+    calibrate_file: str | None,
     factor: float | None,
     out: str | None,
     port: int | None,
@@ -112,7 +116,8 @@ def command(
     if out is not None and (port is not None or no_browser):
         option = "--no-browser" if port is None else "--port"
         raise InputError([Finding("error", "E_USAGE", f"{option} is for a page that is served, without --out")])
-    layered = [file for file in (map_file, path_file, compensate_file) if file is not None]
+    beside = (map_file, path_file, compensate_file, calibrate_file)
+    layered = [file for file in beside if file is not None]
     target = None if out is None else PageOutput(out, "view.html")
     outputs = None if target is None else target.outputs
     if target is not None and outputs is not None:
@@ -125,7 +130,7 @@ def command(
         return read_sheet(arm, outputs)
 
     def page_of(sheet: Sheet) -> str:
-        layers = _layers(sheet, map_file, path_file, compensate_file, seed)
+        layers = _layers(sheet, *beside, seed=seed)
         shown, remarks = _sampled(_poses(sheet, arm), sheet, samples, seed, model)
         kept.append(limits_kept(shown, specifications))
         return page(
@@ -154,10 +159,17 @@ def command(
 
 
 def _layers(
-    sheet: Sheet, map_file: str | None, path_file: str | None, compensate_file: str | None, seed: int
+    sheet: Sheet,
+    map_file: str | None,
+    path_file: str | None,
+    compensate_file: str | None,
+    calibrate_file: str | None,
+    *,
+    seed: int,
 ) -> list[Layer]:
     """Return what is shown beside the arm."""
     from precision_pin.model.error_model import ErrorModel
+    from precision_pin.outputs.view.calibrated import CalibrationLayer
     from precision_pin.outputs.view.compensated import CompensationLayer
     from precision_pin.outputs.view.path_band import PathLayer
     from precision_pin.outputs.view.places import PlacesData
@@ -171,6 +183,8 @@ def _layers(
         model = ErrorModel.from_sheet(sheet)
         made = compensation_of(model, read_path(sheet, compensate_file))
         layers.append(CompensationLayer.of(made, model))
+    if calibrate_file is not None:
+        layers.append(CalibrationLayer.of(calibration_of(sheet, calibrate_file)))
     return layers
 
 

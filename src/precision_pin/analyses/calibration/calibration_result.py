@@ -215,8 +215,19 @@ class CalibrationResult(JsonResult):
         used = [k for k, line in enumerate(self.data.lines) if line not in gross]
         return float(np.sqrt((values[used][:, :3] ** 2).sum(axis=1).mean()))
 
+    def _data(self) -> dict[str, Any]:
+        """Return joint values and readings as given, a row for each reading; ``std`` and ``group`` where they are given."""
+        data = self.data
+        given = {"std": data.std, "group": data.group}
+        return {
+            "joints": list(self.original.chain.joint_names),
+            "q": data.q.T.tolist(),
+            "readings": data.readings.tolist(),
+            **{name: values.tolist() for name, values in given.items() if values.size},
+        }
+
     def to_dict(self) -> dict[str, Any]:
-        """Return the result in its JSON schema, SI units, base axes."""
+        """Return the result in its JSON schema, SI units, base axes; joint values and readings as given under ``data``."""
         return {
             **self.provenance.to_dict(self.schema),
             "measurement": self.measurement.to_dict(),
@@ -248,6 +259,7 @@ class CalibrationResult(JsonResult):
             "residuals_before": self.residuals_before.tolist(),
             "residuals_left_out": self.left_out.tolist(),
             "lines": list(self.data.lines),
+            "data": self._data(),
             "findings": [finding.to_dict() for finding in self.findings],
         }
 
@@ -255,7 +267,7 @@ class CalibrationResult(JsonResult):
         """Return the notebook view: the table of the command."""
         # texts rest on results, not results on texts
         made = import_module("precision_pin.outputs.calibration.table").calibration_table(self)
-        return f"<pre>{escaped(made)}</pre>"
+        return "<pre>{}</pre>".format("\n".join(map(escaped, made.splitlines())))
 
     def __repr__(self) -> str:
         return (

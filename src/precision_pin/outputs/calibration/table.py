@@ -7,21 +7,65 @@ import textwrap
 from collections.abc import Iterable, Sequence
 from typing import Final
 
+import numpy as np
+
 from precision_pin.analyses.calibration.calibration_result import CalibrationResult
 from precision_pin.analyses.calibration.forecast import CalibrationForecast, CurvePoint
 from precision_pin.analyses.calibration.identifiability import Identifiability
 from precision_pin.analyses.calibration.plan import CalibrationPlan
 from precision_pin.analyses.calibration.posterior import ErrorLeft, Posterior
+from precision_pin.analyses.calibration.set_up import SetUp
 from precision_pin.display.tables import milli, resting_on
 from precision_pin.display.text_table import aligned
 from precision_pin.measurement.measurement import Measurement
-from precision_pin.visible import shortened, visible
+from precision_pin.outputs.calibration.readings import WorstReadings
+from precision_pin.visible import shortened, shown, visible
 
-__all__ = ["WIDTH", "calibration_table", "describe_measurement", "forecast_table", "plan_table"]
+__all__ = [
+    "EXPLANATION",
+    "LEARNED",
+    "LEFT_OUT",
+    "MOST_NUMBERS",
+    "MOST_READINGS",
+    "NO_PRIOR",
+    "SEEN",
+    "WIDTH",
+    "calibration_table",
+    "chi_square_text",
+    "describe_measurement",
+    "deviations_text",
+    "estimate_rows",
+    "forecast_table",
+    "gross_rows",
+    "headline",
+    "identifiability_lines",
+    "measured_text",
+    "plan_table",
+    "pose_rows",
+    "poses_with_less",
+    "reading_rows",
+    "residuals_text",
+    "set_up_lines",
+]
 
 WIDTH: Final = 100
+MOST_NUMBERS: Final = 15
+"""Numbers in the table of what is learned."""
+MOST_READINGS: Final = 8
+"""Readings in the table of the worst."""
+LEARNED: Final = "SI units; learned: the share of the prior variance that the readings remove"
+LEFT_OUT: Final = (
+    "std: the residual in standard deviations of the reading, instrument and repeatability together; left out: its residual of a "
+    "fit without it"
+)
+NO_PRIOR: Final = "maximum likelihood: the sheet's tolerances are no prior"
+_VERDICTS: Final = {
+    "agrees": "Model and data agree",
+    "disagrees": "Model and data disagree",
+    "better than stated": "The readings fit better than their standard deviations say",
+}
+SEEN: Final = "seen: the error after, in the instrument's axes; the base is found with the arm"
 _POSES: Final = 12
-_NUMBERS: Final = 15
 _NAME: Final = 44
 _ROWS: Final = 8
 _HEAD: Final = 9
@@ -30,7 +74,7 @@ _JOINTS: Final = 7
 """Most joints whose values fit into a line."""
 _FREE: Final = {"distance": "anchor", "plane": "plane", "socket": "sockets"}
 """What is known or free of a kind; of others the base."""
-_EXPLANATION: Final = (
+EXPLANATION: Final = (
     "before: from the nominal robot, 95 %: quantile of |d|; after: from the calibrated robot; floor: what pose- and "
     "visit-scope draws cause, which no calibration removes"
 )
@@ -45,17 +89,17 @@ def forecast_table(result: CalibrationForecast) -> str:
         f"floor {milli(result.rms('floor'), 3)} mm",
         f"{result.readings:,} readings of {describe_measurement(result.measurement)}; first order",
         "",
-        *_pose_rows(result.poses, result.measurement),
+        *_poses(result.poses, result.measurement),
         "",
         *_learned(result.posterior),
         "",
-        *_observed(result.identifiability),
+        *identifiability_lines(result.identifiability),
         "",
         "rms position error over these poses, mm, against ...",
         *_curve("number of readings", result.by_count, 1.0),
         *_curve("std of the instrument, µm", result.by_instrument, 1e6),
         "",
-        _EXPLANATION,
+        EXPLANATION,
         *resting_on(of.assumed, of.sources, of.origins, of.origins_at),
     ]
     return "\n".join(_wrap(lines))
@@ -65,22 +109,22 @@ def calibration_table(result: CalibrationResult) -> str:
     """Return the verdict on model and data, the residuals, the estimates and the error left."""
     of = result.provenance
     lines = [
-        f"{visible(of.robot)}, {visible(of.base)} to {visible(of.tip)}: model and data: {result.verdict.upper()}; residuals rms "
-        f"{milli(result.rms('before'), 3)} mm before, {milli(result.rms('after'), 3)} mm after, "
-        f"{milli(result.rms('left out'), 3)} mm of readings left out",
-        f"{len(result.data):,} readings of {describe_measurement(result.measurement)}; chi-square {result.chi_square:.4g} for "
-        f"{result.degrees_of_freedom:,} degrees of freedom, probability {result.probability:.2g}",
-        "" if result.has_prior else "maximum likelihood: the sheet's tolerances are no prior\n",
-        *_pose_rows(result.poses, result.measurement),
+        f"{visible(of.robot)}, {visible(of.base)} to {visible(of.tip)}: model and data: {result.verdict.upper()}; "
+        f"{residuals_text(result)}",
+        f"{measured_text(result)}; {chi_square_text(result)}",
+        "" if result.has_prior else f"{NO_PRIOR}\n",
+        *_poses(result.poses, result.measurement),
         "",
-        *_estimated(result.posterior),
+        *aligned(_spaced(estimate_rows(result.posterior))),
+        *_more(len(result.posterior.names)),
         "",
-        *_worst_readings(result),
-        *_set_up(result),
+        *aligned(_spaced(reading_rows(result))),
+        LEFT_OUT,
+        *set_up_lines(result.set_up),
         "",
-        *_observed(result.identifiability),
+        *identifiability_lines(result.identifiability),
         "",
-        _EXPLANATION,
+        EXPLANATION,
     ]
     return "\n".join(_wrap(lines))
 
@@ -112,13 +156,13 @@ def plan_table(result: CalibrationPlan) -> str:
         f"chosen for {aim}: at least {100 * result.efficiency:.4g} % of the best possible (bound of the relaxed design); "
         f"random choices: {100 * result.random_efficiency:.3g} %",
         "",
-        *_pose_rows(result.poses, result.measurement),
+        *_poses(result.poses, result.measurement),
         "",
         *([*aligned(rows), *listed] if len(joints) <= _JOINTS else ["the poses to measure are in the JSON"]),
         "",
-        *_observed(result.identifiability),
+        *identifiability_lines(result.identifiability),
         "",
-        _EXPLANATION,
+        EXPLANATION,
         *resting_on(of.assumed, of.sources, of.origins, of.origins_at),
     ]
     return "\n".join(_wrap(lines))
@@ -142,32 +186,95 @@ def _wrap(lines: Iterable[str]) -> list[str]:
     return [part for line in lines for part in (textwrap.wrap(line, WIDTH) if len(line) > WIDTH else [line])]
 
 
-def _pose_rows(entries: Sequence[ErrorLeft], measurement: Measurement) -> list[str]:
-    """Return a row for each of the user's poses, the worst first where there are many."""
-    is_free = measurement.displaces_base
-    columns = ["before", "after", *(["seen"] if is_free else []), "floor"]
+def headline(result: CalibrationResult) -> list[str]:
+    """Return the answer as sentences: verdict, residuals, the error left, the readings without weight."""
+    lines = [f"{_VERDICTS[result.verdict]}: {chi_square_text(result)}.", f"{_capital(residuals_text(result))}."]
+    lines.append(f"{_error_left_text(result)}.")
+    if result.gross_errors:
+        worst = max(result.gross_errors, key=lambda error: error.deviations)
+        count = len(result.gross_errors)
+        what = "1 reading was" if count == 1 else f"{count:,} readings were"
+        which = f"row {worst.line}" if count == 1 else f"the worst is row {worst.line}"
+        lines.append(
+            f"{what} given no weight: {which}, {milli(worst.size, 3)} mm or {worst.deviations:.3g} standard deviations off."
+        )
+    return lines
+
+
+def _error_left_text(result: CalibrationResult) -> str:
+    """Return the error at the user's poses before and after, rms over all of them."""
+    entries = result.poses
+    sizes = {
+        which: milli(float(np.sqrt(np.mean([entry.rms(which) ** 2 for entry in entries]))), 3)
+        for which in ("before", "after", "floor")
+    }
+    where = f"pose {shown(entries[0].name)}" if len(entries) == 1 else f"{len(entries):,} poses"
+    return (
+        f"Position error of the tip at {where}: rms {sizes['before']} mm before, {sizes['after']} mm after; floor "
+        f"{sizes['floor']} mm"
+    )
+
+
+def _capital(text: str) -> str:
+    return text[:1].upper() + text[1:]
+
+
+def residuals_text(result: CalibrationResult) -> str:
+    """Return the root mean squares of the residuals."""
+    return (
+        f"residuals rms {milli(result.rms('before'), 3)} mm before, {milli(result.rms('after'), 3)} mm after, "
+        f"{milli(result.rms('left out'), 3)} mm of readings left out"
+    )
+
+
+def measured_text(result: CalibrationResult) -> str:
+    """Return how many readings there are, and of what."""
+    return f"{len(result.data):,} readings of {describe_measurement(result.measurement)}"
+
+
+def chi_square_text(result: CalibrationResult) -> str:
+    """Return what the verdict rests on."""
+    return (
+        f"chi-square {result.chi_square:.4g} for {result.degrees_of_freedom:,} degrees of freedom, probability "
+        f"{result.probability:.2g}"
+    )
+
+
+def _spaced(rows: Sequence[Sequence[str]]) -> list[list[str]]:
+    """Return rows with an empty second column, so that a terminal shows the others to the right."""
+    return [[row[0], "", *row[1:]] for row in rows]
+
+
+def pose_rows(entries: Sequence[ErrorLeft], measurement: Measurement) -> list[list[str]]:
+    """Return a header and a row for each of the user's poses, mm; where there are many the twelve with most left, worst first."""
+    columns = ["before", "after", *(["seen"] if measurement.displaces_base else []), "floor"]
     listed = sorted(entries, key=lambda entry: -entry.rms("after"))[:_POSES] if len(entries) > _POSES else entries
     head = [f"{which} {what}" for which in columns for what in (["rms", "95 %"] if which != "floor" else ["rms"])]
-    rows = [["pose, mm", "", *head]]
+    rows = [["pose, mm", *head]]
     for entry in listed:
         cells = []
         for which in columns:
             cells.append(milli(entry.rms(which), 3))
             if which != "floor":
                 cells.append(milli(entry.quantile(which), 3))
-        rows.append([shortened(entry.name, 20), "", *cells])
-    lines = aligned(rows)
-    if len(entries) > len(listed):
-        lines.append(f"… and {len(entries) - len(listed):,} poses with less left")
-    if is_free:
-        lines.append("seen: the error after, in the instrument's axes; the base is found with the arm")
-    return lines
+        rows.append([shortened(entry.name, 20), *cells])
+    return rows
+
+
+def poses_with_less(count: int) -> list[str]:
+    """Return a line on the poses that :func:`pose_rows` leaves out of so many; none where it has all."""
+    return [f"… and {count - _POSES:,} poses with less left"] if count > _POSES else []
+
+
+def _poses(entries: Sequence[ErrorLeft], measurement: Measurement) -> list[str]:
+    lines = aligned(_spaced(pose_rows(entries, measurement)))
+    return [*lines, *poses_with_less(len(entries)), *([SEEN] if measurement.displaces_base else [])]
 
 
 def _learned(posterior: Posterior) -> list[str]:
     names = sorted(posterior.names, key=lambda name: -posterior.learned[name])
     rows = [["number", "", "prior std", "std after", "learned"]]
-    for name in names[:_NUMBERS]:
+    for name in names[:MOST_NUMBERS]:
         cells = [
             f"{posterior.prior_std[name]:.3g}",
             f"{posterior.std[name]:.3g}",
@@ -177,26 +284,28 @@ def _learned(posterior: Posterior) -> list[str]:
     return [*aligned(rows), *_more(len(names))]
 
 
-def _estimated(posterior: Posterior) -> list[str]:
+def estimate_rows(posterior: Posterior, most: int = MOST_NUMBERS) -> list[list[str]]:
+    """Return a header and a row for each number, at most so many, that of which most is learned first; SI units."""
     names = sorted(posterior.names, key=lambda name: -posterior.learned[name])
-    rows = [["number", "", "prior mean", "prior std", "estimate", "std after", "learned"]]
-    for name in names[:_NUMBERS]:
+    rows = [["number", "prior mean", "prior std", "estimate", "std after", "learned"]]
+    for name in names[:most]:
         values = (posterior.prior_mean[name], posterior.prior_std[name], posterior.mean[name], posterior.std[name])
         cells = [*(f"{value + 0.0:.3g}" for value in values), f"{100 * posterior.learned[name]:.1f} %"]
-        rows.append([shortened(name, _NAME - 4), "", *cells])
-    return [*aligned(rows), *_more(len(names))]
+        rows.append([shortened(name, _NAME - 4), *cells])
+    return rows
 
 
 def _more(count: int) -> list[str]:
     rest = (
-        [f"… and {count - _NUMBERS:,} numbers of which less is learned; all are in the JSON"]
-        if count > _NUMBERS
+        [f"… and {count - MOST_NUMBERS:,} numbers of which less is learned; all are in the JSON"]
+        if count > MOST_NUMBERS
         else []
     )
-    return ["SI units; learned: the share of the prior variance that the readings remove", *rest]
+    return [LEARNED, *rest]
 
 
-def _observed(found: Identifiability) -> list[str]:
+def identifiability_lines(found: Identifiability) -> list[str]:
+    """Return what the readings determine, what not, and what in combinations only."""
     indices = ", ".join(f"{name} {value:.3g}" for name, value in found.observability.items())
     lines = [
         f"the readings determine {found.rank:,} combinations of {len(found.names):,} numbers; {indices} "
@@ -216,25 +325,38 @@ def _list(names: Sequence[str]) -> str:
 
 
 def _curve(what: str, points: Sequence[CurvePoint], per_si: float) -> list[str]:
-    shown = points if len(points) <= _ROWS + 2 else points[-(_ROWS + 2) :]
-    head = [what, "", *(f"{point.value * per_si:.4g}" for point in shown)]
-    return aligned([head, ["", "", *(milli(point.rms_position, 3) for point in shown)]])
+    listed = points if len(points) <= _ROWS + 2 else points[-(_ROWS + 2) :]
+    head = [what, "", *(f"{point.value * per_si:.4g}" for point in listed)]
+    return aligned([head, ["", "", *(milli(point.rms_position, 3) for point in listed)]])
 
 
-def _worst_readings(result: CalibrationResult) -> list[str]:
-    sizes = (result.left_out[:, :3] ** 2).sum(axis=1) ** 0.5
-    gross = {error.line for error in result.gross_errors}
-    order = sorted(range(len(sizes)), key=lambda k: -sizes[k])[:_ROWS]
-    rows = [["worst readings, mm", "", "residual", "left out", "weight"]]
-    for k in order:
-        line = result.data.lines[k]
-        own = float((result.residuals[k, :3] ** 2).sum() ** 0.5)
-        rows.append([f"row {line}", "", milli(own, 3), milli(float(sizes[k]), 3), "0" if line in gross else "1"])
-    return [*aligned(rows), "left out: its residual of a fit without it"]
+def reading_rows(result: CalibrationResult) -> list[list[str]]:
+    """Return a header and a row for each of the readings farthest from the calibrated arm, the worst first, mm."""
+    worst = WorstReadings.of(result, MOST_READINGS)
+    rows = [["worst readings, mm", "residual", "std", "left out", "weight"]]
+    for k, row in enumerate(worst.rows):
+        left_out = float((result.left_out[row, :3] ** 2).sum() ** 0.5)
+        weight = "0" if worst.is_gross[k] else "1"
+        cells = [milli(float(worst.sizes[k]), 3), deviations_text(worst.deviations[k]), milli(left_out, 3), weight]
+        rows.append([f"row {worst.lines[k]}", *cells])
+    return rows
 
 
-def _set_up(result: CalibrationResult) -> list[str]:
-    found, lines = result.set_up, []
+def deviations_text(value: float) -> str:
+    """Return a number of standard deviations; below a thousandth it is 0."""
+    return f"{round(float(value), 3):.3g}"
+
+
+def gross_rows(result: CalibrationResult) -> list[list[str]]:
+    """Return a header and a row for each reading that was given no weight, the worst first."""
+    worst = sorted(result.gross_errors, key=lambda error: -error.deviations)
+    rows = [[f"row {error.line}", milli(error.size, 3), f"{error.deviations:.3g}"] for error in worst]
+    return [["reading", "residual, mm", "std"], *rows]
+
+
+def set_up_lines(found: SetUp) -> list[str]:
+    """Return a line for each part of the set-up that was estimated, mm."""
+    lines = []
     if found.base is not None:
         place = " ".join(f"{1e3 * x:.6g}" for x in found.base[:3, 3])
         lines.append(f"base of the robot in the instrument's axes, estimated: {place} mm")

@@ -56,6 +56,7 @@ _SCRIPTS: Final = (
     "cloud",
     "path",
     "compensation",
+    "calibration",
     "frames",
     "arms",
     "tolerances",

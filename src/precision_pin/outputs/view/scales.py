@@ -206,15 +206,18 @@ class ColourScale:
     @property
     def ticks(self) -> tuple[str, ...]:
         """Labels, without the unit, for equal distances from the smallest to the largest size; one if these are equal."""
-        per_metre = self.unit.per_si
+        return self._ticks(self.unit.per_si)
+
+    def _ticks(self, per_metre: float) -> tuple[str, ...]:
         values = np.linspace(self.smallest, self.largest, 5 if self.largest > self.smallest else 1) * per_metre
         step = (self.largest - self.smallest) * per_metre / 4 or self.largest * per_metre / 10
         decimals = min(6, max(0, 1 - math.floor(math.log10(step)))) if step > 0 else 0
         return tuple(f"{value:.{decimals}f}" for value in values)
 
-    def bar(self) -> str:
-        """Return the bar of the colours and its labels, HTML."""
-        ticks = "".join(f"<span>{escaped(tick)}</span>" for tick in self.ticks)
+    def bar(self, per_metre: float | None = None) -> str:
+        """Return the bar of the colours and its labels, HTML; labels in :attr:`unit`, or in one of so many per metre."""
+        labels = self.ticks if per_metre is None else self._ticks(per_metre)
+        ticks = "".join(f"<span>{escaped(tick)}</span>" for tick in labels)
         colours = ", ".join(self.stops)
         return f'<div class="bar" style="background: linear-gradient(to right, {colours})"></div><p class="ticks">{ticks}</p>'
 

@@ -23,6 +23,7 @@ function setFactor(value) {
   showLikenesses(poses[current], factor);
   showPath(factor);
   showCompensation(factor);
+  showCalibration(factor);
   viewer.set_dirty();
   slider.value = Math.log10(factor);
   slider.setAttribute("aria-valuetext", three(factor) + " times");

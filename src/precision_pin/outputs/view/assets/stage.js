@@ -1,5 +1,5 @@
-// All scripts of the page stand in one function, in the order stage, cloud, path, frames, arms, tolerances, headline, camera,
-// pointer, controls.
+// All scripts of the page stand in one function, in the order stage, cloud, path, compensation, calibration, frames, arms,
+// tolerances, headline, camera, pointer, controls.
 // Positions are in m, in the axes of the base; matrices are 16 numbers by columns, as three.js keeps them.
 
 const settings = JSON.parse(document.getElementById("settings").textContent);
