@@ -12,6 +12,9 @@ import pytest
 # pytest compiles the tests with their asserts taken apart: five seconds for each process, unless it is kept
 sys.dont_write_bytecode = False
 
+# what importing and collecting makes stays: to look through it again and again for garbage takes seconds
+gc.disable()
+
 # a shell that starts the tests in the background has Ctrl-C ignored, and so would every command that tests start
 signal.signal(signal.SIGINT, signal.default_int_handler)
 
@@ -50,6 +53,7 @@ def pytest_collection_finish() -> None:
     Not `gc.freeze`: Hypothesis looks for the referrers of its generator, and finds none among frozen objects.
     """
     gc.set_threshold(50_000, 20, 20)
+    gc.enable()
 
 
 @pytest.fixture(autouse=True)
