@@ -9,6 +9,9 @@ from pathlib import Path
 
 import pytest
 
+# matrices here are small: with as many threads as cores in each of as many workers they would wait for each other
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
 # pytest compiles the tests with their asserts taken apart: five seconds for each process, unless it is kept
 sys.dont_write_bytecode = False
 
