@@ -9,7 +9,7 @@ from typing import Final, final
 
 from precision_pin.visible import shortened
 
-__all__ = ["MOST_ROWS", "Table", "escaped", "rendered"]
+__all__ = ["MOST_ROWS", "Table", "escaped", "preformatted", "rendered"]
 
 MOST_ROWS: Final = 20
 """Rows shown of a table; a line below says how many more there are."""
@@ -22,6 +22,11 @@ def escaped(text: str) -> str:
     """Return text escaped for HTML elements and quoted attributes; characters that cannot be shown or encoded are replaced."""
     visible = (one if one.isprintable() else " " if one.isspace() else "\N{REPLACEMENT CHARACTER}" for one in text)
     return html.escape("".join(visible), quote=True)
+
+
+def preformatted(text: str) -> str:
+    """Return lines of text as HTML that keeps them."""
+    return "<pre>{}</pre>".format("\n".join(map(escaped, text.splitlines())))
 
 
 @final

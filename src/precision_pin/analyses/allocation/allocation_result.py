@@ -13,7 +13,7 @@ from precision_pin.analyses.allocation.error_parts import ErrorParts
 from precision_pin.analyses.allocation.front import FrontPoint
 from precision_pin.analyses.allocation.problem import Tolerance
 from precision_pin.analyses.provenance import Provenance
-from precision_pin.display.html import escaped
+from precision_pin.display.html import preformatted
 from precision_pin.display.stored import JsonResult
 from precision_pin.errors import Finding
 from precision_pin.inputs.arrays import fix_fields
@@ -200,7 +200,7 @@ class AllocationResult(JsonResult):
         """Return the notebook view: the table of the command."""
         # texts rest on results, not results on texts
         made = import_module("precision_pin.outputs.allocation.table").allocation_table(self)
-        return f"<pre>{escaped(made)}</pre>"
+        return preformatted(str(made))
 
     def __repr__(self) -> str:
         return (

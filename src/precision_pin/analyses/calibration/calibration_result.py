@@ -22,7 +22,7 @@ from precision_pin.analyses.calibration.set_up import SetUp
 from precision_pin.analyses.declaration import load
 from precision_pin.analyses.provenance import Provenance
 from precision_pin.display.files import write_files
-from precision_pin.display.html import escaped
+from precision_pin.display.html import preformatted
 from precision_pin.display.stored import JsonResult
 from precision_pin.errors import Finding
 from precision_pin.inputs.arguments import check_name, check_number, check_path
@@ -267,7 +267,7 @@ class CalibrationResult(JsonResult):
         """Return the notebook view: the table of the command."""
         # texts rest on results, not results on texts
         made = import_module("precision_pin.outputs.calibration.table").calibration_table(self)
-        return "<pre>{}</pre>".format("\n".join(map(escaped, made.splitlines())))
+        return preformatted(str(made))
 
     def __repr__(self) -> str:
         return (

@@ -32,7 +32,7 @@ from precision_pin.analyses.calibration.identifiability import Identifiability, 
 from precision_pin.analyses.calibration.posterior import ErrorLeft, Posterior, error_left
 from precision_pin.analyses.calibration.remaining_model import remaining_model
 from precision_pin.analyses.provenance import Provenance
-from precision_pin.display.html import escaped
+from precision_pin.display.html import preformatted
 from precision_pin.display.stored import JsonResult
 from precision_pin.errors import Finding
 from precision_pin.inputs.arguments import check_items
@@ -145,7 +145,7 @@ class CalibrationForecast(JsonResult):
         """Return the notebook view: the table of the command."""
         # texts rest on results, not results on texts
         made = import_module("precision_pin.outputs.calibration.table").forecast_table(self)
-        return f"<pre>{escaped(made)}</pre>"
+        return preformatted(str(made))
 
     def __repr__(self) -> str:
         before, after, floor = (1e3 * self.rms(which) for which in ("before", "after", "floor"))

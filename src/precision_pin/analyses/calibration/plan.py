@@ -32,7 +32,7 @@ from precision_pin.analyses.calibration.pose_bound import branches, relaxed
 from precision_pin.analyses.calibration.pose_choice import Design
 from precision_pin.analyses.calibration.posterior import ErrorLeft, error_left
 from precision_pin.analyses.provenance import Provenance
-from precision_pin.display.html import escaped
+from precision_pin.display.html import preformatted
 from precision_pin.display.progress import steps_to
 from precision_pin.display.stored import JsonResult
 from precision_pin.draws.space import check_seed
@@ -158,7 +158,7 @@ class CalibrationPlan(JsonResult):
         """Return the notebook view: the table of the command."""
         # texts rest on results, not results on texts
         made = import_module("precision_pin.outputs.calibration.table").plan_table(self)
-        return f"<pre>{escaped(made)}</pre>"
+        return preformatted(str(made))
 
     def __repr__(self) -> str:
         return (

@@ -100,7 +100,7 @@ def _poses(result: CalibrationResult) -> list[Child]:
 
 
 def _numbers(result: CalibrationResult) -> list[Child]:
-    rows, count = estimate_rows(result.posterior, _NUMBERS), len(result.posterior.names)
+    rows, count = estimate_rows(result, _NUMBERS), len(result.posterior.names)
     which = "The numbers" if count <= _NUMBERS else f"The {_NUMBERS} of {count:,} numbers of which most is learned"
     body = joined([table(f"{which}, most learned first", rows[0], rows[1:]), paragraph(f"{LEARNED}.", class_="note")])
     return [element("details", element("summary", f"What was learned of {count:,} numbers"), body)]

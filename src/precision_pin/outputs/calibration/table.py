@@ -115,7 +115,7 @@ def calibration_table(result: CalibrationResult) -> str:
         "" if result.has_prior else f"{NO_PRIOR}\n",
         *_poses(result.poses, result.measurement),
         "",
-        *aligned(_spaced(estimate_rows(result.posterior))),
+        *aligned(_spaced(estimate_rows(result))),
         *_more(len(result.posterior.names)),
         "",
         *aligned(_spaced(reading_rows(result))),
@@ -153,7 +153,7 @@ def plan_table(result: CalibrationPlan) -> str:
         f"{visible(of.tip)}: rms position error {milli(result.rms('before'), 3)} mm before, "
         f"{milli(result.rms('after'), 3)} mm after; floor {milli(result.rms('floor'), 3)} mm",
         f"{describe_measurement(result.measurement)}; first order; seed {of.seed}",
-        f"chosen for {aim}: at least {100 * result.efficiency:.4g} % of the best possible (bound of the relaxed design); "
+        f"chosen for {aim}: at least {100 * result.efficiency:.4g} % of the best possible (certified bound); "
         f"random choices: {100 * result.random_efficiency:.3g} %",
         "",
         *_poses(result.poses, result.measurement),
@@ -284,12 +284,13 @@ def _learned(posterior: Posterior) -> list[str]:
     return [*aligned(rows), *_more(len(names))]
 
 
-def estimate_rows(posterior: Posterior, most: int = MOST_NUMBERS) -> list[list[str]]:
+def estimate_rows(result: CalibrationResult, most: int = MOST_NUMBERS) -> list[list[str]]:
     """Return a header and a row for each number, at most so many, that of which most is learned first; SI units."""
+    posterior = result.posterior
     names = sorted(posterior.names, key=lambda name: -posterior.learned[name])
-    rows = [["number", "prior mean", "prior std", "estimate", "std after", "learned"]]
+    rows = [["number", "prior mean", "prior std", "estimate", "95 % from", "to", "learned"]]
     for name in names[:most]:
-        values = (posterior.prior_mean[name], posterior.prior_std[name], posterior.mean[name], posterior.std[name])
+        values = (posterior.prior_mean[name], posterior.prior_std[name], posterior.mean[name], *result.interval(name))
         cells = [*(f"{value + 0.0:.3g}" for value in values), f"{100 * posterior.learned[name]:.1f} %"]
         rows.append([shortened(name, _NAME - 4), *cells])
     return rows
