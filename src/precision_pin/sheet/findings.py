@@ -22,7 +22,7 @@ _SHAPES: Final = {
     "list_type": "expected a list, one entry after each '-'",
     "tuple_type": "expected a list, one entry after each '-'",
     "model_type": "expected keys with values, {key: value}",
-    "string_type": "expected one value",
+    "string_type": "expected one value, a text without brackets, as in: 5 mm, or 0 0 5 mm for a point",
 }
 MOST_ERRORS: Final = 100
 """Largest number of errors that are listed for a sheet; with more, reading stops."""

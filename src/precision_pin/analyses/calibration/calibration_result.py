@@ -164,7 +164,9 @@ class CalibrationResult(JsonResult):
         """
         number = self.posterior.names.index(check_name("component", name, self.posterior.names))
         check_number("the probability", probability, "between 0 and 1", lambda value: 0 < value < 1)
-        estimate, left = float(self.without_bounds[number]), 1 - self.posterior.learned[name]
+        # where the number itself stops at a bound, how far the readings would have it beyond says how much lies near the bound
+        estimate = float(self.without_bounds[number]) if name in self.at_bounds else self.posterior.mean[name]
+        left = 1 - self.posterior.learned[name]
         if not self.has_prior and left < 1:
             return normal_interval(estimate, self.posterior.std[name], probability)
         draw = next(one for one in self.original.space.draws if name in one.components)
