@@ -9,6 +9,8 @@ from pathlib import Path
 
 import pytest
 
+from support import site
+
 # matrices here are small: with as many threads as cores in each of as many workers they would wait for each other
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
@@ -57,6 +59,16 @@ def pytest_collection_finish() -> None:
     """
     gc.set_threshold(50_000, 20, 20)
     gc.enable()
+
+
+@pytest.fixture(scope="session", autouse=True)
+def site_begun(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """Build the site beside the other tests: in their turn, the workers would wait a minute for one of them."""
+    is_needed = any(item.path.name == "test_site.py" for item in request.session.items)
+    process = site.begin(tmp_path_factory.getbasetemp()) if is_needed else None
+    yield
+    if process is not None:
+        process.wait()
 
 
 @pytest.fixture(autouse=True)

@@ -4,11 +4,8 @@ from __future__ import annotations
 
 import itertools
 import json
-import os
 import re
 import shutil
-import subprocess
-import sys
 import time
 import zlib
 from pathlib import Path
@@ -19,37 +16,20 @@ from sphinx.search.en import SearchEnglish
 import precision_pin
 from precision_pin.sources import catalogue
 from support.browser import chromium, complaints, needs_chromium, outside_requests, visited
-
-ROOT = Path(__file__).parents[2]
-DOCS = ROOT / "docs"
-LATER = re.compile(r"_build|\.ipynb_checkpoints|__pycache__")
+from support.site import DOCS, LATER, build, home_of
 
 pytestmark = pytest.mark.slow
 
 
-def build(source: Path, target: Path) -> subprocess.CompletedProcess[str]:
-    words = [sys.executable, "-m", "sphinx", "-W", "--keep-going", "-q", "-b", "html", str(source), str(target)]
-    return subprocess.run(words, capture_output=True, text=True, check=False)
-
-
 @pytest.fixture(scope="module")
 def site(tmp_path_factory) -> Path:
-    """Build the site of a copy of the pages, once for all workers: the first one builds, the others wait for it."""
-    base = tmp_path_factory.getbasetemp()
-    home = (base.parent if "PYTEST_XDIST_WORKER" in os.environ else base) / "site"
-    target, done = home / "html", home / "done"
-    try:
-        home.mkdir()
-    except FileExistsError:
-        until = time.monotonic() + 240
-        while not done.exists() and time.monotonic() < until:
-            time.sleep(0.2)
-    else:
-        shutil.copytree(DOCS, home / "docs", ignore=lambda _, names: [name for name in names if LATER.search(name)])
-        run = build(home / "docs", target)
-        done.write_text(f"{run.returncode}\n{run.stderr}", encoding="utf-8")
+    """Return the site of a copy of the pages, which one worker began to build when it had collected these tests."""
+    home = home_of(tmp_path_factory.getbasetemp())
+    done, until = home / "done", time.monotonic() + 280
+    while not done.exists() and time.monotonic() < until:
+        time.sleep(0.2)
     assert done.read_text(encoding="utf-8") == "0\n"
-    return target
+    return home / "html"
 
 
 def test_every_page_is_there(site):

@@ -257,8 +257,8 @@ def test_the_section_has_the_numbers_of_the_json(case):
     for one in found["poses"]:
         cells = [one[which][f"{what}_position"] for which in ("before", "after") for what in ("rms", "quantile")]
         assert re.search(r"\s+".join([one["name"], *(re.escape(f"{1e3 * cell:.3g}") for cell in cells)]), text)
-    for name, std in found["posterior"]["std"].items():
-        assert re.search(rf"{re.escape(name)}\s.*?{std:.3g}", text, re.DOTALL)
+    for name, (low, high) in found["intervals"]["numbers"].items():
+        assert re.search(rf"{re.escape(name)}\s[^[]*?{re.escape(f'{low:.3g}')}\s+{re.escape(f'{high:.3g}')}\s", text)
     worst = max(zip(found["lines"], found["residuals"], strict=True), key=lambda pair: np.linalg.norm(pair[1]))
     assert re.search(rf"row {worst[0]}\s+{1e3 * np.linalg.norm(worst[1]):.3g}\s", text)
     assert "base of the robot in the instrument's axes, estimated" in text

@@ -66,16 +66,12 @@ def test_plan_and_forecast_agree_and_a_seed_gives_one_plan() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("robot", "measurement"),
-    [("paper", pp.Measurement("pose")), ("ur5", pp.Measurement(target=OFF_AXIS))],
-    ids=["paper", "ur5"],
-)
-def test_forty_of_two_hundred_poses_in_time_and_certified(robot: str, measurement: pp.Measurement) -> None:
-    """All geometric errors of the paper's arm by poses and of a UR5 by points: D-efficiency of 0.99, in less than 20 s."""
-    chain = chain_of(robot)
+def test_forty_of_two_hundred_poses_in_time_and_certified() -> None:
+    """All geometric errors of a UR5 by points: D-efficiency of 0.99, in less than 20 s."""
+    chain = chain_of("ur5")
     began = time.perf_counter()
     candidates = random_poses(len(chain.joints), 200)
+    measurement = pp.Measurement(target=OFF_AXIS)
     plan = pp.plan_calibration(pp.every_frame(chain), candidates, 40, measurement, criterion="D")
     assert plan.efficiency >= 0.99
     assert time.perf_counter() - began < 20
