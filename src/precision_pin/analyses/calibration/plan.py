@@ -9,6 +9,7 @@ from typing import Any, ClassVar, Final, Literal, final
 
 import numpy as np
 from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
 
 from precision_pin.analyses.calibration.contact import doubt_contact, seen_poses
 from precision_pin.analyses.calibration.design import (
@@ -237,7 +238,8 @@ def plan_calibration(
     goal = sum((one.T @ one for one in slopes), np.zeros((by_z.shape[2],) * 2)) / len(slopes)
     design = Design.of(by_z, by_nuisance, goal if criterion == "task" else None)
     generator = np.random.default_rng(seed)
-    with steps_to(progress, PLAN_STEPS, "steps") as step:
+    # matrices of a few dozen rows: threads of BLAS would wait for each other, five times as long on two cores
+    with threadpool_limits(1, user_api="blas"), steps_to(progress, PLAN_STEPS, "steps") as step:
         choices = []
         for _ in range(_STARTS):
             choices.append(design.exchange(generator.permutation(total)[:count]))

@@ -23,9 +23,9 @@ __all__ = ["Relaxed", "branches", "relaxed"]
 _STEPS: Final = 400
 _GAP: Final = 2e-5
 """Gap of the relaxed problem, in units of the efficiency, at which it is solved."""
-_WORK: Final = 32_000
+_WORK: Final = 24_000
 """Parts that are bounded, times candidates."""
-_MOST: Final = 160
+_MOST: Final = 120
 """The most parts that are bounded."""
 _ENOUGH: Final = 0.995
 """Efficiency at which no better bound is sought."""
