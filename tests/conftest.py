@@ -36,6 +36,23 @@ def pytest_sessionstart(session: pytest.Session) -> None:
         _compile_all_variants()
 
 
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption("--smoke", action="store_true", help="one test of each file: for other Pythons and dependencies")
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Keep the first test of each file that is not slow."""
+    if not config.getoption("--smoke"):
+        return
+    first: dict[Path, pytest.Item] = {}
+    for item in items:
+        if item.get_closest_marker("slow") is None:
+            first.setdefault(item.path, item)
+    config.hook.pytest_deselected(items=[item for item in items if first.get(item.path) is not item])
+    items[:] = first.values()
+
+
 def _compile_all_variants() -> None:
     from precision_pin.compile_ahead import Job, compile_jobs
     from precision_pin.kernel import part_list
