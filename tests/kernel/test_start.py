@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -38,9 +37,28 @@ MODELS: tuple[sampler.Model, ...] = ("exact", "linear")
 PACKAGE = Path(precision_pin.__file__).parent
 TESTS = Path(__file__).parents[1]
 
-PROGRAM = """
-import time
-began = time.perf_counter()
+SMALL = """
+import numpy as np
+from precision_pin.jit import cached_entry, cached_part, call, is_kept
+
+@cached_part
+def part(x, k):
+    return 2.0 * x[k]
+
+@cached_entry
+def run(x, result):
+    for k in range(x.size):
+        result[k] = part(x, k) + 1.0
+
+def main():
+    result = np.empty(3)
+    before = is_kept(run, (np.ones(3), result))
+    call(run, (np.arange(3.0), result))
+    print(before, result.tolist() == [1.0, 3.0, 5.0], result.tobytes().hex())
+"""
+"""An entry with a part, as the sampler is one, which takes a minute to compile."""
+
+KERNEL = """
 import numpy as np
 from kernel.cases import random_table
 from precision_pin.kernel import sampler as kernel
@@ -51,17 +69,17 @@ errors = kernel.errors(layout, "exact", 1, 0, 20)
 assert kernel.is_compiled(layout.rare)
 print(before, np.abs(errors - at.exact(at.space.sample(1, 0, 20))).max() < 1e-12, errors.tobytes().hex())
 """
+PROGRAMS = {"small": "import small\nsmall.main()", "kernel": KERNEL}
 
 
-def run(source: Path, *, cache: Path | None, **environment: str) -> list[str]:
-    """Run the program on a copy of the package; return what it printed: compiled before, right, the errors' bits."""
-    # hardly optimised: the cache is what is tried, and compiling takes most of the time
-    settings = {"NUMBA_OPT": "1", **os.environ, "PYTHONPATH": f"{source}{os.pathsep}{TESTS}", **environment}
+def run(source: Path, program: str, *, cache: Path | None, **environment: str) -> list[str]:
+    """Run a program; return what it printed: compiled before, right, the numbers' bits."""
+    settings = {**os.environ, "PYTHONPATH": f"{source}{os.pathsep}{TESTS}", **environment}
     settings.pop("NUMBA_CACHE_DIR", None)
     if cache is not None:
         settings["NUMBA_CACHE_DIR"] = str(cache)
     done = subprocess.run(
-        [sys.executable, "-W", "error", "-c", PROGRAM],
+        [sys.executable, "-W", "error", "-c", PROGRAMS[program]],
         env=settings,
         capture_output=True,
         text=True,
@@ -70,11 +88,6 @@ def run(source: Path, *, cache: Path | None, **environment: str) -> list[str]:
     )
     assert done.returncode == 0, done.stderr
     return done.stdout.split()
-
-
-def copied(directory: Path) -> Path:
-    shutil.copytree(PACKAGE, directory / "precision_pin", ignore=shutil.ignore_patterns("__pycache__", "robots"))
-    return directory
 
 
 def test_one_compilation_serves_every_table() -> None:
@@ -153,38 +166,39 @@ def test_code_of_another_variant_in_the_cache_is_not_taken(monkeypatch: pytest.M
 
 @pytest.mark.slow
 def test_a_cache_is_used_and_a_damaged_one_replaced(tmp_path: Path) -> None:
-    source, cache = copied(tmp_path / "source"), tmp_path / "cache"
-    first = run(source, cache=cache)
+    (tmp_path / "small.py").write_text(SMALL)
+    cache = tmp_path / "cache"
+    first = run(tmp_path, "small", cache=cache)
     assert first[:2] == ["False", "True"]
-    assert run(source, cache=cache) == ["True", *first[1:]]
+    assert run(tmp_path, "small", cache=cache) == ["True", *first[1:]]
     for name in ("*.nbc", "*.nbi"):
-        (file,) = cache.rglob(f"loops.run-{name}")
+        (file,) = cache.rglob(f"small.run-{name}")
         file.write_bytes(file.read_bytes()[:20])
-        assert run(source, cache=cache)[1:] == first[1:]
-    for file in cache.rglob("loops.*"):
-        if file.name.startswith("loops.run-"):
-            file.unlink()  # so that the parts are needed
+        assert run(tmp_path, "small", cache=cache)[1:] == first[1:]
+    for file in cache.rglob("small.*"):
+        if file.name.startswith("small.run-"):
+            file.unlink()  # so that the part is needed
         elif file.suffix == ".nbc":
             file.write_bytes(file.read_bytes()[:20])
-    assert run(source, cache=cache)[1:] == first[1:]
-    assert run(source, cache=cache) == ["True", *first[1:]]
+    assert run(tmp_path, "small", cache=cache)[1:] == first[1:]
+    assert run(tmp_path, "small", cache=cache) == ["True", *first[1:]]
 
 
 @pytest.mark.slow
-def test_without_any_place_for_a_cache_the_sampler_still_works(tmp_path: Path) -> None:
+def test_without_any_place_for_a_cache_functions_are_compiled_all_the_same(tmp_path: Path) -> None:
     # numba's own places are then a directory that cannot be made: a file stands in its way, which stops root too
-    source = copied(tmp_path / "source")
-    (source / "precision_pin" / "__pycache__").write_text("")
+    (tmp_path / "small.py").write_text(SMALL)
+    (tmp_path / "__pycache__").write_text("")
     blocked = tmp_path / "file"
     blocked.write_text("")
-    printed = run(source, cache=None, HOME=str(blocked), XDG_CACHE_HOME=str(blocked), PYTHONDONTWRITEBYTECODE="1")
-    assert printed[:2] == ["False", "True"]
+    places = {"HOME": str(blocked), "XDG_CACHE_HOME": str(blocked), "PYTHONDONTWRITEBYTECODE": "1"}
+    assert run(tmp_path, "small", cache=None, **places)[:2] == ["False", "True"]
 
 
 @pytest.mark.slow
 def test_the_loops_run_as_plain_python(tmp_path: Path) -> None:
-    jit = run(PACKAGE.parent, cache=None)
-    interpreted = run(PACKAGE.parent, cache=None, NUMBA_DISABLE_JIT="1")
+    jit = run(PACKAGE.parent, "kernel", cache=None)
+    interpreted = run(PACKAGE.parent, "kernel", cache=None, NUMBA_DISABLE_JIT="1")
     assert interpreted[:2] == ["True", "True"]
     first, second = (np.frombuffer(bytes.fromhex(printed[2])) for printed in (jit, interpreted))
     np.testing.assert_allclose(first, second, rtol=0, atol=1e-15)
