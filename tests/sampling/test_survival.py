@@ -26,7 +26,7 @@ from precision_pin.sampling.workers import Processes
 from sampling import kill_target
 from sampling.cases import MODEL, assert_same_bits, in_one_go, sampled, spawned, wait_until, work
 
-TRIALS = int(os.environ.get("KILL_TRIALS", "10"))
+TRIALS = int(os.environ.get("KILL_TRIALS", "4"))
 """Number of runs that are killed repeatedly until they are complete."""
 
 
