@@ -9,8 +9,15 @@ import click
 
 from precision_pin.cli import EXIT_SPEC
 from precision_pin.cli.inputs import read_sheet
-from precision_pin.cli.notes import all_warnings_option, echo_note, quiet_option
-from precision_pin.cli.options import ChainOptions, Command, chain_options, inputs_argument, seed_option
+from precision_pin.cli.notes import all_warnings_option, echo_note, echo_warnings, quiet_option
+from precision_pin.cli.options import (
+    ChainOptions,
+    Command,
+    beyond_limits_option,
+    chain_options,
+    inputs_argument,
+    seed_option,
+)
 from precision_pin.cli.progress import progress_bar
 from precision_pin.cli.streams import echo_data
 from precision_pin.cli.targets import Outputs
@@ -38,6 +45,7 @@ class _Options(ChainOptions):
 @inputs_argument
 @chain_options
 @seed_option
+@beyond_limits_option
 @click.option(
     "--seconds",
     metavar="S",
@@ -84,6 +92,7 @@ def command(**options: Unpack[_Options]) -> int:
             findings=sheet.findings,
             progress=progress,
         )
+    echo_warnings(result.findings[len(sheet.findings) :])
     if options["json_path"] == "-":
         echo_data(result.to_json())
     else:

@@ -17,6 +17,7 @@ from precision_pin.cli.options import (
     ChainOptions,
     PoseOptions,
     SamplingCommand,
+    beyond_limits_option,
     chain_options,
     inputs_argument,
     pose_options,
@@ -123,6 +124,8 @@ def make_command(declaration: Declaration) -> click.Command:
 
     for option in reversed(declaration.options):
         command = _option(option)(command)
+    if any(option.argument == "specifications" for option in declaration.options):
+        command = beyond_limits_option(command)
     return click.command(declaration.name, cls=SamplingCommand, help=f"{declaration.description}\n\n{_INPUTS}")(
         _shared_options(command)
     )

@@ -97,6 +97,7 @@ def _find(
 ) -> tuple[Finding, ...]:
     """Return the warnings at each pose, as an analysis of it has them; beyond the first 200, those about joint limits."""
     from precision_pin.model.pose_checks import MOST_POSES
+    from precision_pin.model.verdict_grounds import exact_findings
 
     found = []
     for rank, (pose, label) in enumerate(zip(poses, pose_labels([pose.name for pose in poses]), strict=True)):
@@ -108,7 +109,9 @@ def _find(
         where = f"pose {pose.name!r}" if pose.name else label
         found += [replace(finding, message=f"{where}: {finding.message}") for finding in here]
         raise_if_interrupted()
-    return tuple(found)
+    asked = [pose.where for pose in poses]
+    values, _ = error_model.configurations(asked)
+    return (*found, *exact_findings(error_model, values, error_model.approaches_of(asked, values)))
 
 
 def _write_folder(result: PosesResult, folder: Path) -> None:

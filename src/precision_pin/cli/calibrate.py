@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, Final, Unpack
 
 import click
 
+from precision_pin.cli import EXIT_SPEC
 from precision_pin.cli.inputs import read_sheet
 from precision_pin.cli.measurement import MeasurementOptions, measurement_of, measurement_options, stated_measurement
 from precision_pin.cli.notes import all_warnings_option, echo_note, echo_warnings, quiet_option
@@ -115,11 +116,12 @@ class _CalibrateCommand(Command):
 @click.option("--out", metavar="DIR", help="Write plots (PNG and SVG) and the result there.")
 @all_warnings_option
 @quiet_option
-def command(forecast: bool, count: int | None, **options: Unpack[_Options]) -> None:
+def command(forecast: bool, count: int | None, **options: Unpack[_Options]) -> int:
     """Calibrate an arm: forecast what measuring will buy, choose poses to measure, or fit the model to readings.
 
     With DATA.csv the exact model is fitted to the readings, with the sheet's tolerances as the prior. With --forecast and
-    --plan nothing is measured yet: poses, or candidates, are those given, or random ones. DATA.csv has a column for each
+    --plan nothing is measured yet: poses, or candidates, are those given, or random ones. With --no-prior the exit code is 1
+    where the readings do not determine every number. DATA.csv has a column for each
     joint and each measured number, with units: "joint1 [deg], x [mm], y [mm], z [mm]".
     """
     from precision_pin.analyses.calibration.forecast import forecast_calibration
@@ -137,11 +139,11 @@ def command(forecast: bool, count: int | None, **options: Unpack[_Options]) -> N
     sheet = read_sheet(options, outputs)
     if options["factory"] is not None:
         _read_factory(sheet, options["factory"], options)
-        return
+        return 0
     measurement = measurement_of(sheet, options)
     if options["population"]:
         _measure_population(sheet, robots, measurement, options)
-        return
+        return 0
     model = ErrorModel.from_sheet(sheet)
     at = _task_poses(model, options["at_names"])
     if count is not None:
@@ -160,13 +162,13 @@ def command(forecast: bool, count: int | None, **options: Unpack[_Options]) -> N
             )
         echo_warnings(plan.findings[len(sheet.findings) :])
         _answer(plan, plan_table, "plan_figure", "calibration-plan", options)
-        return
+        return 0
     if forecast:
         poses, sheet = _measured_poses(sheet, options, _RANDOM, measurement)
         forecast_result = forecast_calibration(model, poses, measurement, at=at, findings=sheet.findings)
         echo_warnings(forecast_result.findings[len(sheet.findings) :])
         _answer(forecast_result, forecast_table, "forecast_figure", "calibration-forecast", options)
-        return
+        return 0
     assert data is not None
     result = _fit(model, sheet, data, measurement, prior=not options["no_prior"], at=at)
     if options["sheet_path"] is not None:
@@ -176,6 +178,7 @@ def command(forecast: bool, count: int | None, **options: Unpack[_Options]) -> N
         held = f"; as at the first pose only: {', '.join(frozen)}" if frozen else ""
         echo_note(f"wrote {options['urdf']}{held}")
     _answer(result, calibration_table, "calibration_figure", "calibration", options)
+    return EXIT_SPEC if options["no_prior"] and not result.identifiability.is_complete else 0
 
 
 def calibration_of(sheet: Sheet, data: str) -> CalibrationResult:

@@ -6,7 +6,7 @@ import os
 import re
 import shlex
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Final, final
 
@@ -124,7 +124,7 @@ def read_sheet(options: ChainOptions, outputs: Outputs | None = None) -> Sheet:
     if outputs is not None:
         outputs.refuse_inputs(inputs)
     echo_warnings(sheet.findings)
-    return sheet
+    return replace(sheet, beyond_limits=options.get("beyond_limits", False))
 
 
 def read_inputs(found: Inputs, options: ChainOptions) -> Sheet:

@@ -14,6 +14,7 @@ from precision_pin.cli.options import (
     ChainOptions,
     PoseOptions,
     SamplingCommand,
+    beyond_limits_option,
     chain_options,
     inputs_argument,
     pose_options,
@@ -66,6 +67,7 @@ class _Arm(ChainOptions, PoseOptions):
 @click.option(
     "--measured", metavar="FILE.csv", help="Measured cycles of a robot: pose, cycle, x [mm], y [mm], z [mm], angles."
 )
+@beyond_limits_option
 @click.option(
     "--spec", "specs", multiple=True, metavar='"RP 0.1 mm @ 95 %"', help="A limit of a figure to judge; repeats."
 )

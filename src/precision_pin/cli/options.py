@@ -18,6 +18,7 @@ __all__ = [
     "OnePoseOptions",
     "PoseOptions",
     "SamplingCommand",
+    "beyond_limits_option",
     "calibration_option",
     "chain_options",
     "compensation_option",
@@ -92,6 +93,13 @@ class SamplingCommand(Command):
         return super().invoke(ctx)
 
 
+def spec_option(command: Decorated) -> Decorated:
+    """Add the limits to judge, and whether they are judged beyond the joints' limits."""
+    return click.option(
+        "--spec", "specs", multiple=True, metavar='"0.5 mm @ 99.73 %"', help="A limit to judge; repeats."
+    )(beyond_limits_option(command))
+
+
 def chain_options(command: Decorated) -> Decorated:
     """Add the options that change a sheet and cut a chain out of its robot."""
     changes = click.option(
@@ -131,6 +139,7 @@ class ChainOptions(TypedDict):
     base: str | None
     package_dirs: tuple[str, ...]
     target: NotRequired[str | None]
+    beyond_limits: NotRequired[bool]
 
 
 class PoseOptions(TypedDict):
@@ -165,8 +174,8 @@ model_option: Final = click.option(
     show_default=True,
     help="The exact displaced chain, or superposition as in the paper.",
 )
-spec_option: Final = click.option(
-    "--spec", "specs", multiple=True, metavar='"0.5 mm @ 99.73 %"', help="A limit to judge; repeats."
+beyond_limits_option: Final = click.option(
+    "--beyond-limits", is_flag=True, help="Judge also where joints are outside their limits, or faster than these."
 )
 target_option: Final = click.option(
     "--target",

@@ -60,7 +60,7 @@ def cli() -> None:
     end-effector's pose error.
 
     `precision-pin analyze` alone runs the paper's case. Data goes to stdout, progress and messages to stderr.
-    Exit codes: 0 done, 1 a specification is not met, 2 usage or bad input, 3 internal error, 130 interrupted,
+    Exit codes: 0 done, 1 a specification is not met or not judged, 2 usage or bad input, 3 internal error, 130 interrupted,
     143 terminated.
     """  # noqa: D205
 

@@ -152,6 +152,7 @@ def command(
     options |= {"--approach": (arm["approach"],)}
     options |= {"--step": arm["steps"]}
     options |= {"--target": (arm.get("target"),)}
+    options |= {"--set": arm["changes"]}
     options |= {"--tip": (arm["tip"],), "--base": (arm["base"],)}
     options |= {"--package-dir": tuple(map(_name, package_dirs)), "--samples": (str(samples),), "--seed": (str(seed),)}
     options |= {"--iso9283": (test_at,)}
@@ -160,6 +161,7 @@ def command(
         word for option, values in options.items() for value in values if value is not None for word in (option, value)
     ]
     given += ["--all-poses"] if arm["all_poses"] else []
+    given += ["--beyond-limits"] if arm.get("beyond_limits") else []
     given += ["--allocate"] if is_allocated else []
     found = collect_poses(
         sheet,

@@ -205,6 +205,7 @@ def _sampled(
     from precision_pin.kernel import sampler
     from precision_pin.model.error_model import ErrorModel
     from precision_pin.model.origins import origin_shares
+    from precision_pin.model.verdict_grounds import exact_findings_at, grounds_at
     from precision_pin.outputs.view import ViewPose
 
     error_model = ErrorModel.from_sheet(sheet)
@@ -214,9 +215,11 @@ def _sampled(
     with progress_bar(samples * len(poses), "sampling") as progress:
         for number, pose in enumerate(poses):
             at = error_model.at(pose.where)
-            findings.append((*at.findings(model), *error_model.statics_findings(at)))
+            here = (*at.findings(model), *error_model.statics_findings(at), *exact_findings_at(error_model, at))
+            findings.append(here)
+            grounds = grounds_at(error_model, at.posture.q[:, None])
             errors = _drawn(sampler.to_arrays(at), model, seed, samples, number, progress)
-            shown.append(ViewPose(at, errors, pose.name or None, number, error_model.draw_words))
+            shown.append(ViewPose(at, errors, pose.name or None, number, error_model.draw_words, grounds))
     echo_findings(_gathered(findings))
     shares = origin_shares(error_model, shown[0].pose_model)
     return shown, resting_on(error_model.assumed, len(error_model.sources), shares)

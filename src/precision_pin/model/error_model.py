@@ -79,6 +79,9 @@ class ErrorModel:
         does not say.
     sheet
         The sheet it was read from; ``None`` for a model made in Python.
+    beyond_limits
+        Whether verdicts are given at joint values and speeds beyond the URDF's limits too, as ``--beyond-limits`` asks; set it
+        to ``True`` for that. Otherwise a specification there is ``"not judged"``, and not met.
     labels
         Each source's label.
     space
@@ -106,6 +109,7 @@ class ErrorModel:
         self.assumed: tuple[str, ...] = ()
         self.origins: tuple[str, ...] = ()
         self.sheet: Sheet | None = None
+        self.beyond_limits = False
         self._layout: TableLayout | None = None
 
     @classmethod
@@ -164,6 +168,7 @@ class ErrorModel:
         model = cls(sheet.chain, sheet.space, sheet.sources, poses, sheet.statics)
         model.assumed = tuple(model.labels[k] for k in sheet.assumed)
         model.sheet = sheet
+        model.beyond_limits = sheet.beyond_limits
         model.origins = tuple(map(model._origin, model.space.draws, model.owners)) if sheet.origins else ()
         if sheet.estimates is not None:
             remaining = sheet.estimates.remaining_space(model.space)
@@ -192,7 +197,9 @@ class ErrorModel:
             raise InputError("the model was not read from a sheet or a dictionary; make it anew with other sources")
         sheet = self.sheet.with_changes(given)
         add(sheet.findings)
-        return type(self).from_sheet(sheet)
+        changed = type(self).from_sheet(sheet)
+        changed.beyond_limits = self.beyond_limits
+        return changed
 
     def configuration(self, q: ArrayLike | Mapping[str, float] | ApproachedPose | str | None = None) -> Array:
         """Return joint values in chain order: given in that order, by joint name or by a pose's name; or of the first pose.

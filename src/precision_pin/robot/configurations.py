@@ -24,6 +24,8 @@ __all__ = ["Configurations", "joint_quantity"]
 
 LONGEST: Final = 1e6
 """Largest value (m) of a prismatic joint; larger values leave too few digits for errors of nanometres."""
+SLACK: Final = 1e-5
+"""How far (rad, m) a value passes a limit without being outside: files round limits, as 180° to 3.14159."""
 
 
 @final
@@ -95,9 +97,9 @@ class Configurations:
         return (Finding("warning", "W_SQUARE_POSES", message),)
 
     def outside(self, values: Array) -> NDArray[np.bool_]:
-        """Return a mask ``(n, P)`` of the joint values outside their limits."""
+        """Return a mask ``(n, P)`` of the joint values outside their limits by more than `SLACK`."""
         low, high = self.limits
-        return (values < low[:, None]) | (values > high[:, None])
+        return (values < low[:, None] - SLACK) | (values > high[:, None] + SLACK)
 
     @cached_property
     @returns_read_only

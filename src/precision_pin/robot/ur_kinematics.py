@@ -62,18 +62,27 @@ class UrKinematics:
         Frame of the flange in the base, ``(4, 4)``.
     checksum
         What the file has as ``hash``; empty for none.
+    is_whole
+        Whether its file has the arm itself, so that it tells of which model it is, and not differences to a model.
     """
 
     joints: Array
     flange: Array
     checksum: str = ""
+    is_whole: bool = False
 
     def pose(self, q: Array) -> Array:
-        """Return the flange in the base, ``(4, 4)``, at joint values ``(6,)``."""
-        result: Array = self.joints[0] @ _turn(q[0])
-        for k in range(1, 6):
-            result = result @ se3.inverse(self.joints[k - 1]) @ self.joints[k] @ _turn(q[k])
-        last: Array = result @ se3.inverse(self.joints[5]) @ self.flange
+        """Return the flange in the base, ``(…, 4, 4)``, at joint values ``(…, 6)``."""
+        before, result = np.eye(4), np.eye(4)
+        for k, joint in enumerate(self.joints):
+            turn = np.zeros((*q.shape[:-1], 4, 4))
+            turn[..., 0, 0] = turn[..., 1, 1] = np.cos(q[..., k])
+            turn[..., 1, 0] = np.sin(q[..., k])
+            turn[..., 0, 1] = -turn[..., 1, 0]
+            turn[..., 2, 2] = turn[..., 3, 3] = 1.0
+            result = result @ (se3.inverse(before) @ joint) @ turn
+            before = joint
+        last: Array = result @ (se3.inverse(before) @ self.flange)
         return last
 
     @classmethod
@@ -163,7 +172,7 @@ def _of_yaml(file: str, text: str, *, x_y_z: bool) -> UrKinematics:
         rotation = about_x @ about_y @ about_z if x_y_z else about_z @ about_y @ about_x
         frame = frame @ se3.pose(rotation, np.array([x, y, z]))
         frames.append(frame)
-    return UrKinematics(np.array(frames), frame, str(kinematics.get("hash") or ""))
+    return UrKinematics(np.array(frames), frame, str(kinematics.get("hash") or ""), is_whole=True)
 
 
 def _turn(angle: float) -> Array:

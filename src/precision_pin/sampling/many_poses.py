@@ -31,6 +31,7 @@ from precision_pin.kernel.many_poses import MOST_TOGETHER
 from precision_pin.kernel.pose_arrays import JoinedTables, is_alike
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.pose_checks import strained_findings
+from precision_pin.model.verdict_grounds import exact_findings
 from precision_pin.robot.approach import ApproachedPose
 from precision_pin.robot.chain_findings import limit_findings
 from precision_pin.sampling import Progress, available_cores, check_progress
@@ -150,7 +151,7 @@ def sample_poses(
     values, names = _poses(error_model, q, work.specifications)
     approaches = error_model.approaches_of(q, values)
     count = values.shape[1]
-    found = limit_findings(error_model.chain, values, names)
+    found = (*limit_findings(error_model.chain, values, names), *exact_findings(error_model, values, approaches))
     add(found)
     if resume and journal is None:
         raise InputError("resume needs a journal to resume from")

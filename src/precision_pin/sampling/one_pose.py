@@ -28,6 +28,7 @@ from precision_pin.kernel import sampler
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.origins import origin_shares
 from precision_pin.model.pose_model import PoseModel
+from precision_pin.model.verdict_grounds import exact_findings_at, grounds_at
 from precision_pin.robot.approach import ApproachedPose, written_approach
 from precision_pin.sampling.blocks import Work, check_samples, packages
 from precision_pin.sampling.identity import identity
@@ -209,9 +210,11 @@ def monte_carlo(
     error, _ = at.tangent
     spread = np.sqrt(np.maximum(np.diag(at.covariance), 0.0))
     summary = finish(plan, sampling.state, confidence, spread=spread)
+    if specifications:
+        summary = summary.with_grounds(grounds_at(error_model, at.posture.q[:, None]))
     precisions = [reached(wanted, summary) for wanted in targets]
     found = (
-        *at.findings(model), *error_model.statics_findings(at),
+        *at.findings(model), *error_model.statics_findings(at), *exact_findings_at(error_model, at),
         *find_constant_error(summary, findings, "at this pose: all robots have the same error"),
         *find_coarse_bins(summary),
         *(_missed_target(text, one, summary.samples) for text, one in zip(until, precisions, strict=True) if not one.reached),

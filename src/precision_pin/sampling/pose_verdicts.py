@@ -6,11 +6,11 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Final, final
 
-from precision_pin.statistics import SpecificationResult, Verdict
+from precision_pin.statistics import Grounds, SpecificationResult, Verdict
 
 __all__ = ["PosesSpecification"]
 
-_WORST_FIRST: Final[tuple[Verdict, ...]] = ("not met", "undecided", "nothing to judge", "met")
+_WORST_FIRST: Final[tuple[Verdict, ...]] = ("not met", "not judged", "undecided", "nothing to judge", "met")
 
 
 @final
@@ -57,6 +57,16 @@ class PosesSpecification:
         return min(verdicts, key=_WORST_FIRST.index)
 
     @property
+    def grounds(self) -> Grounds:
+        """Those of the first pose that is not judged, else of all."""
+        return next((one.grounds for one in self.results if one.grounds.not_judged), self.results[0].grounds)
+
+    @property
+    def said(self) -> str:
+        """The verdict in capitals, with the reason why there is none, or with what it takes as exact."""
+        return self.grounds.said(self.verdict)
+
+    @property
     def met(self) -> bool:
         """Whether the specification is met at every pose and, where asked, by enough robots at all of them."""
         return self.verdict == "met"
@@ -72,6 +82,7 @@ class PosesSpecification:
             "required": specified.required,
             "met": self.met,
             "verdict": self.verdict,
+            **self.grounds.to_dict(),
             **({"everywhere": asked} if asked else {}),
             "worst_pose": self.labels[self.worst],
             "poses": [
@@ -81,6 +92,7 @@ class PosesSpecification:
                     "interval": list(result.interval),
                     "met": result.met,
                     "verdict": result.verdict,
+                    "judged": not result.grounds.not_judged,
                 }
                 for label, result in zip(self.labels, self.results, strict=True)
             ],

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from importlib import import_module
 from typing import TYPE_CHECKING, Any, ClassVar, Final, final
@@ -19,10 +19,19 @@ from precision_pin.errors import Finding
 from precision_pin.inputs.arguments import check_name, check_whole
 from precision_pin.inputs.arrays import fix_fields
 from precision_pin.model.error_model import ErrorModel
+from precision_pin.model.verdict_grounds import beyond_limits, grounds_at
 from precision_pin.robot.approach import approach_entry, written_approach
 from precision_pin.sampling.pose_verdicts import PosesSpecification
 from precision_pin.sampling.versions import versions
-from precision_pin.statistics import COMPONENTS, NORMS, QUANTITIES, Specification, SpecificationResult, clopper_pearson
+from precision_pin.statistics import (
+    COMPONENTS,
+    NORMS,
+    QUANTITIES,
+    Grounds,
+    Specification,
+    SpecificationResult,
+    clopper_pearson,
+)
 from precision_pin.statistics.summary import NO_SPREAD
 from precision_pin.typing import Array
 
@@ -162,6 +171,7 @@ class PosesResult(JsonResult):
     def specification_results(self) -> tuple[PosesSpecification, ...]:
         """Each specification over all poses, judged at each pose as the result of one pose judges it."""
         labels, varying = tuple(pose_labels(self.names)), self._varying()
+        grounds = self._grounds(labels)
         return tuple(
             PosesSpecification(
                 tuple(
@@ -175,23 +185,44 @@ class PosesResult(JsonResult):
                             float(self.probability_interval[rank, 1, pose]),
                         ),
                         bool(varying[spec.row, pose]),
+                        grounds[pose],
                     )
                     for pose in range(self.poses)
                 ),
                 labels,
                 tuple(self.norm_mean[int(spec.quantity.startswith("attitude"))].tolist()),
-                None if self.kept_everywhere is None else self._everywhere(rank, bool(varying[spec.row].any())),
+                None
+                if self.kept_everywhere is None
+                else self._everywhere(rank, bool(varying[spec.row].any()), grounds),
             )
             for rank, spec in enumerate(self.specifications)
         )
 
-    def _everywhere(self, rank: int, varies: bool) -> SpecificationResult:
+    def _grounds(self, labels: Sequence[str]) -> list[Grounds]:
+        """Return what the verdict at each pose rests on."""
+        model = self.error_model
+        inside = grounds_at(model, self.q[:, :0])
+        outside = np.asarray(model.chain.configurations.outside(self.q).any(axis=0))
+        return [
+            replace(inside, not_judged=beyond_limits(model, self.q[:, [pose]], [labels[pose]]))
+            if is_outside and not model.beyond_limits
+            else inside
+            for pose, is_outside in enumerate(outside.tolist())
+        ]
+
+    def _everywhere(self, rank: int, varies: bool, grounds: Sequence[Grounds]) -> SpecificationResult:
         """Return the share of robots that keep a specification at all poses."""
         assert self.kept_everywhere is not None
         spec, kept = self.specifications[rank], self.kept_everywhere[rank]
         interval = clopper_pearson(kept, self.samples, self.confidence)
         return SpecificationResult(
-            spec.quantity, spec.limit, spec.required, kept / self.samples, interval, varies=varies
+            spec.quantity,
+            spec.limit,
+            spec.required,
+            kept / self.samples,
+            interval,
+            varies=varies,
+            grounds=next((one for one in grounds if one.not_judged), grounds[0]),
         )
 
     def _varying(self) -> NDArray[np.bool_]:

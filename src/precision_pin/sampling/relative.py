@@ -22,6 +22,7 @@ from precision_pin.inputs.memory import check_kept
 from precision_pin.kernel import sampler
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.pose_model import PoseModel
+from precision_pin.model.verdict_grounds import exact_findings_at, grounds_at
 from precision_pin.robot.approach import ApproachedPose, written_approach
 from precision_pin.sampling import Progress, available_cores, check_progress, check_samples
 from precision_pin.sampling.one_pose import makers, model_at_pose
@@ -147,8 +148,12 @@ def relative(
             step(block.shape[1])
     summary = finish(plan, state, confidence, spread=np.sqrt(np.maximum(np.diag(pair.covariance), 0.0)))
     label = error_model.pose_name(other)
+    both = np.column_stack([pair.at.posture.q, pair.other.posture.q])
+    names = (error_model.pose_name(pose) or "the pose", label or "the pose relative to which errors are taken")
+    summary = summary.with_grounds(grounds_at(error_model, both, names))
     found = (
         *pair.at.findings(model), *error_model.statics_findings(pair.at),
+        *exact_findings_at(error_model, pair.at),
         *_named((*pair.other.findings(model), *error_model.statics_findings(pair.other)), label),
         *find_constant_error(summary, known, "between these poses: all robots have the same relative error"),
         *find_coarse_bins(summary),

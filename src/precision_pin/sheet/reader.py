@@ -79,6 +79,10 @@ class Sheet:
         Instrument and set-up of a calibration.
     origins
         Where numbers come from, by the label of a source, ``label.setting`` or ``parameters.name``.
+    unchanged
+        The sheet before any :meth:`with_changes`; ``None`` for one without changes.
+    beyond_limits
+        Whether verdicts are given at joint values and speeds beyond the URDF's limits too.
     """
 
     file: str
@@ -94,6 +98,8 @@ class Sheet:
     estimates: Estimates | None = None
     measurement: Measurement | None = None
     origins: Mapping[str, Origin] = field(default_factory=dict)
+    unchanged: Sheet | None = None
+    beyond_limits: bool = False
 
     def with_changes(self, changes: Mapping[str, object]) -> Sheet:
         """Return the sheet read again with values changed: by path, see :class:`precision_pin.sheet.changes.Change`.
@@ -143,7 +149,8 @@ class Contents:
         if not changes:
             return sheet
         text = change_text(self.text, changes, sheet.sources, catalogue() | {kind.kind(): kind for kind in self.kinds})
-        return _read(replace(self, text=text))
+        first = sheet.unchanged or sheet
+        return replace(_read(replace(self, text=text)), unchanged=first, beyond_limits=sheet.beyond_limits)
 
 
 def read(

@@ -24,8 +24,10 @@ from precision_pin.statistics.plan import Plan, Specification
 from precision_pin.statistics.quantities import COMPONENTS, NORMS, QUANTITIES, quantity_name
 from precision_pin.statistics.sketch import BINS, COLUMNS, sketch_columns, sketch_edges
 from precision_pin.statistics.summary import (
+    NO_GROUNDS,
     NO_SPREAD,
     Extreme,
+    Grounds,
     SpecificationResult,
     Summary,
     VectorDistribution,
@@ -40,10 +42,12 @@ __all__ = [
     "COMPONENTS",
     "LARGEST",
     "NORMS",
+    "NO_GROUNDS",
     "NO_SPREAD",
     "QUANTITIES",
     "Distribution",
     "Extreme",
+    "Grounds",
     "Histogram",
     "Plan",
     "Specification",

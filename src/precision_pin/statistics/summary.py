@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from statistics import NormalDist
 from typing import Final, Literal, final
@@ -23,10 +23,13 @@ from precision_pin.statistics.plan import Plan, Specification
 from precision_pin.statistics.quantities import COMPONENTS, NORMS, QUANTITIES, quantity_name
 from precision_pin.statistics.sketch import sketch_edges
 from precision_pin.typing import Array
+from precision_pin.visible import visible
 
 __all__ = [
+    "NO_GROUNDS",
     "NO_SPREAD",
     "Extreme",
+    "Grounds",
     "SpecificationResult",
     "Summary",
     "VectorDistribution",
@@ -38,7 +41,7 @@ __all__ = [
 ]
 
 
-Verdict = Literal["met", "not met", "undecided", "nothing to judge"]
+Verdict = Literal["met", "not met", "not judged", "undecided", "nothing to judge"]
 
 NO_SPREAD: Final = 1e-12
 """Differences between errors below this value (m, rad) count as rounding on an arm of metres."""
@@ -91,6 +94,51 @@ def capability_index(inside: float) -> float:
 
 @final
 @dataclass(frozen=True)
+class Grounds:
+    """What a verdict rests on besides the samples.
+
+    Attributes
+    ----------
+    not_judged
+        Why nothing is judged, such as a joint outside its limits; empty where a verdict can be given.
+    exact
+        Sources and parameters whose laws a change of the sheet has replaced by single values.
+    """
+
+    not_judged: str = ""
+    exact: tuple[str, ...] = ()
+
+    def said(self, verdict: Verdict) -> str:
+        """Return a verdict in capitals, with the reason why there is none, or with what it takes as exact."""
+        if verdict == "not judged":
+            return f"NOT JUDGED: {self.why}"
+        return f"{verdict.upper()}{self.taken if verdict == 'met' else ''}"
+
+    @property
+    def why(self) -> str:
+        """Why nothing is judged, and how it would be; empty where a verdict can be given."""
+        return f"{self.not_judged}; --beyond-limits judges all the same" if self.not_judged else ""
+
+    @property
+    def taken(self) -> str:
+        """What follows the word "met": `` with … taken as exact``; empty where nothing is."""
+        return f" with {', '.join(map(visible, self.exact))} taken as exact" if self.exact else ""
+
+    def to_dict(self) -> dict[str, object]:
+        """Return the keys that every entry of ``spec`` has in JSON."""
+        return {
+            "judged": not self.not_judged,
+            "why_not_judged": self.not_judged or None,
+            "taken_as_exact": list(self.exact),
+        }
+
+
+NO_GROUNDS: Final = Grounds()
+"""Of a verdict that rests on the samples alone."""
+
+
+@final
+@dataclass(frozen=True)
 class SpecificationResult:
     """Result of a specification: the share of samples inside its limit.
 
@@ -104,6 +152,8 @@ class SpecificationResult:
         Clopper-Pearson interval of the probability.
     varies
         True if the quantity differs from robot to robot.
+    grounds
+        What keeps it from being judged, and what it takes as exact.
     """
 
     quantity: str
@@ -112,14 +162,18 @@ class SpecificationResult:
     probability: float
     interval: tuple[float, float]
     varies: bool = True
+    grounds: Grounds = NO_GROUNDS
 
     @property
     def verdict(self) -> Verdict:
         """Verdict on the specification.
 
         ``"met"`` if the lower end of the interval is at least the required probability, ``"not met"`` if the upper end
-        is below it, otherwise ``"undecided"``; ``"nothing to judge"`` if the quantity is inside but does not vary.
+        is below it, otherwise ``"undecided"``; ``"nothing to judge"`` if the quantity is inside but does not vary; and
+        ``"not judged"`` whatever the samples say where :attr:`grounds` give a reason.
         """
+        if self.grounds.not_judged:
+            return "not judged"
         low, high = self.interval
         return judge(holds=low >= self.required, fails=high < self.required, varies=self.varies)
 
@@ -127,6 +181,11 @@ class SpecificationResult:
     def met(self) -> bool:
         """True if the verdict is ``"met"``."""
         return self.verdict == "met"
+
+    @property
+    def said(self) -> str:
+        """The verdict in capitals, with the reason why there is none, or with what it takes as exact."""
+        return self.grounds.said(self.verdict)
 
     @property
     def cpk(self) -> float:
@@ -149,6 +208,7 @@ class SpecificationResult:
             "interval": list(self.interval),
             "met": self.met,
             "verdict": self.verdict,
+            **self.grounds.to_dict(),
             "cpk": _finite(self.cpk),
             "cpk_interval": [_finite(end) for end in self.cpk_interval],
         }
@@ -215,6 +275,10 @@ class Summary:
 
     def __post_init__(self) -> None:
         fix_fields(self)
+
+    def with_grounds(self, grounds: Grounds) -> Summary:
+        """Return the statistics with what the verdicts on the specifications rest on besides."""
+        return replace(self, specifications=tuple(replace(one, grounds=grounds) for one in self.specifications))
 
     @cached_property
     @returns_read_only

@@ -22,6 +22,8 @@ from precision_pin.draws.space import check_seed
 from precision_pin.errors import Finding
 from precision_pin.inputs.arguments import check_instance, check_items, check_number, check_whole
 from precision_pin.model.error_model import ErrorModel
+from precision_pin.model.verdict_grounds import exact_findings, grounds_at
+from precision_pin.robot.chain_findings import limit_findings
 from precision_pin.sampling.many_poses import sample_poses
 from precision_pin.statistics import COMPONENTS, QUANTITIES, Specification
 from precision_pin.typing import Array
@@ -242,6 +244,8 @@ def _programme(task: Problem, parts: Contributions, members: Array, aims: Sequen
 def _result(
     model: ErrorModel, task: Problem, found: _Attempt, seed: int, findings: tuple[Finding, ...]
 ) -> AllocationResult:
+    values, _ = model.configurations(list(task.poses))
+    grounds = grounds_at(model, values, task.poses)
     members = _members(task.tolerances)
     programme, solution = found.programme, found.solution
     judged, places, row = [], [], 0
@@ -284,11 +288,16 @@ def _result(
         shadow_prices=np.where(graded, 0.0, width[members]),
         lower_bound=None if solution is None else solution.lower_bound,
         is_proven=all(one.is_convex for one in programme.limits),
-        limits=tuple(judged),
+        limits=tuple(replace(one, met=one.met and not grounds.not_judged) for one in judged),
         parts=_parts(model, task, found, places[tightest_of(judged)], tightest_of(judged)),
         poses=task.poses,
         feasible=solution is not None or all(one.met for one in judged),
-        findings=findings,
+        grounds=grounds,
+        findings=(
+            *findings,
+            *limit_findings(model.chain, values, task.poses),
+            *exact_findings(model, values, model.approaches_of(list(task.poses), values)),
+        ),
     )
 
 

@@ -17,6 +17,7 @@ from precision_pin.display.html import preformatted
 from precision_pin.display.stored import JsonResult
 from precision_pin.errors import Finding
 from precision_pin.inputs.arrays import fix_fields
+from precision_pin.statistics import NO_GROUNDS, Grounds
 from precision_pin.typing import Array
 
 __all__ = ["AllocatedLimit", "AllocationResult", "tightest_of"]
@@ -108,6 +109,8 @@ class AllocationResult(JsonResult):
         What causes the error at the worst pose of the tightest limit, before and after.
     poses
         Names of the poses.
+    grounds
+        What keeps the limits from being judged, and what is taken as exact.
     feasible
         Whether tolerances within the bounds keep the limits; if not, all numbers are those of the narrowest tolerances.
     front
@@ -130,6 +133,7 @@ class AllocationResult(JsonResult):
     poses: tuple[str, ...]
     feasible: bool
     front: tuple[FrontPoint, ...] = ()
+    grounds: Grounds = NO_GROUNDS
     findings: tuple[Finding, ...] = ()
 
     def __post_init__(self) -> None:
@@ -154,8 +158,8 @@ class AllocationResult(JsonResult):
 
     @property
     def met(self) -> bool:
-        """Whether every limit is met."""
-        return self.feasible and all(one.met for one in self.limits)
+        """Whether every limit is met; false where a pose is outside joint limits, unless the model is judged there too."""
+        return self.feasible and not self.grounds.not_judged and all(one.met for one in self.limits)
 
     @property
     def tightest(self) -> AllocatedLimit:
@@ -192,6 +196,8 @@ class AllocationResult(JsonResult):
             "parts": self.parts.to_dict(),
             "poses": list(self.poses),
             "feasible": self.feasible,
+            "met": self.met,
+            **self.grounds.to_dict(),
             "pareto": [one.to_dict() for one in self.front],
             "findings": [finding.to_dict() for finding in self.findings],
         }

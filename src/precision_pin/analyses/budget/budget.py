@@ -42,6 +42,7 @@ from precision_pin.inputs.arguments import check_number, shown
 from precision_pin.inputs.memory import check_memory
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.turnover import turnover_findings
+from precision_pin.model.verdict_grounds import exact_findings_at
 from precision_pin.sampling import Progress
 from precision_pin.statistics.quantities import QUANTITY_WORDS
 
@@ -240,6 +241,11 @@ def _at_pose(
         sums=sampled.sums(shares, variances),
         warnings=tuple(
             str(finding)
-            for finding in (*at.findings("exact"), *error_model.statics_findings(at), *turnover_findings(at))
+            for finding in (
+                *at.findings("exact"),
+                *error_model.statics_findings(at),
+                *turnover_findings(at),
+                *exact_findings_at(error_model, at),
+            )
         ),
     )

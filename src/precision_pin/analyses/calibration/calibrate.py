@@ -14,7 +14,12 @@ from precision_pin.analyses.calibration.data import CalibrationData, read_data
 from precision_pin.analyses.calibration.design import measurement_of, stations_of
 from precision_pin.analyses.calibration.fit import Fit, Problem, fit, left_out_together
 from precision_pin.analyses.calibration.forecast import task_poses
-from precision_pin.analyses.calibration.identifiability import of_stack, refuse_where_nothing_is_seen, remarks_on
+from precision_pin.analyses.calibration.identifiability import (
+    of_stack,
+    rank_findings,
+    refuse_where_nothing_is_seen,
+    remarks_on,
+)
 from precision_pin.analyses.calibration.posterior import Posterior, error_left
 from precision_pin.analyses.calibration.remaining_model import remaining_model
 from precision_pin.analyses.calibration.set_up import SetUp, first_guess, readings_in_base
@@ -111,6 +116,7 @@ def calibrate(
             *check_data(model, given),
             *_remarks(given, best, gross),
             *remarks_on(seen),
+            *(() if prior else rank_findings(seen)),
             *doubt_model(used, best, has_prior=prior),
         ),
     )

@@ -38,6 +38,7 @@ __all__ = [
     "identifiability",
     "observability",
     "of_stack",
+    "rank_findings",
     "refuse_where_nothing_is_seen",
     "remarks_on",
     "subspaces",
@@ -45,6 +46,7 @@ __all__ = [
 
 _ENTRY: Final = 1e-6
 """Entry of a projector that counts as zero."""
+_MOST_NAMED: Final = 4
 
 
 @final
@@ -139,6 +141,11 @@ class Identifiability:
     def combinations(self) -> tuple[Group, ...]:
         """Groups of numbers of which only combinations are determined."""
         return subspaces(self.names, self.projector)
+
+    @property
+    def is_complete(self) -> bool:
+        """Whether the readings determine every number, of the model and of the set-up."""
+        return self.rank == len(self.names) and self.nuisance_rank == len(self.nuisances)
 
     def to_dict(self) -> dict[str, Any]:
         """Return the result as in the JSON."""
@@ -240,6 +247,29 @@ def remarks_on(found: Identifiability) -> Iterator[Finding]:
         listed = ", ".join(found.unseen[:3]) + (f" and {len(found.unseen) - 3} more" if len(found.unseen) > 3 else "")
         keeps = "they keep their tolerances" if len(found.unseen) > 1 else "it keeps its tolerance"
         yield Finding("warning", "W_UNOBSERVABLE", f"no reading sees {listed}; {keeps}")
+
+
+def rank_findings(found: Identifiability) -> Iterator[Finding]:
+    """Yield a warning where the readings do not determine every number, which a fit without a prior needs."""
+    if found.is_complete:
+        return
+    groups = [str(group) for group in found.combinations]
+    parts = [f"not seen at all: {_first(found.unseen)}"] if found.unseen else []
+    parts += [f"only {_first(groups, '; only ')}"] if groups else []
+    if found.nuisance_rank < len(found.nuisances):
+        parts.append(
+            f"{found.nuisance_rank} of the {len(found.nuisances)} numbers of the set-up ({_first(found.nuisances)})"
+        )
+    message = (
+        f"without a prior, the readings determine {found.rank:,} combinations of {len(found.names):,} numbers: "
+        f"{'; '.join(parts)}; measure other poses, hold these numbers fixed, or keep the prior"
+    )
+    yield Finding("warning", "W_RANK", message)
+
+
+def _first(names: Sequence[str], between: str = ", ") -> str:
+    more = f" and {len(names) - _MOST_NAMED:,} more" if len(names) > _MOST_NAMED else ""
+    return between.join(names[:_MOST_NAMED]) + more
 
 
 def observability(singular_values: Array, poses: int) -> dict[str, float]:

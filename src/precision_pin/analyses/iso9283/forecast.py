@@ -44,6 +44,7 @@ from precision_pin.inputs.quantities import check_quantities, check_quantity
 from precision_pin.kernel import sampler
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.pose_model import PoseModel
+from precision_pin.model.verdict_grounds import exact_findings, grounds_at
 from precision_pin.robot.pose_set import PoseSet
 from precision_pin.sampling import Progress, available_cores, check_progress
 from precision_pin.statistics import check_confidence
@@ -209,7 +210,10 @@ def iso9283(
         drift=single["drift"],
         cube=cube,
         absent=absent,
-        specifications=judge_limits(limits, forecasts, single, absent, confidence),
+        specifications=tuple(
+            replace(one, grounds=grounds_at(error_model, values, [f"P{rank + 1}" for rank in range(count)]))
+            for one in judge_limits(limits, forecasts, single, absent, confidence)
+        ),
         findings=known,
         warnings=tuple(dict.fromkeys(map(str, (*known, *found)))),
     )
@@ -235,6 +239,7 @@ def _loaded(error_model: ErrorModel, mass: float, centre: Array) -> ErrorModel:
     chain = error_model.chain.with_payload(mass, tuple(centre.tolist()))
     loaded = ErrorModel(chain, error_model.space, error_model.sources, error_model.poses, error_model.statics)
     loaded.assumed, loaded.origins = error_model.assumed, error_model.origins
+    loaded.sheet, loaded.beyond_limits = error_model.sheet, error_model.beyond_limits
     return loaded
 
 
@@ -285,6 +290,7 @@ def _find(error_model: ErrorModel, models: Sequence[PoseModel], names: Sequence[
         where = f"P{rank}, {name!r}" if name else f"P{rank}"
         for finding in (*at.findings("exact"), *error_model.statics_findings(at)):
             found.append(replace(finding, message=f"{where}: {finding.message}"))
+    found += exact_findings(error_model, np.column_stack([at.posture.q for at in models]))
     if not _varies(error_model, Scope.VISIT):
         message = "no draw of the sheet has the scope visit: every cycle is as the first one, so RP and RD are 0"
         found.append(Finding("warning", "W_NO_VISITS", message))

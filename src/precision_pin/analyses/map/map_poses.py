@@ -23,6 +23,7 @@ from precision_pin.inputs.memory import check_memory
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.pose_checks import strained_findings
 from precision_pin.model.pose_model import PoseModel
+from precision_pin.model.verdict_grounds import exact_findings, grounds_at
 from precision_pin.robot.approach import ApproachedPose
 from precision_pin.robot.chain_findings import limit_findings
 from precision_pin.robot.pose_set import PoseSet
@@ -139,13 +140,20 @@ def map_poses(
     names, lines = source_lines(error_model)
     labels = given.labels
     known_labels = [label for label, is_known in zip(labels, given.known, strict=True) if is_known]
-    found = limit_findings(error_model.chain, values, known_labels)
+    approaches = given.of(given.known).approaches
+    found = (
+        *limit_findings(error_model.chain, values, known_labels),
+        *exact_findings(error_model, values, approaches),
+    )
     with steps_to(progress, count_steps(len(given), samples, verify if samples is None else 0), "steps") as step:
-        approaches = given.of(given.known).approaches
         closed = first_order(error_model, values, approaches, lines, reference, step)
         result = _closed_form(error_model, given, closed, names, listed, reference, seed)
         result = replace(
-            result, confidence=confidence, findings=known, warnings=tuple(dict.fromkeys(map(str, (*known, *found))))
+            result,
+            grounds=grounds_at(error_model, values, known_labels),
+            confidence=confidence,
+            findings=known,
+            warnings=tuple(dict.fromkeys(map(str, (*known, *found)))),
         )
         worst = np.array(result.worst_first[:verify], dtype=np.intp)
         chosen = worst if samples is None else np.flatnonzero(given.known)

@@ -22,7 +22,7 @@ from precision_pin.inputs.arrays import fix_fields
 from precision_pin.robot.approach import approach_entry, written_approach
 from precision_pin.robot.pose_set import PoseSet
 from precision_pin.sampling.poses_result import LEVELS, PosesResult
-from precision_pin.statistics import Specification
+from precision_pin.statistics import NO_GROUNDS, Grounds, Specification, Verdict
 from precision_pin.typing import Array
 
 if TYPE_CHECKING:
@@ -106,6 +106,8 @@ class MapResult(JsonResult):
         The poses that were sampled: all whose joint values are known, or the worst ones to verify the closed form.
     confidence
         Confidence of the intervals of what was sampled.
+    grounds
+        What keeps specifications from being judged, and what is taken as exact.
     findings, warnings
         Findings passed in, such as those of the sheet; one line each for them and for the warnings of the map.
     """
@@ -124,6 +126,7 @@ class MapResult(JsonResult):
     shares: Array
     relative: Relative | None = None
     sampled: Sampled | None = None
+    grounds: Grounds = NO_GROUNDS
     confidence: float = 0.95
     findings: tuple[Finding, ...] = ()
     warnings: tuple[str, ...] = ()
@@ -170,9 +173,14 @@ class MapResult(JsonResult):
     def met(self) -> bool:
         """Whether every specification is met at every pose whose joint values are known; true without specifications.
 
-        At the poses that were sampled by their intervals, at the others in closed form; see :attr:`verdicts`.
+        At the poses that were sampled by their intervals, at the others in closed form; see :attr:`verdicts`. False where a
+        pose is outside joint limits, unless the model is judged ``beyond_limits``.
         """
-        return all(verdict.met for verdict in self.verdicts)
+        return all(self.verdict_of(verdict) == "met" for verdict in self.verdicts)
+
+    def verdict_of(self, verdict: MapVerdict) -> Verdict:
+        """Return a verdict with what all of them rest on: none is given where a pose is outside joint limits."""
+        return "not judged" if self.grounds.not_judged else "met" if verdict.met else "not met"
 
     @property
     def verdicts(self) -> tuple[MapVerdict, ...]:
@@ -208,7 +216,16 @@ class MapResult(JsonResult):
             "levels": list(LEVELS),
             "sources": list(self.sources),
             "met": self.met,
-            "spec": [verdict.to_dict(self.poses.labels) for verdict in self.verdicts],
+            "spec": [
+                {
+                    **verdict.to_dict(self.poses.labels),
+                    "met": self.verdict_of(verdict) == "met",
+                    "verdict": self.verdict_of(verdict),
+                    "why_not_judged": self.grounds.not_judged or None,
+                    "taken_as_exact": list(self.grounds.exact),
+                }
+                for verdict in self.verdicts
+            ],
             "poses": self._pose_dicts(),
             "sampled": None if sampled is None else {"numbers": sampled.poses.tolist(), **sampled.result.to_dict()},
         }

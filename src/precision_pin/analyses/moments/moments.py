@@ -46,6 +46,7 @@ from precision_pin.kernel import sampler
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.pose_model import PoseModel
 from precision_pin.model.turnover import fixed_sides, turnover_findings
+from precision_pin.model.verdict_grounds import exact_findings_at
 from precision_pin.sampling import Progress
 from precision_pin.statistics import NORMS, Plan
 from precision_pin.typing import Array
@@ -202,7 +203,12 @@ def _at_pose(
         first_order_covariance=covariance.copy(),
         warnings=tuple(
             str(finding)
-            for finding in (*at.findings("exact"), *error_model.statics_findings(at), *turnover_findings(at))
+            for finding in (
+                *at.findings("exact"),
+                *error_model.statics_findings(at),
+                *turnover_findings(at),
+                *exact_findings_at(error_model, at),
+            )
         ),
     )
 

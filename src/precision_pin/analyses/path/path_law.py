@@ -32,6 +32,7 @@ from precision_pin.kernel import sampler
 from precision_pin.kernel.many_poses import MOST_TOGETHER
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.pose_checks import strained_findings
+from precision_pin.model.verdict_grounds import exact_findings, grounds_at, speed_findings
 from precision_pin.robot.chain_findings import limit_findings
 from precision_pin.robot.pose_set import PoseSet
 from precision_pin.sampling import Progress, available_cores, check_progress
@@ -127,7 +128,11 @@ def path_law(
         f"{samples:,} robots along {len(given):,} poses",
         "sample fewer robots, or with fewer threads",
     )
-    found = limit_findings(error_model.chain, given.q, given.labels)
+    found = (
+        *limit_findings(error_model.chain, given.q, given.labels),
+        *speed_findings(error_model, given.q, given.times),
+        *exact_findings(error_model, given.q, given.approaches),
+    )
     add(found)
     run = _Run(int(samples), int(seed), model, share, confidence)
     tally = _Tally(run, len(given))
@@ -157,6 +162,7 @@ def path_law(
         probability=share,
         confidence=confidence,
         specifications=listed,
+        grounds=grounds_at(error_model, given.q, given.labels, given.times),
         findings=known,
         warnings=tuple(dict.fromkeys(map(str, (*known, *found, *strained)))),
         **tally.to_arrays(),
@@ -186,6 +192,12 @@ def _checked(error_model: ErrorModel, poses: PoseSet) -> PoseSet:
         first = int(np.flatnonzero(~poses.known)[0])
         raise InputError(
             f"{poses.labels[first]}: no joint values are known ({poses.status[first]}), and a robot passes every point of a path"
+        )
+    if poses.times is not None and not (np.diff(poses.times) > 0).all():
+        first = int(np.flatnonzero(~(np.diff(poses.times) > 0))[0])
+        raise InputError(
+            f"{poses.labels[first + 1]}: the time {poses.times[first + 1]:.10g} s does not come after the "
+            f"{poses.times[first]:.10g} s of the pose before; the times of a path increase"
         )
     again = any(draw.scope is not Scope.UNIT for draw in error_model.space.draws)
     if again and len(poses) > MOST_POSES:

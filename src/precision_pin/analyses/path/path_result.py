@@ -18,7 +18,15 @@ from precision_pin.errors import Finding
 from precision_pin.inputs.arrays import fix_fields
 from precision_pin.robot.approach import approach_entry, written_approach
 from precision_pin.robot.pose_set import PoseSet
-from precision_pin.statistics import QUANTITIES, Specification, SpecificationResult, clopper_pearson, quantile_ranks
+from precision_pin.statistics import (
+    NO_GROUNDS,
+    QUANTITIES,
+    Grounds,
+    Specification,
+    SpecificationResult,
+    clopper_pearson,
+    quantile_ranks,
+)
 from precision_pin.typing import Array
 
 if TYPE_CHECKING:
@@ -102,6 +110,8 @@ class PathResult(JsonResult):
         Whether each of the eight quantities differs from robot to robot at some pose, ``(8,)``.
     specifications
         Limits that are judged.
+    grounds
+        What keeps them from being judged, and what is taken as exact.
     findings, warnings
         Findings passed in, such as those of the sheet; one line each for them and for the warnings of the analysis.
     """
@@ -125,6 +135,7 @@ class PathResult(JsonResult):
     kept_pointwise: NDArray[np.int64]
     varies: NDArray[np.bool_]
     specifications: tuple[Specification, ...] = ()
+    grounds: Grounds = NO_GROUNDS
     findings: tuple[Finding, ...] = ()
     warnings: tuple[str, ...] = ()
 
@@ -192,7 +203,9 @@ class PathResult(JsonResult):
             interval = clopper_pearson(kept, self.samples, self.confidence)
             varies = bool(self.varies[one.row])
             results.append(
-                SpecificationResult(one.quantity, one.limit, one.required, kept / self.samples, interval, varies)
+                SpecificationResult(
+                    one.quantity, one.limit, one.required, kept / self.samples, interval, varies, self.grounds
+                )
             )
         return tuple(results)
 

@@ -168,6 +168,7 @@ def _of_specification(
         remarks=found.remarks,
         strata=found.strata,
         varies=counted.varies,
+        grounds=counted.grounds,
     )
 
 

@@ -24,7 +24,7 @@ from precision_pin.display.tables import (
 )
 from precision_pin.errors import UnknownNameError
 from precision_pin.inputs.arrays import fix_fields
-from precision_pin.statistics import Specification, Verdict, judge
+from precision_pin.statistics import NO_GROUNDS, Grounds, Specification, Verdict, judge
 from precision_pin.typing import Array
 
 if TYPE_CHECKING:
@@ -105,6 +105,8 @@ class SpecificationReliability:
         Strata by the rare values of laws with jumps, and the probability outside the strata.
     varies
         True if the quantity differs from robot to robot.
+    grounds
+        What keeps it from being judged, and what it takes as exact.
     """
 
     specification: Specification
@@ -118,6 +120,7 @@ class SpecificationReliability:
     remarks: tuple[str, ...]
     strata: Strata
     varies: bool = True
+    grounds: Grounds = NO_GROUNDS
 
     @property
     def disagreements(self) -> tuple[str, ...]:
@@ -146,7 +149,12 @@ class SpecificationReliability:
     @property
     def verdict(self) -> Verdict:
         """Verdict by the interval of the best estimate, as in :attr:`precision_pin.statistics.SpecificationResult.verdict`."""
-        return self._judge(self.best)
+        return "not judged" if self.grounds.not_judged else self._judge(self.best)
+
+    @property
+    def said(self) -> str:
+        """The verdict in capitals, with the reason why there is none, or with what it takes as exact."""
+        return self.grounds.said(self.verdict)
 
     def _judge(self, estimate: Estimate) -> Verdict:
         low, high = estimate.interval
@@ -172,6 +180,7 @@ class SpecificationReliability:
             "interval": list(self.interval),
             "met": self.met,
             "verdict": self.verdict,
+            **self.grounds.to_dict(),
             "resolved": self.resolved,
             "reason": self.reason or None,
             "failure": {

@@ -88,7 +88,10 @@ def verdict_lines(result: AllocationResult) -> list[str]:
     )
     if gap is not None and not result.is_proven:
         certified += " (bound not proven)"
+    grounds = result.grounds
     met = "" if result.met else "; NOT MET by the samples"
+    if grounds.not_judged or (result.met and grounds.exact):
+        met = f"; {grounds.said('not judged' if grounds.not_judged else 'met')}"
     return [f"cost {result.cost:.6g}, before {result.cost_before:.6g}; {certified}{met}"]
 
 
@@ -171,10 +174,10 @@ def _unit(one: AllocatedLimit) -> str:
 
 def limit_lines(result: AllocationResult) -> list[str]:
     """Return a line or two for each limit."""
-    return [_limit(one) for one in result.limits]
+    return [_limit(one, is_judged=not result.grounds.not_judged) for one in result.limits]
 
 
-def _limit(one: AllocatedLimit) -> str:
+def _limit(one: AllocatedLimit, *, is_judged: bool) -> str:
     unit = _unit(one)
     price = f", {one.shadow_price / 1e3:.4g} saved for each {unit} more" if one.shadow_price else ""
     if one.interval is None or one.required is None or one.probability is None:
@@ -183,7 +186,8 @@ def _limit(one: AllocatedLimit) -> str:
             f"{visible(one.worst_pose)}, first order{price}"
         )
     low, high = (100 * end for end in one.interval)
+    said = "not judged" if not is_judged else "met" if one.met else "NOT MET"
     return (
         f"{one.quantity} within {1e3 * one.limit:.4g} {unit}: {100 * one.probability:.2f} % ({low:.2f} to {high:.2f} %) of "
-        f"{100 * one.required:.4g} %\n  at the worst pose {visible(one.worst_pose)}: {'met' if one.met else 'NOT MET'}{price}"
+        f"{100 * one.required:.4g} %\n  at the worst pose {visible(one.worst_pose)}: {said}{price}"
     )

@@ -84,7 +84,9 @@ def _verdicts(result: ComparisonResult) -> list[str]:
 
 
 def _verdict(one: SpecificationResult) -> str:
-    demand = f"spec {demanded(one)}: {one.verdict.upper()}"
+    demand = f"spec {demanded(one)}: {one.said}"
+    if one.verdict == "not judged":
+        return demand
     if one.verdict == "nothing to judge":
         return f"{demand} - {NOTHING_VARIES}"
     share, low, high = format_share(one.probability, one.interval, one.required)

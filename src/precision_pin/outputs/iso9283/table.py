@@ -134,8 +134,10 @@ def _judged(one: SpecificationResult, poses: int) -> str:
     every = " at every pose" if one.quantity not in SINGLE and poses > 1 else ""
     demand = (
         f"spec {one.quantity} within {1e3 * one.limit:.6g} {_unit(one.quantity)} for {100 * one.required:.10g} %{every}: "
-        f"{one.verdict.upper()}"
+        f"{one.said}"
     )
+    if one.verdict == "not judged":
+        return demand
     if one.verdict == "nothing to judge":
         return f"{demand} - {NOTHING_VARIES}"
     share, low, high = format_share(one.probability, one.interval, one.required)

@@ -102,7 +102,9 @@ def _worst(result: MapResult) -> list[str]:
 
 
 def _verdict(result: MapResult, verdict: MapVerdict) -> str:
-    said = "MET" if verdict.met else "NOT MET"
+    said = result.grounds.said(result.verdict_of(verdict))
+    if result.grounds.not_judged:
+        return f"spec {demanded(verdict.specification)} at every pose: {said}"
     share = f"{_share(verdict.share)} inside in closed form"
     if verdict.sampled is not None:
         of = verdict.sampled

@@ -187,7 +187,9 @@ def demanded(specification: Specification | SpecificationResult) -> str:
 
 
 def _verdict(result: SpecificationResult) -> str:
-    demand = f"spec {demanded(result)}: {result.verdict.upper()}"
+    demand = f"spec {demanded(result)}: {result.said}"
+    if result.verdict == "not judged":
+        return demand
     if result.verdict == "nothing to judge":
         return f"{demand} - {NOTHING_VARIES}"
     share, low, high = format_share(result.probability, result.interval, result.required)

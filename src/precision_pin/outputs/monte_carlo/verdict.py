@@ -18,6 +18,7 @@ _UNASKED = (0.95, 0.9973)
 _WORDS: Final[dict[Verdict, str]] = {
     "met": "The specification is met",
     "not met": "The specification is not met",
+    "not judged": "The specification is not judged",
     "undecided": "Whether the specification is met is undecided: the samples are too few",
     "nothing to judge": f"There is nothing to judge: {NOTHING_VARIES}",
 }
@@ -31,7 +32,7 @@ def verdict(results: Results) -> Html:
         met = sum(result.met for result in given)
         headline = element("strong", describe_verdict(given))
         text: list[Child] = [headline, "."]
-        if len(given) == 1 and given[0].verdict != "nothing to judge":
+        if len(given) == 1 and given[0].verdict not in ("nothing to judge", "not judged"):
             text.append(f" {_counted(given[0])}")
         parts.append(paragraph(*text, class_="verdict met" if met == len(given) else "verdict failed"))
     else:
@@ -47,11 +48,14 @@ def verdict(results: Results) -> Html:
 def describe_verdict(given: Sequence[SpecificationResult]) -> str:
     """Return in a few words which of the specifications are met."""
     if len(given) == 1:
-        return _WORDS[given[0].verdict]
-    others = [result.verdict for result in given if result.verdict in ("undecided", "nothing to judge")]
+        grounds = given[0].grounds
+        why = f": {grounds.why}" if grounds.not_judged else ""
+        return f"{_WORDS[given[0].verdict]}{grounds.taken if given[0].met else ''}{why}"
+    others = [result.verdict for result in given if result.verdict not in ("met", "not met")]
     counts = [f"{others.count(verdict)} {verdict}" for verdict in dict.fromkeys(others)]
-    met = sum(result.met for result in given)
-    return ", ".join([f"{met} of {len(given)} specifications are met", *counts])
+    met, grounds = sum(result.met for result in given), given[0].grounds
+    why = f": {grounds.why}" if grounds.not_judged else ""
+    return ", ".join([f"{met} of {len(given)} specifications are met{grounds.taken if met else ''}", *counts]) + why
 
 
 def specifications(results: Results) -> Html:

@@ -106,7 +106,9 @@ def _quantile(result: PathResult, norm: int, probability: float) -> tuple[str, s
 
 
 def _verdict(result: SpecificationResult) -> str:
-    demand = f"spec {demanded(result)} along the whole path: {result.verdict.upper()}"
+    demand = f"spec {demanded(result)} along the whole path: {result.said}"
+    if result.verdict == "not judged":
+        return demand
     if result.verdict == "nothing to judge":
         return f"{demand} - {NOTHING_VARIES}"
     share, low, high = format_share(result.probability, result.interval, result.required)

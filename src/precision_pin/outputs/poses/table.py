@@ -60,7 +60,9 @@ def _name(result: PosesResult, pose: int) -> str:
 def _verdict(result: PosesResult, specification: PosesSpecification) -> str:
     worst = specification.results[specification.worst]
     pose = _name(result, specification.worst)
-    demand = f"spec {demanded(worst)} at every pose: {specification.verdict.upper()}"
+    demand = f"spec {demanded(worst)} at every pose: {specification.said}"
+    if specification.verdict == "not judged":
+        return demand
     if specification.verdict == "nothing to judge" and worst.verdict == specification.verdict:
         return f"{demand} - {pose}: {NOTHING_VARIES}"
     share, low, high = format_share(worst.probability, worst.interval, worst.required)

@@ -70,7 +70,8 @@ def _verdict(entry: SpecificationReliability) -> str:
     else:
         span = in_words(interval) if interval[0] else f"below {rounded(interval[1], interval)}"
         said = f"P(failure) {span} by sampling" if entry.met else f"P(failure) NOT RESOLVED, {span}"
-    return f"{demanded(entry.specification)}: {entry.verdict.upper()} - {said}"
+    verdict = f"{demanded(entry.specification)}: {entry.said}"
+    return verdict if entry.verdict == "not judged" else f"{verdict} - {said}"
 
 
 def _form_lines(entry: SpecificationReliability) -> list[str]:

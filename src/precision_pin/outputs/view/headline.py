@@ -12,7 +12,15 @@ from precision_pin.display.html import escaped
 from precision_pin.display.tables import symbol, unit
 from precision_pin.display.units import WrittenUnit
 from precision_pin.outputs.monte_carlo.table import NOTHING_VARIES
-from precision_pin.statistics import Specification, SpecificationResult, Verdict, clopper_pearson, quantile_ranks
+from precision_pin.statistics import (
+    NO_GROUNDS,
+    Grounds,
+    Specification,
+    SpecificationResult,
+    Verdict,
+    clopper_pearson,
+    quantile_ranks,
+)
 from precision_pin.statistics.digits import format_inside, format_interval, format_share
 from precision_pin.statistics.summary import NO_SPREAD
 from precision_pin.typing import Array
@@ -29,6 +37,7 @@ _SHOWN_LEVEL: Final = 0.95
 _WORDS: Final[dict[Verdict, str]] = {
     "met": "Met",
     "not met": "Not met",
+    "not judged": "Not judged",
     "undecided": "Undecided",
     "nothing to judge": "Nothing to judge",
 }
@@ -52,7 +61,9 @@ class Answer:
     verdict: Verdict | str = ""
 
 
-def answers(errors: Array, specifications: Sequence[Specification], spread: Array) -> tuple[Answer, ...]:
+def answers(
+    errors: Array, specifications: Sequence[Specification], spread: Array, grounds: Grounds = NO_GROUNDS
+) -> tuple[Answer, ...]:
     """Return the verdict on each limit, then how large the position errors are.
 
     Parameters
@@ -63,9 +74,11 @@ def answers(errors: Array, specifications: Sequence[Specification], spread: Arra
         The limits.
     spread
         ``(6,)`` standard deviations of the components to first order.
+    grounds
+        What keeps the limits from being judged, and what is taken as exact.
     """
     varies = (np.ptp(errors, axis=1) > NO_SPREAD) | (spread > NO_SPREAD)
-    return (*(_judged(one, errors, varies) for one in specifications), _size(errors))
+    return (*(_judged(one, errors, varies, grounds) for one in specifications), _size(errors))
 
 
 def values_of(quantity: str, errors: Array) -> Array:
@@ -106,7 +119,7 @@ def as_data(found: Sequence[Answer]) -> list[Any]:
     return [[one.text, one.detail, one.verdict] for one in found]
 
 
-def _judged(specification: Specification, errors: Array, varies: Array) -> Answer:
+def _judged(specification: Specification, errors: Array, varies: Array, grounds: Grounds) -> Answer:
     values = np.abs(values_of(specification.quantity, errors))
     kept = int(np.count_nonzero(values <= specification.limit))
     rows = slice(0, 3) if specification.quantity.startswith("position") else slice(3, 6)
@@ -119,8 +132,11 @@ def _judged(specification: Specification, errors: Array, varies: Array) -> Answe
         probability=kept / values.size,
         interval=clopper_pearson(kept, values.size, CONFIDENCE),
         varies=bool(moving.any() if part == "norm" else moving["xyz".index(part)]),
+        grounds=grounds,
     )
-    text = f"{_WORDS[result.verdict]}: {limit_text(specification)}"
+    text = f"{_WORDS[result.verdict]}{grounds.taken if result.met else ''}: {limit_text(specification)}"
+    if result.verdict == "not judged":
+        return Answer(text, grounds.why, result.verdict)
     if result.verdict == "nothing to judge":
         return Answer(text, NOTHING_VARIES, result.verdict)
     share, low, high = format_share(result.probability, result.interval, result.required)

@@ -21,7 +21,7 @@ from precision_pin.outputs.view.scales import arm_length
 from precision_pin.outputs.view.tolerances import Groups, LivePose, link_shares, samples_that_fit, tangent_of
 from precision_pin.robot import mcpc
 from precision_pin.robot.chain import Posture
-from precision_pin.statistics import Specification, quantile_ranks
+from precision_pin.statistics import NO_GROUNDS, Grounds, Specification, quantile_ranks
 from precision_pin.typing import Array
 
 __all__ = [
@@ -61,6 +61,8 @@ class ViewPose:
         Number of the pose that the draws of pose scope were made for, as in :meth:`precision_pin.draws.space.Space.sample`.
     words
         What each draw is, as :attr:`precision_pin.model.error_model.ErrorModel.draw_words`; their names if left out.
+    grounds
+        What keeps limits from being judged there, and what is taken as exact.
     """
 
     pose_model: PoseModel
@@ -68,6 +70,7 @@ class ViewPose:
     name: str | None = None
     pose: int = 0
     words: tuple[str, ...] = ()
+    grounds: Grounds = NO_GROUNDS
 
 
 @final
@@ -131,7 +134,7 @@ class PoseData:
     @property
     def answers(self) -> tuple[Answer, ...]:
         """The verdict, and how large the errors are."""
-        return answers(self._errors, self._page.specifications, _spread(self._at))
+        return answers(self._errors, self._page.specifications, _spread(self._at), self._shown.grounds)
 
     @property
     def groups_vary(self) -> bool:
@@ -164,6 +167,7 @@ class PoseData:
             "points": _packed(errors[:3, : self._points].T),
             "turns": _packed(errors[3:, : self._points].T) if limits_attitude(self._page.specifications) else "",
             "answers": as_data(self.answers),
+            "grounds": [self._shown.grounds.why, self._shown.grounds.taken],
             "marks": [None if mark is None else [mark[0], *mark[1]] for mark in map(self._quantile, LEVELS)],
             "shares": link_shares(self._at),
             "live": self._live(),
@@ -228,7 +232,7 @@ def limits_kept(shown: Sequence[ViewPose], specifications: Sequence[Specificatio
     return all(
         answer.verdict in ("", "met")
         for one in shown
-        for answer in answers(one.errors, specifications, _spread(one.pose_model))
+        for answer in answers(one.errors, specifications, _spread(one.pose_model), one.grounds)
     )
 
 

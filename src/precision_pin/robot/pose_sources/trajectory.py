@@ -158,7 +158,7 @@ def read_trajectory(path: str | os.PathLike[str], chain: Chain, most: int = MOST
     """Read a trajectory: a row of joint names in any order, then a row of values for each pose.
 
     A unit may follow a name, as in ``joint1 [deg]``; without one values are in rad or m. A first column named ``t`` or
-    ``time`` holds times, in s if no unit follows, which do not decrease, unless a joint of the chain has that name.
+    ``time`` holds times, in s if no unit follows, which increase, unless a joint of the chain has that name.
 
     Parameters
     ----------
@@ -211,8 +211,12 @@ def read_trajectory(path: str | os.PathLike[str], chain: Chain, most: int = MOST
             numbers[row, column] = _number(cell) * columns[column].factor
             if not math.isfinite(numbers[row, column]):
                 raise wrong(f"{header[column]}: {shown(cell, _LONGEST)} is not a finite number", line)
-        if timed and row and numbers[row, 0] < numbers[row - 1, 0]:
-            raise wrong(f"the time goes back from {numbers[row - 1, 0]:g} s to {numbers[row, 0]:g} s", line)
+        if timed and row and not numbers[row, 0] > numbers[row - 1, 0]:
+            before, after = numbers[row - 1 : row + 1, 0].tolist()
+            goes = (
+                f"stands still at {after:.10g} s" if after == before else f"goes back from {before:g} s to {after:g} s"
+            )
+            raise wrong(f"the time {goes}; it must increase from row to row", line)
     joints = [column.joint for column in columns]
     order = [joints.index(name) for name in chain.joint_names]
     rows_of_file = np.arange(1.0, len(numbers) + 1)

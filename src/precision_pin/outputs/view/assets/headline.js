@@ -73,7 +73,10 @@ function sizeLine(sample, live) {
     `interval ${low} to ${high} ${unit} at ${100 * settings.confidence} % confidence; ${robots}`, ""];
 }
 
-function limitLine({ row, limit, required, text }, sample) {
+function limitLine({ row, limit, required, text }, sample, [why, taken]) {
+  if (why) {
+    return [`Not judged: ${text}`, why, "not judged"];
+  }
   const count = sample.positions.length / 3;
   const values = Array.from({ length: count }, (_, at) => quantityOf(row, sample, at));
   const inside = values.filter((value) => Math.abs(value) <= limit).length;
@@ -84,14 +87,14 @@ function limitLine({ row, limit, required, text }, sample) {
   const place = -Math.max(1 - Math.floor(Math.log10(100 * (high - low))), demanded.length, 0);
   const more = verdict === "undecided" ? "; more samples decide it" : "";
   return [
-    `${verdict[0].toUpperCase()}${verdict.slice(1)}: ${text}`,
+    `${verdict[0].toUpperCase()}${verdict.slice(1)}${verdict === "met" ? taken : ""}: ${text}`,
     `${fixed((100 * inside) / count, place)} % inside, interval ${fixed(100 * low, place, Math.floor)} to ` +
       `${fixed(100 * high, place, Math.ceil)} %${more}`, verdict];
 }
 
 function showHeadline(pose, sample) {
   const lines = sample.own
-    ? pose.answers : [...settings.limits.map((one) => limitLine(one, sample)), sizeLine(sample, pose.live)];
+    ? pose.answers : [...settings.limits.map((one) => limitLine(one, sample, pose.grounds)), sizeLine(sample, pose.live)];
   element("headline").replaceChildren(...lines.flatMap(function ([text, detail, verdict]) {
     const answer = document.createElement("p");
     const fine = document.createElement("p");

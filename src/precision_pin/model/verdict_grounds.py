@@ -1,0 +1,222 @@
+"""What a verdict rests on besides its samples: joints inside their limits, and tolerances that a change has removed."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final, final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from precision_pin.errors import Finding
+from precision_pin.model.error_model import ErrorModel
+from precision_pin.model.pose_model import PoseModel
+from precision_pin.statistics import Grounds
+from precision_pin.typing import Array
+from precision_pin.visible import visible
+
+__all__ = ["beyond_limits", "beyond_speeds", "exact_findings", "exact_findings_at", "grounds_at", "speed_findings"]
+
+_MOST_POSES: Final = 50
+"""Poses at which the share of what is taken as exact is computed; of more poses, so many in equal steps."""
+_SPEED_SLACK: Final = 1e-6
+"""Share by which a speed may pass its limit: times and joint values of a file are rounded."""
+
+
+def grounds_at(
+    model: ErrorModel, values: Array, labels: Sequence[str] = (), times: NDArray[np.float64] | None = None
+) -> Grounds:
+    """Return the grounds of a verdict over poses: not judged where one is outside the joints' limits, or passed too fast.
+
+    Parameters
+    ----------
+    model
+        The model; with ``beyond_limits`` poses are judged wherever they are.
+    values
+        Joint values ``(n, P)``.
+    labels
+        Labels of several poses, for the reason.
+    times
+        Times of a path's poses, s, ``(P,)``.
+    """
+    lost = _Lost.of(model)
+    exact = () if lost is None else lost.names
+    if model.beyond_limits:
+        return Grounds("", exact)
+    return Grounds(beyond_limits(model, values, labels) or beyond_speeds(model, values, times), exact)
+
+
+def beyond_limits(model: ErrorModel, values: Array, labels: Sequence[str] = ()) -> str:
+    """Return which joint is outside its limits first, at poses ``(n, P)``; empty if none is."""
+    chain = model.chain
+    outside = chain.configurations.outside(values)
+    poses = np.flatnonzero(outside.any(axis=0))
+    if not poses.size:
+        return ""
+    pose = int(poses[0])
+    k = int(np.flatnonzero(outside[:, pose])[0])
+    low, high = (float(ends[k]) for ends in chain.configurations.limits)
+    scale, unit = _unit(bool(chain.prismatic[k]))
+    where = f" at {visible(labels[pose])}" if labels else ""
+    more = f", and so are joints at {poses.size - 1:,} more of {values.shape[1]:,} poses" if poses.size > 1 else ""
+    return (
+        f"{visible(chain.joint_names[k])} is outside its limits{where}: {scale * values[k, pose]:.7g} {unit}, "
+        f"limits {scale * low:.7g} to {scale * high:.7g} {unit}{more}"
+    )
+
+
+def beyond_speeds(model: ErrorModel, values: Array, times: NDArray[np.float64] | None) -> str:
+    """Return which joint is faster than its ``velocity`` first, between poses ``(n, P)`` at these times; empty if none is.
+
+    A velocity of zero limits nothing. Without times nothing can be said.
+    """
+    if times is None or len(times) < 2:
+        return ""
+    joints = model.chain.joints
+    most = np.array(
+        [np.inf if one.limit is None or not one.limit.velocity > 0 else one.limit.velocity for one in joints]
+    )
+    # a division by a tiny step may overflow, which is too fast as well
+    with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
+        speeds = np.abs(np.diff(values, axis=1)) / np.diff(times)
+    fast = speeds > most[:, None] * (1 + _SPEED_SLACK)
+    steps = np.flatnonzero(fast.any(axis=0))
+    if not steps.size:
+        return ""
+    step = int(steps[0])
+    k = int(np.flatnonzero(fast[:, step])[0])
+    scale, unit = _unit(bool(model.chain.prismatic[k]))
+    more = f", and so are joints in {steps.size - 1:,} more of {len(times) - 1:,} steps" if steps.size > 1 else ""
+    return (
+        f"{visible(joints[k].name)} is faster than its limit from t = {times[step]:.7g} s to {times[step + 1]:.7g} s: "
+        f"{scale * speeds[k, step]:.6g} {unit}/s, limit {scale * most[k]:.6g} {unit}/s{more}"
+    )
+
+
+def speed_findings(model: ErrorModel, values: Array, times: NDArray[np.float64] | None) -> tuple[Finding, ...]:
+    """Return the warning of :func:`beyond_speeds`."""
+    message = beyond_speeds(model, values, times)
+    return (Finding("warning", "W_JOINT_SPEED", message, model.chain.robot.file),) if message else ()
+
+
+def exact_findings(model: ErrorModel, values: Array, approaches: NDArray[np.int8] | None = None) -> tuple[Finding, ...]:
+    """Return a warning of the share in the first-order variance that went with laws which a change made single values.
+
+    Parameters
+    ----------
+    model
+        A model of a sheet with changes.
+    values, approaches
+        Poses ``(n, P)``, and how their joints moved last.
+    """
+    lost = _Lost.of(model)
+    if lost is None:
+        return ()
+    poses = values.shape[1]
+    chosen = np.unique(np.linspace(0, poses - 1, min(poses, _MOST_POSES)).round().astype(np.intp))
+    shares = lost.shares(model, values[:, chosen], None if approaches is None else approaches[:, chosen])
+    texts = []
+    for name, own in zip(("position", "attitude"), shares, strict=True):
+        low, high = 100 * own.min(), 100 * own.max()
+        spread = f"{high:.3g}" if high - low < 0.05 else f"{low:.3g} to {high:.3g}"
+        texts.append(f"{spread} % of the variance of the {name}")
+    over = (
+        ""
+        if poses == 1
+        else f" (over {len(chosen)} of {poses:,} poses)"
+        if len(chosen) < poses
+        else f" (over {poses} poses)"
+    )
+    are = "are" if len(lost.names) > 1 else "is"
+    message = (
+        f"{', '.join(map(visible, lost.names))} {are} taken as exact by a change of the sheet; with this went "
+        f"{' and '.join(texts)}, to first order{over}"
+    )
+    return (Finding("warning", "W_TAKEN_AS_EXACT", message),)
+
+
+def exact_findings_at(model: ErrorModel, at: PoseModel) -> tuple[Finding, ...]:
+    """Return the warning of :func:`exact_findings` at one pose."""
+    approach = np.array(at.posture.approach, dtype=np.int8)[:, None] if at.posture.approach else None
+    return exact_findings(model, at.posture.q[:, None], approach)
+
+
+def _unit(slides: bool) -> tuple[float, str]:
+    """Return the factor from SI to the unit of messages, and the unit."""
+    return (1e3, "mm") if slides else (180 / np.pi, "deg")
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class _Lost:
+    """Random numbers of the unchanged sheet whose tolerance a change has removed, from all of their sources or some.
+
+    Attributes
+    ----------
+    before
+        The model of the unchanged sheet.
+    draws
+        Positions of the draws in its space.
+    names
+        Paths of what is taken as exact: ``parameters.NAME``, a source's label, or one of its settings.
+    """
+
+    before: ErrorModel
+    draws: tuple[int, ...]
+    names: tuple[str, ...]
+
+    @classmethod
+    def of(cls, model: ErrorModel) -> _Lost | None:
+        """Return what changes of the model's sheet have removed; None where they have removed nothing."""
+        if model.sheet is None or model.sheet.unchanged is None:
+            return None
+        before = ErrorModel.from_sheet(model.sheet.unchanged)
+        had, has = _uses(before), _uses(model)
+        lost = sorted(had - has)
+        if not lost:
+            return None
+        named = {draw.name for draw in model.sheet.unchanged.space.draws}
+        left = {label for _, label in has}
+        drawn = {name for name, _ in has}
+        names = []
+        for name, label in lost:
+            if name in named and name not in drawn:
+                names.append(f"parameters.{name}")
+            else:
+                names.append(label if label not in left or name in named else name)
+        gone = {name for name, _ in lost}
+        positions = tuple(k for k, draw in enumerate(before.space.draws) if draw.name in gone)
+        return cls(before, positions, tuple(dict.fromkeys(names)))
+
+    def shares(self, model: ErrorModel, values: Array, approaches: NDArray[np.int8] | None) -> Array:
+        """Return ``Cov(e_k, e)`` of the part of the error that went, over the variance of position and attitude, ``(2, P)``."""
+        columns = np.concatenate([np.arange(self.before.space.size)[self.before.space.slices[k]] for k in self.draws])
+        here = {name: k for k, name in enumerate(model.space.components)}
+        kept = [
+            (row, here[name])
+            for row, name in enumerate(np.array(self.before.space.components)[columns])
+            if name in here
+        ]
+        shares = []
+        pairs = zip(self.before.at_columns(values, approaches), model.at_columns(values, approaches), strict=True)
+        for was, now in pairs:
+            part = was.jacobian[:, columns].copy()
+            for row, column in kept:
+                part[:, row] -= now.jacobian[:, column] * (now.space.block_covariance.variances[column] > 0)
+            spread = was.space.block_covariance.times(np.ascontiguousarray(was.jacobian.T))
+            whole = np.einsum("id,di->i", was.jacobian, spread).reshape(2, 3).sum(axis=1)
+            went = np.einsum("id,di->i", part, spread[columns]).reshape(2, 3).sum(axis=1)
+            shares.append(np.divide(went, whole, out=np.zeros(2), where=whole > 0))
+        return np.array(shares).T
+
+
+def _uses(model: ErrorModel) -> set[tuple[str, str]]:
+    """Return each draw that varies with the label of each source that uses it."""
+    variances = model.space.block_covariance.variances
+    return {
+        (draw.name, label)
+        for draw, labels, columns in zip(model.space.draws, model.owners, model.space.slices, strict=True)
+        if variances[columns].any()
+        for label in labels
+    }
