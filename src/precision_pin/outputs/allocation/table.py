@@ -28,6 +28,7 @@ _MOST_NAMED: Final = 3
 _MOST_LINES: Final = 12
 _LEAST_GAP: Final = 1e-4
 """Per cent; less is rounding."""
+_NO_GAP: Final = 1e-9
 _WORDS: Final = {"quantile": "", "rms": "root mean square ", "worst_case": "worst case "}
 
 
@@ -80,16 +81,19 @@ def verdict_lines(result: AllocationResult) -> list[str]:
             f"no allocation can meet {_in_words(one)}: with every tolerance at its least {_reached(one)};",
             f"  in the way: {_obstacles(result)}",
         ]
+    cost = f"cost {result.cost:.6g}, before {result.cost_before:.6g}"
+    if not result.met:
+        failed = any(one.verdict == "NOT MET" for one in result.limits)
+        return [f"{cost}; {'NOT MET' if failed else 'NOT RESOLVED'} by the samples"]
     gap = result.gap
-    certified = (
-        "how far above the least is not known"
-        if gap is None
-        else f"at most {max(100 * gap, _LEAST_GAP):.2g} % above the least of the first order"
-    )
-    if gap is not None and not result.is_proven:
-        certified += " (bound not proven)"
-    met = "" if result.met else "; NOT MET by the samples"
-    return [f"cost {result.cost:.6g}, before {result.cost_before:.6g}; {certified}{met}"]
+    if gap is None:
+        return [f"{cost}; how far above the least is not known"]
+    if result.bound_basis == "samples":
+        every = "every cheaper choice of grades fails by the samples"
+        far = every if gap < _NO_GAP else f"at most {100 * gap:.2g} % above the least by the samples"
+        return [f"{cost}; {far}"]
+    rests = "the least of the first order" if result.bound_basis == "proof" else "the least (bound not proven)"
+    return [f"{cost}; at most {max(100 * gap, _LEAST_GAP):.2g} % above {rests}"]
 
 
 def pose_count(result: AllocationResult) -> str:
@@ -185,5 +189,5 @@ def _limit(one: AllocatedLimit) -> str:
     low, high = (100 * end for end in one.interval)
     return (
         f"{one.quantity} within {1e3 * one.limit:.4g} {unit}: {100 * one.probability:.2f} % ({low:.2f} to {high:.2f} %) of "
-        f"{100 * one.required:.4g} %\n  at the worst pose {visible(one.worst_pose)}: {'met' if one.met else 'NOT MET'}{price}"
+        f"{100 * one.required:.4g} %\n  at the worst pose {visible(one.worst_pose)}: {one.verdict}{price}"
     )
