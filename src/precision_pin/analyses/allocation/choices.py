@@ -31,8 +31,8 @@ SAMPLES: Final = 50_000
 """Fresh samples of a verification."""
 _MORE: Final = (4, 16, 64)
 """How many times as many are drawn, afresh, of a choice of grades of which they do not decide."""
-_ROBOTS: Final = 2_000_000
-"""Robots times poses of a round that no other choice follows; at least `SAMPLES` and at most eight times as many robots."""
+_ROBOTS: Final = 1_000_000
+"""Robots times poses of a round that no other choice follows; at least `SAMPLES` and at most four times as many robots."""
 CONFIDENCE: Final = 0.95
 """Of all statements of one allocation together."""
 _OF_SCREENS: Final = 0.01
@@ -76,7 +76,7 @@ class Judge:
         self.model, self.task = model, task
         self.chances = tuple(one for one in task.limits if isinstance(one, Specification))
         self.required = np.array([one.required for one in self.chances])
-        self.many = int(np.clip(_ROBOTS // len(task.poses), SAMPLES, 8 * SAMPLES))
+        self.many = int(np.clip(_ROBOTS // len(task.poses), SAMPLES, 4 * SAMPLES))
         self._seed, self._looks = seed, 0
 
     def look(self, chosen: Array, samples: int = SAMPLES) -> Judged:
