@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scipy.optimize import fsolve, least_squares
+from scipy.optimize import fsolve, least_squares, minimize
 
 import precision_pin as pp
 from precision_pin.draws.laws import Normal
@@ -15,7 +15,7 @@ from precision_pin.robot.examples import PAPER_SHEET, shipped_sheets
 from precision_pin.robot.pose_set import PoseSet
 from precision_pin.sources import Frame, JointCompliance, JointOffset, Payload
 from support.oracles import displaced_pose, displacements
-from support.plain_robot import chain_of, joint, link, pose_error, random_arm, robot
+from support.plain_robot import PlainRobot, chain_of, joint, link, pose_error, random_arm, robot
 
 MEAN = 0.01
 """A mean offset, rad."""
@@ -104,15 +104,59 @@ def test_weighted_squares_are_smallest():
     assert squares == pytest.approx(2 * found.cost, rel=1e-9)
 
 
-def test_a_redundant_arm_moves_least():
-    model = ErrorModel(
-        chain_of(random_arm(3), tip="tool"), Space(), [Frame(frame="tool", x=Normal(1e-5, mean=2e-5), rz=1e-5)]
-    )
-    q = np.array([0.3, -0.7, 1.1, 0.2, -1.3, 0.8, 0.5])
-    result = pp.compensate(model, [q], mode="pose")
-    scaled = model.chain.at(q).joint_jacobian
-    smallest = -np.linalg.pinv(scaled) @ result.correction.before[:, 0]
-    assert result.corrected[:, 0] - q == pytest.approx(smallest, rel=0, abs=1e-3 * np.abs(smallest).max())
+def least_change(arm: str, q: np.ndarray, offsets: np.ndarray, shift: float, units: np.ndarray, rows: slice, limits):
+    """Return the least root of the sum of squares, by SLSQP on a plain reading of the arm with its errors."""
+    plain, names = PlainRobot.parse(arm), [f"joint{k}" for k in range(1, len(q) + 1)]
+    tool = np.eye(4)
+    tool[0, 3] = shift
+
+    def pose(values, *, real):
+        displaced = {("link", "tool"): tool} if real else None
+        return plain.poses(dict(zip(names, values + offsets * real, strict=True)), displaced=displaced)["tool"]
+
+    wanted = pose(q, real=False)
+
+    def missing(x):
+        return 10 * pose_error(pose(q + units * x, real=True), wanted)[rows]
+
+    found = []
+    for start in (np.zeros(len(q)), -offsets / units):
+        made = minimize(
+            lambda x: 100 * x @ x,
+            start,
+            jac=lambda x: 200 * x,
+            bounds=list(zip((limits[0] - q) / units, (limits[1] - q) / units, strict=True)),
+            constraints={"type": "eq", "fun": missing},
+            method="SLSQP",
+            options={"maxiter": 60, "ftol": 1e-15},
+        )
+        if np.abs(missing(made.x)).max() < 1e-7:
+            found.append(float(np.linalg.norm(made.x)))
+    return min(found, default=np.inf)
+
+
+@pytest.mark.parametrize(
+    ("seed", "sliding", "mode", "room"),
+    [(3, (), "pose", 7.0), (5, (2,), "position", 7.0), (5, (2,), "position", 0.01), (5, (2,), "pose", 0.04)],
+)
+def test_a_redundant_arm_moves_least(seed, sliding, mode, room):
+    """Errors of 20 to 60 mrad and 20 mm, for which one step is not the least; limits that leave ``room`` on one side."""
+    rng = np.random.default_rng(seed)
+    q, offsets = rng.uniform(-1, 1, 7), rng.uniform(0.02, 0.06, 7) * rng.choice([-1, 1], 7)
+    arm = random_arm(seed, 7, sliding)
+    for one in q[[0, 1, 3, 4, 6]].tolist():  # joints 3 and 6 have no limits
+        arm = arm.replace('lower="-7" upper="7"', f'lower="{one - room}" upper="{one + 7}"', 1)
+    chain = chain_of(arm, tip="tool")
+    sources = [JointOffset(joint=f"joint{k + 1}", offset=Normal(1e-6, mean=one)) for k, one in enumerate(offsets)]
+    model = ErrorModel(chain, Space(), [*sources, Frame(frame="tool", x=Normal(1e-5, mean=0.02))])
+    result = pp.compensate(model, [q], mode=mode)
+    assert result.is_complete
+    units = np.where(chain.prismatic, np.linalg.norm(chain.placements[1:, :3, 3], axis=1).sum(), 1.0)
+    limits = chain.configurations.limits
+    assert (result.corrected[:, 0] >= limits[0]).all()
+    assert (result.corrected[:, 0] <= limits[1]).all()
+    least = least_change(arm, q, offsets, 0.02, units, slice(0, 3 if mode == "position" else 6), limits)
+    assert np.linalg.norm((result.corrected[:, 0] - q) / units) <= least * (1 + 1e-6)
 
 
 def test_poses_without_a_correction_are_named():

@@ -8,13 +8,22 @@ from time import monotonic
 from typing import Any, Final, final
 
 import numpy as np
+from numpy.typing import NDArray
 
-from precision_pin.analyses.allocation.allocation_result import AllocatedLimit, AllocationResult, tightest_of
+from precision_pin.analyses.allocation.allocation_result import AllocatedLimit, AllocationResult, Basis, tightest_of
+from precision_pin.analyses.allocation.choices import SAMPLES, Judge, Judged, Walk, walk
 from precision_pin.analyses.allocation.error_parts import ErrorParts, error_parts
 from precision_pin.analyses.allocation.front import MOST_POINTS, pareto_front, solve
-from precision_pin.analyses.allocation.problem import Bound, Problem, Tolerance, common_grades, read_problem
+from precision_pin.analyses.allocation.problem import (
+    Bound,
+    Problem,
+    Tolerance,
+    common_grades,
+    read_problem,
+    rows_of,
+)
 from precision_pin.analyses.allocation.programme import Limit, Programme, Solution
-from precision_pin.analyses.allocation.scaling import Contributions, changed_model, contributions
+from precision_pin.analyses.allocation.scaling import Contributions, changed_model, contributions, in_deviations
 from precision_pin.analyses.provenance import Provenance
 from precision_pin.call_warnings import warns_at_end
 from precision_pin.display.progress import steps_to
@@ -24,22 +33,20 @@ from precision_pin.inputs.arguments import check_instance, check_items, check_nu
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.verdict_grounds import exact_findings, grounds_at
 from precision_pin.robot.chain_findings import limit_findings
-from precision_pin.sampling.many_poses import sample_poses
 from precision_pin.statistics import COMPONENTS, QUANTITIES, Specification
 from precision_pin.typing import Array
 
 __all__ = ["SAMPLES", "allocate", "allocation_steps"]
 
-SAMPLES: Final = 50_000
-"""Fresh samples of a verification."""
-CONFIDENCE: Final = 0.95
-"""Of the intervals of all rounds together: that of each has a sixth of what is left (Bonferroni)."""
 _ROUNDS: Final = 6
 _HOLDS: Final = 0.9
 """Share of a limit, first order, from which it may hold the choice."""
 _SAME: Final = 1e-6
 _SPARE: Final = 0.002
 """Probability that may be left between the lower end of an interval and what is required."""
+_SHAPE_SAMPLES: Final = 8_192
+_MOST_SKEWED, _MOST_CURVED = 0.3, 1.35
+"""Skewness and excess kurtosis (of a uniform law -1.2) up to which a law is about normal."""
 
 
 @warns_at_end
@@ -111,33 +118,96 @@ def _allocate(
     bounded = any(isinstance(one, Bound) and one.kind == "worst_case" for one in task.limits)
     parts = contributions(model, task.tolerances, task.poses, worst_case=bounded, advance=advance)
     members = _members(task.tolerances)
-    chances = tuple(one for one in task.limits if isinstance(one, Specification))
-    aims = [one.required for one in chances]
+    judge = Judge(model, task, seed)
     choices = [common_grades(_own(task, members, g)) for g in range(int(members.max()) + 1)]
     seconds, pareto = effort
     end = monotonic() + seconds
+    programme = _programme(task, parts, members, judge.required.tolist())
+    walked = walk(programme, choices, members, parts, judge, seed, end)
+    if walked is not None and walked.is_complete:
+        found = _walked(programme, members, walked, judge)
+        advance(_ROUNDS)
+    else:
+        rounds = _rounds(task, parts, members, choices, judge, end, advance)
+        found = rounds[-1]
+        bound, basis = _bound(task, parts, members, choices, rounds, judge, end)
+        if walked is not None:
+            bound, basis = walked.lower_bound, "samples"
+        if found.solution is not None:
+            known = None if bound is None else min(bound, found.cost)
+            found = replace(found, solution=replace(found.solution, lower_bound=known), basis=basis)
+    result = _result(model, task, found, seed, findings)
+    if not pareto:
+        return result
+    return replace(result, front=pareto_front(found.programme, choices, members, pareto, seconds, advance))
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class _Attempt:
+    """Tolerances of one round, what the samples say, and what the lower bound of the cost rests on."""
+
+    programme: Programme
+    solution: Solution | None
+    chosen: Array
+    judged: Judged | None = None
+    basis: Basis = "proof"
+
+    @property
+    def is_met(self) -> bool:
+        return self.judged is not None and self.judged.is_met
+
+    @property
+    def cost(self) -> float:
+        return np.inf if self.solution is None else self.solution.cost
+
+
+def _walked(programme: Programme, members: NDArray[np.intp], walked: Walk, judge: Judge) -> _Attempt:
+    """Return the choice at which the walk ended; the narrowest one where none keeps the limits."""
+    if walked.chosen is None:
+        chosen = programme.least[members]
+        return _Attempt(programme, None, chosen, judge.look(chosen), "samples")
+    solution = replace(programme.priced(walked.chosen), lower_bound=walked.lower_bound)
+    return _Attempt(programme, solution, walked.chosen[members], walked.judged, "samples")
+
+
+def _rounds(
+    task: Problem,
+    parts: Contributions,
+    members: NDArray[np.intp],
+    choices: Sequence[Array | None],
+    judge: Judge,
+    end: float,
+    advance: Callable[[int], None],
+) -> list[_Attempt]:
+    """Return the rounds by the first order, each aimed at what the samples of the one before say; the best is the last."""
+    aims = judge.required.tolist()
+    rounds: list[_Attempt] = []
     found: _Attempt | None = None
-    for attempt in range(_ROUNDS):
+    for _ in range(_ROUNDS):
         programme = _programme(task, parts, members, aims)
         near = None if found is None or found.solution is None else found.solution.t
         solution = solve(programme, choices, end - monotonic(), advance, near)
-        # what cannot be met is verified with the narrowest tolerances
-        chosen = (programme.low if solution is None else solution.t)[members]
-        made = _Attempt(programme, solution, chosen, np.zeros((3, 0, len(task.poses))))
-        if not chances or (
+        # what cannot be met is verified with the tolerances that exceed it least
+        chosen = (programme.least if solution is None else solution.t)[members]
+        made = _Attempt(programme, solution, chosen)
+        if not judge.chances or (
             found is not None and found.is_met and np.allclose(chosen, found.chosen, rtol=_SAME, atol=0)
         ):
+            rounds += [] if judge.chances else [made]
             found = found or made
             break
-        made = replace(made, sampled=_sampled(model, task, chances, chosen, (seed + attempt) % 2**64))
+        made = replace(made, judged=judge.look(chosen, judge.many))
+        rounds.append(made)
         advance(1)
-        spare = np.array([low.min() for low in made.sampled[1]]) - [one.required for one in chances]
-        made = replace(made, is_met=bool((spare >= 0).all()))
+        assert made.judged is not None
+        spare = made.judged.sampled[1].min(axis=1) - judge.required
         if found is None or not found.is_met or (made.is_met and made.cost < found.cost):
             found = made
         # of several limits only those that hold the choice have something to give back
         holds = [
-            one.measure(programme.low[:, None] if solution is None else solution.t[:, None]).max() > _HOLDS * one.limit
+            one.measure(programme.least[:, None] if solution is None else solution.t[:, None]).max()
+            > _HOLDS * one.limit
             for one in programme.limits
             if one.kind == "quantile"
         ]
@@ -149,40 +219,49 @@ def _allocate(
             for aim, one, held in zip(aims, spare, holds, strict=True)
         ]
     assert found is not None
-    advance(_ROUNDS - (attempt + 1 if chances else 0))
-    result = _result(model, task, found, seed, findings)
-    if not pareto:
-        return result
-    return replace(result, front=pareto_front(found.programme, choices, members, pareto, seconds, advance))
+    advance(_ROUNDS - len(rounds) if judge.chances else _ROUNDS)
+    return [*(one for one in rounds if one is not found), found]
 
 
-@final
-@dataclass(frozen=True, eq=False)
-class _Attempt:
-    """Tolerances of one round, and the shares of samples inside with the ends of their intervals ``(3, limits, poses)``."""
+def _bound(
+    task: Problem,
+    parts: Contributions,
+    members: NDArray[np.intp],
+    choices: Sequence[Array | None],
+    rounds: Sequence[_Attempt],
+    judge: Judge,
+    end: float,
+) -> tuple[float | None, Basis]:
+    """Return a lower bound of the cost of all that keeps the limits as they are stated, not as they were aimed at.
 
-    programme: Programme
-    solution: Solution | None
-    chosen: Array
-    sampled: Array
-    is_met: bool = False
+    With specifications it is the bound of the first order, whose probability is lowered by as much as the samples of any round
+    may exceed it. Of laws that are far from a normal one that says nothing about other tolerances, and there is no bound.
+    """
+    found = rounds[-1]
+    if found.solution is None:
+        return None, "proof"
+    if not judge.chances:
+        return found.solution.lower_bound, "proof"
+    if not _near_normal(judge, parts):
+        return None, "normal law"
+    excess = np.zeros(len(judge.chances))
+    for one in rounds:
+        t = one.programme.least if one.solution is None else one.solution.t
+        limits = [limit for limit in one.programme.limits if limit.kind == "quantile"]
+        normal = np.array([limit.probabilities(t) for limit in limits])
+        assert one.judged is not None
+        excess = np.maximum(excess, (one.judged.sampled[2] - normal).max(axis=1))
+    programme = _programme(task, parts, members, (judge.required - excess).tolist())
+    wider = solve(programme, choices, max(end - monotonic(), 0.0), lambda _: None, found.solution.t)
+    return (None if wider is None else wider.lower_bound), "normal law"
 
-    @property
-    def cost(self) -> float:
-        return np.inf if self.solution is None else self.solution.cost
 
-
-def _sampled(model: ErrorModel, task: Problem, chances: Sequence[Specification], chosen: Array, seed: int) -> Array:
-    changed = changed_model(model, task.tolerances, chosen)
-    result = sample_poses(
-        changed,
-        list(task.poses),
-        samples=SAMPLES,
-        seed=seed,
-        specifications=chances,
-        confidence=1 - (1 - CONFIDENCE) / _ROUNDS,
-    )
-    return np.stack([result.probability, *np.moveaxis(result.probability_interval, 1, 0)])
+def _near_normal(judge: Judge, parts: Contributions) -> bool:
+    """Return whether the laws of the chosen tolerances are about as near to a normal one as a uniform one is."""
+    columns = np.unique(np.concatenate([one.columns for one in parts.moved]))
+    numbers = in_deviations(judge.model.space, 0, _SHAPE_SAMPLES)[columns]
+    skewness, excess = (numbers**3).mean(axis=1), (numbers**4).mean(axis=1) - 3
+    return bool((np.abs(skewness) < _MOST_SKEWED).all() and (np.abs(excess) < _MOST_CURVED).all())
 
 
 def _next_aim(aim: float, spare: float, is_met: bool) -> float:
@@ -192,18 +271,18 @@ def _next_aim(aim: float, spare: float, is_met: bool) -> float:
     return min(aim + max(-spare, 0.0) * 1.25, (1 + aim) / 2)
 
 
-def _own(task: Problem, members: Array, group: int) -> list[Tolerance]:
+def _own(task: Problem, members: NDArray[np.intp], group: int) -> list[Tolerance]:
     return [one for one, own in zip(task.tolerances, members, strict=True) if own == group]
 
 
-def _members(tolerances: Sequence[Tolerance]) -> Array:
+def _members(tolerances: Sequence[Tolerance]) -> NDArray[np.intp]:
     """Return the number of the group of each tolerance; one without a group has its own."""
     names = [one.group or f"\0{k}" for k, one in enumerate(tolerances)]
     order = list(dict.fromkeys(names))
     return np.array([order.index(name) for name in names])
 
 
-def _programme(task: Problem, parts: Contributions, members: Array, aims: Sequence[float]) -> Programme:
+def _programme(task: Problem, parts: Contributions, members: NDArray[np.intp], aims: Sequence[float]) -> Programme:
     groups = range(int(members.max()) + 1)
     together = [_own(task, members, g) for g in groups]
     listed = [common_grades(own) for own in together]
@@ -221,23 +300,23 @@ def _programme(task: Problem, parts: Contributions, members: Array, aims: Sequen
     def grouped(array: Array) -> Array:
         return np.stack([array[members == g].sum(axis=0) for g in groups])
 
-    covariances, reaches = grouped(parts.by_tolerance), grouped(parts.reach_by_tolerance)
+    squares, reaches = grouped(parts.by_tolerance), grouped(parts.reach_by_tolerance)
+    # correlated tolerances of one group are one square
+    of = np.append(members, len(costs))[parts.pairs]
+    for group, part in zip(of[:, 0][of[:, 0] == of[:, 1]], parts.by_pair[of[:, 0] == of[:, 1]], strict=True):
+        squares[group] += part
+    pairs = of[of[:, 0] != of[:, 1]]
+    covariances = np.concatenate([squares, parts.by_pair[of[:, 0] != of[:, 1]]])
     limits, left = [], iter(aims)
     for one in task.limits:
-        if isinstance(one, Bound):
-            rows = list(range(3)) if one.is_position else list(range(3, 6))
-            kind, probability = one.kind, 0.0
-        else:
-            kind, probability = "quantile", next(left)
-            whole = one.quantity.endswith("norm")
-            first = 3 * one.quantity.startswith("attitude")
-            rows = list(range(first, first + 3)) if whole else [COMPONENTS.index(one.row)]
+        rows = rows_of(one)
+        kind, probability = (one.kind, 0.0) if isinstance(one, Bound) else ("quantile", next(left))
         grid = np.ix_(rows, rows)
         if kind == "worst_case":
-            fixed, each = parts.reach[rows][:, None], reaches[:, rows][:, :, None]
+            fixed, each, products = parts.reach[rows][:, None], reaches[:, rows][:, :, None], pairs[:0]
         else:
-            fixed, each = parts.covariance[grid], np.stack([part[grid] for part in covariances])
-        limits.append(Limit(kind, one.limit, probability, tuple(rows), parts.mean[rows], fixed, each))
+            fixed, each, products = parts.covariance[grid], np.stack([part[grid] for part in covariances]), pairs
+        limits.append(Limit(kind, one.limit, probability, tuple(rows), parts.mean[rows], fixed, each, products))
     return Programme(costs, low, high, limits)
 
 
@@ -249,7 +328,7 @@ def _result(
     members = _members(task.tolerances)
     programme, solution = found.programme, found.solution
     judged, places, row = [], [], 0
-    t = programme.low if solution is None else solution.t
+    t = programme.least if solution is None else solution.t
     for k, one in enumerate(task.limits):
         measure = programme.limits[k].measure(t[:, None])[0]
         worst = int(measure.argmax()) % len(task.poses)
@@ -259,7 +338,7 @@ def _result(
             quantity=_quantity(one),
             limit=one.limit,
             required=one.required if isinstance(one, Specification) else None,
-            aimed=programme.limits[k].probability or None,
+            aimed=None if found.basis == "samples" else programme.limits[k].probability or None,
             first_order=float(measure.max()),
             worst_pose=task.poses[worst],
             shadow_price=None if solution is None else solution.prices[k],
@@ -268,8 +347,9 @@ def _result(
             met=bool(measure.max() <= one.limit * (1 + 1e-9)),
         )
         if isinstance(one, Specification):
-            place = int(found.sampled[1, row].argmin())
-            share, low, high = (float(value) for value in found.sampled[:, row, place])
+            assert found.judged is not None
+            place = int(found.judged.sampled[1, row].argmin())
+            share, low, high = (float(value) for value in found.judged.sampled[:, row, place])
             made = replace(
                 made, probability=share, interval=(low, high), met=low >= one.required, worst_pose=task.poses[place]
             )
@@ -287,7 +367,7 @@ def _result(
         costs=cost,
         shadow_prices=np.where(graded, 0.0, width[members]),
         lower_bound=None if solution is None else solution.lower_bound,
-        is_proven=all(one.is_convex for one in programme.limits),
+        bound_basis=found.basis,
         limits=tuple(replace(one, met=one.met and not grounds.not_judged) for one in judged),
         parts=_parts(model, task, found, places[tightest_of(judged)], tightest_of(judged)),
         poses=task.poses,

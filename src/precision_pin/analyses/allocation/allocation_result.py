@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib import import_module
-from typing import Any, ClassVar, final
+from typing import Any, ClassVar, Literal, final
 
 import numpy as np
 
@@ -20,7 +20,10 @@ from precision_pin.inputs.arrays import fix_fields
 from precision_pin.statistics import NO_GROUNDS, Grounds
 from precision_pin.typing import Array
 
-__all__ = ["AllocatedLimit", "AllocationResult", "tightest_of"]
+__all__ = ["AllocatedLimit", "AllocationResult", "Basis", "tightest_of"]
+
+Basis = Literal["proof", "samples", "normal law"]
+"""What a lower bound of the cost rests on."""
 
 
 @final
@@ -35,7 +38,8 @@ class AllocatedLimit:
     quantity, limit, required
         What is limited, m or rad, and the required probability of a quantile.
     aimed
-        Probability at which the first-order quantile was held, so that the samples show the required one.
+        Probability at which the first-order quantile was held, so that the samples show the required one; ``None`` where
+        every choice of grades was sampled.
     first_order
         Largest value over the poses: quantile, root mean square or worst case of the first-order model.
     worst_pose
@@ -59,6 +63,14 @@ class AllocatedLimit:
     probability: float | None
     interval: tuple[float, float] | None
     met: bool
+
+    @property
+    def verdict(self) -> str:
+        """``met``, ``NOT MET`` or, where the interval holds the required probability, ``NOT RESOLVED``."""
+        if self.met:
+            return "met"
+        is_open = self.interval is not None and self.required is not None and self.interval[1] >= self.required
+        return "NOT RESOLVED" if is_open else "NOT MET"
 
     def to_dict(self) -> dict[str, Any]:
         """Return the entry of the result's JSON."""
@@ -99,10 +111,13 @@ class AllocationResult(JsonResult):
         What one held by its upper bound would save for each m or rad more; negative at the lower bound, zero between and
         where it has grades.
     lower_bound
-        No tolerances that keep the first-order limits cost less; ``None`` if infeasible, where the time for a choice of
-        grades ended before one was found, or with the quantile of a norm below 92 %.
-    is_proven
-        Whether the lower bound is proven; with the quantile of a norm it rests on the variances that keep it being a convex set.
+        No tolerances that keep the limits, as they are stated, cost less; ``None`` if infeasible, where the time for a choice of
+        grades ended before one was found, and where specifications have a law far from normal or a norm below 92 %.
+    bound_basis
+        What the lower bound rests on: ``"proof"``, of limits of the first order; ``"samples"``, where every cheaper choice of
+        grades was sampled and shown to fail, with 95 % confidence; ``"normal law"``, of specifications otherwise: that no other
+        tolerances exceed the normal law of the first order by more than the samples show, and that the variances that keep the
+        quantile of a norm form a convex set.
     limits
         The limits with the tolerances chosen.
     parts
@@ -127,7 +142,7 @@ class AllocationResult(JsonResult):
     costs: Array
     shadow_prices: Array
     lower_bound: float | None
-    is_proven: bool
+    bound_basis: Basis
     limits: tuple[AllocatedLimit, ...]
     parts: ErrorParts
     poses: tuple[str, ...]
@@ -151,10 +166,10 @@ class AllocationResult(JsonResult):
 
     @property
     def gap(self) -> float | None:
-        """Largest share of the cost that could still be saved, by the lower bound."""
-        return (
-            None if self.lower_bound is None else max(self.cost - self.lower_bound, 0.0) / max(abs(self.cost), 1e-300)
-        )
+        """Largest share of the cost that could still be saved, by the lower bound; ``None`` where limits are not met."""
+        if self.lower_bound is None or not self.met:
+            return None
+        return max(self.cost - self.lower_bound, 0.0) / max(abs(self.cost), 1e-300)
 
     @property
     def met(self) -> bool:
@@ -190,7 +205,8 @@ class AllocationResult(JsonResult):
             "cost": self.cost,
             "cost_before": self.cost_before,
             "lower_bound": self.lower_bound,
-            "lower_bound_is_proven": self.is_proven,
+            "lower_bound_is_proven": self.bound_basis == "proof",
+            "lower_bound_basis": self.bound_basis,
             "gap": self.gap,
             "specs": [one.to_dict() for one in self.limits],
             "parts": self.parts.to_dict(),

@@ -8,6 +8,7 @@ from time import monotonic
 from typing import Any, Final, final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from precision_pin.analyses.allocation.grades import solve_with_grades
 from precision_pin.analyses.allocation.programme import Programme, Solution
@@ -71,7 +72,7 @@ def solve(
 def pareto_front(
     programme: Programme,
     choices: Sequence[Array | None],
-    members: Array,
+    members: NDArray[np.intp],
     count: int,
     seconds: float,
     advance: Callable[[int], None],

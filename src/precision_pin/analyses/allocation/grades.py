@@ -56,13 +56,14 @@ def solve_with_grades(
     end = monotonic() + seconds
     fixed = np.array([one is not None for one in choices])
     best = _with_grades(programme, fixed, programme.low)
-    if best is None:
+    if best is None and (programme.is_monotone or programme.exceeded(programme.least).max() > ROUNDING):
         return None
-    if fixed.all():
+    if best is not None and fixed.all():
         best = _with_grades(programme, fixed, _widened(programme, choices)) or best
-    relaxed = _Relaxation(programme, choices, abs(best.cost) or 1.0)
+    relaxed = _Relaxation(programme, choices, (0.0 if best is None else abs(best.cost)) or 1.0)
     relaxed.cut(programme.high)
-    relaxed.cut(best.t * _BEYOND)
+    if best is not None:
+        relaxed.cut(best.t * _BEYOND)
     bound, seen = -np.inf, set[bytes]()
     for k in range(_ROUNDS):
         left = end - monotonic()
@@ -70,21 +71,23 @@ def solve_with_grades(
             break
         t, found = relaxed.solve(max(left, _LEAST_TIME))
         gained, bound = found - bound, max(bound, found)
-        if t is None or best.cost - bound <= _GAP * abs(best.cost):
+        if t is None or (best is not None and best.cost - bound <= _GAP * abs(best.cost)):
             break
         if t[fixed].tobytes() in seen:
             # what is left between the bounds then is rounding of the linear programme
-            if gained <= _GAP / 10 * abs(best.cost):
+            if best is not None and gained <= _GAP / 10 * abs(best.cost):
                 break
         elif (solution := _with_grades(programme, fixed, t)) is None:
             relaxed.refuse(t)
         else:
             seen.add(t[fixed].tobytes())
-            best = min(best, solution, key=lambda one: one.cost)
+            best = solution if best is None else min(best, solution, key=lambda one: one.cost)
             relaxed.touch(solution.t)
         relaxed.add_tangents(t)
         relaxed.cut(t)
         advance(1)
+    if best is None:
+        return None
     known = np.isfinite(bound) and all(one.has_bound for one in programme.limits)
     return replace(best, lower_bound=min(bound, best.cost) if known else None)
 
@@ -124,7 +127,10 @@ class _Relaxation:
 
     def __init__(self, programme: Programme, choices: Sequence[Array | None], cost: float) -> None:
         self._programme = programme
-        self._choices = [None if own is None else _worthwhile(programme, k, own) for k, own in enumerate(choices)]
+        self._choices = [
+            own if own is None or not programme.is_monotone else _worthwhile(programme, k, own)
+            for k, own in enumerate(choices)
+        ]
         counts = [3 if own is None else len(own) for own in self._choices]
         ends = np.cumsum(counts)
         self._columns = [slice(end - count, end) for end, count in zip(ends, counts, strict=True)]
@@ -185,11 +191,12 @@ class _Relaxation:
         return np.clip(t, self._programme.low, self._programme.high), cost
 
     def refuse(self, t: Array) -> None:
-        """Demand a narrower grade than that of ``t`` somewhere; errors grow with every tolerance."""
+        """Demand a narrower grade than that of ``t`` somewhere where errors grow with every tolerance; else another one."""
         row = np.zeros(len(self._cost))
         for k, (own, columns) in enumerate(zip(self._choices, self._columns, strict=True)):
             if own is not None:
-                row[columns] = np.where(own < t[k] * (1 - ROUNDING), -1.0, 0.0)
+                beyond = own > t[k] * (1 + ROUNDING) if not self._programme.is_monotone else False
+                row[columns] = np.where((own < t[k] * (1 - ROUNDING)) | beyond, -1.0, 0.0)
         self._add(row, -1.0)
 
     def add_tangents(self, t: Array) -> None:
@@ -217,20 +224,20 @@ class _Relaxation:
         """Add all tangents at tolerances ``t``, those of the quantiles that they just keep included."""
         self.add_tangents(t)
         for one in self._programme.limits:
-            if one.kind != "quantile":
+            if one.kind != "quantile" and not len(one.pairs):
                 continue
-            shares = one.measure(t[:, None])[0] / one.limit
-            slopes = one.log_slopes(t) / (2 * t[:, None] ** 2)
-            for place in np.flatnonzero(shares > 1 - _NEAR):
-                self._add_slope(slopes[:, place], t, -float(np.log(shares[place])))
+            excess = one.excess(t)
+            slopes = one.log_slopes(t)
+            for place in np.flatnonzero(excess > -_NEAR):
+                self._add_slope(one, slopes[:, place], t, -float(excess[place]))
 
     def cut(self, t: Array) -> None:
         """Add the tangents of the quantiles that ``t`` exceeds, each where the way to ``t`` in t² leaves the limit."""
-        low = self._programme.low
+        low = self._programme.least
         for one in self._programme.limits:
-            if one.kind != "quantile":
+            if one.kind != "quantile" and not len(one.pairs):
                 continue
-            exceeded = np.flatnonzero(one.measure(t[:, None])[0] > one.limit)
+            exceeded = np.flatnonzero((one.excess(t) > 0) & (one.excess(low) <= 0))
             for place in exceeded:
                 only = one.at_place(int(place))
                 steps = (t**2 - low**2)[:, None]
@@ -240,13 +247,21 @@ class _Relaxation:
                     )
                 )
                 between = np.sqrt(low**2 + most * (t**2 - low**2))
-                self._add_slope(only.log_slopes(between)[:, 0] / (2 * between**2), between, 0.0)
+                self._add_slope(one, only.log_slopes(between)[:, 0], between, 0.0)
 
-    def _add_slope(self, slopes: Array, t: Array, left: float) -> None:
-        """Add the tangent at ``t`` of ln of a quantile, by its slopes with respect to t²; ``left`` is missing to the limit."""
-        self._add((slopes * self._widest**2) @ self._square, float(slopes @ t**2) + left)
+    def _add_slope(self, one: Limit, slopes: Array, t: Array, left: float) -> None:
+        """Add the tangent of ln of a measure at ``t`` in t², or in t where tolerances are correlated.
+
+        ``slopes`` are those with respect to ln t; ``left`` is what is missing to the limit.
+        """
+        if len(one.pairs):
+            self._add((slopes / t * self._widest) @ self._t, float(slopes.sum()) + left)
+        else:
+            self._add((slopes / (2 * t**2) * self._widest**2) @ self._square, float(slopes.sum()) / 2 + left)
 
     def _add_limit(self, one: Limit) -> None:
+        if len(one.pairs):
+            return
         if one.kind == "rms":
             still = (one.mean**2).sum(axis=0) + np.einsum("iip->p", one.fixed)
             for place, parts in enumerate(np.einsum("niip->pn", one.parts)):

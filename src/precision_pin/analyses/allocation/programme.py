@@ -9,7 +9,8 @@ holds where the variances that keep the quantile form a convex set.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any, Final, final
 
 import numpy as np
@@ -17,7 +18,12 @@ from numpy.typing import NDArray
 from scipy import optimize
 
 from precision_pin.analyses.allocation.costs import Cost, Grades
-from precision_pin.analyses.map.normal_norms import norm_quantile_slopes, norm_quantiles, principal_axes
+from precision_pin.analyses.map.normal_norms import (
+    norm_probabilities,
+    norm_quantile_slopes,
+    norm_quantiles,
+    principal_axes,
+)
 from precision_pin.inputs.arrays import fix_fields
 from precision_pin.typing import Array
 
@@ -61,7 +67,10 @@ class Limit:
         Rows of the error at the means ``(r, P)``, and their covariance (worst case: largest deviation, ``(r, 1, P)``) that no
         tolerance changes, ``(r, r, P)``.
     parts
-        The same for each tolerance of 1 m or rad, ``(n, r, r, P)`` (worst case ``(n, r, 1, P)``).
+        The same for each tolerance of 1 m or rad, ``(n, r, r, P)`` (worst case ``(n, r, 1, P)``); then what the product of two
+        tolerances adds.
+    pairs
+        Numbers of these two, n for the part that no tolerance changes; ``(m, 2)``.
     """
 
     kind: str
@@ -71,6 +80,7 @@ class Limit:
     mean: Array
     fixed: Array
     parts: Array
+    pairs: NDArray[np.intp] = field(default_factory=lambda: np.zeros((0, 2), dtype=np.intp))
 
     def __post_init__(self) -> None:
         fix_fields(self)
@@ -92,9 +102,19 @@ class Limit:
             return np.asarray(sums.reshape(t.shape[1], -1))
         if self.kind == "rms":
             still = (self.mean**2).sum(axis=0) + np.einsum("iip->p", self.fixed)
-            return np.asarray(np.sqrt(still + np.einsum("niip,nm->mp", self.parts, t**2)))
+            varying = np.einsum("niip,nm->mp", self.parts, self._products(t))
+            return np.asarray(np.sqrt(np.maximum(still + varying, 0.0)))
         quantiles = norm_quantiles(*principal_axes(*self._vectors(t)), self.probability)
         return np.asarray(quantiles.reshape(t.shape[1], -1))
+
+    def probabilities(self, t: Array) -> Array:
+        """Return the probability that a normal error keeps the limit of a quantile, ``(P,)``."""
+        axes = principal_axes(*self._vectors(t[:, None]))
+        return norm_probabilities(*axes, np.full(axes[0].shape[1], self.limit))
+
+    def excess(self, t: Array) -> Array:
+        """Return ln of the measure over its limit, ``(places,)``."""
+        return np.asarray(np.log(np.maximum(self.measure(t[:, None])[0], 1e-300) / self.limit))
 
     def at_place(self, pose: int) -> Limit:
         """Return the limit at one pose alone."""
@@ -108,18 +128,34 @@ class Limit:
             by_tolerance = (self.parts[:, :, 0] * t[:, None, None]).reshape(len(t), -1)
             return np.asarray(by_tolerance / np.maximum(value, 1e-300))
         if self.kind == "rms":
-            return np.asarray(np.einsum("niip,n->np", self.parts, t**2) / np.maximum(value**2, 1e-300))
+            by_product = np.einsum("niip->np", self.parts)
+            return np.asarray(self._by_tolerance(by_product, t) / np.maximum(2 * value**2, 1e-300))
         mean, covariance = self._vectors(t[:, None])
         rows = len(self.mean)
         slopes = norm_quantile_slopes(mean, covariance, value)[:rows, :rows]
-        by_square = np.einsum("nijp,ijp->np", self.parts, slopes)
-        return np.asarray(2 * by_square * t[:, None] ** 2 / np.maximum(value, 1e-300))
+        by_product = np.einsum("nijp,ijp->np", self.parts, slopes)
+        return np.asarray(self._by_tolerance(by_product, t) / np.maximum(value, 1e-300))
+
+    def _products(self, t: Array) -> Array:
+        """Return the squares of tolerances ``(n, m)``, then the products of pairs."""
+        if not len(self.pairs):
+            return t**2
+        known = np.vstack([t, np.ones((1, t.shape[1]))])
+        return np.vstack([t**2, known[self.pairs[:, 0]] * known[self.pairs[:, 1]]])
+
+    def _by_tolerance(self, by_product: Array, t: Array) -> Array:
+        """Return derivatives with respect to ln t ``(n, places)`` from those with respect to squares and products."""
+        parts = by_product * self._products(t[:, None])
+        slopes = np.vstack([2 * parts[: len(t)], np.zeros((1, parts.shape[1]))])
+        for one in range(2):
+            np.add.at(slopes, self.pairs[:, one], parts[len(t) :])
+        return np.asarray(slopes[: len(t)])
 
     def _vectors(self, t: Array) -> tuple[Array, Array]:
         """Return mean and covariance, ``(3, m P)`` and ``(3, 3, m P)``, for tolerances ``(n, m)``; rows not limited are 0."""
         rows, poses = self.mean.shape
         several = t.shape[1]
-        covariance = self.fixed[:, :, None] + np.einsum("nijp,nm->ijmp", self.parts, t**2)
+        covariance = self.fixed[:, :, None] + np.einsum("nijp,nm->ijmp", self.parts, self._products(t))
         padded, mean = np.zeros((3, 3, several * poses)), np.zeros((3, several * poses))
         padded[:rows, :rows] = covariance.reshape(rows, rows, -1)
         mean[:rows] = np.tile(self.mean, several)
@@ -186,14 +222,43 @@ class Programme:
         """Return ln of each measure over its limit, ``(all places,)``: positive where a limit is exceeded."""
         return np.asarray(np.log(np.maximum(self.shares(t[:, None])[0], 1e-300)))
 
+    @property
+    def is_monotone(self) -> bool:
+        """Whether every narrower tolerance makes every error smaller; correlated ones may make up for each other."""
+        return not any(len(one.pairs) for one in self.limits)
+
+    @cached_property
+    def least(self) -> Array:
+        """Tolerances that exceed the limits least: the narrowest, or found by minimising the largest measure."""
+        if self.is_monotone or self.exceeded(self.low).max() <= 0 or (self.low == self.high).all():
+            return self.low
+        low, high = np.log(self.low), np.log(self.high)
+        count = len(low)
+
+        def slopes(x: Array) -> Array:
+            falls = -np.hstack([one.log_slopes(np.exp(x[:count])) for one in self.limits]).T
+            return np.column_stack([falls, np.ones(len(falls))])
+
+        found: Any = optimize.minimize(
+            lambda x: float(x[count]),
+            np.append(low, self.exceeded(self.low).max()),
+            jac=lambda _: np.append(np.zeros(count), 1.0),
+            bounds=[*zip(low, high, strict=True), (None, None)],
+            constraints={"type": "ineq", "fun": lambda x: x[count] - self.exceeded(np.exp(x[:count])), "jac": slopes},
+            method="SLSQP",
+            options={"maxiter": 500, "ftol": 1e-12},
+        )
+        reached = np.exp(np.clip(found.x[:count], low, high))
+        return min(self.low, reached, key=lambda t: float(self.exceeded(t).max()))
+
     def solve(self, near: Array | None = None) -> Solution | None:
-        """Return the cheapest tolerances, or ``None`` where even the narrowest exceed a limit; ``near`` is where to begin."""
-        if self.exceeded(self.low).max() > ROUNDING:
+        """Return the cheapest tolerances, or ``None`` where even those of `least` do; ``near`` is where to begin."""
+        if self.exceeded(self.least).max() > ROUNDING:
             return None
         if (self.low == self.high).all():
-            return self._priced(self.low)
+            return self.priced(self.low)
         low, high = np.log(self.low), np.log(self.high)
-        start = self._largest_within(low, high if near is None else np.clip(np.log(near), low, high))
+        start = self._largest_within(np.log(self.least), high if near is None else np.clip(np.log(near), low, high))
         scale = float(np.abs(self.slope_of(np.exp(start)) * np.exp(start)).sum()) or 1.0
         found: Any = optimize.minimize(
             lambda x: float(self.cost_of(np.exp(x)).sum()) / scale,
@@ -209,19 +274,19 @@ class Programme:
             options={"maxiter": 500, "ftol": 1e-14},
         )
         # the lower bound, not the solver's flag, says how good this is; limits are kept to rounding only, so step back
-        x = self._largest_within(low, np.clip(found.x, low, high))
-        return self._priced(np.exp(x))
+        x = self._largest_within(np.log(self.least), np.clip(found.x, low, high))
+        return self.priced(np.exp(x))
 
-    def _largest_within(self, low: Array, high: Array) -> Array:
-        """Return the point nearest to ``high`` on the way from ``low`` that keeps all limits."""
+    def _largest_within(self, kept: Array, high: Array) -> Array:
+        """Return the point nearest to ``high`` on the way from ``kept`` that keeps all limits."""
         if self.exceeded(np.exp(high)).max() <= ROUNDING:
             return high
         least, _ = last_kept(
-            lambda shares: self.shares(np.exp(low[:, None] + shares * (high - low)[:, None])).max(axis=1) <= 1
+            lambda shares: self.shares(np.exp(kept[:, None] + shares * (high - kept)[:, None])).max(axis=1) <= 1
         )
-        return low + least * (high - low)
+        return kept + least * (high - kept)
 
-    def _priced(self, t: Array) -> Solution:
+    def priced(self, t: Array) -> Solution:
         """Return a solution with its multipliers, by non-negative least squares of the first-order conditions."""
         falls = -self.slope_of(t) * t
         slopes = [one.log_slopes(t) for one in self.limits]
@@ -243,13 +308,18 @@ class Programme:
     def _lower_bound(self, t: Array, slopes: Sequence[Array], multipliers: Array, places: NDArray[np.intp]) -> float:
         """Return the minimum of the Lagrangian in t, by bisection of the slope of each tolerance's convex part.
 
-        A quantile is replaced by its tangent in t² at ``t``.
+        A quantile is replaced by its tangent in t² at ``t``, and with correlated tolerances by that in t.
         """
         square, line = np.zeros(len(self.low)), np.zeros(len(self.low))
         constant = 0.0
         for k, one in enumerate(self.limits):
             own = multipliers[places == k]
-            if one.kind == "rms":
+            if len(one.pairs):
+                # a tangent in t: with correlated tolerances the measure is convex in t, not in t²
+                half = slopes[k] @ own
+                line += half / t
+                constant += float(own @ one.excess(t) - half.sum())
+            elif one.kind == "rms":
                 own = own / (2 * one.limit**2)
                 still = (one.mean**2).sum(axis=0) + np.einsum("iip->p", one.fixed)
                 square += np.einsum("niip,p->n", one.parts, own)
@@ -257,7 +327,7 @@ class Programme:
             elif one.kind == "quantile":
                 half = slopes[k] @ own / 2
                 square += half / t**2
-                constant += float(own @ np.log(np.maximum(one.measure(t[:, None])[0], 1e-300) / one.limit) - half.sum())
+                constant += float(own @ one.excess(t) - half.sum())
             else:
                 own = own / one.limit
                 still = (np.abs(one.mean) + one.fixed[:, 0]).reshape(-1)

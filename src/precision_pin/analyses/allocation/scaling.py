@@ -2,35 +2,43 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final, final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from precision_pin.analyses.allocation.problem import Tolerance
 from precision_pin.analyses.worst_case.convex_bodies import Supports
+from precision_pin.draws.correlation import BlockCovariance
+from precision_pin.draws.space import Space
 from precision_pin.errors import InputError
 from precision_pin.inputs.arrays import fix_fields
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.tangents import tangents
 from precision_pin.typing import Array
 
-__all__ = ["Contributions", "changed_model", "contributions"]
+__all__ = ["Contributions", "Moved", "changed_model", "contributions", "in_deviations"]
 
 _WIDE: Final = 2.0
 _NARROW: Final = 0.5
 """Factors of the tolerances by which their parts are found, and checked."""
 _LEAST: Final = 1e-6
 """Error of a contribution, of the largest, above which it does not scale with its tolerance."""
+_ROUNDING: Final = 1e-12
+"""Slope, by the largest, that is rounding."""
 _WIDTH: Final = 3.0
 """Standard deviations of a normal law at which a worst case ends."""
+_FEW: Final = 64
+"""Samples that show whether a law keeps its shape."""
 
 
 @final
 @dataclass(frozen=True, eq=False)
 class Contributions:
-    """First-order error at P poses, in parts.
+    """First-order error at P poses, in parts: ``mean + rest z + Σ t_i moved_i z``, z the components in standard deviations.
 
     Attributes
     ----------
@@ -38,18 +46,41 @@ class Contributions:
         Error at the means ``(6, P)``.
     covariance, by_tolerance
         Covariance that no tolerance changes ``(6, 6, P)``, and that of each tolerance of 1 m or rad ``(n, 6, 6, P)``.
+    pairs, by_pair
+        Numbers of two tolerances with correlated draws, n for what is not chosen, ``(m, 2)``; what their product adds to the
+        covariance, ``(m, 6, 6, P)``.
     reach, reach_by_tolerance
         Largest deviations of the components, ``(6, P)`` and ``(n, 6, P)``.
+    moved, rest
+        Slopes of the error by the components that each tolerance moves: their columns ``(c,)`` and ``(6, c, P)``; and of what is
+        not chosen.
     """
 
     mean: Array
     covariance: Array
     by_tolerance: Array
+    pairs: NDArray[np.intp]
+    by_pair: Array
     reach: Array
     reach_by_tolerance: Array
+    moved: tuple[Moved, ...]
+    rest: Moved
 
     def __post_init__(self) -> None:
         fix_fields(self)
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class _Errors:
+    """First-order error of one model: mean ``(6, P)``, slopes by standard deviation ``(6, d, P)``, largest deviations."""
+
+    mean: Array
+    slopes: Array
+    reach: Array
+    correlation: BlockCovariance
+    numbers: Array
+    """A few samples of the components, in standard deviations from their means."""
 
 
 def contributions(
@@ -62,58 +93,148 @@ def contributions(
 ) -> Contributions:
     """Return the parts of the first-order error at named poses; ``advance`` is called with 1 for each tolerance.
 
-    Each tolerance is doubled, and all are halved together: the parts must follow in proportion, and nothing else may change.
+    Each tolerance is doubled, and all are halved together: the error must follow in proportion, and nothing else may change.
 
     Raises
     ------
     InputError
         A tolerance whose part does not follow in proportion, or that changes the mean or other tolerances' parts.
     """
-    mean, whole, reach = _errors(model, poses, worst_case)
+    whole = _errors(model, poses, worst_case)
+    scale = max(float(np.abs(whole.slopes).max(initial=0.0)), 1e-300)
+    size = max(float(np.abs(whole.mean).max(initial=0.0)), scale)
     parts, reaches = [], []
-    scale = max(float(np.abs(whole).max()), 1e-300)
-    size = max(float(np.abs(mean).max()), scale**0.5)
-    together = _at_factor(model, tolerances, _NARROW, poses, worst_case)
     for one in tolerances:
-        moved, *wide = _at_factor(model, [one], _WIDE, poses, worst_case)
-        if np.abs(moved - mean).max() > _LEAST * size:
+        wide = _at_factor(model, [one], _WIDE, poses, worst_case)
+        if wide.slopes.shape != whole.slopes.shape:
+            raise InputError(f"allocate: {one.path} changes which numbers are drawn; only a tolerance can be chosen")
+        if np.abs(wide.mean - whole.mean).max() > _LEAST * size:
             raise InputError(f"allocate: {one.path} changes the mean of the error; only a tolerance can be chosen")
-        parts.append((wide[0] - whole) / (_WIDE**2 - 1))
-        reaches.append((wide[1] - reach) / (_WIDE - 1))
+        parts.append(_without_rounding((wide.slopes - whole.slopes) / (_WIDE - 1), scale))
+        reaches.append((wide.reach - whole.reach) / (_WIDE - 1))
         advance(1)
+    largest = max(float(whole.reach.max(initial=0.0)), 1e-300)
     # all of them narrower at once show whether any part does not follow in proportion, one alone which
-    narrow = [whole + (_NARROW**2 - 1) * sum(parts), reach + (_NARROW - 1) * sum(reaches)]
-    largest = max(float(reach.max(initial=0.0)), 1e-300)
-    if _differ(together[1], narrow[0], _LEAST * scale) or _differ(together[2], narrow[1], _LEAST * largest):
-        for one, part, part_of_reach in zip(tolerances, parts, reaches, strict=True):
-            _, covariance, reached = _at_factor(model, [one], _NARROW, poses, worst_case)
-            uneven = _differ(
-                covariance, whole + (_NARROW**2 - 1) * part, _LEAST * float(np.abs(part).max()) + 1e-12 * scale
-            )
-            if uneven or _differ(reached, reach + (_NARROW - 1) * part_of_reach, _LEAST * largest):
+    together = _at_factor(model, tolerances, _NARROW, poses, worst_case)
+    if not _follows(together, whole, np.sum(parts, axis=0), scale):
+        for one, part in zip(tolerances, parts, strict=True):
+            own = max(float(np.abs(part).max(initial=0.0)), 1e-300)
+            if not _follows(_at_factor(model, [one], _NARROW, poses, worst_case), whole, part, own):
                 raise InputError(
                     f"allocate: the error does not scale with {one.path}; its law has other numbers, or it is no tolerance"
                 )
-        raise InputError("allocate: tolerances share a part of the error; each must have draws of its own")
-    rest = whole - sum(parts)
-    least = np.linalg.eigvalsh(np.moveaxis(rest, -1, 0)).min()
-    if least < -_LEAST * scale:
-        raise InputError("allocate: tolerances share a part of the error; each must have draws of its own")
+        raise InputError("allocate: tolerances change one random number together; choose one of them")
+    rest = _without_rounding(whole.slopes - sum(parts), scale)
     before = np.array([one.before for one in tolerances])
-    still = np.maximum(reach - sum(reaches), 0.0)
+    moved = tuple(Moved.of(part / one) for part, one in zip(parts, before.tolist(), strict=True))
+    pairs, by_pair = _products([*moved, Moved.of(rest)], whole.correlation)
+    if _differ(together.reach, whole.reach + (_NARROW - 1) * sum(reaches), _LEAST * largest):
+        for one, reached in zip(tolerances, reaches, strict=True):
+            alone = _at_factor(model, [one], _NARROW, poses, worst_case).reach
+            if _differ(alone, whole.reach + (_NARROW - 1) * reached, _LEAST * largest) and not len(pairs):
+                raise InputError(f"allocate: the largest deviation does not scale with {one.path}")
+        named = [
+            tolerances[k].path if k < len(tolerances) else "what is not chosen" for k in pairs[:1].ravel().tolist()
+        ]
+        raise InputError(
+            f"allocate: worst_case: {' and '.join(named)} are correlated, so that their largest deviations do not add; "
+            "limit rms or a quantile instead, or take the correlation out of the sheet"
+        )
     return Contributions(
-        mean,
-        rest,
-        np.stack(parts) / before[:, None, None, None] ** 2,
-        still,
-        np.stack(reaches) / before[:, None, None],
+        mean=whole.mean,
+        covariance=_covariance(rest, rest, whole.correlation),
+        by_tolerance=np.stack([one.with_itself(whole.correlation) for one in moved]),
+        pairs=pairs,
+        by_pair=by_pair,
+        reach=np.maximum(whole.reach - sum(reaches), 0.0),
+        reach_by_tolerance=np.stack(reaches) / before[:, None, None],
+        moved=moved,
+        rest=Moved.of(rest),
+    )
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Moved:
+    """Columns ``(c,)`` of components, and the slopes of the error by them in standard deviations, ``(6, c, P)``."""
+
+    columns: NDArray[np.intp]
+    slopes: Array
+
+    def __post_init__(self) -> None:
+        fix_fields(self)
+
+    @classmethod
+    def of(cls, slopes: Array) -> Moved:
+        """Return what is not zero of slopes ``(6, d, P)``."""
+        largest = np.abs(slopes).max(axis=(0, 2), initial=0.0)
+        columns = np.flatnonzero(largest)
+        return cls(columns, slopes[:, columns])
+
+    def times(self, numbers: Array, pose: int, rows: Sequence[int]) -> Array:
+        """Return rows of the error ``(r, N)`` at a pose for components in standard deviations ``(d, N)``."""
+        return np.asarray(self.slopes[list(rows), :, pose] @ numbers[self.columns])
+
+    def with_itself(self, correlation: BlockCovariance) -> Array:
+        """Return its covariance ``(6, 6, P)``."""
+        slopes = self._spread(correlation.variances.size)
+        return _covariance(slopes, slopes, correlation)
+
+    def with_other(self, other: Moved, correlation: BlockCovariance) -> Array:
+        """Return what both add to the covariance by being correlated, ``(6, 6, P)``."""
+        size = correlation.variances.size
+        crossed = _covariance(self._spread(size), other._spread(size), correlation)
+        return crossed + crossed.transpose(1, 0, 2)
+
+    def _spread(self, size: int) -> Array:
+        slopes = np.zeros((6, size, self.slopes.shape[2]))
+        slopes[:, self.columns] = self.slopes
+        return slopes
+
+
+def _products(moved: Sequence[Moved], correlation: BlockCovariance) -> tuple[NDArray[np.intp], Array]:
+    """Return the pairs whose draws are correlated, and what their products add to the covariance."""
+    blocks = [set(columns.tolist()) for columns, matrix in correlation.blocks if _is_correlated(matrix)]
+    own = [set(one.columns.tolist()) for one in moved]
+    pairs, parts = [], []
+    for i, j in itertools.combinations(range(len(moved)), 2):
+        if own[i] & own[j] or any(block & own[i] and block & own[j] for block in blocks):
+            part = moved[i].with_other(moved[j], correlation)
+            if part.any():
+                pairs.append((i, j))
+                parts.append(part)
+    shape = (0, 6, 6, moved[0].slopes.shape[2])
+    return np.array(pairs, dtype=np.intp).reshape(-1, 2), np.stack(parts) if parts else np.zeros(shape)
+
+
+def _is_correlated(matrix: Array) -> bool:
+    return bool(np.abs(matrix - np.diag(np.diag(matrix))).max() > 1e-12)
+
+
+def _covariance(one: Array, other: Array, correlation: BlockCovariance) -> Array:
+    return np.stack(
+        [correlation.between(a, b) for a, b in zip(np.moveaxis(one, -1, 0), np.moveaxis(other, -1, 0), strict=True)],
+        axis=-1,
+    )
+
+
+def _follows(narrow: _Errors, whole: _Errors, part: Array, scale: float) -> bool:
+    """Return whether the error changes by the share of its part, and nothing else of the laws does."""
+    return (
+        not _differ(narrow.slopes, whole.slopes + (_NARROW - 1) * part, _LEAST * scale)
+        and not _differ(narrow.numbers, whole.numbers, 1e-6 * float(np.abs(whole.numbers).max(initial=1.0)))
+        and not _differ(narrow.mean, whole.mean, _LEAST * max(float(np.abs(whole.mean).max()), scale))
     )
 
 
 def _at_factor(
     model: ErrorModel, tolerances: Sequence[Tolerance], factor: float, poses: Sequence[str], worst_case: bool
-) -> tuple[Array, Array, Array]:
+) -> _Errors:
     return _errors(_changed(model, {one: factor * one.before for one in tolerances}), poses, worst_case)
+
+
+def _without_rounding(slopes: Array, scale: float) -> Array:
+    return np.where(np.abs(slopes) > _ROUNDING * scale, slopes, 0.0)
 
 
 def _differ(one: Array, other: Array, most: float) -> bool:
@@ -129,16 +250,30 @@ def _changed(model: ErrorModel, values: Mapping[Tolerance, float]) -> ErrorModel
     return model.with_({one.path: one.written(value) for one, value in values.items()})
 
 
-def _errors(model: ErrorModel, poses: Sequence[str], worst_case: bool) -> tuple[Array, Array, Array]:
-    """Return mean, covariance and largest deviation of the error at poses."""
+def in_deviations(space: Space, seed: int, count: int, pose: int = 0) -> Array:
+    """Return samples of the components in standard deviations from their means, ``(d, count)``."""
+    deviations = np.sqrt(space.block_covariance.variances)
+    moved = space.sample(seed, 0, count, pose=pose) - space.mean[:, None]
+    return np.asarray(moved / np.where(deviations > 0, deviations, 1.0)[:, None])
+
+
+def _errors(model: ErrorModel, poses: Sequence[str], worst_case: bool) -> _Errors:
+    """Return the first-order error at poses."""
     values, _ = model.configurations(list(poses))
     chunks = list(tangents(model.at_columns(values, model.approaches_of(list(poses), values))))
     mean = np.concatenate([chunk.error for chunk in chunks], axis=1)
-    slopes = np.moveaxis(np.concatenate([chunk.jacobian for chunk in chunks], axis=2), -1, 0)
-    block = model.space.block_covariance
-    covariance = np.stack([block.between(one, one) for one in slopes], axis=-1)
-    if not worst_case:
-        return mean, covariance, np.zeros(mean.shape)
-    supports = Supports.of(model.space, _WIDTH)
-    up, down = (np.stack([supports.heights(way * one).sum(axis=0) for one in slopes], axis=-1) for way in (1, -1))
-    return mean, covariance, np.maximum(up, down)
+    jacobian = np.concatenate([chunk.jacobian for chunk in chunks], axis=2)
+    covariance = model.space.block_covariance
+    deviations = np.sqrt(covariance.variances)
+    units = np.where(deviations > 0, deviations, 1.0)
+    correlation = BlockCovariance(
+        (deviations > 0).astype(float),
+        tuple((columns, block / np.outer(units[columns], units[columns])) for columns, block in covariance.blocks),
+    )
+    reach = np.zeros(mean.shape)
+    if worst_case:
+        supports = Supports.of(model.space, _WIDTH)
+        slopes = np.moveaxis(jacobian, -1, 0)
+        up, down = (np.stack([supports.heights(way * one).sum(axis=0) for one in slopes], axis=-1) for way in (1, -1))
+        reach = np.maximum(up, down)
+    return _Errors(mean, jacobian * deviations[:, None], reach, correlation, in_deviations(model.space, 0, _FEW))

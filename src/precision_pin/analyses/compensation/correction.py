@@ -25,7 +25,11 @@ correct in every direction; ``unreachable``: Newton's method finds no joint valu
 
 CONVERGED: Final = 1e-10
 """Error (m and rad) below which it counts as corrected."""
+_SETTLED: Final = 1e-6
+"""Change of the joints in a step, by their whole change, below which that is the smallest: its excess is the square of this."""
 _MOST_ITERATIONS: Final = 20
+_MOST_SETTLING: Final = 200
+"""Steps of a redundant arm."""
 _LARGEST_STEP: Final = 0.3
 """Largest change of a joint in one step: rad, or lengths of the chain."""
 _DIFFERENCE: Final = 1e-5
@@ -73,8 +77,9 @@ def correct(
 
     Newton's method on the arm with its errors: the errors are computed anew at each step, since loads and lever arms change
     with the joint values, and the Jacobian is that of the arm with its errors, by central differences. Of a redundant arm the
-    change of the joints is the smallest, a sliding joint counted in lengths of the chain; a joint that would pass its limit
-    stays there, and the others correct.
+    sum of squares of the changes of the joints is the smallest, a sliding joint counted in lengths of the chain: each step goes
+    to the smallest change that the Jacobian allows. A joint that would pass its limit stays there, and the others correct; it
+    leaves the limit again where that makes the change smaller.
 
     Parameters
     ----------
@@ -98,7 +103,7 @@ def correct(
     arm = _Arm(error_model, error_model.chain.at_columns(values).pose, approaches, weights, is_exact)
     poses = values.shape[1]
     before = arm.error(values, np.arange(poses))
-    step, smallest = arm.step(values, before, arm.nominal_slopes(values))
+    step, smallest = arm.step(np.zeros(values.shape), before, arm.nominal_slopes(values))
     one_step = values + step
     first_order = arm.error(one_step, np.arange(poses))
     found = values.copy()
@@ -177,8 +182,11 @@ class _Arm:
         """Return the Jacobian of the nominal arm, as :meth:`slopes`."""
         return self.error_model.chain.at_columns(values).joint_jacobian * self.units
 
-    def step(self, values: Array, error: Array, slopes: Array) -> tuple[Array, Array]:
-        """Return the change of the joints ``(n, P)`` and the smallest singular value of the scaled Jacobian ``(P,)``."""
+    def step(self, moved: Array, error: Array, slopes: Array) -> tuple[Array, Array]:
+        """Return a change of the joints ``(n, P)`` and the smallest singular value of the scaled Jacobian ``(P,)``.
+
+        ``moved`` is how far the joints have moved; what of it the Jacobian does not need is taken back.
+        """
         # rows without a unit: positions in lengths of the chain, or the weights of the user
         scale = (
             self.weights if not self.is_exact else np.where(np.arange(6) < 3, 1 / _length(self.error_model.chain), 1.0)
@@ -190,10 +198,12 @@ class _Arm:
         safe = sizes > threshold
         inverse = np.where(safe, 1 / np.where(safe, sizes, 1.0), 0.0)
         wanted = np.einsum("pij,ip->pj", left, error[self.rows] * scale)
-        step = -np.einsum("pji,pj->ip", right, inverse * wanted)
+        needless = moved / self.units
+        kept = np.einsum("pji,ip->pj", right, needless)
+        step = np.einsum("pji,pj->ip", right, np.where(safe, kept, 0.0) - inverse * wanted) - needless
         largest = np.abs(step).max(axis=0, initial=0.0)
         step *= np.minimum(1.0, _LARGEST_STEP / np.maximum(largest, _LARGEST_STEP))
-        smallest = sizes[:, -1] if len(self.rows) <= len(values) else np.zeros(values.shape[1])
+        smallest = sizes[:, -1] if len(self.rows) <= len(moved) else np.zeros(moved.shape[1])
         return step * self.units, smallest
 
     def solve(self, start: Array, poses: NDArray[np.intp]) -> tuple[Array, Array, NDArray[np.int64], NDArray[np.str_]]:
@@ -205,18 +215,57 @@ class _Arm:
         error = self.error(values, poses)
         remaining = np.arange(values.shape[1])
         reached = np.zeros(values.shape[1], dtype=bool)
-        while len(remaining):
-            reached[remaining] = self._iterate(values, error, free, iterations, poses, remaining)
-            passed = free & ((values < low) | (values > high))
-            remaining = np.flatnonzero(reached & passed.any(axis=0))
-            free &= ~passed
+        for _ in range(4 * len(values)):
+            reached[remaining] = self._iterate(start, values, error, free, iterations, poses, remaining)
+            remaining = remaining[reached[remaining]]
+            beyond = np.where(free, np.maximum(low - values, values - high) / self.units, 0.0)[:, remaining]
+            passed = beyond.max(axis=0, initial=0.0) > 0
+            # one joint at a time: the others may come back
+            free[beyond.argmax(axis=0)[passed], remaining[passed]] = False
+            settled = remaining[~passed]
+            leaving, joint = self._leaving(values - start, values, error, free, poses, settled)
+            free[joint[leaving], settled[leaving]] = True
+            remaining = np.concatenate([remaining[passed], settled[leaving]])
+            if not len(remaining):
+                break
             values[:, remaining] = np.clip(values, low, high)[:, remaining]
-            error[:, remaining] = self.error(values[:, remaining], poses[remaining]) if len(remaining) else 0.0
+            error[:, remaining] = self.error(values[:, remaining], poses[remaining])
+        reached[remaining] = False
         status = np.where(reached, "corrected", np.where(free.all(axis=0), "unreachable", "limit"))
         return values, error, iterations, status
 
+    def _leaving(
+        self,
+        change: Array,
+        values: Array,
+        error: Array,
+        free: NDArray[np.bool_],
+        poses: NDArray[np.intp],
+        of: NDArray[np.intp],
+    ) -> tuple[NDArray[np.bool_], NDArray[np.intp]]:
+        """Return which of the poses ``of`` have a joint at its limit that is better off away from it, and which joint."""
+        held = ~free[:, of]
+        if not held.any():
+            return np.zeros(len(of), dtype=bool), np.zeros(len(of), dtype=np.intp)
+        slopes = np.moveaxis(self.slopes(values[:, of], poses[of])[self.rows], -1, 0)
+        if self.is_exact:
+            # the change is the smallest where it is a combination of the rows, but for joints that press against their limits
+            moved = (change / self.units)[:, of]
+            others = np.linalg.pinv(np.where(held.T[:, None], 0.0, slopes))
+            rows = np.einsum("pjr,jp->pr", others, np.where(held, 0.0, moved))
+            rises = moved - np.einsum("prj,pr->jp", slopes, rows)
+            least = _SETTLED * np.abs(moved).max(axis=0, initial=0.0)
+        else:
+            weighted = error[self.rows][:, of] * self.weights[self.rows, None] ** 2
+            rises = np.einsum("prj,rp->jp", slopes, weighted)
+            least = _SETTLED * np.einsum("prj,rp->jp", np.abs(slopes), np.abs(weighted)).max(axis=0, initial=0.0)
+        low = self.error_model.chain.configurations.limits[0][:, None]
+        inward = np.where(held, np.where(values[:, of] <= low, -rises, rises), 0.0)
+        return np.asarray(inward.max(axis=0, initial=0.0) > least), inward.argmax(axis=0)
+
     def _iterate(
         self,
+        start: Array,
         values: Array,
         error: Array,
         free: NDArray[np.bool_],
@@ -226,17 +275,24 @@ class _Arm:
     ) -> NDArray[np.bool_]:
         """Let the free joints of the poses ``active`` converge, in place; return whether each did."""
         asked = active
+        is_redundant = self.is_exact and len(self.rows) < len(values)
         done = self._is_done(error, None)
-        for _ in range(_MOST_ITERATIONS):
+        if is_redundant:
+            done &= (values == start).all(axis=0)
+        for _ in range(_MOST_SETTLING if is_redundant else _MOST_ITERATIONS):
             active = asked[~done[asked]]
             if not len(active):
                 break
             slopes = self.slopes(values[:, active], poses[active]) * free[:, active]
-            step, _ = self.step(values[:, active], error[:, active], slopes)
+            moved = np.where(free[:, active], values[:, active] - start[:, active], 0.0)
+            step, _ = self.step(moved, error[:, active], slopes)
             values[:, active] += step * free[:, active]  # exactly at its limit, whatever the rounding
             error[:, active] = self.error(values[:, active], poses[active])
             iterations[active] += 1
             done[active] = self._is_done(error[:, active], step)
+            if is_redundant:
+                size = np.abs((values - start)[:, active] / self.units).max(axis=0)
+                done[active] &= np.abs(step / self.units).max(axis=0) <= _SETTLED * size
         return done[asked]
 
     def _is_done(self, error: Array, step: Array | None) -> NDArray[np.bool_]:

@@ -28,6 +28,7 @@ _MOST_NAMED: Final = 3
 _MOST_LINES: Final = 12
 _LEAST_GAP: Final = 1e-4
 """Per cent; less is rounding."""
+_NO_GAP: Final = 1e-9
 _WORDS: Final = {"quantile": "", "rms": "root mean square ", "worst_case": "worst case "}
 
 
@@ -80,19 +81,26 @@ def verdict_lines(result: AllocationResult) -> list[str]:
             f"no allocation can meet {_in_words(one)}: with every tolerance at its least {_reached(one)};",
             f"  in the way: {_obstacles(result)}",
         ]
+    cost, grounds = f"cost {result.cost:.6g}, before {result.cost_before:.6g}", result.grounds
+    if grounds.not_judged:
+        return [f"{cost}; {grounds.said('not judged')}"]
+    if not result.met:
+        failed = any(one.verdict == "NOT MET" for one in result.limits)
+        return [f"{cost}; {'NOT MET' if failed else 'NOT RESOLVED'} by the samples"]
+    met = f"; {grounds.said('met')}" if grounds.exact else ""
+    return [f"{cost}; {_above_least(result)}{met}"]
+
+
+def _above_least(result: AllocationResult) -> str:
+    """Return in words how far above the least cost the result is, and what that rests on."""
     gap = result.gap
-    certified = (
-        "how far above the least is not known"
-        if gap is None
-        else f"at most {max(100 * gap, _LEAST_GAP):.2g} % above the least of the first order"
-    )
-    if gap is not None and not result.is_proven:
-        certified += " (bound not proven)"
-    grounds = result.grounds
-    met = "" if result.met else "; NOT MET by the samples"
-    if grounds.not_judged or (result.met and grounds.exact):
-        met = f"; {grounds.said('not judged' if grounds.not_judged else 'met')}"
-    return [f"cost {result.cost:.6g}, before {result.cost_before:.6g}; {certified}{met}"]
+    if gap is None:
+        return "how far above the least is not known"
+    if result.bound_basis == "samples":
+        every = "every cheaper choice of grades fails by the samples"
+        return every if gap < _NO_GAP else f"at most {100 * gap:.2g} % above the least by the samples"
+    rests = "the least of the first order" if result.bound_basis == "proof" else "the least (bound not proven)"
+    return f"at most {max(100 * gap, _LEAST_GAP):.2g} % above {rests}"
 
 
 def pose_count(result: AllocationResult) -> str:
@@ -186,7 +194,7 @@ def _limit(one: AllocatedLimit, *, is_judged: bool) -> str:
             f"{visible(one.worst_pose)}, first order{price}"
         )
     low, high = (100 * end for end in one.interval)
-    said = "not judged" if not is_judged else "met" if one.met else "NOT MET"
+    said = one.verdict if is_judged else "not judged"
     return (
         f"{one.quantity} within {1e3 * one.limit:.4g} {unit}: {100 * one.probability:.2f} % ({low:.2f} to {high:.2f} %) of "
         f"{100 * one.required:.4g} %\n  at the worst pose {visible(one.worst_pose)}: {said}{price}"

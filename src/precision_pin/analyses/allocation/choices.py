@@ -1,0 +1,245 @@
+"""Choices of grades in the order of their costs, each judged by samples: the cheapest that keeps the limits, and a lower bound.
+
+No choice is left out because of a normal law. Most choices are far too wide, which a sample of the first-order error with the
+laws of the sheet shows for hundreds of them at a time; what it does not show is sampled by the exact model. The confidences of
+all these statements are shared out, so that together they hold with `CONFIDENCE`.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass
+from time import monotonic
+from typing import Final, final
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import special
+
+from precision_pin.analyses.allocation.problem import Problem, rows_of
+from precision_pin.analyses.allocation.programme import ROUNDING, Programme
+from precision_pin.analyses.allocation.scaling import Contributions, changed_model, in_deviations
+from precision_pin.model.error_model import ErrorModel
+from precision_pin.sampling.many_poses import sample_poses
+from precision_pin.statistics import Specification
+from precision_pin.typing import Array
+
+__all__ = ["CONFIDENCE", "SAMPLES", "Judge", "Judged", "Walk", "walk"]
+
+SAMPLES: Final = 50_000
+"""Fresh samples of a verification."""
+_MORE: Final = (4, 16, 64)
+"""How many times as many are drawn, afresh, of a choice of grades of which they do not decide."""
+_ROBOTS: Final = 1_000_000
+"""Robots times poses of a round that no other choice follows; at least `SAMPLES` and at most four times as many robots."""
+CONFIDENCE: Final = 0.95
+"""Of all statements of one allocation together."""
+_OF_SCREENS: Final = 0.01
+"""Probability of a wrong statement that is left to the first-order samples; the rest is left to those of the exact model."""
+_MOST_CHOICES: Final = 20_000
+_AT_ONCE: Final = 128
+"""Choices that are looked at together."""
+_FIRST, _SECOND = 4_096, 32_768
+"""First-order samples of every choice, and of those that the first do not decide."""
+_TIMES_OFF: Final = 2.0
+_LEAST_OFF: Final = 1e-3
+"""The share of the first-order samples may be off by this, and twice what the exact model differs on the same robots."""
+_NUMBERS: Final = 2**22
+"""Numbers in memory at once, about."""
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Judged:
+    """What samples of the exact model say of tolerances.
+
+    Attributes
+    ----------
+    sampled
+        Shares inside and the ends of their intervals, ``(3, limits, poses)``.
+    is_met, is_failed
+        Whether the lower ends reach what is required everywhere; whether an upper end stays below it somewhere. Neither where
+        the samples do not decide.
+    """
+
+    sampled: Array
+    is_met: bool
+    is_failed: bool
+
+
+@final
+class Judge:
+    """Samples the exact model with tolerances, afresh each time; the n-th look has 1/(n(n+1)) of what may go wrong."""
+
+    def __init__(self, model: ErrorModel, task: Problem, seed: int) -> None:
+        self.model, self.task = model, task
+        self.chances = tuple(one for one in task.limits if isinstance(one, Specification))
+        self.required = np.array([one.required for one in self.chances])
+        self.many = int(np.clip(_ROBOTS // len(task.poses), SAMPLES, 4 * SAMPLES))
+        self._seed, self._looks = seed, 0
+
+    def look(self, chosen: Array, samples: int = SAMPLES) -> Judged:
+        """Return what fresh samples say of tolerances ``(n,)``."""
+        self._looks += 1
+        wrong = (1 - CONFIDENCE - _OF_SCREENS) / (self._looks * (self._looks + 1))
+        seed = (self._seed + self._looks) % 2**64
+        found = sample_poses(
+            changed_model(self.model, self.task.tolerances, chosen),
+            list(self.task.poses),
+            samples=samples,
+            seed=seed,
+            specifications=self.chances,
+            confidence=1 - wrong,
+        )
+        shares, ends = found.probability, np.moveaxis(found.probability_interval, 1, 0)
+        # one place is enough to fail, so that a wrong one must be ruled out at all of them
+        most = upper_ends(shares, samples, wrong / (2 * max(shares.size, 1)))
+        required = self.required[:, None]
+        return Judged(np.stack([shares, *ends]), bool((ends[0] >= required).all()), bool((most < required).any()))
+
+    def decide(self, chosen: Array, end: float) -> Judged:
+        """Return what samples say, with more of them while they do not decide and there is time."""
+        found = self.look(chosen)
+        for times in _MORE:
+            if found.is_met or found.is_failed or monotonic() > end:
+                break
+            found = self.look(chosen, times * SAMPLES)
+        return found
+
+    def same_robots(self, chosen: Array, seed: int, samples: int) -> Array:
+        """Return shares inside, ``(limits, poses)``, of the robots of a seed; no statement rests on them."""
+        changed = changed_model(self.model, self.task.tolerances, chosen)
+        found = sample_poses(changed, list(self.task.poses), samples=samples, seed=seed, specifications=self.chances)
+        return found.probability
+
+
+def upper_ends(shares: Array, samples: int, tail: float) -> Array:
+    """Return one-sided upper ends (Clopper-Pearson) that are missed with the probability ``tail``."""
+    inside = np.round(shares * samples)
+    return np.where(inside >= samples, 1.0, special.betaincinv(inside + 1, np.maximum(samples - inside, 1), 1 - tail))
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Walk:
+    """Where a walk through the choices ended.
+
+    Attributes
+    ----------
+    chosen, judged
+        The cheapest choice that is met, ``(n,)``; else the cheapest that the samples leave open; ``None`` if there is none.
+    lower_bound
+        Cost of the cheapest choice that was not shown to fail, infinite if all were.
+    is_complete
+        Whether every cheaper choice was judged.
+    """
+
+    chosen: Array | None
+    judged: Judged | None
+    lower_bound: float
+    is_complete: bool
+
+
+def walk(
+    programme: Programme,
+    choices: Sequence[Array | None],
+    members: NDArray[np.intp],
+    parts: Contributions,
+    judge: Judge,
+    seed: int,
+    end: float,
+) -> Walk | None:
+    """Return the cheapest choice that keeps the limits; ``None`` where not all have grades, or there are too many choices.
+
+    Parameters
+    ----------
+    programme, choices, members
+        Costs and first-order limits of the variables; their grades; the variable of each tolerance.
+    parts
+        First-order error of each tolerance.
+    judge, seed
+        What samples the exact model, and the seed of the first-order samples.
+    end
+        Time at which to stop.
+    """
+    listed = [one for one in choices if one is not None]
+    if len(listed) < len(choices) or not judge.chances or np.prod([float(len(one)) for one in listed]) > _MOST_CHOICES:
+        return None
+    grid = np.array(list(itertools.product(*listed))).T
+    still = [one for one in programme.limits if one.kind != "quantile"]
+    kept = np.ones(grid.shape[1], dtype=bool)
+    for one in still:
+        kept &= one.measure(grid).max(axis=1) <= one.limit * (1 + ROUNDING)
+    grid = grid[:, kept]
+    costs = programme.cost_of(grid).sum(axis=0)
+    order = np.argsort(costs, kind="stable")
+    screen = _Screen(judge, parts, members, seed, grid.shape[1])
+    open_at, left_open = np.inf, None
+    for first in range(0, len(order), _AT_ONCE):
+        some = order[first : first + _AT_ONCE]
+        possible = screen.possible(grid[:, some])
+        for k in some[possible]:
+            if monotonic() > end:
+                return Walk(*_choice(left_open), min(open_at, float(costs[k])), is_complete=False)
+            judged = judge.decide(grid[members, k], end)
+            if judged.is_met:
+                return Walk(grid[:, k], judged, min(open_at, float(costs[k])), is_complete=True)
+            if not judged.is_failed:
+                open_at = min(open_at, float(costs[k]))
+                left_open = left_open or (grid[:, k], judged)
+        if monotonic() > end and first + _AT_ONCE < len(order):
+            return Walk(*_choice(left_open), min(open_at, float(costs[order[first + _AT_ONCE]])), is_complete=False)
+    return Walk(*_choice(left_open), open_at, is_complete=True)
+
+
+def _choice(found: tuple[Array, Judged] | None) -> tuple[Array | None, Judged | None]:
+    return found or (None, None)
+
+
+@final
+class _Screen:
+    """Samples of the first-order error with the laws of the sheet, the same robots for every choice."""
+
+    def __init__(self, judge: Judge, parts: Contributions, members: NDArray[np.intp], seed: int, choices: int) -> None:
+        self._judge, self._parts, self._members, self._seed = judge, parts, members, seed
+        self._tail = _OF_SCREENS / (2 * max(choices, 1) * max(len(judge.chances) * len(judge.task.poses), 1))
+        self._off = _LEAST_OFF
+
+    def possible(self, t: Array) -> NDArray[np.bool_]:
+        """Return which of the choices ``(n, m)`` are not shown to fail."""
+        shares = self._shares(t, _FIRST)
+        # where the two models are compared: at the choice that is nearest to what is required
+        nearest = int(np.abs(shares - self._judge.required[:, None]).max(axis=(1, 2)).argmin())
+        exact = self._judge.same_robots(t[self._members, nearest], self._seed, _FIRST)
+        self._off = max(self._off, _TIMES_OFF * float(np.abs(exact - shares[nearest]).max()))
+        found = self._is_possible(shares, _FIRST)
+        left = np.flatnonzero(found)
+        if left.size:
+            found[left] = self._is_possible(self._shares(t[:, left], _SECOND), _SECOND)
+        return found
+
+    def _is_possible(self, shares: Array, samples: int) -> NDArray[np.bool_]:
+        most = upper_ends(shares, samples, self._tail) + self._off
+        return np.asarray((most >= self._judge.required[:, None]).all(axis=(1, 2)))
+
+    def _shares(self, t: Array, samples: int) -> Array:
+        """Return shares inside, ``(m, limits, poses)``."""
+        chances, poses = self._judge.chances, range(len(self._judge.task.poses))
+        result = np.empty((t.shape[1], len(chances), len(poses)))
+        numbers, shared = None, all(draw.scope.value == "unit" for draw in self._judge.model.space.draws)
+        for pose in poses:
+            if numbers is None or not shared:
+                numbers = in_deviations(self._judge.model.space, self._seed, samples, pose)
+            for k, one in enumerate(chances):
+                rows = rows_of(one)
+                still = self._parts.mean[rows, pose][:, None] + self._parts.rest.times(numbers, pose, rows)
+                moved = np.zeros((len(t), len(rows), samples))
+                for of, part in zip(self._members, self._parts.moved, strict=True):
+                    moved[of] += part.times(numbers, pose, rows)
+                many = max(_NUMBERS // still.size, 1)
+                for first in range(0, t.shape[1], many):
+                    some = slice(first, first + many)
+                    errors = still[:, None] + np.einsum("nrN,nm->rmN", moved, t[:, some])
+                    result[some, k, pose] = ((errors**2).sum(axis=0) <= one.limit**2).mean(axis=1)
+        return result
