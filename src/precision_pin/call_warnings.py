@@ -7,14 +7,15 @@ outermost call issues them when it returns, as :class:`~precision_pin.errors.Pre
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from contextvars import ContextVar
 from functools import wraps
 from typing import Final, ParamSpec, TypeVar
 
 from precision_pin.errors import Finding, PrecisionPinWarning
 
-__all__ = ["add", "warns_at_end"]
+__all__ = ["add", "unheard", "warns_at_end"]
 
 Given = ParamSpec("Given")
 Result = TypeVar("Result")
@@ -27,6 +28,16 @@ def add(findings: Iterable[Finding | str]) -> None:
     lines = _added.get()
     if lines is not None:
         lines.extend(map(str, findings))
+
+
+@contextmanager
+def unheard() -> Iterator[None]:
+    """Drop what is added in a ``with``: of a part of the poses, of which the call under way warns itself."""
+    before = _added.set([])
+    try:
+        yield
+    finally:
+        _added.reset(before)
 
 
 def warns_at_end(function: Callable[Given, Result]) -> Callable[Given, Result]:

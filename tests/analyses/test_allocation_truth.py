@@ -21,7 +21,9 @@ URDF = (
     + "".join(
         f'<joint name="{name}" type="revolute"><parent link="{parent}"/><child link="{child}"/><axis xyz="{axis}"/>'
         '<limit lower="-3" upper="3" effort="1" velocity="1"/></joint>'
-        for (name, axis), parent, child in zip(JOINTS.items(), ("base", "one", "two"), ("one", "two", "tip"), strict=True)
+        for (name, axis), parent, child in zip(
+            JOINTS.items(), ("base", "one", "two"), ("one", "two", "tip"), strict=True
+        )
     )
     + "</robot>"
 )
@@ -87,7 +89,9 @@ def random_case(folder: Path, seed: int) -> Case:
     law = "uniform" if kind == "uniform x" else "normal"
     count, poses = int(rng.integers(3, 6)), int(rng.integers(1, 4))
     angles = rng.uniform(-2, 2, (poses, 3))
-    places = [(int(k % 3), int(axis)) for k, axis in zip(rng.permutation(count), rng.integers(0, 3, count), strict=True)]
+    places = [
+        (int(k % 3), int(axis)) for k, axis in zip(rng.permutation(count), rng.integers(0, 3, count), strict=True)
+    ]
     ways = np.array([[turned(q, joint)[:, axis] for joint, axis in places] for q in angles])
     mean = float(rng.choice([0.0, 0.05])) if law == "normal" else 0.0
     (folder / "ball.urdf").write_text(URDF, encoding="utf-8")
@@ -127,7 +131,9 @@ def random_case(folder: Path, seed: int) -> Case:
                 found.append(uniform_sum(np.abs(way[:, 0]) * t, limit))
             elif kind == "x":
                 deviation = np.sqrt(((way[:, 0] * t) ** 2).sum()) / 3
-                found.append(special.ndtr((limit - shift[0]) / deviation) - special.ndtr((-limit - shift[0]) / deviation))
+                found.append(
+                    special.ndtr((limit - shift[0]) / deviation) - special.ndtr((-limit - shift[0]) / deviation)
+                )
             else:
                 found.append(normal_norm(shift, np.einsum("ni,nj,n->ij", way, way, t**2) / 9, limit))
         return min(found)

@@ -57,14 +57,16 @@ class _Options(ChainOptions, PoseOptions, WorkerOptions):
 @pose_options
 @target_option
 @chain_options
-@click.option("--samples", type=int, metavar="N", help="Sample N robots at every pose; the closed form if left out.")
+@click.option(
+    "--samples", type=int, metavar="N", help="Sample N robots at every pose; if left out, as many as verdicts take."
+)
 @click.option(
     "--verify",
     type=int,
     default=5,
     show_default=True,
     metavar="N",
-    help="Without --samples: sample the N worst poses with the exact model.",
+    help="Without --samples: sample the N worst poses once more; 0 samples nothing and judges no --spec.",
 )
 @click.option(
     "--relative-to",
@@ -82,8 +84,8 @@ class _Options(ChainOptions, PoseOptions, WorkerOptions):
 def command(**options: Unpack[_Options]) -> int:
     """Map the pose error over many poses: quantiles, share in specification, main cause, the worst poses verified.
 
-    The numbers are in closed form; the worst poses are sampled with the exact model, with --samples all of them. A
-    specification is met only if it is met at every pose that can be reached.
+    The numbers are in closed form, with limits that hold whatever the laws. A specification is judged by robots sampled with
+    the exact model at every pose that can be reached, as many as it takes; it is met only if it is met at all of them.
     """
     from precision_pin.analyses.map.map_poses import count_steps, map_poses
     from precision_pin.draws.space import check_seed
@@ -105,7 +107,7 @@ def command(**options: Unpack[_Options]) -> int:
     sheet = read_sheet(options, outputs)
     poses = read_pose_set(sheet, options)
     reference = reference_pose(sheet, options["relative_to"])
-    steps = count_steps(len(poses), options["samples"], options["verify"])
+    steps = count_steps(len(poses), options["samples"], options["verify"], judged=bool(specifications))
     with working(options) as workers, progress_bar(steps, "mapping", "steps") as progress:
         result = map_poses(
             ErrorModel.from_sheet(sheet), poses, samples=options["samples"], seed=options["seed"],
@@ -166,7 +168,9 @@ def map_of(
     from precision_pin.analyses.map.map_poses import count_steps, map_poses
     from precision_pin.model.error_model import ErrorModel
 
-    with progress_bar(count_steps(len(poses), None, verify), "mapping", "steps") as progress:
+    with progress_bar(
+        count_steps(len(poses), None, verify, judged=bool(specifications)), "mapping", "steps"
+    ) as progress:
         result = map_poses(
             ErrorModel.from_sheet(sheet),
             poses,

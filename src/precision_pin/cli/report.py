@@ -178,7 +178,7 @@ def command(
         with step("map", 0):
             error_map = map_of(sheet, places, seed, specifications, VERIFIED)
             chapters.append(map_chapter(error_map))
-            met_there &= error_map.met
+            met_there &= bool(error_map.met)
     if way is not None:
         with step("path", 0):
             along = path_of(sheet, way, seed, specifications)

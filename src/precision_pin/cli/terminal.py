@@ -17,14 +17,9 @@ __all__ = ["WIDTH", "echo_table"]
 WIDTH: Final = 100
 """Columns of a line; tables shorten their cells to fit."""
 
-_COLOURS: Final = {
-    "MET": "green",
-    "NOT MET": "red",
-    "NOT JUDGED": "red",
-    "UNDECIDED": "yellow",
-    "NOTHING TO JUDGE": "yellow",
-}
-_VERDICT: Final = re.compile(r"(?<=: )(NOT MET|MET|UNDECIDED|NOTHING TO JUDGE|NOT JUDGED)(?= - |: | with )")
+_UNSURE: Final = ("UNDECIDED", "NOTHING TO JUDGE", "NOT JUDGED")
+_COLOURS: Final = {"MET": "green", "NOT MET": "red", **dict.fromkeys(_UNSURE, "yellow")}
+_VERDICT: Final = re.compile(rf"(?<=: )({'|'.join(_COLOURS)})(?= - |: | with )")
 _VALUE: Final = re.compile(r" (?=-?[\d.]+(?:°|[,)]| ?mm\b| ?m\b))")
 _GAP: Final = re.compile(r"\S {2,}\S")
 

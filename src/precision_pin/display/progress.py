@@ -12,7 +12,7 @@ from precision_pin.compile_ahead import COMPILING, announced, shown_by
 from precision_pin.errors import InputError
 from precision_pin.inputs.arguments import check_number, check_text, check_whole, shown
 
-__all__ = ["compilation", "progress", "steps_to"]
+__all__ = ["compilation", "progress", "scaled", "steps_to"]
 
 
 @contextmanager
@@ -78,6 +78,21 @@ def steps_to(
             yield step
     else:
         yield show or (lambda _: None)
+
+
+def scaled(step: Callable[[int], object], work: int, steps: int) -> Callable[[int], None]:
+    """Return what takes the progress of some work and passes it on as a number of steps, all of them at once if there is none."""
+    done = 0
+    if work == 0:
+        step(steps)
+
+    def advance(count: int) -> None:
+        nonlocal done
+        before = done * steps // work
+        done += count
+        step(done * steps // work - before)
+
+    return advance
 
 
 @contextmanager

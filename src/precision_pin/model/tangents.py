@@ -38,10 +38,17 @@ class Tangents:
         Error of the exact model with every component at its mean, ``(6, P)``.
     jacobian
         Its derivative with respect to the components, ``(6, d, P)``.
+    arms
+        How far a unit of each term's product turns what lies beyond its place, and the bound of how far it moves the tip, its
+        shift plus its turn times the distance, ``(2, T, P)``.
+    table
+        The table of one of the poses; targets, factors and formulas are the same at all.
     """
 
     error: Array
     jacobian: Array
+    arms: Array
+    table: TermTable
 
     def __post_init__(self) -> None:
         fix_fields(self)
@@ -85,7 +92,8 @@ def _multiply_out(mean: Array, tables: Sequence[TermTable]) -> Tangents:
     twists = np.stack([table.twists for table in tables], axis=-1)
     frames = np.stack([table.frames for table in tables], axis=-1)
     tip = np.stack([table.pose[:3, 3] for table in tables], axis=-1)
-    spatial = np.zeros((6, len(products), poses))
+    spatial, arms = np.zeros((6, len(products), poses)), np.zeros((2, len(products), poses))
+    pivots = np.zeros((len(products), 3, poses))
     motion = np.broadcast_to(np.eye(4)[:, :, None], (4, 4, poses))
     for target in range(len(first.targets)):
         terms = np.flatnonzero(first.target == target)
@@ -103,6 +111,8 @@ def _multiply_out(mean: Array, tables: Sequence[TermTable]) -> Tangents:
         moved = np.einsum("ijp,jtp->itp", before[:3, :3], moving)
         spatial[:3, terms] = moved + np.cross(before[:3, 3][:, None], turned, axis=0)
         spatial[3:, terms] = turned
+        arms[:, terms] = np.sqrt([(turned**2).sum(axis=0), (moved**2).sum(axis=0)])
+        pivots[terms] = before[:3, 3]
         motion = se3.compose(before, se3.displacement(displacement), se3.inverse(frame))
     shift = np.einsum("ijp,jp->ip", motion[:3, :3], tip) + motion[:3, 3] - tip
     error = np.concatenate([shift, se3.log_rotation(motion[:3, :3])])
@@ -116,4 +126,5 @@ def _multiply_out(mean: Array, tables: Sequence[TermTable]) -> Tangents:
     jacobian = np.zeros((6, mean.size, poses))
     for term, component, slope in entries:
         jacobian[:, component] += rates[:, term] * slope
-    return Tangents(error, jacobian)
+    arms[1] += arms[0] * np.sqrt(((tip + error[:3] - pivots) ** 2).sum(axis=1))
+    return Tangents(error, jacobian, arms, first)

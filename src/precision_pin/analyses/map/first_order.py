@@ -9,6 +9,7 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
+from precision_pin.analyses.map.law_bounds import LawShapes, Vectors
 from precision_pin.draws.correlation import BlockCovariance
 from precision_pin.draws.space import Scope, Space
 from precision_pin.inputs.arrays import fix_fields
@@ -36,6 +37,8 @@ class FirstOrder:
         error, the Shapley value of the variance of a sum; zero where the position does not vary.
     relative_mean, relative_covariance
         Those of the error minus the error of the same robot at the reference, ``(6, P)`` and ``(6, 6, P)``; empty without one.
+    vectors
+        Each vector of rows of the error that was asked for, with what bounds its law.
     """
 
     mean: Array
@@ -43,6 +46,7 @@ class FirstOrder:
     shares: Array
     relative_mean: Array
     relative_covariance: Array
+    vectors: tuple[Vectors, ...] = ()
 
     def __post_init__(self) -> None:
         fix_fields(self)
@@ -61,6 +65,7 @@ def first_order(
     lines: Sequence[NDArray[np.intp]],
     reference: PoseModel | None,
     step: Callable[[int], object],
+    vectors: Sequence[tuple[int, ...]] = (),
 ) -> FirstOrder:
     """Return the moments at poses ``(n, P)``.
 
@@ -75,6 +80,8 @@ def first_order(
         The model at the pose at which the robot is taught; ``None`` for absolute errors alone.
     step
         Called with the number of poses done since the last call.
+    vectors
+        Rows of each vector whose law is to be bounded: those of position or attitude, or a single one.
 
     Raises
     ------
@@ -85,6 +92,7 @@ def first_order(
     whole, own = space.block_covariance, shared_covariance(space)
     at_reference = None if reference is None else reference.tangent
     parts: list[FirstOrder] = []
+    shapes = LawShapes.of(space) if vectors else None
     begin = 0
     for chunk in tangents(error_model.at_columns(values, approaches)):
         poses = chunk.error.shape[1]
@@ -105,11 +113,18 @@ def first_order(
             if same.any():
                 # draws of pose scope are shared too; the approach may differ, and with it the derivatives
                 relative_covariance[:, :, same] = _at_the_same_pose(space, chunk.jacobian[:, :, same], jacobian)
-        parts.append(FirstOrder(chunk.error, covariance, shares, relative_mean, relative_covariance))
+        bounded: tuple[Vectors, ...] = ()
+        if shapes is not None:
+            remainders = shapes.remainders(chunk)
+            bounded = tuple(shapes.vectors(chunk, covariance, remainders, rows) for rows in vectors)
+        parts.append(FirstOrder(chunk.error, covariance, shares, relative_mean, relative_covariance, bounded))
         begin += poses
         step(poses)
     fields = ("mean", "covariance", "shares", "relative_mean", "relative_covariance")
-    return FirstOrder(*(np.concatenate([getattr(part, name) for part in parts], axis=-1) for name in fields))
+    joined = tuple(map(Vectors.joined, zip(*(part.vectors for part in parts), strict=True)))
+    arrays = (np.concatenate([getattr(part, name) for part in parts], axis=-1) for name in fields)
+    mean, covariance, shares, relative_mean, relative_covariance = arrays
+    return FirstOrder(mean, covariance, shares, relative_mean, relative_covariance, joined)
 
 
 def _at_the_same_pose(space: Space, jacobian: Array, reference: Array) -> Array:

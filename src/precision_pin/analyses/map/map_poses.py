@@ -5,17 +5,18 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from precision_pin.analyses.map.first_order import FirstOrder, first_order
-from precision_pin.analyses.map.map_result import LEVELS, MapResult, Relative, Sampled
+from precision_pin.analyses.map.map_result import LEVELS, MapResult, Relative
+from precision_pin.analyses.map.map_verdicts import FIRST_ROUND, ROUNDS, Judged, Sampled
 from precision_pin.analyses.map.normal_norms import norm_probabilities, norm_quantiles, principal_axes
 from precision_pin.analyses.provenance import Pose, Provenance
-from precision_pin.call_warnings import add, warns_at_end
-from precision_pin.display.progress import steps_to
+from precision_pin.call_warnings import add, unheard, warns_at_end
+from precision_pin.display.progress import scaled, steps_to
 from precision_pin.draws.space import check_seed
 from precision_pin.errors import Finding, InputError
 from precision_pin.inputs.arguments import check_instance, check_items, check_whole
@@ -47,7 +48,9 @@ __all__ = [
 VERIFIED: Final = 5
 """Poses that are verified with fresh samples, the worst ones of the closed form."""
 VERIFYING_SAMPLES: Final = 20_000
-_NUMBERS: Final = 120
+_NORMS: Final = ((0, 1, 2), (3, 4, 5))
+_DOUBTED: Final = 0.1
+_NUMBERS: Final = 190
 """Numbers in the result of a pose."""
 
 PosesGiven = PoseSet | ArrayLike | Mapping[str, ArrayLike] | Sequence[object]
@@ -79,8 +82,9 @@ def map_poses(
     """Return the law of the pose error at many poses: mean, spread, quantiles, share in specification, dominant source.
 
     Without ``samples`` the numbers are those of the first-order model (:attr:`PoseModel.tangent`), its error taken as normal,
-    in closed form; the worst poses are then sampled with the exact model, with draws of their own, since the worst of many
-    poses is a biased choice. With ``samples`` the same robots are sampled at every pose.
+    in closed form, with bounds that hold whatever the laws. Specifications are judged at every pose with sampled robots of the
+    exact model, in rounds of more and more of them where it takes more; the worst poses are then sampled again, with draws of
+    their own, since the worst of many poses is a biased choice. With ``samples`` the same robots are sampled at every pose.
 
     Parameters
     ----------
@@ -98,9 +102,10 @@ def map_poses(
     specifications
         Limits to judge: one or a list, each from :func:`precision_pin.specification` or its text.
     verify
-        Number of poses, the worst ones, that are sampled to verify the closed form; 0 for none. Not used with ``samples``.
+        Number of poses, the worst ones, that are sampled to verify them; with 0 nothing is sampled, and no specification is
+        judged. Not used with ``samples``.
     confidence
-        Confidence of every interval.
+        Confidence of every interval, and of the verdict at every pose by itself.
     findings
         Warnings to include in the result, such as those of the sheet.
     threads, processes, executor, tasks_under_way
@@ -145,9 +150,16 @@ def map_poses(
         *limit_findings(error_model.chain, values, known_labels),
         *exact_findings(error_model, values, approaches),
     )
-    with steps_to(progress, count_steps(len(given), samples, verify if samples is None else 0), "steps") as step:
-        closed = first_order(error_model, values, approaches, lines, reference, step)
-        result = _closed_form(error_model, given, closed, names, listed, reference, seed)
+    judges = samples is None and verify > 0 and bool(listed)
+    steps = count_steps(len(given), samples, verify, judged=judges)
+    # the worst of the poses judged is a biased choice: it is verified with other robots
+    check = int(seed) ^ (1 << 63)
+    with steps_to(progress, steps, "steps") as step, unheard():
+        vectors = list(dict.fromkeys((*_NORMS, *map(_rows_of, listed))))
+        closed = first_order(error_model, values, approaches, lines, reference, step, vectors)
+        result = _closed_form(error_model, given, closed, vectors, names, listed, reference, seed)
+        doubted = _doubts(closed, known_labels)
+        found = (*found, *doubted)
         result = replace(
             result,
             grounds=grounds_at(error_model, values, known_labels),
@@ -155,15 +167,32 @@ def map_poses(
             findings=known,
             warnings=tuple(dict.fromkeys(map(str, (*known, *found)))),
         )
-        worst = np.array(result.worst_first[:verify], dtype=np.intp)
-        chosen = worst if samples is None else np.flatnonzero(given.known)
-        if len(chosen):
+
+        def sample(
+            chosen: NDArray[np.intp], count: int, of: float, step: Progress, seed: int = check, **options: Any
+        ) -> Sampled:
             sampled = sample_poses(
-                error_model, approached(given.take(chosen)), samples=samples or VERIFYING_SAMPLES, seed=seed,
-                specifications=listed, confidence=confidence, threads=threads, processes=processes, executor=executor,
-                tasks_under_way=tasks_under_way, journal=journal, resume=resume, files=files, tell=tell, progress=step,
+                error_model, approached(given.take(chosen)), samples=count, seed=seed, specifications=listed,
+                confidence=of, threads=threads, processes=processes, executor=executor, tasks_under_way=tasks_under_way,
+                progress=step, **options,
             )  # fmt: skip
-            result = replace(result, sampled=Sampled(chosen, replace(sampled, names=tuple(labels[k] for k in chosen))))
+            return Sampled(chosen, replace(sampled, names=tuple(labels[k] for k in chosen)))
+
+        if judges:
+            judged = Judged.in_rounds(sample, given.known, len(listed), confidence, step)
+            result = replace(result, judged=judged)
+        worst = np.array(result.worst_first[:verify], dtype=np.intp)
+        if samples is not None:
+            every = sample(
+                np.flatnonzero(given.known), samples, confidence, step, seed,
+                journal=journal, resume=resume, files=files, tell=tell,
+            )  # fmt: skip
+            result = replace(result, sampled=every, judged=result.judged.taking(every))
+        elif len(worst):
+            most = max(VERIFYING_SAMPLES, int(result.judged.samples[worst].max()))
+            advance = scaled(step, most * len(worst), VERIFYING_SAMPLES * len(worst))
+            sampled = sample(worst, most, confidence, advance, seed)
+            result = replace(result, sampled=sampled, judged=result.judged.taking(sampled, again=judges))
     # statics are checked where they strain most; each check solves the deflected arm
     highest = result.worst_first[0]
     pose = approached(given.take(np.array([highest])))[0]
@@ -172,9 +201,20 @@ def map_poses(
     return replace(result, warnings=(*result.warnings, *map(str, strained)))
 
 
-def count_steps(poses: int, samples: int | None, verify: int) -> int:
-    """Return the number of progress steps: a step a pose, then a step a sample."""
-    return poses + (poses * samples if samples is not None else min(max(verify, 0), poses) * VERIFYING_SAMPLES)
+def count_steps(poses: int, samples: int | None, verify: int, *, judged: bool = False) -> int:
+    """Return the number of progress steps: a step a pose, then a step a sample or, of what takes more of them, a share of it.
+
+    Parameters
+    ----------
+    poses, samples, verify
+        As for `map_poses`.
+    judged
+        Whether there are specifications.
+    """
+    if samples is not None:
+        return poses + poses * samples
+    judging = len(ROUNDS) * FIRST_ROUND * poses if judged and verify > 0 else 0
+    return poses + judging + min(max(verify, 0), poses) * VERIFYING_SAMPLES
 
 
 def pose_set(error_model: ErrorModel, poses: PosesGiven) -> PoseSet:
@@ -226,6 +266,7 @@ def _closed_form(
     error_model: ErrorModel,
     poses: PoseSet,
     closed: FirstOrder,
+    vectors: Sequence[tuple[int, ...]],
     names: tuple[str, ...],
     specifications: tuple[Specification, ...],
     reference: PoseModel | None,
@@ -240,6 +281,7 @@ def _closed_form(
         return full
 
     laws = _laws(closed.mean, closed.covariance)
+    limits = [closed.vectors[vectors.index(_rows_of(one))].share_bounds(one.limit) for one in specifications]
     relative = None
     if reference is not None:
         relative_laws = _laws(closed.relative_mean, closed.relative_covariance)
@@ -256,12 +298,41 @@ def _closed_form(
         mean=spread(closed.mean),
         covariance=spread(closed.covariance),
         quantile=spread(_quantiles(laws)),
+        quantile_bounds=spread(
+            np.stack([np.stack([law.quantile_bounds(level) for law in closed.vectors[:2]]) for level in LEVELS])
+        ),
         specifications=specifications,
         probability=spread(_probabilities(closed, laws, specifications)),
+        probability_bounds=spread(np.reshape(limits, (len(limits), 2, -1))),
+        judged=Judged.nothing(len(specifications), len(poses)),
         sources=names,
         shares=spread(closed.shares),
         relative=relative,
     )
+
+
+def _rows_of(specification: Specification) -> tuple[int, ...]:
+    """Return the rows of the error that a specification is about."""
+    if specification.quantity.endswith("norm"):
+        return _NORMS[int(specification.quantity.startswith("attitude"))]
+    return (COMPONENTS.index(specification.row),)
+
+
+def _doubts(closed: FirstOrder, labels: Sequence[str]) -> tuple[Finding, ...]:
+    """Return a warning where the laws are so far from normal that the closed form is off by `_DOUBTED` or more."""
+    by_laws, as_normal = closed.vectors[0].gamma_quantiles(LEVELS[-1])
+    change = by_laws / np.maximum(as_normal, 1e-300) - 1
+    doubted = np.abs(change) >= _DOUBTED
+    if not doubted.any():
+        return ()
+    worst = int(np.abs(change).argmax())
+    message = (
+        f"the tolerances' laws are not normal: at {int(doubted.sum()):,} of {change.size:,} poses the closed form of the map is "
+        f"off by {_DOUBTED:.0%} or more of what {LEVELS[-1]:.2%} of robots keep, most at {labels[worst] or f'pose {worst + 1}'}, "
+        f"where |d| is some {abs(change[worst]):.0%} {'larger' if change[worst] > 0 else 'smaller'}; rely on what is sampled, "
+        "or sample every pose with --samples"
+    )
+    return (Finding("warning", "W_NORMAL_LAW", message),)
 
 
 _Laws = tuple[tuple[Array, Array], tuple[Array, Array]]

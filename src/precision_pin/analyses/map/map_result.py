@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib import import_module
 from typing import TYPE_CHECKING, Any, ClassVar, Final, final
 
 import numpy as np
-from numpy.typing import NDArray
 
-from precision_pin.analyses.map.map_verdicts import MapVerdict, map_verdicts
+from precision_pin.analyses.map.map_verdicts import Judged, MapVerdict, Sampled, map_verdicts
 from precision_pin.analyses.provenance import Provenance
 from precision_pin.display.files import write_files
 from precision_pin.display.html import Table, rendered
@@ -21,7 +21,7 @@ from precision_pin.inputs.arguments import check_path
 from precision_pin.inputs.arrays import fix_fields
 from precision_pin.robot.approach import approach_entry, written_approach
 from precision_pin.robot.pose_set import PoseSet
-from precision_pin.sampling.poses_result import LEVELS, PosesResult
+from precision_pin.sampling.poses_result import LEVELS
 from precision_pin.statistics import NO_GROUNDS, Grounds, Specification, Verdict
 from precision_pin.typing import Array
 
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     import xarray
     from matplotlib.figure import Figure
 
-__all__ = ["LEVELS", "MapResult", "Relative", "Sampled"]
+__all__ = ["LEVELS", "MapResult", "Relative"]
 
 _COMPONENTS: Final = ("dx", "dy", "dz", "rx", "ry", "rz")
 _NORMS: Final = ("position", "attitude")
@@ -62,29 +62,12 @@ class Relative:
 
 
 @final
-@dataclass(frozen=True, eq=False)
-class Sampled:
-    """Poses that were sampled with the exact model.
-
-    Attributes
-    ----------
-    poses
-        Their numbers in the map, from 0.
-    result
-        Their sampled errors.
-    """
-
-    poses: NDArray[np.intp]
-    result: PosesResult
-
-
-@final
 @dataclass(frozen=True, eq=False, repr=False)
 class MapResult(JsonResult):
     """Law of the pose error at P poses, base axes, m and rad; NaN where no joint values are known.
 
-    Moments, quantiles and shares are those of the first-order model, its error taken as normal. What was sampled with the exact
-    model is in ``sampled``.
+    Moments, quantiles and shares are those of the first-order model, its error taken as normal; their bounds hold for the exact
+    model, whatever the laws. What was sampled with it is in ``judged`` and ``sampled``.
 
     Attributes
     ----------
@@ -96,8 +79,14 @@ class MapResult(JsonResult):
         ``(6, P)`` and ``(6, 6, P)``.
     quantile
         Quantiles of |d| and |δ| at `LEVELS`, ``(3, 2, P)``.
+    quantile_bounds
+        Limits between which these quantiles of the exact error lie, the lower ones first, ``(3, 2, 2, P)``.
     specifications, probability
         Specifications, and the share of robots inside each, ``(S, P)``.
+    probability_bounds
+        Limits of these shares, the lower ones first, ``(S, 2, P)``.
+    judged
+        What sampled robots say of each specification at each pose.
     sources, shares
         Names of the sources, or of what several share, and their shares in the variance of the position, ``(lines, P)``.
     relative
@@ -120,8 +109,11 @@ class MapResult(JsonResult):
     mean: Array
     covariance: Array
     quantile: Array
+    quantile_bounds: Array
     specifications: tuple[Specification, ...]
     probability: Array
+    probability_bounds: Array
+    judged: Judged
     sources: tuple[str, ...]
     shares: Array
     relative: Relative | None = None
@@ -152,17 +144,27 @@ class MapResult(JsonResult):
     def worst_first(self) -> list[int]:
         """Numbers of the poses whose joint values are known, the worst first.
 
-        By the smallest margin of the share inside over what is required, without specifications by the 95 % quantile of |d|.
+        The poses that were sampled to verify them come first. By the verdict, then by the smallest margin of the sampled share
+        inside over what is required, or of that in closed form; without specifications by the 95 % quantile of |d|, sampled
+        or, where a pose was not sampled, the upper limit of that in closed form.
         """
-        size = -self.quantile[LEVELS.index(0.95), 0]
-        if self.specifications:
-            required = np.array([one.required for one in self.specifications])
-            margin = (self.probability - required[:, None]).min(axis=0)
-            order = np.lexsort((size, margin))
-        else:
-            order = np.argsort(size, kind="stable")
+        return self._worst_first(range(len(self.specifications)))
+
+    def _worst_first(self, ranks: Sequence[int]) -> list[int]:
+        """Return the poses in this order by some of the specifications."""
+        chosen = list(ranks)
+        verified, size = np.zeros(len(self.poses), dtype=bool), self.quantile_bounds[LEVELS.index(0.95), 0, 1].copy()
+        if self.sampled is not None:
+            verified[self.sampled.poses] = True
+            within = self.sampled.result.quantile[LEVELS.index(0.95), 0]
+            size[self.sampled.poses] = np.where(np.isnan(within), size[self.sampled.poses], within)
+        keys = [-size]
+        if chosen:
+            required = np.array([self.specifications[rank].required for rank in chosen])[:, None]
+            sampled = (self.judged.probability[chosen] - required).min(axis=0)
+            keys += [(self.probability[chosen] - required).min(axis=0), sampled, self.judged.order[chosen].min(axis=0)]
         known = self.poses.known
-        return [int(pose) for pose in order if known[pose]]
+        return [int(pose) for pose in np.lexsort((*keys, ~verified)) if known[pose]]
 
     @property
     def unknown(self) -> int:
@@ -170,23 +172,29 @@ class MapResult(JsonResult):
         return int((~self.poses.known).sum())
 
     @property
-    def met(self) -> bool:
+    def met(self) -> bool | None:
         """Whether every specification is met at every pose whose joint values are known; true without specifications.
 
-        At the poses that were sampled by their intervals, at the others in closed form; see :attr:`verdicts`. False where a
-        pose is outside joint limits, unless the model is judged ``beyond_limits``.
+        By sampled robots at every pose; ``None`` if nothing was sampled. False where a pose is outside joint limits, unless
+        the model is judged ``beyond_limits``. See :attr:`verdicts`.
         """
-        return all(self.verdict_of(verdict) == "met" for verdict in self.verdicts)
+        met = [self._met(verdict) for verdict in self.verdicts]
+        return None if None in met else all(met)
+
+    def _met(self, verdict: MapVerdict) -> bool | None:
+        return verdict.met if self.verdict_of(verdict) == verdict.verdict else False
 
     def verdict_of(self, verdict: MapVerdict) -> Verdict:
         """Return a verdict with what all of them rest on: none is given where a pose is outside joint limits."""
-        return "not judged" if self.grounds.not_judged else "met" if verdict.met else "not met"
+        return "not judged" if self.grounds.not_judged else verdict.verdict
 
     @property
     def verdicts(self) -> tuple[MapVerdict, ...]:
         """Verdict on each specification over the poses."""
-        size = self.quantile[LEVELS.index(0.95), 0]
-        return map_verdicts(self.specifications, self.probability, size, self.sampled)
+        orders = [self._worst_first([rank]) for rank in range(len(self.specifications))]
+        return map_verdicts(
+            self.specifications, self.probability, self.probability_bounds, self.judged, orders, self.sampled
+        )
 
     def plot(self, quantity: str = "position", level: float = 0.95) -> Figure:
         """Draw a quantile over the poses: a plane of nodes as a heat map, a box in 3-D, a path or a list as a curve.
@@ -219,7 +227,7 @@ class MapResult(JsonResult):
             "spec": [
                 {
                     **verdict.to_dict(self.poses.labels),
-                    "met": self.verdict_of(verdict) == "met",
+                    "met": self._met(verdict),
                     "verdict": self.verdict_of(verdict),
                     "why_not_judged": self.grounds.not_judged or None,
                     "taken_as_exact": list(self.grounds.exact),
@@ -252,7 +260,11 @@ class MapResult(JsonResult):
             "rms_attitude": _listed(rms[1]),
             "quantile_position": _listed(self.quantile[:, 0, pose]),
             "quantile_attitude": _listed(self.quantile[:, 1, pose]),
+            "quantile_position_bounds": _listed(self.quantile_bounds[:, 0, :, pose]),
+            "quantile_attitude_bounds": _listed(self.quantile_bounds[:, 1, :, pose]),
             "probability": _listed(self.probability[:, pose]),
+            "probability_bounds": _listed(self.probability_bounds[:, :, pose]),
+            "judged": self._judged_dict(pose),
             "dominant_source": dominant or None,
             "shares": _listed(self.shares[:, pose]),
         }
@@ -264,6 +276,17 @@ class MapResult(JsonResult):
                 "quantile_attitude": _listed(self.relative.quantile[:, 1, pose]),
             }
         return entry
+
+    def _judged_dict(self, pose: int) -> dict[str, Any] | None:
+        of = self.judged
+        if not of.samples[pose] or not self.specifications:
+            return None
+        return {
+            "samples": int(of.samples[pose]),
+            "probability": _listed(of.probability[:, pose]),
+            "interval": _listed(of.interval[:, :, pose]),
+            "verdict": of.verdicts(pose),
+        }
 
     def to_pandas(self) -> pandas.DataFrame:
         """Return the map as a data frame, m and rad: a row for each pose.
@@ -296,11 +319,11 @@ class MapResult(JsonResult):
         """Return the map as a dataset with the dimension ``pose``, m and rad, NaN where nothing is known.
 
         Coordinates: ``pose_name``, ``q`` (pose, joint), ``position`` (pose, axis), ``status``, ``branch`` and, of a path,
-        ``time``; ``level`` of the dimension ``probability``. Variables: ``mean`` (pose, component), ``covariance`` (pose,
-        component, component_2), ``rms_position``, ``rms_attitude``, ``quantile_position`` and ``quantile_attitude`` (pose,
-        probability), ``probability`` (pose, specification), ``shares`` (pose, source), ``dominant_source``; with a reference the
-        same of the relative error as ``relative_…``; of what was sampled ``sampled_quantile_position`` and ``…_attitude`` with
-        ``_lower`` and ``_upper``, and ``sampled_inside`` alike.
+        ``time``. Variables: ``mean`` (pose, component), ``covariance`` (pose, component, component_2), ``rms_position``,
+        ``rms_attitude``, ``quantile_position`` and ``quantile_attitude`` (pose, level), ``probability`` (pose, specification),
+        these three with ``…_bounds`` of the further dimension ``end``; ``shares`` (pose, source), ``dominant_source``; with a
+        reference the same of the relative error as ``relative_…``; of what was sampled ``sampled_quantile_position`` and
+        ``…_attitude`` with ``_lower`` and ``_upper``, and of what was judged ``sampled_inside`` alike.
 
         Raises
         ------
@@ -313,9 +336,12 @@ class MapResult(JsonResult):
             "covariance": (("pose", "component", "component_2"), np.moveaxis(self.covariance, -1, 0)),
             "rms_position": ("pose", rms[0]),
             "rms_attitude": ("pose", rms[1]),
-            "quantile_position": (("pose", "probability"), self.quantile[:, 0].T),
-            "quantile_attitude": (("pose", "probability"), self.quantile[:, 1].T),
+            "quantile_position": (("pose", "level"), self.quantile[:, 0].T),
+            "quantile_attitude": (("pose", "level"), self.quantile[:, 1].T),
+            "quantile_position_bounds": (("pose", "level", "end"), np.moveaxis(self.quantile_bounds[:, 0], -1, 0)),
+            "quantile_attitude_bounds": (("pose", "level", "end"), np.moveaxis(self.quantile_bounds[:, 1], -1, 0)),
             "probability": (("pose", "specification"), self.probability.T),
+            "probability_bounds": (("pose", "specification", "end"), np.moveaxis(self.probability_bounds, -1, 0)),
             "shares": (("pose", "source"), self.shares.T),
             "dominant_source": ("pose", list(self.dominant_source)),
         }
@@ -327,8 +353,8 @@ class MapResult(JsonResult):
                 "relative_covariance": (("pose", "component", "component_2"), np.moveaxis(other.covariance, -1, 0)),
                 "relative_rms_position": ("pose", relative_rms[0]),
                 "relative_rms_attitude": ("pose", relative_rms[1]),
-                "relative_quantile_position": (("pose", "probability"), other.quantile[:, 0].T),
-                "relative_quantile_attitude": (("pose", "probability"), other.quantile[:, 1].T),
+                "relative_quantile_position": (("pose", "level"), other.quantile[:, 0].T),
+                "relative_quantile_attitude": (("pose", "level"), other.quantile[:, 1].T),
             }
         variables |= self._sampled_variables()
         coordinates: dict[str, Any] = {
@@ -342,7 +368,8 @@ class MapResult(JsonResult):
             "axis": list("xyz"),
             "component": list(_COMPONENTS),
             "component_2": list(_COMPONENTS),
-            "level": ("probability", list(LEVELS)),
+            "level": list(LEVELS),
+            "end": ["lower", "upper"],
             "specification": [f"{one.quantity} {one.limit:g} @ {one.required:g}" for one in self.specifications],
             "source": list(self.sources),
             **({} if of.times is None else {"time": ("pose", of.times)}),
@@ -364,10 +391,10 @@ class MapResult(JsonResult):
         for norm, name in enumerate(_NORMS):
             low, high = result.quantile_interval[:, norm, 0], result.quantile_interval[:, norm, 1]
             for suffix, array in (("", result.quantile[:, norm]), ("_lower", low), ("_upper", high)):
-                made[f"sampled_quantile_{name}{suffix}"] = (("pose", "probability"), spread(array))
-        low, high = result.probability_interval[:, 0], result.probability_interval[:, 1]
-        for suffix, array in (("", result.probability), ("_lower", low), ("_upper", high)):
-            made[f"sampled_inside{suffix}"] = (("pose", "specification"), spread(array))
+                made[f"sampled_quantile_{name}{suffix}"] = (("pose", "level"), spread(array))
+        of = self.judged
+        for suffix, array in (("", of.probability), ("_lower", of.interval[:, 0]), ("_upper", of.interval[:, 1])):
+            made[f"sampled_inside{suffix}"] = (("pose", "specification"), array.T)
         return made
 
     def to_netcdf(self, path: str | os.PathLike[str]) -> None:
@@ -399,7 +426,9 @@ class MapResult(JsonResult):
     def assumptions(self) -> tuple[str, ...]:
         """Assumptions of the numbers, one sentence each."""
         return (
-            "mean, covariance, quantiles and shares inside are those of the first-order model with a normal error",
+            "mean, covariance, quantiles and shares inside are those of the first-order model with a normal error; their bounds "
+            "hold for the exact model with the laws of the sheet",
+            "a verdict is that of sampled robots of the exact model, with its confidence at each pose by itself",
             "shares of sources are Cov(e_k, e) of their part of the position's error",
             "the sampled numbers are those of the exact model, the same robots at every pose",
         )

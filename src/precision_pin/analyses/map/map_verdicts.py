@@ -1,20 +1,152 @@
-"""Specifications over the poses of a map."""
+"""Specifications over the poses of a map, judged at every pose by sampled robots."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, final
+from typing import Any, Final, final
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy import special
 
-from precision_pin.statistics import Specification, SpecificationResult
+from precision_pin.display.progress import scaled
+from precision_pin.inputs.arrays import fix_fields
+from precision_pin.sampling import Progress
+from precision_pin.sampling.poses_result import PosesResult
+from precision_pin.statistics import Specification, SpecificationResult, Verdict
 from precision_pin.typing import Array
 
-if TYPE_CHECKING:
-    from precision_pin.analyses.map.map_result import Sampled
+__all__ = ["FIRST_ROUND", "ROUNDS", "Judged", "MapVerdict", "Sampled", "map_verdicts"]
 
-__all__ = ["MapVerdict", "map_verdicts"]
+ROUNDS: Final = (2_000, 20_000, 200_000)
+"""Robots at a pose in each round of sampling; the next one samples the poses that are still undecided."""
+FIRST_ROUND: Final = ROUNDS[0]
+_TOGETHER: Final = 20_000
+"""Poses sampled at a time."""
+_WORST_FIRST: Final[tuple[Verdict, ...]] = ("not met", "undecided", "nothing to judge", "met")
+_UNDECIDED: Final = _WORST_FIRST.index("undecided")
+NOT_JUDGED: Final = len(_WORST_FIRST)
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Sampled:
+    """Poses that were sampled with the exact model.
+
+    Attributes
+    ----------
+    poses
+        Their numbers in the map, from 0.
+    result
+        Their sampled errors.
+    """
+
+    poses: NDArray[np.intp]
+    result: PosesResult
+
+    @property
+    def verdicts(self) -> NDArray[np.intp]:
+        """Place of each verdict among those from the worst to the best, ``(S, K)``."""
+        of = self.result.specification_results
+        found = [[_WORST_FIRST.index(one.verdict) for one in every.results] for every in of]
+        return np.array(found, dtype=np.intp).reshape(len(of), len(self.poses))
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Judged:
+    """What sampled robots say of each specification at each of P poses.
+
+    Attributes
+    ----------
+    samples
+        Robots sampled at each pose, ``(P,)``; 0 where it was not sampled.
+    probability, interval
+        Share of them inside and its interval, ``(S, P)`` and ``(S, 2, P)``; NaN where not sampled.
+    order
+        Place of each verdict among those from the worst to the best, ``(S, P)``.
+    """
+
+    samples: NDArray[np.intp]
+    probability: Array
+    interval: Array
+    order: NDArray[np.intp]
+
+    def __post_init__(self) -> None:
+        fix_fields(self)
+
+    @classmethod
+    def nothing(cls, specifications: int, poses: int) -> Judged:
+        """Return that no pose was sampled."""
+        return cls(
+            np.zeros(poses, dtype=np.intp),
+            np.full((specifications, poses), np.nan),
+            np.full((specifications, 2, poses), np.nan),
+            np.full((specifications, poses), NOT_JUDGED, dtype=np.intp),
+        )
+
+    @classmethod
+    def in_rounds(
+        cls,
+        sample: Callable[[NDArray[np.intp], int, float, Progress], Sampled],
+        known: NDArray[np.bool_],
+        specifications: int,
+        confidence: float,
+        step: Progress,
+    ) -> Judged:
+        """Sample poses in rounds of more and more robots, each pose until every specification stands there.
+
+        A verdict errs with at most the probability that the confidence leaves, at each pose by itself: each of the rounds has
+        an equal part of it.
+
+        Parameters
+        ----------
+        sample
+            Samples poses of these numbers, with so many robots, and intervals of a confidence; reports its samples.
+        known
+            Poses whose joint values are known, ``(P,)``.
+        specifications, confidence
+            Number of specifications, and the confidence of a verdict.
+        step
+            Takes the progress: `FIRST_ROUND` steps for each pose in each round, however many robots it samples.
+        """
+        judged = cls.nothing(specifications, known.size)
+        of_round = 1 - (1 - confidence) / len(ROUNDS)
+        left = np.flatnonzero(known)
+        for count in ROUNDS:
+            advance = scaled(step, count * left.size, FIRST_ROUND * known.size)
+            for begin in range(0, left.size, _TOGETHER):
+                chosen = left[begin : begin + _TOGETHER]
+                judged = judged.taking(sample(chosen, count, of_round, advance))
+            left = left[(judged.order[:, left] == _UNDECIDED).any(axis=0)]
+        return judged
+
+    def taking(self, sampled: Sampled, *, again: bool = False) -> Judged:
+        """Return the verdicts after further samples of some poses.
+
+        A verdict that stands is kept. With ``again``, of samples that check others, the worse of the two verdicts holds, with
+        the numbers of these samples.
+        """
+        poses, result, found = sampled.poses, sampled.result, sampled.verdicts
+        samples, order = self.samples.copy(), self.order.copy()
+        probability, interval = self.probability.copy(), self.interval.copy()
+        before = order[:, poses]
+        takes = np.isin(before, (_UNDECIDED, NOT_JUDGED)) | again
+        samples[poses] = result.samples
+        order[:, poses] = np.where(takes, np.minimum(found, before if again else NOT_JUDGED), before)
+        probability[:, poses] = np.where(takes, result.probability, probability[:, poses])
+        interval[:, :, poses] = np.where(takes[:, None], result.probability_interval, interval[:, :, poses])
+        return Judged(samples, probability, interval, order)
+
+    def verdicts(self, pose: int) -> list[Verdict]:
+        """Return the verdict on each specification at a pose."""
+        return [_named(order) for order in self.order[:, pose].tolist()]
+
+
+def _named(order: int) -> Verdict:
+    return "not judged" if order == NOT_JUDGED else _WORST_FIRST[order]
 
 
 @final
@@ -27,72 +159,110 @@ class MapVerdict:
     specification
         The limit and the share of robots required.
     worst
-        Number of the pose with the smallest share inside in closed form.
-    share
-        That share.
+        Number of the worst pose: by the sampled robots or, where none were sampled, in closed form.
+    share, bounds
+        Share inside at that pose in closed form, and the limits that hold whatever the laws.
     sampled
         Result of the sampled robots at that pose; ``None`` if it was not sampled.
-    met_at, judged
-        Number of poses at which enough robots are inside, by sampling where a pose was sampled and else in closed form; and of
-        those judged.
+    verdict
+        ``"met"`` if it is met at every pose, ``"not met"`` if it is not at some, else ``"undecided"`` or ``"nothing to judge"``,
+        as of single poses; ``"not judged"`` where nothing was sampled.
+    met_at, undecided_at, judged
+        Number of poses at which it is met, at which the samples do not decide, and of those judged.
+    most_samples, needed
+        Most robots sampled at a pose, and about how many would decide every pose; ``None`` if none would.
     """
 
     specification: Specification
     worst: int
     share: float
+    bounds: tuple[float, float]
     sampled: SpecificationResult | None
+    verdict: Verdict
     met_at: int
+    undecided_at: int
     judged: int
+    most_samples: int
+    needed: int | None
 
     @property
-    def met(self) -> bool:
-        """Whether it is met at every pose whose joint values are known, the worst of which were sampled."""
-        return self.sampled is not None and self.met_at == self.judged
+    def met(self) -> bool | None:
+        """Whether it is met at every pose whose joint values are known; ``None`` if nothing was sampled."""
+        return None if self.verdict == "not judged" else self.verdict == "met"
 
     def to_dict(self, labels: Sequence[str]) -> dict[str, Any]:
         """Return the entry of ``spec`` in the ``precision-pin/map/1`` schema."""
-        of = self.specification
-        sampled = self.sampled
+        of, sampled = self.specification, self.sampled
         return {
             "quantity": of.quantity,
             "limit": of.limit,
             "required": of.required,
             "met": self.met,
+            "verdict": self.verdict,
             "worst_pose": labels[self.worst],
             "probability": self.share,
+            "probability_bounds": list(self.bounds),
             "sampled": None
             if sampled is None
             else {"probability": sampled.probability, "interval": list(sampled.interval), "met": sampled.met},
             "met_at": self.met_at,
+            "undecided_at": self.undecided_at,
             "judged": self.judged,
+            "most_samples": self.most_samples,
+            "needed_samples": self.needed,
         }
 
 
 def map_verdicts(
-    specifications: Sequence[Specification], probability: Array, size: Array, sampled: Sampled | None
+    specifications: Sequence[Specification],
+    probability: Array,
+    bounds: Array,
+    judged: Judged,
+    worst_first: Sequence[Sequence[int]],
+    sampled: Sampled | None,
 ) -> tuple[MapVerdict, ...]:
     """Return the verdicts.
 
     Parameters
     ----------
-    specifications, probability
-        The specifications, and the shares inside in closed form, ``(S, P)``; NaN where no joint values are known.
-    size
-        A size of the error at each pose, ``(P,)``, which orders poses with equal shares.
+    specifications, probability, bounds
+        The specifications, the shares inside in closed form, ``(S, P)``, and their limits, ``(S, 2, P)``; NaN where no joint
+        values are known.
+    judged
+        Verdicts at each pose.
+    worst_first
+        For each specification the numbers of the poses that are known, the worst first.
     sampled
-        What was sampled.
+        What was sampled to verify.
     """
     made = []
-    for rank, one in enumerate(specifications):
-        share = probability[rank]
-        known = np.isfinite(share)
-        met = known & (share >= one.required)
-        results: dict[int, SpecificationResult] = {}
-        if sampled is not None:
+    for rank, (one, order) in enumerate(zip(specifications, worst_first, strict=True)):
+        worst, codes = order[0], judged.order[rank, order]
+        result = None
+        if sampled is not None and worst in sampled.poses:
             of_poses = sampled.result.specification_results[rank].results
-            results = dict(zip(sampled.poses.tolist(), of_poses, strict=True))
-        for pose, result in results.items():
-            met[pose] = result.met
-        worst = int(np.lexsort((-size, np.where(known, share, np.inf)))[0])
-        made.append(MapVerdict(one, worst, float(share[worst]), results.get(worst), int(met.sum()), int(known.sum())))
+            result = of_poses[int(np.flatnonzero(sampled.poses == worst)[0])]
+        open_at = np.array(order)[codes == _UNDECIDED]
+        made.append(
+            MapVerdict(
+                one, worst, float(probability[rank, worst]), tuple(bounds[rank, :, worst].tolist()), result,
+                _named(int(codes.min())), int((codes == _WORST_FIRST.index("met")).sum()), open_at.size,
+                int((codes < NOT_JUDGED).sum()), int(judged.samples.max()),
+                _needed(judged.probability[rank, open_at], one.required),
+            )
+        )  # fmt: skip
     return tuple(made)
+
+
+def _needed(shares: Array, required: float) -> int | None:
+    """Return how many robots about decide each of some shares, rounded up to two digits; ``None`` beyond 10⁹."""
+    if not shares.size:
+        return None
+    score = float(special.ndtri(0.99))
+    with np.errstate(divide="ignore"):
+        counts = score**2 * required * (1 - required) / (shares - required) ** 2
+    most = max(float(counts.max()), math.log(0.025) / math.log(required))
+    if not most < 1e9:
+        return None
+    place = 10.0 ** max(math.floor(math.log10(most)) - 1, 0)
+    return int(math.ceil(most / place) * place)

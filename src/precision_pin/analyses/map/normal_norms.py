@@ -19,7 +19,14 @@ from scipy import special
 
 from precision_pin.typing import Array
 
-__all__ = ["norm_probabilities", "norm_quantile_slopes", "norm_quantiles", "principal_axes"]
+__all__ = [
+    "norm_probabilities",
+    "norm_quantile_slopes",
+    "norm_quantiles",
+    "norm_tail_bounds",
+    "norm_tail_quantiles",
+    "principal_axes",
+]
 
 _NODES: Final = 32
 _STEP: Final = 0.15
@@ -64,13 +71,14 @@ def norm_probabilities(variances: Array, means: Array, radii: Array) -> Array:
     return result
 
 
-def norm_quantiles(variances: Array, means: Array, probability: float) -> Array:
+def norm_quantiles(variances: Array, means: Array, probability: float | Array) -> Array:
     """Return the quantile of |v|, ``(P,)``, for vectors in principal axes ``(3, P)``; relative errors below 1e-5.
 
     Newton's method in normal scores, from a gamma law with the first two moments of |v|².
     """
     if variances.shape[1] > _AT_ONCE:
-        parts = [norm_quantiles(variances[:, k], means[:, k], probability) for k in _columns(variances.shape[1])]
+        levels = np.broadcast_to(probability, variances.shape[1:])
+        parts = [norm_quantiles(variances[:, k], means[:, k], levels[k]) for k in _columns(variances.shape[1])]
         return np.concatenate(parts)
     law = _Law(variances, means)
     squares, spreads = law.moments
@@ -83,6 +91,28 @@ def norm_quantiles(variances: Array, means: Array, probability: float) -> Array:
         # the score is nearly linear in the logarithm of x far in the tails
         x = x * np.exp(np.clip((score - scores) / (slopes * x), -1.0, 1.0))
     result: Array = np.sqrt(np.where(law.still, 0.0, x) + law.constant)
+    return result
+
+
+def norm_tail_bounds(variances: Array, means: Array, radii: Array) -> Array:
+    """Return the least exp(K(t) - t r²), a bound of P(|v| > r), ``(P,)``; for arguments as of `norm_probabilities`."""
+    law = _Law(variances, means)
+    x = radii**2 - law.constant
+    t = np.maximum(law.saddle(x), 0.0)
+    bound: Array = np.where(law.still, x < 0, np.exp(law.exponent(t) - t * x))
+    return bound
+
+
+def norm_tail_quantiles(variances: Array, means: Array, tail: float) -> Array:
+    """Return the length beyond which the bound of `norm_tail_bounds` is ``tail``, ``(P,)``."""
+    law = _Law(variances, means)
+    low, high = np.zeros(means.shape[1]), np.full(means.shape[1], 60.0)
+    for _ in range(40):
+        middle = (low + high) / 2
+        t = law.argument(middle)
+        above = law.exponent(t) - t * law.derivative(t, 1) < np.log(tail)
+        low, high = np.where(above, low, middle), np.where(above, middle, high)
+    result: Array = np.sqrt(np.where(law.still, 0.0, law.derivative(law.argument(high), 1)) + law.constant)
     return result
 
 
@@ -155,26 +185,39 @@ class _Law:
         rates = width * (1j + bend * _ACROSS * (1 / flattening + 1 / flattening**3))
         return crossing, path, np.exp(self._generating(path) - path * x) * rates * _WEIGHTS
 
-    def _crossing(self, x: Array) -> tuple[Array, Array, Array]:
-        """Return where the path crosses the real axis, and the second and third derivative of K there."""
-        # t = end · (1 - 1/s): K' rises with s from 0 to infinity
+    def argument(self, s: Array) -> Array:
+        """Return the argument of K at which K' rises with s, from 0 to infinity."""
+        t: Array = self._end * -np.expm1(-s)
+        return t
+
+    def saddle(self, x: Array) -> Array:
+        """Return the argument at which the derivative of K is x, ``(P,)``."""
         low, high = np.full(x.shape, -60.0), np.full(x.shape, 60.0)
         for _ in range(40):
             middle = (low + high) / 2
-            above = self._derivative(self._end * -np.expm1(-middle), 1) > x
+            above = self.derivative(self.argument(middle), 1) > x
             low, high = np.where(above, low, middle), np.where(above, middle, high)
-        t = self._end * -np.expm1(-(low + high) / 2)
-        away = _FROM_POLE / np.sqrt(self._derivative(t, 2))
+        return self.argument((low + high) / 2)
+
+    def _crossing(self, x: Array) -> tuple[Array, Array, Array]:
+        """Return where the path crosses the real axis, and the second and third derivative of K there."""
+        t = self.saddle(x)
+        away = _FROM_POLE / np.sqrt(self.derivative(t, 2))
         left = (t < 0) | (2 * away > self._end)
         t = np.where(np.abs(t) >= away, t, np.where(left, -away, away))
-        return t, self._derivative(t, 2), self._derivative(t, 3)
+        return t, self.derivative(t, 2), self.derivative(t, 3)
 
     def _generating(self, t: Array) -> Array:
         left = 1 - 2 * self._variances[:, None] * t
         result: Array = (self._squares[:, None] * t / left - np.log(left) / 2).sum(axis=0)
         return result
 
-    def _derivative(self, t: Array, order: int) -> Array:
+    def exponent(self, t: Array) -> Array:
+        """Return K at real ``t`` ``(P,)`` below its end."""
+        result: Array = self._generating(t[None])[0]
+        return result
+
+    def derivative(self, t: Array, order: int) -> Array:
         """Return the first, second or third derivative of K at real ``t`` ``(P,)``."""
         left = 1 - 2 * self._variances * t
         scale = (1.0, 2.0, 8.0)[order - 1] * self._variances ** (order - 1) / left**order

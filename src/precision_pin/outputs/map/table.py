@@ -27,6 +27,7 @@ _MOST_SHARES: Final = 4
 _SMALLEST: Final = 1e-7
 """Share below which the closed form has no digits: its integral is good to this."""
 _LEVEL: Final = LEVELS.index(0.95)
+_UPPER: Final = tuple(enumerate(LEVELS))[1:]
 
 
 def map_table(result: MapResult) -> str:
@@ -48,7 +49,8 @@ def map_table(result: MapResult) -> str:
     lines += [f"and {more:,} more poses: --json FILE writes all"] if more else []
     lines += [
         "",
-        "quantiles of |d| in mm, |δ| in mrad; sampled: interval, exact model; cause: of most variance",
+        "quantiles of |d| in mm, |δ| in mrad, in closed form; limits: of the 95 %, whatever the laws, to all orders;",
+        "sampled: interval, exact model; * verdict not met, ? undecided; cause: of most variance",
     ]
     lines += resting_on(of.assumed, of.sources, of.origins, of.origins_at)
     return "\n".join(lines)
@@ -72,23 +74,30 @@ def worst_rows(result: MapResult) -> list[dict[str, str]]:
 def _sampling(result: MapResult) -> str:
     if result.sampled is None:
         return "nothing was sampled"
-    sampled = result.sampled.result
+    sampled, judged = result.sampled.result, result.judged.samples
     known = len(result.worst_first)
-    which = "every pose" if len(result.sampled.poses) == known else f"the {len(result.sampled.poses):,} worst"
-    return f"{which} sampled: {sampled.samples:,} robots, seed {sampled.seed}, {result.confidence:.0%} intervals"
+    every = len(result.sampled.poses) == known
+    which = "every pose" if every else f"the {len(result.sampled.poses):,} worst"
+    said = f"{which} sampled: {sampled.samples:,} robots, seed {sampled.seed}, {result.confidence:.0%} intervals"
+    if every or not result.specifications:
+        return said
+    least, most = int(judged[judged > 0].min()), int(judged.max())
+    return f"every pose judged by {least:,}{f' to {most:,}' if most > least else ''} robots, {said}"
 
 
 def _worst(result: MapResult) -> list[str]:
     worst = result.worst_first[0]
-    within = ", ".join(
-        f"{milli(float(result.quantile[rank, 0, worst]), 4)} mm for {100 * level:.4g} % of robots"
-        for rank, level in enumerate(LEVELS[1:], start=1)
-    )
-    lines = [f"worst pose {shown(result.poses.labels[worst])}: |d| within {within}"]
-    of_all = 1e3 * result.quantile[_LEVEL, 0, result.poses.known]
+    of_all = result.quantile[_LEVEL, 0, result.poses.known]
+    norms = [f"{milli(float(result.quantile[rank, 0, worst]), 4)} mm for {100 * level:.4g} %" for rank, level in _UPPER]
+    lines = [f"worst pose {shown(result.poses.labels[worst])}: |d| within {', '.join(norms)} of robots in closed form"]
+    sampled = _sampled(result, worst, _LEVEL), _sampled(result, worst, len(LEVELS) - 1)
+    if "-" not in sampled:
+        lines[0] += f", {sampled[0]} and {sampled[1]} mm sampled"
     if len(of_all) > 1:
-        least, middle, most = np.quantile(of_all, (0, 0.5, 1))
-        lines.append(f"95 % of robots within |d| over the poses: {least:.4g} to {most:.4g} mm, median {middle:.4g} mm")
+        least, middle, most = (f"{1e3 * value:.4g}" for value in np.quantile(of_all, (0, 0.5, 1)))
+        lines.append(
+            f"95 % of robots within |d| over the poses: {least} to {most} mm, median {middle} mm, in closed form"
+        )
     if result.relative is not None:
         relative = np.where(result.poses.known, result.relative.quantile[_LEVEL, 0], -1.0)
         pose = int(relative.argmax())
@@ -102,19 +111,27 @@ def _worst(result: MapResult) -> list[str]:
 
 
 def _verdict(result: MapResult, verdict: MapVerdict) -> str:
-    said = result.grounds.said(result.verdict_of(verdict))
+    demand = f"spec {demanded(verdict.specification)} at every pose: "
     if result.grounds.not_judged:
-        return f"spec {demanded(verdict.specification)} at every pose: {said}"
-    share = f"{_share(verdict.share)} inside in closed form"
-    if verdict.sampled is not None:
-        of = verdict.sampled
-        sampled, low, high = format_share(of.probability, of.interval, of.required)
-        share += f", {sampled} % of the sampled, interval {low} to {high} %"
+        return f"{demand}{result.grounds.said('not judged')}"
+    demand += f"{verdict.verdict.upper()}{result.grounds.taken if verdict.met else ''}"
     where = shown(result.poses.labels[verdict.worst])
-    return (
-        f"spec {demanded(verdict.specification)} at every pose: {said} - worst {where}, {share}; "
+    if verdict.sampled is None:
+        return f"{demand} - nothing was sampled; worst {where}, {_share(verdict.share)} inside in closed form"
+    of = verdict.sampled
+    share, low, high = format_share(of.probability, of.interval, of.required)
+    said = (
+        f"{demand} - worst {where}, {share} % inside, interval {low} to {high} %, {_share(verdict.share)} in closed form; "
         f"met at {verdict.met_at:,} of {verdict.judged:,} poses"
     )
+    if not verdict.undecided_at:
+        return said
+    more = (
+        f"about --samples {verdict.needed} would decide"
+        if verdict.needed
+        else "too close to what is required to decide"
+    )
+    return f"{said}, undecided at {verdict.undecided_at:,} by up to {verdict.most_samples:,} robots: {more}"
 
 
 def _listed(result: MapResult) -> list[int]:
@@ -128,25 +145,40 @@ def _cells(result: MapResult, pose: int) -> dict[str, str]:
     cells = {"pose": shortened(visible(result.poses.labels[pose]), _MOST_LETTERS)}
     if result.relative is None and not several:
         cells["median"] = _number(result.quantile[0, 0, pose])
-    cells |= {"95 %": _number(result.quantile[_LEVEL, 0, pose]), "99.73 %": _number(result.quantile[-1, 0, pose])}
-    cells |= {"95 %, sampled": _sampled(result, pose), "|δ| 95 %": _number(result.quantile[_LEVEL, 1, pose])}
+    low, high = 1e3 * result.quantile_bounds[_LEVEL, 0, :, pose]
+    cells |= {"95 %": _number(result.quantile[_LEVEL, 0, pose]), "limits": f"{low:.3g}-{high:.3g}"}
+    cells |= {"sampled": _sampled(result, pose, _LEVEL), "99.73 %": _number(result.quantile[-1, 0, pose])}
+    cells |= {"|δ| 95 %": _number(result.quantile[_LEVEL, 1, pose])}
     if result.relative is not None:
         cells["relative"] = _number(result.relative.quantile[_LEVEL, 0, pose])
-    shares = result.probability[:, pose].tolist()
-    cells |= {f"spec {rank}": _share(share) for rank, share in enumerate(shares[:_MOST_SHARES], start=1)}
+    cells |= {
+        f"spec {rank + 1}": _inside(result, rank, pose) for rank in range(len(result.specifications[:_MOST_SHARES]))
+    }
     if not several:
         cells["cause"] = shortened(visible(result.dominant_source[pose]), _MOST_LETTERS) or "-"
     return cells
 
 
-def _sampled(result: MapResult, pose: int) -> str:
-    """Return the interval of the sampled 95 % quantile of |d|, mm."""
+def _inside(result: MapResult, rank: int, pose: int) -> str:
+    """Return the sampled share inside a specification, with a mark where it is not met, or the share in closed form."""
+    if not result.judged.samples[pose]:
+        return _share(float(result.probability[rank, pose]))
+    of, verdict = result.judged, result.judged.verdicts(pose)[rank]
+    interval = of.interval[rank, :, pose].tolist()
+    share = format_share(
+        float(of.probability[rank, pose]), (interval[0], interval[1]), result.specifications[rank].required
+    )
+    return f"{share[0]} %{ {'not met': '*', 'undecided': '?'}.get(verdict, '') }"
+
+
+def _sampled(result: MapResult, pose: int, rank: int) -> str:
+    """Return the interval of a sampled quantile of |d|, mm."""
     if result.sampled is None or pose not in result.sampled.poses:
         return "-"
     place = int(np.flatnonzero(result.sampled.poses == pose)[0])
     of = result.sampled.result
-    low, high = of.quantile_interval[_LEVEL, 0, :, place].tolist()
-    return "-" if np.isnan(of.quantile[_LEVEL, 0, place]) else "[{}, {}]".format(*format_interval(low, high, 1e3))
+    low, high = of.quantile_interval[rank, 0, :, place].tolist()
+    return "-" if np.isnan(of.quantile[rank, 0, place]) else "[{}, {}]".format(*format_interval(low, high, 1e3))
 
 
 def _number(value: float) -> str:
