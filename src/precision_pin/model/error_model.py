@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from precision_pin.call_warnings import add, warns_at_end
 from precision_pin.display.html import Table, rendered
+from precision_pin.draws.estimates import Estimates
 from precision_pin.draws.space import Draw, LabelledSpace, Space
 from precision_pin.errors import Finding, InputError, UnknownNameError
 from precision_pin.inputs.arguments import (
@@ -34,6 +35,7 @@ from precision_pin.robot.chain import Chain, Posture
 from precision_pin.robot.chain_findings import limit_findings
 from precision_pin.sheet import Sheet, read_data
 from precision_pin.sheet import read as read_sheet
+from precision_pin.sheet.origins import MEASURED
 from precision_pin.terms.bound_source import BoundSource, load_posture, terms_at_many
 from precision_pin.terms.labelled_sources import draw_owners, draw_words, labels, own_draws, with_quantities
 from precision_pin.terms.source import Source, fix_settings
@@ -75,8 +77,8 @@ class ErrorModel:
     assumed
         Labels of the sources that the sheet marks as assumptions.
     origins
-        Where each draw of the space comes from: ``assumed``, ``data sheet``, ``measured``, ``drawing``; empty where the sheet
-        does not say.
+        Where each number of the space comes from, by its name: ``assumed``, ``data sheet``, ``measured``, ``drawing``, or an
+        empty text where the sheet does not say; nothing where it says so of no number.
     sheet
         The sheet it was read from; ``None`` for a model made in Python.
     labels
@@ -104,7 +106,7 @@ class ErrorModel:
         self.space = with_quantities(drawn, self.sources, self.labels, chain)
         self.poses, self.approaches = read_poses(chain, {} if poses is None else poses)
         self.assumed: tuple[str, ...] = ()
-        self.origins: tuple[str, ...] = ()
+        self.origins: Mapping[str, str] = {}
         self.sheet: Sheet | None = None
         self._layout: TableLayout | None = None
 
@@ -164,11 +166,30 @@ class ErrorModel:
         model = cls(sheet.chain, sheet.space, sheet.sources, poses, sheet.statics)
         model.assumed = tuple(model.labels[k] for k in sheet.assumed)
         model.sheet = sheet
-        model.origins = tuple(map(model._origin, model.space.draws, model.owners)) if sheet.origins else ()
+        if sheet.origins:
+            kinds = map(model._origin, model.space.draws, model.owners)
+            by_draw = zip(model.space.draws, kinds, strict=True)
+            model.origins = {name: kind for draw, kind in by_draw for name in draw.components}
         if sheet.estimates is not None:
-            remaining = sheet.estimates.remaining_space(model.space)
-            model.space = with_quantities(remaining, model.sources, model.labels, model.chain)
+            model = model.calibrated(sheet.estimates)
+            model.sheet = sheet
         return model
+
+    def calibrated(self, estimates: Estimates) -> ErrorModel:
+        """Return the arm that is left by a calibration: means moved, what is still uncertain one joint draw.
+
+        A number of which the readings removed at least half the variance counts as measured.
+
+        Raises
+        ------
+        InputError
+            A name is not that of a number drawn once for each robot.
+        """
+        space = estimates.remaining_space(self.space)
+        other = self.like(self.chain, with_quantities(space, self.sources, self.labels, self.chain))
+        if self.origins:
+            other.origins = {**self.origins, **dict.fromkeys(estimates.learned(self.space), MEASURED)}
+        return other
 
     @warns_at_end
     def with_(self, changes: Mapping[str, object]) -> ErrorModel:
@@ -410,6 +431,21 @@ class ErrorModel:
     def owners(self) -> tuple[tuple[str, ...], ...]:
         """Labels of the sources that use each draw of the space."""
         return draw_owners(self.space, self.sources, self.labels)
+
+    def like(self, chain: Chain, space: Space) -> ErrorModel:
+        """Return a model with the same sources and poses, of the arm with another target or payload, or with other laws.
+
+        Parameters
+        ----------
+        chain
+            The arm.
+        space
+            All draws, those of the sources included, under the names of the numbers that they have here.
+        """
+        other = ErrorModel(chain, Space(), (), self.poses, self.statics)
+        other.sources, other.labels, other.assumed, other.space = self.sources, self.labels, self.assumed, space
+        other.approaches, other.origins = self.approaches, self.origins
+        return other
 
     def _origin(self, draw: Draw, owners: Sequence[str]) -> str:
         """Return where a draw comes from: its own entry of the sheet, else that of its setting, else that of a source."""

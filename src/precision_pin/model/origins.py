@@ -20,11 +20,11 @@ OriginShares = Mapping[str, tuple[float, float]]
 
 
 def origin_shares(model: ErrorModel, at: PoseModel) -> OriginShares:
-    """Return the shares in the first-order variance, ``Cov(e_k, e)`` summed over the draws of each provenance.
+    """Return the shares in the first-order variance, ``Cov(e_k, e)`` summed over the numbers of each provenance.
 
     Empty where the sheet states no provenance at all.
     """
-    if not any(model.origins):
+    if not any(model.origins.values()):
         return {}
     space = at.space
     jacobian = at.jacobian
@@ -32,10 +32,10 @@ def origin_shares(model: ErrorModel, at: PoseModel) -> OriginShares:
     by_component = [np.einsum("id,di->d", jacobian[rows], spread[:, rows]) for rows in (slice(0, 3), slice(3, 6))]
     totals = [float(parts.sum()) for parts in by_component]
     found: dict[str, list[float]] = {}
-    for kind, columns in zip(model.origins, space.slices, strict=True):
-        sums = found.setdefault(kind or NOT_STATED, [0.0, 0.0])
+    for column, name in enumerate(space.components):
+        sums = found.setdefault(model.origins.get(name, "") or NOT_STATED, [0.0, 0.0])
         for vector, parts in enumerate(by_component):
             if totals[vector] > 0:
-                sums[vector] += float(parts[columns].sum()) / totals[vector]
+                sums[vector] += float(parts[column]) / totals[vector]
     ordered = sorted(found.items(), key=lambda entry: -entry[1][0])
     return {kind: (sums[0], sums[1]) for kind, sums in ordered}

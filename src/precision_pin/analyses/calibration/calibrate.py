@@ -16,9 +16,9 @@ from precision_pin.analyses.calibration.fit import Fit, Problem, fit, left_out_t
 from precision_pin.analyses.calibration.forecast import task_poses
 from precision_pin.analyses.calibration.identifiability import of_stack, refuse_where_nothing_is_seen, remarks_on
 from precision_pin.analyses.calibration.posterior import Posterior, error_left
-from precision_pin.analyses.calibration.remaining_model import remaining_model
 from precision_pin.analyses.calibration.set_up import SetUp, first_guess, readings_in_base
 from precision_pin.analyses.provenance import Provenance
+from precision_pin.draws.estimates import Estimates
 from precision_pin.errors import Finding
 from precision_pin.inputs.arguments import check_flag, check_items
 from precision_pin.measurement.measurement import Measurement
@@ -103,7 +103,7 @@ def calibrate(
             error_left(one, name, unit, estimator, measurement) for name, one in task_poses(model, at, given.q)
         ),
         original=model,
-        model=remaining_model(model, unit, mean, covariance),
+        model=model.calibrated(Estimates(unit.names, mean, covariance)),
         data=given,
         steps=best.steps,
         findings=(

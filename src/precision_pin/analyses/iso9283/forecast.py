@@ -233,9 +233,7 @@ def _loaded(error_model: ErrorModel, mass: float, centre: Array) -> ErrorModel:
     if not mass:
         return error_model
     chain = error_model.chain.with_payload(mass, tuple(centre.tolist()))
-    loaded = ErrorModel(chain, error_model.space, error_model.sources, error_model.poses, error_model.statics)
-    loaded.assumed, loaded.origins = error_model.assumed, error_model.origins
-    return loaded
+    return error_model.like(chain, error_model.space)
 
 
 def _in_cube(error_model: ErrorModel, target: Array) -> tuple[PoseSet, Cube]:
