@@ -67,7 +67,7 @@ class Provenance:
         first = next(iter(error_model.poses), "")
         shares: OriginShares = {}
         if first and any(error_model.origins.values()):
-            shares = origin_shares(error_model, next(error_model.at_columns(error_model.poses[first][:, None])))
+            shares = origin_shares(error_model.origins, next(error_model.at_columns(error_model.poses[first][:, None])))
         return cls(*arm, int(seed), error_model.assumed, len(error_model.sources), shares, first if shares else "")
 
     def to_dict(self, schema: str) -> dict[str, Any]:

@@ -28,6 +28,7 @@ from precision_pin.inputs.arguments import (
 from precision_pin.model.about_rest import terms_about_rest
 from precision_pin.model.equilibrium import settle
 from precision_pin.model.named_poses import read_poses
+from precision_pin.model.origins import origins_of_numbers
 from precision_pin.model.pose_model import PoseModel, joint_value
 from precision_pin.model.statics_findings import statics_findings
 from precision_pin.robot.approach import Approach, ApproachedPose, read_approach, read_approaches
@@ -77,8 +78,8 @@ class ErrorModel:
     assumed
         Labels of the sources that the sheet marks as assumptions.
     origins
-        Where each number of the space comes from, by its name: ``assumed``, ``data sheet``, ``measured``, ``drawing``, or an
-        empty text where the sheet does not say; nothing where it says so of no number.
+        Where each number of the space comes from, by its name: ``assumed``, ``data sheet``, ``measured``, ``drawing``; empty
+        where the sheet does not say.
     sheet
         The sheet it was read from; ``None`` for a model made in Python.
     labels
@@ -165,14 +166,9 @@ class ErrorModel:
         poses = {name: ApproachedPose(q, sheet.approaches.get(name, ())) for name, q in sheet.poses.items()}
         model = cls(sheet.chain, sheet.space, sheet.sources, poses, sheet.statics)
         model.assumed = tuple(model.labels[k] for k in sheet.assumed)
+        model.origins = origins_of_numbers(sheet.origins, model.space, model.owners)
+        model = model if sheet.estimates is None else model.calibrated(sheet.estimates)
         model.sheet = sheet
-        if sheet.origins:
-            kinds = map(model._origin, model.space.draws, model.owners)
-            by_draw = zip(model.space.draws, kinds, strict=True)
-            model.origins = {name: kind for draw, kind in by_draw for name in draw.components}
-        if sheet.estimates is not None:
-            model = model.calibrated(sheet.estimates)
-            model.sheet = sheet
         return model
 
     def calibrated(self, estimates: Estimates) -> ErrorModel:
@@ -187,8 +183,8 @@ class ErrorModel:
         """
         space = estimates.remaining_space(self.space)
         other = self.like(self.chain, with_quantities(space, self.sources, self.labels, self.chain))
-        if self.origins:
-            other.origins = {**self.origins, **dict.fromkeys(estimates.learned(self.space), MEASURED)}
+        learned = dict.fromkeys(estimates.learned(self.space), MEASURED)
+        other.origins = {**self.origins, **learned} if self.origins else {}
         return other
 
     @warns_at_end
@@ -433,32 +429,11 @@ class ErrorModel:
         return draw_owners(self.space, self.sources, self.labels)
 
     def like(self, chain: Chain, space: Space) -> ErrorModel:
-        """Return a model with the same sources and poses, of the arm with another target or payload, or with other laws.
-
-        Parameters
-        ----------
-        chain
-            The arm.
-        space
-            All draws, those of the sources included, under the names of the numbers that they have here.
-        """
+        """Return a model with the same sources of an arm with another target or payload, or with other laws of its numbers."""
         other = ErrorModel(chain, Space(), (), self.poses, self.statics)
         other.sources, other.labels, other.assumed, other.space = self.sources, self.labels, self.assumed, space
         other.approaches, other.origins = self.approaches, self.origins
         return other
-
-    def _origin(self, draw: Draw, owners: Sequence[str]) -> str:
-        """Return where a draw comes from: its own entry of the sheet, else that of its setting, else that of a source."""
-        assert self.sheet is not None
-        origins = self.sheet.origins
-        label = next((own for own in owners if draw.name.startswith(f"{own}.")), "")
-        setting = draw.name.removeprefix(f"{label}.").partition(".")[0].partition("[")[0] if label else ""
-        named = [f"parameters.{draw.name}", f"{label}.{setting}", *owners]
-        # a number that several sources use is as sure as the least sure of them says
-        kinds = [origins[name].kind for name in named if name in origins]
-        if f"parameters.{draw.name}" in origins or (setting and f"{label}.{setting}" in origins):
-            return kinds[0]
-        return "assumed" if "assumed" in kinds else next(iter(kinds), "")
 
     def _make_terms(self, posture: Posture) -> tuple[Term, ...]:
         return tuple(itertools.chain.from_iterable(source.terms(posture) for source in self.bound_sources))
