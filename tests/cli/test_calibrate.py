@@ -408,8 +408,8 @@ def test_tolerances_of_a_population_are_written_as_a_sheet(run, folder) -> None:
     written = (folder / "new.errors.yaml").read_text()
     assert written.startswith("# measured: 6 robots")
     new = pp.ErrorModel.load(folder / "new.errors.yaml")
-    assert set(new.origins) <= {"measured", ""}
-    assert "measured" in new.origins
+    assert set(new.origins.values()) <= {"measured", ""}
+    assert "measured" in new.origins.values()
     for draw in new.space.draws:
         old = next(one for one in model.space.draws if one.name == draw.name)
         assert type(draw.law) is type(old.law)

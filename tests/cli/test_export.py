@@ -36,7 +36,13 @@ def error_of(row: dict[str, str]) -> np.ndarray:
 def test_the_papers_arm_without_arguments(run, folder, new_files):
     outcome = run("export", "--out", "built")
     assert (outcome.code, outcome.out) == (0, "")
-    assert outcome.said == ["wrote built: units.csv, 4dof.unit0000.urdf"]
+    assert outcome.said == [
+        "wrote built: units.csv, 4dof.unit0000.urdf",
+        "true at the pose 'paper' only: the errors of 2 beam, 4 joint_compliance, which change with load, pose or visit; "
+        "readings with them at every pose: simulate",
+    ]
+    # each of them by name in the file
+    assert b"joint_compliance[joint4]" in (folder / "built/4dof.unit0000.urdf").read_bytes()
     assert new_files() == {"built", "built/units.csv", "built/4dof.unit0000.urdf"}
     check = run("check", "built/4dof.unit0000.urdf")
     assert (check.code, check.out, check.err) == (0, "", "no errors, 0 warnings\n")

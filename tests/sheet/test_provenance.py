@@ -33,7 +33,7 @@ def model_of(tmp_path):
 
 
 def shares(model: pp.ErrorModel) -> dict[str, float]:
-    return {kind: position for kind, (position, _) in origin_shares(model, model.at("home")).items()}
+    return {kind: position for kind, (position, _) in origin_shares(model.origins, model.at("home")).items()}
 
 
 # a slide of variance 0.1²/3 mm² and a turn of 0.1 mrad at a tool 500 mm away
@@ -43,7 +43,7 @@ TURNED = 0.05**2 / (0.05**2 + 0.1**2 / 3)
 def test_shares_by_hand(model_of):
     model = model_of({"provenance": {"data sheet": "guide, p. 3"}}, {"assumed": "true"})
     assert shares(model) == pytest.approx({"data sheet": 1 - TURNED, "assumed": TURNED})
-    assert origin_shares(model, model.at("home"))["assumed"][1] == pytest.approx(1)
+    assert origin_shares(model.origins, model.at("home"))["assumed"][1] == pytest.approx(1)
     assert model.sheet.origins[SLIDE].text == "guide, p. 3"
     assert model.assumed == (TURN,)
     found = pp.monte_carlo(model, "home", samples=100).to_dict()["provenance"]

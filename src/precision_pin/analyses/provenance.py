@@ -66,8 +66,8 @@ class Provenance:
         arm = (os.path.basename(chain.robot.file), chain.base, chain.tip_label, error_model.statics)
         first = next(iter(error_model.poses), "")
         shares: OriginShares = {}
-        if first and any(error_model.origins):
-            shares = origin_shares(error_model, next(error_model.at_columns(error_model.poses[first][:, None])))
+        if first and any(error_model.origins.values()):
+            shares = origin_shares(error_model.origins, next(error_model.at_columns(error_model.poses[first][:, None])))
         return cls(*arm, int(seed), error_model.assumed, len(error_model.sources), shares, first if shares else "")
 
     def to_dict(self, schema: str) -> dict[str, Any]:

@@ -10,7 +10,7 @@ import click
 from precision_pin.cli import EXIT_SPEC
 from precision_pin.cli.inputs import read_sheet
 from precision_pin.cli.measurement import MeasurementOptions, measurement_of, measurement_options, stated_measurement
-from precision_pin.cli.notes import all_warnings_option, echo_note, echo_warnings, quiet_option
+from precision_pin.cli.notes import all_warnings_option, echo_frozen, echo_note, echo_warnings, quiet_option
 from precision_pin.cli.options import (
     ChainOptions,
     Command,
@@ -60,6 +60,7 @@ class _Options(ChainOptions, PoseOptions, MeasurementOptions):
     means_free: bool
     factory: str | None
     criterion: str | None
+    csv_path: str | None
     at_names: tuple[str, ...]
     random: int | None
     no_prior: bool
@@ -89,6 +90,9 @@ class _CalibrateCommand(Command):
     "--criterion",
     type=click.Choice(["task", "D"]),
     help="Of --plan: the position error left at the poses of --at, or the determinant of the information.  [default: task]",
+)
+@click.option(
+    "--csv", "csv_path", metavar="FILE", help="Of --plan: write the chosen poses, as --trajectory reads them."
 )
 @measurement_options
 @pose_options
@@ -127,12 +131,18 @@ def command(forecast: bool, count: int | None, **options: Unpack[_Options]) -> i
     from precision_pin.analyses.calibration.forecast import forecast_calibration
     from precision_pin.analyses.calibration.plan import PLAN_STEPS, plan_calibration
     from precision_pin.model.error_model import ErrorModel
+    from precision_pin.outputs.calibration.csv_files import poses_csv
     from precision_pin.outputs.calibration.table import calibration_table, forecast_table, plan_table
 
     robots, options["inputs"] = _split(options["inputs"], several=options["population"])
     data = robots[0] if robots else None
     _check_usage(forecast, count, data, options)
-    files = {"--json": options["json_path"], "--urdf": options["urdf"], "--sheet": options["sheet_path"]}
+    files = {
+        "--json": options["json_path"],
+        "--csv": options["csv_path"],
+        "--urdf": options["urdf"],
+        "--sheet": options["sheet_path"],
+    }
     outputs = Outputs(files, options["out"], ("calibration*",))
     outputs.check()
     outputs.refuse_inputs([*filter(None, [*robots, options["factory"]]), *pose_files(options)])
@@ -162,6 +172,9 @@ def command(forecast: bool, count: int | None, **options: Unpack[_Options]) -> i
             )
         echo_warnings(plan.findings[len(sheet.findings) :])
         _answer(plan, plan_table, "plan_figure", "calibration-plan", options)
+        if options["csv_path"] is not None:
+            write_text(Path(options["csv_path"]), poses_csv(model.chain, plan.q))
+            echo_note(f"wrote {options['csv_path']}")
         return 0
     if forecast:
         poses, sheet = _measured_poses(sheet, options, _RANDOM, measurement)
@@ -175,8 +188,8 @@ def command(forecast: bool, count: int | None, **options: Unpack[_Options]) -> i
         _write_sheet(result, sheet.file, options["sheet_path"])
     if options["urdf"] is not None:
         frozen = result.to_urdf(options["urdf"])
-        held = f"; as at the first pose only: {', '.join(frozen)}" if frozen else ""
-        echo_note(f"wrote {options['urdf']}{held}")
+        echo_note(f"wrote {options['urdf']}")
+        echo_frozen(frozen, "the first pose")
     _answer(result, calibration_table, "calibration_figure", "calibration", options)
     return EXIT_SPEC if options["no_prior"] and not result.identifiability.is_complete else 0
 
@@ -293,6 +306,8 @@ def _check_usage(forecast: bool, count: int | None, data: str | None, options: _
         raise _usage(f"{ahead[0]} takes no data")
     if options["criterion"] is not None and count is None:
         raise _usage("--criterion belongs to --plan")
+    if options["csv_path"] is not None and count is None:
+        raise _usage("--csv belongs to --plan")
     if data is not None and (chosen or options["random"] is not None):
         raise _usage("the measured poses are those of the data; --at names poses to judge")
     if chosen and options["random"] is not None:

@@ -37,6 +37,10 @@ COMMANDS: dict[str, tuple[str, str]] = {
         "precision_pin.cli.calibrate",
         "Forecast what measuring an arm will buy, choose poses to measure, or fit the model to readings.",
     ),
+    "simulate": (
+        "precision_pin.cli.simulate",
+        "Write readings of a sampled robot, as calibrate and iso9283 --measured read them.",
+    ),
     "map": (
         "precision_pin.cli.map",
         "Map the pose error over many poses: quantiles, share in specification, main cause; the worst verified.",

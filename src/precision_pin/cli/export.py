@@ -13,13 +13,14 @@ from typing import TYPE_CHECKING, Final, Unpack
 import click
 
 from precision_pin.cli.inputs import chosen_pose, echo_findings, read_sheet
-from precision_pin.cli.notes import echo_note
+from precision_pin.cli.notes import echo_frozen, echo_note
 from precision_pin.cli.options import Command, OnePoseOptions, one_pose_options, seed_option
 from precision_pin.cli.poses import AskedPose, AskedPoses, approach_poses
 from precision_pin.cli.progress import progress_bar
 from precision_pin.cli.targets import Outputs
 from precision_pin.display.files import whole_folder, write_text
 from precision_pin.errors import Finding, InputError, OutputError
+from precision_pin.visible import visible
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -91,6 +92,8 @@ def command(units: int, first: int, seed: int, out: str, **arm: Unpack[OnePoseOp
         write_text(stage / "units.csv", table.getvalue())
     more = f" to {names[-1]}" if units > 1 else ""
     echo_note(f"wrote {out}: units.csv, {names[0]}{more}")
+    name = model.pose_name(pose.where)
+    echo_frozen(writer.frozen, f"the pose {visible(name)!r}" if name else "the export pose")
 
 
 def _estimate(writer: AsBuilt, seed: int, first: int, units: int, folder: Path) -> None:

@@ -221,7 +221,7 @@ def _sampled(
             errors = _drawn(sampler.to_arrays(at), model, seed, samples, number, progress)
             shown.append(ViewPose(at, errors, pose.name or None, number, error_model.draw_words, grounds))
     echo_findings(_gathered(findings))
-    shares = origin_shares(error_model, shown[0].pose_model)
+    shares = origin_shares(error_model.origins, shown[0].pose_model)
     return shown, resting_on(error_model.assumed, len(error_model.sources), shares)
 
 

@@ -20,6 +20,8 @@ __all__ = ["Estimates", "bounds_of"]
 _UNTOUCHED: Final = 1e-9
 """Change of a mean, variance or correlation, in units of the prior, that counts as none."""
 
+_HALF: Final = 0.5
+"""Share of a number's variance left, up to which it rests on the readings more than on its tolerance."""
 _FREE: Final = 0.5
 """Standard deviation of a number where all others are given, as a share of its own, above which it counts as independent."""
 
@@ -75,6 +77,13 @@ class Estimates:
         name = _free_name({name for draw in space.draws for name in (draw.name, *draw.components)})
         others = tuple(one for one in space.correlations if not touched & set(one.names))
         return Space((Draw(name, law, names=tuple(wanted)), *kept), others)
+
+    def learned(self, space: Space) -> tuple[str, ...]:
+        """Return the numbers of which the data removed at least half the variance that the space of before has."""
+        columns = np.array([space.index[name] for name in self.names], dtype=np.intp)
+        before = space.block_covariance.variances[columns]
+        less = np.diag(self.covariance) <= _HALF * before
+        return tuple(name for name, is_less in zip(self.names, less.tolist(), strict=True) if is_less)
 
     def _touched(self, space: Space) -> set[str]:
         """Return the names of the draws whose law is another now."""

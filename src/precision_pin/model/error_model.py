@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from precision_pin.call_warnings import add, warns_at_end
 from precision_pin.display.html import Table, rendered
+from precision_pin.draws.estimates import Estimates
 from precision_pin.draws.space import Draw, LabelledSpace, Space
 from precision_pin.errors import Finding, InputError, UnknownNameError
 from precision_pin.inputs.arguments import (
@@ -27,6 +28,7 @@ from precision_pin.inputs.arguments import (
 from precision_pin.model.about_rest import terms_about_rest
 from precision_pin.model.equilibrium import settle
 from precision_pin.model.named_poses import read_poses
+from precision_pin.model.origins import origins_of_numbers
 from precision_pin.model.pose_model import PoseModel, joint_value
 from precision_pin.model.statics_findings import statics_findings
 from precision_pin.robot.approach import Approach, ApproachedPose, read_approach, read_approaches
@@ -34,6 +36,7 @@ from precision_pin.robot.chain import Chain, Posture
 from precision_pin.robot.chain_findings import limit_findings
 from precision_pin.sheet import Sheet, read_data
 from precision_pin.sheet import read as read_sheet
+from precision_pin.sheet.origins import MEASURED
 from precision_pin.terms.bound_source import BoundSource, load_posture, terms_at_many
 from precision_pin.terms.labelled_sources import draw_owners, draw_words, labels, own_draws, with_quantities
 from precision_pin.terms.source import Source, fix_settings
@@ -75,8 +78,8 @@ class ErrorModel:
     assumed
         Labels of the sources that the sheet marks as assumptions.
     origins
-        Where each draw of the space comes from: ``assumed``, ``data sheet``, ``measured``, ``drawing``; empty where the sheet
-        does not say.
+        Where each number of the space comes from, by its name: ``assumed``, ``data sheet``, ``measured``, ``drawing``; empty
+        where the sheet does not say.
     sheet
         The sheet it was read from; ``None`` for a model made in Python.
     beyond_limits
@@ -107,7 +110,7 @@ class ErrorModel:
         self.space = with_quantities(drawn, self.sources, self.labels, chain)
         self.poses, self.approaches = read_poses(chain, {} if poses is None else poses)
         self.assumed: tuple[str, ...] = ()
-        self.origins: tuple[str, ...] = ()
+        self.origins: Mapping[str, str] = {}
         self.sheet: Sheet | None = None
         self.beyond_limits = False
         self._layout: TableLayout | None = None
@@ -167,13 +170,27 @@ class ErrorModel:
         poses = {name: ApproachedPose(q, sheet.approaches.get(name, ())) for name, q in sheet.poses.items()}
         model = cls(sheet.chain, sheet.space, sheet.sources, poses, sheet.statics)
         model.assumed = tuple(model.labels[k] for k in sheet.assumed)
+        model.origins = origins_of_numbers(sheet.origins, model.space, model.owners)
+        model = model if sheet.estimates is None else model.calibrated(sheet.estimates)
         model.sheet = sheet
         model.beyond_limits = sheet.beyond_limits
-        model.origins = tuple(map(model._origin, model.space.draws, model.owners)) if sheet.origins else ()
-        if sheet.estimates is not None:
-            remaining = sheet.estimates.remaining_space(model.space)
-            model.space = with_quantities(remaining, model.sources, model.labels, model.chain)
         return model
+
+    def calibrated(self, estimates: Estimates) -> ErrorModel:
+        """Return the arm that is left by a calibration: means moved, what is still uncertain one joint draw.
+
+        A number of which the readings removed at least half the variance counts as measured.
+
+        Raises
+        ------
+        InputError
+            A name is not that of a number drawn once for each robot.
+        """
+        space = estimates.remaining_space(self.space)
+        other = self.like(self.chain, with_quantities(space, self.sources, self.labels, self.chain))
+        learned = dict.fromkeys(estimates.learned(self.space), MEASURED)
+        other.origins = {**self.origins, **learned} if self.origins else {}
+        return other
 
     @warns_at_end
     def with_(self, changes: Mapping[str, object]) -> ErrorModel:
@@ -418,18 +435,12 @@ class ErrorModel:
         """Labels of the sources that use each draw of the space."""
         return draw_owners(self.space, self.sources, self.labels)
 
-    def _origin(self, draw: Draw, owners: Sequence[str]) -> str:
-        """Return where a draw comes from: its own entry of the sheet, else that of its setting, else that of a source."""
-        assert self.sheet is not None
-        origins = self.sheet.origins
-        label = next((own for own in owners if draw.name.startswith(f"{own}.")), "")
-        setting = draw.name.removeprefix(f"{label}.").partition(".")[0].partition("[")[0] if label else ""
-        named = [f"parameters.{draw.name}", f"{label}.{setting}", *owners]
-        # a number that several sources use is as sure as the least sure of them says
-        kinds = [origins[name].kind for name in named if name in origins]
-        if f"parameters.{draw.name}" in origins or (setting and f"{label}.{setting}" in origins):
-            return kinds[0]
-        return "assumed" if "assumed" in kinds else next(iter(kinds), "")
+    def like(self, chain: Chain, space: Space) -> ErrorModel:
+        """Return a model with the same sources of an arm with another target or payload, or with other laws of its numbers."""
+        other = ErrorModel(chain, Space(), (), self.poses, self.statics)
+        other.sources, other.labels, other.assumed, other.space = self.sources, self.labels, self.assumed, space
+        other.approaches, other.origins, other.beyond_limits = self.approaches, self.origins, self.beyond_limits
+        return other
 
     def _make_terms(self, posture: Posture) -> tuple[Term, ...]:
         return tuple(itertools.chain.from_iterable(source.terms(posture) for source in self.bound_sources))

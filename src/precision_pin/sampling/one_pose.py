@@ -238,7 +238,7 @@ def monte_carlo(
         makers=makers(work.layout, int(seed), summary),
         assumed=error_model.assumed,
         sources=len(error_model.sources),
-        origins=origin_shares(error_model, at),
+        origins=origin_shares(error_model.origins, at),
         until=tuple(Until(text, one) for text, one in zip(until, precisions, strict=True)),
         warnings=tuple(str(finding) for finding in (*findings, *found)),
         errors=sampling.errors,

@@ -12,9 +12,10 @@ from precision_pin.sheet.findings import Findings
 from precision_pin.sheet.schema import ASSUMED, PROVENANCE
 from precision_pin.sheet.text import Path
 
-__all__ = ["ORIGINS", "Origin", "origins_by_path", "read_origin", "source_origins"]
+__all__ = ["MEASURED", "ORIGINS", "Origin", "origins_by_path", "read_origin", "source_origins"]
 
-ORIGINS: Final = ("assumed", "data sheet", "measured", "drawing")
+MEASURED: Final = "measured"
+ORIGINS: Final = ("assumed", "data sheet", MEASURED, "drawing")
 """What a number can come from."""
 _EXAMPLE: Final = "such as 'provenance: drawing' or 'provenance: {data sheet: \"page 12\"}'"
 

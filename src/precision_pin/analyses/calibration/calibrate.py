@@ -21,9 +21,9 @@ from precision_pin.analyses.calibration.identifiability import (
     remarks_on,
 )
 from precision_pin.analyses.calibration.posterior import Posterior, error_left
-from precision_pin.analyses.calibration.remaining_model import remaining_model
 from precision_pin.analyses.calibration.set_up import SetUp, first_guess, readings_in_base
 from precision_pin.analyses.provenance import Provenance
+from precision_pin.draws.estimates import Estimates
 from precision_pin.errors import Finding
 from precision_pin.inputs.arguments import check_flag, check_items
 from precision_pin.measurement.measurement import Measurement
@@ -108,7 +108,7 @@ def calibrate(
             error_left(one, name, unit, estimator, measurement) for name, one in task_poses(model, at, given.q)
         ),
         original=model,
-        model=remaining_model(model, unit, mean, covariance),
+        model=model.calibrated(Estimates(unit.names, mean, covariance)),
         data=given,
         steps=best.steps,
         findings=(

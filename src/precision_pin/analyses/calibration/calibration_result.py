@@ -206,8 +206,8 @@ class CalibrationResult(JsonResult):
         """
         name = check_path("the path of the URDF", path)
         writer = load("precision_pin.outputs.as_built.urdf:AsBuilt").prepare(self.original, q)
-        frozen: tuple[str, ...] = load("precision_pin.outputs.as_built.urdf:frozen_sources")(self.original, writer.at)
         write_files({name: writer.fitted(self.components)})
+        frozen: tuple[str, ...] = writer.frozen
         return frozen
 
     def rms(self, which: Literal["before", "after", "left out"]) -> float:

@@ -27,15 +27,16 @@ from precision_pin.robot.chain import Chain
 from precision_pin.se3 import log_rotation
 from precision_pin.typing import Array
 
-__all__ = ["CalibrationData", "read_data"]
+__all__ = ["COLUMNS", "CalibrationData", "read_data"]
 
-_READINGS: Final = {
+COLUMNS: Final = {
     "position": ("x", "y", "z"),
     "pose": ("x", "y", "z", "rx", "ry", "rz"),
     "distance": ("distance",),
     "plane": ("height",),
     "socket": ("x", "y", "z"),
 }
+"""Names of the numbers of a reading, by kind: lengths, those with an r angles."""
 _CONTACT: Final = ("plane", "socket")
 """Kinds whose readings are zero if left out."""
 _LARGEST_TURN: Final = 4 * np.pi
@@ -112,7 +113,7 @@ def _of_arrays(model: ErrorModel, poses: Any, readings: Any, measurement: Measur
 
 def _of_file(model: ErrorModel, path: str, measurement: Measurement) -> CalibrationData:
     table = csv_columns.read(path)
-    chain, wanted = model.chain, _READINGS[measurement.kind]
+    chain, wanted = model.chain, COLUMNS[measurement.kind]
     known = (*chain.joint_names, *wanted, "std", "group")
     for name in table.names:
         if name not in known:

@@ -26,7 +26,6 @@ from precision_pin.inputs.arguments import check_instance
 from precision_pin.measurement.measurement import Measurement
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.pose_model import PoseModel
-from precision_pin.robot.chain import Chain
 from precision_pin.robot.pose_set import PoseSet
 from precision_pin.typing import Array
 
@@ -37,7 +36,6 @@ __all__ = [
     "flat",
     "measured_model",
     "measurement_of",
-    "model_like",
     "project_out",
     "read_poses",
     "repeat_covariance",
@@ -212,32 +210,27 @@ def measured_model(model: ErrorModel, measurement: Measurement) -> ErrorModel:
     """Return the model as it is measured: its errors are those of the tip, from where a target is given, under its load then."""
     chain = model.chain.with_target((0.0, 0.0, 0.0)) if model.chain.target.any() else model.chain
     if measurement.load is None:
-        return model if chain is model.chain else model_like(model, chain, model.space)
+        return model if chain is model.chain else model.like(chain, model.space)
     kept = [k for k, source in enumerate(model.sources) if not source.is_put_down]
     own = tuple(f"load[{k + 1}]" for k in range(len(measurement.load)))
     # the numbers of the payloads that are not carried stay in the space and change nothing
-    other = model_like(model, chain, model.space)
+    other = model.like(chain, model.space)
     other.sources = (*(model.sources[k] for k in kept), *measurement.load)
     other.labels = (*(model.labels[k] for k in kept), *own)
     return other
 
 
-def model_like(model: ErrorModel, chain: Chain, space: Space) -> ErrorModel:
-    """Return a model with the same sources, and other laws of the same numbers or another target."""
-    other = ErrorModel(chain, Space(), (), model.poses, model.statics)
-    other.sources, other.labels, other.assumed, other.space = model.sources, model.labels, model.assumed, space
-    other.approaches = model.approaches
-    other.origins = model.origins if len(space.draws) == len(model.space.draws) else ()
-    return other
-
-
-def stations_of(model: ErrorModel, values: Array, measurement: Measurement) -> tuple[Station, ...]:
-    """Return a station for each different pose of ``(n, P)``, with the columns that hold it."""
+def stations_of(
+    model: ErrorModel, values: Array, measurement: Measurement, approaches: NDArray[np.int8] | None = None
+) -> tuple[Station, ...]:
+    """Return a station for each different pose of ``(n, P)``, in their order, with the columns that hold it."""
+    known = np.zeros(values.shape, dtype=np.int8) if approaches is None else approaches
     rows: dict[bytes, list[int]] = {}
     for k in range(values.shape[1]):
-        rows.setdefault((values[:, k] + 0.0).tobytes(), []).append(k)
+        rows.setdefault((values[:, k] + 0.0).tobytes() + known[:, k].tobytes(), []).append(k)
     first = np.array([listed[0] for listed in rows.values()], dtype=np.intp)
-    models = measured_model(model, measurement).at_columns(np.ascontiguousarray(values[:, first]))
+    given = None if approaches is None else np.ascontiguousarray(approaches[:, first])
+    models = measured_model(model, measurement).at_columns(np.ascontiguousarray(values[:, first]), given)
     return tuple(Station(at, tuple(listed)) for at, listed in zip(models, rows.values(), strict=True))
 
 

@@ -30,10 +30,10 @@ from precision_pin.analyses.calibration.design import (
 from precision_pin.analyses.calibration.estimates import Estimator, covariance_with_prior
 from precision_pin.analyses.calibration.identifiability import Identifiability, of_stack, remarks_on
 from precision_pin.analyses.calibration.posterior import ErrorLeft, Posterior, error_left
-from precision_pin.analyses.calibration.remaining_model import remaining_model
 from precision_pin.analyses.provenance import Provenance
 from precision_pin.display.html import preformatted
 from precision_pin.display.stored import JsonResult
+from precision_pin.draws.estimates import Estimates
 from precision_pin.errors import Finding
 from precision_pin.inputs.arguments import check_items
 from precision_pin.measurement.measurement import Measurement
@@ -207,7 +207,7 @@ def forecast_calibration(
         poses=entries,
         by_count=_by_count(by_z, by_nuisance, slopes, floor),
         by_instrument=_by_instrument(stations, unit, measurement, slopes, floor),
-        model=remaining_model(model, unit, unit.mean, left),
+        model=model.calibrated(Estimates(unit.names, unit.mean, left)),
         findings=(*findings, *_remarks(found, model, unit), *doubt_contact(measurement, nominal)),
     )
 

@@ -109,26 +109,42 @@ def simulate_calibrations(
 
 
 def simulate_readings(
-    stations: tuple[Station, ...], measurement: Measurement, model: ErrorModel, *, robots: int = 1, seed: int = 0
+    stations: tuple[Station, ...],
+    measurement: Measurement,
+    model: ErrorModel,
+    *,
+    robots: int = 1,
+    seed: int = 0,
+    first: int = 0,
 ) -> Array:
-    """Return readings ``(P, m, N)`` of simulated robots by the exact model, with the set-up at its nominal values."""
-    x = model.space.sample(seed, 0, robots)
+    """Return readings ``(P, m, N)`` of robots by the exact model, with the set-up at its nominal values.
+
+    Parameters
+    ----------
+    stations, measurement, model
+        Poses, in the order of the random streams, and instrument.
+    robots, first
+        Robots ``first … first + robots - 1`` of those that `precision_pin.monte_carlo` samples with the seed.
+    seed
+        64-bit seed of robots and noise.
+    """
+    x = model.space.sample(seed, first, robots)
     count = sum(len(station.rows) for station in stations)
-    noise = np.random.default_rng([seed, 1]).standard_normal((count, measurement.size, robots))
+    noise = np.random.default_rng([seed, 1, first]).standard_normal((count, measurement.size, robots))
     readings = measurement.deviations[:, None] * noise
     set_up = np.zeros((len(measurement.nuisances), robots))
     for number, station in enumerate(stations):
         for visit, row in enumerate(station.rows):
-            errors = station.at.exact(_with_later_draws(model, x, seed, number, visit))
+            errors = station.at.exact(_with_later_draws(model, x, seed, number, visit, first))
             readings[row] += measurement.predict(station.at.posture.pose, errors, set_up)
     return readings
 
 
-def _with_later_draws(model: ErrorModel, x: Array, seed: int, pose: int, visit: int = 0) -> Array:
+def _with_later_draws(model: ErrorModel, x: Array, seed: int, pose: int, visit: int = 0, first: int = 0) -> Array:
     """Return component values ``(d, N)`` of the same robots at another pose and visit."""
     if all(draw.scope is Scope.UNIT for draw in model.space.draws):
         return x
-    return model.space.sample(seed, 0, x.shape[1], pose=pose, visit=visit)
+    return model.space.sample(seed, first, x.shape[1], pose=pose, visit=visit)
 
 
 def _root(station: Station, measurement: Measurement) -> Array:

@@ -237,9 +237,8 @@ def _loaded(error_model: ErrorModel, mass: float, centre: Array) -> ErrorModel:
     if not mass:
         return error_model
     chain = error_model.chain.with_payload(mass, tuple(centre.tolist()))
-    loaded = ErrorModel(chain, error_model.space, error_model.sources, error_model.poses, error_model.statics)
-    loaded.assumed, loaded.origins = error_model.assumed, error_model.origins
-    loaded.sheet, loaded.beyond_limits = error_model.sheet, error_model.beyond_limits
+    loaded = error_model.like(chain, error_model.space)
+    loaded.sheet = error_model.sheet
     return loaded
 
 

@@ -92,12 +92,15 @@ class AsBuilt:
         The robot's own text.
     base, tip
         The links between which a written robot has the unit's errors: the chain's, or frames that are added.
+    frozen
+        Labels of the sources whose displacements hold at the export pose only.
     """
 
     at: PoseModel
     original: UrdfText
     base: str
     tip: str
+    frozen: tuple[str, ...]
     _folds: tuple[_Fold, ...]
     _header: tuple[str, ...]
 
@@ -134,12 +137,13 @@ class AsBuilt:
         folds = _folds(at, links)
         seats = {fold.step.name for fold in folds if fold.step.added}
         base, tip = (_free(f"{name}_as_built", names) if name in seats else name for name in (chain.base, chain.tip))
+        frozen = frozen_sources(model, at)
         header = (
             f"robot: {robot.name}, from {Path(chain.robot.file).name} with SHA-256 {hashlib.sha256(data).hexdigest()}",
             *([f"sheet: {sheet}"] if sheet else []),
-            *_about(model, at, model.pose_name(q), base, tip),
+            *_about(at, model.pose_name(q), base, tip, frozen),
         )
-        return cls(at, UrdfText.scan(data), base, tip, folds, header)
+        return cls(at, UrdfText.scan(data), base, tip, frozen, folds, header)
 
     def units(self, seed: int, first: int, count: int) -> Iterator[BuiltUnit]:
         """Yield units in order: those that `monte_carlo` samples at one pose, with its pose 0 and visit 0.
@@ -362,7 +366,7 @@ def frozen_sources(model: ErrorModel, at: PoseModel) -> tuple[str, ...]:
     return tuple(found)
 
 
-def _about(model: ErrorModel, at: PoseModel, pose: str, base: str, tip: str) -> Iterator[str]:
+def _about(at: PoseModel, pose: str, base: str, tip: str, frozen: Sequence[str]) -> Iterator[str]:
     """Yield the comment lines of a written robot."""
     chain = at.posture.chain
     yield f"chain: {base} to {tip}"
@@ -376,7 +380,6 @@ def _about(model: ErrorModel, at: PoseModel, pose: str, base: str, tip: str) -> 
         "those that loads cause and those drawn for each pose or visit (here pose 0, visit 0) included. At other poses it "
         "has those of the built robot that no pose changes: displaced frames and axes, joint offsets."
     )
-    frozen = frozen_sources(model, at)
     if frozen:
         yield f"Fixed at their values at this pose: {', '.join(frozen)}."
     else:

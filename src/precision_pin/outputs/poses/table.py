@@ -41,7 +41,7 @@ def poses_table(result: PosesResult) -> str:
         "quantiles of |d| in mm with their intervals, shares inside each spec; - is not resolved by this many samples",
     ]
     model = result.error_model
-    shares = origin_shares(model, next(model.at_columns(result.q[:, [0]])))
+    shares = origin_shares(model.origins, next(model.at_columns(result.q[:, [0]])))
     lines += resting_on(model.assumed, len(model.sources), shares, pose_labels(result.names)[0])
     return "\n".join(lines)
 

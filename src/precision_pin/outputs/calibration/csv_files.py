@@ -1,0 +1,88 @@
+"""CSV files of readings and of poses to measure, as the commands read them."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+
+from precision_pin.analyses.calibration.data import COLUMNS
+from precision_pin.robot.chain import Chain
+from precision_pin.typing import Array
+
+__all__ = ["cycles_csv", "poses_csv", "readings_csv"]
+
+
+def poses_csv(chain: Chain, q: Array) -> str:
+    """Return joint values ``(n, P)`` as ``--trajectory`` reads them, in degrees and mm."""
+    headings, columns = _joints(chain, q)
+    return _text([], headings, zip(*columns, strict=True))
+
+
+def readings_csv(chain: Chain, q: Array, kind: str, readings: Array, std: float, comments: Sequence[str]) -> str:
+    """Return readings of one robot as ``calibrate`` reads them.
+
+    Parameters
+    ----------
+    chain, q
+        The arm, and its joint values ``(n, P)``.
+    kind, readings
+        What was measured, and the readings ``(P, m)``, m and rad.
+    std
+        Standard deviation of their lengths, m.
+    comments
+        Lines at the top.
+    """
+    headings, columns = _joints(chain, q)
+    more, values = _readings(COLUMNS[kind], readings)
+    stds = [_short(1e3 * std)] * len(readings)
+    return _text(comments, [*headings, *more, "std [mm]"], zip(*columns, *values, stds, strict=True))
+
+
+def cycles_csv(names: Sequence[str], cycles: int, kind: str, readings: Array, comments: Sequence[str]) -> str:
+    """Return measured cycles as ``iso9283 --measured`` reads them.
+
+    Parameters
+    ----------
+    names, cycles
+        The poses, and how often each is visited.
+    kind, readings
+        ``"position"`` or ``"pose"``, and the readings ``(P·n, m)``, m and rad, of all cycles at one pose after another.
+    comments
+        Lines at the top.
+    """
+    more, values = _readings(COLUMNS[kind], readings)
+    visits = [(name, str(cycle)) for name in names for cycle in range(1, cycles + 1)]
+    rows = zip(visits, *values, strict=True)
+    return _text(comments, ["pose", "cycle", *more], ((*visit, *cells) for visit, *cells in rows))
+
+
+def _joints(chain: Chain, q: Array) -> tuple[list[str], list[list[str]]]:
+    """Return headings with units, and the columns of the joints in full."""
+    headings = [f"{joint.name} [{'mm' if joint.kind == 'prismatic' else 'deg'}]" for joint in chain.joints]
+    values = [
+        1e3 * row if joint.kind == "prismatic" else np.degrees(row) for joint, row in zip(chain.joints, q, strict=True)
+    ]
+    # 1e-12 degrees: what is left of a conversion from degrees and back
+    return headings, [[repr(round(value, 12)) for value in row.tolist()] for row in values]
+
+
+def _readings(names: Sequence[str], readings: Array) -> tuple[list[str], list[list[str]]]:
+    """Return headings with units, and the columns of the readings, to 1 nm and 1 nrad."""
+    headings = [f"{name} [{'mrad' if name.startswith('r') else 'mm'}]" for name in names]
+    return headings, [[_short(value) for value in column] for column in (1e3 * readings.T).tolist()]
+
+
+def _short(value: float) -> str:
+    return f"{value:.6f}"
+
+
+def _text(comments: Iterable[str], headings: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    text = io.StringIO()
+    text.writelines(f"# {comment}\n" for comment in comments)
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(headings)
+    writer.writerows(rows)
+    return text.getvalue()
