@@ -12,7 +12,7 @@ import click
 from precision_pin.analyses.declaration import Declaration, Option, load
 from precision_pin.cli import EXIT_SPEC
 from precision_pin.cli.inputs import read_sheet
-from precision_pin.cli.notes import all_warnings_option, echo_note, quiet_option
+from precision_pin.cli.notes import all_warnings_option, echo_note, echo_warning_lines, quiet_option
 from precision_pin.cli.options import (
     ChainOptions,
     PoseOptions,
@@ -25,7 +25,7 @@ from precision_pin.cli.options import (
 )
 from precision_pin.cli.poses import check_poses, pose_files, read_poses
 from precision_pin.cli.progress import compile_sampler, progress_bar
-from precision_pin.cli.streams import echo_data, say
+from precision_pin.cli.streams import echo_data
 from precision_pin.cli.targets import Outputs
 from precision_pin.cli.terminal import echo_table
 from precision_pin.display.files import whole_folder, write_text
@@ -163,8 +163,7 @@ def _run(declaration: Declaration, given: dict[str, Any]) -> int:
             progress=progress,
             **arguments,
         )
-    for line in () if declaration.has_warnings_in_table else result.new_warnings:
-        say(line)
+    echo_warning_lines(() if declaration.has_warnings_in_table else result.new_warnings)
     of_table = {option.argument: value for option, value in own.items() if option.is_of_table}
     _answer(declaration, shared, result, of_table)
     return 0 if result.met else EXIT_SPEC

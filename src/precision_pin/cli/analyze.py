@@ -11,7 +11,7 @@ from precision_pin.cli import EXIT_SPEC
 from precision_pin.cli.analyze_poses import FILES as FILES_OF_POSES
 from precision_pin.cli.analyze_poses import PosesJob, analyze_poses, refuse_of_one_pose
 from precision_pin.cli.inputs import read_sheet
-from precision_pin.cli.notes import all_warnings_option, echo_note, quiet_option
+from precision_pin.cli.notes import all_warnings_option, echo_note, echo_warning_lines, quiet_option
 from precision_pin.cli.options import (
     ChainOptions,
     PoseOptions,
@@ -26,7 +26,7 @@ from precision_pin.cli.options import (
 )
 from precision_pin.cli.poses import check_poses, pose_files, read_poses, reference_pose
 from precision_pin.cli.progress import compile_sampler, progress_bar
-from precision_pin.cli.streams import echo_data, say
+from precision_pin.cli.streams import echo_data
 from precision_pin.cli.targets import Outputs
 from precision_pin.cli.terminal import echo_table
 from precision_pin.cli.workers import WorkerOptions, check_workers, worker_options, working
@@ -77,6 +77,9 @@ class _Options(ChainOptions, PoseOptions, WorkerOptions):
     "--until", multiple=True, metavar='"95 % to 0.01 mm"', help="Sample until this precision is reached; repeats."
 )
 @worker_options
+@click.option(
+    "--all", "is_whole", is_flag=True, help="Print min, max, mode, tolerance bounds, and of many poses every one."
+)
 @click.option("--json", "json_path", metavar="FILE", help="Write the result as JSON; - prints it alone.")
 @click.option("--out", metavar="DIR", help="Write plots (PNG and SVG) and the result there.")
 def command(
@@ -87,6 +90,7 @@ def command(
     spec_everywhere: bool,
     relative_to: str | None,
     until: tuple[str, ...],
+    is_whole: bool,
     json_path: str | None,
     out: str | None,
     **arm: Unpack[_Options],
@@ -153,12 +157,11 @@ def command(
                 error_model, where, samples=samples, seed=seed, model=model, specifications=specifications,
                 until=until, findings=sheet.findings, files={"sheet": sheet.file}, progress=progress, **workers,
             )  # fmt: skip
-    for line in analysis.warnings[len(sheet.findings) :]:
-        say(line)
+    echo_warning_lines(analysis.warnings[len(sheet.findings) :])
     if json_path == "-":
         echo_data(analysis.to_json())
     else:
-        echo_table(analysis_table(analysis))
+        echo_table(analysis_table(analysis, is_whole=is_whole))
     if json_path is not None and json_path != "-":
         write_text(Path(json_path), analysis.to_json() + "\n")
     if out is not None:

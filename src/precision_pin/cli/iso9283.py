@@ -9,7 +9,7 @@ import click
 
 from precision_pin.cli import EXIT_SPEC
 from precision_pin.cli.inputs import read_sheet
-from precision_pin.cli.notes import all_warnings_option, echo_note, quiet_option
+from precision_pin.cli.notes import all_warnings_option, echo_note, echo_warning_lines, quiet_option
 from precision_pin.cli.options import (
     ChainOptions,
     PoseOptions,
@@ -21,7 +21,7 @@ from precision_pin.cli.options import (
 )
 from precision_pin.cli.poses import check_poses, pose_files, read_pose_set
 from precision_pin.cli.progress import compile_sampler, progress_bar
-from precision_pin.cli.streams import echo_data, say
+from precision_pin.cli.streams import echo_data
 from precision_pin.cli.targets import Outputs
 from precision_pin.cli.terminal import echo_table
 from precision_pin.display.files import whole_folder, write_text
@@ -139,8 +139,7 @@ def command(
         raise_if_interrupted()
     if attained is not None:
         result = result.compare(attained)
-    for line in result.warnings[len(sheet.findings) :]:
-        say(line)
+    echo_warning_lines(result.warnings[len(sheet.findings) :])
     if json_path == "-":
         echo_data(result.to_json())
     else:

@@ -10,7 +10,7 @@ import click
 
 from precision_pin.cli import EXIT_SPEC
 from precision_pin.cli.inputs import read_sheet
-from precision_pin.cli.notes import all_warnings_option, echo_note, quiet_option
+from precision_pin.cli.notes import all_warnings_option, echo_note, echo_warning_lines, quiet_option
 from precision_pin.cli.options import (
     ChainOptions,
     PoseOptions,
@@ -24,7 +24,7 @@ from precision_pin.cli.options import (
 )
 from precision_pin.cli.poses import check_poses, pose_files, read_pose_set, reference_pose
 from precision_pin.cli.progress import progress_bar
-from precision_pin.cli.streams import echo_data, say
+from precision_pin.cli.streams import echo_data
 from precision_pin.cli.targets import Outputs
 from precision_pin.cli.terminal import echo_table
 from precision_pin.cli.workers import WorkerOptions, check_workers, worker_options, working
@@ -112,8 +112,7 @@ def command(**options: Unpack[_Options]) -> int:
             relative_to=reference, specifications=specifications, verify=options["verify"], findings=sheet.findings,
             files={"sheet": sheet.file}, progress=progress, **workers,
         )  # fmt: skip
-    for line in result.warnings[len(sheet.findings) :]:
-        say(line)
+    echo_warning_lines(result.warnings[len(sheet.findings) :])
     if options["json_path"] == "-":
         echo_data(result.to_json())
     else:
@@ -175,6 +174,5 @@ def map_of(
             verify=verify,
             progress=progress,
         )
-    for line in result.warnings:
-        say(line)
+    echo_warning_lines(result.warnings)
     return result

@@ -11,7 +11,7 @@ from precision_pin import interrupts
 from precision_pin.cli import EXIT_INPUT, EXIT_INTERNAL
 from precision_pin.cli.commands import list_commands, load_command
 from precision_pin.cli.resources import shortage
-from precision_pin.cli.streams import prepare_streams, raise_if_output_lost
+from precision_pin.cli.streams import messages, prepare_streams, raise_if_output_lost
 from precision_pin.errors import InputError, InternalError
 from precision_pin.visible import one_line, shown
 
@@ -120,5 +120,5 @@ def _usage_line(error: click.ClickException) -> str:
 
 
 def _say(message: str, code: int) -> int:
-    click.echo(message, err=True)
+    click.echo(messages(message), err=True)
     return code

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path as FilePath
@@ -79,6 +80,8 @@ class Sheet:
         Instrument and set-up of a calibration.
     origins
         Where numbers come from, by the label of a source, ``label.setting`` or ``parameters.name``.
+    accepted
+        Reasons for which warnings are accepted, by code.
     """
 
     file: str
@@ -94,6 +97,7 @@ class Sheet:
     estimates: Estimates | None = None
     measurement: Measurement | None = None
     origins: Mapping[str, Origin] = field(default_factory=dict)
+    accepted: Mapping[str, str] = field(default_factory=dict)
 
     def with_changes(self, changes: Mapping[str, object]) -> Sheet:
         """Return the sheet read again with values changed: by path, see :class:`precision_pin.sheet.changes.Change`.
@@ -225,11 +229,14 @@ def _read(contents: Contents) -> Sheet:
         for setting, origin in stated.get(k, {}).items()
     }
     origins |= origins_by_path(document.provenance, [draw.name for draw in draws], names, findings)
+    for code, reason in document.accept.items():
+        if not re.fullmatch(r"W_[A-Z_]+", code) or not reason.strip():
+            findings.error(("accept", code), f"accept: expected the code of a warning and the reason, got {code!r}: {reason!r}")
     findings.refuse()
     remark_on_sources(document, space, sources, findings)
     remark_on_poses(document, chain, findings)
     found = (*chain_findings(chain), *findings.found)
-    warnings = tuple(finding for finding in found if finding.severity == "warning")
+    warnings = tuple(finding.accepted(document.accept) for finding in found if finding.severity != "error")
     marked = tuple(rank for rank, k in enumerate(sources) if k in stated and ASSUMED in map(_kind, stated[k].values()))
     return Sheet(
         file,
@@ -245,6 +252,7 @@ def _read(contents: Contents) -> Sheet:
         estimates=estimates,
         measurement=measurement,
         origins=origins,
+        accepted=document.accept,
     )
 
 
