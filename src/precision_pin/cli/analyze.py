@@ -139,7 +139,7 @@ def command(
     if len(poses) > 1:
         for_one = {"--until": bool(until), "--relative-to": relative_to}
         refuse_of_one_pose([option for option, value in for_one.items() if value], len(poses))
-        job = PosesJob(samples, seed, model, tuple(specifications), spec_everywhere, arm, json_path, out)
+        job = PosesJob(samples, seed, model, tuple(specifications), spec_everywhere, arm, is_whole, json_path, out)
         return analyze_poses(error_model, sheet, poses, job)
     where = poses[0].where
     other = reference_pose(sheet, relative_to)

@@ -39,9 +39,7 @@ def echo_table(text: str) -> None:
         rows = list(group)
         if is_table and columns is not None:
             rows = folded(rows, columns)
-        lines += [
-            row if len(_GAP.findall(row)) > 1 else wrapped(row, sys.stdout, WIDTH) for row in rows
-        ]
+        lines += [row if len(_GAP.findall(row)) > 1 else wrapped(row, sys.stdout, WIDTH) for row in rows]
     coloured = columns is not None and not os.environ.get("NO_COLOR")
     echo_data("\n".join(map(_paint, lines) if coloured else lines))
 

@@ -231,7 +231,9 @@ def _read(contents: Contents) -> Sheet:
     origins |= origins_by_path(document.provenance, [draw.name for draw in draws], names, findings)
     for code, reason in document.accept.items():
         if not re.fullmatch(r"W_[A-Z_]+", code) or not reason.strip():
-            findings.error(("accept", code), f"accept: expected the code of a warning and the reason, got {code!r}: {reason!r}")
+            findings.error(
+                ("accept", code), f"accept: expected the code of a warning and the reason, got {code!r}: {reason!r}"
+            )
     findings.refuse()
     remark_on_sources(document, space, sources, findings)
     remark_on_poses(document, chain, findings)

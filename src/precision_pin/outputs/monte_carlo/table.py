@@ -57,6 +57,9 @@ def analysis_table(analysis: MonteCarloResult, *, is_whole: bool = False) -> str
 
 def _brief(analysis: MonteCarloResult) -> list[str]:
     cells = [_header(_BRIEF), *_rows(analysis, _BRIEF)]
+    others = "--all: min, max, mode, tolerance bounds, error at the means" + ", correlations" * bool(
+        analysis.correlations
+    )
     unresolved = "; - is not resolved by this many samples" * any("-" in row for row in cells)
     return [
         f"{visible(analysis.robot)}: {visible(analysis.base)} to {visible(analysis.tip)}, pose "
@@ -69,7 +72,7 @@ def _brief(analysis: MonteCarloResult) -> list[str]:
         "",
         *aligned(cells),
         "",
-        f"--all: min, max, mode, tolerance bounds, error at the means, joints by name{unresolved}",
+        f"{others}{unresolved}",
         *resting_on(analysis.assumed, analysis.sources, analysis.origins, is_brief=True),
     ]
 
