@@ -68,7 +68,7 @@ def echo_warnings(findings: Sequence[Finding], urdf: str | None = None) -> None:
     if urdf is not None and of_urdf:
         warnings, them = ("warning", "it") if len(of_urdf) == 1 else ("warnings", "them")
         codes = ", ".join(dict.fromkeys(of_urdf))
-        say(f"{urdf}: {len(of_urdf)} {warnings} ({codes}); precision-pin check {shlex.quote(urdf)} lists {them}")
+        _say_once(f"{urdf}: {len(of_urdf)} {warnings} ({codes}); precision-pin check {shlex.quote(urdf)} lists {them}")
         findings = [finding for finding in findings if finding.file != urdf]
     counts = Counter(finding.code for finding in findings)
     first: dict[str, Finding] = {}
@@ -77,6 +77,15 @@ def echo_warnings(findings: Sequence[Finding], urdf: str | None = None) -> None:
     for finding in first.values():
         more = counts[finding.code] - 1
         say(f"{finding}; and {more} more {finding.code}: --all-warnings" if more else str(finding))
+
+
+def _say_once(line: str) -> None:
+    """Print a line on stderr unless this command has; ``compare`` reads the same robot for every sheet."""
+    context = click.get_current_context(silent=True)
+    said = set() if context is None else context.meta.setdefault(f"{__name__}.said", set())
+    if line not in said:
+        said.add(line)
+        say(line)
 
 
 def echo_warning_lines(lines: Iterable[str]) -> None:

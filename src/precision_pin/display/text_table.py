@@ -117,12 +117,16 @@ def _fit(table: list[list[str]], columns: int) -> list[str]:
         ]
     # columns without a heading, such as units, belong to the names
     named = next((k for k in range(1, len(sizes)) if table[0][k].strip()), 1)
+    together: list[list[int]] = []
+    for k in range(named, len(sizes)):
+        is_of_last = together and table[0][k].strip() == "interval"
+        together[-1:] = [[*together[-1], k]] if is_of_last else [*together[-1:], [k]]
     blocks: list[list[int]] = [[]]
     taken = sum(size + 2 for size in sizes[:named])
-    for k in range(named, len(sizes)):
-        if blocks[-1] and taken + sum(sizes[j] + 2 for j in (*blocks[-1], k)) - 2 > columns:
+    for group in together:
+        if blocks[-1] and taken + sum(sizes[j] + 2 for j in (*blocks[-1], *group)) - 2 > columns:
             blocks.append([])
-        blocks[-1].append(k)
+        blocks[-1] += group
     lines: list[str] = []
     for block in blocks:
         shown = [*range(named), *block]
